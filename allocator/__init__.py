@@ -1,0 +1,1 @@
+"""Pressures of an antagonistic pneumatic-muscle joint from torque and stiffness targets."""

@@ -1,0 +1,70 @@
+"""One formula for floats, arrays and CasADi symbols: elementary functions, derivatives, monotone root finding.
+
+A formula written with `+ - * / **` and the functions of this file can be evaluated with numbers and with symbols. Its
+derivative need not be written by hand: complex step for numbers (exact to rounding, Squire & Trapp 1998), algorithmic
+differentiation for symbols.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Value: TypeAlias = Any  # a float, an array of floats, or a CasADi symbol
+Array: TypeAlias = NDArray[np.float64]
+
+_STEP = 1e-30  # of the complex step; nothing is subtracted, so it may be as small as one likes
+
+
+def is_symbol(x: Value) -> bool:
+    """Whether `x` is a CasADi expression (recognised without importing CasADi)."""
+    return type(x).__module__.partition(".")[0] == "casadi"
+
+
+def _elementary(name: str) -> Callable[[Value], Value]:
+    def function(x: Value) -> Value:
+        if not is_symbol(x):
+            return getattr(np, name)(x)
+        import casadi
+
+        return getattr(casadi, name)(x)
+
+    function.__name__ = name
+    function.__doc__ = f"`{name}(x)` of a float, an array or a CasADi symbol."
+    return function
+
+
+exp, sqrt, sin, cos = map(_elementary, ("exp", "sqrt", "sin", "cos"))
+
+
+def derivative(formula: Callable[[Value], Value], x: Value) -> Value:
+    """`formula'(x)`, element by element; the formula must be analytic (no `abs`, no `where` on its value)."""
+    if not is_symbol(x):
+        return formula(x + _STEP * 1j).imag / _STEP
+    import casadi
+
+    s = type(x).sym("s")
+    return casadi.substitute(casadi.jacobian(type(x)(formula(s)), s), s, x)
+
+
+def increasing_root(f: Callable[..., Array], lo: Array, hi: Array, *args: Array) -> Array:
+    """The x in [lo, hi] with f(x, *args) = 0, for f increasing in x; broadcasts.
+
+    -inf where f is positive on all of [lo, hi], +inf where it is negative there, NaN where an argument is. Everything
+    that varies from element to element has to come in through `args`: SciPy drops elements as they converge.
+    """
+    from scipy.optimize import elementwise
+
+    lo, hi, *args = np.broadcast_arrays(lo, hi, *args)  # type: ignore[assignment]  # a list of arrays, not a tuple
+    f_lo, f_hi = f(lo, *args), f(hi, *args)
+    root = np.where(f_lo > 0, -np.inf, np.where(f_hi < 0, np.inf, np.nan))
+    root = np.where(f_lo == 0, lo, np.where(f_hi == 0, hi, root))
+    inside = (f_lo < 0) & (f_hi > 0)
+    if inside.any():
+        found = elementwise.find_root(f, (lo[inside], hi[inside]), args=tuple(a[inside] for a in args))
+        root[inside] = found.x
+    return root
+
+
+__all__ = ["Array", "Value", "cos", "derivative", "exp", "increasing_root", "is_symbol", "sin", "sqrt"]

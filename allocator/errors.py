@@ -1,0 +1,37 @@
+"""Everything that `antagonist` raises on purpose.
+
+AntagonistError
+├── InvalidInput (also a ValueError)   an argument that makes no sense, with its value and the unit expected
+│   └── InvalidFile                    a file that cannot be read, with its line and column
+└── MissingBackend (also a ValueError) a method or solver that does not exist here, with the ones that do
+"""
+
+from collections.abc import Iterable
+
+
+class AntagonistError(Exception):
+    """Root of all errors of this project."""
+
+
+class InvalidInput(AntagonistError, ValueError):
+    """An argument that makes no sense; the message names it, its value and what was expected."""
+
+
+class InvalidFile(InvalidInput):
+    """A file that cannot be read as what it should be; the message names the line and the column."""
+
+    def __init__(self, path: object, what: str, *, line: int | None = None, column: str | None = None) -> None:
+        """Locate `what` in the file `path` at `line` (counted from 1) and `column` (its name)."""
+        place = "".join([f", line {line}" if line else "", f", column {column!r}" if column else ""])
+        super().__init__(f"{path}{place}: {what}")
+
+
+class MissingBackend(AntagonistError, ValueError):
+    """A method or solver that does not exist or is not installed; the message lists the ones that are."""
+
+    def __init__(self, kind: str, name: object, available: Iterable[str]) -> None:
+        """Say that the `kind` called `name` does not exist, and which are `available`."""
+        super().__init__(f"unknown {kind} {name!r}; available: {', '.join(sorted(available))}")
+
+
+__all__ = ["AntagonistError", "InvalidFile", "InvalidInput", "MissingBackend"]

@@ -1,0 +1,193 @@
+"""How the joint angle moves the two muscles: contraction ratio, moment arm and its derivative.
+
+A geometry is described per muscle by its contraction ε(θ). The moment arm follows from it, since a muscle of rest
+length l0 that shortens by l0 dε does the work F l0 dε = F a dθ:
+
+    a1 = l0 dε1/dθ,    a2 = -l0 dε2/dθ        (both positive)
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array, Value, cos, derivative, sin, sqrt
+from allocator.errors import InvalidInput
+from allocator.spline import Spline
+from allocator.units import DEG
+
+
+class Routing(NamedTuple):
+    """Where one muscle is at a joint angle."""
+
+    contraction: Value  # ε [-]
+    arm: Value  # a [m], positive
+    arm_slope: Value  # da/dθ [m/rad]
+
+
+@dataclass(frozen=True)
+class Geometry(ABC):
+    """A mechanism between two muscles of the same rest length and one joint; immutable."""
+
+    rest_length: float  # l0 [m], of both muscles
+
+    def __post_init__(self) -> None:
+        """Check the rest length."""
+        positive(self, "rest_length")
+
+    @abstractmethod
+    def agonist(self, theta: Value) -> Routing:
+        """Muscle 1, which shortens as θ grows."""
+
+    def antagonist(self, theta: Value) -> Routing:
+        """Muscle 2, which lengthens as θ grows: the mirror image of muscle 1 unless the mechanism says otherwise."""
+        eps, arm, arm_slope = self.agonist(-theta)
+        return Routing(eps, arm, -arm_slope)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Angles [rad] between which the mechanism's formulas hold."""
+        return (-2 * np.pi, 2 * np.pi)
+
+
+@dataclass(frozen=True)
+class Pulley(Geometry):
+    """The report's joint: two cables on a round pulley; ε1 = ε0 + Rθ/l0, ε2 = ε0 - Rθ/l0   (3)"""
+
+    radius: float  # R [m]
+    initial_contraction: float  # ε0 [-], of both muscles at θ = 0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        super().__post_init__()
+        positive(self, "radius")
+        fraction(self, "initial_contraction")
+
+    def agonist(self, theta: Value) -> Routing:
+        """ε = ε0 + Rθ/l0, a = R   (3)"""
+        return Routing(
+            self.initial_contraction + self.radius * theta / self.rest_length,
+            self.radius + 0.0 * theta,
+            0.0 * theta,
+        )
+
+
+@dataclass(frozen=True)
+class Lever(Geometry):
+    """Muscles between a lever of length r and anchors at the distance R from the axis.
+
+    Muscle length √(R² + r² - 2 R r sin θ) + offset (agonist; -θ for the antagonist), arm R r cos θ/√(…).
+    """
+
+    anchor: float  # R, from the axis to the muscle's fixed end [m]
+    lever: float  # r, from the axis to the muscle's moving end [m]
+    offset: float = 0.0  # length of what is not muscle, taken from the distance; negative for cables [m]
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        super().__post_init__()
+        positive(self, "anchor", "lever")
+        object.__setattr__(self, "offset", float(self.offset))
+        if self.anchor <= self.lever:
+            raise InvalidInput(f"Lever: the anchor distance {self.anchor:g} m has to exceed the lever {self.lever:g} m")
+
+    def agonist(self, theta: Value) -> Routing:
+        """ε = 1 - l(θ)/l0 and its arm."""
+        eps = 1 - (self._distance(theta) + self.offset) / self.rest_length
+        return Routing(eps, self._arm(theta), derivative(self._arm, theta))
+
+    def _distance(self, theta: Value) -> Value:
+        R, r = self.anchor, self.lever
+        return sqrt(R**2 + r**2 - 2 * R * r * sin(theta))
+
+    def _arm(self, theta: Value) -> Value:
+        return self.anchor * self.lever * cos(theta) / self._distance(theta)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Short of the dead points at ±90°, where the arms vanish."""
+        return (-89 * DEG, 89 * DEG)
+
+
+@dataclass(frozen=True)
+class Table(Geometry):
+    """A mechanism known by samples: contraction of both muscles at n angles, joined by cubic splines."""
+
+    theta: Array = field(repr=False)  # [rad], increasing, (n,)
+    contraction1: Array = field(repr=False)  # ε1 [-], (n,)
+    contraction2: Array = field(repr=False)  # ε2 [-], (n,)
+    _splines: tuple[Spline, Spline] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Fit the splines, and check that muscle 1 shortens and muscle 2 lengthens between all samples."""
+        super().__post_init__()
+        for name in ("theta", "contraction1", "contraction2"):
+            samples = np.array(getattr(self, name), float)
+            samples.setflags(write=False)
+            object.__setattr__(self, name, samples)
+        splines = (
+            Spline(self.theta, self.contraction1, "Table of contraction1"),
+            Spline(self.theta, self.contraction2, "Table of contraction2"),
+        )
+        object.__setattr__(self, "_splines", splines)
+        fine = np.linspace(self.theta[0], self.theta[-1], 20 * self.theta.size)
+        for number, routing in enumerate((self.agonist(fine), self.antagonist(fine)), 1):
+            if not (routing.arm > 0).all():
+                raise InvalidInput(
+                    f"Table: contraction{number} has the wrong slope at {fine[np.argmin(routing.arm)]:.3g} rad; "
+                    "contraction1 has to rise and contraction2 to fall with theta"
+                )
+
+    def __eq__(self, other: object) -> bool:
+        """Equal samples."""
+        if not isinstance(other, Table):
+            return NotImplemented
+        return self.rest_length == other.rest_length and all(
+            np.array_equal(getattr(self, name), getattr(other, name))
+            for name in ("theta", "contraction1", "contraction2")
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # arrays inside
+
+    def agonist(self, theta: Value) -> Routing:
+        """Muscle 1 by its spline."""
+        return self._routing(theta, self._splines[0], +1)
+
+    def antagonist(self, theta: Value) -> Routing:
+        """Muscle 2 by its spline."""
+        return self._routing(theta, self._splines[1], -1)
+
+    def _routing(self, theta: Value, spline: Spline, sign: int) -> Routing:
+        scale = sign * self.rest_length
+        return Routing(spline(theta), spline(theta, 1) * scale, spline(theta, 2) * scale)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """The sampled angles."""
+        return (float(self.theta[0]), float(self.theta[-1]))
+
+
+def positive(geometry: Geometry, *names: str) -> None:
+    """Turn the named fields into floats and insist that they are positive and finite."""
+    for name in names:
+        value = getattr(geometry, name)
+        number = float(value)
+        if not (np.isfinite(number) and number > 0):
+            raise InvalidInput(f"{type(geometry).__name__}: {name} = {value!r} has to be a positive length in metres")
+        object.__setattr__(geometry, name, number)
+
+
+def fraction(geometry: Geometry, *names: str) -> None:
+    """Turn the named fields into floats and insist that they are contraction ratios."""
+    for name in names:
+        value = getattr(geometry, name)
+        number = float(value)
+        if not -1 < number < 1:
+            raise InvalidInput(
+                f"{type(geometry).__name__}: {name} = {value!r} has to be a contraction ratio, e.g. 0.15; percent?"
+            )
+        object.__setattr__(geometry, name, number)
+
+
+__all__ = ["Geometry", "Lever", "Pulley", "Routing", "Table"]

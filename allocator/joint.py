@@ -1,0 +1,187 @@
+"""The antagonistic joint: a geometry and two muscles.
+
+With moment arms a_i(θ) and contractions ε_i(θ) the joint's torque and isobaric stiffness are
+
+    T = a1 F1 - a2 F2                                                                   (2)
+    K = -∂T/∂θ |P = -(a1² F1_ε + a2² F2_ε)/l0 - (a1' F1 - a2' F2)                       (5), [G]
+
+At a fixed angle each muscle adds its own term, t(P) and k(P), to both: the joint is two curves in the (T, K) plane,
+and everything static in this package is said in terms of these two `Side`s.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array, Value, increasing_root
+from allocator.errors import InvalidInput
+from allocator.geometry import Geometry, Pulley
+from allocator.limits import Limit, PressureBox
+from allocator.muscles import Muscle, Tondu2021
+from allocator.muscles.catalogue import TONDU_DMSP_20_400N
+from allocator.side import Side
+from allocator.tondu_pulley import TonduPulley
+from allocator.units import BAR, DEG
+
+
+@dataclass(frozen=True)
+class AntagonistJoint:
+    """Geometry + agonist (muscle 1) + antagonist (muscle 2) + limits; immutable.
+
+    The muscles need not be identical. Angles in rad, pressures in Pa (gauge), torque in N·m, stiffness in N·m/rad;
+    numeric arguments broadcast, and `torque`, `stiffness` and `jacobian` also take CasADi symbols.
+    """
+
+    geometry: Geometry
+    agonist: Muscle
+    antagonist: Muscle
+    pressure_limits: tuple[float, float] = (0.0, 5 * BAR)  # of the supply [Pa]
+    min_contraction: float = 0.025  # ε_threshold [-], below it no model is valid   (25)
+    angle_limits: tuple[float, float] | None = None  # mechanical end stops [rad]
+
+    def __post_init__(self) -> None:
+        """Check the limits against each other."""
+        low, high = (float(p) for p in checks.pressure("pressure_limits", self.pressure_limits))
+        if not 0 <= low < high:
+            raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
+        object.__setattr__(self, "pressure_limits", (low, high))
+        object.__setattr__(self, "min_contraction", float(self.min_contraction))
+        if self.angle_limits is not None:
+            left, right = (float(a) for a in checks.angle("angle_limits", self.angle_limits))
+            if not left < right:
+                raise InvalidInput(f"angle_limits = ({left:g}, {right:g}) rad have to increase")
+            object.__setattr__(self, "angle_limits", (left, right))
+        left, right = self.angle_range
+        if not left < right:
+            raise InvalidInput(
+                f"no joint angle keeps both contractions above min_contraction = {self.min_contraction:g} "
+                "within the angle limits"
+            )
+
+    # --- at a fixed angle -------------------------------------------------------------------------------------------
+
+    def sides(self, theta: Value) -> tuple[Side, Side]:
+        """The joint held at `theta` [rad]: agonist and antagonist side."""
+        l0 = self.geometry.rest_length
+        return (
+            Side(self.agonist, +1, l0, *self.geometry.agonist(theta)),
+            Side(self.antagonist, -1, l0, *self.geometry.antagonist(theta)),
+        )
+
+    def torque(self, theta: Value, P1: Value, P2: Value) -> Value:
+        """T = a1 F1 - a2 F2 [N·m]   (2). The model's value: where a force is negative the real cable is slack."""
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(theta)
+        return agonist.torque(P1) + antagonist.torque(P2)
+
+    def stiffness(self, theta: Value, P1: Value, P2: Value) -> Value:
+        """Isobaric stiffness K = -∂T/∂θ at constant pressures [N·m/rad]   (5), [G]"""
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(theta)
+        return agonist.stiffness(P1) + antagonist.stiffness(P2)
+
+    def forces(self, theta: Value, P1: Value, P2: Value) -> tuple[Value, Value]:
+        """Muscle forces (F1, F2) [N]; negative means slack."""
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(theta)
+        return agonist.force(P1), antagonist.force(P2)
+
+    def jacobian(self, theta: Value, P1: Value, P2: Value) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
+        """((∂T/∂P1, ∂T/∂P2), (∂K/∂P1, ∂K/∂P2)) in [N·m/Pa] and [N·m/rad/Pa]."""
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(theta)
+        return (
+            (agonist.torque_gain(P1), antagonist.torque_gain(P2)),
+            (agonist.stiffness_gain(P1), antagonist.stiffness_gain(P2)),
+        )
+
+    def _checked(self, theta: Value, P1: Value, P2: Value) -> tuple[Value, Value, Value]:
+        return (
+            checks.angle_or_symbol("theta", theta),
+            checks.pressure_or_symbol("P1", P1),
+            checks.pressure_or_symbol("P2", P2),
+        )
+
+    # --- limits -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def angle_range(self) -> tuple[float, float]:
+        """Angles [rad] that the end stops and ε_i ≥ min_contraction leave; for a pulley equation (25)."""
+        left, right = self.angle_limits or self.geometry.reach
+        threshold_left, threshold_right = self._threshold_angles
+        return max(left, threshold_left), min(right, threshold_right)
+
+    @cached_property
+    def _threshold_angles(self) -> tuple[float, float]:
+        """Where a muscle is stretched to min_contraction: agonist left, antagonist right   (25)"""
+        ends = np.asarray(self.geometry.reach)
+        left = increasing_root(lambda x: self.geometry.agonist(x).contraction - self.min_contraction, *ends)
+        right = increasing_root(lambda x: self.min_contraction - self.geometry.antagonist(x).contraction, *ends)
+        return float(left), float(right)
+
+    def angle_limit(self, upper: bool) -> Limit:
+        """Which limit ends the angle range on the upper or lower side."""
+        binds = self.angle_range[upper] == self._threshold_angles[upper]
+        return Limit.CONTRACTION_THRESHOLD if binds else Limit.JOINT_RANGE
+
+    def pressure_box(
+        self,
+        theta: Value,
+        *,
+        min_force: float | None = 0.0,
+        previous: tuple[Value, Value] | None = None,
+        max_step: Array | float | None = None,
+    ) -> PressureBox:
+        """Pressures allowed at `theta`: supply ∩ force ≥ `min_force` (None: not asked) ∩ model validity ∩ slew.
+
+        Since force grows with pressure every limit bounds one pressure: the feasible set is a box. `previous` (P1, P2)
+        and `max_step` [Pa] say from where and how far the pressures may move; moving is a hard limit, so that from
+        outside the other limits the box shrinks to the nearest pressure that can be reached.
+        """
+        P_prev = (None, None) if previous is None else previous
+        agonist, antagonist = self.sides(np.asarray(theta, float))
+        return PressureBox(
+            agonist.interval(self.pressure_limits, min_force, P_prev[0], max_step),
+            antagonist.interval(self.pressure_limits, min_force, P_prev[1], max_step),
+        )
+
+    # --- equilibrium ------------------------------------------------------------------------------------------------
+
+    def equilibrium(self, P1: Value, P2: Value, T: Value = 0.0) -> Array:
+        """Angle [rad] at which the joint gives the torque `T` [N·m] at these pressures; NaN if none is in its range.
+
+        Closed form (23), generalised to c ≠ 0 and T ≠ 0, for two equal Tondu2021 on a pulley; root finding otherwise.
+        """
+        P1, P2, T = checks.pressure("P1", P1), checks.pressure("P2", P2), checks.real("T", T, "N·m")
+        P1, P2, T = checks.broadcast(P1=P1, P2=P2, T=T)
+        closed = self.tondu_pulley
+        theta = closed.equilibrium(P1, P2, T) if closed else self._equilibrium(P1, P2, T)
+        left, right = self.angle_range
+        return np.asarray(np.where((theta >= left) & (theta <= right), theta, np.nan))
+
+    def _equilibrium(self, P1: Array, P2: Array, T: Array) -> Array:
+        def lacking(theta: Array, P1: Array, P2: Array, T: Array) -> Array:
+            agonist, antagonist = self.sides(theta)
+            return T - agonist.torque(P1) - antagonist.torque(P2)
+
+        left, right = (np.asarray(end) for end in self.angle_range)
+        return increasing_root(lacking, left, right, P1, P2, T)
+
+    @cached_property
+    def tondu_pulley(self) -> TonduPulley | None:
+        """The closed forms of the report's joint, two equal Tondu2021 on a pulley, if this is one."""
+        muscle, geometry = self.agonist, self.geometry
+        if not (isinstance(muscle, Tondu2021) and muscle == self.antagonist and isinstance(geometry, Pulley)):
+            return None
+        return TonduPulley(muscle, geometry) if geometry.initial_contraction > 0 else None
+
+
+def report_joint() -> AntagonistJoint:
+    """The report's joint: two DMSP-20-400N (Tondu2021), R = 2 cm, l0 = 40 cm, ε0 = .1375, 0–5 bar, ±125°   (24), (25)"""
+    pulley = Pulley(rest_length=0.40, radius=0.02, initial_contraction=0.1375)
+    return AntagonistJoint(pulley, TONDU_DMSP_20_400N, TONDU_DMSP_20_400N, angle_limits=(-125 * DEG, 125 * DEG))
+
+
+__all__ = ["AntagonistJoint", "report_joint"]

@@ -1,0 +1,106 @@
+"""The limits of a joint by name, and the pressure interval that they leave to a muscle."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.calculus import Array
+
+
+class Limit(IntFlag):
+    """A limit that may bind; combinations are kept as one integer per target, so that a million fit in 4 MB."""
+
+    P1_LOWER = 1
+    P1_UPPER = 2
+    P2_LOWER = 4
+    P2_UPPER = 8
+    AGONIST_SLACK = 16
+    ANTAGONIST_SLACK = 32
+    P1_RATE = 64
+    P2_RATE = 128
+    AGONIST_VALIDITY = 256
+    ANTAGONIST_VALIDITY = 512
+    JOINT_RANGE = 1024
+    CONTRACTION_THRESHOLD = 2048
+
+    @property
+    def text(self) -> str:
+        """Name as it is printed: "P1 upper", "agonist slack", …"""
+        return _TEXT[self]
+
+
+_TEXT = {
+    Limit.P1_LOWER: "P1 lower",
+    Limit.P1_UPPER: "P1 upper",
+    Limit.P2_LOWER: "P2 lower",
+    Limit.P2_UPPER: "P2 upper",
+    Limit.AGONIST_SLACK: "agonist slack",
+    Limit.ANTAGONIST_SLACK: "antagonist slack",
+    Limit.P1_RATE: "P1 rate",
+    Limit.P2_RATE: "P2 rate",
+    Limit.AGONIST_VALIDITY: "agonist model validity",
+    Limit.ANTAGONIST_VALIDITY: "antagonist model validity",
+    Limit.JOINT_RANGE: "joint range",
+    Limit.CONTRACTION_THRESHOLD: "contraction threshold",
+}
+
+
+def names(limits: int) -> tuple[str, ...]:
+    """The names of all limits in the combination `limits`."""
+    return tuple(limit.text for limit in Limit(int(limits)))
+
+
+@dataclass(frozen=True)
+class PressureInterval:
+    """The pressures [Pa] that one muscle may have, and which limit sets each end. Arrays of one shape."""
+
+    lo: Array
+    hi: Array
+    lo_limit: NDArray[np.int32]  # Limit flags
+    hi_limit: NDArray[np.int32]
+    empty: NDArray[np.bool_]  # no pressure keeps this muscle taut: lo = hi = the nearest to it
+
+    def contains(self, P: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
+        """Whether `P` lies inside, up to `tolerance` [Pa]; NaN does not."""
+        return (P >= self.lo - tolerance) & (P <= self.hi + tolerance)
+
+    def within_reach(self, previous: Array, max_step: Array | float, rate: Limit) -> "PressureInterval":
+        """Narrow to previous ± max_step. Moving is a hard limit: from outside, what is nearest in reach remains."""
+        nearest, farthest = previous - max_step, previous + max_step
+        lo_limit = np.where((nearest > self.lo) | (farthest < self.lo), rate, self.lo_limit)
+        hi_limit = np.where((farthest < self.hi) | (nearest > self.hi), rate, self.hi_limit)
+        lo, hi = np.clip(self.lo, nearest, farthest), np.clip(self.hi, nearest, farthest)
+        return PressureInterval(lo, hi, lo_limit.astype(np.int32), hi_limit.astype(np.int32), self.empty)
+
+    def binding(self, P: Array, tolerance: float) -> NDArray[np.int32]:
+        """Flags of the ends that `P` lies on or beyond, up to `tolerance` [Pa]."""
+        low = np.where(P <= self.lo + tolerance, self.lo_limit, 0)
+        high = np.where(P >= self.hi - tolerance, self.hi_limit, 0)
+        return np.asarray(low | high, np.int32)
+
+
+@dataclass(frozen=True)
+class PressureBox:
+    """All pressure limits of the joint at an angle: one interval a muscle, nothing couples them."""
+
+    agonist: PressureInterval
+    antagonist: PressureInterval
+
+    def __iter__(self) -> Iterator[PressureInterval]:
+        """Agonist, antagonist."""
+        return iter((self.agonist, self.antagonist))
+
+    @property
+    def empty(self) -> NDArray[np.bool_]:
+        """Where some muscle cannot be held taut."""
+        return self.agonist.empty | self.antagonist.empty
+
+    def contains(self, P1: Array, P2: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
+        """Whether (P1, P2) lies inside, up to `tolerance` [Pa]."""
+        return self.agonist.contains(P1, tolerance) & self.antagonist.contains(P2, tolerance)
+
+
+__all__ = ["Limit", "PressureBox", "PressureInterval", "names"]

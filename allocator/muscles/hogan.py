@@ -1,0 +1,33 @@
+"""Hogan's simplified skeletal muscle."""
+
+from dataclasses import dataclass
+
+from allocator.calculus import Value
+from allocator.muscles.base import AffineMuscle
+
+
+@dataclass(frozen=True)
+class Hogan1984(AffineMuscle):
+    """F = u F_max (1 - ε/ε_max), u = P/P_max ∈ [0, 1]   (1)
+
+    N. Hogan, "Adaptive Control of Mechanical Impedance by Coactivation of Antagonist Muscles", IEEE Trans. Automatic
+    Control 29(8), 1984; Tondu 2021, equation (1). Domain: 0 ≤ ε ≤ ε_max, 0 ≤ P ≤ P_max.
+    """
+
+    citation = "Hogan, IEEE Trans. Automatic Control 29(8):681-690, 1984"
+
+    F_max: float  # greatest isometric force [N]
+    eps_max: float  # contraction ratio without load [-]
+    P_max: float  # pressure that stands for full activation [Pa]
+
+    @property
+    def max_contraction(self) -> float:
+        """ε_max [-]."""
+        return self.eps_max
+
+    def A(self, eps: Value) -> Value:
+        """F_max/P_max (1 - ε/ε_max)   (1)"""
+        return self.F_max / self.P_max * (1 - eps / self.eps_max)
+
+
+__all__ = ["Hogan1984"]

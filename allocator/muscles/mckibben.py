@@ -1,0 +1,69 @@
+"""The ideal McKibben muscle and the geometry of its braid."""
+
+from dataclasses import dataclass
+from math import pi, sin, sqrt, tan
+
+from allocator.calculus import Value
+from allocator.errors import InvalidInput
+from allocator.muscles.base import AffineMuscle, Muscle
+
+
+def braid_constants(alpha0: float) -> tuple[float, float]:
+    """a = 3/tan²α0 and b = 1/sin²α0 of a braid with the initial angle `alpha0` [rad]   (7)"""
+    return 3 / tan(alpha0) ** 2, 1 / sin(alpha0) ** 2
+
+
+@dataclass(frozen=True)
+class Braided(Muscle):
+    """A muscle described by its braid: radius r0 and braid angle α0 at rest. Not a law by itself."""
+
+    r0: float  # initial radius [m]
+    alpha0: float  # initial braid angle [rad]
+
+    def __post_init__(self) -> None:
+        """Check the braid."""
+        super().__post_init__()
+        if not 0 < self.r0 < 1:
+            raise InvalidInput(f"{type(self).__name__}: r0 = {self.r0:g} m is not a muscle's radius")
+        if not 0 < self.alpha0 < pi / 2:
+            raise InvalidInput(
+                f"{type(self).__name__}: alpha0 = {self.alpha0:g} rad is not between 0 and π/2; degrees?"
+            )
+
+    @property
+    def S(self) -> float:
+        """Initial cross-section S = π r0² [m²]."""
+        return pi * self.r0**2
+
+    @property
+    def a(self) -> float:
+        """a = 3/tan²α0 [-]   (7)"""
+        return braid_constants(self.alpha0)[0]
+
+    @property
+    def b(self) -> float:
+        """b = 1/sin²α0 [-]   (7)"""
+        return braid_constants(self.alpha0)[1]
+
+
+@dataclass(frozen=True)
+class TonduLopez1995(Braided, AffineMuscle):
+    """The ideal (cylindrical, frictionless) McKibben muscle: F = S P [a(1-ε)² - b]   (7)
+
+    B. Tondu and P. Lopez, "Theory of an artificial pneumatic muscle …", C. R. Acad. Sci. IIb 320, 1995; Tondu 2021,
+    equation (7). Domain: 0 ≤ ε ≤ ε_max = 1 - √(b/a), whatever the pressure.
+    """
+
+    citation = "Tondu & Lopez, C. R. Acad. Sci. Paris IIb 320:105-114, 1995"
+
+    @property
+    def max_contraction(self) -> float:
+        """ε_max = 1 - √(b/a) [-]   (7)"""
+        return 1 - sqrt(self.b / self.a)
+
+    def A(self, eps: Value) -> Value:
+        """S [a(1-ε)² - b]   (7)"""
+        return self.S * (self.a * (1 - eps) ** 2 - self.b)
+
+
+__all__ = ["Braided", "TonduLopez1995", "braid_constants"]

@@ -1,0 +1,94 @@
+"""One muscle at a fixed joint angle: the half of the joint that everything static is said in terms of."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from allocator.calculus import Array, Value
+from allocator.limits import Limit, PressureInterval
+from allocator.muscles import AffineMuscle, Muscle
+
+
+@dataclass(frozen=True)
+class Side:
+    """What one muscle adds to torque and stiffness, t(P) and k(P), as its pressure varies at a fixed joint angle."""
+
+    muscle: Muscle
+    sign: int  # +1 agonist, -1 antagonist
+    rest_length: float  # l0 [m]
+    contraction: Value  # ε [-]
+    arm: Value  # a [m]
+    arm_slope: Value  # da/dθ [m/rad]
+
+    @property
+    def affine(self) -> bool:
+        """Whether t and k are affine in the pressure."""
+        return isinstance(self.muscle, AffineMuscle)
+
+    @property
+    def arrays(self) -> tuple[Array, Array, Array]:
+        """(contraction, arm, arm slope): what varies from angle to angle."""
+        return self.contraction, self.arm, self.arm_slope
+
+    def moved(self, contraction: Array, arm: Array, arm_slope: Array) -> Self:
+        """The same muscle at other angles, or at a selection of them."""
+        return replace(self, contraction=contraction, arm=arm, arm_slope=arm_slope)
+
+    def force(self, P: Value) -> Value:
+        """Muscle force [N]; negative where the cable would be slack."""
+        return self.muscle.force(P, self.contraction)
+
+    def torque(self, P: Value) -> Value:
+        """t = ±a F(P, ε) [N·m]."""
+        return self.sign * self.arm * self.force(P)
+
+    def stiffness(self, P: Value) -> Value:
+        """k = -a² F_ε/l0 ∓ a' F [N·m/rad]."""
+        elastic = -(self.arm**2) / self.rest_length * self.muscle.slope(P, self.contraction)
+        return elastic - self.sign * self.arm_slope * self.force(P)
+
+    def torque_gain(self, P: Value) -> Value:
+        """dt/dP = ±a F_P [N·m/Pa]."""
+        return self.sign * self.arm * self.muscle.gain(P, self.contraction)
+
+    def stiffness_gain(self, P: Value) -> Value:
+        """dk/dP = -a² F_Pε/l0 ∓ a' F_P [N·m/rad/Pa]."""
+        elastic = -(self.arm**2) / self.rest_length * self.muscle.gain_slope(P, self.contraction)
+        return elastic - self.sign * self.arm_slope * self.muscle.gain(P, self.contraction)
+
+    def pressure_for_torque(self, torque: Array) -> Array:
+        """The pressure [Pa] that makes this muscle add `torque`; ∓inf where it has none."""
+        return self.muscle.pressure(self.sign * torque / self.arm, self.contraction)
+
+    def interval(
+        self,
+        supply: tuple[float, float],
+        min_force: float | None,
+        previous: Array | None = None,
+        max_step: Array | float | None = None,
+    ) -> PressureInterval:
+        """Intersect the limits of this muscle, remembering which of them sets each end."""
+        lower, upper, slack, rate, validity = _FLAGS[self.sign]
+        shape = np.shape(self.contraction)
+        lo, lo_limit = np.full(shape, supply[0]), np.full(shape, lower, np.int32)
+        if self.muscle.max_pressure < supply[1]:
+            hi, hi_limit = np.full(shape, self.muscle.max_pressure), np.full(shape, validity, np.int32)
+        else:
+            hi, hi_limit = np.full(shape, supply[1]), np.full(shape, upper, np.int32)
+        empty = np.zeros(shape, bool)
+        if min_force is not None:
+            taut = self.muscle.pressure(min_force, self.contraction)
+            lo_limit = np.where(taut > lo, slack, lo_limit).astype(np.int32)
+            empty = taut > hi
+            lo = np.clip(taut, lo, hi)
+        box = PressureInterval(lo, hi, lo_limit, hi_limit, empty)
+        return box if previous is None or max_step is None else box.within_reach(previous, max_step, rate)
+
+
+_FLAGS = {
+    +1: (Limit.P1_LOWER, Limit.P1_UPPER, Limit.AGONIST_SLACK, Limit.P1_RATE, Limit.AGONIST_VALIDITY),
+    -1: (Limit.P2_LOWER, Limit.P2_UPPER, Limit.ANTAGONIST_SLACK, Limit.P2_RATE, Limit.ANTAGONIST_VALIDITY),
+}
+
+__all__ = ["Side"]

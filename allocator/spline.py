@@ -1,0 +1,52 @@
+"""A cubic spline through samples that numbers and CasADi symbols evaluate by the same formula."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from allocator.calculus import Array, Value, is_symbol
+from allocator.errors import InvalidInput
+
+
+class Spline:
+    """Not-a-knot cubic spline y(x) (coefficients from SciPy), continued by its end pieces outside the samples."""
+
+    def __init__(self, x: Sequence[float] | Array, y: Sequence[float] | Array, name: str = "table") -> None:
+        """Interpolate the samples `y` [n] at the increasing `x` [n], n ≥ 4; `name` is used in the errors."""
+        from scipy.interpolate import CubicSpline
+
+        x, y = np.array(x, float), np.array(y, float)
+        if x.ndim != 1 or x.shape != y.shape or x.size < 4:
+            raise InvalidInput(f"{name}: needs two rows of at least 4 samples, got shapes {x.shape} and {y.shape}")
+        if not (np.isfinite(x).all() and np.isfinite(y).all()):
+            raise InvalidInput(f"{name}: a sample is not a finite number")
+        if not (np.diff(x) > 0).all():
+            raise InvalidInput(f"{name}: the first row has to increase; it does not after index {_first_fall(x)}")
+        self.x, self._pieces = x, CubicSpline(x, y).c  # (n,), (4, n-1)
+
+    def __call__(self, x: Value, order: int = 0) -> Value:
+        """y(x), or its derivative of the given order (0, 1, 2)."""
+        start, c = self._piece_symbol(x) if is_symbol(x) else self._piece_number(x)
+        h = x - start
+        if order == 0:
+            return ((c[0] * h + c[1]) * h + c[2]) * h + c[3]
+        return (3 * c[0] * h + 2 * c[1]) * h + c[2] if order == 1 else 6 * c[0] * h + 2 * c[1]
+
+    def _piece_number(self, x: Value) -> tuple[Array, Array]:
+        i = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, self.x.size - 2)
+        return self.x[i], self._pieces[:, i]
+
+    def _piece_symbol(self, x: Value) -> tuple[Value, list[Value]]:
+        import casadi
+
+        knots = self.x[1:-1].tolist()
+        rows = [self.x[:-1], *self._pieces]
+        start, *c = (casadi.pw_const(x, knots, row.tolist()) for row in rows)
+        return start, c
+
+
+def _first_fall(x: Array) -> int:
+    return int(np.argmin(np.diff(x) > 0))
+
+
+__all__ = ["Spline"]

@@ -1,0 +1,1 @@
+"""Dynamics and control of the antagonistic joint: plant, linear time-varying MPC, closed-loop simulation."""
