@@ -164,7 +164,7 @@ class AntagonistJoint:
     def _equilibrium(self, P1: Array, P2: Array, T: Array) -> Array:
         def lacking(theta: Array, P1: Array, P2: Array, T: Array) -> Array:
             agonist, antagonist = self.sides(theta)
-            return T - agonist.torque(P1) - antagonist.torque(P2)
+            return np.asarray(T - agonist.torque(P1) - antagonist.torque(P2))
 
         left, right = (np.asarray(end) for end in self.angle_range)
         return increasing_root(lacking, left, right, P1, P2, T)
@@ -179,7 +179,7 @@ class AntagonistJoint:
 
 
 def report_joint() -> AntagonistJoint:
-    """The report's joint: two DMSP-20-400N (Tondu2021), R = 2 cm, l0 = 40 cm, ε0 = .1375, 0–5 bar, ±125°   (24), (25)"""
+    """The report's joint: two Tondu2021 DMSP-20-400N, R = 2 cm, l0 = 40 cm, ε0 = .1375, 0–5 bar, ±125°   (24), (25)"""
     pulley = Pulley(rest_length=0.40, radius=0.02, initial_contraction=0.1375)
     return AntagonistJoint(pulley, TONDU_DMSP_20_400N, TONDU_DMSP_20_400N, angle_limits=(-125 * DEG, 125 * DEG))
 
