@@ -59,6 +59,34 @@ def pressure(name: str, value: Any) -> Array:
     return array
 
 
+def force(name: str, value: Any) -> float | None:
+    """One force [N], not negative; None passes."""
+    if value is None:
+        return None
+    array = real(name, value, "N")
+    if array.ndim or array < 0:
+        raise InvalidInput(f"{name} = {value!r} N has to be one number that is not negative")
+    return float(array)
+
+
+def slew(previous: Any, max_step: Any) -> dict[str, Array]:
+    """Previous pressures and greatest step, by name; empty when there is no slew limit."""
+    if (previous is None) is not (max_step is None):
+        raise InvalidInput("previous and max_step go together; one came without the other")
+    if previous is None:
+        return {}
+    try:
+        P1, P2 = previous
+    except (TypeError, ValueError):
+        raise InvalidInput(f"previous = {previous!r} has to be the two pressures (P1, P2) [Pa]") from None
+    step = pressure("max_step", max_step)
+    if (step <= 0).any():
+        raise InvalidInput(f"max_step{at(step, step <= 0)} Pa has to be positive")
+    now = real("previous", P1, "Pa"), real("previous", P2, "Pa")
+    pressure("previous", np.concatenate([np.ravel(P) for P in now]))
+    return {"previous P1": now[0], "previous P2": now[1], "max_step": step}
+
+
 def pressure_or_symbol(name: str, value: Any) -> Any:
     """The same, but CasADi symbols pass."""
     return value if is_symbol(value) else pressure(name, value)
@@ -78,4 +106,15 @@ def broadcast(**arrays: Array) -> tuple[Array, ...]:
         raise InvalidInput(f"shapes do not broadcast: {shapes}") from None
 
 
-__all__ = ["angle", "angle_or_symbol", "at", "broadcast", "pressure", "pressure_or_symbol", "real", "stiffness"]
+__all__ = [
+    "angle",
+    "angle_or_symbol",
+    "at",
+    "broadcast",
+    "force",
+    "pressure",
+    "pressure_or_symbol",
+    "real",
+    "slew",
+    "stiffness",
+]

@@ -19,7 +19,7 @@ from allocator.calculus import Array, Value, increasing_root
 from allocator.errors import InvalidInput
 from allocator.geometry import Geometry, Pulley
 from allocator.limits import Limit, PressureBox
-from allocator.muscles import Muscle, Tondu2021
+from allocator.muscles import AffineMuscle, Muscle, Tondu2021
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 from allocator.side import Side
 from allocator.tondu_pulley import TonduPulley
@@ -126,12 +126,17 @@ class AntagonistJoint:
         binds = self.angle_range[upper] == self._threshold_angles[upper]
         return Limit.CONTRACTION_THRESHOLD if binds else Limit.JOINT_RANGE
 
+    @property
+    def pressure_span(self) -> float:
+        """Width of the supply range [Pa]; tolerances are given in fractions of it."""
+        return self.pressure_limits[1] - self.pressure_limits[0]
+
     def pressure_box(
         self,
         theta: Value,
         *,
         min_force: float | None = 0.0,
-        previous: tuple[Value, Value] | None = None,
+        previous: tuple[Array, ...] | None = None,
         max_step: Array | float | None = None,
     ) -> PressureBox:
         """Pressures allowed at `theta`: supply ∩ force ≥ `min_force` (None: not asked) ∩ model validity ∩ slew.
@@ -168,6 +173,11 @@ class AntagonistJoint:
 
         left, right = (np.asarray(end) for end in self.angle_range)
         return increasing_root(lacking, left, right, P1, P2, T)
+
+    @property
+    def affine(self) -> bool:
+        """Whether both muscles are affine in pressure: torque and stiffness then are, in any geometry."""
+        return isinstance(self.agonist, AffineMuscle) and isinstance(self.antagonist, AffineMuscle)
 
     @cached_property
     def tondu_pulley(self) -> TonduPulley | None:
