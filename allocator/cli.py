@@ -1,11 +1,16 @@
 """Commands about statics: `antagonist allocate`. Degrees and bar here, SI behind."""
 
 import sys
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from allocator.errors import AntagonistError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from allocator.allocation import Allocation
 
 app = typer.Typer(
     name="antagonist",
@@ -36,16 +41,16 @@ def allocate(
     from allocator.allocation import allocate as solve
     from allocator.units import DEG
 
-    answer = solve(theta * DEG, stiffness, torque, method=method, priority=priority, min_force=min_force)  # type: ignore[arg-type]  # checked there
+    targets = theta * DEG, stiffness, torque
+    answer = solve(*targets, method=method, priority=priority, min_force=min_force)  # type: ignore[arg-type]  # checked
     console = Console()
     console.print(_table(answer))
     console.print(answer.message, highlight=False)
-    if not answer.success:
-        raise typer.Exit(1)
 
 
-def _table(a: "Allocation") -> "Table":  # type: ignore[name-defined]  # imported when called
+def _table(a: "Allocation") -> "Table":
     from rich.table import Table
+    from rich.text import Text
 
     from allocator.units import BAR, DEG
 
@@ -55,7 +60,7 @@ def _table(a: "Allocation") -> "Table":  # type: ignore[name-defined]  # importe
     table.add_row("torque [N·m]", f"{a.T_target:.4g}", f"{a.T:.4g}", f"{T_min:.4g} … {T_max:.4g}")
     table.add_row("stiffness [N·m/rad]", f"{a.K_target:.4g}", f"{a.K:.4g}", f"{K_min:.4g} … {K_max:.4g} at this torque")
     for name, pressure, force in zip(("agonist", "antagonist"), (a.P1, a.P2), a.forces, strict=True):
-        table.add_row(f"{name} pressure [bar]", "", f"{pressure / BAR:.4f}", f"pulls {force:.4g} N")
+        table.add_row(Text(f"{name} pressure [bar]"), "", f"{pressure / BAR:.4f}", f"pulls {force:.4g} N")
     table.add_row("binding limits", "", ", ".join(a.active) or "none", "")
     return table
 
