@@ -24,11 +24,12 @@ def is_symbol(x: Value) -> bool:
 
 def _elementary(name: str) -> Callable[[Value], Value]:
     def function(x: Value) -> Value:
-        if not is_symbol(x):
-            return getattr(np, name)(x)
-        import casadi
+        if is_symbol(x):
+            import casadi
 
-        return getattr(casadi, name)(x)
+            return getattr(casadi, name)(x)
+        y = getattr(np, name)(x)
+        return y.item() if type(x) in (float, complex) else y  # NumPy scalars upset CasADi further on
 
     function.__name__ = name
     function.__doc__ = f"`{name}(x)` of a float, an array or a CasADi symbol."

@@ -15,7 +15,8 @@ class Spline:
         """Interpolate the samples `y` [n] at the increasing `x` [n], n ≥ 4; `name` is used in the errors."""
         from scipy.interpolate import CubicSpline
 
-        x, y = np.array(x, float), np.array(y, float)
+        x, y = np.array(x, float), np.array(y)
+        y = y if y.dtype == complex else y.astype(float)  # complex: a derivative with respect to the samples
         if x.ndim != 1 or x.shape != y.shape or x.size < 4:
             raise InvalidInput(f"{name}: needs two rows of at least 4 samples, got shapes {x.shape} and {y.shape}")
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
