@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 Value: TypeAlias = Any  # a float, an array of floats, or a CasADi symbol
 Array: TypeAlias = NDArray[np.float64]
+Mask: TypeAlias = NDArray[np.bool_]
 
 _STEP = 1e-30  # of the complex step; nothing is subtracted, so it may be as small as one likes
 
@@ -68,4 +69,4 @@ def increasing_root(f: Callable[..., Array], lo: Array, hi: Array, *args: Array)
     return root
 
 
-__all__ = ["Array", "Value", "cos", "derivative", "exp", "increasing_root", "is_symbol", "sin", "sqrt"]
+__all__ = ["Array", "Mask", "Value", "cos", "derivative", "exp", "increasing_root", "is_symbol", "sin", "sqrt"]

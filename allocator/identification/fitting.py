@@ -6,13 +6,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.identifiability import determine
+from allocator.identification.identifiability import Determination, determine
 from allocator.identification.problem import Problem, Solution
 from allocator.identification.result import Fit, Level
 from allocator.identification.samples import Samples
 from allocator.muscles import Muscle, Recipe, monotonicity_failure
+from allocator.muscles.base import Covariance
 from allocator.units import BAR
 
 M = TypeVar("M", bound=Muscle)
@@ -86,7 +87,7 @@ def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str
     """The model's recipe, starting from `start` if given and at the values that are held."""
     if not samples.n:
         raise InvalidInput("no samples are left to fit")
-    recipe = model.recipe(samples.contraction, samples.pressure)
+    recipe = model.recipe(samples.contraction, samples.pressure, samples.force)
     if start is not None:
         recipe = replace(recipe, starts=(start,))
     if not recipe.starts:
@@ -111,7 +112,8 @@ def _check_sufficient(problem: Problem) -> None:
     name, taut = type(problem.prototype).__name__, ~problem.slack
     n, m = int(taut.sum()), len(problem.free)
     if n < m:
-        raise InvalidInput(f"{n} taut samples cannot determine the {m} parameters of {name} ({', '.join(problem.free)})")
+        names = ", ".join(problem.free)
+        raise InvalidInput(f"{n} taut samples cannot determine the {m} parameters of {name} ({names})")
     P = problem.samples.pressure[taut]
     if np.ptp(P) <= 0.01 * np.abs(P).max():
         raise InvalidInput(
@@ -130,7 +132,7 @@ def _conclude(model: type[M], problem: Problem, solution: Solution, folds: int) 
     at_bound = _at_bound(problem, x)
     determined = _determination(problem, solution, ~at_bound)
     muscle = replace(muscle, covariance=_embedded(problem, determined.covariance, ~at_bound))
-    error = (muscle.force(samples.pressure, samples.contraction) - samples.force)[~slack]
+    residual = (muscle.force(samples.pressure, samples.contraction) - samples.force)[~slack]
     failure = monotonicity_failure(muscle, *_domain(muscle, samples))
     pulls = muscle.force(samples.pressure, samples.contraction)[slack]
     warnings = (
@@ -147,37 +149,39 @@ def _conclude(model: type[M], problem: Problem, solution: Solution, folds: int) 
         slack=slack,
         free=problem.free,
         rank=determined.rank,
-        rms=_rms(error),
-        max_error=float(np.abs(error).max()),
+        rms=_rms(residual),
+        max_error=float(np.abs(residual).max()),
         cross_validated=_cross_validated(problem, muscle, folds),
-        levels=_levels(samples.pressure[~slack], error),
+        levels=_levels(samples.pressure[~slack], residual),
         collinear=determined.collinear,
         monotone=not failure,
         warnings=warnings,
     )
 
 
-def _at_bound(problem: Problem, x: Array) -> Array:
-    near = 1e-6 * np.maximum(np.abs(x), 1e-300)
+def _at_bound(problem: Problem, x: Array) -> Mask:
+    """Which parameters the search left at a bound, which it only approaches from inside."""
+    width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
+    near = 1e-6 * np.maximum(np.abs(x), 1e-3 * width)
     return np.asarray((x - problem.lower < near) | (problem.upper - x < near))
 
 
-def _named(problem: Problem, x: Array, mask: Array) -> list[tuple[str, float]]:
+def _named(problem: Problem, x: Array, mask: Mask) -> list[tuple[str, float]]:
     return [(name, float(v)) for name, v, m in zip(problem.free, x, mask, strict=True) if m]
 
 
-def _determination(problem: Problem, solution: Solution, inside: Array):  # type: ignore[no-untyped-def]
+def _determination(problem: Problem, solution: Solution, inside: Mask) -> Determination:
     names = tuple(name for name, i in zip(problem.free, inside, strict=True) if i)
     return determine(problem.jacobian(solution.x)[:, inside], solution.cost, names, solution.x[inside])
 
 
-def _embedded(problem: Problem, covariance: Array, inside: Array) -> Array:
+def _embedded(problem: Problem, covariance: Array, inside: Mask) -> Covariance:
     """The covariance among all parameters of the muscle, zero for those not fitted."""
     every = [*problem.prototype.parameters]
     places = [every.index(name) for name, i in zip(problem.free, inside, strict=True) if i]
     full = np.zeros((len(every), len(every)))
     full[np.ix_(places, places)] = covariance
-    return full
+    return tuple(map(tuple, full.tolist()))
 
 
 def _domain(muscle: Muscle, samples: Samples) -> tuple[float, tuple[float, float]]:
@@ -188,7 +192,7 @@ def _domain(muscle: Muscle, samples: Samples) -> tuple[float, tuple[float, float
 def _slack_warning(pulls: Array, full_scale: float) -> tuple[str, ...]:
     """A sentence if the model pulls with more than 2 % of full scale where the muscle was slack."""
     wrong = pulls > 0.02 * full_scale
-    return (f"pulls up to {pulls.max():.3g} N at {wrong.sum()} slack samples",) if wrong.any() else ()
+    return (f"pulls up to {pulls.max():.3g} N at {wrong.sum()} of the slack samples",) if wrong.any() else ()
 
 
 def _cross_validated(problem: Problem, muscle: Muscle, folds: int) -> float:

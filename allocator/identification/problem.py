@@ -12,7 +12,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.identification.samples import Samples
 from allocator.muscles import Muscle, force_gradient
 
@@ -40,9 +40,9 @@ class Problem:
     lower: Array  # (m,)
     upper: Array  # (m,)
     samples: Samples
-    slack: Array  # (n,) bool
+    slack: Mask  # (n,)
 
-    def on(self, keep: Array) -> Self:
+    def on(self, keep: Mask) -> Self:
         """The same problem on some of the samples."""
         return replace(self, samples=self.samples.where(keep), slack=self.slack[keep])
 
@@ -119,10 +119,17 @@ class Problem:
         from scipy.optimize import least_squares
 
         scale = 1 / self.samples.full_scale  # makes the cost of order one
+
+        def residual(x: Array) -> Array:
+            return scale * self.residual(x)
+
+        def jacobian(x: Array) -> Array:
+            return scale * self.jacobian(x)
+
         found = least_squares(
-            lambda x: scale * self.residual(x),
+            residual,
             _inside(x, self.lower, self.upper),
-            lambda x: scale * self.jacobian(x),
+            jacobian,
             bounds=(self.lower, self.upper),
             x_scale="jac",
             ftol=_TOLERANCE,

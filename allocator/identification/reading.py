@@ -57,7 +57,7 @@ def read_samples(path: FilePath, rest_length: float | None = None) -> Samples:
     eps = _contraction(path, table, rest_length)
     if mistake := find_mistake(eps, P, F):
         column = _column(path, table, mistake.quantity, ("length",) if mistake.quantity == "contraction" else ())
-        raise InvalidFile(path, mistake.sentence, line=table.lines[mistake.index], column=table.names[column])
+        raise InvalidFile(path, mistake.sentence, line=table.lines[mistake.place], column=table.names[column])
     return Samples.checked(eps, P, F)
 
 
@@ -92,8 +92,7 @@ def _contraction(path: FilePath, table: Table, rest_length: float | None) -> Arr
         eps = _quantity(path, table, "contraction")
         percent = table.names[_column(path, table, "contraction")].lower() == "contraction_pct"
         if percent and 0 < np.abs(eps).max() <= 0.6 * PERCENT:
-            column = table.names[_column(path, table, "contraction")]
-            raise InvalidFile(path, "never exceeds 0.6 %; was the ratio meant for percent?", column=column)
+            raise InvalidFile(path, "never exceeds 0.6 %; was the ratio meant for percent?", column="contraction_pct")
         return eps
     column = _column(path, table, "contraction", ("length",))
     length = _quantity(path, table, "length")

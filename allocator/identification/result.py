@@ -7,7 +7,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.identification.samples import Samples
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
 
@@ -18,7 +18,7 @@ class Level(NamedTuple):
     """Residuals F_model - F_measured of the taut samples in a range of pressures (one level where there are few)."""
 
     pressure: float  # mean [Pa]
-    n: int
+    samples: int  # how many
     mean: float  # [N]
     rms: float  # [N]
 
@@ -29,7 +29,7 @@ class Fit(Generic[M]):
 
     muscle: M  # carries its covariance
     samples: Samples  # those used; `samples.dropped` says what was left out and why
-    slack: Array  # (n,) which samples were taken as inequalities F ≤ 0
+    slack: Mask  # (n,) which samples were taken as inequalities F ≤ 0
     free: tuple[str, ...]  # names of the fitted parameters
     rank: int  # how many combinations of them the samples determine
     rms: float  # [N]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.units import BAR
 
@@ -33,14 +33,13 @@ class Samples:
         eps, P = checks.real("contraction", contraction, "ratio"), checks.pressure("pressure", pressure)
         F = checks.real("force", force, "N")
         w = checks.real("weights", np.ones_like(F) if weights is None else weights, "relative")
-        arrays = tuple(np.array(a).ravel() for a in checks.broadcast(contraction=eps, pressure=P, force=F, weights=w))
-        for array in arrays:
-            array.flags.writeable = False
         if (w < 0).any():
             raise InvalidInput(f"weights{checks.at(w, w < 0)} has to be at least 0")
-        if mistake := find_mistake(*arrays[:3]):
-            raise InvalidInput(f"sample {mistake.index}: {mistake.sentence}")
-        return cls(*arrays)
+        arrays = checks.broadcast(contraction=eps, pressure=P, force=F, weights=w)
+        eps, P, F, w = (_frozen(array) for array in arrays)
+        if mistake := find_mistake(eps, P, F):
+            raise InvalidInput(f"sample {mistake.place}: {mistake.sentence}")
+        return cls(eps, P, F, w)
 
     @property
     def n(self) -> int:
@@ -52,22 +51,29 @@ class Samples:
         """The greatest force [N]."""
         return float(self.force.max())
 
-    def where(self, keep: Array) -> Self:
-        """The samples at the places `keep` (mask or indices)."""
-        parts = (array[keep] for array in (self.contraction, self.pressure, self.force, self.weights))
-        return type(self)(*parts, dropped=self.dropped)
+    def where(self, keep: Mask) -> Self:
+        """The samples marked in `keep`."""
+        eps, P, F, w = (_frozen(array[keep]) for array in (self.contraction, self.pressure, self.force, self.weights))
+        return type(self)(eps, P, F, w, self.dropped)
 
-    def without(self, drop: Array, reason: str) -> Self:
+    def without(self, drop: Mask, reason: str) -> Self:
         """The samples not in the mask `drop`, whose number is remembered under `reason`."""
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
 
 
+def _frozen(array: Array) -> Array:
+    """A read-only copy in one row."""
+    array = np.array(array).ravel()
+    array.flags.writeable = False
+    return array
+
+
 class Mistake(NamedTuple):
     """A sample that cannot be right."""
 
-    index: int
+    place: int  # index of the sample
     quantity: str  # "contraction", "pressure" or "force"
     sentence: str
 
@@ -92,10 +98,8 @@ def _contraction_mistake(eps: Array) -> Mistake | None:
     if not wrong.any():
         return None
     i = int(np.argmax(wrong))
-    if np.abs(eps).max() > 1:
-        hint = "was percent meant for the ratio (l0 - l)/l0?"
-    else:
-        hint = "is the rest length right?"
+    percent = np.abs(eps).max() > 1
+    hint = "was percent meant for the ratio (l0 - l)/l0?" if percent else "is the rest length right?"
     return Mistake(i, "contraction", f"a contraction ratio of {eps[i]:.4g} is beyond any pneumatic muscle; {hint}")
 
 

@@ -17,7 +17,7 @@ from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
 
-from allocator.calculus import Array, Value, derivative, increasing_root
+from allocator.calculus import Array, Mask, Value, derivative, increasing_root
 from allocator.errors import InvalidInput
 from allocator.muscles.recipe import Recipe
 
@@ -84,6 +84,10 @@ class Muscle(ABC):
         """Contraction ratio [-] up to which the law is meant to be used."""
         return 0.35
 
+    def covers(self, P: Array, eps: Array) -> Mask:
+        """Whether the law is meant for these contractions (at these pressures, if that matters) while F ≥ 0."""
+        return np.asarray((eps >= self.min_contraction) & (eps <= self.max_contraction))
+
     @property
     def limitation(self) -> str:
         """Where the law breaks [M] by its form, in a sentence; empty if it need not."""
@@ -135,7 +139,7 @@ class Muscle(ABC):
                 f"{type(self).__name__} has no parameter {', '.join(map(repr, sorted(unknown)))}; "
                 f"it has {', '.join(self.parameters)}"
             )
-        changed = self._grouped([*(self.parameters | values).values()])
+        changed = self._grouped([*(self.parameters | dict(values)).values()])
         return replace(self, **changed, covariance=None)
 
     def unchecked(self, values: Sequence[Value]) -> Self:
@@ -154,8 +158,8 @@ class Muscle(ABC):
         }
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
-        """How to fit this model to forces measured at these contractions [-] and pressures [Pa]."""
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
+        """How to fit this model to these measured forces [N] (≤ 0: slack), contractions [-] and pressures [Pa]."""
         return Recipe()
 
     # --- on disk ----------------------------------------------------------------------------------------------------

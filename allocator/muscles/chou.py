@@ -60,7 +60,7 @@ class ChouHannaford1996(AffineMuscle):
         return pi * (self.D0**2 / 4 * (3 * cosine**2 - 1) + wall)
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Search b, n and t for a muscle of 0.3 m."""
         starts = (cls(0.3, 0.34, 1.6, 5e-4), cls(0.3, 0.38, 3.0, 1e-4))
         longest = 0.3 * max(1.0, 1.0 - 1.01 * float(contraction.min()))

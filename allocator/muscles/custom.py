@@ -43,7 +43,7 @@ class TableMuscle(AffineMuscle):
 
     Not-a-knot splines (SciPy), continued by their end pieces. Linear in area and passive; the knots are held when
     fitting, five of them unless `start` says otherwise. It can follow any measured muscle that is affine in pressure,
-    and its noise as well: look at the cross-validated error and at [M].
+    and its noise as well: look at the cross-validated error and at [M]. Domain: from the first knot to the last.
     """
 
     citation = "splines through a table of the user"
@@ -89,11 +89,12 @@ class TableMuscle(AffineMuscle):
         return self._passive_spline(eps)
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
-        """Five knots over the data, closer together where the contraction is small and the force bends."""
-        least, most = float(np.min(contraction)), float(np.max(contraction))
-        if not most > least:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
+        """Five knots over the taut data, closer together where the contraction is small and the force bends."""
+        taut = contraction[force > 0]
+        if not taut.size or not np.ptp(taut) > 0:
             return Recipe()
+        least, most = float(taut.min()), float(taut.max())
         knots = least + (most - least) * np.linspace(0, 1, _KNOTS) ** 1.5
         start = cls(tuple(knots), (0.0,) * _KNOTS, (0.0,) * _KNOTS)
         return Recipe((start,), ("area", "passive"), ("contraction",))

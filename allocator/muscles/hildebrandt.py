@@ -43,7 +43,7 @@ class Hildebrandt2005(AffineMuscle):
         return -(self.d0 + (self.d1 + (self.d2 + self.d3 * eps) * eps) * eps + self.d4 * eps ** (2 / 3))
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """All eight are linear."""
         start = cls(*[0.0] * 8)
         return Recipe((start,), tuple(start.parameters))

@@ -34,7 +34,7 @@ class Hogan1984(AffineMuscle):
         return self.F_max / self.P_max * (1 - eps / self.eps_max)
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Linear in F_max; P_max only sets a scale and is held at the highest pressure of the data."""
         start = cls(0.0, 0.25, float(np.max(pressure)))
         return Recipe((start,), ("F_max",), ("P_max",), {"eps_max": (0.01, 1.0)})

@@ -45,7 +45,7 @@ class KazemipourKatzschmann2025(AffineMuscle):
         return (self.c0 + (self.c1 + self.c2 * eps) * eps) / (1 + self.d1 * eps) / self.P_max
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Linear but for d1, whose pole is kept out of the data."""
         P_max = float(np.max(pressure))
         starts = tuple(cls(0.0, 0.0, 0.0, d1, P_max) for d1 in (2.0, 20.0))

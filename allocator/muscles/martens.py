@@ -76,7 +76,7 @@ class MartensBoblan2017(AffineMuscle):
         return -F_pe * L / (n * pi * width) - F_l
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Linear in the rubber law; the geometry is searched from the published one."""
         start = cls(0.300, 0.020, 0.0018, 0.42, 0.0, 0.0, 0.0, 0.0)
         bounds = {"D0": (1e-3, 0.5), "theta0": (0.1, 0.9)}

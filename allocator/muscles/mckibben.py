@@ -11,7 +11,7 @@ from allocator.muscles.recipe import Recipe
 from allocator.units import DEG
 
 
-def braid_constants(alpha0: Value) -> tuple[Value, Value]:
+def braid_constants(alpha0: float) -> tuple[float, float]:
     """a = 3/tan²α0 and b = 1/sin²α0 of a braid with the initial angle `alpha0` [rad]   (7)"""
     return 3 * (cos(alpha0) / sin(alpha0)) ** 2, 1 / sin(alpha0) ** 2
 
@@ -34,17 +34,17 @@ class Braided(Muscle):
             )
 
     @property
-    def S(self) -> Value:
+    def S(self) -> float:
         """Initial cross-section S = π r0² [m²]."""
         return pi * self.r0**2
 
     @property
-    def a(self) -> Value:
+    def a(self) -> float:
         """a = 3/tan²α0 [-]   (7)"""
         return braid_constants(self.alpha0)[0]
 
     @property
-    def b(self) -> Value:
+    def b(self) -> float:
         """b = 1/sin²α0 [-]   (7)"""
         return braid_constants(self.alpha0)[1]
 
@@ -69,7 +69,7 @@ class TonduLopez1995(Braided, AffineMuscle):
         return self.S * (self.a * (1 - eps) ** 2 - self.b)
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Search the braid from that of a muscle of ordinary size."""
         return Recipe((cls(0.01, 25 * DEG),), bounds={"r0": (1e-4, 0.5), "alpha0": (5 * DEG, 54 * DEG)})
 

@@ -2,23 +2,26 @@
 
 import numpy as np
 
+from allocator.calculus import Array, Mask
 from allocator.muscles.base import Muscle
 from allocator.units import BAR
 
 _GRID = 81
+_ROUNDING = 1e-9  # of the greatest force
 
 
 def monotonicity_failure(muscle: Muscle, max_pressure: float, contraction: tuple[float, float]) -> str:
     """Where [M] fails for 0 < P ≤ `max_pressure` [Pa] and `contraction` between the two ratios, in a sentence.
 
-    Empty if it holds at every point of an 81 × 81 grid at which the law is evaluated and the muscle taut (F ≥ 0).
+    Empty if it holds at every point of an 81 × 81 grid that the law covers and at which the muscle is taut (F > 0).
     """
     if muscle.limitation:
         return muscle.limitation
     least, most = max(contraction[0], muscle.min_contraction), min(contraction[1], muscle.max_contraction)
     inside = np.linspace(least, most, _GRID + 1)[1:]  # the law may be singular at its very beginning
     P, eps = np.meshgrid(np.linspace(0, max_pressure, _GRID)[1:], inside)
-    taut = muscle.force(P, eps) >= 0
+    F = np.where(muscle.covers(P, eps), muscle.force(P, eps), 0.0)
+    taut = F > _ROUNDING * F.max()
     if not taut.any():
         return "no point of the domain is taut"
     pulls_less = taut & ~(muscle.gain(P, eps) > 0)
@@ -31,11 +34,12 @@ def monotonicity_failure(muscle: Muscle, max_pressure: float, contraction: tuple
     return "; ".join(words)
 
 
-def _where(what: str, wrong: np.ndarray, taut: np.ndarray, P: np.ndarray, eps: np.ndarray) -> str:
-    share = 100 * wrong.sum() / taut.sum()
+def _where(what: str, wrong: Mask, taut: Mask, P: Array, eps: Array) -> str:
+    share = max(100 * wrong.sum() / taut.sum(), 0.1)
+    bars, ratios = P[wrong] / BAR, eps[wrong]
     return (
-        f"{what} on {share:.0f} % of the taut domain, within {P[wrong].min() / BAR:.2f}–{P[wrong].max() / BAR:.2f} bar "
-        f"and ε = {eps[wrong].min():.3f}–{eps[wrong].max():.3f}"
+        f"{what} on {share:.1f} % of the taut domain, within {bars.min():.2f}–{bars.max():.2f} bar "
+        f"and ε = {ratios.min():.3f}–{ratios.max():.3f}"
     )
 
 

@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from allocator.calculus import Array, Value, exp, increasing_root
+from allocator.calculus import Array, Mask, Value, exp, increasing_root
 from allocator.errors import InvalidInput
 from allocator.muscles.base import SEARCH_CEILING
 from allocator.muscles.mckibben import Braided, braid_constants
@@ -57,6 +57,10 @@ class PressureDependent(Braided):
         """Contraction ratio ε_max(P) = (1-√(b/a))/k(P) at which the force is zero [-]."""
         return (1 - sqrt(self.b / self.a)) / self.k(P)
 
+    def covers(self, P: Array, eps: Array) -> Mask:
+        """Up to k(P) ε = 1, where the parabola turns."""
+        return super().covers(P, eps) & np.asarray(self.k(P) * eps <= 1)
+
     def force(self, P: Value, eps: Value) -> Value:
         """S q P [a(1 - k(P)ε)² - b]   (11), (12)"""
         return self.efficiency * self.S * P * (self.a * (1 - self.k(P) * eps) ** 2 - self.b)
@@ -74,10 +78,10 @@ class PressureDependent(Braided):
             k = (1 - sqrt(self.b / self.a)) / eps  # k(P) has to fall to this
             P = -self.P_k * np.log((k - self.k_inf) / self.k_1)
         P = np.where(k <= self.k_inf, np.inf, np.maximum(P, 0.0))
-        return np.where((eps <= 0) | (k >= self.k_inf + max(self.k_1, 0.0)), 0.0, P)
+        return np.asarray(np.where((eps <= 0) | (k >= self.k_inf + max(self.k_1, 0.0)), 0.0, P))
 
     def pressure(self, F: Value, eps: Value) -> Array:
-        """Pressure [Pa] by root finding above `taut_pressure`; -inf for F < 0, since a slack muscle has no single one."""
+        """Pressure [Pa] by root finding above `taut_pressure`; -inf for F < 0, which has no single one."""
         F, eps = np.broadcast_arrays(np.asarray(F, float), np.asarray(eps, float))
         taut = self.taut_pressure(eps)
         reached = taut < SEARCH_CEILING
@@ -88,8 +92,8 @@ class PressureDependent(Braided):
         return np.where(F < 0, -np.inf, np.where(np.isnan(F + eps), np.nan, P))
 
     @classmethod
-    def _recipe(cls, **more: float) -> Recipe[Self]:
-        starts = tuple(cls(0.01, 25 * DEG, k_inf, k_1, P_k, **more) for k_inf, k_1, P_k in _STARTS)
+    def _recipe(cls, *more: float) -> Recipe[Self]:
+        starts = tuple(cls(0.01, 25 * DEG, k_inf, k_1, P_k, *more) for k_inf, k_1, P_k in _STARTS)
         bounds = {
             "r0": (1e-4, 0.5),
             "alpha0": (5 * DEG, 54 * DEG),
@@ -147,7 +151,7 @@ class TonduLopez2000(PressureDependent):
         return cls(r0, alpha0, k_inf, k_1, float(np.exp(found.x)))
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Search all five from a few falls of k(P)."""
         return cls._recipe()
 
@@ -177,9 +181,9 @@ class Andrikopoulos2016(PressureDependent):
         return self.q
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Search all six; q and r0 are collinear unless one is held."""
-        search = cls._recipe(q=0.8)
+        search = cls._recipe(0.8)
         return Recipe(search.starts, bounds={**search.bounds, "q": (0.01, 1.0)})
 
 

@@ -45,7 +45,7 @@ class Sarosi2012(AffineMuscle):
         return self.c5 - self.c4 * exp(self.c6 * eps)
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Linear but for c6, which falls over a few to a few tens of percent of contraction."""
         starts = tuple(cls(0.0, 0.0, 0.0, 0.0, 0.0, c6) for c6 in (-60.0, -30.0, -12.0))
         return Recipe(starts, ("c1", "c2", "c3", "c4", "c5"), bounds={"c6": (-300.0, -0.5)})

@@ -1,15 +1,15 @@
-"""Muscles as small TOML files.
+"""Muscles as small TOML files. What one looks like:
 
-    model = "Hogan1984"
+model = "Hogan1984"
 
-    [parameters]            # SI units: Pa, m, rad, N
-    F_max = 1500.0
-    …
+[parameters]            # SI units: Pa, m, rad, N
+F_max = 1500.0
+…
 
-    [source]                # where the numbers come from, for the reader; ignored when loading
+[source]                # where the numbers come from, for the reader; ignored when loading
 
-    [covariance]            # of a fitted muscle
-    rows = [[…], …]
+[covariance]            # of a fitted muscle
+rows = [[…], …]
 """
 
 import json
@@ -100,9 +100,7 @@ def _compare(path: str | PathLike[str], model: type[Muscle], given: dict[str, An
     if missing := [name for name in wanted if name not in given]:
         raise InvalidFile(path, f"{model.__name__} needs the parameter {', '.join(missing)}, which is missing")
     if surplus := [name for name in given if name not in wanted]:
-        raise InvalidFile(
-            path, f"{model.__name__} has no parameter {', '.join(surplus)}; it has {', '.join(wanted)}"
-        )
+        raise InvalidFile(path, f"{model.__name__} has no parameter {', '.join(surplus)}; it has {', '.join(wanted)}")
 
 
 def _toml(value: object) -> str:

@@ -89,7 +89,7 @@ class Tondu2021(Braided):
         return np.where(np.isnan(P) & ~np.isnan(F + eps), np.inf, P)
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Linear in c and e; the pole -d is kept above the pressures measured, where it does not belong.
 
         Forces show only S(a-b), Sc, Se and d: hold r0 or α0 to learn the others.

@@ -23,8 +23,9 @@ class Wickramatunge2010(Muscle):
     The paper fits (20) twice, below and above 2.5 bar, and says that the sets differ "especially in the term in P²";
     the force then jumps where they meet. Here the two ranges have their own c3, share c2 and c1, and c0 of the upper
     range follows from continuity, c0 + (c3_low - c3_high) P_switch²: the force has no jump at any contraction, only
-    ∂F/∂P has one, of 2 (c3_high - c3_low) P_switch ls. Not affine in the pressure, but quadratic: `pressure` is in
-    closed form. [M] holds where 2 c3 P + c2 ls > 0 and c3 P + c2 ls > 0. Domain: ls ≥ 0.
+    ∂F/∂P has one, of 2 (c3_high - c3_low) P_switch ls. (On the measured map of a DMSP-20-300 this costs 34 instead of
+    31 N RMS over the taut samples, and spares jumps of -16 to +49 N.) Not affine in the pressure, but quadratic:
+    `pressure` is in closed form. [M] holds where 2 c3 P + c2 ls > 0 and c3 P + c2 ls > 0. Domain: ls ≥ 0.
     """
 
     citation = "Wickramatunge & Leephakpreeda, Int. J. Engineering Science 48:188-198, 2010"
@@ -91,7 +92,7 @@ class Wickramatunge2010(Muscle):
         return P**2 - self._low(P)
 
     @classmethod
-    def recipe(cls, contraction: Array, pressure: Array) -> Recipe[Self]:
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Linear but for l_min; the rest length only scales, 2.5 bar is the paper's."""
         most = min(max(float(np.max(contraction)), 0.05), 0.6)
         starts = tuple(
@@ -107,7 +108,7 @@ def _choose(P: Value, switch: Value, below: Value, above: Value) -> Value:
         import casadi
 
         return casadi.if_else(P < switch, below, above)
-    value = np.where(np.real(P) < np.real(switch), below, above)
+    value = np.asarray(np.where(np.real(P) < np.real(switch), below, above))
     return value if value.ndim else value.item()
 
 
