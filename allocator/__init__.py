@@ -1,1 +1,38 @@
-"""Pressures of an antagonistic pneumatic-muscle joint from torque and stiffness targets."""
+"""Pressures of an antagonistic pneumatic-muscle joint from torque and stiffness targets.
+
+>>> from allocator import allocate
+>>> a = allocate(theta=0.5, K=7.5, T=1.0)  # rad, N·m/rad, N·m
+>>> a.status.name, f"{a.P1 / BAR:.3f} bar, {a.P2 / BAR:.3f} bar"
+('EXACT', '3.238 bar, 2.181 bar')
+"""
+
+from allocator.allocation import Allocation, Status, allocate
+from allocator.errors import AntagonistError, InvalidFile, InvalidInput, MissingBackend
+from allocator.geometry import Geometry, Lever, Pulley, Table
+from allocator.inverse import inverse
+from allocator.joint import AntagonistJoint, report_joint
+from allocator.limits import Limit
+from allocator.muscles import AffineMuscle, Muscle
+from allocator.units import BAR, DEG
+
+__all__ = [
+    "BAR",
+    "DEG",
+    "AffineMuscle",
+    "Allocation",
+    "AntagonistError",
+    "AntagonistJoint",
+    "Geometry",
+    "InvalidFile",
+    "InvalidInput",
+    "Lever",
+    "Limit",
+    "MissingBackend",
+    "Muscle",
+    "Pulley",
+    "Status",
+    "Table",
+    "allocate",
+    "inverse",
+    "report_joint",
+]

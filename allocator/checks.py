@@ -8,7 +8,7 @@ from allocator.calculus import Array, is_symbol
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 
-_LOOKS_LIKE_BAR = 20.0  # [Pa] pressures that never exceed this were meant in bar
+_LOOKS_LIKE_BAR = 0.1, 20.0  # [Pa] if the greatest of some pressures lies here, bar was meant
 
 
 def real(name: str, value: Any, unit: str) -> Array:
@@ -54,9 +54,37 @@ def pressure(name: str, value: Any) -> Array:
     """Gauge pressure(s) [Pa]; values that can only be bar are refused."""
     array = real(name, value, "Pa")
     greatest = float(np.abs(array).max(initial=0.0))
-    if 0 < greatest <= _LOOKS_LIKE_BAR:
+    if _LOOKS_LIKE_BAR[0] <= greatest <= _LOOKS_LIKE_BAR[1]:
         raise InvalidInput(f"{name}{at(array, array != 0)} Pa is next to nothing; if bar was meant, multiply by 1e5")
     return array
+
+
+def force(name: str, value: Any) -> float | None:
+    """One force [N], not negative; None passes."""
+    if value is None:
+        return None
+    array = real(name, value, "N")
+    if array.ndim or array < 0:
+        raise InvalidInput(f"{name} = {value!r} N has to be one number that is not negative")
+    return float(array)
+
+
+def slew(previous: Any, max_step: Any) -> dict[str, Array]:
+    """Previous pressures and greatest step, by name; empty when there is no slew limit."""
+    if (previous is None) is not (max_step is None):
+        raise InvalidInput("previous and max_step go together; one came without the other")
+    if previous is None:
+        return {}
+    try:
+        P1, P2 = previous
+    except (TypeError, ValueError):
+        raise InvalidInput(f"previous = {previous!r} has to be the two pressures (P1, P2) [Pa]") from None
+    step = pressure("max_step", max_step)
+    if (step <= 0).any():
+        raise InvalidInput(f"max_step{at(step, step <= 0)} Pa has to be positive")
+    now = real("previous", P1, "Pa"), real("previous", P2, "Pa")
+    pressure("previous", np.concatenate([np.ravel(P) for P in now]))
+    return {"previous P1": now[0], "previous P2": now[1], "max_step": step}
 
 
 def pressure_or_symbol(name: str, value: Any) -> Any:
@@ -78,4 +106,15 @@ def broadcast(**arrays: Array) -> tuple[Array, ...]:
         raise InvalidInput(f"shapes do not broadcast: {shapes}") from None
 
 
-__all__ = ["angle", "angle_or_symbol", "at", "broadcast", "pressure", "pressure_or_symbol", "real", "stiffness"]
+__all__ = [
+    "angle",
+    "angle_or_symbol",
+    "at",
+    "broadcast",
+    "force",
+    "pressure",
+    "pressure_or_symbol",
+    "real",
+    "slew",
+    "stiffness",
+]

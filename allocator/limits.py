@@ -1,8 +1,9 @@
 """The limits of a joint by name, and the pressure interval that they leave to a muscle."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
 from enum import IntFlag
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,10 @@ class PressureInterval:
     hi_limit: NDArray[np.int32]
     empty: NDArray[np.bool_]  # no pressure keeps this muscle taut: lo = hi = the nearest to it
 
+    def map(self, function: Callable[[Any], Any]) -> "PressureInterval":
+        """The same with `function` applied to every array."""
+        return PressureInterval(*(function(getattr(self, field.name)) for field in fields(self)))
+
     def contains(self, P: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
         """Whether `P` lies inside, up to `tolerance` [Pa]; NaN does not."""
         return (P >= self.lo - tolerance) & (P <= self.hi + tolerance)
@@ -92,6 +97,10 @@ class PressureBox:
     def __iter__(self) -> Iterator[PressureInterval]:
         """Agonist, antagonist."""
         return iter((self.agonist, self.antagonist))
+
+    def map(self, function: Callable[[Any], Any]) -> "PressureBox":
+        """The same with `function` applied to every array."""
+        return PressureBox(self.agonist.map(function), self.antagonist.map(function))
 
     @property
     def empty(self) -> NDArray[np.bool_]:

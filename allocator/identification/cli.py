@@ -133,6 +133,8 @@ def _describe(fit: Fit[Any], console: Console) -> None:
     for name, std in fit.standard_deviations.items():
         spread = f"± {std:.2g}" if name in fit.free else "(held)"
         console.print(f"  {name} = {fit.muscle.parameters[name]:.6g} {spread}", markup=False, highlight=False)
+    for reason, n in fit.samples.dropped.items():
+        console.print(f"  {n} samples left out: {reason}", markup=False)
     for warning in fit.warnings:
         console.print(f"  beware: {warning}", markup=False)
 

@@ -75,12 +75,10 @@ def fit(
 
 
 def _within(samples: Samples, pressure: Range, contraction: Range) -> Samples:
-    P, eps = samples.pressure, samples.contraction
-    low, high = pressure
-    samples = samples.without((low > P) | (high < P), f"outside {low / BAR:g}–{high / BAR:g} bar")
-    eps = samples.contraction
-    low, high = contraction
-    return samples.without((eps < low) | (eps > high), f"outside the contractions {low:g}–{high:g}")
+    for name, (low, high), unit, suffix in (("pressure", pressure, BAR, " bar"), ("contraction", contraction, 1.0, "")):
+        samples = samples.without(getattr(samples, name) < low, f"{name} below {low / unit:g}{suffix}")
+        samples = samples.without(getattr(samples, name) > high, f"{name} above {high / unit:g}{suffix}")
+    return samples
 
 
 def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str, float]) -> Recipe[M]:
@@ -141,7 +139,6 @@ def _conclude(model: type[M], problem: Problem, solution: Solution, folds: int) 
         *(f"collinear: {direction} changes no force" for direction in determined.collinear),
         *((f"[M] fails: {failure}",) if failure else ()),
         *_slack_warning(pulls, samples.full_scale),
-        *(f"{n} samples dropped: {reason}" for reason, n in samples.dropped.items()),
     )
     return Fit(
         muscle=muscle,  # type: ignore[arg-type]  # the prototype is a `model`, which Problem does not say

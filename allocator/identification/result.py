@@ -28,7 +28,7 @@ class Fit(Generic[M]):
     """A fitted muscle and how far to trust it. Errors are over the taut samples."""
 
     muscle: M  # carries its covariance
-    samples: Samples  # those used; `samples.dropped` says what was left out and why
+    samples: Samples  # those used; `samples.dropped` says how many were left out and why
     slack: Mask  # (n,) which samples were taken as inequalities F ≤ 0
     free: tuple[str, ...]  # names of the fitted parameters
     rank: int  # how many combinations of them the samples determine

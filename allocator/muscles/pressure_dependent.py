@@ -59,7 +59,7 @@ class PressureDependent(Braided):
 
     def covers(self, P: Array, eps: Array) -> Mask:
         """Up to k(P) ε = 1, where the parabola turns."""
-        return super().covers(P, eps) & np.asarray(self.k(P) * eps <= 1)
+        return np.asarray(super().covers(P, eps) & (self.k(P) * eps <= 1))
 
     def force(self, P: Value, eps: Value) -> Value:
         """S q P [a(1 - k(P)ε)² - b]   (11), (12)"""

@@ -1,0 +1,165 @@
+"""What an allocation answers: pressures, what they achieve, and which limits bind.
+
+Everything here is computed from the pressures themselves; nothing is taken from a back-end's word.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.allocation import sensitivity
+from allocator.allocation.problem import Problem
+from allocator.allocation.status import Status
+from allocator.calculus import Array
+from allocator.inverse import why_no_inverse
+from allocator.levels import Pair, stiffness, torque_interval, torque_level
+from allocator.limits import names
+from allocator.units import BAR, DEG
+
+_MET = 1e-9  # of the torque or stiffness scale: a target missed by less is met
+_BINDS = 1e-9  # of the supply range: a pressure nearer to a bound lies on it
+
+
+@dataclass(frozen=True, eq=False)
+class Allocation:
+    """The answer of `allocate`. A scalar call gives floats, otherwise arrays of the targets' broadcast shape."""
+
+    theta: Any  # joint angle asked for [rad]
+    T_target: Any  # torque asked for [N·m]
+    K_target: Any  # stiffness asked for [N·m/rad]
+    P1: Any  # agonist pressure [Pa]
+    P2: Any  # antagonist pressure [Pa]
+    T: Any  # torque that these pressures give [N·m]
+    K: Any  # stiffness that these pressures give [N·m/rad]
+    status: Any  # Status, or an array of its integers
+    limits: Any  # combination of Limit flags that bind, as integers
+    local: Any  # True where the answer is only proved to be a local optimum
+    method: str
+    _problem: Problem = field(repr=False)
+    _shape: tuple[int, ...] = field(repr=False)
+
+    @property
+    def success(self) -> Any:
+        """Whether both targets are met."""
+        return self.status == Status.EXACT
+
+    @property
+    def T_error(self) -> Any:
+        """Torque asked minus given [N·m]."""
+        return self.T_target - self.T
+
+    @property
+    def K_error(self) -> Any:
+        """Stiffness asked minus given [N·m/rad]."""
+        return self.K_target - self.K
+
+    @property
+    def active(self) -> Any:
+        """Names of the limits that bind: "P1 upper", "agonist slack", …; a tuple, or an array of tuples."""
+        if not self._shape:
+            return names(self.limits)
+        named = np.empty(self.limits.size, object)
+        named[:] = [names(limits) for limits in self.limits.flat]
+        return named.reshape(self._shape)
+
+    @cached_property
+    def torque_interval(self) -> Pair:
+        """[T_min, T_max] [N·m] that can be reached at the angle."""
+        return self._shaped(*torque_interval(self._problem.sides, self._problem.box))
+
+    @cached_property
+    def stiffness_interval(self) -> Pair:
+        """[K_min, K_max] [N·m/rad] that can be reached at the angle with the torque given; NaN for a slack cable."""
+        problem = self._problem
+        T_min, T_max = torque_interval(problem.sides, problem.box)
+        level = torque_level(problem.sides, problem.box, np.clip(np.ravel(self.T), T_min, T_max))
+        return self._shaped(stiffness(problem.sides, level.low), stiffness(problem.sides, level.high))
+
+    @cached_property
+    def forces(self) -> Pair:
+        """Muscle forces (F1, F2) [N] at these pressures."""
+        one, two = self._problem.sides
+        return self._shaped(one.force(np.ravel(self.P1)), two.force(np.ravel(self.P2)))
+
+    def jacobian(self) -> Array:
+        """dP/d(θ, K, T), shape (…, 2, 3) [Pa/rad, Pa·rad/(N·m), Pa/(N·m)], with the active set held.
+
+        One-sided where the active set is about to change; NaN where there is no answer.
+        """
+        dP = sensitivity.jacobian(self._problem, np.ravel(self.P1), np.ravel(self.P2))
+        inside = np.ravel(self.theta) == self._problem.theta
+        dP[~inside, :, 0] = 0.0  # beyond the joint range the answer stays that of the range's end
+        return dP.reshape(*self._shape, 2, 3)
+
+    @property
+    def message(self) -> str:
+        """One sentence: what was reached, what is in the way."""
+        if self._shape:
+            values, counts = np.unique(self.status, return_counts=True)
+            listed = ", ".join(f"{n} {Status(v).name}" for v, n in zip(values, counts, strict=True))
+            return f"{self.status.size} targets: {listed}"
+        return _sentence(self)
+
+    def _shaped(self, first: Array, second: Array) -> Pair:
+        return shaped(first, self._shape), shaped(second, self._shape)
+
+
+def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
+    """The flat array in the shape of the targets, read-only; a Python scalar for shape ()."""
+    if not shape:
+        return array.item()
+    view = array.reshape(shape)
+    view.flags.writeable = False
+    return view
+
+
+Verdict = tuple[Array, Array, NDArray[np.int8], NDArray[np.int32]]
+
+
+def assess(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32]) -> Verdict:
+    """(T, K, status, limits), each (n,), of the pressures; `outside` holds the Limit flag of angles that were moved."""
+    e_T, e_K = problem.errors(P1, P2)
+    T_scale, K_scale = problem.scales
+    T_missed, K_missed = np.abs(e_T) > _MET * T_scale, np.abs(e_K) > _MET * K_scale
+    status = T_missed * Status.TORQUE_LIMITED + K_missed * Status.STIFFNESS_LIMITED
+    status = np.where(problem.box.empty, Status.SLACK, status)
+    status = np.where(outside != 0, Status.OUTSIDE_JOINT_RANGE, status)
+    tolerance = _BINDS * problem.joint.pressure_span
+    limits = problem.box.agonist.binding(P1, tolerance) | problem.box.antagonist.binding(P2, tolerance) | outside
+    return problem.T + e_T, problem.K + e_K, status.astype(np.int8), limits
+
+
+def assess_analytic(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32]) -> Verdict:
+    """The same of the bare inverse, which knows no limits: `limits` are the ones that it breaks or lies on."""
+    T, K, _, limits = assess(problem, P1, P2, outside)
+    allowed = problem.box.contains(P1, P2, _BINDS * problem.joint.pressure_span) & ~problem.box.empty & (outside == 0)
+    status = np.where(allowed, Status.EXACT, Status.OUTSIDE_LIMITS)
+    status = np.where(np.isnan(P1), Status.NO_INVERSE, status)
+    return T, K, status.astype(np.int8), limits
+
+
+def _sentence(a: Allocation) -> str:
+    at = f"{a.theta / DEG:.4g}°"
+    left, right = (f"{end / DEG:.4g}°" for end in a._problem.joint.angle_range)
+    where = f"; in the way: {', '.join(a.active)}" if a.active else ""
+    T_min, T_max = a.torque_interval
+    K_min, K_max = a.stiffness_interval
+    details = {
+        Status.TORQUE_LIMITED: f"torque at {at} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}{where}",
+        Status.STIFFNESS_LIMITED: f"stiffness at {at} and {a.T:.4g} N·m is {K_min:.4g} … {K_max:.4g} N·m/rad, "
+        f"asked {a.K_target:.4g}{where}",
+        Status.BOTH_LIMITED: f"torque at {at} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}; "
+        f"stiffness given {a.K:.4g} N·m/rad, asked {a.K_target:.4g}{where}",
+        Status.SLACK: f"at {at}{where}",
+        Status.OUTSIDE_JOINT_RANGE: f"range {left} … {right}, asked {at}{where}",
+        Status.OUTSIDE_LIMITS: f"P1 = {a.P1 / BAR:.4g} bar, P2 = {a.P2 / BAR:.4g} bar{where}",
+        Status.NO_INVERSE: why_no_inverse(a._problem.joint),
+    }
+    status = Status(a.status)
+    return status.advice + (f" ({details[status]})" if status in details else "")
+
+
+__all__ = ["Allocation", "Verdict", "assess", "assess_analytic", "shaped"]

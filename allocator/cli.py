@@ -1,0 +1,77 @@
+"""Commands about statics: `antagonist allocate`. Degrees and bar here, SI behind."""
+
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allocator.errors import AntagonistError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from allocator.allocation import Allocation
+
+app = typer.Typer(
+    name="antagonist",
+    help="Torque and stiffness of pneumatic-muscle joints.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+@app.callback()
+def _group() -> None:
+    """Torque and stiffness of pneumatic-muscle joints."""
+
+
+@app.command()
+def allocate(
+    theta: Annotated[float, typer.Option(help="joint angle [degrees]")],
+    stiffness: Annotated[float, typer.Option(help="isobaric stiffness wanted [N·m/rad]")],
+    torque: Annotated[float, typer.Option(help="torque wanted [N·m]")] = 0.0,
+    priority: Annotated[str, typer.Option(help="what is met first: torque or stiffness")] = "torque",
+    method: Annotated[str, typer.Option(help="exact, or analytic: the inverse without limits")] = "exact",
+    min_force: Annotated[float, typer.Option(help="least muscle force [N]")] = 0.0,
+) -> None:
+    """Find the two pressures for a torque and a stiffness, and say what is in the way."""
+    from rich.console import Console
+
+    from allocator.allocation import allocate as solve
+    from allocator.units import DEG
+
+    targets = theta * DEG, stiffness, torque
+    answer = solve(*targets, method=method, priority=priority, min_force=min_force)  # type: ignore[arg-type]  # checked
+    console = Console()
+    console.print(_table(answer))
+    console.print(answer.message, highlight=False)
+
+
+def _table(a: "Allocation") -> "Table":
+    from rich.table import Table
+    from rich.text import Text
+
+    from allocator.units import BAR, DEG
+
+    table = Table("", "asked", "given", "reachable", title=f"{a.theta / DEG:.4g}° · {a.status.name}")
+    T_min, T_max = a.torque_interval
+    K_min, K_max = a.stiffness_interval
+    table.add_row("torque [N·m]", f"{a.T_target:.4g}", f"{a.T:.4g}", f"{T_min:.4g} … {T_max:.4g}")
+    table.add_row("stiffness [N·m/rad]", f"{a.K_target:.4g}", f"{a.K:.4g}", f"{K_min:.4g} … {K_max:.4g} at this torque")
+    for name, pressure, force in zip(("agonist", "antagonist"), (a.P1, a.P2), a.forces, strict=True):
+        table.add_row(Text(f"{name} pressure [bar]"), "", f"{pressure / BAR:.4f}", f"pulls {force:.4g} N")
+    table.add_row("binding limits", "", ", ".join(a.active) or "none", "")
+    return table
+
+
+def run(application: typer.Typer) -> None:
+    """Run `application`; what it raises on purpose becomes one sentence and exit code 2."""
+    try:
+        application()
+    except AntagonistError as error:
+        print(f"antagonist: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+__all__ = ["app", "run"]

@@ -1,0 +1,70 @@
+"""The analytic inverse (θ, K, T) → (P1, P2), without limits.
+
+By [M] (see `allocator.muscles.base`) the Jacobian of (P1, P2) ↦ (T, K) on a pulley has positive principal minors up to
+the sign of P2: it is a P-matrix, and a map whose Jacobian is a P-matrix on a rectangle is injective there (Gale &
+Nikaido 1965). So at most one pressure pair gives (T, K): "which root of the cubic?" has one answer. In any other
+geometry a positive determinant is enough, see `allocator.levels`.
+"""
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array, Value
+from allocator.joint import AntagonistJoint, report_joint
+from allocator.levels import Pair, Sides, inverse_on_level
+from allocator.limits import PressureBox
+
+_SEARCHED = (0.0, 20e5)  # [Pa] where pressures are looked for when there is no closed form
+
+
+def inverse(theta: Value, K: Value, T: Value = 0.0, *, joint: AntagonistJoint | None = None) -> Pair:
+    """The pressures (P1, P2) [Pa] that give torque `T` [N·m] and stiffness `K` [N·m/rad] at `theta` [rad]; broadcasts.
+
+    No limit is respected: the answer may be negative, beyond the supply or leave a cable slack; use `allocate` for
+    pressures to apply. NaN where no inverse exists. `joint` defaults to the report's. Closed form for affine muscles in
+    any geometry (the report's (9)–(10) is the McKibben case) and for two equal Tondu2021 on a pulley; otherwise root
+    finding along the torque level within 0 … 20 bar. Raises InvalidInput for arguments that make no sense.
+    """
+    joint = report_joint() if joint is None else joint
+    theta, K, T = checks.broadcast(
+        theta=checks.angle("theta", theta), K=checks.stiffness("K", K), T=checks.real("T", T, "N·m")
+    )
+    return solve_inverse(joint, theta, K, T)
+
+
+def solve_inverse(joint: AntagonistJoint, theta: Array, K: Array, T: Array) -> Pair:
+    """`inverse` of checked arrays of one shape."""
+    if joint.tondu_pulley:
+        return joint.tondu_pulley.inverse(theta, K, T)
+    sides = joint.sides(theta)
+    if joint.affine:
+        return affine_inverse(sides, K, T)
+    return inverse_on_level(sides, _searched_box(sides), K, T, pieces=16)
+
+
+def affine_inverse(sides: Sides, K: Array, T: Array) -> Pair:
+    """Solve the 2×2 system of two affine muscles; NaN where it is singular."""
+    one, two = sides
+    T = T - one.torque(0.0) - two.torque(0.0)
+    K = K - one.stiffness(0.0) - two.stiffness(0.0)
+    t1, t2 = one.torque_gain(0.0), two.torque_gain(0.0)
+    k1, k2 = one.stiffness_gain(0.0), two.stiffness_gain(0.0)
+    det = t1 * k2 - t2 * k1
+    det = np.where(det == 0, np.nan, det)
+    return (k2 * T - t2 * K) / det, (t1 * K - k1 * T) / det
+
+
+def why_no_inverse(joint: AntagonistJoint) -> str:
+    """One sentence on where the inverse of this joint fails to exist."""
+    if closed := joint.tondu_pulley:
+        return f"with this muscle K has to lie between {closed.K_floor:.4g} and K_crit = {closed.K_crit:.4g} N·m/rad"
+    if joint.affine:
+        return "torque and stiffness depend on the pressures in the same way at this angle"
+    return f"no pressures between {_SEARCHED[0] / 1e5:g} and {_SEARCHED[1] / 1e5:g} bar give this torque and stiffness"
+
+
+def _searched_box(sides: Sides) -> PressureBox:
+    return PressureBox(*(side.interval(_SEARCHED, min_force=None) for side in sides))
+
+
+__all__ = ["affine_inverse", "inverse", "solve_inverse", "why_no_inverse"]

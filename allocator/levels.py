@@ -1,0 +1,84 @@
+"""Walking along a torque level: all pressure pairs of the box that give one torque.
+
+Since T grows with P1 and falls with P2 the level T(P1, P2) = const is one curve that rises from the lower left to the
+upper right of the box. Along it
+
+    dK/dP1 = det ∂(T,K)/∂(P1,P2) / |∂T/∂P2|
+
+so that where the determinant is positive the stiffness grows from one end to the other: the stiffnesses that exist at
+a torque are an interval whose ends lie where the level leaves the box, and each of them is had exactly once.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array, rising_roots
+from allocator.limits import PressureBox
+from allocator.side import Side
+
+Pair = tuple[Array, Array]
+Sides = tuple[Side, Side]
+
+
+class Level(NamedTuple):
+    """Where a torque level enters and leaves the box."""
+
+    low: Pair  # least stiffness (P1, P2) [Pa]; NaN where the torque is out of reach
+    high: Pair  # greatest stiffness
+
+
+def torque_interval(sides: Sides, box: PressureBox) -> Pair:
+    """[T_min, T_max] [N·m] in the box: one muscle at its least, the other at its greatest pressure."""
+    agonist, antagonist = sides
+    return (
+        agonist.torque(box.agonist.lo) + antagonist.torque(box.antagonist.hi),
+        agonist.torque(box.agonist.hi) + antagonist.torque(box.antagonist.lo),
+    )
+
+
+def torque_level(sides: Sides, box: PressureBox, T: Array) -> Level:
+    """The ends of the level T in the box."""
+    agonist, antagonist = sides
+    (lo1, hi1), (lo2, hi2) = ((side.lo, side.hi) for side in box)
+    low = (
+        np.maximum(lo1, agonist.pressure_for_torque(T - antagonist.torque(lo2))),
+        np.maximum(lo2, antagonist.pressure_for_torque(T - agonist.torque(lo1))),
+    )
+    high = (
+        np.minimum(hi1, agonist.pressure_for_torque(T - antagonist.torque(hi2))),
+        np.minimum(hi2, antagonist.pressure_for_torque(T - agonist.torque(hi1))),
+    )
+    T_min, T_max = torque_interval(sides, box)
+    reached = (T_min <= T) & (T <= T_max)
+    return Level(*((np.where(reached, P1, np.nan), np.where(reached, P2, np.nan)) for P1, P2 in (low, high)))
+
+
+def stiffness(sides: Sides, pair: Pair) -> Array:
+    """K [N·m/rad] of a pressure pair."""
+    return np.asarray(sides[0].stiffness(pair[0]) + sides[1].stiffness(pair[1]))
+
+
+def inverse_on_level(sides: Sides, box: PressureBox, K: Array, T: Array, pieces: int = 1) -> Pair:
+    """The pressures of the box that give (T, K), by root finding along the level; NaN where there are none.
+
+    Where the determinant is not positive on the whole level there may be several; with more `pieces` the one at the
+    highest pressures, where the model is most likely to hold, is found.
+    """
+    agonist, antagonist = sides
+    level = torque_level(sides, box, T)
+    start, end = level.low[0], np.maximum(level.low[0], level.high[0])
+    varying = (*np.broadcast_arrays(*agonist.arrays, *antagonist.arrays, T, K),)
+
+    def excess(P1: Array, *a: Array) -> Array:
+        one, two = agonist.moved(*a[:3]), antagonist.moved(*a[3:6])
+        P2 = two.pressure_for_torque(a[6] - one.torque(P1))
+        return stiffness((one, two), (P1, P2)) - a[7]
+
+    found = rising_roots(excess, start, end, *varying, pieces=pieces)
+    found = np.where(np.isfinite(found), found, -np.inf).max(axis=0)
+    P1 = np.where(np.isfinite(found), found, np.nan)
+    return P1, np.asarray(antagonist.pressure_for_torque(T - agonist.torque(P1)))
+
+
+__all__ = ["Level", "Pair", "Sides", "inverse_on_level", "stiffness", "torque_interval", "torque_level"]
