@@ -47,7 +47,7 @@ def rank_models(
 
 
 def _fit(model: type[Muscle], samples: Samples, hold: Mapping[str, float], options: dict[str, Any]) -> Fit[Any]:
-    fields = model._parameter_fields()
+    fields = model.parameter_fields()
     held = {name: value for name, value in hold.items() if name.partition("[")[0] in fields}
     return fit(
         model, samples.contraction, samples.pressure, samples.force, weights=samples.weights, hold=held, **options

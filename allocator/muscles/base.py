@@ -24,30 +24,34 @@ from allocator.muscles.recipe import Recipe
 Covariance: TypeAlias = tuple[tuple[float, ...], ...]
 """Rows of a symmetric matrix, in the order of `Muscle.parameters` [product of the parameters' units]."""
 
-NOT_A_PARAMETER = {"parameter": False}
-"""Metadata of the dataclass fields of a muscle that are not parameters of its law."""
+STRUCTURE = {"role": "structure"}
+"""Metadata of dataclass fields that are numbers of the law, but no parameters: saved, never varied."""
+
+NOT_A_NUMBER = {"role": "other"}
+"""Metadata of dataclass fields that are no numbers of the law: neither checked nor saved with it."""
 
 
 @dataclass(frozen=True)
 class Muscle(ABC):
     """A static force law F(P, ε); immutable, its fields are the model's parameters in SI units.
 
-    A parameter is a number, or a row of numbers where the model leaves their count open. Every method takes floats,
+    A parameter is a number, or a row of numbers where the model leaves their count open; a field may be marked as
+    `STRUCTURE` (the knots of a table) and is then no parameter. Every method takes floats,
     arrays (broadcast) or CasADi symbols, except `pressure`, which is numeric.
     """
 
     citation: ClassVar[str]
     """Where the formula was published."""
 
-    covariance: Covariance | None = field(default=None, kw_only=True, repr=False, metadata=NOT_A_PARAMETER)
+    covariance: Covariance | None = field(default=None, kw_only=True, repr=False, metadata=NOT_A_NUMBER)
     """Covariance of the parameters of a fitted muscle; None: no uncertainty is known."""
 
     def __post_init__(self) -> None:
-        """Turn every parameter into plain floats (NumPy scalars upset CasADi) and refuse what is not finite."""
-        for name, is_row in self._parameter_fields().items():
+        """Turn every number into a plain float (NumPy scalars upset CasADi) and refuse what is not finite."""
+        for name, is_row in self.number_fields().items():
             value = getattr(self, name)
             try:
-                numbers = tuple(float(v) for v in value) if is_row else (float(value),)
+                numbers = tuple(_number(v) for v in (value if is_row else (value,)))
             except (TypeError, ValueError):
                 numbers = (np.nan,)
             if not np.isfinite(numbers).all():
@@ -118,16 +122,21 @@ class Muscle(ABC):
     # --- its parameters ---------------------------------------------------------------------------------------------
 
     @classmethod
-    def _parameter_fields(cls) -> dict[str, bool]:
-        """Every parameter field, and whether it is a row of numbers."""
-        declared = (f for f in fields(cls) if f.metadata.get("parameter", True))
-        return {f.name: f.type not in (float, "float") for f in declared}
+    def number_fields(cls) -> dict[str, bool]:
+        """Every field that holds numbers of the law, and whether it is a row of them."""
+        return {f.name: f.type not in (float, "float") for f in fields(cls) if f.metadata.get("role") != "other"}
+
+    @classmethod
+    def parameter_fields(cls) -> dict[str, bool]:
+        """Those of them that are parameters."""
+        structure = {f.name for f in fields(cls) if f.metadata.get("role") == "structure"}
+        return {name: is_row for name, is_row in cls.number_fields().items() if name not in structure}
 
     @property
     def parameters(self) -> dict[str, float]:
         """Every parameter by its name; the members of a row are called name[0], name[1], …"""
         flat: dict[str, float] = {}
-        for name, is_row in self._parameter_fields().items():
+        for name, is_row in self.parameter_fields().items():
             value = getattr(self, name)
             flat |= {f"{name}[{i}]": v for i, v in enumerate(value)} if is_row else {name: value}
         return flat
@@ -145,7 +154,8 @@ class Muscle(ABC):
     def unchecked(self, values: Sequence[Value]) -> Self:
         """A copy with other values of all parameters, not checked: complex numbers (derivatives) or CasADi symbols."""
         copy = object.__new__(type(self))
-        for name, value in self._grouped(values).items():
+        unchanged = {f.name: getattr(self, f.name) for f in fields(self)}
+        for name, value in (unchanged | self._grouped(values) | {"covariance": None}).items():
             object.__setattr__(copy, name, value)
         return copy
 
@@ -154,7 +164,7 @@ class Muscle(ABC):
         left = iter(values)
         return {
             name: tuple(next(left) for _ in getattr(self, name)) if is_row else next(left)
-            for name, is_row in self._parameter_fields().items()
+            for name, is_row in self.parameter_fields().items()
         }
 
     @classmethod
@@ -179,6 +189,12 @@ class Muscle(ABC):
         from allocator.muscles import storage
 
         return storage.load(cls, path)
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool):
+        raise TypeError
+    return float(value)  # type: ignore[arg-type]  # what is no number raises TypeError, which the caller expects
 
 
 SEARCH_CEILING = 20e5  # [Pa] far above any pneumatic muscle's burst pressure
@@ -220,4 +236,4 @@ class AffineMuscle(Muscle):
         return np.asarray((F - self.B(eps)) / self.A(eps))
 
 
-__all__ = ["AffineMuscle", "Covariance", "Muscle", "NOT_A_PARAMETER", "SEARCH_CEILING"]
+__all__ = ["AffineMuscle", "Covariance", "Muscle", "NOT_A_NUMBER", "SEARCH_CEILING", "STRUCTURE"]

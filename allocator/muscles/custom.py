@@ -9,7 +9,7 @@ import numpy as np
 
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
-from allocator.muscles.base import NOT_A_PARAMETER, AffineMuscle
+from allocator.muscles.base import NOT_A_NUMBER, STRUCTURE, AffineMuscle
 from allocator.muscles.recipe import Recipe
 from allocator.spline import Spline
 
@@ -25,8 +25,8 @@ class FunctionMuscle(AffineMuscle):
 
     citation = "two functions of the user"
 
-    area: Callable[[Value], Value] = field(metadata=NOT_A_PARAMETER)  # A(ε) [N/Pa]
-    passive: Callable[[Value], Value] | None = field(default=None, metadata=NOT_A_PARAMETER)  # B(ε) [N]; None: none
+    area: Callable[[Value], Value] = field(metadata=NOT_A_NUMBER)  # A(ε) [N/Pa]
+    passive: Callable[[Value], Value] | None = field(default=None, metadata=NOT_A_NUMBER)  # B(ε) [N]; None: none
 
     def A(self, eps: Value) -> Value:
         """A(ε) = area(ε)"""
@@ -41,14 +41,14 @@ class FunctionMuscle(AffineMuscle):
 class TableMuscle(AffineMuscle):
     """F = P A(ε) + B(ε) with cubic splines A, B through `area` [N/Pa] and `passive` [N] at the knots `contraction`.
 
-    Not-a-knot splines (SciPy), continued by their end pieces. Linear in area and passive; the knots are held when
-    fitting, five of them unless `start` says otherwise. It can follow any measured muscle that is affine in pressure,
+    Not-a-knot splines (SciPy), continued by their end pieces. The parameters are area and passive; the knots are not
+    fitted, five of them over the taut samples unless `start` says otherwise. It can follow any measured muscle that is affine in pressure,
     and its noise as well: look at the cross-validated error and at [M]. Domain: from the first knot to the last.
     """
 
     citation = "splines through a table of the user"
 
-    contraction: tuple[float, ...]  # knots ε_i, increasing, 4 or more [-]
+    contraction: tuple[float, ...] = field(metadata=STRUCTURE)  # knots ε_i, increasing, 4 or more [-]
     area: tuple[float, ...]  # A(ε_i) [N/Pa]
     passive: tuple[float, ...]  # B(ε_i) [N]
 
@@ -97,7 +97,7 @@ class TableMuscle(AffineMuscle):
         least, most = float(taut.min()), float(taut.max())
         knots = least + (most - least) * np.linspace(0, 1, _KNOTS) ** 1.5
         start = cls(tuple(knots), (0.0,) * _KNOTS, (0.0,) * _KNOTS)
-        return Recipe((start,), ("area", "passive"), ("contraction",))
+        return Recipe((start,), ("area", "passive"))
 
 
 _KNOTS = 5

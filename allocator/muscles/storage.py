@@ -34,7 +34,7 @@ def save(muscle: Muscle, path: str | PathLike[str], source: Mapping[str, str | f
 
 def dumps(muscle: Muscle, source: Mapping[str, str | float]) -> str:
     """The TOML text of `muscle`."""
-    fields = type(muscle)._parameter_fields()
+    fields = type(muscle).number_fields()
     if not fields:
         raise InvalidInput(
             f"a {type(muscle).__name__} is made of Python functions and cannot be written to a file; "
@@ -96,7 +96,7 @@ def _model(cls: type[M], path: str | PathLike[str], content: dict[str, Any]) -> 
 
 def _compare(path: str | PathLike[str], model: type[Muscle], given: dict[str, Any]) -> None:
     """Refuse missing and surplus parameters."""
-    wanted = model._parameter_fields()
+    wanted = model.number_fields()
     if missing := [name for name in wanted if name not in given]:
         raise InvalidFile(path, f"{model.__name__} needs the parameter {', '.join(missing)}, which is missing")
     if surplus := [name for name in given if name not in wanted]:
