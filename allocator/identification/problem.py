@@ -18,6 +18,7 @@ from allocator.muscles import Muscle, force_gradient
 
 _ACTIVE_SET_STEPS = 30
 _TOLERANCE = 1e-12
+_FIRST_EVALUATIONS = 40
 _MAX_EVALUATIONS = 400
 _GREAT = 1e100  # stands for a force that the law cannot evaluate
 
@@ -82,9 +83,10 @@ class Problem:
         return np.nan_to_num(J[..., [in_order.index(name) for name in self.free]])
 
     def solve(self, starts: tuple[Muscle, ...]) -> Solution:
-        """The best of the searches from all starts."""
-        solutions = [self._search(self.solve_linear(self.values(start))) for start in starts]
-        return min(solutions, key=lambda s: s.cost)
+        """The best of the searches from all starts; only the one that leads after a while is followed to its end."""
+        begun = [self._search(self.solve_linear(self.values(start)), _FIRST_EVALUATIONS) for start in starts]
+        best = min(begun, key=lambda solution: solution.cost)
+        return best if best.converged else self._search(best.x, _MAX_EVALUATIONS)
 
     def solve_linear(self, x: Array) -> Array:
         """`x` with its linear part replaced by the least-squares solution, the rest held.
@@ -110,7 +112,7 @@ class Problem:
         x[places] = p
         return np.clip(x, self.lower, self.upper)
 
-    def _search(self, x: Array) -> Solution:
+    def _search(self, x: Array, evaluations: int) -> Solution:
         if set(self.free) <= set(self.linear) and not np.isfinite([self.lower, self.upper]).any():
             gradient = self.jacobian(x).T @ self.residual(x)
             scale = np.linalg.norm(self.jacobian(x), axis=0) * np.linalg.norm(self.residual(x))
@@ -135,7 +137,7 @@ class Problem:
             ftol=_TOLERANCE,
             xtol=_TOLERANCE,
             gtol=_TOLERANCE,
-            max_nfev=_MAX_EVALUATIONS,
+            max_nfev=evaluations,
         )
         return Solution(found.x, _cost(self.residual(found.x)), found.status > 0)
 

@@ -42,8 +42,9 @@ class TableMuscle(AffineMuscle):
     """F = P A(ε) + B(ε) with cubic splines A, B through `area` [N/Pa] and `passive` [N] at the knots `contraction`.
 
     Not-a-knot splines (SciPy), continued by their end pieces. The parameters are area and passive; the knots are not
-    fitted, five of them over the taut samples unless `start` says otherwise. It can follow any measured muscle that is affine in pressure,
-    and its noise as well: look at the cross-validated error and at [M]. Domain: from the first knot to the last.
+    fitted, five of them over the taut samples unless `start` says otherwise. It can follow any measured muscle that is
+    affine in pressure, and its noise as well: look at the cross-validated error and at [M]. Domain: from the first knot
+    to the last.
     """
 
     citation = "splines through a table of the user"
