@@ -119,7 +119,9 @@ def _pressure_mistake(eps: Array, P: Array, F: Array) -> Mistake | None:
         )
     lowest = P.min(initial=np.inf)
     empty = (P < lowest + _ZERO_PRESSURE) & (np.abs(eps) <= 0.01)
-    if _ATMOSPHERE[0] <= lowest <= _ATMOSPHERE[1] and empty.any() and (F[empty] <= 0.02 * greatest).all():
+    if not (greatest > 0 and empty.any()):
+        return None
+    if _ATMOSPHERE[0] <= lowest <= _ATMOSPHERE[1] and (F[empty] <= 0.02 * greatest).all():
         return Mistake(
             int(np.argmax(empty)),
             "pressure",

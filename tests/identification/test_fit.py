@@ -22,7 +22,7 @@ from allocator.muscles import (
     TonduLopez1995,
     monotonicity_failure,
 )
-from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_400N
 from allocator.units import BAR
 
 WORKING = {"pressure_range": (0.95 * BAR, 7 * BAR), "contraction_range": (0.0, 0.3)}
@@ -139,6 +139,14 @@ def test_what_is_held_stays_and_has_no_variance(measured):
     assert set(found.free) == {"k_inf", "k_1", "P_k", "q"}
     assert found.standard_deviations["r0"] == 0
     assert found.standard_deviations["k_inf"] > 0
+
+
+def test_a_muscle_that_is_wholly_held_is_only_judged(measured):
+    published = MARTENS_DMSP_20_300.parameters
+    found = fitted(MartensBoblan2017, measured, hold=published)
+    assert found.muscle.parameters == published
+    assert (found.free, found.rank) == ((), 0)
+    assert found.rms == pytest.approx(14.6, abs=0.2)
 
 
 def test_holding_what_the_model_does_not_have_names_what_it_has(measured):

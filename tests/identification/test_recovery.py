@@ -13,7 +13,6 @@ from allocator.muscles import (
     KazemipourKatzschmann2025,
     PolynomialMcKibben,
     TableMuscle,
-    Tondu2021,
     TonduLopez2000,
     Wickramatunge2010,
     slope_std,
@@ -89,7 +88,6 @@ def test_the_truth_is_inside_the_99_percent_region_and_its_stiffness_inside_the_
 
 @pytest.mark.parametrize("name", TRUTHS)
 def test_without_noise_the_force_is_recovered_exactly(name):
-    truth, _ = TRUTHS[name]
     found = fit_truth(name, seed=0, noise=0.0)
     assert found.rms < 1e-5 * found.samples.full_scale
 
