@@ -31,11 +31,11 @@ class PressureDependent(Braided):
     P_k: float  # pressure over which k falls [Pa]
 
     def __post_init__(self) -> None:
-        """Refuse what makes k(P) blow up or change its sign."""
+        """Refuse a k(P) that blows up, changes its sign or rises."""
         super().__post_init__()
-        if not (self.k_inf > 0 and self.P_k > 0 and self.k_inf + self.k_1 > 0):
+        if not (self.k_inf > 0 and self.k_1 >= 0 and self.P_k > 0):
             raise InvalidInput(
-                f"{type(self).__name__} needs k_inf > 0, k_inf + k_1 > 0 and P_k > 0 Pa; got k_inf = {self.k_inf:g}, "
+                f"{type(self).__name__} needs k_inf > 0, k_1 >= 0 and P_k > 0 Pa; got k_inf = {self.k_inf:g}, "
                 f"k_1 = {self.k_1:g}, P_k = {self.P_k:g} Pa"
             )
 
@@ -47,7 +47,7 @@ class PressureDependent(Braided):
     @property
     def max_contraction(self) -> float:
         """ε_max at infinite pressure, (1-√(b/a))/k_inf [-]."""
-        return float((1 - sqrt(self.b / self.a)) / min(self.k_inf, self.k_inf + self.k_1))
+        return float((1 - sqrt(self.b / self.a)) / self.k_inf)
 
     def k(self, P: Value) -> Value:
         """k(P) = k_inf + k_1 e^{-P/P_k} [-]."""
@@ -74,22 +74,30 @@ class PressureDependent(Braided):
     def taut_pressure(self, eps: Value) -> Array:
         """Pressure [Pa] from which on the muscle pulls at `eps`: ε_max(P) = ε; inf if it never does."""
         eps = np.asarray(eps, float)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            k = (1 - sqrt(self.b / self.a)) / eps  # k(P) has to fall to this
-            P = -self.P_k * np.log((k - self.k_inf) / self.k_1)
-        P = np.where(k <= self.k_inf, np.inf, np.maximum(P, 0.0))
-        return np.asarray(np.where((eps <= 0) | (k >= self.k_inf + max(self.k_1, 0.0)), 0.0, P))
+        k = (1 - sqrt(self.b / self.a)) / np.maximum(eps, 1e-9)  # k(P) has to fall to this
+        return np.asarray(np.maximum(self._pressure_for_k(k), 0.0))
+
+    def _pressure_for_k(self, k: Array) -> Array:
+        """Where k(P) falls to `k` [Pa]: -inf where it always is below, inf where it never is."""
+        if self.k_1 == 0:
+            return np.where(k >= self.k_inf, -np.inf, np.inf)
+        rest = np.maximum(k - self.k_inf, 1e-300) / self.k_1
+        return np.where(k <= self.k_inf, np.inf, -self.P_k * np.log(rest))
 
     def pressure(self, F: Value, eps: Value) -> Array:
-        """Pressure [Pa] by root finding above `taut_pressure`; -inf for F < 0, which has no single one."""
+        """Pressure [Pa] at which the force, rising with it, is `F`; ∓inf where F is below or above all such forces.
+
+        Below `taut_pressure` the law first falls and then rises to zero; the rising part alone is searched.
+        """
         F, eps = np.broadcast_arrays(np.asarray(F, float), np.asarray(eps, float))
         taut = self.taut_pressure(eps)
         reached = taut < SEARCH_CEILING
-        start = np.where(reached, taut, 0.0)
+        top = np.where(reached, taut, 0.0)
+        bottom = np.maximum(top - 2 * self.P_k, self._pressure_for_k(1 / np.maximum(eps, 1e-9)))
+        turn = increasing_root(lambda P, e: self.gain(P, e), bottom, top, eps)
+        start = np.where(np.isfinite(turn), turn, bottom)
         P = increasing_root(lambda P, F, e: self.force(P, e) - F, start, np.asarray(SEARCH_CEILING), F, eps)
-        P = np.where((F > 0) & np.isneginf(P), start, P)  # F below the rounding of force(start)
-        P = np.where(F == 0, taut, np.where(reached, P, np.inf))
-        return np.where(F < 0, -np.inf, np.where(np.isnan(F + eps), np.nan, P))
+        return np.where(np.isnan(F + eps), np.nan, np.where(reached, np.where(F == 0, taut, P), np.inf))
 
     @classmethod
     def _recipe(cls, *more: float) -> Recipe[Self]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit, minimize
 
-from allocator import AntagonistJoint, Pulley
+from allocator import AntagonistJoint, Pulley, allocate
 from allocator.errors import InvalidInput
 from allocator.identification import DATASETS, fit, load_dataset, rank_models
 from allocator.muscles import (
@@ -322,6 +322,21 @@ def test_a_model_that_cannot_be_fitted_is_ranked_with_the_reason(measured):
     ranking = rank_models(few)
     assert "taut samples cannot determine the 10 parameters of TableMuscle" in ranking.failures["TableMuscle"]
     assert len(ranking.fits) + len(ranking.failures) == len(MODELS)
+
+
+@pytest.mark.parametrize("name", DATASETS)
+def test_a_joint_of_fitted_muscles_is_allocated_exactly(name):
+    options = {} if name == "dmsp-20-300-map" else WORKING
+    theta, P1, P2 = np.array([-0.5, 0.0, 0.7]), np.array([3.5, 4.0, 4.5]) * BAR, np.array([4.2, 4.0, 3.8]) * BAR
+    for found in rank_models(load_dataset(name), folds=0, **options).fits:
+        if not found.monotone:
+            continue
+        joint = AntagonistJoint(Pulley(0.40, 0.02, 0.1375), found.muscle, found.muscle)
+        assert (np.array(joint.forces(theta, P1, P2)) > 0).all()
+        answer = allocate(theta, joint.stiffness(theta, P1, P2), joint.torque(theta, P1, P2), joint=joint)
+        assert answer.success.all()
+        np.testing.assert_allclose(answer.P1, P1, rtol=1e-6)
+        np.testing.assert_allclose(answer.P2, P2, rtol=1e-6)
 
 
 # --- bad input ------------------------------------------------------------------------------------------------------

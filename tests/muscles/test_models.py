@@ -191,13 +191,21 @@ def test_wickramatunge_says_when_a_force_is_out_of_reach():
     assert folding.pressure(1e6, 0.05) == np.inf
 
 
-def test_a_slack_mckibben_has_no_single_pressure_and_a_taut_one_starts_where_it_pulls():
+def test_a_mckibben_whose_contraction_depends_on_pressure_pulls_from_there_on():
     muscle = TonduLopez2000(0.0109, 25.5 * DEG, 1.4, 2.0, 1.2 * BAR)
-    assert muscle.pressure(-5.0, 0.2) == -np.inf
     limit = muscle.contraction_limit(2 * BAR)
     assert muscle.pressure(0.0, limit) == pytest.approx(2 * BAR, rel=1e-9)
     assert muscle.pressure(0.0, muscle.max_contraction + 0.01) == np.inf
     assert muscle.pressure(10.0, 0.0) == pytest.approx(10.0 / (muscle.S * (muscle.a - muscle.b)), rel=1e-9)
+
+
+def test_a_little_less_than_no_force_asks_for_a_little_less_than_the_taut_pressure():
+    muscle = TonduLopez2000(0.0109, 25.5 * DEG, 1.4, 2.0, 1.2 * BAR)
+    for eps in (0.05, 0.2):
+        taut, slack = muscle.pressure([0.0, -0.01], eps)
+        assert taut - 100 < slack < taut
+        assert muscle.force(slack, eps) == pytest.approx(-0.01, rel=1e-6)
+    assert muscle.pressure(-1e6, 0.2) == -np.inf
 
 
 @pytest.mark.parametrize(
