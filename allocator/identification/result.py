@@ -89,7 +89,7 @@ class Fit(Generic[M]):
         The region {p: (S(p) - S_min)/r ≤ s² F_level(r, n - r)}, S the sum of weighted squares, r the rank, s² the
         variance of the residuals (Bates & Watts 1988, section 6.1). Unlike the ellipsoid of the covariance it does
         not depend on how the law is written, and holds for laws that bend: the ellipsoid of MartensBoblan2017 or
-        TonduLopez2000 misses the truth in half of all cases at 2 % noise, this region in 1 %.
+        TonduLopez2000 misses the truth in half of all cases or more at 2 % noise, this region in 1 %.
         """
         from scipy.special import fdtri
 
