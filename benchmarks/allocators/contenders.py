@@ -42,6 +42,7 @@ class Inverse:
     clip: Clip
 
     def answer(self, targets: TargetSet, priority: str) -> Answer:
+        """Pressures for all targets; the priority is not heard."""
         joint = targets.joint
         P1, P2 = inverse(targets.theta, targets.K, targets.T, joint=joint)
         if self.clip == "supply":
@@ -59,6 +60,7 @@ class Allocator:
     options: dict[str, Any] = field(default_factory=dict)
 
     def answer(self, targets: TargetSet, priority: str, warm_start: bool = True) -> Answer:
+        """Pressures for all targets, and what they claim."""
         a = self.allocation(targets, priority, warm_start)
         return Answer(a.P1, a.P2, a.status, a.kkt_residual, a.local, a.iterations)
 
@@ -70,9 +72,9 @@ class Allocator:
 
 
 INVERSES = (
-    Inverse("inverse, raw", "nothing"),
-    Inverse("inverse, clipped to the supply", "supply"),
-    Inverse("inverse, clipped to all limits", "box"),
+    Inverse("inverse", "nothing"),
+    Inverse("inverse, clipped", "supply"),
+    Inverse("inverse, in the box", "box"),
 )
 EXACT = Allocator("exact")
 BACK_ENDS = (

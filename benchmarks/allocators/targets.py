@@ -93,11 +93,13 @@ def random_targets(joint_name: str, n: int, seed: int) -> TargetSet:
 
 
 def feasible_targets(joint_name: str, n: int, seed: int) -> TargetSet:
-    """What random pressures within all limits give at random angles of the joint's range."""
+    """What random pressures within all limits give at random angles; where a lever would be unstable, K ≤ 0, others."""
     rng, joint = np.random.default_rng(seed), JOINTS[joint_name]
-    theta = rng.uniform(*joint.angle_range, n)
+    theta = rng.uniform(*joint.angle_range, 4 * n)
     P1, P2 = (rng.uniform(side.lo, side.hi) for side in joint.pressure_box(theta))
-    return TargetSet("feasible", joint_name, theta, joint.stiffness(theta, P1, P2), joint.torque(theta, P1, P2))
+    K, T = joint.stiffness(theta, P1, P2), joint.torque(theta, P1, P2)
+    stable = np.flatnonzero(K > 0)[:n]
+    return TargetSet("feasible", joint_name, theta[stable], K[stable], T[stable])
 
 
 def extremes(corners: Array) -> tuple[Array, Array]:
@@ -112,6 +114,6 @@ def widened(low: Array, high: Array) -> tuple[Array, Array]:
 
 def test_sets(quick: bool) -> Iterator[TargetSet]:
     """Every set of the comparison."""
-    yield report_grid(*((11, 4) if quick else (51, 13)))
+    yield report_grid(*((9, 4) if quick else (51, 13)))
     for seed, name in enumerate(JOINTS):
-        yield random_targets(name, 45 if quick else 900, seed)
+        yield random_targets(name, 24 if quick else 900, seed)
