@@ -2,5 +2,6 @@
 
     python -m benchmarks.allocators [--quick] [--out benchmarks/results]
 
-targets → contenders → truth (aborts where an answer is not what it claims) → measures, timing, warm_start → report.
+targets → contenders → effect, cost → truth (aborts where an answer is not what it claims) → measures, timing,
+warm_start → comparison → summary, figures, report
 """

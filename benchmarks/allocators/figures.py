@@ -11,7 +11,7 @@ import numpy as np
 from allocator import BAR, DEG
 from benchmarks.allocators.comparison import Results
 from benchmarks.allocators.contenders import BACK_ENDS, CONTENDERS, EXACT, INVERSES, Allocator, Answer, Inverse
-from benchmarks.allocators.measures import effect
+from benchmarks.allocators.effect import effect
 from benchmarks.allocators.targets import Array, TargetSet, report_grid
 
 COLOURS = ("#c44e52", "#dd8452", "#ccb974")  # of the three inverses

@@ -7,6 +7,7 @@ import numpy as np
 from benchmarks.allocators.comparison import Results
 from benchmarks.allocators.contenders import BACK_ENDS, CONTENDERS
 from benchmarks.allocators.measures import Score
+from benchmarks.allocators.warm_start import Gain
 
 NOTHING = 1e-5  # [N·m], [N·m/rad] smaller errors are written as such
 HEADER = (
@@ -39,7 +40,7 @@ def summary(results: Results) -> Iterator[tuple[str, ...]]:
             torque_error(random),
             number(max(s.K_worst for s in report)),
             percent(mean([s.solver_failed for s in mine])),
-            f"{np.median([t.ratio for t in results.times if t.contender == contender.name]):.2g}",
+            digits(np.median([t.ratio for t in results.times if t.contender == contender.name])),
         )
 
 
@@ -75,9 +76,10 @@ def findings(results: Results) -> Iterator[str]:
     )
     proved = [s for s in results.scores if s.contender in [b.name for b in BACK_ENDS]]
     yield (
-        f"The back-ends agree with `exact` within {max(s.distance_to_exact for s in proved):.1e} of the supply range; "
-        f"{percent(max(s.solver_failed for s in proved))} is the greatest share of failures on a set (status "
-        "SOLVER_FAILED, the answer then is the exact one)."
+        f"The back-ends agree with `exact` within {max(s.distance_to_exact for s in proved):.0e} of the supply range. "
+        f"On no set do more than {percent(max(s.solver_failed for s in proved))} of their answers fail (status "
+        "SOLVER_FAILED, the answer then is the exact one), or more than "
+        f"{percent(max(s.worse_than_exact for s in proved))} end in a local optimum that is worse than `exact`."
     )
     feasible = [g for g in results.gains if g.set == "feasible"]
     mixed = [g for g in results.gains if g.set == "random"]
@@ -86,7 +88,18 @@ def findings(results: Results) -> Iterator[str]:
         f"{mean([g.iterations_cold for g in feasible]):.2g} iterations on feasible targets, "
         f"{mean([g.iterations_warm for g in mixed]):.2g} instead of "
         f"{mean([g.iterations_cold for g in mixed]):.2g} on mixed ones (mean over back-ends and joints)."
+        f"{''.join(dearer(results.gains))}"
     )
+
+
+def dearer(gains: Sequence[Gain]) -> Iterator[str]:
+    """Where the warm start costs iterations."""
+    for g in gains:
+        if g.iterations_warm > g.iterations_cold:
+            yield (
+                f" It costs {g.back_end} iterations on {g.set}, {g.joint}: {g.iterations_warm:.3g} instead of "
+                f"{g.iterations_cold:.3g}."
+            )
 
 
 def mean(values: Sequence[float]) -> float:
@@ -99,6 +112,11 @@ def percent(share: float) -> str:
     if share not in (0.0, 1.0):
         return {"0.0 %": "< 0.1 %", "100.0 %": "> 99.9 %"}.get(text, text)
     return text.replace(".0", "")
+
+
+def digits(value: float) -> str:
+    """Three digits, no exponent."""
+    return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
 def number(value: float) -> str:

@@ -114,6 +114,6 @@ def widened(low: Array, high: Array) -> tuple[Array, Array]:
 
 def test_sets(quick: bool) -> Iterator[TargetSet]:
     """Every set of the comparison."""
-    yield report_grid(*((9, 4) if quick else (51, 13)))
+    yield report_grid(*((7, 4) if quick else (51, 13)))
     for seed, name in enumerate(JOINTS):
         yield random_targets(name, 24 if quick else 900, seed)

@@ -6,13 +6,12 @@ import numpy as np
 
 from allocator import BAR, DEG, Status
 from allocator.allocation.backends import CERTIFIED
-from benchmarks.allocators.contenders import WEIGHTS, Answer
-from benchmarks.allocators.measures import effect
+from benchmarks.allocators.contenders import Answer
+from benchmarks.allocators.cost import beats, unproved
+from benchmarks.allocators.effect import effect
 from benchmarks.allocators.targets import Array, Flags, TargetSet
 
 MET = 2e-6  # of the joint's torque and stiffness at full pressure and the target: an EXACT answer misses by less
-SAME_FIRST = 1e-9  # [N·m], [N·m/rad] first errors this near are the same
-BEATEN_FIRST, BEATEN_SECOND = 1e-6, 1e-4  # of max(1, error); [N·m], [N·m/rad]: better by more is better
 
 
 class BenchmarkFailure(Exception):
@@ -46,26 +45,8 @@ def check(targets: TargetSet, priority: str, name: str, answer: Answer, exact: A
         ~(missed & (status == Status.EXACT)),
         lambda i: f"status EXACT, but the torque is off by {e_T[i]:.3g} N·m, the stiffness by {e_K[i]:.3g} N·m/rad",
     )
-    demand(~beats(targets, priority, answer, exact), lambda i: "the answer is better than the exact one")
-
-
-def beats(targets: TargetSet, priority: str, answer: Answer, exact: Answer) -> Flags:
-    """Where an answer is better than the proved optimum by more than the tolerance."""
-    first, second = costs(targets, priority, answer)
-    least, then = costs(targets, priority, exact)
-    better = first < least - BEATEN_FIRST * np.maximum(1.0, least)
-    better |= (np.abs(first - least) < SAME_FIRST) & (second < then - BEATEN_SECOND)
-    return np.asarray(better if exact.local is None else better & ~exact.local)
-
-
-def costs(targets: TargetSet, priority: str, answer: Answer) -> tuple[Array, Array]:
-    """What is made small first, and then."""
-    found = effect(targets, answer)
-    e_T, e_K = np.abs(found.T - targets.T), np.abs(found.K - targets.K)
-    if priority == "weighted":
-        w_T, w_K = WEIGHTS
-        return w_T * e_T**2 + w_K * e_K**2, np.zeros(e_T.shape)
-    return (e_T, e_K) if priority == "torque" else (e_K, e_T)
+    beaten = beats(targets, priority, answer, exact) & ~unproved(exact)
+    demand(~beaten, lambda i: "the answer is better than the exact one")
 
 
 def scales(targets: TargetSet) -> tuple[Array, Array]:
