@@ -56,7 +56,8 @@ def casadi_jacobian(joint, theta, K, T, lo, hi):
     x, p = casadi.SX.sym("P", 2), casadi.SX.sym("p", 3)
     P1, P2 = BAR * x[0], BAR * x[1]
     e_T, e_K = joint.torque(p[0], P1, P2) - p[2], joint.stiffness(p[0], P1, P2) - p[1]
-    options = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-12}}
+    ipopt = {"print_level": 0, "sb": "yes", "tol": 1e-12}
+    options = {"print_time": False, "min_lam": 1e-6, "ipopt": ipopt}  # smaller multipliers are those of no bound
     solver = casadi.nlpsol("s", "ipopt", {"x": x, "p": p, "f": 2 * e_T**2 + 5 * e_K**2}, options)
     q = casadi.MX.sym("q", 3)
     solution = solver(x0=[2.5, 2.5], p=q, lbx=lo, ubx=hi)
