@@ -14,24 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.units import BAR, DEG
+from allocator.units import BAR
 from mpc.linearise import Linearisation
 from mpc.plant import NU, NX
 from mpc.qp import QP
-
-
-@dataclass(frozen=True)
-class Weights:
-    """What the controller's cost charges for; every term is half of weight times square."""
-
-    theta: float = 1 / (0.02 * DEG) ** 2  # [cost]/[rad]², angle error
-    omega: float = 1 / (2 * DEG) ** 2  # [cost]/[rad/s]², velocity error
-    K: float = 1 / 0.02**2  # [cost]/[N·m/rad]², stiffness error
-    u: float = 1 / (0.5 * BAR) ** 2  # [cost]/[Pa]², command away from the feed-forward
-    du: float = 1 / (0.1 * BAR) ** 2  # [cost]/[Pa]², change of a command away from the feed-forward's change
-    terminal: float = 10.0  # [-], factor on the state terms of the last sample
-    slack: float = 1e6  # [cost]/[rad], joint range left (exact penalty)
-    slack_square: float = 1e6  # [cost]/[rad]², the same, squared
+from mpc.weights import Weights
 
 
 @dataclass(frozen=True)
@@ -41,6 +28,7 @@ class Targets:
     theta: Array  # (N+1,) [rad]
     omega: Array  # (N+1,) [rad/s]
     K: Array  # (N+1,) [N·m/rad]
+    P: Array  # (N+1, 2) [Pa]
     u: Array  # (N, 2) feed-forward commands [Pa]
     u_before: Array  # (2,) the feed-forward of the sample before [Pa]
 
@@ -73,11 +61,11 @@ def sensitivity(A: Array, B: Array, E: Array) -> Array:
 
 
 def condense(
-    model: Linearisation, u_last: Array, targets: Targets, limits: Limits, weights: Weights, E: Array
+    model: Linearisation, u_last: Array, targets: Targets, limits: Limits, weights: Weights, L: Array, E: Array, dt: float
 ) -> QP:
-    """The QP of one step about `model`; `u_last` (2,) is the command that holds now [Pa]."""
+    """The QP of one step about `model`; `u_last` (2,) is the command that holds now [Pa], `L` the terminal factor."""
     G = sensitivity(model.A, model.B, E)
-    M, r = _residuals(model, G, targets, u_last, weights, E)
+    M, r = _residuals(model, G, targets, u_last, weights, L, E, dt)
     H, f = M.T @ M, M.T @ r
     H[-1, -1], f[-1] = weights.slack_square, weights.slack
 
@@ -90,23 +78,25 @@ def condense(
 
 
 def _residuals(
-    model: Linearisation, G: Array, targets: Targets, u_last: Array, weights: Weights, E: Array
+    model: Linearisation, G: Array, targets: Targets, u_last: Array, weights: Weights, L: Array, E: Array, dt: float
 ) -> tuple[Array, Array]:
     """M (m, n) and r̄ (m,) of the cost ½|r̄ + M z|²."""
-    n = E.shape[-1]
-    stage = np.ones(len(targets.theta) - 1)
-    stage[-1] = np.sqrt(weights.terminal)
-    away = model.u - targets.u  # (N, 2) [Pa]
-    changed = np.diff(away, axis=0, prepend=(u_last - targets.u_before)[None])  # (N, 2) [Pa]
+    N, _, n = E.shape
+    away = model.u - targets.u  # e (N, 2) [Pa]
+    changed = np.diff(away, axis=0, prepend=(u_last - targets.u_before)[None])
     E_changed = np.diff(E, axis=0, prepend=np.zeros((1, NU, n)))
-    terms = [  # weight, Jacobian, residual at z = 0
-        (stage * weights.theta**0.5, G[1:, 0], model.x[1:, 0] - targets.theta[1:]),
-        (stage * weights.omega**0.5, G[1:, 1], model.x[1:, 1] - targets.omega[1:]),
-        (stage * weights.K**0.5, (model.C[1:, None] @ G[1:])[:, 0], model.K[1:] - targets.K[1:]),
+    x_star = np.concatenate([[targets.theta[-1], targets.omega[-1]], targets.P[-1]])
+    xi = np.concatenate([model.x[-1] - x_star, away[-1]])
+    inner = slice(1, N)  # the states before the last, which the terminal cost takes
+    terms = [  # root of the weight, Jacobian, residual at z = 0
+        (weights.theta**0.5, G[inner, 0], model.x[inner, 0] - targets.theta[inner]),
+        (weights.omega**0.5, G[inner, 1], model.x[inner, 1] - targets.omega[inner]),
+        (weights.K**0.5, (model.C[inner, None] @ G[inner])[:, 0], model.K[inner] - targets.K[inner]),
         (weights.u**0.5, E.reshape(-1, n), away.ravel()),
-        (weights.du**0.5, E_changed.reshape(-1, n), changed.ravel()),
+        (weights.rate**0.5 / dt, E_changed.reshape(-1, n), changed.ravel()),
+        (1.0, L @ np.concatenate([G[-1], E[-1]]), L @ xi),
     ]
-    M = np.concatenate([np.reshape(w, (-1, 1)) * J for w, J, _ in terms])
+    M = np.concatenate([w * J for w, J, _ in terms])
     return M, np.concatenate([w * r for w, _, r in terms])
 
 
@@ -129,4 +119,4 @@ def _rows(model: Linearisation, G: Array, limits: Limits, E: Array) -> tuple[Arr
     )
 
 
-__all__ = ["Limits", "Targets", "Weights", "condense", "increments", "sensitivity"]
+__all__ = ["Limits", "Targets", "condense", "increments", "sensitivity"]

@@ -1,14 +1,15 @@
 """The tracking controller: a linear time-varying MPC. This is the problem it solves at every sample:
 
-    minimise  ½ Σ_{k=1…N} q_k [w_θ (θ_k - θ*_k)² + w_ω (ω_k - θ*'_k)² + w_K (K_k - K*_k)²]
-            + ½ Σ_{k=0…N-1} [w_u |e_k|² + w_Δ |e_k - e_{k-1}|²]  +  ρ s + ½ ρ₂ s²              e_k = u_k - u*_k
+    minimise  ½ Σ_{k=1…N-1} [w_θ (θ_k - θ*_k)² + w_ω (ω_k - θ*'_k)² + w_K (K_k - K*_k)²]
+            + ½ Σ_{k=0…N-1} [w_u |e_k|² + w_r |e_k - e_{k-1}|²/dt²]  +  ρ s + ½ ρ₂ s²              e_k = u_k - u*_k
+            + ½ |L ξ|²,                                                      ξ = (x_N - x*_N, e_{N-1})
     over      u_0 … u_{N-1},  s ≥ 0
     subject to  x_{k+1} = f_d(x_k, u_k, d),  K_k = K(x_k),  x_0 = the measured state
                 P_min ≤ u_k ≤ P_max,   |u_k - u_{k-1}| ≤ slew · dt                             (hard)
                 θ_min - s ≤ θ_k ≤ θ_max + s                                                    (soft)
 
-θ*, K*, u* are the references and the commands that follow them by the closed-form allocation (`mpc.feedforward`), q_k is
-1 but for the last sample. f_d and K are linearised along the previous plan, moved on by one sample (`mpc.linearise`),
+θ* and K* are the references, u* and the pressures in x* = (θ*, θ*', P1*, P2*) what follows them by the closed-form
+allocation (`mpc.feedforward`); L is the terminal cost (`mpc.terminal`). f_d and K are linearised along the previous plan, moved on by one sample (`mpc.linearise`),
 which makes the problem a QP in the changes of the commands (`mpc.condense`); one such QP is solved per sample, or
 `iterations` of them, which converges to the solution of the nonlinear problem.
 
@@ -26,13 +27,15 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR
-from mpc.condense import Limits, Targets, Weights, condense, increments
+from mpc.condense import Limits, Targets, condense, increments
 from mpc.feedforward import FeedForward, FeedForwardLaw
 from mpc.linearise import Linearisation, Predictor
 from mpc.plan import Plan, PlanStatus, Rung, Times
 from mpc.plant import NU, NX, Plant
 from mpc.qp import QP
 from mpc.solvers import solver as solver_by_name
+from mpc.terminal import terminal_factor
+from mpc.weights import Weights
 
 _PRIMAL_TOLERANCE = 1e-4  # [bar], [rad] by which a solver's answer may break a limit; what is sent is clipped
 _DUAL_TOLERANCE = 1e-3  # [-] of `Residuals`
@@ -62,6 +65,7 @@ class TrackingMPC:
         self._predictor = Predictor(self.plant, self.dt, self.N)
         self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N)
         self._E = increments(self.N)
+        self._L = terminal_factor(self.plant, self.dt, self.weights)
         joint = self.plant.joint
         self.limits = Limits(joint.pressure_limits, self.plant.slew * self.dt, joint.angle_range)
         self.reset()
@@ -148,8 +152,8 @@ class TrackingMPC:
 
     def _condense(self, model: Linearisation, u_last: Array, feed: FeedForward) -> QP:
         u_before = feed.u[0] if self._u_star_before is None else self._u_star_before
-        targets = Targets(feed.theta, feed.omega, feed.K, feed.u, u_before)
-        return condense(model, u_last, targets, self.limits, self.weights, self._E)
+        targets = Targets(feed.theta, feed.omega, feed.K, feed.P, feed.u, u_before)
+        return condense(model, u_last, targets, self.limits, self.weights, self._L, self._E, self.dt)
 
     def _optimise(
         self, x: Array, u: Array, u_last: Array, feed: FeedForward, d: float

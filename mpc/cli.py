@@ -1,0 +1,72 @@
+"""Commands about motion: `antagonist track`. Degrees and bar here, SI behind; heavy libraries load when it runs."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allocator.cli import app, run
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from mpc.metrics import Metrics
+
+
+@app.command()
+def track(
+    trajectory: Annotated[
+        Path | None, typer.Argument(help="CSV with the columns t,theta_deg,stiffness; without it ±40° at 0.5 Hz")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="directory for tracking.png and tracking.csv")] = Path(),
+    dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01,
+    horizon: Annotated[int, typer.Option(help="samples that the controller looks ahead")] = 20,
+    solver: Annotated[str, typer.Option(help="QP solver: daqp, or one that qpsolvers finds, e.g. osqp")] = "daqp",
+) -> None:
+    """Let the MPC follow a trajectory of angle and stiffness, and say how well it did."""
+    from rich.console import Console
+
+    from mpc.controller import TrackingMPC
+    from mpc.files import default_trajectory, load, save_run
+    from mpc.metrics import metrics
+    from mpc.plant import Plant
+    from mpc.plotting import save_tracking_figure
+    from mpc.simulation import simulate
+
+    console = Console()
+    reference = default_trajectory() if trajectory is None else load(trajectory)
+    plant = Plant()
+    controller = TrackingMPC(plant, dt=dt, N=horizon, solver=solver)
+    done = simulate(plant, controller, reference, progress=True)
+
+    out.mkdir(parents=True, exist_ok=True)
+    picture, table = out / "tracking.png", out / "tracking.csv"
+    save_run(done, table)
+    console.print(f"drawing {picture} (the first picture after an installation takes some seconds)", highlight=False)
+    save_tracking_figure(done, picture)
+    console.print(_summary(metrics(done)))
+    console.print(f"written: {picture}, {table}", highlight=False)
+
+
+def _summary(m: "Metrics") -> "Table":
+    from rich.table import Table
+
+    table = Table("", "RMS", "worst", title="tracking")
+    table.add_row("angle error [°]", f"{m.theta_rms:.3g}", f"{m.theta_worst:.3g}")
+    table.add_row("stiffness error [%]", f"{m.K_rms:.3g}", f"{m.K_worst:.3g}")
+    table.add_section()
+    for limit, (excess, unit) in m.violations.items():
+        table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
+    table.add_section()
+    table.add_row("time of a step [ms]", f"median {m.step_median:.3g}", f"99 % {m.step_p99:.3g}")
+    for rung, steps in m.rungs.items():
+        table.add_row(f"steps answered by {rung}", "", str(steps))
+    return table
+
+
+def main() -> None:
+    """Entry point of the command `antagonist`."""
+    run(app)
+
+
+__all__ = ["app", "main", "track"]
