@@ -20,8 +20,8 @@ class Buffered:
         sparse += [i for i in range(function.n_out()) if not function.sparsity_out(i).is_dense()]
         if sparse:
             raise ValueError(f"{function.name()} has sparse inputs or outputs: densify them")
-        self._inputs = [np.zeros(function.size_in(i)[::-1]) for i in range(function.n_in())]
-        self._outputs = [np.zeros(function.size_out(i)[::-1]) for i in range(function.n_out())]
+        self._inputs: list[Any] = [np.zeros(function.size_in(i)[::-1]) for i in range(function.n_in())]
+        self._outputs: list[Any] = [np.zeros(function.size_out(i)[::-1]) for i in range(function.n_out())]
         self._buffer, self._evaluate = function.buffer()  # the function lives as long as its buffer
         for i, array in enumerate(self._inputs):
             self._buffer.set_arg(i, memoryview(array))

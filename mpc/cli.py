@@ -51,14 +51,14 @@ def track(
 def _summary(m: "Metrics") -> "Table":
     from rich.table import Table
 
-    table = Table("", "RMS", "worst", title="tracking")
+    table = Table("", "RMS, median", "worst, 99 %", title="tracking")
     table.add_row("angle error [°]", f"{m.theta_rms:.3g}", f"{m.theta_worst:.3g}")
     table.add_row("stiffness error [%]", f"{m.K_rms:.3g}", f"{m.K_worst:.3g}")
     table.add_section()
     for limit, (excess, unit) in m.violations.items():
         table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
     table.add_section()
-    table.add_row("time of a step [ms]", f"median {m.step_median:.3g}", f"99 % {m.step_p99:.3g}")
+    table.add_row("time of a step [ms]", f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
     for rung, steps in m.rungs.items():
         table.add_row(f"steps answered by {rung}", "", str(steps))
     return table

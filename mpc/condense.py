@@ -15,6 +15,8 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
+from mpc.feedforward import FeedForward
+from mpc.limits import Limits
 from mpc.linearise import Linearisation
 from mpc.plant import NU, NX
 from mpc.qp import QP
@@ -22,24 +24,14 @@ from mpc.weights import Weights
 
 
 @dataclass(frozen=True)
-class Targets:
-    """What the horizon is compared with."""
+class Problem:
+    """What does not change from step to step of the problem in `mpc.controller`."""
 
-    theta: Array  # (N+1,) [rad]
-    omega: Array  # (N+1,) [rad/s]
-    K: Array  # (N+1,) [N·m/rad]
-    P: Array  # (N+1, 2) [Pa]
-    u: Array  # (N, 2) feed-forward commands [Pa]
-    u_before: Array  # (2,) the feed-forward of the sample before [Pa]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What the commands and the angle have to keep to."""
-
-    pressure: tuple[float, float]  # of every command [Pa], hard
-    step: float  # greatest |u_k - u_{k-1}| [Pa], hard
-    theta: tuple[float, float]  # [rad], soft
+    weights: Weights
+    limits: Limits
+    L: Array  # (6, 6) terminal factor
+    E: Array  # (N, 2, n) [Pa] a unit of each decision
+    dt: float  # [s]
 
 
 def increments(N: int) -> Array:
@@ -60,52 +52,52 @@ def sensitivity(A: Array, B: Array, E: Array) -> Array:
     return G
 
 
-def condense(
-    model: Linearisation, u_last: Array, targets: Targets, limits: Limits, weights: Weights, L: Array, E: Array, dt: float
-) -> QP:
-    """The QP of one step about `model`; `u_last` (2,) is the command that holds now [Pa], `L` the terminal factor."""
-    G = sensitivity(model.A, model.B, E)
-    M, r = _residuals(model, G, targets, u_last, weights, L, E, dt)
+def condense(problem: Problem, model: Linearisation, feed: FeedForward, u_last: Array, u_star_last: Array) -> QP:
+    """The QP of one step about `model`. Of the sample before: command `u_last`, its feed-forward `u_star_last` (2,)."""
+    G = sensitivity(model.A, model.B, problem.E)
+    M, r = _residuals(problem, model, G, feed, u_last - u_star_last)
     H, f = M.T @ M, M.T @ r
-    H[-1, -1], f[-1] = weights.slack_square, weights.slack
+    H[-1, -1], f[-1] = problem.weights.slack_square, problem.weights.slack
 
     changes = np.diff(model.u, axis=0, prepend=u_last[None]).ravel() / BAR
-    step = limits.step / BAR
+    step = problem.limits.step / BAR
     # z = 0 is allowed whatever rounding says
     lower, upper = np.minimum(-step - changes, 0.0), np.maximum(step - changes, 0.0)
     lower, upper = np.append(lower, 0.0), np.append(upper, np.inf)
-    return QP(H, f, lower, upper, *_rows(model, G, limits, E))
+    return QP(H, f, lower, upper, *_rows(problem, model, G))
 
 
 def _residuals(
-    model: Linearisation, G: Array, targets: Targets, u_last: Array, weights: Weights, L: Array, E: Array, dt: float
+    problem: Problem, model: Linearisation, G: Array, feed: FeedForward, e_last: Array
 ) -> tuple[Array, Array]:
     """M (m, n) and r̄ (m,) of the cost ½|r̄ + M z|²."""
+    weights, E, L = problem.weights, problem.E, problem.L
     N, _, n = E.shape
-    away = model.u - targets.u  # e (N, 2) [Pa]
-    changed = np.diff(away, axis=0, prepend=(u_last - targets.u_before)[None])
-    E_changed = np.diff(E, axis=0, prepend=np.zeros((1, NU, n)))
-    x_star = np.concatenate([[targets.theta[-1], targets.omega[-1]], targets.P[-1]])
-    xi = np.concatenate([model.x[-1] - x_star, away[-1]])
+    e = model.u - feed.u  # (N, 2) [Pa]
+    rate = np.diff(e, axis=0, prepend=e_last[None]) / problem.dt
+    E_rate = np.diff(E, axis=0, prepend=np.zeros((1, NU, n))) / problem.dt
+    x_star = np.concatenate([[feed.theta[-1], feed.omega[-1]], feed.P[-1]])
+    xi = np.concatenate([model.x[-1] - x_star, e[-1]])
     inner = slice(1, N)  # the states before the last, which the terminal cost takes
     terms = [  # root of the weight, Jacobian, residual at z = 0
-        (weights.theta**0.5, G[inner, 0], model.x[inner, 0] - targets.theta[inner]),
-        (weights.omega**0.5, G[inner, 1], model.x[inner, 1] - targets.omega[inner]),
-        (weights.K**0.5, (model.C[inner, None] @ G[inner])[:, 0], model.K[inner] - targets.K[inner]),
-        (weights.u**0.5, E.reshape(-1, n), away.ravel()),
-        (weights.rate**0.5 / dt, E_changed.reshape(-1, n), changed.ravel()),
+        (weights.theta**0.5, G[inner, 0], model.x[inner, 0] - feed.theta[inner]),
+        (weights.omega**0.5, G[inner, 1], model.x[inner, 1] - feed.omega[inner]),
+        (weights.K**0.5, (model.C[inner, None] @ G[inner])[:, 0], model.K[inner] - feed.K[inner]),
+        (weights.u**0.5, E.reshape(-1, n), e.ravel()),
+        (weights.rate**0.5, E_rate.reshape(-1, n), rate.ravel()),
         (1.0, L @ np.concatenate([G[-1], E[-1]]), L @ xi),
     ]
     M = np.concatenate([w * J for w, J, _ in terms])
     return M, np.concatenate([w * r for w, _, r in terms])
 
 
-def _rows(model: Linearisation, G: Array, limits: Limits, E: Array) -> tuple[Array, Array, Array]:
+def _rows(problem: Problem, model: Linearisation, G: Array) -> tuple[Array, Array, Array]:
     """Commands within the supply; θ - s at most its upper, θ + s at least its lower limit.
 
     Pressures that start outside the supply come back no faster than the slew limit, as those of `model` do: up to
     there z = 0 has to be allowed.
     """
+    E, limits = problem.E, problem.limits
     n = E.shape[-1]
     commands, angle = E.reshape(-1, n) / BAR, G[1:, 0]
     slack = np.eye(n)[-1]
@@ -119,4 +111,4 @@ def _rows(model: Linearisation, G: Array, limits: Limits, E: Array) -> tuple[Arr
     )
 
 
-__all__ = ["Limits", "Targets", "condense", "increments", "sensitivity"]
+__all__ = ["Problem", "condense", "increments", "sensitivity"]

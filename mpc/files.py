@@ -3,11 +3,13 @@
 import csv
 from collections.abc import Iterator
 from importlib import resources
+from itertools import pairwise
 from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
+from allocator.calculus import Array
 from allocator.errors import InvalidFile
 from allocator.units import BAR, DEG
 from mpc.reference import Reference
@@ -24,7 +26,7 @@ def load(path: str | Path) -> Reference:
     samples = [(line, _sample(path, line, cells)) for line, cells in _records(path)]
     if len(samples) < 2:
         raise InvalidFile(path, f"a trajectory needs at least 2 samples, this file has {len(samples)}")
-    for (_, (before, *_)), (line, (t, *_)) in zip(samples, samples[1:], strict=False):
+    for (_, (before, *_)), (line, (t, *_)) in pairwise(samples):
         if t <= before:
             raise InvalidFile(path, f"{t:g} s does not come after {before:g} s", line=line, column="t")
     t, theta, K = np.array([values for _, values in samples]).T
@@ -65,7 +67,7 @@ def save_run(run: Run, path: str | Path) -> None:
     _write(path, tuple(table), np.stack(list(table.values()), axis=1), "%.9g")
 
 
-def _write(path: str | Path, names: tuple[str, ...], table: "np.ndarray[tuple[int, int], np.dtype[np.float64]]", form: str) -> None:
+def _write(path: str | Path, names: tuple[str, ...], table: Array, form: str) -> None:
     np.savetxt(path, table, fmt=form, delimiter=",", header=",".join(names), comments="")
 
 

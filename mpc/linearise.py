@@ -11,6 +11,7 @@ plant the linear model is exact on it. Derivatives are CasADi's, evaluated for a
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,9 @@ class Linearisation(Motion):
     @property
     def c(self) -> Array:
         """c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k, (N, 4)."""
-        return np.asarray(self.x[1:] - np.einsum("kij,kj->ki", self.A, self.x[:-1]) - np.einsum("kij,kj->ki", self.B, self.u))
+        return np.asarray(
+            self.x[1:] - np.einsum("kij,kj->ki", self.A, self.x[:-1]) - np.einsum("kij,kj->ki", self.B, self.u)
+        )
 
 
 class Predictor:
@@ -81,12 +84,12 @@ class Predictor:
         A, B = stage_slopes(x[:, : self.N], u, ca.repmat(d, 1, self.N))
         return Buffered(ca.Function("linearise", [x0, u, d], [x, K, A, B, C]))
 
-    def _symbols(self) -> tuple[object, object, object]:
+    def _symbols(self) -> tuple[Any, Any, Any]:
         import casadi as ca
 
         return ca.MX.sym("x0", NX), ca.MX.sym("u", NU, self.N), ca.MX.sym("d")
 
-    def _symbolic_motion(self, x0: object, u: object, d: object) -> tuple[object, object, object]:
+    def _symbolic_motion(self, x0: Any, u: Any, d: Any) -> tuple[Any, Any, Any]:
         """States (4, N+1), stiffness (1, N+1) and its gradient (4, N+1)."""
         import casadi as ca
 

@@ -1,10 +1,10 @@
-"""The plant that the controller predicts with, and that it is nominally tested on: the joint, a link, two pressure lags.
+"""The plant that the controller predicts with, and that it is nominally tested on: joint, link, two pressure lags.
 
     θ' = ω
     J ω' = T(θ, P1, P2) - b ω - m g l sin θ + d
     τ_i P_i' = u_i - P_i
 
-state x = (θ [rad], ω [rad/s], P1 [Pa], P2 [Pa]), input u = commanded pressures (P1, P2) [Pa], disturbance torque d [N·m].
+State x = (θ [rad], ω [rad/s], P1 [Pa], P2 [Pa]), input u = commanded pressures [Pa], disturbance torque d [N·m].
 The stiffness K(θ, P1, P2) is computed, never measured. The command may change by at most `slew` [Pa/s]; holding
 to that is the controller's business. `Plant.rate` is the one place where this formula stands, for numbers and for
 CasADi symbols. The law of a slack muscle (F < 0) is kept as it is: the metrics say when it was used.
@@ -54,7 +54,7 @@ class Plant:
     @property
     def lags(self) -> tuple[float, float]:
         """Time constants (τ1, τ2) of the pressures [s]."""
-        assert isinstance(self.lag, tuple)  # noqa: S101  # __post_init__ made it one
+        assert isinstance(self.lag, tuple)  # __post_init__ made it one
         return self.lag
 
     # --- the equations ----------------------------------------------------------------------------------------------
@@ -104,19 +104,24 @@ class Plant:
     def discrete(self, dt: float, resolution: float = 0.5) -> Any:
         """CasADi function (x, u, d) ↦ x after `dt` [s] of constant u and d: classical Runge–Kutta.
 
-        Taken in equal substeps h with h · `fastest_rate` ≤ `resolution`: 0.5 is good to about 1e-4 of a step's change, 0.02 to 1e-10.
+        Taken in equal substeps h with h · `fastest_rate` ≤ `resolution`; the error of a substep is resolution⁵/120 of
+        the state's change over 1/`fastest_rate`: 3e-4 at 0.5, 3e-11 at 0.02.
         """
         import casadi as ca
 
         substeps = ceil(dt * self.fastest_rate / resolution)
         h = dt / substeps
         x0, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
-        x = x0
+
+        def f(x: Value) -> Value:
+            return ca.vertcat(*self.rate(x, u, d))
+
+        x: Value = x0
         for _ in range(substeps):
-            k1 = ca.vertcat(*self.rate(x, u, d))
-            k2 = ca.vertcat(*self.rate(x + h / 2 * k1, u, d))
-            k3 = ca.vertcat(*self.rate(x + h / 2 * k2, u, d))
-            k4 = ca.vertcat(*self.rate(x + h * k3, u, d))
+            k1 = f(x)
+            k2 = f(x + h / 2 * k1)
+            k3 = f(x + h / 2 * k2)
+            k4 = f(x + h * k3)
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         return ca.Function("discrete", [x0, u, d], [x], ["x", "u", "d"], ["x_next"])
 

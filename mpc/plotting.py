@@ -56,7 +56,7 @@ def _stiffness(axes: Any, run: Run) -> None:
 def _pressures(axes: Any, run: Run) -> None:
     for i, (name, color) in enumerate((("agonist P1", _BLUE), ("antagonist P2", _ORANGE))):
         axes.plot(run.t, run.P[:, i] / BAR, color=color, label=name)
-        axes.step(run.t[:-1], run.u[:, i] / BAR, color=color, lw=0.7, alpha=0.6, where="post", label=f"its command")
+        axes.step(run.t[:-1], run.u[:, i] / BAR, color=color, lw=0.7, alpha=0.6, where="post", label="its command")
         axes.plot(run.t, _taut_limit(run)[i] / BAR, color=color, ls=":", lw=1.2, label="taut above")
     for limit in run.plant.joint.pressure_limits:
         axes.axhline(limit / BAR, color=_GREY, ls="-.", lw=1)

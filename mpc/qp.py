@@ -3,7 +3,7 @@
     minimise ½ zᵀ H z + fᵀ z   subject to   lower ≤ z ≤ upper,   rows_lower ≤ R z ≤ rows_upper                  [QP]
 
 With multipliers λ (positive at an upper, negative at a lower bound) z is optimal if and only if it is feasible,
-H z + f + λ_z + Rᵀ λ_R = 0, and each λ_i (z_i - bound_i) = 0. A solver's word is not taken: `certify` computes these three.
+H z + f + λ_z + Rᵀ λ_R = 0, and each λ_i (z_i - bound_i) = 0. A solver's word is not taken: `certify` computes these.
 """
 
 from dataclasses import dataclass, replace

@@ -10,10 +10,12 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 
+_SWING = 0.05  # of the range of all samples
+
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A trajectory by its samples; between them a cubic spline, after the last one it stands still. Read-only arrays."""
+    """A trajectory by its samples; between them a smooth curve, after the last it stands still. Read-only."""
 
     t: Array  # (n,) increasing [s]
     theta: Array  # (n,) [rad]
@@ -24,9 +26,8 @@ class Reference:
         t = checks.real("t", self.t, "s")
         theta, K = checks.angle("theta", self.theta), checks.stiffness("K", self.K)
         if t.ndim != 1 or t.size < 2 or not t.shape == theta.shape == K.shape:
-            raise InvalidInput(
-                f"t, theta and K have to be rows of one length, 2 or more; their shapes are {t.shape}, {theta.shape}, {K.shape}"
-            )
+            shapes = f"{t.shape}, {theta.shape}, {K.shape}"
+            raise InvalidInput(f"t, theta and K have to be rows of one length, 2 or more; their shapes are {shapes}")
         if (falls := np.diff(t) <= 0).any():
             i = int(np.argmax(falls)) + 1
             raise InvalidInput(f"t[{i}] = {t[i]:g} s does not come after t[{i - 1}] = {t[i - 1]:g} s")
@@ -48,9 +49,18 @@ class Reference:
 
 
 def _smooth(t: Array, y: Array, at: Array) -> Array:
-    from scipy.interpolate import CubicSpline
+    """A cubic spline through the samples; a monotone one if that swings far beyond the samples next to it.
 
-    return np.asarray(CubicSpline(t, y)(np.minimum(at, t[-1])))
+    The second is for steps in coarse samples, through which a cubic spline overshoots without bound.
+    """
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
+    at = np.minimum(at, t[-1])
+    spline = np.asarray(CubicSpline(t, y)(at))
+    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
+    low, high = np.minimum(y[i], y[i + 1]), np.maximum(y[i], y[i + 1])
+    swing = np.maximum(low - spline, spline - high).max()
+    return spline if swing <= _SWING * np.ptp(y) else np.asarray(PchipInterpolator(t, y)(at))
 
 
 def sine(
@@ -70,7 +80,7 @@ def sine(
     """
     if not (duration > 0 and 0 <= 2 * ramp <= duration and 0 < dt <= duration):
         raise InvalidInput(f"duration = {duration:g} s has to cover two ramps of {ramp:g} s and a dt of {dt:g} s")
-    t = dt * np.arange(round(duration / dt) + 1)
+    t = dt * np.arange(round(duration / dt) + 1.0)
     rest = np.minimum(t, duration - t)  # time to the nearer end
     s = np.clip(rest / ramp, 0, 1) if ramp > 0 else np.ones_like(t)
     swell = s**3 * (10 - 15 * s + 6 * s**2)

@@ -1,8 +1,8 @@
 """The closed loop: controller and plant against each other, sample by sample.
 
-The plant starts at rest, in equilibrium at the reference's first point with the stiffness asked there, unless another state is given: a
-reference that starts in motion has to be caught up with, and the errors of that count. Commands are held over each
-sample (zero-order hold) while the plant is integrated in fine steps.
+The plant starts at rest, in equilibrium at the reference's first point with the stiffness asked there, unless another
+state is given: a reference that starts in motion has to be caught up with, and the errors of that count. Commands are
+held over each sample (zero-order hold) while the plant is integrated in fine steps.
 """
 
 from collections.abc import Iterable

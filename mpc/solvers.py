@@ -51,9 +51,7 @@ def _through_qpsolvers(name: str) -> Solver:
     def solve(qp: QP) -> tuple[Array, Array] | None:
         rows, bounds = np.concatenate([qp.R, -qp.R]), np.concatenate([qp.rows_upper, -qp.rows_lower])
         used = np.isfinite(bounds)
-        problem = qpsolvers.Problem(
-            matrix(qp.H), qp.f, matrix(rows[used]), bounds[used], lb=qp.lower, ub=qp.upper
-        )
+        problem = qpsolvers.Problem(matrix(qp.H), qp.f, matrix(rows[used]), bounds[used], lb=qp.lower, ub=qp.upper)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a failure is seen from the answer, no need to be told twice
             try:

@@ -1,12 +1,14 @@
 """What the future beyond the horizon costs: the value function of the linear-quadratic regulator.
 
 After the last sample no limit is foreseen and the plant is linear about the middle of its range; the deviation
-ξ = (x_N - x*_N, e_{N-1}) from the reference is then brought to zero at the least cost ½ ξᵀ S ξ, with S the solution of the
-discrete algebraic Riccati equation of
+ξ = (x_N - x*_N, e_{N-1}) from the reference is then brought to zero at the least cost ½ ξᵀ S ξ, with S the solution of
+the discrete algebraic Riccati equation of
 
-    ξ⁺ = [A 0; 0 0] ξ + [B; I] e,    cost  ½ (w_θ θ² + w_ω ω² + w_K (C x)² + w_u |e|² + w_Δ |e - e_before|²)
+    ξ⁺ = [A 0; 0 0] ξ + [B; I] e,    cost  ½ (w_θ θ² + w_ω ω² + w_K (C x)² + w_u |e|² + w_t |e - e_before|²/dt²)
 
-Without it, a horizon too short to see that a movement cannot be braked within the slew limit ends in a limit cycle.
+The rate weight w_t = `Weights.terminal_rate` is far above that within the horizon: w_θ (1°)² = w_t (2.5 bar/s)², so
+that the regulator assumed beyond the horizon seldom asks for more than the slew limit gives. Without this care a
+horizon too short to see how long braking takes ends in a limit cycle at the slew limit.
 """
 
 import numpy as np
