@@ -67,6 +67,13 @@ def increasing_root(f: Callable[..., Array], lo: Array, hi: Array, *args: Array)
     return root
 
 
+def rising_roots(f: Callable[..., Array], lo: Array, hi: Array, *args: Array, pieces: int) -> Array:
+    """Roots (pieces, …) of f(x, *args) through which f rises, one a piece of [lo, hi]; ±inf where there is none."""
+    lo, hi, *args = np.broadcast_arrays(lo, hi, *args)  # type: ignore[assignment]  # a list of arrays, not a tuple
+    grid = lo + (hi - lo) * np.linspace(0.0, 1.0, pieces + 1).reshape(-1, *[1] * lo.ndim)
+    return increasing_root(f, grid[:-1], grid[1:], *args)
+
+
 def all_roots(f: Callable[..., Array], lo: Array, hi: Array, *args: Array, pieces: int = 32) -> Array:
     """Points [2·pieces, n] of [lo, hi] [n] among them every root of f(x, *args) that changes sign over one of `pieces`.
 
@@ -81,4 +88,16 @@ def all_roots(f: Callable[..., Array], lo: Array, hi: Array, *args: Array, piece
     return np.concatenate([np.clip(root, left, right), left])
 
 
-__all__ = ["Array", "Value", "all_roots", "cos", "derivative", "exp", "increasing_root", "is_symbol", "sin", "sqrt"]
+__all__ = [
+    "Array",
+    "Value",
+    "all_roots",
+    "cos",
+    "derivative",
+    "exp",
+    "increasing_root",
+    "is_symbol",
+    "rising_roots",
+    "sin",
+    "sqrt",
+]

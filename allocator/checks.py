@@ -8,7 +8,7 @@ from allocator.calculus import Array, is_symbol
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 
-_LOOKS_LIKE_BAR = 20.0  # [Pa] pressures that never exceed this were meant in bar
+_LOOKS_LIKE_BAR = 0.1, 20.0  # [Pa] if the greatest of some pressures lies here, bar was meant
 
 
 def real(name: str, value: Any, unit: str) -> Array:
@@ -54,7 +54,7 @@ def pressure(name: str, value: Any) -> Array:
     """Gauge pressure(s) [Pa]; values that can only be bar are refused."""
     array = real(name, value, "Pa")
     greatest = float(np.abs(array).max(initial=0.0))
-    if 0 < greatest <= _LOOKS_LIKE_BAR:
+    if _LOOKS_LIKE_BAR[0] <= greatest <= _LOOKS_LIKE_BAR[1]:
         raise InvalidInput(f"{name}{at(array, array != 0)} Pa is next to nothing; if bar was meant, multiply by 1e5")
     return array
 

@@ -39,7 +39,7 @@ def solve_inverse(joint: AntagonistJoint, theta: Array, K: Array, T: Array) -> P
     sides = joint.sides(theta)
     if joint.affine:
         return affine_inverse(sides, K, T)
-    return inverse_on_level(sides, _searched_box(sides), K, T)
+    return inverse_on_level(sides, _searched_box(sides), K, T, pieces=16)
 
 
 def affine_inverse(sides: Sides, K: Array, T: Array) -> Pair:

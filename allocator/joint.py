@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array, Value, increasing_root
+from allocator.calculus import Array, Value, increasing_root, rising_roots
 from allocator.errors import InvalidInput
 from allocator.geometry import Geometry, Pulley
 from allocator.limits import Limit, PressureBox
@@ -24,6 +24,8 @@ from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 from allocator.side import Side
 from allocator.tondu_pulley import TonduPulley
 from allocator.units import BAR, DEG
+
+_EQUILIBRIUM_PIECES = 64  # of the joint range, in each of which one equilibrium is looked for
 
 
 @dataclass(frozen=True)
@@ -155,9 +157,10 @@ class AntagonistJoint:
     # --- equilibrium ------------------------------------------------------------------------------------------------
 
     def equilibrium(self, P1: Value, P2: Value, T: Value = 0.0) -> Array:
-        """Angle [rad] at which the joint gives the torque `T` [N·m] at these pressures; NaN if none is in its range.
+        """Angle [rad] at which the joint gives the torque `T` [N·m] at these pressures, and holds it (K > 0).
 
-        Closed form (23), generalised to c ≠ 0 and T ≠ 0, for two equal Tondu2021 on a pulley; root finding otherwise.
+        NaN if there is none in the joint range; the one nearest to θ = 0 if a mechanism has several. Closed form (23),
+        generalised to c ≠ 0 and T ≠ 0, for two equal Tondu2021 on a pulley; root finding otherwise.
         """
         P1, P2, T = checks.pressure("P1", P1), checks.pressure("P2", P2), checks.real("T", T, "N·m")
         P1, P2, T = checks.broadcast(P1=P1, P2=P2, T=T)
@@ -172,7 +175,9 @@ class AntagonistJoint:
             return np.asarray(T - agonist.torque(P1) - antagonist.torque(P2))
 
         left, right = (np.asarray(end) for end in self.angle_range)
-        return increasing_root(lacking, left, right, P1, P2, T)
+        found = rising_roots(lacking, left, right, P1, P2, T, pieces=_EQUILIBRIUM_PIECES)  # rising: K > 0
+        nearest = np.abs(np.where(np.isfinite(found), found, np.inf)).argmin(axis=0, keepdims=True)
+        return np.asarray(np.take_along_axis(found, nearest, 0)[0])
 
     @property
     def affine(self) -> bool:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array, increasing_root
+from allocator.calculus import Array, rising_roots
 from allocator.limits import PressureBox
 from allocator.side import Side
 
@@ -59,8 +59,12 @@ def stiffness(sides: Sides, pair: Pair) -> Array:
     return np.asarray(sides[0].stiffness(pair[0]) + sides[1].stiffness(pair[1]))
 
 
-def inverse_on_level(sides: Sides, box: PressureBox, K: Array, T: Array) -> Pair:
-    """The pressures of the box that give (T, K), by root finding along the level; NaN where there are none."""
+def inverse_on_level(sides: Sides, box: PressureBox, K: Array, T: Array, pieces: int = 1) -> Pair:
+    """The pressures of the box that give (T, K), by root finding along the level; NaN where there are none.
+
+    Where the determinant is not positive on the whole level there may be several; with more `pieces` the one at the
+    highest pressures, where the model is most likely to hold, is found.
+    """
     agonist, antagonist = sides
     level = torque_level(sides, box, T)
     start, end = level.low[0], np.maximum(level.low[0], level.high[0])
@@ -71,8 +75,9 @@ def inverse_on_level(sides: Sides, box: PressureBox, K: Array, T: Array) -> Pair
         P2 = two.pressure_for_torque(a[6] - one.torque(P1))
         return stiffness((one, two), (P1, P2)) - a[7]
 
-    P1 = increasing_root(excess, start, end, *varying)
-    P1 = np.where(np.isfinite(P1), P1, np.nan)
+    found = rising_roots(excess, start, end, *varying, pieces=pieces)
+    found = np.where(np.isfinite(found), found, -np.inf).max(axis=0)
+    P1 = np.where(np.isfinite(found), found, np.nan)
     return P1, np.asarray(antagonist.pressure_for_torque(T - agonist.torque(P1)))
 
 

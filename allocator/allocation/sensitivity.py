@@ -18,7 +18,7 @@ from allocator.side import Side
 _ON_BOUND = 1e-9  # of the supply range
 _MET = 1e-9  # of the scale of torque or stiffness
 _SLACK = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK
-_H = 1e-3  # step of the five-point difference, in rad or in supply ranges: error about 1e-11 of the slope
+_H = 1e-4  # step of the five-point difference, in rad or in supply ranges: error about 1e-11 of the slope
 
 
 def jacobian(problem: Problem, P1: Array, P2: Array) -> Array:

@@ -1,0 +1,39 @@
+"""The joints over which the laws are tested: every kind of muscle law, geometry and way of solving."""
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from allocator import AntagonistJoint, Lever, Pulley, Table, report_joint
+from allocator.muscles import Hogan1984, Tondu2021
+from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N, TONDU_MCKIBBEN
+from allocator.units import BAR, DEG
+
+settings.register_profile("project", deadline=None, max_examples=60, derandomize=True)
+settings.load_profile("project")
+
+PULLEY = Pulley(rest_length=0.40, radius=0.02, initial_contraction=0.1375)
+LEVER = Lever(rest_length=0.40, anchor=0.30, lever=0.03, offset=0.0435)
+_ANGLES = np.linspace(-1.5, 1.5, 31)
+TABLE = Table(0.40, _ANGLES, 0.13 + 0.04 * np.sin(_ANGLES), 0.13 - 0.045 * np.sin(_ANGLES))  # two different muscles
+TONDU_C = Tondu2021.identify(0.0109, 25.5 * DEG, low=(3 * BAR, 0.225), high=(5 * BAR, 0.275), c=5 * BAR)
+STOPS = (-80 * DEG, 80 * DEG)
+
+JOINTS = {
+    "report": report_joint(),
+    "tondu-c-pulley": AntagonistJoint(PULLEY, TONDU_C, TONDU_C, angle_limits=STOPS),
+    "mckibben-pulley": AntagonistJoint(Pulley(0.40, 0.02, 0.185), TONDU_MCKIBBEN, TONDU_MCKIBBEN, angle_limits=STOPS),
+    "hogan-pulley": AntagonistJoint(
+        PULLEY, Hogan1984(1500.0, 0.30, 5 * BAR), Hogan1984(1200.0, 0.28, 5 * BAR), angle_limits=STOPS
+    ),
+    "sarosi-pulley": AntagonistJoint(PULLEY, SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N, angle_limits=STOPS),
+    "sarosi-lever": AntagonistJoint(LEVER, SAROSI_DMSP_20_400N, SAROSI_DMSP_20_200N, angle_limits=STOPS),
+    "sarosi-table": AntagonistJoint(TABLE, SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N, angle_limits=STOPS),
+    "tondu-lever": AntagonistJoint(LEVER, TONDU_DMSP_20_400N, TONDU_DMSP_20_400N, angle_limits=STOPS),
+    "tondu-unequal-pulley": AntagonistJoint(PULLEY, TONDU_DMSP_20_400N, TONDU_C, angle_limits=STOPS),
+}
+
+
+@pytest.fixture(scope="session", params=JOINTS.values(), ids=JOINTS.keys())
+def joint(request):
+    return request.param

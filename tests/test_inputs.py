@@ -1,0 +1,74 @@
+"""Wrong input gets one clear sentence that names the argument, its value and what was expected."""
+
+import re
+
+import numpy as np
+import pytest
+
+from allocator import AntagonistError, InvalidInput, MissingBackend, allocate, inverse
+from allocator.muscles import Hogan1984, Tondu2021, TonduLopez1995
+
+WRONG = {
+    "theta NaN": ({"theta": np.nan}, "theta = nan is not finite [rad]"),
+    "theta infinite": ({"theta": np.inf}, "theta = inf is not finite [rad]"),
+    "theta a string": ({"theta": "thirty"}, "theta = 'thirty' is not a number"),
+    "theta None": ({"theta": None}, "theta = None is not a number"),
+    "theta complex": ({"theta": 1j}, "is not a number"),
+    "theta in degrees": ({"theta": 90}, "theta = 90 rad is over a turn; if degrees were meant, pass 1.571 rad"),
+    "one angle of an array in degrees": ({"theta": [0.1, 30.0]}, "theta[1] = 30 rad is over a turn"),
+    "K zero": ({"K": 0.0}, "K = 0 N·m/rad has to be positive"),
+    "K negative in an array": ({"K": [7.0, -2.0]}, "K[1] = -2 N·m/rad has to be positive"),
+    "K a string": ({"K": "7.5"}, "K = '7.5' is not a number"),
+    "K ragged": ({"K": [[1, 2], [3]]}, "is not a number"),
+    "T NaN in a matrix": ({"T": [[0, 1], [np.nan, 2]]}, "T[1, 0] = nan is not finite [N·m]"),
+    "shapes": ({"theta": np.zeros(3), "T": np.zeros(4)}, "shapes do not broadcast: theta (3,), K (), T (4,)"),
+    "unknown method": ({"method": "magic"}, "unknown method 'magic'; available: analytic, exact"),
+    "unknown priority": ({"priority": "speed"}, "choose one of torque, stiffness, weighted"),
+    "weights without weighted": ({"weights": (1, 1)}, "go together"),
+    "weighted without weights": ({"priority": "weighted"}, "go together"),
+    "weights not positive": ({"priority": "weighted", "weights": (1, 0)}, "two positive numbers"),
+    "three weights": ({"priority": "weighted", "weights": (1, 2, 3)}, "two positive numbers"),
+    "previous in bar": (
+        {"previous": (2, 3), "max_step": 1e4},
+        "previous[0] = 2 Pa is next to nothing; if bar was meant",
+    ),
+    "max_step in bar": ({"previous": (2e5, 3e5), "max_step": 0.5}, "max_step = 0.5 Pa is next to nothing"),
+    "max_step negative": ({"previous": (2e5, 3e5), "max_step": -1e4}, "max_step = -10000 Pa has to be positive"),
+    "max_step alone": ({"max_step": 1e4}, "previous and max_step go together"),
+    "previous not a pair": ({"previous": 2e5, "max_step": 1e4}, "has to be the two pressures (P1, P2)"),
+    "min_force negative": ({"min_force": -1.0}, "min_force = -1.0 N"),
+}
+
+
+@pytest.mark.parametrize(("changes", "said"), WRONG.values(), ids=WRONG.keys())
+def test_a_wrong_argument_is_named(changes, said):
+    arguments = {"theta": 0.3, "K": 7.5, "T": 1.0} | changes
+    with pytest.raises(AntagonistError, match=re.escape(said)) as caught:
+        allocate(**arguments)
+    assert isinstance(caught.value, ValueError)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_method_is_a_missing_backend():
+    with pytest.raises(MissingBackend):
+        allocate(0.0, 7.5, method="")
+
+
+def test_the_inverse_checks_too():
+    with pytest.raises(InvalidInput, match="K = -1"):
+        inverse(0.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("build", "said"),
+    [
+        (lambda: Hogan1984(np.nan, 0.3, 5e5), "Hogan1984: F_max = nan is not a finite number"),
+        (lambda: Hogan1984("strong", 0.3, 5e5), "F_max = 'strong' is not a finite number"),
+        (lambda: TonduLopez1995(0.01, 25.5), "alpha0 = 25.5 rad is not between 0 and π/2; degrees?"),
+        (lambda: TonduLopez1995(10.0, 0.4), "r0 = 10 m is not a muscle's radius"),
+        (lambda: Tondu2021(0.01, 0.4, 0.0, 1e6, -7e12), "needs d < 0"),
+    ],
+)
+def test_a_muscle_that_cannot_be_is_refused(build, said):
+    with pytest.raises(InvalidInput, match=re.escape(said)):
+        build()

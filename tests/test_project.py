@@ -1,0 +1,66 @@
+"""The promises around the code: commands, imports, names."""
+
+import importlib
+import pkgutil
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import allocator
+import mpc
+
+ROOT = Path(__file__).parent.parent
+HEAVY = ("scipy", "casadi", "osqp", "daqp", "qpsolvers", "cvxpy", "control", "matplotlib", "numba", "rich", "typer")
+
+
+def test_importing_allocator_loads_numpy_and_nothing_heavy():
+    code = f"import sys, allocator; print([m for m in {HEAVY} if m in sys.modules], 'numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[] True"
+
+
+def test_importing_allocator_takes_less_than_half_a_second():
+    def seconds(code):
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-c", code], check=True)
+        return time.perf_counter() - start
+
+    seconds("import allocator")  # writes the byte code
+    assert min(seconds("import allocator") for _ in range(3)) - min(seconds("pass") for _ in range(3)) < 0.5
+
+
+def commands(text):
+    return [line.strip() for line in text.splitlines() if line.strip().startswith("python3 -m venv")]
+
+
+def test_the_readme_s_two_commands_are_what_ci_runs():
+    readme = commands((ROOT / "README.md").read_text())
+    assert len(readme) == 2
+    assert readme == commands((ROOT / ".ci" / "run").read_text())
+
+
+def modules():
+    for package in (allocator, mpc):
+        yield package.__name__
+        yield from (m.name for m in pkgutil.walk_packages(package.__path__, f"{package.__name__}."))
+
+
+@pytest.mark.parametrize("name", list(modules()))
+def test_every_name_in_all_exists(name):
+    module = importlib.import_module(name)
+    assert all(hasattr(module, exported) for exported in module.__all__)
+
+
+def test_the_version_is_the_same_everywhere():
+    pyproject, citation = (ROOT / "pyproject.toml").read_text(), (ROOT / "CITATION.cff").read_text()
+    version = re.search(r'^version = "(.+)"', pyproject, re.MULTILINE).group(1)
+    assert f"\nversion: {version}\n" in citation
+
+
+def test_both_packages_say_that_they_are_typed():
+    for package in (allocator, mpc):
+        assert (Path(package.__file__).parent / "py.typed").exists()
