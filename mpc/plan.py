@@ -63,7 +63,7 @@ class Times(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The commands for the horizon and what they are expected to do; time runs along the first axis."""
+    """The commands for the horizon and what they are expected to do; time runs along the first axis. Read-only."""
 
     u: Array  # (N, 2) commanded pressures [Pa], within the supply and the slew limit; u[0] is the one to send
     x: Array  # (N+1, 4) states that the plant model has under u
@@ -72,6 +72,11 @@ class Plan:
     rung: Rung
     slack: float  # how far x leaves the joint range at worst [rad]
     times: Times
+
+    def __post_init__(self) -> None:
+        """The controller goes on from these arrays: nobody may write into them."""
+        for array in (self.u, self.x, self.K):
+            array.setflags(write=False)
 
 
 __all__ = ["Plan", "PlanStatus", "Rung", "Times"]
