@@ -39,7 +39,7 @@ from mpc.terminal import terminal_factor
 from mpc.weights import Weights
 
 _PRIMAL_TOLERANCE = 1e-4  # [bar], [rad] by which a solver's answer may break a limit; what is sent is clipped
-_DUAL_TOLERANCE = 1e-3  # [-] of `Residuals`
+_GAP_TOLERANCE = 1e-3  # [-] of the cost that the step gains
 _LAZY_TOLERANCE = 1e-9  # [bar], [rad] below which a row that was left out counts as kept
 
 
@@ -168,7 +168,7 @@ class TrackingMPC:
             found = self._solve(qp)
         if found is None:
             return nothing, PlanStatus.UNSOLVED
-        right = qp.certify(*found).within(_PRIMAL_TOLERANCE, _DUAL_TOLERANCE)
+        right = qp.certify(*found).within(_PRIMAL_TOLERANCE, _GAP_TOLERANCE)
         return found[0], PlanStatus.OPTIMAL if right else PlanStatus.REFUSED
 
     def _fallback(self, u: Array, status: PlanStatus, feed: FeedForward, u_last: Array) -> tuple[Array, Rung]:

@@ -2,8 +2,12 @@
 
     minimise ½ zᵀ H z + fᵀ z   subject to   lower ≤ z ≤ upper,   rows_lower ≤ R z ≤ rows_upper                  [QP]
 
-With multipliers λ (positive at an upper, negative at a lower bound) z is optimal if and only if it is feasible,
-H z + f + λ_z + Rᵀ λ_R = 0, and each λ_i (z_i - bound_i) = 0. A solver's word is not taken: `certify` computes these.
+A solver's word is not taken. Multipliers λ (positive at an upper, negative at a lower bound) prove how good a feasible
+z is: with the gradient of the Lagrangian r = H z + f + λ_z + Rᵀ λ_R, its cost exceeds the least possible by at most
+
+    gap = ½ rᵀ H⁻¹ r + Σ_i λ_i (bound_i - z_i)              (z_i: also the rows' values R z)
+
+the difference of the primal and the dual cost. It vanishes at the solution and nowhere else.
 """
 
 from dataclasses import dataclass, replace
@@ -15,15 +19,15 @@ from allocator.calculus import Array
 
 
 class Residuals(NamedTuple):
-    """How far a point is from optimal: all zero at the solution, NaN for what is not finite."""
+    """How far a point is from optimal; NaN for what is not finite."""
 
     primal: float  # greatest violation of a bound or row [z], [R z]
-    stationarity: float  # greatest |H z + f + λ_z + Rᵀ λ_R|, relative to the greatest |term| in it
-    complementarity: float  # |Σ λ (z - bound)|, relative to the terms of the cost
+    gap: float  # [cost] above the least cost, at most
+    gain: float  # [cost] by which the point is better than z = 0
 
-    def within(self, primal: float, dual: float) -> bool:
-        """Whether all of them are at most these tolerances; NaN is not."""
-        return self.primal <= primal and self.stationarity <= dual and self.complementarity <= dual
+    def within(self, primal: float, gap: float) -> bool:
+        """Whether no limit is broken by more than `primal`, and the gap is below `gap` of the gain or of 1; no NaN."""
+        return self.primal <= primal and abs(self.gap) <= gap * max(abs(self.gain), 1.0)
 
 
 @dataclass(frozen=True)
@@ -56,19 +60,14 @@ class QP:
     def certify(self, z: Array, multipliers: Array) -> Residuals:
         """The residuals of `z` (n,) with `multipliers` (n + m,)."""
         n = self.f.size
-        Hz, push = self.H @ z, multipliers[:n] + self.R.T @ multipliers[n:]
-        scale = max(np.abs(self.f).max(), np.abs(Hz).max(), np.abs(push).max(), 1e-300)
-        stationarity = np.abs(Hz + self.f + push).max() / scale
-        values = np.concatenate([z, self.R @ z])
-        bounds = np.where(
-            multipliers > 0,
-            np.concatenate([self.upper, self.rows_upper]),
-            np.concatenate([self.lower, self.rows_lower]),
-        )
-        held = multipliers != 0
-        gap = abs(float(multipliers[held] @ (values - bounds)[held]))
-        size = max(abs(float(z @ Hz)), abs(float(self.f @ z)), 1e-300)
-        return Residuals(self.violation(z), float(stationarity), gap / max(size, 1.0))
+        upper, lower = np.append(self.upper, self.rows_upper), np.append(self.lower, self.rows_lower)
+        bounds = np.where(multipliers > 0, upper, lower)
+        held = (multipliers != 0) & np.isfinite(bounds)
+        multipliers = np.where(held, multipliers, 0.0)  # there is nothing to push against at infinity
+        r = self.H @ z + self.f + multipliers[:n] + self.R.T @ multipliers[n:]
+        away = (bounds - np.append(z, self.R @ z))[held]
+        gap = 0.5 * r @ np.linalg.solve(self.H, r) + multipliers[held] @ away
+        return Residuals(self.violation(z), float(gap), -self.cost(z))
 
 
 __all__ = ["QP", "Residuals"]
