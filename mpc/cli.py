@@ -8,6 +8,7 @@ import typer
 from allocator.cli import app, run
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from mpc.metrics import Metrics
@@ -42,14 +43,19 @@ def track(
     out.mkdir(parents=True, exist_ok=True)
     picture, table = out / "tracking.png", out / "tracking.csv"
     save_run(done, table)
-    console.print(f"drawing {picture} (the first picture after an installation takes some seconds)", highlight=False)
+    _say(console, f"drawing {picture} (the first picture after an installation takes some seconds)")
     save_tracking_figure(done, picture)
     console.print(_summary(metrics(done)))
-    console.print(f"written: {picture}, {table}", highlight=False)
+    _say(console, f"written: {picture}, {table}")
+
+
+def _say(console: "Console", sentence: str) -> None:
+    console.print(sentence, highlight=False, markup=False, soft_wrap=True)
 
 
 def _summary(m: "Metrics") -> "Table":
     from rich.table import Table
+    from rich.text import Text
 
     table = Table("", "RMS, median", "worst, 99 %", title="tracking")
     table.add_row("angle error [°]", f"{m.theta_rms:.3g}", f"{m.theta_worst:.3g}")
@@ -58,7 +64,7 @@ def _summary(m: "Metrics") -> "Table":
     for limit, (excess, unit) in m.violations.items():
         table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
     table.add_section()
-    table.add_row("time of a step [ms]", f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
+    table.add_row(Text("time of a step [ms]"), f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
     for rung, steps in m.rungs.items():
         table.add_row(f"steps answered by {rung}", "", str(steps))
     return table

@@ -101,7 +101,9 @@ def _counted(steps: int, progress: bool) -> Iterable[int]:
     from rich.console import Console
     from rich.progress import track
 
-    return track(range(steps), description="simulating", console=Console(stderr=True), transient=True)
+    console = Console(stderr=True)
+    hidden = not console.is_terminal
+    return track(range(steps), description="simulating", console=console, transient=True, disable=hidden)
 
 
 __all__ = ["Controller", "Run", "simulate"]

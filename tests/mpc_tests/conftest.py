@@ -46,7 +46,13 @@ class IpoptMPC:
 
         decisions = ca.vertcat(ca.vec(u), s)
         given = ca.vertcat(x0, u_last, u_star_last, theta, omega, K, ca.vec(u_star), x_star)
-        quiet = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.tol": 1e-10, "ipopt.bound_relax_factor": 0.0}
+        quiet = {
+            "ipopt.print_level": 0,
+            "print_time": False,
+            "ipopt.sb": "yes",
+            "ipopt.tol": 1e-10,
+            "ipopt.bound_relax_factor": 0.0,  # s = -1e-8 would earn 1
+        }
         self.cost = ca.Function("cost", [decisions, given], [cost])
         problem = {"x": decisions, "p": given, "f": cost / 1e4, "g": ca.vertcat(*rows)}
         self._solver = ca.nlpsol("ipopt_mpc", "ipopt", problem, quiet)
@@ -59,9 +65,7 @@ class IpoptMPC:
         feed = self.feed_forward(theta, K)
         x_star = [feed.theta[-1], feed.omega[-1], *feed.P[-1]]
         u_star_last = feed.u[0] if u_star_last is None else u_star_last
-        return np.concatenate(
-            [x, u_last, u_star_last, feed.theta, feed.omega, feed.K, feed.u.ravel(), x_star]
-        )
+        return np.concatenate([x, u_last, u_star_last, feed.theta, feed.omega, feed.K, feed.u.ravel(), x_star])
 
     def cost_of(self, u, slack, given):
         return float(self.cost(np.append(u.ravel() / BAR, slack), given))

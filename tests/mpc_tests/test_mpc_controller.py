@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allocator import BAR, DEG, InvalidInput
-from mpc import Plant, PlanStatus, Rung, TrackingMPC, Weights
+from mpc import PlanStatus, Plant, Rung, TrackingMPC, Weights
 from mpc.buffered import Buffered
 
 PLANT = Plant()
@@ -28,18 +28,23 @@ def broken_limits(plan, u_last, plant=PLANT, dt=0.01):
 
 # --- against IPOPT ----------------------------------------------------------------------------------------------------
 
+RIGHT = 2.1  # [rad], near the end of the joint range
 CASES = {  # state, previews of theta and K
-    "small": lambda N: (PLANT.at_rest(0.0, 7.6), np.full(N + 1, 1 * DEG), np.full(N + 1, 7.7)),
-    "slew binds": lambda N: (PLANT.at_rest(0.0, 7.6), np.where(np.arange(N + 1) < 5, 0.0, 20 * DEG), np.full(N + 1, 7.6)),
-    "supply binds": lambda N: (PLANT.at_rest(0.3, 9.6), np.full(N + 1, 0.5), np.full(N + 1, 9.9)),
-    "joint range binds": lambda N: (PLANT.at_rest(2.1, 7.6) + [0, 2.0, 0, 0], np.full(N + 1, 2.1), np.full(N + 1, 7.6)),
-}  # fmt: skip
+    "small": lambda n: (PLANT.at_rest(0.0, 7.6), np.full(n, 1 * DEG), np.full(n, 7.7)),
+    "slew binds": lambda n: (PLANT.at_rest(0.0, 7.6), np.where(np.arange(n) < 5, 0.0, 20 * DEG), np.full(n, 7.6)),
+    "supply binds": lambda n: (PLANT.at_rest(0.3, 9.6), np.full(n, 0.5), np.full(n, 9.9)),
+    "joint range binds": lambda n: (moving(PLANT.at_rest(RIGHT, 7.6), 2.0), np.full(n, RIGHT), np.full(n, 7.6)),
+}
+
+
+def moving(x, omega):
+    return np.array([x[0], omega, *x[2:]])
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_repeated_qps_reach_ipopt_s_solution_of_the_nonlinear_problem(case, ipopt_mpc):
     N = 12
-    x, theta, K = case(N)
+    x, theta, K = case(N + 1)
     nlp = ipopt_mpc(N)
     u, cost, given_data = nlp.solve(x, theta, K, x[2:])
     plan = TrackingMPC(PLANT, N=N, iterations=15).step(x, theta, K)
@@ -51,7 +56,7 @@ def test_repeated_qps_reach_ipopt_s_solution_of_the_nonlinear_problem(case, ipop
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_one_qp_a_sample_costs_what_the_nonlinear_mpc_costs_in_closed_loop(case, ipopt_mpc):
     N, steps = 12, 25
-    x0, theta, K = case(N + steps)
+    x0, theta, K = case(N + steps + 1)
     nlp, mpc, w = ipopt_mpc(N), TrackingMPC(PLANT, N=N), Weights()
 
     def closed_loop(command):
@@ -117,7 +122,7 @@ def test_the_joint_range_is_left_only_when_it_must_be_and_this_is_said():
     x = PLANT.at_rest(right - 0.01, 7.6)
     assert controller.step(x, 3.0, 7.6).slack < 1e-6
     controller.reset()
-    assert controller.step(x + [0, 4.0, 0, 0], 3.0, 7.6).slack > 0.01
+    assert controller.step(moving(x, 4.0), 3.0, 7.6).slack > 0.01
 
 
 # --- the plan ---------------------------------------------------------------------------------------------------------

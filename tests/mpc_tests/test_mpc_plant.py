@@ -1,11 +1,12 @@
 """The plant: its equations, its integration, its place among other tools."""
 
+import casadi as ca
 import control
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from allocator import BAR, DEG, InvalidInput
+from allocator import BAR, DEG, InvalidInput, allocate
 from mpc import Plant
 from mpc.buffered import Buffered
 
@@ -22,8 +23,6 @@ def integrated(plant, x, u, d, seconds):
 
 
 def test_symbols_and_numbers_give_the_same_rates(joint):
-    import casadi as ca
-
     plant = Plant(joint=joint, lag=(0.1, 0.2), gravity_torque=1.5)
     x, u, d = ca.SX.sym("x", 4), ca.SX.sym("u", 2), ca.SX.sym("d")
     symbolic = ca.Function("f", [x, u, d], [ca.vertcat(*plant.rate(x, u, d))])(X0, U, 0.4)
@@ -64,9 +63,7 @@ def test_the_discrete_plant_agrees_with_scipy(resolution, tolerance):
 def test_the_integration_is_of_fourth_order():
     plant = Plant()
     exact = integrated(plant, X0, U, 0.0, 0.4)
-    error = [
-        np.abs((Buffered(plant.discrete(0.4, 14.5 * 0.4 / n))(X0, U, 0.0)[0][0] - exact)[0]) for n in (8, 16)
-    ]
+    error = [np.abs((Buffered(plant.discrete(0.4, 14.5 * 0.4 / n))(X0, U, 0.0)[0][0] - exact)[0]) for n in (8, 16)]
     assert 12 < error[0] / error[1] < 22
 
 
@@ -74,8 +71,6 @@ def test_the_torque_for_a_motion_moves_the_link_that_way():
     plant = Plant(gravity_torque=1.0)
     theta, omega, alpha, d = 0.4, 1.0, -5.0, 0.3
     T = plant.torque_for(theta, omega, alpha, d)
-    from allocator import allocate
-
     a = allocate(theta, 7.6, T, joint=plant.joint)
     assert plant.rate((theta, omega, a.P1, a.P2), (a.P1, a.P2), d)[1] == pytest.approx(alpha, rel=1e-9)
 

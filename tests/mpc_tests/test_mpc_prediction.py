@@ -1,5 +1,6 @@
-"""Linearisation and condensing: derivatives are differences, the condensed prediction is the linear model rolled out."""
+"""Derivatives are differences; the condensed prediction is the linear model rolled out; the QP is the problem."""
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -133,7 +134,7 @@ def test_the_qp_s_bounds_are_the_slew_limit_and_its_rows_supply_and_joint_range(
 
 
 def test_the_terminal_cost_is_the_cost_of_the_unlimited_future(joint):
-    """S is a fixed point: the best first step and S afterwards cost S again; by brute force, not by Riccati's formula."""
+    """S is a fixed point: the best first step and then S cost S again; by least squares, not by Riccati's formula."""
     plant, w = Plant(joint=joint), Weights()
     L = terminal_factor(plant, DT, w)
     P = np.full(2, np.mean(joint.pressure_limits))
@@ -144,7 +145,9 @@ def test_the_terminal_cost_is_the_cost_of_the_unlimited_future(joint):
         x, before = xi[:4], xi[4:]
         now = w.theta * x[0] ** 2 + w.omega * x[1] ** 2 + w.K * (model.C[0] @ x) ** 2
         # least squares in e: rows of sqrt(w_u) e, sqrt(w_t) (e - before)/dt, L (A x + B e, e)
-        rows = np.vstack([np.eye(2) * w.u**0.5, np.eye(2) * w.terminal_rate**0.5 / DT, L[:, :4] @ model.B[0] + L[:, 4:]])
+        rows = np.vstack(
+            [np.eye(2) * w.u**0.5, np.eye(2) * w.terminal_rate**0.5 / DT, L[:, :4] @ model.B[0] + L[:, 4:]]
+        )
         right = np.concatenate([np.zeros(2), before * w.terminal_rate**0.5 / DT, -L[:, :4] @ model.A[0] @ x])
         e = np.linalg.lstsq(rows * BAR, right, rcond=None)[0] * BAR
         assert now + np.sum((rows @ e - right) ** 2) == pytest.approx(np.sum((L @ xi) ** 2), rel=1e-6)
@@ -175,8 +178,6 @@ def test_what_cannot_be_reached_is_brought_to_the_nearest_that_can():
 
 
 def test_buffers_refuse_sparse_functions():
-    import casadi as ca
-
     x = ca.SX.sym("x", 2)
     with pytest.raises(ValueError, match="sparse"):
         Buffered(ca.Function("f", [x], [ca.diag(x)]))

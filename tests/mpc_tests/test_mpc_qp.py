@@ -30,7 +30,7 @@ def mpc_qp():
     controller, seen = TrackingMPC(plant), []
     solve = controller._solve
     controller._solve = lambda qp: (seen.append(qp), solve(qp))[1]
-    controller.step(plant.at_rest(2.1, 7.6) + [0, 1.5, 0, 0], 2.1, 7.6)
+    controller.step(plant.at_rest(2.1, 7.6) + np.array([0, 1.5, 0, 0]), 2.1, 7.6)
     return seen[-1]  # the second try, with all rows
 
 
@@ -98,5 +98,17 @@ def test_a_spoilt_answer_is_refused(qp, spoil):
 
 
 def test_an_unknown_solver_is_answered_with_those_there_are():
-    with pytest.raises(MissingBackend, match="unknown QP solver 'magic'; available: .*daqp.*osqp"):
+    with pytest.raises(MissingBackend, match=r"unknown QP solver 'magic'; available: .*daqp.*osqp"):
         TrackingMPC(Plant(), solver="magic")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_gap_is_never_less_than_what_a_point_costs_too_much(seed):
+    qp, rng = random_qp(1), np.random.default_rng(seed)
+    best, multipliers = solver("daqp")(qp)
+    inside = best + rng.random() * (rng.uniform(-0.05, 0.05, best.size) - best)  # a feasible point nearby
+    assert qp.violation(inside) == 0
+    excess = qp.cost(inside) - qp.cost(best)
+    assert excess > 0
+    assert qp.certify(inside, multipliers).gap == pytest.approx(excess, rel=1e-9)
+    assert qp.certify(inside, multipliers * rng.random(multipliers.size)).gap >= excess
