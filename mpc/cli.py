@@ -1,11 +1,14 @@
 """Commands about motion: `antagonist track`. Degrees and bar here, SI behind; heavy libraries load when it runs."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from allocator.cli import app, run
+from allocator.errors import InvalidInput
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,15 +41,25 @@ def track(
     reference = default_trajectory() if trajectory is None else load(trajectory)
     plant = Plant()
     controller = TrackingMPC(plant, dt=dt, N=horizon, solver=solver)
+    picture, table = out / "tracking.png", out / "tracking.csv"
+    with _writing(out):
+        out.mkdir(parents=True, exist_ok=True)
     done = simulate(plant, controller, reference, progress=True)
 
-    out.mkdir(parents=True, exist_ok=True)
-    picture, table = out / "tracking.png", out / "tracking.csv"
-    save_run(done, table)
     _say(console, f"drawing {picture} (the first picture after an installation takes some seconds)")
-    save_tracking_figure(done, picture)
+    with _writing(out):
+        save_run(done, table)
+        save_tracking_figure(done, picture)
     console.print(_summary(metrics(done)))
     _say(console, f"written: {picture}, {table}")
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise InvalidInput(f"{path} cannot be written ({error.strerror})") from None
 
 
 def _say(console: "Console", sentence: str) -> None:

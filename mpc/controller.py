@@ -8,17 +8,18 @@
                 P_min ≤ u_k ≤ P_max,   |u_k - u_{k-1}| ≤ slew · dt                             (hard)
                 θ_min - s ≤ θ_k ≤ θ_max + s                                                    (soft)
 
-θ* and K* are the references, u* and the pressures in x* = (θ*, θ*', P1*, P2*) what follows them by the closed-form
-allocation (`mpc.feedforward`); L is the terminal cost (`mpc.terminal`). f_d and K are linearised along the previous
-plan, moved on by one sample (`mpc.linearise`), which makes the problem a QP in the changes of the commands
-(`mpc.condense`); one such QP is solved per sample, or `iterations` of them, which converge to the nonlinear problem's
-solution.
+θ* and K* are the references, brought to the nearest that the joint can reach, u* and the pressures in
+x* = (θ*, θ*', P1*, P2*) what follows them by the closed-form allocation (`mpc.feedforward`); L is the terminal cost
+(`mpc.terminal`). f_d and K are linearised along the previous plan, moved on by one sample (`mpc.linearise`), which
+makes the problem a QP in the changes of the commands (`mpc.condense`); one such QP is solved per sample, or
+`iterations` of them, which converge to the nonlinear problem's solution.
 
 No step is without an answer. If the QP's answer does not pass the check of its optimality conditions the previous
 plan goes on, at most to its end; else the feed-forward is commanded. Whatever is sent keeps the hard limits exactly.
 """
 
 from dataclasses import dataclass, field
+from operator import index
 from time import perf_counter
 from typing import Any
 
@@ -56,12 +57,11 @@ class TrackingMPC:
 
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
-        if not 0 < float(checks.real("dt", self.dt, "s")) < 1:
-            raise InvalidInput(f"dt = {self.dt!r} s has to be a sample time between 0 and 1 s")
-        for name, least in (("N", 3), ("iterations", 1)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < least:
-                raise InvalidInput(f"{name} = {value!r} has to be a whole number, {least} or more")
+        self.dt = float(checks.real("dt", self.dt, "s"))
+        if not 0 < self.dt < 1:
+            raise InvalidInput(f"dt = {self.dt:g} s has to be a sample time between 0 and 1 s")
+        self.N = _count("N", self.N, least=3)
+        self.iterations = _count("iterations", self.iterations, least=1)
         self._solve = solver_by_name(self.solver)
         self._predictor = Predictor(self.plant, self.dt, self.N)
         self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N)
@@ -180,6 +180,16 @@ class TrackingMPC:
         if self._plan is not None and self._age < self.N:
             return u, Rung.PREVIOUS
         return self.limits.limited(u_last, feed.u), Rung.ALLOCATION
+
+
+def _count(name: str, value: Any, least: int) -> int:
+    try:
+        number = index(value)
+    except TypeError:
+        number = -1
+    if number < least:
+        raise InvalidInput(f"{name} = {value!r} has to be a whole number, {least} or more")
+    return number
 
 
 __all__ = ["TrackingMPC"]

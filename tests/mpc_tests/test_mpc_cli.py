@@ -64,8 +64,9 @@ def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
         (["nowhere.csv"], "nowhere.csv: cannot be read"),
         (["bad.csv"], "bad.csv, line 3, column 'theta_deg': 'up' is not a number"),
         (["short.csv", "--solver", "magic"], "unknown QP solver 'magic'; available: "),
-        (["short.csv", "--dt", "-1"], "dt = -1.0 s has to be a sample time"),
+        (["short.csv", "--dt", "-1"], "dt = -1 s has to be a sample time"),
         (["short.csv", "--horizon", "1"], "N = 1 has to be"),
+        (["short.csv", "--out", "bad.csv"], "bad.csv cannot be written"),
     ],
 )
 def test_bad_input_is_one_sentence_and_no_traceback(trajectory, arguments, said):
