@@ -39,7 +39,7 @@ def _angle(axes: Any, errors: Any, run: Run) -> None:
     axes.plot(run.t, run.theta_ref / DEG, color=_BLACK, ls="--", lw=1, label="reference")
     for limit in np.array(run.plant.joint.angle_range) / DEG:
         if abs(limit) < 1.6 * np.abs(run.theta / DEG).max():  # a far limit would only flatten the curve
-            axes.axhline(limit, color=_GREY, ls=":")
+            axes.axhline(limit, color=_GREY, ls="-.", lw=1, label="end of the joint range")
     axes.set_ylabel("joint angle θ [°]")
     _legend(axes)
     errors.plot(run.t, (run.theta - run.theta_ref) / DEG, color=_BLUE, lw=1)
@@ -54,12 +54,12 @@ def _stiffness(axes: Any, run: Run) -> None:
 
 
 def _pressures(axes: Any, run: Run) -> None:
-    for i, (name, color) in enumerate((("agonist P1", _BLUE), ("antagonist P2", _ORANGE))):
+    for i, (name, color) in enumerate((("P1", _BLUE), ("P2", _ORANGE))):
         axes.plot(run.t, run.P[:, i] / BAR, color=color, label=name)
-        axes.step(run.t[:-1], run.u[:, i] / BAR, color=color, lw=0.7, alpha=0.6, where="post", label="its command")
-        axes.plot(run.t, _taut_limit(run)[i] / BAR, color=color, ls=":", lw=1.2, label="taut above")
+        axes.step(run.t[:-1], run.u[:, i] / BAR, color=color, lw=0.7, alpha=0.6, where="post", label=f"{name} command")
+        axes.plot(run.t, _taut_limit(run)[i] / BAR, color=color, ls=":", lw=1.2, label=f"{name} slack below")
     for limit in run.plant.joint.pressure_limits:
-        axes.axhline(limit / BAR, color=_GREY, ls="-.", lw=1)
+        axes.axhline(limit / BAR, color=_GREY, ls="-.", lw=1, label="supply limits")
     axes.set_ylabel("gauge pressure [bar]")
     _legend(axes)
 
@@ -71,8 +71,11 @@ def _taut_limit(run: Run) -> tuple[Array, Array]:
 
 
 def _legend(axes: Any) -> None:
-    """To the right of the axes, where no data are."""
-    axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize="small")
+    """To the right of the axes, where no data are; what is drawn twice is named once."""
+    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    axes.legend(
+        named.values(), named.keys(), loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize="small"
+    )
 
 
 __all__ = ["save_tracking_figure", "tracking_figure"]

@@ -11,6 +11,8 @@ from mpc import Plant, Weights
 from mpc.feedforward import FeedForwardLaw
 from mpc.terminal import terminal_factor
 
+DEFAULT = Weights()
+
 
 class IpoptMPC:
     """The nonlinear programme of one step; `solve` answers the commands (N, 2) [Pa] and the cost."""
@@ -83,5 +85,5 @@ class IpoptMPC:
 
 @pytest.fixture(scope="session")
 def ipopt_mpc():
-    """Makes the nonlinear programme over N samples for the report's joint at 10 ms; each is built once."""
-    return functools.cache(lambda N: IpoptMPC(Plant(), 0.01, N, Weights()))
+    """Makes the nonlinear programme of (N, weights) for the report's joint at 10 ms; each is built once."""
+    return functools.cache(lambda N, weights=DEFAULT: IpoptMPC(Plant(), 0.01, N, weights))

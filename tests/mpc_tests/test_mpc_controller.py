@@ -53,6 +53,16 @@ def test_repeated_qps_reach_ipopt_s_solution_of_the_nonlinear_problem(case, ipop
     np.testing.assert_allclose(plan.u, u, atol=2e-3 * BAR)
 
 
+def test_the_second_step_starts_from_the_first_one_s_command_and_feed_forward(ipopt_mpc):
+    """From both, because the changes of their difference are charged for; dearly here, so that it shows."""
+    weights = Weights(rate=1 / (0.1 * BAR) ** 2)
+    nlp, mpc = ipopt_mpc(12, weights), TrackingMPC(PLANT, N=12, weights=weights, iterations=15)
+    theta, K = np.zeros(13), np.full(13, 7.6)
+    first = mpc.step(PLANT.at_rest(0.0, 7.65), theta, K)
+    u, _, _ = nlp.solve(first.x[1], theta, K + 0.1, first.u[0], nlp.feed_forward(theta, K).u[0])
+    np.testing.assert_allclose(mpc.step(first.x[1], theta, K + 0.1).u, u, atol=2e-3 * BAR)
+
+
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_one_qp_a_sample_costs_what_the_nonlinear_mpc_costs_in_closed_loop(case, ipopt_mpc):
     N, steps = 12, 25
