@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 Value: TypeAlias = Any  # a float, an array of floats, or a CasADi symbol
 Array: TypeAlias = NDArray[np.float64]
+Mask: TypeAlias = NDArray[np.bool_]
 
 _STEP = 1e-30  # of the complex step; nothing is subtracted, so it may be as small as one likes
 
@@ -24,11 +25,12 @@ def is_symbol(x: Value) -> bool:
 
 def _elementary(name: str) -> Callable[[Value], Value]:
     def function(x: Value) -> Value:
-        if not is_symbol(x):
-            return getattr(np, name)(x)
-        import casadi
+        if is_symbol(x):
+            import casadi
 
-        return getattr(casadi, name)(x)
+            return getattr(casadi, name)(x)
+        y = getattr(np, name)(x)
+        return y.item() if type(x) in (float, complex) else y  # NumPy scalars upset CasADi further on
 
     function.__name__ = name
     function.__doc__ = f"`{name}(x)` of a float, an array or a CasADi symbol."
@@ -90,6 +92,7 @@ def all_roots(f: Callable[..., Array], lo: Array, hi: Array, *args: Array, piece
 
 __all__ = [
     "Array",
+    "Mask",
     "Value",
     "all_roots",
     "cos",

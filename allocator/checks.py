@@ -59,32 +59,31 @@ def pressure(name: str, value: Any) -> Array:
     return array
 
 
-def force(name: str, value: Any) -> float | None:
-    """One force [N], not negative; None passes."""
-    if value is None:
-        return None
-    array = real(name, value, "N")
-    if array.ndim or array < 0:
-        raise InvalidInput(f"{name} = {value!r} N has to be one number that is not negative")
-    return float(array)
+def positive_pressure(name: str, value: Any) -> Array:
+    """A pressure [Pa] above zero."""
+    array = pressure(name, value)
+    if (wrong := array <= 0).any():
+        raise InvalidInput(f"{name}{at(array, wrong)} Pa has to be positive")
+    return array
 
 
-def slew(previous: Any, max_step: Any) -> dict[str, Array]:
-    """Previous pressures and greatest step, by name; empty when there is no slew limit."""
-    if (previous is None) is not (max_step is None):
-        raise InvalidInput("previous and max_step go together; one came without the other")
-    if previous is None:
-        return {}
+def pressure_pair(name: str, value: Any, labels: tuple[str, str]) -> dict[str, Array]:
+    """The pressures (P1, P2) [Pa], under the names `labels`."""
     try:
-        P1, P2 = previous
+        P1, P2 = value
     except (TypeError, ValueError):
-        raise InvalidInput(f"previous = {previous!r} has to be the two pressures (P1, P2) [Pa]") from None
-    step = pressure("max_step", max_step)
-    if (step <= 0).any():
-        raise InvalidInput(f"max_step{at(step, step <= 0)} Pa has to be positive")
-    now = real("previous", P1, "Pa"), real("previous", P2, "Pa")
-    pressure("previous", np.concatenate([np.ravel(P) for P in now]))
-    return {"previous P1": now[0], "previous P2": now[1], "max_step": step}
+        raise InvalidInput(f"{name} = {value!r} has to be two pressures (P1, P2) [Pa]") from None
+    pair = real(name, P1, "Pa"), real(name, P2, "Pa")
+    pressure(name, np.concatenate([np.ravel(P) for P in pair]))
+    return dict(zip(labels, pair, strict=True))
+
+
+def not_negative(name: str, value: Any, unit: str) -> float:
+    """One number that is zero or more."""
+    array = real(name, value, unit)
+    if array.ndim or array < 0:
+        raise InvalidInput(f"{name} = {value!r} has to be one number that is not negative [{unit}]")
+    return float(array)
 
 
 def pressure_or_symbol(name: str, value: Any) -> Any:
@@ -111,10 +110,11 @@ __all__ = [
     "angle_or_symbol",
     "at",
     "broadcast",
-    "force",
+    "not_negative",
+    "positive_pressure",
     "pressure",
     "pressure_or_symbol",
+    "pressure_pair",
     "real",
-    "slew",
     "stiffness",
 ]

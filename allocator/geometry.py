@@ -148,7 +148,9 @@ class Table(Geometry):
             for name in ("theta", "contraction1", "contraction2")
         )
 
-    __hash__ = None  # type: ignore[assignment]  # arrays inside
+    def __hash__(self) -> int:
+        """By the samples."""
+        return hash((self.rest_length, self.theta.tobytes(), self.contraction1.tobytes(), self.contraction2.tobytes()))
 
     def agonist(self, theta: Value) -> Routing:
         """Muscle 1 by its spline."""

@@ -64,7 +64,8 @@ def why_no_inverse(joint: AntagonistJoint) -> str:
 
 
 def _searched_box(sides: Sides) -> PressureBox:
-    return PressureBox(*(side.interval(_SEARCHED, min_force=None) for side in sides))
+    agonist, antagonist = (side.interval(_SEARCHED, min_force=None) for side in sides)
+    return PressureBox(agonist, antagonist)
 
 
 __all__ = ["affine_inverse", "inverse", "solve_inverse", "why_no_inverse"]

@@ -10,7 +10,7 @@ and everything static in this package is said in terms of these two `Side`s.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -138,10 +138,11 @@ class AntagonistJoint:
         theta: Value,
         *,
         min_force: float | None = 0.0,
+        max_force: float | None = None,
         previous: tuple[Array, ...] | None = None,
         max_step: Array | float | None = None,
     ) -> PressureBox:
-        """Pressures allowed at `theta`: supply ∩ force ≥ `min_force` (None: not asked) ∩ model validity ∩ slew.
+        """Pressures allowed at `theta`: supply ∩ `min_force` ≤ force ≤ `max_force` (or None) ∩ model validity ∩ slew.
 
         Since force grows with pressure every limit bounds one pressure: the feasible set is a box. `previous` (P1, P2)
         and `max_step` [Pa] say from where and how far the pressures may move; moving is a hard limit, so that from
@@ -150,8 +151,8 @@ class AntagonistJoint:
         P_prev = (None, None) if previous is None else previous
         agonist, antagonist = self.sides(np.asarray(theta, float))
         return PressureBox(
-            agonist.interval(self.pressure_limits, min_force, P_prev[0], max_step),
-            antagonist.interval(self.pressure_limits, min_force, P_prev[1], max_step),
+            agonist.interval(self.pressure_limits, min_force, max_force, P_prev[0], max_step),
+            antagonist.interval(self.pressure_limits, min_force, max_force, P_prev[1], max_step),
         )
 
     # --- equilibrium ------------------------------------------------------------------------------------------------
@@ -193,6 +194,7 @@ class AntagonistJoint:
         return TonduPulley(muscle, geometry) if geometry.initial_contraction > 0 else None
 
 
+@cache
 def report_joint() -> AntagonistJoint:
     """The report's joint: two Tondu2021 DMSP-20-400N, R = 2 cm, l0 = 40 cm, ε0 = .1375, 0–5 bar, ±125°   (24), (25)"""
     pulley = Pulley(rest_length=0.40, radius=0.02, initial_contraction=0.1375)

@@ -65,17 +65,22 @@ class Side:
         self,
         supply: tuple[float, float],
         min_force: float | None,
+        max_force: float | None = None,
         previous: Array | None = None,
         max_step: Array | float | None = None,
     ) -> PressureInterval:
         """Intersect the limits of this muscle, remembering which of them sets each end."""
-        lower, upper, slack, rate, validity = _FLAGS[self.sign]
+        lower, upper, slack, rate, validity, ceiling = _FLAGS[self.sign]
         shape = np.shape(self.contraction)
         lo, lo_limit = np.full(shape, supply[0]), np.full(shape, lower, np.int32)
         if self.muscle.max_pressure < supply[1]:
             hi, hi_limit = np.full(shape, self.muscle.max_pressure), np.full(shape, validity, np.int32)
         else:
             hi, hi_limit = np.full(shape, supply[1]), np.full(shape, upper, np.int32)
+        if max_force is not None:
+            strongest = self.muscle.pressure(max_force, self.contraction)
+            hi_limit = np.where(strongest < hi, ceiling, hi_limit).astype(np.int32)
+            hi = np.clip(strongest, lo, hi)
         empty = np.zeros(shape, bool)
         if min_force is not None:
             taut = self.muscle.pressure(min_force, self.contraction)
@@ -87,8 +92,22 @@ class Side:
 
 
 _FLAGS = {
-    +1: (Limit.P1_LOWER, Limit.P1_UPPER, Limit.AGONIST_SLACK, Limit.P1_RATE, Limit.AGONIST_VALIDITY),
-    -1: (Limit.P2_LOWER, Limit.P2_UPPER, Limit.ANTAGONIST_SLACK, Limit.P2_RATE, Limit.ANTAGONIST_VALIDITY),
+    +1: (
+        Limit.P1_LOWER,
+        Limit.P1_UPPER,
+        Limit.AGONIST_SLACK,
+        Limit.P1_RATE,
+        Limit.AGONIST_VALIDITY,
+        Limit.AGONIST_FORCE,
+    ),
+    -1: (
+        Limit.P2_LOWER,
+        Limit.P2_UPPER,
+        Limit.ANTAGONIST_SLACK,
+        Limit.P2_RATE,
+        Limit.ANTAGONIST_VALIDITY,
+        Limit.ANTAGONIST_FORCE,
+    ),
 }
 
 __all__ = ["Side"]

@@ -15,7 +15,8 @@ class Spline:
         """Interpolate the samples `y` [n] at the increasing `x` [n], n ≥ 4; `name` is used in the errors."""
         from scipy.interpolate import CubicSpline
 
-        x, y = np.array(x, float), np.array(y, float)
+        x, y = np.array(x, float), np.array(y)
+        y = y if y.dtype == complex else y.astype(float)  # complex: a derivative with respect to the samples
         if x.ndim != 1 or x.shape != y.shape or x.size < 4:
             raise InvalidInput(f"{name}: needs two rows of at least 4 samples, got shapes {x.shape} and {y.shape}")
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
@@ -37,12 +38,14 @@ class Spline:
         return self.x[i], self._pieces[:, i]
 
     def _piece_symbol(self, x: Value) -> tuple[Value, list[Value]]:
-        import casadi
-
-        knots = self.x[1:-1].tolist()
-        rows = [self.x[:-1], *self._pieces]
-        start, *c = (casadi.pw_const(x, knots, row.tolist()) for row in rows)
+        passed = [x >= knot for knot in self.x[1:-1].tolist()]
+        start, *c = (_staircase(row.tolist(), passed) for row in (self.x[:-1], *self._pieces))
         return start, c
+
+
+def _staircase(values: list[float], passed: list[Value]) -> Value:
+    """The first of `values`, or the one after the last knot that is `passed` (casadi.pw_const takes no MX)."""
+    return values[0] + sum((b - a) * step for a, b, step in zip(values, values[1:], passed, strict=False))
 
 
 def _first_fall(x: Array) -> int:

@@ -22,7 +22,7 @@ WRONG = {
     "K ragged": ({"K": [[1, 2], [3]]}, "is not a number"),
     "T NaN in a matrix": ({"T": [[0, 1], [np.nan, 2]]}, "T[1, 0] = nan is not finite [N·m]"),
     "shapes": ({"theta": np.zeros(3), "T": np.zeros(4)}, "shapes do not broadcast: theta (3,), K (), T (4,)"),
-    "unknown method": ({"method": "magic"}, "unknown method 'magic'; available: analytic, exact"),
+    "unknown method": ({"method": "magic"}, "unknown method 'magic'; available: analytic, convex, exact, nlp, qp"),
     "unknown priority": ({"priority": "speed"}, "choose one of torque, stiffness, weighted"),
     "weights without weighted": ({"weights": (1, 1)}, "go together"),
     "weighted without weights": ({"priority": "weighted"}, "go together"),
@@ -35,8 +35,8 @@ WRONG = {
     "max_step in bar": ({"previous": (2e5, 3e5), "max_step": 0.5}, "max_step = 0.5 Pa is next to nothing"),
     "max_step negative": ({"previous": (2e5, 3e5), "max_step": -1e4}, "max_step = -10000 Pa has to be positive"),
     "max_step alone": ({"max_step": 1e4}, "previous and max_step go together"),
-    "previous not a pair": ({"previous": 2e5, "max_step": 1e4}, "has to be the two pressures (P1, P2)"),
-    "min_force negative": ({"min_force": -1.0}, "min_force = -1.0 N"),
+    "previous not a pair": ({"previous": 2e5, "max_step": 1e4}, "has to be two pressures (P1, P2)"),
+    "min_force negative": ({"min_force": -1.0}, "min_force = -1.0 has to be one number that is not negative [N]"),
 }
 
 

@@ -1,23 +1,22 @@
 """`allocate`: from torque and stiffness targets to the two pressures."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator import checks
-from allocator.allocation import exact
-from allocator.allocation.problem import PRIORITIES, Priority, Problem
-from allocator.allocation.result import Allocation, Verdict, assess, assess_analytic, shaped
+from allocator.allocation import backends, exact
+from allocator.allocation.arguments import problem_from
+from allocator.allocation.assessment import OPTIMISER, Assessment, assess, assess_inverse
+from allocator.allocation.problem import Priority, Problem
+from allocator.allocation.result import Allocation, shaped
 from allocator.allocation.status import Status
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.inverse import solve_inverse
 from allocator.joint import AntagonistJoint, report_joint
-from allocator.levels import Pair
 
-_DEFAULT_JOINT = report_joint()
+METHODS = ("analytic", "exact", *backends.OPTIMISERS)
 
 
 def allocate(
@@ -30,12 +29,19 @@ def allocate(
     priority: Priority = "torque",
     weights: tuple[float, float] | None = None,
     min_force: float | None = 0.0,
+    max_force: float | None = None,
+    min_cocontraction: float | None = None,
+    stiffness_tolerance: float = 0.0,
+    pull: float = 0.0,
+    reference: tuple[Value, Value] | None = None,
     previous: tuple[Value, Value] | None = None,
-    max_step: float | None = None,
+    max_step: Value | None = None,
+    solver: str | None = None,
+    warm_start: bool = True,
 ) -> Allocation:
     """Find the pressures (P1, P2) that give stiffness `K` and torque `T` at the joint angle `theta`, or come nearest.
 
-    Solves problem [A] of `allocator.allocation.problem`: within supply limits, taut muscles, model validity and slew.
+    Solves problem [A] of `allocator.allocation.problem`.
 
     Parameters
     ----------
@@ -44,66 +50,115 @@ def allocate(
     joint
         The joint; by default the report's (two Tondu2021 DMSP-20-400N on a 2 cm pulley, 0–5 bar, ±125°).
     method
-        "exact": the global optimum. "analytic": the inverse alone, without limits; NaN where it does not exist.
+        "exact": the global optimum, in closed form where there is one. "analytic": the inverse alone, without limits;
+        NaN where it does not exist. "qp" (successive QPs), "nlp" (CasADi), "convex" (cvxpy): optimisers that start from
+        the analytic inverse; an answer that fails the library's own check is replaced, and the status says so.
     priority
         What is met first where not both can be: "torque", "stiffness", or "weighted" by `weights`.
     weights
         (w_T, w_K) in [cost]/[N·m]² and [cost]/[N·m/rad]², both positive, for priority "weighted".
-    min_force
-        Least muscle force [N], keeps the cables taut; None lifts it, to compare with the report's figures.
+    min_force, max_force
+        Least and greatest muscle force [N]. 0 keeps the cables taut; None lifts the limit, e.g. to compare with the
+        report's figures.
+    min_cocontraction
+        Least mean pressure (P1 + P2)/2 [Pa].
+    stiffness_tolerance
+        All stiffnesses this near to K are as good [N·m/rad]; of them the one with the least pressures is given.
+    pull, reference
+        ρ [cost]/[Pa]² and (P1, P2) [Pa]: a pull of the pressures towards the reference.
     previous, max_step
         The pressures now (P1, P2) [Pa] and how far each may move [Pa]: a slew limit.
+    solver
+        For "qp" any solver that qpsolvers finds ("daqp", "osqp", …), for "nlp" "ipopt" or "sqpmethod", for "convex"
+        "clarabel" or "osqp".
+    warm_start
+        False starts the optimisers in the middle of the box instead, to measure what the warm start gains.
 
     Raises
     ------
     InvalidInput
-        For an argument that makes no sense: NaN, K ≤ 0, degrees for radians, bar for Pa, shapes that do not fit.
+        For an argument that makes no sense: NaN, K ≤ 0, degrees for radians, bar for Pa, shapes that do not fit,
+        contradictory limits; and for a pull where "exact" has no closed form.
     MissingBackend
-        For an unknown method; the message lists the ones there are.
+        For an unknown method or solver; the message lists the ones there are.
     """
-    if method not in _METHODS:
-        raise MissingBackend("method", method, _METHODS)
-    joint = _DEFAULT_JOINT if joint is None else joint
-    theta, K, T = checks.angle("theta", theta), checks.stiffness("K", K), checks.real("T", T, "N·m")
-    theta, K, T, *slew = checks.broadcast(theta=theta, K=K, T=T, **checks.slew(previous, max_step))
-    problem = Problem(
-        joint,
-        np.clip(theta, *joint.angle_range).ravel(),
-        K.ravel(),
-        T.ravel(),
-        priority=_priority(priority),
-        weights=_weights(priority, weights),
-        min_force=checks.force("min_force", min_force),
-        slew=tuple(array.ravel() for array in slew) or None,
+    if method not in METHODS:
+        raise MissingBackend("method", method, METHODS)
+    if solver is not None and method not in backends.OPTIMISERS:
+        raise InvalidInput(
+            f"solver = {solver!r} belongs to the methods {', '.join(backends.OPTIMISERS)}, not {method!r}"
+        )
+    problem, asked = problem_from(
+        report_joint() if joint is None else joint,
+        theta,
+        K,
+        T,
+        priority=priority,
+        weights=weights,
+        min_force=min_force,
+        max_force=max_force,
+        min_cocontraction=min_cocontraction,
+        stiffness_tolerance=stiffness_tolerance,
+        pull=pull,
+        reference=reference,
+        previous=previous,
+        max_step=max_step,
     )
-    return _METHODS[method](problem, theta, method)
+    if method == "analytic":
+        return _inverted(problem, asked)
+    if method == "exact":
+        P1, P2 = exact.solve(problem)
+        found = assess(problem, P1, P2, _outside(problem.joint, asked.ravel()))
+        return _allocation(problem, asked, P1, P2, found, method, local=exact.is_local(problem))
+    return _optimised(problem, asked, method, solver, warm_start)
 
 
-def _exact(problem: Problem, theta: Array, method: str) -> Allocation:
-    P1, P2 = exact.solve(problem)
-    outside = _outside(problem.joint, theta.ravel())
-    return _allocation(problem, theta, (P1, P2), assess(problem, P1, P2, outside), exact.is_local(problem), method)
-
-
-def _analytic(problem: Problem, theta: Array, method: str) -> Allocation:
-    problem = problem.at(theta.ravel())  # no limit, not even the joint's range
+def _inverted(problem: Problem, asked: Array) -> Allocation:
+    problem = problem.at(asked.ravel())  # no limit, not even the joint's range
     P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K, problem.T)
-    verdict = assess_analytic(problem, P1, P2, _outside(problem.joint, problem.theta))
-    return _allocation(problem, theta, (P1, P2), verdict, np.zeros(P1.shape, bool), method)
+    found = assess_inverse(problem, P1, P2, _outside(problem.joint, problem.theta))
+    return _allocation(problem, asked, P1, P2, found, "analytic", local=np.zeros(P1.shape, bool))
 
 
-_METHODS: dict[str, Callable[[Problem, Array, str], Allocation]] = {"analytic": _analytic, "exact": _exact}
+def _optimised(problem: Problem, asked: Array, method: str, solver: str | None, warm_start: bool) -> Allocation:
+    P1, P2, iterations, failed = backends.optimise(problem, method, solver, warm_start)
+    found = assess(problem, P1, P2, _outside(problem.joint, asked.ravel()), OPTIMISER)
+    found = found._replace(status=np.where(failed, np.int8(Status.SOLVER_FAILED), found.status))
+    local = exact.is_local(problem)
+    return _allocation(problem, asked, P1, P2, found, method, local=local, iterations=iterations)
 
 
 def _allocation(
-    problem: Problem, theta: Array, P: Pair, verdict: Verdict, local: NDArray[np.bool_], method: str
+    problem: Problem,
+    asked: Array,
+    P1: Array,
+    P2: Array,
+    found: Assessment,
+    method: str,
+    *,
+    local: NDArray[np.bool_],
+    iterations: NDArray[np.int32] | None = None,
 ) -> Allocation:
-    columns = (problem.T, problem.K, *P, *verdict, local)
-    T_target, K_target, P1, P2, T, K, status, limits, local = (shaped(c, theta.shape) for c in columns)
-    status = status if theta.shape else Status(status)
-    asked: Any = shaped(theta.ravel(), theta.shape)
+    shape = asked.shape
+
+    def form(array: NDArray[Any]) -> Any:
+        return shaped(array, shape)
+
     return Allocation(
-        asked, T_target, K_target, P1, P2, T, K, status, limits, local, method, _problem=problem, _shape=theta.shape
+        theta=form(asked.ravel()),
+        T_target=form(problem.T),
+        K_target=form(problem.K),
+        P1=form(P1),
+        P2=form(P2),
+        T=form(found.T),
+        K=form(found.K),
+        status=form(found.status) if shape else Status(int(found.status[0])),
+        limits=form(found.limits),
+        local=form(local),
+        method=method,
+        iterations=None if iterations is None else form(iterations),
+        _problem=problem,
+        _shape=shape,
     )
 
 
@@ -114,21 +169,4 @@ def _outside(joint: AntagonistJoint, theta: Array) -> NDArray[np.int32]:
     return np.where(theta < left, below, np.where(theta > right, above, np.int32(0)))
 
 
-def _priority(priority: Any) -> Priority:
-    if priority not in PRIORITIES:
-        raise InvalidInput(f"priority = {priority!r} is unknown; choose one of {', '.join(PRIORITIES)}")
-    return priority  # type: ignore[no-any-return]  # narrowed by the line above
-
-
-def _weights(priority: Priority, weights: Any) -> tuple[float, float]:
-    if (weights is None) is (priority == "weighted"):
-        raise InvalidInput("weights = (w_T, w_K) and priority='weighted' go together; one came without the other")
-    if weights is None:
-        return 1.0, 1.0
-    array = checks.real("weights", weights, "cost/target²")
-    if array.shape != (2,) or not (array > 0).all():
-        raise InvalidInput(f"weights = {weights!r} have to be two positive numbers (w_T, w_K)")
-    return float(array[0]), float(array[1])
-
-
-__all__ = ["allocate"]
+__all__ = ["METHODS", "allocate"]

@@ -2,22 +2,27 @@
 
 At a joint angle θ, with targets T* and K*, over the pressures P = (P1, P2):
 
-    minimise    w_T (T(θ, P) - T*)² + w_K (K(θ, P) - K*)²
+    minimise    w_T (T(θ, P) - T*)² + w_K (K(θ, P) - K*)² + ρ ‖P - P_ref‖²
     subject to  lo_i(θ) ≤ P_i ≤ hi_i(θ),  i = 1, 2                                                              [A]
+                (P1 + P2)/2 ≥ P_co
 
-Supply limits, taut muscles (F_i ≥ min_force, a bound on P_i alone since force grows with pressure), the validity of the
-muscle models and the slew limits all are bounds on a single pressure: the feasible set is the box [lo, hi], see
-`allocator.joint.AntagonistJoint.pressure_box`. Angles beyond the joint range are replaced by the nearest one inside.
+Supply limits, min_force ≤ F_i ≤ max_force (bounds on P_i alone since force grows with pressure; min_force ≥ 0 keeps the
+cables taut), the validity of the muscle models and the slew limits all are bounds on a single pressure: the box, see
+`allocator.joint.AntagonistJoint.pressure_box`. The co-contraction floor P_co, if any, cuts a corner off it. Angles
+beyond the joint range are replaced by the nearest one inside.
 
 `priority` says what is given up where both targets cannot be met: "weighted" is [A] itself; "torque" is the limit
-w_T/w_K → ∞ (first the nearest torque, then among all pressures that give it the nearest stiffness) and "stiffness" the
-opposite limit.
+w_T → ∞ (first the nearest torque, then among all pressures that give it the least w_K (K - K*)² + ρ ‖P - P_ref‖²) and
+"stiffness" the opposite limit; the weight of the second goal is 1 there.
+
+With a `stiffness_tolerance` all stiffnesses within K* ± tolerance are equally good, and among them the one with the
+least pressures, which is also the one with the least air, is wanted. Along a torque level both pressures grow with the
+stiffness, so that it is the least stiffness: K* - tolerance is aimed at.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Literal, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +47,15 @@ class Problem:
     priority: Priority = "torque"
     weights: tuple[float, float] = (1.0, 1.0)  # (w_T [cost]/[N·m]², w_K [cost]/[N·m/rad]²), for "weighted"
     min_force: float | None = 0.0  # least muscle force [N]; None: cables may be slack
-    slew: tuple[Array, ...] | None = None  # (P1 now, P2 now, greatest step) [Pa]
+    max_force: float | None = None  # greatest muscle force [N]
+    min_cocontraction: float | None = None  # least (P1 + P2)/2 [Pa]
+    stiffness_tolerance: float = 0.0  # stiffnesses this near to the target are as good [N·m/rad]
+    pull: float = 0.0  # ρ [cost]/[Pa]²
+    P1_ref: Array | None = None  # reference pressures [Pa], where there is a pull
+    P2_ref: Array | None = None
+    P1_now: Array | None = None  # pressures from which a step is made [Pa], where there is a slew limit
+    P2_now: Array | None = None
+    max_step: Array | None = None  # greatest step [Pa]
 
     @cached_property
     def sides(self) -> Sides:
@@ -52,13 +65,39 @@ class Problem:
     @cached_property
     def box(self) -> PressureBox:
         """All limits together."""
-        previous, max_step = (self.slew[:2], self.slew[2]) if self.slew else (None, None)
-        return self.joint.pressure_box(self.theta, min_force=self.min_force, previous=previous, max_step=max_step)
+        previous = None if self.P1_now is None or self.P2_now is None else (self.P1_now, self.P2_now)
+        box = self.joint.pressure_box(
+            self.theta, min_force=self.min_force, max_force=self.max_force, previous=previous, max_step=self.max_step
+        )
+        if self.min_cocontraction is None:
+            return box
+        return box.with_least_sum(np.full(self.theta.shape, 2 * self.min_cocontraction))
+
+    @property
+    def K_aim(self) -> Array:
+        """The stiffness aimed at: the least that is as good as the target."""
+        return self.K - self.stiffness_tolerance
+
+    @property
+    def P_ref(self) -> Pair:
+        """Reference pressures; without a pull they do not matter."""
+        none = np.zeros(())
+        return (none if self.P1_ref is None else self.P1_ref, none if self.P2_ref is None else self.P2_ref)
+
+    @property
+    def goal_weights(self) -> tuple[float, float]:
+        """(w_T, w_K) of the goals when both are in one cost; the second goal of a lexicographic priority weighs 1."""
+        return self.weights if self.priority == "weighted" else (1.0, 1.0)
 
     def errors(self, P1: Array, P2: Array) -> Pair:
-        """(T - T*, K - K*) at pressures (…, n)."""
+        """(T - T*, K - K_aim) at pressures (…, n)."""
         one, two = self.sides
-        return one.torque(P1) + two.torque(P2) - self.T, one.stiffness(P1) + two.stiffness(P2) - self.K
+        return one.torque(P1) + two.torque(P2) - self.T, one.stiffness(P1) + two.stiffness(P2) - self.K_aim
+
+    def pull_cost(self, P1: Array, P2: Array) -> Array:
+        """ρ ‖P - P_ref‖² at pressures (…, n)."""
+        R1, R2 = self.P_ref
+        return np.asarray(self.pull * ((P1 - R1) ** 2 + (P2 - R2) ** 2))
 
     @cached_property
     def scales(self) -> Pair:
@@ -70,17 +109,14 @@ class Problem:
             np.abs(one.stiffness(hi1)) + np.abs(two.stiffness(hi2)) + np.abs(self.K),
         )
 
-    def take(self, where: NDArray[np.bool_]) -> Self:
-        """The problems at which the mask `where` (n,) is true."""
-        slew = tuple(array[where] for array in self.slew) if self.slew else None
-        return replace(self, theta=self.theta[where], K=self.K[where], T=self.T[where], slew=slew)
+    def take(self, where: NDArray[Any]) -> Self:
+        """The problems at the mask or the indices `where`."""
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
+        return replace(self, **{name: array[where] for name, array in arrays.items() if isinstance(array, np.ndarray)})
 
     def at(self, theta: Array) -> Self:
         """The same targets at other angles (n,)."""
         return replace(self, theta=theta)
 
 
-Solver = Callable[[Problem], Pair]
-"""A back-end: from n problems to their pressures (P1, P2), each (n,)."""
-
-__all__ = ["PRIORITIES", "Priority", "Problem", "Solver"]
+__all__ = ["PRIORITIES", "Priority", "Problem"]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation import sensitivity
+from allocator.allocation import kkt, sensitivity
 from allocator.allocation.problem import Problem
 from allocator.allocation.status import Status
 from allocator.calculus import Array
@@ -18,9 +18,6 @@ from allocator.inverse import why_no_inverse
 from allocator.levels import Pair, stiffness, torque_interval, torque_level
 from allocator.limits import names
 from allocator.units import BAR, DEG
-
-_MET = 1e-9  # of the torque or stiffness scale: a target missed by less is met
-_BINDS = 1e-9  # of the supply range: a pressure nearer to a bound lies on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +35,7 @@ class Allocation:
     limits: Any  # combination of Limit flags that bind, as integers
     local: Any  # True where the answer is only proved to be a local optimum
     method: str
+    iterations: Any  # of an optimising method, else None
     _problem: Problem = field(repr=False)
     _shape: tuple[int, ...] = field(repr=False)
 
@@ -72,11 +70,16 @@ class Allocation:
 
     @cached_property
     def stiffness_interval(self) -> Pair:
-        """[K_min, K_max] [N·m/rad] that can be reached at the angle with the torque given; NaN for a slack cable."""
+        """[K_min, K_max] [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer."""
         problem = self._problem
         T_min, T_max = torque_interval(problem.sides, problem.box)
         level = torque_level(problem.sides, problem.box, np.clip(np.ravel(self.T), T_min, T_max))
         return self._shaped(stiffness(problem.sides, level.low), stiffness(problem.sides, level.high))
+
+    @cached_property
+    def kkt_residual(self) -> Any:
+        """Step that would still improve the answer, in fractions of the supply range: 0 is optimal, see `kkt`."""
+        return shaped(kkt.residual(self._problem, np.ravel(self.P1), np.ravel(self.P2)), self._shape)
 
     @cached_property
     def forces(self) -> Pair:
@@ -116,31 +119,6 @@ def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
     return view
 
 
-Verdict = tuple[Array, Array, NDArray[np.int8], NDArray[np.int32]]
-
-
-def assess(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32]) -> Verdict:
-    """(T, K, status, limits), each (n,), of the pressures; `outside` holds the Limit flag of angles that were moved."""
-    e_T, e_K = problem.errors(P1, P2)
-    T_scale, K_scale = problem.scales
-    T_missed, K_missed = np.abs(e_T) > _MET * T_scale, np.abs(e_K) > _MET * K_scale
-    status = T_missed * Status.TORQUE_LIMITED + K_missed * Status.STIFFNESS_LIMITED
-    status = np.where(problem.box.empty, Status.SLACK, status)
-    status = np.where(outside != 0, Status.OUTSIDE_JOINT_RANGE, status)
-    tolerance = _BINDS * problem.joint.pressure_span
-    limits = problem.box.agonist.binding(P1, tolerance) | problem.box.antagonist.binding(P2, tolerance) | outside
-    return problem.T + e_T, problem.K + e_K, status.astype(np.int8), limits
-
-
-def assess_analytic(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32]) -> Verdict:
-    """The same of the bare inverse, which knows no limits: `limits` are the ones that it breaks or lies on."""
-    T, K, _, limits = assess(problem, P1, P2, outside)
-    allowed = problem.box.contains(P1, P2, _BINDS * problem.joint.pressure_span) & ~problem.box.empty & (outside == 0)
-    status = np.where(allowed, Status.EXACT, Status.OUTSIDE_LIMITS)
-    status = np.where(np.isnan(P1), Status.NO_INVERSE, status)
-    return T, K, status.astype(np.int8), limits
-
-
 def _sentence(a: Allocation) -> str:
     at = f"{a.theta / DEG:.4g}°"
     left, right = (f"{end / DEG:.4g}°" for end in a._problem.joint.angle_range)
@@ -153,7 +131,9 @@ def _sentence(a: Allocation) -> str:
         f"asked {a.K_target:.4g}{where}",
         Status.BOTH_LIMITED: f"torque at {at} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}; "
         f"stiffness given {a.K:.4g} N·m/rad, asked {a.K_target:.4g}{where}",
-        Status.SLACK: f"at {at}{where}",
+        Status.PULLED: f"asked {a.T_target:.4g} N·m and {a.K_target:.4g} N·m/rad, given {a.T:.4g} and {a.K:.4g}{where}",
+        Status.CONFLICT: f"at {at}{where}",
+        Status.SLACK: f"at {at} the forces are {a.forces[0]:.4g} N and {a.forces[1]:.4g} N{where}",
         Status.OUTSIDE_JOINT_RANGE: f"range {left} … {right}, asked {at}{where}",
         Status.OUTSIDE_LIMITS: f"P1 = {a.P1 / BAR:.4g} bar, P2 = {a.P2 / BAR:.4g} bar{where}",
         Status.NO_INVERSE: why_no_inverse(a._problem.joint),
@@ -162,4 +142,4 @@ def _sentence(a: Allocation) -> str:
     return status.advice + (f" ({details[status]})" if status in details else "")
 
 
-__all__ = ["Allocation", "Verdict", "assess", "assess_analytic", "shaped"]
+__all__ = ["Allocation", "shaped"]

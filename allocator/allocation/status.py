@@ -4,16 +4,19 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """Outcome of one allocation; `.advice` is a sentence."""
+    """Outcome of one allocation; `.advice` is a sentence. Where several hold the last in this list is given."""
 
     EXACT = 0
     TORQUE_LIMITED = 1
     STIFFNESS_LIMITED = 2
     BOTH_LIMITED = 3
-    SLACK = 4
-    OUTSIDE_JOINT_RANGE = 5
-    OUTSIDE_LIMITS = 6
-    NO_INVERSE = 7
+    PULLED = 4
+    CONFLICT = 5
+    SLACK = 6
+    OUTSIDE_JOINT_RANGE = 7
+    SOLVER_FAILED = 8
+    OUTSIDE_LIMITS = 9
+    NO_INVERSE = 10
 
     @property
     def advice(self) -> str:
@@ -26,8 +29,11 @@ _ADVICE = {
     Status.TORQUE_LIMITED: "the torque cannot be met, this is the nearest; ask for less or relieve a limit",
     Status.STIFFNESS_LIMITED: "the stiffness cannot be met, this is the nearest; choose one inside its interval",
     Status.BOTH_LIMITED: "neither torque nor stiffness can be met, this is the best trade for the priority",
-    Status.SLACK: "no allowed pressure keeps both cables taut here; the model's torque and stiffness do not hold",
+    Status.PULLED: "the pull towards the reference pressures keeps the answer off the targets",
+    Status.CONFLICT: "the limits contradict each other here; the ceilings were kept, the floors were not",
+    Status.SLACK: "no allowed pressure pulls both cables with the force that they need to stay taut",
     Status.OUTSIDE_JOINT_RANGE: "the angle is beyond the joint range, answered at the nearest angle inside",
+    Status.SOLVER_FAILED: "the back-end's answer was not optimal; this is the exact or projected one instead",
     Status.OUTSIDE_LIMITS: "the inverse exists but breaks a limit; method='exact' respects it",
     Status.NO_INVERSE: "no pressures give this torque and stiffness",
 }

@@ -1,9 +1,58 @@
-"""Published static models of pneumatic muscles, each named AuthorYear, and a catalogue of named parameter sets."""
+"""Published static models of pneumatic muscles, each named AuthorYear, and a catalogue of named parameter sets.
+
+`MODELS` lists them all; `allocator.muscles.catalogue.MUSCLES` the named parameter sets. Takosoglu et al. 2016
+(exponential in pressure) is missing: its formula was not found.
+"""
 
 from allocator.muscles.base import AffineMuscle, Muscle
+from allocator.muscles.chou import ChouHannaford1996
+from allocator.muscles.custom import FunctionMuscle, TableMuscle
+from allocator.muscles.hildebrandt import Hildebrandt2005
 from allocator.muscles.hogan import Hogan1984
+from allocator.muscles.kazemipour import KazemipourKatzschmann2025
+from allocator.muscles.martens import MartensBoblan2017
 from allocator.muscles.mckibben import TonduLopez1995
+from allocator.muscles.models import MODELS
+from allocator.muscles.monotonicity import monotonicity_failure
+from allocator.muscles.polynomial import PolynomialMcKibben
+from allocator.muscles.pressure_dependent import Andrikopoulos2016, TonduLopez2000
+from allocator.muscles.recipe import Recipe
 from allocator.muscles.sarosi import Sarosi2012
 from allocator.muscles.tondu import Tondu2021
+from allocator.muscles.uncertainty import (
+    ParameterSensitivities,
+    force_gradient,
+    force_std,
+    parameter_sensitivities,
+    slope_std,
+    standard_deviation,
+)
+from allocator.muscles.wickramatunge import Wickramatunge2010
 
-__all__ = ["AffineMuscle", "Hogan1984", "Muscle", "Sarosi2012", "Tondu2021", "TonduLopez1995"]
+__all__ = [
+    "MODELS",
+    "AffineMuscle",
+    "Andrikopoulos2016",
+    "ChouHannaford1996",
+    "FunctionMuscle",
+    "Hildebrandt2005",
+    "Hogan1984",
+    "KazemipourKatzschmann2025",
+    "MartensBoblan2017",
+    "Muscle",
+    "ParameterSensitivities",
+    "PolynomialMcKibben",
+    "Recipe",
+    "Sarosi2012",
+    "TableMuscle",
+    "Tondu2021",
+    "TonduLopez1995",
+    "TonduLopez2000",
+    "Wickramatunge2010",
+    "force_gradient",
+    "force_std",
+    "monotonicity_failure",
+    "parameter_sensitivities",
+    "slope_std",
+    "standard_deviation",
+]

@@ -10,36 +10,68 @@ from which the uniqueness of the inverse follows (see `allocator.inverse`).
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from os import PathLike
+from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
 
-from allocator.calculus import Array, Value, derivative, increasing_root
+from allocator.calculus import Array, Mask, Value, derivative, increasing_root
 from allocator.errors import InvalidInput
+from allocator.muscles.recipe import Recipe
+
+Covariance: TypeAlias = tuple[tuple[float, ...], ...]
+"""Rows of a symmetric matrix, in the order of `Muscle.parameters` [product of the parameters' units]."""
+
+STRUCTURE = {"role": "structure"}
+"""Metadata of dataclass fields that are numbers of the law, but no parameters: saved, never varied."""
+
+NOT_A_NUMBER = {"role": "other"}
+"""Metadata of dataclass fields that are no numbers of the law: neither checked nor saved with it."""
 
 
 @dataclass(frozen=True)
 class Muscle(ABC):
     """A static force law F(P, ε); immutable, its fields are the model's parameters in SI units.
 
-    Every method takes floats, arrays (broadcast) or CasADi symbols, except `pressure`, which is numeric.
+    A parameter is a number, or a row of numbers where the model leaves their count open; a field may be marked as
+    `STRUCTURE` (the knots of a table) and is then no parameter. Every method takes floats,
+    arrays (broadcast) or CasADi symbols, except `pressure`, which is numeric.
     """
 
     citation: ClassVar[str]
     """Where the formula was published."""
 
+    covariance: Covariance | None = field(default=None, kw_only=True, repr=False, metadata=NOT_A_NUMBER)
+    """Covariance of the parameters of a fitted muscle; None: no uncertainty is known."""
+
     def __post_init__(self) -> None:
-        """Turn every parameter into a plain float (NumPy scalars upset CasADi) and refuse what is not finite."""
-        for field in fields(self):
-            value = getattr(self, field.name)
+        """Turn every number into a plain float (NumPy scalars upset CasADi) and refuse what is not finite."""
+        for name, is_row in self.number_fields().items():
+            value = getattr(self, name)
             try:
-                number = float(value)
+                numbers = tuple(_number(v) for v in (value if is_row else (value,)))
             except (TypeError, ValueError):
-                number = float("nan")
-            if not np.isfinite(number):
-                raise InvalidInput(f"{type(self).__name__}: {field.name} = {value!r} is not a finite number")
-            object.__setattr__(self, field.name, number)
+                numbers = (np.nan,)
+            if not np.isfinite(numbers).all():
+                expected = "a row of finite numbers" if is_row else "a finite number"
+                raise InvalidInput(f"{type(self).__name__}: {name} = {value!r} is not {expected}")
+            object.__setattr__(self, name, numbers if is_row else numbers[0])
+        self._check_covariance()
+
+    def _check_covariance(self) -> None:
+        if self.covariance is None:
+            return
+        n = len(self.parameters)
+        matrix = np.asarray(self.covariance, float)
+        if matrix.shape != (n, n) or not np.isfinite(matrix).all():
+            raise InvalidInput(
+                f"{type(self).__name__}: covariance has to be {n} rows of {n} finite numbers, got shape {matrix.shape}"
+            )
+        object.__setattr__(self, "covariance", tuple(map(tuple, matrix.tolist())))
+
+    # --- the law ----------------------------------------------------------------------------------------------------
 
     @property
     def max_pressure(self) -> float:
@@ -47,9 +79,23 @@ class Muscle(ABC):
         return np.inf
 
     @property
+    def min_contraction(self) -> float:
+        """Contraction ratio [-] from which on the law can be evaluated; negative is stretched."""
+        return -np.inf
+
+    @property
     def max_contraction(self) -> float:
         """Contraction ratio [-] up to which the law is meant to be used."""
         return 0.35
+
+    def covers(self, P: Array, eps: Array) -> Mask:
+        """Whether the law is meant for these contractions (at these pressures, if that matters) while F ≥ 0."""
+        return np.asarray((eps >= self.min_contraction) & (eps <= self.max_contraction))
+
+    @property
+    def limitation(self) -> str:
+        """Where the law breaks [M] by its form, in a sentence; empty if it need not."""
+        return ""
 
     @abstractmethod
     def force(self, P: Value, eps: Value) -> Value:
@@ -69,12 +115,89 @@ class Muscle(ABC):
 
     def pressure(self, F: Value, eps: Value) -> Array:
         """Pressure [Pa] that gives the force `F` at `eps`; ∓inf where F is below or above all that the law can give."""
-        ceiling = min(self.max_pressure, _SEARCH_CEILING)
+        ceiling = min(self.max_pressure, SEARCH_CEILING)
         F, eps = np.asarray(F, float), np.asarray(eps, float)
         return increasing_root(lambda P, F, e: self.force(P, e) - F, np.zeros(()), np.asarray(ceiling), F, eps)
 
+    # --- its parameters ---------------------------------------------------------------------------------------------
 
-_SEARCH_CEILING = 20e5  # [Pa] far above any pneumatic muscle's burst pressure
+    @classmethod
+    def number_fields(cls) -> dict[str, bool]:
+        """Every field that holds numbers of the law, and whether it is a row of them."""
+        return {f.name: f.type not in (float, "float") for f in fields(cls) if f.metadata.get("role") != "other"}
+
+    @classmethod
+    def parameter_fields(cls) -> dict[str, bool]:
+        """Those of them that are parameters."""
+        structure = {f.name for f in fields(cls) if f.metadata.get("role") == "structure"}
+        return {name: is_row for name, is_row in cls.number_fields().items() if name not in structure}
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Every parameter by its name; the members of a row are called name[0], name[1], …"""
+        flat: dict[str, float] = {}
+        for name, is_row in self.parameter_fields().items():
+            value = getattr(self, name)
+            flat |= {f"{name}[{i}]": v for i, v in enumerate(value)} if is_row else {name: value}
+        return flat
+
+    def with_parameters(self, values: Mapping[str, float]) -> Self:
+        """The same muscle with some parameters (by the names of `parameters`) changed, checked, without covariance."""
+        if unknown := values.keys() - self.parameters.keys():
+            raise InvalidInput(
+                f"{type(self).__name__} has no parameter {', '.join(map(repr, sorted(unknown)))}; "
+                f"it has {', '.join(self.parameters)}"
+            )
+        changed = self._grouped([*(self.parameters | dict(values)).values()])
+        return replace(self, **changed, covariance=None)
+
+    def unchecked(self, values: Sequence[Value]) -> Self:
+        """A copy with other values of all parameters, not checked: complex numbers (derivatives) or CasADi symbols."""
+        copy = object.__new__(type(self))
+        unchanged = {f.name: getattr(self, f.name) for f in fields(self)}
+        for name, value in (unchanged | self._grouped(values) | {"covariance": None}).items():
+            object.__setattr__(copy, name, value)
+        return copy
+
+    def _grouped(self, values: Sequence[Value]) -> dict[str, Value]:
+        """Field values from the flat list of all parameters."""
+        left = iter(values)
+        return {
+            name: tuple(next(left) for _ in getattr(self, name)) if is_row else next(left)
+            for name, is_row in self.parameter_fields().items()
+        }
+
+    @classmethod
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
+        """How to fit this model to these measured forces [N] (≤ 0: slack), contractions [-] and pressures [Pa]."""
+        return Recipe()
+
+    # --- on disk ----------------------------------------------------------------------------------------------------
+
+    def save(self, path: str | PathLike[str], source: Mapping[str, str | float] | None = None) -> None:
+        """Write the muscle, with its covariance, as a small TOML file; `source` says where the numbers come from."""
+        from allocator.muscles import storage
+
+        storage.save(self, path, source or {})
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read a muscle from TOML: any model from `Muscle.load`, only its own kind from `Sarosi2012.load`.
+
+        Raises `InvalidFile` if the file is not a muscle, or that of another model.
+        """
+        from allocator.muscles import storage
+
+        return storage.load(cls, path)
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool):
+        raise TypeError
+    return float(value)  # type: ignore[arg-type]  # what is no number raises TypeError, which the caller expects
+
+
+SEARCH_CEILING = 20e5  # [Pa] far above any pneumatic muscle's burst pressure
 
 
 class AffineMuscle(Muscle):
@@ -113,4 +236,4 @@ class AffineMuscle(Muscle):
         return np.asarray((F - self.B(eps)) / self.A(eps))
 
 
-__all__ = ["AffineMuscle", "Muscle"]
+__all__ = ["AffineMuscle", "Covariance", "Muscle", "NOT_A_NUMBER", "SEARCH_CEILING", "STRUCTURE"]

@@ -1,6 +1,8 @@
 """Named muscles: parameter sets, each with the place where its numbers were read."""
 
+from allocator.muscles.martens import MartensBoblan2017
 from allocator.muscles.mckibben import TonduLopez1995
+from allocator.muscles.pressure_dependent import TonduLopez2000
 from allocator.muscles.sarosi import Sarosi2012
 from allocator.muscles.tondu import Tondu2021
 from allocator.units import BAR, DEG
@@ -19,12 +21,37 @@ SAROSI_DMSP_20_200N = Sarosi2012.from_bar_and_percent(
 )
 """Festo DMSP-20-200N (Sárosi et al. 2012)."""
 
+TONDU_LOPEZ_LAAS_ARM = TonduLopez2000.with_constant_k(r0=0.0085, alpha0=20 * DEG, k=1.25)
+"""Hand-made muscle of the LAAS arm (Tondu & Lopez 2000; rest length 0.185 m), the same k at every pressure."""
+
+MARTENS_DMSP_20_300 = MartensBoblan2017(
+    L0=0.300,
+    D0=0.020,
+    H0=0.0018,
+    theta0=28.6 * DEG - 0.073,  # measured, and the correction in rad
+    c0=93.232e6,
+    c1=-715.29e6,
+    c2=1.5483e9,
+    c3=-502.95e6,
+)
+"""Festo DMSP-20-300 (Martens & Boblan 2017, with the erratum of 2018), rest length 0.300 m."""
+
 MUSCLES = {
     "tondu-dmsp-20-400n": TONDU_DMSP_20_400N,
     "tondu-mckibben": TONDU_MCKIBBEN,
     "sarosi-dmsp-20-400n": SAROSI_DMSP_20_400N,
     "sarosi-dmsp-20-200n": SAROSI_DMSP_20_200N,
+    "tondu-lopez-laas-arm": TONDU_LOPEZ_LAAS_ARM,
+    "martens-dmsp-20-300": MARTENS_DMSP_20_300,
 }
 """Every named muscle, by the name that the command line takes."""
 
-__all__ = ["MUSCLES", "SAROSI_DMSP_20_200N", "SAROSI_DMSP_20_400N", "TONDU_DMSP_20_400N", "TONDU_MCKIBBEN"]
+__all__ = [
+    "MARTENS_DMSP_20_300",
+    "MUSCLES",
+    "SAROSI_DMSP_20_200N",
+    "SAROSI_DMSP_20_400N",
+    "TONDU_DMSP_20_400N",
+    "TONDU_LOPEZ_LAAS_ARM",
+    "TONDU_MCKIBBEN",
+]

@@ -1,9 +1,13 @@
 """Hogan's simplified skeletal muscle."""
 
 from dataclasses import dataclass
+from typing import Self
 
-from allocator.calculus import Value
+import numpy as np
+
+from allocator.calculus import Array, Value
 from allocator.muscles.base import AffineMuscle
+from allocator.muscles.recipe import Recipe
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,12 @@ class Hogan1984(AffineMuscle):
     def A(self, eps: Value) -> Value:
         """F_max/P_max (1 - ε/ε_max)   (1)"""
         return self.F_max / self.P_max * (1 - eps / self.eps_max)
+
+    @classmethod
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
+        """Linear in F_max; P_max only sets a scale and is held at the highest pressure of the data."""
+        start = cls(0.0, 0.25, float(np.max(pressure)))
+        return Recipe((start,), ("F_max",), ("P_max",), {"eps_max": (0.01, 1.0)})
 
 
 __all__ = ["Hogan1984"]

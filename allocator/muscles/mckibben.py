@@ -1,16 +1,19 @@
 """The ideal McKibben muscle and the geometry of its braid."""
 
 from dataclasses import dataclass
-from math import pi, sin, sqrt, tan
+from math import pi, sqrt
+from typing import Self
 
-from allocator.calculus import Value
+from allocator.calculus import Array, Value, cos, sin
 from allocator.errors import InvalidInput
 from allocator.muscles.base import AffineMuscle, Muscle
+from allocator.muscles.recipe import Recipe
+from allocator.units import DEG
 
 
 def braid_constants(alpha0: float) -> tuple[float, float]:
     """a = 3/tan²α0 and b = 1/sin²α0 of a braid with the initial angle `alpha0` [rad]   (7)"""
-    return 3 / tan(alpha0) ** 2, 1 / sin(alpha0) ** 2
+    return 3 * (cos(alpha0) / sin(alpha0)) ** 2, 1 / sin(alpha0) ** 2
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,11 @@ class TonduLopez1995(Braided, AffineMuscle):
     def A(self, eps: Value) -> Value:
         """S [a(1-ε)² - b]   (7)"""
         return self.S * (self.a * (1 - eps) ** 2 - self.b)
+
+    @classmethod
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
+        """Search the braid from that of a muscle of ordinary size."""
+        return Recipe((cls(0.01, 25 * DEG),), bounds={"r0": (1e-4, 0.5), "alpha0": (5 * DEG, 54 * DEG)})
 
 
 __all__ = ["Braided", "TonduLopez1995", "braid_constants"]

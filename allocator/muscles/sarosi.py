@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from typing import Self
 
-from allocator.calculus import Value, exp
+from allocator.calculus import Array, Value, exp
 from allocator.muscles.base import AffineMuscle
+from allocator.muscles.recipe import Recipe
 from allocator.units import BAR, PERCENT
 
 
@@ -42,6 +43,12 @@ class Sarosi2012(AffineMuscle):
     def B(self, eps: Value) -> Value:
         """-(c4 e^{c6 ε} - c5)   (17)"""
         return self.c5 - self.c4 * exp(self.c6 * eps)
+
+    @classmethod
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
+        """Linear but for c6, which falls over a few to a few tens of percent of contraction."""
+        starts = tuple(cls(0.0, 0.0, 0.0, 0.0, 0.0, c6) for c6 in (-60.0, -30.0, -12.0))
+        return Recipe(starts, ("c1", "c2", "c3", "c4", "c5"), bounds={"c6": (-300.0, -0.5)})
 
 
 __all__ = ["Sarosi2012"]

@@ -9,6 +9,8 @@ import numpy as np
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.muscles.mckibben import Braided, braid_constants
+from allocator.muscles.recipe import Recipe
+from allocator.units import BAR, DEG
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,22 @@ class Tondu2021(Braided):
             # q1 < 0 on the domain: the sum below does not cancel, the smaller root follows from the product q0/q2
             P = 2 * q0 / (-q1 + root)
         return np.where(np.isnan(P) & ~np.isnan(F + eps), np.inf, P)
+
+    @classmethod
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
+        """Linear in c and e; the pole -d is kept above the pressures measured, where it does not belong.
+
+        Forces show only S(a-b), Sc, Se and d: hold r0 or α0 to learn the others.
+        """
+        highest = float(np.max(pressure))
+        starts = tuple(cls(0.01, 25 * DEG, 0.0, -pole * highest, -(highest**2)) for pole in (1.3, 2.1, 4.0))
+        bounds = {
+            "r0": (1e-4, 0.5),
+            "alpha0": (5 * DEG, 54 * DEG),
+            "d": (-100 * highest, -1.05 * highest),
+            "e": (-np.inf, -1e-6 * BAR**2),
+        }
+        return Recipe(starts, ("c", "e"), bounds=bounds)
 
 
 __all__ = ["Tondu2021"]

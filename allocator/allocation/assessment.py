@@ -1,0 +1,72 @@
+"""What pressures achieve and which limits they meet, computed from the pressures alone."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.allocation.problem import Problem
+from allocator.allocation.status import Status
+from allocator.calculus import Array
+
+
+class Tolerance(NamedTuple):
+    """What counts as met and as binding."""
+
+    met: float  # of the torque or stiffness scale: a target missed by less is met
+    binds: float  # of the supply range: a pressure nearer to a bound lies on it
+
+
+CLOSED_FORM = Tolerance(met=1e-9, binds=1e-9)
+OPTIMISER = Tolerance(met=1e-6, binds=1e-7)
+
+
+class Assessment(NamedTuple):
+    """The facts about n answers, each (n,)."""
+
+    T: Array  # torque given [N·m]
+    K: Array  # stiffness given [N·m/rad]
+    status: NDArray[np.int8]
+    limits: NDArray[np.int32]  # Limit flags
+
+
+def assess(
+    problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32], tolerance: Tolerance = CLOSED_FORM
+) -> Assessment:
+    """Judge feasible pressures; `outside` holds the Limit flag of angles that had to be moved into the joint range."""
+    e_T, e_K = problem.errors(P1, P2)
+    T, K = problem.T + e_T, problem.K_aim + e_K
+    T_scale, K_scale = problem.scales
+    T_missed = np.abs(e_T) > tolerance.met * T_scale
+    K_missed = np.abs(K - problem.K) > problem.stiffness_tolerance + tolerance.met * K_scale
+    status = T_missed * Status.TORQUE_LIMITED + K_missed * Status.STIFFNESS_LIMITED
+    if problem.pull:
+        status = np.where(T_missed | K_missed, Status.PULLED, status)
+    status = np.where(problem.box.empty, Status.CONFLICT, status)
+    status = np.where(_slack(problem, P1, P2), Status.SLACK, status)
+    status = np.where(outside != 0, Status.OUTSIDE_JOINT_RANGE, status)
+    limits = problem.box.binding(P1, P2, tolerance.binds * problem.joint.pressure_span) | outside
+    return Assessment(T, K, status.astype(np.int8), limits)
+
+
+def assess_inverse(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32]) -> Assessment:
+    """Judge the bare inverse, which knows no limits: `limits` are the ones that it breaks or lies on."""
+    found = assess(problem, P1, P2, outside)
+    near = CLOSED_FORM.binds * problem.joint.pressure_span
+    allowed = problem.box.contains(P1, P2, near) & ~problem.box.empty & (outside == 0)
+    status = np.where(allowed, Status.EXACT, Status.OUTSIDE_LIMITS)
+    status = np.where(np.isnan(P1), Status.NO_INVERSE, status)
+    return found._replace(status=status.astype(np.int8))
+
+
+def _slack(problem: Problem, P1: Array, P2: Array) -> NDArray[np.bool_]:
+    """Where a muscle pulls less than it has to."""
+    if problem.min_force is None:
+        return np.zeros(P1.shape, bool)
+    forces = (side.force(P) for side, P in zip(problem.sides, (P1, P2), strict=True))
+    allowance = 1e-9 * problem.scales[0] / np.minimum(problem.sides[0].arm, problem.sides[1].arm)
+    one, two = (force < problem.min_force - allowance for force in forces)
+    return np.asarray(one | two)
+
+
+__all__ = ["CLOSED_FORM", "OPTIMISER", "Assessment", "Tolerance", "assess", "assess_inverse"]

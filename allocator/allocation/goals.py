@@ -1,0 +1,70 @@
+"""The optimising back-ends' common ground: goals to minimise one after the other, where to start, what to hand back."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.allocation import kkt
+from allocator.allocation.problem import Problem
+from allocator.calculus import Array
+from allocator.inverse import solve_inverse
+from allocator.units import BAR
+
+_MET = 1e-12  # of the scale of torque or stiffness: a target missed by less is met
+SCALE = BAR  # optimisers see pressures in bar: numbers of order one
+
+
+class Goal(NamedTuple):
+    """Minimise w_T (T - T*)² + w_K (K - K*)² + ρ ‖P - P_ref‖², while `kept` stays at the value it has at the start."""
+
+    w_T: float
+    w_K: float
+    rho: float
+    kept: str | None = None  # "torque", "stiffness" or nothing
+
+
+class Answer(NamedTuple):
+    """What a back-end hands back for n problems; nothing in it is trusted."""
+
+    P1: Array  # [Pa], NaN where the solver failed
+    P2: Array
+    iterations: NDArray[np.int32]
+
+
+def goals(problem: Problem) -> tuple[Goal, ...]:
+    """One weighted goal, or first one target and then, with it kept, the other: the lexicographic priorities."""
+    if problem.priority == "torque":
+        return Goal(1.0, 0.0, 0.0), Goal(0.0, 1.0, problem.pull, kept="torque")
+    if problem.priority == "stiffness":
+        return Goal(0.0, 1.0, 0.0), Goal(1.0, 0.0, problem.pull, kept="stiffness")
+    return (Goal(*problem.weights, problem.pull),)
+
+
+def settled(problem: Problem, goal: Goal, P: Array) -> NDArray[np.bool_]:
+    """Where a goal need not be pursued from P (2, n): a solver failed, the goal is met, or the kept one was missed.
+
+    What is missed is so in a single point, which leaves no choice.
+    """
+    errors = np.abs(problem.errors(*P)) / problem.scales
+    done = np.asarray(np.isnan(P).any(axis=0))
+    if not goal.rho:
+        unmet = [e > _MET for e, w in zip(errors, (goal.w_T, goal.w_K), strict=True) if w]
+        done |= ~np.any(unmet, axis=0)
+    if goal.kept is not None:
+        done |= errors[0 if goal.kept == "torque" else 1] > kkt.MET
+    return done
+
+
+def start(problem: Problem, warm: bool) -> Array:
+    """Where optimisation begins, (2, n) [Pa]: the analytic inverse projected on the feasible set, or its middle."""
+    box = problem.box
+    middle = (box.agonist.lo + box.agonist.hi) / 2, (box.antagonist.lo + box.antagonist.hi) / 2
+    P1, P2 = middle
+    if warm:
+        P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K_aim, problem.T)
+        P1, P2 = np.where(np.isfinite(P1), P1, middle[0]), np.where(np.isfinite(P2), P2, middle[1])
+    return np.stack(box.project(P1, P2))
+
+
+__all__ = ["SCALE", "Answer", "Goal", "goals", "settled", "start"]

@@ -1,0 +1,151 @@
+"""`antagonist fit`: a muscle from a table of measured forces."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.identification.datasets import DATASETS
+from allocator.identification.ranking import Ranking, rank_models
+from allocator.identification.reading import read_samples
+from allocator.identification.result import Fit
+from allocator.identification.samples import Samples
+from allocator.muscles import MODELS, Muscle
+from allocator.units import BAR, MM
+
+_DEFAULT = "dmsp-20-300-map"
+
+
+def fit_command(
+    data: Annotated[
+        str, typer.Argument(help=f"CSV file, or a table of the package: {', '.join(DATASETS)}.", metavar="DATA")
+    ] = _DEFAULT,
+    model: Annotated[str | None, typer.Option(help="Fit this model only; see --all for their names.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="Fit all models and rank them (default).")] = False,
+    rest_length: Annotated[float | None, typer.Option(help="Rest length of the muscle [mm], for lengths.")] = None,
+    hold: Annotated[
+        list[str] | None, typer.Option(help="Parameter not to be fitted, in SI units: r0=0.0109. Repeatable.")
+    ] = None,
+    min_pressure: Annotated[float | None, typer.Option(help="Leave out samples below [bar].")] = None,
+    min_contraction: Annotated[float | None, typer.Option(help="Leave out samples below [ratio].")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the muscle to this TOML file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw isobars and data into this image.")] = None,
+) -> None:
+    """Fit muscle models to measured forces, rank them, and save the best (or the one asked for).
+
+    Columns by name with unit: contraction, contraction_pct, length_mm or length_m; pressure_bar, _kpa, _mpa, _psi or
+    _pa (gauge); force_N. Without DATA a measured table of the package is used.
+    """
+    if every and model:
+        raise InvalidInput("--all fits every model; leave out --model, or leave out --all")
+    console = Console()
+    samples = _samples(data, rest_length)
+    options: dict[str, Any] = {
+        "hold": _held(hold or []),
+        "pressure_range": (-float("inf") if min_pressure is None else min_pressure * BAR, float("inf")),
+        "contraction_range": (-float("inf") if min_contraction is None else min_contraction, float("inf")),
+    }
+    ranking = rank_models(samples, _models(model), progress=lambda models: _progress(models, console), **options)
+    _report(ranking, console)
+    best = ranking.best
+    if best is None:
+        raise InvalidInput("; ".join(f"{name}: {why}" for name, why in ranking.failures.items()))
+    _describe(best, console)
+    if out is not None:
+        best.save(out, {"data": Path(data).name})
+        console.print(f"wrote {out}", soft_wrap=True)
+    if plot is not None:
+        _draw(best, plot)
+        console.print(f"wrote {plot}", soft_wrap=True)
+
+
+def _samples(data: str, rest_length: float | None) -> Samples:
+    if data in DATASETS:
+        return DATASETS[data].samples()
+    return read_samples(data, None if rest_length is None else rest_length * MM)
+
+
+def _models(name: str | None) -> tuple[type[Muscle], ...]:
+    if name is None:
+        return tuple(MODELS.values())
+    if name not in MODELS:
+        raise MissingBackend("model", name, MODELS)
+    return (MODELS[name],)
+
+
+def _held(settings: list[str]) -> dict[str, float]:
+    held = {}
+    for setting in settings:
+        name, _, value = setting.partition("=")
+        try:
+            held[name.strip()] = float(value)
+        except ValueError:
+            raise InvalidInput(f"--hold {setting}: expected NAME=VALUE, such as r0=0.0109") from None
+    return held
+
+
+def _progress(models: Iterable[type[Muscle]], console: Console) -> Iterable[type[Muscle]]:
+    models = tuple(models)
+    return track(models, "fitting", console=console, transient=True) if len(models) > 1 else models
+
+
+def _report(ranking: Ranking, console: Console) -> None:
+    """The table of all fits, the best first."""
+    caption = (
+        "RMS error [N] of the samples fitted, and of samples kept from the fit (cross-validation in 5 parts); "
+        "parameters fitted (in brackets how many combinations of them are determined, if fewer)"
+    )
+    table = Table(title="Muscle models, best first", caption=caption)
+    table.add_column("model", no_wrap=True)
+    for heading in ("error", "unseen", "params"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for heading in (r"\[M]", "inverse"):
+        table.add_column(heading, no_wrap=True)
+    for fit in ranking.fits:
+        table.add_row(
+            fit.model,
+            f"{fit.rms:.1f}",
+            f"{fit.cross_validated:.1f}",
+            str(len(fit.free)) if fit.rank == len(fit.free) else f"{len(fit.free)} ({fit.rank})",
+            "kept" if fit.monotone else "broken",
+            "closed form" if fit.closed_form else "–" if fit.muscle.limitation else "numerical",
+            style="bold" if fit is ranking.best else None,
+        )
+    if ranking.fits:
+        console.print(table)
+    for name, why in ranking.failures.items():
+        console.print(f"{name}: not fitted, {why}", markup=False)
+
+
+def _describe(fit: Fit[Any], console: Console) -> None:
+    """The chosen muscle: parameters with their standard deviations, and what to beware of."""
+    slack = int(fit.slack.sum())
+    console.print(
+        f"{fit.model}, {fit.n_taut} taut samples and {slack} slack ones: {fit.rms:.2f} N RMS, greatest error "
+        f"{fit.max_error:.2f} N ({fit.max_error_percent:.1f} % of full scale)",
+        markup=False,
+    )
+    for name, std in fit.standard_deviations.items():
+        spread = f"± {std:.2g}" if name in fit.free else "(held)"
+        console.print(f"  {name} = {fit.muscle.parameters[name]:.6g} {spread}", markup=False, highlight=False)
+    for reason, n in fit.samples.dropped.items():
+        console.print(f"  {n} samples left out: {reason}", markup=False)
+    for warning in fit.warnings:
+        console.print(f"  beware: {warning}", markup=False)
+
+
+def _draw(fit: Fit[Any], path: Path) -> None:
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from allocator.identification.plotting import plot_isobars
+
+    plot_isobars(fit).figure.savefig(path, dpi=150)
+
+
+__all__ = ["fit_command"]

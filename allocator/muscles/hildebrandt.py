@@ -1,0 +1,52 @@
+"""The polynomial force function of Festo's engineers."""
+
+from dataclasses import dataclass
+from typing import Self
+
+from allocator.calculus import Array, Value
+from allocator.muscles.base import AffineMuscle
+from allocator.muscles.recipe import Recipe
+
+
+@dataclass(frozen=True)
+class Hildebrandt2005(AffineMuscle):
+    """F = (c0 + c1 ε + c2 ε²) P - (d0 + d1 ε + d2 ε² + d3 ε³ + d4 ε^{2/3})   (16)
+
+    A. Hildebrandt, O. Sawodny, R. Neumann and A. Hartmann, "Cascaded control concept of a robot with two degrees of
+    freedom driven by four artificial pneumatic muscle actuators", American Control Conference 2005; Tondu 2021,
+    equation (16). The coefficients were not found in print: fit them. Domain ε ≥ 0; for d4 ≠ 0 the stiffness is
+    infinite at ε = 0, keep away from it. [M] holds where c0 + c1 ε + c2 ε² > 0 and c1 + 2 c2 ε < 0.
+    """
+
+    citation = "Hildebrandt, Sawodny, Neumann & Hartmann, American Control Conference, 680-685, 2005"
+
+    c0: float  # [N/Pa]
+    c1: float  # [N/Pa]
+    c2: float  # [N/Pa]
+    d0: float  # [N]
+    d1: float  # [N]
+    d2: float  # [N]
+    d3: float  # [N]
+    d4: float  # [N]
+
+    @property
+    def min_contraction(self) -> float:
+        """0: ε^{2/3} has no slope there and no real value below."""
+        return 0.0
+
+    def A(self, eps: Value) -> Value:
+        """c0 + c1 ε + c2 ε²   (16)"""
+        return self.c0 + (self.c1 + self.c2 * eps) * eps
+
+    def B(self, eps: Value) -> Value:
+        """-(d0 + d1 ε + d2 ε² + d3 ε³ + d4 ε^{2/3})   (16)"""
+        return -(self.d0 + (self.d1 + (self.d2 + self.d3 * eps) * eps) * eps + self.d4 * eps ** (2 / 3))
+
+    @classmethod
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
+        """All eight are linear."""
+        start = cls(*[0.0] * 8)
+        return Recipe((start,), tuple(start.parameters))
+
+
+__all__ = ["Hildebrandt2005"]

@@ -1,0 +1,46 @@
+"""Does a muscle satisfy [M], F_P > 0 and F_Pε < 0, on a rectangle of pressures and contractions where it is taut?"""
+
+import numpy as np
+
+from allocator.calculus import Array, Mask
+from allocator.muscles.base import Muscle
+from allocator.units import BAR
+
+_GRID = 81
+_ROUNDING = 1e-9  # of the greatest force
+
+
+def monotonicity_failure(muscle: Muscle, max_pressure: float, contraction: tuple[float, float]) -> str:
+    """Where [M] fails for 0 < P ≤ `max_pressure` [Pa] and `contraction` between the two ratios, in a sentence.
+
+    Empty if it holds at every point of an 81 × 81 grid that the law covers and at which the muscle is taut (F > 0).
+    """
+    if muscle.limitation:
+        return muscle.limitation
+    least, most = max(contraction[0], muscle.min_contraction), min(contraction[1], muscle.max_contraction)
+    inside = np.linspace(least, most, _GRID + 1)[1:]  # the law may be singular at its very beginning
+    P, eps = np.meshgrid(np.linspace(0, max_pressure, _GRID)[1:], inside)
+    F = np.where(muscle.covers(P, eps), muscle.force(P, eps), 0.0)
+    taut = F > _ROUNDING * F.max()
+    if not taut.any():
+        return "no point of the domain is taut"
+    pulls_less = taut & ~(muscle.gain(P, eps) > 0)
+    softens = taut & ~(muscle.gain_slope(P, eps) < 0)
+    words = [
+        _where(what, wrong, taut, P, eps)
+        for what, wrong in (("F_P <= 0", pulls_less), ("F_Pε >= 0", softens))
+        if wrong.any()
+    ]
+    return "; ".join(words)
+
+
+def _where(what: str, wrong: Mask, taut: Mask, P: Array, eps: Array) -> str:
+    share = max(100 * wrong.sum() / taut.sum(), 0.1)
+    bars, ratios = P[wrong] / BAR, eps[wrong]
+    return (
+        f"{what} on {share:.1f} % of the taut domain, within {bars.min():.2f}–{bars.max():.2f} bar "
+        f"and ε = {ratios.min():.3f}–{ratios.max():.3f}"
+    )
+
+
+__all__ = ["monotonicity_failure"]

@@ -1,0 +1,27 @@
+"""What a model tells the least squares about itself."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+M = TypeVar("M")
+
+
+@dataclass(frozen=True)
+class Recipe(Generic[M]):
+    """How a model is fitted. A parameter that is a row may be meant as a whole by its bare name."""
+
+    starts: tuple[M, ...] = ()
+    """Muscles to start from; the values of `linear` parameters do not matter."""
+
+    linear: tuple[str, ...] = ()
+    """Parameters in which the force is linear when the others are fixed: solved for, not searched."""
+
+    conventional: tuple[str, ...] = ()
+    """Parameters that only set a scale (P_max in u = P/P_max): held, since no measurement tells them."""
+
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Limits of the search, beyond which the law makes no sense."""
+
+
+__all__ = ["Recipe"]

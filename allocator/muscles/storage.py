@@ -1,0 +1,121 @@
+"""Muscles as small TOML files. What one looks like:
+
+model = "Hogan1984"
+
+[parameters]            # SI units: Pa, m, rad, N
+F_max = 1500.0
+…
+
+[source]                # where the numbers come from, for the reader; ignored when loading
+
+[covariance]            # of a fitted muscle
+rows = [[…], …]
+"""
+
+import json
+import tomllib
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.muscles.base import Muscle
+
+M = TypeVar("M", bound=Muscle)
+
+
+def save(muscle: Muscle, path: str | PathLike[str], source: Mapping[str, str | float]) -> None:
+    """Write `muscle` to `path`."""
+    Path(path).write_text(dumps(muscle, source), encoding="utf-8")
+
+
+def dumps(muscle: Muscle, source: Mapping[str, str | float]) -> str:
+    """The TOML text of `muscle`."""
+    fields = type(muscle).number_fields()
+    if not fields:
+        raise InvalidInput(
+            f"a {type(muscle).__name__} is made of Python functions and cannot be written to a file; "
+            "sample them into a TableMuscle"
+        )
+    lines = [f"model = {_toml(type(muscle).__name__)}", "", "[parameters]  # SI units: Pa, m, rad, N"]
+    lines += [f"{name} = {_toml(getattr(muscle, name))}" for name in fields]
+    if source:
+        lines += ["", "[source]", *(f"{_key(name)} = {_toml(value)}" for name, value in source.items())]
+    if muscle.covariance is not None:
+        lines += ["", f"[covariance]  # of {', '.join(muscle.parameters)}", "rows = ["]
+        lines += [*(f"    {_toml(row)}," for row in muscle.covariance), "]"]
+    return "\n".join(lines) + "\n"
+
+
+def load(cls: type[M], path: str | PathLike[str]) -> M:
+    """Read the muscle in `path`, which has to be a `cls`."""
+    content = _read(path)
+    model = _model(cls, path, content)
+    given = content.get("parameters")
+    if not isinstance(given, dict):
+        raise InvalidFile(path, "has no table [parameters]")
+    _compare(path, model, given)
+    covariance = content.get("covariance", {})
+    rows = covariance.get("rows") if isinstance(covariance, dict) else covariance
+    try:
+        return model(**given, covariance=rows)
+    except (InvalidInput, TypeError, ValueError) as error:
+        raise InvalidFile(path, str(error)) from None
+
+
+def _read(path: str | PathLike[str]) -> dict[str, Any]:
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InvalidFile(path, "does not exist") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidFile(path, f"cannot be read as text ({error})") from None
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidFile(path, f"is not TOML: {error}") from None
+
+
+def _model(cls: type[M], path: str | PathLike[str], content: dict[str, Any]) -> type[M]:
+    from allocator.muscles.models import MODELS
+
+    name = content.get("model")
+    if name is None:
+        raise InvalidFile(path, 'is not a muscle: the line model = "…" is missing')
+    known: dict[str, type[Muscle]] = {**MODELS, cls.__name__: cls}
+    if not isinstance(name, str) or name not in known or name == Muscle.__name__:
+        raise InvalidFile(path, f"unknown model {name!r}; known: {', '.join(MODELS)}")
+    model = known[name]
+    if not issubclass(model, cls):
+        raise InvalidFile(path, f"holds a {name}, not a {cls.__name__}")
+    return model
+
+
+def _compare(path: str | PathLike[str], model: type[Muscle], given: dict[str, Any]) -> None:
+    """Refuse missing and surplus parameters."""
+    wanted = model.number_fields()
+    if missing := [name for name in wanted if name not in given]:
+        raise InvalidFile(path, f"{model.__name__} needs the parameter {', '.join(missing)}, which is missing")
+    if surplus := [name for name in given if name not in wanted]:
+        raise InvalidFile(path, f"{model.__name__} has no parameter {', '.join(surplus)}; it has {', '.join(wanted)}")
+
+
+def _toml(value: object) -> str:
+    """A value in TOML."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)  # TOML's basic strings are written like JSON's
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, int | float | np.number):
+        return repr(float(value)) if isinstance(value, float | np.floating) else str(int(value))
+    raise InvalidInput(f"source: {value!r} is neither text nor a number")
+
+
+def _key(name: str) -> str:
+    return name if name.replace("_", "").isalnum() and name.isascii() else json.dumps(name)
+
+
+__all__ = ["dumps", "load", "save"]
