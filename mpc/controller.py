@@ -41,7 +41,7 @@ from mpc.weights import Weights
 
 _PRIMAL_TOLERANCE = 1e-4  # [bar], [rad] by which a solver's answer may break a limit; what is sent is clipped
 _GAP_TOLERANCE = 1e-3  # [-] of the cost that the step gains
-_LAZY_TOLERANCE = 1e-9  # [bar], [rad] below which a row that was left out counts as kept
+_LAZY_TOLERANCE = 1e-6  # [bar], [rad] below which a row that was left out counts as kept
 
 
 @dataclass

@@ -38,7 +38,7 @@ def _daqp(qp: QP) -> tuple[Array, Array] | None:
     import daqp
 
     upper, lower = np.concatenate([qp.upper, qp.rows_upper]), np.concatenate([qp.lower, qp.rows_lower])
-    z, _, flag, info = daqp.solve(qp.H, qp.f, qp.R, upper, lower, primal_tol=1e-9)
+    z, _, flag, info = daqp.solve(qp.H, qp.f, qp.R, upper, lower)
     return (z, info["lam"]) if flag > 0 else None
 
 

@@ -163,8 +163,9 @@ def test_a_reference_beyond_the_joint_range_is_followed_up_to_its_end():
         [-100 * DEG, 5, 0.1 * BAR, 4 * BAR],
         [0, -8, 5 * BAR, 5 * BAR],
         [0, 0, 5.5 * BAR, 4 * BAR],
+        [0, 0, 6 * BAR, -0.5 * BAR],
     ],
-    ids=["away", "away, moving and slack", "moving", "above the supply"],
+    ids=["away", "away, moving and slack", "moving", "above the supply", "above and below the supply"],
 )
 def test_a_start_far_from_the_reference_is_brought_back(x0):
     run = simulate(PLANT, TrackingMPC(PLANT), held(0, 7.6), x0=x0)
