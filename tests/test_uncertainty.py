@@ -1,6 +1,7 @@
 """Allocation under uncertain muscles: what it promises is counted by Monte Carlo."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -80,7 +81,7 @@ def test_the_cone_s_answer_lies_in_the_box_found_by_root_finding(joint, fitted):
 
 def test_the_expected_squared_error_is_least(joint, fitted):
     """Against a fine grid, with the expectation counted over draws of the parameters."""
-    matrix, target = covariance(fitted, 4.0), (0.1, 5.0, 1.0)
+    matrix, target = covariance(fitted, 0.5), (0.1, 5.0, 1.0)  # small: first order in the parameters
     a = allocate(*target, joint=joint, method="convex", uncertainty=matrix, priority="weighted", weights=(1.0, 2.0))
     muscles = drawn(fitted, matrix, seed=3)
     sides = [Side(muscles, side.sign, side.rest_length, *side.arrays) for side in joint.sides(target[0])]
@@ -110,13 +111,17 @@ def test_a_risk_that_cannot_be_had_is_said(joint, fitted):
     assert np.isfinite([a.P1, a.P2]).all()
 
 
-def test_k_std_is_the_spread_of_the_stiffness(joint, fitted):
+def test_k_std_is_the_spread_of_the_stiffness(fitted):
+    """With a tenth of the fitted standard deviations, where the delta method's first order is all there is."""
+    matrix = covariance(fitted, 0.1)
+    muscle = replace(fitted, covariance=tuple(map(tuple, matrix.tolist())))
+    joint = AntagonistJoint(PULLEY, muscle, muscle, angle_limits=(-1.0, 1.0))
     a = allocate(np.array([0.0, 0.4]), 5.0, 0.5, joint=joint)
-    muscles = drawn(fitted, np.array(fitted.covariance), seed=4)
+    muscles = drawn(fitted, matrix, seed=4)
     for i in range(2):
         sides = [Side(muscles, s.sign, s.rest_length, *s.arrays) for s in joint.sides(float(a.theta[i]))]
         K = sides[0].stiffness(a.P1[i]) + sides[1].stiffness(a.P2[i])
-        assert a.K_std[i] == pytest.approx(np.std(K), rel=0.05)
+        assert a.K_std[i] == pytest.approx(np.std(K), rel=0.03)
 
 
 def test_there_is_no_k_std_without_a_covariance():
