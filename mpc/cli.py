@@ -53,7 +53,10 @@ def track(
     with _writing(out):
         save_run(done, table)
         save_tracking_figure(done, picture)
-    console.print(_summary(metrics(done)))
+    figures = metrics(done)
+    console.print(_summary(figures))
+    if figures.out_of_reach:
+        _say(console, f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach")
     _say(console, f"written: {picture}, {table}")
 
 
