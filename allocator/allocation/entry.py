@@ -78,7 +78,7 @@ def allocate(
     uncertainty, risk
         For "convex" with affine muscles: covariance of the muscle's parameters (a matrix, a pair of them, or True for
         the fitted muscles' own), and the probability α with which a force limit may be broken, see
-        `allocator.allocation.chance`.
+        `allocator.allocation.uncertain`.
     warm_start
         False starts the optimisers in the middle of the box instead, to measure what the warm start gains.
 
