@@ -86,6 +86,14 @@ def not_negative(name: str, value: Any, unit: str) -> float:
     return float(array)
 
 
+def probability(name: str, value: Any) -> float:
+    """A number between 0 and 1/2, exclusive."""
+    array = real(name, value, "probability")
+    if array.ndim or not 0 < array < 0.5:
+        raise InvalidInput(f"{name} = {value!r} has to be a probability between 0 and 0.5, such as 0.05")
+    return float(array)
+
+
 def pressure_or_symbol(name: str, value: Any) -> Any:
     """The same, but CasADi symbols pass."""
     return value if is_symbol(value) else pressure(name, value)
@@ -115,6 +123,7 @@ __all__ = [
     "pressure",
     "pressure_or_symbol",
     "pressure_pair",
+    "probability",
     "real",
     "stiffness",
 ]

@@ -37,3 +37,8 @@ JOINTS = {
 @pytest.fixture(scope="session", params=JOINTS.values(), ids=JOINTS.keys())
 def joint(request):
     return request.param
+
+
+@pytest.fixture(scope="session")
+def joints():
+    return JOINTS

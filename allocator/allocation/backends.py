@@ -10,6 +10,7 @@ from allocator.allocation.goals import Answer, start
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.limits import PressureBox
 
 CERTIFIED = 1e-5  # of the supply range: an answer with a greater residual is not passed on
 _SNAP = 1e-7  # of the supply range: an optimiser's pressure this near to a bound is meant to be on it
@@ -34,6 +35,31 @@ def optimise(problem: Problem, method: str, solver: str | None, warm_start: bool
     if failed.any():
         P1[failed], P2[failed] = _replacement(problem.take(failed))
     return Solution(P1, P2, answer.iterations, failed)
+
+
+class RiskySolution(NamedTuple):
+    """A `Solution` under uncertainty, and where there is none."""
+
+    P1: Array
+    P2: Array
+    iterations: NDArray[np.int32]
+    failed: NDArray[np.bool_]
+    box: PressureBox  # the pressures that keep the force limits with the probability asked for
+    infeasible: NDArray[np.bool_]  # where there are none
+
+
+def optimise_under_uncertainty(problem: Problem, risk: float) -> RiskySolution:
+    """Solve problem [U] of `chance`, check every answer, and replace the failed ones by the nominal exact answer."""
+    from allocator.allocation import chance
+    from allocator.allocation.uncertain import chance_box
+
+    answer, box = chance.solve(problem, risk), chance_box(problem, risk)
+    infeasible = box.empty | (box.agonist.hi + box.antagonist.hi < box.least_sum)
+    P1, P2 = box.project(answer.P1, answer.P2)
+    failed = ~infeasible & ~(chance.residual(problem, risk, P1, P2) <= CERTIFIED)
+    if (replaced := failed | infeasible).any():
+        P1[replaced], P2[replaced] = _replacement(problem.take(replaced))
+    return RiskySolution(P1, P2, answer.iterations, failed, box, infeasible)
 
 
 def _run(problem: Problem, method: str, solver: str | None, warm_start: bool) -> Answer:
@@ -66,4 +92,4 @@ def _replacement(problem: Problem) -> tuple[Array, Array]:
         return P1, P2
 
 
-__all__ = ["CERTIFIED", "OPTIMISERS", "Solution", "optimise"]
+__all__ = ["CERTIFIED", "OPTIMISERS", "RiskySolution", "Solution", "optimise", "optimise_under_uncertainty"]

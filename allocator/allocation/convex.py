@@ -45,8 +45,6 @@ def solve(problem: Problem, solver: str | None = None, warm_start: bool = True) 
 
 
 def _solve(qp: SmallQP, solver: str) -> Array | None:
-    import cvxpy
-
     programme = _programme(floor=bool(np.isfinite(qp.least_sum)), kept=qp.row is not None)
     factor = np.linalg.cholesky(qp.H).T  # ½ dᵀH d + gᵀd = ½ ‖A d + b‖² + constant, A = factor, Aᵀb = g
     values = {
@@ -60,15 +58,22 @@ def _solve(qp: SmallQP, solver: str) -> Array | None:
     }
     for name, parameter in programme.parameters.items():
         parameter.value = values[name]
-    try:
-        with warnings.catch_warnings():  # "may be inaccurate": every answer is checked by `kkt`
-            warnings.simplefilter("ignore", UserWarning)
-            programme.problem.solve(solver=solver.upper(), **_SOLVERS[solver])
-    except cvxpy.SolverError:
-        return None
-    if programme.problem.status not in ("optimal", "optimal_inaccurate"):
+    if not run(programme.problem, solver):
         return None
     return np.asarray(np.clip(programme.d.value, qp.lo, qp.hi))
+
+
+def run(problem: Any, solver: str) -> bool:
+    """Solve a cvxpy problem; whether its variables have values, which are to be checked before they are believed."""
+    import cvxpy
+
+    try:
+        with warnings.catch_warnings():  # "may be inaccurate": every answer is checked
+            warnings.simplefilter("ignore", UserWarning)
+            problem.solve(solver=solver.upper(), **_SOLVERS[solver])
+    except cvxpy.SolverError:
+        return False
+    return problem.status in ("optimal", "optimal_inaccurate")
 
 
 @lru_cache(maxsize=4)
@@ -87,4 +92,4 @@ def _programme(floor: bool, kept: bool) -> _Programme:
     return _Programme(cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(p["A"] @ d + p["b"])), constraints), d, p)
 
 
-__all__ = ["solve"]
+__all__ = ["run", "solve"]

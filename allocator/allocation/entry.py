@@ -5,9 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator import checks
 from allocator.allocation import backends, exact
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.assessment import OPTIMISER, Assessment, assess, assess_inverse
+from allocator.allocation.covariance import with_covariance
 from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.result import Allocation, shaped
 from allocator.allocation.status import Status
@@ -38,6 +40,8 @@ def allocate(
     max_step: Value | None = None,
     solver: str | None = None,
     warm_start: bool = True,
+    uncertainty: Any = None,
+    risk: float = 0.05,
 ) -> Allocation:
     """Find the pressures (P1, P2) that give stiffness `K` and torque `T` at the joint angle `theta`, or come nearest.
 
@@ -71,6 +75,10 @@ def allocate(
     solver
         For "qp" any solver that qpsolvers finds ("daqp", "osqp", …), for "nlp" "ipopt" or "sqpmethod", for "convex"
         "clarabel" or "osqp".
+    uncertainty, risk
+        For "convex" with affine muscles: covariance of the muscle's parameters (a matrix, a pair of them, or True for
+        the fitted muscles' own), and the probability α with which a force limit may be broken, see
+        `allocator.allocation.uncertain`.
     warm_start
         False starts the optimisers in the middle of the box instead, to measure what the warm start gains.
 
@@ -88,8 +96,13 @@ def allocate(
         raise InvalidInput(
             f"solver = {solver!r} belongs to the methods {', '.join(backends.OPTIMISERS)}, not {method!r}"
         )
+    joint = report_joint() if joint is None else joint
+    if uncertainty is not None:
+        if method != "convex" or solver is not None:
+            raise InvalidInput("uncertainty belongs to method='convex' with its default solver")
+        joint, risk = with_covariance(joint, uncertainty), checks.probability("risk", risk)
     problem, asked = problem_from(
-        report_joint() if joint is None else joint,
+        joint,
         theta,
         K,
         T,
@@ -110,6 +123,8 @@ def allocate(
         P1, P2 = exact.solve(problem)
         found = assess(problem, P1, P2, _outside(problem.joint, asked.ravel()))
         return _allocation(problem, asked, P1, P2, found, method, local=exact.is_local(problem))
+    if uncertainty is not None:
+        return _uncertain(problem, asked, risk)
     return _optimised(problem, asked, method, solver, warm_start)
 
 
@@ -126,6 +141,19 @@ def _optimised(problem: Problem, asked: Array, method: str, solver: str | None, 
     found = found._replace(status=np.where(failed, np.int8(Status.SOLVER_FAILED), found.status))
     local = exact.is_local(problem)
     return _allocation(problem, asked, P1, P2, found, method, local=local, iterations=iterations)
+
+
+def _uncertain(problem: Problem, asked: Array, risk: float) -> Allocation:
+    P1, P2, iterations, failed, box, infeasible = backends.optimise_under_uncertainty(problem, risk)
+    outside = _outside(problem.joint, asked.ravel())
+    found = assess(problem, P1, P2, outside, OPTIMISER)
+    missed = np.isin(found.status, (Status.TORQUE_LIMITED, Status.STIFFNESS_LIMITED, Status.BOTH_LIMITED))
+    status = np.where(missed, np.int8(Status.HEDGED), found.status)
+    status = np.where(failed, np.int8(Status.SOLVER_FAILED), status)
+    limits = box.binding(P1, P2, 10 * OPTIMISER.binds * problem.joint.pressure_span) | outside
+    found = found._replace(status=np.where(infeasible, np.int8(Status.TOO_RISKY), status), limits=limits)
+    local = exact.is_local(problem)
+    return _allocation(problem, asked, P1, P2, found, "uncertain", local=local, iterations=iterations)
 
 
 def _allocation(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.levels import Pair
+from allocator.limits import PressureBox, PressureInterval
 
 Flags = NDArray[np.bool_]
 
@@ -40,30 +41,34 @@ def _weighted(problem: Problem, P1: Array, P2: Array) -> Array:
     (t1, t2), (k1, k2) = _gradients(problem, P1, P2)
     (e_T, e_K), (R1, R2), (w_T, w_K), rho = problem.errors(P1, P2), problem.P_ref, problem.weights, problem.pull
     g1, g2 = (w_T * t * e_T + w_K * k * e_K for t, k in ((t1, k1), (t2, k2)))
-    g1, g2 = g1 + rho * (P1 - R1), g2 + rho * (P2 - R2)
     h11, h22 = (w_T * t**2 + w_K * k**2 + rho for t, k in ((t1, k1), (t2, k2)))
     h12 = w_T * t1 * t2 + w_K * k1 * k2
-    held1, held2, held_sum = _held(problem, P1, P2, g1, g2)
+    near = _ON_LIMIT * problem.joint.pressure_span
+    return newton_step(problem.box, P1, P2, (g1 + rho * (P1 - R1), g2 + rho * (P2 - R2)), (h11, h12, h22), near)
+
+
+def newton_step(
+    box: PressureBox, P1: Array, P2: Array, gradient: Pair, hessian: tuple[Array, Array, Array], near: float
+) -> Array:
+    """Size of the step to the minimum of a quadratic cost, of the pressures that no limit within `near` holds [Pa].
+
+    On the co-contraction floor, whose corners two limits may hold in many ways, of a projected gradient step.
+    """
+    (g1, g2), (h11, h12, h22) = gradient, hessian
+    held1, held2 = _held(box.agonist, P1, g1, near), _held(box.antagonist, P2, g2, near)
+    on_floor = P1 + P2 <= box.least_sum + near
     det = h11 * h22 - h12**2
     d1, d2 = -(h22 * g1 - h12 * g2) / det, -(h11 * g2 - h12 * g1) / det
-    d1, d2 = np.where(held2, -g1 / h11, d1), np.where(held1, -g2 / h22, d2)
-    along = -(g1 - g2) / (h11 + h22 - 2 * h12)  # of the co-contraction floor
-    d1, d2 = np.where(held_sum, along, d1), np.where(held_sum, -along, d2)
-    d1, d2 = np.where(held1, 0.0, d1), np.where(held2, 0.0, d2)
-    Q1, Q2 = problem.box.project(P1 + d1, P2 + d2)
+    d1 = np.where(held1, 0.0, np.where(held2, -g1 / h11, d1))
+    d2 = np.where(held2, 0.0, np.where(held1, -g2 / h22, d2))
+    d1, d2 = (np.where(on_floor, -g / (h11 + h22), d) for g, d in ((g1, d1), (g2, d2)))
+    Q1, Q2 = box.project(P1 + d1, P2 + d2)
     return np.asarray(np.maximum(np.abs(Q1 - P1), np.abs(Q2 - P2)))
 
 
-def _held(problem: Problem, P1: Array, P2: Array, g1: Array, g2: Array) -> tuple[Flags, Flags, Flags]:
-    """Which pressures, and whether their sum, lie on a limit against which the cost's descent -g pushes."""
-    box, tolerance = problem.box, _ON_LIMIT * problem.joint.pressure_span
-
-    def held(P: Array, lo: Array, hi: Array, g: Array) -> Flags:
-        return np.asarray(((lo + tolerance >= P) & (g > 0)) | ((hi - tolerance <= P) & (g < 0)))
-
-    on_floor = (P1 + P2 <= box.least_sum + tolerance) & (g1 + g2 > 0)
-    agonist, antagonist = box
-    return held(P1, agonist.lo, agonist.hi, g1), held(P2, antagonist.lo, antagonist.hi, g2), np.asarray(on_floor)
+def _held(interval: PressureInterval, P: Array, g: Array, near: float) -> Flags:
+    """Whether P lies on a limit against which the cost's descent -g pushes."""
+    return np.asarray(((interval.lo + near >= P) & (g > 0)) | ((interval.hi - near <= P) & (g < 0)))
 
 
 def _lexicographic(problem: Problem, P1: Array, P2: Array) -> Array:
@@ -75,28 +80,35 @@ def _lexicographic(problem: Problem, P1: Array, P2: Array) -> Array:
     toward = np.where(missed > _ROUNDING, -errors[first], 0.0) / (a1**2 + a2**2)
     Q1, Q2 = problem.box.project(P1 + toward * a1, P2 + toward * a2)
     first_step = np.maximum(np.abs(Q1 - P1), np.abs(Q2 - P2))
-
-    norm = np.hypot(a1, a2)
-    v1, v2 = -a2 / norm, a1 / norm  # along the level of the first goal
     R1, R2 = problem.P_ref
-    slope = errors[second] * (b1 * v1 + b2 * v2) + problem.pull * ((P1 - R1) * v1 + (P2 - R2) * v2)
-    step = -slope / ((b1 * v1 + b2 * v2) ** 2 + problem.pull)
-    second_step = np.minimum(np.abs(step), _room(problem, P1, P2, v1, v2, np.sign(step)))
-    held = first_step < _HELD * np.abs(toward) * norm
+    g1, g2 = (errors[second] * b + problem.pull * d for b, d in ((b1, P1 - R1), (b2, P2 - R2)))
+    hessian = b1**2 + problem.pull, b1 * b2, b2**2 + problem.pull
+    second_step = level_step(problem.box, P1, P2, (a1, a2), (g1, g2), hessian)
+    held = first_step < _HELD * np.abs(toward) * np.hypot(a1, a2)
     return np.asarray(np.maximum(first_step, np.where(held & (missed > MET), 0.0, second_step)))
 
 
-def _room(problem: Problem, P1: Array, P2: Array, v1: Array, v2: Array, sign: Array) -> Array:
-    """How far one can go from P along sign·v within the feasible set."""
+def level_step(
+    box: PressureBox, P1: Array, P2: Array, kept: Pair, gradient: Pair, hessian: tuple[Array, Array, Array]
+) -> Array:
+    """Size of the step to the minimum of a quadratic cost along the level of what has the gradient `kept` [Pa]."""
+    (a1, a2), (g1, g2), (h11, h12, h22) = kept, gradient, hessian
+    norm = np.hypot(a1, a2)
+    v1, v2 = -a2 / norm, a1 / norm
+    step = -(g1 * v1 + g2 * v2) / (h11 * v1**2 + 2 * h12 * v1 * v2 + h22 * v2**2)
+    return np.asarray(np.minimum(np.abs(step), _room(box, P1, P2, np.sign(step) * v1, np.sign(step) * v2)))
+
+
+def _room(box: PressureBox, P1: Array, P2: Array, v1: Array, v2: Array) -> Array:
+    """How far one can go from P along v within the feasible set."""
 
     def distance(v: Array, P: Array, lo: Array, hi: Array) -> Array:
         return np.where(v > 0, hi - P, np.where(v < 0, P - lo, np.inf)) / np.where(v == 0, 1.0, np.abs(v))
 
-    agonist, antagonist = problem.box
-    one = distance(sign * v1, P1, agonist.lo, agonist.hi)
-    two = distance(sign * v2, P2, antagonist.lo, antagonist.hi)
-    total = distance(sign * (v1 + v2), P1 + P2, np.asarray(problem.box.least_sum), np.asarray(np.inf))
+    one = distance(v1, P1, box.agonist.lo, box.agonist.hi)
+    two = distance(v2, P2, box.antagonist.lo, box.antagonist.hi)
+    total = distance(v1 + v2, P1 + P2, np.asarray(box.least_sum), np.asarray(np.inf))
     return np.maximum(np.minimum(np.minimum(one, two), total), 0.0)
 
 
-__all__ = ["MET", "residual"]
+__all__ = ["MET", "level_step", "newton_step", "residual"]

@@ -73,6 +73,11 @@ class Problem:
             return box
         return box.with_least_sum(np.full(self.theta.shape, 2 * self.min_cocontraction))
 
+    @cached_property
+    def box_without_forces(self) -> PressureBox:
+        """All limits but those on the forces."""
+        return replace(self, min_force=None, max_force=None).box
+
     @property
     def K_aim(self) -> Array:
         """The stiffness aimed at: the least that is as good as the target."""

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from allocator.allocation import kkt, sensitivity
 from allocator.allocation.problem import Problem
+from allocator.allocation.spread import stiffness_std
 from allocator.allocation.status import Status
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from allocator.inverse import why_no_inverse
 from allocator.levels import Pair, stiffness, torque_interval, torque_level
 from allocator.limits import names
@@ -82,6 +84,15 @@ class Allocation:
         return shaped(kkt.residual(self._problem, np.ravel(self.P1), np.ravel(self.P2)), self._shape)
 
     @cached_property
+    def K_std(self) -> Any:
+        """Standard deviation of K [N·m/rad] from the covariance of the fitted muscles; None if they have none.
+
+        The error of the muscle law itself is not in it: compare models to see that.
+        """
+        std = stiffness_std(self._problem, np.ravel(self.P1), np.ravel(self.P2))
+        return None if std is None else shaped(std, self._shape)
+
+    @cached_property
     def forces(self) -> Pair:
         """Muscle forces (F1, F2) [N] at these pressures."""
         one, two = self._problem.sides
@@ -90,8 +101,11 @@ class Allocation:
     def jacobian(self) -> Array:
         """dP/d(θ, K, T), shape (…, 2, 3) [Pa/rad, Pa·rad/(N·m), Pa/(N·m)], with the active set held.
 
-        One-sided where the active set is about to change; NaN where there is no answer.
+        One-sided where the active set is about to change, NaN where there is no answer. Raises InvalidInput for answers
+        under uncertainty.
         """
+        if self.method == "uncertain":
+            raise InvalidInput("jacobian() holds for allocations without uncertainty")
         dP = sensitivity.jacobian(self._problem, np.ravel(self.P1), np.ravel(self.P2))
         inside = np.ravel(self.theta) == self._problem.theta
         dP[~inside, :, 0] = 0.0  # beyond the joint range the answer stays that of the range's end
@@ -139,7 +153,8 @@ def _sentence(a: Allocation) -> str:
         Status.NO_INVERSE: why_no_inverse(a._problem.joint),
     }
     status = Status(a.status)
-    return status.advice + (f" ({details[status]})" if status in details else "")
+    sentence = status.advice + (f" ({details[status]})" if status in details else "")
+    return sentence + ("; only a local optimum is proved here" if a.local else "")
 
 
 __all__ = ["Allocation", "shaped"]

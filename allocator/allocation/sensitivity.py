@@ -1,8 +1,8 @@
 """How the allocated pressures move with angle, stiffness and torque while the active set stays as it is.
 
 An answer is the solution of two equations G(P; θ, K*, T*) = 0, hence dP = -G_P⁻¹ G_x dx. Where both targets are met
-they are T = T* and K = K*. Otherwise every pressure on a bound stays there, P_i = b_i(θ), and if the other one is free
-it keeps the target that has priority or, with weights, the cost stationary.
+they are T = T* and K = K*. Otherwise every limit that is met takes an equation, P_i = b_i(θ) or P1 + P2 = 2 P_co, and
+what is left of the two keeps the target that has priority, or the cost stationary along the direction that is free.
 """
 
 from collections.abc import Callable
@@ -10,33 +10,59 @@ from collections.abc import Callable
 import numpy as np
 
 from allocator.allocation.problem import Problem
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.levels import Sides
 from allocator.limits import Limit, PressureInterval
-from allocator.side import Side
 
 _ON_BOUND = 1e-9  # of the supply range
 _MET = 1e-9  # of the scale of torque or stiffness
-_SLACK = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK
+_BY_FORCE = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK | Limit.AGONIST_FORCE | Limit.ANTAGONIST_FORCE
 _H = 1e-4  # step of the five-point difference, in rad or in supply ranges: error about 1e-11 of the slope
 
 
 def jacobian(problem: Problem, P1: Array, P2: Array) -> Array:
     """dP/d(θ, K, T), (n, 2, 3); NaN where the equations are singular."""
-    n = P1.size
-    torque, stiffness = _torque_row(problem, P1, P2), _stiffness_row(problem, P1, P2)
+    first, second = _free_rows(problem, P1, P2)
     e_T, e_K = np.abs(problem.errors(P1, P2))
     missed = (e_T > _MET * problem.scales[0]) | (e_K > _MET * problem.scales[1])
-    held = [missed & _on_bound(problem, interval, P) for interval, P in zip(problem.box, (P1, P2), strict=True)]
-    rows = np.stack([torque, stiffness], 1)  # (n, 2, 5): G_P1, G_P2, G_θ, G_K, G_T
-    for i, (side, interval, P) in enumerate(zip(problem.sides, problem.box, (P1, P2), strict=True)):
-        rest = {"torque": torque, "stiffness": stiffness}.get(problem.priority)
-        rest = _stationary_row(problem, P1, P2, free=1 - i) if rest is None else rest
-        bound = _bound_row(n, i, side, interval, P)
-        rows[:, i] = np.where(held[i][:, None], bound, rows[:, i])
-        alone = held[i] & ~held[1 - i]
-        rows[:, 1 - i] = np.where(alone[:, None], rest, rows[:, 1 - i])
+    near = _ON_BOUND * problem.joint.pressure_span
+    held1, held2 = (missed & _on_bound(i, P, near) for i, P in zip(problem.box, (P1, P2), strict=True))
+    on_floor = missed & (problem.box.least_sum + near >= P1 + P2) & ~(held1 & held2)
+    bound1, bound2 = (_bound_row(problem, i, P) for i, P in enumerate((P1, P2)))
+    floor = _row(np.ones(P1.size), 1.0, 0.0, 0.0, 0.0)
+    for held, row, direction in (
+        (held1, bound1, (0.0, 1.0)),
+        (held2, bound2, (1.0, 0.0)),
+        (on_floor, floor, (1.0, -1.0)),
+    ):
+        if held.any():
+            along = _rest_row(problem, P1, P2, direction)
+            taken = held1 & held2 if row is floor else np.zeros(P1.size, bool)
+            first, second = _where(held & ~taken, row, first), _where(held & ~taken, along, second)
+    both = [(held1 & held2, bound1, bound2), (held1 & on_floor, bound1, floor), (held2 & on_floor, bound2, floor)]
+    for held, row, other in both:
+        first, second = _where(held, row, first), _where(held, other, second)
+    rows = np.stack([first, second], 1)  # (n, 2, 5): G_P1, G_P2, G_θ, G_K, G_T
     return _solve(rows[:, :, :2], -rows[:, :, 2:])
+
+
+def _free_rows(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array]:
+    """The two equations where no limit holds."""
+    torque, stiffness = _torque_row(problem, P1, P2), _stiffness_row(problem, P1, P2)
+    if not problem.pull:
+        return torque, stiffness
+    if problem.priority == "weighted":
+        return _stationary_row(problem, P1, P2, (1.0, 0.0)), _stationary_row(problem, P1, P2, (0.0, 1.0))
+    return (torque if problem.priority == "torque" else stiffness), _stationary_row(problem, P1, P2, None)
+
+
+def _rest_row(problem: Problem, P1: Array, P2: Array, direction: tuple[float, float]) -> Array:
+    """What is left to satisfy along the free direction."""
+    if problem.priority == "torque":
+        return _torque_row(problem, P1, P2)
+    if problem.priority == "stiffness":
+        return _stiffness_row(problem, P1, P2)
+    return _stationary_row(problem, P1, P2, direction)
 
 
 def _torque_row(problem: Problem, P1: Array, P2: Array) -> Array:
@@ -53,43 +79,58 @@ def _stiffness_row(problem: Problem, P1: Array, P2: Array) -> Array:
     return _row(one.stiffness_gain(P1), two.stiffness_gain(P2), K_theta, -1.0, 0.0)
 
 
-def _stationary_row(problem: Problem, P1: Array, P2: Array, free: int) -> Array:
-    """φ = w_T (T - T*) T_Pj + w_K (K - K*) K_Pj = 0 for the free pressure j."""
-    (w_T, w_K), step = problem.weights, _H * problem.joint.pressure_span
+def _stationary_row(problem: Problem, P1: Array, P2: Array, direction: tuple[float, float] | None) -> Array:
+    """φ = ∇cost·v = 0 along the direction v of pressures; None: along the level of the target that has priority."""
+    (w_T, w_K), (R1, R2), step = _second_goal(problem), problem.P_ref, _H * problem.joint.pressure_span
 
     def phi(dP1: float, dP2: float, dtheta: float) -> Array:
-        sides = problem.joint.sides(problem.theta + dtheta)
-        P = (P1 + dP1, P2 + dP2)
-        e_T = sides[0].torque(P[0]) + sides[1].torque(P[1]) - problem.T
-        e_K = _total_stiffness(sides, *P) - problem.K
-        return np.asarray(
-            w_T * e_T * sides[free].torque_gain(P[free]) + w_K * e_K * sides[free].stiffness_gain(P[free])
-        )
+        one, two = problem.joint.sides(problem.theta + dtheta)
+        Q1, Q2 = P1 + dP1, P2 + dP2
+        e_T = one.torque(Q1) + two.torque(Q2) - problem.T
+        e_K = _total_stiffness((one, two), Q1, Q2) - problem.K_aim
+        t, k = (one.torque_gain(Q1), two.torque_gain(Q2)), (one.stiffness_gain(Q1), two.stiffness_gain(Q2))
+        level = t if problem.priority == "torque" else k
+        v = (-level[1], level[0]) if direction is None else direction
+        slopes = [w_T * e_T * t[i] + w_K * e_K * k[i] for i in (0, 1)]
+        return np.asarray((slopes[0] + problem.pull * (Q1 - R1)) * v[0] + (slopes[1] + problem.pull * (Q2 - R2)) * v[1])
 
-    side, P = problem.sides[free], (P1, P2)[free]
+    one, two = problem.sides
+    t, k = (one.torque_gain(P1), two.torque_gain(P2)), (one.stiffness_gain(P1), two.stiffness_gain(P2))
+    level = t if problem.priority == "torque" else k
+    v = (-level[1], level[0]) if direction is None else direction
     return _row(
         _five_point(lambda h: phi(h, 0, 0), step),
         _five_point(lambda h: phi(0, h, 0), step),
         _five_point(lambda h: phi(0, 0, h), _H),
-        -w_K * side.stiffness_gain(P),
-        -w_T * side.torque_gain(P),
+        -w_K * (k[0] * v[0] + k[1] * v[1]),
+        -w_T * (t[0] * v[0] + t[1] * v[1]),
     )
 
 
-def _bound_row(n: int, i: int, side: Side, interval: PressureInterval, P: Array) -> Array:
-    """P_i - b_i(θ) = 0; a slack limit F(b, ε) = F_min moves with ε' = ±a/l0, every other bound stays."""
-    row = np.zeros((n, 5))
+def _second_goal(problem: Problem) -> tuple[float, float]:
+    """Weights of the cost that is left once the target with priority is kept."""
+    return {"torque": (0.0, 1.0), "stiffness": (1.0, 0.0)}.get(problem.priority, problem.weights)
+
+
+def _bound_row(problem: Problem, i: int, P: Array) -> Array:
+    """P_i - b_i(θ) = 0; a force limit F(b, ε) = F_min moves with ε' = ±a/l0, every other bound stays."""
+    side, interval = problem.sides[i], (problem.box.agonist, problem.box.antagonist)[i]
+    row = np.zeros((P.size, 5))
     row[:, i] = 1.0
+    at_low = interval.lo >= P
+    by_force = np.where(at_low, interval.lo_limit & _BY_FORCE, interval.hi_limit & _BY_FORCE) != 0
     stretch = side.sign * side.arm / side.rest_length
-    slack = (interval.lo_limit & _SLACK != 0) & (interval.lo >= P) & ~interval.empty
     gain, slope = side.muscle.gain(P, side.contraction), side.muscle.slope(P, side.contraction)
-    row[:, 2] = np.where(slack, slope * stretch / gain, 0.0)
+    row[:, 2] = np.where(by_force & ~interval.empty, slope * stretch / gain, 0.0)
     return row
 
 
-def _on_bound(problem: Problem, interval: PressureInterval, P: Array) -> Array:
-    tolerance = _ON_BOUND * problem.joint.pressure_span
-    return np.asarray((interval.lo + tolerance >= P) | (interval.hi - tolerance <= P))
+def _on_bound(interval: PressureInterval, P: Array, near: float) -> Mask:
+    return np.asarray((interval.lo + near >= P) | (interval.hi - near <= P))
+
+
+def _where(mask: Mask, row: Array, other: Array) -> Array:
+    return np.where(mask[:, None], row, other)
 
 
 def _total_stiffness(sides: Sides, P1: Array, P2: Array) -> Array:

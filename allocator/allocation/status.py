@@ -17,6 +17,8 @@ class Status(IntEnum):
     SOLVER_FAILED = 8
     OUTSIDE_LIMITS = 9
     NO_INVERSE = 10
+    TOO_RISKY = 11
+    HEDGED = 12
 
     @property
     def advice(self) -> str:
@@ -36,6 +38,8 @@ _ADVICE = {
     Status.SOLVER_FAILED: "the back-end's answer was not optimal; this is the exact or projected one instead",
     Status.OUTSIDE_LIMITS: "the inverse exists but breaks a limit; method='exact' respects it",
     Status.NO_INVERSE: "no pressures give this torque and stiffness",
+    Status.TOO_RISKY: "no pressures keep the force limits with that probability; answered as if nothing were uncertain",
+    Status.HEDGED: "the limits' probabilities and the spread of the error keep the mean off the targets",
 }
 
 __all__ = ["Status"]

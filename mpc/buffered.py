@@ -1,0 +1,39 @@
+"""CasADi functions called through buffers: microseconds instead of a tenth of a millisecond per call."""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+
+
+class Buffered:
+    """A CasADi function with dense inputs and outputs, called with arrays.
+
+    CasADi stores columns first. An output of c columns and r rows is therefore handed back as its transpose (c, r): one
+    row per column, so that time, which runs along CasADi's columns, runs along the first axis here; inputs likewise.
+    The buffers belong to the object, so one object must not be called by two threads at a time.
+    """
+
+    def __init__(self, function: Any) -> None:
+        sparse = [i for i in range(function.n_in()) if not function.sparsity_in(i).is_dense()]
+        sparse += [i for i in range(function.n_out()) if not function.sparsity_out(i).is_dense()]
+        if sparse:
+            raise ValueError(f"{function.name()} has sparse inputs or outputs: densify them")
+        self._inputs: list[Any] = [np.zeros(function.size_in(i)[::-1]) for i in range(function.n_in())]
+        self._outputs: list[Any] = [np.zeros(function.size_out(i)[::-1]) for i in range(function.n_out())]
+        self._buffer, self._evaluate = function.buffer()  # the function lives as long as its buffer
+        for i, array in enumerate(self._inputs):
+            self._buffer.set_arg(i, memoryview(array))
+        for i, array in enumerate(self._outputs):
+            self._buffer.set_res(i, memoryview(array))
+
+    def __call__(self, *values: Array | float) -> list[Array]:
+        """Evaluate; the results are copies."""
+        for array, value in zip(self._inputs, values, strict=True):
+            array[...] = value
+        self._evaluate()
+        return [array.copy() for array in self._outputs]
+
+
+__all__ = ["Buffered"]

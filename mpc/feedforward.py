@@ -1,0 +1,51 @@
+"""The commands that would follow a preview exactly, if the model were right and nothing limited: closed form.
+
+The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d; `allocate` turns (θ, K, T) at all N+1 samples into
+pressures in one call, bringing what cannot be reached to the nearest that can; and the lag over one sample of constant
+command, P_{k+1} = α_i P_k + (1 - α_i) u_k with α_i = exp(-dt/τ_i), is inverted for the commands.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from allocator import allocate
+from allocator.calculus import Array
+from mpc.plant import Plant
+
+
+@dataclass(frozen=True)
+class FeedForward:
+    """A preview and what it asks of the pressures; time runs along the first axis."""
+
+    theta: Array  # (N+1,) angle within the joint range [rad]
+    omega: Array  # (N+1,) its derivative [rad/s]
+    K: Array  # (N+1,) the reachable stiffness nearest to the asked one [N·m/rad]
+    P: Array  # (N+1, 2) pressures [Pa]
+    u: Array  # (N, 2) commands [Pa], unlimited
+
+
+class FeedForwardLaw:
+    """Feed-forward of `plant` for previews of N+1 samples, `dt` [s] apart."""
+
+    def __init__(self, plant: Plant, dt: float, N: int) -> None:
+        from scipy.interpolate import CubicSpline
+
+        self.plant = plant
+        # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
+        spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))
+        self._D1, self._D2 = spline(spline.x, 1), spline(spline.x, 2)
+        self._alpha = np.exp(-dt / np.array(plant.lags))  # (2,)
+
+    def __call__(self, theta: Array, K: Array, d: float = 0.0) -> FeedForward:
+        """For the previews `theta` [rad] and `K` [N·m/rad], both (N+1,), and a constant disturbance torque [N·m]."""
+        theta = np.clip(theta, *self.plant.joint.angle_range)
+        omega, alpha = self._D1 @ theta, self._D2 @ theta
+        T = self.plant.torque_for(theta, omega, alpha, d)
+        held = allocate(theta, K, T, joint=self.plant.joint)
+        P = np.stack([held.P1, held.P2], axis=1)
+        u = (P[1:] - self._alpha * P[:-1]) / (1 - self._alpha)
+        return FeedForward(theta, omega, held.K, P, u)
+
+
+__all__ = ["FeedForward", "FeedForwardLaw"]

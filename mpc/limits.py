@@ -1,0 +1,44 @@
+"""What commands and angle have to keep to."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.plant import Plant
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a plant, for commands that change once a sample."""
+
+    pressure: tuple[float, float]  # of every command [Pa], hard
+    step: float  # greatest |u_k - u_{k-1}| [Pa], hard
+    theta: tuple[float, float]  # [rad], soft
+
+    @classmethod
+    def of(cls, plant: Plant, dt: float) -> Self:
+        """The limits of `plant` at the sample time `dt` [s]."""
+        return cls(plant.joint.pressure_limits, plant.slew * dt, plant.joint.angle_range)
+
+    def limited(self, u_last: Array, u: Array) -> Array:
+        """The commands `u` (N, 2) after `u_last` (2,), each moved to the nearest that slew and supply allow.
+
+        The slew limit comes first: from outside the supply's range commands return as fast as it lets them.
+        """
+        (low, high), step = self.pressure, self.step
+        kept = np.empty_like(u)
+        for i, before in enumerate(u_last.tolist()):
+            for k, wanted in enumerate(u[:, i].tolist()):
+                before = min(max(min(max(wanted, low), high), before - step), before + step)
+                kept[k, i] = before
+        return kept
+
+    def excursion(self, theta: Array) -> float:
+        """How far `theta` leaves its range at worst [rad]."""
+        left, right = self.theta
+        return max(0.0, left - float(theta.min()), float(theta.max()) - right)
+
+
+__all__ = ["Limits"]

@@ -1,0 +1,104 @@
+"""The plant along a horizon: its motion under a sequence of commands, and the exact derivatives of that motion.
+
+From the measured x_0 and commands ū_0 … ū_{N-1} (the previous plan), with f_d the plant over one sample,
+
+    x̄_0 = x_0,   x̄_{k+1} = f_d(x̄_k, ū_k, d),   A_k = ∂f_d/∂x,   B_k = ∂f_d/∂u,   c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k
+    K̄_k = K(x̄_k),   C_k = ∂K/∂x
+
+so that x_{k+1} = A_k x_k + B_k u_k + c_k and K_k = K̄_k + C_k (x_k - x̄_k) to first order. Since x̄ is a motion of the
+plant the linear model is exact on it. Derivatives are CasADi's, evaluated for all k in one call.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.buffered import Buffered
+from mpc.plant import NU, NX, Plant
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the plant does under given commands; time runs along the first axis."""
+
+    u: Array  # (N, 2) commanded pressures [Pa]
+    x: Array  # (N+1, 4) states
+    K: Array  # (N+1,) stiffness [N·m/rad]
+
+
+@dataclass(frozen=True)
+class Linearisation(Motion):
+    """A motion and the linear time-varying model about it."""
+
+    A: Array  # (N, 4, 4)
+    B: Array  # (N, 4, 2), per Pa
+    C: Array  # (N+1, 4), gradient of K
+
+    @property
+    def c(self) -> Array:
+        """c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k, (N, 4)."""
+        return np.asarray(
+            self.x[1:] - np.einsum("kij,kj->ki", self.A, self.x[:-1]) - np.einsum("kij,kj->ki", self.B, self.u)
+        )
+
+
+class Predictor:
+    """Motions and linearisations of `plant` over `N` samples of `dt` [s]."""
+
+    def __init__(self, plant: Plant, dt: float, N: int) -> None:
+        self.plant, self.dt, self.N = plant, dt, N
+
+    def motion(self, x0: Array, u: Array, d: float = 0.0) -> Motion:
+        """The motion from `x0` (4,) under the commands `u` (N, 2) and the disturbance torque `d` [N·m]."""
+        x, K = self._motion(x0, u, d)
+        return Motion(u, x, K[:, 0])
+
+    def linearise(self, x0: Array, u: Array, d: float = 0.0) -> Linearisation:
+        """The same with its derivatives."""
+        x, K, A, B, C = self._linearise(x0, u, d)
+        return Linearisation(u, x, K[:, 0], A.reshape(self.N, NX, NX), B.reshape(self.N, NX, NU), C)
+
+    @cached_property
+    def _motion(self) -> Buffered:
+        import casadi as ca
+
+        x0, u, d = self._symbols()
+        x, K, _ = self._symbolic_motion(x0, u, d)
+        return Buffered(ca.Function("motion", [x0, u, d], [x, K]))
+
+    @cached_property
+    def _linearise(self) -> Buffered:
+        import casadi as ca
+
+        stage = self.plant.discrete(self.dt)
+        x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
+        x_next = stage(x, u, d)
+        # transposed, because `Buffered` hands back transposes
+        slopes = [ca.densify(ca.jacobian(x_next, v).T) for v in (x, u)]
+        stage_slopes = ca.Function("stage_slopes", [x, u, d], slopes).map(self.N)
+        x0, u, d = self._symbols()
+        x, K, C = self._symbolic_motion(x0, u, d)
+        A, B = stage_slopes(x[:, : self.N], u, ca.repmat(d, 1, self.N))
+        return Buffered(ca.Function("linearise", [x0, u, d], [x, K, A, B, C]))
+
+    def _symbols(self) -> tuple[Any, Any, Any]:
+        import casadi as ca
+
+        return ca.MX.sym("x0", NX), ca.MX.sym("u", NU, self.N), ca.MX.sym("d")
+
+    def _symbolic_motion(self, x0: Any, u: Any, d: Any) -> tuple[Any, Any, Any]:
+        """States (4, N+1), stiffness (1, N+1) and its gradient (4, N+1)."""
+        import casadi as ca
+
+        later = self.plant.discrete(self.dt).mapaccum(self.N)(x0, u, ca.repmat(d, 1, self.N))
+        x = ca.horzcat(x0, later)
+        s = ca.SX.sym("x", NX)
+        K = ca.SX(self.plant.stiffness(s))
+        stiffness = ca.Function("stiffness", [s], [K, ca.densify(ca.gradient(K, s))]).map(self.N + 1)
+        return x, *stiffness(x)
+
+
+__all__ = ["Linearisation", "Motion", "Predictor"]

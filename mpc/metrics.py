@@ -1,0 +1,84 @@
+"""How well a run went: errors, limits broken and by how much, time taken, rungs used."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from allocator import allocate
+from allocator.calculus import Array, Mask
+from allocator.units import BAR, DEG, PERCENT
+from mpc.plan import Rung
+from mpc.simulation import Run
+
+_ROUNDING = 1e-9  # of the limit: less is arithmetic
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Figures of a run, in the units they are read in; over all samples from the first to the last."""
+
+    theta_rms: float  # [°]
+    theta_worst: float  # [°]
+    K_rms: float  # [% of the reference]
+    K_worst: float  # [% of the reference]
+    violations: dict[str, tuple[float, str]]  # limit: greatest excess (0 where it was kept), unit
+    step_median: float  # [ms]
+    step_p99: float  # [ms]
+    rungs: dict[str, int]  # steps answered by each rung
+    out_of_reach: float  # [% of the samples] whose reference the joint cannot follow, whatever the controller does
+
+    @property
+    def limits_kept(self) -> bool:
+        """Whether no limit was broken."""
+        return not any(excess for excess, _ in self.violations.values())
+
+
+def metrics(run: Run) -> Metrics:
+    """The figures of `run`."""
+    theta_error = (run.theta - run.theta_ref) / DEG
+    K_error = (run.K / run.K_ref - 1) / PERCENT
+    return Metrics(
+        theta_rms=_rms(theta_error),
+        theta_worst=float(np.abs(theta_error).max()),
+        K_rms=_rms(K_error),
+        K_worst=float(np.abs(K_error).max()),
+        violations=_violations(run),
+        step_median=float(np.median(run.step_time)) * 1e3,
+        step_p99=float(np.percentile(run.step_time, 99)) * 1e3,
+        rungs={rung.name: int((run.rung == rung).sum()) for rung in Rung},
+        out_of_reach=float(np.mean(~_reachable(run))) / PERCENT,
+    )
+
+
+def _reachable(run: Run) -> Mask:
+    """Where some pressures give the reference's stiffness and the torque that its motion takes."""
+    omega = np.gradient(run.theta_ref, run.dt)
+    T = run.plant.torque_for(run.theta_ref, omega, np.gradient(omega, run.dt))
+    return np.asarray(allocate(run.theta_ref, run.K_ref, T, joint=run.plant.joint).success)
+
+
+def _violations(run: Run) -> dict[str, tuple[float, str]]:
+    joint, allowed = run.plant.joint, run.plant.slew * run.dt
+    low, high = joint.pressure_limits
+    left, right = joint.angle_range
+    change = np.abs(np.diff(run.u, axis=0, prepend=run.x[:1, 2:]))
+    return {
+        "commanded pressure": (_excess(run.u, low, high, high) / BAR, "bar"),
+        "pressure": (_excess(run.P, low, high, high) / BAR, "bar"),
+        "pressure slew": (_excess(change, 0.0, allowed, allowed) / run.dt / BAR, "bar/s"),
+        "joint range": (_excess(run.theta, left, right, right - left) / DEG, "°"),
+        "slack muscle": (max(0.0, -float(run.forces.min())), "N"),
+    }
+
+
+def _excess(values: Array, low: float, high: float, scale: float) -> float:
+    """How far `values` leave [low, high] at worst; 0 within rounding."""
+    excess = float(max(low - values.min(), values.max() - high))
+    return excess if excess > _ROUNDING * scale else 0.0
+
+
+def _rms(error: Array) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+__all__ = ["Metrics", "metrics"]

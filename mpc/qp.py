@@ -1,0 +1,73 @@
+"""A dense quadratic programme and the certificate of a solution.
+
+    minimise ½ zᵀ H z + fᵀ z   subject to   lower ≤ z ≤ upper,   rows_lower ≤ R z ≤ rows_upper                  [QP]
+
+A solver's word is not taken. Multipliers λ (positive at an upper, negative at a lower bound) prove how good a feasible
+z is: with the gradient of the Lagrangian r = H z + f + λ_z + Rᵀ λ_R, its cost exceeds the least possible by at most
+
+    gap = ½ rᵀ H⁻¹ r + Σ_i λ_i (bound_i - z_i)              (z_i: also the rows' values R z)
+
+the difference of the primal and the dual cost. It vanishes at the solution and nowhere else.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from allocator.calculus import Array
+
+
+class Residuals(NamedTuple):
+    """How far a point is from optimal; NaN for what is not finite."""
+
+    primal: float  # greatest violation of a bound or row [z], [R z]
+    gap: float  # [cost] above the least cost, at most
+    gain: float  # [cost] by which the point is better than z = 0
+
+    def within(self, primal: float, gap: float) -> bool:
+        """Whether no limit is broken by more than `primal`, and the gap is below `gap` of the gain or of 1; no NaN."""
+        return self.primal <= primal and abs(self.gap) <= gap * max(abs(self.gain), 1.0)
+
+
+@dataclass(frozen=True)
+class QP:
+    """The data of [QP]."""
+
+    H: Array  # (n, n), positive definite
+    f: Array  # (n,)
+    lower: Array  # (n,)
+    upper: Array  # (n,)
+    R: Array  # (m, n)
+    rows_lower: Array  # (m,)
+    rows_upper: Array  # (m,)
+
+    @property
+    def without_rows(self) -> Self:
+        """The same with its simple bounds only."""
+        return replace(self, R=self.R[:0], rows_lower=self.rows_lower[:0], rows_upper=self.rows_upper[:0])
+
+    def cost(self, z: Array) -> float:
+        """½ zᵀ H z + fᵀ z."""
+        return float(0.5 * z @ self.H @ z + self.f @ z)
+
+    def violation(self, z: Array) -> float:
+        """Greatest violation of a bound or row at `z`; 0 inside, NaN for a point that is not finite."""
+        Rz = self.R @ z
+        gaps = np.concatenate([self.lower - z, z - self.upper, self.rows_lower - Rz, Rz - self.rows_upper])
+        return float(gaps.max(initial=0.0))
+
+    def certify(self, z: Array, multipliers: Array) -> Residuals:
+        """The residuals of `z` (n,) with `multipliers` (n + m,)."""
+        n = self.f.size
+        upper, lower = np.append(self.upper, self.rows_upper), np.append(self.lower, self.rows_lower)
+        bounds = np.where(multipliers > 0, upper, lower)
+        held = (multipliers != 0) & np.isfinite(bounds)
+        multipliers = np.where(held, multipliers, 0.0)  # there is nothing to push against at infinity
+        r = self.H @ z + self.f + multipliers[:n] + self.R.T @ multipliers[n:]
+        away = (bounds - np.append(z, self.R @ z))[held]
+        gap = 0.5 * r @ np.linalg.solve(self.H, r) + multipliers[held] @ away
+        return Residuals(self.violation(z), float(gap), -self.cost(z))
+
+
+__all__ = ["QP", "Residuals"]

@@ -1,0 +1,57 @@
+"""What the future beyond the horizon costs: the value function of the linear-quadratic regulator.
+
+After the last sample no limit is foreseen and the plant is linear about the middle of its range; the deviation
+ξ = (x_N - x*_N, e_{N-1}) from the reference is then brought to zero at the least cost ½ ξᵀ S ξ, with S the solution of
+the discrete algebraic Riccati equation of
+
+    ξ⁺ = [A 0; 0 0] ξ + [B; I] e,    cost  ½ (w_θ θ² + w_ω ω² + w_K (C x)² + w_u |e|² + w_t |e - e_before|²/dt²)
+
+The rate weight w_t = `Weights.terminal_rate` is far above that within the horizon: w_θ (1°)² = w_t (2.5 bar/s)², so
+that the regulator assumed beyond the horizon seldom asks for more than the slew limit gives. Without this care a
+horizon too short to see how long braking takes ends in a limit cycle at the slew limit.
+"""
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.units import BAR
+from mpc.linearise import Predictor
+from mpc.plant import NU, NX, Plant
+from mpc.weights import Weights
+
+_UNITS = np.array([1, 1, BAR, BAR, BAR, BAR])  # of ξ in the Riccati equation, for its conditioning
+
+
+def terminal_factor(plant: Plant, dt: float, weights: Weights) -> Array:
+    """L (6, 6) with LᵀL = S: the terminal cost is ½|L ξ|². SI units."""
+    from scipy.linalg import cholesky, solve_discrete_are
+
+    A, B, C = _middle(plant, dt)
+    n, du = NX + NU, weights.terminal_rate / dt**2  # [cost]/[Pa]² per sample
+    A_aug, B_aug = np.zeros((n, n)), np.vstack([B, np.eye(NU)])
+    A_aug[:NX, :NX] = A
+    Q, R = np.zeros((n, n)), (weights.u + du) * np.eye(NU)
+    Q[:NX, :NX] = np.diag([weights.theta, weights.omega, 0, 0]) + weights.K * np.outer(C, C)
+    Q[NX:, NX:] = du * np.eye(NU)
+    cross = np.vstack([np.zeros((NX, NU)), -du * np.eye(NU)])
+
+    scale, u_scale = _UNITS, np.full(NU, BAR)
+    S = solve_discrete_are(
+        A_aug * scale / scale[:, None],
+        B_aug * u_scale / scale[:, None],
+        Q * np.outer(scale, scale),
+        R * np.outer(u_scale, u_scale),
+        s=cross * np.outer(scale, u_scale),
+    )
+    return np.asarray(cholesky(S) / scale)
+
+
+def _middle(plant: Plant, dt: float) -> tuple[Array, Array, Array]:
+    """A (4, 4), B (4, 2), C (4,) about rest in the middle of the joint's range and of the supply."""
+    P = np.full(NU, np.mean(plant.joint.pressure_limits))
+    x = np.array([np.mean(plant.joint.angle_range), 0.0, *P])
+    model = Predictor(plant, dt, 1).linearise(x, P[None])
+    return model.A[0], model.B[0], model.C[0]
+
+
+__all__ = ["terminal_factor"]

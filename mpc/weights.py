@@ -1,0 +1,31 @@
+"""What the controller's cost charges for."""
+
+from dataclasses import dataclass, fields
+from math import isfinite
+
+from allocator.errors import InvalidInput
+from allocator.units import BAR, DEG
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the cost in `mpc.controller`; each is written as one over the square of an error that costs ½."""
+
+    theta: float = 1 / (0.02 * DEG) ** 2  # w_θ [cost]/[rad]², angle
+    omega: float = 1 / (2 * DEG) ** 2  # w_ω [cost]/[rad/s]², velocity
+    K: float = 1 / 0.05**2  # w_K [cost]/[N·m/rad]², stiffness
+    u: float = 1 / (0.5 * BAR) ** 2  # w_u [cost]/[Pa]², command away from the feed-forward
+    rate: float = 1 / (10 * BAR) ** 2  # w_r [cost]/[Pa/s]², its rate away from the feed-forward's
+    terminal_rate: float = 1 / (0.05 * BAR) ** 2  # [cost]/[Pa/s]², the same beyond the horizon, see `mpc.terminal`
+    slack: float = 1e8  # ρ [cost]/[rad], joint range left: exact above the multipliers of the hard limit
+    slack_square: float = 1e8  # ρ₂ [cost]/[rad]²
+
+    def __post_init__(self) -> None:
+        """All of them have to be positive, or the QP has no single answer."""
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if not (isfinite(value) and value > 0):
+                raise InvalidInput(f"Weights: {entry.name} = {value!r} has to be positive and finite")
+
+
+__all__ = ["Weights"]

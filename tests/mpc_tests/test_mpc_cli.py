@@ -1,0 +1,90 @@
+"""`antagonist track` as a person meets it."""
+
+import csv
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from mpc import sine
+from mpc.cli import app
+from mpc.files import save_reference
+
+
+def antagonist(*arguments, cwd):
+    code = "import sys; from mpc.cli import main; sys.argv[0] = 'antagonist'; main()"
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
+
+
+@pytest.fixture
+def trajectory(tmp_path):
+    path = tmp_path / "short.csv"
+    save_reference(sine(duration=2, ramp=1), path)
+    return path
+
+
+def test_track_writes_picture_and_table_and_prints_the_figures(trajectory, tmp_path):
+    out = tmp_path / "new" / "directory"
+    result = CliRunner().invoke(app, ["track", str(trajectory), "--out", str(out), "--dt", "0.02", "--horizon", "12"])
+    assert result.exit_code == 0, result.output
+    assert (out / "tracking.png").read_bytes().startswith(b"\x89PNG")
+    with (out / "tracking.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 101
+    error = np.array([float(row["theta_deg"]) - float(row["theta_ref_deg"]) for row in rows])
+    printed = re.search(r"angle error \[°\]\D+([\d.e-]+)", result.output).group(1)
+    assert float(printed) == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.02, abs=1e-7)
+    for text in (
+        "stiffness error [%]",
+        "pressure slew",
+        "kept",
+        "slack muscle",
+        "time of a step [ms]",
+        "answered by QP",
+    ):
+        assert text in result.output
+
+
+def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
+    done = antagonist("track", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["tracking.csv", "tracking.png"]
+    assert "steps answered by QP" in done.stdout
+    assert "1200" in done.stdout
+    assert "exceeded" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere.csv"], "nowhere.csv: cannot be read"),
+        (["bad.csv"], "bad.csv, line 3, column 'theta_deg': 'up' is not a number"),
+        (["short.csv", "--solver", "magic"], "unknown QP solver 'magic'; available: "),
+        (["short.csv", "--dt", "-1"], "dt = -1 s has to be a sample time"),
+        (["short.csv", "--horizon", "1"], "N = 1 has to be"),
+        (["short.csv", "--out", "bad.csv"], "bad.csv cannot be written"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_no_traceback(trajectory, arguments, said):
+    (trajectory.parent / "bad.csv").write_text("t,theta_deg,stiffness\n0,0,7\n1,up,7\n")
+    done = antagonist("track", *arguments, cwd=trajectory.parent)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("antagonist: ")
+    assert said in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (trajectory.parent / "tracking.csv").exists()
+
+
+def test_help_is_given_before_anything_heavy_is_loaded(tmp_path):
+    code = (
+        "import sys, mpc.cli; "
+        "print([m for m in ('casadi', 'daqp', 'osqp', 'qpsolvers', 'control', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+    assert "track" in antagonist("--help", cwd=tmp_path).stdout
