@@ -39,7 +39,7 @@ def main() -> int:
 def main_table(results: Results) -> Table:
     table = Table(caption=EXPLAINED, caption_justify="left")
     for column in HEADER:
-        table.add_column(column, justify="right" if column else "left")
+        table.add_column(column, justify="right" if column else "left", no_wrap=not column)
     for row in summary(results):
         table.add_row(*row)
     return table

@@ -9,6 +9,8 @@ from benchmarks.allocators.cost import beats, unproved
 from benchmarks.allocators.effect import effect
 from benchmarks.allocators.targets import Array, TargetSet
 
+SAME = 1e-4  # of the supply range: pressures this near are the same optimum
+
 
 @dataclass(frozen=True)
 class Score:
@@ -34,13 +36,14 @@ class Score:
     T_lost_reachable: float  # share of those targets at which more than 1 % of the joint's greatest torque is lost
     K_rms_reachable: float
     K_worst_reachable: float
-    worse_than_exact: float  # share: the cost is higher, a local optimum
+    worse_than_exact: float  # share: the cost is higher and the pressures are others, a local optimum
     distance_to_exact: float  # greatest, in fractions of the supply range, of the other answers that did not fail
 
 
 def score(targets: TargetSet, priority: str, contender: str, answer: Answer, exact: Answer) -> Score:
     """Sum up one contender's answers to a set."""
-    found, worse = effect(targets, answer), beats(targets, priority, exact, answer) & ~unproved(exact)
+    found, apart, proved = effect(targets, answer), distance(targets, answer, exact), ~unproved(exact)
+    worse = beats(targets, priority, exact, answer) & (apart > SAME) & proved
     e_T, e_K, reachable = np.abs(found.T - targets.T), np.abs(found.K - targets.K), targets.torque_reachable
     return Score(
         set=targets.name,
@@ -64,7 +67,7 @@ def score(targets: TargetSet, priority: str, contender: str, answer: Answer, exa
         K_rms_reachable=rms(e_K[reachable]),
         K_worst_reachable=worst(e_K[reachable]),
         worse_than_exact=float(worse.mean()),
-        distance_to_exact=worst(distance(targets, answer, exact)[~worse & ~answer.failed & ~unproved(exact)]),
+        distance_to_exact=worst(apart[~worse & ~answer.failed & proved]),
     )
 
 

@@ -67,12 +67,12 @@ def findings(results: Results) -> Iterator[str]:
         f"(clipped to all limits, in the box: {cut.T_worst_reachable:.2f} N·m), the allocators "
         f"{number(exact.T_worst_reachable)} N·m: they give up stiffness instead, the nearest that is possible."
     )
-    random = [s for s in results.scores if s.set == "random" and s.priority == "torque"]
-    lost = mean([s.T_lost_reachable for s in random if s.contender == clipped.contender])
+    random = [s for k, s in by.items() if k[0] == "random" and k[2:] == ("torque", clipped.contender)]
+    lost = np.average([s.T_lost_reachable for s in random], weights=[s.torque_reachable for s in random])
     yield (
         f"On the random targets the clipped inverse loses more than 1 % of the joint's greatest torque at "
-        f"**{percent(lost)}** of the targets whose torque can be had; the worst loss is "
-        f"{max(s.T_worst_reachable for s in random if s.contender == clipped.contender):.1f} N·m."
+        f"**{percent(float(lost))}** of the targets whose torque can be had; the worst loss is "
+        f"{max(s.T_worst_reachable for s in random):.1f} N·m."
     )
     proved = [s for s in results.scores if s.contender in [b.name for b in BACK_ENDS]]
     yield (
