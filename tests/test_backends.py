@@ -79,6 +79,14 @@ def test_no_back_end_beats_the_exact_answer(joint, backend, priority):
 
 
 @pytest.mark.parametrize("backend", BACKENDS.values(), ids=BACKENDS.keys())
+def test_infeasible_feasible_infeasible_leaves_no_trace(backend):
+    hard, easy = (0.2, 30.0, 50.0), (0.2, 7.5, 1.0)
+    answers = [allocate(*target, **backend) for target in (hard, easy, hard, easy)]
+    assert [a.status for a in answers] == [Status.BOTH_LIMITED, Status.EXACT] * 2
+    assert (answers[0].P1, answers[0].P2) == (answers[2].P1, answers[2].P2)
+    assert (answers[1].P1, answers[1].P2) == (answers[3].P1, answers[3].P2)
+
+
 def test_the_weighted_start_avoids_the_local_minima_of_the_edges():
     """From the projected inverse alone every optimiser stays in the corner (5, 5) bar, where the cost is higher."""
     target = (1.8120771520117245, 13.27977655428117, -23.510875563713284)
@@ -87,14 +95,6 @@ def test_the_weighted_start_avoids_the_local_minima_of_the_edges():
         found = allocate(*target, **options("weighted"), **backend)
         assert (found.P1, found.P2) == pytest.approx((exact.P1, exact.P2), abs=1e-4 * SPAN)
         assert found.local  # it is not proved that there is no better one
-
-
-def test_infeasible_feasible_infeasible_leaves_no_trace(backend):
-    hard, easy = (0.2, 30.0, 50.0), (0.2, 7.5, 1.0)
-    answers = [allocate(*target, **backend) for target in (hard, easy, hard, easy)]
-    assert [a.status for a in answers] == [Status.BOTH_LIMITED, Status.EXACT] * 2
-    assert (answers[0].P1, answers[0].P2) == (answers[2].P1, answers[2].P2)
-    assert (answers[1].P1, answers[1].P2) == (answers[3].P1, answers[3].P2)
 
 
 def test_a_wrong_answer_is_replaced_and_said(monkeypatch):
