@@ -1,0 +1,1 @@
+"""What the joint can do: which angles, stiffnesses and torques exist, and what ends them."""
