@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.exact import is_local
@@ -97,4 +98,11 @@ def columns(problem: Problem) -> Columns:
     )
 
 
-__all__ = ["Columns", "Setting", "columns"]
+def outside_range(joint: AntagonistJoint, theta: Array) -> NDArray[np.int32]:
+    """The Limit flag that ends the joint range where `theta` lies beyond it, else 0."""
+    left, right = joint.angle_range
+    below, above = (np.int32(joint.angle_limit(upper)) for upper in (False, True))
+    return np.where(theta < left, below, np.where(theta > right, above, np.int32(0)))
+
+
+__all__ = ["Columns", "Setting", "columns", "outside_range"]
