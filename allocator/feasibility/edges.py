@@ -5,7 +5,7 @@ Three ways to cut the set, by what is held: a torque (edges over θ are the ends
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -34,6 +34,7 @@ class Edge:
     T: Array = field(repr=False)  # [N·m] (n,)
     P1: Array = field(repr=False)  # [Pa] (n,)
     P2: Array = field(repr=False)  # [Pa] (n,)
+    part: int = 0  # which of the connected parts of the set it bounds, counted from the left
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -153,12 +154,12 @@ def _with_stiffness(problem: Problem, pair: Pair) -> Pair:
 def _edges(setting: Setting, ends: Ends, intervals: tuple[Array, Array]) -> tuple[Edge, ...]:
     """The edges over the intervals of angles (m, 1) in which there is anything."""
     found: list[Edge] = []
-    for a, b in zip(*intervals, strict=True):
+    for part, (a, b) in enumerate(zip(*intervals, strict=True)):
         left, right = float(a[0]), float(b[0])
         theta = np.unique(np.append(np.linspace(left, right, _POINTS), np.clip(0.0, left, right)))
-        for end in (0, 1):
-            found += _chain(setting, ends, end, theta)
-        found += [edge for at in (left, right) if (edge := _wall(setting, ends, at))]
+        bounds = [edge for end in (0, 1) for edge in _chain(setting, ends, end, theta)]
+        bounds += [edge for at in (left, right) if (edge := _wall(setting, ends, at))]
+        found += [replace(edge, part=part) for edge in bounds]
     return tuple(found)
 
 

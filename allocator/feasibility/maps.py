@@ -121,7 +121,8 @@ def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progres
 def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
     """Cells (θ, K, T) of some angles."""
     problem, asked = setting.problem(theta[:, None], T[None, :])
-    found = columns(problem)
+    proved = ~exact.is_local(setting.problem(theta)[0])
+    found = columns(problem, np.repeat(proved, T.size))
     cells = _filled(setting, found, asked.ravel(), K)  # (columns, K)
     if not found.proved.all():
         _answered(setting, cells, ~found.proved, asked.ravel(), problem.T, K)

@@ -1,7 +1,7 @@
 """What a feasibility map hands back."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from os import PathLike
@@ -18,6 +18,7 @@ from allocator.joint import AntagonistJoint
 from allocator.limits import names
 from allocator.units import BAR, DEG
 
+_CELLS = ("status", "limits", "P1", "P2")
 _HEADER = "theta_deg,stiffness_Nm_per_rad,torque_Nm,status,limits,P1_bar,P2_bar"
 
 
@@ -67,8 +68,10 @@ class FeasibilityMap:
     def edges(self) -> tuple[Edge, ...]:
         """The edges of the feasible set as curves, each labelled by the limit that binds along it.
 
-        Computed from the closed forms, not from the cells. With three axes: those of the slice at every torque.
+        Computed from the closed forms, not from the cells. With three axes: those of all `slices`.
         """
+        if len(self.varied) == 3:
+            return tuple(edge for part in self.slices for edge in part.edges)
         if not self.theta.ndim:
             return edges_at_angle(self.setting, float(self.theta))
         range_left, range_right = self.joint.angle_range
@@ -77,8 +80,17 @@ class FeasibilityMap:
             return ()
         if not self.K.ndim:
             return edges_at_stiffness(self.setting, float(self.K), left, right)
+        return edges_at_torque(self.setting, float(self.T), left, right)
+
+    @property
+    def slices(self) -> tuple["FeasibilityMap", ...]:
+        """Maps with two axes: this one, or the one at every torque if there are three."""
+        if len(self.varied) == 2:
+            return (self,)
+        cells = (self.status, self.limits, self.P1, self.P2)
         return tuple(
-            edge for T in np.atleast_1d(self.T) for edge in edges_at_torque(self.setting, float(T), left, right)
+            replace(self, T=np.array(T), **{name: a[..., i] for name, a in zip(_CELLS, cells, strict=True)})
+            for i, T in enumerate(self.T)
         )
 
     # --- on disk ----------------------------------------------------------------------------------------------------

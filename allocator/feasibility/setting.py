@@ -78,13 +78,13 @@ class Setting:
         return columns(problem)
 
 
-def columns(problem: Problem) -> Columns:
-    """The ends of the torque level, with what they mean."""
+def columns(problem: Problem, proved: Mask | None = None) -> Columns:
+    """The ends of the torque level, with what they mean; `proved` if it is known (it depends on the angle only)."""
     T_min, T_max = torque_interval(problem.sides, problem.box)
     scale = problem.scales[0]
     T = np.clip(problem.T, T_min, T_max)
     low, high = torque_level(problem.sides, problem.box, T)
-    proved = ~is_local(problem)
+    proved = ~is_local(problem) if proved is None else proved
     if not proved.all():
         low, high = extremes_on_level(problem, T, low, high, ~proved)
     return Columns(
