@@ -7,6 +7,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.feasibility.setting import Setting
+from allocator.levels import torque_interval
 
 _POINTS = 201
 _PADDING = 0.1  # of the range of stiffnesses that exist, shown beyond them
@@ -21,19 +22,36 @@ def map_axis(name: str, asked: Any, values: Array) -> Array:
         raise InvalidInput(f"{name} = {asked!r} is an empty range; a map needs two values or more, or one number")
     if values.ndim and (falls := np.nonzero(np.diff(values) <= 0)[0]).size:
         i = int(falls[0])
-        raise InvalidInput(f"{name} has to increase, but {name}[{i}] = {values[i]:g} and {name}[{i + 1}] = {values[i + 1]:g}")
+        raise InvalidInput(
+            f"{name} has to increase, but {name}[{i}] = {values[i]:g} and {name}[{i + 1}] = {values[i + 1]:g}"
+        )
     return values
 
 
-def default_axis(setting: Setting, theta: Array, T: Array) -> Array:
+def default_torques(setting: Setting, theta: Array) -> Array:
+    """Torques [N·m] from a little below to a little above those that exist at these angles."""
+    problem, _ = setting.problem(_few(theta))
+    T_min, T_max = torque_interval(problem.sides, problem.box)
+    return _around(T_min[~problem.box.empty], T_max[~problem.box.empty])
+
+
+def default_stiffnesses(setting: Setting, theta: Array, T: Array) -> Array:
     """Stiffnesses [N·m/rad] from a little below to a little above those that exist at these angles and torques."""
-    few = [axis[np.linspace(0, axis.size - 1, min(axis.size, 41)).astype(int)] if axis.ndim else axis for axis in (theta, T)]
-    found = setting.columns(few[0][..., None], few[1])
-    if not found.exists.any():
-        raise InvalidInput("none of these angles and torques exist; there is no stiffness to show")
-    low, high = found.K_min[found.exists].min(), found.K_max[found.exists].max()
-    padding = _PADDING * (high - low) or _PADDING * high
-    return np.linspace(max(low - padding, 0.01 * high), high + padding, _POINTS)
+    found = setting.columns(_few(theta)[..., None], _few(T))
+    axis = _around(found.K_min[found.exists], found.K_max[found.exists])
+    return axis[axis > 0]
+
+
+def _few(axis: Array) -> Array:
+    """About 41 of the values of an axis, its ends among them."""
+    return axis[np.linspace(0, axis.size - 1, min(axis.size, 41)).astype(int)] if axis.ndim else axis
+
+
+def _around(low: Array, high: Array) -> Array:
+    if not low.size:
+        raise InvalidInput("none of these angles and torques exist; there is nothing to show")
+    padding = _PADDING * (high.max() - low.min()) or _PADDING * abs(high.max())
+    return np.linspace(low.min() - padding, high.max() + padding, _POINTS)
 
 
 def steps(name: str, low: float, high: float, step: float, unit: str) -> Array:
@@ -50,8 +68,10 @@ def steps(name: str, low: float, high: float, step: float, unit: str) -> Array:
     if count > _MOST_STEPS:
         raise InvalidInput(f"{name}: {count:.3g} steps of {step:g} {unit} are too many")
     if count < 1 - 1e-9:
-        raise InvalidInput(f"{name}: a step of {step:g} {unit} is longer than the range from {low:g} to {high:g} {unit}")
-    return low + step * np.arange(int(count + 1e-9) + 1)
+        raise InvalidInput(
+            f"{name}: a step of {step:g} {unit} is longer than the range from {low:g} to {high:g} {unit}"
+        )
+    return np.asarray(low + step * np.arange(int(count + 1e-9) + 1), np.float64)
 
 
-__all__ = ["default_axis", "map_axis", "steps"]
+__all__ = ["default_stiffnesses", "default_torques", "map_axis", "steps"]

@@ -5,10 +5,9 @@ if torque is left at every angle. Each is an extreme over the joint range of an 
 `torque_interval`, so that a design costs milliseconds; `design_sweep` runs many, here or on a cluster.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,6 +40,9 @@ class Design(NamedTuple):
         return AntagonistJoint(pulley, muscle, muscle, (0.0, self.supply_pressure), angle_limits=stops)
 
 
+_REPORT = Design()
+
+
 class Performance(NamedTuple):
     """What a design can do at no load; NaN where there is nothing."""
 
@@ -65,10 +67,10 @@ _NOTHING = Performance(*[np.nan] * 5)
 
 
 def design_grid(
-    radius: Array | float = Design().radius,
-    rest_length: Array | float = Design().rest_length,
-    initial_contraction: Array | float = Design().initial_contraction,
-    supply_pressure: Array | float = Design().supply_pressure,
+    radius: Array | float = _REPORT.radius,
+    rest_length: Array | float = _REPORT.rest_length,
+    initial_contraction: Array | float = _REPORT.initial_contraction,
+    supply_pressure: Array | float = _REPORT.supply_pressure,
 ) -> tuple[Design, ...]:
     """All combinations of these radii [m], rest lengths [m], contractions [-] and supply pressures [Pa]."""
     axes = (
@@ -126,9 +128,9 @@ def _extremes(setting: Setting, left: float, right: float) -> Iterator[float]:
         yield sign * float(function(at)[0])
 
 
-def checked(designs: object) -> tuple[Design, ...]:
+def checked(designs: Iterable[Any]) -> tuple[Design, ...]:
     """The designs, of which there has to be one at least."""
-    found = tuple(designs)  # type: ignore[arg-type]  # what cannot be iterated raises TypeError with a clear text
+    found = tuple(designs)
     if not found:
         raise InvalidInput("design_sweep got no designs")
     if wrong := [d for d in found if not isinstance(d, Design)]:

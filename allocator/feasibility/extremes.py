@@ -51,7 +51,7 @@ def lowest(f: Callable[..., Array], start: Array, end: Array, *args: Array, piec
         bracket = tuple(grid[i[between] + shift, column] for shift in (-1, 0, 1))
         found = elementwise.find_minimum(f, bracket, args=tuple(a[between] for a in args))
         x[between] = found.x
-    return x
+    return np.asarray(x)
 
 
 def _merged(old: Pair, new: Pair, where: Mask) -> Pair:
@@ -59,5 +59,6 @@ def _merged(old: Pair, new: Pair, where: Mask) -> Pair:
     for target, source in zip(merged, new, strict=True):
         target[where] = source
     return merged
+
 
 __all__ = ["extremes_on_level", "lowest"]

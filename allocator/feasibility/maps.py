@@ -2,12 +2,12 @@
 
 A map is made of columns (θ, T): the ends of the stiffness interval say for every K of the column whether it exists and
 which limits bind if it does not. Only where it exists are the pressures to be found, by the inverse: along the level of
-affine muscles they are linear in K, two equal Tondu2021 on a pulley have a closed form, other muscles take root finding.
+affine muscles they are linear in K, two equal Tondu2021 on a pulley have a closed form, others take root finding.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from allocator.allocation import Status, allocate, exact
 from allocator.allocation.assessment import CLOSED_FORM, assess
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
-from allocator.feasibility.axes import default_axis, map_axis
+from allocator.feasibility.axes import default_stiffnesses, default_torques, map_axis
 from allocator.feasibility.result import FeasibilityMap
 from allocator.feasibility.setting import Columns, Setting, columns, outside_range
 from allocator.joint import AntagonistJoint
@@ -26,14 +26,15 @@ from allocator.levels import Pair
 _CELL_BYTES = 8 + 8 + 1 + 4  # P1, P2, status, limits
 _WORK_BYTES = 400  # a cell takes while its chunk is computed
 _CHUNK_CELLS = 200_000  # fits caches, and a progress bar moves
+_SLOW_CHUNK_CELLS = 10_000  # without a closed form
 
-Progress: TypeAlias = Callable[[Iterable[int]], Iterable[int]]
+Progress: TypeAlias = Callable[[Sequence[int]], Iterable[int]]
 
 
 def feasibility_map(
     theta: Value | None = None,
     K: Value | None = None,
-    T: Value = 0.0,
+    T: Value | None = 0.0,
     *,
     joint: AntagonistJoint | None = None,
     min_force: float | None = 0.0,
@@ -48,7 +49,7 @@ def feasibility_map(
     ----------
     theta, K, T
         Joint angles [rad], stiffnesses [N·m/rad] and torques [N·m]: two or three of them increasing arrays (n,), the
-        third a number. None for θ: 201 angles over the joint range; for K: 201 stiffnesses around those that exist.
+        third a number. None: 201 angles over the joint range, 201 torques or stiffnesses around those that exist.
     joint, min_force, max_force, min_cocontraction
         As in `allocator.allocate`.
     max_bytes
@@ -68,16 +69,20 @@ def feasibility_map(
         For an empty or falling range, fewer than two arrays, more memory than allowed, and whatever `allocate` refuses.
     """
     setting = Setting.of(joint, min_force, max_force, min_cocontraction)
-    T_axis = map_axis("T", T, checks.real("T", T, "N·m"))
     theta_axis = _angles(setting, theta)
-    K_axis = default_axis(setting, theta_axis, T_axis) if K is None else map_axis("K", K, checks.stiffness("K", K))
+    T_axis = default_torques(setting, theta_axis) if T is None else map_axis("T", T, checks.real("T", T, "N·m"))
+    if K is None:
+        K_axis = default_stiffnesses(setting, theta_axis, T_axis)
+    else:
+        K_axis = map_axis("K", K, checks.stiffness("K", K))
     axes = {"theta": theta_axis, "K": K_axis, "T": T_axis}
     if sum(axis.ndim for axis in axes.values()) < 2:
         raise InvalidInput("a map needs arrays for two or three of theta, K and T; the others are held at one number")
     _check_memory(axes, max_bytes)
-    cells = _cells(setting, *(np.atleast_1d(axis) for axis in axes.values()), progress)
+    cells = _cells(setting, np.atleast_1d(theta_axis), np.atleast_1d(K_axis), np.atleast_1d(T_axis), progress)
     shape = tuple(axis.size for axis in axes.values() if axis.ndim)
-    return FeasibilityMap(setting, *axes.values(), *(array.reshape(shape) for array in cells))
+    status, limits, P1, P2 = (array.reshape(shape) for array in cells.arrays)
+    return FeasibilityMap(setting, theta_axis, K_axis, T_axis, status, limits, P1, P2)
 
 
 def _angles(setting: Setting, theta: Value | None) -> Array:
@@ -105,15 +110,25 @@ class Cells(NamedTuple):
     P1: Array  # [Pa]
     P2: Array  # [Pa]
 
+    @property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """All of them."""
+        return tuple(self)
+
+    def formed(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "Cells":
+        """The same with `function` applied to every array."""
+        return Cells(*map(function, self.arrays))
+
 
 def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progress) -> Cells:
     """All cells, chunk after chunk of angles."""
     shape = theta.size, K.size, T.size
     out = Cells(np.empty(shape, np.int8), np.empty(shape, np.int32), np.empty(shape), np.empty(shape))
-    step = max(1, _CHUNK_CELLS // (K.size * T.size))
+    closed = setting.joint.affine or setting.joint.tondu_pulley is not None
+    step = max(1, (_CHUNK_CELLS if closed else _SLOW_CHUNK_CELLS) // (K.size * T.size))
     for start in progress(range(0, theta.size, step)):
         part = slice(start, start + step)
-        for target, array in zip(out, _chunk(setting, theta[part], K, T), strict=True):
+        for target, array in zip(out.arrays, _chunk(setting, theta[part], K, T).arrays, strict=True):
             target[part] = array
     return out
 
@@ -126,8 +141,7 @@ def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
     cells = _filled(setting, found, asked.ravel(), K)  # (columns, K)
     if not found.proved.all():
         _answered(setting, cells, ~found.proved, asked.ravel(), problem.T, K)
-    form = (theta.size, T.size, K.size)
-    return Cells(*(array.reshape(form).swapaxes(1, 2) for array in cells))
+    return cells.formed(lambda array: array.reshape(theta.size, T.size, K.size).swapaxes(1, 2))
 
 
 def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
@@ -170,7 +184,7 @@ def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Arra
         max_force=setting.max_force,
         min_cocontraction=setting.min_cocontraction,
     )
-    for target, array in zip(cells, (a.status, a.limits, a.P1, a.P2), strict=True):
+    for target, array in zip(cells.arrays, (a.status, a.limits, a.P1, a.P2), strict=True):
         target[where] = array
 
 

@@ -215,9 +215,7 @@ def _halfway(curve: Array) -> tuple[Array, Array]:
     steps = np.diff(curve, axis=0)
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
     at = np.interp(lengths[-1] * np.array([0.4, 0.5, 0.6]), lengths, np.arange(len(curve)))
-    before, middle, after = (
-        np.array([np.interp(i, np.arange(len(curve)), column) for column in curve.T]) for i in at
-    )
+    before, middle, after = (np.array([np.interp(i, np.arange(len(curve)), column) for column in curve.T]) for i in at)
     return middle, (after - before) / max(np.hypot(*(after - before)), 1e-9)
 
 

@@ -18,7 +18,6 @@ from allocator.joint import AntagonistJoint
 from allocator.limits import names
 from allocator.units import BAR, DEG
 
-_CELLS = ("status", "limits", "P1", "P2")
 _HEADER = "theta_deg,stiffness_Nm_per_rad,torque_Nm,status,limits,P1_bar,P2_bar"
 
 
@@ -87,9 +86,15 @@ class FeasibilityMap:
         """Maps with two axes: this one, or the one at every torque if there are three."""
         if len(self.varied) == 2:
             return (self,)
-        cells = (self.status, self.limits, self.P1, self.P2)
         return tuple(
-            replace(self, T=np.array(T), **{name: a[..., i] for name, a in zip(_CELLS, cells, strict=True)})
+            replace(
+                self,
+                T=np.array(T),
+                status=self.status[..., i],
+                limits=self.limits[..., i],
+                P1=self.P1[..., i],
+                P2=self.P2[..., i],
+            )
             for i, T in enumerate(self.T)
         )
 
@@ -103,7 +108,7 @@ class FeasibilityMap:
 
     def _rows(self) -> Iterator[str]:
         axes = (np.atleast_1d(self.theta) / DEG, np.atleast_1d(self.K), np.atleast_1d(self.T))
-        cells = zip(self.status.flat, self.limits.flat, self.P1.flat / BAR, self.P2.flat / BAR, strict=True)
+        cells = zip(self.status.flat, self.limits.flat, (self.P1 / BAR).flat, (self.P2 / BAR).flat, strict=True)
         text = {value: " + ".join(names(int(value))) for value in np.unique(self.limits)}
         state = {int(value): value.name for value in Status}
         for (theta, K, T), (status, limits, P1, P2) in zip(product(*axes), cells, strict=True):

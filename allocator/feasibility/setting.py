@@ -1,7 +1,7 @@
 """A joint together with what is asked of its muscle forces and pressures, held at angles and torques.
 
 At one angle and one torque the pairs of pressures that exist form a piece of a torque level (`allocator.levels`), and
-their stiffnesses an interval. This is a *column* of the feasible set, and everything in this package is made of columns.
+their stiffnesses an interval. This is a *column* of the feasible set; everything in this package is made of columns.
 """
 
 from dataclasses import dataclass

@@ -32,7 +32,10 @@ class Sweep:
 
     def column(self, name: str) -> Array:
         """A column (n,) in SI units: a field of `Design` or `Performance`, or their "range" or "band"."""
-        for rows, names in ((self.designs, Design._fields), (self.performances, (*Performance._fields, "range", "band"))):
+        for rows, names in (
+            (self.designs, Design._fields),
+            (self.performances, (*Performance._fields, "range", "band")),
+        ):
             if name in names:
                 return np.array([getattr(row, name) for row in rows])
         raise InvalidInput(f"a sweep has no column {name!r}; it has {', '.join(_COLUMNS)}, range and band")
@@ -85,11 +88,11 @@ def _run(batches: Sequence[list[Design]], rules: tuple[Any, ...], executor: Exec
             for design in batch:
                 yield design, performance(design, *rules)
         return
-    waiting = iter(batches)
+    waiting = list(batches)
     running: set[Future[list[Answer]]] = set()
     while True:
-        while len(running) < _AHEAD and (batch := next(waiting, None)) is not None:
-            running.add(executor.submit(_batch, batch, rules))
+        while waiting and len(running) < _AHEAD:
+            running.add(executor.submit(_batch, waiting.pop(), rules))
         if not running:
             return
         finished, running = wait(running, return_when=FIRST_COMPLETED)
@@ -112,7 +115,9 @@ def _read(path: Path, rules: str) -> dict[Design, Performance]:
         return {}
     text = path.read_text(encoding="utf-8")
     if not text.startswith(head):
-        raise InvalidFile(path, f"is not a sweep of this muscle and these limits; it should begin with {rules!r}", line=1)
+        raise InvalidFile(
+            path, f"is not a sweep of this muscle and these limits; it should begin with {rules!r}", line=1
+        )
     whole = text[: text.rindex("\n") + 1]
     if whole != text:
         path.write_text(whole, encoding="utf-8")
