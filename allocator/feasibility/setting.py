@@ -83,7 +83,7 @@ def columns(problem: Problem, proved: Mask | None = None) -> Columns:
     T_min, T_max = torque_interval(problem.sides, problem.box)
     scale = problem.scales[0]
     T = np.clip(problem.T, T_min, T_max)
-    low, high = torque_level(problem.sides, problem.box, T)
+    low, high = (_inside(problem, pair) for pair in torque_level(problem.sides, problem.box, T))
     proved = ~is_local(problem) if proved is None else proved
     if not proved.all():
         low, high = extremes_on_level(problem, T, low, high, ~proved)
@@ -96,6 +96,12 @@ def columns(problem: Problem, proved: Mask | None = None) -> Columns:
         np.minimum(problem.T - T_min, T_max - problem.T) / scale,
         proved,
     )
+
+
+def _inside(problem: Problem, pair: Pair) -> Pair:
+    """The pressures, within the box: where it is empty a muscle may have none for the torque (infinity)."""
+    P1, P2 = (np.clip(P, side.lo, side.hi) for P, side in zip(pair, problem.box, strict=True))
+    return P1, P2
 
 
 def outside_range(joint: AntagonistJoint, theta: Array) -> NDArray[np.int32]:

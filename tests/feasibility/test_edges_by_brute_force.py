@@ -17,7 +17,9 @@ def allowed_pressures(joint, theta):
     for side in joint.sides(theta):
         allowed = np.append(P[P < side.muscle.max_pressure], min(P[-1], side.muscle.max_pressure))
         slack = np.nonzero(side.force(allowed) < -1e-9)[0]
-        first = slack[-1] + 1 if slack.size else 0  # some laws pull nothing at 0 bar, less than nothing above, then more
+        first = (
+            slack[-1] + 1 if slack.size else 0
+        )  # some laws pull nothing at 0 bar, less than nothing above, then more
         if first == allowed.size:
             return None
         if first:

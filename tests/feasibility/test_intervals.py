@@ -91,7 +91,7 @@ def test_more_force_or_more_co_contraction_leaves_less():
 
 def test_a_level_along_which_the_stiffness_turns_is_searched():
     """A poor model on a lever: more pressure, less stiffness. The ends of the level are not the extremes."""
-    muscle = Tondu2021(0.0109, 25.5 * DEG, 0.0, -12 * BAR, -1200 * BAR**2)
+    muscle = Tondu2021(0.0081, 21.9 * DEG, 148 * BAR, -9.59 * BAR, -1888 * BAR**2)
     lever = Lever(rest_length=0.40, anchor=0.30, lever=0.03, offset=0.0435)
     joint = AntagonistJoint(lever, muscle, muscle, angle_limits=(-80 * DEG, 80 * DEG))
     turned = 0
