@@ -42,7 +42,7 @@ class Panel:
 
 def draw(*panels: Panel) -> Any:
     """A Matplotlib figure of the panels side by side, with one legend at the right."""
-    figure = new_figure(1.6 + 4.4 * len(panels), 4.2)
+    figure = new_figure(2.6 + 4.2 * len(panels), 4.2)
     for axes, panel in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
         labels = list(dict.fromkeys(curve.label for panel in panels for curve in panel.curves))
         colours = dict(zip(labels, shades(len(labels)), strict=True))
