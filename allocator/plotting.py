@@ -11,9 +11,6 @@ from typing import Any, NamedTuple
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
 
-# Okabe & Ito's colours, ordered so that neighbours differ in brightness
-COLOURS = ("#0072B2", "#E69F00", "#000000", "#56B4E9", "#D55E00", "#009E73", "#CC79A7")
-DASHES = ("-", "--", "-.", ":", (0, (6, 1.5, 1, 1.5, 1, 1.5)), (0, (8, 2)), (0, (2, 1)))
 GREY = "#8c8c8c"
 FILL = "#dbe7f1"
 
@@ -108,8 +105,6 @@ def save_figure(figure: Any, path: Any) -> None:
 
 
 __all__ = [
-    "COLOURS",
-    "DASHES",
     "FILL",
     "GREY",
     "QUANTITIES",

@@ -11,7 +11,6 @@ from allocator.feasibility.edges import Edge
 from allocator.feasibility.result import FeasibilityMap
 from allocator.limits import Limit, names
 from allocator.plotting import (
-    DASHES,
     FILL,
     GREY,
     QUANTITIES,
@@ -30,6 +29,7 @@ _LETTER = 5  # pixels
 _SUPPLY = Limit.P1_UPPER | Limit.P2_UPPER | Limit.AGONIST_VALIDITY | Limit.ANTAGONIST_VALIDITY
 _SLACK = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK | Limit.P1_LOWER | Limit.P2_LOWER
 _ENDS = Limit.JOINT_RANGE | Limit.CONTRACTION_THRESHOLD
+_OTHER_DASH = (0, (6, 1.5, 1, 1.5, 1, 1.5))
 _DASH_OF = ((_SUPPLY, "-"), (_SLACK, (0, (5, 1.5))), (_ENDS, ":"), (Limit.COCONTRACTION, "-."))
 
 
@@ -174,13 +174,13 @@ def _held(feasible: FeasibilityMap) -> str:
 
 
 def _dash(limits: int) -> Any:
-    return next((dash for kinds, dash in _DASH_OF if limits & kinds), DASHES[4])
+    return next((dash for kinds, dash in _DASH_OF if limits & kinds), _OTHER_DASH)
 
 
 def _dashes_used(edges: Iterable[Edge]) -> list[tuple[str, Any]]:
     texts = ("supply pressure", "cable slack", "joint range", "co-contraction floor", "other limit")
     used = [_dash(edge.limits) for edge in edges]
-    dashes = [dash for _, dash in _DASH_OF] + [DASHES[4]]
+    dashes = [dash for _, dash in _DASH_OF] + [_OTHER_DASH]
     return [(text, dash) for text, dash in zip(texts, dashes, strict=True) if dash in used]
 
 
