@@ -9,19 +9,23 @@
 from allocator.allocation import Allocation, Status, allocate
 from allocator.errors import AntagonistError, InvalidFile, InvalidInput, MissingBackend
 from allocator.geometry import Geometry, Lever, Pulley, Table
+from allocator.identification import Fit, fit, load_dataset, rank_models, read_samples
 from allocator.inverse import inverse
 from allocator.joint import AntagonistJoint, report_joint
 from allocator.limits import Limit
-from allocator.muscles import AffineMuscle, Muscle
+from allocator.muscles import MODELS, AffineMuscle, Muscle
+from allocator.muscles.catalogue import named_muscle
 from allocator.units import BAR, DEG
 
 __all__ = [
     "BAR",
     "DEG",
+    "MODELS",
     "AffineMuscle",
     "Allocation",
     "AntagonistError",
     "AntagonistJoint",
+    "Fit",
     "Geometry",
     "InvalidFile",
     "InvalidInput",
@@ -33,6 +37,11 @@ __all__ = [
     "Status",
     "Table",
     "allocate",
+    "fit",
     "inverse",
+    "load_dataset",
+    "named_muscle",
+    "rank_models",
+    "read_samples",
     "report_joint",
 ]

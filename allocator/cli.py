@@ -6,11 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from allocator.errors import AntagonistError
+from allocator.identification.cli import fit_command
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from allocator.allocation import Allocation
+
+REPORT_MUSCLE = "tondu-dmsp-20-400n"
+MUSCLE = typer.Option(help="both muscles: a name of the catalogue, or a TOML file written by `antagonist fit`")
 
 app = typer.Typer(
     name="antagonist",
@@ -32,17 +36,29 @@ def allocate(
     stiffness: Annotated[float, typer.Option(help="isobaric stiffness wanted [N·m/rad]")],
     torque: Annotated[float, typer.Option(help="torque wanted [N·m]")] = 0.0,
     priority: Annotated[str, typer.Option(help="what is met first: torque or stiffness")] = "torque",
-    method: Annotated[str, typer.Option(help="exact, or analytic: the inverse without limits")] = "exact",
+    method: Annotated[str, typer.Option(help="exact, qp, nlp, convex, or analytic: no limits")] = "exact",
+    solver: Annotated[str | None, typer.Option(help="solver of the methods qp, nlp and convex")] = None,
     min_force: Annotated[float, typer.Option(help="least muscle force [N]")] = 0.0,
+    muscle: Annotated[str, MUSCLE] = REPORT_MUSCLE,
 ) -> None:
     """Find the two pressures for a torque and a stiffness, and say what is in the way."""
     from rich.console import Console
 
     from allocator.allocation import allocate as solve
+    from allocator.joint import report_joint
+    from allocator.muscles.catalogue import named_muscle
     from allocator.units import DEG
 
-    targets = theta * DEG, stiffness, torque
-    answer = solve(*targets, method=method, priority=priority, min_force=min_force)  # type: ignore[arg-type]  # checked
+    answer = solve(
+        theta * DEG,
+        stiffness,
+        torque,
+        joint=report_joint(named_muscle(muscle)),
+        method=method,
+        priority=priority,  # type: ignore[arg-type]  # checked there
+        min_force=min_force,
+        solver=solver,
+    )
     console = Console()
     console.print(_table(answer))
     console.print(answer.message, highlight=False)
@@ -59,10 +75,15 @@ def _table(a: "Allocation") -> "Table":
     K_min, K_max = a.stiffness_interval
     table.add_row("torque [N·m]", f"{a.T_target:.4g}", f"{a.T:.4g}", f"{T_min:.4g} … {T_max:.4g}")
     table.add_row("stiffness [N·m/rad]", f"{a.K_target:.4g}", f"{a.K:.4g}", f"{K_min:.4g} … {K_max:.4g} at this torque")
+    if a.K_std is not None:
+        table.add_row("  its standard deviation", "", f"{a.K_std:.2g}", "from the fit, not from the choice of model")
     for name, pressure, force in zip(("agonist", "antagonist"), (a.P1, a.P2), a.forces, strict=True):
         table.add_row(Text(f"{name} pressure [bar]"), "", f"{pressure / BAR:.4f}", f"pulls {force:.4g} N")
     table.add_row("binding limits", "", ", ".join(a.active) or "none", "")
     return table
+
+
+app.command("fit")(fit_command)
 
 
 def run(application: typer.Typer) -> None:
@@ -74,4 +95,4 @@ def run(application: typer.Typer) -> None:
         sys.exit(2)
 
 
-__all__ = ["app", "run"]
+__all__ = ["MUSCLE", "REPORT_MUSCLE", "app", "run"]

@@ -195,10 +195,13 @@ class AntagonistJoint:
 
 
 @cache
-def report_joint() -> AntagonistJoint:
-    """The report's joint: two Tondu2021 DMSP-20-400N, R = 2 cm, l0 = 40 cm, ε0 = .1375, 0–5 bar, ±125°   (24), (25)"""
+def report_joint(muscle: Muscle = TONDU_DMSP_20_400N) -> AntagonistJoint:
+    """The report's joint, or the same with two other muscles: R = 2 cm, l0 = 40 cm, ε0 = .1375, 0–5 bar, ±125°
+
+    Tondu 2021, (24) and (25); its muscles are Tondu2021 DMSP-20-400N.
+    """
     pulley = Pulley(rest_length=0.40, radius=0.02, initial_contraction=0.1375)
-    return AntagonistJoint(pulley, TONDU_DMSP_20_400N, TONDU_DMSP_20_400N, angle_limits=(-125 * DEG, 125 * DEG))
+    return AntagonistJoint(pulley, muscle, muscle, angle_limits=(-125 * DEG, 125 * DEG))
 
 
 __all__ = ["AntagonistJoint", "report_joint"]

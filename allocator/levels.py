@@ -89,11 +89,12 @@ def inverse_on_level(sides: Sides, box: PressureBox, K: Array, T: Array, pieces:
     agonist, antagonist = sides
     level = torque_level(sides, box, T)
     start, end = level.low[0], np.maximum(level.low[0], level.high[0])
-    varying = (*np.broadcast_arrays(*agonist.arrays, *antagonist.arrays, T, K),)
+    ends = box.antagonist.lo, box.antagonist.hi
+    varying = np.broadcast_arrays(*agonist.arrays, *antagonist.arrays, T, K, *ends)
 
     def excess(P1: Array, *a: Array) -> Array:
         one, two = agonist.moved(*a[:3]), antagonist.moved(*a[3:6])
-        P2 = two.pressure_for_torque(a[6] - one.torque(P1))
+        P2 = np.clip(two.pressure_for_torque(a[6] - one.torque(P1)), a[8], a[9])  # rounding may lead beyond its end
         return stiffness((one, two), (P1, P2)) - a[7]
 
     found = rising_roots(excess, start, end, *varying, pieces=pieces)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from allocator.cli import app, run
+from allocator.cli import MUSCLE, REPORT_MUSCLE, app, run
 from allocator.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -26,10 +26,13 @@ def track(
     dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01,
     horizon: Annotated[int, typer.Option(help="samples that the controller looks ahead")] = 20,
     solver: Annotated[str, typer.Option(help="QP solver: daqp, or one that qpsolvers finds, e.g. osqp")] = "daqp",
+    muscle: Annotated[str, MUSCLE] = REPORT_MUSCLE,
 ) -> None:
     """Let the MPC follow a trajectory of angle and stiffness, and say how well it did."""
     from rich.console import Console
 
+    from allocator.joint import report_joint
+    from allocator.muscles.catalogue import named_muscle
     from mpc.controller import TrackingMPC
     from mpc.files import default_trajectory, load, save_run
     from mpc.metrics import metrics
@@ -39,7 +42,7 @@ def track(
 
     console = Console()
     reference = default_trajectory() if trajectory is None else load(trajectory)
-    plant = Plant()
+    plant = Plant(report_joint(named_muscle(muscle)))
     controller = TrackingMPC(plant, dt=dt, N=horizon, solver=solver)
     picture, table = out / "tracking.png", out / "tracking.csv"
     with _writing(out):
@@ -50,7 +53,10 @@ def track(
     with _writing(out):
         save_run(done, table)
         save_tracking_figure(done, picture)
-    console.print(_summary(metrics(done)))
+    figures = metrics(done)
+    console.print(_summary(figures))
+    if figures.out_of_reach:
+        _say(console, f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach")
     _say(console, f"written: {picture}, {table}")
 
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator import allocate
+from allocator.calculus import Array, Mask
 from allocator.units import BAR, DEG, PERCENT
 from mpc.plan import Rung
 from mpc.simulation import Run
@@ -24,6 +25,7 @@ class Metrics:
     step_median: float  # [ms]
     step_p99: float  # [ms]
     rungs: dict[str, int]  # steps answered by each rung
+    out_of_reach: float  # [% of the samples] whose reference the joint cannot follow, whatever the controller does
 
     @property
     def limits_kept(self) -> bool:
@@ -44,7 +46,15 @@ def metrics(run: Run) -> Metrics:
         step_median=float(np.median(run.step_time)) * 1e3,
         step_p99=float(np.percentile(run.step_time, 99)) * 1e3,
         rungs={rung.name: int((run.rung == rung).sum()) for rung in Rung},
+        out_of_reach=float(np.mean(~_reachable(run))) / PERCENT,
     )
+
+
+def _reachable(run: Run) -> Mask:
+    """Where some pressures give the reference's stiffness and the torque that its motion takes."""
+    omega = np.gradient(run.theta_ref, run.dt)
+    T = run.plant.torque_for(run.theta_ref, omega, np.gradient(omega, run.dt))
+    return np.asarray(allocate(run.theta_ref, run.K_ref, T, joint=run.plant.joint).success)
 
 
 def _violations(run: Run) -> dict[str, tuple[float, str]]:

@@ -6,7 +6,7 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from allocator import allocate
+from allocator import Muscle, allocate, report_joint
 from allocator.cli import app
 from allocator.units import BAR, DEG
 
@@ -38,6 +38,9 @@ def test_allocate_says_what_is_in_the_way():
         (["--theta", "3000", "--stiffness", "7"], "over a turn"),
         (["--theta", "30", "--stiffness", "7", "--method", "magic"], "unknown method 'magic'"),
         (["--theta", "nan", "--stiffness", "7"], "theta = nan is not finite"),
+        (["--theta", "30", "--stiffness", "7", "--muscle", "biceps"], "unknown muscle 'biceps'"),
+        (["--theta", "30", "--stiffness", "7", "--muscle", "none.toml"], "none.toml: does not exist"),
+        (["--theta", "30", "--stiffness", "7", "--solver", "daqp"], "belongs to the methods convex, nlp, qp"),
     ],
 )
 def test_wrong_input_is_one_sentence_and_a_code(arguments, said):
@@ -46,3 +49,23 @@ def test_wrong_input_is_one_sentence_and_a_code(arguments, said):
     assert said in done.stderr
     assert done.stderr.count("\n") == 1
     assert done.stdout == ""
+
+
+def test_a_fitted_muscle_goes_from_file_to_pressures(tmp_path):
+    """`antagonist fit` writes what `antagonist allocate --muscle` and `Muscle.load` read."""
+    path = tmp_path / "my.toml"
+    fitted = CliRunner().invoke(app, ["fit", "--model", "Sarosi2012", "--out", str(path)])
+    assert fitted.exit_code == 0
+    arguments = ["--theta", "10", "--stiffness", "5", "--torque", "1", "--muscle", str(path)]
+    result = CliRunner().invoke(app, ["allocate", *arguments])
+    answer = allocate(10 * DEG, 5.0, 1.0, joint=report_joint(Muscle.load(path)))
+    assert result.exit_code == 0
+    assert f"{answer.P1 / BAR:.4f}" in result.output
+    assert f"{answer.K_std:.2g}" in result.output
+
+
+@pytest.mark.parametrize("method", ["exact", "qp", "nlp", "convex"])
+def test_every_method_answers_on_the_command_line(method):
+    result = CliRunner().invoke(app, ["allocate", "--theta", "10", "--stiffness", "7.5", "--method", method])
+    assert result.exit_code == 0
+    assert "EXACT" in result.output

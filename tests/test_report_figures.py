@@ -110,7 +110,7 @@ def test_7_the_model_overestimates_the_force_at_1_bar():
 def test_8_keeps_within_5_bar_and_agrees_with_equation_22():
     difference, total = figure_8()
     for curve in difference.curves:
-        theta, d = drawn(curve)
+        _, d = drawn(curve)
         _, s = drawn(total.curve(curve.label))
         P1, P2 = (s + d) / 2, (s - d) / 2
         assert min(P1.min(), P2.min()) >= 0

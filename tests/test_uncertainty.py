@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from allocator import AntagonistError, AntagonistJoint, Pulley, Status, allocate
-from allocator.allocation import chance
+from allocator.allocation.uncertain import chance_box
 from allocator.identification import fit, load_dataset
 from allocator.muscles import Sarosi2012
 from allocator.side import Side
@@ -72,7 +72,7 @@ def test_the_cone_s_answer_lies_in_the_box_found_by_root_finding(joint, fitted):
     """Each force limit bounds one pressure: where a limit binds the answer is that bound."""
     matrix = covariance(fitted, 3.0)
     a = allocate(0.2, 1.5, 0.0, joint=joint, method="convex", uncertainty=matrix, risk=0.05, priority="stiffness")
-    box = chance.chance_box(a._problem, 0.05)
+    box = chance_box(a._problem, 0.05)
     assert a.active == ("agonist slack", "antagonist slack")
     assert (a.P1, a.P2) == pytest.approx((box.agonist.lo[0], box.antagonist.lo[0]), abs=1.0)
     nominal = allocate(0.2, 1.5, 0.0, joint=joint, priority="stiffness")

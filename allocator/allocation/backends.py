@@ -51,8 +51,9 @@ class RiskySolution(NamedTuple):
 def optimise_under_uncertainty(problem: Problem, risk: float) -> RiskySolution:
     """Solve problem [U] of `chance`, check every answer, and replace the failed ones by the nominal exact answer."""
     from allocator.allocation import chance
+    from allocator.allocation.uncertain import chance_box
 
-    answer, box = chance.solve(problem, risk), chance.chance_box(problem, risk)
+    answer, box = chance.solve(problem, risk), chance_box(problem, risk)
     infeasible = box.empty | (box.agonist.hi + box.antagonist.hi < box.least_sum)
     P1, P2 = box.project(answer.P1, answer.P2)
     failed = ~infeasible & ~(chance.residual(problem, risk, P1, P2) <= CERTIFIED)

@@ -50,16 +50,19 @@ def _weighted(problem: Problem, P1: Array, P2: Array) -> Array:
 def newton_step(
     box: PressureBox, P1: Array, P2: Array, gradient: Pair, hessian: tuple[Array, Array, Array], near: float
 ) -> Array:
-    """Size of the step to the minimum of a quadratic cost, of the pressures that no limit within `near` holds [Pa]."""
+    """Size of the step to the minimum of a quadratic cost, of the pressures that no limit within `near` holds [Pa].
+
+    On the co-contraction floor, whose corners two limits may hold in many ways, of a projected gradient step.
+    """
     (g1, g2), (h11, h12, h22) = gradient, hessian
     held1, held2 = _held(box.agonist, P1, g1, near), _held(box.antagonist, P2, g2, near)
-    held_sum = (P1 + P2 <= box.least_sum + near) & (g1 + g2 > 0)
+    on_floor = P1 + P2 <= box.least_sum + near
     det = h11 * h22 - h12**2
     d1, d2 = -(h22 * g1 - h12 * g2) / det, -(h11 * g2 - h12 * g1) / det
-    d1, d2 = np.where(held2, -g1 / h11, d1), np.where(held1, -g2 / h22, d2)
-    along = -(g1 - g2) / (h11 + h22 - 2 * h12)  # of the co-contraction floor
-    d1, d2 = np.where(held_sum, along, d1), np.where(held_sum, -along, d2)
-    Q1, Q2 = box.project(P1 + np.where(held1, 0.0, d1), P2 + np.where(held2, 0.0, d2))
+    d1 = np.where(held1, 0.0, np.where(held2, -g1 / h11, d1))
+    d2 = np.where(held2, 0.0, np.where(held1, -g2 / h22, d2))
+    d1, d2 = (np.where(on_floor, -g / (h11 + h22), d) for g, d in ((g1, d1), (g2, d2)))
+    Q1, Q2 = box.project(P1 + d1, P2 + d2)
     return np.asarray(np.maximum(np.abs(Q1 - P1), np.abs(Q2 - P2)))
 
 

@@ -153,7 +153,8 @@ def _sentence(a: Allocation) -> str:
         Status.NO_INVERSE: why_no_inverse(a._problem.joint),
     }
     status = Status(a.status)
-    return status.advice + (f" ({details[status]})" if status in details else "")
+    sentence = status.advice + (f" ({details[status]})" if status in details else "")
+    return sentence + ("; only a local optimum is proved here" if a.local else "")
 
 
 __all__ = ["Allocation", "shaped"]

@@ -1,5 +1,7 @@
 """Named muscles: parameter sets, each with the place where its numbers were read."""
 
+from allocator.errors import MissingBackend
+from allocator.muscles.base import Muscle
 from allocator.muscles.martens import MartensBoblan2017
 from allocator.muscles.mckibben import TonduLopez1995
 from allocator.muscles.pressure_dependent import TonduLopez2000
@@ -46,9 +48,20 @@ MUSCLES = {
 }
 """Every named muscle, by the name that the command line takes."""
 
+
+def named_muscle(name: str) -> Muscle:
+    """The muscle of this name in the catalogue, or the one in the TOML file of this name."""
+    if name in MUSCLES:
+        return MUSCLES[name]
+    if not name.endswith(".toml"):
+        raise MissingBackend("muscle", name, [*MUSCLES, "a file ending in .toml"])
+    return Muscle.load(name)
+
+
 __all__ = [
     "MARTENS_DMSP_20_300",
     "MUSCLES",
+    "named_muscle",
     "SAROSI_DMSP_20_200N",
     "SAROSI_DMSP_20_400N",
     "TONDU_DMSP_20_400N",

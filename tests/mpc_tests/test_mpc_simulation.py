@@ -55,6 +55,7 @@ def test_the_default_trajectory_is_tracked_within_the_required_errors(default_ru
 def test_on_the_default_trajectory_no_limit_is_exceeded_and_both_muscles_are_taut(default_run):
     m = metrics(default_run)
     assert m.limits_kept
+    assert m.out_of_reach == 0.0
     assert default_run.forces.min() > 0
     assert m.rungs == {"QP": 1200, "PREVIOUS": 0, "ALLOCATION": 0}
     assert (default_run.status == PlanStatus.OPTIMAL).all()
@@ -145,6 +146,7 @@ def test_an_unreachable_stiffness_costs_no_angle():
     assert answered(run)
     assert hard_limits_kept(run)
     assert metrics(run).theta_rms < 0.1
+    assert metrics(run).out_of_reach == 100.0
     assert run.K.max() > 10  # as stiff as five bar make it
 
 

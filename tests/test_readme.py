@@ -1,0 +1,32 @@
+"""The README's Python runs and prints what it says."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import pytest
+
+README = (Path(__file__).parent.parent / "README.md").read_text()
+BLOCKS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.splitlines()[0])
+def test_the_block_runs_and_prints_what_its_comments_say(block):
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(block, {})
+    lines = iter(printed.getvalue().splitlines())
+    for line in block.splitlines():
+        if not line.startswith("print("):
+            continue
+        code, _, comment = line.partition("  # ")
+        output = next(lines)
+        if "…" in comment:  # numbers, shortened
+            assert all(piece.strip() in output for piece in comment.split("…")), f"{code} printed {output}"
+
+
+def test_every_image_of_the_readme_exists():
+    images = re.findall(r"!\[.*?\]\((.*?)\)", README)
+    assert images
+    assert all((Path(__file__).parent.parent / image).is_file() for image in images)
