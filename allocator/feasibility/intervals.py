@@ -1,0 +1,127 @@
+"""Which torques, stiffnesses and angles exist: the closed-form ends of the feasible set.
+
+At an angle the torques are an interval, [T(lo1, hi2), T(hi1, lo2)]; at an angle and a torque the stiffnesses are one,
+whose ends lie where the torque level leaves the box of pressures (`allocator.levels`). Only the angles at which a
+stiffness can be had have no closed form: they are found between the zeros of how far it is inside its interval.
+"""
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array, Mask, Value
+from allocator.feasibility.setting import Setting
+from allocator.feasibility.spans import spans
+from allocator.joint import AntagonistJoint
+from allocator.levels import Pair
+from allocator.levels import torque_interval as torque_interval_in
+
+_NEAR = 1e-9  # of the torque scale: a margin of less is rounding
+
+
+def torque_interval(
+    theta: Value,
+    *,
+    joint: AntagonistJoint | None = None,
+    min_force: float | None = 0.0,
+    max_force: float | None = None,
+    min_cocontraction: float | None = None,
+) -> Pair:
+    """[T_min, T_max] [N·m] that the joint can give at the angles `theta` [rad].
+
+    Two arrays of the shape of `theta`; NaN beyond the joint range and where the limits contradict each other (no
+    pressure keeps a cable taut). Closed form, or one root finding a muscle without one. The limits are those of
+    `allocator.allocate`. Raises InvalidInput for arguments that make no sense.
+    """
+    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    problem, asked = setting.problem(theta)
+    none = problem.box.empty | (problem.theta != asked.ravel())
+    return _shaped(asked.shape, none, *torque_interval_in(problem.sides, problem.box))
+
+
+def stiffness_interval(
+    theta: Value,
+    T: Value = 0.0,
+    *,
+    joint: AntagonistJoint | None = None,
+    min_force: float | None = 0.0,
+    max_force: float | None = None,
+    min_cocontraction: float | None = None,
+) -> Pair:
+    """[K_min, K_max] [N·m/rad] that exist at the angles `theta` [rad] while the joint gives the torques `T` [N·m].
+
+    Broadcasts; every stiffness in between exists too. NaN where the torque is out of reach, beyond the joint range and
+    where the limits contradict each other. Closed form, or root finding for muscles without one. The limits are those
+    of `allocator.allocate`. Raises InvalidInput for arguments that make no sense.
+    """
+    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    asked, T = checks.broadcast(theta=checks.angle("theta", theta), T=checks.real("T", T, "N·m"))
+    found = setting.columns(asked, T)
+    none = ~found.exists | (found.problem.theta != asked.ravel())
+    return _shaped(asked.shape, none, found.K_min, found.K_max)
+
+
+def angle_interval(
+    K: Value,
+    T: Value = 0.0,
+    *,
+    joint: AntagonistJoint | None = None,
+    min_force: float | None = 0.0,
+    max_force: float | None = None,
+    min_cocontraction: float | None = None,
+) -> Pair:
+    """The widest interval of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
+
+    Broadcasts; NaN where there is no such angle. On a pulley with two equal muscles it is the only one; a mechanism
+    may have several, see `angle_intervals`, where the limits of accuracy are.
+    """
+    left, right = angle_intervals(
+        K, T, joint=joint, min_force=min_force, max_force=max_force, min_cocontraction=min_cocontraction
+    )
+    if not len(left):
+        return _shaped(left.shape[1:], True, np.nan, np.nan)
+    widest = np.argmax(np.where(np.isnan(left), -np.inf, right - left), axis=0)[None]
+    return _shaped(left.shape[1:], False, *(np.take_along_axis(ends, widest, 0) for ends in (left, right)))
+
+
+def angle_intervals(
+    K: Value,
+    T: Value = 0.0,
+    *,
+    joint: AntagonistJoint | None = None,
+    min_force: float | None = 0.0,
+    max_force: float | None = None,
+    min_cocontraction: float | None = None,
+) -> Pair:
+    """All intervals of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
+
+    Returns
+    -------
+    left, right
+        Ends of the intervals, (m, …): m the greatest number of intervals that one of the broadcast targets has, NaN
+        where a target has fewer; m = 0 where none has any. Their ends are roots, exact to rounding. Intervals, and
+        gaps between them, narrower than 1/128 of the joint range may be missed.
+    """
+    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    K, T = checks.broadcast(K=checks.stiffness("K", K), T=checks.real("T", T, "N·m"))
+    found = spans(lambda x, K, T: margin(setting, x, K, T), *setting.joint.angle_range, K.ravel(), T.ravel())
+    return found[0].reshape(-1, *K.shape), found[1].reshape(-1, *K.shape)
+
+
+def margin(setting: Setting, theta: Array, K: Array, T: Array) -> Array:
+    """How far (K, T) is inside what exists at θ, as a fraction of the scales; negative outside. Continuous in θ."""
+    theta, K, T = np.broadcast_arrays(theta, K, T)
+    found = setting.columns(theta, T)
+    scale = found.problem.scales[1]
+    inside = np.minimum(K.ravel() - found.K_min, found.K_max - K.ravel()) / scale
+    inside = np.minimum(inside, found.reach) + _NEAR
+    return np.where(found.problem.box.empty, -1.0, inside).reshape(theta.shape)
+
+
+def _shaped(shape: tuple[int, ...], none: Mask | bool, *ends: Array | float) -> Pair:
+    """The ends in the shape of the arguments, NaN where there is `none`; floats for a scalar call."""
+    size = int(np.prod(shape))
+    low, high = (np.broadcast_to(np.where(none, np.nan, end).ravel(), size).reshape(shape)[()] for end in ends)
+    return low, high
+
+
+__all__ = ["angle_interval", "angle_intervals", "margin", "stiffness_interval", "torque_interval"]

@@ -1,0 +1,191 @@
+"""Feasibility maps: what `allocate` answers, cell by cell, over any two or three of (θ, K, T).
+
+A map is made of columns (θ, T): the ends of the stiffness interval say for every K of the column whether it exists and
+which limits bind if it does not. Only where it exists are the pressures to be found, by the inverse: along the level of
+affine muscles they are linear in K, two equal Tondu2021 on a pulley have a closed form, others take root finding.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator import checks
+from allocator.allocation import Status, allocate, exact
+from allocator.allocation.assessment import CLOSED_FORM, assess
+from allocator.calculus import Array, Mask, Value
+from allocator.errors import InvalidInput
+from allocator.feasibility.axes import default_stiffnesses, default_torques, map_axis
+from allocator.feasibility.result import FeasibilityMap
+from allocator.feasibility.setting import Columns, Setting, columns, outside_range
+from allocator.joint import AntagonistJoint
+from allocator.levels import Pair
+
+_CELL_BYTES = 8 + 8 + 1 + 4  # P1, P2, status, limits
+_WORK_BYTES = 400  # a cell takes while its chunk is computed
+_CHUNK_CELLS = 200_000  # fits caches, and a progress bar moves
+_SLOW_CHUNK_CELLS = 10_000  # without a closed form
+
+Progress: TypeAlias = Callable[[Sequence[int]], Iterable[int]]
+
+
+def feasibility_map(
+    theta: Value | None = None,
+    K: Value | None = None,
+    T: Value | None = 0.0,
+    *,
+    joint: AntagonistJoint | None = None,
+    min_force: float | None = 0.0,
+    max_force: float | None = None,
+    min_cocontraction: float | None = None,
+    max_bytes: float = 1e9,
+    progress: Progress = iter,
+) -> FeasibilityMap:
+    """Which of the combinations of angles, stiffnesses and torques exist, and what is in the way of the others.
+
+    Parameters
+    ----------
+    theta, K, T
+        Joint angles [rad], stiffnesses [N·m/rad] and torques [N·m]: two or three of them increasing arrays (n,), the
+        third a number. None: 201 angles over the joint range, 201 torques or stiffnesses around those that exist.
+    joint, min_force, max_force, min_cocontraction
+        As in `allocator.allocate`.
+    max_bytes
+        A map that would need more memory [bytes] than this is refused.
+    progress
+        What to wrap the iteration over the chunks in, e.g. `tqdm.tqdm` or `rich.progress.track`.
+
+    Returns
+    -------
+    FeasibilityMap
+        Status, limits and pressures of `allocate` in every cell (equal up to 1e-9 of the supply range), the edges as
+        curves, `to_csv`, `to_npz` and `plot`.
+
+    Raises
+    ------
+    InvalidInput
+        For an empty or falling range, fewer than two arrays, more memory than allowed, and whatever `allocate` refuses.
+    """
+    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    theta_axis = _angles(setting, theta)
+    T_axis = default_torques(setting, theta_axis) if T is None else map_axis("T", T, checks.real("T", T, "N·m"))
+    if K is None:
+        K_axis = default_stiffnesses(setting, theta_axis, T_axis)
+    else:
+        K_axis = map_axis("K", K, checks.stiffness("K", K))
+    axes = {"theta": theta_axis, "K": K_axis, "T": T_axis}
+    if sum(axis.ndim for axis in axes.values()) < 2:
+        raise InvalidInput("a map needs arrays for two or three of theta, K and T; the others are held at one number")
+    _check_memory(axes, max_bytes)
+    cells = _cells(setting, np.atleast_1d(theta_axis), np.atleast_1d(K_axis), np.atleast_1d(T_axis), progress)
+    shape = tuple(axis.size for axis in axes.values() if axis.ndim)
+    status, limits, P1, P2 = (array.reshape(shape) for array in cells.arrays)
+    return FeasibilityMap(setting, theta_axis, K_axis, T_axis, status, limits, P1, P2)
+
+
+def _angles(setting: Setting, theta: Value | None) -> Array:
+    if theta is None:
+        return np.linspace(*setting.joint.angle_range, 201)
+    return map_axis("theta", theta, checks.angle("theta", theta))
+
+
+def _check_memory(axes: dict[str, Array], max_bytes: float) -> None:
+    cells = int(np.prod([float(axis.size) for axis in axes.values()]))
+    needed = cells * _CELL_BYTES + min(cells, _CHUNK_CELLS) * _WORK_BYTES
+    if needed > max_bytes:
+        shape = " × ".join(f"{axis.size} {name}" for name, axis in axes.items() if axis.ndim)
+        raise InvalidInput(
+            f"a map of {shape} needs {needed / 1e9:.3g} GB, max_bytes = {max_bytes / 1e9:.3g} GB; "
+            "take fewer points or raise max_bytes"
+        )
+
+
+class Cells(NamedTuple):
+    """Answers in (θ, K, T) cells."""
+
+    status: NDArray[np.int8]
+    limits: NDArray[np.int32]
+    P1: Array  # [Pa]
+    P2: Array  # [Pa]
+
+    @property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """All of them."""
+        return tuple(self)
+
+    def formed(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "Cells":
+        """The same with `function` applied to every array."""
+        return Cells(*map(function, self.arrays))
+
+
+def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progress) -> Cells:
+    """All cells, chunk after chunk of angles."""
+    shape = theta.size, K.size, T.size
+    out = Cells(np.empty(shape, np.int8), np.empty(shape, np.int32), np.empty(shape), np.empty(shape))
+    closed = setting.joint.affine or setting.joint.tondu_pulley is not None
+    step = max(1, (_CHUNK_CELLS if closed else _SLOW_CHUNK_CELLS) // (K.size * T.size))
+    for start in progress(range(0, theta.size, step)):
+        part = slice(start, start + step)
+        for target, array in zip(out.arrays, _chunk(setting, theta[part], K, T).arrays, strict=True):
+            target[part] = array
+    return out
+
+
+def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
+    """Cells (θ, K, T) of some angles."""
+    problem, asked = setting.problem(theta[:, None], T[None, :])
+    proved = ~exact.is_local(setting.problem(theta)[0])
+    found = columns(problem, np.repeat(proved, T.size))
+    cells = _filled(setting, found, asked.ravel(), K)  # (columns, K)
+    if not found.proved.all():
+        _answered(setting, cells, ~found.proved, asked.ravel(), problem.T, K)
+    return cells.formed(lambda array: array.reshape(theta.size, T.size, K.size).swapaxes(1, 2))
+
+
+def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
+    """The cells (n, K.size) of n columns: at the ends of the column below and above it, the inverse between them."""
+    outside = outside_range(setting.joint, asked)
+    low, high = (assess(found.problem, *pair, outside) for pair in (found.low, found.high))
+    tolerance = CLOSED_FORM.met * found.problem.scales[1][:, None]
+    K_min, K_max = found.K_min[:, None], found.K_max[:, None]
+    below, above = K <= K_min + tolerance, K >= K_max - tolerance
+    missed = (K < K_min - tolerance) | (K > K_max + tolerance)
+    overruled = low.status > Status.BOTH_LIMITED  # the joint range or the box leave nothing to choose
+    status = np.where(overruled, low.status, low.status & Status.TORQUE_LIMITED)[:, None] + np.where(
+        overruled[:, None], 0, missed * np.int8(Status.STIFFNESS_LIMITED)
+    )
+    P1, P2 = (np.where(below, lo[:, None], hi[:, None]) for lo, hi in zip(found.low, found.high, strict=True))
+    between = ~(below | above)
+    if between.any():
+        P1[between], P2[between] = _inverse(found, K, *np.nonzero(between))
+    limits = np.where(below, low.limits[:, None], np.where(above, high.limits[:, None], outside[:, None]))
+    return Cells(status.astype(np.int8), limits.astype(np.int32), P1, P2)
+
+
+def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np.intp]) -> Pair:
+    """The pressures of cells between the ends of their columns."""
+    if found.problem.joint.affine:  # the level is a straight line, and K linear along it
+        share = (K[row] - found.K_min[column]) / (found.K_max - found.K_min)[column]
+        P1, P2 = (lo[column] + share * (hi - lo)[column] for lo, hi in zip(found.low, found.high, strict=True))
+        return P1, P2
+    return exact.solve(replace(found.problem.take(column), K=K[row]))
+
+
+def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Array, K: Array) -> None:
+    """Columns in which the stiffness is not known to grow along the level are answered by `allocate` itself."""
+    a = allocate(
+        theta[where, None],
+        K,
+        T[where, None],
+        joint=setting.joint,
+        min_force=setting.min_force,
+        max_force=setting.max_force,
+        min_cocontraction=setting.min_cocontraction,
+    )
+    for target, array in zip(cells.arrays, (a.status, a.limits, a.P1, a.P2), strict=True):
+        target[where] = array
+
+
+__all__ = ["Progress", "feasibility_map"]

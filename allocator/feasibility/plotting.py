@@ -1,0 +1,222 @@
+"""Pictures of feasible sets."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.feasibility.edges import Edge
+from allocator.feasibility.result import FeasibilityMap
+from allocator.limits import Limit, names
+from allocator.plotting import (
+    FILL,
+    GREY,
+    QUANTITIES,
+    legend_outside,
+    light,
+    name_axes,
+    new_axes,
+    new_figure,
+    shades,
+)
+
+_MOST_SLICES = 7
+
+_LETTER = 5  # pixels
+
+_SUPPLY = Limit.P1_UPPER | Limit.P2_UPPER | Limit.AGONIST_VALIDITY | Limit.ANTAGONIST_VALIDITY
+_SLACK = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK | Limit.P1_LOWER | Limit.P2_LOWER
+_ENDS = Limit.JOINT_RANGE | Limit.CONTRACTION_THRESHOLD
+_OTHER_DASH = (0, (6, 1.5, 1, 1.5, 1, 1.5))
+_DASH_OF = ((_SUPPLY, "-"), (_SLACK, (0, (5, 1.5))), (_ENDS, ":"), (Limit.COCONTRACTION, "-."))
+
+
+def plot_map(feasible: FeasibilityMap, axes: Any = None) -> Any:
+    """The feasible set of a map with every edge labelled; with three axes the sets at up to seven of the torques."""
+    if len(feasible.varied) == 3:
+        chosen = np.unique(np.linspace(0, feasible.T.size - 1, min(_MOST_SLICES, feasible.T.size)).astype(int))
+        slices = feasible.slices
+        return plot_maps({f"{feasible.T[i]:.4g} N·m": slices[i] for i in chosen}, axes, title="torque T")
+    x, y = _drawn(feasible)
+    axes = new_axes() if axes is None else axes
+    for loop in outlines(feasible).values():
+        axes.fill(*loop, color=FILL, linewidth=0)
+    for edge in feasible.edges:
+        axes.plot(*_curve(edge, x, y), color="black", linestyle=_dash(edge.limits), linewidth=1.5)
+    name_axes(axes, x, y)
+    _show_range(axes, [feasible])
+    _label_edges(axes, feasible, x, y)
+    axes.set_title(_held(feasible), fontsize="medium", loc="left")
+    return axes
+
+
+def plot_maps(maps: Mapping[str, FeasibilityMap], axes: Any = None, *, title: str | None = None) -> Any:
+    """Several feasible sets on one picture, by their names: torques, angles, muscles, models.
+
+    The colour tells the set, the dashes the limit: solid where the supply or the model's validity binds, dashed where a
+    cable goes slack, dotted at the ends of the joint range.
+    """
+    if len({m.varied for m in maps.values()}) != 1:
+        raise InvalidInput("maps on one picture have to vary the same two quantities")
+    axes = new_axes(7.8) if axes is None else axes
+    for (name, feasible), colour in zip(maps.items(), shades(len(maps)), strict=True):
+        x, y = _drawn(feasible)
+        for loop in outlines(feasible).values():
+            axes.fill(*loop, color=colour, alpha=0.10, linewidth=0)
+        for edge in feasible.edges:
+            axes.plot(*_curve(edge, x, y), color=colour, linestyle=_dash(edge.limits), linewidth=1.6)
+        axes.plot([], [], color=colour, linewidth=3, label=name if feasible.edges else f"{name}: nothing")
+    for text, dash in _dashes_used(edge for m in maps.values() for edge in m.edges):
+        axes.plot([], [], color=GREY, linestyle=dash, label=text)
+    name_axes(axes, x, y)
+    _show_range(axes, list(maps.values()))
+    legend_outside(axes, title)
+    return axes
+
+
+def plot_pressures(feasible: FeasibilityMap, figure: Any = None) -> Any:
+    """Both pressures over the feasible cells of a map with two axes; returns the Matplotlib figure."""
+    x, y = _drawn(feasible)
+    figure = new_figure(9.0, 3.9) if figure is None else figure
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    top = QUANTITIES["P"].shown(np.array(feasible.joint.pressure_limits[1]))
+    flip = feasible.varied != (x, y)
+    levels = np.linspace(0, float(top), 21)
+    for axes, name in zip(panels, ("P1", "P2"), strict=True):
+        P = np.where(feasible.feasible, QUANTITIES["P"].shown(getattr(feasible, name)), np.nan)
+        grid = (_shown(feasible, x), _shown(feasible, y), P if flip else P.T)
+        colours = axes.contourf(*grid, levels=levels, cmap="viridis")
+        lines = axes.contour(*grid, levels=levels[2::2], colors="white", linewidths=0.6)
+        axes.clabel(lines, fontsize="x-small", fmt="%.3g")
+        for edge in feasible.edges:
+            axes.plot(*_curve(edge, x, y), color="black", linewidth=1.0)
+        name_axes(axes, x, y)
+        axes.set_title({"P1": "agonist P1", "P2": "antagonist P2"}[name], fontsize="medium", loc="left")
+        light(axes)
+    panels[1].set_ylabel("")
+    figure.colorbar(colours, ax=panels, label=QUANTITIES["P"].label, ticks=np.linspace(0, float(top), 6))
+    _show_range(panels[0], [feasible])
+    return figure
+
+
+# --- curves ---------------------------------------------------------------------------------------------------------
+
+
+def outlines(feasible: FeasibilityMap) -> dict[int, Array]:
+    """The border of each connected part of the feasible set by its number: a closed curve (2, n) in the units
+    of the picture.
+    """
+    x, y = _drawn(feasible)
+    curves: dict[int, list[Array]] = {}
+    for edge in feasible.edges:
+        curves.setdefault(edge.part, []).append(np.stack(_curve(edge, x, y)))
+    return {part: _joined(pieces) for part, pieces in curves.items()}
+
+
+def _joined(curves: list[Array]) -> Array:
+    """Chain curves (2, n), each time with the one that has the nearest end."""
+    size = np.maximum(np.ptp(np.concatenate(curves, axis=1), axis=1), 1e-12)
+    loop, *left = curves
+    while left:
+        gaps = [[np.abs((curve[:, end] - loop[:, -1]) / size).sum() for end in (0, -1)] for curve in left]
+        i = int(np.argmin(np.min(gaps, axis=1)))
+        curve = left.pop(i)
+        loop = np.concatenate([loop, curve if gaps[i][0] <= gaps[i][1] else curve[:, ::-1]], axis=1)
+    return loop
+
+
+def _curve(edge: Edge, x: str, y: str) -> tuple[Array, Array]:
+    return QUANTITIES[x].shown(getattr(edge, x)), QUANTITIES[y].shown(getattr(edge, y))
+
+
+def _drawn(feasible: FeasibilityMap) -> tuple[str, str]:
+    """What goes to the right and what goes up."""
+    if len(feasible.varied) != 2:
+        raise InvalidInput("a picture shows two quantities; take one of the map's slices")
+    x, y = feasible.varied
+    return (y, x) if (x, y) == ("K", "T") else (x, y)
+
+
+def _shown(feasible: FeasibilityMap, name: str) -> Array:
+    return QUANTITIES[name].shown(getattr(feasible, name))
+
+
+def _show_range(axes: Any, maps: Iterable[FeasibilityMap]) -> None:
+    """The whole grid that was asked for, with room for lines on its border."""
+    maps = list(maps)
+    for name, setter in zip(_drawn(maps[0]), (axes.set_xlim, axes.set_ylim), strict=True):
+        shown = np.concatenate([_shown(m, name) for m in maps])
+        room = 0.02 * np.ptp(shown)
+        setter(shown.min() - room, shown.max() + room)
+
+
+# --- labels ---------------------------------------------------------------------------------------------------------
+
+
+def limit_text(limits: int) -> str:
+    """What binds, in two or three words: "P1 upper", "both slack", …"""
+    kinds = {
+        Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK: "both slack",
+        Limit.P1_UPPER | Limit.P2_UPPER: "supply pressure",
+        Limit.P1_LOWER | Limit.P2_LOWER: "no pressure",
+        Limit.CONTRACTION_THRESHOLD: "ε threshold",
+    }
+    return kinds.get(Limit(limits), " + ".join(names(limits)))
+
+
+def _held(feasible: FeasibilityMap) -> str:
+    """What is the same all over the map."""
+    (name,) = {"theta", "K", "T"} - set(feasible.varied)
+    symbol, unit = {"theta": ("θ", "°"), "K": ("K", " N·m/rad"), "T": ("T", " N·m")}[name]
+    return f"at {symbol} = {float(_shown(feasible, name)):.4g}{unit}"
+
+
+def _dash(limits: int) -> Any:
+    return next((dash for kinds, dash in _DASH_OF if limits & kinds), _OTHER_DASH)
+
+
+def _dashes_used(edges: Iterable[Edge]) -> list[tuple[str, Any]]:
+    texts = ("supply pressure", "cable slack", "joint range", "co-contraction floor", "other limit")
+    used = [_dash(edge.limits) for edge in edges]
+    dashes = [dash for _, dash in _DASH_OF] + [_OTHER_DASH]
+    return [(text, dash) for text, dash in zip(texts, dashes, strict=True) if dash in used]
+
+
+def _label_edges(axes: Any, feasible: FeasibilityMap, x: str, y: str) -> None:
+    """Write what binds along the middle of every edge: outside the set, at the ends of the joint range inside."""
+    to_pixels = axes.transData.transform
+    loops = outlines(feasible)
+    for edge in feasible.edges:
+        curve = to_pixels(np.stack(_curve(edge, x, y), axis=1))
+        if np.hypot(*np.ptp(curve, axis=0)) < _LETTER * len(limit_text(edge.limits)):
+            continue  # no room; the dashes tell it
+        middle, tangent = _halfway(curve)
+        centre = to_pixels(np.mean(loops[edge.part], axis=1))
+        normal = np.array([-tangent[1], tangent[0]])
+        normal *= np.sign(normal @ (middle - centre)) * (-1 if edge.limits & _ENDS else 1)
+        angle = np.degrees(np.arctan2(tangent[1], tangent[0]))
+        axes.annotate(
+            limit_text(edge.limits),
+            axes.transData.inverted().transform(middle),
+            xytext=tuple(8 * normal),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            rotation=(angle + 90) % 180 - 90,  # never upside down
+            rotation_mode="anchor",
+            fontsize="small",
+        )
+
+
+def _halfway(curve: Array) -> tuple[Array, Array]:
+    """The point (2,) in the middle of the length of a curve (n, 2), and the direction of the curve there."""
+    steps = np.diff(curve, axis=0)
+    lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
+    at = np.interp(lengths[-1] * np.array([0.4, 0.5, 0.6]), lengths, np.arange(len(curve)))
+    before, middle, after = (np.array([np.interp(i, np.arange(len(curve)), column) for column in curve.T]) for i in at)
+    return middle, (after - before) / max(np.hypot(*(after - before)), 1e-9)
+
+
+__all__ = ["limit_text", "outlines", "plot_map", "plot_maps", "plot_pressures"]

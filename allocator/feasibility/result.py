@@ -1,0 +1,151 @@
+"""What a feasibility map hands back."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import product
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.allocation import Status
+from allocator.calculus import Array, Mask
+from allocator.feasibility.edges import Edge, edges_at_angle, edges_at_stiffness, edges_at_torque
+from allocator.feasibility.setting import Setting
+from allocator.joint import AntagonistJoint
+from allocator.limits import names
+from allocator.units import BAR, DEG
+
+_HEADER = "theta_deg,stiffness_Nm_per_rad,torque_Nm,status,limits,P1_bar,P2_bar"
+
+
+@dataclass(frozen=True, eq=False)
+class FeasibilityMap:
+    """What `allocate` answers over a grid: the arrays have one axis for each varied quantity, in the order θ, K, T."""
+
+    setting: Setting = field(repr=False)
+    theta: Array = field(repr=False)  # joint angles [rad], (n,) if varied, else ()
+    K: Array = field(repr=False)  # stiffnesses asked for [N·m/rad], likewise
+    T: Array = field(repr=False)  # torques asked for [N·m], likewise
+    status: NDArray[np.int8] = field(repr=False)  # Status of every cell
+    limits: NDArray[np.int32] = field(repr=False)  # combination of Limit flags that bind at its answer
+    P1: Array = field(repr=False)  # agonist pressure of its answer [Pa]; the nearest where it is not feasible
+    P2: Array = field(repr=False)  # antagonist pressure [Pa]
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for array in (self.theta, self.K, self.T, self.status, self.limits, self.P1, self.P2):
+            array.setflags(write=False)
+
+    @property
+    def joint(self) -> AntagonistJoint:
+        """Whose map it is."""
+        return self.setting.joint
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Names of the quantities along the axes of the arrays: two or three of "theta", "K", "T"."""
+        return tuple(name for name in ("theta", "K", "T") if getattr(self, name).ndim)
+
+    @property
+    def feasible(self) -> Mask:
+        """Where angle, stiffness and torque can be had together."""
+        return np.asarray(self.status == Status.EXACT)
+
+    @property
+    def share(self) -> float:
+        """The feasible part of the cells [-]."""
+        return float(self.feasible.mean())
+
+    def limit_names(self, *index: int) -> tuple[str, ...]:
+        """The limits that bind in a cell, by name."""
+        return names(int(self.limits[index]))
+
+    @cached_property
+    def edges(self) -> tuple[Edge, ...]:
+        """The edges of the feasible set as curves, each labelled by the limit that binds along it.
+
+        Computed from the closed forms, not from the cells. With three axes: those of all `slices`.
+        """
+        if len(self.varied) == 3:
+            return tuple(edge for part in self.slices for edge in part.edges)
+        if not self.theta.ndim:
+            return edges_at_angle(self.setting, float(self.theta))
+        range_left, range_right = self.joint.angle_range
+        left, right = max(range_left, float(self.theta[0])), min(range_right, float(self.theta[-1]))
+        if left >= right:
+            return ()
+        if not self.K.ndim:
+            return edges_at_stiffness(self.setting, float(self.K), left, right)
+        return edges_at_torque(self.setting, float(self.T), left, right)
+
+    @property
+    def slices(self) -> tuple["FeasibilityMap", ...]:
+        """Maps with two axes: this one, or the one at every torque if there are three."""
+        if len(self.varied) == 2:
+            return (self,)
+        return tuple(
+            replace(
+                self,
+                T=np.array(T),
+                status=self.status[..., i],
+                limits=self.limits[..., i],
+                P1=self.P1[..., i],
+                P2=self.P2[..., i],
+            )
+            for i, T in enumerate(self.T)
+        )
+
+    # --- on disk ----------------------------------------------------------------------------------------------------
+
+    def to_csv(self, path: str | PathLike[str]) -> None:
+        """One row a cell: degrees, N·m/rad, N·m, the status and the limits by name, bar."""
+        with open(path, "w", encoding="utf-8", newline="") as file:
+            file.write(f"{_HEADER}\n")
+            file.writelines(self._rows())
+
+    def _rows(self) -> Iterator[str]:
+        axes = (np.atleast_1d(self.theta) / DEG, np.atleast_1d(self.K), np.atleast_1d(self.T))
+        cells = zip(self.status.flat, self.limits.flat, (self.P1 / BAR).flat, (self.P2 / BAR).flat, strict=True)
+        text = {value: " + ".join(names(int(value))) for value in np.unique(self.limits)}
+        state = {int(value): value.name for value in Status}
+        for (theta, K, T), (status, limits, P1, P2) in zip(product(*axes), cells, strict=True):
+            yield f"{theta:.10g},{K:.10g},{T:.10g},{state[int(status)]},{text[limits]},{P1:.9g},{P2:.9g}\n"
+
+    def to_npz(self, path: str | PathLike[str]) -> None:
+        """All arrays in SI units, the names of the statuses and the limits, and the edges, compressed.
+
+        Edges are one array of points (n, 5), columns as in `edge_columns`, and (m,) where each begins and its flags.
+        """
+        from allocator.limits import Limit
+
+        points = [np.stack([e.theta, e.K, e.T, e.P1, e.P2], axis=1) for e in self.edges]
+        np.savez_compressed(
+            path,
+            theta=self.theta,
+            K=self.K,
+            T=self.T,
+            status=self.status,
+            limits=self.limits,
+            P1=self.P1,
+            P2=self.P2,
+            status_names=np.array([status.name for status in Status]),
+            limit_names=np.array([limit.text for limit in Limit]),
+            edge_points=np.concatenate([np.empty((0, 5)), *points]),
+            edge_columns=np.array(["theta", "K", "T", "P1", "P2"]),
+            edge_starts=np.cumsum([0, *map(len, points)])[:-1],
+            edge_limits=np.array([e.limits for e in self.edges], np.int32),
+        )
+
+    # --- to look at -------------------------------------------------------------------------------------------------
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the feasible set with its edges, labelled by the limit that binds; returns the Matplotlib axes."""
+        from allocator.feasibility.plotting import plot_map
+
+        return plot_map(self, axes)
+
+
+__all__ = ["FeasibilityMap"]
