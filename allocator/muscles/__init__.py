@@ -18,6 +18,7 @@ from allocator.muscles.polynomial import PolynomialMcKibben
 from allocator.muscles.pressure_dependent import Andrikopoulos2016, TonduLopez2000
 from allocator.muscles.recipe import Recipe
 from allocator.muscles.sarosi import Sarosi2012
+from allocator.muscles.strength import scaled, strength_powers
 from allocator.muscles.tondu import Tondu2021
 from allocator.muscles.uncertainty import (
     ParameterSensitivities,
@@ -53,6 +54,8 @@ __all__ = [
     "force_std",
     "monotonicity_failure",
     "parameter_sensitivities",
+    "scaled",
     "slope_std",
     "standard_deviation",
+    "strength_powers",
 ]
