@@ -16,7 +16,7 @@ from allocator.identification.joint_report import conclude
 from allocator.identification.joint_result import JointFit
 from allocator.identification.joint_samples import JointSamples
 from allocator.identification.joint_start import starting_muscle
-from allocator.muscles import MODELS, Muscle, Recipe
+from allocator.muscles import MODELS, Muscle, Recipe, scaled
 from allocator.units import BAR
 
 DEAD_BAND = 0.5 * BAR  # below it a muscle hardly acts [Pa]
@@ -86,10 +86,10 @@ def fit_joint(
     check_data(samples, friction and not average)
     if average:
         samples = samples.averaged()
-    check_weight(samples)
     extra = _extra(samples, friction=friction, ratio=ratio, zero=zero)
     prototype, recipe, fixed = _prototype(model, samples, hold or {}, start)
-    return solve(_problem(prototype, recipe, samples, fixed, extra, taut_min))
+    problem = _problem(prototype, recipe, samples, fixed, extra, taut_min)
+    return solve(problem, scaled_guess(problem))
 
 
 def _extra(samples: JointSamples, **wanted: bool) -> tuple[str, ...]:
@@ -138,6 +138,28 @@ def _problem(
             f"{samples.n} equilibria cannot determine the {len(problem.names)} unknowns {', '.join(problem.names)}"
         )
     return problem
+
+
+def scaled_guess(problem: JointProblem) -> Array:
+    """Where to start under a weight: the shape fitted to the samples without it, scaled by what the weight shows."""
+    guess, still = first_guess(problem), problem.samples.torque == 0
+    if not problem.free or still.all() or still.sum() < guess.size + 1:
+        return guess
+    shape = replace(problem.on(still), conventional=True)
+    x, _ = minimise(shape, guess)
+    return scale_shape(problem, x)
+
+
+def scale_shape(problem: JointProblem, x: Array) -> Array:
+    """The unknowns `x` of a shape, on the force scale at which the weights in `problem` deflect it as measured."""
+    hung = problem.on(problem.samples.torque != 0)
+    unloaded = replace(hung, samples=replace(hung.samples, torque=0 * hung.samples.torque))
+    u = problem.unknowns(x)
+    theta, _ = unloaded.equilibrium(u)
+    _, K, _ = unloaded.balance(u, theta)
+    factor = check_weight(hung.samples, hung.samples.theta - u.zero - theta, -hung.samples.torque / K)
+    values = scaled(replace(u.muscle), factor).parameters
+    return np.array([values.get(name, value) for name, value in zip(problem.names, x.tolist(), strict=True)])
 
 
 def solve(problem: JointProblem, x: Array | None = None) -> JointFit:

@@ -53,44 +53,24 @@ def _check_signs(samples: JointSamples) -> None:
         )
 
 
-def check_weight(samples: JointSamples) -> None:
-    """Refuse a weight whose deflection drowns in the scatter, and say which would not.
+def check_weight(samples: JointSamples, deflection: Array, expected: Array) -> float:
+    """The force scale [-] of a shape, from the `deflection` (n,) [rad] under weights and what it `expected` (n,) [rad].
 
-    θ is taken as a polynomial in (P1-P2)/(P1+P2) and 1/(P1+P2), the direction, and a deflection by T/(P1+P2): no
-    muscle model is needed for this.
+    Refuses a weight that drowns in the scatter, and says which would not.
     """
-    if not samples.loaded:
-        return
-    A = _smooth(samples)
-    n, m = A.shape
-    if n <= m + 2:
-        return
-    size = np.linalg.norm(A, axis=0)
-    size[size == 0] = 1.0
-    coefficients, _, rank, _ = np.linalg.lstsq(A / size, samples.theta, rcond=1e-10)
-    error = samples.theta - A / size @ coefficients
-    variance = error @ error / max(n - rank, 1)
-    std = np.sqrt(variance * np.linalg.pinv((A / size).T @ (A / size), rcond=1e-10)[-1, -1])
-    deflection = -coefficients[-1]
-    if deflection > _SEEN * std:
-        return
-    W = np.abs(samples.torque).max()
-    most = W / (samples.P1 + samples.P2)[np.abs(samples.torque).argmax()] * 4 * BAR / size[-1]
-    wanted = W * std / _WANTED / max(abs(deflection), std)
+    compliance = float(deflection @ expected / (expected @ expected))
+    error = deflection - compliance * expected
+    scatter = float(np.sqrt(error @ error / max(samples.n - 1, 1)))
+    std = scatter / float(np.linalg.norm(expected))
+    if compliance > _SEEN * std:
+        return 1 / compliance
+    W, most = float(np.abs(samples.torque).max()), float(np.abs(expected).max())
+    wanted = W * std / _WANTED / max(abs(compliance), std)
     raise InvalidInput(
-        f"torque of {W:.3g} N·m moves the joint by {deflection * most / DEG:.2g}° ± {std * most / DEG:.2g}°, which "
-        f"drowns in a scatter of {np.sqrt(variance) / DEG:.2g}°: the force scale would be chance; hang about "
-        f"{wanted:.2g} N·m on either side"
+        f"torque of {W:.3g} N·m moves the joint by {compliance * most / DEG:.2g}° ± {std * most / DEG:.2g}°, which "
+        f"drowns in a scatter of {scatter / DEG:.2g}°: the force scale would be chance; hang about {wanted:.2g} N·m on "
+        "either side"
     )
-
-
-def _smooth(samples: JointSamples) -> Array:
-    total = (samples.P1 + samples.P2) / (4 * BAR)
-    balance, weak = (samples.P1 - samples.P2) / (samples.P1 + samples.P2), 1 / total
-    terms = [balance**i * weak**j for i in range(6) for j in range(3) if i + j <= 6 and (i or j)]
-    groups = np.eye(len(samples.groups))[samples.group]
-    ways = [samples.direction, samples.direction * np.abs(balance)] if (samples.direction != 0).any() else []
-    return np.column_stack([*terms, groups, *ways, samples.torque * weak])
 
 
 __all__ = ["check_data", "check_weight"]

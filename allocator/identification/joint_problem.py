@@ -123,9 +123,18 @@ class JointProblem:
 
     def angle_error(self, x: Array) -> Array:
         """θ - z - θ_eq (n,) [rad], measured minus predicted."""
-        u = self.unknowns(x)
-        theta, _ = self.equilibrium(u)
-        return np.asarray(self.samples.theta - u.zero - theta)
+        return np.asarray(self.samples.theta - self.predicted(self.unknowns(x)))
+
+    def predicted(self, u: Unknowns) -> Array:
+        """z + θ_eq (n,) [rad]; where there is no θ_eq, by how much the torque is lacking at the end of the search.
+
+        That leads the search back to where there is one.
+        """
+        theta, reached = self.equilibrium(u)
+        if reached.all():
+            return u.zero + theta
+        G, K, _ = self.balance(u, theta)
+        return np.asarray(u.zero + theta + np.where(reached, 0.0, G / _usual(K, reached)))
 
     def residual(self, x: Array) -> Array:
         """Angle errors (n,), tautness (2n,), and the convention (1,) where it is needed."""
@@ -157,9 +166,9 @@ class JointProblem:
         extra = {"log_ratio": -pull2 * F2, "friction": -s.direction * (a1 * F1 + a2 * F2), "zero": K}
         columns += [extra[name] for name in self.extra]
         with np.errstate(all="ignore"):
-            gradient = np.stack(columns, axis=1).reshape(s.n, -1) / K[:, None]
-        free = np.array([name != "zero" for name in self.names])
-        gradient[np.ix_(~reached, free)] = 0.0  # at the end of the search the angle does not move
+            gradient = np.stack(columns, axis=1).reshape(s.n, -1) / np.where(reached, K, _usual(K, reached))[:, None]
+        if "zero" in self.extra:
+            gradient[:, self.names.index("zero")] = 1.0
         return np.asarray(gradient)
 
     def _force_gradient(self, u: Unknowns, P: Array, eps: Array) -> Array:
@@ -217,6 +226,12 @@ class JointProblem:
             moved = u.muscle.unchecked([*values[:i], values[i] + 1e-30j, *values[i + 1 :]])
             gradient[0, column] = np.imag(self.mean_area(u._replace(muscle=moved))) / 1e-30 / CONVENTIONAL_AREA
         return gradient
+
+
+def _usual(K: Array, reached: Mask) -> float:
+    """A stiffness [N·m/rad] of the usual size."""
+    known = K[reached & np.isfinite(K)]
+    return float(np.median(known)) if known.size else 1.0
 
 
 __all__ = ["CONVENTIONAL_AREA", "JointProblem", "Unknowns"]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from allocator.errors import InvalidInput
-from allocator.identification.joint_mistakes import check_weight
+from allocator.identification.joint_fit import scale_shape, solve
 from allocator.identification.joint_problem import CONVENTIONAL_AREA
 from allocator.identification.joint_result import JointFit
 from allocator.identification.joint_samples import JointSamples
@@ -48,8 +48,8 @@ def from_weights(fit: JointFit, theta: Any, P1: Any, P2: Any, torque: Any, direc
     index = more.group if one else [labels.index(more.groups[i].label) for i in more.group]
     more = replace(more, group=np.asarray(index, np.intp), groups=problem.samples.groups)
     joined = problem.samples.joined(more)
-    check_weight(joined)
-    return solve(replace(problem, samples=joined, conventional=False, prototype=fit.muscle), fit.x)
+    loaded = replace(problem, samples=joined, conventional=False)
+    return solve(loaded, scale_shape(loaded, fit.x))
 
 
 __all__ = ["from_gain", "from_weights"]

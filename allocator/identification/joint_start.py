@@ -1,8 +1,8 @@
 """Where the search for a joint's muscles starts: an equation error, linear in a muscle F = P A(ε).
 
-With A = α0 + α1 ε + α2 ε² the equilibrium a1 F1 - a2 F2 - κ T = 0 at the measured angles is linear in (α, κ), and the
-convention mean A = 10 cm² keeps it from the solution zero; 1/κ is the force scale. (With a passive force B(ε) it would
-explain everything by forces near zero.) Any model is then fitted to these forces as if they had been measured, which
+With A = α0 + α1 ε + α2 ε² the unloaded equilibrium a1 F1 - a2 F2 = 0 at the measured angles is linear in α, and the
+convention mean A = 10 cm² keeps it from the solution zero. (With a passive force B(ε) it would explain everything by
+forces near zero.) Any model is then fitted to these forces as if they had been measured, which
 puts its parameters where the angles are about right.
 """
 
@@ -20,7 +20,6 @@ from allocator.muscles import Muscle
 
 _CONVENTION_WEIGHT = 1e3
 _MOST_SAMPLES = 300  # of the pseudo-measurement
-_SCALES = (0.02, 50.0)  # of the force scale: beyond, the weight was not seen
 
 
 class PseudoForces(NamedTuple):
@@ -35,19 +34,16 @@ def pseudo_forces(samples: JointSamples) -> PseudoForces:
     """Forces of both muscles at the samples."""
     (eps1, a1, _), (eps2, a2, _), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
     one, two = _basis(samples.P1, eps1), _basis(samples.P2, eps2)  # (n, 3)
-    T = samples.torque / max(np.abs(samples.torque).max(initial=0.0), 1e-300)
-    rows = np.column_stack([a1[:, None] * one - a2[:, None] * two, -T])
-    convention = np.append(_basis(1.0, eps1).mean(axis=0), 0.0)
+    still = samples.torque == 0 if (samples.torque == 0).sum() > 3 else np.ones(samples.n, bool)
+    rows = (a1[:, None] * one - a2[:, None] * two)[still]
+    convention = _basis(1.0, eps1).mean(axis=0)
     size = np.linalg.norm(rows, axis=0)
     size[size == 0] = 1.0
     scale = np.linalg.norm(rows) / np.linalg.norm(convention)
     A = np.vstack([rows, _CONVENTION_WEIGHT * scale * convention])
-    b = np.append(np.zeros(samples.n), _CONVENTION_WEIGHT * scale)
+    b = np.append(np.zeros(still.sum()), _CONVENTION_WEIGHT * scale)
     p = np.linalg.lstsq(A / size, b, rcond=1e-9)[0] / size
-    F = np.concatenate([one @ p[:3], two @ p[:3]]) * CONVENTIONAL_AREA
-    if samples.loaded:
-        kappa = p[3] * CONVENTIONAL_AREA / np.abs(samples.torque).max()
-        F *= np.clip(1 / kappa if kappa > 0 else 1.0, *_SCALES)
+    F = np.concatenate([one @ p, two @ p]) * CONVENTIONAL_AREA
     return PseudoForces(np.concatenate([eps1, eps2]), np.concatenate([samples.P1, samples.P2]), F)
 
 

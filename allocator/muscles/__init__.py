@@ -4,6 +4,7 @@
 (exponential in pressure) is missing: its formula was not found.
 """
 
+from allocator.muscles.affine_polynomial import AffinePolynomial
 from allocator.muscles.base import AffineMuscle, Muscle
 from allocator.muscles.chou import ChouHannaford1996
 from allocator.muscles.custom import FunctionMuscle, TableMuscle
@@ -33,6 +34,7 @@ from allocator.muscles.wickramatunge import Wickramatunge2010
 __all__ = [
     "MODELS",
     "AffineMuscle",
+    "AffinePolynomial",
     "Andrikopoulos2016",
     "ChouHannaford1996",
     "FunctionMuscle",

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Self
 
-import numpy as np
-
 from allocator.calculus import Array, Value
 from allocator.muscles.base import AffineMuscle
 from allocator.muscles.recipe import Recipe
@@ -16,8 +14,8 @@ class Hildebrandt2005(AffineMuscle):
 
     A. Hildebrandt, O. Sawodny, R. Neumann and A. Hartmann, "Cascaded control concept of a robot with two degrees of
     freedom driven by four artificial pneumatic muscle actuators", American Control Conference 2005; Tondu 2021,
-    equation (16). The coefficients were not found in print: fit them. Domain ε ≥ 0 with an infinite stiffness at
-    ε = 0, keep away from it; every ε for d4 = 0, which d2 = d3 = d4 = 0 makes a quadratic A with a linear B. [M] holds where c0 + c1 ε + c2 ε² > 0 and c1 + 2 c2 ε < 0.
+    equation (16). The coefficients were not found in print: fit them. Domain ε ≥ 0; for d4 ≠ 0 the stiffness is
+    infinite at ε = 0, keep away from it. [M] holds where c0 + c1 ε + c2 ε² > 0 and c1 + 2 c2 ε < 0.
     """
 
     citation = "Hildebrandt, Sawodny, Neumann & Hartmann, American Control Conference, 680-685, 2005"
@@ -33,8 +31,8 @@ class Hildebrandt2005(AffineMuscle):
 
     @property
     def min_contraction(self) -> float:
-        """0: ε^{2/3} has no slope there and no real value below; no limit without that term."""
-        return 0.0 if self.d4 else -np.inf
+        """0: ε^{2/3} has no slope there and no real value below."""
+        return 0.0
 
     def A(self, eps: Value) -> Value:
         """c0 + c1 ε + c2 ε²   (16)"""
@@ -42,9 +40,7 @@ class Hildebrandt2005(AffineMuscle):
 
     def B(self, eps: Value) -> Value:
         """-(d0 + d1 ε + d2 ε² + d3 ε³ + d4 ε^{2/3})   (16)"""
-        polynomial = self.d0 + (self.d1 + (self.d2 + self.d3 * eps) * eps) * eps
-        held_at_zero = isinstance(self.d4, float) and self.d4 == 0
-        return -polynomial if held_at_zero else -(polynomial + self.d4 * eps ** (2 / 3))
+        return -(self.d0 + (self.d1 + (self.d2 + self.d3 * eps) * eps) * eps + self.d4 * eps ** (2 / 3))
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:

@@ -30,6 +30,7 @@ _POWERS: Mapping[str, Mapping[str, float]] = {
     "PolynomialMcKibben": _BRAID,
     "Tondu2021": _BRAID,
     "KazemipourKatzschmann2025": dict.fromkeys(("c0", "c1", "c2"), 1.0),
+    "AffinePolynomial": {"area": 1.0, "passive": 1.0},
     "TableMuscle": {"area": 1.0, "passive": 1.0},
 }
 
