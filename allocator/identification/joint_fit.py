@@ -21,8 +21,8 @@ from allocator.units import BAR
 
 DEAD_BAND = 0.5 * BAR  # below it a muscle hardly acts [Pa]
 _EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-0.6, 0.6), "friction": (-0.5, 0.8)}
-_TOLERANCE = 1e-9
-_EVALUATIONS = 150
+_TOLERANCE = 1e-8
+_EVALUATIONS = 200
 _UNBOUNDED = (-np.inf, np.inf)
 
 

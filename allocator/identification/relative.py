@@ -102,14 +102,8 @@ def _rescaled(joint: AntagonistJoint, factor: float, sensitivity: Array, error: 
 
 
 def with_joint_covariance(joint: AntagonistJoint, covariance: Array | None) -> AntagonistJoint:
-    """The joint with this covariance, whose diagonal blocks are those of its muscles."""
-    if covariance is None:
-        return joint
-    split = len(joint.agonist.parameters)
-    one, two = (tuple(map(tuple, block.tolist())) for block in (covariance[:split, :split], covariance[split:, split:]))
-    agonist, antagonist = replace(joint.agonist, covariance=one), replace(joint.antagonist, covariance=two)
-    rows = tuple(map(tuple, covariance.tolist()))
-    return replace(joint, agonist=agonist, antagonist=antagonist, covariance=rows)
+    """The joint with this covariance of the parameters of both muscles."""
+    return joint if covariance is None else replace(joint, covariance=tuple(map(tuple, covariance.tolist())))
 
 
 def _flat(theta: Value, P1: Value, P2: Value) -> tuple[Array, Array, Array]:
