@@ -24,8 +24,9 @@ from allocator.muscles import Muscle, force_gradient
 
 CONVENTIONAL_AREA = 1e-3  # [m²] mean ∂F/∂P where nothing tells the force scale
 _TAUT_WEIGHT = 0.05  # [rad] per unit of F/F̄: weak, so that it decides only what the angles leave open
-_MARGIN = 0.35  # [rad] beyond the measured angles within which equilibria are looked for
+_MARGIN = 0.35  # [rad]
 _STEPS = 60
+_HALVINGS = 5
 _CLOSE = 1e-8  # [rad] a Newton step after which the next is below rounding
 _GREAT = 10.0  # stands for a residual that the law cannot evaluate [rad]
 
@@ -59,10 +60,15 @@ class JointProblem:
     samples: JointSamples
     taut_min: float  # η [-]
     conventional: bool  # whether the force scale is set by convention
+    margin: float = _MARGIN  # beyond the measured angles, within which equilibria are looked for [rad]
 
     def on(self, keep: Mask) -> Self:
         """The same problem on some of the samples."""
         return replace(self, samples=self.samples.where(keep))
+
+    def still(self) -> Self:
+        """The same problem with the direction of motion forgotten: predictions without friction."""
+        return replace(self, samples=replace(self.samples, direction=0 * self.samples.direction))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -96,9 +102,9 @@ class JointProblem:
         Newton's method for all samples at once from the measured angles, each kept inside a bracket G(low) > 0 > G(high)
         that shrinks with every step and is halved where Newton leaves it.
         """
-        low, high = self._searched
-        reached = (self.balance(u, low).lacking > 0) & (self.balance(u, high).lacking < 0)
-        start = theta = np.clip(self.samples.theta - u.zero, low, high)
+        start = theta = np.clip(self.samples.theta - u.zero, *self._searched)
+        low, high, reached = self._bracket(u, start)
+        first, last = low, high
         for _ in range(_STEPS):
             G, K, _ = self.balance(u, theta)
             further = np.where(np.isnan(G), theta < start, G > 0)  # where the law ends, turn back
@@ -111,13 +117,23 @@ class JointProblem:
             theta = moved
             if done:
                 break
-        return np.clip(theta, *self._searched), reached
+        return np.clip(theta, first, last), reached
+
+    def _bracket(self, u: Unknowns, start: Array) -> tuple[Array, Array, Mask]:
+        """Angles with G(low) > 0 > G(high), nearer to `start` where the law bends back further out; where they are."""
+        low, high = self._searched
+        for _ in range(_HALVINGS):
+            below, above = self.balance(u, low).lacking > 0, self.balance(u, high).lacking < 0
+            if (below & above).all():
+                break
+            low, high = np.where(below, low, (low + start) / 2), np.where(above, high, (high + start) / 2)
+        return low, high, below & above
 
     @cached_property
     def _searched(self) -> tuple[Array, Array]:
         low, high = self.samples.reach()
         measured = self.samples.theta
-        return np.maximum(low, measured.min() - _MARGIN), np.minimum(high, measured.max() + _MARGIN)
+        return np.maximum(low, measured.min() - self.margin), np.minimum(high, measured.max() + self.margin)
 
     # --- least squares ----------------------------------------------------------------------------------------------
 

@@ -104,7 +104,7 @@ def _unseen(problem: JointProblem, x: Array) -> tuple[str, ...]:
     return (scale, *directions) if len(directions) != 1 else (scale,)
 
 
-def _parameter_jacobian(problem: JointProblem, u: Unknowns) -> Array:
+def parameter_jacobian(problem: JointProblem, u: Unknowns) -> Array:
     """∂q/∂x (2k, m): parameters q of agonist and antagonist; the antagonist's are scaled by the ratio."""
     names, powers = list(u.muscle.parameters), _powers(u)
     values = np.array(list(u.muscle.parameters.values()))
@@ -124,7 +124,7 @@ def _powers(u: Unknowns) -> Array:
 
 
 def _joints(problem: JointProblem, u: Unknowns, covariance: Array) -> dict[str, AntagonistJoint]:
-    J = _parameter_jacobian(problem, u)
+    J = parameter_jacobian(problem, u)
     C, samples = J @ covariance @ J.T, problem.samples
     antagonist = scaled(u.muscle, u.ratio)
     supply = (0.0, float(max(samples.P1.max(), samples.P2.max())))
@@ -149,7 +149,7 @@ def _scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
     """Relative standard deviation of K at the samples, in the mean: dominated by that of the scale."""
     from allocator.identification import joint_gradients
 
-    J, s = _parameter_jacobian(problem, u), problem.samples
+    J, s = parameter_jacobian(problem, u), problem.samples
     i = int(np.bincount(s.group).argmax())
     here = s.group == i
     joint = AntagonistJoint(s.groups[i].geometry, u.muscle, scaled(u.muscle, u.ratio), min_contraction=-0.3)
@@ -178,8 +178,7 @@ def _hysteresis_share(problem: JointProblem, u: Unknowns) -> float:
     pairs = problem.samples.pairs()
     if not pairs:
         return float("nan")
-    still = replace(problem, samples=replace(problem.samples, direction=0 * problem.samples.direction))
-    theta, _ = still.equilibrium(u)
+    theta, _ = problem.still().equilibrium(u)
     error = problem.samples.theta - u.zero - theta
     up, down = (np.array([error[pair[k]].mean() for pair in pairs]) for k in (0, 1))
     h, m = np.sum(((up - down) / 2) ** 2), np.sum(((up + down) / 2) ** 2)
@@ -226,4 +225,4 @@ def _rms(error: Array) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-__all__ = ["conclude"]
+__all__ = ["conclude", "parameter_jacobian"]
