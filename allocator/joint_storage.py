@@ -1,26 +1,26 @@
 """Joints as TOML files, for every command's --joint. What one looks like:
 
-    [joint]                        # SI units
-    pressure_limits = [0.0, 500000.0]
-    min_contraction = 0.025
-    angle_limits = [-0.8, 0.8]     # or without this line
-    friction = 0.13
-    scale_known = true             # false: fitted without a weight, no torque and no stiffness
+[joint]                        # SI units
+pressure_limits = [0.0, 500000.0]
+min_contraction = 0.025
+angle_limits = [-0.8, 0.8]     # or without this line
+friction = 0.13
+scale_known = true             # false: fitted without a weight, no torque and no stiffness
 
-    [geometry]
-    kind = "Lever"
-    rest_length = 0.25
-    …
+[geometry]
+kind = "Lever"
+rest_length = 0.25
+…
 
-    [agonist]                      # as in a muscle's file; so is [antagonist]
-    model = "Sarosi2012"
-    [agonist.parameters]
-    …
+[agonist]                      # as in a muscle's file; so is [antagonist]
+model = "Sarosi2012"
+[agonist.parameters]
+…
 
-    [source]                       # where the numbers come from, for the reader; ignored when loading
+[source]                       # where the numbers come from, for the reader; ignored when loading
 
-    [covariance]                   # of the parameters of agonist and antagonist together
-    rows = [[…], …]
+[covariance]                   # of the parameters of agonist and antagonist together
+rows = [[…], …]
 """
 
 from collections.abc import Mapping
@@ -78,7 +78,9 @@ def load_joint(path: FilePath, *, scale_needed: bool = True) -> AntagonistJoint:
     known = {"pressure_limits", "min_contraction", "angle_limits", "friction"}
     if surplus := joint.keys() - known - {"scale_known"}:
         raise InvalidFile(path, f"[joint] has no {', '.join(sorted(surplus))}; it has {', '.join(sorted(known))}")
-    limits = {name: tuple(v) if isinstance(v, list) else v for name, v in joint.items() if name in known}
+    limits: dict[str, Any] = {
+        name: tuple(v) if isinstance(v, list) else v for name, v in joint.items() if name in known
+    }
     agonist, antagonist = (_muscle(path, content, name) for name in ("agonist", "antagonist"))
     rows = _table(path, content, "covariance").get("rows") if "covariance" in content else None
     try:
@@ -126,7 +128,9 @@ def _geometry(path: FilePath, content: dict[str, Any]) -> Geometry:
 
 
 def _muscle(path: FilePath, content: dict[str, Any], name: str) -> Muscle:
-    return storage.muscle_from(Muscle, f"{path} [{name}]", _table(path, content, name))
+    any_kind: type[Any] = Muscle
+    muscle: Muscle = storage.muscle_from(any_kind, f"{path} [{name}]", _table(path, content, name))
+    return muscle
 
 
 __all__ = ["load_joint", "save_joint"]

@@ -1,8 +1,8 @@
 """The commands that would follow a preview exactly, if the model were right and nothing limited: closed form.
 
-The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d, and what friction takes in its direction; `allocate` turns (θ, K, T) at all N+1 samples into
-pressures in one call, bringing what cannot be reached to the nearest that can; and the lag over one sample of constant
-command, P_{k+1} = α_i P_k + (1 - α_i) u_k with α_i = exp(-dt/τ_i), is inverted for the commands.
+The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d, and what friction takes; `allocate` turns (θ, K, T) at
+all N+1 samples into pressures in one call, bringing what cannot be reached to the nearest that can; and the lag over
+one sample of constant command, P_{k+1} = α_i P_k + (1 - α_i) u_k with α_i = exp(-dt/τ_i), is inverted for the commands.
 """
 
 from dataclasses import dataclass
@@ -30,8 +30,8 @@ class FeedForward:
 class FeedForwardLaw:
     """Feed-forward of `plant` for previews of N+1 samples, `dt` [s] apart.
 
-    With `friction` the muscles add the torque that the joint's friction μ takes in the direction of the preview, turning
-    smoothly (tanh) where it comes to rest. The joint's equations of motion are left without it.
+    With `friction` the muscles add the torque that the joint's friction μ takes in the direction of the preview, which
+    turns smoothly (tanh) where the preview rests. The joint's equations of motion are left without it.
     """
 
     def __init__(self, plant: Plant, dt: float, N: int, *, friction: bool = False) -> None:

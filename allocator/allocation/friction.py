@@ -25,7 +25,9 @@ def checked_direction(direction: Any) -> Array:
     """Directions of motion, between -1 and +1; what lies between is a share, for smooth changes."""
     s = checks.real("direction", direction, "-1 to +1")
     if (wrong := np.abs(s) > 1).any():
-        raise InvalidInput(f"direction{checks.at(s, wrong)} has to lie between -1 (θ falls) and +1 (θ rises); 0: at rest")
+        raise InvalidInput(
+            f"direction{checks.at(s, wrong)} has to lie between -1 (θ falls) and +1 (θ rises); 0: at rest"
+        )
     return s
 
 

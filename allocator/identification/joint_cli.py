@@ -38,7 +38,9 @@ def fit_joint_command(
         list[str] | None, typer.Option(help="Direction of a number in the column sweep: 1=-1, 2=+1. Repeatable.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Write the joint to this TOML file.")] = None,
-    group: Annotated[str | None, typer.Option(help="Which rest length [mm] --out is for, if there are several.")] = None,
+    group: Annotated[
+        str | None, typer.Option(help="Which rest length [mm] --out is for, if there are several.")
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw angles, residuals and stiffness into this image.")] = None,
 ) -> None:
     """Fit a joint's muscles to angles measured at pressures, with friction and, given a weight, the force scale.

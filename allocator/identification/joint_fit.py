@@ -77,9 +77,7 @@ def fit_joint(
     InvalidInput
         For data that cannot be what they should be, or that cannot tell what is asked, each in a sentence.
     """
-    samples = JointSamples.checked(
-        theta, P1, P2, geometry=geometry, torque=torque, direction=direction, group=group
-    )
+    samples = JointSamples.checked(theta, P1, P2, geometry=geometry, torque=torque, direction=direction, group=group)
     dead = checks.not_negative("dead_band", checks.pressure("dead_band", dead_band), "Pa")
     slack = (samples.P1 < dead) | (samples.P2 < dead)
     samples = samples.without(slack, f"a pressure below the dead band of {dead / BAR:g} bar")

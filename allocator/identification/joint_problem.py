@@ -231,7 +231,7 @@ class JointProblem:
         """Mean ∂F/∂P of the agonist [m²]; complex if a parameter is."""
         (eps1, *_), _, _ = self._measured
         with np.errstate(all="ignore"):
-            return np.mean(u.muscle.gain(self.samples.P1, eps1)).item()  # type: ignore[no-any-return]  # a number
+            return np.mean(u.muscle.gain(self.samples.P1, eps1)).item()
 
     def _area_gradient(self, u: Unknowns) -> Array:
         """∂(mean ∂F/∂P)/∂x (1, m) in units of the convention, by complex steps."""

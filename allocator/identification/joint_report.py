@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.identifiability import determine
 from allocator.identification.joint_problem import JointProblem, Unknowns
 from allocator.identification.joint_result import GroupError, JointFit
 from allocator.identification.relative import with_joint_covariance
 from allocator.joint import AntagonistJoint
-from allocator.muscles import Muscle, monotonicity_failure, scaled, strength_powers
+from allocator.muscles import monotonicity_failure, scaled, strength_powers
 
 Minimise = Callable[[JointProblem, Array], tuple[Array, bool]]
 _DETERMINANT_GRID = 7
@@ -53,7 +53,11 @@ def conclude(problem: JointProblem, x: Array, converged: bool, minimise: Minimis
             *(f"{n} ended at the limit of its search" for n, b in zip(problem.names, at_bound, strict=True) if b),
             *((f"[M] fails: {failure}",) if failure else ()),
             *(() if positive else ("det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere",)),
-            *((f"{slack} of {2 * error.size} muscle forces are below {problem.taut_min:.0%} of the mean",) if slack else ()),
+            *(
+                (f"{slack} of {2 * error.size} muscle forces are below {problem.taut_min:.0%} of the mean",)
+                if slack
+                else ()
+            ),
             *_friction_warnings(problem, u, share),
             *_scale_warning(problem, scale_std),
         ),
@@ -78,13 +82,13 @@ def _checked(problem: JointProblem, x: Array) -> Unknowns:
         raise InvalidInput(f"the best {name} makes no sense as a muscle: {error}") from None
 
 
-def _at_bound(problem: JointProblem, x: Array) -> Array:
+def _at_bound(problem: JointProblem, x: Array) -> Mask:
     width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
     near = 1e-5 * np.maximum(np.abs(x), 1e-2 * width)
     return np.asarray((x - problem.lower < near) | (problem.upper - x < near))
 
 
-def _covariance(problem: JointProblem, x: Array, inside: Array) -> Array:
+def _covariance(problem: JointProblem, x: Array, inside: Mask) -> Array:
     """Covariance (m, m) of the unknowns, 0 for those at a bound."""
     r, J = problem.residual(x), problem.jacobian(x)
     names = tuple(n for n, i in zip(problem.names, inside, strict=True) if i)
@@ -131,7 +135,9 @@ def _joints(problem: JointProblem, u: Unknowns, covariance: Array) -> dict[str, 
     joints = {}
     for i, (label, geometry) in enumerate(samples.groups):
         angles = (samples.theta - u.zero)[samples.group == i]
-        least = min(float(geometry.agonist(angles).contraction.min()), float(geometry.antagonist(angles).contraction.min()))
+        least = min(
+            float(geometry.agonist(angles).contraction.min()), float(geometry.antagonist(angles).contraction.min())
+        )
         joint = AntagonistJoint(
             geometry,
             u.muscle,
@@ -166,7 +172,7 @@ def _groups(problem: JointProblem, x: Array, error: Array, minimise: Minimise) -
     return tuple(found)
 
 
-def _left_out(problem: JointProblem, x: Array, here: Array, minimise: Minimise) -> float:
+def _left_out(problem: JointProblem, x: Array, here: Mask, minimise: Minimise) -> float:
     if here.all() or (~here).sum() < x.size + 1:
         return float("nan")
     others, _ = minimise(problem.on(~here), x)

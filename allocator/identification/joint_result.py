@@ -67,7 +67,9 @@ class JointFit:
     def joint(self) -> AntagonistJoint | RelativeJoint:
         """The joint; one that refuses absolute stiffness where the scale is unknown."""
         if len(self.joints) > 1:
-            raise InvalidInput(f"the fit is of several geometries: take joint_of({' or '.join(map(repr, self.joints))})")
+            raise InvalidInput(
+                f"the fit is of several geometries: take joint_of({' or '.join(map(repr, self.joints))})"
+            )
         return self.joint_of(next(iter(self.joints)))
 
     def joint_of(self, group: Any) -> AntagonistJoint | RelativeJoint:
@@ -106,7 +108,9 @@ class JointFit:
     def stiffness_std(self) -> Array:
         """Standard deviation of K (n,) [N·m/rad] at the samples. Raises InvalidInput where the scale is unknown."""
         if self.scale is None:
-            raise InvalidInput("the standard deviation of K needs the force scale: fit with a weight, or with_scale(...)")
+            raise InvalidInput(
+                "the standard deviation of K needs the force scale: fit with a weight, or with_scale(...)"
+            )
         covariance = np.asarray(next(iter(self.joints.values())).covariance)
         return self.stiffness().std(covariance)
 
@@ -144,7 +148,9 @@ class JointFit:
             return from_gain(self, T_P, at, std)
         if T_P is None and torque is not None:
             return from_weights(self, theta, P1, P2, torque, direction, group)
-        raise InvalidInput("with_scale takes either theta, P1, P2 and torque of a weight, or T_P and at=(theta, P1, P2)")
+        raise InvalidInput(
+            "with_scale takes either theta, P1, P2 and torque of a weight, or T_P and at=(theta, P1, P2)"
+        )
 
     def replaced(self, **changes: Any) -> Self:
         """The same with some fields changed."""

@@ -57,9 +57,9 @@ class JointSamples:
         }
         if not np.isin(named["direction"], (-1, 0, 1)).all():
             raise InvalidInput("direction has to be +1 where θ was rising, -1 where falling, 0 where not known")
-        arrays = [np.array(a, float).ravel() for a in checks.broadcast(**named)]
-        index, groups = _grouped(geometry, group, arrays[0].size)
-        samples = cls(*arrays, index, groups)
+        theta, P1, P2, torque, direction = (np.array(a, float).ravel() for a in checks.broadcast(**named))
+        index, groups = _grouped(geometry, group, theta.size)
+        samples = cls(theta, P1, P2, torque, direction, index, groups)
         samples.check_reach()
         return samples
 
@@ -75,7 +75,7 @@ class JointSamples:
 
     def where(self, keep: Mask) -> Self:
         """The samples marked in `keep`."""
-        arrays = {name: getattr(self, name)[keep] for name in (*_ARRAYS, "group")}
+        arrays: dict[str, Any] = {name: getattr(self, name)[keep] for name in (*_ARRAYS, "group")}
         return replace(self, **arrays)
 
     def without(self, drop: Mask, reason: str) -> Self:
@@ -88,7 +88,7 @@ class JointSamples:
         """These samples and others of the same groups."""
         if other.groups != self.groups:
             raise InvalidInput("the samples belong to other geometries than those of the fit")
-        arrays = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in (*_ARRAYS, "group")}
+        arrays: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in (*_ARRAYS, "group")}
         return replace(self, **arrays)
 
     def routes(self, theta: Array) -> Routes:
@@ -122,7 +122,7 @@ class JointSamples:
         if not pairs:
             raise InvalidInput("average needs the same pressures visited with rising and with falling angle; none were")
         used = sum(up.size + down.size for up, down in pairs)
-        means = {
+        means: dict[str, Any] = {
             name: np.array([(a[up].mean() + a[down].mean()) / 2 for up, down in pairs])
             for name in _ARRAYS
             for a in (getattr(self, name),)

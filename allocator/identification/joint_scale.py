@@ -30,8 +30,6 @@ def from_gain(fit: JointFit, T_P: float, at: tuple[float, float, float], std: fl
 
 def from_weights(fit: JointFit, theta: Any, P1: Any, P2: Any, torque: Any, direction: Any, group: Any) -> JointFit:
     """From equilibria under a weight: everything is fitted again, starting from what is known."""
-    from allocator.identification.joint_fit import solve
-
     problem = fit.problem
     geometries = {g.label: g.geometry for g in problem.samples.groups}
     one = len(geometries) == 1 and group is None

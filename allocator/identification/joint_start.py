@@ -58,7 +58,9 @@ def starting_muscle(model: type[Muscle], samples: JointSamples, hold: Mapping[st
     try:
         return fit(model, eps[::every], P[::every], F[::every], hold=hold, folds=0).muscle
     except InvalidInput as error:
-        raise InvalidInput(f"no start for {model.__name__} was found in these equilibria ({error}); pass start=") from None
+        raise InvalidInput(
+            f"no start for {model.__name__} was found in these equilibria ({error}); pass start="
+        ) from None
 
 
 __all__ = ["PseudoForces", "pseudo_forces", "starting_muscle"]

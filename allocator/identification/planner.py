@@ -155,7 +155,9 @@ def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointP
     held = muscle.recipe(np.array([0.0, 0.2]), np.array([1.0, 5.0]) * BAR, np.array([1.0, 1.0])).conventional
     free = tuple(p for p in muscle.parameters if not {p, p.partition("[")[0]} & set(held))
     extra, unbounded = tuple(_EXTRA), np.full(len(free) + len(_EXTRA), np.inf)
-    problem = JointProblem(muscle, free, extra, -unbounded, unbounded, start, 0.02, conventional=False, margin=(right - left) / 2)
+    problem = JointProblem(
+        muscle, free, extra, -unbounded, unbounded, start, 0.02, conventional=False, margin=(right - left) / 2
+    )
     x = np.array([*(muscle.parameters[p] for p in free), np.log(_ratio(joint)), 0.0, joint.friction])
     angle, there = problem.equilibrium(problem.unknowns(x))
     forces = np.minimum(*problem.balance(problem.unknowns(x), angle).forces)

@@ -124,7 +124,9 @@ def _column(path: FilePath, table: Table, quantity: str, instead: Iterable[str] 
     for each in quantities:
         if (index := find_column(path, table, each)) is not None:
             return index
-    valid = ", ".join(name.replace("force_n", "force_N").replace("_nm", "_Nm") for each in quantities for name in _UNITS[each])
+    valid = ", ".join(
+        name.replace("force_n", "force_N").replace("_nm", "_Nm") for each in quantities for name in _UNITS[each]
+    )
     for name in table.names:
         if name.lower() in quantities:
             raise InvalidFile(path, f"has no unit; name it one of {valid}", column=name)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from allocator.muscles import scaled, strength_powers
 from allocator.units import BAR, DEG
 
 WHY = (
-    "needs the force scale, which equilibria without a weight cannot tell: pass torque= of a known weight to fit_joint, "
-    "or complete the fit by with_scale(...)"
+    "needs the force scale, which equilibria without a weight cannot tell: pass torque= of a known weight to "
+    "fit_joint, or complete the fit by with_scale(...)"
 )
 
 
@@ -36,9 +36,8 @@ class RelativeJoint:
     def stiffness_per_gain(self, theta: Value, P1: Value, P2: Value) -> Array:
         """K/T_P1 = 1/(∂θ/∂P1) [Pa/rad]: pressure P1 per angle at equilibrium, in which the scale cancels."""
         theta, P1, P2 = _flat(theta, P1, P2)
-        return joint_gradients.stiffness(self.shape, theta, P1, P2).value / np.asarray(
-            self.shape.sides(theta)[0].torque_gain(P1)
-        )
+        K = joint_gradients.stiffness(self.shape, theta, P1, P2).value
+        return np.asarray(K / self.shape.sides(theta)[0].torque_gain(P1))
 
     def relative_stiffness(self, theta: Value, P1: Value, P2: Value) -> Array:
         """K/K_ref [-] with K_ref at `reference`."""

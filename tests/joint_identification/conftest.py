@@ -74,7 +74,9 @@ def log_of(joint, weights_a_side=3, seed=0, noise=NOISE, weight=WEIGHT):
     theta = truth(joint, P1, P2, torque, direction)
     forces = joint.forces(np.where(np.isfinite(theta), theta, 0.0), P1, P2)
     there = np.isfinite(theta) & (np.minimum(*forces) > TAUT)  # the simulation knows no slack cable
-    theta = theta + noise * np.random.default_rng([seed, weights_a_side, int(1e4 * joint.geometry.rest_length)]).standard_normal(theta.size)
+    theta = theta + noise * np.random.default_rng(
+        [seed, weights_a_side, int(1e4 * joint.geometry.rest_length)]
+    ).standard_normal(theta.size)
     return Log(*(a[there] for a in (theta, P1, P2, torque, direction)))
 
 
