@@ -126,8 +126,8 @@ def _progress(models: Iterable[Any], console: Console) -> Iterable[Any]:
 def _describe_log(log: JointLog, console: Console) -> None:
     if log.used < log.rows:
         console.print(
-            f"{log.theta.size} equilibria in {log.rows} rows of a raw log; {log.dropped_share:.0%} of the rows were not "
-            "within a second without motion, or before it, and were left out",
+            f"{log.theta.size} equilibria in {log.rows} rows of a raw log; {log.dropped_share:.0%} of the rows were "
+            "left out: not the last second of a time without motion",
             markup=False,
         )
 
@@ -173,7 +173,7 @@ def _describe(fit: JointFit, console: Console) -> None:
 
 def _stiffness_line(fit: JointFit) -> str:
     if fit.scale is None:
-        where = describe_reference(RelativeJoint(next(iter(fit.joints.values()))))
+        where = describe_reference(RelativeJoint(next(iter(fit.shapes.values()))))
         return (
             f"  stiffness: relative only, K/K_ref to ± {np.median(fit.stiffness_ratio_std()):.2g} (K_ref at {where}); "
             "absolute after a known weight was hung"

@@ -87,7 +87,7 @@ def _free_name(name: str, taken: Mapping[str, Any]) -> str:
 
 
 def _first(fit: JointFit) -> AntagonistJoint:
-    return next(iter(fit.joints.values()))
+    return next(iter(fit.shapes.values()))
 
 
 def _levels(joint: AntagonistJoint) -> Array:

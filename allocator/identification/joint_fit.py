@@ -44,6 +44,7 @@ def fit_joint(
     taut_min: float = 0.02,
     hold: Mapping[str, float] | None = None,
     start: Muscle | None = None,
+    leave_one_out: bool = True,
 ) -> JointFit:
     """Fit the muscles of a joint to equilibria: angles [rad] at pressures (P1, P2) [Pa, gauge], arrays that broadcast.
 
@@ -71,6 +72,8 @@ def fit_joint(
         Least force of both muscles, as a share of the mean: what no taut equilibrium tells on a pulley.
     hold, start
         As for `fit`: parameters of the muscle not to be fitted, a muscle to start from.
+    leave_one_out
+        Whether each group is also predicted from the others.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def fit_joint(
     extra = _extra(samples, friction=friction, ratio=ratio, zero=zero)
     prototype, recipe, fixed = _prototype(model, samples, hold or {}, start)
     problem = _problem(prototype, recipe, samples, fixed, extra, taut_min)
-    return solve(problem, scaled_guess(problem))
+    return solve(problem, scaled_guess(problem), leave_one_out)
 
 
 def _extra(samples: JointSamples, **wanted: bool) -> tuple[str, ...]:
@@ -160,10 +163,10 @@ def scale_shape(problem: JointProblem, x: Array) -> Array:
     return np.array([values.get(name, value) for name, value in zip(problem.names, x.tolist(), strict=True)])
 
 
-def solve(problem: JointProblem, x: Array | None = None) -> JointFit:
-    """The fit, searched from `x` or from the prototype, and its report."""
-    x, converged = minimise(problem, first_guess(problem) if x is None else x)
-    return conclude(problem, x, converged, minimise)
+def solve(problem: JointProblem, x: Array, leave_one_out: bool = True) -> JointFit:
+    """The fit, searched from `x`, and its report."""
+    x, converged = minimise(problem, x)
+    return conclude(problem, x, converged, minimise if leave_one_out else None)
 
 
 def first_guess(problem: JointProblem) -> Array:

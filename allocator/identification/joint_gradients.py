@@ -31,7 +31,7 @@ class Quantity(NamedTuple):
         return _std(self.gradient / self.value[:, None], covariance)
 
     def ratio(self, other: "Quantity") -> "Quantity":
-        """This divided by the other, element by element or by one value for all."""
+        """The value divided by the other, element by element or by one value for all."""
         value = self.value / other.value
         logarithm = self.gradient / self.value[:, None] - other.gradient / other.value[:, None]
         return Quantity(value, value[:, None] * logarithm)

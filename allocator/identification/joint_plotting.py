@@ -65,7 +65,7 @@ def _residuals(fit: JointFit, axes: Any) -> None:
 
 def _envelope(values: Any) -> tuple[Any, Any]:
     """Running least and greatest of the neighbours, so that the band is smooth."""
-    half = max(1, values.size // 30)
+    half = max(1, values.size // 12)
     padded = np.pad(values, half, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
     return windows.min(axis=1), windows.max(axis=1)
@@ -73,7 +73,7 @@ def _envelope(values: Any) -> tuple[Any, Any]:
 
 def _stiffness(fit: JointFit, axes: Any) -> None:
     """K or K/K_ref over the angle at three co-contractions, ± 2 standard deviations."""
-    label, joint = next(iter(fit.joints.items()))
+    label, joint = next(iter(fit.shapes.items()))
     theta = np.linspace(*joint.angle_range, 61)
     relative = RelativeJoint(joint)
     for share, colour in zip(_LEVELS, ("C0", "C2", "C3"), strict=True):
@@ -89,7 +89,7 @@ def _stiffness(fit: JointFit, axes: Any) -> None:
         axes.fill_between(theta / DEG, K - 2 * std, K + 2 * std, color=colour, alpha=0.2, linewidth=0)
     known = fit.scale is not None
     axes.set(xlabel="angle [°]", ylabel="stiffness K [N·m/rad]" if known else "relative stiffness K/K_ref")
-    where = "" if len(fit.joints) == 1 else f" ({label})"
+    where = "" if len(fit.shapes) == 1 else f" ({label})"
     axes.set_title(f"stiffness ± 2 std{where}" if known else f"force scale unknown: K/K_ref ± 2 std{where}")
     axes.set_ylim(bottom=0)
     axes.legend(frameon=False, fontsize="small")

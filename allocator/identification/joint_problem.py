@@ -99,8 +99,8 @@ class JointProblem:
     def equilibrium(self, u: Unknowns) -> tuple[Array, Mask]:
         """θ_eq (n,) [rad], and where there is one.
 
-        Newton's method for all samples at once from the measured angles, each kept inside a bracket G(low) > 0 > G(high)
-        that shrinks with every step and is halved where Newton leaves it.
+        Newton's method for all samples at once from the measured angles, each kept inside a bracket with
+        G(low) > 0 > G(high) that shrinks with every step and is halved where Newton leaves it.
         """
         start = theta = np.clip(self.samples.theta - u.zero, *self._searched)
         low, high, reached = self._bracket(u, start)

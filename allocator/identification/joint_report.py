@@ -20,8 +20,8 @@ _MOST_MISSED = 0.05  # of the samples for which the model may have no equilibriu
 _POOR_SCALE = 0.25
 
 
-def conclude(problem: JointProblem, x: Array, converged: bool, minimise: Minimise) -> JointFit:
-    """The report; `minimise` is used to leave out the groups in turn."""
+def conclude(problem: JointProblem, x: Array, converged: bool, minimise: Minimise | None) -> JointFit:
+    """The report; `minimise` is used to leave out the groups in turn, or None."""
     u = _checked(problem, x)
     error = problem.angle_error(x)
     at_bound = _at_bound(problem, x)
@@ -34,7 +34,7 @@ def conclude(problem: JointProblem, x: Array, converged: bool, minimise: Minimis
     slack = int((problem.shares(u) < problem.taut_min).sum())
     share = _hysteresis_share(problem, u)
     return JointFit(
-        joints=joints,
+        shapes=joints,
         scale=scale,
         scale_std=scale_std,
         ratio=u.ratio,
@@ -163,7 +163,7 @@ def _scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
     return float(np.median(K.relative_std(J @ covariance @ J.T)))
 
 
-def _groups(problem: JointProblem, x: Array, error: Array, minimise: Minimise) -> tuple[GroupError, ...]:
+def _groups(problem: JointProblem, x: Array, error: Array, minimise: Minimise | None) -> tuple[GroupError, ...]:
     s = problem.samples
     found = []
     for i, (label, _) in enumerate(s.groups):
@@ -172,8 +172,8 @@ def _groups(problem: JointProblem, x: Array, error: Array, minimise: Minimise) -
     return tuple(found)
 
 
-def _left_out(problem: JointProblem, x: Array, here: Mask, minimise: Minimise) -> float:
-    if here.all() or (~here).sum() < x.size + 1:
+def _left_out(problem: JointProblem, x: Array, here: Mask, minimise: Minimise | None) -> float:
+    if minimise is None or here.all() or (~here).sum() < x.size + 1:
         return float("nan")
     others, _ = minimise(problem.on(~here), x)
     return _rms(problem.on(here).angle_error(others))

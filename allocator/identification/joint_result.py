@@ -12,7 +12,7 @@ from allocator.errors import InvalidInput
 from allocator.identification import joint_gradients
 from allocator.identification.joint_problem import JointProblem
 from allocator.identification.joint_samples import JointSamples
-from allocator.identification.relative import RelativeJoint
+from allocator.identification.relative import WHY, RelativeJoint
 from allocator.joint import AntagonistJoint
 from allocator.muscles import Muscle
 
@@ -30,7 +30,7 @@ class GroupError(NamedTuple):
 class JointFit:
     """A fitted joint and how far to trust it. Angles in rad; errors are of the angle."""
 
-    joints: Mapping[str, AntagonistJoint]  # by group; on a conventional force scale where `scale` is None
+    shapes: Mapping[str, AntagonistJoint]  # by group; where `scale` is None their forces are right up to a factor
     scale: float | None  # mean ∂F/∂P of the agonist, its effective area [m²]; None: never seen
     scale_std: float | None  # its relative standard deviation [-]
     ratio: float  # strength of the antagonist in that of the agonist [-]
@@ -61,22 +61,22 @@ class JointFit:
     @property
     def muscle(self) -> Muscle:
         """The agonist."""
-        return next(iter(self.joints.values())).agonist
+        return next(iter(self.shapes.values())).agonist
 
     @property
     def joint(self) -> AntagonistJoint | RelativeJoint:
         """The joint; one that refuses absolute stiffness where the scale is unknown."""
-        if len(self.joints) > 1:
+        if len(self.shapes) > 1:
             raise InvalidInput(
-                f"the fit is of several geometries: take joint_of({' or '.join(map(repr, self.joints))})"
+                f"the fit is of several geometries: take joint_of({' or '.join(map(repr, self.shapes))})"
             )
-        return self.joint_of(next(iter(self.joints)))
+        return self.joint_of(next(iter(self.shapes)))
 
     def joint_of(self, group: Any) -> AntagonistJoint | RelativeJoint:
         """The joint of one group of samples."""
-        if str(group) not in self.joints:
-            raise InvalidInput(f"there is no group {group!r}; there are {', '.join(self.joints)}")
-        joint = self.joints[str(group)]
+        if str(group) not in self.shapes:
+            raise InvalidInput(f"there is no group {group!r}; there are {', '.join(self.shapes)}")
+        joint = self.shapes[str(group)]
         return RelativeJoint(joint) if self.scale is None else joint
 
     @property
@@ -94,7 +94,9 @@ class JointFit:
         return self.samples.theta - self.errors()
 
     def stiffness(self) -> joint_gradients.Quantity:
-        """K (n,) at the samples and its gradient; on the conventional scale where `scale` is None."""
+        """K (n,) [N·m/rad] at the samples and its gradient. Raises InvalidInput where the force scale is unknown."""
+        if self.scale is None:
+            raise InvalidInput(f"stiffness of this joint {WHY}")
         return self._at_samples(joint_gradients.stiffness)
 
     def stiffness_ratio_std(self) -> Array:
@@ -107,12 +109,10 @@ class JointFit:
 
     def stiffness_std(self) -> Array:
         """Standard deviation of K (n,) [N·m/rad] at the samples. Raises InvalidInput where the scale is unknown."""
-        if self.scale is None:
-            raise InvalidInput(
-                "the standard deviation of K needs the force scale: fit with a weight, or with_scale(...)"
-            )
-        covariance = np.asarray(next(iter(self.joints.values())).covariance)
-        return self.stiffness().std(covariance)
+        K, covariance = self.stiffness(), next(iter(self.shapes.values())).covariance
+        if covariance is None:
+            raise InvalidInput("this joint has no covariance: its muscles were not fitted")
+        return K.std(np.asarray(covariance))
 
     def _at_samples(self, quantity: Any) -> joint_gradients.Quantity:
         s = self.samples
@@ -122,7 +122,7 @@ class JointFit:
         return joint_gradients.Quantity(value, gradient)
 
     def _by_group(self) -> list[tuple[Any, AntagonistJoint]]:
-        return [(self.samples.group == i, joint) for i, joint in enumerate(self.joints.values())]
+        return [(self.samples.group == i, joint) for i, joint in enumerate(self.shapes.values())]
 
     def with_scale(
         self,

@@ -18,14 +18,14 @@ def from_gain(fit: JointFit, T_P: float, at: tuple[float, float, float], std: fl
     """From a measured ∂T/∂P1 [N·m/Pa] of a fit of one geometry."""
     if fit.scale is not None:
         raise InvalidInput("the force scale is known already, from the weight in the data")
-    if len(fit.joints) > 1:
+    if len(fit.shapes) > 1:
         raise InvalidInput("T_P belongs to one geometry; this fit is of several: complete it with weights")
-    (label, shape), (theta, P1, P2) = next(iter(fit.joints.items())), at
+    (label, shape), (theta, P1, P2) = next(iter(fit.shapes.items())), at
     joint = RelativeJoint(shape).with_scale(T_P, (theta - fit.zero, P1, P2), std)
     names, powers = list(shape.agonist.parameters), strength_powers(shape.agonist)
     name, power = next((n, p) for n, p in zip(names, powers, strict=True) if p)
     factor = (joint.agonist.parameters[name] / shape.agonist.parameters[name]) ** (1 / power)
-    return fit.replaced(joints={label: joint}, scale=CONVENTIONAL_AREA * float(factor), scale_std=std / T_P)
+    return fit.replaced(shapes={label: joint}, scale=CONVENTIONAL_AREA * float(factor), scale_std=std / T_P)
 
 
 def from_weights(fit: JointFit, theta: Any, P1: Any, P2: Any, torque: Any, direction: Any, group: Any) -> JointFit:

@@ -1,10 +1,10 @@
 """Which pressures to visit and which weight to hang so that K is known to a wanted accuracy: a D-optimal plan.
 
 The unknowns x of the fit have the information matrix M = M0 + Σ Bᵀ B/σ², B the two rows ∂θ_eq/∂x of a setpoint that is
-visited from above and from below, M0 a loose prior (a parameter is known to five times itself, the zero to 10°, μ to 0.3). At each
-step the setpoint with the greatest gain log det(I + B M⁻¹ Bᵀ/σ²) is added, until the standard deviation of K over the
-unloaded setpoints, √(g M⁻¹ gᵀ) in the mean square, is what is wanted, and there are as many setpoints as unknowns. A weight is only a weight while it is the same in
-the whole plan: the plan is made for several, and the one that needs the fewest setpoints is taken.
+visited from above and from below, M0 a loose prior (a parameter is known to five times itself, the zero to 10°, μ to
+0.3). At each step the setpoint with the greatest gain log det(I + B M⁻¹ Bᵀ/σ²) is added, until the standard deviation
+of K over the unloaded setpoints, √(g M⁻¹ gᵀ) in the mean square, is what is wanted, and there are as many setpoints as
+unknowns. A plan has one weight: plans are made for several, and the one with the fewest setpoints is taken.
 """
 
 from collections.abc import Iterable
@@ -56,12 +56,13 @@ class JointPlan:
             f"known to {self.accuracy:.1%}" + ("" if self.reached else ", which is less than was wanted")
         )
         how = (
-            "falling: come from a P1 0.5 bar higher, then lower P1 to its value; rising: come from a P1 0.5 bar lower.\n"
+            "falling: come from a P1 0.5 bar higher, then lower P1 to its value; rising: from a P1 0.5 bar lower.\n"
             "Wait until nothing moves and note θ, P1, P2, the torque (its sign as below) and the direction."
         )
         rows = [" no.  torque [N·m]  P1 [bar]  P2 [bar]   θ falling   θ rising"]
         rows += [
-            f"{i:4d}  {s.torque:+12.3g}  {s.P1 / BAR:8.2f}  {s.P2 / BAR:8.2f}  {s.falling / DEG:9.1f}°  {s.rising / DEG:8.1f}°"
+            f"{i:4d}  {s.torque:+12.3g}  {s.P1 / BAR:8.2f}  {s.P2 / BAR:8.2f}"
+            f"  {s.falling / DEG:9.1f}°  {s.rising / DEG:8.1f}°"
             for i, s in enumerate(self.setpoints, 1)
         ]
         return "\n".join([head, how, *rows])

@@ -121,4 +121,4 @@ def describe_reference(joint: RelativeJoint) -> str:
     return f"θ = {theta / DEG:.3g}°, P1 = {P1 / BAR:.3g} bar, P2 = {P2 / BAR:.3g} bar"
 
 
-__all__ = ["RelativeJoint", "describe_reference", "with_joint_covariance"]
+__all__ = ["WHY", "RelativeJoint", "describe_reference", "with_joint_covariance"]

@@ -80,16 +80,16 @@ def log_of(joint, weights_a_side=3, seed=0, noise=NOISE, weight=WEIGHT):
     return Log(*(a[there] for a in (theta, P1, P2, torque, direction)))
 
 
-@pytest.fixture(params=TWINS)
-def twin(request):
-    return TWINS[request.param]
-
-
-@pytest.fixture
-def twins():
+@pytest.fixture(scope="session")
+def all_twins():
     return TWINS
 
 
-@pytest.fixture
-def simulated():
+@pytest.fixture(scope="session")
+def log_maker():
     return log_of
+
+
+@pytest.fixture(scope="session")
+def truth_of():
+    return truth
