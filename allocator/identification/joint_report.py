@@ -110,7 +110,8 @@ def _unseen(problem: JointProblem, x: Array) -> tuple[str, ...]:
 
 def parameter_jacobian(problem: JointProblem, u: Unknowns) -> Array:
     """∂q/∂x (2k, m): parameters q of agonist and antagonist; the antagonist's are scaled by the ratio."""
-    names, powers = list(u.muscle.parameters), _powers(u)
+    names = list(u.muscle.parameters)
+    powers = strength_powers(u.muscle) if "log_ratio" in problem.extra else np.zeros(len(names))
     values = np.array(list(u.muscle.parameters.values()))
     k = len(names)
     J = np.zeros((2 * k, len(problem.names)))
@@ -121,10 +122,6 @@ def parameter_jacobian(problem: JointProblem, u: Unknowns) -> Array:
         elif name == "log_ratio":
             J[k:, column] = powers * values * u.ratio**powers
     return J
-
-
-def _powers(u: Unknowns) -> Array:
-    return strength_powers(u.muscle) if u.muscle.parameters else np.zeros(0)
 
 
 def _joints(problem: JointProblem, u: Unknowns, covariance: Array) -> dict[str, AntagonistJoint]:

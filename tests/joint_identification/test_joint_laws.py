@@ -187,11 +187,12 @@ def test_models_stay_in_the_order_given(all_twins, log_maker):
 def test_the_link_gets_the_torque_asked_for_whichever_way_it_moves(all_twins, method):
     way = np.array([-1.0, -0.3, 0.0, 1.0])
     for joint in all_twins.values():
-        answer = allocate(0.2, 4.5, 0.3, joint=joint, direction=way, method=method)
+        K = joint.stiffness(0.2, 3 * BAR, 3 * BAR)
+        answer = allocate(0.2, K, 0.3, joint=joint, direction=way, method=method)
         lost = joint.friction_torque(0.2, answer.P1, answer.P2, way)
         assert answer.success.all()
         assert answer.T - lost == pytest.approx(0.3, abs=1e-6)
-        assert answer.K == pytest.approx(4.5, rel=1e-6)
+        assert answer.K == pytest.approx(K, rel=1e-6)
 
 
 def test_a_joint_without_friction_is_not_disturbed_by_the_direction():
