@@ -145,24 +145,24 @@ def test_weights_added_later_complete_the_scale(unloaded):
 
 @dataclass(frozen=True)
 class Transformed(Muscle):
-    """F = F_other^power (in kN): a rising transformation, which leaves F1 = F2 and so every angle as it is."""
+    """F + F³/bend² of another law's force F: a rising transformation, which leaves F1 = F2 and so every angle as it is."""
 
     citation = "mathematics: a good angle fit does not select the stiffness"
     other: Muscle = field(metadata=NOT_A_NUMBER)
-    power: float
+    bend: float  # [N]
 
     def force(self, P, eps):
-        return 1e3 * (self.other.force(P, eps) / 1e3) ** self.power
+        F = self.other.force(P, eps)
+        return F + F**3 / self.bend**2
 
     def gain(self, P, eps):
-        inner = self.other.force(P, eps) / 1e3
-        return self.power * inner ** (self.power - 1) * self.other.gain(P, eps)
+        return (1 + 3 * (self.other.force(P, eps) / self.bend) ** 2) * self.other.gain(P, eps)
 
 
 def test_two_laws_with_the_same_angles_and_other_stiffness_are_recognised(all_twins, log_maker):
     joint = replace(all_twins["sarosi-pulley"], friction=0.0)
     (theta, P1, P2), _ = log_maker(joint, 0).fit_arguments()
-    one, two = joint.agonist, Transformed(joint.agonist, 1.4)
+    one, two = joint.agonist, Transformed(joint.agonist, 400.0)
     given = {"geometry": joint.geometry, "ratio": False, "taut_min": 0.0}
     found = compare_joint_models(theta, P1, P2, models=(one, two), **given)
     (pair,) = found.indistinguishable
