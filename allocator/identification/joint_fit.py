@@ -23,6 +23,7 @@ DEAD_BAND = 0.5 * BAR  # below it a muscle hardly acts [Pa]
 _EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-0.6, 0.6), "friction": (-0.5, 0.8)}
 _TOLERANCE = 1e-8
 _EVALUATIONS = 200
+_GAIN = 1e-3  # of the cost
 _UNBOUNDED = (-np.inf, np.inf)
 
 
@@ -196,7 +197,15 @@ def minimise(problem: JointProblem, x: Array) -> tuple[Array, bool]:
             gtol=_TOLERANCE,
             max_nfev=_EVALUATIONS,
         )
-    return found.x, found.status > 0
+    return found.x, found.status > 0 or _settled(found.fun, found.jac)
+
+
+def _settled(r: Array, J: Array) -> bool:
+    """Whether a full Gauss–Newton step would gain next to nothing: the search creeps along a valley without relief."""
+    size = np.linalg.norm(J, axis=0)
+    J = J / np.where(size > 0, size, 1.0)
+    gain = J @ np.linalg.lstsq(J, r, rcond=1e-8)[0]
+    return float(gain @ gain) <= _GAIN * float(r @ r)
 
 
 __all__ = ["DEAD_BAND", "first_guess", "fit_joint", "minimise", "solve"]
