@@ -197,7 +197,7 @@ def minimise(problem: JointProblem, x: Array) -> tuple[Array, bool]:
             gtol=_TOLERANCE,
             max_nfev=_EVALUATIONS,
         )
-    return found.x, found.status > 0 or _settled(found.fun, found.jac)
+    return found.x, found.status > 0 or _settled(found.fun, np.asarray(found.jac))
 
 
 def _settled(r: Array, J: Array) -> bool:

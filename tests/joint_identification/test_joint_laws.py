@@ -145,7 +145,7 @@ def test_weights_added_later_complete_the_scale(unloaded):
 
 @dataclass(frozen=True)
 class Transformed(Muscle):
-    """F + F³/bend² of another law's force F: a rising transformation, which leaves F1 = F2 and so every angle as it is."""
+    """F + F³/bend² of another law's force F: a rising transformation, which leaves every angle as it is."""
 
     citation = "mathematics: a good angle fit does not select the stiffness"
     other: Muscle = field(metadata=NOT_A_NUMBER)
