@@ -5,8 +5,8 @@ import pytest
 
 from allocator.identification import fit
 from allocator.muscles import (
-    AffinePolynomial,
     MODELS,
+    AffinePolynomial,
     Andrikopoulos2016,
     ChouHannaford1996,
     Hildebrandt2005,
