@@ -1,4 +1,4 @@
-"""A muscle identified from measured forces, a joint from measured angles: reading, least squares, covariance, ranking."""
+"""A muscle from measured forces, a joint from measured angles: reading, least squares, covariance, ranking."""
 
 from allocator.identification.datasets import DATASETS, Dataset, load_dataset
 from allocator.identification.fitting import fit
