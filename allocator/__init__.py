@@ -9,9 +9,20 @@
 from allocator.allocation import Allocation, Status, allocate
 from allocator.errors import AntagonistError, InvalidFile, InvalidInput, MissingBackend
 from allocator.geometry import Geometry, Lever, Pulley, Table
-from allocator.identification import Fit, fit, load_dataset, rank_models, read_samples
+from allocator.identification import (
+    Fit,
+    JointFit,
+    compare_joint_models,
+    fit,
+    fit_joint,
+    load_dataset,
+    plan_joint_experiment,
+    rank_models,
+    read_samples,
+)
 from allocator.inverse import inverse
 from allocator.joint import AntagonistJoint, report_joint
+from allocator.joint_storage import load_joint, save_joint
 from allocator.limits import Limit
 from allocator.muscles import MODELS, AffineMuscle, Muscle
 from allocator.muscles.catalogue import named_muscle
@@ -29,6 +40,7 @@ __all__ = [
     "Geometry",
     "InvalidFile",
     "InvalidInput",
+    "JointFit",
     "Lever",
     "Limit",
     "MissingBackend",
@@ -37,11 +49,16 @@ __all__ = [
     "Status",
     "Table",
     "allocate",
+    "compare_joint_models",
     "fit",
+    "fit_joint",
     "inverse",
     "load_dataset",
+    "load_joint",
     "named_muscle",
+    "plan_joint_experiment",
     "rank_models",
     "read_samples",
     "report_joint",
+    "save_joint",
 ]

@@ -9,7 +9,7 @@ At a fixed angle each muscle adds its own term, t(P) and k(P), to both: the join
 and everything static in this package is said in terms of these two `Side`s.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from allocator.errors import InvalidInput
 from allocator.geometry import Geometry, Pulley
 from allocator.limits import Limit, PressureBox
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
+from allocator.muscles.base import Covariance
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 from allocator.side import Side
 from allocator.tondu_pulley import TonduPulley
@@ -42,6 +43,9 @@ class AntagonistJoint:
     pressure_limits: tuple[float, float] = (0.0, 5 * BAR)  # of the supply [Pa]
     min_contraction: float = 0.025  # ε_threshold [-], below it no model is valid   (25)
     angle_limits: tuple[float, float] | None = None  # mechanical end stops [rad]
+    friction: float = field(default=0.0, kw_only=True)  # μ of `friction_torque` [-]
+    covariance: Covariance | None = field(default=None, kw_only=True, repr=False)
+    """Of all parameters of agonist and antagonist together, in this order, if the joint was fitted as a whole."""
 
     def __post_init__(self) -> None:
         """Check the limits against each other."""
@@ -55,12 +59,25 @@ class AntagonistJoint:
             if not left < right:
                 raise InvalidInput(f"angle_limits = ({left:g}, {right:g}) rad have to increase")
             object.__setattr__(self, "angle_limits", (left, right))
+        object.__setattr__(self, "friction", checks.not_negative("friction", self.friction, "share of the forces"))
+        if self.covariance is not None:
+            object.__setattr__(self, "covariance", self._checked_covariance())
         left, right = self.angle_range
         if not left < right:
             raise InvalidInput(
                 f"no joint angle keeps both contractions above min_contraction = {self.min_contraction:g} "
                 "within the angle limits"
             )
+
+    def _checked_covariance(self) -> Covariance:
+        n = len(self.agonist.parameters) + len(self.antagonist.parameters)
+        matrix = np.asarray(self.covariance, float)
+        if matrix.shape != (n, n) or not np.isfinite(matrix).all():
+            raise InvalidInput(
+                f"covariance of a joint has to be {n} rows of {n} finite numbers, one for every parameter of its two "
+                f"muscles; got shape {matrix.shape}"
+            )
+        return tuple(map(tuple, matrix.tolist()))
 
     # --- at a fixed angle -------------------------------------------------------------------------------------------
 
@@ -98,6 +115,15 @@ class AntagonistJoint:
             (agonist.torque_gain(P1), antagonist.torque_gain(P2)),
             (agonist.stiffness_gain(P1), antagonist.stiffness_gain(P2)),
         )
+
+    def friction_torque(self, theta: Value, P1: Value, P2: Value, direction: Value) -> Value:
+        """μ (a1 F1 + a2 F2) sign [N·m]: what the muscles lose when θ rises (`direction` +1) or falls (-1); 0 at rest.
+
+        Quasi-static: it does not vanish at low speed. The link gets `torque` minus this.
+        """
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(theta)
+        return self.friction * direction * (agonist.torque(P1) - antagonist.torque(P2))
 
     def _checked(self, theta: Value, P1: Value, P2: Value) -> tuple[Value, Value, Value]:
         return (

@@ -14,16 +14,15 @@ def with_covariance(joint: AntagonistJoint, uncertainty: Any) -> AntagonistJoint
     if not joint.affine:
         raise InvalidInput("uncertainty needs muscles affine in pressure: only then the problem is convex")
     if uncertainty is True:
-        if joint.agonist.covariance is None and joint.antagonist.covariance is None:
+        if joint.covariance is None and joint.agonist.covariance is None and joint.antagonist.covariance is None:
             raise InvalidInput("uncertainty = True, but the muscles have no covariance: fit them, or pass a matrix")
         return joint
     pair = uncertainty if isinstance(uncertainty, tuple) else (uncertainty, uncertainty)
     if len(pair) != 2:
         raise InvalidInput("uncertainty has to be True, a covariance matrix, or a pair of them (agonist, antagonist)")
     one, two = (_checked(matrix) for matrix in pair)
-    return replace(
-        joint, agonist=replace(joint.agonist, covariance=one), antagonist=replace(joint.antagonist, covariance=two)
-    )
+    agonist, antagonist = replace(joint.agonist, covariance=one), replace(joint.antagonist, covariance=two)
+    return replace(joint, agonist=agonist, antagonist=antagonist, covariance=None)
 
 
 def _checked(matrix: Any) -> tuple[tuple[float, ...], ...]:

@@ -10,6 +10,7 @@ from allocator.allocation import backends, exact
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.assessment import OPTIMISER, Assessment, assess, assess_inverse
 from allocator.allocation.covariance import with_covariance
+from allocator.allocation.friction import checked_direction, with_friction
 from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.result import Allocation, shaped
 from allocator.allocation.status import Status
@@ -27,6 +28,7 @@ def allocate(
     T: Value = 0.0,
     *,
     joint: AntagonistJoint | None = None,
+    direction: Value = 0,
     method: str = "exact",
     priority: Priority = "torque",
     weights: tuple[float, float] | None = None,
@@ -53,6 +55,9 @@ def allocate(
         Joint angle [rad], isobaric stiffness [N·m/rad] and torque [N·m]; scalars or arrays, broadcast like a ufunc.
     joint
         The joint; by default the report's (two Tondu2021 DMSP-20-400N on a 2 cm pulley, 0–5 bar, ±125°).
+    direction
+        Where the joint is to move: +1 θ rises, -1 θ falls, 0 it rests (default). The muscles of a joint with `friction`
+        then add what friction takes, so that `T` is left for the link; the answer's torques are the muscles'.
     method
         "exact": the global optimum, in closed form where there is one. "analytic": the inverse alone, without limits;
         NaN where it does not exist. "qp" (successive QPs), "nlp" (CasADi), "convex" (cvxpy): optimisers that start from
@@ -101,11 +106,12 @@ def allocate(
         if method != "convex" or solver is not None:
             raise InvalidInput("uncertainty belongs to method='convex' with its default solver")
         joint, risk = with_covariance(joint, uncertainty), checks.probability("risk", risk)
+    s = checked_direction(direction)
     problem, asked = problem_from(
         joint,
         theta,
         K,
-        T,
+        T + 0.0 * s if s.ndim else T,
         priority=priority,
         weights=weights,
         min_force=min_force,
@@ -117,15 +123,25 @@ def allocate(
         previous=previous,
         max_step=max_step,
     )
-    if method == "analytic":
-        return _inverted(problem, asked)
-    if method == "exact":
-        P1, P2 = exact.solve(problem)
-        found = assess(problem, P1, P2, _outside(problem.joint, asked.ravel()))
-        return _allocation(problem, asked, P1, P2, found, method, local=exact.is_local(problem))
-    if uncertainty is not None:
-        return _uncertain(problem, asked, risk)
-    return _optimised(problem, asked, method, solver, warm_start)
+
+    def answer(problem: Problem) -> Allocation:
+        if method == "analytic":
+            return _inverted(problem, asked)
+        if method == "exact":
+            return _exact(problem, asked)
+        if uncertainty is not None:
+            return _uncertain(problem, asked, risk)
+        return _optimised(problem, asked, method, solver, warm_start)
+
+    if not (joint.friction and s.any()):
+        return answer(problem)
+    return with_friction(answer, problem, np.broadcast_to(s, asked.shape).ravel())
+
+
+def _exact(problem: Problem, asked: Array) -> Allocation:
+    P1, P2 = exact.solve(problem)
+    found = assess(problem, P1, P2, _outside(problem.joint, asked.ravel()))
+    return _allocation(problem, asked, P1, P2, found, "exact", local=exact.is_local(problem))
 
 
 def _inverted(problem: Problem, asked: Array) -> Allocation:

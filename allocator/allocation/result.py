@@ -98,6 +98,12 @@ class Allocation:
         one, two = self._problem.sides
         return self._shaped(one.force(np.ravel(self.P1)), two.force(np.ravel(self.P2)))
 
+    @property
+    def torques(self) -> tuple[Array, Array]:
+        """What agonist (a1 F1) and antagonist (-a2 F2) add to the torque, in one row [N·m]."""
+        one, two = self._problem.sides
+        return one.torque(np.ravel(self.P1)), two.torque(np.ravel(self.P2))
+
     def jacobian(self) -> Array:
         """dP/d(θ, K, T), shape (…, 2, 3) [Pa/rad, Pa·rad/(N·m), Pa/(N·m)], with the active set held.
 

@@ -19,21 +19,23 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.identification.samples import Samples, find_mistake
-from allocator.units import BAR, KPA, MM, MPA, PERCENT, PSI
+from allocator.units import BAR, DEG, KPA, MM, MPA, PERCENT, PSI
 
 FilePath: TypeAlias = str | PathLike[str]
+
+_PRESSURE = {"bar": BAR, "kpa": KPA, "mpa": MPA, "psi": PSI, "pa": 1.0}
 
 _UNITS = {
     "contraction": {"contraction": 1.0, "contraction_pct": PERCENT},
     "length": {"length_mm": MM, "length_m": 1.0},
-    "pressure": {
-        "pressure_bar": BAR,
-        "pressure_kpa": KPA,
-        "pressure_mpa": MPA,
-        "pressure_psi": PSI,
-        "pressure_pa": 1.0,
-    },
+    **{p: {f"{p}_{unit}": scale for unit, scale in _PRESSURE.items()} for p in ("pressure", "pressure1", "pressure2")},
     "force": {"force_n": 1.0},
+    "theta": {"theta_rad": 1.0, "theta_deg": DEG},
+    "torque": {"torque_nm": 1.0},
+    "time": {"time_s": 1.0, "time_ms": 1e-3},
+    "direction": {"direction": 1.0},
+    "sweep": {"sweep": 1.0},
+    "rest_length": {"rest_length_mm": MM, "rest_length_m": 1.0},
 }
 
 
@@ -51,9 +53,9 @@ def read_samples(path: FilePath, rest_length: float | None = None) -> Samples:
 
     Raises `InvalidFile`, with line and column, at anything that cannot be read or cannot be right.
     """
-    table = _read_table(path)
-    P = _quantity(path, table, "pressure")
-    F = _quantity(path, table, "force")
+    table = read_table(path)
+    P = quantity_of(path, table, "pressure")
+    F = quantity_of(path, table, "force")
     eps = _contraction(path, table, rest_length)
     if mistake := find_mistake(eps, P, F):
         column = _column(path, table, mistake.quantity, ("length",) if mistake.quantity == "contraction" else ())
@@ -61,7 +63,8 @@ def read_samples(path: FilePath, rest_length: float | None = None) -> Samples:
     return Samples.checked(eps, P, F)
 
 
-def _read_table(path: FilePath) -> Table:
+def read_table(path: FilePath) -> Table:
+    """Take the file apart, by whatever separator it uses."""
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -86,16 +89,16 @@ def _read_table(path: FilePath) -> Table:
 
 
 def _contraction(path: FilePath, table: Table, rest_length: float | None) -> Array:
-    if _find(path, table, "contraction") is not None:
-        if _find(path, table, "length") is not None:
+    if find_column(path, table, "contraction") is not None:
+        if find_column(path, table, "length") is not None:
             raise InvalidFile(path, "has a contraction and a length; keep one of the two columns")
-        eps = _quantity(path, table, "contraction")
+        eps = quantity_of(path, table, "contraction")
         percent = table.names[_column(path, table, "contraction")].lower() == "contraction_pct"
         if percent and 0 < np.abs(eps).max() <= 0.6 * PERCENT:
             raise InvalidFile(path, "never exceeds 0.6 %; was the ratio meant for percent?", column="contraction_pct")
         return eps
     column = _column(path, table, "contraction", ("length",))
-    length = _quantity(path, table, "length")
+    length = quantity_of(path, table, "length")
     if rest_length is None:
         raise InvalidFile(path, "lengths need the rest length of the muscle", column=table.names[column])
     if not (np.isfinite(rest_length) and rest_length > 0):
@@ -106,7 +109,7 @@ def _contraction(path: FilePath, table: Table, rest_length: float | None) -> Arr
     return (rest_length - length) / rest_length
 
 
-def _find(path: FilePath, table: Table, quantity: str) -> int | None:
+def find_column(path: FilePath, table: Table, quantity: str) -> int | None:
     """Index of the one column with this quantity, if there is one."""
     found = [i for i, name in enumerate(table.names) if name.lower() in _UNITS[quantity]]
     if len(found) > 1:
@@ -119,9 +122,11 @@ def _column(path: FilePath, table: Table, quantity: str, instead: Iterable[str] 
     """Index of the column with this quantity, or one of those that serve instead."""
     quantities = (quantity, *instead)
     for each in quantities:
-        if (index := _find(path, table, each)) is not None:
+        if (index := find_column(path, table, each)) is not None:
             return index
-    valid = ", ".join(name.replace("force_n", "force_N") for each in quantities for name in _UNITS[each])
+    valid = ", ".join(
+        name.replace("force_n", "force_N").replace("_nm", "_Nm") for each in quantities for name in _UNITS[each]
+    )
     for name in table.names:
         if name.lower() in quantities:
             raise InvalidFile(path, f"has no unit; name it one of {valid}", column=name)
@@ -130,18 +135,19 @@ def _column(path: FilePath, table: Table, quantity: str, instead: Iterable[str] 
     raise InvalidFile(path, f"has no column for the {quantity} (one of {valid}) among {', '.join(table.names)}")
 
 
-def _quantity(path: FilePath, table: Table, quantity: str) -> Array:
+def quantity_of(path: FilePath, table: Table, quantity: str) -> Array:
     """The column of this quantity in SI units."""
     column = _column(path, table, quantity)
     name = table.names[column]
     values = [
-        _number(path, row[column], table.decimal_comma, line, name)
+        number_of(path, row[column], table.decimal_comma, line, name)
         for line, row in zip(table.lines, table.rows, strict=True)
     ]
     return np.array(values) * _UNITS[quantity][name.lower()]
 
 
-def _number(path: FilePath, text: str, decimal_comma: bool, line: int, column: str) -> float:
+def number_of(path: FilePath, text: str, decimal_comma: bool, line: int, column: str) -> float:
+    """The number in one cell."""
     try:
         value = float(text.replace(",", ".") if decimal_comma else text)
     except ValueError:
@@ -152,4 +158,4 @@ def _number(path: FilePath, text: str, decimal_comma: bool, line: int, column: s
     return value
 
 
-__all__ = ["read_samples"]
+__all__ = ["FilePath", "Table", "find_column", "number_of", "quantity_of", "read_samples", "read_table"]

@@ -4,6 +4,7 @@
 (exponential in pressure) is missing: its formula was not found.
 """
 
+from allocator.muscles.affine_polynomial import AffinePolynomial
 from allocator.muscles.base import AffineMuscle, Muscle
 from allocator.muscles.chou import ChouHannaford1996
 from allocator.muscles.custom import FunctionMuscle, TableMuscle
@@ -18,6 +19,7 @@ from allocator.muscles.polynomial import PolynomialMcKibben
 from allocator.muscles.pressure_dependent import Andrikopoulos2016, TonduLopez2000
 from allocator.muscles.recipe import Recipe
 from allocator.muscles.sarosi import Sarosi2012
+from allocator.muscles.strength import scaled, strength_powers
 from allocator.muscles.tondu import Tondu2021
 from allocator.muscles.uncertainty import (
     ParameterSensitivities,
@@ -32,6 +34,7 @@ from allocator.muscles.wickramatunge import Wickramatunge2010
 __all__ = [
     "MODELS",
     "AffineMuscle",
+    "AffinePolynomial",
     "Andrikopoulos2016",
     "ChouHannaford1996",
     "FunctionMuscle",
@@ -53,6 +56,8 @@ __all__ = [
     "force_std",
     "monotonicity_failure",
     "parameter_sensitivities",
+    "scaled",
     "slope_std",
     "standard_deviation",
+    "strength_powers",
 ]

@@ -1,5 +1,6 @@
 """The one list of all models."""
 
+from allocator.muscles.affine_polynomial import AffinePolynomial
 from allocator.muscles.base import Muscle
 from allocator.muscles.chou import ChouHannaford1996
 from allocator.muscles.custom import TableMuscle
@@ -29,6 +30,7 @@ MODELS: dict[str, type[Muscle]] = {
         PolynomialMcKibben,
         Tondu2021,
         KazemipourKatzschmann2025,
+        AffinePolynomial,
         TableMuscle,
     )
 }

@@ -40,19 +40,23 @@ def dumps(muscle: Muscle, source: Mapping[str, str | float]) -> str:
             f"a {type(muscle).__name__} is made of Python functions and cannot be written to a file; "
             "sample them into a TableMuscle"
         )
-    lines = [f"model = {_toml(type(muscle).__name__)}", "", "[parameters]  # SI units: Pa, m, rad, N"]
-    lines += [f"{name} = {_toml(getattr(muscle, name))}" for name in fields]
+    lines = [f"model = {toml(type(muscle).__name__)}", "", "[parameters]  # SI units: Pa, m, rad, N"]
+    lines += [f"{name} = {toml(getattr(muscle, name))}" for name in fields]
     if source:
-        lines += ["", "[source]", *(f"{_key(name)} = {_toml(value)}" for name, value in source.items())]
+        lines += ["", "[source]", *(f"{_key(name)} = {toml(value)}" for name, value in source.items())]
     if muscle.covariance is not None:
         lines += ["", f"[covariance]  # of {', '.join(muscle.parameters)}", "rows = ["]
-        lines += [*(f"    {_toml(row)}," for row in muscle.covariance), "]"]
+        lines += [*(f"    {toml(row)}," for row in muscle.covariance), "]"]
     return "\n".join(lines) + "\n"
 
 
 def load(cls: type[M], path: str | PathLike[str]) -> M:
     """Read the muscle in `path`, which has to be a `cls`."""
-    content = _read(path)
+    return muscle_from(cls, path, read(path))
+
+
+def muscle_from(cls: type[M], path: str | PathLike[str], content: dict[str, Any]) -> M:
+    """The muscle in the parsed `content`; `path` is for the messages."""
     model = _model(cls, path, content)
     given = content.get("parameters")
     if not isinstance(given, dict):
@@ -66,7 +70,8 @@ def load(cls: type[M], path: str | PathLike[str]) -> M:
         raise InvalidFile(path, str(error)) from None
 
 
-def _read(path: str | PathLike[str]) -> dict[str, Any]:
+def read(path: str | PathLike[str]) -> dict[str, Any]:
+    """The tables of a TOML file."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -103,12 +108,12 @@ def _compare(path: str | PathLike[str], model: type[Muscle], given: dict[str, An
         raise InvalidFile(path, f"{model.__name__} has no parameter {', '.join(surplus)}; it has {', '.join(wanted)}")
 
 
-def _toml(value: object) -> str:
+def toml(value: object) -> str:
     """A value in TOML."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)  # TOML's basic strings are written like JSON's
     if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
+        return f"[{', '.join(map(toml, value))}]"
     if isinstance(value, int | float | np.number):
         return repr(float(value)) if isinstance(value, float | np.floating) else str(int(value))
     raise InvalidInput(f"source: {value!r} is neither text nor a number")
@@ -118,4 +123,4 @@ def _key(name: str) -> str:
     return name if name.replace("_", "").isalnum() and name.isascii() else json.dumps(name)
 
 
-__all__ = ["dumps", "load", "save"]
+__all__ = ["dumps", "load", "muscle_from", "read", "save", "toml"]

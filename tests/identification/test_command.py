@@ -51,7 +51,7 @@ def test_one_s_own_file_with_lengths_and_what_is_held(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--model", "Magic2030"], "unknown model 'Magic2030'; available: Andrikopoulos2016, "),
+        (["--model", "Magic2030"], "unknown model 'Magic2030'; available: AffinePolynomial, "),
         (["--model", "Hogan1984", "--all"], "--all fits every model"),
         (["--hold", "r0"], "--hold r0: expected NAME=VALUE, such as r0=0.0109"),
         (["nowhere.csv"], "nowhere.csv: does not exist"),

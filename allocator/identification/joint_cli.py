@@ -1,0 +1,193 @@
+"""`antagonist fit-joint`: a joint from a log of angles and pressures."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from allocator.errors import InvalidInput
+from allocator.geometry import Geometry, Lever, Pulley
+from allocator.identification.joint_comparison import JointComparison, compare_joint_models
+from allocator.identification.joint_fit import fit_joint
+from allocator.identification.joint_reading import JointLog, read_joint_log
+from allocator.identification.joint_result import JointFit
+from allocator.identification.relative import RelativeJoint, describe_reference
+from allocator.units import BAR, DEG, MM
+
+
+def fit_joint_command(
+    log: Annotated[Path, typer.Argument(help="CSV with theta_deg, pressure1_bar, pressure2_bar; see the text above.")],
+    lever: Annotated[
+        str | None, typer.Option(help="Lever R,r or R,r,offset [m]: anchor distance, lever, length that is not muscle.")
+    ] = None,
+    pulley: Annotated[str | None, typer.Option(help="Pulley R,ε0: radius [m], contraction at θ = 0 [ratio].")] = None,
+    rest_length: Annotated[
+        float | None, typer.Option(help="Rest length of the muscles [mm], unless the file has a column of it.")
+    ] = None,
+    model: Annotated[str, typer.Option(help="Muscle model.")] = "Sarosi2012",
+    every: Annotated[bool, typer.Option("--all", help="Compare all models, in angle and in stiffness.")] = False,
+    average: Annotated[bool, typer.Option("--average", help="Fit the mean of both directions.")] = False,
+    friction: Annotated[bool, typer.Option(help="Fit the friction μ, if the log has directions.")] = True,
+    dead_band: Annotated[float, typer.Option(help="Leave out samples with a pressure below [bar].")] = 0.5,
+    sweep: Annotated[
+        list[str] | None, typer.Option(help="Direction of a number in the column sweep: 1=-1, 2=+1. Repeatable.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the joint to this TOML file.")] = None,
+    group: Annotated[
+        str | None, typer.Option(help="Which rest length [mm] --out is for, if there are several.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw angles, residuals and stiffness into this image.")] = None,
+) -> None:
+    """Fit a joint's muscles to angles measured at pressures, with friction and, given a weight, the force scale.
+
+    Columns by name with unit: theta_deg or theta_rad; pressure1_bar and pressure2_bar (agonist, antagonist; also _kpa,
+    _mpa, _psi, _pa; gauge); torque_Nm of a weight, positive where it pulls θ down; direction (+1 where θ was rising, -1
+    falling) or sweep; rest_length_mm where there are several. With a column time_s or time_ms the file is a raw log:
+    what was steady for a second is used.
+    """
+    console = Console()
+    data = read_joint_log(log, _sweeps(sweep or []))
+    _describe_log(data, console)
+    geometry, groups = _geometry(lever, pulley, rest_length, data.rest_length)
+    options: dict[str, Any] = {
+        "geometry": geometry,
+        "torque": data.torque,
+        "direction": data.direction,
+        "group": groups,
+        "average": average,
+        "friction": friction,
+        "dead_band": dead_band * BAR,
+    }
+    measured = (data.theta, data.P1, data.P2)
+    if every:
+        _report(compare_joint_models(*measured, progress=lambda m: _progress(m, console), **options), console)
+    fit = fit_joint(*measured, model=model, **options)
+    _describe(fit, console)
+    if out is not None:
+        fit.save(out, group)
+        console.print(f"wrote {out}", soft_wrap=True)
+    if plot is not None:
+        _draw(fit, plot)
+        console.print(f"wrote {plot}", soft_wrap=True)
+
+
+def _sweeps(settings: list[str]) -> dict[float, float]:
+    sweeps = {}
+    for setting in settings:
+        number, _, way = setting.partition("=")
+        try:
+            sweeps[float(number)] = float(way)
+        except ValueError:
+            raise InvalidInput(f"--sweep {setting}: expected NUMBER=DIRECTION, such as 1=-1") from None
+        if abs(sweeps[float(number)]) != 1:
+            raise InvalidInput(f"--sweep {setting}: the direction is +1 (θ rises) or -1 (θ falls)")
+    return sweeps
+
+
+def _geometry(
+    lever: str | None, pulley: str | None, rest_length: float | None, column: Any
+) -> tuple[Geometry | dict[str, Geometry], Any]:
+    """The mechanism, or one for each rest length in the file with the label of each sample."""
+    if (lever is None) == (pulley is None):
+        raise InvalidInput("give the mechanism, measured: either --lever R,r,offset [m] or --pulley R,ε0")
+    if (rest_length is None) == (column is None):
+        raise InvalidInput("give the rest length once: --rest-length [mm], or a column rest_length_mm in the file")
+
+    def make(l0: float) -> Geometry:
+        if lever is not None:
+            return Lever(l0, *_numbers("--lever", lever, (2, 3)))
+        return Pulley(l0, *_numbers("--pulley", pulley or "", (2,)))
+
+    if rest_length is not None:
+        return make(rest_length * MM), None
+    labels = [f"{length / MM:g}" for length in column]
+    return {label: make(float(label) * MM) for label in dict.fromkeys(labels)}, labels
+
+
+def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts:
+        raise InvalidInput(f"{option} {text}: expected {' or '.join(map(str, counts))} numbers, separated by commas")
+    return numbers
+
+
+def _progress(models: Iterable[Any], console: Console) -> Iterable[Any]:
+    return track(tuple(models), "fitting", console=console, transient=True)
+
+
+def _describe_log(log: JointLog, console: Console) -> None:
+    if log.used < log.rows:
+        console.print(
+            f"{log.theta.size} equilibria in {log.rows} rows of a raw log; {log.dropped_share:.0%} of the rows were "
+            "left out: not the last second of a time without motion",
+            markup=False,
+        )
+
+
+def _report(comparison: JointComparison, console: Console) -> None:
+    caption = "in the order of publication, since a good angle fit does not select the stiffness"
+    table = Table(title="Angle error and implied stiffness", caption=caption)
+    for heading in ("model", "error [°]", "left out [°]", "K/K_ref low", "K/K_ref high"):
+        table.add_column(heading, justify="left" if heading == "model" else "right", no_wrap=True)
+    for name, fit in comparison.fits.items():
+        low, _, high = comparison.stiffness[name]
+        left_out = "–" if np.isnan(fit.left_out) else f"{fit.left_out / DEG:.2f}"
+        table.add_row(name, f"{fit.rms / DEG:.2f}", left_out, f"{low:.3f}", f"{high:.3f}")
+    console.print(table)
+    for sentence in comparison.sentences:
+        console.print(sentence, markup=False)
+    for name, why in comparison.failures.items():
+        console.print(f"{name}: not fitted, {why}", markup=False)
+
+
+def _describe(fit: JointFit, console: Console) -> None:
+    """What was found, how far to trust it, and what the data do not tell."""
+    lines = [
+        f"{fit.model}, {fit.samples.n} equilibria: {fit.rms / DEG:.2f}° RMS",
+        f"  encoder zero {fit.zero / DEG:+.2f}°, antagonist {fit.ratio:.3f} times as strong as the agonist, "
+        f"friction μ = {fit.friction:.3f}",
+    ]
+    if not np.isnan(fit.hysteresis_share):
+        lines.append(f"  {fit.hysteresis_share:.0%} of the squared error without friction is hysteresis")
+    if len(fit.groups) > 1:
+        lines += [
+            f"  group {g.label}: {g.samples} samples, {g.rms / DEG:.2f}°, left out {g.left_out / DEG:.2f}°"
+            for g in fit.groups
+        ]
+        lines.append(f"  groups left out in turn are predicted to {fit.left_out / DEG:.2f}° RMS")
+    lines += [f"  {n} samples left out: {reason}" for reason, n in fit.samples.dropped.items()]
+    lines.append(_stiffness_line(fit))
+    lines += [f"  not seen by these data: {direction}" for direction in fit.unseen]
+    lines += [f"  beware: {warning}" for warning in fit.warnings]
+    for line in lines:
+        console.print(line, markup=False, highlight=False)
+
+
+def _stiffness_line(fit: JointFit) -> str:
+    if fit.scale is None:
+        where = describe_reference(RelativeJoint(next(iter(fit.shapes.values()))))
+        return (
+            f"  stiffness: relative only, K/K_ref to ± {np.median(fit.stiffness_ratio_std()):.2g} (K_ref at {where}); "
+            "absolute after a known weight was hung"
+        )
+    return f"  stiffness: known to {fit.scale_std:.1%}, if the law is right"
+
+
+def _draw(fit: JointFit, path: Path) -> None:
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from allocator.identification.joint_plotting import plot_joint_fit
+
+    plot_joint_fit(fit).savefig(path, dpi=120)
+
+
+__all__ = ["fit_joint_command"]
