@@ -76,6 +76,11 @@ class TrackingMPC:
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
         self._age = 0  # steps since a plan was optimised
 
+    @property
+    def ahead(self) -> int:
+        """Samples of preview that `step` takes after the present one."""
+        return self.N
+
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
         """The plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad].
 
