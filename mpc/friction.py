@@ -42,7 +42,7 @@ class Friction:
     def of_width(cls, plant: Plant, width: float, coulomb: float = 0.0, presliding: float = 0.5 * DEG) -> "Friction":
         """With a loop `width` [rad] wide between slow sweeps up and down at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width."""
         x = np.array([0.0, 0.0, _WIDTH_AT, _WIDTH_AT])
-        return cls(plant.stiffness(x) * width / (2 * pull(plant, x)), coulomb, presliding)
+        return cls(float(plant.stiffness(x) * width / (2 * pull(plant, x))), coulomb, presliding)
 
     def limit(self, pulled: Value) -> Value:
         """T_max [N·m] when the muscles pull with the torques a1 F1 + a2 F2 = `pulled` [N·m]."""
