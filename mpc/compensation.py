@@ -12,7 +12,7 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 from mpc.friction import Friction
 
-_SOFT = 0.05 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump
+_SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump
 _JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
 
 

@@ -32,14 +32,14 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from mpc.compensation import Compensation, FrictionState
+from mpc.compensation import Compensation
 from mpc.condense import Problem, condense, increments
 from mpc.feedforward import FeedForward, FeedForwardLaw
-from mpc.friction import pull
+from mpc.foresight import Foresight
 from mpc.limits import Limits
-from mpc.linearise import Motion, Predictor
+from mpc.linearise import Predictor
 from mpc.plan import Plan, PlanStatus, Rung, Times
-from mpc.plant import NX, Plant
+from mpc.plant import Plant
 from mpc.qp import QP
 from mpc.solvers import solver as solver_by_name
 from mpc.terminal import terminal_factor
@@ -65,34 +65,28 @@ class TrackingMPC:
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
         self.dt = float(checks.real("dt", self.dt, "s"))
-        if not 0 < self.dt < 1:
-            raise InvalidInput(f"dt = {self.dt:g} s has to be a sample time between 0 and 1 s")
+        self.limits = Limits.of(self.plant, self.dt)
         self.N = _count("N", self.N, least=3)
         self.iterations = _count("iterations", self.iterations, least=1)
         self._solve = solver_by_name(self.solver)
-        self._delay = self.compensation.delay(self.dt)
         self._predictor = Predictor(self.plant, self.dt, self.N)
-        self._under_way = Predictor(self.plant, self.dt, self._delay)
         self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N)
         L = terminal_factor(self.plant, self.dt, self.weights)
-        self.limits = Limits.of(self.plant, self.dt)
+        self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self.problem = Problem(self.weights, self.limits, L, increments(self.N), self.dt)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past: the next step begins from the pressures it measures."""
-        self._plan: Plan | None = None
+        self._foresight.reset()
         self._u: Array | None = None  # the commands of the last plan as they are to be heard (N, 2)
-        self._waiting: list[Array] = []  # those under way, oldest first
-        self._expected: Array | None = None  # the state that was predicted for the next sample (4,)
-        self._friction = FrictionState(self.compensation.friction)
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
         self._age = 0  # steps since a plan was optimised
 
     @property
     def ahead(self) -> int:
         """Samples of preview that `step` takes after the present one."""
-        return self.N + self._delay
+        return self._foresight.ahead
 
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
         """The plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad].
@@ -101,11 +95,7 @@ class TrackingMPC:
         disturbance torque [N·m] known to act. What is NaN in `x` is replaced by what the last plan predicted.
         """
         clock = [perf_counter()]
-        x, measured = self._state(x)
-        theta = self._preview("theta_ref", checks.angle("theta_ref", theta_ref))
-        K = self._preview("K_ref", checks.stiffness("K_ref", K_ref))
-        torques = float(checks.real("d", d, "N·m")) - self._friction_ahead(x, theta)
-        x, theta, K, torques = self._after_dead_time(x, theta, K, torques)
+        x, theta, K, torques, measured = self._foresight.task(x, theta_ref, K_ref, d)
         feed = self._feed_forward(theta, K, torques)
         u_last = x[2:] if self._u is None else self._u[0]
         clock.append(perf_counter())
@@ -114,9 +104,9 @@ class TrackingMPC:
         u, rung = self._fallback(u, status, feed, u_last)
         motion = self._predictor.motion(x, u, torques[:-1])
         clock.append(perf_counter())
-        self._remember(u, feed, motion)
-        self._plan = Plan(
-            self._spoken(u, motion),
+        self._u, self._u_star = u, feed.u[0]
+        return Plan(
+            self._foresight.spoken(u, motion.x),
             motion.x,
             motion.K,
             status if measured else PlanStatus.NO_MEASUREMENT,
@@ -124,58 +114,8 @@ class TrackingMPC:
             self.limits.excursion(motion.x[:, 0]),
             Times(clock[1] - clock[0], *times, clock[2] - clock[0]),
         )
-        return self._plan
 
     # --- the pieces of a step ---------------------------------------------------------------------------------------
-
-    def _state(self, x: Any) -> tuple[Array, bool]:
-        """The state to start from, and whether all of it was measured."""
-        array = np.array(x, float)
-        if array.shape != (NX,):
-            raise InvalidInput(f"x has the shape {array.shape}, not ({NX},): (theta [rad], omega [rad/s], P1, P2 [Pa])")
-        missing = ~np.isfinite(array)
-        if not missing.any():
-            return array, True
-        if self._expected is None:
-            raise InvalidInput(f"x = {array} is not finite, and there is no earlier step to predict it from")
-        return np.where(missing, self._expected, array), False
-
-    def _preview(self, name: str, reference: Array) -> Array:
-        if reference.shape not in ((), (self.ahead + 1,)):
-            raise InvalidInput(
-                f"{name} has the shape {reference.shape}; give one value or a preview ({self.ahead + 1},)"
-            )
-        return np.broadcast_to(reference, self.ahead + 1)
-
-    def _friction_ahead(self, x: Array, theta: Array) -> Array:
-        """Friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does."""
-        z = self._friction.follow(float(x[0]))
-        limit = self.compensation.friction.limit(float(pull(self.plant, x)))
-        return np.asarray(limit * self.compensation.friction.along(z, theta))
-
-    def _after_dead_time(self, x: Array, theta: Array, K: Array, torques: Array) -> tuple[Array, Array, Array, Array]:
-        """State, previews and torques (N+1,) from the moment on at which the next command will be heard."""
-        m = self._delay
-        if not m:
-            return x, theta, K, torques
-        self._waiting = self._waiting or [x[2:]] * m
-        path = self._under_way.motion(x, np.array(self._waiting), torques[:m]).x
-        self._expected = path[1]
-        return path[m], theta[m:], K[m:], torques[m:]
-
-    def _remember(self, u: Array, feed: FeedForward, motion: Motion) -> None:
-        self._u, self._u_star = u, feed.u[0]
-        if self._delay:
-            self._waiting = [*self._waiting[1:], u[0]]
-        else:
-            self._expected = motion.x[1]
-
-    def _spoken(self, u: Array, motion: Motion) -> Array:
-        """The commands (N, 2) to send for `u` to be heard, as far as the limits allow."""
-        if not self.compensation.dead_band:
-            return u
-        last = motion.x[0, 2:] if self._plan is None else self._plan.u[0]
-        return self.limits.limited(last, self.compensation.spoken(u, motion.x[:-1, 2:]))
 
     def _warm_start(self, feed: FeedForward, u_last: Array) -> Array:
         """The previous plan moved on by one sample, its new end moving as the feed-forward does."""

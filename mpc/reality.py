@@ -20,6 +20,7 @@ from allocator.joint import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc.buffered import Buffered
+from mpc.compensation import Compensation
 from mpc.experiment import FINE
 from mpc.friction import Friction
 from mpc.integration import integrated
@@ -60,12 +61,17 @@ class RealPlant:
             )
 
     @classmethod
-    def standard(cls, force_gains: tuple[float, float] = (1.1, 0.9), load: float = 0.0, load_from: float = 0.0) -> Self:
-        """The plant of the closed-loop benchmark: Sarosi's muscles and all effects.
+    def standard(
+        cls,
+        force_gains: tuple[float, float] = (1.1, 0.9),
+        torque_profile: tuple[tuple[float, float], ...] = (),
+        nominal: Plant | None = None,
+    ) -> Self:
+        """The plant of the closed-loop benchmark: all effects on `nominal`: the report's joint with Sarosi's muscles.
 
-        A `load` [N·m] may be switched on at `load_from` [s]. Its `nominal` is the controllers' model.
+        Its `nominal` plant is the controllers' model.
         """
-        plant = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
+        plant = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12) if nominal is None else nominal
         return cls(
             plant,
             force_gains,
@@ -75,7 +81,7 @@ class RealPlant:
             flow=5 * BAR,
             encoder=0.02 * DEG,
             pressure_noise=0.02 * BAR,
-            torque_profile=((load_from, load),) if load else (),
+            torque_profile=torque_profile,
         )
 
     def without(self, *effects: str) -> Self:
@@ -85,6 +91,15 @@ class RealPlant:
         if unknown := set(effects) - known:
             raise InvalidInput(f"there is no effect {', '.join(sorted(unknown))}; there are {', '.join(sorted(known))}")
         return replace(self, **{name: getattr(off, name) for name in effects})
+
+    def known(self, share: float = 0.75) -> Compensation:
+        """What a controller is told of this plant: dead time, dead band, and a `share` [-] of the friction.
+
+        All of it would be best here and worst where it has vanished: the intended motion is then pushed by friction
+        that nobody sees. Too little is the safe side.
+        """
+        friction = replace(self.friction, mu=share * self.friction.mu, coulomb=share * self.friction.coulomb)
+        return Compensation(friction, self.dead_time, self.dead_band)
 
     # --- the equations ----------------------------------------------------------------------------------------------
 

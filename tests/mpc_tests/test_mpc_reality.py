@@ -36,7 +36,7 @@ def stepped(steps, change=(0.5, -0.3)):
 @given(st.integers(0, 2**31))
 def test_without_effects_it_is_the_nominal_plant(seed):
     u = REST[2:] + BAR * np.random.default_rng(seed).uniform(-1, 1, (30, 2))
-    real = RealPlant.standard(load=1.0)
+    real = RealPlant.standard(torque_profile=((0.0, 1.0),))
     off = real.without(*(set(real.__dataclass_fields__) - {"nominal"}))
     np.testing.assert_allclose(states(off, u), states(PLANT, u), rtol=1e-9, atol=1e-9)
     experiment = off.begin(DT, REST, seed)
