@@ -90,10 +90,10 @@ class FeedForwardControl(Baseline):
 class PIDGains:
     """Gains of the torque; the defaults are the result of `benchmarks/closed_loop_tuning.py`."""
 
-    proportional: float = 2.4  # k_p [N·m/rad]
-    integral: float = 21.6  # k_i [N·m/rad/s]
-    derivative: float = 0.76  # k_d [N·m·s/rad]
-    filter_time: float = 0.0095  # of the derivative [s]
+    proportional: float = 2.41  # k_p [N·m/rad]
+    integral: float = 28.0  # k_i [N·m/rad/s]
+    derivative: float = 0.771  # k_d [N·m·s/rad]
+    filter_time: float = 0.0071  # of the derivative [s]
 
     def __post_init__(self) -> None:
         """Check the gains."""

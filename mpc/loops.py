@@ -1,6 +1,7 @@
 """The control loops that can be compared, by name: a controller and what it looks at the joint with."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 from allocator.errors import MissingBackend
@@ -33,7 +34,9 @@ def _pid(s: Settings) -> Controller:
 
 
 def _lqr(s: Settings) -> Controller:
-    return LQRControl(s.plant, s.dt, s.compensation, s.weights)
+    # it does not foresee the slew limit, and at the MPC's own weight it would live on it
+    weights = replace(s.weights, rate=4 * s.weights.rate)
+    return LQRControl(s.plant, s.dt, s.compensation, weights)
 
 
 def _feed_forward(s: Settings) -> Controller:

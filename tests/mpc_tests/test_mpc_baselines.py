@@ -5,18 +5,17 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from allocator import BAR, DEG, InvalidInput, MissingBackend
-from mpc import PlanStatus, Reference, Rung, Weights, simulate
+from mpc import PlanStatus, Reference, Rung, Weights, simulate, sine
 from mpc.baselines import FeedForwardControl, LQRControl, PIDControl, PIDGains
 from mpc.linearise import Predictor
 from mpc.loops import CONTROLLERS, Settings, loop
 from mpc.metrics import metrics
 from mpc.observer import Differentiator, KalmanObserver
 from mpc.reality import RealPlant
-from mpc.trajectories import point_to_point
 
 REAL = RealPlant.standard()
 PLANT = REAL.nominal
-MOVE = point_to_point()
+MOVE = sine(amplitude=30 * DEG, K=5.5, duration=3, ramp=1)
 STILL = Reference([0, 4], [0.0, 0.0], [5.5, 5.5])
 GENTLE = PIDGains(1.0, 6.0, 0.4, 0.02)
 BASELINES = [FeedForwardControl, PIDControl, LQRControl]

@@ -13,11 +13,10 @@ from mpc.metrics import metrics
 from mpc.observer import KalmanObserver
 from mpc.plant import Plant
 from mpc.reality import RealPlant
-from mpc.trajectories import point_to_point
 
 PLANT = RealPlant.standard().nominal
 CALM = Weights(theta=1 / (0.3 * DEG) ** 2, omega=1 / (10 * DEG) ** 2, rate=1 / (2 * BAR) ** 2)
-MOVE = point_to_point(rest=1.0)
+MOVE = sine(amplitude=30 * DEG, K=5.5, duration=3, ramp=1)
 
 
 def rms(real, compensation, controller_plant=PLANT):
