@@ -38,22 +38,17 @@ def test_the_squared_error_matches_the_covariance_on_the_nominal_plant_with_the_
     noise, runs, steps = Noise(d_walk=1.0), 40, 150
     rng, observer = np.random.default_rng(7), KalmanObserver(PLANT, DT, noise)
     Q, R = np.linalg.cholesky(noise.Q(DT) + 1e-24 * np.eye(5)), np.sqrt(noise.R)
-    before = observer.covariance
+    spread = np.linalg.cholesky(observer.covariance)
     nees = np.zeros((runs, steps))
     for run in range(runs):
         observer.reset()
-        xi = np.append(REST, 0.0) + np.linalg.cholesky(before) @ rng.standard_normal(5)
         observer.xi = np.append(REST, 0.0)
-        first = True
+        xi = observer.xi + spread @ rng.standard_normal(5)
         for k in range(steps):
             u = REST[2:] + 0.3 * BAR * np.array([np.sin(k / 10), -np.sin(k / 10)])
-            if not first:
-                xi = np.append(STEP(xi[:4], u, xi[4])[0][0], xi[4]) + Q @ rng.standard_normal(5)
-                y = xi[[0, 2, 3]] + R @ rng.standard_normal(3)
-                observer.estimate(np.array([y[0], np.nan, y[1], y[2]]), u)
-            else:
-                observer.covariance = before
-            first = False
+            xi = np.append(STEP(xi[:4], u, xi[4])[0][0], xi[4]) + Q @ rng.standard_normal(5)
+            theta, *P = xi[[0, 2, 3]] + R @ rng.standard_normal(3)
+            observer.estimate(np.array([theta, np.nan, *P]), u)
             error = observer.xi - xi
             nees[run, k] = error @ np.linalg.solve(observer.covariance, error)
     low, high = chi2.ppf([0.025, 0.975], 5 * runs) / runs
