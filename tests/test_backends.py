@@ -87,6 +87,16 @@ def test_infeasible_feasible_infeasible_leaves_no_trace(backend):
     assert (answers[1].P1, answers[1].P2) == (answers[3].P1, answers[3].P2)
 
 
+def test_the_weighted_start_avoids_the_local_minima_of_the_edges():
+    """From the projected inverse alone every optimiser stays in the corner (5, 5) bar, where the cost is higher."""
+    target = (1.8120771520117245, 13.27977655428117, -23.510875563713284)
+    exact = allocate(*target, **options("weighted"))
+    for backend in BACKENDS.values():
+        found = allocate(*target, **options("weighted"), **backend)
+        assert (found.P1, found.P2) == pytest.approx((exact.P1, exact.P2), abs=1e-4 * SPAN)
+        assert found.local  # it is not proved that there is no better one
+
+
 def test_a_wrong_answer_is_replaced_and_said(monkeypatch):
     """A back-end that claims success with nonsense, or NaN, is not believed."""
     lies = goals.Answer(np.array([1 * BAR, np.nan]), np.array([4 * BAR, np.nan]), np.array([1, 1], np.int32))

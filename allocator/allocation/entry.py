@@ -140,6 +140,8 @@ def _optimised(problem: Problem, asked: Array, method: str, solver: str | None, 
     found = assess(problem, P1, P2, _outside(problem.joint, asked.ravel()), OPTIMISER)
     found = found._replace(status=np.where(failed, np.int8(Status.SOLVER_FAILED), found.status))
     local = exact.is_local(problem)
+    if problem.priority == "weighted" and not problem.joint.affine:  # the edges have local minima
+        local |= found.status != Status.EXACT
     return _allocation(problem, asked, P1, P2, found, method, local=local, iterations=iterations)
 
 

@@ -12,6 +12,7 @@ from allocator.inverse import solve_inverse
 from allocator.units import BAR
 
 _MET = 1e-12  # of the scale of torque or stiffness: a target missed by less is met
+_GRID = 7
 SCALE = BAR  # optimisers see pressures in bar: numbers of order one
 
 
@@ -57,14 +58,33 @@ def settled(problem: Problem, goal: Goal, P: Array) -> NDArray[np.bool_]:
 
 
 def start(problem: Problem, warm: bool) -> Array:
-    """Where optimisation begins, (2, n) [Pa]: the analytic inverse projected on the feasible set, or its middle."""
+    """Where optimisation begins, (2, n) [Pa]: the analytic inverse projected on the feasible set, or its middle.
+
+    The weighted cost of muscles that are not affine has local minima on the edges: there the start is the best of the
+    projected inverse and a coarse grid of the box.
+    """
     box = problem.box
     middle = (box.agonist.lo + box.agonist.hi) / 2, (box.antagonist.lo + box.antagonist.hi) / 2
-    P1, P2 = middle
-    if warm:
-        P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K_aim, problem.T)
-        P1, P2 = np.where(np.isfinite(P1), P1, middle[0]), np.where(np.isfinite(P2), P2, middle[1])
-    return np.stack(box.project(P1, P2))
+    if not warm:
+        return np.stack(box.project(*middle))
+    P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K_aim, problem.T)
+    P1, P2 = np.where(np.isfinite(P1), P1, middle[0]), np.where(np.isfinite(P2), P2, middle[1])
+    projected = np.stack(box.project(P1, P2))
+    if problem.priority != "weighted" or problem.joint.affine:
+        return projected
+    candidates = np.concatenate([projected[:, None], _grid(problem)], axis=1)  # (2, m, n)
+    (e_T, e_K), (w_T, w_K) = problem.errors(*candidates), problem.weights
+    best = np.argmin(w_T * e_T**2 + w_K * e_K**2 + problem.pull_cost(*candidates), axis=0)
+    return np.take_along_axis(candidates, best[None, None], axis=1)[:, 0]
+
+
+def _grid(problem: Problem) -> Array:
+    """Points (2, m², n) all over the feasible set."""
+    share = np.linspace(0.0, 1.0, _GRID)[:, None]
+    P1, P2 = (side.lo + share * (side.hi - side.lo) for side in problem.box)  # (m, n)
+    shape = (_GRID, _GRID, problem.theta.size)
+    corners = np.broadcast_to(P1[:, None], shape), np.broadcast_to(P2[None], shape)
+    return np.stack(problem.box.project(*(P.reshape(-1, problem.theta.size) for P in corners)))
 
 
 __all__ = ["SCALE", "Answer", "Goal", "goals", "settled", "start"]

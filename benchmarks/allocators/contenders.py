@@ -1,0 +1,87 @@
+"""Who competes: the analytic inverse as it is and as it is used, and the allocators."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator import Status, allocate, inverse
+from benchmarks.allocators.targets import Array, Flags, TargetSet
+
+Clip = Literal["nothing", "supply", "box"]
+PRIORITIES = ("torque", "stiffness", "weighted")
+WEIGHTS = (2.0, 5.0)  # w_T [1/(N·m)²], w_K [1/(N·m/rad)²] of the weighted priority
+
+
+class Answer(NamedTuple):
+    """Pressures for n targets; of an allocator also what it claims."""
+
+    P1: Array  # [Pa]
+    P2: Array  # [Pa]
+    status: NDArray[np.int8] | None = None
+    residual: Array | None = None  # the KKT residual, in fractions of the supply range
+    local: Flags | None = None  # not proved to be the global optimum
+    iterations: NDArray[np.int32] | None = None
+
+    @property
+    def failed(self) -> Flags:
+        """Where the back-end's own answer was not optimal and was replaced, as the status says."""
+        return np.zeros(self.P1.shape, bool) if self.status is None else self.status == Status.SOLVER_FAILED
+
+
+@dataclass(frozen=True)
+class Inverse:
+    """The analytic inverse, its pressures cut off at "nothing", at the "supply" or at the "box" of all limits.
+
+    It knows no priority. Where there is no inverse it answers NaN, and so does its clipped form: cutting off cannot
+    make an answer of none.
+    """
+
+    name: str
+    clip: Clip
+
+    def answer(self, targets: TargetSet, priority: str) -> Answer:
+        """Pressures for all targets; the priority is not heard."""
+        joint = targets.joint
+        P1, P2 = inverse(targets.theta, targets.K, targets.T, joint=joint)
+        if self.clip == "supply":
+            return Answer(np.clip(P1, *joint.pressure_limits), np.clip(P2, *joint.pressure_limits))
+        if self.clip == "box":
+            return Answer(*joint.pressure_box(targets.reached).project(P1, P2))
+        return Answer(P1, P2)
+
+
+@dataclass(frozen=True)
+class Allocator:
+    """`allocate` by one method and solver."""
+
+    name: str
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def answer(self, targets: TargetSet, priority: str, warm_start: bool = True) -> Answer:
+        """Pressures for all targets, and what they claim."""
+        a = self.allocation(targets, priority, warm_start)
+        return Answer(a.P1, a.P2, a.status, a.kkt_residual, a.local, a.iterations)
+
+    def allocation(self, targets: TargetSet, priority: str, warm_start: bool = True) -> Any:
+        """The library's own answer; `answer` adds the residual, which is not to be timed."""
+        weights = WEIGHTS if priority == "weighted" else None
+        options: dict[str, Any] = {"priority": priority, "weights": weights, "warm_start": warm_start, **self.options}
+        return allocate(targets.theta, targets.K, targets.T, joint=targets.joint, **options)
+
+
+INVERSES = (
+    Inverse("inverse", "nothing"),
+    Inverse("inverse, clipped", "supply"),
+    Inverse("inverse, in the box", "box"),
+)
+EXACT = Allocator("exact")
+BACK_ENDS = (
+    Allocator("qp (daqp)", {"method": "qp", "solver": "daqp"}),
+    Allocator("qp (osqp)", {"method": "qp", "solver": "osqp"}),
+    Allocator("nlp (ipopt)", {"method": "nlp", "solver": "ipopt"}),
+    Allocator("nlp (sqpmethod)", {"method": "nlp", "solver": "sqpmethod"}),
+    Allocator("convex (clarabel)", {"method": "convex", "solver": "clarabel"}),
+)
+CONTENDERS = (*INVERSES, EXACT, *BACK_ENDS)
