@@ -1,6 +1,6 @@
 """Controllers against each other on joints that are not what their model says.
 
-    python benchmarks/closed_loop.py [--seeds 6] [--out benchmarks/results]
+    python -m benchmarks.closed_loop [--seeds 6] [--processes 1] [--out benchmarks/results]
 
 Every controller gets the same model (Sarosi's muscles, nominal), the same knowledge of dead time, dead band and 75 % of
 the friction, the same shaped and previewed references and the same limits; one tuning for everything. The load of
@@ -181,7 +181,7 @@ ASKED = [  # quantity, case, figure, unit, must, stretch
 
 
 def verdict(value: float, must: float, stretch: float) -> str:
-    return "**no**" if value > must else "stretch" if value <= stretch else "must"
+    return "stretch" if value <= stretch else "must" if value <= must else "**no**"  # NaN meets nothing
 
 
 def asked_table(rows: list[Row], plant: str) -> Iterator[str]:

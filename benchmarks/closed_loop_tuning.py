@@ -1,6 +1,6 @@
 """How the PID of the closed-loop benchmark was tuned: by numerical optimisation, on seeds that are not evaluated.
 
-    python benchmarks/closed_loop_tuning.py
+    python -m benchmarks.closed_loop_tuning
 
 Minimised is the mean RMS error of the angle over the benchmark's moving trajectories and the stiffness step, each
 divided by what the issue asks for, on the standard plant; over the logarithms of the four parameters, by Nelder and
@@ -8,9 +8,9 @@ Mead's method. A run that comes to its end far off the reference counts as it is
 """
 
 import numpy as np
-from closed_loop import CASES, PLANTS, figures, run_case
 from scipy.optimize import minimize
 
+from benchmarks.closed_loop import CASES, PLANTS, figures, run_case
 from mpc.baselines import PIDControl, PIDGains
 from mpc.observer import Differentiator
 
