@@ -3,10 +3,11 @@
     python -m benchmarks.closed_loop [--seeds 6] [--processes 1] [--out benchmarks/results]
 
 Every controller gets the same model (Sarosi's muscles, nominal), the same knowledge of dead time, dead band and 75 % of
-the friction, the same shaped and previewed references and the same limits; one tuning for everything. The load of
-1 N·m that nobody tells them of comes half-way (in the stiffness step: at 0.5 s). Written are `closed_loop.csv` (every
-run) and `closed_loop.md` (medians over the seeds, against what was asked for). Angle errors count from the end of the
-first rest, in which the loop settles, to the load; "with load" to the end of the run.
+the friction, the same shaped and previewed references and the same limits; one tuning for everything. The friction that
+is told has the form of the plant's (Dahl's, with the same presliding), so that the plant without it matters as well.
+The load of 1 N·m that nobody tells them of comes half-way (in the stiffness step: at 0.5 s). Written are
+`closed_loop.csv` (every run) and `closed_loop.md` (medians over the seeds, against what was asked for). Angle errors
+count from the end of the first rest, in which the loop settles, to the load; "with load" to the end of the run.
 """
 
 import argparse
@@ -191,7 +192,8 @@ def asked_table(rows: list[Row], plant: str) -> Iterator[str]:
     for quantity, case, figure, unit, must, stretch in ASKED:
         values = [median(rows, plant, case, c, figure) for c in CONTROLLERS]
         cells = " | ".join(f"{v:.3g}" for v in values)
-        yield f"| {quantity} [{unit}] | {must} | {stretch} | {cells} | {verdict(values[0], must, stretch)} |"
+        judged = "not asked" if figure == "K_rms" and plant == "both +10 %" else verdict(values[0], must, stretch)
+        yield f"| {quantity} [{unit}] | {must} | {stretch} | {cells} | {judged} |"
     ratios = [
         median(rows, plant, case, "mpc", "rms") / median(rows, plant, case, "pid", "rms")
         for case in ("sine", "min-jerk", "chirp", "stiffness step")
@@ -208,6 +210,17 @@ def asked_table(rows: list[Row], plant: str) -> Iterator[str]:
             for c in CONTROLLERS
         ]
         yield f"| {quantity} | 0 | 0 | " + " | ".join(map(str, counts)) + f" | {verdict(counts[0], 0, 0)} |"
+    yield ""
+
+
+def defeats(rows: list[Row]) -> Iterator[str]:
+    yield "## Where the MPC does not win\n"
+    for plant in PLANTS:
+        for quantity, case, figure, unit, *_ in ASKED:
+            values = {c: median(rows, plant, case, c, figure) for c in CONTROLLERS}
+            best = min(values, key=lambda c: values[c])
+            if best != "mpc":
+                yield f"* {plant}: {quantity}: {best} {values[best]:.3g} {unit}, MPC {values['mpc']:.3g} {unit}"
     yield ""
 
 
@@ -235,6 +248,7 @@ def markdown(rows: list[Row], seeds: range) -> Iterator[str]:
     yield f"Medians over {len(seeds)} seeds (variants of the standard plant and single effects: {len(seeds[:2])}).\n"
     for plant in PLANTS:
         yield from asked_table(rows, plant)
+    yield from defeats(rows)
     yield from every_case_table(rows)
     times = [median(rows, "standard", "sine", c, t) for c in CONTROLLERS for t in ("step_median", "step_p99")]
     yield "Time of a step on the sine, median / 99th percentile [ms]: " + ", ".join(
