@@ -1,10 +1,27 @@
-"""Dynamics and control of the antagonistic joint: plant, linear time-varying MPC, closed-loop simulation."""
+"""Dynamics and control of the antagonistic joint: plants, linear time-varying MPC, observer, closed-loop simulation."""
 
+from mpc.compensation import Compensation
 from mpc.controller import TrackingMPC
+from mpc.observer import KalmanObserver
 from mpc.plan import Plan, PlanStatus, Rung
 from mpc.plant import Plant
+from mpc.reality import RealPlant
 from mpc.reference import Reference, sine
 from mpc.simulation import Run, simulate
 from mpc.weights import Weights
 
-__all__ = ["Plan", "PlanStatus", "Plant", "Reference", "Rung", "Run", "TrackingMPC", "Weights", "simulate", "sine"]
+__all__ = [
+    "Compensation",
+    "KalmanObserver",
+    "Plan",
+    "PlanStatus",
+    "Plant",
+    "RealPlant",
+    "Reference",
+    "Rung",
+    "Run",
+    "TrackingMPC",
+    "Weights",
+    "simulate",
+    "sine",
+]

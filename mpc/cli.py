@@ -8,13 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from allocator.cli import MUSCLE, REPORT_MUSCLE, app, run
-from allocator.errors import InvalidInput
+from allocator.errors import InvalidInput, MissingBackend
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from mpc.loops import Settings
     from mpc.metrics import Metrics
+    from mpc.simulation import Process
+
+_NOMINAL, _REAL = "nominal", "real"  # plants
 
 
 @app.command()
@@ -27,14 +31,21 @@ def track(
     horizon: Annotated[int, typer.Option(help="samples that the controller looks ahead")] = 20,
     solver: Annotated[str, typer.Option(help="QP solver: daqp, or one that qpsolvers finds, e.g. osqp")] = "daqp",
     muscle: Annotated[str, MUSCLE] = REPORT_MUSCLE,
+    plant: Annotated[
+        str, typer.Option(help="nominal, or real: with what the controller's model does not know")
+    ] = _NOMINAL,
+    controller: Annotated[str, typer.Option(help="mpc, pid, lqr or feedforward")] = "mpc",
+    observer: Annotated[
+        bool | None, typer.Option(help="estimate state and disturbance torque; mpc and lqr do so on a real plant")
+    ] = None,
+    payload: Annotated[float, typer.Option(help="load that nobody tells of, from half-way on [N·m]")] = 0.0,
+    seed: Annotated[int, typer.Option(help="of the sensors' noise")] = 0,
 ) -> None:
-    """Let the MPC follow a trajectory of angle and stiffness, and say how well it did."""
+    """Let a controller follow a trajectory of angle and stiffness, and say how well it did."""
     from rich.console import Console
 
-    from allocator.joint import report_joint
-    from allocator.muscles.catalogue import named_muscle
-    from mpc.controller import TrackingMPC
     from mpc.files import default_trajectory, load, save_run
+    from mpc.loops import loop
     from mpc.metrics import metrics
     from mpc.plant import Plant
     from mpc.plotting import save_tracking_figure
@@ -42,12 +53,16 @@ def track(
 
     console = Console()
     reference = default_trajectory() if trajectory is None else load(trajectory)
-    plant = Plant(report_joint(named_muscle(muscle)))
-    controller = TrackingMPC(plant, dt=dt, N=horizon, solver=solver)
+    half_way = float(reference.t[-1] - reference.t[0]) / 2
+    tested, settings = _tested(plant, muscle, ((half_way, payload),) if payload else ())
+    settings = settings._replace(dt=dt, N=horizon, solver=solver)
+    if observer is None and isinstance(tested, Plant):
+        observer = False  # the whole state is measured, and nothing disturbs
+    driver, eyes = loop(controller, settings, observer)
     picture, table = out / "tracking.png", out / "tracking.csv"
     with _writing(out):
         out.mkdir(parents=True, exist_ok=True)
-    done = simulate(plant, controller, reference, progress=True)
+    done = simulate(tested, driver, reference, observer=eyes, seed=seed, progress=True)
 
     _say(console, f"drawing {picture} (the first picture after an installation takes some seconds)")
     with _writing(out):
@@ -58,6 +73,25 @@ def track(
     if figures.out_of_reach:
         _say(console, f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach")
     _say(console, f"written: {picture}, {table}")
+
+
+def _tested(plant: str, muscle: str, torque: "tuple[tuple[float, float], ...]") -> "tuple[Process, Settings]":
+    """The plant called `plant` under an unknown torque, and what its controller knows."""
+    from allocator.joint import report_joint
+    from allocator.muscles.catalogue import named_muscle
+    from mpc.loops import Settings
+    from mpc.plant import Plant
+    from mpc.reality import RealPlant
+    from mpc.weights import Weights
+
+    joint = report_joint(named_muscle(muscle))
+    if plant == _REAL:
+        real = RealPlant.standard(torque_profile=torque, nominal=Plant(joint, lag=0.12))
+        return real, Settings(real.nominal, compensation=real.known(), weights=Weights.calm())
+    if plant != _NOMINAL:
+        raise MissingBackend("plant", plant, [_NOMINAL, _REAL])
+    nominal = Plant(joint)
+    return (RealPlant(nominal, torque_profile=torque) if torque else nominal), Settings(nominal)
 
 
 @contextmanager

@@ -4,7 +4,7 @@
             + ½ Σ_{k=0…N-1} [w_u |e_k|² + w_r |e_k - e_{k-1}|²/dt²]  +  ρ s + ½ ρ₂ s²              e_k = u_k - u*_k
             + ½ |L ξ|²,                                                      ξ = (x_N - x*_N, e_{N-1})
     over      u_0 … u_{N-1},  s ≥ 0
-    subject to  x_{k+1} = f_d(x_k, u_k, d),  K_k = K(x_k),  x_0 = the measured state
+    subject to  x_{k+1} = f_d(x_k, u_k, d_k),  K_k = K(x_k),  x_0 = the measured state
                 P_min ≤ u_k ≤ P_max,   |u_k - u_{k-1}| ≤ slew · dt                             (hard)
                 θ_min - s ≤ θ_k ≤ θ_max + s                                                    (soft)
 
@@ -13,6 +13,10 @@ x* = (θ*, θ*', P1*, P2*) what follows them by the closed-form allocation (`mpc
 (`mpc.terminal`). f_d and K are linearised along the previous plan, moved on by one sample (`mpc.linearise`), which
 makes the problem a QP in the changes of the commands (`mpc.condense`); one such QP is solved per sample, or
 `iterations` of them, which converge to the nonlinear problem's solution.
+
+What a `Compensation` knows of the real joint is taken account of: the problem begins where the commands under way will
+have brought the joint at the end of the dead time, the torque d_k contains the friction of the intended motion θ*, and
+the commands that are sent are those that regulators with a dead band hear as u.
 
 No step is without an answer. If the QP's answer does not pass the check of its optimality conditions the previous
 plan goes on, at most to its end; else the feed-forward is commanded. Whatever is sent keeps the hard limits exactly.
@@ -28,12 +32,14 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from mpc.compensation import Compensation
 from mpc.condense import Problem, condense, increments
 from mpc.feedforward import FeedForward, FeedForwardLaw
+from mpc.foresight import Foresight
 from mpc.limits import Limits
 from mpc.linearise import Predictor
 from mpc.plan import Plan, PlanStatus, Rung, Times
-from mpc.plant import NX, Plant
+from mpc.plant import Plant
 from mpc.qp import QP
 from mpc.solvers import solver as solver_by_name
 from mpc.terminal import terminal_factor
@@ -54,50 +60,53 @@ class TrackingMPC:
     weights: Weights = field(default_factory=Weights)
     solver: str = "daqp"  # or a name of qpsolvers
     iterations: int = 1  # QPs per step
+    compensation: Compensation = field(default_factory=Compensation)  # what is known beyond the plant
 
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
         self.dt = float(checks.real("dt", self.dt, "s"))
-        if not 0 < self.dt < 1:
-            raise InvalidInput(f"dt = {self.dt:g} s has to be a sample time between 0 and 1 s")
+        self.limits = Limits.of(self.plant, self.dt)
         self.N = _count("N", self.N, least=3)
         self.iterations = _count("iterations", self.iterations, least=1)
         self._solve = solver_by_name(self.solver)
         self._predictor = Predictor(self.plant, self.dt, self.N)
         self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N)
         L = terminal_factor(self.plant, self.dt, self.weights)
-        self.limits = Limits.of(self.plant, self.dt)
+        self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self.problem = Problem(self.weights, self.limits, L, increments(self.N), self.dt)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past: the next step begins from the pressures it measures."""
-        self._plan: Plan | None = None
+        self._foresight.reset()
+        self._u: Array | None = None  # the commands of the last plan as they are to be heard (N, 2)
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
         self._age = 0  # steps since a plan was optimised
+
+    @property
+    def ahead(self) -> int:
+        """Samples of preview that `step` takes after the present one."""
+        return self._foresight.ahead
 
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
         """The plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad].
 
-        A reference is a value, held for the whole horizon, or a preview (N+1,) that begins now. `d` is the disturbance
-        torque [N·m] known to act. What is NaN in `x` is replaced by what the last plan predicted.
+        A reference is a value, held for the whole horizon, or a preview (ahead + 1,) that begins now. `d` is the
+        disturbance torque [N·m] known to act. What is NaN in `x` is replaced by what the last plan predicted.
         """
         clock = [perf_counter()]
-        x, measured = self._state(x)
-        theta = self._preview("theta_ref", checks.angle("theta_ref", theta_ref))
-        K = self._preview("K_ref", checks.stiffness("K_ref", K_ref))
-        d = float(checks.real("d", d, "N·m"))
-        feed = self._feed_forward(theta, K, d)
-        u_last = x[2:] if self._plan is None else self._plan.u[0]
+        x, theta, K, torques, measured = self._foresight.task(x, theta_ref, K_ref, d)
+        feed = self._feed_forward(theta, K, torques)
+        u_last = x[2:] if self._u is None else self._u[0]
         clock.append(perf_counter())
 
-        u, status, times = self._optimise(x, feed, u_last, d)
+        u, status, times = self._optimise(x, feed, u_last, torques[:-1])
         u, rung = self._fallback(u, status, feed, u_last)
-        motion = self._predictor.motion(x, u, d)
+        motion = self._predictor.motion(x, u, torques[:-1])
         clock.append(perf_counter())
-        self._u_star = feed.u[0]
-        self._plan = Plan(
-            u,
+        self._u, self._u_star = u, feed.u[0]
+        return Plan(
+            self._foresight.spoken(u, motion.x),
             motion.x,
             motion.K,
             status if measured else PlanStatus.NO_MEASUREMENT,
@@ -105,36 +114,18 @@ class TrackingMPC:
             self.limits.excursion(motion.x[:, 0]),
             Times(clock[1] - clock[0], *times, clock[2] - clock[0]),
         )
-        return self._plan
 
     # --- the pieces of a step ---------------------------------------------------------------------------------------
 
-    def _state(self, x: Any) -> tuple[Array, bool]:
-        """The state to start from, and whether all of it was measured."""
-        array = np.array(x, float)
-        if array.shape != (NX,):
-            raise InvalidInput(f"x has the shape {array.shape}, not ({NX},): (theta [rad], omega [rad/s], P1, P2 [Pa])")
-        missing = ~np.isfinite(array)
-        if not missing.any():
-            return array, True
-        if self._plan is None:
-            raise InvalidInput(f"x = {array} is not finite, and there is no earlier step to predict it from")
-        return np.where(missing, self._plan.x[1], array), False
-
-    def _preview(self, name: str, reference: Array) -> Array:
-        if reference.shape not in ((), (self.N + 1,)):
-            raise InvalidInput(f"{name} has the shape {reference.shape}; give one value or a preview ({self.N + 1},)")
-        return np.broadcast_to(reference, self.N + 1)
-
     def _warm_start(self, feed: FeedForward, u_last: Array) -> Array:
         """The previous plan moved on by one sample, its new end moving as the feed-forward does."""
-        if self._plan is None:
+        if self._u is None:
             return self.limits.limited(u_last, feed.u)
-        kept = self._plan.u[1:]
+        kept = self._u[1:]
         return self.limits.limited(u_last, np.vstack([kept, kept[-1] + feed.u[-1] - feed.u[-2]]))
 
     def _optimise(
-        self, x: Array, feed: FeedForward, u_last: Array, d: float
+        self, x: Array, feed: FeedForward, u_last: Array, d: Array
     ) -> tuple[Array, PlanStatus, tuple[float, float, float]]:
         """The commands after `iterations` QPs, or up to one that failed; and the times of the three stages [s]."""
         u = self._warm_start(feed, u_last)
@@ -177,7 +168,7 @@ class TrackingMPC:
             self._age = 0
             return u, Rung.QP
         self._age += 1
-        if self._plan is not None and self._age < self.N:
+        if self._u is not None and self._age < self.N:
             return u, Rung.PREVIOUS
         return self.limits.limited(u_last, feed.u), Rung.ALLOCATION
 

@@ -43,8 +43,8 @@ class FeedForwardLaw:
         self._D1, self._D2 = spline(spline.x, 1), spline(spline.x, 2)
         self._alpha = np.exp(-dt / np.array(plant.lags))  # (2,)
 
-    def __call__(self, theta: Array, K: Array, d: float = 0.0) -> FeedForward:
-        """For the previews `theta` [rad] and `K` [N·m/rad], both (N+1,), and a constant disturbance torque [N·m]."""
+    def __call__(self, theta: Array, K: Array, d: Array | float = 0.0) -> FeedForward:
+        """For the previews `theta` [rad] and `K` [N·m/rad], both (N+1,), and a torque `d` [N·m], (N+1,) or constant."""
         theta = np.clip(theta, *self.plant.joint.angle_range)
         omega, alpha = self._D1 @ theta, self._D2 @ theta
         T = self.plant.torque_for(theta, omega, alpha, d)

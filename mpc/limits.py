@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from mpc.plant import Plant
 
 
@@ -20,6 +21,8 @@ class Limits:
     @classmethod
     def of(cls, plant: Plant, dt: float) -> Self:
         """The limits of `plant` at the sample time `dt` [s]."""
+        if not 0 < dt < 1:
+            raise InvalidInput(f"dt = {dt:g} s has to be a sample time between 0 and 1 s")
         return cls(plant.joint.pressure_limits, plant.slew * dt, plant.joint.angle_range)
 
     def limited(self, u_last: Array, u: Array) -> Array:

@@ -2,7 +2,7 @@
 
 From the measured x_0 and commands ū_0 … ū_{N-1} (the previous plan), with f_d the plant over one sample,
 
-    x̄_0 = x_0,   x̄_{k+1} = f_d(x̄_k, ū_k, d),   A_k = ∂f_d/∂x,   B_k = ∂f_d/∂u,   c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k
+    x̄_0 = x_0,   x̄_{k+1} = f_d(x̄_k, ū_k, d_k),   A_k = ∂f_d/∂x,   B_k = ∂f_d/∂u,   c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k
     K̄_k = K(x̄_k),   C_k = ∂K/∂x
 
 so that x_{k+1} = A_k x_k + B_k u_k + c_k and K_k = K̄_k + C_k (x_k - x̄_k) to first order. Since x̄ is a motion of the
@@ -51,14 +51,14 @@ class Predictor:
     def __init__(self, plant: Plant, dt: float, N: int) -> None:
         self.plant, self.dt, self.N = plant, dt, N
 
-    def motion(self, x0: Array, u: Array, d: float = 0.0) -> Motion:
-        """The motion from `x0` (4,) under the commands `u` (N, 2) and the disturbance torque `d` [N·m]."""
-        x, K = self._motion(x0, u, d)
+    def motion(self, x0: Array, u: Array, d: Array | float = 0.0) -> Motion:
+        """The motion from `x0` (4,) under the commands `u` (N, 2) and the torque `d` [N·m], (N,) or constant."""
+        x, K = self._motion(x0, u, np.reshape(d, (-1, 1)))
         return Motion(u, x, K[:, 0])
 
-    def linearise(self, x0: Array, u: Array, d: float = 0.0) -> Linearisation:
+    def linearise(self, x0: Array, u: Array, d: Array | float = 0.0) -> Linearisation:
         """The same with its derivatives."""
-        x, K, A, B, C = self._linearise(x0, u, d)
+        x, K, A, B, C = self._linearise(x0, u, np.reshape(d, (-1, 1)))
         return Linearisation(u, x, K[:, 0], A.reshape(self.N, NX, NX), B.reshape(self.N, NX, NU), C)
 
     @cached_property
@@ -81,19 +81,19 @@ class Predictor:
         stage_slopes = ca.Function("stage_slopes", [x, u, d], slopes).map(self.N)
         x0, u, d = self._symbols()
         x, K, C = self._symbolic_motion(x0, u, d)
-        A, B = stage_slopes(x[:, : self.N], u, ca.repmat(d, 1, self.N))
+        A, B = stage_slopes(x[:, : self.N], u, d)
         return Buffered(ca.Function("linearise", [x0, u, d], [x, K, A, B, C]))
 
     def _symbols(self) -> tuple[Any, Any, Any]:
         import casadi as ca
 
-        return ca.MX.sym("x0", NX), ca.MX.sym("u", NU, self.N), ca.MX.sym("d")
+        return ca.MX.sym("x0", NX), ca.MX.sym("u", NU, self.N), ca.MX.sym("d", 1, self.N)
 
     def _symbolic_motion(self, x0: Any, u: Any, d: Any) -> tuple[Any, Any, Any]:
         """States (4, N+1), stiffness (1, N+1) and its gradient (4, N+1)."""
         import casadi as ca
 
-        later = self.plant.discrete(self.dt).mapaccum(self.N)(x0, u, ca.repmat(d, 1, self.N))
+        later = self.plant.discrete(self.dt).mapaccum(self.N)(x0, u, d)
         x = ca.horzcat(x0, later)
         s = ca.SX.sym("x", NX)
         K = ca.SX(self.plant.stiffness(s))

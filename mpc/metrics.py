@@ -61,7 +61,8 @@ def _violations(run: Run) -> dict[str, tuple[float, str]]:
     joint, allowed = run.plant.joint, run.plant.slew * run.dt
     low, high = joint.pressure_limits
     left, right = joint.angle_range
-    change = np.abs(np.diff(run.u, axis=0, prepend=run.x[:1, 2:]))
+    at_first = run.estimate[:1, 2:4]  # the pressures that the controller could know of
+    change = np.abs(np.diff(run.u, axis=0, prepend=at_first))
     return {
         "commanded pressure": (_excess(run.u, low, high, high) / BAR, "bar"),
         "pressure": (_excess(run.P, low, high, high) / BAR, "bar"),

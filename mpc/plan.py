@@ -35,6 +35,7 @@ class PlanStatus(IntEnum):
     REFUSED = 2
     NO_MEASUREMENT = 3
     NOT_FINITE = 4
+    CLOSED_FORM = 5
 
     @property
     def text(self) -> str:
@@ -48,6 +49,7 @@ _STATUSES = {
     PlanStatus.REFUSED: "The QP solver's answer is not optimal and was refused; try another solver.",
     PlanStatus.NO_MEASUREMENT: "The measured state is not finite; the predicted one was used in its place.",
     PlanStatus.NOT_FINITE: "The prediction left the range of numbers; check the state and the plant's parameters.",
+    PlanStatus.CLOSED_FORM: "This controller does not optimise: its commands are in closed form.",
 }
 
 
@@ -65,8 +67,8 @@ class Times(NamedTuple):
 class Plan:
     """The commands for the horizon and what they are expected to do; time runs along the first axis. Read-only."""
 
-    u: Array  # (N, 2) commanded pressures [Pa], within the supply and the slew limit; u[0] is the one to send
-    x: Array  # (N+1, 4) states that the plant model has under u
+    u: Array  # (N, 2) commanded pressures [Pa], within the supply and the slew limit; u[0] is the one to send now
+    x: Array  # (N+1, 4) states that the plant model has from when u[0] is heard
     K: Array  # (N+1,) stiffness along x [N·m/rad]
     status: PlanStatus
     rung: Rung

@@ -21,6 +21,8 @@ from allocator.calculus import Array, Value, sin
 from allocator.errors import InvalidInput
 from allocator.joint import AntagonistJoint, report_joint
 from allocator.units import BAR
+from mpc.experiment import FINE, ExactExperiment
+from mpc.integration import integrated
 
 STATES = ("theta", "omega", "P1", "P2")
 INPUTS = ("P1_command", "P2_command")
@@ -90,6 +92,15 @@ class Plant:
         held = allocate(theta, K, self.torque_for(theta, 0.0, 0.0), joint=self.joint)
         return np.array([theta, 0.0, held.P1, held.P2], float)
 
+    @property
+    def nominal(self) -> "Plant":
+        """Itself: what a controller may know of it."""
+        return self
+
+    def begin(self, dt: float, x0: Array, seed: int) -> ExactExperiment:
+        """An experiment from the state `x0` (4,) with commands every `dt` [s]; no noise needs the `seed`."""
+        return ExactExperiment(self.discrete(dt, FINE), x0)
+
     # --- in discrete time, and for other tools ----------------------------------------------------------------------
 
     @property
@@ -101,6 +112,10 @@ class Plant:
         swing = sqrt((max(K, 0.0) + abs(self.gravity_torque)) / self.inertia)
         return max(swing, self.damping / self.inertia, *(1 / tau for tau in self.lags))
 
+    def substeps(self, dt: float, resolution: float) -> int:
+        """How many equal steps h over `dt` [s] it takes for h · `fastest_rate` ≤ `resolution`."""
+        return ceil(dt * self.fastest_rate / resolution)
+
     def discrete(self, dt: float, resolution: float = 0.5) -> Any:
         """CasADi function (x, u, d) ↦ x after `dt` [s] of constant u and d: classical Runge–Kutta.
 
@@ -109,20 +124,8 @@ class Plant:
         """
         import casadi as ca
 
-        substeps = ceil(dt * self.fastest_rate / resolution)
-        h = dt / substeps
         x0, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
-
-        def f(x: Value) -> Value:
-            return ca.vertcat(*self.rate(x, u, d))
-
-        x: Value = x0
-        for _ in range(substeps):
-            k1 = f(x)
-            k2 = f(x + h / 2 * k1)
-            k3 = f(x + h / 2 * k2)
-            k4 = f(x + h * k3)
-            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        x = integrated(lambda x: ca.vertcat(*self.rate(x, u, d)), x0, dt, self.substeps(dt, resolution))
         return ca.Function("discrete", [x0, u, d], [x], ["x", "u", "d"], ["x_next"])
 
     def as_control_system(self) -> Any:

@@ -2,7 +2,9 @@
 
 The plant starts at rest, in equilibrium at the reference's first point with the stiffness asked there, unless another
 state is given: a reference that starts in motion has to be caught up with, and the errors of that count. Commands are
-held over each sample (zero-order hold) while the plant is integrated in fine steps.
+held over each sample (zero-order hold) while the plant is integrated in fine steps. Between sensors and controller
+stands an observer, which makes a state and a disturbance torque of what is measured; the default one takes the
+difference of the angles where the velocity is not measured, and nothing else.
 """
 
 from collections.abc import Iterable
@@ -15,7 +17,8 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from mpc.buffered import Buffered
+from mpc.experiment import Experiment
+from mpc.observer import Differentiator, Observer
 from mpc.plan import Plan
 from mpc.plant import NU, NX, Plant
 from mpc.reference import Reference
@@ -25,24 +28,48 @@ class Controller(Protocol):
     """What `simulate` asks of a controller."""
 
     dt: float
-    N: int
+
+    @property
+    def ahead(self) -> int:
+        """Samples of preview that it wants after the present one."""
 
     def reset(self) -> None:
         """Forget the past."""
 
-    def step(self, x: Any, theta_ref: Any, K_ref: Any) -> Plan:
-        """The plan from the state `x` for the previews (N+1,)."""
+    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
+        """The plan from the state `x` for the previews (ahead + 1,) under the disturbance torque `d` [N·m]."""
+
+
+class Process(Protocol):
+    """What `simulate` asks of a plant: `Plant` and `RealPlant` have it."""
+
+    @property
+    def nominal(self) -> Plant:
+        """The plant without the effects that its model does not know."""
+
+    def at_rest(self, theta: float, K: float) -> Array:
+        """The state (4,) to begin from."""
+
+    def begin(self, dt: float, x0: Array, seed: int) -> Experiment:
+        """An experiment from `x0` (4,)."""
+
+    def stiffness(self, x: Any) -> Any:
+        """True isobaric stiffness [N·m/rad] in the states `x` [4, ...]."""
+
+    def forces(self, x: Any) -> tuple[Any, Any]:
+        """True muscle forces [N] in the states `x` [4, ...]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
     """What happened in M steps; time runs along the first axis."""
 
-    plant: Plant
+    plant: Plant  # the nominal one
     dt: float  # [s]
     t: Array  # (M+1,) [s]
-    x: Array  # (M+1, 4) states
-    u: Array  # (M, 2) commands, u[k] from t[k] to t[k+1] [Pa]
+    x: Array  # (M+1, 4) true states
+    estimate: Array  # (M, 5) what the controller was told: the state and the disturbance torque [N·m]
+    u: Array  # (M, 2) commands, u[k] sent at t[k] [Pa]
     theta_ref: Array  # (M+1,) [rad]
     K_ref: Array  # (M+1,) [N·m/rad]
     K: Array  # (M+1,) isobaric stiffness of the plant [N·m/rad]
@@ -64,28 +91,43 @@ class Run:
 
 
 def simulate(
-    plant: Plant, controller: Controller, reference: Reference, *, x0: Any = None, progress: bool = False
+    plant: Process,
+    controller: Controller,
+    reference: Reference,
+    *,
+    x0: Any = None,
+    observer: Observer | None = None,
+    seed: int = 0,
+    progress: bool = False,
 ) -> Run:
     """Let `controller` drive `plant` along `reference` from its first sample to its last; see the module's text."""
-    dt, N = controller.dt, controller.N
+    dt = controller.dt
     wanted = reference.resampled(dt)
     steps = wanted.t.size - 1
-    integrate = Buffered(plant.discrete(dt, resolution=0.02))
-    x = np.empty((steps + 1, NX))
+    x, estimate = np.empty((steps + 1, NX)), np.empty((steps, NX + 1))
     x[0] = plant.at_rest(float(wanted.theta[0]), float(wanted.K[0])) if x0 is None else _state(x0)
     u, took, slack = np.empty((steps, NU)), np.empty(steps), np.empty(steps)
     rung, status = np.empty(steps, int), np.empty(steps, int)
 
+    experiment = plant.begin(dt, x[0], seed)
+    observer = Differentiator(dt) if observer is None else observer
+    observer.reset()
     controller.reset()
     for k in _counted(steps, progress):
+        measured = experiment.measure()
         began = perf_counter()
-        plan = controller.step(x[k], *wanted.preview(k, N))
+        estimated, d = observer.estimate(measured, u[k - 1] if k else x[0, 2:])
+        plan = controller.step(estimated, *wanted.preview(k, controller.ahead), d)
         took[k] = perf_counter() - began
+        estimate[k] = *estimated, d
         u[k], rung[k], status[k], slack[k] = plan.u[0], plan.rung, plan.status, plan.slack
-        x[k + 1] = integrate(x[k], u[k], 0.0)[0][0]
+        experiment.advance(u[k])
+        x[k + 1] = experiment.x
 
     K, forces = plant.stiffness(x.T), np.stack(plant.forces(x.T), axis=1)
-    return Run(plant, dt, wanted.t, x, u, wanted.theta, wanted.K, K, forces, took, rung, status, slack)
+    return Run(
+        plant.nominal, dt, wanted.t, x, estimate, u, wanted.theta, wanted.K, K, forces, took, rung, status, slack
+    )
 
 
 def _state(x0: Any) -> Array:
@@ -106,4 +148,4 @@ def _counted(steps: int, progress: bool) -> Iterable[int]:
     return track(range(steps), description="simulating", console=console, transient=True, disable=hidden)
 
 
-__all__ = ["Controller", "Run", "simulate"]
+__all__ = ["Controller", "Process", "Run", "simulate"]

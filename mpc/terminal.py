@@ -11,6 +11,8 @@ that the regulator assumed beyond the horizon seldom asks for more than the slew
 horizon too short to see how long braking takes ends in a limit cycle at the slew limit.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from allocator.calculus import Array
@@ -19,15 +21,23 @@ from mpc.linearise import Predictor
 from mpc.plant import NU, NX, Plant
 from mpc.weights import Weights
 
-_UNITS = np.array([1, 1, BAR, BAR, BAR, BAR])  # of ξ in the Riccati equation, for its conditioning
+UNITS = np.array([1, 1, BAR, BAR, BAR, BAR])  # of ξ in the Riccati equation, for its conditioning
 
 
-def terminal_factor(plant: Plant, dt: float, weights: Weights) -> Array:
-    """L (6, 6) with LᵀL = S: the terminal cost is ½|L ξ|². SI units."""
-    from scipy.linalg import cholesky, solve_discrete_are
+class Regulator(NamedTuple):
+    """The linear-quadratic problem of ξ = (x - x*, e_before) about the middle of the range, in units of bar for Pa."""
 
+    A: Array  # (6, 6)
+    B: Array  # (6, 2)
+    Q: Array  # (6, 6)
+    R: Array  # (2, 2)
+    cross: Array  # (6, 2), cost of ξᵀ cross e
+
+
+def regulator(plant: Plant, dt: float, weights: Weights, rate: float) -> Regulator:
+    """With the rate weight `rate` [cost]/[Pa/s]² in place of w_t."""
     A, B, C = _middle(plant, dt)
-    n, du = NX + NU, weights.terminal_rate / dt**2  # [cost]/[Pa]² per sample
+    n, du = NX + NU, rate / dt**2  # [cost]/[Pa]² per sample
     A_aug, B_aug = np.zeros((n, n)), np.vstack([B, np.eye(NU)])
     A_aug[:NX, :NX] = A
     Q, R = np.zeros((n, n)), (weights.u + du) * np.eye(NU)
@@ -35,15 +45,22 @@ def terminal_factor(plant: Plant, dt: float, weights: Weights) -> Array:
     Q[NX:, NX:] = du * np.eye(NU)
     cross = np.vstack([np.zeros((NX, NU)), -du * np.eye(NU)])
 
-    scale, u_scale = _UNITS, np.full(NU, BAR)
-    S = solve_discrete_are(
+    scale, u_scale = UNITS, np.full(NU, BAR)
+    return Regulator(
         A_aug * scale / scale[:, None],
         B_aug * u_scale / scale[:, None],
         Q * np.outer(scale, scale),
         R * np.outer(u_scale, u_scale),
-        s=cross * np.outer(scale, u_scale),
+        cross * np.outer(scale, u_scale),
     )
-    return np.asarray(cholesky(S) / scale)
+
+
+def terminal_factor(plant: Plant, dt: float, weights: Weights) -> Array:
+    """L (6, 6) with LᵀL = S: the terminal cost is ½|L ξ|². SI units."""
+    from scipy.linalg import cholesky, solve_discrete_are
+
+    A, B, Q, R, cross = regulator(plant, dt, weights, weights.terminal_rate)
+    return np.asarray(cholesky(solve_discrete_are(A, B, Q, R, s=cross)) / UNITS)
 
 
 def _middle(plant: Plant, dt: float) -> tuple[Array, Array, Array]:
@@ -54,4 +71,4 @@ def _middle(plant: Plant, dt: float) -> tuple[Array, Array, Array]:
     return model.A[0], model.B[0], model.C[0]
 
 
-__all__ = ["terminal_factor"]
+__all__ = ["UNITS", "Regulator", "regulator", "terminal_factor"]

@@ -49,6 +49,32 @@ def test_track_writes_picture_and_table_and_prints_the_figures(trajectory, tmp_p
         assert text in result.output
 
 
+def tracked(trajectory, *options):
+    out = trajectory.parent / "-".join(options)
+    result = CliRunner().invoke(app, ["track", str(trajectory), "--out", str(out), *options])
+    assert result.exit_code == 0, result.output
+    return (out / "tracking.csv").read_text()
+
+
+@pytest.mark.parametrize("controller", ["pid", "lqr", "feedforward"])
+def test_every_controller_can_be_tried_on_the_real_plant(trajectory, controller):
+    assert tracked(trajectory, "--plant", "real", "--controller", controller).count("\n") == 202
+
+
+def test_the_seed_makes_a_run_on_the_real_plant_repeatable(trajectory):
+    first, again, other = (tracked(trajectory, "--plant", "real", "--seed", seed) for seed in ("1", "1", "2"))
+    assert first == again
+    assert first != other
+
+
+def test_a_payload_is_met_better_with_an_observer(trajectory):
+    def left(*options):
+        rows = [*csv.DictReader(tracked(trajectory, "--payload", "1", *options).splitlines())]
+        return abs(float(rows[-1]["theta_deg"]) - float(rows[-1]["theta_ref_deg"]))
+
+    assert left("--observer") < 0.2 * left("--no-observer")
+
+
 def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
     done = antagonist("track", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -67,6 +93,9 @@ def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
         (["short.csv", "--dt", "-1"], "dt = -1 s has to be a sample time"),
         (["short.csv", "--horizon", "1"], "N = 1 has to be"),
         (["short.csv", "--out", "bad.csv"], "bad.csv cannot be written"),
+        (["short.csv", "--plant", "imaginary"], "unknown plant 'imaginary'; available: nominal, real"),
+        (["short.csv", "--controller", "fuzzy"], "unknown controller 'fuzzy'; available: "),
+        (["short.csv", "--controller", "pid", "--dt", "-1"], "dt = -1 s has to be a sample time"),
     ],
 )
 def test_bad_input_is_one_sentence_and_no_traceback(trajectory, arguments, said):

@@ -1,0 +1,103 @@
+"""How a controller uses a `Compensation`: when its command is heard, against what friction, and how to say it.
+
+A command given now is heard after the dead time. Until then the joint follows the commands under way; their motion
+gives the state in which the new command begins to act. The torque on the way and beyond contains the friction of the
+intended motion. What is to be heard is spoken so that it passes the dead band, within the limits of what can be sent.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from mpc.compensation import Compensation, FrictionState
+from mpc.friction import pull
+from mpc.limits import Limits
+from mpc.linearise import Predictor
+from mpc.plant import NX, Plant
+
+
+class Task(NamedTuple):
+    """What a command given now has to deal with, from the moment on at which it is heard; N+1 samples."""
+
+    x: Array  # (4,) the state then
+    theta: Array  # (N+1,) reference [rad]
+    K: Array  # (N+1,) reference [N·m/rad]
+    d: Array  # (N+1,) torque from outside and of friction [N·m]
+    measured: bool  # whether all of the state was
+
+
+class Foresight:
+    """Dead time, friction and dead band of `compensation` in a controller of `plant` with a preview of N samples."""
+
+    def __init__(self, plant: Plant, dt: float, N: int, compensation: Compensation, limits: Limits) -> None:
+        self.plant, self.compensation, self.limits = plant, compensation, limits
+        self.delay = compensation.delay(dt)
+        self.ahead = N + self.delay  # samples of preview wanted
+        self._under_way = Predictor(plant, dt, self.delay)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._waiting: list[Array] = []  # commands as they will be heard, oldest first
+        self._sent: Array | None = None  # (2,)
+        self._expected: Array | None = None  # the state that was predicted for the next sample (4,)
+        self._friction = FrictionState(self.compensation.friction)
+
+    def task(self, x: object, theta_ref: object, K_ref: object, d: object) -> Task:
+        """Checks what `step` of a controller was given and looks ahead by the dead time."""
+        x, measured = self._state(x)
+        theta = self._preview("theta_ref", checks.angle("theta_ref", theta_ref))
+        K = self._preview("K_ref", checks.stiffness("K_ref", K_ref))
+        torques = float(checks.real("d", d, "N·m")) - self._friction_ahead(x, theta)
+        if self._sent is None:
+            self._sent = x[2:]
+        if not (m := self.delay):
+            return Task(x, theta, K, torques, measured)
+        self._waiting = self._waiting or [x[2:]] * m
+        path = self._under_way.motion(x, np.array(self._waiting), torques[:m]).x
+        self._expected = path[1]
+        return Task(path[m], theta[m:], K[m:], torques[m:], measured)
+
+    def spoken(self, u: Array, x: Array) -> Array:
+        """The commands (N, 2) to send for `u` (N, 2) to be heard in the states `x` (N+1, 4), as the limits allow."""
+        self._waiting = [*self._waiting[1:], u[0]] if self.delay else []
+        if not self.delay:
+            self._expected = x[1]
+        if self.compensation.dead_band:
+            assert self._sent is not None  # `task` comes first
+            u = self.limits.limited(self._sent, self.compensation.spoken(u, x[:-1, 2:]))
+        self._sent = u[0]
+        return u
+
+    # --- the pieces -------------------------------------------------------------------------------------------------
+
+    def _state(self, x: object) -> tuple[Array, bool]:
+        """The state to start from, and whether all of it was measured."""
+        array = np.array(x, float)
+        if array.shape != (NX,):
+            raise InvalidInput(f"x has the shape {array.shape}, not ({NX},): (theta [rad], omega [rad/s], P1, P2 [Pa])")
+        missing = ~np.isfinite(array)
+        if not missing.any():
+            return array, True
+        if self._expected is None:
+            raise InvalidInput(f"x = {array} is not finite, and there is no earlier step to predict it from")
+        return np.where(missing, self._expected, array), False
+
+    def _preview(self, name: str, reference: Array) -> Array:
+        if reference.shape not in ((), (self.ahead + 1,)):
+            raise InvalidInput(
+                f"{name} has the shape {reference.shape}; give one value or a preview ({self.ahead + 1},)"
+            )
+        return np.broadcast_to(reference, self.ahead + 1)
+
+    def _friction_ahead(self, x: Array, theta: Array) -> Array:
+        """Friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does."""
+        z = self._friction.follow(float(x[0]))
+        limit = self.compensation.friction.limit(float(pull(self.plant, x)))
+        return np.asarray(limit * self.compensation.friction.along(z, theta))
+
+
+__all__ = ["Foresight", "Task"]

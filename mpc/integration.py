@@ -1,0 +1,20 @@
+"""Classical Runge–Kutta for formulas of numbers or CasADi symbols."""
+
+from collections.abc import Callable
+
+from allocator.calculus import Value
+
+
+def integrated(rate: Callable[[Value], Value], x: Value, duration: Value, substeps: int) -> Value:
+    """The state after `duration` [s] of x' = rate(x) from `x`, in `substeps` equal steps of fourth order."""
+    h = duration / substeps
+    for _ in range(substeps):
+        k1 = rate(x)
+        k2 = rate(x + h / 2 * k1)
+        k3 = rate(x + h / 2 * k2)
+        k4 = rate(x + h * k3)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return x
+
+
+__all__ = ["integrated"]

@@ -1,0 +1,177 @@
+"""From measurements to what a controller needs: the state and the disturbance torque.
+
+`KalmanObserver` is an extended Kalman filter for ξ = (θ, ω, P1, P2, d) from measured y = (θ, P1, P2):
+
+    ξ_{k+1} = (f_d(x_k, v_k, d_k - T_f), d_k) + w_k,    y_k = (θ, P1, P2)_k + n_k,    w ~ (0, Q),  n ~ (0, R)
+
+f_d is the plant over one sample, v the commands that act now (past their dead time, less the dead band) and T_f the
+friction that `Compensation` knows. d is a random walk, so that in steady state nothing of a constant torque is left.
+The covariance begins at the stationary one (Riccati equation at rest in the middle of the range).
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.units import BAR, DEG
+from mpc.buffered import Buffered
+from mpc.compensation import Compensation, FrictionState
+from mpc.friction import pull
+from mpc.plant import NU, NX, Plant
+
+_MEASURED = np.array([0, 2, 3])  # of ξ
+_SCALE = np.array([1, 1, BAR, BAR, 1])  # of ξ in the Riccati equation, for its conditioning
+
+
+class Observer(Protocol):
+    """Makes a state of what the sensors say, sample by sample."""
+
+    def reset(self) -> None:
+        """Forget the past."""
+
+    def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
+        """State (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was sent last."""
+
+
+class Differentiator:
+    """No observer at all: a velocity that is not measured is the difference of the last two angles."""
+
+    def __init__(self, dt: float) -> None:
+        self.dt = dt
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._theta: float | None = None
+
+    def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
+        """`y` (4,) with the velocity filled in, and no disturbance torque."""
+        x = np.array(y)
+        if np.isnan(x[1]):
+            x[1] = 0.0 if self._theta is None else (x[0] - self._theta) / self.dt
+        self._theta = float(x[0])
+        return x, 0.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations: of the sensors per sample, of the model's errors per root of a second."""
+
+    theta: float = 0.01 * DEG  # [rad]
+    pressure: float = 0.02 * BAR  # [Pa]
+    omega_walk: float = 0.2  # [rad/s/√s]
+    pressure_walk: float = 0.1 * BAR  # [Pa/√s]
+    d_walk: float = 1.0  # [N·m/√s]
+
+    def Q(self, dt: float) -> Array:
+        """Covariance (5, 5) of the model's errors over `dt` [s]."""
+        return dt * np.diag([0.0, self.omega_walk, self.pressure_walk, self.pressure_walk, self.d_walk]) ** 2
+
+    @property
+    def R(self) -> Array:
+        """Covariance (3, 3) of the sensors."""
+        return np.diag([self.theta, self.pressure, self.pressure]) ** 2
+
+
+class KalmanObserver:
+    """Extended Kalman filter; `plant` is the model. A sensor may be silent (NaN) for `tolerance` seconds.
+
+    After that what it should measure is answered as NaN until it speaks again: a controller then knows that it is
+    blind, and `TrackingMPC` says so in the status of its plans.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        dt: float,
+        noise: Noise | None = None,
+        compensation: Compensation | None = None,
+        tolerance: float = 0.1,
+    ) -> None:
+        self.plant, self.dt, self.tolerance = plant, dt, tolerance
+        self.noise = Noise() if noise is None else noise
+        self.compensation = Compensation() if compensation is None else compensation
+        self._Q, self._R = self.noise.Q(dt), self.noise.R
+        self._model = Buffered(self._discrete())
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the next measurement is the state, and no torque disturbs."""
+        self.xi: Array | None = None  # (5,)
+        self.covariance = self._stationary  # (5, 5)
+        self._silent = np.zeros(_MEASURED.size)  # for how long [s]
+        self._friction = FrictionState(self.compensation.friction)
+        self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + 1)
+
+    def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
+        """State (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was sent last."""
+        read = np.asarray(y, float)[_MEASURED]
+        if self.xi is None:
+            self.xi = self._first(read)
+            self._commands.extend([np.asarray(u, float)] * self.compensation.delay(self.dt))
+        else:
+            self._commands.append(np.asarray(u, float))
+            self._predict(self.xi, self._commands[0])
+        there = np.isfinite(read)
+        self._correct(self.xi, read, there)
+        self._silent = np.where(there, 0.0, self._silent + self.dt)
+        x = self.xi[:NX].copy()
+        x[_MEASURED[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
+        return x, float(self.xi[NX])
+
+    # --- the filter -------------------------------------------------------------------------------------------------
+
+    def _first(self, read: Array) -> Array:
+        if not np.isfinite(read).all():
+            raise InvalidInput(f"the first measurement (theta, P1, P2) = {read} has to be finite")
+        return np.array([read[0], 0.0, read[1], read[2], 0.0])
+
+    def _predict(self, xi: Array, u: Array) -> None:
+        x, d = xi[:NX], xi[NX]
+        z = self._friction.follow(float(x[0]))
+        T_f = self.compensation.friction.limit(pull(self.plant, x)) * z
+        x_next, A = self._model(x, self.compensation.heard(u, x[2:]), d - T_f)
+        xi[:NX] = x_next[0]
+        A = _with_walk(A)
+        self.covariance = A @ self.covariance @ A.T + self._Q
+
+    def _correct(self, xi: Array, read: Array, there: Array) -> None:
+        C, R = np.eye(NX + 1)[_MEASURED[there]], self._R[np.ix_(there, there)]
+        S = C @ self.covariance @ C.T + R
+        gain = np.linalg.solve(S, C @ self.covariance).T
+        xi += gain @ (read[there] - C @ xi)
+        left = np.eye(NX + 1) - gain @ C
+        self.covariance = left @ self.covariance @ left.T + gain @ R @ gain.T  # Joseph's form: stays symmetric
+
+    @property
+    def _stationary(self) -> Array:
+        """Covariance (5, 5) before a measurement, once the filter has run for long."""
+        from scipy.linalg import solve_discrete_are
+
+        P = np.full(NU, np.mean(self.plant.joint.pressure_limits))
+        _, A = self._model(np.array([np.mean(self.plant.joint.angle_range), 0.0, *P]), P, 0.0)
+        scale = np.outer(_SCALE, _SCALE)
+        C, c_scale = np.eye(NX + 1)[_MEASURED], _SCALE[_MEASURED]
+        A = _with_walk(A) / _SCALE[:, None] * _SCALE
+        return np.asarray(scale * solve_discrete_are(A.T, C.T, self._Q / scale, self._R / np.outer(c_scale, c_scale)))
+
+    def _discrete(self) -> Any:
+        """(x, v, d) ↦ x and its derivative by (x, d), transposed because `Buffered` hands back transposes."""
+        import casadi as ca
+
+        x, v, d = ca.SX.sym("x", NX), ca.SX.sym("v", NU), ca.SX.sym("d")
+        x_next = self.plant.discrete(self.dt)(x, v, d)
+        slope = ca.densify(ca.jacobian(x_next, ca.vertcat(x, d)).T)
+        return ca.Function("observed", [x, v, d], [x_next, slope])
+
+
+def _with_walk(A: Array) -> Array:
+    """(5, 5) from the plant's derivative (4, 5): d stays."""
+    return np.vstack([A, np.eye(NX + 1)[-1:]])
+
+
+__all__ = ["Differentiator", "KalmanObserver", "Noise", "Observer"]

@@ -1,0 +1,200 @@
+"""A plant to test controllers against: all that real joints do and the prediction model does not know.
+
+    θ' = ω,   J ω' = T - b ω - m g l sin θ - T_f + d(t),   T = g1 a1 F1 - g2 a2 F2
+    P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow,   dz(e) = e less the dead band, 0 within it
+    measured: θ rounded to the encoder's step, P_i + noise; not ω
+
+with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.friction`. Every effect has a
+value at which it is off, the default of its field; with all of them off this is the nominal `Plant`.
+"""
+
+from dataclasses import dataclass, field, fields, replace
+from math import inf, isfinite
+from typing import Any, Self
+
+import numpy as np
+
+from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
+from allocator.joint import report_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from allocator.units import BAR, DEG
+from mpc.buffered import Buffered
+from mpc.compensation import Compensation
+from mpc.experiment import FINE
+from mpc.friction import Friction
+from mpc.integration import integrated
+from mpc.plant import NU, NX, Plant
+
+
+@dataclass(frozen=True)
+class RealPlant:
+    """A nominal plant and what is added to it; immutable. SI units."""
+
+    nominal: Plant = field(default_factory=Plant)  # joint, link, gravity, lags
+    force_gains: tuple[float, float] = (1.0, 1.0)  # g1, g2 [-]
+    friction: Friction = field(default_factory=Friction)
+    dead_time: float = 0.0  # t_dead of the commands [s]
+    dead_band: float = 0.0  # [Pa], total: a regulator rests within half of it on either side
+    flow: float = inf  # fastest change of a pressure [Pa/s]
+    encoder: float = 0.0  # [rad] a step
+    pressure_noise: float = 0.0  # standard deviation [Pa], white from sample to sample
+    torque_profile: tuple[tuple[float, float], ...] = ()  # (from time [s] on, external torque [N·m]), in order
+
+    def __post_init__(self) -> None:
+        """Check the effects."""
+        for name in ("dead_time", "dead_band", "flow", "encoder", "pressure_noise"):
+            value = float(getattr(self, name))
+            if not value >= 0 or (name == "flow" and value == 0) or (name != "flow" and not isfinite(value)):
+                unit = next(u for n, u in _UNITS if n == name)
+                raise InvalidInput(
+                    f"{name} = {value:g} {unit} has to be 0 or more" + " (flow: above 0)" * (name == "flow")
+                )
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "force_gains", tuple(float(g) for g in self.force_gains))
+        if len(self.force_gains) != NU or not all(isfinite(g) and g > 0 for g in self.force_gains):
+            raise InvalidInput(f"force_gains = {self.force_gains} have to be two positive numbers [-]")
+        times = [t for t, _ in self.torque_profile]
+        if not np.isfinite(np.array(self.torque_profile, float)).all() or times != sorted(times):
+            raise InvalidInput(
+                f"torque_profile = {self.torque_profile} has to be finite pairs (s, N·m), times in order"
+            )
+
+    @classmethod
+    def standard(
+        cls,
+        force_gains: tuple[float, float] = (1.1, 0.9),
+        torque_profile: tuple[tuple[float, float], ...] = (),
+        nominal: Plant | None = None,
+    ) -> Self:
+        """The plant of the closed-loop benchmark: all effects on `nominal`: the report's joint with Sarosi's muscles.
+
+        Its `nominal` plant is the controllers' model.
+        """
+        plant = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12) if nominal is None else nominal
+        return cls(
+            plant,
+            force_gains,
+            Friction.of_width(plant, 5 * DEG),
+            dead_time=0.03,
+            dead_band=0.1 * BAR,
+            flow=5 * BAR,
+            encoder=0.02 * DEG,
+            pressure_noise=0.02 * BAR,
+            torque_profile=torque_profile,
+        )
+
+    def without(self, *effects: str) -> Self:
+        """The same with these effects (names of fields) off."""
+        off = type(self)()
+        known = {f.name for f in fields(self)} - {"nominal"}
+        if unknown := set(effects) - known:
+            raise InvalidInput(f"there is no effect {', '.join(sorted(unknown))}; there are {', '.join(sorted(known))}")
+        return replace(self, **{name: getattr(off, name) for name in effects})
+
+    def known(self, share: float = 0.75) -> Compensation:
+        """What a controller is told of this plant: dead time, dead band, and a `share` [-] of the friction.
+
+        All of it would be best here and worst where it has vanished: the intended motion is then pushed by friction
+        that nobody sees. Too little is the safe side.
+        """
+        friction = replace(self.friction, mu=share * self.friction.mu, coulomb=share * self.friction.coulomb)
+        return Compensation(friction, self.dead_time, self.dead_band)
+
+    # --- the equations ----------------------------------------------------------------------------------------------
+
+    def torque(self, x: Value) -> Value:
+        """T = g1 a1 F1 - g2 a2 F2 [N·m] in the state `x` [4, ...]."""
+        agonist, antagonist = self.nominal.joint.sides(x[0])
+        return self.force_gains[0] * agonist.torque(x[2]) + self.force_gains[1] * antagonist.torque(x[3])
+
+    def stiffness(self, x: Value) -> Value:
+        """Isobaric stiffness [N·m/rad] of the muscles as they are, without friction, in the state `x` [4, ...]."""
+        agonist, antagonist = self.nominal.joint.sides(x[0])
+        return self.force_gains[0] * agonist.stiffness(x[2]) + self.force_gains[1] * antagonist.stiffness(x[3])
+
+    def forces(self, x: Value) -> tuple[Value, Value]:
+        """Muscle forces (F1, F2) [N] as they are in the state `x` [4, ...]; negative means slack."""
+        F1, F2 = self.nominal.forces(x)
+        return self.force_gains[0] * F1, self.force_gains[1] * F2
+
+    def rate(self, x: Value, u: Value, d: Value) -> tuple[Value, ...]:
+        """Derivative of (θ, ω, P1, P2, z), CasADi symbols; `u` what the regulators hear now, `d` [N·m] from outside."""
+        import casadi as ca
+
+        theta, omega, z = x[0], x[1], x[4]
+        agonist, antagonist = self.nominal.joint.sides(theta)
+        pulls = self.force_gains[0] * agonist.torque(x[2]), -self.force_gains[1] * antagonist.torque(x[3])
+        T_f = self.friction.limit(sum(ca.fmax(pull, 0.0) for pull in pulls)) * z  # a slack cable rubs no more
+        balance = self.torque(x) - self.nominal.torque_for(theta, omega, 0.0, d) - T_f
+        z_rate = (omega - ca.fabs(omega) * z) / self.friction.presliding
+        return omega, balance / self.nominal.inertia, *self._pressure_rates(x, u), z_rate
+
+    def _pressure_rates(self, x: Value, u: Value) -> list[Value]:
+        import casadi as ca
+
+        rest = self.dead_band / 2
+        error = [u[i] - x[2 + i] for i in range(NU)]
+        heard = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]
+        return [
+            ca.fmin(ca.fmax(e / tau, -self.flow), self.flow) for e, tau in zip(heard, self.nominal.lags, strict=True)
+        ]
+
+    def at_rest(self, theta: float, K: float) -> Array:
+        """The nominal plant's rest (4,): where an experiment begins. This plant will drift from it and settle."""
+        return self.nominal.at_rest(theta, K)
+
+    def begin(self, dt: float, x0: Array, seed: int) -> "RealExperiment":
+        """An experiment from the state `x0` (4,) with commands every `dt` [s]; `seed` is that of the sensors' noise."""
+        return RealExperiment(self, dt, x0, seed)
+
+
+class RealExperiment:
+    """One experiment on a `RealPlant`: its state, what its sensors say, and time going on."""
+
+    def __init__(self, real: RealPlant, dt: float, x0: Array, seed: int) -> None:
+        self.real, self.dt = real, dt
+        self._noise = np.random.default_rng(seed)
+        self._full = np.append(x0, 0.0)  # with the friction's state z
+        self._sample = 0
+        whole = int(real.dead_time / dt * (1 + 1e-12))
+        late = real.dead_time - whole * dt  # rest of the dead time: the older command acts so long in each sample
+        self._pieces = [late, dt - late] if late > 1e-9 * dt else [dt]
+        self._waiting = [np.array(x0[2:])] * (whole + len(self._pieces) - 1)  # commands on their way, oldest first
+        self._integrate = Buffered(self._discrete())
+
+    @property
+    def x(self) -> Array:
+        """The true state (4,)."""
+        return self._full[:NX].copy()
+
+    def measure(self) -> Array:
+        """The sensors' (4,): θ, NaN for the velocity that nobody measures, P1, P2. Every call draws new noise."""
+        theta, _, *P = self.x
+        step = self.real.encoder
+        read = step * np.round(theta / step) if step else theta
+        return np.array([read, np.nan, *(P + self.real.pressure_noise * self._noise.standard_normal(NU))])
+
+    def advance(self, u: Array) -> None:
+        """One sample with the commands `u` (2,) [Pa] given now."""
+        t = self._sample * self.dt
+        d = next((torque for start, torque in reversed(self.real.torque_profile) if t >= start - 1e-9), 0.0)
+        self._waiting.append(np.array(u))
+        for command, duration in zip(self._waiting, self._pieces, strict=False):
+            self._full = self._integrate(self._full, command, d, duration)[0][0]
+        self._waiting.pop(0)
+        self._sample += 1
+
+    def _discrete(self) -> Any:
+        """(x, u, d, duration) ↦ x, for at most one sample, in steps as fine as `simulate` takes for a `Plant`."""
+        import casadi as ca
+
+        x0, u, d, duration = ca.SX.sym("x", NX + 1), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("duration")
+        substeps = self.real.nominal.substeps(self.dt, FINE)
+        x = integrated(lambda x: ca.vertcat(*self.real.rate(x, u, d)), x0, duration, substeps)
+        return ca.Function("real", [x0, u, d, duration], [x])
+
+
+_UNITS = (("dead_time", "s"), ("dead_band", "Pa"), ("flow", "Pa/s"), ("encoder", "rad"), ("pressure_noise", "Pa"))
+
+__all__ = ["RealExperiment", "RealPlant"]

@@ -1,0 +1,78 @@
+"""Standard trajectories of the closed-loop benchmark: each begins and ends with a rest, in which a loop settles.
+
+Angles in rad, stiffness in N·m/rad, times in s. The first rest is `LEAD` seconds long: a controller has to find out
+there how far its model is off.
+"""
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.units import DEG
+from mpc.reference import Reference, sine
+
+LEAD = 4.0  # [s] first rest
+_DT = 0.01  # [s] between samples
+
+
+def min_jerk(s: Array) -> Array:
+    """The shape of a movement of least jerk: from 0 to 1 as `s` goes from 0 to 1 (Flash & Hogan 1985)."""
+    s = np.clip(np.asarray(s, float), 0, 1)
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+def _times(duration: float) -> Array:
+    return np.asarray(_DT * np.arange(round(duration / _DT) + 1), float)
+
+
+def rested_sine(K: float = 5.5, duration: float = 10.0) -> Reference:
+    """±40° at 0.5 Hz with K ± 0.3 at 0.25 Hz."""
+    moving = sine(K=K, duration=duration, dt=_DT)
+    rest = _times(LEAD)[:-1]
+    still = np.zeros_like(rest)
+    return Reference(
+        np.concatenate([rest, LEAD + moving.t]),
+        np.concatenate([still, moving.theta]),
+        np.concatenate([still + K, moving.K]),
+    )
+
+
+def point_to_point(K: float = 5.5, angle: float = 60 * DEG, time: float = 1.0, rest: float = 2.0) -> Reference:
+    """From -angle/2 to angle/2 and back, each in `time`, along the path of least jerk, with a `rest` after each."""
+    t = _times(LEAD + 2 * (time + rest))
+    there, back = min_jerk((t - LEAD) / time), min_jerk((t - LEAD - time - rest) / time)
+    return Reference(t, angle * (there - back - 0.5), np.full_like(t, K))
+
+
+def chirp(
+    K: float = 5.5,
+    amplitude: float = 28 * DEG,
+    frequencies: tuple[float, float] = (0.15, 0.55),
+    duration: float = 10.0,
+) -> Reference:
+    """A sine of rising frequency [Hz], fading in and out over one second each."""
+    t = _times(LEAD + duration)
+    s = np.clip(t - LEAD, 0, duration)
+    low, high = frequencies
+    phase = 2 * np.pi * (low * s + (high - low) * s**2 / (2 * duration))
+    fade = min_jerk(s) * min_jerk(duration - s)
+    return Reference(t, amplitude * fade * np.sin(phase), np.full_like(t, K))
+
+
+def steps(K: float = 5.5, angle: float = 20 * DEG, time: float = 0.4, rest: float = 2.5) -> Reference:
+    """Steps to 20°, 40° and 20°, each shaped to least jerk over `time` so that every controller can follow."""
+    t = _times(LEAD + 3 * (time + rest))
+    edges = LEAD + (rest + time) * np.arange(3)
+    levels = sum(sign * min_jerk((t - edge) / time) for edge, sign in zip(edges, (1, 1, -1), strict=True))
+    return Reference(t, angle * np.asarray(levels), np.full_like(t, K))
+
+
+def stiffness_step(
+    K: tuple[float, float] = (5.0, 6.0), theta: float = 20 * DEG, time: float = 0.3, rest: float = 2.5
+) -> Reference:
+    """Stiffness from K[0] to K[1] and back at constant angle, each shaped to least jerk over `time`."""
+    t = _times(LEAD + 2 * (time + rest))
+    there, back = min_jerk((t - LEAD) / time), min_jerk((t - LEAD - time - rest) / time)
+    return Reference(t, np.full_like(t, theta), K[0] + (K[1] - K[0]) * (there - back))
+
+
+__all__ = ["LEAD", "chirp", "min_jerk", "point_to_point", "rested_sine", "steps", "stiffness_step"]
