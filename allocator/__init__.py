@@ -8,6 +8,19 @@
 
 from allocator.allocation import Allocation, Status, allocate
 from allocator.errors import AntagonistError, InvalidFile, InvalidInput, MissingBackend
+from allocator.feasibility import (
+    Design,
+    FeasibilityMap,
+    angle_interval,
+    angle_intervals,
+    design_grid,
+    design_sweep,
+    feasibility_map,
+    plot_maps,
+    plot_pressures,
+    stiffness_interval,
+    torque_interval,
+)
 from allocator.geometry import Geometry, Lever, Pulley, Table
 from allocator.identification import (
     Fit,
@@ -36,6 +49,8 @@ __all__ = [
     "Allocation",
     "AntagonistError",
     "AntagonistJoint",
+    "Design",
+    "FeasibilityMap",
     "Fit",
     "Geometry",
     "InvalidFile",
@@ -49,7 +64,12 @@ __all__ = [
     "Status",
     "Table",
     "allocate",
+    "angle_interval",
+    "angle_intervals",
     "compare_joint_models",
+    "design_grid",
+    "design_sweep",
+    "feasibility_map",
     "fit",
     "fit_joint",
     "inverse",
@@ -57,8 +77,12 @@ __all__ = [
     "load_joint",
     "named_muscle",
     "plan_joint_experiment",
+    "plot_maps",
+    "plot_pressures",
     "rank_models",
     "read_samples",
     "report_joint",
     "save_joint",
+    "stiffness_interval",
+    "torque_interval",
 ]

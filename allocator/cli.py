@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from allocator.errors import AntagonistError
+from allocator.feasibility.cli import map_command
 from allocator.identification.cli import fit_command
+from allocator.identification.joint_cli import fit_joint_command
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -84,6 +86,8 @@ def _table(a: "Allocation") -> "Table":
 
 
 app.command("fit")(fit_command)
+app.command("fit-joint")(fit_joint_command)
+app.command("map")(map_command)
 
 
 def run(application: typer.Typer) -> None:
