@@ -1,6 +1,7 @@
 """Commands about statics: `antagonist allocate`. Degrees and bar here, SI behind."""
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -9,6 +10,9 @@ from allocator.errors import AntagonistError
 from allocator.feasibility.cli import map_command
 from allocator.identification.cli import fit_command
 from allocator.identification.joint_cli import fit_joint_command
+from allocator.joint import AntagonistJoint, report_joint
+from allocator.joint_storage import load_joint
+from allocator.muscles.catalogue import named_muscle
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -17,6 +21,8 @@ if TYPE_CHECKING:
 
 REPORT_MUSCLE = "tondu-dmsp-20-400n"
 MUSCLE = typer.Option(help="both muscles: a name of the catalogue, or a TOML file written by `antagonist fit`")
+
+JOINT = typer.Option(help="a joint in a TOML file written by `antagonist fit-joint`, instead of --muscle")
 
 app = typer.Typer(
     name="antagonist",
@@ -42,20 +48,19 @@ def allocate(
     solver: Annotated[str | None, typer.Option(help="solver of the methods qp, nlp and convex")] = None,
     min_force: Annotated[float, typer.Option(help="least muscle force [N]")] = 0.0,
     muscle: Annotated[str, MUSCLE] = REPORT_MUSCLE,
+    joint: Annotated[Path | None, JOINT] = None,
 ) -> None:
     """Find the two pressures for a torque and a stiffness, and say what is in the way."""
     from rich.console import Console
 
     from allocator.allocation import allocate as solve
-    from allocator.joint import report_joint
-    from allocator.muscles.catalogue import named_muscle
     from allocator.units import DEG
 
     answer = solve(
         theta * DEG,
         stiffness,
         torque,
-        joint=report_joint(named_muscle(muscle)),
+        joint=chosen_joint(muscle, joint),
         method=method,
         priority=priority,  # type: ignore[arg-type]  # checked there
         min_force=min_force,
@@ -64,6 +69,11 @@ def allocate(
     console = Console()
     console.print(_table(answer))
     console.print(answer.message, highlight=False)
+
+
+def chosen_joint(muscle: str, joint: Path | None) -> AntagonistJoint:
+    """The joint in the file, or the report's with the muscle of this name."""
+    return report_joint(named_muscle(muscle)) if joint is None else load_joint(joint)
 
 
 def _table(a: "Allocation") -> "Table":
@@ -99,4 +109,4 @@ def run(application: typer.Typer) -> None:
         sys.exit(2)
 
 
-__all__ = ["MUSCLE", "REPORT_MUSCLE", "app", "run"]
+__all__ = ["JOINT", "MUSCLE", "REPORT_MUSCLE", "app", "chosen_joint", "run"]

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from allocator.cli import MUSCLE, REPORT_MUSCLE, app, run
+from allocator.cli import JOINT, MUSCLE, REPORT_MUSCLE, app, chosen_joint, run
 from allocator.errors import InvalidInput, MissingBackend
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from allocator.joint import AntagonistJoint
     from mpc.loops import Settings
     from mpc.metrics import Metrics
     from mpc.simulation import Process
@@ -31,6 +32,7 @@ def track(
     horizon: Annotated[int, typer.Option(help="samples that the controller looks ahead")] = 20,
     solver: Annotated[str, typer.Option(help="QP solver: daqp, or one that qpsolvers finds, e.g. osqp")] = "daqp",
     muscle: Annotated[str, MUSCLE] = REPORT_MUSCLE,
+    joint: Annotated[Path | None, JOINT] = None,
     plant: Annotated[
         str, typer.Option(help="nominal, or real: with what the controller's model does not know")
     ] = _NOMINAL,
@@ -54,7 +56,7 @@ def track(
     console = Console()
     reference = default_trajectory() if trajectory is None else load(trajectory)
     half_way = float(reference.t[-1] - reference.t[0]) / 2
-    tested, settings = _tested(plant, muscle, ((half_way, payload),) if payload else ())
+    tested, settings = _tested(plant, chosen_joint(muscle, joint), ((half_way, payload),) if payload else ())
     settings = settings._replace(dt=dt, N=horizon, solver=solver)
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
@@ -75,16 +77,15 @@ def track(
     _say(console, f"written: {picture}, {table}")
 
 
-def _tested(plant: str, muscle: str, torque: "tuple[tuple[float, float], ...]") -> "tuple[Process, Settings]":
+def _tested(
+    plant: str, joint: "AntagonistJoint", torque: "tuple[tuple[float, float], ...]"
+) -> "tuple[Process, Settings]":
     """The plant called `plant` under an unknown torque, and what its controller knows."""
-    from allocator.joint import report_joint
-    from allocator.muscles.catalogue import named_muscle
     from mpc.loops import Settings
     from mpc.plant import Plant
     from mpc.reality import RealPlant
     from mpc.weights import Weights
 
-    joint = report_joint(named_muscle(muscle))
     if plant == _REAL:
         real = RealPlant.standard(torque_profile=torque, nominal=Plant(joint, lag=0.12))
         return real, Settings(real.nominal, compensation=real.known(), weights=Weights.calm())

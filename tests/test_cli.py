@@ -8,6 +8,8 @@ from typer.testing import CliRunner
 
 from allocator import Muscle, allocate, report_joint
 from allocator.cli import app
+from allocator.joint_storage import save_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 
 
@@ -69,3 +71,11 @@ def test_every_method_answers_on_the_command_line(method):
     result = CliRunner().invoke(app, ["allocate", "--theta", "10", "--stiffness", "7.5", "--method", method])
     assert result.exit_code == 0
     assert "EXACT" in result.output
+
+
+def test_a_joint_goes_from_file_to_pressures(tmp_path):
+    joint, path = report_joint(SAROSI_DMSP_20_400N), tmp_path / "joint.toml"
+    save_joint(joint, path)
+    result = CliRunner().invoke(app, ["allocate", "--theta", "10", "--stiffness", "6", "--joint", str(path)])
+    assert result.exit_code == 0
+    assert f"{allocate(10 * DEG, 6.0, joint=joint).P1 / BAR:.4f}" in result.output
