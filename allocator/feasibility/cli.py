@@ -45,6 +45,7 @@ def map_command(
     supply: Annotated[float, typer.Option(help="supply pressure [bar]")] = 5.0,
     stops: Annotated[str, typer.Option(help="mechanical end stops LOW:HIGH [degrees]")] = "-125:125",
     min_force: Annotated[float, typer.Option(help="least muscle force [N]")] = 0.0,
+    joint: Annotated[Path | None, typer.Option(help="a joint in a TOML file written by `antagonist fit-joint`")] = None,
     max_memory: Annotated[float, typer.Option(help="memory that the map may take [GB]")] = 1.0,
 ) -> None:
     """Show which angles, stiffnesses and torques the joint can have, and which limit ends them.
@@ -54,6 +55,7 @@ def map_command(
     """
     from rich.console import Console
 
+    from allocator.joint_storage import load_joint
     from allocator.units import DEG, MM
 
     if out.suffix.lower() not in _ENDINGS:
@@ -62,14 +64,17 @@ def map_command(
     pulley = {"rest_length": rest_length * MM, "radius": radius * MM, "initial_contraction": initial_contraction}
     left, right = _numbers("--stops", stops, 2, 2)
     maps = {}
-    for name in muscle or [_REPORT]:
-        joint = _joint(_muscle(name), pulley, supply, (left * DEG, right * DEG))
+    stop_angles = (left * DEG, right * DEG)
+    joints = {
+        name: _joint(_muscle(name), pulley, supply, stop_angles) for name in muscle or ([] if joint else [_REPORT])
+    }
+    for name, shown in (joints | ({joint.stem: load_joint(joint)} if joint else {})).items():
         axes = {
             "theta": None if theta is None else _axis("--theta", theta, "°") * DEG,
             "K": None if stiffness is None else _axis("--stiffness", stiffness, "N·m/rad"),
             "T": _torque(torque, theta, stiffness),
         }
-        maps[name] = _map(axes, joint, min_force, max_memory, console)
+        maps[name] = _map(axes, shown, min_force, max_memory, console)
         _say(console, name, maps[name])
     _write(maps, out, pressures)
     console.print(f"written: {out}", highlight=False, markup=False, soft_wrap=True)
