@@ -4,9 +4,11 @@ The disturbance torque d is what remains besides. Observer and controller have t
 """
 
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
+from allocator import AntagonistJoint
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
@@ -30,6 +32,11 @@ class Compensation:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InvalidInput(f"{name} = {value!r} {unit} has to be 0 or more, and finite")
+
+    @classmethod
+    def of(cls, joint: AntagonistJoint) -> Self:
+        """What `allocator.fit_joint` found beyond the muscle laws: the joint's friction μ."""
+        return cls(Friction(mu=joint.friction))
 
     def delay(self, dt: float) -> int:
         """The dead time in whole samples of `dt` [s]."""

@@ -1,8 +1,9 @@
 """The commands that would follow a preview exactly, if the model were right and nothing limited: closed form.
 
-The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d, and what friction takes; `allocate` turns (θ, K, T) at
-all N+1 samples into pressures in one call, bringing what cannot be reached to the nearest that can; and the lag over
-one sample of constant command, P_{k+1} = α_i P_k + (1 - α_i) u_k with α_i = exp(-dt/τ_i), is inverted for the commands.
+The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d, where d holds the friction of the intended motion too
+(`mpc.foresight`); `allocate` turns (θ, K, T) at all N+1 samples into pressures in one call, bringing what cannot be
+reached to the nearest that can; and the lag over one sample of constant command, P_{k+1} = α_i P_k + (1 - α_i) u_k with
+α_i = exp(-dt/τ_i), is inverted for the commands.
 """
 
 from dataclasses import dataclass
@@ -12,8 +13,6 @@ import numpy as np
 from allocator import allocate
 from allocator.calculus import Array
 from mpc.plant import Plant
-
-_AT_REST = 0.02  # [rad/s] a speed next to which the direction turns
 
 
 @dataclass(frozen=True)
@@ -28,16 +27,12 @@ class FeedForward:
 
 
 class FeedForwardLaw:
-    """Feed-forward of `plant` for previews of N+1 samples, `dt` [s] apart.
+    """Feed-forward of `plant` for previews of N+1 samples, `dt` [s] apart."""
 
-    With `friction` the muscles add the torque that the joint's friction μ takes in the direction of the preview, which
-    turns smoothly (tanh) where the preview rests. The joint's equations of motion are left without it.
-    """
-
-    def __init__(self, plant: Plant, dt: float, N: int, *, friction: bool = False) -> None:
+    def __init__(self, plant: Plant, dt: float, N: int) -> None:
         from scipy.interpolate import CubicSpline
 
-        self.plant, self.friction = plant, friction
+        self.plant = plant
         # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
         spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))
         self._D1, self._D2 = spline(spline.x, 1), spline(spline.x, 2)
@@ -48,8 +43,7 @@ class FeedForwardLaw:
         theta = np.clip(theta, *self.plant.joint.angle_range)
         omega, alpha = self._D1 @ theta, self._D2 @ theta
         T = self.plant.torque_for(theta, omega, alpha, d)
-        direction = np.tanh(omega / _AT_REST) if self.friction else 0
-        held = allocate(theta, K, T, joint=self.plant.joint, direction=direction)
+        held = allocate(theta, K, T, joint=self.plant.joint)
         P = np.stack([held.P1, held.P2], axis=1)
         u = (P[1:] - self._alpha * P[:-1]) / (1 - self._alpha)
         return FeedForward(theta, omega, held.K, P, u)
