@@ -34,7 +34,7 @@ CASES = {  # state, previews of theta and K
     "small": lambda n: (PLANT.at_rest(0.0, 7.6), np.full(n, 1 * DEG), np.full(n, 7.7)),
     "slew binds": lambda n: (PLANT.at_rest(0.0, 7.6), np.where(np.arange(n) < 5, 0.0, 20 * DEG), np.full(n, 7.6)),
     "supply binds": lambda n: (PLANT.at_rest(0.3, 9.6), np.full(n, 0.5), np.full(n, 9.9)),
-    "a muscle is about to go slack": lambda n: (PLANT.at_rest(0.0, 6.55), np.full(n, 6 * DEG), np.full(n, 6.5)),
+    "taut muscles bind": lambda n: (PLANT.at_rest(0.0, 6.5), np.full(n, 10 * DEG), np.full(n, 6.2)),
     "joint range binds": lambda n: (moving(PLANT.at_rest(RIGHT, 7.6), 2.0), np.full(n, RIGHT), np.full(n, 7.6)),
 }
 
