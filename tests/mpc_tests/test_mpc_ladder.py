@@ -71,7 +71,7 @@ def test_no_time_at_all_is_answered_at_once_by_the_allocation():
 @pytest.mark.parametrize("name", ["daqp", "osqp", "clarabel", "scs"])
 def test_solvers_stop_when_their_time_is_over(name):
     rng = np.random.default_rng(0)
-    n, m = 60, 150
+    n, m = 30, 80
     M, R = rng.normal(size=(2 * n, n)), rng.normal(size=(m, n))
     qp = QP(M.T @ M, 3e3 * rng.normal(size=n), np.full(n, -0.3), np.full(n, 0.3), R, np.full(m, -0.3), np.full(m, 0.3))
 
