@@ -141,7 +141,7 @@ class TrackingMPC:
             self._foresight.spoken(motion.u, motion.x),
             motion.x,
             motion.K,
-            PlanStatus.NO_MEASUREMENT if found.status is PlanStatus.OPTIMAL and not measured else found.status,
+            _status(found.status, rung, measured),
             rung,
             self.limits.excursion(motion.x[:, 0]),
             Times(clock[1] - clock[0], *found.times, clock[2] - clock[0]),
@@ -165,7 +165,9 @@ class TrackingMPC:
         u_star_last = feed.u[0] if self._u_star is None else self._u_star
         best, status, spent = None, PlanStatus.OPTIMAL, np.zeros(3)
         for _ in range(self.iterations):
-            began = perf_counter()
+            if (began := perf_counter()) > deadline:
+                status = status if best else PlanStatus.LATE
+                break
             model = self._predictor.linearise(x, u, d)
             linearised = perf_counter()
             qp = condense(self.problem, model, feed, u_last, u_star_last)
@@ -206,6 +208,15 @@ class TrackingMPC:
 
 
 _LOST = _Optimised(None, PlanStatus.BLIND, (0.0, 0.0, 0.0))
+
+
+def _status(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
+    """What is said of a plan on `rung`, optimisation having ended with `optimised`."""
+    if optimised is not PlanStatus.OPTIMAL:
+        return optimised
+    if rung is not Rung.QP:
+        return PlanStatus.NOT_FINITE  # what the QP's commands would do
+    return PlanStatus.OPTIMAL if measured else PlanStatus.NO_MEASUREMENT
 
 
 def _count(name: str, value: Any, least: int) -> int:
