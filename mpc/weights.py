@@ -12,9 +12,9 @@ from allocator.units import BAR, DEG
 class Weights:
     """Weights of the cost in `mpc.controller`; each is written as one over the square of an error that costs ½.
 
-    The slacks' are exact penalties: some tens of times the largest sums of multipliers, 2e8/rad and 2e5/N, that the hard
-    limits have over 250 random states near them (`mpc.penalty`); far dearer ones would cost the QP solvers digits. Who
-    makes the other weights larger than these defaults makes them larger in proportion.
+    The slacks' are exact penalties: some tens of times the largest sums of multipliers, 2e8/rad and 2e5/N, that the
+    hard limits have in 250 random states near them (`mpc.penalty`); far dearer ones would cost the QP solvers digits.
+    Who makes the other weights larger than these defaults makes them larger in proportion.
     """
 
     theta: float = 1 / (0.02 * DEG) ** 2  # w_θ [cost]/[rad]², angle
