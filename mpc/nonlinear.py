@@ -16,32 +16,21 @@ import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array
-from allocator.errors import InvalidInput, MissingBackend
+from allocator.errors import InvalidInput
 from mpc.compensation import Compensation
 from mpc.feedforward import FeedForward, FeedForwardLaw
 from mpc.foresight import Foresight
 from mpc.ladder import Ladder
 from mpc.limits import Limits
 from mpc.linearise import Motion, Predictor
+from mpc.nlp_solvers import NLPSolver
 from mpc.plan import Plan, PlanStatus, Rung, Times
 from mpc.plant import Plant
-from mpc.shooting import Given, Shooting
+from mpc.shooting import Shooting
 from mpc.terminal import terminal_factor
 from mpc.weights import Weights
 
 _TOLERANCE = 1e-6  # of the conditions, in the units of `mpc.shooting`
-_WIDENING = 1e-8  # by which fatrop widens bounds, of their size; CasADi has no option for it, so they are narrowed before
-
-_OPTIONS: dict[str, dict[str, Any]] = {
-    "ipopt": {
-        "ipopt.print_level": 0,
-        "ipopt.sb": "yes",
-        "ipopt.tol": 1e-9,
-        "ipopt.bound_relax_factor": 0.0,  # a slack of -1e-8 would earn its penalty
-        "ipopt.max_iter": 200,
-    },
-    "fatrop": {"structure_detection": "auto", "fatrop.print_level": 0, "fatrop.tolerance": 1e-9},
-}
 
 
 @dataclass
@@ -59,20 +48,13 @@ class NonlinearMPC:
 
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
-        import casadi as ca
-
-        if self.solver not in _OPTIONS:
-            raise MissingBackend("NLP solver", self.solver, _OPTIONS)
         self.dt = float(checks.real("dt", self.dt, "s"))
         if not (isinstance(self.N, int) and self.N >= 3):
             raise InvalidInput(f"N = {self.N!r} has to be a whole number, 3 or more")
         self.limits = Limits.of(self.plant, self.dt, self.min_force)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self.problem = Shooting(self.plant, self.dt, self.N, self.weights, self.limits, L)
-        options = {"print_time": False, **_OPTIONS[self.solver]}
-        if self.solver == "fatrop":
-            options["equality"] = self.problem.equality.tolist()
-        self._nlp = ca.nlpsol("tracking", self.solver, self.problem.problem, options)
+        self._solve = NLPSolver(self.solver, self.problem)
         self._predictor = Predictor(self.plant, self.dt, self.N)
         self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force)
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
@@ -128,25 +110,19 @@ class NonlinearMPC:
             return None, PlanStatus.NOT_FINITE
         status = PlanStatus.NOT_FINITE
         for begun in self._starts(x, feed, u_last, d):
-            z, multipliers = self._solve(begun, given)
+            z, multipliers, success = self._solve(begun, given)
             if self.problem.certify(z, multipliers, given).within(_TOLERANCE):
                 return (Rung.QP, self.limits.limited(u_last, self.problem.commands(z))), PlanStatus.OPTIMAL
-            status = PlanStatus.REFUSED if self._nlp.stats()["success"] else PlanStatus.UNSOLVED
+            status = PlanStatus.REFUSED if success else PlanStatus.UNSOLVED
         return None, status
-
-    def _solve(self, begun: Array, given: Given) -> tuple[Array, Array]:
-        """What the solver says: z, and the multipliers of g."""
-        lower, upper = given.lower, given.upper
-        if self.solver == "fatrop":
-            free = ~self.problem.equality
-            lower = lower + free * np.nan_to_num(_WIDENING * np.maximum(1.0, np.abs(lower)), posinf=0.0)
-            upper = upper - free * np.nan_to_num(_WIDENING * np.maximum(1.0, np.abs(upper)), posinf=0.0)
-        answer = self._nlp(x0=begun, p=given.p, lbg=lower, ubg=upper)
-        return np.ravel(answer["x"].full()), np.ravel(answer["lam_g"].full())
 
     def _starts(self, x: Array, feed: FeedForward, u_last: Array, d: Array) -> Iterator[Array]:
         """Where to begin: the previous plan moved on, the feed-forward, standing commands."""
-        for u in (self._ladder.onward(u_last, feed.u), self.limits.limited(u_last, feed.u), np.tile(u_last, (self.N, 1))):
+        for u in (
+            self._ladder.onward(u_last, feed.u),
+            self.limits.limited(u_last, feed.u),
+            np.tile(u_last, (self.N, 1)),
+        ):
             motion = self._predictor.motion(x, u, d)
             if motion.finite:
                 yield self.problem.point(motion, u_last)

@@ -61,6 +61,10 @@ class Shooting:
         self._L = L * np.append(_X, np.full(NU, BAR))
         self.equality = np.concatenate([[True] * self._gap(k) + list(self._fixed(k)) for k in range(N + 1)])
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Shooting":
+        """Itself: nothing in it changes."""
+        return self
+
     # --- the programme ----------------------------------------------------------------------------------------------
 
     @cached_property

@@ -4,9 +4,14 @@ Angles in rad, stiffness in N·m/rad, times in s. The first rest is `LEAD` secon
 there how far its model is off.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
+from allocator import allocate
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.joint import AntagonistJoint
 from allocator.units import DEG
 from mpc.reference import Reference, sine
 
@@ -75,4 +80,72 @@ def stiffness_step(
     return Reference(t, np.full_like(t, theta), K[0] + (K[1] - K[0]) * (there - back))
 
 
-__all__ = ["LEAD", "chirp", "min_jerk", "point_to_point", "rested_sine", "steps", "stiffness_step"]
+def stiffness_ramps(K: float = 5.5, height: float = 0.5, theta: float = 20 * DEG, rest: float = 1.5) -> Reference:
+    """At rest at `theta`, stiffness up by `height` in 2 s, down by twice as much in 1 s, and back in 0.5 s."""
+    stops = np.cumsum([LEAD, 2.0, rest, 1.0, rest, 0.5, rest])
+    levels = K + height * np.array([0.0, 1.0, 1.0, -1.0, -1.0, 0.0, 0.0])
+    t = _times(float(stops[-1]))
+    return Reference(t, np.full_like(t, theta), np.interp(t, stops, levels))
+
+
+def together(K: float = 5.5, height: float = 0.3, angle: float = 40 * DEG, time: float = 1.0) -> Reference:
+    """Angle and stiffness at once: to `angle` and K + `height` in `time`, to -`angle` and K - `height`, and back."""
+    rest = 1.5
+    t = _times(LEAD + 3 * (time + rest))
+    edges = LEAD + (rest + time) * np.arange(3)
+    moves = [turn * min_jerk((t - edge) / time) for edge, turn in zip(edges, (1, -2, 1), strict=True)]
+    shape = np.sum(moves, axis=0)
+    return Reference(t, angle * shape, K + height * shape)
+
+
+def jumps(K: float = 5.5, angle: float = 25 * DEG, rest: float = 1.5) -> Reference:
+    """Steps that no joint can follow, to `angle`, to -`angle` and back to 0: commands live on the slew limit."""
+    t = _times(LEAD + 3 * rest)
+    sample = np.round((t - LEAD) / _DT)  # whole numbers do not slip over the edge
+    per = round(rest / _DT)
+    levels = np.select([sample < 0, sample < per, sample < 2 * per], [0.0, 1.0, -1.0], 0.0)
+    return Reference(t, angle * levels, np.full_like(t, K))
+
+
+def usual_stiffness(joint: AntagonistJoint) -> float:
+    """The middle [N·m/rad] of what `joint` can have everywhere within ±40° at rest."""
+    held = allocate(np.array([-40, -20, 0, 20, 40]) * DEG, 1.0, 0.0, joint=joint)
+    low, high = held.stiffness_interval
+    return float(np.max(low) + np.min(high)) / 2
+
+
+TRAJECTORIES: dict[str, Callable[[float], Reference]] = {
+    "sine": rested_sine,
+    "min-jerk": point_to_point,
+    "chirp": chirp,
+    "steps": steps,
+    "stiffness-step": lambda K: stiffness_step((K - 0.5, K + 0.5)),
+    "stiffness-ramps": stiffness_ramps,
+    "together": together,
+    "jumps": jumps,
+}
+"""By name: how to make it about the stiffness K [N·m/rad]."""
+
+
+def trajectory(name: str, K: float) -> Reference:
+    """The standard trajectory called `name` about the stiffness `K` [N·m/rad]."""
+    if name not in TRAJECTORIES:
+        raise InvalidInput(f"there is no trajectory {name!r}; there are {', '.join(TRAJECTORIES)}")
+    return TRAJECTORIES[name](K)
+
+
+__all__ = [
+    "LEAD",
+    "TRAJECTORIES",
+    "chirp",
+    "jumps",
+    "min_jerk",
+    "point_to_point",
+    "rested_sine",
+    "steps",
+    "stiffness_ramps",
+    "stiffness_step",
+    "together",
+    "trajectory",
+    "usual_stiffness",
+]
