@@ -5,12 +5,12 @@ there how far its model is off.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from allocator import allocate
 from allocator.calculus import Array
-from allocator.errors import InvalidInput
 from allocator.joint import AntagonistJoint
 from allocator.units import DEG
 from mpc.reference import Reference, sine
@@ -114,28 +114,31 @@ def usual_stiffness(joint: AntagonistJoint) -> float:
     return float(np.max(low) + np.min(high)) / 2
 
 
-TRAJECTORIES: dict[str, Callable[[float], Reference]] = {
-    "sine": rested_sine,
-    "min-jerk": point_to_point,
-    "chirp": chirp,
-    "steps": steps,
-    "stiffness-step": lambda K: stiffness_step((K - 0.5, K + 0.5)),
-    "stiffness-ramps": stiffness_ramps,
-    "together": together,
-    "jumps": jumps,
+class Standard(NamedTuple):
+    """A trajectory that has a name."""
+
+    about: Callable[[float], Reference]  # the stiffness K [N·m/rad]
+    summary: str
+
+
+TRAJECTORIES = {
+    "sine": Standard(rested_sine, "±40° at 0.5 Hz, K ± 0.3"),
+    "min-jerk": Standard(point_to_point, "60° in 1 s, there and back"),
+    "chirp": Standard(chirp, "±28°, 0.15 to 0.55 Hz"),
+    "steps": Standard(steps, "of 20°, shaped"),
+    "stiffness-step": Standard(
+        lambda K: stiffness_step((K - 0.5, K + 0.5)), "from K - 0.5 to K + 0.5 and back, at 20°"
+    ),
+    "stiffness-ramps": Standard(stiffness_ramps, "K ± 0.5 at rest, at 20°"),
+    "together": Standard(together, "±40° and K ± 0.3 at once"),
+    "jumps": Standard(jumps, "±25° at once, more than a joint can"),
 }
-"""By name: how to make it about the stiffness K [N·m/rad]."""
-
-
-def trajectory(name: str, K: float) -> Reference:
-    """The standard trajectory called `name` about the stiffness `K` [N·m/rad]."""
-    if name not in TRAJECTORIES:
-        raise InvalidInput(f"there is no trajectory {name!r}; there are {', '.join(TRAJECTORIES)}")
-    return TRAJECTORIES[name](K)
+"""The standard trajectories by name."""
 
 
 __all__ = [
     "LEAD",
+    "Standard",
     "TRAJECTORIES",
     "chirp",
     "jumps",
@@ -146,6 +149,5 @@ __all__ = [
     "stiffness_ramps",
     "stiffness_step",
     "together",
-    "trajectory",
     "usual_stiffness",
 ]
