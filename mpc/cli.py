@@ -25,7 +25,7 @@ _NOMINAL, _REAL = "nominal", "real"  # plants
 _SUFFIXES = (".png", ".pdf", ".svg", ".csv", ".npz")
 
 
-@app.command(epilog="Standard trajectories: " + "; ".join(f"{n} ({t.summary})" for n, t in TRAJECTORIES.items()) + ".")
+@app.command(epilog="\n\n".join(["Standard trajectories:", *(f"{n}: {t.summary}" for n, t in TRAJECTORIES.items())]))
 def track(
     trajectory: Annotated[
         str | None,

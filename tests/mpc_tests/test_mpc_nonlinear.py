@@ -144,7 +144,7 @@ def jump(angle=20 * DEG, K=(7.6, 7.6)):
     ids=["sine", "on the slew limit", "on the supply's limit"],
 )
 def test_one_qp_a_sample_costs_within_half_a_per_cent_of_the_nonlinear_mpc_in_closed_loop(reference, most):
-    """`benchmarks/nominal.py` does it for every standard trajectory. `most` in %; less than a unit of cost is nothing."""
+    """`benchmarks/nominal.py` does it for all trajectories. `most` in %; below a unit of cost nothing counts."""
     best, ours = (
         closed_loop_cost(simulate(PLANT, controller, reference), Weights(), N).total
         for controller in (HELD["fatrop"], TrackingMPC(PLANT, N=N))
