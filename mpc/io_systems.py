@@ -123,10 +123,11 @@ def closed_loop(
     """Both connected: input d [N·m], outputs those of the plant and the commands. `at_rest` is where it begins."""
     import control
 
-    nominal = isinstance(plant, Plant)
-    process = sampled_plant(plant, controller.dt) if nominal else sampled_real_plant(plant, controller.dt, seed)
-    u_before = at_rest(plant, controller.dt, reference)[2:NX]
-    driver = sampled_controller(controller, reference, observer=observer, velocity=nominal, u_before=u_before)
+    dt = controller.dt
+    process = sampled_plant(plant, dt) if isinstance(plant, Plant) else sampled_real_plant(plant, dt, seed)
+    u_before = at_rest(plant, dt, reference)[2:NX]
+    velocity = isinstance(plant, Plant)  # only there it is measured
+    driver = sampled_controller(controller, reference, observer=observer, velocity=velocity, u_before=u_before)
     outputs = [*process.output_labels, *INPUTS]
     return control.interconnect([process, driver], inputs=["d"], outputs=outputs, name="closed_loop")
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.units import BAR
 from mpc.feedforward import FeedForward
 from mpc.limits import Limits
@@ -132,7 +132,7 @@ class Shooting:
     def _gap(self, k: int) -> int:
         return _CHI if k < self.N else 0
 
-    def _fixed(self, k: int) -> Array:
+    def _fixed(self, k: int) -> Mask:
         """Which rows of stage k are equalities."""
         count = 2 * NU + _CHI if k == 0 else 2 * NU * (k < self.N) + 2 + NU
         return np.arange(count) < (NX + NU) * (k == 0)
@@ -152,7 +152,9 @@ class Shooting:
         """Of all rows of stage k. Commands from outside the supply come back no faster than the slew limit."""
         (P_lo, P_hi), (left, right), step = self.limits.pressure, self.limits.theta, self.limits.step / BAR
         never, least = np.inf, self.limits.min_force / _FORCE
-        lower, upper = [np.zeros(self._gap(k))], [np.zeros(self._gap(k))]
+        gap = np.zeros(self._gap(k))
+        lower: list[Any] = [gap]
+        upper: list[Any] = [gap]
         if k == 0:
             now = np.append(x / _X, u_last)
             lower += [now, [0.0, 0.0]]

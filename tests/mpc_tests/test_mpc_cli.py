@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from allocator import BAR, DEG
 from mpc import sine
-from mpc.cli import app
+from mpc.cli import app, main
 from mpc.files import save_reference
 from mpc.recordings import load_recording
 from mpc.trajectories import TRAJECTORIES
@@ -132,14 +132,18 @@ def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
         (["short.csv", "--controller", "pid", "--dt", "-1"], "dt = -1 s has to be a sample time"),
     ],
 )
-def test_bad_input_is_one_sentence_and_no_traceback(trajectory, arguments, said):
+def test_bad_input_is_one_sentence_and_no_traceback(trajectory, arguments, said, monkeypatch, capsys):
     (trajectory.parent / "bad.csv").write_text("t,theta_deg,stiffness\n0,0,7\n1,up,7\n")
-    done = antagonist("track", *arguments, cwd=trajectory.parent)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.startswith("antagonist: ")
-    assert said in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    monkeypatch.chdir(trajectory.parent)
+    monkeypatch.setattr(sys, "argv", ["antagonist", "track", *arguments])
+    with pytest.raises(SystemExit) as left:
+        main()
+    shown = capsys.readouterr()
+    assert left.value.code == 2
+    assert shown.out == ""
+    assert shown.err.startswith("antagonist: ")
+    assert said in shown.err
+    assert len(shown.err.strip().splitlines()) == 1
     assert not (trajectory.parent / "tracking.csv").exists()
 
 
