@@ -99,6 +99,8 @@ class TrackingMPC:
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self._ladder = Ladder(self.limits, self.dt)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
+        if self.budget is not None:
+            self._rehearse()
         self.reset()
 
     def reset(self) -> None:
@@ -113,6 +115,7 @@ class TrackingMPC:
         """Samples of preview that `step` takes after the present one."""
         return self._foresight.ahead
 
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: the ladder looks for them
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
         """The plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad].
 
@@ -138,7 +141,7 @@ class TrackingMPC:
             self._foresight.spoken(motion.u, motion.x),
             motion.x,
             motion.K,
-            PlanStatus.NO_MEASUREMENT if found.status is PlanStatus.OPTIMAL and not measured else found.status,
+            _status(found.status, rung, measured),
             rung,
             self.limits.excursion(motion.x[:, 0]),
             Times(clock[1] - clock[0], *found.times, clock[2] - clock[0]),
@@ -148,32 +151,43 @@ class TrackingMPC:
 
     # --- the pieces of a step ---------------------------------------------------------------------------------------
 
+    def _rehearse(self) -> None:
+        """Load now what is loaded when it is first used, so that it takes no time of the first step."""
+        self.reset()
+        budget, self.budget = self.budget, None
+        x = self.plant.at_rest(float(np.mean(self.limits.theta)), 1.0)
+        self.step(x, float(x[0]), 1.0)
+        self.budget = budget
+
     def _optimise(self, x: Array, feed: FeedForward, u_last: Array, d: Array, deadline: float) -> _Optimised:
         """The commands after `iterations` QPs, or up to one that failed; the softened QP's if it was the first."""
         u = self._ladder.onward(u_last, feed.u)
         u_star_last = feed.u[0] if self._u_star is None else self._u_star
         best, status, spent = None, PlanStatus.OPTIMAL, np.zeros(3)
         for _ in range(self.iterations):
-            began = perf_counter()
-            with np.errstate(over="ignore", invalid="ignore"):  # what comes out is checked
-                model = self._predictor.linearise(x, u, d)
-                linearised = perf_counter()
-                qp = condense(self.problem, model, feed, u_last, u_star_last)
+            if (began := perf_counter()) > deadline:
+                status = status if best else PlanStatus.LATE
+                break
+            model = self._predictor.linearise(x, u, d)
+            linearised = perf_counter()
+            qp = condense(self.problem, model, feed, u_last, u_star_last)
             condensed = perf_counter()
             answer = certified(self._solve, qp, deadline)
             spent += np.diff([began, linearised, condensed, perf_counter()])
             if answer.status is not PlanStatus.OPTIMAL:
                 if best is None:
-                    best, status = self._softened(qp, u, u_last, answer.status), answer.status
+                    best, status = self._softened(qp, u, u_last, answer.status, deadline), answer.status
                 break
             u = self.limits.limited(u_last, u + self.problem.E @ answer.z)
             best = Rung.QP, u
         linearising, condensing, solving = spent.tolist()
         return _Optimised(best, status, (linearising, condensing, solving))
 
-    def _softened(self, qp: QP, u: Array, u_last: Array, status: PlanStatus) -> tuple[Rung, Array] | None:
+    def _softened(
+        self, qp: QP, u: Array, u_last: Array, status: PlanStatus, deadline: float
+    ) -> tuple[Rung, Array] | None:
         """The next rung, if there is time for it and numbers to work with."""
-        if status in (PlanStatus.LATE, PlanStatus.NOT_FINITE) or (z := softened(qp)) is None:
+        if status in (PlanStatus.LATE, PlanStatus.NOT_FINITE) or (z := softened(qp, deadline)) is None:
             return None
         return Rung.SOFTENED, self.limits.limited(u_last, u + self.problem.E @ z)
 
@@ -194,6 +208,15 @@ class TrackingMPC:
 
 
 _LOST = _Optimised(None, PlanStatus.BLIND, (0.0, 0.0, 0.0))
+
+
+def _status(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
+    """What is said of a plan on `rung`, optimisation having ended with `optimised`."""
+    if optimised is not PlanStatus.OPTIMAL:
+        return optimised
+    if rung is not Rung.QP:
+        return PlanStatus.NOT_FINITE  # what the QP's commands would do
+    return PlanStatus.OPTIMAL if measured else PlanStatus.NO_MEASUREMENT
 
 
 def _count(name: str, value: Any, least: int) -> int:

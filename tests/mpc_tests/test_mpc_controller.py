@@ -128,6 +128,19 @@ def test_pressures_that_start_outside_the_supply_return_at_the_slew_limit():
     assert commands[-1] <= 5 * BAR
 
 
+@pytest.mark.parametrize("x", [[RIGHT + 0.2, 0.0, 3 * BAR, 3 * BAR], [0.0, 0.0, 0.2 * BAR, 0.2 * BAR]], ids=["θ", "F"])
+def test_angles_and_forces_that_start_outside_their_limits_are_brought_back(x):
+    controller, x = TrackingMPC(PLANT), np.array(x)
+    first = controller.step(x, 1.0, 7.6)
+    assert max(first.slack, first.slack_force) > 0.05
+    for _ in range(100):
+        plan = controller.step(x, 1.0, 7.6)
+        assert plan.rung is Rung.QP
+        x = STEP(x, plan.u[0], 0.0)[0][0]
+    assert plan.slack == plan.slack_force == 0.0
+    assert x[0] == pytest.approx(1.0, abs=1 * DEG)
+
+
 def test_the_joint_range_is_left_only_when_it_must_be_and_this_is_said():
     controller = TrackingMPC(PLANT)
     right = PLANT.joint.angle_range[1]
@@ -197,7 +210,7 @@ def test_another_solver_gives_the_same_plan(name):
 )
 @pytest.mark.parametrize(
     ("softened", "answers"),
-    [(softened, ["SOFTENED"] * 7), (lambda qp: None, [*["PREVIOUS"] * 4, *["ALLOCATION"] * 3])],
+    [(softened, ["SOFTENED"] * 7), (lambda qp, deadline: None, [*["PREVIOUS"] * 4, *["ALLOCATION"] * 3])],
     ids=["softened", "not even softened"],
 )
 def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(
@@ -221,7 +234,7 @@ def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(
 
 
 def test_the_previous_plan_goes_on_where_it_was(monkeypatch):
-    monkeypatch.setattr("mpc.controller.softened", lambda qp: None)
+    monkeypatch.setattr("mpc.controller.softened", lambda qp, deadline: None)
     controller = TrackingMPC(PLANT)
     x = PLANT.at_rest(0.0, 7.6)
     first = controller.step(x, 0.1, 7.7)
@@ -231,7 +244,7 @@ def test_the_previous_plan_goes_on_where_it_was(monkeypatch):
 
 
 def test_without_any_plan_the_allocation_is_approached_at_the_slew_limit(monkeypatch):
-    monkeypatch.setattr("mpc.controller.softened", lambda qp: None)
+    monkeypatch.setattr("mpc.controller.softened", lambda qp, deadline: None)
     controller = TrackingMPC(PLANT)
     controller._solve = lambda qp, limit: None
     x = PLANT.at_rest(0.0, 7.0)
