@@ -51,10 +51,10 @@ def _predictive_pid(**gains: float) -> tuple[Controller, Observer]:
     )
 
 
-def _mpc(theta: float, rate: float, omega_walk: float, d_walk: float) -> tuple[Controller, Observer]:
-    """With errors of θ [°] and of the commands' rate [bar/s] that cost as much as one, and the observer's walks."""
+def _mpc(theta: float, rate: float, pressure_walk: float, d_walk: float) -> tuple[Controller, Observer]:
+    """With errors of θ [°] and of the commands' rate [bar/s] that cost ½, and the observer's walks [bar/√s, N·m/√s]."""
     weights = replace(Weights.calm(), theta=1 / (theta * DEG) ** 2, rate=1 / (rate * BAR) ** 2)
-    noise = Noise(omega_walk=omega_walk, d_walk=d_walk)
+    noise = Noise(pressure_walk=pressure_walk * BAR, d_walk=d_walk)
     return TrackingMPC(MODEL, DT, weights=weights, compensation=TOLD), KalmanObserver(MODEL, DT, noise, TOLD)
 
 
@@ -75,7 +75,7 @@ TUNINGS = {
         ("standard",),
     ),
     "mpc": Tuning(
-        {"theta": (0.13, 0.15), "rate": (0.5, 0.15), "omega_walk": (0.2, 0.3), "d_walk": (1.9, 0.3)},
+        {"theta": (0.16, 0.15), "rate": (0.5, 0.15), "pressure_walk": (0.07, 0.3), "d_walk": (1.9, 0.3)},
         _mpc,
         ("standard", "gains swapped", "both +10 %", "friction removed"),
     ),
