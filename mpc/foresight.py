@@ -18,7 +18,6 @@ from mpc.limits import Limits
 from mpc.linearise import Predictor
 from mpc.plant import NX, Plant
 
-
 _CORRECTED = 0.1  # [-] of an error of the angle counts as motion that friction opposes
 
 

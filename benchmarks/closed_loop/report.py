@@ -113,7 +113,8 @@ def _effort(rows: list[Row]) -> Iterator[str]:
 
 
 def _every_case(rows: list[Row]) -> Iterator[str]:
-    yield "## Every plant and trajectory: RMS / worst angle error before the load [°] (with it), K RMS [N·m/rad]\n"
+    yield "## Every plant and trajectory\n"
+    yield "RMS / worst angle error before the load (with it), at the final rest peak to peak [°]; K RMS [N·m/rad]\n"
     yield "| plant | trajectory | " + " | ".join(CONTROLLERS) + " |"
     yield "|---" * (2 + len(CONTROLLERS)) + "|"
     for plant, case in dict.fromkeys((r.plant, r.case) for r in rows):
@@ -124,6 +125,6 @@ def _every_case(rows: list[Row]) -> Iterator[str]:
 
 
 def _cell(rows: list[Row], plant: str, case: str, controller: str) -> str:
-    names = ("rms", "worst", "rms_with_load", "worst_with_load", "K_rms")
-    a, b, c, d, K = (median(rows, plant, case, controller, name) for name in names)
-    return f"{a:.2f} / {b:.2f} ({c:.2f} / {d:.2f}), {K:.3f}"
+    names = ("rms", "worst", "rms_with_load", "worst_with_load", "steady_swing", "K_rms")
+    a, b, c, d, swing, K = (median(rows, plant, case, controller, name) for name in names)
+    return f"{a:.2f} / {b:.2f} ({c:.2f} / {d:.2f}), {swing:.2f}; {K:.3f}"

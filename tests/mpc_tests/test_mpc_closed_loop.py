@@ -58,10 +58,15 @@ def test_a_step_of_stiffness_under_an_unknown_load_hardly_moves_the_angle():
     assert np.abs(error).max() < 1.2
 
 
-def test_an_unknown_load_leaves_hardly_an_error():
-    _, error = tracked(steps(), load_from=LEAD + 4.8)
+@pytest.mark.parametrize(
+    ("gains", "mean_asked"),
+    [((1.1, 0.9), 0.05), ((0.9, 1.1), 0.05), ((1.1, 1.1), 0.1)],
+    ids=["opposite", "swapped", "both"],
+)
+def test_an_unknown_load_leaves_hardly_an_error_and_the_joint_at_rest(gains, mean_asked):
+    _, error = tracked(steps(), replace(REAL, force_gains=gains), load_from=LEAD + 4.8)
     last = error[-100:]
-    assert abs(last.mean()) < 0.05
+    assert abs(last.mean()) < mean_asked
     assert np.ptp(last) < 0.3
 
 
@@ -81,6 +86,7 @@ def test_the_same_tuning_bears_other_plants_and_horizons(real, N):
     assert rms(error) < 1.5 * 0.55
 
 
-def test_the_mpc_beats_the_pid_that_knows_the_same():
-    ours, theirs = (rms(tracked(point_to_point(), name=name)[1]) for name in ("mpc", "pid"))
+@pytest.mark.parametrize("pid", ["pid", "predictive-pid"])
+def test_the_mpc_beats_the_pids_that_know_the_same(pid):
+    ours, theirs = (rms(tracked(rested_sine(), name=name)[1]) for name in ("mpc", pid))
     assert ours < 0.8 * theirs
