@@ -36,7 +36,7 @@ def track(
     plant: Annotated[
         str, typer.Option(help="nominal, or real: with what the controller's model does not know")
     ] = _NOMINAL,
-    controller: Annotated[str, typer.Option(help="mpc, pid, lqr or feedforward")] = "mpc",
+    controller: Annotated[str, typer.Option(help="mpc, pid, predictive-pid, lqr or feedforward")] = "mpc",
     observer: Annotated[
         bool | None, typer.Option(help="estimate state and disturbance torque; mpc and lqr do so on a real plant")
     ] = None,

@@ -2,8 +2,8 @@
 
     python -m benchmarks.closed_loop.tuning pid | predictive-pid | mpc
 
-Minimised is the mean of the report's figures of the angle (errors before and under the load, the steady ones too), each
-divided by what is asked: one objective for all. A figure that is ten times too bad counts as ten, whether it is worse
+Minimised is the mean of the report's figures of the angle (before the load and at rest under it), each divided by what
+is asked, and of the RMS errors with the load, divided by 2°: one objective for all. A figure that is ten times too bad counts as ten, whether it is worse
 or not. Over the logarithms of the numbers that are tuned, by Nelder and Mead's method from where a coarse search by
 hand ended. The PIDs are tuned on the standard plant, on which they are judged; the MPC also on the plants that it has
 to bear, because the standard one alone would let it lean on the friction there.
@@ -29,6 +29,7 @@ from mpc.simulation import Controller
 SEEDS = 101, 102, 103, 104  # one for each plant in turn
 HOPELESS = 10.0  # [-] times what is asked
 JUDGED = [(case, figure, must) for _, case, figure, _, must, _ in ASKED if figure != "K_rms"]
+JUDGED += [(case, "rms_with_load", 2.0) for case in CASES]  # or a loop that the load throws off would win
 DT = 0.01  # [s]
 
 
@@ -70,7 +71,7 @@ TUNINGS = {
         ("standard",),
     ),
     "predictive-pid": Tuning(
-        {"proportional": (10.0, 0.3), "integral": (50.0, 0.4), "derivative": (1.5, 0.2)},
+        {"proportional": (6.0, 0.3), "integral": (25.0, 0.4), "derivative": (1.1, 0.2)},
         _predictive_pid,
         ("standard",),
     ),
