@@ -161,7 +161,7 @@ class PredictivePIDControl(PIDControl):
     The integral stays one of the measured error. What the gains allow grows with what the dead time no longer costs.
     """
 
-    GAINS = PIDGains(13.2, 34.4, 1.82, 0.0)
+    GAINS = PIDGains(9.05, 22.0, 1.35, 0.0)
 
     def _errors(self, task: Task, error: float) -> Errors:
         omega = np.gradient(task.theta[:3], self.dt, edge_order=2)[0]
