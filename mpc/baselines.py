@@ -91,10 +91,10 @@ class FeedForwardControl(Baseline):
 class PIDGains:
     """Gains of the torque; found by `benchmarks/closed_loop/tuning.py`."""
 
-    proportional: float = 2.60  # k_p [N·m/rad]
-    integral: float = 27.9  # k_i [N·m/rad/s]
-    derivative: float = 0.856  # k_d [N·m·s/rad]
-    filter_time: float = 0.0059  # of the derivative [s]
+    proportional: float = 2.40  # k_p [N·m/rad]
+    integral: float = 26.9  # k_i [N·m/rad/s]
+    derivative: float = 0.770  # k_d [N·m·s/rad]
+    filter_time: float = 0.0071  # of the derivative [s]
 
     def __post_init__(self) -> None:
         """Check the gains."""

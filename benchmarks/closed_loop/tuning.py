@@ -69,12 +69,12 @@ TUNINGS = {
             "filter_time": (0.0071, 0.4),
         },
         _pid,
-        ("standard",),
+        ("standard", "standard"),
     ),
     "predictive-pid": Tuning(
         {"proportional": (6.0, 0.3), "integral": (25.0, 0.4), "derivative": (1.1, 0.2)},
         _predictive_pid,
-        ("standard",),
+        ("standard", "standard"),
     ),
     "mpc": Tuning(
         {"theta": (0.16, 0.15), "rate": (0.5, 0.15), "pressure_walk": (0.07, 0.3), "d_walk": (1.9, 0.3)},
