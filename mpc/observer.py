@@ -70,8 +70,8 @@ class Noise:
     theta: float = 0.01 * DEG  # [rad]
     pressure: float = 0.02 * BAR  # [Pa]
     omega_walk: float = 0.2  # [rad/s/√s]
-    pressure_walk: float = 0.1 * BAR  # [Pa/√s]
-    d_walk: float = 1.0  # [N·m/√s]
+    pressure_walk: float = 0.07 * BAR  # [Pa/√s]
+    d_walk: float = 1.9  # [N·m/√s]
 
     def Q(self, dt: float) -> Array:
         """Covariance (5, 5) of the model's errors over `dt` [s]."""
