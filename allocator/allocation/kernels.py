@@ -13,8 +13,8 @@ so that K fixes s = r1 + r2, and T leaves the cubic [C] of `allocator.tondu_pull
 
     κ z³ + t z² + (1 - κ) z - t = 0,    κ = -g ε0 s²/4q ≥ 0,    t = -(T/(S R) + 2 c X + g X s) s/4q
 
-Within the box |z| ≤ `MOST_Z` and κ ≤ `MOST_KAPPA` (`TonduNumbers.settles` checks it for a joint), where Halley's step
-from z = 0 and `_NEWTON_STEPS` of Newton's leave an error of 2e-14 at most.
+Within the box |z| ≤ 1/2 and κ ≤ 0.8 (`TonduNumbers.settles` makes sure of it), where Halley's step from z = 0 and
+`_NEWTON_STEPS` of Newton's leave an error of 2e-14 at most.
 
 This file is plain Python without NumPy: called as it stands it takes some µs a target, and so it answers scalar calls
 until `allocator.allocation.compiled` has compiled it. That file is where compiled functions come from, also for calls
@@ -25,14 +25,12 @@ because numba looks at one file only to see whether what it has on disk is out o
 
 # mypy: allow-untyped-defs, allow-untyped-calls
 # numba compiles the functions for numbers, arrays and None; types would say Any
+from collections.abc import Callable
 from math import inf, sqrt
-from typing import NamedTuple
+from typing import Any
 
-from allocator.joint import AntagonistJoint
 from allocator.limits import Limit
 
-MOST_Z = 0.5
-MOST_KAPPA = 0.8
 _NEWTON_STEPS = 4
 _MET = 1e-9  # of the torque or stiffness scale: a target missed by less is met; as `assessment.CLOSED_FORM`
 _RISES = 1e-6  # of q: where the force gains less from pressure the reference answers
@@ -40,100 +38,6 @@ _RISES = 1e-6  # of q: where the force gains less from pressure the reference an
 # Limit flags of a muscle: lower bound, least force, greatest force, slew
 AGONIST = tuple(map(int, (Limit.P1_LOWER, Limit.AGONIST_SLACK, Limit.AGONIST_FORCE, Limit.P1_RATE)))
 ANTAGONIST = tuple(map(int, (Limit.P2_LOWER, Limit.ANTAGONIST_SLACK, Limit.ANTAGONIST_FORCE, Limit.P2_RATE)))
-
-
-class TonduNumbers(NamedTuple):
-    """The numbers `p` of a joint of two equal Tondu2021 on a pulley; pass `tuple(numbers)`, which is quicker."""
-
-    S: float  # [m²]
-    R: float  # [m]
-    w: float  # R/l0 [1/rad]
-    eps0: float  # [-]
-    q: float  # a - b [-]
-    c: float  # [Pa]
-    d: float  # [Pa]
-    g: float  # [Pa²]
-    lo: float  # supply [Pa]
-    hi: float  # supply or validity [Pa]
-    left: float  # joint range [rad]
-    right: float
-    near: float  # a pressure this near to a bound lies on it [Pa]
-    hi_limit1: int  # Limit flags: what `hi` is for the agonist
-    hi_limit2: int
-    left_limit: int  # and what ends the joint range
-    right_limit: int
-
-    @classmethod
-    def of(cls, joint: AntagonistJoint) -> "TonduNumbers | None":
-        """The numbers of `joint`, None if it is not of this kind or the fixed number of steps is not proved for it."""
-        closed = joint.tondu_pulley
-        if closed is None:
-            return None
-        m, pulley = closed.muscle, closed.pulley
-        valid = m.max_pressure < joint.pressure_limits[1]
-        numbers = cls(
-            S=m.S,
-            R=pulley.radius,
-            w=pulley.radius / pulley.rest_length,
-            eps0=pulley.initial_contraction,
-            q=m.a - m.b,
-            c=m.c,
-            d=m.d,
-            g=m.g,
-            lo=joint.pressure_limits[0],
-            hi=min(m.max_pressure, joint.pressure_limits[1]),
-            left=joint.angle_range[0],
-            right=joint.angle_range[1],
-            near=1e-9 * joint.pressure_span,
-            hi_limit1=int(Limit.AGONIST_VALIDITY if valid else Limit.P1_UPPER),
-            hi_limit2=int(Limit.ANTAGONIST_VALIDITY if valid else Limit.P2_UPPER),
-            left_limit=int(joint.angle_limit(False)),
-            right_limit=int(joint.angle_limit(True)),
-        )
-        return numbers if numbers.settles else None
-
-    @property
-    def settles(self) -> bool:
-        """Whether the steps of Newton's method suffice all over the supply range, and that range is proper."""
-        if not (0 <= self.lo < self.hi < -self.d):
-            return False
-        weakest, strongest = 1 / (self.lo + self.d), 1 / (self.hi + self.d)
-        z = (strongest - weakest) / (strongest + weakest)
-        return z <= MOST_Z and -self.g * self.eps0 * strongest**2 / self.q <= MOST_KAPPA
-
-
-class AffineNumbers(NamedTuple):
-    """The numbers `p` of a joint of two affine muscles; pass `tuple(numbers)`."""
-
-    lo: float  # supply [Pa]
-    hi1: float  # supply or validity [Pa]
-    hi2: float
-    left: float  # joint range [rad]
-    right: float
-    near: float  # a pressure this near to a bound lies on it [Pa]
-    hi_limit1: int  # Limit flags: what `hi1` is
-    hi_limit2: int
-    left_limit: int  # and what ends the joint range
-    right_limit: int
-
-    @classmethod
-    def of(cls, joint: AntagonistJoint) -> "AffineNumbers | None":
-        """The numbers of `joint`, None if a muscle is not affine."""
-        lo, supply = joint.pressure_limits
-        valid1, valid2 = joint.agonist.max_pressure, joint.antagonist.max_pressure
-        numbers = cls(
-            lo=lo,
-            hi1=min(valid1, supply),
-            hi2=min(valid2, supply),
-            left=joint.angle_range[0],
-            right=joint.angle_range[1],
-            near=1e-9 * joint.pressure_span,
-            hi_limit1=int(Limit.AGONIST_VALIDITY if valid1 < supply else Limit.P1_UPPER),
-            hi_limit2=int(Limit.ANTAGONIST_VALIDITY if valid2 < supply else Limit.P2_UPPER),
-            left_limit=int(joint.angle_limit(False)),
-            right_limit=int(joint.angle_limit(True)),
-        )
-        return numbers if joint.affine and lo < min(numbers.hi1, numbers.hi2) else None
 
 
 # --- both laws: the box and the judgement ---------------------------------------------------------------------------
@@ -380,25 +284,14 @@ def affine_batch(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now,
         )
 
 
-LAWS = (
-    interval,
-    clip,
-    binding,
-    verdict,
-    tondu_exact,
-    tondu_torque_first,
-    tondu_stiffness_first,
-    tondu_inverse,
-    tondu_f,
+LAWS: tuple[Callable[..., Any], ...] = (
+    *(interval, clip, binding, verdict),
+    *(tondu_exact, tondu_torque_first, tondu_stiffness_first, tondu_inverse, tondu_f, tondu_u),
+    *(affine_exact, affine_lexicographic),
 )
-LAWS += (tondu_u, affine_exact, affine_lexicographic)
 
 __all__ = [
     "LAWS",
-    "MOST_KAPPA",
-    "MOST_Z",
-    "AffineNumbers",
-    "TonduNumbers",
     "affine_batch",
     "affine_exact",
     "tondu_batch",
