@@ -49,6 +49,13 @@ def register() -> None:
         register_jitable(forceinline=True, **_OPTIONS)(law)
 
 
+def threads() -> int:
+    """How many threads compiled loops may use: numba's own number, by default that of the processors."""
+    import numba
+
+    return int(numba.config.NUMBA_NUM_THREADS)
+
+
 def _unaliased() -> type:
     """A compiler that may assume that no two arrays overlap: without this loops over ten arrays do not vectorise."""
     from numba.core.compiler import Compiler
@@ -62,4 +69,4 @@ def _unaliased() -> type:
     return Unaliased
 
 
-__all__ = ["kernel", "register"]
+__all__ = ["kernel", "register", "threads"]

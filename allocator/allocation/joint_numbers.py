@@ -14,12 +14,13 @@ class TonduNumbers(NamedTuple):
 
     S: float  # [m²]
     R: float  # [m]
-    w: float  # R/l0 [1/rad]
+    l0: float  # [m]
     eps0: float  # [-]
     q: float  # a - b [-]
     c: float  # [Pa]
     d: float  # [Pa]
-    g: float  # [Pa²]
+    e: float  # [Pa²]
+    g: float  # e - c d [Pa²]
     lo: float  # supply [Pa]
     hi: float  # supply or validity [Pa]
     left: float  # joint range [rad]
@@ -41,11 +42,12 @@ class TonduNumbers(NamedTuple):
         numbers = cls(
             S=m.S,
             R=pulley.radius,
-            w=pulley.radius / pulley.rest_length,
+            l0=pulley.rest_length,
             eps0=pulley.initial_contraction,
             q=m.a - m.b,
             c=m.c,
             d=m.d,
+            e=m.e,
             g=m.g,
             lo=joint.pressure_limits[0],
             hi=min(m.max_pressure, joint.pressure_limits[1]),

@@ -91,14 +91,14 @@ def tondu_exact(
     `stiffness_first`: None for priority "torque", True for "stiffness". `sure` is False where these formulas are not
     proved, beyond the fold of a muscle or outside the supply range: there the reference has to answer.
     """
-    S, R, w, eps0, q, c, d, g, lo, hi, left, right, near, hi_limit1, hi_limit2, left_limit, right_limit = p
+    S, R, l0, eps0, q, c, d, e, g, lo, hi, left, right, near, hi_limit1, hi_limit2, left_limit, right_limit = p
     outside = left_limit if theta < left else (right_limit if theta > right else 0)
-    X = w * clip(theta, left, right)
+    X = R * clip(theta, left, right) / l0
     eps1, eps2 = eps0 + X, eps0 - X
-    taut1 = None if min_force is None else tondu_u(min_force / S, eps1, q, c, d, g) - d
-    taut2 = None if min_force is None else tondu_u(min_force / S, eps2, q, c, d, g) - d
-    ceiling1 = None if max_force is None else tondu_u(max_force / S, eps1, q, c, d, g) - d
-    ceiling2 = None if max_force is None else tondu_u(max_force / S, eps2, q, c, d, g) - d
+    taut1 = None if min_force is None else tondu_pressure(min_force, eps1, S, q, c, d, e)
+    taut2 = None if min_force is None else tondu_pressure(min_force, eps2, S, q, c, d, e)
+    ceiling1 = None if max_force is None else tondu_pressure(max_force, eps1, S, q, c, d, e)
+    ceiling2 = None if max_force is None else tondu_pressure(max_force, eps2, S, q, c, d, e)
     lo1, hi1, lo_limit1, hi_limit1, empty1 = interval(lo, hi, hi_limit1, taut1, ceiling1, P1_now, max_step, AGONIST)
     lo2, hi2, lo_limit2, hi_limit2, empty2 = interval(lo, hi, hi_limit2, taut2, ceiling2, P2_now, max_step, ANTAGONIST)
     sure = lo1 >= lo and lo2 >= lo and hi1 <= hi and hi2 <= hi
@@ -106,15 +106,16 @@ def tondu_exact(
     rl1, rl2, rh1, rh2 = 1 / (lo1 + d), 1 / (lo2 + d), 1 / (hi1 + d), 1 / (hi2 + d)
     sure = sure and q + g * eps1 * rh1 * rh1 > _RISES * q and q + g * eps2 * rh2 * rh2 > _RISES * q
     box, law = (lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2), (eps1, eps2, q, c, d, g)
-    tau, s = T / (S * R), (K / (S * R * w) - 2 * c) / g
+    T_unit, K_unit = S * R, S * R * R / l0
+    tau, s = T / T_unit, (K / K_unit - 2 * c) / g
     if stiffness_first is None:
         P1, P2 = tondu_torque_first(tau, s, box, law)
     else:
         P1, P2 = tondu_stiffness_first(tau, s, box, law)
     f1, f2 = tondu_f(P1, 1 / (P1 + d), eps1, q, c, g), tondu_f(P2, 1 / (P2 + d), eps2, q, c, g)
-    T_given, K_given = S * R * (f1 - f2), S * R * w * (2 * c + g * (1 / (P1 + d) + 1 / (P2 + d)))
-    T_scale = S * R * (abs(tondu_f(hi1, rh1, eps1, q, c, g)) + abs(tondu_f(hi2, rh2, eps2, q, c, g))) + abs(T)
-    K_scale = S * R * w * (abs(c + g * rh1) + abs(c + g * rh2)) + abs(K)
+    T_given, K_given = T_unit * (f1 - f2), K_unit * (2 * c + g * (1 / (P1 + d) + 1 / (P2 + d)))
+    T_scale = T_unit * (abs(tondu_f(hi1, rh1, eps1, q, c, g)) + abs(tondu_f(hi2, rh2, eps2, q, c, g))) + abs(T)
+    K_scale = K_unit * (abs(c + g * rh1) + abs(c + g * rh2)) + abs(K)
     least = None if min_force is None else min_force - _MET * T_scale / R
     slack = False if least is None else (S * f1 < least or S * f2 < least)
     status = verdict(T_given - T, K_given - K, T_scale, K_scale, empty1 or empty2, slack, outside)
@@ -128,6 +129,7 @@ def tondu_torque_first(tau, s, box, law):
     eps1, eps2, q, c, d, g = law
     fl1, fl2 = tondu_f(lo1, rl1, eps1, q, c, g), tondu_f(lo2, rl2, eps2, q, c, g)
     fh1, fh2 = tondu_f(hi1, rh1, eps1, q, c, g), tondu_f(hi2, rh2, eps2, q, c, g)
+    too_low, too_high = tau <= fl1 - fh2, tau >= fh1 - fl2
     tau = clip(tau, fl1 - fh2, fh1 - fl2)
     # the level's low end: one pressure is at its lower bound, the other gives the rest of the torque
     at1 = tau <= fl1 - fl2
@@ -141,13 +143,16 @@ def tondu_torque_first(tau, s, box, law):
     at_a, at_b = s >= 1 / (a1 + d) + 1 / (a2 + d), s <= 1 / (b1 + d) + 1 / (b2 + d)
     P1, P2 = tondu_inverse(tau, s, box, law)
     P1, P2 = b1 if at_b else P1, b2 if at_b else P2
-    return a1 if at_a else P1, a2 if at_a else P2
+    P1, P2 = a1 if at_a else P1, a2 if at_a else P2
+    P1, P2 = lo1 if too_low else P1, hi2 if too_low else P2
+    return hi1 if too_high else P1, lo2 if too_high else P2
 
 
 def tondu_stiffness_first(tau, s, box, law):
     """The same with the goals exchanged: s within [K(lo, lo), K(hi, hi)], then τ within the stiffness level."""
     lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2 = box
     eps1, eps2, q, c, d, g = law
+    too_low, too_high = s >= rl1 + rl2, s <= rh1 + rh2
     s = clip(s, rh1 + rh2, rl1 + rl2)
     at1 = s - rl1 >= rh2  # the least torque: P1 at its lower bound, unless P2 would leave its upper one
     a1, a2 = lo1 if at1 else clip(1 / (s - rh2) - d, lo1, hi1), clip(1 / (s - rl1) - d, lo2, hi2) if at1 else hi2
@@ -157,7 +162,9 @@ def tondu_stiffness_first(tau, s, box, law):
     at_b = tau >= tondu_f(b1, 1 / (b1 + d), eps1, q, c, g) - tondu_f(b2, 1 / (b2 + d), eps2, q, c, g)
     P1, P2 = tondu_inverse(tau, s, box, law)
     P1, P2 = b1 if at_b else P1, b2 if at_b else P2
-    return a1 if at_a else P1, a2 if at_a else P2
+    P1, P2 = a1 if at_a else P1, a2 if at_a else P2
+    P1, P2 = lo1 if too_low else P1, lo2 if too_low else P2
+    return hi1 if too_high else P1, hi2 if too_high else P2
 
 
 def tondu_inverse(tau, s, box, law):
@@ -177,6 +184,14 @@ def tondu_inverse(tau, s, box, law):
 def tondu_f(P, r, eps, q, c, g):
     """Force per area f = q P - ε (c + g r) [Pa], r = 1/(P + d)."""
     return q * P - eps * (c + g * r)
+
+
+def tondu_pressure(F, eps, S, q, c, d, e):
+    """`Tondu2021.pressure`, to the last digit, so that the box is the reference's."""
+    q1 = q * d - c * eps - F / S
+    q0 = -(e * eps + d * F / S)
+    square = q1 * q1 - 4 * q * q0
+    return 2 * q0 / (-q1 + sqrt(square)) if square >= 0 else inf
 
 
 def tondu_u(f, eps, q, c, d, g):
@@ -245,6 +260,7 @@ def affine_lexicographic(X, x1, x2, Y, y1, y2, box):
     x1, x2 = x1 if x1 != 0 else 1.0, x2 if x2 != 0 else 1.0
     m1, M1 = lo1 if x1 > 0 else hi1, hi1 if x1 > 0 else lo1
     m2, M2 = lo2 if x2 > 0 else hi2, hi2 if x2 > 0 else lo2
+    too_low, too_high = x1 * m1 + x2 * m2 >= X, x1 * M1 + x2 * M2 <= X
     X = clip(X, x1 * m1 + x2 * m2, x1 * M1 + x2 * M2)
     at2 = x1 * m1 + x2 * M2 <= X  # the end of the line at m1 or M2
     a1, a2 = clip((X - x2 * M2) / x1, lo1, hi1) if at2 else m1, M2 if at2 else clip((X - x1 * m1) / x2, lo2, hi2)
@@ -254,26 +270,32 @@ def affine_lexicographic(X, x1, x2, Y, y1, y2, box):
     share = (Y - Ya) / (Yb - Ya if Yb != Ya else 1.0)
     P1, P2 = a1 + share * (b1 - a1), a2 + share * (b2 - a2)
     P1, P2 = b1 if share >= 1 else P1, b2 if share >= 1 else P2
-    return a1 if share <= 0 else P1, a2 if share <= 0 else P2
+    P1, P2 = a1 if share <= 0 else P1, a2 if share <= 0 else P2
+    P1, P2 = m1 if too_low else P1, m2 if too_low else P2
+    return M1 if too_high else P1, M2 if too_high else P2
 
 
 # --- arrays ---------------------------------------------------------------------------------------------------------
 
 
 def tondu_batch(theta, K, T, p, min_force, max_force, P1_now, P2_now, max_step, stiffness_first, out):
-    """`tondu_exact` of n targets; `out` is (P1, P2, T, K, status, limits, sure), arrays (n,) to be filled."""
+    """Fill `out`, arrays (n,) for what `tondu_exact` gives, and count the targets for which it is not sure."""
     P1, P2, T_given, K_given, status, limits, sure = out
+    unsure = 0
     for i in range(theta.size):
         now1, now2 = None if P1_now is None else P1_now[i], None if P2_now is None else P2_now[i]
         step = None if max_step is None else max_step[i]
         P1[i], P2[i], T_given[i], K_given[i], status[i], limits[i], sure[i] = tondu_exact(
             theta[i], K[i], T[i], p, min_force, max_force, now1, now2, step, stiffness_first
         )
+        unsure += 0 if sure[i] else 1
+    return unsure
 
 
 def affine_batch(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now, max_step, stiffness_first, out):
-    """`affine_exact` of n targets; `one` and `two` are tuples of arrays (n,)."""
+    """The same with `affine_exact`; `one` and `two` are tuples of arrays (n,)."""
     P1, P2, T_given, K_given, status, limits, sure = out
+    unsure = 0
     (A1, B1, arm1, k1, k01), (A2, B2, arm2, k2, k02) = one, two
     for i in range(theta.size):
         now1, now2 = None if P1_now is None else P1_now[i], None if P2_now is None else P2_now[i]
@@ -282,11 +304,22 @@ def affine_batch(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now,
         P1[i], P2[i], T_given[i], K_given[i], status[i], limits[i], sure[i] = affine_exact(
             theta[i], K[i], T[i], first, second, p, min_force, max_force, now1, now2, step, stiffness_first
         )
+        unsure += 0 if sure[i] else 1
+    return unsure
+
+
+def plausible(theta, K, T):
+    """Whether all angles are within a turn, all stiffnesses positive, and all numbers finite."""
+    strange = 0
+    for i in range(theta.size):
+        fine = -6.283185307179586 <= theta[i] <= 6.283185307179586 and 0 < K[i] < inf and -inf < T[i] < inf
+        strange += 0 if fine else 1
+    return strange == 0
 
 
 LAWS: tuple[Callable[..., Any], ...] = (
     *(interval, clip, binding, verdict),
-    *(tondu_exact, tondu_torque_first, tondu_stiffness_first, tondu_inverse, tondu_f, tondu_u),
+    *(tondu_exact, tondu_torque_first, tondu_stiffness_first, tondu_inverse, tondu_f, tondu_u, tondu_pressure),
     *(affine_exact, affine_lexicographic),
 )
 
@@ -294,6 +327,7 @@ __all__ = [
     "LAWS",
     "affine_batch",
     "affine_exact",
+    "plausible",
     "tondu_batch",
     "tondu_exact",
 ]
