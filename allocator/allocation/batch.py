@@ -59,6 +59,9 @@ def _slew(previous: Any, max_step: Any) -> list[Array | None]:
 
 
 def _common_shape(arrays: list[Array]) -> tuple[int, ...] | None:
+    shape = arrays[0].shape
+    if all(x.shape == shape for x in arrays):  # NumPy takes longer to see it
+        return shape
     try:
         return np.broadcast_shapes(*(x.shape for x in arrays))
     except ValueError:
@@ -81,40 +84,35 @@ def _flat(x: Array, shape: tuple[int, ...]) -> Array:
 
 def run(
     kernel: Kernel, question: Question, targets: Targets, law: Law, stiffness_first: bool | None
-) -> tuple[Any, ...]:
-    """(P1, P2, T, K, status, limits, local), each (n,)."""
+) -> tuple[Any, ...] | None:
+    """(P1, P2, T, K, status, limits, local), each (n,); None where a target is odd: not a target at all, or degrees."""
     n = targets.theta.size
-    out: tuple[Any, ...] = (
-        *(np.empty(n) for _ in range(4)),
-        np.empty(n, np.int8),
-        np.empty(n, np.int32),
-        np.empty(n, bool),
-    )
+    out: tuple[Any, ...] = *map(np.empty, (n,) * 4), np.empty(n, np.int8), np.empty(n, np.int32), np.empty(n, bool)
     forces = tuple(None if F is None else float(F) for F in (question.min_force, question.max_force))
 
-    def piece(i: int, j: int) -> int:
-        theta, K, T = targets.theta[i:j], targets.K[i:j], targets.T[i:j]
-        now = (None if x is None else x[i:j] for x in (targets.P1_now, targets.P2_now, targets.max_step))
+    def piece(i: int, j: int) -> tuple[int, int]:
+        parts = out if j - i == n else tuple(x[i:j] for x in out)
+        given: list[Any] = [x if x is None or j - i == n else x[i:j] for x in targets[:6]]
         sides: list[Any] = []
         if law.name == "affine":
-            sides = [arrays(c, j - i) for c in coefficients(law.joint, np.clip(theta, law.left, law.right))]
-        parts = tuple(x[i:j] for x in out)
-        return int(kernel(theta, K, T, *sides, law.p, *forces, *now, stiffness_first, parts))
+            sides = [arrays(c, j - i) for c in coefficients(law.joint, np.clip(given[0], law.left, law.right))]
+        return kernel(*given[:3], *sides, law.p, *forces, *given[3:], stiffness_first, parts)  # type: ignore[no-any-return]  # compiled
 
-    unsure = sum(_pieces(piece, n, _CHUNK if law.name == "affine" else _PIECE))
+    counts = _pieces(piece, n, _CHUNK if law.name == "affine" else _PIECE)
+    if any(strange for strange, _ in counts):
+        return None
     local = np.zeros(n, bool)
-    if unsure:
+    if any(unsure for _, unsure in counts):
         _refer(question, ~out[6], out[:6], local)
     return (*out[:6], local)
 
 
-def _pieces(work: Callable[[int, int], int], n: int, size: int) -> list[int]:
+def _pieces(work: Callable[[int, int], tuple[int, int]], n: int, size: int) -> list[tuple[int, int]]:
     """`work` on all of 0 … n in pieces, by several threads where it pays."""
     workers = threads()
-    if n < _PARALLEL or workers == 1:
-        size = n if size == _PIECE else size
-        return [work(i, min(i + size, n)) for i in range(0, n, size)]
     starts = range(0, n, size)
+    if n < _PARALLEL or workers == 1:
+        return [work(i, min(i + size, n)) for i in starts]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(lambda i: work(i, min(i + size, n)), starts))
 

@@ -26,12 +26,13 @@ because numba looks at one file only to see whether what it has on disk is out o
 # mypy: allow-untyped-defs, allow-untyped-calls
 # numba compiles the functions for numbers, arrays and None; types would say Any
 from collections.abc import Callable
-from math import inf, sqrt
+from math import inf, pi, sqrt
 from typing import Any
 
 from allocator.limits import Limit
 
 _NEWTON_STEPS = 4
+_TURN = 2 * pi
 _MET = 1e-9  # of the torque or stiffness scale: a target missed by less is met; as `assessment.CLOSED_FORM`
 _RISES = 1e-6  # of q: where the force gains less from pressure the reference answers
 
@@ -278,24 +279,30 @@ def affine_lexicographic(X, x1, x2, Y, y1, y2, box):
 # --- arrays ---------------------------------------------------------------------------------------------------------
 
 
+def odd(theta, K, T):
+    """1 for an angle of more than a turn, a stiffness that is not positive, or what is not finite; else 0."""
+    return 0 if abs(theta) <= _TURN and 0 < K < inf and abs(T) < inf else 1
+
+
 def tondu_batch(theta, K, T, p, min_force, max_force, P1_now, P2_now, max_step, stiffness_first, out):
-    """Fill `out`, arrays (n,) for what `tondu_exact` gives, and count the targets for which it is not sure."""
+    """Fill `out`, arrays (n,) for what `tondu_exact` gives; (number of odd targets, number of unsure answers)."""
     P1, P2, T_given, K_given, status, limits, sure = out
-    unsure = 0
+    strange = unsure = 0
     for i in range(theta.size):
         now1, now2 = None if P1_now is None else P1_now[i], None if P2_now is None else P2_now[i]
         step = None if max_step is None else max_step[i]
         P1[i], P2[i], T_given[i], K_given[i], status[i], limits[i], sure[i] = tondu_exact(
             theta[i], K[i], T[i], p, min_force, max_force, now1, now2, step, stiffness_first
         )
+        strange += odd(theta[i], K[i], T[i])
         unsure += 0 if sure[i] else 1
-    return unsure
+    return strange, unsure
 
 
 def affine_batch(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now, max_step, stiffness_first, out):
     """The same with `affine_exact`; `one` and `two` are tuples of arrays (n,)."""
     P1, P2, T_given, K_given, status, limits, sure = out
-    unsure = 0
+    strange = unsure = 0
     (A1, B1, arm1, k1, k01), (A2, B2, arm2, k2, k02) = one, two
     for i in range(theta.size):
         now1, now2 = None if P1_now is None else P1_now[i], None if P2_now is None else P2_now[i]
@@ -304,30 +311,21 @@ def affine_batch(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now,
         P1[i], P2[i], T_given[i], K_given[i], status[i], limits[i], sure[i] = affine_exact(
             theta[i], K[i], T[i], first, second, p, min_force, max_force, now1, now2, step, stiffness_first
         )
+        strange += odd(theta[i], K[i], T[i])
         unsure += 0 if sure[i] else 1
-    return unsure
-
-
-def plausible(theta, K, T):
-    """Whether all angles are within a turn, all stiffnesses positive, and all numbers finite."""
-    strange = 0
-    for i in range(theta.size):
-        fine = -6.283185307179586 <= theta[i] <= 6.283185307179586 and 0 < K[i] < inf and -inf < T[i] < inf
-        strange += 0 if fine else 1
-    return strange == 0
+    return strange, unsure
 
 
 LAWS: tuple[Callable[..., Any], ...] = (
     *(interval, clip, binding, verdict),
     *(tondu_exact, tondu_torque_first, tondu_stiffness_first, tondu_inverse, tondu_f, tondu_u, tondu_pressure),
-    *(affine_exact, affine_lexicographic),
+    *(affine_exact, affine_lexicographic, odd),
 )
 
 __all__ = [
     "LAWS",
     "affine_batch",
     "affine_exact",
-    "plausible",
     "tondu_batch",
     "tondu_exact",
 ]

@@ -115,10 +115,9 @@ def _batch(question: Question, law: Law, kind: Kind) -> Allocation | None:
     targets = Targets.of(question.theta, question.K, question.T, question.previous, question.max_step)
     if targets is None or (compiled := _paid(kind, targets.theta.size)) is None:
         return None
-    plausible = kernel("plausible")
-    if plausible is None or not plausible(targets.theta, targets.K, targets.T):
-        return None
     found = run(compiled, question, targets, law, kind.stiffness_first)
+    if found is None:
+        return None
     fields = ("theta", "T_target", "K_target", "P1", "P2", "T", "K", "status", "limits", "local")
     flat = (targets.theta, targets.T, targets.K, *found)
     return Allocation.from_fields(

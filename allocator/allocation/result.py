@@ -146,7 +146,7 @@ def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
     """The flat array in the shape of the targets, read-only; a Python scalar for shape ()."""
     if not shape:
         return array.item()
-    view = array.reshape(shape)
+    view = array.reshape(shape) if array.ndim != 1 or len(shape) != 1 else array.view()
     view.flags.writeable = False
     return view
 
