@@ -87,7 +87,8 @@ def run(
 ) -> tuple[Any, ...] | None:
     """(P1, P2, T, K, status, limits, local), each (n,); None where a target is odd: not a target at all, or degrees."""
     n = targets.theta.size
-    out: tuple[Any, ...] = *map(np.empty, (n,) * 4), np.empty(n, np.int8), np.empty(n, np.int32), np.empty(n, bool)
+    # one block of memory for four arrays: the larger, the sooner it comes in large pages
+    out: tuple[Any, ...] = *np.empty((4, n)), np.empty(n, np.int8), np.empty(n, np.int32), np.empty(n, bool)
     forces = tuple(None if F is None else float(F) for F in (question.min_force, question.max_force))
 
     def piece(i: int, j: int) -> tuple[int, int]:

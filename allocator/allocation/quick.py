@@ -10,6 +10,7 @@ implementation until so many targets have come that a compilation (a second or t
 """
 
 from collections import Counter
+from functools import partial
 from math import inf, pi
 from typing import Any
 
@@ -25,6 +26,7 @@ from allocator.allocation.status import Status
 from allocator.joint import AntagonistJoint, report_joint
 
 _TURN = 2 * pi
+_HUGE = 1e300
 _PAYS = 100_000  # targets in arrays that take the readable implementation about as long as a compilation
 _FIRST = {"torque": None, "stiffness": True}  # priority → `stiffness_first` of the kernels
 _STATUS = tuple(Status)
@@ -36,13 +38,18 @@ _batches: dict[Kind, Kernel] = {}  # compiled
 _came: Counter[Kind] = Counter()  # targets in arrays that were not answered by compiled code
 
 
+asked = partial(tuple.__new__, Question)  # quicker than `Question(…)`, to which it is equal
+
+
 def answer(question: Question) -> Allocation | None:
     """The allocation, or None where the short cut does not lead."""
     joint, theta, K, T, priority, min_force, max_force, _, max_step = question
     law = law_of(joint)
-    if not law.name or priority not in _FIRST or not _forces_fine(min_force, max_force):
+    if not law.name or type(priority) is not str or priority not in _FIRST:
         return None
-    kind = Kind(law.name, min_force is not None, max_force is not None, max_step is not None, _FIRST[priority])
+    if not ((max_force is None and type(min_force) is float and 0 <= min_force < inf) or _fine(min_force, max_force)):
+        return None
+    kind = law.name, min_force is not None, max_force is not None, max_step is not None, _FIRST[priority]
     if type(theta) in _NUMBERS and type(K) in _NUMBERS and type(T) in _NUMBERS:
         return _scalar(question, law, kind)
     return _batch(question, law, kind)
@@ -51,7 +58,8 @@ def answer(question: Question) -> Allocation | None:
 _NUMBERS = frozenset((float, int, np.float64))
 
 
-def _forces_fine(low: Any, high: Any) -> bool:
+def _fine(low: Any, high: Any) -> bool:
+    """Whether these are limits of forces."""
     if low is not None and not (type(low) in _NUMBERS and 0 <= low < inf):
         return False
     return high is None or (type(high) in _NUMBERS and (low or 0.0) < high < inf)
@@ -59,22 +67,25 @@ def _forces_fine(low: Any, high: Any) -> bool:
 
 def _scalar(question: Question, law: Law, kind: Kind) -> Allocation | None:
     joint, theta, K, T, _, min_force, max_force, previous, max_step = question
-    if not (-_TURN <= theta <= _TURN and 0 < K < inf and -inf < T < inf):
+    if not (-_TURN <= theta <= _TURN and 0 < K < _HUGE and -_HUGE < T < _HUGE):
         return None
     P1_now = P2_now = None
     if previous is not None or max_step is not None:
         if not _slew_fine(previous, max_step):
             return None
         P1_now, P2_now, max_step = float(previous[0]), float(previous[1]), float(max_step)
-    theta, K, T = float(theta), float(K), float(T)
-    least, most = None if min_force is None else float(min_force), None if max_force is None else float(max_force)
-    limits = least, most, P1_now, P2_now, max_step, kind.stiffness_first
-    exact = _scalars.get(kind) or _PLAIN[kind.name]
-    if kind.name == "tondu":
-        found = exact(theta, K, T, law.p, *limits)
+    if not type(theta) is type(K) is type(T) is float:
+        theta, K, T = float(theta), float(K), float(T)
+    if type(min_force) is int:
+        min_force = float(min_force)
+    if type(max_force) is int:
+        max_force = float(max_force)
+    exact = _scalars.get(kind) or _PLAIN[law.name]
+    if law.name == "tondu":
+        found = exact(theta, K, T, law.p, min_force, max_force, P1_now, P2_now, max_step, kind[4])
     else:
-        one, two = coefficients(joint, min(max(theta, law.left), law.right))
-        found = exact(theta, K, T, tuple(map(float, one)), tuple(map(float, two)), law.p, *limits)
+        one, two = (tuple(map(float, c)) for c in coefficients(joint, min(max(theta, law.left), law.right)))
+        found = exact(theta, K, T, one, two, law.p, min_force, max_force, P1_now, P2_now, max_step, kind[4])
     return _allocation(question, theta, K, T, found) if found[6] else None
 
 
@@ -115,7 +126,7 @@ def _batch(question: Question, law: Law, kind: Kind) -> Allocation | None:
     targets = Targets.of(question.theta, question.K, question.T, question.previous, question.max_step)
     if targets is None or (compiled := _paid(kind, targets.theta.size)) is None:
         return None
-    found = run(compiled, question, targets, law, kind.stiffness_first)
+    found = run(compiled, question, targets, law, kind[4])
     if found is None:
         return None
     fields = ("theta", "T_target", "K_target", "P1", "P2", "T", "K", "status", "limits", "local")
@@ -131,7 +142,7 @@ def _paid(kind: Kind, n: int) -> Kernel | None:
     if (compiled := _batches.get(kind)) is not None:
         return compiled
     _came[kind] += n
-    if _came[kind] < _PAYS or (compiled := kernel(f"{kind.name}_batch")) is None:
+    if _came[kind] < _PAYS or (compiled := kernel(f"{kind[0]}_batch")) is None:
         return None
     return _batches.setdefault(kind, compiled)
 
@@ -152,9 +163,9 @@ def warm_up(
     """
     joint = report_joint() if joint is None else joint
     law = law_of(joint)
-    if not law.name or priority not in _FIRST or not _forces_fine(min_force, max_force):
+    if not law.name or priority not in _FIRST or not _fine(min_force, max_force):
         return False
-    kind = Kind(law.name, min_force is not None, max_force is not None, slew, _FIRST[priority])
+    kind = law.name, min_force is not None, max_force is not None, slew, _FIRST[priority]
     one, many = kernel(f"{law.name}_exact"), kernel(f"{law.name}_batch")
     if one is None or many is None:
         return False
@@ -166,4 +177,4 @@ def warm_up(
     return True
 
 
-__all__ = ["answer", "warm_up"]
+__all__ = ["answer", "asked", "warm_up"]
