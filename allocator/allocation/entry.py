@@ -103,7 +103,7 @@ def allocate(
         and type(pull) is type(stiffness_tolerance) is float
         and direction == pull == stiffness_tolerance == 0
     ):
-        question = quick.asked((joint, theta, K, T, priority, min_force, max_force, previous, max_step))
+        question = joint, theta, K, T, priority, min_force, max_force, previous, max_step  # a tuple is quicker
         if (found := quick.answer(question)) is not None:
             return found
     if method not in METHODS:
