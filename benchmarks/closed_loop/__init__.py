@@ -4,9 +4,10 @@
 
 Every controller gets the same model (Sarosi's muscles, nominal), the same knowledge of dead time, dead band and a share
 of the friction, the same shaped and previewed references and the same limits; one tuning for everything, made on other
-seeds: the PIDs' by numerical optimisation (`benchmarks/closed_loop/tuning.py`), the MPC's by hand, after such a search. The friction that is told has the form of the plant's (Dahl's, with the same presliding), so that the
-plant without it matters as well. `pid` is what is usual: it differentiates the encoder's angle; `predictive-pid` feeds
-back the angle and velocity that the MPC's observer and model predict for the end of the dead time.
+seeds: the PIDs' by numerical optimisation (`benchmarks/closed_loop/tuning.py`), the MPC's by hand, after such a search.
+The friction that is told has the form of the plant's (Dahl's, with the same presliding), so that the plant without it
+matters as well. `pid` is what is usual: it differentiates the encoder's angle; `predictive-pid` feeds back the angle
+and velocity that the MPC's observer and model predict for the end of the dead time.
 
 The load of 1 N·m that nobody tells them of comes half-way (in the stiffness step: at 0.5 s). Angle errors count from
 the end of the first rest, in which the loop settles, to the load; "with load" to the end of the run. On the variants of
