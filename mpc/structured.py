@@ -1,0 +1,153 @@
+"""The QP of a step without its rows, solved by Riccati recursions: O(N) instead of O(N³), in one compiled call.
+
+The same problem as `mpc.condense` states, with the state ξ_k = (δx_k, w_k), w_k the deviation of u_{k-1} from ū_{k-1},
+and the change v_k of that deviation as input: w_{k+1} = w_k + v_k, δx_{k+1} = A_k δx_k + B_k w_{k+1}. What every stage
+costs from v_k on is ½ ρ|v|² + ρ Δeᵀv + W_k(δx, w + v), W_k the cost-to-go after the command; hence with D = W_ww + ρ I
+
+    D v + W_wx δx + W_ww w + g = -λ,        λ = 0 for what is free, v at its bound for what is not
+
+An active-set method of the primal–dual kind: sweep backward and forward with the bounds that are guessed to bind held,
+then guess anew: what breaks a bound is held, what is held with λ of the wrong sign is let go. If a guess repeats itself it
+is the solution; that takes one sweep or two from the last sample's, and sometimes does not come about. It is the
+caller's business to prove the answer and to have another solver.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.kernels import Cost, Errors, Path, inlined
+
+FREE, LOWER, UPPER = 0, -1, 1
+
+
+@inlined
+def settled(
+    path: Path, errors: Errors, cost: Cost, lower: Array, upper: Array, held: Any, sweeps: int
+) -> tuple[Array, int]:
+    """Changes v (N, 2) and the sweeps it took, 0 if it did not settle; `held` (N, 2) is the guess, and the set found."""
+    N = lower.shape[0]
+    v = np.zeros((N, 2))
+    rows, D, g, law = np.empty((N, 2, 6)), np.empty((N, 2, 2)), np.empty((N, 2)), np.empty((N, 2, 7))
+    for sweep in range(1, sweeps + 1):
+        for k in range(N):
+            for i in range(2):
+                v[k, i] = lower[k, i] if held[k, i] == LOWER else upper[k, i]  # of those held
+        backward(path, errors, cost, v, held, rows, D, g, law)
+        if not forward(path, v, lower, upper, held, rows, D, g, law):
+            return v, sweep
+    return v, 0
+
+
+@inlined
+def backward(
+    path: Path, errors: Errors, cost: Cost, v: Array, held: Any, rows: Array, D: Array, g: Array, law: Array
+) -> None:
+    """For each k: `rows` = [W_wx W_ww], D, g, and the law v = law (ξ, 1) of the optimal changes."""
+    N = v.shape[0]
+    S, M, SA = cost.end.copy(), np.empty((6, 6)), np.empty((6, 6))  # of V_{k+1}, of W_k
+    s, m = cost.end @ errors.end, np.empty(6)
+    for k in range(N - 1, -1, -1):
+        A, B, C = path.A[k], path.B[k], path.C[k]
+        for i in range(6):  # S [A B; 0 I]
+            for j in range(4):
+                SA[i, j] = S[i, 0] * A[0, j] + S[i, 1] * A[1, j] + S[i, 2] * A[2, j] + S[i, 3] * A[3, j]
+            for j in range(2):
+                SA[i, 4 + j] = (
+                    S[i, 4 + j] + S[i, 0] * B[0, j] + S[i, 1] * B[1, j] + S[i, 2] * B[2, j] + S[i, 3] * B[3, j]
+                )
+        for j in range(6):  # [A B; 0 I]ᵀ of that
+            for i in range(4):
+                M[i, j] = A[0, i] * SA[0, j] + A[1, i] * SA[1, j] + A[2, i] * SA[2, j] + A[3, i] * SA[3, j]
+            for i in range(2):
+                M[4 + i, j] = (
+                    SA[4 + i, j] + B[0, i] * SA[0, j] + B[1, i] * SA[1, j] + B[2, i] * SA[2, j] + B[3, i] * SA[3, j]
+                )
+        for i in range(4):
+            m[i] = A[0, i] * s[0] + A[1, i] * s[1] + A[2, i] * s[2] + A[3, i] * s[3]
+        for i in range(2):
+            m[4 + i] = s[4 + i] + B[0, i] * s[0] + B[1, i] * s[1] + B[2, i] * s[2] + B[3, i] * s[3]
+            m[4 + i] += cost.u * errors.e[k, i]
+            M[4 + i, 4 + i] += cost.u
+        for i in range(2):
+            for j in range(6):
+                rows[k, i, j] = M[4 + i, j]
+            for j in range(2):
+                D[k, i, j] = M[4 + i, 4 + j]
+            D[k, i, i] += cost.change
+            g[k, i] = m[4 + i] + cost.change * errors.change[k, i]
+        choose(rows[k], D[k], g[k], v[k], held[k], law[k])
+        for i in range(6):
+            for j in range(6):
+                S[i, j] = M[i, j] + rows[k, 0, i] * law[k, 0, j] + rows[k, 1, i] * law[k, 1, j]
+            s[i] = m[i] + rows[k, 0, i] * law[k, 0, 6] + rows[k, 1, i] * law[k, 1, 6]
+        if k > 0:
+            for i in range(4):
+                for j in range(4):
+                    S[i, j] += cost.K * C[i] * C[j]
+                s[i] += cost.K * errors.K[k] * C[i]
+            S[0, 0] += cost.theta
+            S[1, 1] += cost.omega
+            s[0] += cost.theta * errors.theta[k]
+            s[1] += cost.omega * errors.omega[k]
+
+
+@inlined
+def choose(rows: Array, D: Array, g: Array, v: Array, held: Any, law: Array) -> None:
+    """The law (2, 7) of one stage: D v + rows ξ + g = 0 for the free inputs, v for those held."""
+    free0, free1 = held[0] == FREE, held[1] == FREE
+    if free0 and free1:
+        det = D[0, 0] * D[1, 1] - D[0, 1] * D[1, 0]
+        for j in range(7):
+            a = rows[0, j] if j < 6 else g[0]
+            b = rows[1, j] if j < 6 else g[1]
+            law[0, j] = (D[0, 1] * b - D[1, 1] * a) / det
+            law[1, j] = (D[1, 0] * a - D[0, 0] * b) / det
+        return
+    law[:] = 0.0
+    for i in range(2):
+        other = 1 - i
+        if held[i] != FREE:
+            law[i, 6] = v[i]
+        elif held[other] != FREE:
+            for j in range(6):
+                law[i, j] = -rows[i, j] / D[i, i]
+            law[i, 6] = -(g[i] + D[i, other] * v[other]) / D[i, i]
+
+
+@inlined
+def forward(
+    path: Path, v: Array, lower: Array, upper: Array, held: Any, rows: Array, D: Array, g: Array, law: Array
+) -> bool:
+    """Sets `v` (N, 2) by the laws and guesses `held` anew; returns whether the guess has changed."""
+    xi, after = np.zeros(6), np.zeros(4)
+    changed = False
+    for k in range(v.shape[0]):
+        for i in range(2):
+            v[k, i] = law[k, i, 6]
+            for j in range(6):
+                v[k, i] += law[k, i, j] * xi[j]
+        for i in range(2):
+            if held[k, i] == FREE:
+                guess = LOWER if v[k, i] < lower[k, i] else UPPER if v[k, i] > upper[k, i] else FREE
+            else:
+                push = g[k, i] + D[k, i, 0] * v[k, 0] + D[k, i, 1] * v[k, 1]  # -λ
+                for j in range(6):
+                    push += rows[k, i, j] * xi[j]
+                wrong = lower[k, i] < upper[k, i] and (push < 0.0 if held[k, i] == LOWER else push > 0.0)
+                guess = FREE if wrong else held[k, i]
+            changed |= guess != held[k, i]
+            held[k, i] = guess
+        xi[4] += v[k, 0]
+        xi[5] += v[k, 1]
+        A, B = path.A[k], path.B[k]
+        for i in range(4):
+            after[i] = B[i, 0] * xi[4] + B[i, 1] * xi[5]
+            for j in range(4):
+                after[i] += A[i, j] * xi[j]
+        xi[:4] = after
+    return changed
+
+
+__all__ = ["FREE", "LOWER", "UPPER", "settled"]
