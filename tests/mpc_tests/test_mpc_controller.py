@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from allocator import BAR, DEG, InvalidInput
 from mpc import PlanStatus, Plant, Rung, TrackingMPC, Weights
 from mpc.buffered import Buffered
+from mpc.softened import softened
 
 PLANT = Plant()
 CONTROLLER = TrackingMPC(PLANT, N=10)  # built once; `reset` forgets
@@ -187,13 +188,21 @@ def test_another_solver_gives_the_same_plan(name):
 @pytest.mark.parametrize(
     ("sabotage", "status"),
     [
-        (lambda qp: None, PlanStatus.UNSOLVED),
-        (lambda qp: (np.full_like(qp.f, 0.01), np.zeros(qp.f.size + len(qp.R))), PlanStatus.REFUSED),
-        (lambda qp: (np.full_like(qp.f, np.nan), np.zeros(qp.f.size + len(qp.R))), PlanStatus.REFUSED),
+        (lambda qp, limit: None, PlanStatus.UNSOLVED),
+        (lambda qp, limit: (np.full_like(qp.f, 0.01), np.zeros(qp.f.size + len(qp.R))), PlanStatus.REFUSED),
+        (lambda qp, limit: (np.full_like(qp.f, np.nan), np.zeros(qp.f.size + len(qp.R))), PlanStatus.REFUSED),
     ],
     ids=["gives up", "lies", "answers NaN"],
 )
-def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(sabotage, status):
+@pytest.mark.parametrize(
+    ("softened", "answers"),
+    [(softened, ["SOFTENED"] * 7), (lambda qp: None, [*["PREVIOUS"] * 4, *["ALLOCATION"] * 3])],
+    ids=["softened", "not even softened"],
+)
+def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(
+    sabotage, status, softened, answers, monkeypatch
+):
+    monkeypatch.setattr("mpc.controller.softened", softened)
     controller = TrackingMPC(PLANT, N=5)
     honest = controller._solve
     x, u_last, rungs = PLANT.at_rest(0.0, 7.6), PLANT.at_rest(0.0, 7.6)[2:], []
@@ -207,21 +216,23 @@ def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(sabo
         rungs.append(plan.rung.name)
         u_last = plan.u[0]
         x = STEP(x, u_last, 0.0)[0][0]
-    assert rungs == ["QP", *["PREVIOUS"] * 4, *["ALLOCATION"] * 3, "QP", "QP"]
+    assert rungs == ["QP", *answers, "QP", "QP"]
 
 
-def test_the_previous_plan_goes_on_where_it_was():
+def test_the_previous_plan_goes_on_where_it_was(monkeypatch):
+    monkeypatch.setattr("mpc.controller.softened", lambda qp: None)
     controller = TrackingMPC(PLANT)
     x = PLANT.at_rest(0.0, 7.6)
     first = controller.step(x, 0.1, 7.7)
-    controller._solve = lambda qp: None
+    controller._solve = lambda qp, limit: None
     second = controller.step(first.x[1], 0.1, 7.7)
     np.testing.assert_allclose(second.u[:-1], first.u[1:], rtol=1e-12)
 
 
-def test_without_any_plan_the_allocation_is_approached_at_the_slew_limit():
+def test_without_any_plan_the_allocation_is_approached_at_the_slew_limit(monkeypatch):
+    monkeypatch.setattr("mpc.controller.softened", lambda qp: None)
     controller = TrackingMPC(PLANT)
-    controller._solve = lambda qp: None
+    controller._solve = lambda qp, limit: None
     x = PLANT.at_rest(0.0, 7.0)
     plan = controller.step(x, 0.0, 8.5)
     assert plan.rung is Rung.ALLOCATION
