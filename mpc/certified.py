@@ -15,9 +15,9 @@ from mpc.plan import PlanStatus
 from mpc.qp import QP
 from mpc.solvers import Solver
 
-_PRIMAL_TOLERANCE = 1e-4  # [bar], [rad], [N] by which an answer may break a limit; what is sent is clipped
-_GAP_TOLERANCE = 1e-3  # [-] of the cost that the step gains
-_LAZY_TOLERANCE = 1e-6  # [bar], [rad], [N] below which a row that was left out counts as kept
+PRIMAL_TOLERANCE = 1e-4  # [bar], [rad], [N] by which an answer may break a limit; what is sent is clipped
+GAP_TOLERANCE = 1e-3  # [-] of the cost that the step gains
+LAZY_TOLERANCE = 1e-6  # [bar], [rad], [N] below which a row that was left out counts as kept
 
 
 class Answer(NamedTuple):
@@ -43,13 +43,13 @@ def certified(solve: Solver, qp: QP, deadline: float) -> Answer:
         if found is None:
             return Answer(z, multipliers, PlanStatus.UNSOLVED)
         z = found[0]
-        broken = (qp.breaches(z) > _LAZY_TOLERANCE) & ~within
+        broken = (qp.breaches(z) > LAZY_TOLERANCE) & ~within
         if not broken.any():
             break
         within = within | broken
     multipliers[np.append(np.full(z.size, True), within)] = found[1]
-    right = qp.certify(z, multipliers).within(_PRIMAL_TOLERANCE, _GAP_TOLERANCE)
+    right = qp.certify(z, multipliers).within(PRIMAL_TOLERANCE, GAP_TOLERANCE)
     return Answer(z, multipliers, PlanStatus.OPTIMAL if right else PlanStatus.REFUSED)
 
 
-__all__ = ["Answer", "certified"]
+__all__ = ["GAP_TOLERANCE", "LAZY_TOLERANCE", "PRIMAL_TOLERANCE", "Answer", "certified"]

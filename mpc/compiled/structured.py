@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.kernels import Cost, Errors, Path, inlined
+from mpc.compiled.jit import inlined
+from mpc.compiled.records import Cost, Errors, Path
 
 FREE, LOWER, UPPER = 0, -1, 1
 
@@ -49,7 +50,7 @@ def backward(
     S, M, SA = cost.end.copy(), np.empty((6, 6)), np.empty((6, 6))  # of V_{k+1}, of W_k
     s, m = cost.end @ errors.end, np.empty(6)
     for k in range(N - 1, -1, -1):
-        A, B, C = path.A[k], path.B[k], path.C[k]
+        A, B, C = path.A[k], path.B[k], path.slope[k, 0]
         for i in range(6):  # S [A B; 0 I]
             for j in range(4):
                 SA[i, j] = S[i, 0] * A[0, j] + S[i, 1] * A[1, j] + S[i, 2] * A[2, j] + S[i, 3] * A[3, j]

@@ -1,0 +1,76 @@
+"""Commands and what they may do: within their limits, away from what is wished, moved by decisions."""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.units import BAR
+from mpc.compiled.jit import compiled
+from mpc.compiled.records import Errors, Room, Setting, Wish
+
+
+@compiled
+def limited(room: Room, u_last: Array, u: Array) -> Array:
+    """The commands `u` (N, 2) after `u_last` (2,) as `mpc.limits.Limits.limited` moves them, all in bar."""
+    kept = np.empty_like(u)
+    for i in range(2):
+        before = u_last[i]
+        for k in range(u.shape[0]):
+            wanted = min(max(u[k, i], room.low), room.high)
+            before = min(max(wanted, before - room.step), before + room.step)
+            kept[k, i] = before
+    return kept
+
+
+@compiled
+def bounds(setting: Setting, u: Array, u_last: Array) -> tuple[Array, Array]:
+    """What slew leaves to the changes; z = 0 is allowed whatever rounding says."""
+    starts, step = setting.starts, setting.room.step
+    lower, upper = np.empty(2 * starts.size), np.empty(2 * starts.size)
+    for block in range(starts.size):
+        k = starts[block]
+        for i in range(2):
+            change = u[k, i] - (u[k - 1, i] if k > 0 else u_last[i])
+            lower[2 * block + i] = min(-step - change, 0.0)
+            upper[2 * block + i] = max(step - change, 0.0)
+    return lower, upper
+
+
+@compiled
+def cumulated(starts: Any, z: Array, N: int) -> Array:
+    """E z (N, 2): the sum of the changes up to each command."""
+    du = np.zeros((N, 2))
+    block = 0
+    for k in range(N):
+        for i in range(2):
+            du[k, i] = du[k - 1, i] if k > 0 else 0.0
+        if block < starts.size and starts[block] == k:
+            for i in range(2):
+                du[k, i] += z[2 * block + i]
+            block += 1
+    return du
+
+
+@compiled
+def deviations(x: Array, y: Array, u: Array, wish: Wish, e_last: Array) -> Errors:
+    """Of a path with the commands `u` (N, 2) [bar]; `e_last` (2,) [bar] is that of the command before."""
+    N = u.shape[0]
+    e, change, end = np.empty((N, 2)), np.empty((N, 2)), np.empty(6)
+    for i in range(2):
+        before = e_last[i]
+        for k in range(N):
+            e[k, i] = u[k, i] - wish.u[k, i] / BAR
+            change[k, i] = e[k, i] - before
+            before = e[k, i]
+        end[2 + i] = x[N, 2 + i] - wish.P[N, i]
+        end[4 + i] = before
+    end[0] = x[N, 0] - wish.theta[N]
+    end[1] = x[N, 1] - wish.omega[N]
+    theta, omega, K = np.empty(N + 1), np.empty(N + 1), np.empty(N + 1)
+    for k in range(N + 1):
+        theta[k], omega[k], K[k] = x[k, 0] - wish.theta[k], x[k, 1] - wish.omega[k], y[k, 0] - wish.K[k]
+    return Errors(theta, omega, K, e, change, end)
+
+
+__all__ = ["bounds", "cumulated", "deviations", "limited"]

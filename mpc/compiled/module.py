@@ -1,0 +1,104 @@
+"""From a plant to compiled functions: its law as a Python module of its own, written once and found again.
+
+numba keeps compiled code next to the file that it came from, so the module is written into the user's cache directory
+under a name that is the hash of everything it is made from. Joints that differ in their numbers only share it.
+"""
+
+import os
+import sys
+import tempfile
+from functools import cache
+from hashlib import sha256
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from allocator.calculus import Array
+from allocator.units import BAR
+from mpc.compiled.translate import Source, translated
+from mpc.integration import integrated
+from mpc.plant import NU, NX, Plant
+
+_TEMPLATE = Path(__file__).with_name("step.py")
+
+
+class Law(NamedTuple):
+    """What is compiled for a family of plants, and the numbers of the plant."""
+
+    module: ModuleType  # its functions `prepare` and `finish`
+    c: tuple[Array, ...]  # of stage, outputs, advance, look
+    substeps: int
+
+
+def law(plant: Plant, dt: float) -> Law:
+    """The compiled functions for `plant` at the sample time `dt` [s]."""
+    substeps = plant.substeps(dt, RESOLUTION)
+    sources = [translated(name, function) for name, function in _functions(plant, dt / substeps).items()]
+    return Law(_imported(_text(sources)), tuple(source.c for source in sources), substeps)
+
+
+RESOLUTION = 0.5  # of the integration, as in `Plant.discrete`
+
+
+def _functions(plant: Plant, h: float) -> dict[str, Any]:
+    """CasADi functions of one step of `h` [s] and of the outputs (K, F1, F2), with and without derivatives."""
+    import casadi as ca
+
+    x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
+    after = integrated(lambda x: ca.vertcat(*plant.rate(x, BAR * u, d)), x, h, 1)
+    y = ca.vertcat(plant.stiffness(x), *plant.forces(x))
+    slopes = [ca.densify(ca.jacobian(after, v)) for v in (x, u)]
+    return {
+        "stage": ca.Function("stage", [x, u, d], ca.cse([after, *slopes])),
+        "outputs": ca.Function("outputs", [x], ca.cse([y, ca.densify(ca.jacobian(y, x))])),
+        "advance": ca.Function("advance", [x, u, d], ca.cse([after])),
+        "look": ca.Function("look", [x], ca.cse([y])),
+    }
+
+
+def _text(sources: list[Source]) -> str:
+    """The template with the law in its place."""
+    lines = _TEMPLATE.read_text(encoding="utf-8").splitlines(keepends=True)
+    start = next(i for i, line in enumerate(lines) if line.startswith("LAW"))
+    law = "".join(f"@inlined\n{source.text}\n\n" for source in sources)
+    return "".join([*lines[:start], "import math\n\n\n", law, *lines[start + 2 :]])
+
+
+@cache
+def _imported(text: str) -> ModuleType:
+    """The module of this text, from the cache directory if it is there."""
+    name = f"antagonist_{sha256((text + _surroundings()).encode()).hexdigest()[:24]}"
+    file = _directory() / f"{name}.py"
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=file.parent, suffix=".tmp", delete=False, encoding="utf-8") as new:
+            new.write(text)
+        os.replace(new.name, file)  # at once: another process may be about to read it
+    spec = spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} cannot be imported")
+    module = module_from_spec(spec)
+    sys.modules[name] = module  # numba looks for it there when it loads what it kept
+    spec.loader.exec_module(module)
+    return module
+
+
+@cache
+def _surroundings() -> str:
+    """The compiled functions that the module calls: numba does not see for itself when these change."""
+    return "".join(file.read_text(encoding="utf-8") for file in sorted(Path(__file__).parent.glob("*.py")))
+
+
+def _directory() -> Path:
+    """Where the user's programs keep what they can make again."""
+    if sys.platform == "win32":
+        root = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        root = Path.home() / "Library" / "Caches"
+    else:
+        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return root / "antagonist"
+
+
+__all__ = ["Law", "law"]
