@@ -35,17 +35,17 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from mpc.certified import certified
 from mpc.compensation import Compensation
-from mpc.condense import Problem, condense
+from mpc.condense import Problem
 from mpc.feedforward import FeedForward, FeedForwardLaw
 from mpc.foresight import Foresight
+from mpc.improvement import Before, Improvement
 from mpc.ladder import Ladder
 from mpc.limits import Limits
 from mpc.linearise import Motion, Predictor
 from mpc.plan import Plan, PlanStatus, Rung, Times
 from mpc.plant import Plant
-from mpc.qp import QP
+from mpc.quick import improver
 from mpc.softened import softened
 from mpc.solvers import Solver
 from mpc.solvers import solver as solver_by_name
@@ -59,6 +59,7 @@ class _Optimised(NamedTuple):
     """What optimisation came to."""
 
     best: tuple[Rung, Array] | None  # commands (N, 2) and the rung that they are worth
+    motion: Motion | None  # under them, where it is known already
     status: PlanStatus
     times: tuple[float, float, float]  # of linearising, condensing, solving [s]
 
@@ -99,12 +100,14 @@ class TrackingMPC:
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self._ladder = Ladder(self.limits, self.dt)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
+        self._improve = improver(self.plant, self.dt, self.problem, self._predictor)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past: the next step begins from the pressures it measures."""
         self._foresight.reset()
         self._ladder.reset()
+        self._improve.reset()
         self._motion: Motion | None = None  # of the last plan, as far as it was known
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
 
@@ -151,34 +154,30 @@ class TrackingMPC:
     def _optimise(self, x: Array, feed: FeedForward, u_last: Array, d: Array, deadline: float) -> _Optimised:
         """The commands after `iterations` QPs, or up to one that failed; the softened QP's if it was the first."""
         u = self._ladder.onward(u_last, feed.u)
-        u_star_last = feed.u[0] if self._u_star is None else self._u_star
-        best, status, spent = None, PlanStatus.OPTIMAL, np.zeros(3)
+        before = Before(u_last, feed.u[0] if self._u_star is None else self._u_star)
+        best, motion, status, spent = None, None, PlanStatus.OPTIMAL, np.zeros(3)
         for _ in range(self.iterations):
-            began = perf_counter()
-            with np.errstate(over="ignore", invalid="ignore"):  # what comes out is checked
-                model = self._predictor.linearise(x, u, d)
-                linearised = perf_counter()
-                qp = condense(self.problem, model, feed, u_last, u_star_last)
-            condensed = perf_counter()
-            answer = certified(self._solve, qp, deadline)
-            spent += np.diff([began, linearised, condensed, perf_counter()])
-            if answer.status is not PlanStatus.OPTIMAL:
+            step = self._improve(x, u, d, feed, before, self._solve, deadline)
+            spent += step.times
+            if step.status is not PlanStatus.OPTIMAL:
                 if best is None:
-                    best, status = self._softened(qp, u, u_last, answer.status), answer.status
+                    best, status = self._softened(step, u_last), step.status
                 break
-            u = self.limits.limited(u_last, u + self.problem.E @ answer.z)
+            u, motion = step.u, step.motion
             best = Rung.QP, u
         linearising, condensing, solving = spent.tolist()
-        return _Optimised(best, status, (linearising, condensing, solving))
+        return _Optimised(best, motion, status, (linearising, condensing, solving))
 
-    def _softened(self, qp: QP, u: Array, u_last: Array, status: PlanStatus) -> tuple[Rung, Array] | None:
+    def _softened(self, step: Improvement, u_last: Array) -> tuple[Rung, Array] | None:
         """The next rung, if there is time for it and numbers to work with."""
-        if status in (PlanStatus.LATE, PlanStatus.NOT_FINITE) or (z := softened(qp)) is None:
+        if step.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE) or (z := softened(step.qp)) is None:
             return None
-        return Rung.SOFTENED, self.limits.limited(u_last, u + self.problem.E @ z)
+        return Rung.SOFTENED, self.limits.limited(u_last, step.u + self.problem.E @ z)
 
     def _descend(self, x: Array, found: _Optimised, feed: FeedForward, u_last: Array, d: Array) -> tuple[Rung, Motion]:
         """The first rung of the ladder that bears, and what its commands do."""
+        if found.motion is not None and found.motion.finite:
+            return Rung.QP, found.motion
         if found.status is not PlanStatus.BLIND:
             for rung, u in self._ladder.rungs(found.best, feed.u, u_last):
                 motion = self._predictor.motion(x, u, d)
@@ -193,7 +192,7 @@ class TrackingMPC:
         return Rung.HOLD, motion
 
 
-_LOST = _Optimised(None, PlanStatus.BLIND, (0.0, 0.0, 0.0))
+_LOST = _Optimised(None, None, PlanStatus.BLIND, (0.0, 0.0, 0.0))
 
 
 def _count(name: str, value: Any, least: int) -> int:

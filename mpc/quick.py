@@ -1,93 +1,102 @@
-"""A step's linearisation, condensing and proof in compiled code: microseconds where `mpc.linearise` takes tens.
+"""`mpc.improvement` in compiled code: tens of microseconds where that takes hundreds.
 
-The QP is solved by DAQP with its simple bounds only, beginning from the bounds that bound in the last sample's plan. If
-that answer keeps all rows and is proved optimal it is the QP's, and the step is done; if it breaks rows the whole QP
-is handed back, which is the same as `mpc.condense` gives.
+The QP is solved with its simple bounds only, from the guess that those bind which bound in the last sample's plan. If the
+answer keeps all rows and is proved optimal (`mpc.compiled.certificate`) it is the QP's, and the step is done; else the
+whole QP, the same that `mpc.condense` gives, goes to `mpc.certified`.
 """
 
 from dataclasses import dataclass, field
-from math import inf, isfinite
+from math import inf
 from time import perf_counter
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.certified import GAP_TOLERANCE, LAZY_TOLERANCE, PRIMAL_TOLERANCE
+from mpc.compiled.translate import Untranslatable
+from mpc.certified import GAP_TOLERANCE, LAZY_TOLERANCE, PRIMAL_TOLERANCE, certified
 from mpc.condense import SLACKS, Problem
 from mpc.feedforward import FeedForward
-from mpc.linearise import Motion
+from mpc.improvement import Before, Improvement, Improver, ReadableImprover
+from mpc.linearise import Motion, Predictor
+from mpc.plan import PlanStatus
 from mpc.plant import NU, NX, Plant
 from mpc.qp import QP
+from mpc.solvers import Solver
 
-_ACTIVE, _AT_LOWER = 1, 2  # DAQP's marks of a bound
 _TOLERANCES = (LAZY_TOLERANCE, PRIMAL_TOLERANCE, GAP_TOLERANCE)
 
 
-class Quick(NamedTuple):
-    """What came of it: the motion under the optimal commands, or else the QP that has still to be solved, if any."""
-
-    motion: Motion | None
-    u: Array  # (N, 2) the commands that the QP is about [Pa]
-    qp: QP | None
-    times: tuple[float, float]  # of building and solving [s]
-
-
-class QuickStep:
-    """The compiled step of a controller. Its buffers belong to it: it must not be called by two threads at a time."""
+class QuickImprover:
+    """For one controller: its buffers must not be used by two threads at a time."""
 
     def __init__(self, plant: Plant, dt: float, problem: Problem) -> None:
-        """Raises ImportError or OSError where there is no numba or nowhere to keep what it compiles."""
+        """Raises `Uncompilable` where there is no numba, or nowhere to keep what it compiles."""
         from mpc.compiled.module import law
 
         self._law = law(plant, dt)
         self._problem, self._setting = problem, setting(problem, self._law.substeps)
-        N, n = sum(problem.blocks), NU * len(problem.blocks)
-        self._given = _Given.of(N)
-        self._no_rows = np.zeros((0, n))
+        self._given = _Given.of(sum(problem.blocks))
+        self._no_rows, self._no_bounds = np.zeros((0, NU * len(problem.blocks))), np.zeros(0)
         self.reset()
+        self._compile()
 
     def reset(self) -> None:
         """Forget which bounds bound."""
-        self._marks = np.zeros(self._no_rows.shape[1], np.intc)
+        self._guess: Array | None = None  # multipliers (n,)
 
-    def __call__(
-        self, x: Array, u: Array, d: Array, feed: FeedForward, u_last: Array, u_star_last: Array, limit: float = inf
-    ) -> Quick:
-        """One QP about the commands `u` (N, 2) from `x` (4,) under the torques `d` (N,); DAQP may take `limit` [s]."""
-        import daqp
-
-        began = perf_counter()
-        given, functions = self._given, self._law.module
-        given.take(x, u, d, feed, u_last, u_star_last)
-        path, ubar, box = functions.prepare(self._law.c, self._setting, *given.arguments)
-        built = perf_counter()
-        seconds = limit if isfinite(limit) else 0.0  # 0: as long as it takes
-        z, _, flag, info = daqp.solve(
-            box.H, box.f, self._no_rows, box.upper, box.lower, self._marks, time_limit=seconds
-        )
-        multipliers = info["lam"]
-        outcome, moved, x_new, y = functions.finish(
-            self._law.c, self._setting, path, ubar, box, z, multipliers, given.last[0], given.d, _TOLERANCES
-        )
-        times = built - began, perf_counter() - built
-        if flag > 0 and outcome == functions.SOLVED:
-            self._marks = _shifted(multipliers)
-            return Quick(Motion(moved, x_new, y[:, 0], y[:, 1:]), moved, None, times)
-        self.reset()
-        return Quick(None, ubar * BAR, self._whole(path, ubar, box), times)
-
-    def _whole(self, path: Any, ubar: Array, box: Any) -> QP:
-        """The QP with its slacks and rows."""
+    def _compile(self) -> None:
+        """Now, and not when the joint is waiting for its first command."""
         from mpc.compiled.condensing import rows
 
+        given, functions, c = self._given, self._law.module, self._law.c
+        path, ubar, box = functions.prepare(c, self._setting, *given.arguments)
+        nothing = np.zeros_like(box.f)
+        functions.finish(c, self._setting, path, ubar, box, nothing, nothing, given.last[0], given.d, _TOLERANCES)
+        rows(path, ubar, self._setting)
+
+    def __call__(
+        self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before, solve: Solver, deadline: float
+    ) -> Improvement:
+        """See `mpc.improvement.Improver`."""
+        began = perf_counter()
+        given, functions, c = self._given, self._law.module, self._law.c
+        given.take(x, u, d, feed, before)
+        path, ubar, box = functions.prepare(c, self._setting, *given.arguments)
+        built = perf_counter()
+        qp = QP(*box, self._no_rows, self._no_bounds, self._no_bounds, self._guess)
+        found = solve(qp, deadline - built)
+        if found is not None and perf_counter() <= deadline:
+            outcome, moved, x_new, y = functions.finish(
+                c, self._setting, path, ubar, box, *found, given.last[0], given.d, _TOLERANCES
+            )
+            if outcome == functions.SOLVED:
+                self._guess = _moved_on(found[1])
+                motion = Motion(moved, x_new, y[:, 0], y[:, 1:])
+                return Improvement(PlanStatus.OPTIMAL, moved, motion, qp, (0.0, built - began, perf_counter() - built))
+        self.reset()
+        return self._whole(path, ubar, box, before, solve, deadline, built - began)
+
+    def _whole(
+        self, path: Any, ubar: Array, box: Any, before: Before, solve: Solver, deadline: float, building: float
+    ) -> Improvement:
+        """The QP with its slacks and rows, and its answer."""
+        from mpc.compiled.condensing import rows
+
+        began = perf_counter()
         weights, n = self._problem.weights, box.f.size
         H = np.zeros((n + SLACKS, n + SLACKS))
         H[:n, :n], H[n, n], H[n + 1, n + 1] = box.H, weights.slack_square, weights.slack_force_square
         f = np.append(box.f, [weights.slack, weights.slack_force])
         lower, upper = np.append(box.lower, SLACKS * [0.0]), np.append(box.upper, SLACKS * [inf])
-        return QP(H, f, lower, upper, *rows(path, ubar, self._setting))
+        qp = QP(H, f, lower, upper, *rows(path, ubar, self._setting))
+        building += perf_counter() - began
+        answer = certified(solve, qp, deadline)
+        u = ubar * BAR
+        if answer.status is PlanStatus.OPTIMAL:
+            u = self._problem.limits.limited(before.u, u + self._problem.E @ answer.z)
+        return Improvement(answer.status, u, None, qp, (0.0, building, perf_counter() - began))
 
 
 @dataclass(frozen=True)
@@ -112,10 +121,18 @@ class _Given:
     def arguments(self) -> tuple[Any, ...]:
         return self.x, self.u, self.d, self.wish, self.last
 
-    def take(self, x: Array, u: Array, d: Array, feed: FeedForward, u_last: Array, u_star_last: Array) -> None:
-        self.x[:], self.u[:], self.d[:], self.last[0], self.last[1] = x, u, d, u_last, u_star_last
+    def take(self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before) -> None:
+        self.x[:], self.u[:], self.d[:], self.last[0], self.last[1] = x, u, d, before.u, before.u_star
         wish = self.wish
         wish.theta[:], wish.omega[:], wish.K[:], wish.P[:], wish.u[:] = feed.theta, feed.omega, feed.K, feed.P, feed.u
+
+
+def improver(plant: Plant, dt: float, problem: Problem, predictor: Predictor) -> Improver:
+    """The quick one, compiled and ready; the readable one where there is no compiler, or nowhere to keep its work."""
+    try:
+        return QuickImprover(plant, dt, problem)
+    except (ImportError, OSError, Untranslatable):
+        return ReadableImprover(problem, predictor)
 
 
 def setting(problem: Problem, substeps: int) -> Any:
@@ -133,11 +150,9 @@ def setting(problem: Problem, substeps: int) -> Any:
     return Setting(cost, room, problem.starts.astype(np.int64), substeps)
 
 
-def _shifted(multipliers: Array) -> Any:
-    """DAQP's marks of the bounds that bind if the next sample's are this one's moved on by one block."""
-    marks = np.where(multipliers > 0, _ACTIVE, np.where(multipliers < 0, _ACTIVE | _AT_LOWER, 0)).astype(np.intc)
-    marks[:-NU] = marks[NU:]
-    return marks
+def _moved_on(multipliers: Array) -> Array:
+    """Of the next sample, if what binds then is what binds now, one block earlier."""
+    return np.concatenate([multipliers[NU:], multipliers[-NU:]])
 
 
-__all__ = ["Quick", "QuickStep", "setting"]
+__all__ = ["QuickImprover", "improver", "setting"]

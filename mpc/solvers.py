@@ -9,6 +9,7 @@ from math import inf, isfinite
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
@@ -45,9 +46,18 @@ def _daqp(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
     import daqp
 
     upper, lower = np.concatenate([qp.upper, qp.rows_upper]), np.concatenate([qp.lower, qp.rows_lower])
+    marks = None if qp.guess is None else _marks(qp.guess)
     seconds = limit if isfinite(limit) else 0.0  # 0: as long as it takes
-    z, _, flag, info = daqp.solve(qp.H, qp.f, qp.R, upper, lower, time_limit=seconds)
+    z, _, flag, info = daqp.solve(qp.H, qp.f, qp.R, upper, lower, marks, time_limit=seconds)
     return (z, info["lam"]) if flag > 0 else None
+
+
+_ACTIVE, _AT_LOWER = 1, 2  # bits of DAQP's marks
+
+
+def _marks(guess: Array) -> NDArray[np.intc]:
+    """DAQP's marks of the limits that are guessed to bind: those with multipliers."""
+    return _ACTIVE * (guess != 0).astype(np.intc) + _AT_LOWER * (guess < 0).astype(np.intc)
 
 
 def _through_qpsolvers(name: str) -> Solver:
