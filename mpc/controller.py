@@ -101,6 +101,8 @@ class TrackingMPC:
         self._ladder = Ladder(self.limits, self.dt)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
         self._improve = improver(self.plant, self.dt, self.problem, self._predictor)
+        if self.budget is not None:
+            self._rehearse()
         self.reset()
 
     def reset(self) -> None:
@@ -116,6 +118,7 @@ class TrackingMPC:
         """Samples of preview that `step` takes after the present one."""
         return self._foresight.ahead
 
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: the ladder looks for them
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
         """The plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad].
 
@@ -151,6 +154,14 @@ class TrackingMPC:
 
     # --- the pieces of a step ---------------------------------------------------------------------------------------
 
+    def _rehearse(self) -> None:
+        """Load now what is loaded when it is first used, so that it takes no time of the first step."""
+        self.reset()
+        budget, self.budget = self.budget, None
+        x = self.plant.at_rest(float(np.mean(self.limits.theta)), 1.0)
+        self.step(x, float(x[0]), 1.0)
+        self.budget = budget
+
     def _optimise(self, x: Array, feed: FeedForward, u_last: Array, d: Array, deadline: float) -> _Optimised:
         """The commands after `iterations` QPs, or up to one that failed; the softened QP's if it was the first."""
         u = self._ladder.onward(u_last, feed.u)
@@ -161,16 +172,16 @@ class TrackingMPC:
             spent += step.times
             if step.status is not PlanStatus.OPTIMAL:
                 if best is None:
-                    best, status = self._softened(step, u_last), step.status
+                    best, status = self._softened(step, u_last, deadline), step.status
                 break
             u, motion = step.u, step.motion
             best = Rung.QP, u
         linearising, condensing, solving = spent.tolist()
         return _Optimised(best, motion, status, (linearising, condensing, solving))
 
-    def _softened(self, step: Improvement, u_last: Array) -> tuple[Rung, Array] | None:
+    def _softened(self, step: Improvement, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
         """The next rung, if there is time for it and numbers to work with."""
-        if step.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE) or (z := softened(step.qp)) is None:
+        if step.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE) or (z := softened(step.qp, deadline)) is None:
             return None
         return Rung.SOFTENED, self.limits.limited(u_last, step.u + self.problem.E @ z)
 

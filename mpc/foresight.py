@@ -5,6 +5,7 @@ gives the state in which the new command begins to act. The torque on the way an
 intended motion. What is to be heard is spoken so that it passes the dead band, within the limits of what can be sent.
 """
 
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -104,6 +105,8 @@ class Foresight:
         """Friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does."""
         z = self._friction.follow(float(x[0]))
         limit = self.compensation.friction.limit(float(pull(self.plant, x)))
+        if not isfinite(limit):  # nor will the motion from such a state be: the controller finds that out
+            return np.zeros(theta.shape)
         return np.asarray(limit * self.compensation.friction.along(z, theta))
 
 

@@ -4,10 +4,12 @@
 
 Of the limits only the bounds on z are hard, the slew; every other row is charged for the square of its breach, the
 slacks are left out. It is solved by bounded least squares (SciPy's BVLS), each charging the rows that the one before
-broke: a Newton method for a convex cost that is quadratic piece by piece, which has arrived when the rows repeat.
+broke: a Newton method for a convex cost that is quadratic piece by piece, which has arrived when the rows repeat. What
+counts is the best point that it has met when its time is over: it is allowed, and better than to go on with z = 0.
 """
 
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 
@@ -17,24 +19,31 @@ from mpc.qp import QP
 
 _COMMAND = 1e6  # w of the supply [cost]/[bar]²; commands are clipped to it before they are sent
 _ROUNDS = 10
-_ROUNDING = 1e-9  # [bar]
-_GAP_TOLERANCE = 1e-3  # [-] of the cost that the step gains
 
 
-def softened(qp: QP) -> Array | None:
-    """The decisions z (n,) of that problem, the slacks zero; None if its optimality cannot be proved."""
+def softened(qp: QP, deadline: float) -> Array | None:
+    """Decisions z (n,) for that problem, the slacks zero, found by `deadline` [s]; None if z = 0 is the best met."""
     hard, w = _without_slacks(qp), _charges(qp)
+    best, least = None, cost(hard, w, np.zeros_like(hard.f))
     z, charged = np.zeros_like(hard.f), np.zeros(len(w), bool)
+    took = 0.0  # the last round [s]
     for _ in range(_ROUNDS):
-        bounded = _charging(hard, w, charged, z)
-        z, multipliers = _bounded_least_squares(bounded)
-        if not bounded.certify(z, multipliers).within(_ROUNDING, _GAP_TOLERANCE):
-            return None
+        if (began := perf_counter()) + took > deadline:
+            break
+        z = _bounded_least_squares(_charging(hard, w, charged, z))
+        took = perf_counter() - began
+        if (price := cost(hard, w, z)) < least:
+            best, least = z, price
         broken = hard.breaches(z) > 0
         if (broken == charged).all():
-            return np.append(z, SLACKS * [0.0])
+            break
         charged = broken
-    return None
+    return None if best is None else np.append(best, SLACKS * [0.0])
+
+
+def cost(qp: QP, w: Array, z: Array) -> float:
+    """What is minimised, `qp` being without its slacks."""
+    return qp.cost(z) + 0.5 * float(w @ np.maximum(qp.breaches(z), 0.0) ** 2)
 
 
 def _without_slacks(qp: QP) -> QP:
@@ -56,18 +65,14 @@ def _charging(qp: QP, w: Array, charged: Mask, z: Array) -> QP:
     return replace(qp.with_rows(np.zeros(len(qp.R), bool)), H=H, f=f)
 
 
-def _bounded_least_squares(qp: QP) -> tuple[Array, Array]:
-    """The minimum within the bounds, of ½ |Lᵀ z + L⁻¹ f|² with H = L Lᵀ, and the bounds' multipliers."""
+def _bounded_least_squares(qp: QP) -> Array:
+    """The minimum within the bounds, of ½ |Lᵀ z + L⁻¹ f|² with H = L Lᵀ."""
     from scipy.linalg import solve_triangular
     from scipy.optimize import lsq_linear
 
     L = np.linalg.cholesky(qp.H)
-    b = -solve_triangular(L, qp.f, lower=True)
-    found = lsq_linear(L.T, b, (qp.lower, qp.upper), method="bvls")
-    side = found.active_mask  # -1 at a lower, 1 at an upper bound
-    z = np.select([side < 0, side > 0], [qp.lower, qp.upper], found.x)
-    pushes = -(qp.H @ z + qp.f)
-    return z, np.where(pushes * side > 0, pushes, 0.0)
+    found = lsq_linear(L.T, -solve_triangular(L, qp.f, lower=True), (qp.lower, qp.upper), method="bvls")
+    return np.clip(found.x, qp.lower, qp.upper)
 
 
 __all__ = ["softened"]

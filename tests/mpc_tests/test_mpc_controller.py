@@ -197,7 +197,7 @@ def test_another_solver_gives_the_same_plan(name):
 )
 @pytest.mark.parametrize(
     ("softened", "answers"),
-    [(softened, ["SOFTENED"] * 7), (lambda qp: None, [*["PREVIOUS"] * 4, *["ALLOCATION"] * 3])],
+    [(softened, ["SOFTENED"] * 7), (lambda qp, deadline: None, [*["PREVIOUS"] * 4, *["ALLOCATION"] * 3])],
     ids=["softened", "not even softened"],
 )
 def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(
@@ -221,7 +221,7 @@ def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(
 
 
 def test_the_previous_plan_goes_on_where_it_was(monkeypatch):
-    monkeypatch.setattr("mpc.controller.softened", lambda qp: None)
+    monkeypatch.setattr("mpc.controller.softened", lambda qp, deadline: None)
     controller = TrackingMPC(PLANT)
     x = PLANT.at_rest(0.0, 7.6)
     first = controller.step(x, 0.1, 7.7)
@@ -231,7 +231,7 @@ def test_the_previous_plan_goes_on_where_it_was(monkeypatch):
 
 
 def test_without_any_plan_the_allocation_is_approached_at_the_slew_limit(monkeypatch):
-    monkeypatch.setattr("mpc.controller.softened", lambda qp: None)
+    monkeypatch.setattr("mpc.controller.softened", lambda qp, deadline: None)
     controller = TrackingMPC(PLANT)
     controller._solve = lambda qp, limit: None
     x = PLANT.at_rest(0.0, 7.0)
