@@ -12,11 +12,9 @@ from mpc.compiled.records import BoxQP, Path, Room, Setting
 
 
 @compiled
-def proved(qp: BoxQP, z: Array, multipliers: Array, least: float, primal: float, share: float) -> bool:
-    """Whether `z` is feasible to `primal` [bar], and at most `share` of its gain (or of 1) from the least cost.
-
-    `least` is no greater than any eigenvalue of H.
-    """
+def proved(qp: BoxQP, z: Array, multipliers: Array, setting: Setting) -> bool:
+    """Whether `z` is within its bounds, and near enough to the least cost; False for what is not finite."""
+    _, primal, share = setting.tolerances
     square, away, gain = 0.0, 0.0, 0.0
     for i in range(z.size):
         Hz = 0.0
@@ -29,14 +27,14 @@ def proved(qp: BoxQP, z: Array, multipliers: Array, least: float, primal: float,
         gain -= z[i] * (0.5 * Hz + qp.f[i])
         if not qp.lower[i] - primal <= z[i] <= qp.upper[i] + primal:
             return False
-    gap = 0.5 * square / least + away
-    return abs(gap) <= share * max(abs(gain), 1.0)  # False for NaN, too
+    gap = 0.5 * square / setting.cost.change + away
+    return abs(gap) <= share * max(abs(gain), 1.0)
 
 
 @compiled
-def keeps_rows(path: Path, setting: Setting, u: Array, z: Array, tolerance: float) -> bool:
+def keeps_rows(path: Path, setting: Setting, u: Array, z: Array) -> bool:
     """Whether the linear model under u + E z keeps supply, joint range and least forces, from ū's (N, 2) [bar]."""
-    room, starts = setting.room, setting.starts
+    room, starts, tolerance = setting.room, setting.starts, setting.tolerances[0]
     dx, after, du = np.zeros(4), np.empty(4), np.zeros(2)
     block = 0
     for k in range(u.shape[0]):
@@ -73,4 +71,14 @@ def soft_kept(x: Array, y: Array, slope: Array, dx: Array, room: Room, tolerance
     return True
 
 
-__all__ = ["keeps_rows", "proved"]
+@compiled
+def finite(array: Array) -> bool:
+    """Whether all numbers of `array` (m, n) are finite."""
+    for row in array:
+        for value in row:
+            if not np.isfinite(value):
+                return False
+    return True
+
+
+__all__ = ["finite", "keeps_rows", "proved"]

@@ -7,25 +7,23 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.compiled.jit import compiled
-from mpc.compiled.records import Errors, Room, Setting, Wish
+from mpc.compiled.records import Errors, Path, Room, Setting, Wish
 
 
 @compiled
-def limited(room: Room, u_last: Array, u: Array) -> Array:
-    """The commands `u` (N, 2) after `u_last` (2,) as `mpc.limits.Limits.limited` moves them, all in bar."""
-    kept = np.empty_like(u)
+def limit(room: Room, u_last: Array, u: Array) -> None:
+    """Move the commands `u` (N, 2) after `u_last` (2,) as `mpc.limits.Limits.limited` does, all in bar."""
     for i in range(2):
         before = u_last[i]
         for k in range(u.shape[0]):
             wanted = min(max(u[k, i], room.low), room.high)
             before = min(max(wanted, before - room.step), before + room.step)
-            kept[k, i] = before
-    return kept
+            u[k, i] = before
 
 
 @compiled
 def bounds(setting: Setting, u: Array, u_last: Array) -> tuple[Array, Array]:
-    """What slew leaves to the changes; z = 0 is allowed whatever rounding says."""
+    """What slew leaves to the changes (n,); z = 0 is allowed whatever rounding says."""
     starts, step = setting.starts, setting.room.step
     lower, upper = np.empty(2 * starts.size), np.empty(2 * starts.size)
     for block in range(starts.size):
@@ -38,24 +36,24 @@ def bounds(setting: Setting, u: Array, u_last: Array) -> tuple[Array, Array]:
 
 
 @compiled
-def cumulated(starts: Any, z: Array, N: int) -> Array:
-    """E z (N, 2): the sum of the changes up to each command."""
-    du = np.zeros((N, 2))
-    block = 0
-    for k in range(N):
-        for i in range(2):
-            du[k, i] = du[k - 1, i] if k > 0 else 0.0
+def cumulated(starts: Any, z: Array, du: Array) -> None:
+    """Sets `du` (N, 2) to E z: the sum of the changes up to each command."""
+    block, d0, d1 = 0, 0.0, 0.0
+    for k in range(du.shape[0]):
         if block < starts.size and starts[block] == k:
-            for i in range(2):
-                du[k, i] += z[2 * block + i]
+            d0 += z[2 * block]
+            d1 += z[2 * block + 1]
             block += 1
-    return du
+        du[k, 0], du[k, 1] = d0, d1
 
 
 @compiled
-def deviations(x: Array, y: Array, u: Array, wish: Wish, e_last: Array) -> Errors:
+def deviations(path: Path, u: Array, wish: Wish, e_last: Array) -> Errors:
     """Of a path with the commands `u` (N, 2) [bar]; `e_last` (2,) [bar] is that of the command before."""
-    N = u.shape[0]
+    N, x = u.shape[0], path.x
+    theta, omega, K = np.empty(N + 1), np.empty(N + 1), np.empty(N + 1)
+    for k in range(N + 1):
+        theta[k], omega[k], K[k] = x[k, 0] - wish.theta[k], x[k, 1] - wish.omega[k], path.y[k, 0] - wish.K[k]
     e, change, end = np.empty((N, 2)), np.empty((N, 2)), np.empty(6)
     for i in range(2):
         before = e_last[i]
@@ -63,14 +61,10 @@ def deviations(x: Array, y: Array, u: Array, wish: Wish, e_last: Array) -> Error
             e[k, i] = u[k, i] - wish.u[k, i] / BAR
             change[k, i] = e[k, i] - before
             before = e[k, i]
+        end[i] = theta[N] if i == 0 else omega[N]
         end[2 + i] = x[N, 2 + i] - wish.P[N, i]
         end[4 + i] = before
-    end[0] = x[N, 0] - wish.theta[N]
-    end[1] = x[N, 1] - wish.omega[N]
-    theta, omega, K = np.empty(N + 1), np.empty(N + 1), np.empty(N + 1)
-    for k in range(N + 1):
-        theta[k], omega[k], K[k] = x[k, 0] - wish.theta[k], x[k, 1] - wish.omega[k], y[k, 0] - wish.K[k]
     return Errors(theta, omega, K, e, change, end)
 
 
-__all__ = ["bounds", "cumulated", "deviations", "limited"]
+__all__ = ["bounds", "cumulated", "deviations", "limit"]

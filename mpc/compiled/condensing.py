@@ -3,24 +3,26 @@
 Decisions are the changes of the commands at the samples `starts`, each of which moves all commands from there on.
 """
 
+from typing import Any
+
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.compiled.jit import compiled, inlined
-from mpc.compiled.records import Cost, Errors, Path, Setting
-
+from mpc.compiled.memory import path_in, setting_in
+from mpc.compiled.records import Cost, Errors, Path
 
 
 @compiled
-def condensed(path: Path, errors: Errors, cost: Cost, starts: Array) -> tuple[Array, Array]:
-    """H (n, n) and f (n,) of the cost ½ zᵀH z + fᵀz; z: changes of the commands, at the samples `starts` only, in bar."""
+def condensed(path: Path, errors: Errors, cost: Cost, starts: Any) -> tuple[Array, Array]:
+    """H (n, n) and f (n,) of the cost ½ zᵀH z + fᵀz; z: changes of the commands at `starts` [bar]."""
     columns = moved_columns(starts, path.A.shape[0])
     G = unrolled(path, columns, 2 * starts.size)
     return hessian(path, G, cost, starts, columns), gradient(path, errors, cost, starts)
 
 
 @inlined
-def moved_columns(starts: Array, N: int) -> Array:
+def moved_columns(starts: Any, N: int) -> Array:
     """How many decisions move the commands u_k, k = 0 … N-1."""
     columns = np.zeros(N, np.int64)
     moving = 0
@@ -48,14 +50,16 @@ def unrolled(path: Path, columns: Array, n: int) -> Array:
 
 
 @inlined
-def hessian(path: Path, G: Array, cost: Cost, starts: Array, columns: Array) -> Array:
+def hessian(path: Path, G: Array, cost: Cost, starts: Any, columns: Array) -> Array:
     """H by adjoints: W_k = ∂²(cost from k on)/∂x_k∂z, and a change counts in all commands from its own on."""
     N, n = columns.size, G.shape[2]
     H, W, row = np.empty((n, n)), np.zeros((4, n)), np.zeros((2, n))
     P = cost.end
     for i in range(4):
         for j in range(n):
-            W[i, j] = P[i, 4 + j % 2] + P[i, 0] * G[N, 0, j] + P[i, 1] * G[N, 1, j] + P[i, 2] * G[N, 2, j] + P[i, 3] * G[N, 3, j]
+            W[i, j] = P[i, 4 + j % 2]
+            for m in range(4):
+                W[i, j] += P[i, m] * G[N, m, j]
     for i in range(2):
         for j in range(n):
             row[i, j] = P[4 + i, 4 + j % 2]
@@ -90,7 +94,7 @@ def hessian(path: Path, G: Array, cost: Cost, starts: Array, columns: Array) -> 
 
 
 @inlined
-def gradient(path: Path, errors: Errors, cost: Cost, starts: Array) -> Array:
+def gradient(path: Path, errors: Errors, cost: Cost, starts: Any) -> Array:
     """f by the adjoint p_k = ∂(cost from k on)/∂x_k."""
     N = path.A.shape[0]
     f, push = np.empty(2 * starts.size), np.zeros(2)
@@ -119,10 +123,11 @@ def gradient(path: Path, errors: Errors, cost: Cost, starts: Array) -> Array:
 
 
 @compiled
-def rows(path: Path, u: Array, setting: Setting) -> tuple[Array, Array, Array]:
+def rows(numbers: Array, starts: Any, memory: Array) -> tuple[Array, Array, Array]:
     """R (6N, n + 2), lower and upper (6N,): the rows of `mpc.condense` for the decisions (z, s, s_F)."""
-    N, room = u.shape[0], setting.room
-    columns, n = moved_columns(setting.starts, N), 2 * setting.starts.size
+    N, room = (memory.size - 19) // 45, setting_in(numbers, starts, 1).room
+    path, u = path_in(memory, N)
+    columns, n = moved_columns(starts, N), 2 * starts.size
     G = unrolled(path, columns, n)
     R, lower, upper = np.zeros((6 * N, n + 2)), np.full(6 * N, -np.inf), np.full(6 * N, np.inf)
     for k in range(N):

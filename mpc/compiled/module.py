@@ -14,9 +14,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.compiled.translate import Source, translated
+from mpc.compiled.translate import translated
 from mpc.integration import integrated
 from mpc.plant import NU, NX, Plant
 
@@ -27,15 +29,18 @@ class Law(NamedTuple):
     """What is compiled for a family of plants, and the numbers of the plant."""
 
     module: ModuleType  # its functions `prepare` and `finish`
-    c: tuple[Array, ...]  # of stage, outputs, advance, look
+    c: Array
     substeps: int
 
 
 def law(plant: Plant, dt: float) -> Law:
     """The compiled functions for `plant` at the sample time `dt` [s]."""
     substeps = plant.substeps(dt, RESOLUTION)
-    sources = [translated(name, function) for name, function in _functions(plant, dt / substeps).items()]
-    return Law(_imported(_text(sources)), tuple(source.c for source in sources), substeps)
+    text, c = "", np.zeros(0)
+    for name, function in _functions(plant, dt / substeps).items():
+        source = translated(name, function, c.size)
+        text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
+    return Law(_imported(_with_law(text)), c, substeps)
 
 
 RESOLUTION = 0.5  # of the integration, as in `Plant.discrete`
@@ -57,11 +62,10 @@ def _functions(plant: Plant, h: float) -> dict[str, Any]:
     }
 
 
-def _text(sources: list[Source]) -> str:
+def _with_law(law: str) -> str:
     """The template with the law in its place."""
     lines = _TEMPLATE.read_text(encoding="utf-8").splitlines(keepends=True)
     start = next(i for i, line in enumerate(lines) if line.startswith("LAW"))
-    law = "".join(f"@inlined\n{source.text}\n\n" for source in sources)
     return "".join([*lines[:start], "import math\n\n\n", law, *lines[start + 2 :]])
 
 

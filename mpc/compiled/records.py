@@ -2,9 +2,8 @@
 
 from typing import NamedTuple
 
-from numpy.typing import NDArray
-
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 
@@ -36,6 +35,7 @@ class Setting(NamedTuple):
 
     cost: Cost
     room: Room
+    tolerances: tuple[float, float, float]  # of rows left out, of bounds, of the gap, as in `mpc.certified`
     starts: NDArray[np.int64]  # samples at which the commands may leave ū
     substeps: int  # of the integration in a sample
 

@@ -3,7 +3,7 @@
 This file is a template. `mpc.compiled.module` puts the law of the joint in the place of the lines below that begin with
 `LAW`, as functions of scalars that return tuples: `stage` (x, u, d) ↦ (x after a substep, its Jacobian by x and u),
 `outputs` x ↦ (y, its Jacobian) with y = (K, F1, F2), `advance` and `look` the same without Jacobians; Jacobians by
-columns. The tuple c holds the numbers of the four.
+columns. The array c holds the numbers of the four.
 """
 
 from typing import Any
@@ -12,11 +12,12 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.compiled.certificate import keeps_rows, proved
-from mpc.compiled.commands import bounds, cumulated, deviations, limited
+from mpc.compiled.certificate import finite, keeps_rows, proved
+from mpc.compiled.commands import bounds, cumulated, deviations, limit
 from mpc.compiled.condensing import condensed
 from mpc.compiled.jit import compiled, inlined
-from mpc.compiled.records import BoxQP, Path, Setting, Wish
+from mpc.compiled.memory import given_in, path_in, setting_in
+from mpc.compiled.records import BoxQP, Path
 
 LAW: Any = None
 stage = outputs = advance = look = LAW
@@ -26,86 +27,85 @@ SOLVED, ROWS, REFUSED = 0, 1, 2
 
 @compiled
 def prepare(
-    c: Any, setting: Setting, x0: Array, u: Array, d: Array, wish: Wish, last: Array
-) -> tuple[Path, Array, BoxQP]:
-    """Path, its commands (N, 2) [bar] and its QP about the commands `u` (N, 2) [Pa], moved to within the limits.
-
-    `last` (2, 2) [Pa]: the command and the feed-forward of the sample before.
-    """
-    N, u_last, e_last, asked = u.shape[0], np.empty(2), np.empty(2), np.empty(u.shape)
+    c: Array, numbers: Array, starts: Any, substeps: int, given: Array, memory: Array
+) -> tuple[Array, Array, Array, Array]:
+    """The `BoxQP` about the commands in `given`, moved to within the limits; leaves the path in `memory`."""
+    N = (given.size - 13) // 10
+    setting, path, u = setting_in(numbers, starts, substeps), *path_in(memory, N)
+    x0, asked, d, wish, last = given_in(given, N)
+    u_last, e_last = np.empty(2), np.empty(2)
     for i in range(2):
         u_last[i] = last[0, i] / BAR
         e_last[i] = (last[0, i] - last[1, i]) / BAR
         for k in range(N):
-            asked[k, i] = u[k, i] / BAR
-    moved = limited(setting.room, u_last, asked)
-    x, A, B = slopes(c, x0, moved, d, setting.substeps)
-    y, slope = read(c, x)
-    path = Path(x, y, A, B, slope)
-    errors = deviations(x, y, moved, wish, e_last)
-    H, f = condensed(path, errors, setting.cost, setting.starts)
-    lower, upper = bounds(setting, moved, u_last)
-    return path, moved, BoxQP(H, f, lower, upper)
+            u[k, i] = asked[k, i] / BAR
+    limit(setting.room, u_last, u)
+    slopes(c, x0, u, d, substeps, path)
+    read(c, path)
+    errors = deviations(path, u, wish, e_last)
+    H, f = condensed(path, errors, setting.cost, starts)
+    lower, upper = bounds(setting, u, u_last)
+    return H, f, lower, upper
 
 
 @compiled
 def finish(
-    c: Any, setting: Setting, path: Path, u: Array, qp: BoxQP, z: Array, multipliers: Array, u_last: Array, d: Array,
-    tolerances: tuple[float, float, float],
-) -> tuple[int, Array, Array, Array]:  # fmt: skip
-    """SOLVED or why not, and then commands (N, 2) [Pa], states and outputs (K, F1, F2) that follow from `z`.
-
-    `tolerances`: of rows left out, of bounds, of the gap.
-    """
-    if not proved(qp, z, multipliers, setting.cost.change, tolerances[1], tolerances[2]):
-        return REFUSED, u, path.x, path.y
-    if not keeps_rows(path, setting, u, z, tolerances[0]):
-        return ROWS, u, path.x, path.y
-    N, before = u.shape[0], np.empty(2)
-    wanted = cumulated(setting.starts, z, N)
+    c: Array, numbers: Array, starts: Any, substeps: int, given: Array, memory: Array,
+    H: Array, f: Array, lower: Array, upper: Array, z: Array, multipliers: Array,
+) -> tuple[int, Array, Array, Array, Array]:  # fmt: skip
+    """SOLVED or why not, and if so the commands (N, 2) [Pa], states, K and F (N+1, 2) that follow from `z`."""
+    N = (given.size - 13) // 10
+    setting, path, u = setting_in(numbers, starts, substeps), *path_in(memory, N)
+    x0, _, d, _, last = given_in(given, N)
+    moved, x, K, F = np.zeros((N, 2)), np.empty((N + 1, 4)), np.empty(N + 1), np.empty((N + 1, 2))
+    if not proved(BoxQP(H, f, lower, upper), z, multipliers, setting):
+        return REFUSED, moved, x, K, F
+    if not keeps_rows(path, setting, u, z):
+        return ROWS, moved, x, K, F
+    cumulated(starts, z, moved)
+    u_last = np.empty(2)
     for i in range(2):
-        before[i] = u_last[i] / BAR
+        u_last[i] = last[0, i] / BAR
         for k in range(N):
-            wanted[k, i] += u[k, i]
-    moved = limited(setting.room, before, wanted)
-    x = motion(c, path.x[0], moved, d, setting.substeps)
-    y = np.empty((N + 1, 3))
+            moved[k, i] += u[k, i]
+    limit(setting.room, u_last, moved)
+    motion(c, x0, moved, d, substeps, x)
     for k in range(N + 1):
-        y[k, 0], y[k, 1], y[k, 2] = look(x[k, 0], x[k, 1], x[k, 2], x[k, 3], c[3])
-        for i in range(2):
-            if k < N:
-                moved[k, i] *= BAR
-    return SOLVED, moved, x, y
+        K[k], F[k, 0], F[k, 1] = look(x[k, 0], x[k, 1], x[k, 2], x[k, 3], c)
+    for k in range(N):
+        moved[k, 0] *= BAR
+        moved[k, 1] *= BAR
+    known = finite(moved) and finite(x) and finite(F)
+    return SOLVED if known else REFUSED, moved, x, K, F
 
 
 @inlined
-def motion(c: Any, start: Array, u: Array, d: Array, substeps: int) -> Array:
-    """The states (N+1, 4). `advance`: (x, u, d) ↦ x after a substep."""
-    N = u.shape[0]
-    x = np.empty((N + 1, 4))
+def motion(c: Array, start: Array, u: Array, d: Array, substeps: int, x: Array) -> None:
+    """The states `x` (N+1, 4) from `start` (4,) under the commands `u` (N, 2) [bar]."""
     x0, x1, x2, x3 = start[0], start[1], start[2], start[3]
     x[0, 0], x[0, 1], x[0, 2], x[0, 3] = x0, x1, x2, x3
-    for k in range(N):
+    for k in range(u.shape[0]):
         for _ in range(substeps):
-            x0, x1, x2, x3 = advance(x0, x1, x2, x3, u[k, 0], u[k, 1], d[k], c[2])
+            x0, x1, x2, x3 = advance(x0, x1, x2, x3, u[k, 0], u[k, 1], d[k], c)
         x[k + 1, 0], x[k + 1, 1], x[k + 1, 2], x[k + 1, 3] = x0, x1, x2, x3
-    return x
 
 
 @inlined
-def slopes(c: Any, x0: Array, u: Array, d: Array, substeps: int) -> tuple[Array, Array, Array]:
-    """x (N+1, 4), A (N, 4, 4), B (N, 4, 2). `stage`: (x, u, d) ↦ (x after a substep, its Jacobian by (x, u)' columns)."""
-    N = u.shape[0]
-    x, A, B = np.empty((N + 1, 4)), np.zeros((N, 4, 4)), np.zeros((N, 4, 2))
+def slopes(c: Array, x0: Array, u: Array, d: Array, substeps: int, path: Path) -> None:
+    """The motion and its Jacobians A, B, sample by sample."""
+    x, A, B = path.x, path.A, path.B
     for i in range(4):
         x[0, i] = x0[i]
-    for k in range(N):
+    for k in range(u.shape[0]):
         for i in range(4):
             x[k + 1, i] = x[k, i]
-            A[k, i, i] = 1.0
+            for j in range(4):
+                A[k, i, j] = 1.0 if i == j else 0.0
+            for j in range(2):
+                B[k, i, j] = 0.0
         for _ in range(substeps):
             now = x[k + 1]
-            o = stage(now[0], now[1], now[2], now[3], u[k, 0], u[k, 1], d[k], c[0])
+            o = stage(now[0], now[1], now[2], now[3], u[k, 0], u[k, 1], d[k], c)
             for i in range(4):
                 now[i] = o[i]
             chain(o, A[k])
@@ -113,12 +113,11 @@ def slopes(c: Any, x0: Array, u: Array, d: Array, substeps: int) -> tuple[Array,
             for i in range(4):
                 B[k, i, 0] += o[20 + i]
                 B[k, i, 1] += o[24 + i]
-    return x, A, B
 
 
 @inlined
 def chain(o: Any, S: Array) -> None:
-    """S ← (∂x_next/∂x) S for the slope that begins at o[4], by columns."""
+    """S ← (∂x_next/∂x) S; the Jacobian begins at o[4], by columns."""
     for j in range(S.shape[1]):
         s0, s1, s2, s3 = S[0, j], S[1, j], S[2, j], S[3, j]
         for i in range(4):
@@ -126,16 +125,15 @@ def chain(o: Any, S: Array) -> None:
 
 
 @inlined
-def read(c: Any, x: Array) -> tuple[Array, Array]:
-    """Outputs y (N+1, 3) = (K, F1, F2) and their gradients (N+1, 3, 4). `outputs`: x ↦ (y, ∂y/∂x by columns)."""
-    y, slope = np.empty((x.shape[0], 3)), np.empty((x.shape[0], 3, 4))
-    for k in range(x.shape[0]):
-        o = outputs(x[k, 0], x[k, 1], x[k, 2], x[k, 3], c[1])
+def read(c: Array, path: Path) -> None:
+    """Outputs and their gradients along the motion."""
+    for k in range(path.x.shape[0]):
+        x = path.x[k]
+        o = outputs(x[0], x[1], x[2], x[3], c)
         for i in range(3):
-            y[k, i] = o[i]
+            path.y[k, i] = o[i]
             for j in range(4):
-                slope[k, i, j] = o[3 + 3 * j + i]
-    return y, slope
+                path.slope[k, i, j] = o[3 + 3 * j + i]
 
 
 __all__ = ["REFUSED", "ROWS", "SOLVED", "finish", "prepare"]

@@ -26,8 +26,11 @@ class Source:
     c: Array  # the numbers [as they come in the graph]
 
 
-def translated(name: str, function: Any) -> Source:
-    """The CasADi SX `function` as the Python function `name(i0_0, i0_1, …, c)`: inputs element by element."""
+def translated(name: str, function: Any, first: int = 0) -> Source:
+    """The CasADi SX `function` as the Python function `name(i0_0, i0_1, …, c)`: inputs element by element.
+
+    Its numbers are c[first], c[first + 1], …
+    """
     kinds = _operations()
     values: dict[int, str | float] = {}  # what CasADi's work vector holds: an expression, or a number
     results, body, numbers = {}, [], []
@@ -40,7 +43,7 @@ def translated(name: str, function: Any) -> Source:
         if value in (-1.0, 0.0, 1.0):
             return f"({value!r})"
         numbers.append(value)
-        return f"c[{len(numbers) - 1}]"
+        return f"c[{first + len(numbers) - 1}]"
 
     for k in range(function.n_instructions()):
         kind = function.instruction_id(k)
@@ -61,6 +64,7 @@ def translated(name: str, function: Any) -> Source:
     return Source("\n".join(lines) + "\n", np.array(numbers, float))
 
 
+_MATH = ("exp", "log", "sqrt", "sin", "cos", "tan", "tanh", "sinh", "cosh", "asin", "acos", "atan", "floor", "ceil")
 _FORMULAS = {
     "OP_ASSIGN": "{0}",
     "OP_ADD": "{0} + {1}",
@@ -73,8 +77,7 @@ _FORMULAS = {
     "OP_INV": "1.0 / {0}",
     "OP_POW": "{0} ** {1}",
     "OP_CONSTPOW": "{0} ** {1}",
-    **{f"OP_{name.upper()}": f"math.{name}({{0}})" for name in ("exp", "log", "sqrt", "sin", "cos", "tan", "tanh")},
-    **{f"OP_{name.upper()}": f"math.{name}({{0}})" for name in ("sinh", "cosh", "asin", "acos", "atan", "floor", "ceil")},
+    **{f"OP_{name.upper()}": f"math.{name}({{0}})" for name in _MATH},
     "OP_FABS": "abs({0})",
     "OP_SIGN": "float(({0} > 0.0) - ({0} < 0.0))",
     "OP_LT": "float({0} < {1})",
