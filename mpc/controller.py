@@ -59,7 +59,7 @@ class _Optimised(NamedTuple):
     """What optimisation came to."""
 
     best: tuple[Rung, Array] | None  # commands (N, 2) and the rung that they are worth
-    motion: Motion | None  # under them, where it is known already
+    motion: Motion | None  # under them, finite, where it is known already
     status: PlanStatus
     times: tuple[float, float, float]  # of linearising, condensing, solving [s]
 
@@ -144,7 +144,7 @@ class TrackingMPC:
             self._foresight.spoken(motion.u, motion.x),
             motion.x,
             motion.K,
-            PlanStatus.NO_MEASUREMENT if found.status is PlanStatus.OPTIMAL and not measured else found.status,
+            _status(found.status, rung, measured),
             rung,
             self.limits.excursion(motion.x[:, 0]),
             Times(clock[1] - clock[0], *found.times, clock[2] - clock[0]),
@@ -164,10 +164,13 @@ class TrackingMPC:
 
     def _optimise(self, x: Array, feed: FeedForward, u_last: Array, d: Array, deadline: float) -> _Optimised:
         """The commands after `iterations` QPs, or up to one that failed; the softened QP's if it was the first."""
-        u = self._ladder.onward(u_last, feed.u)
+        u = self._ladder.onward(feed.u)
         before = Before(u_last, feed.u[0] if self._u_star is None else self._u_star)
         best, motion, status, spent = None, None, PlanStatus.OPTIMAL, np.zeros(3)
         for _ in range(self.iterations):
+            if perf_counter() > deadline:
+                status = status if best else PlanStatus.LATE
+                break
             step = self._improve(x, u, d, feed, before, self._solve, deadline)
             spent += step.times
             if step.status is not PlanStatus.OPTIMAL:
@@ -187,7 +190,7 @@ class TrackingMPC:
 
     def _descend(self, x: Array, found: _Optimised, feed: FeedForward, u_last: Array, d: Array) -> tuple[Rung, Motion]:
         """The first rung of the ladder that bears, and what its commands do."""
-        if found.motion is not None and found.motion.finite:
+        if found.motion is not None:
             return Rung.QP, found.motion
         if found.status is not PlanStatus.BLIND:
             for rung, u in self._ladder.rungs(found.best, feed.u, u_last):
@@ -204,6 +207,15 @@ class TrackingMPC:
 
 
 _LOST = _Optimised(None, None, PlanStatus.BLIND, (0.0, 0.0, 0.0))
+
+
+def _status(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
+    """What is said of a plan on `rung`, optimisation having ended with `optimised`."""
+    if optimised is not PlanStatus.OPTIMAL:
+        return optimised
+    if rung is not Rung.QP:
+        return PlanStatus.NOT_FINITE  # what the QP's commands would do
+    return PlanStatus.OPTIMAL if measured else PlanStatus.NO_MEASUREMENT
 
 
 def _count(name: str, value: Any, least: int) -> int:

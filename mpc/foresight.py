@@ -95,14 +95,18 @@ class Foresight:
             self._expected = x
 
     def _preview(self, name: str, reference: Array) -> Array:
-        if reference.shape not in ((), (self.ahead + 1,)):
+        if reference.shape == ():
+            return np.full(self.ahead + 1, reference)
+        if reference.shape != (self.ahead + 1,):
             raise InvalidInput(
                 f"{name} has the shape {reference.shape}; give one value or a preview ({self.ahead + 1},)"
             )
-        return np.broadcast_to(reference, self.ahead + 1)
+        return reference
 
     def _friction_ahead(self, x: Array, theta: Array) -> Array:
         """Friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does."""
+        if self.compensation.friction.absent:
+            return np.zeros(self.ahead + 1)
         z = self._friction.follow(float(x[0]))
         limit = self.compensation.friction.limit(float(pull(self.plant, x)))
         if not isfinite(limit):  # nor will the motion from such a state be: the controller finds that out

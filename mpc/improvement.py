@@ -29,13 +29,16 @@ class Improvement(NamedTuple):
 
     status: PlanStatus
     u: Array  # (N, 2) optimal commands within the limits if the status is OPTIMAL, else those that the QP is about [Pa]
-    motion: Motion | None  # under them, where it is known already
+    motion: Motion | None  # under them, finite, where it is known already
     qp: QP
     times: tuple[float, float, float]  # of linearising, condensing, solving [s]; 0.0 for what is a part of the next
 
 
 class Improver(Protocol):
-    """Poses the QP about the commands `u` (N, 2) from `x` (4,) under the torques `d` (N,), and solves it."""
+    """Poses the QP about the commands `u` (N, 2) from `x` (4,) under the torques `d` (N,), and solves it.
+
+    About those within the limits that are nearest to `u`, that is.
+    """
 
     def __call__(
         self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before, solve: Solver, deadline: float
@@ -60,6 +63,7 @@ class ReadableImprover:
     ) -> Improvement:
         """See `Improver`."""
         began = perf_counter()
+        u = self.problem.limits.limited(before.u, u)
         model = self.predictor.linearise(x, u, d)
         linearised = perf_counter()
         qp = condense(self.problem, model, feed, before.u, before.u_star)

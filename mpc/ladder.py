@@ -45,20 +45,20 @@ class Ladder:
         """The command (2,) of the sample before; the pressures in `x` (4,) if there was none."""
         return x[2:] if self._u is None else self._u[0]
 
-    def onward(self, u_last: Array, u_star: Array) -> Array:
-        """The last plan moved on by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
+    def onward(self, u_star: Array) -> Array:
+        """The last plan moved on by one sample, its new end moving as the feed-forward `u_star` (N, 2) does; unlimited."""
         if self._u is None:
-            return self.limits.limited(u_last, u_star)
+            return u_star
         kept, turn = self._u[1:], u_star[-1] - u_star[-2]
         end = kept[-1] + np.where(np.isfinite(turn), turn, 0.0)
-        return self.limits.limited(u_last, np.vstack([kept, end]))
+        return np.concatenate([kept, end[None]])
 
     def rungs(self, best: tuple[Rung, Array] | None, u_star: Array, u_last: Array) -> Iterator[tuple[Rung, Array]]:
         """Commands (N, 2) to try, from what optimisation gave, if anything, down to `hold`, which is not among them."""
         if best is not None:
             yield best
         if self._left > 1:
-            yield Rung.PREVIOUS, self.onward(u_last, u_star)
+            yield Rung.PREVIOUS, self.limits.limited(u_last, self.onward(u_star))
         yield Rung.ALLOCATION, self.limits.limited(u_last, u_star)
 
     def hold(self, N: int, u_last: Array) -> Array:

@@ -128,6 +128,19 @@ def test_pressures_that_start_outside_the_supply_return_at_the_slew_limit():
     assert commands[-1] <= 5 * BAR
 
 
+@pytest.mark.parametrize("x", [[RIGHT + 0.2, 0.0, 3 * BAR, 3 * BAR], [0.0, 0.0, 0.2 * BAR, 0.2 * BAR]], ids=["θ", "F"])
+def test_angles_and_forces_that_start_outside_their_limits_are_brought_back(x):
+    controller, x = TrackingMPC(PLANT), np.array(x)
+    first = controller.step(x, 1.0, 7.6)
+    assert max(first.slack, first.slack_force) > 0.05
+    for _ in range(100):
+        plan = controller.step(x, 1.0, 7.6)
+        assert plan.rung is Rung.QP
+        x = STEP(x, plan.u[0], 0.0)[0][0]
+    assert plan.slack == plan.slack_force == 0.0
+    assert x[0] == pytest.approx(1.0, abs=1 * DEG)
+
+
 def test_the_joint_range_is_left_only_when_it_must_be_and_this_is_said():
     controller = TrackingMPC(PLANT)
     right = PLANT.joint.angle_range[1]
