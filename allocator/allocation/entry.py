@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator import checks
-from allocator.allocation import backends, exact
+from allocator.allocation import backends, exact, quick
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.assessment import OPTIMISER, Assessment, assess, assess_inverse
 from allocator.allocation.covariance import with_covariance
 from allocator.allocation.friction import checked_direction, with_friction
 from allocator.allocation.problem import Priority, Problem
+from allocator.allocation.question import Question
 from allocator.allocation.result import Allocation, shaped
 from allocator.allocation.status import Status
 from allocator.calculus import Array, Value
@@ -95,13 +96,18 @@ def allocate(
     MissingBackend
         For an unknown method or solver; the message lists the ones there are.
     """
+    joint = report_joint() if joint is None else joint
+    ordinary = method == "exact" and uncertainty is None and type(direction) is int and direction == 0
+    if ordinary and _nothing_more(solver, weights, min_cocontraction, stiffness_tolerance, pull, reference):
+        question = Question(joint, theta, K, T, priority, min_force, max_force, previous, max_step)
+        if (found := quick.answer(question)) is not None:
+            return found
     if method not in METHODS:
         raise MissingBackend("method", method, METHODS)
     if solver is not None and method not in backends.OPTIMISERS:
         raise InvalidInput(
             f"solver = {solver!r} belongs to the methods {', '.join(backends.OPTIMISERS)}, not {method!r}"
         )
-    joint = report_joint() if joint is None else joint
     if uncertainty is not None:
         if method != "convex" or solver is not None:
             raise InvalidInput("uncertainty belongs to method='convex' with its default solver")
@@ -136,6 +142,11 @@ def allocate(
     if not (joint.friction and s.any()):
         return answer(problem)
     return with_friction(answer, problem, np.broadcast_to(s, asked.shape).ravel())
+
+
+def _nothing_more(*options: Any) -> bool:
+    """Whether these options, which the kernels do not know, all are as by default: None or 0.0."""
+    return all(option is None or (type(option) is float and option == 0.0) for option in options)
 
 
 def _exact(problem: Problem, asked: Array) -> Allocation:
@@ -203,7 +214,7 @@ def _allocation(
         local=form(local),
         method=method,
         iterations=None if iterations is None else form(iterations),
-        _problem=problem,
+        _source=problem,
         _shape=shape,
     )
 
