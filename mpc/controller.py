@@ -45,7 +45,7 @@ from mpc.limits import Limits
 from mpc.linearise import Motion, Predictor
 from mpc.plan import Plan, PlanStatus, Rung, Times
 from mpc.plant import Plant
-from mpc.quick import improver
+from mpc.quick import workings
 from mpc.softened import softened
 from mpc.solvers import Solver
 from mpc.solvers import solver as solver_by_name
@@ -95,12 +95,12 @@ class TrackingMPC:
         self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
         self._solve = solver_by_name(self.solver) if isinstance(self.solver, str) else self.solver
         self._predictor = Predictor(self.plant, self.dt, self.N)
-        self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force)
+        feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self._ladder = Ladder(self.limits, self.dt)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
-        self._improve = improver(self.plant, self.dt, self.problem, self._predictor)
+        self._improve, self._feed_forward = workings(self.plant, self.dt, self.problem, self._predictor, feed_forward)
         if self.budget is not None:
             self._rehearse()
         self.reset()

@@ -7,7 +7,7 @@ the whole QP, the same that `mpc.condense` gives, goes to `mpc.certified`.
 
 from math import inf
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,13 +16,16 @@ from allocator.units import BAR
 from mpc.certified import GAP_TOLERANCE, LAZY_TOLERANCE, PRIMAL_TOLERANCE, certified
 from mpc.compiled.translate import Untranslatable
 from mpc.condense import SLACKS, Problem
-from mpc.feedforward import FeedForward
+from mpc.feedforward import FeedForward, FeedForwardLaw
 from mpc.improvement import Before, Improvement, Improver, ReadableImprover
 from mpc.linearise import Motion, Predictor
-from mpc.plan import PlanStatus
+from mpc.plan import Moved, PlanStatus
 from mpc.plant import NU, Plant
 from mpc.qp import QP
 from mpc.solvers import Solver
+
+if TYPE_CHECKING:
+    from mpc.compiled.module import Law  # which imports numba
 
 _TOLERANCES = (LAZY_TOLERANCE, PRIMAL_TOLERANCE, GAP_TOLERANCE)
 
@@ -30,12 +33,10 @@ _TOLERANCES = (LAZY_TOLERANCE, PRIMAL_TOLERANCE, GAP_TOLERANCE)
 class QuickImprover:
     """For one controller: its memory must not be used by two threads at a time."""
 
-    def __init__(self, plant: Plant, dt: float, problem: Problem) -> None:
-        """Raises `ImportError` or `OSError` where there is no numba, or nowhere to keep what it compiles."""
+    def __init__(self, law: "Law", problem: Problem) -> None:
         from mpc.compiled.memory import flat, given_in, lengths
-        from mpc.compiled.module import law
 
-        functions, c, substeps = law(plant, dt)
+        functions, c, _, substeps = law
         self._functions, self._problem = functions, problem
         N, n = sum(problem.blocks), NU * len(problem.blocks)
         given, memory = map(np.zeros, lengths(N))
@@ -104,12 +105,41 @@ class QuickImprover:
         return rows(numbers, starts, memory)
 
 
-def improver(plant: Plant, dt: float, problem: Problem, predictor: Predictor) -> Improver:
-    """The quick one, compiled and ready; the readable one where there is no compiler, or nowhere to keep its work."""
+class QuickFeedForward:
+    """`mpc.feedforward.FeedForwardLaw`, which answers itself where the joint's kernel is not sure."""
+
+    def __init__(self, law: "Law", readable: FeedForwardLaw) -> None:
+        plant = readable.plant
+        self._readable, self._follow = readable, law.module.follow
+        physics = plant.inertia, plant.damping, plant.gravity_torque, *readable.alpha, *plant.joint.angle_range
+        self._fixed = law.c, law.p, np.array([*physics, readable.min_force]), *(D.T.copy() for D in readable.slopes)
+        rest = np.zeros(len(readable.slopes[0]))
+        self(rest, rest + 1.0, rest)  # compiles it
+
+    def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:
+        """For the previews `theta` [rad] and `K` [N·m/rad] under the torques `d` [N·m], all (N+1,)."""
+        sure, *found, moved = self._follow(*self._fixed, np.array(theta), np.array(K), np.array(d))
+        return FeedForward(*found, Moved(*moved.tolist())) if sure else self._readable(theta, K, d)
+
+
+class Workings(NamedTuple):
+    """What a `TrackingMPC` works with."""
+
+    improve: Improver
+    feed_forward: FeedForwardLaw | QuickFeedForward
+
+
+def workings(plant: Plant, dt: float, problem: Problem, predictor: Predictor, feed_forward: FeedForwardLaw) -> Workings:
+    """The quick ones, compiled and ready; the readable ones where there is no compiler or nowhere to keep its work."""
     try:
-        return QuickImprover(plant, dt, problem)
+        from mpc.compiled.module import law
+
+        found = law(plant, dt)
+        return Workings(
+            QuickImprover(found, problem), QuickFeedForward(found, feed_forward) if found.p else feed_forward
+        )
     except (ImportError, OSError, Untranslatable):
-        return ReadableImprover(problem, predictor)
+        return Workings(ReadableImprover(problem, predictor), feed_forward)
 
 
 def setting(problem: Problem, substeps: int) -> Any:
@@ -130,4 +160,4 @@ def _moved_on(multipliers: Array) -> Array:
     return np.concatenate([multipliers[NU:], multipliers[-NU:]])
 
 
-__all__ = ["QuickImprover", "improver", "setting"]
+__all__ = ["QuickFeedForward", "QuickImprover", "Workings", "setting", "workings"]

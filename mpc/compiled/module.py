@@ -16,12 +16,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from allocator import AntagonistJoint
+from allocator.allocation import kernels
+from allocator.allocation.compiled import register
+from allocator.allocation.laws import coefficients, law_of
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.compiled.translate import translated
 from mpc.integration import integrated
 from mpc.plant import NU, NX, Plant
 
+_IMPORTS = """import math
+
+from allocator.allocation.kernels import affine_exact, tondu_exact
+
+
+"""
 _TEMPLATE = Path(__file__).with_name("step.py")
 
 
@@ -30,6 +40,7 @@ class Law(NamedTuple):
 
     module: ModuleType  # its functions `prepare` and `finish`
     c: Array
+    p: tuple[Any, ...]  # of the kernel; empty if there is none
     substeps: int
 
 
@@ -40,7 +51,29 @@ def law(plant: Plant, dt: float) -> Law:
     for name, function in _functions(plant, dt / substeps).items():
         source = translated(name, function, c.size)
         text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
-    return Law(_imported(_with_law(text)), c, substeps)
+    kernel = law_of(plant.joint)
+    register()
+    return Law(_imported(_with_law(text + _ALLOCATED[kernel.name])), c, kernel.p, substeps)
+
+
+_ALLOCATED = {
+    "tondu": """
+@inlined
+def allocated(theta, K, T, p, left, right, min_force, c):
+    return tondu_exact(theta, K, T, p, min_force)
+
+
+""",
+    "affine": """
+@inlined
+def allocated(theta, K, T, p, left, right, min_force, c):
+    o = coefficients(min(max(theta, left), right), c)
+    return affine_exact(theta, K, T, (o[0], o[1], o[2], o[3], o[4]), (o[5], o[6], o[7], o[8], o[9]), p, min_force)
+
+
+""",
+    "": "\n\n",
+}
 
 
 RESOLUTION = 0.5  # of the integration, as in `Plant.discrete`
@@ -59,14 +92,26 @@ def _functions(plant: Plant, h: float) -> dict[str, Any]:
         "outputs": ca.Function("outputs", [x], ca.cse([y, ca.densify(ca.jacobian(y, x))])),
         "advance": ca.Function("advance", [x, u, d], ca.cse([after])),
         "look": ca.Function("look", [x], ca.cse([y])),
+        **_coefficients(plant.joint),
     }
+
+
+def _coefficients(joint: AntagonistJoint) -> dict[str, Any]:
+    """What the affine kernel wants to know of both muscles at an angle."""
+    import casadi as ca
+
+    if law_of(joint).name != "affine":
+        return {}
+    theta = ca.SX.sym("theta")
+    sides = [ca.SX(value) for side in coefficients(joint, theta) for value in side]
+    return {"coefficients": ca.Function("coefficients", [theta], ca.cse([ca.densify(ca.vertcat(*sides))]))}
 
 
 def _with_law(law: str) -> str:
     """The template with the law in its place."""
     lines = _TEMPLATE.read_text(encoding="utf-8").splitlines(keepends=True)
     start = next(i for i, line in enumerate(lines) if line.startswith("LAW"))
-    return "".join([*lines[:start], "import math\n\n\n", law, *lines[start + 2 :]])
+    return "".join([*lines[:start], _IMPORTS, law, *lines[start + 2 :]])
 
 
 @cache
@@ -91,7 +136,8 @@ def _imported(text: str) -> ModuleType:
 @cache
 def _surroundings() -> str:
     """The compiled functions that the module calls: numba does not see for itself when these change."""
-    return "".join(file.read_text(encoding="utf-8") for file in sorted(Path(__file__).parent.glob("*.py")))
+    files = [*sorted(Path(__file__).parent.glob("*.py")), Path(kernels.__file__)]
+    return "".join(file.read_text(encoding="utf-8") for file in files)
 
 
 def _directory() -> Path:

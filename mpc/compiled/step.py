@@ -1,9 +1,10 @@
-"""The two compiled halves of a step: before the QP solver, and after it.
+"""A step of the controller in three compiled functions: what to follow, and both sides of the QP solver.
 
 This file is a template. `mpc.compiled.module` puts the law of the joint in the place of the lines below that begin with
 `LAW`, as functions of scalars that return tuples: `stage` (x, u, d) ↦ (x after a substep, its Jacobian by x and u),
 `outputs` x ↦ (y, its Jacobian) with y = (K, F1, F2), `advance` and `look` the same without Jacobians; Jacobians by
-columns. The array c holds the numbers of the four.
+columns. `allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of `allocator.allocation` for the joint, if there is one.
+The array c holds the numbers of all of them, p those of the kernel.
 """
 
 from typing import Any
@@ -20,9 +21,40 @@ from mpc.compiled.memory import given_in, path_in, setting_in
 from mpc.compiled.records import BoxQP, Path
 
 LAW: Any = None
-stage = outputs = advance = look = LAW
+stage = outputs = advance = look = allocated = LAW
 
 SOLVED, ROWS, REFUSED = 0, 1, 2
+
+
+@compiled
+def follow(
+    c: Array, p: Any, physics: Array, slopes1: Array, slopes2: Array, asked: Array, K: Array, d: Array
+) -> tuple[bool, Array, Array, Array, Array, Array, Array]:
+    """`mpc.feedforward.FeedForwardLaw`: whether the kernel is sure, and θ, ω, K, P, u and how far all was moved (3,).
+
+    `slopes1`, `slopes2` (N+1, N+1): derivatives of a preview, transposed; `physics`: see `mpc.quick`.
+    """
+    inertia, damping, gravity, alpha1, alpha2 = physics[0], physics[1], physics[2], physics[3], physics[4]
+    left, right, min_force = physics[5], physics[6], physics[7]
+    M = asked.size
+    theta, omega, speeding = np.empty(M), np.zeros(M), np.zeros(M)
+    K_given, P, u, moved, sure = np.empty(M), np.empty((M, 2)), np.empty((M - 1, 2)), np.zeros(3), True
+    for j in range(M):
+        theta[j] = min(max(asked[j], left), right)
+        for k in range(M):
+            omega[k] += slopes1[j, k] * theta[j]
+            speeding[k] += slopes2[j, k] * theta[j]
+    for k in range(M):
+        T = inertia * speeding[k] + damping * omega[k] + gravity * np.sin(theta[k]) - d[k]
+        found = allocated(theta[k], K[k], T, p, left, right, min_force, c)
+        P[k, 0], P[k, 1], K_given[k], sure = found[0], found[1], found[3], sure and found[6]
+        moved[0] = max(moved[0], abs(asked[k] - theta[k]))
+        moved[1] = max(moved[1], abs(K[k] - K_given[k]))
+        moved[2] = max(moved[2], abs(T - found[2]))
+        if k > 0:
+            u[k - 1, 0] = (P[k, 0] - alpha1 * P[k - 1, 0]) / (1 - alpha1)
+            u[k - 1, 1] = (P[k, 1] - alpha2 * P[k - 1, 1]) / (1 - alpha2)
+    return sure, theta, omega, K_given, P, u, moved
 
 
 @compiled
@@ -136,4 +168,4 @@ def read(c: Array, path: Path) -> None:
                 path.slope[k, i, j] = o[3 + 3 * j + i]
 
 
-__all__ = ["REFUSED", "ROWS", "SOLVED", "finish", "prepare"]
+__all__ = ["REFUSED", "ROWS", "SOLVED", "finish", "follow", "prepare"]
