@@ -46,7 +46,7 @@ class Ladder:
         return x[2:] if self._u is None else self._u[0]
 
     def onward(self, u_star: Array) -> Array:
-        """The last plan moved on by one sample, its new end moving as the feed-forward `u_star` (N, 2) does; unlimited."""
+        """The last plan moved on by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
         if self._u is None:
             return u_star
         kept, turn = self._u[1:], u_star[-1] - u_star[-2]

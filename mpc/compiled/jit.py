@@ -10,8 +10,13 @@ _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
 
 
 def compiled(function: F) -> F:
-    """Compile `function` when it is first called, and keep the result on disk."""
-    made: F = njit(cache=True, **_OPTIONS)(function)
+    """Compile `function` when it is first called, and keep the result on disk; an `OSError` if nothing can be kept."""
+    try:
+        made: F = njit(cache=True, **_OPTIONS)(function)
+    except RuntimeError as error:
+        if "cannot cache function" not in str(error):
+            raise
+        raise OSError(f"numba finds no directory to keep {function.__name__} in") from None
     return made
 
 

@@ -3,8 +3,8 @@
 This file is a template. `mpc.compiled.module` puts the law of the joint in the place of the lines below that begin with
 `LAW`, as functions of scalars that return tuples: `stage` (x, u, d) ↦ (x after a substep, its Jacobian by x and u),
 `outputs` x ↦ (y, its Jacobian) with y = (K, F1, F2), `advance` and `look` the same without Jacobians; Jacobians by
-columns. `allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of `allocator.allocation` for the joint, if there is one.
-The array c holds the numbers of all of them, p those of the kernel.
+columns. `allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of `allocator.allocation` for the joint, if there
+is one. The array c holds the numbers of all of them, p those of the kernel.
 """
 
 from typing import Any
