@@ -14,7 +14,7 @@ from allocator.allocation.question import Question
 from allocator.calculus import Array, Mask
 from allocator.limits import Limit
 
-_PARALLEL = 200_000  # targets from which on threads are started
+_PARALLEL = 500_000  # targets from which on threads are started
 _PIECE = 50_000  # targets that a thread takes at a time
 _CHUNK = 1 << 14  # affine targets whose coefficients are in memory at a time, a thread
 LIKE_BAR = 20.0  # [Pa] up to which `checks` takes a pressure for bar
