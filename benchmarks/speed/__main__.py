@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from benchmarks.speed import allocation, processes, report
+from benchmarks.speed import allocation, mpc_step, processes, report
 from benchmarks.speed.clock import Measurement
 from benchmarks.speed.truth import BenchmarkFailure
 
@@ -13,6 +13,7 @@ RESULTS = Path(__file__).parents[1] / "results"
 PARTS: dict[str, Callable[[bool], Iterator[Measurement]]] = {
     "allocation": allocation.measure,
     "processes": processes.measure,
+    "mpc": mpc_step.measure,
 }
 
 
