@@ -184,7 +184,9 @@ class TrackingMPC:
 
     def _softened(self, step: Improvement, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
         """The next rung, if there is time for it and numbers to work with."""
-        if step.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE) or (z := softened(step.qp, deadline)) is None:
+        if step.qp is None or step.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE):
+            return None
+        if (z := softened(step.qp, deadline)) is None:
             return None
         return Rung.SOFTENED, self.limits.limited(u_last, step.u + self.problem.E @ z)
 

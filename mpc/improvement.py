@@ -30,7 +30,7 @@ class Improvement(NamedTuple):
     status: PlanStatus
     u: Array  # (N, 2) optimal commands within the limits if the status is OPTIMAL, else those that the QP is about [Pa]
     motion: Motion | None  # under them, finite, where it is known already
-    qp: QP
+    qp: QP | None  # None if there was no need to pose it
     times: tuple[float, float, float]  # of linearising, condensing, solving [s]; 0.0 for what is a part of the next
 
 

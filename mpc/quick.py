@@ -1,10 +1,12 @@
 """`mpc.improvement` in compiled code: tens of microseconds where that takes hundreds.
 
-The QP is solved with its simple bounds only, from the guess that those bind which bound in the last sample's plan. If
-the answer keeps all rows and is proved optimal (`mpc.compiled.certificate`) it is the QP's, and the step is done; else
-the whole QP, the same that `mpc.condense` gives, goes to `mpc.certified`.
+The QP is solved with its simple bounds only, from the guess that those bind which bound in the last sample's plan: by
+Riccati recursions (`mpc.compiled.structured`), or by the solver where these do not settle. If the answer keeps all rows
+and is proved optimal (`mpc.compiled.certificate`) it is the QP's, and the step is done; else the whole QP, the same
+that `mpc.condense` gives, goes to `mpc.certified`.
 """
 
+from itertools import pairwise
 from math import inf
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,11 +24,12 @@ from mpc.linearise import Motion, Predictor
 from mpc.plan import Moved, PlanStatus
 from mpc.plant import NU, Plant
 from mpc.qp import QP
-from mpc.solvers import Solver
+from mpc.solvers import Solver, daqp
 
 if TYPE_CHECKING:
     from mpc.compiled.module import Law  # which imports numba
 
+_SWEEPS = 4  # of the quick solution before the solver is asked
 _TOLERANCES = (LAZY_TOLERANCE, PRIMAL_TOLERANCE, GAP_TOLERANCE)
 
 
@@ -34,75 +37,108 @@ class QuickImprover:
     """For one controller: its memory must not be used by two threads at a time."""
 
     def __init__(self, law: "Law", problem: Problem) -> None:
+        from mpc.compiled import answers
         from mpc.compiled.memory import flat, given_in, lengths
 
         functions, c, _, substeps = law
-        self._functions, self._problem = functions, problem
+        self._law, self._answers, self._problem = functions, answers, problem
         N, n = sum(problem.blocks), NU * len(problem.blocks)
         given, memory = map(np.zeros, lengths(N))
         self._given = given_in.py_func(given, N)  # views, to be filled
-        self._arguments = c, flat(setting(problem, substeps)), problem.starts.astype(np.int64), substeps, given, memory
+        numbers, starts = flat(setting(problem, substeps)), problem.starts.astype(np.int64)
+        self._rest = numbers, starts, substeps, given, memory
+        self._all = c, *self._rest
         self._no_rows, self._no_bounds = np.zeros((0, n)), np.zeros(0)
-        self.reset()
+        self._guess = np.zeros(n, np.int8)  # sign of the multipliers
         self._compile()
 
     def _compile(self) -> None:
         """Now, and not when the joint is waiting for its first command."""
-        box = self._functions.prepare(*self._arguments)
-        self._functions.finish(*self._arguments, *box, np.zeros_like(box[1]), np.zeros_like(box[1]))
+        numbers, starts, _, _, memory = self._rest
+        nothing = np.zeros(self._guess.size)
+        self._law.prepare(*self._all)
+        self._answers.settle(*self._rest, self._guess, 0)
+        self._answers.judge(numbers, starts, memory, *self._answers.pose(*self._rest), nothing, nothing)
+        self._law.march(*self._all, nothing)
         self._rows()
 
     def reset(self) -> None:
         """Forget which bounds bound."""
-        self._guess: Array | None = None  # multipliers (n,)
+        self._guess[:] = 0
 
     def __call__(
         self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before, solve: Solver, deadline: float
     ) -> Improvement:
         """See `mpc.improvement.Improver`."""
-        began = perf_counter()
+        clock = [perf_counter()]
         self._take(x, u, d, feed, before)
-        box = self._functions.prepare(*self._arguments)
-        built = perf_counter()
-        qp = QP(*box, self._no_rows, self._no_bounds, self._no_bounds, self._guess)
-        found = solve(qp, deadline - built)
-        if found is not None and perf_counter() <= deadline:
-            outcome, moved, x_new, K, F = self._functions.finish(*self._arguments, *box, *found)
-            if outcome == self._functions.SOLVED:
-                self._guess = _moved_on(found[1])
-                times = 0.0, built - began, perf_counter() - built
-                return Improvement(PlanStatus.OPTIMAL, moved, Motion(moved, x_new, K, F), qp, times)
-        self.reset()
-        return self._whole(box, before, solve, deadline, built - began)
+        self._law.prepare(*self._all)
+        clock.append(perf_counter())
+        outcome, z = self._answers.REFUSED, None
+        if solve is daqp:
+            outcome, z = self._answers.settle(*self._rest, self._guess, _SWEEPS)
+        qp = None if outcome == self._answers.SOLVED else self._posed()
+        clock.append(perf_counter())
+        if outcome == self._answers.REFUSED and qp is not None:
+            z = self._solved(qp, solve, deadline)
+        motion = None if z is None or outcome == self._answers.ROWS else self._marched(z)
+        clock.append(perf_counter())
+        if motion is None or clock[-1] > deadline:
+            self.reset()
+            return self._whole(self._posed() if qp is None else qp, before, solve, deadline, clock)
+        self._guess[:-NU] = self._guess[NU:]  # what binds at the next sample is what binds now, one block earlier
+        return Improvement(PlanStatus.OPTIMAL, motion.u, motion, qp, _between(clock))
 
     def _take(self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before) -> None:
         given, wish = self._given, self._given.wish
         given.x[:], given.u[:], given.d[:], given.last[0], given.last[1] = x, u, d, before.u, before.u_star
         wish.theta[:], wish.omega[:], wish.K[:], wish.P[:], wish.u[:] = feed.theta, feed.omega, feed.K, feed.P, feed.u
 
-    def _whole(
-        self, box: tuple[Array, ...], before: Before, solve: Solver, deadline: float, building: float
-    ) -> Improvement:
+    def _posed(self) -> QP:
+        """The QP without slacks and rows."""
+        return QP(*self._answers.pose(*self._rest), self._no_rows, self._no_bounds, self._no_bounds, self._guess)
+
+    def _solved(self, qp: QP, solve: Solver, deadline: float) -> Array | None:
+        """The solver's answer to it, if it is proved and breaks no row."""
+        found = solve(qp, deadline - perf_counter())
+        if found is None:
+            return None
+        numbers, starts, _, _, memory = self._rest
+        outcome = self._answers.judge(numbers, starts, memory, qp.H, qp.f, qp.lower, qp.upper, *found)
+        if outcome != self._answers.SOLVED:
+            return None
+        self._guess[:] = np.sign(found[1])
+        return found[0]
+
+    def _marched(self, z: Array) -> Motion | None:
+        """What `z` leads to, if that is finite."""
+        finite, *found = self._law.march(*self._all, z)
+        return Motion(*found) if finite else None
+
+    def _whole(self, box: QP, before: Before, solve: Solver, deadline: float, clock: list[float]) -> Improvement:
         """The QP with its slacks and rows, and its answer."""
-        began = perf_counter()
-        weights, n = self._problem.weights, box[1].size
+        weights, n = self._problem.weights, box.f.size
         H = np.zeros((n + SLACKS, n + SLACKS))
-        H[:n, :n], H[n, n], H[n + 1, n + 1] = box[0], weights.slack_square, weights.slack_force_square
-        f = np.append(box[1], [weights.slack, weights.slack_force])
-        lower, upper = np.append(box[2], SLACKS * [0.0]), np.append(box[3], SLACKS * [inf])
+        H[:n, :n], H[n, n], H[n + 1, n + 1] = box.H, weights.slack_square, weights.slack_force_square
+        f = np.append(box.f, [weights.slack, weights.slack_force])
+        lower, upper = np.append(box.lower, SLACKS * [0.0]), np.append(box.upper, SLACKS * [inf])
         qp = QP(H, f, lower, upper, *self._rows())
-        building += perf_counter() - began
         answer = certified(solve, qp, deadline)
         u = self._problem.limits.limited(before.u, self._given.u)
         if answer.status is PlanStatus.OPTIMAL:
             u = self._problem.limits.limited(before.u, u + self._problem.E @ answer.z)
-        return Improvement(answer.status, u, None, qp, (0.0, building, perf_counter() - began))
+        return Improvement(answer.status, u, None, qp, _between([*clock[:3], perf_counter()]))
 
     def _rows(self) -> tuple[Array, Array, Array]:
         from mpc.compiled.condensing import rows
 
-        _, numbers, starts, _, _, memory = self._arguments
+        numbers, starts, _, _, memory = self._rest
         return rows(numbers, starts, memory)
+
+
+def _between(clock: list[float]) -> tuple[float, float, float]:
+    linearising, condensing, solving = (after - before for before, after in pairwise(clock))
+    return linearising, condensing, solving
 
 
 class QuickFeedForward:
@@ -153,11 +189,6 @@ def setting(problem: Problem, substeps: int) -> Any:
     low, high = limits.pressure
     room = Room(low / BAR, high / BAR, limits.step / BAR, *limits.theta, limits.min_force)
     return Setting(cost, room, _TOLERANCES, problem.starts.astype(np.int64), substeps)
-
-
-def _moved_on(multipliers: Array) -> Array:
-    """Of the next sample, if what binds then is what binds now, one block earlier."""
-    return np.concatenate([multipliers[NU:], multipliers[-NU:]])
 
 
 __all__ = ["QuickFeedForward", "QuickImprover", "Workings", "setting", "workings"]

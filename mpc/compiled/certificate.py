@@ -32,6 +32,20 @@ def proved(qp: BoxQP, z: Array, multipliers: Array, setting: Setting) -> bool:
 
 
 @compiled
+def proved_by_gradient(before: Array, after: Array, lower: Array, upper: Array, z: Array, setting: Setting) -> bool:
+    """`proved`, from the cost's gradients at 0 and at `z`: those push at a bound that want to leave through it."""
+    _, primal, share = setting.tolerances
+    square, gain = 0.0, 0.0
+    for i in range(z.size):
+        if not lower[i] - primal <= z[i] <= upper[i] + primal:
+            return False
+        pushes = (z[i] == lower[i] and after[i] >= 0.0) or (z[i] == upper[i] and after[i] <= 0.0)
+        square += 0.0 if pushes else after[i] * after[i]
+        gain -= 0.5 * z[i] * (before[i] + after[i])
+    return 0.5 * square / setting.cost.change <= share * max(abs(gain), 1.0)
+
+
+@compiled
 def keeps_rows(path: Path, setting: Setting, u: Array, z: Array) -> bool:
     """Whether the linear model under u + E z keeps supply, joint range and least forces, from ū's (N, 2) [bar]."""
     room, starts, tolerance = setting.room, setting.starts, setting.tolerances[0]
@@ -81,4 +95,4 @@ def finite(array: Array) -> bool:
     return True
 
 
-__all__ = ["finite", "keeps_rows", "proved"]
+__all__ = ["finite", "keeps_rows", "proved", "proved_by_gradient"]

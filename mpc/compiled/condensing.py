@@ -93,7 +93,7 @@ def hessian(path: Path, G: Array, cost: Cost, starts: Any, columns: Array) -> Ar
     return H
 
 
-@inlined
+@compiled
 def gradient(path: Path, errors: Errors, cost: Cost, starts: Any) -> Array:
     """f by the adjoint p_k = ∂(cost from k on)/∂x_k."""
     N = path.A.shape[0]
@@ -152,4 +152,4 @@ def rows(numbers: Array, starts: Any, memory: Array) -> tuple[Array, Array, Arra
     return R, lower, upper
 
 
-__all__ = ["condensed", "rows"]
+__all__ = ["condensed", "gradient", "rows"]

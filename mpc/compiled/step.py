@@ -1,4 +1,4 @@
-"""A step of the controller in three compiled functions: what to follow, and both sides of the QP solver.
+"""What of a step depends on the joint's law, compiled: what to follow, the path to improve, and what comes of it.
 
 This file is a template. `mpc.compiled.module` puts the law of the joint in the place of the lines below that begin with
 `LAW`, as functions of scalars that return tuples: `stage` (x, u, d) ↦ (x after a substep, its Jacobian by x and u),
@@ -13,17 +13,14 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.compiled.certificate import finite, keeps_rows, proved
-from mpc.compiled.commands import bounds, cumulated, deviations, limit
-from mpc.compiled.condensing import condensed
+from mpc.compiled.certificate import finite
+from mpc.compiled.commands import cumulated, limit
 from mpc.compiled.jit import compiled, inlined
 from mpc.compiled.memory import given_in, path_in, setting_in
-from mpc.compiled.records import BoxQP, Path
+from mpc.compiled.records import Path
 
 LAW: Any = None
 stage = outputs = advance = look = allocated = LAW
-
-SOLVED, ROWS, REFUSED = 0, 1, 2
 
 
 @compiled
@@ -58,57 +55,39 @@ def follow(
 
 
 @compiled
-def prepare(
-    c: Array, numbers: Array, starts: Any, substeps: int, given: Array, memory: Array
-) -> tuple[Array, Array, Array, Array]:
-    """The `BoxQP` about the commands in `given`, moved to within the limits; leaves the path in `memory`."""
+def prepare(c: Array, numbers: Array, starts: Any, substeps: int, given: Array, memory: Array) -> None:
+    """Leave in `memory` the commands of `given`, moved to within the limits, and the linear model along them."""
     N = (given.size - 13) // 10
     setting, path, u = setting_in(numbers, starts, substeps), *path_in(memory, N)
-    x0, asked, d, wish, last = given_in(given, N)
-    u_last, e_last = np.empty(2), np.empty(2)
-    for i in range(2):
-        u_last[i] = last[0, i] / BAR
-        e_last[i] = (last[0, i] - last[1, i]) / BAR
-        for k in range(N):
-            u[k, i] = asked[k, i] / BAR
-    limit(setting.room, u_last, u)
+    x0, asked, d, _, last = given_in(given, N)
+    for k in range(N):
+        u[k, 0], u[k, 1] = asked[k, 0] / BAR, asked[k, 1] / BAR
+    limit(setting.room, last[0, 0] / BAR, last[0, 1] / BAR, u)
     slopes(c, x0, u, d, substeps, path)
     read(c, path)
-    errors = deviations(path, u, wish, e_last)
-    H, f = condensed(path, errors, setting.cost, starts)
-    lower, upper = bounds(setting, u, u_last)
-    return H, f, lower, upper
 
 
 @compiled
-def finish(
-    c: Array, numbers: Array, starts: Any, substeps: int, given: Array, memory: Array,
-    H: Array, f: Array, lower: Array, upper: Array, z: Array, multipliers: Array,
-) -> tuple[int, Array, Array, Array, Array]:  # fmt: skip
-    """SOLVED or why not, and if so the commands (N, 2) [Pa], states, K and F (N+1, 2) that follow from `z`."""
+def march(
+    c: Array, numbers: Array, starts: Any, substeps: int, given: Array, memory: Array, z: Array
+) -> tuple[bool, Array, Array, Array, Array]:
+    """What follows from `z`: whether all is finite, and commands (N, 2) [Pa], states, K and F (N+1, 2)."""
     N = (given.size - 13) // 10
-    setting, path, u = setting_in(numbers, starts, substeps), *path_in(memory, N)
+    room, (_, u) = setting_in(numbers, starts, substeps).room, path_in(memory, N)
     x0, _, d, _, last = given_in(given, N)
-    moved, x, K, F = np.zeros((N, 2)), np.empty((N + 1, 4)), np.empty(N + 1), np.empty((N + 1, 2))
-    if not proved(BoxQP(H, f, lower, upper), z, multipliers, setting):
-        return REFUSED, moved, x, K, F
-    if not keeps_rows(path, setting, u, z):
-        return ROWS, moved, x, K, F
+    moved, x, K, F = np.empty((N, 2)), np.empty((N + 1, 4)), np.empty(N + 1), np.empty((N + 1, 2))
     cumulated(starts, z, moved)
-    u_last = np.empty(2)
-    for i in range(2):
-        u_last[i] = last[0, i] / BAR
-        for k in range(N):
-            moved[k, i] += u[k, i]
-    limit(setting.room, u_last, moved)
+    for k in range(N):
+        moved[k, 0] += u[k, 0]
+        moved[k, 1] += u[k, 1]
+    limit(room, last[0, 0] / BAR, last[0, 1] / BAR, moved)
     motion(c, x0, moved, d, substeps, x)
     for k in range(N + 1):
         K[k], F[k, 0], F[k, 1] = look(x[k, 0], x[k, 1], x[k, 2], x[k, 3], c)
     for k in range(N):
         moved[k, 0] *= BAR
         moved[k, 1] *= BAR
-    known = finite(moved) and finite(x) and finite(F)
-    return SOLVED if known else REFUSED, moved, x, K, F
+    return finite(moved) and finite(x) and finite(F), moved, x, K, F
 
 
 @inlined
@@ -168,4 +147,4 @@ def read(c: Array, path: Path) -> None:
                 path.slope[k, i, j] = o[3 + 3 * j + i]
 
 
-__all__ = ["REFUSED", "ROWS", "SOLVED", "finish", "follow", "prepare"]
+__all__ = ["follow", "march", "prepare"]

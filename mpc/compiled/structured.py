@@ -6,10 +6,10 @@ costs from v_k on is ½ ρ|v|² + ρ Δeᵀv + W_k(δx, w + v), W_k the cost-to-
 
     D v + W_wx δx + W_ww w + g = -λ,        λ = 0 for what is free, v at its bound for what is not
 
-An active-set method of the primal–dual kind: sweep backward and forward with the bounds that are guessed to bind held,
-then guess anew: what breaks a bound is held, what is held with λ of the wrong sign is let go. If a guess repeats itself it
-is the solution; that takes one sweep or two from the last sample's, and sometimes does not come about. It is the
-caller's business to prove the answer and to have another solver.
+An active-set method of the primal–dual kind: sweep backward and forward with the bounds held that are guessed to bind,
+then guess anew: what breaks a bound is held, what is held with λ of the wrong sign is let go. A guess that repeats
+itself is the solution; that takes a sweep or two from the last sample's set, and sometimes does not come about. It is
+the caller's business to prove the answer and to have another solver.
 """
 
 from typing import Any
@@ -17,28 +17,71 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.compiled.jit import inlined
+from mpc.compiled.jit import compiled, inlined
 from mpc.compiled.records import Cost, Errors, Path
 
 FREE, LOWER, UPPER = 0, -1, 1
 
 
-@inlined
+@compiled
 def settled(
-    path: Path, errors: Errors, cost: Cost, lower: Array, upper: Array, held: Any, sweeps: int
-) -> tuple[Array, int]:
-    """Changes v (N, 2) and the sweeps it took, 0 if it did not settle; `held` (N, 2) is the guess, and the set found."""
-    N = lower.shape[0]
-    v = np.zeros((N, 2))
+    path: Path, errors: Errors, cost: Cost, starts: Any, lower: Array, upper: Array, guess: Any, sweeps: int, z: Array
+) -> bool:
+    """Whether a guess repeated itself within so many sweeps; then `z` (n,) is the solution, within its bounds.
+
+    `guess` (n,) becomes the set found. Between the `starts` nothing may change: all is held there, at 0.
+    """
+    N = path.A.shape[0]
+    low, high, v, held = np.zeros((N, 2)), np.zeros((N, 2)), np.empty((N, 2)), np.full((N, 2), LOWER, np.int8)
+    for block in range(starts.size):
+        for i in range(2):
+            at, k = 2 * block + i, starts[block]
+            low[k, i], high[k, i], held[k, i] = lower[at], upper[at], guess[at]
     rows, D, g, law = np.empty((N, 2, 6)), np.empty((N, 2, 2)), np.empty((N, 2)), np.empty((N, 2, 7))
-    for sweep in range(1, sweeps + 1):
+    for _ in range(sweeps):
         for k in range(N):
             for i in range(2):
-                v[k, i] = lower[k, i] if held[k, i] == LOWER else upper[k, i]  # of those held
+                v[k, i] = low[k, i] if held[k, i] == LOWER else high[k, i]  # of those held
         backward(path, errors, cost, v, held, rows, D, g, law)
-        if not forward(path, v, lower, upper, held, rows, D, g, law):
-            return v, sweep
-    return v, 0
+        if not forward(path, v, low, high, held, rows, D, g, law):
+            for block in range(starts.size):
+                for i in range(2):
+                    at = 2 * block + i
+                    guess[at] = held[starts[block], i]
+                    z[at] = min(max(v[starts[block], i], lower[at]), upper[at])
+            return True
+    return False
+
+
+@compiled
+def moved(path: Path, errors: Errors, starts: Any, z: Array) -> Errors:
+    """The errors that the linear model has under the decisions `z`."""
+    N, block = path.A.shape[0], 0
+    theta, omega, K, end = errors.theta.copy(), errors.omega.copy(), errors.K.copy(), errors.end.copy()
+    e, change = errors.e.copy(), errors.change.copy()
+    dx, after, du = np.zeros(4), np.empty(4), np.zeros(2)
+    for k in range(N):
+        if block < starts.size and starts[block] == k:
+            for i in range(2):
+                du[i] += z[2 * block + i]
+                change[k, i] += z[2 * block + i]
+            block += 1
+        for i in range(4):
+            after[i] = path.B[k, i, 0] * du[0] + path.B[k, i, 1] * du[1]
+            for j in range(4):
+                after[i] += path.A[k, i, j] * dx[j]
+        for i in range(4):
+            dx[i] = after[i]
+            K[k + 1] += path.slope[k + 1, 0, i] * dx[i]
+        theta[k + 1] += dx[0]
+        omega[k + 1] += dx[1]
+        e[k, 0] += du[0]
+        e[k, 1] += du[1]
+    for i in range(4):
+        end[i] += dx[i]
+    end[4] += du[0]
+    end[5] += du[1]
+    return Errors(theta, omega, K, e, change, end)
 
 
 @inlined
@@ -48,7 +91,10 @@ def backward(
     """For each k: `rows` = [W_wx W_ww], D, g, and the law v = law (ξ, 1) of the optimal changes."""
     N = v.shape[0]
     S, M, SA = cost.end.copy(), np.empty((6, 6)), np.empty((6, 6))  # of V_{k+1}, of W_k
-    s, m = cost.end @ errors.end, np.empty(6)
+    s, m = np.zeros(6), np.empty(6)
+    for i in range(6):
+        for j in range(6):
+            s[i] += cost.end[i, j] * errors.end[j]
     for k in range(N - 1, -1, -1):
         A, B, C = path.A[k], path.B[k], path.slope[k, 0]
         for i in range(6):  # S [A B; 0 I]
@@ -106,7 +152,9 @@ def choose(rows: Array, D: Array, g: Array, v: Array, held: Any, law: Array) -> 
             law[0, j] = (D[0, 1] * b - D[1, 1] * a) / det
             law[1, j] = (D[1, 0] * a - D[0, 0] * b) / det
         return
-    law[:] = 0.0
+    for i in range(2):
+        for j in range(7):
+            law[i, j] = 0.0
     for i in range(2):
         other = 1 - i
         if held[i] != FREE:
@@ -147,8 +195,9 @@ def forward(
             after[i] = B[i, 0] * xi[4] + B[i, 1] * xi[5]
             for j in range(4):
                 after[i] += A[i, j] * xi[j]
-        xi[:4] = after
+        for i in range(4):
+            xi[i] = after[i]
     return changed
 
 
-__all__ = ["FREE", "LOWER", "UPPER", "settled"]
+__all__ = ["FREE", "LOWER", "UPPER", "moved", "settled"]
