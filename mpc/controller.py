@@ -25,7 +25,7 @@ within the time budget, the fallback ladder leads down (`mpc.ladder`). Whatever 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, isfinite
 from operator import index
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -138,7 +138,7 @@ class TrackingMPC:
         clock.append(perf_counter())
         self._ladder.stand(rung, motion.u)
         self._motion = motion
-        if np.isfinite(feed.u[0]).all():
+        if isfinite(feed.u[0, 0]) and isfinite(feed.u[0, 1]):
             self._u_star = feed.u[0]
         return Plan(
             self._foresight.spoken(motion.u, motion.x),
@@ -166,21 +166,20 @@ class TrackingMPC:
         """The commands after `iterations` QPs, or up to one that failed; the softened QP's if it was the first."""
         u = self._ladder.onward(feed.u)
         before = Before(u_last, feed.u[0] if self._u_star is None else self._u_star)
-        best, motion, status, spent = None, None, PlanStatus.OPTIMAL, np.zeros(3)
+        best, motion, status, spent = None, None, PlanStatus.OPTIMAL, (0.0, 0.0, 0.0)
         for _ in range(self.iterations):
             if perf_counter() > deadline:
                 status = status if best else PlanStatus.LATE
                 break
             step = self._improve(x, u, d, feed, before, self._solve, deadline)
-            spent += step.times
+            spent = spent[0] + step.times[0], spent[1] + step.times[1], spent[2] + step.times[2]
             if step.status is not PlanStatus.OPTIMAL:
                 if best is None:
                     best, status = self._softened(step, u_last, deadline), step.status
                 break
             u, motion = step.u, step.motion
             best = Rung.QP, u
-        linearising, condensing, solving = spent.tolist()
-        return _Optimised(best, motion, status, (linearising, condensing, solving))
+        return _Optimised(best, motion, status, spent)
 
     def _softened(self, step: Improvement, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
         """The next rung, if there is time for it and numbers to work with."""

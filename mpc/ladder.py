@@ -14,6 +14,7 @@ with it about the angle. The next good sample leads back to the first rung.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
@@ -50,9 +51,12 @@ class Ladder:
         """The last plan moved on by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
         if self._u is None:
             return u_star
-        kept, turn = self._u[1:], u_star[-1] - u_star[-2]
-        end = kept[-1] + np.where(np.isfinite(turn), turn, 0.0)
-        return np.concatenate([kept, end[None]])
+        on = np.empty_like(self._u)
+        on[:-1], on[-1] = self._u[1:], self._u[-1]
+        turn = u_star[-1] - u_star[-2]
+        if isfinite(turn[0]) and isfinite(turn[1]):
+            on[-1] += turn
+        return on
 
     def rungs(self, best: tuple[Rung, Array] | None, u_star: Array, u_last: Array) -> Iterator[tuple[Rung, Array]]:
         """Commands (N, 2) to try, from what optimisation gave, if anything, down to `hold`, which is not among them."""

@@ -29,7 +29,7 @@ from mpc.solvers import Solver, daqp
 if TYPE_CHECKING:
     from mpc.compiled.module import Law  # which imports numba
 
-_SWEEPS = 4  # of the quick solution before the solver is asked
+_SWEEPS = 3  # of the quick solution before the solver is asked
 _TOLERANCES = (LAZY_TOLERANCE, PRIMAL_TOLERANCE, GAP_TOLERANCE)
 
 
@@ -153,8 +153,8 @@ class QuickFeedForward:
         self(rest, rest + 1.0, rest)  # compiles it
 
     def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:
-        """For the previews `theta` [rad] and `K` [N·m/rad] under the torques `d` [N·m], all (N+1,)."""
-        sure, *found, moved = self._follow(*self._fixed, np.array(theta), np.array(K), np.array(d))
+        """For the previews `theta` [rad] and `K` [N·m/rad] under the torques `d` [N·m], all (N+1,), writable rows."""
+        sure, *found, moved = self._follow(*self._fixed, theta, K, d)
         return FeedForward(*found, Moved(*moved.tolist())) if sure else self._readable(theta, K, d)
 
 
