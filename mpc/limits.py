@@ -45,7 +45,7 @@ class Limits:
         """How far `theta` leaves its range at worst [rad]."""
         left, right = self.theta
         angles = theta.tolist()  # Python is faster than NumPy on so few
-        return max(0.0, left - min(angles), max(angles) - right)
+        return float(max(0.0, left - min(angles), max(angles) - right))
 
     def slackening(self, F: Array) -> float:
         """How far the forces `F` fall below the least one at worst [N]."""

@@ -11,9 +11,10 @@ the difference of the primal and the dual cost. It vanishes at the solution and 
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
 
@@ -41,7 +42,7 @@ class QP:
     R: Array  # (m, n)
     rows_lower: Array  # (m,)
     rows_upper: Array  # (m,)
-    guess: Array | None = None  # (n + m,) multipliers, for a solver to begin with
+    guess: NDArray[Any] | None = None  # (n + m,) multipliers for a solver to begin with: their signs count
 
     def with_rows(self, chosen: Mask) -> "QP":
         """The same with only the rows `chosen` (m,), and all of its simple bounds."""

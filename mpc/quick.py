@@ -29,7 +29,7 @@ from mpc.solvers import Solver, daqp
 if TYPE_CHECKING:
     from mpc.compiled.module import Law  # which imports numba
 
-_SWEEPS = 3  # of the quick solution before the solver is asked
+_SWEEPS = 2  # of the quick solution before the solver is asked
 _TOLERANCES = (LAZY_TOLERANCE, PRIMAL_TOLERANCE, GAP_TOLERANCE)
 
 
@@ -44,7 +44,8 @@ class QuickImprover:
         self._law, self._answers, self._problem = functions, answers, problem
         N, n = sum(problem.blocks), NU * len(problem.blocks)
         given, memory = map(np.zeros, lengths(N))
-        self._given = given_in.py_func(given, N)  # views, to be filled
+        views: Any = given_in
+        self._given = views.py_func(given, N)  # to be filled
         numbers, starts = flat(setting(problem, substeps)), problem.starts.astype(np.int64)
         self._rest = numbers, starts, substeps, given, memory
         self._all = c, *self._rest
@@ -96,7 +97,7 @@ class QuickImprover:
 
     def _posed(self) -> QP:
         """The QP without slacks and rows."""
-        return QP(*self._answers.pose(*self._rest), self._no_rows, self._no_bounds, self._no_bounds, self._guess)
+        return QP(*self._answers.pose(*self._rest), self._no_rows, self._no_bounds, self._no_bounds, self._guess.copy())
 
     def _solved(self, qp: QP, solve: Solver, deadline: float) -> Array | None:
         """The solver's answer to it, if it is proved and breaks no row."""
@@ -154,8 +155,10 @@ class QuickFeedForward:
 
     def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:
         """For the previews `theta` [rad] and `K` [N·m/rad] under the torques `d` [N·m], all (N+1,), writable rows."""
-        sure, *found, moved = self._follow(*self._fixed, theta, K, d)
-        return FeedForward(*found, Moved(*moved.tolist())) if sure else self._readable(theta, K, d)
+        sure, within, omega, reachable, P, u, moved = self._follow(*self._fixed, theta, K, d)
+        if not sure:
+            return self._readable(theta, K, d)
+        return FeedForward(within, omega, reachable, P, u, Moved(*moved.tolist()))
 
 
 class Workings(NamedTuple):

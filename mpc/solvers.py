@@ -58,9 +58,10 @@ def daqp(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
 _ACTIVE, _AT_LOWER = 1, 2  # bits of DAQP's marks
 
 
-def _marks(guess: Array) -> NDArray[np.intc]:
+def _marks(guess: NDArray[Any]) -> NDArray[np.intc]:
     """DAQP's marks of the limits that are guessed to bind: those with multipliers."""
-    return _ACTIVE * (guess != 0).astype(np.intc) + _AT_LOWER * (guess < 0).astype(np.intc)
+    marks: NDArray[np.intc] = _ACTIVE * (guess != 0).astype(np.intc) + _AT_LOWER * (guess < 0).astype(np.intc)
+    return marks
 
 
 def _through_qpsolvers(name: str) -> Solver:

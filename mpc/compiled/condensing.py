@@ -22,7 +22,7 @@ def condensed(path: Path, errors: Errors, cost: Cost, starts: Any) -> tuple[Arra
 
 
 @inlined
-def moved_columns(starts: Any, N: int) -> Array:
+def moved_columns(starts: Any, N: int) -> Any:
     """How many decisions move the commands u_k, k = 0 … N-1."""
     columns = np.zeros(N, np.int64)
     moving = 0
@@ -34,7 +34,7 @@ def moved_columns(starts: Any, N: int) -> Array:
 
 
 @inlined
-def unrolled(path: Path, columns: Array, n: int) -> Array:
+def unrolled(path: Path, columns: Any, n: int) -> Array:
     """G (N+1, 4, n) = ∂x/∂z: the linear model unrolled; only the columns that have begun to move are filled."""
     N = columns.size
     G = np.zeros((N + 1, 4, n))
@@ -50,7 +50,7 @@ def unrolled(path: Path, columns: Array, n: int) -> Array:
 
 
 @inlined
-def hessian(path: Path, G: Array, cost: Cost, starts: Any, columns: Array) -> Array:
+def hessian(path: Path, G: Array, cost: Cost, starts: Any, columns: Any) -> Array:
     """H by adjoints: W_k = ∂²(cost from k on)/∂x_k∂z, and a change counts in all commands from its own on."""
     N, n = columns.size, G.shape[2]
     H, W, row = np.empty((n, n)), np.zeros((4, n)), np.zeros((2, n))

@@ -103,8 +103,9 @@ def _coefficients(joint: AntagonistJoint) -> dict[str, Any]:
     if law_of(joint).name != "affine":
         return {}
     theta = ca.SX.sym("theta")
-    sides = [ca.SX(value) for side in coefficients(joint, theta) for value in side]
-    return {"coefficients": ca.Function("coefficients", [theta], ca.cse([ca.densify(ca.vertcat(*sides))]))}
+    sides: list[Any] = [ca.SX(value) for side in coefficients(joint, theta) for value in side]
+    both: Any = ca.densify(ca.vertcat(*sides))
+    return {"coefficients": ca.Function("coefficients", [theta], ca.cse([both]))}
 
 
 def _with_law(law: str) -> str:

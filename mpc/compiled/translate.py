@@ -13,9 +13,11 @@ import numpy as np
 
 from allocator.calculus import Array
 
+_LONGEST = 1500  # operations that numba compiles in bearable time
+
 
 class Untranslatable(ValueError):
-    """An operation of the graph has no counterpart among the translated ones."""
+    """An operation of the graph has no counterpart among the translated ones, or there are too many."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +33,13 @@ def translated(name: str, function: Any, first: int = 0) -> Source:
 
     Its numbers are c[first], c[first + 1], …
     """
+    if function.n_instructions() > _LONGEST:
+        raise Untranslatable(f"{name} takes {function.n_instructions()} operations")
     kinds = _operations()
     values: dict[int, str | float] = {}  # what CasADi's work vector holds: an expression, or a number
-    results, body, numbers = {}, [], []
+    results: dict[tuple[int, ...], str] = {}
+    body: list[str] = []
+    numbers: list[float] = []
 
     def operand(i: int) -> str:
         """Where it is used, a number is named: sharing one among those that happen to be equal would be structure."""
