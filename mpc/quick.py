@@ -40,7 +40,7 @@ class QuickImprover:
         from mpc.compiled import answers
         from mpc.compiled.memory import flat, given_in, lengths
 
-        functions, c, _, substeps = law
+        functions, c, _, substeps = self._made_from = law
         self._law, self._answers, self._problem = functions, answers, problem
         N, n = sum(problem.blocks), NU * len(problem.blocks)
         given, memory = map(np.zeros, lengths(N))
@@ -52,6 +52,12 @@ class QuickImprover:
         self._no_rows, self._no_bounds = np.zeros((0, n)), np.zeros(0)
         self._guess = np.zeros(n, np.int8)  # sign of the multipliers
         self._compile()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "QuickImprover":
+        """With memory of its own."""
+        other = QuickImprover(self._made_from, self._problem)
+        other._guess[:] = self._guess
+        return other
 
     def _compile(self) -> None:
         """Now, and not when the joint is waiting for its first command."""
@@ -75,20 +81,22 @@ class QuickImprover:
         self._take(x, u, d, feed, before)
         self._law.prepare(*self._all)
         clock.append(perf_counter())
-        outcome, z = self._answers.REFUSED, None
+        outcome, z, found, box = self._answers.REFUSED, None, None, None
         if solve is daqp:
             outcome, z = self._answers.settle(*self._rest, self._guess, _SWEEPS)
-        qp = None if outcome == self._answers.SOLVED else self._posed()
+        if outcome != self._answers.SOLVED:
+            box = self._posed()
         clock.append(perf_counter())
-        if outcome == self._answers.REFUSED and qp is not None:
-            z = self._solved(qp, solve, deadline)
-        motion = None if z is None or outcome == self._answers.ROWS else self._marched(z)
+        if outcome == self._answers.REFUSED and box is not None:
+            found = _Once(solve, box, deadline)
+            outcome, z = self._judged(box, found.first)
+        motion = self._marched(z) if z is not None and outcome == self._answers.SOLVED else None
         clock.append(perf_counter())
         if motion is None or clock[-1] > deadline:
             self.reset()
-            return self._whole(self._posed() if qp is None else qp, before, solve, deadline, clock)
+            return self._whole(box or self._posed(), before, found or solve, deadline, clock)
         self._guess[:-NU] = self._guess[NU:]  # what binds at the next sample is what binds now, one block earlier
-        return Improvement(PlanStatus.OPTIMAL, motion.u, motion, qp, _between(clock))
+        return Improvement(PlanStatus.OPTIMAL, motion.u, motion, box, _between(clock))
 
     def _take(self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before) -> None:
         given, wish = self._given, self._given.wish
@@ -99,17 +107,15 @@ class QuickImprover:
         """The QP without slacks and rows."""
         return QP(*self._answers.pose(*self._rest), self._no_rows, self._no_bounds, self._no_bounds, self._guess.copy())
 
-    def _solved(self, qp: QP, solve: Solver, deadline: float) -> Array | None:
-        """The solver's answer to it, if it is proved and breaks no row."""
-        found = solve(qp, deadline - perf_counter())
+    def _judged(self, box: QP, found: tuple[Array, Array] | None) -> tuple[int, Array | None]:
+        """Whether the solver's answer is proved and breaks no row."""
         if found is None:
-            return None
+            return self._answers.REFUSED, None
         numbers, starts, _, _, memory = self._rest
-        outcome = self._answers.judge(numbers, starts, memory, qp.H, qp.f, qp.lower, qp.upper, *found)
-        if outcome != self._answers.SOLVED:
-            return None
-        self._guess[:] = np.sign(found[1])
-        return found[0]
+        outcome = self._answers.judge(numbers, starts, memory, box.H, box.f, box.lower, box.upper, *found)
+        if outcome == self._answers.SOLVED:
+            self._guess[:] = np.sign(found[1])
+        return outcome, found[0]
 
     def _marched(self, z: Array) -> Motion | None:
         """What `z` leads to, if that is finite."""
@@ -137,6 +143,22 @@ class QuickImprover:
         return rows(numbers, starts, memory)
 
 
+class _Once:
+    """A solver that has answered the QP without rows already, and is not asked the same again."""
+
+    def __init__(self, solve: Solver, box: QP, deadline: float) -> None:
+        self.first, self._solve, self._again = solve(box, deadline - perf_counter()), solve, False
+
+    def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
+        if self._again or len(qp.R):
+            return self._solve(qp, limit)
+        self._again = True
+        if self.first is None:
+            return None
+        z, multipliers = self.first
+        return np.append(z, SLACKS * [0.0]), np.append(multipliers, -qp.f[-SLACKS:])  # the slacks stay at their bounds
+
+
 def _between(clock: list[float]) -> tuple[float, float, float]:
     linearising, condensing, solving = (after - before for before, after in pairwise(clock))
     return linearising, condensing, solving
@@ -152,6 +174,10 @@ class QuickFeedForward:
         self._fixed = law.c, law.p, np.array([*physics, readable.min_force]), *(D.T.copy() for D in readable.slopes)
         rest = np.zeros(len(readable.slopes[0]))
         self(rest, rest + 1.0, rest)  # compiles it
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "QuickFeedForward":
+        """Itself: nothing in it changes."""
+        return self
 
     def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:
         """For the previews `theta` [rad] and `K` [N·m/rad] under the torques `d` [N·m], all (N+1,), writable rows."""

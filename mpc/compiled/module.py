@@ -84,8 +84,8 @@ def _functions(plant: Plant, h: float) -> dict[str, Any]:
     import casadi as ca
 
     x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
-    after = integrated(lambda x: ca.vertcat(*plant.rate(x, BAR * u, d)), x, h, 1)
-    y = ca.vertcat(plant.stiffness(x), *plant.forces(x))
+    after: Any = integrated(lambda x: ca.vertcat(*plant.rate(x, BAR * u, d)), x, h, 1)
+    y: Any = ca.vertcat(plant.stiffness(x), *plant.forces(x))
     slopes = [ca.densify(ca.jacobian(after, v)) for v in (x, u)]
     return {
         "stage": ca.Function("stage", [x, u, d], ca.cse([after, *slopes])),
@@ -104,8 +104,8 @@ def _coefficients(joint: AntagonistJoint) -> dict[str, Any]:
         return {}
     theta = ca.SX.sym("theta")
     sides: list[Any] = [ca.SX(value) for side in coefficients(joint, theta) for value in side]
-    both: Any = ca.densify(ca.vertcat(*sides))
-    return {"coefficients": ca.Function("coefficients", [theta], ca.cse([both]))}
+    both: Any = ca.cse([ca.densify(ca.vertcat(*sides))])
+    return {"coefficients": ca.Function("coefficients", [theta], both)}
 
 
 def _with_law(law: str) -> str:

@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from copy import deepcopy
 from time import perf_counter
 
 import casadi as ca
@@ -269,6 +270,18 @@ def test_the_compiled_feed_forward_is_the_readable_one(name, joints):
             for field in ("theta", "omega", "K", "P", "u", "moved"):
                 wanted = np.asarray(getattr(other, field))
                 np.testing.assert_allclose(getattr(one, field), wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_a_copy_of_a_controller_goes_its_own_way(case):
+    mpc = TrackingMPC(case.plant, case.dt, N=sum(case.problem.blocks))
+    x, theta, K = case.x, float(case.theta[0]), float(case.K[0])
+    mpc.step(x, theta, K)
+    other = deepcopy(mpc)
+    wanted = mpc.step(x, theta + 0.05, K).u
+    other.step(x, theta, K)
+    mpc.reset()
+    mpc.step(x, theta, K)
+    np.testing.assert_allclose(mpc.step(x, theta + 0.05, K).u, wanted, atol=1e-6 * BAR)
 
 
 # --- without ----------------------------------------------------------------------------------------------------------
