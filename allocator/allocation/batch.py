@@ -87,7 +87,8 @@ def run(
 ) -> tuple[Any, ...] | None:
     """(P1, P2, T, K, status, limits, local), each (n,); None where a target is odd: not a target at all, or degrees."""
     n = targets.theta.size
-    out: tuple[Any, ...] = *map(np.empty, (n,) * 4), np.empty(n, np.int8), np.empty(n, np.int32), np.empty(n, bool)
+    # one block of memory for four arrays: the larger, the sooner it comes in large pages
+    out: tuple[Any, ...] = *np.empty((4, n)), np.empty(n, np.int8), np.empty(n, np.int32), np.empty(n, bool)
     forces = tuple(None if F is None else float(F) for F in (question.min_force, question.max_force))
 
     def piece(i: int, j: int) -> tuple[int, int]:
@@ -108,13 +109,19 @@ def run(
 
 
 def _pieces(work: Callable[[int, int], tuple[int, int]], n: int, size: int) -> list[tuple[int, int]]:
-    """`work` on all of 0 … n in pieces, by several threads where it pays."""
-    workers = threads()
-    starts = range(0, n, size)
-    if n < _PARALLEL or workers == 1:
+    """`work` on all of 0 … n in pieces; where it pays other threads help, taking pieces as long as there are any."""
+    starts = iter(range(0, n, size))
+
+    def drain() -> list[tuple[int, int]]:
         return [work(i, min(i + size, n)) for i in starts]
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(lambda i: work(i, min(i + size, n)), starts))
+
+    helpers = threads() - 1 if n >= _PARALLEL else 0
+    if helpers < 1:
+        return drain()
+    with ThreadPoolExecutor(helpers) as pool:
+        waiting = [pool.submit(drain) for _ in range(helpers)]
+        counts = drain()
+        return counts + [count for other in waiting if not other.cancel() for count in other.result()]
 
 
 def _refer(question: Question, where: Mask, found: tuple[Any, ...], local: Mask) -> None:

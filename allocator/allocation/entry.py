@@ -12,7 +12,6 @@ from allocator.allocation.assessment import OPTIMISER, Assessment, assess, asses
 from allocator.allocation.covariance import with_covariance
 from allocator.allocation.friction import checked_direction, with_friction
 from allocator.allocation.problem import Priority, Problem
-from allocator.allocation.question import Question
 from allocator.allocation.result import Allocation, shaped
 from allocator.allocation.status import Status
 from allocator.calculus import Array, Value
@@ -97,9 +96,14 @@ def allocate(
         For an unknown method or solver; the message lists the ones there are.
     """
     joint = report_joint() if joint is None else joint
-    ordinary = method == "exact" and uncertainty is None and type(direction) is int and direction == 0
-    if ordinary and _nothing_more(solver, weights, min_cocontraction, stiffness_tolerance, pull, reference):
-        question = Question(joint, theta, K, T, priority, min_force, max_force, previous, max_step)
+    if (
+        method == "exact"
+        and solver is weights is min_cocontraction is reference is uncertainty is None  # type: ignore[comparison-overlap]  # all None
+        and type(direction) is int
+        and type(pull) is type(stiffness_tolerance) is float
+        and direction == pull == stiffness_tolerance == 0
+    ):
+        question = joint, theta, K, T, priority, min_force, max_force, previous, max_step  # a tuple is quicker
         if (found := quick.answer(question)) is not None:
             return found
     if method not in METHODS:
@@ -142,11 +146,6 @@ def allocate(
     if not (joint.friction and s.any()):
         return answer(problem)
     return with_friction(answer, problem, np.broadcast_to(s, asked.shape).ravel())
-
-
-def _nothing_more(*options: Any) -> bool:
-    """Whether these options, which the kernels do not know, all are as by default: None or 0.0."""
-    return all(option is None or (type(option) is float and option == 0.0) for option in options)
 
 
 def _exact(problem: Problem, asked: Array) -> Allocation:

@@ -6,8 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.allocation.joint_numbers import AffineNumbers, TonduNumbers
-from allocator.calculus import Array, Value
+from allocator.calculus import Array, Value, derivative
 from allocator.joint import AntagonistJoint
+from allocator.muscles import AffineMuscle
+from allocator.side import Side
 
 Kernel = Callable[..., Any]
 
@@ -24,15 +26,8 @@ class Law(NamedTuple):
     right: float
 
 
-class Kind(NamedTuple):
-    """What a kernel is compiled for: the law, which limits there are, and the priority."""
-
-    name: str
-    taut: bool
-    ceiling: bool
-    slew: bool
-    stiffness_first: bool | None
-
+Kind = tuple[str, bool, bool, bool, bool | None]
+"""What a kernel is compiled for: the law; whether there is a least, a greatest force, a slew limit; priority."""
 
 _laws: dict[int, Law] = {}  # by the joint's id; a Law holds its joint, so that the id stays taken
 
@@ -56,16 +51,17 @@ def _law(joint: AntagonistJoint) -> Law:
 
 def coefficients(joint: AntagonistJoint, theta: Value) -> list[tuple[Value, ...]]:
     """(A, B, a, k', k0) of both affine muscles at angles in the joint range, as `kernels.affine_exact` takes them."""
-    return [
-        (
-            side.muscle.gain(0.0, side.contraction),
-            side.muscle.force(0.0, side.contraction),
-            side.arm,
-            side.stiffness_gain(0.0),
-            side.stiffness(0.0),
-        )
-        for side in joint.sides(theta)
-    ]
+    return [_coefficients(side) for side in joint.sides(theta)]
+
+
+def _coefficients(side: Side) -> tuple[Value, ...]:
+    """As `side` has them, but A, B and their derivatives are evaluated once."""
+    muscle, eps = side.muscle, side.contraction
+    assert isinstance(muscle, AffineMuscle)
+    A, B = muscle.gain(0.0, eps), muscle.force(0.0, eps)
+    elastic, geometric = -(side.arm**2) / side.rest_length, -side.sign * side.arm_slope
+    k1 = elastic * muscle.gain_slope(0.0, eps) + geometric * A
+    return A, B, side.arm, k1, elastic * derivative(muscle.B, eps) + geometric * B
 
 
 def arrays(values: tuple[Value, ...], n: int) -> tuple[Array, ...]:

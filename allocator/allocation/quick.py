@@ -10,6 +10,7 @@ implementation until so many targets have come that a compilation (a second or t
 """
 
 from collections import Counter
+from collections.abc import Iterable
 from math import inf, pi
 from typing import Any
 
@@ -20,11 +21,12 @@ from allocator.allocation.batch import LIKE_BAR, Targets, run
 from allocator.allocation.compiled import kernel
 from allocator.allocation.laws import Kernel, Kind, Law, coefficients, law_of
 from allocator.allocation.question import Question
-from allocator.allocation.result import Allocation, shaped
+from allocator.allocation.result import Allocation, from_fields, shaped
 from allocator.allocation.status import Status
 from allocator.joint import AntagonistJoint, report_joint
 
 _TURN = 2 * pi
+_HUGE = 1e300
 _PAYS = 100_000  # targets in arrays that take the readable implementation about as long as a compilation
 _FIRST = {"torque": None, "stiffness": True}  # priority → `stiffness_first` of the kernels
 _STATUS = tuple(Status)
@@ -36,46 +38,43 @@ _batches: dict[Kind, Kernel] = {}  # compiled
 _came: Counter[Kind] = Counter()  # targets in arrays that were not answered by compiled code
 
 
-def answer(question: Question) -> Allocation | None:
-    """The allocation, or None where the short cut does not lead."""
-    joint, theta, K, T, priority, min_force, max_force, _, max_step = question
+def answer(question: tuple[Any, ...]) -> Allocation | None:
+    """The allocation, or None where the short cut does not lead; takes the fields of a `Question`."""
+    joint, theta, K, T, priority, min_force, max_force, previous, max_step = question
     law = law_of(joint)
-    if not law.name or priority not in _FIRST or not _forces_fine(min_force, max_force):
+    if not law.name or type(priority) is not str or priority not in _FIRST:
         return None
-    kind = Kind(law.name, min_force is not None, max_force is not None, max_step is not None, _FIRST[priority])
-    if type(theta) in _NUMBERS and type(K) in _NUMBERS and type(T) in _NUMBERS:
-        return _scalar(question, law, kind)
-    return _batch(question, law, kind)
-
-
-_NUMBERS = frozenset((float, int, np.float64))
-
-
-def _forces_fine(low: Any, high: Any) -> bool:
-    if low is not None and not (type(low) in _NUMBERS and 0 <= low < inf):
-        return False
-    return high is None or (type(high) in _NUMBERS and (low or 0.0) < high < inf)
-
-
-def _scalar(question: Question, law: Law, kind: Kind) -> Allocation | None:
-    joint, theta, K, T, _, min_force, max_force, previous, max_step = question
-    if not (-_TURN <= theta <= _TURN and 0 < K < inf and -inf < T < inf):
+    if not ((max_force is None and type(min_force) is float and 0 <= min_force < inf) or _fine(min_force, max_force)):
+        return None
+    kind = law.name, min_force is not None, max_force is not None, max_step is not None, _FIRST[priority]
+    if not type(theta) is type(K) is type(T) is float:
+        if not (type(theta) in _NUMBERS and type(K) in _NUMBERS and type(T) in _NUMBERS):
+            return _batch(Question(*question), law, kind)
+        theta, K, T = (_HUGE if abs(x) > _HUGE else float(x) for x in (theta, K, T))
+    if not (-_TURN <= theta <= _TURN and 0 < K < _HUGE and -_HUGE < T < _HUGE):
         return None
     P1_now = P2_now = None
     if previous is not None or max_step is not None:
         if not _slew_fine(previous, max_step):
             return None
         P1_now, P2_now, max_step = float(previous[0]), float(previous[1]), float(max_step)
-    theta, K, T = float(theta), float(K), float(T)
-    least, most = None if min_force is None else float(min_force), None if max_force is None else float(max_force)
-    limits = least, most, P1_now, P2_now, max_step, kind.stiffness_first
-    exact = _scalars.get(kind) or _PLAIN[kind.name]
-    if kind.name == "tondu":
-        found = exact(theta, K, T, law.p, *limits)
-    else:
-        one, two = coefficients(joint, min(max(theta, law.left), law.right))
-        found = exact(theta, K, T, tuple(map(float, one)), tuple(map(float, two)), law.p, *limits)
+    exact = _scalars.get(kind) or _PLAIN[law.name]
+    sides: Iterable[Any] = ()
+    if law.name == "affine":
+        sides = (tuple(map(float, c)) for c in coefficients(joint, min(max(theta, law.left), law.right)))
+    found = exact(theta, K, T, *sides, law.p, min_force, max_force, P1_now, P2_now, max_step, kind[4])
     return _allocation(question, theta, K, T, found) if found[6] else None
+
+
+_FLOATS = frozenset((float, np.float64))
+_NUMBERS = frozenset((*_FLOATS, int))
+
+
+def _fine(low: Any, high: Any) -> bool:
+    """Whether these are limits of forces, as floats."""
+    if low is not None and not (type(low) in _FLOATS and 0 <= low < inf):
+        return False
+    return high is None or (type(high) in _FLOATS and (low or 0.0) < high < inf)
 
 
 def _slew_fine(previous: Any, max_step: Any) -> bool:
@@ -89,9 +88,9 @@ def _slew_fine(previous: Any, max_step: Any) -> bool:
     return bool(total == 0 or max(abs(P1), abs(P2)) > LIKE_BAR) and total < inf and LIKE_BAR < max_step < inf
 
 
-def _allocation(question: Question, theta: float, K: float, T: float, found: tuple[Any, ...]) -> Allocation:
+def _allocation(question: tuple[Any, ...], theta: float, K: float, T: float, found: tuple[Any, ...]) -> Allocation:
     P1, P2, T_given, K_given, status, limits, _ = found
-    return Allocation.from_fields(
+    return from_fields(
         {
             "theta": theta,
             "T_target": T,
@@ -115,12 +114,12 @@ def _batch(question: Question, law: Law, kind: Kind) -> Allocation | None:
     targets = Targets.of(question.theta, question.K, question.T, question.previous, question.max_step)
     if targets is None or (compiled := _paid(kind, targets.theta.size)) is None:
         return None
-    found = run(compiled, question, targets, law, kind.stiffness_first)
+    found = run(compiled, question, targets, law, kind[4])
     if found is None:
         return None
     fields = ("theta", "T_target", "K_target", "P1", "P2", "T", "K", "status", "limits", "local")
     flat = (targets.theta, targets.T, targets.K, *found)
-    return Allocation.from_fields(
+    return from_fields(
         {name: shaped(array, targets.shape) for name, array in zip(fields, flat, strict=True)}
         | {"method": "exact", "iterations": None, "_source": question, "_shape": targets.shape}
     )
@@ -131,7 +130,7 @@ def _paid(kind: Kind, n: int) -> Kernel | None:
     if (compiled := _batches.get(kind)) is not None:
         return compiled
     _came[kind] += n
-    if _came[kind] < _PAYS or (compiled := kernel(f"{kind.name}_batch")) is None:
+    if _came[kind] < _PAYS or (compiled := kernel(f"{kind[0]}_batch")) is None:
         return None
     return _batches.setdefault(kind, compiled)
 
@@ -152,9 +151,9 @@ def warm_up(
     """
     joint = report_joint() if joint is None else joint
     law = law_of(joint)
-    if not law.name or priority not in _FIRST or not _forces_fine(min_force, max_force):
+    if not law.name or priority not in _FIRST or not _fine(min_force, max_force):
         return False
-    kind = Kind(law.name, min_force is not None, max_force is not None, slew, _FIRST[priority])
+    kind = law.name, min_force is not None, max_force is not None, slew, _FIRST[priority]
     one, many = kernel(f"{law.name}_exact"), kernel(f"{law.name}_batch")
     if one is None or many is None:
         return False

@@ -5,7 +5,7 @@ Everything here is computed from the pressures themselves; nothing is taken from
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,19 +39,12 @@ class Allocation:
     local: Any  # True where the answer is only proved to be a local optimum
     method: str
     iterations: Any  # of an optimising method, else None
-    _source: Problem | Question = field(repr=False)
+    _source: Problem | tuple[Any, ...] = field(repr=False)  # or the fields of a `Question`, made a problem when asked
     _shape: tuple[int, ...] = field(repr=False)
-
-    @classmethod
-    def from_fields(cls, fields: dict[str, Any]) -> Self:
-        """From all fields by name, several times as fast as a frozen dataclass is made by its constructor."""
-        allocation = object.__new__(cls)
-        object.__setattr__(allocation, "__dict__", fields)
-        return allocation
 
     @cached_property
     def _problem(self) -> Problem:
-        return self._source if isinstance(self._source, Problem) else self._source.problem()
+        return self._source if isinstance(self._source, Problem) else Question(*self._source).problem()
 
     @property
     def success(self) -> Any:
@@ -142,6 +135,13 @@ class Allocation:
         return shaped(first, self._shape), shaped(second, self._shape)
 
 
+def from_fields(fields: dict[str, Any]) -> Allocation:
+    """An `Allocation` from all its fields by name: the constructor of a frozen dataclass takes five times as long."""
+    allocation = object.__new__(Allocation)
+    object.__setattr__(allocation, "__dict__", fields)
+    return allocation
+
+
 def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
     """The flat array in the shape of the targets, read-only; a Python scalar for shape ()."""
     if not shape:
@@ -175,4 +175,4 @@ def _sentence(a: Allocation) -> str:
     return sentence + ("; only a local optimum is proved here" if a.local else "")
 
 
-__all__ = ["Allocation", "shaped"]
+__all__ = ["Allocation", "from_fields", "shaped"]

@@ -1,4 +1,7 @@
-"""Ratios of times, measured in turns so that what else the machine does falls on both."""
+"""Ratios of times, measured in turns so that what else the machine does falls on both.
+
+The time is the processor's, which does not run while others have the processor; the wall's where threads are compared.
+"""
 
 import time
 from collections.abc import Callable
@@ -33,12 +36,12 @@ class Measurement:
         return bool(self.ratio < self.floor)
 
 
-def seconds(work: Work, repeats: int = 1) -> float:
+def seconds(work: Work, repeats: int = 1, clock: Callable[[], float] = time.process_time) -> float:
     """One measurement of the time that `work` takes."""
-    start = time.perf_counter()
+    start = clock()
     for _ in range(repeats):
         work()
-    return (time.perf_counter() - start) / repeats
+    return (clock() - start) / repeats
 
 
 def versus(
@@ -55,10 +58,13 @@ def versus(
     wanted: float = nan,
     floor: float = nan,
     note: str = "",
+    clock: Callable[[], float] = time.process_time,
 ) -> Measurement:
     """`work` against `other` in turns; `units`: how many of the unit each does at once."""
     work(), other()
-    times = np.array([[seconds(work, repeats[0]), seconds(other, repeats[1])] for _ in range(rounds)]) / units
+    times = (
+        np.array([[seconds(work, repeats[0], clock), seconds(other, repeats[1], clock)] for _ in range(rounds)]) / units
+    )
     low, ratio, high = np.quantile(times[:, 1] / times[:, 0], (0.25, 0.5, 0.75))
     mine, theirs = np.median(times, axis=0)
     return Measurement(part, what, mine, unit, rival, theirs, ratio, low, high, wanted, floor, note)

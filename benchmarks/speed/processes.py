@@ -3,25 +3,21 @@
 import os
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Iterator
 from tempfile import TemporaryDirectory
-from time import perf_counter
 
 import numpy as np
 
+from benchmarks.speed.allocation import answers
 from benchmarks.speed.clock import Measurement
+from benchmarks.speed.targets import Targets
+from benchmarks.speed.truth import BenchmarkFailure
 
 PART = "processes"
+ANSWER = 38  # [B] P1, P2, T, K; status, local; limits
 BATCH = "import numpy as np; from allocator import allocate; allocate(np.linspace(-1, 1, {n}), 7.5, 1.0)"
 SINGLE = "from allocator import allocate; allocate(0.3, 7.5, 1.0)"
-MEMORY = """
-import numpy as np, resource
-from allocator import allocate, warm_up
-peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-theta = np.linspace(-1, 1, {n}); K, T = np.full({n}, 7.5), np.ones({n})
-warm_up(); allocate(theta[:300_000], K[:300_000], T[:300_000]); before = peak()
-a = allocate(theta, K, T); print((peak() - before) / {n})
-"""
 
 
 def measure(light: bool) -> Iterator[Measurement]:
@@ -44,20 +40,30 @@ def measure(light: bool) -> Iterator[Measurement]:
             del os.environ["NUMBA_CACHE_DIR"]
             if kept is not None:
                 os.environ["NUMBA_CACHE_DIR"] = kept
-    if not light:
-        for n in (1_000_000, 10_000_000):
-            done = subprocess.run(
-                [sys.executable, "-c", MEMORY.format(n=n)], capture_output=True, text=True, check=True
-            )
-            note = f"{float(done.stdout):.0f} B a target more at the peak; the answers take 39 B"
-            yield Measurement(PART, f"memory of a batch of 1e{len(str(n)) - 1}", np.nan, "target", note=note)
+    for n in (10**6,) if light else (10**6, 10**7):
+        yield memory(n)
+
+
+def memory(n: int) -> Measurement:
+    """What `allocate` has in memory at the most, beyond its arguments."""
+    targets = Targets(n)
+    answers(targets)
+    tracemalloc.start()
+    answers(targets)
+    peak = tracemalloc.get_traced_memory()[1] / n
+    tracemalloc.stop()
+    if peak > 2 * ANSWER:
+        raise BenchmarkFailure(f"memory: {peak:.0f} B a target, where the answer takes {ANSWER} B")
+    note = f"{peak:.1f} B a target at the peak; the answer takes {ANSWER} B"
+    return Measurement(PART, f"memory of a batch of 1e{len(str(n)) - 1}", np.nan, "target", note=note)
 
 
 def run(code: str) -> float:
-    """Seconds of a fresh process."""
-    start = perf_counter()
+    """Processor time of a fresh process [s]."""
+    before = os.times()
     subprocess.run([sys.executable, "-c", code], check=True)
-    return perf_counter() - start
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system
 
 
 def times(code: str, rounds: int) -> np.ndarray:

@@ -56,8 +56,9 @@ LIMITATIONS = (
     "better start they would need fewer iterations; a compiled formulation of their own would cost less a call.",
     "The C reference has the same formulas and one thread, and the flags that gcc needs to vectorise them. Other "
     "compilers, or intrinsics, may do better.",
-    "The second thread gains little where memory is the limit.",
-    "Half of the time of a large batch is new memory for the answers.",
+    "What two threads gain depends on what else wants the second processor: hashing by two threads, measured beside "
+    "it, shows how much there was to gain.",
+    "Times are the processor's, except where threads are compared; on an idle machine they are the wall's.",
 )
 
 

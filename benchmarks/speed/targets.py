@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator import AntagonistJoint, report_joint
+from allocator.limits import names
 from allocator.units import BAR
 
 Array = NDArray[np.float64]
@@ -49,3 +50,6 @@ class Targets:
     def rows(self) -> list[tuple[float, float, float]]:
         """The same, one target after the other."""
         return list(zip(*(x.tolist() for x in self.arrays), strict=True))
+
+
+__all__ = ["Answers", "Array", "Targets", "names"]
