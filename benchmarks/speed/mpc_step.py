@@ -20,7 +20,7 @@ from mpc.qp import QP
 from mpc.simulation import Controller
 from mpc.solvers import solver
 
-PART = "mpc"
+PART = "control"
 CLOSE = 2e-3 * BAR  # [Pa] two first commands this near are the same
 Maker = Callable[[Plant, int], Controller]
 

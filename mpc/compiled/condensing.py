@@ -53,21 +53,19 @@ def unrolled(path: Path, columns: Any, n: int) -> Array:
 def hessian(path: Path, G: Array, cost: Cost, starts: Any, columns: Any) -> Array:
     """H by adjoints: W_k = ∂²(cost from k on)/∂x_k∂z, and a change counts in all commands from its own on."""
     N, n = columns.size, G.shape[2]
-    H, W, row = np.empty((n, n)), np.zeros((4, n)), np.zeros((2, n))
-    P = cost.end
-    for i in range(4):
-        for j in range(n):
-            W[i, j] = P[i, 4 + j % 2]
+    H, row, W = np.empty((n, n)), np.empty((2, n)), np.empty((4, n))
+    for j in range(n):
+        for i in range(6):
+            end = cost.end[i, 4 + j % 2]
             for m in range(4):
-                W[i, j] += P[i, m] * G[N, m, j]
-    for i in range(2):
-        for j in range(n):
-            row[i, j] = P[4 + i, 4 + j % 2]
-            for m in range(4):
-                row[i, j] += P[4 + i, m] * G[N, m, j]
+                end += cost.end[i, m] * G[N, m, j]
+            if i < 4:
+                W[i, j] = end
+            else:
+                row[i - 4, j] = end
     block = starts.size - 1
     for k in range(N - 1, -1, -1):
-        A, B, g, C = path.A[k], path.B[k], G[k], path.slope[k, 0]
+        B = path.B[k]
         for i in range(2):
             for j in range(columns[k]):
                 row[i, j] += B[0, i] * W[0, j] + B[1, i] * W[1, j] + B[2, i] * W[2, j] + B[3, i] * W[3, j]
@@ -77,20 +75,25 @@ def hessian(path: Path, G: Array, cost: Cost, starts: Any, columns: Any) -> Arra
             for i in range(2):
                 at = 2 * block + i
                 for j in range(columns[k]):
-                    H[at, j] = row[i, j]
-                    H[j, at] = row[i, j]
+                    H[at, j], H[j, at] = row[i, j], row[i, j]
             H[2 * block, 2 * block] += cost.change
             H[2 * block + 1, 2 * block + 1] += cost.change
             block -= 1
         if k > 0:
-            for j in range(columns[k - 1]):
-                w0, w1, w2, w3 = W[0, j], W[1, j], W[2, j], W[3, j]
-                K = cost.K * (C[0] * g[0, j] + C[1] * g[1, j] + C[2] * g[2, j] + C[3] * g[3, j])
-                W[0, j] = A[0, 0] * w0 + A[1, 0] * w1 + A[2, 0] * w2 + A[3, 0] * w3 + cost.theta * g[0, j] + K * C[0]
-                W[1, j] = A[0, 1] * w0 + A[1, 1] * w1 + A[2, 1] * w2 + A[3, 1] * w3 + cost.omega * g[1, j] + K * C[1]
-                W[2, j] = A[0, 2] * w0 + A[1, 2] * w1 + A[2, 2] * w2 + A[3, 2] * w3 + K * C[2]
-                W[3, j] = A[0, 3] * w0 + A[1, 3] * w1 + A[2, 3] * w2 + A[3, 3] * w3 + K * C[3]
+            earlier(W, path.A[k], path.slope[k, 0], G[k], cost, columns[k - 1])
     return H
+
+
+@inlined
+def earlier(W: Array, A: Array, C: Array, g: Array, cost: Cost, columns: int) -> None:
+    """From W_{k+1} to W_k = Q_k G_k + A_kᵀ W_{k+1}, Q_k the cost of the state's errors."""
+    for j in range(columns):
+        w0, w1, w2, w3 = W[0, j], W[1, j], W[2, j], W[3, j]
+        K = cost.K * (C[0] * g[0, j] + C[1] * g[1, j] + C[2] * g[2, j] + C[3] * g[3, j])
+        W[0, j] = A[0, 0] * w0 + A[1, 0] * w1 + A[2, 0] * w2 + A[3, 0] * w3 + cost.theta * g[0, j] + K * C[0]
+        W[1, j] = A[0, 1] * w0 + A[1, 1] * w1 + A[2, 1] * w2 + A[3, 1] * w3 + cost.omega * g[1, j] + K * C[1]
+        W[2, j] = A[0, 2] * w0 + A[1, 2] * w1 + A[2, 2] * w2 + A[3, 2] * w3 + K * C[2]
+        W[3, j] = A[0, 3] * w0 + A[1, 3] * w1 + A[2, 3] * w2 + A[3, 3] * w3 + K * C[3]
 
 
 @compiled

@@ -89,32 +89,13 @@ def backward(
     path: Path, errors: Errors, cost: Cost, v: Array, held: Any, rows: Array, D: Array, g: Array, law: Array
 ) -> None:
     """For each k: `rows` = [W_wx W_ww], D, g, and the law v = law (ξ, 1) of the optimal changes."""
-    N = v.shape[0]
-    S, M, SA = cost.end.copy(), np.empty((6, 6)), np.empty((6, 6))  # of V_{k+1}, of W_k
-    s, m = np.zeros(6), np.empty(6)
+    S, s, M, m = cost.end.copy(), np.zeros(6), np.empty((6, 6)), np.empty(6)  # of V_{k+1}, of W_k
     for i in range(6):
         for j in range(6):
             s[i] += cost.end[i, j] * errors.end[j]
-    for k in range(N - 1, -1, -1):
-        A, B, C = path.A[k], path.B[k], path.slope[k, 0]
-        for i in range(6):  # S [A B; 0 I]
-            for j in range(4):
-                SA[i, j] = S[i, 0] * A[0, j] + S[i, 1] * A[1, j] + S[i, 2] * A[2, j] + S[i, 3] * A[3, j]
-            for j in range(2):
-                SA[i, 4 + j] = (
-                    S[i, 4 + j] + S[i, 0] * B[0, j] + S[i, 1] * B[1, j] + S[i, 2] * B[2, j] + S[i, 3] * B[3, j]
-                )
-        for j in range(6):  # [A B; 0 I]ᵀ of that
-            for i in range(4):
-                M[i, j] = A[0, i] * SA[0, j] + A[1, i] * SA[1, j] + A[2, i] * SA[2, j] + A[3, i] * SA[3, j]
-            for i in range(2):
-                M[4 + i, j] = (
-                    SA[4 + i, j] + B[0, i] * SA[0, j] + B[1, i] * SA[1, j] + B[2, i] * SA[2, j] + B[3, i] * SA[3, j]
-                )
-        for i in range(4):
-            m[i] = A[0, i] * s[0] + A[1, i] * s[1] + A[2, i] * s[2] + A[3, i] * s[3]
+    for k in range(v.shape[0] - 1, -1, -1):
+        after_command(S, s, path.A[k], path.B[k], M, m)
         for i in range(2):
-            m[4 + i] = s[4 + i] + B[0, i] * s[0] + B[1, i] * s[1] + B[2, i] * s[2] + B[3, i] * s[3]
             m[4 + i] += cost.u * errors.e[k, i]
             M[4 + i, 4 + i] += cost.u
         for i in range(2):
@@ -130,14 +111,44 @@ def backward(
                 S[i, j] = M[i, j] + rows[k, 0, i] * law[k, 0, j] + rows[k, 1, i] * law[k, 1, j]
             s[i] = m[i] + rows[k, 0, i] * law[k, 0, 6] + rows[k, 1, i] * law[k, 1, 6]
         if k > 0:
-            for i in range(4):
-                for j in range(4):
-                    S[i, j] += cost.K * C[i] * C[j]
-                s[i] += cost.K * errors.K[k] * C[i]
-            S[0, 0] += cost.theta
-            S[1, 1] += cost.omega
-            s[0] += cost.theta * errors.theta[k]
-            s[1] += cost.omega * errors.omega[k]
+            charge_state(S, s, path.slope[k, 0], cost, errors.theta[k], errors.omega[k], errors.K[k])
+
+
+@inlined
+def after_command(S: Array, s: Array, A: Array, B: Array, M: Array, m: Array) -> None:
+    """M = [A B; 0 I]ᵀ S [A B; 0 I] and m = [A B; 0 I]ᵀ s."""
+    SA = np.empty((6, 6))
+    for i in range(6):
+        for j in range(4):
+            SA[i, j] = S[i, 0] * A[0, j] + S[i, 1] * A[1, j] + S[i, 2] * A[2, j] + S[i, 3] * A[3, j]
+        for j in range(2):
+            SA[i, 4 + j] = S[i, 4 + j]
+            for n in range(4):
+                SA[i, 4 + j] += S[i, n] * B[n, j]
+    for j in range(6):
+        for i in range(4):
+            M[i, j] = A[0, i] * SA[0, j] + A[1, i] * SA[1, j] + A[2, i] * SA[2, j] + A[3, i] * SA[3, j]
+        for i in range(2):
+            M[4 + i, j] = SA[4 + i, j]
+            for n in range(4):
+                M[4 + i, j] += B[n, i] * SA[n, j]
+    for i in range(4):
+        m[i] = A[0, i] * s[0] + A[1, i] * s[1] + A[2, i] * s[2] + A[3, i] * s[3]
+    for i in range(2):
+        m[4 + i] = s[4 + i] + B[0, i] * s[0] + B[1, i] * s[1] + B[2, i] * s[2] + B[3, i] * s[3]
+
+
+@inlined
+def charge_state(S: Array, s: Array, C: Array, cost: Cost, theta: float, omega: float, K: float) -> None:
+    """Add what the errors of a state cost."""
+    for i in range(4):
+        for j in range(4):
+            S[i, j] += cost.K * C[i] * C[j]
+        s[i] += cost.K * K * C[i]
+    S[0, 0] += cost.theta
+    S[1, 1] += cost.omega
+    s[0] += cost.theta * theta
+    s[1] += cost.omega * omega
 
 
 @inlined
