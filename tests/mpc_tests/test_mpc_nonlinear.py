@@ -152,6 +152,16 @@ def test_one_qp_a_sample_costs_within_half_a_per_cent_of_the_nonlinear_mpc_in_cl
     assert abs(ours - best) < most / 100 * max(best, 1.0)
 
 
+@pytest.mark.parametrize("build", [TrackingMPC, NonlinearMPC], ids=["mpc", "nmpc"])
+def test_a_step_of_stiffness_under_a_known_load_moves_the_angle_by_less_than_a_tenth_of_a_degree(build):
+    hanging = Plant(gravity_torque=3.0)  # 1 N·m at 20°
+    t = 0.01 * np.arange(61)
+    step = Reference(t, np.full_like(t, 20 * DEG), np.where(t < 0.195, 7.0, 8.0))
+    run = simulate(hanging, build(hanging), step)  # 12 samples ahead are too few for it: 0.17°
+    assert run.K[-1] == pytest.approx(8.0, rel=1e-3)
+    assert metrics(run).theta_worst < 0.1
+
+
 def test_the_nonlinear_mpc_bears_dead_time_and_a_real_joint():
     real = RealPlant.standard()
     mpc = NonlinearMPC(real.nominal, N=N, weights=Weights.calm(), solver="fatrop", compensation=real.known())
