@@ -119,7 +119,7 @@ class NonlinearMPC:
     def _starts(self, x: Array, feed: FeedForward, u_last: Array, d: Array) -> Iterator[Array]:
         """Where to begin: the previous plan moved on, the feed-forward, standing commands."""
         for u in (
-            self._ladder.onward(u_last, feed.u),
+            self.limits.limited(u_last, self._ladder.onward(feed.u)),
             self.limits.limited(u_last, feed.u),
             np.tile(u_last, (self.N, 1)),
         ):

@@ -1,0 +1,1 @@
+"""The controller's step compiled by numba; nothing here is imported before it is wanted, nor numba with it."""
