@@ -55,7 +55,9 @@ def track(
     plant: Annotated[
         str, typer.Option(help="nominal, or real: with what the controller's model does not know")
     ] = _NOMINAL,
-    controller: Annotated[str, typer.Option(help="mpc, nmpc (nonlinear, slow), pid, lqr or feedforward")] = "mpc",
+    controller: Annotated[
+        str, typer.Option(help="mpc, nmpc (nonlinear, slow), pid, predictive-pid, lqr, feedforward")
+    ] = "mpc",
     observer: Annotated[
         bool | None, typer.Option(help="estimate state and disturbance torque; the MPCs and lqr do on a real plant")
     ] = None,

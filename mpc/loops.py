@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from allocator.errors import MissingBackend
-from mpc.baselines import FeedForwardControl, LQRControl, PIDControl
+from mpc.baselines import FeedForwardControl, LQRControl, PIDControl, PredictivePIDControl
 from mpc.compensation import Compensation
 from mpc.controller import TrackingMPC
 from mpc.nonlinear import NonlinearMPC
@@ -38,6 +38,10 @@ def _pid(s: Settings) -> Controller:
     return PIDControl(s.plant, s.dt, s.compensation)
 
 
+def _predictive_pid(s: Settings) -> Controller:
+    return PredictivePIDControl(s.plant, s.dt, s.compensation)
+
+
 def _lqr(s: Settings) -> Controller:
     # it does not foresee the slew limit, and at the MPC's own weight it would live on it
     weights = replace(s.weights, rate=4 * s.weights.rate)
@@ -52,6 +56,7 @@ CONTROLLERS: dict[str, tuple[Callable[[Settings], Controller], bool]] = {
     "mpc": (_mpc, True),
     "nmpc": (_nmpc, True),
     "pid": (_pid, False),
+    "predictive-pid": (_predictive_pid, True),
     "lqr": (_lqr, True),
     "feedforward": (_feed_forward, False),
 }
