@@ -19,6 +19,8 @@ What a `Compensation` knows of the real joint is taken account of: the problem b
 have brought the joint at the end of the dead time, the torque d_k contains the friction of the intended motion θ*, and
 the commands that are sent are those that regulators with a dead band hear as u.
 
+One QP about a plan is `mpc.improvement`, in compiled code where that can be had (`mpc.quick`).
+
 No step is without an answer. If the QP has none that passes the check of its optimality conditions (`mpc.certified`)
 within the time budget, the fallback ladder leads down (`mpc.ladder`). Whatever is sent keeps the hard limits exactly.
 """

@@ -7,6 +7,7 @@ reached to the nearest that can; and the lag over one sample of constant command
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -35,11 +36,15 @@ class FeedForwardLaw:
         from scipy.interpolate import CubicSpline
 
         self.plant, self.min_force = plant, min_force
-        warm_up(joint=plant.joint, min_force=min_force)  # not in the first control step
         # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
         spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))
         self.slopes = spline(spline.x, 1), spline(spline.x, 2)
         self.alpha = np.exp(-dt / np.array(plant.lags))  # (2,)
+
+    def ready(self) -> Self:
+        """Itself, with everything compiled that else would be in the first control step."""
+        warm_up(joint=self.plant.joint, min_force=self.min_force)
+        return self
 
     def __call__(self, theta: Array, K: Array, d: Array | float = 0.0) -> FeedForward:
         """For the previews `theta` [rad] and `K` [N·m/rad], both (N+1,), and a torque `d` [N·m], (N+1,) or constant."""

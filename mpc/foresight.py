@@ -20,8 +20,8 @@ from mpc.limits import Limits
 from mpc.linearise import Predictor
 from mpc.plant import NX, Plant
 
-_CORRECTED = 0.1  # [-] of an error of the angle counts as motion that friction opposes
 _TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] what `checks` lets pass
+_CORRECTED = 0.1  # [-] of an error of the angle counts as motion that friction opposes
 
 
 class Task(NamedTuple):

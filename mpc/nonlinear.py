@@ -56,7 +56,7 @@ class NonlinearMPC:
         self.problem = Shooting(self.plant, self.dt, self.N, self.weights, self.limits, L)
         self._solve = NLPSolver(self.solver, self.problem)
         self._predictor = Predictor(self.plant, self.dt, self.N)
-        self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force)
+        self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force).ready()
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self._ladder = Ladder(self.limits, self.dt)
         self.reset()

@@ -200,11 +200,10 @@ def workings(plant: Plant, dt: float, problem: Problem, predictor: Predictor, fe
         from mpc.compiled.module import law
 
         found = law(plant, dt)
-        return Workings(
-            QuickImprover(found, problem), QuickFeedForward(found, feed_forward) if found.p else feed_forward
-        )
+        quick = QuickFeedForward(found, feed_forward) if found.p else feed_forward.ready()
+        return Workings(QuickImprover(found, problem), quick)
     except (ImportError, OSError, Untranslatable):
-        return Workings(ReadableImprover(problem, predictor), feed_forward)
+        return Workings(ReadableImprover(problem, predictor), feed_forward.ready())
 
 
 def setting(problem: Problem, substeps: int) -> Any:

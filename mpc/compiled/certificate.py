@@ -7,11 +7,11 @@ Every change of a command is charged for by itself, so that no eigenvalue of H i
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.compiled.jit import compiled, inlined
+from mpc.compiled.jit import inlined
 from mpc.compiled.records import BoxQP, Path, Room, Setting
 
 
-@compiled
+@inlined
 def proved(qp: BoxQP, z: Array, multipliers: Array, setting: Setting) -> bool:
     """Whether `z` is within its bounds, and near enough to the least cost; False for what is not finite."""
     _, primal, share = setting.tolerances
@@ -31,7 +31,7 @@ def proved(qp: BoxQP, z: Array, multipliers: Array, setting: Setting) -> bool:
     return abs(gap) <= share * max(abs(gain), 1.0)
 
 
-@compiled
+@inlined
 def proved_by_gradient(before: Array, after: Array, lower: Array, upper: Array, z: Array, setting: Setting) -> bool:
     """`proved`, from the cost's gradients at 0 and at `z`: those push at a bound that want to leave through it."""
     _, primal, share = setting.tolerances
@@ -45,7 +45,7 @@ def proved_by_gradient(before: Array, after: Array, lower: Array, upper: Array, 
     return 0.5 * square / setting.cost.change <= share * max(abs(gain), 1.0)
 
 
-@compiled
+@inlined
 def keeps_rows(path: Path, setting: Setting, u: Array, z: Array) -> bool:
     """Whether the linear model under u + E z keeps supply, joint range and least forces, from ū's (N, 2) [bar]."""
     room, starts, tolerance = setting.room, setting.starts, setting.tolerances[0]
@@ -85,7 +85,7 @@ def soft_kept(x: Array, y: Array, slope: Array, dx: Array, room: Room, tolerance
     return True
 
 
-@compiled
+@inlined
 def finite(array: Array) -> bool:
     """Whether all numbers of `array` (m, n) are finite."""
     for row in array:

@@ -6,11 +6,11 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.compiled.jit import compiled
+from mpc.compiled.jit import inlined
 from mpc.compiled.records import Errors, Path, Room, Setting, Wish
 
 
-@compiled
+@inlined
 def limit(room: Room, last1: float, last2: float, u: Array) -> None:
     """Move the commands `u` (N, 2) as `mpc.limits.Limits.limited` does, all in bar; the last one was (last1, last2)."""
     for i in range(2):
@@ -21,7 +21,7 @@ def limit(room: Room, last1: float, last2: float, u: Array) -> None:
             u[k, i] = before
 
 
-@compiled
+@inlined
 def bounds(setting: Setting, u: Array, last: Array) -> tuple[Array, Array]:
     """What slew leaves to the changes (n,); z = 0 is allowed whatever rounding says."""
     starts, step = setting.starts, setting.room.step
@@ -35,7 +35,7 @@ def bounds(setting: Setting, u: Array, last: Array) -> tuple[Array, Array]:
     return lower, upper
 
 
-@compiled
+@inlined
 def cumulated(starts: Any, z: Array, du: Array) -> None:
     """Sets `du` (N, 2) to E z: the sum of the changes up to each command."""
     block, d0, d1 = 0, 0.0, 0.0
@@ -47,7 +47,7 @@ def cumulated(starts: Any, z: Array, du: Array) -> None:
         du[k, 0], du[k, 1] = d0, d1
 
 
-@compiled
+@inlined
 def deviations(path: Path, u: Array, wish: Wish, last: Array) -> Errors:
     """Of a path with the commands `u` (N, 2) [bar]; `last` (2, 2) [Pa]: command and feed-forward before."""
     N, x = u.shape[0], path.x

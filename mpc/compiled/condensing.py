@@ -13,7 +13,7 @@ from mpc.compiled.memory import path_in, setting_in
 from mpc.compiled.records import Cost, Errors, Path
 
 
-@compiled
+@inlined
 def condensed(path: Path, errors: Errors, cost: Cost, starts: Any) -> tuple[Array, Array]:
     """H (n, n) and f (n,) of the cost ½ zᵀH z + fᵀz; z: changes of the commands at `starts` [bar]."""
     columns = moved_columns(starts, path.A.shape[0])
@@ -96,7 +96,7 @@ def earlier(W: Array, A: Array, C: Array, g: Array, cost: Cost, columns: int) ->
         W[3, j] = A[0, 3] * w0 + A[1, 3] * w1 + A[2, 3] * w2 + A[3, 3] * w3 + K * C[3]
 
 
-@compiled
+@inlined
 def gradient(path: Path, errors: Errors, cost: Cost, starts: Any) -> Array:
     """f by the adjoint p_k = ∂(cost from k on)/∂x_k."""
     N = path.A.shape[0]

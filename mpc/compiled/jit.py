@@ -7,6 +7,7 @@ from numba import njit
 
 F = TypeVar("F", bound=Callable[..., Any])
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
+_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # they take long to compile
 
 
 def compiled(function: F) -> F:
@@ -21,8 +22,8 @@ def compiled(function: F) -> F:
 
 
 def inlined(function: F) -> F:
-    """Compile `function` as a part of those that call it."""
-    made: F = njit(**_OPTIONS)(function)
+    """Compile `function` as a part of compiled functions that call it; Python cannot."""
+    made: F = njit(**_INNER, **_OPTIONS)(function)
     return made
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.compiled.jit import compiled
+from mpc.compiled.jit import inlined
 from mpc.compiled.records import Cost, Path, Room, Setting, Wish
 
 
@@ -27,7 +27,7 @@ def flat(setting: Setting) -> Array:
     return np.concatenate([setting.cost[:5], setting.room, setting.tolerances, np.ravel(setting.cost.end)])
 
 
-@compiled
+@inlined
 def setting_in(numbers: Array, starts: Any, substeps: int) -> Setting:
     """The setting of these `numbers`."""
     n = numbers
@@ -35,7 +35,7 @@ def setting_in(numbers: Array, starts: Any, substeps: int) -> Setting:
     return Setting(cost, Room(n[5], n[6], n[7], n[8], n[9], n[10]), (n[11], n[12], n[13]), starts, substeps)
 
 
-@compiled
+@inlined
 def given_in(memory: Array, N: int) -> Given:
     """Views into `memory` (13 N + 13,)."""
     M = N + 1
@@ -45,7 +45,7 @@ def given_in(memory: Array, N: int) -> Given:
     return Given(rest[5 * N : 5 * N + 4], u, d, Wish(theta, omega, K, P, u_star), rest[5 * N + 4 :].reshape(2, 2))
 
 
-@compiled
+@inlined
 def path_in(memory: Array, N: int) -> tuple[Path, Array]:
     """A path and its commands (N, 2) [bar]: views into `memory` (45 N + 19,)."""
     M = N + 1

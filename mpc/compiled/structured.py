@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.compiled.jit import compiled, inlined
+from mpc.compiled.jit import inlined
 from mpc.compiled.records import Cost, Errors, Path
 
 FREE, LOWER, UPPER = 0, -1, 1
 
 
-@compiled
+@inlined
 def settled(
     path: Path, errors: Errors, cost: Cost, starts: Any, lower: Array, upper: Array, guess: Any, sweeps: int, z: Array
 ) -> bool:
@@ -53,7 +53,7 @@ def settled(
     return False
 
 
-@compiled
+@inlined
 def moved(path: Path, errors: Errors, starts: Any, z: Array) -> Errors:
     """The errors that the linear model has under the decisions `z`."""
     N, block = path.A.shape[0], 0

@@ -175,7 +175,7 @@ def test_no_eigenvalue_of_the_hessian_is_below_the_charge_for_changes(case):
     assert np.linalg.eigvalsh(qp.H[:n, :n]).min() >= w.rate * BAR**2 / case.dt**2 * (1 - 1e-9)
 
 
-@pytest.mark.parametrize("fault", [1e-3, 1.0, np.nan])
+@pytest.mark.parametrize("fault", [0.1, -0.1, np.nan])
 def test_a_wrong_answer_is_not_believed(case, fault):
     def lying(qp, limit):
         z, multipliers = DAQP(qp, limit)
