@@ -80,8 +80,9 @@ def track(
     settings = settings._replace(dt=dt, N=horizon, solver=solver)
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
-    driver, eyes = loop(controller, settings, observer)
     files = _files(out or [Path()])
+    _say(console, "building the controller (the first one after an installation takes some 20 seconds to compile)")
+    driver, eyes = loop(controller, settings, observer)
     done = simulate(tested, driver, reference, observer=eyes, seed=seed, progress=True)
 
     for path in files:
