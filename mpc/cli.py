@@ -81,8 +81,8 @@ def track(
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
     files = _files(out or [Path()])
-    _say(console, "building the controller (the first one after an installation takes some 20 seconds to compile)")
-    driver, eyes = loop(controller, settings, observer)
+    with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
+        driver, eyes = loop(controller, settings, observer)
     done = simulate(tested, driver, reference, observer=eyes, seed=seed, progress=True)
 
     for path in files:
