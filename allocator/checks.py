@@ -1,5 +1,6 @@
 """Checks of what comes in from outside: one clear sentence for every wrong input."""
 
+import operator
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,17 @@ def real(name: str, value: Any, unit: str) -> Array:
     if not np.isfinite(array).all():
         raise InvalidInput(f"{name}{at(array, ~np.isfinite(array))} is not finite [{unit}]")
     return array
+
+
+def count(name: str, value: Any, least: int) -> int:
+    """A whole number, `least` or more."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = least - 1
+    if number < least:
+        raise InvalidInput(f"{name} = {value!r} has to be a whole number, {least} or more")
+    return number
 
 
 def at(array: Array, wrong: Any) -> str:
@@ -118,6 +130,7 @@ __all__ = [
     "angle_or_symbol",
     "at",
     "broadcast",
+    "count",
     "not_negative",
     "positive_pressure",
     "pressure",

@@ -28,7 +28,6 @@ within the time budget, the fallback ladder leads down (`mpc.ladder`). Whatever 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf, isfinite
-from operator import index
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -42,7 +41,7 @@ from mpc.condense import Problem
 from mpc.feedforward import FeedForward, FeedForwardLaw
 from mpc.foresight import Foresight
 from mpc.improvement import Before, Improvement
-from mpc.ladder import Ladder
+from mpc.ladder import Ladder, honest
 from mpc.limits import Limits
 from mpc.linearise import Motion, Predictor
 from mpc.plan import Plan, PlanStatus, Rung, Times
@@ -90,17 +89,17 @@ class TrackingMPC:
         """Check the settings and build what does not change."""
         self.dt = float(checks.real("dt", self.dt, "s"))
         self.limits = Limits.of(self.plant, self.dt, self.min_force)
-        self.N = _count("N", self.N, least=3)
-        self.iterations = _count("iterations", self.iterations, least=1)
+        self.N = checks.count("N", self.N, least=3)
+        self.iterations = checks.count("iterations", self.iterations, least=1)
         self.blocks = _blocks(self.blocks, self.N)
         self.patience = checks.not_negative("patience", self.patience, "s")
         self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
         self._solve = solver_by_name(self.solver) if isinstance(self.solver, str) else self.solver
         self._predictor = Predictor(self.plant, self.dt, self.N)
-        feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force)
+        feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.limits.min_force)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
-        self._ladder = Ladder(self.limits, self.dt)
+        self._ladder = Ladder(self.limits, self._predictor)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
         self._improve, self._feed_forward = workings(self.plant, self.dt, self.problem, self._predictor, feed_forward)
         if self.budget is not None:
@@ -112,7 +111,6 @@ class TrackingMPC:
         self._foresight.reset()
         self._ladder.reset()
         self._improve.reset()
-        self._motion: Motion | None = None  # of the last plan, as far as it was known
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
 
     @property
@@ -136,17 +134,19 @@ class TrackingMPC:
 
         lost = blind > self.patience * (1 + 1e-9)
         found = _LOST if lost else self._optimise(x, feed, u_last, torques[:-1], deadline)
-        rung, motion = self._descend(x, found, feed, u_last, torques[:-1])
+        if found.motion is not None:
+            rung, motion = Rung.QP, found.motion
+        else:
+            rung, motion = self._ladder.descend(x, found.best, lost, feed.u, u_last, torques[:-1])
         clock.append(perf_counter())
-        self._ladder.stand(rung, motion.u)
-        self._motion = motion
+        self._ladder.stand(rung, motion)
         if isfinite(feed.u[0, 0]) and isfinite(feed.u[0, 1]):
             self._u_star = feed.u[0]
         return Plan(
             self._foresight.spoken(motion.u, motion.x),
             motion.x,
             motion.K,
-            _status(found.status, rung, measured),
+            honest(found.status, rung, measured),
             rung,
             self.limits.excursion(motion.x[:, 0]),
             Times(clock[1] - clock[0], *found.times, clock[2] - clock[0]),
@@ -191,50 +191,14 @@ class TrackingMPC:
             return None
         return Rung.SOFTENED, self.limits.limited(u_last, step.u + self.problem.E @ z)
 
-    def _descend(self, x: Array, found: _Optimised, feed: FeedForward, u_last: Array, d: Array) -> tuple[Rung, Motion]:
-        """The first rung of the ladder that bears, and what its commands do."""
-        if found.motion is not None:
-            return Rung.QP, found.motion
-        if found.status is not PlanStatus.BLIND:
-            for rung, u in self._ladder.rungs(found.best, feed.u, u_last):
-                motion = self._predictor.motion(x, u, d)
-                if motion.finite:
-                    return rung, motion
-        u = self._ladder.hold(self.N, u_last)
-        motion = self._predictor.motion(x, u, d)
-        if not motion.finite:
-            if self._motion is None:
-                raise InvalidInput(f"x = {x} is no state to begin from: the model's motion from there is not finite")
-            motion = self._motion.standing(u)
-        return Rung.HOLD, motion
-
 
 _LOST = _Optimised(None, None, PlanStatus.BLIND, (0.0, 0.0, 0.0))
-
-
-def _status(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
-    """What is said of a plan on `rung`, optimisation having ended with `optimised`."""
-    if optimised is not PlanStatus.OPTIMAL:
-        return optimised
-    if rung is not Rung.QP:
-        return PlanStatus.NOT_FINITE  # what the QP's commands would do
-    return PlanStatus.OPTIMAL if measured else PlanStatus.NO_MEASUREMENT
-
-
-def _count(name: str, value: Any, least: int) -> int:
-    try:
-        number = index(value)
-    except TypeError:
-        number = -1
-    if number < least:
-        raise InvalidInput(f"{name} = {value!r} has to be a whole number, {least} or more")
-    return number
 
 
 def _blocks(blocks: Sequence[int] | None, N: int) -> tuple[int, ...]:
     if blocks is None:
         return (1,) * N
-    lengths = tuple(_count("a length of blocks", length, least=1) for length in blocks)
+    lengths = tuple(checks.count("a length of blocks", length, least=1) for length in blocks)
     if sum(lengths) != N:
         raise InvalidInput(f"blocks = {lengths} cover {sum(lengths)} samples, not the N = {N} of the horizon")
     return lengths

@@ -47,7 +47,7 @@ class _MuscleFault(Fault):
     def __post_init__(self) -> None:
         """Check the muscle too."""
         Fault.__post_init__(self)
-        if self.muscle not in range(1, NU + 1):
+        if type(self.muscle) is not int or not 1 <= self.muscle <= NU:
             raise InvalidInput(f"muscle = {self.muscle!r} has to be 1 (agonist) or 2 (antagonist)")
 
     def _with(self, u: Array, value: float) -> Array:
@@ -115,7 +115,7 @@ class FrozenSensors(_SensorFault):
 
     def read(self, y: Array, before: Array) -> Array:
         """The old readings from the frozen ones."""
-        return self._of_ours(before, y)
+        return self._of_ours(np.where(np.isnan(before), y, before), y)  # the first reading is none to repeat
 
 
 __all__ = ["Fault", "FrozenSensors", "Leak", "SilentSensors", "StuckValve", "SupplyDrop"]

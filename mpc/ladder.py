@@ -19,9 +19,11 @@ from math import isfinite
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.limits import Limits
-from mpc.plan import Rung
+from mpc.linearise import Motion, Predictor
+from mpc.plan import PlanStatus, Rung
 
 
 @dataclass
@@ -29,7 +31,7 @@ class Ladder:
     """It remembers the commands of the last plan as they are to be heard."""
 
     limits: Limits
-    dt: float  # [s]
+    predictor: Predictor
     holding: float = 0.5  # how long pressures are held before they are let out [s]
     venting: float = 0.5 * BAR  # how fast the higher of them then falls [Pa/s]
 
@@ -39,24 +41,45 @@ class Ladder:
 
     def reset(self) -> None:
         """Forget the past."""
-        self._u: Array | None = None  # the commands of the last plan (N, 2)
+        self._motion: Motion | None = None  # of the last plan
         self._left = 0  # samples to the end of the last plan that was optimised
         self._held = 0  # samples spent on the last rung
 
     def u_last(self, x: Array) -> Array:
         """The command (2,) of the sample before; the pressures in `x` (4,) if there was none."""
-        return x[2:] if self._u is None else self._u[0]
+        return x[2:] if self._motion is None else self._motion.u[0]
 
     def onward(self, u_star: Array) -> Array:
         """The last plan moved on by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
-        if self._u is None:
+        if self._motion is None:
             return u_star
-        on = np.empty_like(self._u)
-        on[:-1], on[-1] = self._u[1:], self._u[-1]
+        u = self._motion.u
+        on = np.empty_like(u)
+        on[:-1], on[-1] = u[1:], u[-1]
         turn = u_star[-1] - u_star[-2]
         if isfinite(turn[0]) and isfinite(turn[1]):
             on[-1] += turn
         return on
+
+    def descend(
+        self, x: Array, best: tuple[Rung, Array] | None, blind: bool, u_star: Array, u_last: Array, d: Array
+    ) -> tuple[Rung, Motion]:
+        """The first rung that bears, and what its commands do from `x` (4,) under the torque `d` (N,) [N·m].
+
+        `best` is what optimisation gave, if anything; who is `blind` holds.
+        """
+        if not blind:
+            for rung, u in self.rungs(best, u_star, u_last):
+                motion = self.predictor.motion(x, u, d)
+                if motion.finite:
+                    return rung, motion
+        u = self.hold(u_last)
+        motion = self.predictor.motion(x, u, d)
+        if not motion.finite:
+            if self._motion is None:
+                raise InvalidInput(f"x = {x} is no state to begin from: the model's motion from there is not finite")
+            motion = self._motion.standing(u)
+        return Rung.HOLD, motion
 
     def rungs(self, best: tuple[Rung, Array] | None, u_star: Array, u_last: Array) -> Iterator[tuple[Rung, Array]]:
         """Commands (N, 2) to try, from what optimisation gave, if anything, down to `hold`, which is not among them."""
@@ -66,26 +89,35 @@ class Ladder:
             yield Rung.PREVIOUS, self.limits.limited(u_last, self.onward(u_star))
         yield Rung.ALLOCATION, self.limits.limited(u_last, u_star)
 
-    def hold(self, N: int, u_last: Array) -> Array:
+    def hold(self, u_last: Array) -> Array:
         """The commands (N, 2) of the last rung."""
-        low = self.limits.pressure[0]
-        u, wanted = u_last, np.empty((N, u_last.size))
-        for k in range(N):
-            if (self._held + k) * self.dt >= self.holding:
+        low, dt = self.limits.pressure[0], self.predictor.dt
+        u, wanted = u_last, np.empty((self.predictor.N, u_last.size))
+        for k in range(self.predictor.N):
+            if (self._held + k) * dt >= self.holding:
                 above = u - low
-                fall = self.venting * self.dt / max(float(above.max()), self.venting * self.dt)
+                fall = self.venting * dt / max(float(above.max()), self.venting * dt)
                 u = u - fall * above
             wanted[k] = u
         return self.limits.limited(u_last, wanted)
 
-    def stand(self, rung: Rung, u: Array) -> None:
-        """Remember that `u` (N, 2) of `rung` is commanded."""
-        self._u = u
+    def stand(self, rung: Rung, motion: Motion) -> None:
+        """Remember that the commands of `motion`, of `rung`, are given."""
+        self._motion = motion
         if rung in (Rung.QP, Rung.SOFTENED):
-            self._left = len(u)
+            self._left = len(motion.u)
         else:
             self._left = self._left - 1 if rung is Rung.PREVIOUS else 0
         self._held = self._held + 1 if rung is Rung.HOLD else 0
 
 
-__all__ = ["Ladder"]
+def honest(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
+    """What is to be said of a plan on `rung`, optimisation having ended with the status `optimised`."""
+    if optimised is not PlanStatus.OPTIMAL:
+        return optimised
+    if rung is not Rung.QP:
+        return PlanStatus.NOT_FINITE  # what the QP's commands would do
+    return PlanStatus.OPTIMAL if measured else PlanStatus.NO_MEASUREMENT
+
+
+__all__ = ["Ladder", "honest"]

@@ -16,13 +16,12 @@ import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array
-from allocator.errors import InvalidInput
 from mpc.compensation import Compensation
 from mpc.feedforward import FeedForward, FeedForwardLaw
 from mpc.foresight import Foresight
-from mpc.ladder import Ladder
+from mpc.ladder import Ladder, honest
 from mpc.limits import Limits
-from mpc.linearise import Motion, Predictor
+from mpc.linearise import Predictor
 from mpc.nlp_solvers import NLPSolver
 from mpc.plan import Plan, PlanStatus, Rung, Times
 from mpc.plant import Plant
@@ -49,16 +48,15 @@ class NonlinearMPC:
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
         self.dt = float(checks.real("dt", self.dt, "s"))
-        if not (isinstance(self.N, int) and self.N >= 3):
-            raise InvalidInput(f"N = {self.N!r} has to be a whole number, 3 or more")
+        self.N = checks.count("N", self.N, least=3)
         self.limits = Limits.of(self.plant, self.dt, self.min_force)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self.problem = Shooting(self.plant, self.dt, self.N, self.weights, self.limits, L)
         self._solve = NLPSolver(self.solver, self.problem)
         self._predictor = Predictor(self.plant, self.dt, self.N)
-        self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force).ready()
+        self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.limits.min_force).ready()
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
-        self._ladder = Ladder(self.limits, self.dt)
+        self._ladder = Ladder(self.limits, self._predictor)
         self.reset()
 
     def reset(self) -> None:
@@ -75,22 +73,24 @@ class NonlinearMPC:
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
         """The plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad], as `TrackingMPC.step`."""
         clock = [perf_counter()]
-        x, theta, K, torques, measured, blind = self._foresight.task(x, theta_ref, K_ref, d)
+        x, theta, K, torques, measured, unseen = self._foresight.task(x, theta_ref, K_ref, d)
         feed = self._feed_forward(theta, K, torques)
         u_last = self._ladder.u_last(x)
         clock.append(perf_counter())
         found, status = None, PlanStatus.BLIND
-        if blind <= self.patience * (1 + 1e-9):
+        if unseen <= self.patience * (1 + 1e-9):
             found, status = self._optimise(x, feed, u_last, torques[:-1])
         clock.append(perf_counter())
-        rung, motion = self._descend(x, found, status, feed, u_last, torques[:-1])
-        self._ladder.stand(rung, motion.u)
-        self._u_star = feed.u[0]
+        blind = status is PlanStatus.BLIND
+        rung, motion = self._ladder.descend(x, found, blind, feed.u, u_last, torques[:-1])
+        self._ladder.stand(rung, motion)
+        if np.isfinite(feed.u[0]).all():
+            self._u_star = feed.u[0]
         return Plan(
             self._foresight.spoken(motion.u, motion.x),
             motion.x,
             motion.K,
-            PlanStatus.NO_MEASUREMENT if status is PlanStatus.OPTIMAL and not measured else status,
+            honest(status, rung, measured),
             rung,
             self.limits.excursion(motion.x[:, 0]),
             Times(clock[1] - clock[0], 0.0, 0.0, clock[2] - clock[1], perf_counter() - clock[0]),
@@ -126,26 +126,6 @@ class NonlinearMPC:
             motion = self._predictor.motion(x, u, d)
             if motion.finite:
                 yield self.problem.point(motion, u_last)
-
-    def _descend(
-        self,
-        x: Array,
-        best: tuple[Rung, Array] | None,
-        status: PlanStatus,
-        feed: FeedForward,
-        u_last: Array,
-        d: Array,
-    ) -> tuple[Rung, Motion]:
-        """The first rung of the ladder that bears, and what its commands do."""
-        if status is not PlanStatus.BLIND:
-            for rung, u in self._ladder.rungs(best, feed.u, u_last):
-                motion = self._predictor.motion(x, u, d)
-                if motion.finite:
-                    return rung, motion
-        motion = self._predictor.motion(x, self._ladder.hold(self.N, u_last), d)
-        if not motion.finite:
-            raise InvalidInput(f"the model's motion from x = {x} is not finite; this controller cannot go on from it")
-        return Rung.HOLD, motion
 
 
 __all__ = ["NonlinearMPC"]

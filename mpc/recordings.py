@@ -5,12 +5,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 from zipfile import BadZipFile
+from zlib import error as Damaged  # noqa: N812  # it has no other name
 
 import numpy as np
 
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint_storage import load_joint, save_joint
-from mpc.plant import Plant
+from mpc.plant import NU, NX, Plant
 from mpc.simulation import Run
 
 _NUMBERS = ("inertia", "damping", "lag", "gravity_torque", "slew")  # of the plant, besides its joint
@@ -36,12 +37,27 @@ def load_recording(path: str | Path) -> Run:
             stored = dict(archive)
     except OSError as error:
         raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
-    except (ValueError, BadZipFile, EOFError, AttributeError, TypeError):
+    except (ValueError, BadZipFile, Damaged, EOFError, AttributeError, TypeError):
         raise InvalidFile(path, "is not an NPZ file") from None
     if missing := {*_ARRAYS, "joint", *(f"plant_{name}" for name in _NUMBERS)} - stored.keys():
         raise InvalidFile(path, f"is not the recording of a run: {', '.join(sorted(missing))} missing")
     arrays: dict[str, Any] = {name: stored[name] for name in _ARRAYS}
+    steps = arrays["step_time"].size
+    for name, array in arrays.items():
+        if array.shape != (expected := _shape(name, steps)):
+            raise InvalidFile(
+                path, f"is not the recording of a run: {name} has the shape {array.shape}, not {expected}"
+            )
     return Run(_plant(path, stored), **(arrays | {"dt": float(stored["dt"])}))
+
+
+def _shape(name: str, steps: int) -> tuple[int, ...]:
+    """What `Run` says of the array called `name`."""
+    if name == "dt":
+        return ()
+    length = steps + 1 if name in ("t", "x", "theta_ref", "K_ref", "K", "forces") else steps
+    width = {"x": NX, "estimate": NX + 1, "u": NU, "forces": NU, "moved": 3}.get(name)
+    return (length,) if width is None else (length, width)
 
 
 def _plant(path: str | Path, stored: dict[str, Any]) -> Plant:

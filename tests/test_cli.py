@@ -1,16 +1,18 @@
 """`antagonist allocate` as a person meets it."""
 
+import re
 import subprocess
 import sys
 
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from allocator import Muscle, allocate, report_joint
-from allocator.cli import app
 from allocator.joint_storage import save_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
+from mpc.cli import app
 
 
 def antagonist(*arguments):
@@ -79,3 +81,13 @@ def test_a_joint_goes_from_file_to_pressures(tmp_path):
     result = CliRunner().invoke(app, ["allocate", "--theta", "10", "--stiffness", "6", "--joint", str(path)])
     assert result.exit_code == 0
     assert f"{allocate(10 * DEG, 6.0, joint=joint).P1 / BAR:.4f}" in result.output
+
+
+@pytest.mark.parametrize("command", ["allocate", "map", "fit", "fit-joint", "track"])
+def test_the_help_keeps_the_units(command):
+    shown = CliRunner().invoke(app, [command, "--help"]).output
+    options = [param for param in get_command(app).commands[command].params if param.help]
+    units = {unit for option in options for unit in re.findall(r"\[[^\]]+\]", option.help)}
+    assert units or command == "fit"
+    joined = " ".join(shown.split())
+    assert all(unit in joined for unit in units)

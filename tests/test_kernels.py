@@ -313,3 +313,13 @@ def test_warming_up_says_whether_it_could():
     unequal = AntagonistJoint(PULLEY, TONDU_DMSP_20_400N, SAROSI_DMSP_20_400N, angle_limits=STOPS)
     assert not warm_up(joint=unequal)
     assert not allocator.warm_up(priority="weighted")
+    with pytest.raises(InvalidInput, match="stifness"):
+        allocator.warm_up(priority="stifness")
+    with pytest.raises(InvalidInput, match="min_force=-1"):
+        allocator.warm_up(min_force=-1)
+
+
+def test_limits_may_be_whole_numbers():
+    assert quick.answer(question(report_joint(), 0.5, 7.5, 1.0, min_force=10, max_force=900)) is not None
+    whole, same = (allocate(0.5, 7.5, 1.0, min_force=F, max_force=90 * F) for F in (10, 10.0))
+    assert (whole.P1, whole.P2) == (same.P1, same.P2)

@@ -89,11 +89,6 @@ class Problem:
         none = np.zeros(())
         return (none if self.P1_ref is None else self.P1_ref, none if self.P2_ref is None else self.P2_ref)
 
-    @property
-    def goal_weights(self) -> tuple[float, float]:
-        """(w_T, w_K) of the goals when both are in one cost; the second goal of a lexicographic priority weighs 1."""
-        return self.weights if self.priority == "weighted" else (1.0, 1.0)
-
     def errors(self, P1: Array, P2: Array) -> Pair:
         """(T - T*, K - K_aim) at pressures (…, n)."""
         one, two = self.sides

@@ -20,9 +20,11 @@ from allocator.allocation import kernels
 from allocator.allocation.batch import LIKE_BAR, Targets, run
 from allocator.allocation.compiled import kernel
 from allocator.allocation.laws import Kernel, Kind, Law, coefficients, law_of
+from allocator.allocation.problem import PRIORITIES
 from allocator.allocation.question import Question
 from allocator.allocation.result import Allocation, from_fields, shaped
 from allocator.allocation.status import Status
+from allocator.errors import InvalidInput
 from allocator.joint import AntagonistJoint, report_joint
 
 _TURN = 2 * pi
@@ -44,8 +46,10 @@ def answer(question: tuple[Any, ...]) -> Allocation | None:
     law = law_of(joint)
     if not law.name or type(priority) is not str or priority not in _FIRST:
         return None
-    if not ((max_force is None and type(min_force) is float and 0 <= min_force < inf) or _fine(min_force, max_force)):
-        return None
+    if not (max_force is None and type(min_force) is float and 0 <= min_force < inf):
+        if not _fine(min_force, max_force):
+            return None
+        min_force, max_force = (None if F is None else float(F) for F in (min_force, max_force))
     kind = law.name, min_force is not None, max_force is not None, max_step is not None, _FIRST[priority]
     if not type(theta) is type(K) is type(T) is float:
         if not (type(theta) in _NUMBERS and type(K) in _NUMBERS and type(T) in _NUMBERS):
@@ -66,15 +70,14 @@ def answer(question: tuple[Any, ...]) -> Allocation | None:
     return _allocation(question, theta, K, T, found) if found[6] else None
 
 
-_FLOATS = frozenset((float, np.float64))
-_NUMBERS = frozenset((*_FLOATS, int))
+_NUMBERS = frozenset((float, np.float64, int))
 
 
 def _fine(low: Any, high: Any) -> bool:
-    """Whether these are limits of forces, as floats."""
-    if low is not None and not (type(low) in _FLOATS and 0 <= low < inf):
+    """Whether these are limits of forces, as plain numbers."""
+    if low is not None and not (type(low) in _NUMBERS and 0 <= low < _HUGE):
         return False
-    return high is None or (type(high) in _FLOATS and (low or 0.0) < high < inf)
+    return high is None or (type(high) in _NUMBERS and (low or 0.0) < high < _HUGE)
 
 
 def _slew_fine(previous: Any, max_step: Any) -> bool:
@@ -149,10 +152,13 @@ def warm_up(
     Takes some seconds the first time after installation and half a second in a new process, most of it the import of
     numba. `slew` is for calls with `previous` and `max_step`. False where nothing can be compiled: the joint has no
     kernel, numba is missing or finds no directory to keep what it compiles. `allocate` works then too, more slowly.
+    Raises InvalidInput for a priority that there is not, or a limit that is none.
     """
     joint = report_joint() if joint is None else joint
     law = law_of(joint)
-    if not law.name or priority not in _FIRST or not _fine(min_force, max_force):
+    if priority not in PRIORITIES or not _fine(min_force, max_force):
+        raise InvalidInput(f"there are no questions with {priority=}, {min_force=} N, {max_force=} N")
+    if not law.name or priority not in _FIRST:
         return False
     kind = law.name, min_force is not None, max_force is not None, slew, _FIRST[priority]
     one, many = kernel(f"{law.name}_exact"), kernel(f"{law.name}_batch")

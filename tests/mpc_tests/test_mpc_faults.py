@@ -211,3 +211,16 @@ def test_frozen_sensors_repeat_and_silent_ones_say_nothing_within_their_window()
 def test_faults_that_make_no_sense_are_refused(make, said):
     with pytest.raises(InvalidInput, match=said):
         make()
+
+
+def test_sensors_frozen_from_the_beginning_repeat_their_first_reading():
+    experiment = replace(REAL, faults=(FrozenSensors(),)).begin(DT, REAL.at_rest(0.1, 5.5), 0)
+    first = experiment.measure()
+    assert np.isfinite(first[[THETA, P1, P2]]).all()
+    experiment.advance(REAL.at_rest(0.4, 5.5)[2:])
+    np.testing.assert_array_equal(experiment.measure(), first)
+
+
+def test_a_muscle_is_counted_in_whole_numbers():
+    with pytest.raises(InvalidInput, match=r"muscle = 1\.0"):
+        StuckValve(muscle=1.0)

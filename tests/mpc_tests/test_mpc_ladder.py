@@ -12,6 +12,7 @@ from allocator import BAR, DEG, InvalidInput, torque_interval
 from mpc import PlanStatus, Plant, Rung, TrackingMPC
 from mpc.buffered import Buffered
 from mpc.ladder import Ladder
+from mpc.linearise import Predictor
 from mpc.qp import QP
 from mpc.solvers import solver
 
@@ -139,11 +140,12 @@ def test_an_absurd_torque_is_survived():
 
 
 def test_what_is_held_long_is_let_out_slowly_and_in_proportion():
-    ladder = Ladder(TrackingMPC(PLANT, N=5).limits, 0.01, holding=0.1, venting=0.5 * BAR)
+    predictor = Predictor(PLANT, 0.01, 5)
+    ladder = Ladder(TrackingMPC(PLANT, N=5).limits, predictor, holding=0.1, venting=0.5 * BAR)
     u, seen = np.array([3.0, 1.5]) * BAR, []
     for _ in range(700):
-        plan = ladder.hold(5, u)
-        ladder.stand(Rung.HOLD, plan)
+        plan = ladder.hold(u)
+        ladder.stand(Rung.HOLD, predictor.motion(REST, plan))
         u = plan[0]
         seen.append(u)
     seen = np.array(seen)

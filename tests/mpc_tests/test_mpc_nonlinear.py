@@ -110,6 +110,18 @@ def test_a_solver_that_lies_or_gives_up_is_found_out_and_the_ladder_taken():
     assert mpc.step(good.x[2], 1 * DEG, 7.7).status is PlanStatus.OPTIMAL
 
 
+def test_a_state_beyond_all_numbers_is_met_by_holding_after_the_first_step():
+    controller = NonlinearMPC(PLANT, N=np.int64(5))
+    rest = PLANT.at_rest(0.1, 7.6)
+    controller.step(rest, 0.1, 7.6)
+    plan = controller.step([1e300, *rest[1:]], 0.1, 7.6)
+    assert plan.rung is Rung.HOLD
+    assert plan.status is not PlanStatus.OPTIMAL
+    assert np.isfinite(plan.u).all()
+    assert np.isfinite(plan.x).all()
+    assert controller.step(rest, 0.1, 7.6).status is PlanStatus.OPTIMAL
+
+
 def test_without_the_angle_the_prediction_serves_for_a_while_and_then_the_joint_is_held():
     mpc, x = NonlinearMPC(PLANT, N=N, patience=0.02), PLANT.at_rest(0.0, 7.6)
     mpc.step(x, 0.0, 7.6)

@@ -46,11 +46,19 @@ def test_what_is_no_recording_is_refused_by_its_name(run, tmp_path):
     save_recording(run, tmp_path / "run.npz")
     with np.load(tmp_path / "run.npz") as archive:
         np.savez(tmp_path / "broken.npz", **{**archive, "plant_inertia": -1.0})
+        np.savez(tmp_path / "short.npz", **{**archive, "x": np.zeros(3)})
+        np.savez(tmp_path / "many.npz", **{**archive, "dt": np.zeros(3)})
+    whole = bytearray((tmp_path / "run.npz").read_bytes())
+    whole[200:260] = bytes(60)
+    (tmp_path / "damaged.npz").write_bytes(whole)
     for name, said in (
         ("nowhere.npz", "cannot be read"),
         ("text.npz", "is not an NPZ file"),
         ("other.npz", "is not the recording of a run: K, "),
         ("broken.npz", "does not hold a plant"),
+        ("short.npz", r"x has the shape \(3,\)"),
+        ("many.npz", r"dt has the shape \(3,\)"),
+        ("damaged.npz", "is not an NPZ file"),
     ):
         with pytest.raises(InvalidFile, match=said):
             load_recording(tmp_path / name)
