@@ -1,0 +1,45 @@
+"""The exported files: those of this package as they are, and those that are written for the joint."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from allocator.joint import AntagonistJoint
+from mpc.export import ccode, text
+from mpc.export.joint import law_of, numbers_of, sides_function
+
+Files = dict[str, str]  # path within the exported directory: content
+
+_C = Path(__file__).parent / "c"
+
+
+def copied(directory: str, to: str) -> Iterator[tuple[str, str]]:
+    """The C files of `directory` of this package, to be put into `to`."""
+    for path in sorted((_C / directory).iterdir()):
+        if path.is_file():
+            yield f"{to}{path.name}", path.read_text(encoding="utf-8")
+
+
+def allocation_files(joint: AntagonistJoint, single: bool) -> Files:
+    """All that the allocation takes, without the demonstration."""
+    law = law_of(joint)
+    files = dict(copied("allocate", "src/")) | dict(copied(law.directory, "src/"))
+    numbers = text.defines({**numbers_of(joint), **law.numbers}, single)
+    files["src/joint.h"] = text.header("ANT_JOINT_H", "The joint's numbers, in SI units.", numbers)
+    if law.directory == "affine":
+        sides = sides_function(joint)
+        files |= model_files([(sides, "theta [rad] to what the muscles are there, see law_state.h")], single)
+    return files
+
+
+def model_files(functions: list[tuple[object, str]], single: bool) -> Files:
+    """model.h and model.c with these CasADi functions, each with what it computes."""
+    heads = "\n".join(f"{ccode.prototype(f)}; /* {about} */" for f, about in functions)
+    bodies = "\n\n".join(ccode.function(f, about, single) for f, about in functions)
+    about = "The joint's formulas, written by CasADi for this joint."
+    return {
+        "src/model.h": text.header("ANT_MODEL_H", about, heads, ["antagonist.h"]),
+        "src/model.c": f'/* {about} */\n#include "model.h"\n\n#include "real.h"\n\n{bodies}\n',
+    }
+
+
+__all__ = ["Files", "allocation_files", "copied", "model_files"]
