@@ -116,7 +116,7 @@ def figures(name: str, run: Run) -> Figures:
         m.violations["slack muscle"][0],
         m.step_median,
         m.step_p99,
-        m.rungs["PREVIOUS"],
+        sum(m.rungs.values()) - m.rungs["QP"],
     )
 
 

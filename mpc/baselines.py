@@ -68,7 +68,8 @@ class Baseline(ABC):
         status = PlanStatus.CLOSED_FORM if task.measured else PlanStatus.NO_MEASUREMENT
         sent, slack = self._foresight.spoken(u, motion.x), self.limits.excursion(motion.x[:, 0])
         took = perf_counter() - began
-        return Plan(sent, motion.x, motion.K, status, Rung.ALLOCATION, slack, Times(took, 0.0, 0.0, 0.0, took))
+        times, slack_force = Times(took, 0.0, 0.0, 0.0, took), self.limits.slackening(motion.F[1:])
+        return Plan(sent, motion.x, motion.K, status, Rung.ALLOCATION, slack, times, slack_force)
 
     @abstractmethod
     def _wanted(self, task: Task, x: Array, theta: float, d: float) -> Array:

@@ -1,15 +1,18 @@
 """From stage matrices to the dense QP: the states are eliminated, only the changes of the commands remain.
 
 The commands are u = ū + E z, where E (N, 2, n) says which decisions move which command; here z are the N changes
-Δu_k = u_k - u_{k-1} (less those of ū), so that every command carries the sum of the changes before it, followed by one
-slack s for the joint range. With δx_0 = 0 the linear model gives
+Δu_k = u_k - u_{k-1} (less those of ū), so that every command carries the sum of the changes before it, followed by the
+slacks s of the joint range and s_F of the muscle forces. With blocked moves there are fewer: one pair of changes for
+every block, at its beginning, after which the commands move as ū does. With δx_0 = 0 the linear model gives
 
     δx_{k+1} = A_k δx_k + B_k E_k z      so      x_k = x̄_k + G_k z,    G_0 = 0,    G_{k+1} = A_k G_k + B_k E_k
 
-and every term of the cost is a residual r̄ + M z: H = MᵀM, f = Mᵀr̄. Pressures count in bar within z.
+and every term of the cost is a residual r̄ + M z: H = MᵀM, f = Mᵀr̄. Pressures count in bar within z, s in rad, s_F in N.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +25,8 @@ from mpc.plant import NU, NX
 from mpc.qp import QP
 from mpc.weights import Weights
 
+SLACKS = 2  # s and s_F, the last decisions
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -30,15 +35,25 @@ class Problem:
     weights: Weights
     limits: Limits
     L: Array  # (6, 6) terminal factor
-    E: Array  # (N, 2, n) [Pa] a unit of each decision
+    blocks: tuple[int, ...]  # samples from one change of the commands to the next, N in all
     dt: float  # [s]
 
+    @cached_property
+    def starts(self) -> Array:
+        """The samples at which the commands may leave ū, one for each block."""
+        return np.cumsum([0, *self.blocks[:-1]])
 
-def increments(N: int) -> Array:
-    """E (N, 2, 2N + 1) [Pa/bar]: change j moves all commands from j on; the slack moves none."""
-    E = np.zeros((N, NU, N * NU + 1))
-    for k in range(N):
-        E[k, :, : (k + 1) * NU] = BAR * np.tile(np.eye(NU), k + 1)
+    @cached_property
+    def E(self) -> Array:
+        """(N, 2, n) [Pa] by which a unit of each decision moves the commands."""
+        return increments(self.blocks)
+
+
+def increments(blocks: Sequence[int]) -> Array:
+    """E (N, 2, 2 blocks + 2) [Pa/bar]: the change of block j moves all commands from there on; slacks move none."""
+    E = np.zeros((sum(blocks), NU, len(blocks) * NU + SLACKS))
+    for j, start in enumerate(np.cumsum([0, *blocks[:-1]])):
+        E[start:, :, j * NU : (j + 1) * NU] = BAR * np.eye(NU)
     return E
 
 
@@ -57,13 +72,15 @@ def condense(problem: Problem, model: Linearisation, feed: FeedForward, u_last: 
     G = sensitivity(model.A, model.B, problem.E)
     M, r = _residuals(problem, model, G, feed, u_last - u_star_last)
     H, f = M.T @ M, M.T @ r
-    H[-1, -1], f[-1] = problem.weights.slack_square, problem.weights.slack
+    weights = problem.weights
+    H[-SLACKS:, -SLACKS:] = np.diag([weights.slack_square, weights.slack_force_square])
+    f[-SLACKS:] = weights.slack, weights.slack_force
 
-    changes = np.diff(model.u, axis=0, prepend=u_last[None]).ravel() / BAR
+    changes = np.diff(model.u, axis=0, prepend=u_last[None])[problem.starts].ravel() / BAR
     step = problem.limits.step / BAR
     # z = 0 is allowed whatever rounding says
     lower, upper = np.minimum(-step - changes, 0.0), np.maximum(step - changes, 0.0)
-    lower, upper = np.append(lower, 0.0), np.append(upper, np.inf)
+    lower, upper = np.append(lower, SLACKS * [0.0]), np.append(upper, SLACKS * [np.inf])
     return QP(H, f, lower, upper, *_rows(problem, model, G))
 
 
@@ -92,23 +109,24 @@ def _residuals(
 
 
 def _rows(problem: Problem, model: Linearisation, G: Array) -> tuple[Array, Array, Array]:
-    """Commands within the supply; θ - s at most its upper, θ + s at least its lower limit.
+    """Commands within the supply; θ - s at most its upper, θ + s at least its lower limit; F + s_F at least its own.
 
     Pressures that start outside the supply come back no faster than the slew limit, as those of `model` do: up to
     there z = 0 has to be allowed.
     """
     E, limits = problem.E, problem.limits
     n = E.shape[-1]
+    s, s_F = np.eye(n)[-SLACKS:]
     commands, angle = E.reshape(-1, n) / BAR, G[1:, 0]
-    slack = np.eye(n)[-1]
-    u, theta = model.u.ravel() / BAR, model.x[1:, 0]
+    force = (model.D[1:] @ G[1:]).reshape(-1, n)
+    u, theta, F = model.u.ravel() / BAR, model.x[1:, 0], model.F[1:].ravel()
     (P_lo, P_hi), (left, right) = limits.pressure, limits.theta
     never = np.full(theta.shape, np.inf)
     return (
-        np.concatenate([commands, angle - slack, angle + slack]),
-        np.concatenate([np.minimum(P_lo / BAR - u, 0.0), -never, left - theta]),
-        np.concatenate([np.maximum(P_hi / BAR - u, 0.0), right - theta, never]),
+        np.concatenate([commands, angle - s, angle + s, force + s_F]),
+        np.concatenate([np.minimum(P_lo / BAR - u, 0.0), -never, left - theta, limits.min_force - F]),
+        np.concatenate([np.maximum(P_hi / BAR - u, 0.0), right - theta, never, np.full(F.shape, np.inf)]),
     )
 
 
-__all__ = ["Problem", "condense", "increments", "sensitivity"]
+__all__ = ["SLACKS", "Problem", "condense", "increments", "sensitivity"]

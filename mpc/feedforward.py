@@ -12,6 +12,7 @@ import numpy as np
 
 from allocator import allocate
 from allocator.calculus import Array
+from mpc.plan import Moved
 from mpc.plant import Plant
 
 
@@ -24,15 +25,16 @@ class FeedForward:
     K: Array  # (N+1,) the reachable stiffness nearest to the asked one [N·m/rad]
     P: Array  # (N+1, 2) pressures [Pa]
     u: Array  # (N, 2) commands [Pa], unlimited
+    moved: Moved  # from what was asked
 
 
 class FeedForwardLaw:
-    """Feed-forward of `plant` for previews of N+1 samples, `dt` [s] apart."""
+    """Feed-forward of `plant` for previews of N+1 samples, `dt` [s] apart, with muscles that pull `min_force` [N]."""
 
-    def __init__(self, plant: Plant, dt: float, N: int) -> None:
+    def __init__(self, plant: Plant, dt: float, N: int, min_force: float = 0.0) -> None:
         from scipy.interpolate import CubicSpline
 
-        self.plant = plant
+        self.plant, self.min_force = plant, min_force
         # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
         spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))
         self._D1, self._D2 = spline(spline.x, 1), spline(spline.x, 2)
@@ -40,13 +42,15 @@ class FeedForwardLaw:
 
     def __call__(self, theta: Array, K: Array, d: Array | float = 0.0) -> FeedForward:
         """For the previews `theta` [rad] and `K` [N·m/rad], both (N+1,), and a torque `d` [N·m], (N+1,) or constant."""
-        theta = np.clip(theta, *self.plant.joint.angle_range)
+        asked = theta
+        theta = np.clip(asked, *self.plant.joint.angle_range)
         omega, alpha = self._D1 @ theta, self._D2 @ theta
         T = self.plant.torque_for(theta, omega, alpha, d)
-        held = allocate(theta, K, T, joint=self.plant.joint)
+        held = allocate(theta, K, T, joint=self.plant.joint, min_force=self.min_force)
         P = np.stack([held.P1, held.P2], axis=1)
         u = (P[1:] - self._alpha * P[:-1]) / (1 - self._alpha)
-        return FeedForward(theta, omega, held.K, P, u)
+        moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - theta, held.K_error, held.T_error)))
+        return FeedForward(theta, omega, held.K, P, u, moved)
 
 
 __all__ = ["FeedForward", "FeedForwardLaw"]

@@ -5,6 +5,7 @@ gives the state in which the new command begins to act. The torque on the way an
 intended motion. What is to be heard is spoken so that it passes the dead band, within the limits of what can be sent.
 """
 
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -27,13 +28,14 @@ class Task(NamedTuple):
     K: Array  # (N+1,) reference [N·m/rad]
     d: Array  # (N+1,) torque from outside and of friction [N·m]
     measured: bool  # whether all of the state was
+    blind: float  # for how long the angle has not been [s]
 
 
 class Foresight:
     """Dead time, friction and dead band of `compensation` in a controller of `plant` with a preview of N samples."""
 
     def __init__(self, plant: Plant, dt: float, N: int, compensation: Compensation, limits: Limits) -> None:
-        self.plant, self.compensation, self.limits = plant, compensation, limits
+        self.plant, self.dt, self.compensation, self.limits = plant, dt, compensation, limits
         self.delay = compensation.delay(dt)
         self.ahead = N + self.delay  # samples of preview wanted
         self._under_way = Predictor(plant, dt, self.delay)
@@ -44,6 +46,7 @@ class Foresight:
         self._waiting: list[Array] = []  # commands as they will be heard, oldest first
         self._sent: Array | None = None  # (2,)
         self._expected: Array | None = None  # the state that was predicted for the next sample (4,)
+        self._blind = 0  # samples since the angle was measured
         self._friction = FrictionState(self.compensation.friction)
 
     def task(self, x: object, theta_ref: object, K_ref: object, d: object) -> Task:
@@ -55,17 +58,17 @@ class Foresight:
         if self._sent is None:
             self._sent = x[2:]
         if not (m := self.delay):
-            return Task(x, theta, K, torques, measured)
+            return Task(x, theta, K, torques, measured, self._blind * self.dt)
         self._waiting = self._waiting or [x[2:]] * m
         path = self._under_way.motion(x, np.array(self._waiting), torques[:m]).x
-        self._expected = path[1]
-        return Task(path[m], theta[m:], K[m:], torques[m:], measured)
+        self._expect(path[1])
+        return Task(path[m], theta[m:], K[m:], torques[m:], measured, self._blind * self.dt)
 
     def spoken(self, u: Array, x: Array) -> Array:
         """The commands (N, 2) to send for `u` (N, 2) to be heard in the states `x` (N+1, 4), as the limits allow."""
         self._waiting = [*self._waiting[1:], u[0]] if self.delay else []
         if not self.delay:
-            self._expected = x[1]
+            self._expect(x[1])
         if self.compensation.dead_band:
             assert self._sent is not None  # `task` comes first
             u = self.limits.limited(self._sent, self.compensation.spoken(u, x[:-1, 2:]))
@@ -80,11 +83,16 @@ class Foresight:
         if array.shape != (NX,):
             raise InvalidInput(f"x has the shape {array.shape}, not ({NX},): (theta [rad], omega [rad/s], P1, P2 [Pa])")
         missing = ~np.isfinite(array)
+        self._blind = self._blind + 1 if missing[0] else 0
         if not missing.any():
             return array, True
         if self._expected is None:
             raise InvalidInput(f"x = {array} is not finite, and there is no earlier step to predict it from")
         return np.where(missing, self._expected, array), False
+
+    def _expect(self, x: Array) -> None:
+        if np.isfinite(x).all():
+            self._expected = x
 
     def _preview(self, name: str, reference: Array) -> Array:
         if reference.shape not in ((), (self.ahead + 1,)):
@@ -97,6 +105,8 @@ class Foresight:
         """Friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does."""
         z = self._friction.follow(float(x[0]))
         limit = self.compensation.friction.limit(float(pull(self.plant, x)))
+        if not isfinite(limit):  # nor will the motion from such a state be: the controller finds that out
+            return np.zeros(theta.shape)
         return np.asarray(limit * self.compensation.friction.along(z, theta))
 
 

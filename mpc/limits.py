@@ -1,10 +1,11 @@
-"""What commands and angle have to keep to."""
+"""What commands, angle and muscle forces have to keep to."""
 
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.plant import Plant
@@ -17,13 +18,15 @@ class Limits:
     pressure: tuple[float, float]  # of every command [Pa], hard
     step: float  # greatest |u_k - u_{k-1}| [Pa], hard
     theta: tuple[float, float]  # [rad], soft
+    min_force: float = 0.0  # of both muscles [N], soft
 
     @classmethod
-    def of(cls, plant: Plant, dt: float) -> Self:
-        """The limits of `plant` at the sample time `dt` [s]."""
+    def of(cls, plant: Plant, dt: float, min_force: float = 0.0) -> Self:
+        """The limits of `plant` at the sample time `dt` [s], and the least force [N] of its muscles."""
         if not 0 < dt < 1:
             raise InvalidInput(f"dt = {dt:g} s has to be a sample time between 0 and 1 s")
-        return cls(plant.joint.pressure_limits, plant.slew * dt, plant.joint.angle_range)
+        least = float(checks.not_negative("min_force", min_force, "N"))
+        return cls(plant.joint.pressure_limits, plant.slew * dt, plant.joint.angle_range, least)
 
     def limited(self, u_last: Array, u: Array) -> Array:
         """The commands `u` (N, 2) after `u_last` (2,), each moved to the nearest that slew and supply allow.
@@ -42,6 +45,10 @@ class Limits:
         """How far `theta` leaves its range at worst [rad]."""
         left, right = self.theta
         return max(0.0, left - float(theta.min()), float(theta.max()) - right)
+
+    def slackening(self, F: Array) -> float:
+        """How far the forces `F` fall below the least one at worst [N]."""
+        return max(0.0, self.min_force - float(F.min()))
 
 
 __all__ = ["Limits"]

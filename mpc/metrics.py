@@ -7,7 +7,7 @@ import numpy as np
 from allocator import allocate
 from allocator.calculus import Array, Mask
 from allocator.units import BAR, DEG, PERCENT
-from mpc.plan import Rung
+from mpc.plan import Moved, Rung
 from mpc.simulation import Run
 
 _ROUNDING = 1e-9  # of the limit: less is arithmetic
@@ -26,6 +26,7 @@ class Metrics:
     step_p99: float  # [ms]
     rungs: dict[str, int]  # steps answered by each rung
     out_of_reach: float  # [% of the samples] whose reference the joint cannot follow, whatever the controller does
+    moved: dict[str, tuple[float, str]]  # what was asked: how far the controller moved it at worst (NaN: unsaid), unit
 
     @property
     def limits_kept(self) -> bool:
@@ -47,6 +48,7 @@ def metrics(run: Run) -> Metrics:
         step_p99=float(np.percentile(run.step_time, 99)) * 1e3,
         rungs={rung.name: int((run.rung == rung).sum()) for rung in Rung},
         out_of_reach=float(np.mean(~_reachable(run))) / PERCENT,
+        moved=_moved(run),
     )
 
 
@@ -55,6 +57,11 @@ def _reachable(run: Run) -> Mask:
     omega = np.gradient(run.theta_ref, run.dt)
     T = run.plant.torque_for(run.theta_ref, omega, np.gradient(omega, run.dt))
     return np.asarray(allocate(run.theta_ref, run.K_ref, T, joint=run.plant.joint).success)
+
+
+def _moved(run: Run) -> dict[str, tuple[float, str]]:
+    worst = Moved(*run.moved.max(axis=0).tolist())
+    return {"angle": (worst.theta / DEG, "°"), "stiffness": (worst.K, "N·m/rad"), "torque": (worst.T, "N·m")}
 
 
 def _violations(run: Run) -> dict[str, tuple[float, str]]:

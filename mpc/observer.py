@@ -7,15 +7,20 @@
 f_d is the plant over one sample, v the commands that act now (past their dead time, less the dead band) and T_f the
 friction that `Compensation` knows. d is a random walk, so that in steady state nothing of a constant torque is left.
 The covariance begins at the stationary one (Riccati equation at rest in the middle of the range).
+
+A sensor that repeats its reading exactly may be frozen, or at rest: an encoder's steps hide small motions. So from the
+first repetition on a second belief is kept that does not use the readings of that sensor, nor of others that repeat. If
+it expects another reading, with five standard deviations between, and this lasts, the sensor is frozen: the second
+belief takes over, and the sensor counts as silent until it says something new.
 """
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 from mpc.buffered import Buffered
@@ -24,6 +29,7 @@ from mpc.friction import pull
 from mpc.plant import NU, NX, Plant
 
 _MEASURED = np.array([0, 2, 3])  # of ξ
+_DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
 _SCALE = np.array([1, 1, BAR, BAR, 1])  # of ξ in the Riccati equation, for its conditioning
 
 
@@ -77,8 +83,15 @@ class Noise:
         return np.diag([self.theta, self.pressure, self.pressure]) ** 2
 
 
+class Belief(NamedTuple):
+    """What is thought of ξ."""
+
+    xi: Array  # (5,)
+    covariance: Array  # (5, 5)
+
+
 class KalmanObserver:
-    """Extended Kalman filter; `plant` is the model. A sensor may be silent (NaN) for `tolerance` seconds.
+    """Extended Kalman filter; `plant` is the model. A sensor may be silent (NaN) or frozen for `tolerance` seconds.
 
     After that what it should measure is answered as NaN until it speaks again: a controller then knows that it is
     blind, and `TrackingMPC` says so in the status of its plans.
@@ -103,22 +116,27 @@ class KalmanObserver:
         """Forget the past: the next measurement is the state, and no torque disturbs."""
         self.xi: Array | None = None  # (5,)
         self.covariance = self._stationary  # (5, 5)
+        self._read = np.full(_MEASURED.size, np.nan)  # what the sensors said a sample ago
         self._silent = np.zeros(_MEASURED.size)  # for how long [s]
+        self._repeating = np.zeros(_MEASURED.size)  # for how long [s]
+        self._frozen = np.zeros(_MEASURED.size, bool)
+        self._without: dict[int, Belief] = {}  # by sensor that repeats: what is thought without it
         self._friction = FrictionState(self.compensation.friction)
         self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + 1)
 
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
         """State (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was sent last."""
-        read = np.asarray(y, float)[_MEASURED]
+        read, u = np.asarray(y, float)[_MEASURED], np.asarray(u, float)
         if self.xi is None:
-            self.xi = self._first(read)
-            self._commands.extend([np.asarray(u, float)] * self.compensation.delay(self.dt))
+            belief = Belief(self._first(read), self.covariance)
+            self._commands.extend([u] * self.compensation.delay(self.dt))
         else:
-            self._commands.append(np.asarray(u, float))
-            self._predict(self.xi, self._commands[0])
-        there = np.isfinite(read)
-        self._correct(self.xi, read, there)
-        self._silent = np.where(there, 0.0, self._silent + self.dt)
+            self._commands.append(u)
+            belief = self._expect(Belief(self.xi, self.covariance), read)
+        there = np.isfinite(read) & ~self._frozen
+        self.xi, self.covariance = self._corrected(belief, read, there)
+        self._silent = np.where(there, 0.0, np.maximum(self._silent, self._frozen * self._repeating) + self.dt)
+        self._read = read
         x = self.xi[:NX].copy()
         x[_MEASURED[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
         return x, float(self.xi[NX])
@@ -130,22 +148,45 @@ class KalmanObserver:
             raise InvalidInput(f"the first measurement (theta, P1, P2) = {read} has to be finite")
         return np.array([read[0], 0.0, read[1], read[2], 0.0])
 
-    def _predict(self, xi: Array, u: Array) -> None:
-        x, d = xi[:NX], xi[NX]
-        z = self._friction.follow(float(x[0]))
-        T_f = self.compensation.friction.limit(pull(self.plant, x)) * z
-        x_next, A = self._model(x, self.compensation.heard(u, x[2:]), d - T_f)
-        xi[:NX] = x_next[0]
-        A = _with_walk(A)
-        self.covariance = A @ self.covariance @ A.T + self._Q
+    def _expect(self, belief: Belief, read: Array) -> Belief:
+        """What is thought of this sample before `read` (3,) is used; notes which sensors are frozen."""
+        repeated = read == self._read
+        self._repeating = np.where(repeated, self._repeating + self.dt, 0.0)
+        self._frozen &= repeated
+        z = self._friction.follow(float(belief.xi[0]))
+        expected = self._predicted(belief, z)
+        others = np.isfinite(read) & ~repeated
+        begun = {i: self._without.get(i, belief) for i in np.flatnonzero(repeated).tolist()}
+        self._without = {}
+        for i, without in begun.items():
+            foreseen = self._predicted(without, z)
+            if not self._frozen[i] and self._repeating[i] > self.tolerance and self._doubtful(i, read[i], foreseen):
+                self._frozen[i] = True
+                expected = foreseen
+            self._without[i] = self._corrected(foreseen, read, others)
+        return expected
 
-    def _correct(self, xi: Array, read: Array, there: Array) -> None:
+    def _doubtful(self, sensor: int, read: float, foreseen: Belief) -> bool:
+        i = _MEASURED[sensor]
+        variance = foreseen.covariance[i, i] + self._R[sensor, sensor]
+        return bool((read - foreseen.xi[i]) ** 2 > _DOUBT**2 * variance)
+
+    def _predicted(self, belief: Belief, z: float) -> Belief:
+        """One sample on, the friction's state being `z`."""
+        x, d = belief.xi[:NX], belief.xi[NX]
+        T_f = self.compensation.friction.limit(pull(self.plant, x)) * z
+        x_next, A = self._model(x, self.compensation.heard(self._commands[0], x[2:]), d - T_f)
+        A = _with_walk(A)
+        return Belief(np.append(x_next[0], d), A @ belief.covariance @ A.T + self._Q)
+
+    def _corrected(self, belief: Belief, read: Array, there: Mask) -> Belief:
+        """After the readings `there` (3,) of `read` (3,)."""
         C, R = np.eye(NX + 1)[_MEASURED[there]], self._R[np.ix_(there, there)]
-        S = C @ self.covariance @ C.T + R
-        gain = np.linalg.solve(S, C @ self.covariance).T
-        xi += gain @ (read[there] - C @ xi)
+        S = C @ belief.covariance @ C.T + R
+        gain = np.linalg.solve(S, C @ belief.covariance).T
         left = np.eye(NX + 1) - gain @ C
-        self.covariance = left @ self.covariance @ left.T + gain @ R @ gain.T  # Joseph's form: stays symmetric
+        covariance = left @ belief.covariance @ left.T + gain @ R @ gain.T  # Joseph's form: stays symmetric
+        return Belief(belief.xi + gain @ (read[there] - C @ belief.xi), covariance)
 
     @property
     def _stationary(self) -> Array:
@@ -174,4 +215,4 @@ def _with_walk(A: Array) -> Array:
     return np.vstack([A, np.eye(NX + 1)[-1:]])
 
 
-__all__ = ["Differentiator", "KalmanObserver", "Noise", "Observer"]
+__all__ = ["Belief", "Differentiator", "KalmanObserver", "Noise", "Observer"]

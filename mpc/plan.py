@@ -11,8 +11,10 @@ class Rung(IntEnum):
     """Which step of the fallback ladder gave the plan, best first."""
 
     QP = 0
-    PREVIOUS = 1
-    ALLOCATION = 2
+    SOFTENED = 1
+    PREVIOUS = 2
+    ALLOCATION = 3
+    HOLD = 4
 
     @property
     def text(self) -> str:
@@ -22,8 +24,10 @@ class Rung(IntEnum):
 
 _RUNGS = {
     Rung.QP: "solved the QP",
+    Rung.SOFTENED: "solved the QP with its limits softened, all but the slew",
     Rung.PREVIOUS: "went on with the previous plan",
     Rung.ALLOCATION: "commanded the closed-form allocation",
+    Rung.HOLD: "held the pressures, and vents them slowly if this lasts",
 }
 
 
@@ -36,6 +40,8 @@ class PlanStatus(IntEnum):
     NO_MEASUREMENT = 3
     NOT_FINITE = 4
     CLOSED_FORM = 5
+    LATE = 6
+    BLIND = 7
 
     @property
     def text(self) -> str:
@@ -50,7 +56,17 @@ _STATUSES = {
     PlanStatus.NO_MEASUREMENT: "The measured state is not finite; the predicted one was used in its place.",
     PlanStatus.NOT_FINITE: "The prediction left the range of numbers; check the state and the plant's parameters.",
     PlanStatus.CLOSED_FORM: "This controller does not optimise: its commands are in closed form.",
+    PlanStatus.LATE: "The QP was not solved within the time budget; shorten the horizon or block moves.",
+    PlanStatus.BLIND: "The angle has not been measured for too long to trust its prediction; check the sensor.",
 }
+
+
+class Moved(NamedTuple):
+    """How far what is asked had to be moved to what the joint can do, at worst over the horizon."""
+
+    theta: float  # [rad]
+    K: float  # [N·m/rad]
+    T: float  # [N·m], torque that the motion takes and the muscles do not have
 
 
 class Times(NamedTuple):
@@ -72,8 +88,10 @@ class Plan:
     K: Array  # (N+1,) stiffness along x [N·m/rad]
     status: PlanStatus
     rung: Rung
-    slack: float  # how far x leaves the joint range at worst [rad]
+    slack: float  # s: how far x leaves the joint range at worst [rad]
     times: Times
+    slack_force: float = 0.0  # s_F: how far a muscle force falls below the least one along x at worst [N]
+    moved: Moved | None = None  # None from a controller that does not say
 
     def __post_init__(self) -> None:
         """The controller goes on from these arrays: nobody may write into them."""
@@ -81,4 +99,4 @@ class Plan:
             array.setflags(write=False)
 
 
-__all__ = ["Plan", "PlanStatus", "Rung", "Times"]
+__all__ = ["Moved", "Plan", "PlanStatus", "Rung", "Times"]

@@ -15,7 +15,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 
 
 class Residuals(NamedTuple):
@@ -42,10 +42,9 @@ class QP:
     rows_lower: Array  # (m,)
     rows_upper: Array  # (m,)
 
-    @property
-    def without_rows(self) -> Self:
-        """The same with its simple bounds only."""
-        return replace(self, R=self.R[:0], rows_lower=self.rows_lower[:0], rows_upper=self.rows_upper[:0])
+    def with_rows(self, chosen: Mask) -> Self:
+        """The same with only the rows `chosen` (m,), and all of its simple bounds."""
+        return replace(self, R=self.R[chosen], rows_lower=self.rows_lower[chosen], rows_upper=self.rows_upper[chosen])
 
     def cost(self, z: Array) -> float:
         """½ zᵀ H z + fᵀ z."""
@@ -53,9 +52,12 @@ class QP:
 
     def violation(self, z: Array) -> float:
         """Greatest violation of a bound or row at `z`; 0 inside, NaN for a point that is not finite."""
+        return float(np.concatenate([self.lower - z, z - self.upper, self.breaches(z)]).max(initial=0.0))
+
+    def breaches(self, z: Array) -> Array:
+        """By how much each row is violated at `z`, (m,); negative inside."""
         Rz = self.R @ z
-        gaps = np.concatenate([self.lower - z, z - self.upper, self.rows_lower - Rz, Rz - self.rows_upper])
-        return float(gaps.max(initial=0.0))
+        return np.maximum(self.rows_lower - Rz, Rz - self.rows_upper)
 
     def certify(self, z: Array, multipliers: Array) -> Residuals:
         """The residuals of `z` (n,) with `multipliers` (n + m,)."""

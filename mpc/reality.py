@@ -22,6 +22,7 @@ from allocator.units import BAR, DEG
 from mpc.buffered import Buffered
 from mpc.compensation import Compensation
 from mpc.experiment import FINE
+from mpc.faults import Fault
 from mpc.friction import Friction
 from mpc.integration import integrated
 from mpc.plant import NU, NX, Plant
@@ -40,6 +41,7 @@ class RealPlant:
     encoder: float = 0.0  # [rad] a step
     pressure_noise: float = 0.0  # standard deviation [Pa], white from sample to sample
     torque_profile: tuple[tuple[float, float], ...] = ()  # (from time [s] on, external torque [N·m]), in order
+    faults: tuple[Fault, ...] = ()  # each in its window of time, the first is nearest to the plant
 
     def __post_init__(self) -> None:
         """Check the effects."""
@@ -157,6 +159,7 @@ class RealExperiment:
         self._noise = np.random.default_rng(seed)
         self._full = np.append(x0, 0.0)  # with the friction's state z
         self._sample = 0
+        self._said = np.full(NX, np.nan)  # by the sensors, a sample ago
         whole = int(real.dead_time / dt * (1 + 1e-12))
         late = real.dead_time - whole * dt  # rest of the dead time: the older command acts so long in each sample
         self._pieces = [late, dt - late] if late > 1e-9 * dt else [dt]
@@ -173,7 +176,16 @@ class RealExperiment:
         theta, _, *P = self.x
         step = self.real.encoder
         read = step * np.round(theta / step) if step else theta
-        return np.array([read, np.nan, *(P + self.real.pressure_noise * self._noise.standard_normal(NU))])
+        y = np.array([read, np.nan, *(P + self.real.pressure_noise * self._noise.standard_normal(NU))])
+        for fault in self._faults:
+            y = fault.read(y, self._said)
+        self._said = y
+        return y
+
+    @property
+    def _faults(self) -> list[Fault]:
+        t = self._sample * self.dt
+        return [fault for fault in self.real.faults if fault.active(t)]
 
     def advance(self, u: Array) -> None:
         """One sample with the commands `u` (2,) [Pa] given now."""
@@ -181,6 +193,8 @@ class RealExperiment:
         d = next((torque for start, torque in reversed(self.real.torque_profile) if t >= start - 1e-9), 0.0)
         self._waiting.append(np.array(u))
         for command, duration in zip(self._waiting, self._pieces, strict=False):
+            for fault in self._faults:
+                command = fault.heard(command, self._full[2:NX])
             self._full = self._integrate(self._full, command, d, duration)[0][0]
         self._waiting.pop(0)
         self._sample += 1

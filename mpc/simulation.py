@@ -19,7 +19,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.experiment import Experiment
 from mpc.observer import Differentiator, Observer
-from mpc.plan import Plan
+from mpc.plan import Moved, Plan
 from mpc.plant import NU, NX, Plant
 from mpc.reference import Reference
 
@@ -78,6 +78,8 @@ class Run:
     rung: NDArray[np.int64]  # (M,) Rung
     status: NDArray[np.int64]  # (M,) PlanStatus
     slack: Array  # (M,) predicted excursion from the joint range [rad]
+    slack_force: Array  # (M,) predicted lack of muscle force [N]
+    moved: Array  # (M, 3) how far what was asked was moved, a `Moved` per sample; NaN from a controller that is silent
 
     @property
     def theta(self) -> Array:
@@ -108,6 +110,7 @@ def simulate(
     x[0] = plant.at_rest(float(wanted.theta[0]), float(wanted.K[0])) if x0 is None else _state(x0)
     u, took, slack = np.empty((steps, NU)), np.empty(steps), np.empty(steps)
     rung, status = np.empty(steps, int), np.empty(steps, int)
+    slack_force, moved = np.empty(steps), np.full((steps, len(Moved._fields)), np.nan)
 
     experiment = plant.begin(dt, x[0], seed)
     observer = Differentiator(dt) if observer is None else observer
@@ -121,13 +124,17 @@ def simulate(
         took[k] = perf_counter() - began
         estimate[k] = *estimated, d
         u[k], rung[k], status[k], slack[k] = plan.u[0], plan.rung, plan.status, plan.slack
+        slack_force[k] = plan.slack_force
+        if plan.moved is not None:
+            moved[k] = plan.moved
         experiment.advance(u[k])
         x[k + 1] = experiment.x
 
     K, forces = plant.stiffness(x.T), np.stack(plant.forces(x.T), axis=1)
     return Run(
-        plant.nominal, dt, wanted.t, x, estimate, u, wanted.theta, wanted.K, K, forces, took, rung, status, slack
-    )
+        plant.nominal, dt, wanted.t, x, estimate, u, wanted.theta, wanted.K, K, forces, took,
+        rung, status, slack, slack_force, moved,
+    )  # fmt: skip
 
 
 def _state(x0: Any) -> Array:

@@ -1,12 +1,12 @@
 """QP solvers by name: DAQP directly (the default), and whatever qpsolvers finds installed.
 
-A solver is a function from a `QP` to a point and its multipliers, or None when it gives up. What it returns is only a
-proposal: `mpc.controller` certifies it.
+A solver is a function from a `QP` and the time it may take to a point and its multipliers, or None when it gives up.
+What it returns is only a proposal: `mpc.certified` checks it, and looks at the clock.
 """
 
 import warnings
-from collections.abc import Callable
-from typing import Any, TypeAlias
+from math import inf, isfinite
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,13 +14,20 @@ from allocator.calculus import Array
 from allocator.errors import MissingBackend
 from mpc.qp import QP
 
-Solver: TypeAlias = Callable[[QP], tuple[Array, Array] | None]
+
+class Solver(Protocol):
+    """See above."""
+
+    def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
+        """Point (n,) and multipliers (n + m,) of `qp` within `limit` [s]."""
+
 
 _SETTINGS: dict[str, dict[str, Any]] = {
     # OSQP's own 1e-3 calls "solved" what is off by up to 8 % of the range
     "osqp": {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iter": 50_000, "polishing": True, "raise_error": False},
     "scs": {"eps_abs": 1e-8, "eps_rel": 1e-8},
 }
+_TIME_LIMITS = {"osqp": "time_limit", "clarabel": "time_limit", "scs": "time_limit_secs"}  # settings [s]
 
 
 def solver(name: str) -> Solver:
@@ -34,11 +41,12 @@ def solver(name: str) -> Solver:
     return _through_qpsolvers(name)
 
 
-def _daqp(qp: QP) -> tuple[Array, Array] | None:
+def _daqp(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
     import daqp
 
     upper, lower = np.concatenate([qp.upper, qp.rows_upper]), np.concatenate([qp.lower, qp.rows_lower])
-    z, _, flag, info = daqp.solve(qp.H, qp.f, qp.R, upper, lower)
+    seconds = limit if isfinite(limit) else 0.0  # 0: as long as it takes
+    z, _, flag, info = daqp.solve(qp.H, qp.f, qp.R, upper, lower, time_limit=seconds)
     return (z, info["lam"]) if flag > 0 else None
 
 
@@ -48,14 +56,17 @@ def _through_qpsolvers(name: str) -> Solver:
 
     matrix = np.asarray if name in qpsolvers.dense_solvers else csc_matrix
 
-    def solve(qp: QP) -> tuple[Array, Array] | None:
+    def solve(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
         rows, bounds = np.concatenate([qp.R, -qp.R]), np.concatenate([qp.rows_upper, -qp.rows_lower])
         used = np.isfinite(bounds)
         problem = qpsolvers.Problem(matrix(qp.H), qp.f, matrix(rows[used]), bounds[used], lb=qp.lower, ub=qp.upper)
+        settings = dict(_SETTINGS.get(name, {}))
+        if name in _TIME_LIMITS and isfinite(limit):
+            settings[_TIME_LIMITS[name]] = limit
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a failure is seen from the answer, no need to be told twice
             try:
-                found = qpsolvers.solve_problem(problem, name, **_SETTINGS.get(name, {}))
+                found = qpsolvers.solve_problem(problem, name, **settings)
             except (qpsolvers.SolverError, qpsolvers.ProblemError):
                 return None
         if found.x is None or found.z is None or found.z_box is None:

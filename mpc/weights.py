@@ -18,8 +18,10 @@ class Weights:
     u: float = 1 / (0.5 * BAR) ** 2  # w_u [cost]/[Pa]², command away from the feed-forward
     rate: float = 1 / (10 * BAR) ** 2  # w_r [cost]/[Pa/s]², its rate away from the feed-forward's
     terminal_rate: float = 1 / (0.05 * BAR) ** 2  # [cost]/[Pa/s]², the same beyond the horizon, see `mpc.terminal`
-    slack: float = 1e8  # ρ [cost]/[rad], joint range left: exact above the multipliers of the hard limit
-    slack_square: float = 1e8  # ρ₂ [cost]/[rad]²
+    slack: float = 1e10  # ρ [cost]/[rad], joint range left: exact, see `mpc.penalty`
+    slack_square: float = 1e10  # ρ₂ [cost]/[rad]²
+    slack_force: float = 1e8  # ρ_F [cost]/[N], muscles less taut than they have to be: likewise
+    slack_force_square: float = 1e6  # ρ_F₂ [cost]/[N]²
 
     def __post_init__(self) -> None:
         """All of them have to be positive, or the QP has no single answer."""

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from allocator import BAR, DEG, InvalidInput
 from mpc import PlanStatus, Plant, Rung, TrackingMPC, Weights
 from mpc.buffered import Buffered
+from mpc.softened import softened
 
 PLANT = Plant()
 CONTROLLER = TrackingMPC(PLANT, N=10)  # built once; `reset` forgets
@@ -33,6 +34,7 @@ CASES = {  # state, previews of theta and K
     "small": lambda n: (PLANT.at_rest(0.0, 7.6), np.full(n, 1 * DEG), np.full(n, 7.7)),
     "slew binds": lambda n: (PLANT.at_rest(0.0, 7.6), np.where(np.arange(n) < 5, 0.0, 20 * DEG), np.full(n, 7.6)),
     "supply binds": lambda n: (PLANT.at_rest(0.3, 9.6), np.full(n, 0.5), np.full(n, 9.9)),
+    "taut muscles bind": lambda n: (PLANT.at_rest(0.0, 6.5), np.full(n, 10 * DEG), np.full(n, 6.2)),
     "joint range binds": lambda n: (moving(PLANT.at_rest(RIGHT, 7.6), 2.0), np.full(n, RIGHT), np.full(n, 7.6)),
 }
 
@@ -49,7 +51,7 @@ def test_repeated_qps_reach_ipopt_s_solution_of_the_nonlinear_problem(case, ipop
     u, cost, given_data = nlp.solve(x, theta, K, x[2:])
     plan = TrackingMPC(PLANT, N=N, iterations=15).step(x, theta, K)
     assert plan.status is PlanStatus.OPTIMAL
-    assert nlp.cost_of(plan.u, plan.slack, given_data) == pytest.approx(cost, rel=1e-5)
+    assert nlp.cost_of(plan, given_data) == pytest.approx(cost, rel=1e-5)
     np.testing.assert_allclose(plan.u, u, atol=2e-3 * BAR)
 
 
@@ -126,6 +128,19 @@ def test_pressures_that_start_outside_the_supply_return_at_the_slew_limit():
     assert commands[-1] <= 5 * BAR
 
 
+@pytest.mark.parametrize("x", [[RIGHT + 0.2, 0.0, 3 * BAR, 3 * BAR], [0.0, 0.0, 0.2 * BAR, 0.2 * BAR]], ids=["θ", "F"])
+def test_angles_and_forces_that_start_outside_their_limits_are_brought_back(x):
+    controller, x = TrackingMPC(PLANT), np.array(x)
+    first = controller.step(x, 1.0, 7.6)
+    assert max(first.slack, first.slack_force) > 0.05
+    for _ in range(100):
+        plan = controller.step(x, 1.0, 7.6)
+        assert plan.rung is Rung.QP
+        x = STEP(x, plan.u[0], 0.0)[0][0]
+    assert plan.slack == plan.slack_force == 0.0
+    assert x[0] == pytest.approx(1.0, abs=1 * DEG)
+
+
 def test_the_joint_range_is_left_only_when_it_must_be_and_this_is_said():
     controller = TrackingMPC(PLANT)
     right = PLANT.joint.angle_range[1]
@@ -187,13 +202,21 @@ def test_another_solver_gives_the_same_plan(name):
 @pytest.mark.parametrize(
     ("sabotage", "status"),
     [
-        (lambda qp: None, PlanStatus.UNSOLVED),
-        (lambda qp: (np.full_like(qp.f, 0.01), np.zeros(qp.f.size + len(qp.R))), PlanStatus.REFUSED),
-        (lambda qp: (np.full_like(qp.f, np.nan), np.zeros(qp.f.size + len(qp.R))), PlanStatus.REFUSED),
+        (lambda qp, limit: None, PlanStatus.UNSOLVED),
+        (lambda qp, limit: (np.full_like(qp.f, 0.01), np.zeros(qp.f.size + len(qp.R))), PlanStatus.REFUSED),
+        (lambda qp, limit: (np.full_like(qp.f, np.nan), np.zeros(qp.f.size + len(qp.R))), PlanStatus.REFUSED),
     ],
     ids=["gives up", "lies", "answers NaN"],
 )
-def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(sabotage, status):
+@pytest.mark.parametrize(
+    ("softened", "answers"),
+    [(softened, ["SOFTENED"] * 7), (lambda qp, deadline: None, [*["PREVIOUS"] * 4, *["ALLOCATION"] * 3])],
+    ids=["softened", "not even softened"],
+)
+def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(
+    sabotage, status, softened, answers, monkeypatch
+):
+    monkeypatch.setattr("mpc.controller.softened", softened)
     controller = TrackingMPC(PLANT, N=5)
     honest = controller._solve
     x, u_last, rungs = PLANT.at_rest(0.0, 7.6), PLANT.at_rest(0.0, 7.6)[2:], []
@@ -207,21 +230,23 @@ def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(sabo
         rungs.append(plan.rung.name)
         u_last = plan.u[0]
         x = STEP(x, u_last, 0.0)[0][0]
-    assert rungs == ["QP", *["PREVIOUS"] * 4, *["ALLOCATION"] * 3, "QP", "QP"]
+    assert rungs == ["QP", *answers, "QP", "QP"]
 
 
-def test_the_previous_plan_goes_on_where_it_was():
+def test_the_previous_plan_goes_on_where_it_was(monkeypatch):
+    monkeypatch.setattr("mpc.controller.softened", lambda qp, deadline: None)
     controller = TrackingMPC(PLANT)
     x = PLANT.at_rest(0.0, 7.6)
     first = controller.step(x, 0.1, 7.7)
-    controller._solve = lambda qp: None
+    controller._solve = lambda qp, limit: None
     second = controller.step(first.x[1], 0.1, 7.7)
     np.testing.assert_allclose(second.u[:-1], first.u[1:], rtol=1e-12)
 
 
-def test_without_any_plan_the_allocation_is_approached_at_the_slew_limit():
+def test_without_any_plan_the_allocation_is_approached_at_the_slew_limit(monkeypatch):
+    monkeypatch.setattr("mpc.controller.softened", lambda qp, deadline: None)
     controller = TrackingMPC(PLANT)
-    controller._solve = lambda qp: None
+    controller._solve = lambda qp, limit: None
     x = PLANT.at_rest(0.0, 7.0)
     plan = controller.step(x, 0.0, 8.5)
     assert plan.rung is Rung.ALLOCATION

@@ -1,5 +1,7 @@
 """The observer: it knows how well it knows, finds the torque, and says when it is blind."""
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import PlanStatus, Plant, Reference, TrackingMPC, simulate
 from mpc.buffered import Buffered
 from mpc.compensation import Compensation
+from mpc.faults import FrozenSensors
 from mpc.friction import Friction
 from mpc.observer import Differentiator, KalmanObserver, Noise
 from mpc.reality import RealPlant
@@ -132,3 +135,56 @@ def test_with_the_observer_a_load_nobody_told_of_leaves_no_error_of_the_angle():
     assert abs(run.theta[-1]) < 0.005 * DEG
     assert abs(blind.theta[-1]) > 1 * DEG
     assert run.estimate[-1, 4] == pytest.approx(1.0, rel=0.01)
+
+
+# --- frozen sensors ---------------------------------------------------------------------------------------------------
+
+
+def answered(real, steps, u=lambda k: REST[2:], tolerance=0.1):
+    """Whether (θ, P1, P2) were answered, (steps, 3)."""
+    observer, experiment, seen = KalmanObserver(PLANT, DT, tolerance=tolerance), real.begin(DT, REST, 1), []
+    for k in range(steps):
+        x, _ = observer.estimate(experiment.measure(), u(k - 1) if k else REST[2:])
+        seen.append(np.isfinite(x[[0, 2, 3]]))
+        experiment.advance(u(k))
+    return np.array(seen)
+
+
+def swinging(k):
+    return REST[2:] + 0.8 * BAR * np.sin(k / 15) * np.array([1, -1])
+
+
+@pytest.mark.parametrize(
+    "real",
+    [
+        RealPlant(PLANT),
+        RealPlant(PLANT, encoder=0.5 * DEG),
+        RealPlant(PLANT, encoder=0.02 * DEG, pressure_noise=0.02 * BAR),
+        replace(RealPlant.standard(), encoder=0.1 * DEG),
+    ],
+    ids=["ideal", "coarse encoder", "noise", "all effects"],
+)
+def test_a_joint_at_rest_is_not_taken_for_frozen_sensors(real):
+    assert answered(real, 1000).all()
+    assert answered(real, 600, swinging).all()
+
+
+@pytest.mark.parametrize("sensor", [0, 2, 3], ids=["angle", "P1", "P2"])
+def test_a_sensor_that_freezes_in_motion_is_reported_after_the_stated_time_until_it_moves_again(sensor):
+    real = replace(RealPlant(PLANT, pressure_noise=0.02 * BAR), faults=(FrozenSensors(0.5, 1.0, sensors=(sensor,)),))
+    seen = answered(real, 150, swinging)
+    reported = np.flatnonzero(~seen[:, [0, 2, 3].index(sensor)])
+    assert 60 <= reported[0] <= 75
+    np.testing.assert_array_equal(reported, np.arange(reported[0], 100))
+    assert np.delete(seen, [0, 2, 3].index(sensor), axis=1).all()
+
+
+def test_once_a_sensor_is_known_to_be_frozen_the_estimate_is_that_without_it():
+    silent, frozen = (
+        watched(
+            KalmanObserver(PLANT, DT), RealPlant(PLANT, encoder=0.02 * DEG, faults=faults), 120, REST[2:] + 0.5 * BAR
+        )
+        for faults in ((), (FrozenSensors(0.1, 0.8, sensors=(2,)),))
+    )
+    np.testing.assert_allclose(frozen[0][40:80, 3], frozen[1][40:80, 3], atol=0.05 * BAR)
+    np.testing.assert_allclose(frozen[0][40:80, 0], silent[0][40:80, 0], atol=0.1 * DEG)

@@ -29,9 +29,9 @@ def mpc_qp():
     plant = Plant()
     controller, seen = TrackingMPC(plant), []
     solve = controller._solve
-    controller._solve = lambda qp: (seen.append(qp), solve(qp))[1]
+    controller._solve = lambda qp, limit: (seen.append(qp), solve(qp, limit))[1]
     controller.step(plant.at_rest(2.1, 7.6) + np.array([0, 1.5, 0, 0]), 2.1, 7.6)
-    return seen[-1]  # the second try, with all rows
+    return seen[-1]  # the last try, with the rows that bind
 
 
 QPS = {"random 1": random_qp(1), "random 2": random_qp(2), "random 3": random_qp(3), "mpc": mpc_qp()}

@@ -57,7 +57,7 @@ def test_on_the_default_trajectory_no_limit_is_exceeded_and_both_muscles_are_tau
     assert m.limits_kept
     assert m.out_of_reach == 0.0
     assert default_run.forces.min() > 0
-    assert m.rungs == {"QP": 1200, "PREVIOUS": 0, "ALLOCATION": 0}
+    assert m.rungs == {"QP": 1200, "SOFTENED": 0, "PREVIOUS": 0, "ALLOCATION": 0, "HOLD": 0}
     assert (default_run.status == PlanStatus.OPTIMAL).all()
 
 
@@ -146,7 +146,10 @@ def test_an_unreachable_stiffness_costs_no_angle():
     assert answered(run)
     assert hard_limits_kept(run)
     assert metrics(run).theta_rms < 0.1
-    assert metrics(run).out_of_reach == 100.0
+    m = metrics(run)
+    assert m.out_of_reach == 100.0
+    assert m.moved["stiffness"][0] > 1.0  # [N·m/rad]
+    assert m.moved["angle"] == (0.0, "°")
     assert run.K.max() > 10  # as stiff as five bar make it
 
 
