@@ -34,7 +34,10 @@ def function(f: Any, comment: str, single: bool) -> str:
     Inputs and outputs are arrays by the names in `f`, matrices row by row as the caller made them. An output may be
     NULL where it is not wanted.
     """
-    lines = [f"    {line}" for line in _statements(f, single)]
+    statements = list(_statements(f, single))
+    written = "\n".join(statements)
+    unused = [f"(void){name};" for name in map(f.name_in, range(f.n_in())) if f"{name}[" not in written]
+    lines = [f"    {line}" for line in [*unused, *statements]]
     return "\n".join([f"/* {comment} */", prototype(f) + " {", *lines, "}"])
 
 

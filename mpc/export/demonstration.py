@@ -33,7 +33,7 @@ def allocation_table(joint: AntagonistJoint, single: bool) -> str:
     """The header with those targets."""
     rows = targets(joint)
     body = f"enum {{ ANT_DEMONSTRATIONS = {len(rows)} }};\n\n"
-    body += text.table("ANT_DEMONSTRATION", "theta [rad], K [N*m/rad], T [N*m]", rows, single)
+    body += f"/* theta [rad], K [N*m/rad], T [N*m] */\nstatic {text.table('ANT_DEMONSTRATION', rows, single)}"
     return text.header("ANT_DEMONSTRATION_H", "What main.c shows.", body, ["antagonist.h"])
 
 

@@ -3,14 +3,19 @@
 from os import PathLike
 from pathlib import Path
 
-from allocator.errors import MissingBackend
+from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint import AntagonistJoint, report_joint
+from mpc.compensation import Compensation
+from mpc.controller import TrackingMPC
 from mpc.export import text
+from mpc.export.control import check_pair, control_files, model_functions, sizes_of
 from mpc.export.demonstration import allocation_lines, allocation_table
 from mpc.export.joint import law_of
-from mpc.export.parts import allocation_files, copied
+from mpc.export.parts import Files, allocation_files, copied, law_functions, model_files
 from mpc.export.readme import readme
 from mpc.export.writing import check, write
+from mpc.observer import KalmanObserver
+from mpc.plant import Plant
 
 WHAT = ("allocate", "mpc", "all")
 PRECISIONS = ("double", "single")
@@ -20,28 +25,85 @@ def export(
     out: str | PathLike[str],
     *,
     joint: AntagonistJoint | None = None,
+    controller: TrackingMPC | None = None,
+    observer: KalmanObserver | None = None,
     what: str = "all",
     precision: str = "double",
 ) -> Path:
     """Write C files to the directory `out`, and return it.
 
-    Raises InvalidInput for a joint without a closed-form allocation, and for a directory that is not empty.
+    Parameters
+    ----------
+    joint
+        For its allocation; by default that of the controller, or the report's.
+    controller, observer
+        For "mpc": the controller with its plant, settings and compensation, and the observer that belongs to it; by
+        default `TrackingMPC(Plant(joint), N=10)` with the joint's own friction, and a `KalmanObserver` of the same.
+    what
+        "allocate", "mpc" or "all"; "mpc" contains the allocation, which is a rung of its ladder, and leaves only its
+        demonstration out.
+    precision
+        "double", or "single" for an FPU without double.
+
+    Raises
+    ------
+    InvalidInput
+        For a joint without a closed-form allocation, a controller and an observer that do not belong together, and a
+        directory that is not empty. Nothing is written then.
+    MissingBackend
+        For an unknown `what` or `precision`.
     """
     if what not in WHAT:
-        raise MissingBackend("export", what, WHAT)
+        raise MissingBackend("part to export", what, WHAT)
     if precision not in PRECISIONS:
         raise MissingBackend("precision", precision, PRECISIONS)
     check(Path(out))
-    joint = report_joint() if joint is None else joint
     single = precision == "single"
-    files = allocation_files(joint, single) | dict(copied(".", ""))
+    if what == "allocate":
+        joint = _joint(joint, None if controller is None else controller.plant.joint)
+        return write(_allocation(joint, single), out)
+    controller, observer = _pair(joint, controller, observer)
+    return write(_control(controller, observer, single), out)
+
+
+def _joint(given: AntagonistJoint | None, own: AntagonistJoint | None) -> AntagonistJoint:
+    if given is not None and own is not None and given != own:
+        raise InvalidInput("joint is not the one of the controller's plant; give only one of the two")
+    return given or own or report_joint()
+
+
+def _pair(
+    joint: AntagonistJoint | None, controller: TrackingMPC | None, observer: KalmanObserver | None
+) -> tuple[TrackingMPC, KalmanObserver]:
+    joint = _joint(joint, None if controller is None else controller.plant.joint)
+    if controller is None:
+        controller = TrackingMPC(Plant(joint), N=10, compensation=Compensation.of(joint))
+    if observer is None:
+        observer = KalmanObserver(controller.plant, controller.dt, compensation=controller.compensation)
+    check_pair(controller, observer)
+    return controller, observer
+
+
+def _allocation(joint: AntagonistJoint, single: bool) -> Files:
+    law = law_of(joint)
+    files = dict(copied(".", "")) | allocation_files(joint, single)
+    files |= model_files(law_functions(joint, law), single)
     files["antagonist_config.h"] = _config(single, {})
     files["src/demonstration.h"] = allocation_table(joint, single)
-    files["README.md"] = readme(joint, law_of(joint).directory, single, list(allocation_lines(joint)))
-    return write(files, out)
+    files["README.md"] = readme(joint, law.directory, single, list(allocation_lines(joint)))
+    return files
 
 
-def _config(single: bool, sizes: dict[str, tuple[int, str]]) -> str:
+def _control(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:
+    joint = controller.plant.joint
+    files = _allocation(joint, single) | control_files(controller, observer, single)
+    functions = law_functions(joint, law_of(joint)) + model_functions(controller.plant, controller.dt)
+    files |= model_files(functions, single)
+    files["antagonist_config.h"] = _config(single, sizes_of(controller))
+    return files
+
+
+def _config(single: bool, sizes: dict[str, tuple[float | int, str]]) -> str:
     lines = ["#define ANT_SINGLE /* numbers are float */"] if single else []
     lines += [text.defines(sizes, single)] if sizes else []
     return text.header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))

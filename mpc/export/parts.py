@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from allocator.joint import AntagonistJoint
 from mpc.export import ccode, text
-from mpc.export.joint import law_of, numbers_of, sides_function
+from mpc.export.joint import Law, law_of, numbers_of, sides_function
 
 Files = dict[str, str]  # path within the exported directory: content
 
@@ -25,14 +26,20 @@ def allocation_files(joint: AntagonistJoint, single: bool) -> Files:
     files = dict(copied("allocate", "src/")) | dict(copied(law.directory, "src/"))
     numbers = text.defines({**numbers_of(joint), **law.numbers}, single)
     files["src/joint.h"] = text.header("ANT_JOINT_H", "The joint's numbers, in SI units.", numbers)
-    if law.directory == "affine":
-        sides = sides_function(joint)
-        files |= model_files([(sides, "theta [rad] to what the muscles are there, see law_state.h")], single)
     return files
 
 
-def model_files(functions: list[tuple[object, str]], single: bool) -> Files:
-    """model.h and model.c with these CasADi functions, each with what it computes."""
+def law_functions(joint: AntagonistJoint, law: Law) -> list[tuple[Any, str]]:
+    """The CasADi functions that the law takes, and what each computes."""
+    if law.directory == "tondu":
+        return []
+    return [(sides_function(joint), "theta [rad] to what the muscles are there, see law_state.h")]
+
+
+def model_files(functions: list[tuple[Any, str]], single: bool) -> Files:
+    """model.h and model.c with these CasADi functions, if there are any."""
+    if not functions:
+        return {}
     heads = "\n".join(f"{ccode.prototype(f)}; /* {about} */" for f, about in functions)
     bodies = "\n\n".join(ccode.function(f, about, single) for f, about in functions)
     about = "The joint's formulas, written by CasADi for this joint."
@@ -42,4 +49,4 @@ def model_files(functions: list[tuple[object, str]], single: bool) -> Files:
     }
 
 
-__all__ = ["Files", "allocation_files", "copied", "model_files"]
+__all__ = ["Files", "allocation_files", "copied", "law_functions", "model_files"]

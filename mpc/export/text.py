@@ -1,16 +1,21 @@
 """C text for numbers and tables."""
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
-from allocator.calculus import Array
+import numpy as np
+from numpy.typing import NDArray
+
 from mpc.export.ccode import number
+
+Table = NDArray[Any]  # of floats or of integers, in one or two dimensions
 
 
 def header(guard: str, about: str, body: str, includes: Iterable[str] = ()) -> str:
     """A header file."""
-    lines = [f"/* {about} */", f"#ifndef {guard}", f"#define {guard}", ""]
-    lines += [*(f'#include "{name}"' for name in includes), "", body, "", f"#endif /* {guard} */"]
-    return "\n".join(lines) + "\n"
+    included = "".join(f'#include "{name}"\n' for name in includes)
+    pieces = [f"/* {about} */\n#ifndef {guard}\n#define {guard}\n", included, f"{body}\n", f"#endif /* {guard} */\n"]
+    return "\n".join(piece for piece in pieces if piece)
 
 
 def defines(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str:
@@ -22,13 +27,28 @@ def defines(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str
     return "\n".join(rows)
 
 
-def table(name: str, meaning: str, values: Array, single: bool) -> str:
-    """A constant array of one or two dimensions."""
-    shape = "".join(f"[{n}]" for n in values.shape)
-    rows = [values] if values.ndim == 1 else list(values)
-    texts = [", ".join(number(float(v), single) for v in row) for row in rows]
-    inner = texts[0] if values.ndim == 1 else ",\n    ".join(f"{{{text}}}" for text in texts)
-    return f"/* {meaning} */\nstatic const ant_real {name}{shape} = {{\n    {inner}}};"
+def table_head(name: str, meaning: str, values: Table) -> str:
+    """The declaration of a constant array."""
+    return f"extern {_declarator(name, values)}; /* {meaning} */"
 
 
-__all__ = ["defines", "header", "table"]
+def table(name: str, values: Table, single: bool) -> str:
+    """The array itself."""
+    if values.ndim == 1:
+        return f"{_declarator(name, values)} = {{{_row(values, single)}}};"
+    rows = ",\n".join(f"    {{{_row(row, single)}}}" for row in values)
+    return f"{_declarator(name, values)} = {{\n{rows},\n}};"
+
+
+def _declarator(name: str, values: Table) -> str:
+    kind = "int" if values.dtype.kind == "i" else "ant_real"
+    return f"const {kind} {name}{''.join(f'[{n}]' for n in values.shape)}"
+
+
+def _row(values: Table, single: bool) -> str:
+    if values.dtype.kind == "i":
+        return ", ".join(map(str, values.tolist()))
+    return ", ".join(number(v, single) for v in np.asarray(values, float).tolist())
+
+
+__all__ = ["Table", "defines", "header", "table", "table_head"]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-I.", "-Isrc", "-Isrc/daqp")
+STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-I.", "-Isrc")
 SANITISED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")
 CORTEX_M4F = ("-Os", "-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-ffunction-sections")
 ARM_GCC, ARM_SIZE, QEMU = "arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm"
@@ -26,7 +26,7 @@ class Size(NamedTuple):
 
 def compiled(directory: Path, main: Path, program: str, *flags: str, compiler: str = "gcc") -> Path:
     """`main` and all of the exported sources, compiled without a warning to `program` in `directory`."""
-    sources = sorted(path.relative_to(directory) for path in (directory / "src").rglob("*.c"))
+    sources = sorted(path.relative_to(directory) for path in (directory / "src").glob("*.c"))
     command = [compiler, *STRICT, *(flags or ("-O2",)), main, *sources, "-lm", "-o", program]
     _run([*map(str, command)], directory)
     return directory / program
@@ -53,7 +53,7 @@ def run_on_cortex_m4f(program: Path, *arguments: str) -> str:
 def sizes(directory: Path) -> dict[str, Size]:
     """Size of each of the exported sources on a Cortex-M4F, without what they take from the C library."""
     found = {}
-    for source in sorted((directory / "src").rglob("*.c")):
+    for source in sorted((directory / "src").glob("*.c")):
         made = source.with_suffix(".o")
         _run([ARM_GCC, *STRICT, *CORTEX_M4F, "-c", str(source), "-o", str(made)], directory)
         found[source.name] = size_of(made)

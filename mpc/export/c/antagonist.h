@@ -82,6 +82,69 @@ ant_target ant_target_of(ant_real theta, ant_real K, ant_real T);
  * in closed form, as `allocator.allocate(..., method="exact")`. */
 ant_allocation ant_allocate(const ant_target *target);
 
+#ifdef ANT_HORIZON
+/* --- control: angle and stiffness to commanded pressures --------------------------------------------------------- */
+
+/* How a plan came about. */
+typedef enum {
+    ANT_PLAN_OPTIMAL = 0,        /* the QP was solved, and its optimality conditions were checked */
+    ANT_PLAN_UNSOLVED = 1,       /* the QP solver gave up, or reached its bound of iterations */
+    ANT_PLAN_REFUSED = 2,        /* the QP solver's answer was not optimal and was refused */
+    ANT_PLAN_NO_MEASUREMENT = 3, /* part of the state was not measured: the predicted one was used in its place */
+    ANT_PLAN_NOT_FINITE = 4,     /* the prediction left the range of numbers */
+    ANT_PLAN_BLIND = 7,          /* the angle has not been measured for too long to trust its prediction */
+    ANT_PLAN_BAD_INPUT = -1      /* the first reading is not finite, or a reference makes no sense */
+} ant_plan_status;
+
+/* Which step of the fallback ladder gave the plan, best first. */
+typedef enum {
+    ANT_RUNG_QP = 0,
+    ANT_RUNG_SOFTENED = 1,   /* the QP with its limits softened, all but the slew */
+    ANT_RUNG_PREVIOUS = 2,   /* the previous plan went on */
+    ANT_RUNG_ALLOCATION = 3, /* the closed-form allocation, approached as the limits allow */
+    ANT_RUNG_HOLD = 4        /* the pressures are held, and let out slowly if this lasts */
+} ant_rung;
+
+/* What the sensors say; NaN where one is silent. */
+typedef struct {
+    ant_real theta;  /* [rad] */
+    ant_real P1, P2; /* [Pa] */
+} ant_reading;
+
+/* What is to be followed, from now on every ANT_DT seconds: ANT_AHEAD + 1 samples. */
+typedef struct {
+    ant_real theta[ANT_AHEAD + 1]; /* [rad] */
+    ant_real K[ANT_AHEAD + 1];     /* [N*m/rad] */
+} ant_reference;
+
+/* The commands for the horizon and what they are expected to do. */
+typedef struct {
+    ant_real u[ANT_HORIZON][2];     /* commanded pressures [Pa]; u[0] is the pair to send now */
+    ant_real x[ANT_HORIZON + 1][4]; /* theta [rad], its rate [rad/s], P1, P2 [Pa], from when u[0] is heard */
+    ant_real K[ANT_HORIZON + 1];    /* stiffness [N*m/rad] along x */
+    ant_plan_status status;
+    ant_rung rung;
+    ant_real slack;       /* how far x leaves the joint range at worst [rad] */
+    ant_real slack_force; /* how far a muscle force falls below the least one at worst [N] */
+    ant_real moved[3];    /* how far references were moved at worst: angle [rad], stiffness [N*m/rad], torque [N*m] */
+    int iterations;       /* of the QP solver */
+} ant_plan;
+
+#include "antagonist_controller.h" /* ant_controller: memory and workspace, all that control needs, of fixed size */
+
+/* Begin anew: to be called once before the first step. */
+void ant_reset(ant_controller *controller);
+
+/* One sample: reading and reference in, plan out. Sends nothing: plan->u[0] is meant to be sent now. */
+void ant_step(ant_controller *controller, const ant_reading *reading, const ant_reference *reference, ant_plan *plan);
+
+/* The two halves of ant_step, for those who have an observer of their own. The state x is theta [rad], its rate [rad/s],
+ * P1, P2 [Pa], NaN where unknown; d is the torque from outside [N*m]; sent is what was commanded a sample ago [Pa].
+ * ant_estimate returns 0 if there is no estimate yet, since the first reading is not finite. */
+int ant_estimate(ant_observer *observer, const ant_reading *reading, const ant_real sent[2], ant_real x[4], ant_real *d);
+void ant_control(ant_controller *controller, const ant_real x[4], ant_real d, const ant_reference *reference, ant_plan *plan);
+#endif
+
 #ifdef __cplusplus
 }
 #endif

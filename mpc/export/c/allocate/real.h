@@ -15,6 +15,7 @@
 #endif
 
 #define ANT_INFINITY ((ant_real)INFINITY)
+#define ANT_NAN ((ant_real)NAN)
 #define ANT_PI ANT_R(3.14159265358979323846)
 
 /* x within [lo, hi]; NaN becomes lo, and hi where the two are in the wrong order */
