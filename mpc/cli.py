@@ -9,6 +9,7 @@ import typer
 
 from allocator.cli import JOINT, MUSCLE, REPORT_MUSCLE, app, chosen_joint, run
 from allocator.errors import InvalidInput, MissingBackend
+from mpc.export.cli import export_command
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -122,6 +123,9 @@ def _summary(m: "Metrics") -> "Table":
     for rung, steps in m.rungs.items():
         table.add_row(f"steps answered by {rung}", "", str(steps))
     return table
+
+
+app.command("export")(export_command)
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """From Python to the microcontroller: allocator and controller as plain C99.
 
->>> from mpc.export import export
->>> export("joint_in_c", joint=report_joint(), what="allocate")
+    from mpc.export import export
+    export("joint_in_c", controller=TrackingMPC(plant, N=10), precision="single")
 
 Nothing is linked but math.h, nothing allocated, every loop bounded. The C files of this package (in `c/`) are exported
 as they are; tables of constants and the model, from CasADi's graph, are written beside them.

@@ -10,6 +10,7 @@ from allocator.units import BAR
 from mpc import compensation, foresight, observer, softened
 from mpc.controller import TrackingMPC
 from mpc.export import text
+from mpc.export.control_demonstration import numbers as demonstrated
 from mpc.export.parts import Files, copied
 from mpc.feedforward import FeedForwardLaw
 from mpc.friction import pull
@@ -91,7 +92,7 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
     plant, known, ladder = controller.plant, controller.compensation, controller._ladder
     late = 1 + (1e-4 if single else 1e-9)  # of a time that is summed from samples
     limits, dt = controller.limits, controller.dt
-    return _weights(controller) | {
+    return _weights(controller) | demonstrated(plant) | {
         "DT": (dt, "sample time [s]"),
         "BAR": (BAR, "[Pa]"),
         "STEP": (limits.step, "greatest change of a command in a sample [Pa]"),

@@ -1,4 +1,4 @@
-"""What the exported demonstration does, and what it prints according to Python."""
+"""What the exported demonstration of the allocation does, and what it prints according to Python."""
 
 from collections.abc import Iterator
 
@@ -10,11 +10,7 @@ from allocator.joint import AntagonistJoint
 from mpc.export import text
 
 _PLACES = (0.2, 0.5, 0.8)  # of the joint range
-_SHARES = (
-    (0.0, 0.3),
-    (0.1, 0.7),
-    (5.0, 0.5),
-)  # torque [N·m], and where in its stiffness interval; the last is too much
+_SHARES = ((0.0, 0.3), (0.1, 0.7), (50.0, 0.4))  # torque [N·m], and where in its stiffness interval; the last: too much
 
 
 def targets(joint: AntagonistJoint) -> Array:
@@ -23,17 +19,16 @@ def targets(joint: AntagonistJoint) -> Array:
     rows = []
     for place in _PLACES:
         theta = round(left + place * (right - left), 4)
-        for T, share in _SHARES:
-            low, high = (float(end) for end in stiffness_interval(theta, 0.0, joint=joint))
-            rows.append((theta, round(low + share * (high - low), 4), T))
+        low, high = (float(end) for end in stiffness_interval(theta, 0.0, joint=joint))
+        rows += [(theta, round(low + share * (high - low), 4), T) for T, share in _SHARES]
     return np.array(rows)
 
 
-def allocation_table(joint: AntagonistJoint, single: bool) -> str:
+def allocation_table(joint: AntagonistJoint, single: bool, skipped: bool = False) -> str:
     """The header with those targets."""
     rows = targets(joint)
-    body = f"enum {{ ANT_DEMONSTRATIONS = {len(rows)} }};\n\n"
-    body += f"/* theta [rad], K [N*m/rad], T [N*m] */\nstatic {text.table('ANT_DEMONSTRATION', rows, single)}"
+    body = f"enum {{ ANT_DEMONSTRATIONS = {0 if skipped else len(rows)} }};\n\n/* theta [rad], K [N*m/rad], T [N*m] */\n"
+    body += f"static {text.table('ANT_DEMONSTRATION', rows, single)}"
     return text.header("ANT_DEMONSTRATION_H", "What main.c shows.", body, ["antagonist.h"])
 
 

@@ -9,6 +9,7 @@ from mpc.compensation import Compensation
 from mpc.controller import TrackingMPC
 from mpc.export import text
 from mpc.export.control import check_pair, control_files, model_functions, sizes_of
+from mpc.export.control_demonstration import lines as control_lines
 from mpc.export.demonstration import allocation_lines, allocation_table
 from mpc.export.joint import law_of
 from mpc.export.parts import Files, allocation_files, copied, law_functions, model_files
@@ -16,6 +17,7 @@ from mpc.export.readme import readme
 from mpc.export.writing import check, write
 from mpc.observer import KalmanObserver
 from mpc.plant import Plant
+from mpc.weights import Weights
 
 WHAT = ("allocate", "mpc", "all")
 PRECISIONS = ("double", "single")
@@ -38,10 +40,9 @@ def export(
         For its allocation; by default that of the controller, or the report's.
     controller, observer
         For "mpc": the controller with its plant, settings and compensation, and the observer that belongs to it; by
-        default `TrackingMPC(Plant(joint), N=10)` with the joint's own friction, and a `KalmanObserver` of the same.
+        default those for `Plant(joint)` with N = 10, the joint's own friction and `Weights.calm()`.
     what
-        "allocate", "mpc" or "all"; "mpc" contains the allocation, which is a rung of its ladder, and leaves only its
-        demonstration out.
+        "allocate", "mpc" or "all"; the controller needs the allocator, so that "mpc" only leaves its demonstration out.
     precision
         "double", or "single" for an FPU without double.
 
@@ -63,7 +64,12 @@ def export(
         joint = _joint(joint, None if controller is None else controller.plant.joint)
         return write(_allocation(joint, single), out)
     controller, observer = _pair(joint, controller, observer)
-    return write(_control(controller, observer, single), out)
+    return write(_control(controller, observer, single, alone=what == "mpc"), out)
+
+
+def default_controller(joint: AntagonistJoint, horizon: int = 10) -> TrackingMPC:
+    """What is exported for `joint` where nothing else is said: the weights for joints that are not like their model."""
+    return TrackingMPC(Plant(joint), N=horizon, weights=Weights.calm(), compensation=Compensation.of(joint))
 
 
 def _joint(given: AntagonistJoint | None, own: AntagonistJoint | None) -> AntagonistJoint:
@@ -77,7 +83,7 @@ def _pair(
 ) -> tuple[TrackingMPC, KalmanObserver]:
     joint = _joint(joint, None if controller is None else controller.plant.joint)
     if controller is None:
-        controller = TrackingMPC(Plant(joint), N=10, compensation=Compensation.of(joint))
+        controller = default_controller(joint)
     if observer is None:
         observer = KalmanObserver(controller.plant, controller.dt, compensation=controller.compensation)
     check_pair(controller, observer)
@@ -86,21 +92,29 @@ def _pair(
 
 def _allocation(joint: AntagonistJoint, single: bool) -> Files:
     law = law_of(joint)
-    files = dict(copied(".", "")) | allocation_files(joint, single)
-    files |= model_files(law_functions(joint, law), single)
-    files["antagonist_config.h"] = _config(single, {})
-    files["src/demonstration.h"] = allocation_table(joint, single)
-    files["README.md"] = readme(joint, law.directory, single, list(allocation_lines(joint)))
-    return files
+    return {
+        **dict(copied(".", "")),
+        **allocation_files(joint, law, single),
+        **model_files(law_functions(joint, law), single),
+        "antagonist_config.h": _config(single, {}),
+        "src/demonstration.h": allocation_table(joint, single),
+        "README.md": readme(joint, law.directory, single, list(allocation_lines(joint))),
+    }
 
 
-def _control(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:
+def _control(controller: TrackingMPC, observer: KalmanObserver, single: bool, alone: bool) -> Files:
     joint = controller.plant.joint
-    files = _allocation(joint, single) | control_files(controller, observer, single)
-    functions = law_functions(joint, law_of(joint)) + model_functions(controller.plant, controller.dt)
-    files |= model_files(functions, single)
-    files["antagonist_config.h"] = _config(single, sizes_of(controller))
-    return files
+    law = law_of(joint)
+    printed = ([] if alone else list(allocation_lines(joint))) + list(control_lines(controller, observer))
+    functions = law_functions(joint, law) + model_functions(controller.plant, controller.dt)
+    return {
+        **_allocation(joint, single),
+        **control_files(controller, observer, single),
+        **model_files(functions, single),
+        "antagonist_config.h": _config(single, sizes_of(controller)),
+        "src/demonstration.h": allocation_table(joint, single, alone),
+        "README.md": readme(joint, law.directory, single, printed, controller),
+    }
 
 
 def _config(single: bool, sizes: dict[str, tuple[float | int, str]]) -> str:
@@ -109,4 +123,4 @@ def _config(single: bool, sizes: dict[str, tuple[float | int, str]]) -> str:
     return text.header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))
 
 
-__all__ = ["PRECISIONS", "WHAT", "export"]
+__all__ = ["PRECISIONS", "WHAT", "default_controller", "export"]

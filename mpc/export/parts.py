@@ -6,7 +6,7 @@ from typing import Any
 
 from allocator.joint import AntagonistJoint
 from mpc.export import ccode, text
-from mpc.export.joint import Law, law_of, numbers_of, sides_function
+from mpc.export.joint import Law, numbers_of, sides_function
 
 Files = dict[str, str]  # path within the exported directory: content
 
@@ -20,9 +20,8 @@ def copied(directory: str, to: str) -> Iterator[tuple[str, str]]:
             yield f"{to}{path.name}", path.read_text(encoding="utf-8")
 
 
-def allocation_files(joint: AntagonistJoint, single: bool) -> Files:
+def allocation_files(joint: AntagonistJoint, law: Law, single: bool) -> Files:
     """All that the allocation takes, without the demonstration."""
-    law = law_of(joint)
     files = dict(copied("allocate", "src/")) | dict(copied(law.directory, "src/"))
     numbers = text.defines({**numbers_of(joint), **law.numbers}, single)
     files["src/joint.h"] = text.header("ANT_JOINT_H", "The joint's numbers, in SI units.", numbers)

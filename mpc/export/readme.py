@@ -1,18 +1,20 @@
 """The README of the exported files."""
 
 from allocator.joint import AntagonistJoint
+from mpc.controller import TrackingMPC
 
-_TEXT = """\
+_HEAD = """\
 # A pneumatic-muscle joint in C
 
 Exported from the Python package `antagonist`, in {precision} precision, for: {joint}.
-Plain C99; no heap, no dependency but `math.h`, every loop bounded; `antagonist.h` is the one header to read. SI units.
+Plain C99; no heap, no global state, nothing but `math.h`, every loop bounded. `antagonist.h` is the header to read; all
+units are SI. `src/model.c`, `src/joint.h`{tables} were written for this joint, the other files are the same for all.
 
     cmake -S . -B build && cmake --build build && build/demonstration
 
 or
 
-    cc -O2 -std=c99 -I. -Isrc {includes}main.c src/*.c {sources}-lm -o demonstration
+    cc -O2 -std=c99 -I. -Isrc main.c src/*.c -lm -o demonstration
 
 which prints, according to Python{rounded}:
 
@@ -28,22 +30,71 @@ answered by `ANT_BAD_INPUT` and pressures within the supply.
 """
 
 _COST = {
-    "tondu": "A call costs at most 9 square roots and divisions by the dozen, 4 Newton steps, no other loop.",
-    "affine": "A call costs one evaluation of the joint's formulas (`src/model.c`) and some dozen operations, no loop.",
+    "tondu": "A call costs at most 7 square roots, some 40 divisions and 4 steps of Newton's method; there is no other "
+    "loop.",
+    "affine": "A call costs one evaluation of the joint's formulas (`src/model.c`) and some dozen operations; there is no "
+    "loop.",
 }
 
+_CONTROL = """
+## Control
 
-def readme(joint: AntagonistJoint, law: str, single: bool, printed: list[str]) -> str:
+`ant_step` is a whole step of `mpc.TrackingMPC` behind `mpc.KalmanObserver`: observer, disturbance torque, dead time,
+friction and dead band, references brought within reach, the QP, its certificate, the fallback ladder, the limits; with
+the same statuses and rungs. Call `ant_reset` once and `ant_step` every {dt:g} s; send `plan.u[0]`. A sensor that is
+silent reads NaN. All memory is in `ant_controller`, which is best made static. There is no clock: in place of a time
+budget `iteration_limit` bounds the QP solver; 0 leaves the QP out, and the next rungs answer.
+
+The QP solver is DAQP's core (`src/daqp`, MIT): a dual active-set method, exact after finitely many iterations, truthful
+about failure, without a heap. What it says is checked before it is used.
+
+Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} moves, {rows} rows):
+
+| | at most | usual |
+|---|---|---|
+| model over a sample | {stages} | {usual_stages} |
+| its derivatives | {slopes} | {usual_slopes} |
+| allocations | {allocations} | {allocations} |
+| Givens rotations (2 to {rotation} multiplications each) in the condensing | {givens} | {givens} |
+| iterations of the QP solver | {iterations} | 5 to 30 |
+| least squares of {moves} unknowns, where the QP fails | {faces} | 0 |
+"""
+
+
+def readme(
+    joint: AntagonistJoint, law: str, single: bool, printed: list[str], controller: TrackingMPC | None = None
+) -> str:
     """Its text; `printed` is what the demonstration prints according to Python."""
     muscles = " and ".join(type(muscle).__name__ for muscle in (joint.agonist, joint.antagonist))
-    return _TEXT.format(
+    head = _HEAD.format(
         precision="single" if single else "double",
         joint=f"{muscles} on a {type(joint.geometry).__name__}",
-        includes="",
-        sources="",
+        tables="" if controller is None else ", `src/settings.h` and `src/tables.c`",
         rounded=" (single precision differs in the last digits)" if single else "",
         printed="\n".join(printed),
         cost=_COST[law],
+    )
+    return head if controller is None else head + _control(controller)
+
+
+def _control(controller: TrackingMPC) -> str:
+    N, blocks = controller.N, len(controller.problem.blocks)
+    delay, qps = controller.ahead - N, controller.iterations
+    moves, rows = 2 * blocks, 6 * N
+    return _CONTROL.format(
+        dt=controller.dt,
+        N=N,
+        moves=moves,
+        rows=rows,
+        stages=delay + qps * N + 5 * N,  # the dead time, every QP, every rung
+        usual_stages=delay + (qps + 1) * N,
+        slopes=qps * N + 4,  # the observer's, with a belief for every sensor that repeats itself
+        usual_slopes=qps * N + 1,
+        allocations=N + 1,
+        givens=qps * (3 * (N - 1) + 2 * N + 6) * moves,
+        rotation=4 * moves,
+        iterations=qps * 5 * (moves + 2 + rows),
+        faces=10 * 4 * moves,
     )
 
 

@@ -61,6 +61,12 @@ def sizes(directory: Path) -> dict[str, Size]:
     return found
 
 
+def linked_size(directory: Path) -> Size:
+    """Size of a program that calls `ant_step` again and again, with all that it takes from newlib-nano."""
+    smallest = "-fdata-sections", "-Wl,--gc-sections", "--specs=nano.specs", "--specs=nosys.specs", "-Wl,--no-warnings"
+    return size_of(compiled(directory, _BOARD / "step.c", "step.elf", *CORTEX_M4F, *smallest, compiler=ARM_GCC))
+
+
 def size_of(binary: Path) -> Size:
     """Size of an object file or of a program."""
     text, data, bss = map(int, _run([ARM_SIZE, str(binary)], binary.parent).splitlines()[1].split()[:3])
@@ -83,6 +89,7 @@ __all__ = [
     "Size",
     "compiled",
     "compiled_for_cortex_m4f",
+    "linked_size",
     "run",
     "run_on_cortex_m4f",
     "size_of",

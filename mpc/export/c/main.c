@@ -5,7 +5,7 @@
 #include "demonstration.h"
 
 #ifdef ANT_HORIZON
-#include "demonstration_mpc.h"
+#include "demonstration_control.h"
 #endif
 
 static void show(const ant_real *numbers) {
