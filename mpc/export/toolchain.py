@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-I.", "-Isrc")
-SANITISED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")
+SANITISED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")
 CORTEX_M4F = ("-Os", "-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-ffunction-sections")
 ARM_GCC, ARM_SIZE, QEMU = "arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm"
 

@@ -113,8 +113,12 @@ static int start(ant_observer *o, const ant_real read[3], const ant_real sent[2]
     return 1;
 }
 
+/* A reading beyond what any sensor could say counts as none. */
+static ant_real plausible(ant_real read, ant_real most) { return ant_abs(read) <= most ? read : ANT_NAN; }
+
 int ant_estimate(ant_observer *o, const ant_reading *reading, const ant_real sent[2], ant_real x[4], ant_real *d) {
-    const ant_real read[3] = {reading->theta, reading->P1, reading->P2};
+    const ant_real read[3] = {plausible(reading->theta, 2 * ANT_PI), plausible(reading->P1, 10 * ANT_SUPPLY_HI),
+                              plausible(reading->P2, 10 * ANT_SUPPLY_HI)};
     int there[3];
     if (o->begun) {
         remember(o, sent);
@@ -124,6 +128,10 @@ int ant_estimate(ant_observer *o, const ant_reading *reading, const ant_real sen
     }
     for (int i = 0; i < 3; i++) there[i] = isfinite(read[i]) && !o->frozen[i];
     correct(&o->belief, read, there);
+    if (!ant_finite(o->belief.xi, 5)) { /* begin anew with the next reading */
+        o->begun = 0;
+        return 0;
+    }
     memcpy(x, o->belief.xi, 4 * sizeof x[0]);
     for (int i = 0; i < 3; i++) {
         const ant_real least = o->frozen[i] && o->repeating[i] > o->silent[i] ? o->repeating[i] : o->silent[i];
