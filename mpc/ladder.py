@@ -7,8 +7,9 @@
     HOLD        the commands stay where they are, and after a while both pressures are let out slowly
 
 A rung is stood on only if its commands and the motion that the model predicts for them are finite. Whoever does not
-know the angle any more stands on the last: a prediction without it drifts away. Letting out keeps the ratio of the two
-pressures, and with it about the angle. The next good sample leads back to the first rung.
+know the angle any more stands on the last: a prediction without it drifts away. Where there is no finite prediction at
+all, the plan says that everything stays as it was last known. Letting out keeps the ratio of the two pressures, and
+with it about the angle. The next good sample leads back to the first rung.
 """
 
 from collections.abc import Iterator

@@ -30,7 +30,10 @@ def softened(qp: QP, deadline: float) -> Array | None:
     for _ in range(_ROUNDS):
         if (began := perf_counter()) + took > deadline:
             break
-        z = _bounded_least_squares(_charging(hard, w, charged, z))
+        try:
+            z = _bounded_least_squares(_charging(hard, w, charged, z))
+        except np.linalg.LinAlgError:  # H is not positive definite to rounding: what has been met is the answer
+            break
         took = perf_counter() - began
         if (price := cost(hard, w, z)) < least:
             best, least = z, price

@@ -10,7 +10,12 @@ from allocator.units import BAR, DEG
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of the cost in `mpc.controller`; each is written as one over the square of an error that costs ½."""
+    """Weights of the cost in `mpc.controller`; each is written as one over the square of an error that costs ½.
+
+    The slacks' are exact penalties: some tens of times the largest sums of multipliers, 2e8/rad and 2e5/N, that the
+    hard limits have in 250 random states near them (`mpc.penalty`); far dearer ones would cost the QP solvers digits.
+    Who makes the other weights larger than these defaults makes them larger in proportion.
+    """
 
     theta: float = 1 / (0.02 * DEG) ** 2  # w_θ [cost]/[rad]², angle
     omega: float = 1 / (2 * DEG) ** 2  # w_ω [cost]/[rad/s]², velocity
@@ -18,10 +23,10 @@ class Weights:
     u: float = 1 / (0.5 * BAR) ** 2  # w_u [cost]/[Pa]², command away from the feed-forward
     rate: float = 1 / (10 * BAR) ** 2  # w_r [cost]/[Pa/s]², its rate away from the feed-forward's
     terminal_rate: float = 1 / (0.05 * BAR) ** 2  # [cost]/[Pa/s]², the same beyond the horizon, see `mpc.terminal`
-    slack: float = 1e10  # ρ [cost]/[rad], joint range left: exact, see `mpc.penalty`
+    slack: float = 1e10  # ρ [cost]/[rad], joint range left
     slack_square: float = 1e10  # ρ₂ [cost]/[rad]²
-    slack_force: float = 1e8  # ρ_F [cost]/[N], muscles less taut than they have to be: likewise
-    slack_force_square: float = 1e6  # ρ_F₂ [cost]/[N]²
+    slack_force: float = 1e7  # ρ_F [cost]/[N], muscles less taut than they have to be
+    slack_force_square: float = 1e5  # ρ_F₂ [cost]/[N]²
 
     def __post_init__(self) -> None:
         """All of them have to be positive, or the QP has no single answer."""

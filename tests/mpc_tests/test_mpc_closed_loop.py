@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allocator import DEG
-from mpc import Rung, Weights, simulate
+from mpc import PlanStatus, Rung, Weights, simulate
 from mpc.friction import Friction
 from mpc.loops import Settings, loop
 from mpc.metrics import metrics
@@ -49,6 +49,7 @@ def test_the_angle_follows_as_closely_as_issue_7_asks(reference, gains, rms_aske
     assert np.abs(error).max() < worst_asked
     assert metrics(run).limits_kept
     assert (run.rung == Rung.QP).all()
+    assert (run.status == PlanStatus.OPTIMAL).all()  # no sensor is taken for frozen in a rest
     if gains[0] != gains[1]:
         assert rms((run.K - run.K_ref)[round(LEAD / DT) :]) < 0.15
 

@@ -5,6 +5,8 @@ from time import perf_counter, sleep
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from allocator import BAR, DEG, InvalidInput, torque_interval
 from mpc import PlanStatus, Plant, Rung, TrackingMPC
@@ -17,6 +19,7 @@ PLANT = Plant()
 REST = PLANT.at_rest(0.1, 7.6)
 STEP = Buffered(PLANT.discrete(0.01, 0.02))
 DAQP = solver("daqp")
+STORMY = TrackingMPC(PLANT, N=6, patience=0.02)
 
 
 def late(qp, limit=inf):
@@ -157,6 +160,40 @@ def test_after_a_rest_on_the_last_rung_the_first_plan_is_not_gone_on_with():
     controller.step(np.full(4, np.nan), 0.15, 7.7)
     controller.budget = 0.0
     assert controller.step(REST, 0.15, 7.7).rung is Rung.ALLOCATION
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    storm=st.lists(
+        st.tuples(
+            st.sampled_from(["fine", "none", "lie", "NaN"]),  # the solver
+            st.sets(st.integers(0, 3)),  # entries of the state that are not measured …
+            st.sampled_from([np.nan, np.inf, 1e250]),  # … and what is read instead
+            st.floats(-1e4, 1e4),  # torque said to act [N·m]
+        ),
+        min_size=1,
+        max_size=15,
+    )
+)
+def test_whatever_comes_together_is_survived_and_forgotten(storm):
+    answers = {
+        "fine": DAQP,
+        "none": lambda qp, limit: None,
+        "lie": lambda qp, limit: (np.full_like(qp.f, 0.02), np.zeros(qp.f.size + len(qp.R))),
+        "NaN": lambda qp, limit: (np.full_like(qp.f, np.nan), np.zeros(qp.f.size + len(qp.R))),
+    }
+    STORMY.reset()
+    x, plans = REST, [STORMY.step(REST, 0.15, 7.7)]
+    for how, lost, reading, torque in storm:
+        STORMY._solve = answers[how]
+        read = np.where(np.isin(np.arange(4), list(lost)), reading, x)
+        plans.append(STORMY.step(read, 0.15, 7.7, torque))
+        x = STEP(x, plans[-1].u[0], 0.0)[0][0]
+    STORMY._solve = DAQP
+    plans.append(STORMY.step(x, 0.15, 7.7))
+    assert keeps_limits(plans)
+    assert all(plan.rung is Rung.QP for plan in plans if plan.status is PlanStatus.OPTIMAL)
+    assert (plans[-1].rung, plans[-1].status) == (Rung.QP, PlanStatus.OPTIMAL)
 
 
 # --- what is said -----------------------------------------------------------------------------------------------------

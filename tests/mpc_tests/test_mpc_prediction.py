@@ -42,6 +42,8 @@ def test_derivatives_equal_central_differences(joint, u):
             np.testing.assert_allclose(model.A[k][:, j] * SCALE[j], (ahead - back) / (2 * h), rtol=1e-6, atol=1e-6)
             dK = (plant.stiffness(model.x[k] + move) - plant.stiffness(model.x[k] - move)) / (2 * h)
             np.testing.assert_allclose(model.C[k, j] * SCALE[j], dK, rtol=1e-6, atol=1e-7)
+            dF = np.subtract(plant.forces(model.x[k] + move), plant.forces(model.x[k] - move)) / (2 * h)
+            np.testing.assert_allclose(model.D[k, :, j] * SCALE[j], dF, rtol=1e-6, atol=1e-5)
         for j in range(2):
             move = h * BAR * np.eye(2)[j]
             ahead, back = (step(model.x[k], u[k] + s * move, 0.3)[0][0] for s in (1, -1))
@@ -59,30 +61,31 @@ def test_a_motion_is_the_plant_stepped_and_its_linear_model_is_exact_on_it(u):
         np.testing.assert_allclose(motion.x[k + 1], x, rtol=1e-12)
     np.testing.assert_array_equal(model.x, motion.x)
     np.testing.assert_allclose(motion.K, plant.stiffness(motion.x.T), rtol=1e-12)
+    np.testing.assert_allclose(motion.F.T, plant.forces(motion.x.T), rtol=1e-12)
     np.testing.assert_allclose(linear_rollout(model, u), model.x, rtol=1e-10)
 
 
 def test_the_condensed_prediction_is_the_linear_model_rolled_out(u):
     model = Predictor(Plant(), DT, N).linearise(X0, u)
-    E = increments(N)
+    E = increments([1] * N)
     z = np.random.default_rng(2).normal(size=E.shape[-1])
     condensed = model.x + sensitivity(model.A, model.B, E) @ z
     np.testing.assert_allclose(condensed, linear_rollout(model, u + E @ z), rtol=1e-9)
 
 
 def test_each_increment_moves_all_later_commands_by_one_bar():
-    E = increments(3)
-    z = np.arange(1.0, 8.0)  # changes (1, 2), (3, 4), (5, 6), slack 7
+    E = increments([1] * 3)
+    z = np.arange(1.0, 9.0)  # changes (1, 2), (3, 4), (5, 6), slacks 7 and 8
     np.testing.assert_allclose(E @ z, BAR * np.array([[1, 2], [4, 6], [9, 12]]))
 
 
 def test_the_qp_s_cost_is_the_cost_in_the_controller_s_docstring(u):
     plant, weights = Plant(), Weights(theta=2e5, omega=300.0, K=70.0, u=1e-9, rate=1e-11, slack=50.0, slack_square=20.0)
-    limits, L, E = Limits.of(plant, DT), terminal_factor(plant, DT, weights), increments(N)
+    limits, L, E = Limits.of(plant, DT), terminal_factor(plant, DT, weights), increments([1] * N)
     feed = FeedForwardLaw(plant, DT, N)(0.2 + 0.05 * np.arange(N + 1) / N, np.full(N + 1, 7.6))
     model = Predictor(plant, DT, N).linearise(X0, u)
     u_last, u_star_last = u[0] - 1e3, feed.u[0] + 2e3
-    qp = condense(Problem(weights, limits, L, E, DT), model, feed, u_last, u_star_last)
+    qp = condense(Problem(weights, limits, L, (1,) * N, DT), model, feed, u_last, u_star_last)
 
     def cost(z):
         commands = u + E @ z
@@ -97,36 +100,41 @@ def test_the_qp_s_cost_is_the_cost_in_the_controller_s_docstring(u):
             + weights.omega * (x[1:N, 1] - feed.omega[1:N]) ** 2
             + weights.K * (K[1:N] - feed.K[1:N]) ** 2
         )
-        s = z[-1]
+        s, s_F = z[-2:]
         squares = np.sum(inner) + weights.u * np.sum(e**2) + weights.rate * np.sum(rates**2) + np.sum((L @ xi) ** 2)
-        return squares / 2 + weights.slack * s + weights.slack_square / 2 * s**2
+        price = weights.slack * s + weights.slack_square / 2 * s**2
+        price += weights.slack_force * s_F + weights.slack_force_square / 2 * s_F**2
+        return squares / 2 + price
 
     rng = np.random.default_rng(3)
     for z in rng.normal(size=(5, E.shape[-1])):
         assert qp.cost(z) == pytest.approx(cost(z) - cost(0 * z), rel=1e-8)
 
 
-def test_the_qp_s_bounds_are_the_slew_limit_and_its_rows_supply_and_joint_range(u):
+def test_the_qp_s_bounds_are_the_slew_limit_and_its_rows_supply_joint_range_and_forces(u):
     plant = Plant()
-    limits, E = Limits.of(plant, DT), increments(N)
-    problem = Problem(Weights(), limits, terminal_factor(plant, DT, Weights()), E, DT)
-    u = limits.limited(u[0], u)
+    limits, E = Limits.of(plant, DT, min_force=5.0), increments([1] * N)
+    problem = Problem(Weights(), limits, terminal_factor(plant, DT, Weights()), (1,) * N, DT)
+    u = u[0] + 0.5 * (limits.limited(u[0], u) - u[0])  # changes that are not yet at the limit
     model = Predictor(plant, DT, N).linearise(X0, u)
     feed = FeedForwardLaw(plant, DT, N)(np.full(N + 1, 0.2), np.full(N + 1, 7.6))
     qp = condense(problem, model, feed, u[0], feed.u[0])
     rng = np.random.default_rng(4)
     seen = set()
     for z in rng.normal(size=(400, E.shape[-1])) * rng.choice([1e-3, 0.03, 2.0], size=(400, 1)):
-        z[-1] = abs(z[-1])
+        z[-2:] = np.abs(z[-2:]) * [1, 3000]
         commands = u + E @ z
-        theta = (model.x + sensitivity(model.A, model.B, E) @ z)[1:, 0]
+        dx = (sensitivity(model.A, model.B, E) @ z)[1:]
+        theta = model.x[1:, 0] + dx[:, 0]
+        F = model.F[1:] + np.einsum("kij,kj->ki", model.D[1:], dx)
         changes = np.abs(np.diff(commands, axis=0, prepend=u[:1]))
         kept = (
             (changes <= limits.step).all()
             and (commands >= limits.pressure[0]).all()
             and (commands <= limits.pressure[1]).all()
-            and (theta <= limits.theta[1] + z[-1]).all()
-            and (theta >= limits.theta[0] - z[-1]).all()
+            and (theta <= limits.theta[1] + z[-2]).all()
+            and (theta >= limits.theta[0] - z[-2]).all()
+            and (F >= 5.0 - z[-1]).all()
         )
         assert (qp.violation(z) == 0) == kept
         seen.add(bool(kept))

@@ -56,3 +56,7 @@ def test_where_no_limit_is_broken_it_is_the_qp_s_solution():
 @pytest.mark.parametrize("qp", QPS[:3])
 def test_when_time_is_over_it_has_none(qp):
     assert softened(qp, perf_counter()) is None
+
+
+def test_numbers_that_allow_no_answer_do_no_harm():
+    assert softened(replace(QPS[0], H=np.zeros_like(QPS[0].H)), inf) is None
