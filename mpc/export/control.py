@@ -92,30 +92,34 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
     plant, known, ladder = controller.plant, controller.compensation, controller._ladder
     late = 1 + (1e-4 if single else 1e-9)  # of a time that is summed from samples
     limits, dt = controller.limits, controller.dt
-    return _weights(controller) | demonstrated(plant) | {
-        "DT": (dt, "sample time [s]"),
-        "BAR": (BAR, "[Pa]"),
-        "STEP": (limits.step, "greatest change of a command in a sample [Pa]"),
-        "MIN_FORCE": (limits.min_force, "least force of the muscles [N]"),
-        "ITERATIONS": (controller.iterations, "QPs in a step"),
-        "PATIENCE": (controller.patience * late, "for which the angle may be predicted [s]"),
-        "HOLDING": (ladder.holding, "for which pressures are held on the last rung [s]"),
-        "VENTING": (ladder.venting, "how fast they fall then [Pa/s]"),
-        "HELD_LONG": (2**30, "samples, from which on they are not counted any more"),
-        "INERTIA": (plant.inertia, "[kg*m^2]"),
-        "DAMPING": (plant.damping, "[N*m*s/rad]"),
-        "GRAVITY": (plant.gravity_torque, "m g l [N*m]"),
-        "FRICTION": (known.friction.mu, "mu [-]"),
-        "COULOMB": (known.friction.coulomb, "[N*m]"),
-        "PRESLIDING": (known.friction.presliding, "[rad]"),
-        "JITTER": (compensation._JITTER, "motions below are noise of the angle [rad]"),
-        "CORRECTED": (getattr(foresight, "_CORRECTED", 0.0), "share of an angle's error that counts as motion [-]"),
-        "DEAD_BAND": (known.dead_band, "of the regulators, total [Pa]"),
-        "SOFT": (compensation._SOFT, "over which the inverse of the dead band changes sides [Pa]"),
-        "TOLERANCE": (eyes.tolerance, "for which a sensor may be silent or frozen [s]"),
-        "TOLERANCE_END": (eyes.tolerance * late, "the same, rounded up [s]"),
-        "DOUBT": (observer._DOUBT, "standard deviations at which a repeated reading is not believed"),
-    }
+    return (
+        _weights(controller)
+        | demonstrated(plant)
+        | {
+            "DT": (dt, "sample time [s]"),
+            "BAR": (BAR, "[Pa]"),
+            "STEP": (limits.step, "greatest change of a command in a sample [Pa]"),
+            "MIN_FORCE": (limits.min_force, "least force of the muscles [N]"),
+            "ITERATIONS": (controller.iterations, "QPs in a step"),
+            "PATIENCE": (controller.patience * late, "for which the angle may be predicted [s]"),
+            "HOLDING": (ladder.holding, "for which pressures are held on the last rung [s]"),
+            "VENTING": (ladder.venting, "how fast they fall then [Pa/s]"),
+            "HELD_LONG": (2**30, "samples, from which on they are not counted any more"),
+            "INERTIA": (plant.inertia, "[kg*m^2]"),
+            "DAMPING": (plant.damping, "[N*m*s/rad]"),
+            "GRAVITY": (plant.gravity_torque, "m g l [N*m]"),
+            "FRICTION": (known.friction.mu, "mu [-]"),
+            "COULOMB": (known.friction.coulomb, "[N*m]"),
+            "PRESLIDING": (known.friction.presliding, "[rad]"),
+            "JITTER": (compensation._JITTER, "motions below are noise of the angle [rad]"),
+            "CORRECTED": (getattr(foresight, "_CORRECTED", 0.0), "share of an angle's error that counts as motion [-]"),
+            "DEAD_BAND": (known.dead_band, "of the regulators, total [Pa]"),
+            "SOFT": (compensation._SOFT, "over which the inverse of the dead band changes sides [Pa]"),
+            "TOLERANCE": (eyes.tolerance, "for which a sensor may be silent or frozen [s]"),
+            "TOLERANCE_END": (eyes.tolerance * late, "the same, rounded up [s]"),
+            "DOUBT": (observer._DOUBT, "standard deviations at which a repeated reading is not believed"),
+        }
+    )
 
 
 def _weights(controller: TrackingMPC) -> Numbers:

@@ -27,7 +27,9 @@ def targets(joint: AntagonistJoint) -> Array:
 def allocation_table(joint: AntagonistJoint, single: bool, skipped: bool = False) -> str:
     """The header with those targets."""
     rows = targets(joint)
-    body = f"enum {{ ANT_DEMONSTRATIONS = {0 if skipped else len(rows)} }};\n\n/* theta [rad], K [N*m/rad], T [N*m] */\n"
+    body = (
+        f"enum {{ ANT_DEMONSTRATIONS = {0 if skipped else len(rows)} }};\n\n/* theta [rad], K [N*m/rad], T [N*m] */\n"
+    )
     body += f"static {text.table('ANT_DEMONSTRATION', rows, single)}"
     return text.header("ANT_DEMONSTRATION_H", "What main.c shows.", body, ["antagonist.h"])
 

@@ -10,8 +10,8 @@ import pytest
 from allocator import AntagonistJoint, Lever, allocate, report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
-from mpc.export.entry import export
 from mpc.export import toolchain as tools
+from mpc.export.entry import export
 
 LEVER = Lever(rest_length=0.40, anchor=0.30, lever=0.03, offset=0.0435)
 JOINTS = {

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allocator.units import BAR, DEG
-from mpc import KalmanObserver, Plant, PlanStatus, RealPlant, Rung, TrackingMPC, Weights, sine
+from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Rung, TrackingMPC, Weights, sine
 from mpc.export import export
 from mpc.export import toolchain as tools
 from mpc.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
