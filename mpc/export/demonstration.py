@@ -10,7 +10,7 @@ from allocator.joint import AntagonistJoint
 from mpc.export import text
 
 _PLACES = (0.2, 0.5, 0.8)  # of the joint range
-_SHARES = ((0.0, 0.3), (0.1, 0.7), (50.0, 0.4))  # torque [N·m], and where in its stiffness interval; the last: too much
+_SHARES = ((0.0, 0.3), (0.1, 0.7), (50.0, 0.4))  # torque [N·m], the last too much; share of the stiffness interval
 
 
 def targets(joint: AntagonistJoint) -> Array:

@@ -25,7 +25,8 @@ def law_of(joint: AntagonistJoint) -> Law:
     if not joint.affine:
         raise InvalidInput(
             f"a joint with {type(joint.agonist).__name__} and {type(joint.antagonist).__name__} cannot be exported: "
-            "its allocation has no closed form; take two muscles affine in the pressure, or two equal Tondu2021 on a pulley"
+            "its allocation has no closed form; take two muscles affine in the pressure, or two equal Tondu2021 on a "
+            "pulley"
         )
     _check_affine(joint)
     return Law("affine", {})

@@ -16,7 +16,7 @@ _C = Path(__file__).parent / "c"
 def copied(directory: str, to: str) -> Iterator[tuple[str, str]]:
     """The C files of `directory` of this package, to be put into `to`."""
     for path in sorted((_C / directory).iterdir()):
-        if path.is_file():
+        if path.is_file() and not path.name.startswith("."):
             yield f"{to}{path.name}", path.read_text(encoding="utf-8")
 
 

@@ -32,8 +32,8 @@ answered by `ANT_BAD_INPUT` and pressures within the supply.
 _COST = {
     "tondu": "A call costs at most 7 square roots, some 40 divisions and 4 steps of Newton's method; there is no other "
     "loop.",
-    "affine": "A call costs one evaluation of the joint's formulas (`src/model.c`) and some dozen operations; there is no "
-    "loop.",
+    "affine": "A call costs one evaluation of the joint's formulas (`src/model.c`) and some dozen operations; there is "
+    "no loop.",
 }
 
 _CONTROL = """

@@ -37,19 +37,19 @@ typedef enum {
 
 /* Limits that an answer lies on; `limits` is a combination of them. */
 enum {
-    ANT_P1_LOWER = 1,              /* supply, P1 */
+    ANT_P1_LOWER = 1, /* supply, P1 */
     ANT_P1_UPPER = 2,
-    ANT_P2_LOWER = 4,              /* supply, P2 */
+    ANT_P2_LOWER = 4, /* supply, P2 */
     ANT_P2_UPPER = 8,
-    ANT_AGONIST_SLACK = 16,        /* min_force */
+    ANT_AGONIST_SLACK = 16, /* min_force */
     ANT_ANTAGONIST_SLACK = 32,
-    ANT_P1_RATE = 64,              /* max_step */
+    ANT_P1_RATE = 64, /* max_step */
     ANT_P2_RATE = 128,
-    ANT_AGONIST_VALIDITY = 256,    /* of the muscle model */
+    ANT_AGONIST_VALIDITY = 256, /* of the muscle model */
     ANT_ANTAGONIST_VALIDITY = 512,
-    ANT_JOINT_RANGE = 1024,        /* end stops */
+    ANT_JOINT_RANGE = 1024, /* end stops */
     ANT_CONTRACTION_THRESHOLD = 2048,
-    ANT_AGONIST_FORCE = 4096,      /* max_force */
+    ANT_AGONIST_FORCE = 4096, /* max_force */
     ANT_ANTAGONIST_FORCE = 8192
 };
 
@@ -57,22 +57,22 @@ enum {
 typedef enum { ANT_TORQUE_FIRST = 0, ANT_STIFFNESS_FIRST = 1 } ant_priority;
 
 typedef struct {
-    ant_real theta;        /* joint angle [rad] */
-    ant_real K;            /* stiffness wanted, positive [N*m/rad] */
-    ant_real T;            /* torque wanted [N*m] */
-    ant_real min_force;    /* least muscle force [N]; -INFINITY: cables may be slack */
-    ant_real max_force;    /* greatest muscle force [N]; INFINITY: no limit */
-    ant_real P1_now;       /* pressures now [Pa], for max_step */
+    ant_real theta;     /* joint angle [rad] */
+    ant_real K;         /* stiffness wanted, positive [N*m/rad] */
+    ant_real T;         /* torque wanted [N*m] */
+    ant_real min_force; /* least muscle force [N]; -INFINITY: cables may be slack */
+    ant_real max_force; /* greatest muscle force [N]; INFINITY: no limit */
+    ant_real P1_now;    /* pressures now [Pa], for max_step */
     ant_real P2_now;
-    ant_real max_step;     /* how far each pressure may move from now [Pa]; INFINITY: anywhere */
+    ant_real max_step; /* how far each pressure may move from now [Pa]; INFINITY: anywhere */
     ant_priority priority;
 } ant_target;
 
 typedef struct {
-    ant_real P1, P2;   /* the pressures [Pa] */
-    ant_real T, K;     /* what they give [N*m], [N*m/rad] */
+    ant_real P1, P2; /* the pressures [Pa] */
+    ant_real T, K;   /* what they give [N*m], [N*m/rad] */
     ant_status status;
-    int limits;        /* the limits that bind */
+    int limits; /* the limits that bind */
 } ant_allocation;
 
 /* A target with cables taut, no other limit on forces or steps, and the torque first. */
@@ -138,11 +138,14 @@ void ant_reset(ant_controller *controller);
 /* One sample: reading and reference in, plan out. Sends nothing: plan->u[0] is meant to be sent now. */
 void ant_step(ant_controller *controller, const ant_reading *reading, const ant_reference *reference, ant_plan *plan);
 
-/* The two halves of ant_step, for those who have an observer of their own. The state x is theta [rad], its rate [rad/s],
- * P1, P2 [Pa], NaN where unknown; d is the torque from outside [N*m]; sent is what was commanded a sample ago [Pa].
+/* The two halves of ant_step, for those who have an observer of their own. The state x is theta [rad], its rate
+ * [rad/s], P1, P2 [Pa], NaN where unknown; d is the torque from outside [N*m]; sent is what was commanded a sample ago
+ * [Pa].
  * ant_estimate returns 0 if there is no estimate yet, since the first reading is not finite. */
-int ant_estimate(ant_observer *observer, const ant_reading *reading, const ant_real sent[2], ant_real x[4], ant_real *d);
-void ant_control(ant_controller *controller, const ant_real x[4], ant_real d, const ant_reference *reference, ant_plan *plan);
+int ant_estimate(ant_observer *observer, const ant_reading *reading, const ant_real sent[2], ant_real x[4],
+                 ant_real *d);
+void ant_control(ant_controller *controller, const ant_real x[4], ant_real d, const ant_reference *reference,
+                 ant_plan *plan);
 #endif
 
 #ifdef __cplusplus

@@ -54,10 +54,14 @@ static ant_pair lexicographic(line x, ant_real X, line y, ant_real Y, const ant_
     const ant_real m2 = x.by2 > 0 ? lo2 : hi2, M2 = x.by2 > 0 ? hi2 : lo2;
     X = ant_clip(X, x.by1 * m1 + x.by2 * m2, x.by1 * M1 + x.by2 * M2);
     ant_pair a = {m1, M2}, b = {M1, m2}; /* the ends of the line: one pressure is at its bound */
-    if (x.by1 * m1 + x.by2 * M2 <= X) a.P1 = ant_clip((X - x.by2 * M2) / x.by1, lo1, hi1);
-    else a.P2 = ant_clip((X - x.by1 * m1) / x.by2, lo2, hi2);
-    if (x.by1 * M1 + x.by2 * m2 <= X) b.P2 = ant_clip((X - x.by1 * M1) / x.by2, lo2, hi2);
-    else b.P1 = ant_clip((X - x.by2 * m2) / x.by1, lo1, hi1);
+    if (x.by1 * m1 + x.by2 * M2 <= X)
+        a.P1 = ant_clip((X - x.by2 * M2) / x.by1, lo1, hi1);
+    else
+        a.P2 = ant_clip((X - x.by1 * m1) / x.by2, lo2, hi2);
+    if (x.by1 * M1 + x.by2 * m2 <= X)
+        b.P2 = ant_clip((X - x.by1 * M1) / x.by2, lo2, hi2);
+    else
+        b.P1 = ant_clip((X - x.by2 * m2) / x.by1, lo1, hi1);
     const ant_real Ya = y.by1 * a.P1 + y.by2 * a.P2, Yb = y.by1 * b.P1 + y.by2 * b.P2;
     const ant_real share = Yb != Ya ? (Y - Ya) / (Yb - Ya) : 0;
     if (share <= 0) return a;

@@ -35,9 +35,10 @@ static int sensible(const ant_target *t) {
     return numbers && forces && steps && known && ant_abs(t->theta) <= 2 * ANT_PI && t->K > 0;
 }
 
-/* Supply and validity, least and greatest force, slew. Moving is a hard limit: from outside the nearest in reach remains. */
-static ant_interval interval(const ant_target *t, ant_real hi, int hi_limit, ant_real taut, ant_real ceiling, ant_real now,
-                             flags flag) {
+/* Supply and validity, least and greatest force, slew. Moving is a hard limit: from outside the nearest in reach
+ * remains. */
+static ant_interval interval(const ant_target *t, ant_real hi, int hi_limit, ant_real taut, ant_real ceiling,
+                             ant_real now, flags flag) {
     ant_interval i = {ANT_SUPPLY_LO, hi, flag.lower, hi_limit, 0};
     const ant_real nearest = now - t->max_step, farthest = now + t->max_step;
     if (t->max_force < ANT_INFINITY) {
@@ -57,12 +58,12 @@ static ant_interval interval(const ant_target *t, ant_real hi, int hi_limit, ant
 }
 
 static ant_box box_at(const ant_law *law, const ant_target *t) {
-    const ant_real low = t->min_force > -ANT_INFINITY ? t->min_force : 0, high = t->max_force < ANT_INFINITY ? t->max_force : 0;
-    ant_box box;
-    box.one = interval(t, ANT_HI1, ANT_HI1_LIMIT, ant_law_pressure(law, 0, low), ant_law_pressure(law, 0, high), t->P1_now,
-                       AGONIST);
-    box.two = interval(t, ANT_HI2, ANT_HI2_LIMIT, ant_law_pressure(law, 1, low), ant_law_pressure(law, 1, high), t->P2_now,
-                       ANTAGONIST);
+    const ant_real low = t->min_force > -ANT_INFINITY ? t->min_force : 0;
+    const ant_real high = t->max_force < ANT_INFINITY ? t->max_force : 0;
+    const ant_real taut1 = ant_law_pressure(law, 0, low), ceiling1 = ant_law_pressure(law, 0, high);
+    const ant_real taut2 = ant_law_pressure(law, 1, low), ceiling2 = ant_law_pressure(law, 1, high);
+    const ant_box box = {interval(t, ANT_HI1, ANT_HI1_LIMIT, taut1, ceiling1, t->P1_now, AGONIST),
+                         interval(t, ANT_HI2, ANT_HI2_LIMIT, taut2, ceiling2, t->P2_now, ANTAGONIST)};
     return box;
 }
 
@@ -79,17 +80,27 @@ static int slack(const ant_law *law, const ant_target *t, ant_pair P, ant_real T
     return ant_law_force(law, 0, P.P1) < least || ant_law_force(law, 1, P.P2) < least;
 }
 
-static ant_status verdict(const ant_law *law, const ant_target *t, const ant_box *box, const ant_allocation *a, int outside) {
-    const ant_real hi1 = box->one.hi, hi2 = box->two.hi;
-    const ant_real t1 = ant_law_arm(law, 0) * ant_law_force(law, 0, hi1), t2 = ant_law_arm(law, 1) * ant_law_force(law, 1, hi2);
-    const ant_real k1 = ant_law_stiffness(law, 0, hi1), k2 = ant_law_stiffness(law, 1, hi2);
-    const ant_real T_scale = ant_abs(t1) + ant_abs(t2) + ant_abs(t->T), K_scale = ant_abs(k1) + ant_abs(k2) + ant_abs(t->K);
+/* What is large: both muscles' torque and stiffness at their upper bounds, in absolute value. */
+static void scales(const ant_law *law, const ant_target *t, const ant_box *box, ant_real *T_scale, ant_real *K_scale) {
+    const ant_real hi[2] = {box->one.hi, box->two.hi};
+    *T_scale = ant_abs(t->T);
+    *K_scale = ant_abs(t->K);
+    for (int i = 0; i < 2; i++) {
+        *T_scale += ant_abs(ant_law_arm(law, i) * ant_law_force(law, i, hi[i]));
+        *K_scale += ant_abs(ant_law_stiffness(law, i, hi[i]));
+    }
+}
+
+static ant_status verdict(const ant_law *law, const ant_target *t, const ant_box *box, const ant_allocation *a,
+                          int outside) {
     const ant_pair P = {a->P1, a->P2};
+    ant_real T_scale, K_scale;
+    scales(law, t, box, &T_scale, &K_scale);
+    const int T_missed = ant_abs(a->T - t->T) > MET * T_scale, K_missed = ant_abs(a->K - t->K) > MET * K_scale;
     if (outside) return ANT_OUTSIDE_JOINT_RANGE;
     if (slack(law, t, P, T_scale)) return ANT_SLACK;
     if (box->one.empty || box->two.empty) return ANT_CONFLICT;
-    return (ant_status)((ant_abs(a->T - t->T) > MET * T_scale ? ANT_TORQUE_LIMITED : 0) |
-                        (ant_abs(a->K - t->K) > MET * K_scale ? ANT_STIFFNESS_LIMITED : 0));
+    return (ant_status)((T_missed ? ANT_TORQUE_LIMITED : 0) | (K_missed ? ANT_STIFFNESS_LIMITED : 0));
 }
 
 /* Where the pressures are now, or the least, as far as there is sense in it: the answer to a question without one. */

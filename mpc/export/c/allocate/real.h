@@ -7,7 +7,7 @@
 #include "antagonist.h"
 
 #ifdef ANT_SINGLE
-#define ANT_R(number) number##f /* a constant */
+#define ANT_R(number) number##f     /* a constant */
 #define ANT_F(function) function##f /* a function of math.h */
 #else
 #define ANT_R(number) number

@@ -1,11 +1,11 @@
-/* What the controller remembers and works with; included by antagonist.h, of fixed size, not to be written by others. */
+/* What the controller remembers and works with, of fixed size; included by antagonist.h, for the controller to write. */
 #ifndef ANTAGONIST_CONTROLLER_H
 #define ANTAGONIST_CONTROLLER_H
 
 enum {
-    ANT_MOVES = 2 * ANT_BLOCKS,      /* changes of the commands that the QP decides */
-    ANT_DECISIONS = ANT_MOVES + 2,   /* and the slacks of joint range and muscle forces */
-    ANT_ROWS = 6 * ANT_HORIZON,      /* limits on commands, angle and forces */
+    ANT_MOVES = 2 * ANT_BLOCKS,    /* changes of the commands that the QP decides */
+    ANT_DECISIONS = ANT_MOVES + 2, /* and the slacks of joint range and muscle forces */
+    ANT_ROWS = 6 * ANT_HORIZON,    /* limits on commands, angle and forces */
     ANT_LIMITS = ANT_DECISIONS + ANT_ROWS
 };
 #define ANT_TRIANGLE(n) ((n) * ((n) + 1) / 2) /* elements of a triangular matrix */
@@ -39,7 +39,7 @@ typedef struct {
 
 /* A motion of the joint under commands. */
 typedef struct {
-    ant_real u[ANT_HORIZON][2];     /* [Pa] */
+    ant_real u[ANT_HORIZON][2]; /* [Pa] */
     ant_real x[ANT_HORIZON + 1][4];
     ant_real K[ANT_HORIZON + 1];    /* [N*m/rad] */
     ant_real F[ANT_HORIZON + 1][2]; /* [N] */
@@ -79,7 +79,7 @@ typedef struct {
 
 /* Workspace of the softened problem. */
 typedef struct {
-    ant_real R[ANT_TRIANGLE(ANT_MOVES)], v[ANT_MOVES];       /* with the rows that are charged */
+    ant_real R[ANT_TRIANGLE(ANT_MOVES)], v[ANT_MOVES]; /* with the rows that are charged */
     ant_real face_R[ANT_TRIANGLE(ANT_MOVES)], face_v[ANT_MOVES];
     unsigned char charged[ANT_ROWS], was[ANT_ROWS];
     signed char side[ANT_MOVES]; /* -1, 1: held at its lower, upper bound */
@@ -103,7 +103,7 @@ typedef struct {
     int held;                           /* samples spent on the last rung */
 
     ant_feed feed;
-    ant_motion motion; /* of the commands that are tried */
+    ant_motion motion;         /* of the commands that are tried */
     ant_real d[ANT_AHEAD + 1]; /* torque from outside and of friction [N*m] */
     ant_qp qp;
     union {

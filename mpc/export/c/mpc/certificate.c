@@ -1,14 +1,17 @@
-/* A solver's word is not taken. Multipliers (positive at an upper, negative at a lower limit) prove how good a z is: with
- * the gradient of the Lagrangian r = H z + f + multipliers_z + A^T multipliers_A its cost exceeds the least by at most
+/* A solver's word is not taken. Multipliers (positive at an upper, negative at a lower limit) prove how good a z is:
+ * with the gradient of the Lagrangian r = H z + f + multipliers_z + A^T multipliers_A its cost exceeds the least by at
+ * most
  *
  *     gap = r^T H^-1 r/2 + sum of multiplier_i (limit_i - value_i),      H = R^T R. */
 #include "control.h"
 
-static const ant_real PRIMAL = ANT_R(1e-4); /* [bar], [rad], [N] by which a limit may be broken; what is sent is clipped */
-static const ant_real GAP = ANT_R(1e-3);    /* of the cost that the moves gain */
+static const ant_real PRIMAL =
+    ANT_R(1e-4);                         /* [bar], [rad], [N] by which a limit may be broken; what is sent is clipped */
+static const ant_real GAP = ANT_R(1e-3); /* of the cost that the moves gain */
 
 /* The greatest violation, and the second part of the gap; adds A^T multipliers to `pushes`. */
-static ant_real walk(const ant_qp *qp, const ant_real *z, const ant_real *multipliers, ant_real *pushes, ant_real *gap) {
+static ant_real walk(const ant_qp *qp, const ant_real *z, const ant_real *multipliers, ant_real *pushes,
+                     ant_real *gap) {
     ant_real worst = 0;
     for (int id = 0; id < ANT_LIMITS; id++) {
         ant_real row[ANT_DECISIONS], lower = 0, upper = ANT_INFINITY, value = 0;
@@ -26,7 +29,8 @@ static ant_real walk(const ant_qp *qp, const ant_real *z, const ant_real *multip
         const ant_real limit = push > 0 ? upper : lower;
         if (push == 0 || !isfinite(limit)) continue; /* there is nothing to push against at infinity */
         *gap += push * (limit - value);
-        if (id < ANT_DECISIONS) pushes[id] += push;
+        if (id < ANT_DECISIONS)
+            pushes[id] += push;
         else
             for (int j = 0; j < ANT_DECISIONS; j++) pushes[j] += push * row[j];
     }

@@ -29,8 +29,8 @@ static void linearise(ant_controller *c, const ant_task *task) {
     for (int k = 0; k < ANT_HORIZON; k++) {
         ant_real A[4][4], B[4][2];
         ant_model_slopes(qp->motion.x[k], qp->motion.u[k], &task->d[k], A[0], B[0]);
-        unroll((const ant_real(*)[4])A, (const ant_real(*)[2])B, k > 0 ? (const ant_real(*)[ANT_MOVES])qp->G[k - 1] : NULL, k,
-               qp->G[k]);
+        unroll((const ant_real(*)[4])A, (const ant_real(*)[2])B,
+               k > 0 ? (const ant_real(*)[ANT_MOVES])qp->G[k - 1] : NULL, k, qp->G[k]);
     }
 }
 
@@ -46,7 +46,8 @@ static void add_outputs(ant_qp *qp, const ant_feed *feed, int k) {
     ant_model_gradients(qp->motion.x[k + 1], gradient, forces[0]);
     for (int i = 0; i < 2; i++)
         for (int j = 0; j < ANT_MOVES; j++)
-            qp->GF[k][i][j] = forces[i][0] * G[0][j] + forces[i][1] * G[1][j] + forces[i][2] * G[2][j] + forces[i][3] * G[3][j];
+            qp->GF[k][i][j] =
+                forces[i][0] * G[0][j] + forces[i][1] * G[1][j] + forces[i][2] * G[2][j] + forces[i][3] * G[3][j];
     if (k + 1 == ANT_HORIZON) return; /* the last state is the terminal cost's */
     memcpy(row, G[0], sizeof row);
     add(qp, ANT_ROOT_THETA, row, qp->motion.x[k + 1][0] - feed->theta[k + 1]);

@@ -5,13 +5,14 @@
 
 typedef struct {
     ant_plan_status status;
-    int found;     /* whether u of `rung` was */
+    int found; /* whether u of `rung` was */
     ant_rung rung;
     int iterations;
 } outcome;
 
 /* u + E z, within the limits. */
-static void move(ant_real u[ANT_HORIZON][2], const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_real u_last[2]) {
+static void move(ant_real u[ANT_HORIZON][2], const ant_qp *qp, const ant_real z[ANT_DECISIONS],
+                 const ant_real u_last[2]) {
     for (int k = 0; k < ANT_HORIZON; k++)
         for (int i = 0; i < 2; i++) {
             ant_real row[ANT_DECISIONS], sum = 0;
@@ -51,8 +52,10 @@ static outcome optimise(ant_controller *c, const ant_task *task, const ant_real 
 static int stand_on(ant_controller *c, ant_rung rung, const ant_task *task, const outcome *o, const ant_real u_last[2],
                     ant_real best[ANT_HORIZON][2]) {
     ant_motion *m = &c->motion;
-    if (rung == ANT_RUNG_HOLD) ant_hold(c, u_last, m->u);
-    else if (o->status == ANT_PLAN_BLIND) return 0;
+    if (rung == ANT_RUNG_HOLD)
+        ant_hold(c, u_last, m->u);
+    else if (o->status == ANT_PLAN_BLIND)
+        return 0;
     else if (rung == ANT_RUNG_PREVIOUS) {
         if (c->left <= 1) return 0;
         ant_onward(c, u_last, m->u);

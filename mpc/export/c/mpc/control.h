@@ -7,11 +7,11 @@
 #include "settings.h"
 
 /* friction.c */
-ant_real ant_friction_follow(ant_friction *f, ant_real theta);        /* z at theta */
-ant_real ant_friction_after(ant_real z, ant_real motion);             /* z after turning by motion [rad] */
-ant_real ant_friction_limit(const ant_real x[4]);                     /* greatest friction torque [N*m] */
-ant_real ant_heard(ant_real u, ant_real P);                           /* command less the dead band [Pa] */
-ant_real ant_spoken(ant_real v, ant_real P);                          /* its inverse, smooth [Pa] */
+ant_real ant_friction_follow(ant_friction *f, ant_real theta); /* z at theta */
+ant_real ant_friction_after(ant_real z, ant_real motion);      /* z after turning by motion [rad] */
+ant_real ant_friction_limit(const ant_real x[4]);              /* greatest friction torque [N*m] */
+ant_real ant_heard(ant_real u, ant_real P);                    /* command less the dead band [Pa] */
+ant_real ant_spoken(ant_real v, ant_real P);                   /* its inverse, smooth [Pa] */
 
 /* limits.c */
 void ant_limit(const ant_real before[2], ant_real u[ANT_HORIZON][2]); /* slew and supply, in place */
@@ -24,10 +24,10 @@ int ant_predict(const ant_real x0[4], const ant_real *d, ant_motion *m); /* unde
 
 /* foresight.c: when a command is heard, and against what friction */
 typedef struct {
-    ant_real x[4];      /* the state then */
+    ant_real x[4];                 /* the state then */
     const ant_real *theta, *K, *d; /* ANT_HORIZON + 1 samples from then on */
-    int measured;       /* whether all of the state was */
-    int lost;           /* whether the angle has not been for too long */
+    int measured;                  /* whether all of the state was */
+    int lost;                      /* whether the angle has not been for too long */
 } ant_task;
 int ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task);
 void ant_speak(ant_controller *c, ant_plan *plan);
@@ -40,7 +40,8 @@ int ant_condense(ant_controller *c, const ant_task *task, const ant_real u_last[
 
 /* least_squares.c: R (n, n) upper triangular by rows, |R z + v|^2/2 the cost of what was rotated in */
 static inline int ant_at(int n, int i) { return i * n - i * (i - 1) / 2 - i; } /* row i begins there, less i */
-void ant_rotate_in(int n, ant_real *R, ant_real *v, ant_real *row, ant_real r); /* adds |row z + r|^2/2; row is used up */
+void ant_rotate_in(int n, ant_real *R, ant_real *v, ant_real *row,
+                   ant_real r); /* adds |row z + r|^2/2; row is used up */
 ant_real ant_cost(int n, const ant_real *R, const ant_real *v, const ant_real *z); /* above that of z = 0 */
 
 /* rows.c: the limits that are no bounds */

@@ -1,6 +1,6 @@
 /* The commands that would follow a preview exactly, if the model were right and nothing limited: the motion needs the
- * torque T = J theta'' + b theta' + m g l sin theta - d, the allocation makes pressures of it, and the lag over a sample,
- * P_{k+1} = alpha P_k + (1 - alpha) u_k, is inverted for the commands. */
+ * torque T = J theta'' + b theta' + m g l sin theta - d, the allocation makes pressures of it, and the lag over a
+ * sample, P_{k+1} = alpha P_k + (1 - alpha) u_k, is inverted for the commands. */
 #include "control.h"
 #include "tables.h"
 
@@ -23,7 +23,8 @@ void ant_feed_forward(const ant_task *task, ant_feed *feed) {
         worst(&feed->moved[0], task->theta[k] - feed->theta[k]);
     }
     for (int k = 0; k < n; k++) {
-        const ant_real theta = feed->theta[k], omega = dot(ANT_D1[k], feed->theta, n), alpha = dot(ANT_D2[k], feed->theta, n);
+        const ant_real theta = feed->theta[k], omega = dot(ANT_D1[k], feed->theta, n),
+                       alpha = dot(ANT_D2[k], feed->theta, n);
         const ant_real T = ANT_INERTIA * alpha + ANT_DAMPING * omega + ANT_GRAVITY * ANT_F(sin)(theta) - task->d[k];
         ant_target target = ant_target_of(theta, task->K[k], T);
         target.min_force = ANT_MIN_FORCE;
@@ -37,6 +38,5 @@ void ant_feed_forward(const ant_task *task, ant_feed *feed) {
         worst(&feed->moved[2], T - held.T);
     }
     for (int k = 0; k < ANT_HORIZON; k++)
-        for (int i = 0; i < 2; i++)
-            feed->u[k][i] = (feed->P[k + 1][i] - ANT_LAG[i] * feed->P[k][i]) / (1 - ANT_LAG[i]);
+        for (int i = 0; i < 2; i++) feed->u[k][i] = (feed->P[k + 1][i] - ANT_LAG[i] * feed->P[k][i]) / (1 - ANT_LAG[i]);
 }

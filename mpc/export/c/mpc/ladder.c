@@ -35,7 +35,9 @@ void ant_hold(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_
 void ant_stand(ant_controller *c, ant_rung rung) {
     memcpy(&c->last, &c->motion, sizeof c->last);
     c->begun = 1;
-    if (rung == ANT_RUNG_QP || rung == ANT_RUNG_SOFTENED) c->left = ANT_HORIZON;
-    else c->left = rung == ANT_RUNG_PREVIOUS ? c->left - 1 : 0;
+    if (rung == ANT_RUNG_QP || rung == ANT_RUNG_SOFTENED)
+        c->left = ANT_HORIZON;
+    else
+        c->left = rung == ANT_RUNG_PREVIOUS ? c->left - 1 : 0;
     c->held = rung == ANT_RUNG_HOLD ? (c->held < ANT_HELD_LONG ? c->held + 1 : c->held) : 0;
 }

@@ -2,8 +2,8 @@
  *
  *     xi_{k+1} = (f_d(x_k, heard commands, d_k - T_f), d_k) + w_k,    w ~ (0, Q),      sensors' noise ~ (0, R)
  *
- * d is a random walk, so that nothing of a constant torque is left in the end. A sensor may be silent (NaN) or frozen for
- * ANT_TOLERANCE seconds; after that what it should measure is NaN until it speaks again. */
+ * d is a random walk, so that nothing of a constant torque is left in the end. A sensor may be silent (NaN) or frozen
+ * for ANT_TOLERANCE seconds; after that what it should measure is NaN until it speaks again. */
 #include <string.h>
 
 #include "control.h"
@@ -67,8 +67,8 @@ static int doubtful(const ant_belief *foreseen, int sensor, ant_real read) {
 }
 
 /* What is thought without a sensor that repeats itself; if that contradicts it for long enough, it is frozen. */
-static void suspect(ant_observer *o, int i, ant_real z, const ant_belief *before, ant_belief *expected, const ant_real read[3],
-                    const int others[3]) {
+static void suspect(ant_observer *o, int i, ant_real z, const ant_belief *before, ant_belief *expected,
+                    const ant_real read[3], const int others[3]) {
     if (!o->repeats[i]) o->without[i] = *before;
     o->repeats[i] = 1;
     predict(o, &o->without[i], z);
@@ -92,8 +92,10 @@ static void expect(ant_observer *o, const ant_real read[3]) {
     }
     predict(o, &o->belief, z);
     for (int i = 0; i < 3; i++) {
-        if (o->repeating[i] > 0) suspect(o, i, z, &before, &o->belief, read, others);
-        else o->repeats[i] = 0;
+        if (o->repeating[i] > 0)
+            suspect(o, i, z, &before, &o->belief, read, others);
+        else
+            o->repeats[i] = 0;
     }
 }
 

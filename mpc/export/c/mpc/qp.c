@@ -84,7 +84,8 @@ static void begin(const ant_qp *qp, ant_solver *s, DAQPWorkspace *w, DAQPSetting
     invert(qp, s);
     for (int i = 0; i < ANT_DECISIONS; i++) {
         const int move = i < ANT_MOVES;
-        set_limit(s, i, s->Rinv + ant_at(ANT_DECISIONS, i), i, move ? qp->lower[i] : 0, move ? qp->upper[i] : ANT_INFINITY);
+        set_limit(s, i, s->Rinv + ant_at(ANT_DECISIONS, i), i, move ? qp->lower[i] : 0,
+                  move ? qp->upper[i] : ANT_INFINITY);
         s->sense[i] = 0;
     }
     for (int i = ANT_DECISIONS; i < ANT_LIMITS; i++) s->sense[i] = DAQP_IMMUTABLE; /* not looked at */
@@ -105,8 +106,10 @@ static void point(const ant_qp *qp, DAQPWorkspace *work, ant_real z[ANT_DECISION
     daqp_apply_Rinv(work, z);
     for (int i = 0; i < work->n_active; i++) {
         const int id = work->WS[i];
-        if (id < ANT_MOVES) z[id] = DAQP_IS_LOWER(id) ? qp->lower[id] : qp->upper[id];
-        else if (id < ANT_DECISIONS) z[id] = 0;
+        if (id < ANT_MOVES)
+            z[id] = DAQP_IS_LOWER(id) ? qp->lower[id] : qp->upper[id];
+        else if (id < ANT_DECISIONS)
+            z[id] = 0;
     }
 }
 

@@ -6,7 +6,7 @@
 #include "tables.h"
 
 enum { N = ANT_HORIZON, THETA = ANT_MOVES, FORCE = ANT_MOVES + 1 }; /* the slacks s and s_F */
-enum { COMMANDS = 2 * N, UPPER = COMMANDS + N, LOWER = UPPER + N };  /* one behind the last of each kind */
+enum { COMMANDS = 2 * N, UPPER = COMMANDS + N, LOWER = UPPER + N }; /* one behind the last of each kind */
 
 void ant_row(const ant_qp *qp, int i, ant_real row[ANT_DECISIONS]) {
     memset(row, 0, ANT_DECISIONS * sizeof row[0]);
@@ -48,6 +48,4 @@ ant_real ant_breach(const ant_qp *qp, int i, const ant_real z[ANT_DECISIONS]) {
     return lower - value > value - upper ? lower - value : value - upper;
 }
 
-ant_real ant_charge(int i) {
-    return i < COMMANDS ? ANT_CHARGE : i < LOWER ? ANT_SLACK_SQUARE : ANT_SLACK_FORCE_SQUARE;
-}
+ant_real ant_charge(int i) { return i < COMMANDS ? ANT_CHARGE : i < LOWER ? ANT_SLACK_SQUARE : ANT_SLACK_FORCE_SQUARE; }

@@ -46,8 +46,10 @@ static void solve_face(ant_softened *s, const ant_real z[n], ant_real target[n])
         ant_real row[n] = {0}, r = s->v[i];
         for (int j = 0, f = 0; j < n; j++) {
             const ant_real element = j < i ? 0 : Ri[j];
-            if (s->side[j] == 0) row[f++] = element;
-            else r += element * z[j];
+            if (s->side[j] == 0)
+                row[f++] = element;
+            else
+                r += element * z[j];
         }
         ant_rotate_in(free, s->face_R, s->face_v, row, r);
     }
@@ -68,7 +70,9 @@ static int go(const ant_qp *qp, ant_softened *s, ant_real z[n], const ant_real t
     ant_real share = 1;
     int met = -1;
     for (int j = 0; j < n; j++) {
-        const ant_real bound = target[j] < qp->lower[j] ? qp->lower[j] : target[j] > qp->upper[j] ? qp->upper[j] : target[j];
+        const ant_real bound = target[j] < qp->lower[j]   ? qp->lower[j]
+                               : target[j] > qp->upper[j] ? qp->upper[j]
+                                                          : target[j];
         if (s->side[j] != 0 || bound == target[j]) continue;
         if (met < 0 || (bound - z[j]) / (target[j] - z[j]) < share) {
             share = (bound - z[j]) / (target[j] - z[j]);

@@ -48,7 +48,9 @@ ant_real ant_law_stiffness(const ant_law *law, int muscle, ant_real P) {
     return S * R * W * (c + g / (P + d));
 }
 
-ant_real ant_law_pressure(const ant_law *law, int muscle, ant_real force) { return pressure(force / S, law->eps[muscle]); }
+ant_real ant_law_pressure(const ant_law *law, int muscle, ant_real force) {
+    return pressure(force / S, law->eps[muscle]);
+}
 
 /* Below the pole, and more pressure pulls more. */
 int ant_law_holds(const ant_law *law, const ant_box *box) {
@@ -81,10 +83,14 @@ ant_pair ant_law_torque_first(const ant_law *law, const ant_box *box, ant_real T
     const corner lo = corner_of(law, box->one.lo, box->two.lo), hi = corner_of(law, box->one.hi, box->two.hi);
     const ant_real tau = ant_clip(T / (S * R), lo.f1 - hi.f2, hi.f1 - lo.f2), s = (K / (S * R * W) - 2 * c) / g;
     ant_pair a = {lo.P1, lo.P2}, b = {hi.P1, hi.P2}; /* the level's ends: one pressure is at its bound */
-    if (tau <= lo.f1 - lo.f2) a.P2 = ant_clip(pressure(lo.f1 - tau, law->eps[1]), lo.P2, hi.P2);
-    else a.P1 = ant_clip(pressure(lo.f2 + tau, law->eps[0]), lo.P1, hi.P1);
-    if (tau >= hi.f1 - hi.f2) b.P2 = ant_clip(pressure(hi.f1 - tau, law->eps[1]), lo.P2, hi.P2);
-    else b.P1 = ant_clip(pressure(hi.f2 + tau, law->eps[0]), lo.P1, hi.P1);
+    if (tau <= lo.f1 - lo.f2)
+        a.P2 = ant_clip(pressure(lo.f1 - tau, law->eps[1]), lo.P2, hi.P2);
+    else
+        a.P1 = ant_clip(pressure(lo.f2 + tau, law->eps[0]), lo.P1, hi.P1);
+    if (tau >= hi.f1 - hi.f2)
+        b.P2 = ant_clip(pressure(hi.f1 - tau, law->eps[1]), lo.P2, hi.P2);
+    else
+        b.P1 = ant_clip(pressure(hi.f2 + tau, law->eps[0]), lo.P1, hi.P1);
     if (s >= 1 / (a.P1 + d) + 1 / (a.P2 + d)) return a;
     if (s <= 1 / (b.P1 + d) + 1 / (b.P2 + d)) return b;
     return inverse(law, box, tau, s);
@@ -95,10 +101,14 @@ ant_pair ant_law_stiffness_first(const ant_law *law, const ant_box *box, ant_rea
     const corner lo = corner_of(law, box->one.lo, box->two.lo), hi = corner_of(law, box->one.hi, box->two.hi);
     const ant_real tau = T / (S * R), s = ant_clip((K / (S * R * W) - 2 * c) / g, hi.r1 + hi.r2, lo.r1 + lo.r2);
     ant_pair a = {lo.P1, hi.P2}, b = {hi.P1, lo.P2}; /* least and greatest torque */
-    if (s - lo.r1 >= hi.r2) a.P2 = ant_clip(1 / (s - lo.r1) - d, lo.P2, hi.P2);
-    else a.P1 = ant_clip(1 / (s - hi.r2) - d, lo.P1, hi.P1);
-    if (s - hi.r1 <= lo.r2) b.P2 = ant_clip(1 / (s - hi.r1) - d, lo.P2, hi.P2);
-    else b.P1 = ant_clip(1 / (s - lo.r2) - d, lo.P1, hi.P1);
+    if (s - lo.r1 >= hi.r2)
+        a.P2 = ant_clip(1 / (s - lo.r1) - d, lo.P2, hi.P2);
+    else
+        a.P1 = ant_clip(1 / (s - hi.r2) - d, lo.P1, hi.P1);
+    if (s - hi.r1 <= lo.r2)
+        b.P2 = ant_clip(1 / (s - hi.r1) - d, lo.P2, hi.P2);
+    else
+        b.P1 = ant_clip(1 / (s - lo.r2) - d, lo.P1, hi.P1);
     const corner least = corner_of(law, a.P1, a.P2), most = corner_of(law, b.P1, b.P2);
     if (tau <= least.f1 - least.f2) return a;
     if (tau >= most.f1 - most.f2) return b;
