@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc.export import toolchain as tools
 from mpc.export.entry import export
+from mpc.export.replay import ALLOCATE, ALLOCATION_COLUMNS, replayed
 
 LEVER = Lever(rest_length=0.40, anchor=0.30, lever=0.03, offset=0.0435)
 JOINTS = {
@@ -20,7 +20,6 @@ JOINTS = {
     "lever": AntagonistJoint(LEVER, SAROSI_DMSP_20_400N, SAROSI_DMSP_20_200N, angle_limits=(-80 * DEG, 80 * DEG)),
 }
 SPAN = 5 * BAR
-VECTORS = Path(__file__).parent / "allocate_vectors.c"
 BAD_INPUT, BEYOND_MODEL = -1, -2
 # priority, least and greatest force, slew limit: what the targets of one call share
 CASES = [
@@ -70,9 +69,7 @@ def rows_and_answers(joint, n, seed, dtype=float):
 
 
 def answered(program, rows, run=tools.run):
-    rows.tofile(program.parent / "in")
-    run(program, "in", "out")
-    return np.fromfile(program.parent / "out").reshape(-1, 6)
+    return replayed(program, rows, ALLOCATION_COLUMNS, run)
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +89,7 @@ def exported(tmp_path_factory):
 @pytest.mark.parametrize("name", JOINTS)
 def test_a_hundred_thousand_targets_get_python_s_pressures_statuses_and_limits(name, exported):
     rows, wanted = rows_and_answers(JOINTS[name], 4200 if name == "tondu" else 1000, seed=1)
-    got = answered(tools.compiled(exported(name, "double"), VECTORS, "vectors"), rows)
+    got = answered(tools.compiled(exported(name, "double"), ALLOCATE, "vectors"), rows)
     assert len(rows) > (100_000 if name == "tondu" else 20_000)
     np.testing.assert_array_equal(got[:, 4:], wanted[:, 4:])
     assert np.abs(got[:, :2] - wanted[:, :2]).max() < 1e-12 * SPAN
@@ -105,7 +102,7 @@ def test_a_hundred_thousand_targets_get_python_s_pressures_statuses_and_limits(n
 @pytest.mark.parametrize("name", ["tondu", "sarosi"])
 def test_single_precision_keeps_pressures_to_a_hundred_thousandth_of_the_supply(name, exported):
     rows, wanted = rows_and_answers(JOINTS[name], 400, seed=2, dtype=np.float32)
-    got = answered(tools.compiled(exported(name, "single"), VECTORS, "vectors"), rows)
+    got = answered(tools.compiled(exported(name, "single"), ALLOCATE, "vectors"), rows)
     assert np.abs(got[:, :2] - wanted[:, :2]).max() < 1e-5 * SPAN
     assert (got[:, 4] != wanted[:, 4]).mean() < 1e-3  # where an error lies between both precisions' idea of none
 
@@ -122,7 +119,7 @@ def test_what_makes_no_sense_gets_a_status_and_pressures_within_the_supply(preci
         row[i] = value
     rows = rows[: len(wrong)]
     bad = np.array([pair not in fine for pair in wrong])
-    got = answered(tools.compiled(exported("tondu", precision), VECTORS, "vectors", *tools.SANITISED), rows)
+    got = answered(tools.compiled(exported("tondu", precision), ALLOCATE, "vectors", *tools.SANITISED), rows)
     np.testing.assert_array_equal(got[:, 4] == BAD_INPUT, bad)
     assert ((got[:, :2] >= 0) & (got[:, :2] <= SPAN)).all()
 
@@ -130,7 +127,7 @@ def test_what_makes_no_sense_gets_a_status_and_pressures_within_the_supply(preci
 @needs_gcc
 def test_pressures_beyond_the_muscle_model_are_said_to_be_so(exported):
     rows = np.tile([0.1, 7.5, 1.0, 0.0, np.inf, 9 * BAR, 9 * BAR, 0.1 * BAR, 0.0], (1, 1))
-    got = answered(tools.compiled(exported("tondu", "double"), VECTORS, "vectors"), rows)
+    got = answered(tools.compiled(exported("tondu", "double"), ALLOCATE, "vectors"), rows)
     assert got[0, 4] == BEYOND_MODEL
 
 
@@ -140,7 +137,7 @@ def test_no_sanitizer_finds_anything_on_targets_of_every_size(name, precision, e
     rows, _ = rows_and_answers(JOINTS[name], 20, seed=3)
     rng = np.random.default_rng(4)
     wild = rng.choice([0.0, np.nan, np.inf, -np.inf, 1e-300, 1e300, -1e300, 1.0, 3e5, -3e5], (5000, 9))
-    program = tools.compiled(exported(name, precision), VECTORS, "vectors", *tools.SANITISED)
+    program = tools.compiled(exported(name, precision), ALLOCATE, "vectors", *tools.SANITISED)
     assert np.isfinite(answered(program, np.concatenate([rows, wild]))[:, :2]).all()
 
 
@@ -149,8 +146,8 @@ def test_no_sanitizer_finds_anything_on_targets_of_every_size(name, precision, e
 def test_a_cortex_m4f_gives_the_pc_s_answers(name, exported):
     rows, _ = rows_and_answers(JOINTS[name], 40, seed=5, dtype=np.float32)
     directory = exported(name, "single")
-    there = answered(tools.compiled_for_cortex_m4f(directory, VECTORS, "m4.elf"), rows, tools.run_on_cortex_m4f)
-    here = answered(tools.compiled(directory, VECTORS, "vectors", "-O2", "-ffp-contract=off"), rows)
+    there = answered(tools.compiled_for_cortex_m4f(directory, ALLOCATE, "m4.elf"), rows, tools.run_on_cortex_m4f)
+    here = answered(tools.compiled(directory, ALLOCATE, "vectors", "-O2", "-ffp-contract=off"), rows)
     assert np.abs(there - here)[:, :2].max() < 1e-6 * SPAN
     assert (there[:, 4] != here[:, 4]).mean() < 1e-3
 

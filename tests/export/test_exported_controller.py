@@ -11,10 +11,10 @@ from allocator.units import BAR, DEG
 from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Rung, TrackingMPC, Weights, sine
 from mpc.export import export
 from mpc.export import toolchain as tools
+from mpc.export.replay import CONTROL, record, replayed
 from mpc.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.solvers import solver
 
-VECTORS = Path(__file__).parent / "control_vectors.c"
 SPAN = 5 * BAR
 U, STATUS, RUNG, EXCESS, MOVED = slice(0, 2), 2, 3, slice(4, 6), slice(6, 9)  # columns of the answers
 BAD_INPUT = -1
@@ -50,24 +50,14 @@ class Unreliable:
         return None if self.fails else self._solve(qp, limit)
 
 
-def samples_and_answers(process, controller, observer, reference, failing=()):
-    """What the vector program reads (steps, …), and what Python answers (steps, 9), over a closed loop."""
-    wanted = reference.resampled(controller.dt)
-    experiment = process.begin(controller.dt, process.at_rest(float(wanted.theta[0]), float(wanted.K[0])), 0)
-    samples, answers, u = [], [], None
-    controller.reset()
-    observer.reset()
-    for k in range(wanted.t.size - 1):
-        y, preview = experiment.measure(), wanted.preview(k, controller.ahead)
-        u = y[2:] if u is None else u
+def recorded(process, controller, observer, reference, failing=()):
+    """A record of the loop in which the controller's solver gives up at the steps `failing`."""
+
+    def fails(k):
         controller.solver.fails = k in failing
-        x, d = observer.estimate(y, u)
-        plan = controller.step(x, *preview, d)
-        u = plan.u[0]
-        samples.append(np.concatenate([y[[0, 2, 3]], [k in failing], *preview]))
-        answers.append([*u, plan.status, plan.rung, plan.slack, plan.slack_force, *plan.moved])
-        experiment.advance(u)
-    return np.array(samples), np.array(answers)
+        return controller.solver.fails
+
+    return record(process, controller, observer, reference, fails)
 
 
 def pair(plant, N, compensation=None, **settings):
@@ -85,13 +75,7 @@ def faulty_loop():
     controller, observer = pair(process.nominal, 10, process.known(), weights=Weights.calm())
     failing = {*range(300, 303), *range(1400, 1420), 1900}
     reference = sine(K=5.5, duration=20.0)
-    return controller, observer, *samples_and_answers(process, controller, observer, reference, failing)
-
-
-def answered(program, samples, run=tools.run):
-    samples.tofile(program.parent / "in")
-    run(program, "in", "out")
-    return np.fromfile(program.parent / "out").reshape(-1, 12)
+    return controller, observer, *recorded(process, controller, observer, reference, failing)
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +90,7 @@ def exported(faulty_loop, tmp_path_factory):
 @needs_gcc
 def test_two_thousand_steps_with_faults_have_python_s_statuses_rungs_and_commands(faulty_loop, exported):
     _, _, samples, wanted = faulty_loop
-    got = answered(tools.compiled(exported["double"], VECTORS, "vectors"), samples)
+    got = replayed(tools.compiled(exported["double"], CONTROL, "vectors"), samples)
     assert len(wanted) == 2000
     assert {PlanStatus.UNSOLVED, PlanStatus.NO_MEASUREMENT, PlanStatus.BLIND} <= set(wanted[:, STATUS])
     assert {Rung.QP, Rung.SOFTENED, Rung.HOLD} <= set(wanted[:, RUNG])
@@ -119,7 +103,7 @@ def test_two_thousand_steps_with_faults_have_python_s_statuses_rungs_and_command
 @needs_gcc
 def test_single_precision_keeps_commands_to_a_thousandth_of_the_supply(faulty_loop, exported):
     _, _, samples, wanted = faulty_loop
-    got = answered(tools.compiled(exported["single"], VECTORS, "vectors"), samples)
+    got = replayed(tools.compiled(exported["single"], CONTROL, "vectors"), samples)
     np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
     assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-3 * SPAN
 
@@ -138,9 +122,9 @@ def test_limits_that_bind_bind_in_c_as_they_do_in_python(settings, angle, K, tmp
     plant = Plant()
     controller, observer = pair(plant, 12, **settings)
     reference = sine(amplitude=angle, K=K, K_amplitude=0.0, frequency=0.5, duration=1.4, ramp=0.3)
-    samples, wanted = samples_and_answers(plant, controller, observer, reference, failing={60, 61})
+    samples, wanted = recorded(plant, controller, observer, reference, failing={60, 61})
     directory = export(tmp_path / "c", controller=controller, observer=observer)
-    got = answered(tools.compiled(directory, VECTORS, "vectors"), samples)
+    got = replayed(tools.compiled(directory, CONTROL, "vectors"), samples)
     assert wanted[:, MOVED].max() > 0.1
     np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
     assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-8 * SPAN
@@ -156,9 +140,9 @@ def test_no_sanitizer_finds_anything_and_all_commands_keep_supply_and_slew(preci
     garbage = samples[hit]
     garbage[:, :3] = np.where(rng.random((300, 3)) < 0.5, wild, garbage[:, :3])
     garbage[::7, 4:] = rng.choice([np.nan, 0.1, 5.0, 1e9, -3.0], garbage[::7, 4:].shape)
-    program = tools.compiled(exported[precision], VECTORS, "vectors", *tools.SANITISED)
+    program = tools.compiled(exported[precision], CONTROL, "vectors", *tools.SANITISED)
     nothing = np.full((2, samples.shape[1]), np.nan)
-    got = answered(program, np.concatenate([nothing, samples, garbage, samples]))
+    got = replayed(program, np.concatenate([nothing, samples, garbage, samples]))
     u = got[:, U]
     assert (got[:2, STATUS] == BAD_INPUT).all()
     assert ((u >= 0) & (u <= SPAN)).all()
@@ -169,9 +153,9 @@ def test_no_sanitizer_finds_anything_and_all_commands_keep_supply_and_slew(preci
 @needs_qemu
 def test_a_cortex_m4f_gives_the_pc_s_commands(faulty_loop, exported):
     samples = faulty_loop[2][:150]
-    program = tools.compiled_for_cortex_m4f(exported["single"], VECTORS, "m4.elf")
-    there = answered(program, samples, tools.run_on_cortex_m4f)
-    here = answered(tools.compiled(exported["single"], VECTORS, "vectors"), samples)
+    program = tools.compiled_for_cortex_m4f(exported["single"], CONTROL, "m4.elf")
+    there = replayed(program, samples, runner=tools.run_on_cortex_m4f)
+    here = replayed(tools.compiled(exported["single"], CONTROL, "vectors"), samples)
     np.testing.assert_array_equal(there[:, [STATUS, RUNG]], here[:, [STATUS, RUNG]])
     assert np.abs(there[:, U] - here[:, U]).max() < 1e-3 * SPAN
 
