@@ -7,6 +7,7 @@ same with targets of the allocation. Both files hold rows of doubles.
 
 from collections.abc import Callable
 from pathlib import Path
+from time import process_time
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ class Record(NamedTuple):
 
     samples: Array  # (M, 4 + 2 (ahead + 1)): θ, P1, P2, whether the QP solver is to fail, previews of θ and K
     answers: Array  # (M, 9), CONTROL_COLUMNS
+    seconds: Array  # (M,) processor time of Python's observer and controller
 
 
 def record(
@@ -43,18 +45,20 @@ def record(
     experiment = process.begin(controller.dt, process.at_rest(float(wanted.theta[0]), float(wanted.K[0])), seed=0)
     controller.reset()
     observer.reset()
-    samples, answers = [], []
+    samples, answers, seconds = [], [], []
     u = None
     for k in range(wanted.t.size - 1):
         y, preview, failing = experiment.measure(), wanted.preview(k, controller.ahead), fails(k)
+        began = process_time()
         x, d = observer.estimate(y, y[2:] if u is None else u)
         plan = controller.step(x, *preview, d)
+        seconds.append(process_time() - began)
         u = plan.u[0]
         moved = (0.0, 0.0, 0.0) if plan.moved is None else plan.moved
         samples.append(np.concatenate([y[[0, 2, 3]], [failing], *preview]))
         answers.append([*u, plan.status, plan.rung, plan.slack, plan.slack_force, *moved])
         experiment.advance(u)
-    return Record(np.array(samples), np.array(answers))
+    return Record(np.array(samples), np.array(answers), np.array(seconds))
 
 
 def replayed(program: Path, rows: Array, columns: tuple[str, ...] = CONTROL_COLUMNS, runner: Runner = run) -> Array:

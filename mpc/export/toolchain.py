@@ -43,10 +43,10 @@ def run(program: Path, *arguments: str) -> str:
     return _run([str(program), *arguments], program.parent)
 
 
-def run_on_cortex_m4f(program: Path, *arguments: str) -> str:
-    """The same on QEMU's mps2-an386."""
+def run_on_cortex_m4f(program: Path, *arguments: str, options: tuple[str, ...] = ()) -> str:
+    """The same on QEMU's mps2-an386, with further `options` of QEMU."""
     names = ",".join(f"arg={argument}" for argument in (program.name, *arguments))
-    command = [QEMU, "-M", "mps2-an386", "-nographic", "-kernel", program.name]
+    command = [QEMU, "-M", "mps2-an386", "-nographic", "-kernel", program.name, *options]
     return _run([*command, "-semihosting-config", f"enable=on,target=native,{names}"], program.parent)
 
 

@@ -57,7 +57,8 @@ def recorded(process, controller, observer, reference, failing=()):
         controller.solver.fails = k in failing
         return controller.solver.fails
 
-    return record(process, controller, observer, reference, fails)
+    done = record(process, controller, observer, reference, fails)
+    return done.samples, done.answers
 
 
 def pair(plant, N, compensation=None, **settings):
