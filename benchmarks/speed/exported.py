@@ -3,8 +3,8 @@
     python -m benchmarks.speed.exported [--steps 1000] [--out benchmarks/results]
 
 The test set is a closed loop on the benchmark's real plant with faults; before anything is timed C has to give Python's
-commands on it. Needs gcc; what needs arm-none-eabi-gcc and qemu-system-arm is left out without them, and the report says
-so.
+commands on it. Needs gcc; what needs arm-none-eabi-gcc and qemu-system-arm is left out without them, and the report
+says so.
 """
 
 import argparse
@@ -133,7 +133,7 @@ def report(rows: Sequence[Row], steps: int) -> str:
         f"A closed loop of {steps} samples on the real plant with faults and an observer; C gave Python's commands to",
         f"{_AGREE['double']:g} (double) and {_AGREE['single']:g} (single) of the supply before anything was timed.",
         "Processor time of this machine; a step is observer, feed-forward, QP and all.\n",
-        "| N | precision | Python step | C step | worst | times faster | Python `allocate` | C | QP iterations, worst |",
+        "| N | precision | Python step | C step | worst | times faster | Python `allocate` | C | most QP iterations |",
         "|--:|---|--:|--:|--:|--:|--:|--:|--:|",
     ]
     lines += [
@@ -143,8 +143,8 @@ def report(rows: Sequence[Row], steps: int) -> str:
         for r in rows
     ]
     lines += [
-        "\nOn a Cortex-M4F (`arm-none-eabi-gcc -Os`, hard single-precision FPU); the whole with newlib-nano, memory with",
-        f"reference and plan, instructions as QEMU's mps2-an386 counts them over {_ON_M4F} steps:\n",
+        "\nOn a Cortex-M4F (`arm-none-eabi-gcc -Os`, FPU for single precision); the whole with newlib-nano; memory",
+        f"with reference and plan; instructions as QEMU's mps2-an386 counts them over {_ON_M4F} steps:\n",
         "| N | precision | instructions a step | worst | code, whole | static memory | code of the allocator |",
         "|--:|---|--:|--:|--:|--:|--:|",
     ]
