@@ -44,10 +44,16 @@ void ant_rotate_in(int n, ant_real *R, ant_real *v, ant_real *row,
                    ant_real r); /* adds |row z + r|^2/2; row is used up */
 ant_real ant_cost(int n, const ant_real *R, const ant_real *v, const ant_real *z); /* above that of z = 0 */
 
-/* rows.c: the limits that are no bounds */
+/* rows.c: limits, counted from 0 to ANT_LIMITS: the bounds of the decisions, and then the rows */
+typedef struct {
+    ant_real row[ANT_DECISIONS];
+    ant_real lower, upper;
+    ant_real value; /* row z */
+    ant_real size;  /* of what the value is summed from */
+} ant_look;
+ant_look ant_look_at(const ant_qp *qp, int limit, const ant_real z[ANT_DECISIONS]);
 void ant_row(const ant_qp *qp, int i, ant_real row[ANT_DECISIONS]);
-void ant_row_bounds(const ant_qp *qp, int i, ant_real *lower, ant_real *upper);
-ant_real ant_breach(const ant_qp *qp, int i, const ant_real z[ANT_DECISIONS]);
+ant_real ant_breach(const ant_qp *qp, int i, const ant_real z[ANT_DECISIONS]); /* of row i; negative inside */
 ant_real ant_charge(int i); /* for the square of a breach when softened [cost] */
 
 /* qp.c, certificate.c */

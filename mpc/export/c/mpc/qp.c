@@ -68,14 +68,13 @@ static void set_limit(ant_solver *s, int id, ant_real *m, int first, ant_real lo
 
 /* Row i joins: its m is the row times R^-1, whose rows have been scaled. */
 static void let_in(const ant_qp *qp, ant_solver *s, int i) {
-    ant_real row[ANT_DECISIONS], lower, upper;
-    ant_row(qp, i, row);
-    ant_row_bounds(qp, i, &lower, &upper);
+    const ant_real none[ANT_DECISIONS] = {0};
+    const ant_look look = ant_look_at(qp, ANT_DECISIONS + i, none);
     for (int j = 0; j < ANT_DECISIONS; j++) {
         s->M[i][j] = 0;
-        for (int l = 0; l <= j; l++) s->M[i][j] += row[l] / s->scaling[l] * s->Rinv[ant_at(ANT_DECISIONS, l) + j];
+        for (int l = 0; l <= j; l++) s->M[i][j] += look.row[l] / s->scaling[l] * s->Rinv[ant_at(ANT_DECISIONS, l) + j];
     }
-    set_limit(s, ANT_DECISIONS + i, s->M[i], 0, lower, upper);
+    set_limit(s, ANT_DECISIONS + i, s->M[i], 0, look.lower, look.upper);
     s->sense[ANT_DECISIONS + i] = 0;
 }
 
@@ -100,17 +99,29 @@ static void begin(const ant_qp *qp, ant_solver *s, DAQPWorkspace *w, DAQPSetting
     reset_daqp_workspace(w);
 }
 
-/* z = R^-1 (u - v); decisions that are held at a bound lie on it to the last digit. */
+/* By how much active limit `id` is missed at z. */
+static ant_real residual(const ant_qp *qp, const DAQPWorkspace *work, int id, const ant_real z[ANT_DECISIONS]) {
+    const ant_look look = ant_look_at(qp, id, z);
+    return look.value - (DAQP_IS_LOWER(id) ? look.lower : look.upper);
+}
+
+/* z = R^-1 (u - v), refined once so that the active limits are met to the last digits. */
 static void point(const ant_qp *qp, DAQPWorkspace *work, ant_real z[ANT_DECISIONS]) {
+    ant_real change[ANT_DECISIONS] = {0};
     for (int i = 0; i < ANT_DECISIONS; i++) z[i] = work->u[i] - work->v[i];
     daqp_apply_Rinv(work, z);
+    for (int i = 0; i < work->n_active; i++)
+        work->xldl[i] = work->scaling[work->WS[i]] * residual(qp, work, work->WS[i], z);
+    daqp_solve_working_set(work); /* xldl: change of the multipliers */
+    daqp_sub_working_set_rows(work, work->xldl, change);
+    daqp_apply_Rinv(work, change);
+    for (int i = 0; i < ANT_DECISIONS; i++) z[i] += change[i];
     for (int i = 0; i < work->n_active; i++) {
         const int id = work->WS[i];
-        if (id < ANT_MOVES)
-            z[id] = DAQP_IS_LOWER(id) ? qp->lower[id] : qp->upper[id];
-        else if (id < ANT_DECISIONS)
-            z[id] = 0;
+        work->lam_star[i] += work->xldl[i];
+        if (id < ANT_DECISIONS) z[id] -= residual(qp, work, id, z);
     }
+    work->reuse_ind = 0; /* DAQP's scratch was used */
 }
 
 /* Lets in the rows that z breaks; whether there are any. */

@@ -23,7 +23,7 @@ void ant_row(const ant_qp *qp, int i, ant_real row[ANT_DECISIONS]) {
 }
 
 /* Pressures that start outside the supply come back no faster than the slew limit: up to there z = 0 is allowed. */
-void ant_row_bounds(const ant_qp *qp, int i, ant_real *lower, ant_real *upper) {
+static void row_bounds(const ant_qp *qp, int i, ant_real *lower, ant_real *upper) {
     const ant_motion *m = &qp->motion;
     *lower = -ANT_INFINITY;
     *upper = ANT_INFINITY;
@@ -40,12 +40,31 @@ void ant_row_bounds(const ant_qp *qp, int i, ant_real *lower, ant_real *upper) {
     }
 }
 
+static void bounds(const ant_qp *qp, int decision, ant_real *lower, ant_real *upper) {
+    *lower = decision < ANT_MOVES ? qp->lower[decision] : 0;
+    *upper = decision < ANT_MOVES ? qp->upper[decision] : ANT_INFINITY;
+}
+
+ant_look ant_look_at(const ant_qp *qp, int limit, const ant_real z[ANT_DECISIONS]) {
+    ant_look look = {0};
+    if (limit < ANT_DECISIONS) {
+        look.row[limit] = 1;
+        bounds(qp, limit, &look.lower, &look.upper);
+    } else {
+        ant_row(qp, limit - ANT_DECISIONS, look.row);
+        row_bounds(qp, limit - ANT_DECISIONS, &look.lower, &look.upper);
+    }
+    for (int j = 0; j < ANT_DECISIONS; j++) {
+        look.value += look.row[j] * z[j];
+        look.size += ant_abs(look.row[j] * z[j]);
+    }
+    return look;
+}
+
 ant_real ant_breach(const ant_qp *qp, int i, const ant_real z[ANT_DECISIONS]) {
-    ant_real row[ANT_DECISIONS], lower, upper, value = 0;
-    ant_row(qp, i, row);
-    ant_row_bounds(qp, i, &lower, &upper);
-    for (int j = 0; j < ANT_DECISIONS; j++) value += row[j] * z[j];
-    return lower - value > value - upper ? lower - value : value - upper;
+    const ant_look look = ant_look_at(qp, ANT_DECISIONS + i, z);
+    const ant_real below = look.lower - look.value, above = look.value - look.upper;
+    return below > above ? below : above;
 }
 
 ant_real ant_charge(int i) { return i < COMMANDS ? ANT_CHARGE : i < LOWER ? ANT_SLACK_SQUARE : ANT_SLACK_FORCE_SQUARE; }

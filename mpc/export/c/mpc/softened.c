@@ -24,14 +24,11 @@ static void charge(const ant_qp *qp, ant_softened *s, const ant_real z[ANT_DECIS
     memcpy(s->R, qp->R, sizeof s->R);
     memcpy(s->v, qp->v, sizeof s->v);
     for (int i = 0; i < ANT_ROWS; i++) {
-        ant_real row[ANT_DECISIONS], lower, upper, value = 0;
         if (!s->charged[i]) continue;
-        ant_row(qp, i, row);
-        ant_row_bounds(qp, i, &lower, &upper);
+        ant_look look = ant_look_at(qp, ANT_DECISIONS + i, z); /* z has no slacks */
         const ant_real root = ANT_F(sqrt)(ant_charge(i));
-        for (int j = 0; j < n; j++) value += row[j] * z[j];
-        for (int j = 0; j < n; j++) row[j] *= root;
-        ant_rotate_in(n, s->R, s->v, row, -root * ant_clip(value, lower, upper));
+        for (int j = 0; j < n; j++) look.row[j] *= root;
+        ant_rotate_in(n, s->R, s->v, look.row, -root * ant_clip(look.value, look.lower, look.upper));
     }
 }
 
