@@ -17,6 +17,7 @@ static const ant_real LAZY = 1e-5f; /* [bar], [rad], [N] below which a row that 
 static const ant_real LAZY = 1e-6;
 #endif
 static const ant_real FAR = ANT_R(1e30); /* DAQP's infinity */
+enum { REFINEMENTS = 3 };
 
 static void settings(DAQPSettings *s, int iteration_limit) {
     const int single = sizeof(ant_real) == sizeof(float);
@@ -105,22 +106,47 @@ static ant_real residual(const ant_qp *qp, const DAQPWorkspace *work, int id, co
     return look.value - (DAQP_IS_LOWER(id) ? look.lower : look.upper);
 }
 
-/* z = R^-1 (u - v), refined once so that the active limits are met to the last digits. */
-static void point(const ant_qp *qp, DAQPWorkspace *work, ant_real z[ANT_DECISIONS]) {
-    ant_real change[ANT_DECISIONS] = {0};
-    for (int i = 0; i < ANT_DECISIONS; i++) z[i] = work->u[i] - work->v[i];
-    daqp_apply_Rinv(work, z);
-    for (int i = 0; i < work->n_active; i++)
-        work->xldl[i] = work->scaling[work->WS[i]] * residual(qp, work, work->WS[i], z);
-    daqp_solve_working_set(work); /* xldl: change of the multipliers */
-    daqp_sub_working_set_rows(work, work->xldl, change);
-    daqp_apply_Rinv(work, change);
-    for (int i = 0; i < ANT_DECISIONS; i++) z[i] += change[i];
+/* The z at which the cost's gradient and the multipliers balance: R^T (R z + v) = -pushes, without the inverse of R. */
+static void balance(const ant_qp *qp, const DAQPWorkspace *work, const ant_real *multipliers, ant_real *z) {
+    enum { n = ANT_MOVES };
+    ant_real pushes[ANT_DECISIONS] = {0};
     for (int i = 0; i < work->n_active; i++) {
-        const int id = work->WS[i];
-        work->lam_star[i] += work->xldl[i];
-        if (id < ANT_DECISIONS) z[id] -= residual(qp, work, id, z);
+        const ant_look look = ant_look_at(qp, work->WS[i], z);
+        for (int j = 0; j < ANT_DECISIONS; j++) pushes[j] += multipliers[work->WS[i]] * look.row[j];
     }
+    for (int i = 0; i < n; i++) {
+        const ant_real *Ri = qp->R + ant_at(n, i);
+        pushes[i] /= Ri[i];
+        for (int j = i + 1; j < n; j++) pushes[j] -= Ri[j] * pushes[i];
+    }
+    for (int i = n - 1; i >= 0; i--) {
+        const ant_real *Ri = qp->R + ant_at(n, i);
+        ant_real sum = qp->v[i] + pushes[i];
+        for (int j = i + 1; j < n; j++) sum += Ri[j] * z[j];
+        z[i] = -sum / Ri[i];
+    }
+    z[n] = -(ANT_SLACK + pushes[n]) / ANT_SLACK_SQUARE;
+    z[n + 1] = -(ANT_SLACK_FORCE + pushes[n + 1]) / ANT_SLACK_FORCE_SQUARE;
+}
+
+/* DAQP's answer for the limits that it found active, its multipliers refined until these are met to the last digits. */
+static void point(const ant_qp *qp, DAQPWorkspace *work, ant_real *multipliers, ant_real *z) {
+    memset(multipliers, 0, ANT_LIMITS * sizeof multipliers[0]);
+    memset(z, 0, ANT_DECISIONS * sizeof z[0]);
+    for (int i = 0; i < work->n_active; i++) multipliers[work->WS[i]] = work->lam_star[i] * work->scaling[work->WS[i]];
+    balance(qp, work, multipliers, z);
+    for (int round = 0; round < REFINEMENTS; round++) {
+        ant_real change[ANT_DECISIONS] = {0};
+        for (int i = 0; i < work->n_active; i++)
+            work->xldl[i] = work->scaling[work->WS[i]] * residual(qp, work, work->WS[i], z);
+        daqp_solve_working_set(work);
+        for (int i = 0; i < work->n_active; i++) multipliers[work->WS[i]] += work->scaling[work->WS[i]] * work->xldl[i];
+        daqp_sub_working_set_rows(work, work->xldl, change);
+        daqp_apply_Rinv(work, change);
+        for (int i = 0; i < ANT_DECISIONS; i++) z[i] += change[i];
+    }
+    for (int i = 0; i < work->n_active; i++)
+        if (work->WS[i] < ANT_DECISIONS) z[work->WS[i]] -= residual(qp, work, work->WS[i], z);
     work->reuse_ind = 0; /* DAQP's scratch was used */
 }
 
@@ -139,7 +165,7 @@ ant_plan_status ant_solve(ant_controller *c, ant_real z[ANT_DECISIONS], int *ite
     ant_solver *s = &c->work.solver;
     DAQPSettings options;
     DAQPWorkspace w;
-    ant_real multipliers[ANT_LIMITS] = {0};
+    ant_real multipliers[ANT_LIMITS];
     settings(&options, 0);
     begin(&c->qp, s, &w, &options);
     *iterations = 0;
@@ -148,8 +174,7 @@ ant_plan_status ant_solve(ant_controller *c, ant_real z[ANT_DECISIONS], int *ite
         const int flag = daqp_ldp(&w);
         *iterations += w.iterations;
         if (flag <= 0) return ANT_PLAN_UNSOLVED;
-        point(&c->qp, &w, z);
+        point(&c->qp, &w, multipliers, z);
     } while (widen(&c->qp, s, z));
-    for (int i = 0; i < w.n_active; i++) multipliers[w.WS[i]] = w.lam_star[i] * w.scaling[w.WS[i]];
     return ant_certified(&c->qp, z, multipliers) ? ANT_PLAN_OPTIMAL : ANT_PLAN_REFUSED;
 }
