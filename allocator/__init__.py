@@ -6,7 +6,7 @@
 ('EXACT', '3.238 bar, 2.181 bar')
 """
 
-from allocator.allocation import Allocation, Status, allocate
+from allocator.allocation import Allocation, Status, allocate, warm_up
 from allocator.errors import AntagonistError, InvalidFile, InvalidInput, MissingBackend
 from allocator.feasibility import (
     Design,
@@ -85,4 +85,5 @@ __all__ = [
     "save_joint",
     "stiffness_interval",
     "torque_interval",
+    "warm_up",
 ]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array, Value, cos, derivative, sin, sqrt
+from allocator.calculus import Array, Value, cos, derivative, increasing_root, sin, sqrt
 from allocator.errors import InvalidInput
 from allocator.spline import Spline
 from allocator.units import DEG
@@ -50,6 +50,13 @@ class Geometry(ABC):
         """Angles [rad] between which the mechanism's formulas hold."""
         return (-2 * np.pi, 2 * np.pi)
 
+    def angles_at(self, contraction: float) -> tuple[float, float]:
+        """Where the agonist (left) and the antagonist (right) have this contraction [rad]; infinite where not."""
+        ends = np.asarray(self.reach)
+        left = increasing_root(lambda x: self.agonist(x).contraction - contraction, *ends)
+        right = increasing_root(lambda x: contraction - self.antagonist(x).contraction, *ends)
+        return float(left), float(right)
+
 
 @dataclass(frozen=True)
 class Pulley(Geometry):
@@ -71,6 +78,11 @@ class Pulley(Geometry):
             self.radius + 0.0 * theta,
             0.0 * theta,
         )
+
+    def angles_at(self, contraction: float) -> tuple[float, float]:
+        """θ = ∓(ε0 - ε) l0/R   (25)"""
+        right = (self.initial_contraction - contraction) * self.rest_length / self.radius
+        return -right, right
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array, Value, increasing_root, rising_roots
+from allocator.calculus import Array, Value, rising_roots
 from allocator.errors import InvalidInput
 from allocator.geometry import Geometry, Pulley
 from allocator.limits import Limit, PressureBox
@@ -144,10 +144,7 @@ class AntagonistJoint:
     @cached_property
     def _threshold_angles(self) -> tuple[float, float]:
         """Where a muscle is stretched to min_contraction: agonist left, antagonist right   (25)"""
-        ends = np.asarray(self.geometry.reach)
-        left = increasing_root(lambda x: self.geometry.agonist(x).contraction - self.min_contraction, *ends)
-        right = increasing_root(lambda x: self.min_contraction - self.geometry.antagonist(x).contraction, *ends)
-        return float(left), float(right)
+        return self.geometry.angles_at(self.min_contraction)
 
     def angle_limit(self, upper: bool) -> Limit:
         """Which limit ends the angle range on the upper or lower side."""

@@ -2,6 +2,7 @@
 
 from mpc.compensation import Compensation
 from mpc.controller import TrackingMPC
+from mpc.nonlinear import NonlinearMPC
 from mpc.observer import KalmanObserver
 from mpc.plan import Plan, PlanStatus, Rung
 from mpc.plant import Plant
@@ -13,6 +14,7 @@ from mpc.weights import Weights
 __all__ = [
     "Compensation",
     "KalmanObserver",
+    "NonlinearMPC",
     "Plan",
     "PlanStatus",
     "Plant",

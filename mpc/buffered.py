@@ -35,5 +35,9 @@ class Buffered:
         self._evaluate()
         return [array.copy() for array in self._outputs]
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Buffered":
+        """Itself: it remembers nothing from call to call."""
+        return self
+
 
 __all__ = ["Buffered"]

@@ -10,6 +10,7 @@ import typer
 from allocator.cli import JOINT, MUSCLE, REPORT_MUSCLE, app, chosen_joint, run
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.export.cli import export_command
+from mpc.trajectories import TRAJECTORIES, usual_stiffness
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,28 +19,48 @@ if TYPE_CHECKING:
     from allocator.joint import AntagonistJoint
     from mpc.loops import Settings
     from mpc.metrics import Metrics
-    from mpc.simulation import Process
+    from mpc.reference import Reference
+    from mpc.simulation import Process, Run
 
 _NOMINAL, _REAL = "nominal", "real"  # plants
+_SUFFIXES = (".png", ".pdf", ".svg", ".csv", ".npz")
 
 
-@app.command()
+@app.command(epilog="\n\n".join(["Standard trajectories:", *(f"{n}: {t.summary}" for n, t in TRAJECTORIES.items())]))
 def track(
     trajectory: Annotated[
-        Path | None, typer.Argument(help="CSV with the columns t,theta_deg,stiffness; without it ±40° at 0.5 Hz")
+        str | None,
+        typer.Argument(
+            help="a standard trajectory (see below), or a CSV with the columns t,theta_deg,stiffness; "
+            "without it ±40° at 0.5 Hz with K = 7.6 ± 0.3"
+        ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="directory for tracking.png and tracking.csv")] = Path(),
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(help="a .csv, .npz or .png to write, or a directory for tracking.png and .csv; may be repeated"),
+    ] = None,
+    stiffness: Annotated[
+        float | None,
+        typer.Option(
+            help="K about which a standard trajectory runs [N·m/rad]; without it the middle of what the joint has"
+        ),
+    ] = None,
     dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01,
     horizon: Annotated[int, typer.Option(help="samples that the controller looks ahead")] = 20,
-    solver: Annotated[str, typer.Option(help="QP solver: daqp, or one that qpsolvers finds, e.g. osqp")] = "daqp",
+    solver: Annotated[
+        str | None,
+        typer.Option(help="of mpc: daqp (default) or one that qpsolvers finds, e.g. osqp; of nmpc: ipopt or fatrop"),
+    ] = None,
     muscle: Annotated[str, MUSCLE] = REPORT_MUSCLE,
     joint: Annotated[Path | None, JOINT] = None,
     plant: Annotated[
         str, typer.Option(help="nominal, or real: with what the controller's model does not know")
     ] = _NOMINAL,
-    controller: Annotated[str, typer.Option(help="mpc, pid, lqr or feedforward")] = "mpc",
+    controller: Annotated[
+        str, typer.Option(help="mpc, nmpc (nonlinear, slow), pid, predictive-pid, lqr, feedforward")
+    ] = "mpc",
     observer: Annotated[
-        bool | None, typer.Option(help="estimate state and disturbance torque; mpc and lqr do so on a real plant")
+        bool | None, typer.Option(help="estimate state and disturbance torque; the MPCs and lqr do on a real plant")
     ] = None,
     payload: Annotated[float, typer.Option(help="load that nobody tells of, from half-way on [N·m]")] = 0.0,
     seed: Annotated[int, typer.Option(help="of the sensors' noise")] = 0,
@@ -47,35 +68,75 @@ def track(
     """Let a controller follow a trajectory of angle and stiffness, and say how well it did."""
     from rich.console import Console
 
-    from mpc.files import default_trajectory, load, save_run
     from mpc.loops import loop
     from mpc.metrics import metrics
     from mpc.plant import Plant
-    from mpc.plotting import save_tracking_figure
     from mpc.simulation import simulate
 
     console = Console()
-    reference = default_trajectory() if trajectory is None else load(trajectory)
+    acted = chosen_joint(muscle, joint)
+    reference = _reference(trajectory, stiffness, acted)
     half_way = float(reference.t[-1] - reference.t[0]) / 2
-    tested, settings = _tested(plant, chosen_joint(muscle, joint), ((half_way, payload),) if payload else ())
+    tested, settings = _tested(plant, acted, ((half_way, payload),) if payload else ())
     settings = settings._replace(dt=dt, N=horizon, solver=solver)
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
     driver, eyes = loop(controller, settings, observer)
-    picture, table = out / "tracking.png", out / "tracking.csv"
-    with _writing(out):
-        out.mkdir(parents=True, exist_ok=True)
+    files = _files(out or [Path()])
     done = simulate(tested, driver, reference, observer=eyes, seed=seed, progress=True)
 
-    _say(console, f"drawing {picture} (the first picture after an installation takes some seconds)")
-    with _writing(out):
-        save_run(done, table)
-        save_tracking_figure(done, picture)
+    for path in files:
+        with _writing(path):
+            _write(done, path, console)
     figures = metrics(done)
     console.print(_summary(figures))
     if figures.out_of_reach:
         _say(console, f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach")
-    _say(console, f"written: {picture}, {table}")
+    _say(console, f"written: {', '.join(map(str, files))}")
+
+
+def _reference(name: str | None, K: float | None, joint: "AntagonistJoint") -> "Reference":
+    """The trajectory of this name or in this file."""
+    from allocator import checks
+    from mpc.files import default_trajectory, load
+
+    if name in TRAJECTORIES:
+        return TRAJECTORIES[name].about(
+            usual_stiffness(joint) if K is None else float(checks.stiffness("stiffness", K))
+        )
+    if K is not None:
+        raise InvalidInput("--stiffness goes with a standard trajectory; a file has its own")
+    if name is None:
+        return default_trajectory()
+    if Path(name).suffix or Path(name).exists():
+        return load(name)
+    raise InvalidInput(f"there is neither a standard trajectory nor a file {name}; there are {', '.join(TRAJECTORIES)}")
+
+
+def _files(out: list[Path]) -> list[Path]:
+    """The files to write; their directories are made."""
+    files = []
+    for path in out:
+        if path.suffix and path.suffix not in _SUFFIXES:
+            raise InvalidInput(f"--out {path}: a run is written as {', '.join(_SUFFIXES)} or into a directory")
+        with _writing(path):
+            (path.parent if path.suffix else path).mkdir(parents=True, exist_ok=True)
+        files += [path] if path.suffix else [path / "tracking.png", path / "tracking.csv"]
+    return files
+
+
+def _write(run: "Run", path: Path, console: "Console") -> None:
+    from mpc.files import save_run
+    from mpc.plotting import save_tracking_figure
+    from mpc.recordings import save_recording
+
+    if path.suffix == ".csv":
+        save_run(run, path)
+    elif path.suffix == ".npz":
+        save_recording(run, path)
+    else:
+        _say(console, f"drawing {path} (the first picture after an installation takes some seconds)")
+        save_tracking_figure(run, path)
 
 
 def _tested(
@@ -121,7 +182,8 @@ def _summary(m: "Metrics") -> "Table":
     table.add_section()
     table.add_row(Text("time of a step [ms]"), f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
     for rung, steps in m.rungs.items():
-        table.add_row(f"steps answered by {rung}", "", str(steps))
+        if steps:
+            table.add_row(f"steps answered by {rung}", "", str(steps))
     return table
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allocator import allocate
+from allocator import allocate, warm_up
 from allocator.calculus import Array
 from mpc.plan import Moved
 from mpc.plant import Plant
@@ -35,6 +35,7 @@ class FeedForwardLaw:
         from scipy.interpolate import CubicSpline
 
         self.plant, self.min_force = plant, min_force
+        warm_up(joint=plant.joint)  # not in the first control step
         # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
         spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))
         self._D1, self._D2 = spline(spline.x, 1), spline(spline.x, 2)

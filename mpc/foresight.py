@@ -19,6 +19,8 @@ from mpc.limits import Limits
 from mpc.linearise import Predictor
 from mpc.plant import NX, Plant
 
+_CORRECTED = 0.1  # [-] of an error of the angle counts as motion that friction opposes
+
 
 class Task(NamedTuple):
     """What a command given now has to deal with, from the moment on at which it is heard; N+1 samples."""
@@ -102,12 +104,18 @@ class Foresight:
         return np.broadcast_to(reference, self.ahead + 1)
 
     def _friction_ahead(self, x: Array, theta: Array) -> Array:
-        """Friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does."""
+        """Friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does.
+
+        It has to come back to the preview first. At rest presliding friction makes the joint several times as stiff as
+        its muscles, and an error would hardly move a controller that does not count with it; one that counts with all
+        of it would shake a joint without friction.
+        """
         z = self._friction.follow(float(x[0]))
         limit = self.compensation.friction.limit(float(pull(self.plant, x)))
         if not isfinite(limit):  # nor will the motion from such a state be: the controller finds that out
             return np.zeros(theta.shape)
-        return np.asarray(limit * self.compensation.friction.along(z, theta))
+        back = theta[0] + _CORRECTED * (float(x[0]) - theta[0])
+        return np.asarray(limit * self.compensation.friction.along(z, np.append(back, theta[1:])))
 
 
 __all__ = ["Foresight", "Task"]

@@ -5,9 +5,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from allocator.errors import MissingBackend
-from mpc.baselines import FeedForwardControl, LQRControl, PIDControl
+from mpc.baselines import FeedForwardControl, LQRControl, PIDControl, PredictivePIDControl
 from mpc.compensation import Compensation
 from mpc.controller import TrackingMPC
+from mpc.nonlinear import NonlinearMPC
 from mpc.observer import Differentiator, KalmanObserver, Observer
 from mpc.plant import Plant
 from mpc.simulation import Controller
@@ -22,15 +23,23 @@ class Settings(NamedTuple):
     N: int = 20  # horizon [samples]
     compensation: Compensation = Compensation()
     weights: Weights = Weights()
-    solver: str = "daqp"
+    solver: str | None = None  # of the QPs or the NLPs; None: the controller's own choice
 
 
 def _mpc(s: Settings) -> Controller:
-    return TrackingMPC(s.plant, s.dt, s.N, s.weights, s.solver, compensation=s.compensation)
+    return TrackingMPC(s.plant, s.dt, s.N, s.weights, s.solver or "daqp", compensation=s.compensation)
+
+
+def _nmpc(s: Settings) -> Controller:
+    return NonlinearMPC(s.plant, s.dt, s.N, s.weights, s.solver or "ipopt", compensation=s.compensation)
 
 
 def _pid(s: Settings) -> Controller:
     return PIDControl(s.plant, s.dt, s.compensation)
+
+
+def _predictive_pid(s: Settings) -> Controller:
+    return PredictivePIDControl(s.plant, s.dt, s.compensation)
 
 
 def _lqr(s: Settings) -> Controller:
@@ -45,7 +54,9 @@ def _feed_forward(s: Settings) -> Controller:
 
 CONTROLLERS: dict[str, tuple[Callable[[Settings], Controller], bool]] = {
     "mpc": (_mpc, True),
+    "nmpc": (_nmpc, True),
     "pid": (_pid, False),
+    "predictive-pid": (_predictive_pid, True),
     "lqr": (_lqr, True),
     "feedforward": (_feed_forward, False),
 }

@@ -15,7 +15,7 @@ belief takes over, and the sensor counts as silent until it says something new.
 """
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -29,6 +29,7 @@ from mpc.friction import pull
 from mpc.plant import NU, NX, Plant
 
 _MEASURED = np.array([0, 2, 3])  # of ξ
+_TURN, _SUPPLIES = 2 * np.pi, 10.0  # [rad], supply pressures: a reading beyond is no reading
 _DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
 _SCALE = np.array([1, 1, BAR, BAR, 1])  # of ξ in the Riccati equation, for its conditioning
 
@@ -70,8 +71,8 @@ class Noise:
     theta: float = 0.01 * DEG  # [rad]
     pressure: float = 0.02 * BAR  # [Pa]
     omega_walk: float = 0.2  # [rad/s/√s]
-    pressure_walk: float = 0.1 * BAR  # [Pa/√s]
-    d_walk: float = 1.0  # [N·m/√s]
+    pressure_walk: float = 0.07 * BAR  # [Pa/√s]
+    d_walk: float = 1.9  # [N·m/√s]
 
     def Q(self, dt: float) -> Array:
         """Covariance (5, 5) of the model's errors over `dt` [s]."""
@@ -91,10 +92,10 @@ class Belief(NamedTuple):
 
 
 class KalmanObserver:
-    """Extended Kalman filter; `plant` is the model. A sensor may be silent (NaN) or frozen for `tolerance` seconds.
+    """Extended Kalman filter; `plant` is the model. A sensor may be silent or frozen for `tolerance` seconds.
 
-    After that what it should measure is answered as NaN until it speaks again: a controller then knows that it is
-    blind, and `TrackingMPC` says so in the status of its plans.
+    Silent is one that says NaN or what no sensor could say. After that what it should measure is answered as NaN until
+    it speaks again: a controller then knows that it is blind, and `TrackingMPC` says so in the status of its plans.
     """
 
     def __init__(
@@ -109,6 +110,8 @@ class KalmanObserver:
         self.noise = Noise() if noise is None else noise
         self.compensation = Compensation() if compensation is None else compensation
         self._Q, self._R = self.noise.Q(dt), self.noise.R
+        self._Q_rest = replace(self.noise, d_walk=0.0).Q(dt)  # a load that came would have moved a sensor that repeats
+        self._most = np.array([_TURN, *NU * [_SUPPLIES * plant.joint.pressure_limits[1]]])
         self._model = Buffered(self._discrete())
         self.reset()
 
@@ -127,6 +130,7 @@ class KalmanObserver:
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
         """State (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was sent last."""
         read, u = np.asarray(y, float)[_MEASURED], np.asarray(u, float)
+        read = np.where(np.abs(read) <= self._most, read, np.nan)
         if self.xi is None:
             belief = Belief(self._first(read), self.covariance)
             self._commands.extend([u] * self.compensation.delay(self.dt))
@@ -145,7 +149,9 @@ class KalmanObserver:
 
     def _first(self, read: Array) -> Array:
         if not np.isfinite(read).all():
-            raise InvalidInput(f"the first measurement (theta, P1, P2) = {read} has to be finite")
+            raise InvalidInput(
+                f"the first measurement (theta [rad], P1, P2 [Pa]) = {read} has to be finite and in range"
+            )
         return np.array([read[0], 0.0, read[1], read[2], 0.0])
 
     def _expect(self, belief: Belief, read: Array) -> Belief:
@@ -154,12 +160,12 @@ class KalmanObserver:
         self._repeating = np.where(repeated, self._repeating + self.dt, 0.0)
         self._frozen &= repeated
         z = self._friction.follow(float(belief.xi[0]))
-        expected = self._predicted(belief, z)
+        expected = self._predicted(belief, z, self._Q)
         others = np.isfinite(read) & ~repeated
         begun = {i: self._without.get(i, belief) for i in np.flatnonzero(repeated).tolist()}
         self._without = {}
         for i, without in begun.items():
-            foreseen = self._predicted(without, z)
+            foreseen = self._predicted(without, z, self._Q_rest)
             if not self._frozen[i] and self._repeating[i] > self.tolerance and self._doubtful(i, read[i], foreseen):
                 self._frozen[i] = True
                 expected = foreseen
@@ -171,13 +177,13 @@ class KalmanObserver:
         variance = foreseen.covariance[i, i] + self._R[sensor, sensor]
         return bool((read - foreseen.xi[i]) ** 2 > _DOUBT**2 * variance)
 
-    def _predicted(self, belief: Belief, z: float) -> Belief:
+    def _predicted(self, belief: Belief, z: float, Q: Array) -> Belief:
         """One sample on, the friction's state being `z`."""
         x, d = belief.xi[:NX], belief.xi[NX]
         T_f = self.compensation.friction.limit(pull(self.plant, x)) * z
         x_next, A = self._model(x, self.compensation.heard(self._commands[0], x[2:]), d - T_f)
         A = _with_walk(A)
-        return Belief(np.append(x_next[0], d), A @ belief.covariance @ A.T + self._Q)
+        return Belief(np.append(x_next[0], d), A @ belief.covariance @ A.T + Q)
 
     def _corrected(self, belief: Belief, read: Array, there: Mask) -> Belief:
         """After the readings `there` (3,) of `read` (3,)."""

@@ -41,6 +41,7 @@ def _angle(axes: Any, errors: Any, run: Run) -> None:
         if abs(limit) < 1.6 * np.abs(run.theta / DEG).max():  # a far limit would only flatten the curve
             axes.axhline(limit, color=_GREY, ls="-.", lw=1, label="end of the joint range")
     axes.set_ylabel("joint angle θ [°]")
+    _widen(axes, 2.0)
     _legend(axes)
     errors.plot(run.t, (run.theta - run.theta_ref) / DEG, color=_BLUE, lw=1)
     errors.set_ylabel("error of θ [°]")
@@ -50,6 +51,7 @@ def _stiffness(axes: Any, run: Run) -> None:
     axes.plot(run.t, run.K, color=_BLUE, label="stiffness")
     axes.plot(run.t, run.K_ref, color=_BLACK, ls="--", lw=1, label="reference")
     axes.set_ylabel("stiffness K [N·m/rad]")
+    _widen(axes, 0.2)
     _legend(axes)
 
 
@@ -68,6 +70,13 @@ def _taut_limit(run: Run) -> tuple[Array, Array]:
     """The pressures (M+1,) below which agonist and antagonist go slack [Pa]."""
     box = run.plant.joint.pressure_box(run.theta, min_force=0.0)
     return box.agonist.lo, box.antagonist.lo
+
+
+def _widen(axes: Any, least: float) -> None:
+    """At least so high an axis: what should be constant shall look it."""
+    low, high = axes.get_ylim()
+    if high - low < least:
+        axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
 
 
 def _legend(axes: Any) -> None:

@@ -173,10 +173,14 @@ class RealExperiment:
 
     def measure(self) -> Array:
         """The sensors' (4,): θ, NaN for the velocity that nobody measures, P1, P2. Every call draws new noise."""
+        return self.read(self._noise.standard_normal(NU))
+
+    def read(self, noise: Array) -> Array:
+        """The same with the `noise` (2,) of the pressure sensors in standard deviations."""
         theta, _, *P = self.x
         step = self.real.encoder
         read = step * np.round(theta / step) if step else theta
-        y = np.array([read, np.nan, *(P + self.real.pressure_noise * self._noise.standard_normal(NU))])
+        y = np.array([read, np.nan, *(P + self.real.pressure_noise * noise)])
         for fault in self._faults:
             y = fault.read(y, self._said)
         self._said = y
@@ -187,10 +191,20 @@ class RealExperiment:
         t = self._sample * self.dt
         return [fault for fault in self.real.faults if fault.active(t)]
 
-    def advance(self, u: Array) -> None:
-        """One sample with the commands `u` (2,) [Pa] given now."""
+    @property
+    def memory(self) -> Array:
+        """All that the future depends on besides the time (n,): (θ, ω, P1, P2, z) and the commands on their way."""
+        return np.concatenate([self._full, *self._waiting])
+
+    def recall(self, memory: Array, sample: int) -> None:
+        """Go to a `memory` (n,), at the `sample` since the beginning."""
+        self._full, self._sample = np.array(memory[: NX + 1]), sample
+        self._waiting = list(np.reshape(memory[NX + 1 :], (-1, NU)))
+
+    def advance(self, u: Array, d: float = 0.0) -> None:
+        """One sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] besides the plant's own."""
         t = self._sample * self.dt
-        d = next((torque for start, torque in reversed(self.real.torque_profile) if t >= start - 1e-9), 0.0)
+        d += next((torque for start, torque in reversed(self.real.torque_profile) if t >= start - 1e-9), 0.0)
         self._waiting.append(np.array(u))
         for command, duration in zip(self._waiting, self._pieces, strict=False):
             for fault in self._faults:

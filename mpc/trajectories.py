@@ -4,9 +4,14 @@ Angles in rad, stiffness in N·m/rad, times in s. The first rest is `LEAD` secon
 there how far its model is off.
 """
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
+from allocator import allocate
 from allocator.calculus import Array
+from allocator.joint import AntagonistJoint
 from allocator.units import DEG
 from mpc.reference import Reference, sine
 
@@ -75,4 +80,74 @@ def stiffness_step(
     return Reference(t, np.full_like(t, theta), K[0] + (K[1] - K[0]) * (there - back))
 
 
-__all__ = ["LEAD", "chirp", "min_jerk", "point_to_point", "rested_sine", "steps", "stiffness_step"]
+def stiffness_ramps(K: float = 5.5, height: float = 0.5, theta: float = 20 * DEG, rest: float = 1.5) -> Reference:
+    """At rest at `theta`, stiffness up by `height` in 2 s, down by twice as much in 1 s, and back in 0.5 s."""
+    stops = np.cumsum([LEAD, 2.0, rest, 1.0, rest, 0.5, rest])
+    levels = K + height * np.array([0.0, 1.0, 1.0, -1.0, -1.0, 0.0, 0.0])
+    t = _times(float(stops[-1]))
+    return Reference(t, np.full_like(t, theta), np.interp(t, stops, levels))
+
+
+def together(K: float = 5.5, height: float = 0.3, angle: float = 40 * DEG, time: float = 1.0) -> Reference:
+    """Angle and stiffness at once: to `angle` and K + `height` in `time`, to -`angle` and K - `height`, and back."""
+    rest = 1.5
+    t = _times(LEAD + 3 * (time + rest))
+    edges = LEAD + (rest + time) * np.arange(3)
+    moves = [turn * min_jerk((t - edge) / time) for edge, turn in zip(edges, (1, -2, 1), strict=True)]
+    shape = np.sum(moves, axis=0)
+    return Reference(t, angle * shape, K + height * shape)
+
+
+def jumps(K: float = 5.5, angle: float = 25 * DEG, rest: float = 1.5) -> Reference:
+    """Steps that no joint can follow, to `angle`, to -`angle` and back to 0: commands live on the slew limit."""
+    t = _times(LEAD + 3 * rest)
+    sample = np.round((t - LEAD) / _DT)  # whole numbers do not slip over the edge
+    per = round(rest / _DT)
+    levels = np.select([sample < 0, sample < per, sample < 2 * per], [0.0, 1.0, -1.0], 0.0)
+    return Reference(t, angle * levels, np.full_like(t, K))
+
+
+def usual_stiffness(joint: AntagonistJoint) -> float:
+    """The middle [N·m/rad] of what `joint` can have everywhere within ±40° at rest."""
+    held = allocate(np.array([-40, -20, 0, 20, 40]) * DEG, 1.0, 0.0, joint=joint)
+    low, high = held.stiffness_interval
+    return float(np.max(low) + np.min(high)) / 2
+
+
+class Standard(NamedTuple):
+    """A trajectory that has a name."""
+
+    about: Callable[[float], Reference]  # the stiffness K [N·m/rad]
+    summary: str
+
+
+TRAJECTORIES = {
+    "sine": Standard(rested_sine, "±40° at 0.5 Hz, K ± 0.3"),
+    "min-jerk": Standard(point_to_point, "60° in 1 s, there and back"),
+    "chirp": Standard(chirp, "±28°, 0.15 to 0.55 Hz"),
+    "steps": Standard(steps, "of 20°, shaped"),
+    "stiffness-step": Standard(
+        lambda K: stiffness_step((K - 0.5, K + 0.5)), "from K - 0.5 to K + 0.5 and back, at 20°"
+    ),
+    "stiffness-ramps": Standard(stiffness_ramps, "K ± 0.5 at rest, at 20°"),
+    "together": Standard(together, "±40° and K ± 0.3 at once"),
+    "jumps": Standard(jumps, "±25° at once, more than a joint can"),
+}
+"""The standard trajectories by name."""
+
+
+__all__ = [
+    "LEAD",
+    "Standard",
+    "TRAJECTORIES",
+    "chirp",
+    "jumps",
+    "min_jerk",
+    "point_to_point",
+    "rested_sine",
+    "steps",
+    "stiffness_ramps",
+    "stiffness_step",
+    "together",
+    "usual_stiffness",
+]

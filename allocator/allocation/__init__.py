@@ -2,7 +2,8 @@
 
 from allocator.allocation.entry import allocate
 from allocator.allocation.problem import Problem
+from allocator.allocation.quick import warm_up
 from allocator.allocation.result import Allocation
 from allocator.allocation.status import Status
 
-__all__ = ["Allocation", "Problem", "Status", "allocate"]
+__all__ = ["Allocation", "Problem", "Status", "allocate", "warm_up"]

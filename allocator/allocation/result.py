@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from allocator.allocation import kkt, sensitivity
 from allocator.allocation.problem import Problem
+from allocator.allocation.question import Question
 from allocator.allocation.spread import stiffness_std
 from allocator.allocation.status import Status
 from allocator.calculus import Array
@@ -38,8 +39,12 @@ class Allocation:
     local: Any  # True where the answer is only proved to be a local optimum
     method: str
     iterations: Any  # of an optimising method, else None
-    _problem: Problem = field(repr=False)
+    _source: Problem | tuple[Any, ...] = field(repr=False)  # or the fields of a `Question`, made a problem when asked
     _shape: tuple[int, ...] = field(repr=False)
+
+    @cached_property
+    def _problem(self) -> Problem:
+        return self._source if isinstance(self._source, Problem) else Question(*self._source).problem()
 
     @property
     def success(self) -> Any:
@@ -130,11 +135,18 @@ class Allocation:
         return shaped(first, self._shape), shaped(second, self._shape)
 
 
+def from_fields(fields: dict[str, Any]) -> Allocation:
+    """An `Allocation` from all its fields by name: the constructor of a frozen dataclass takes five times as long."""
+    allocation = object.__new__(Allocation)
+    object.__setattr__(allocation, "__dict__", fields)
+    return allocation
+
+
 def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
     """The flat array in the shape of the targets, read-only; a Python scalar for shape ()."""
     if not shape:
         return array.item()
-    view = array.reshape(shape)
+    view = array.reshape(shape) if array.ndim != 1 or len(shape) != 1 else array.view()
     view.flags.writeable = False
     return view
 
@@ -163,4 +175,4 @@ def _sentence(a: Allocation) -> str:
     return sentence + ("; only a local optimum is proved here" if a.local else "")
 
 
-__all__ = ["Allocation", "shaped"]
+__all__ = ["Allocation", "from_fields", "shaped"]

@@ -11,13 +11,12 @@ from mpc import compensation, foresight, observer, softened
 from mpc.controller import TrackingMPC
 from mpc.export import text
 from mpc.export.control_demonstration import numbers as demonstrated
+from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied
 from mpc.feedforward import FeedForwardLaw
 from mpc.friction import pull
 from mpc.observer import KalmanObserver
 from mpc.plant import NU, NX, Plant
-
-Numbers = dict[str, tuple[float | int, str]]
 
 
 def check_pair(controller: TrackingMPC, eyes: KalmanObserver) -> None:
@@ -112,11 +111,13 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
             "COULOMB": (known.friction.coulomb, "[N*m]"),
             "PRESLIDING": (known.friction.presliding, "[rad]"),
             "JITTER": (compensation._JITTER, "motions below are noise of the angle [rad]"),
-            "CORRECTED": (getattr(foresight, "_CORRECTED", 0.0), "share of an angle's error that counts as motion [-]"),
+            "CORRECTED": (foresight._CORRECTED, "share of an angle's error that counts as motion [-]"),
             "DEAD_BAND": (known.dead_band, "of the regulators, total [Pa]"),
             "SOFT": (compensation._SOFT, "over which the inverse of the dead band changes sides [Pa]"),
             "TOLERANCE": (eyes.tolerance, "for which a sensor may be silent or frozen [s]"),
             "TOLERANCE_END": (eyes.tolerance * late, "the same, rounded up [s]"),
+            "MOST_THETA": (float(eyes._most[0]), "a reading beyond is none [rad]"),
+            "MOST_PRESSURE": (float(eyes._most[1]), "[Pa]"),
             "DOUBT": (observer._DOUBT, "standard deviations at which a repeated reading is not believed"),
         }
     )
@@ -151,8 +152,9 @@ def _tables(controller: TrackingMPC, eyes: KalmanObserver) -> list[tuple[str, st
         ("ANT_TERMINAL", "L, the terminal cost is |L xi|^2/2", controller.problem.L),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),
-        ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(eyes.noise.Q(dt))),
-        ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(eyes.noise.R)),
+        ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(eyes._Q)),
+        ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(eyes._Q_rest)),
+        ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(eyes._R)),
         ("ANT_COVARIANCE", "of the observer's first belief", eyes._stationary),
     ]
 

@@ -4,10 +4,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from allocator.allocation.joint_numbers import AffineNumbers, TonduNumbers
 from allocator.errors import InvalidInput
 from allocator.joint import AntagonistJoint
-from allocator.limits import Limit
 
+Numbers = dict[str, tuple[float | int, str]]  # name: value, what it is
 _GRID = 181  # angles at which the law is checked
 
 
@@ -15,69 +16,57 @@ class Law(NamedTuple):
     """One of the two laws there is C code for."""
 
     directory: str  # of its files
-    numbers: dict[str, tuple[float, str]]  # name: value, what it is
+    numbers: Numbers
 
 
 def law_of(joint: AntagonistJoint) -> Law:
     """The law of `joint`. Raises InvalidInput for a joint whose allocation has no closed form that is proved."""
     if joint.tondu_pulley:
-        return Law("tondu", _tondu(joint))
+        if (tondu := TonduNumbers.of(joint)) is None:
+            raise InvalidInput(
+                f"the joint cannot be exported: its supply ({_bar(joint)}) comes so near to the pole of its Tondu2021 "
+                f"muscles ({-joint.tondu_pulley.muscle.d / 1e5:.3g} bar) that a few steps of Newton's method may not do"
+            )
+        return Law("tondu", _limits(joint, tondu.hi, tondu.hi, tondu) | _tondu(tondu))
     if not joint.affine:
         raise InvalidInput(
             f"a joint with {type(joint.agonist).__name__} and {type(joint.antagonist).__name__} cannot be exported: "
             "its allocation has no closed form; take two muscles affine in the pressure, or two equal Tondu2021 on a "
             "pulley"
         )
-    _check_affine(joint)
-    return Law("affine", {})
-
-
-def numbers_of(joint: AntagonistJoint) -> dict[str, tuple[float | int, str]]:
-    """Name, value and meaning of the limits of `joint`."""
-    (lo, supply), (left, right) = joint.pressure_limits, joint.angle_range
-    valid = joint.agonist.max_pressure, joint.antagonist.max_pressure
-    hi1, hi2 = (min(pressure, supply) for pressure in valid)
-    if not lo < min(hi1, hi2):
+    if (affine := AffineNumbers.of(joint)) is None:
         raise InvalidInput(
-            f"the joint cannot be exported: its supply begins at {lo:g} Pa, above the {min(valid):g} Pa up to which "
-            "its muscle models hold"
+            f"the joint cannot be exported: its supply ({_bar(joint)}) begins above the pressures of its muscle models"
         )
-    limits = (Limit.P1_UPPER, Limit.AGONIST_VALIDITY), (Limit.P2_UPPER, Limit.ANTAGONIST_VALIDITY)
-    limit1, limit2 = (kinds[pressure < supply] for kinds, pressure in zip(limits, valid, strict=True))
+    _check_affine(joint)
+    return Law("affine", _limits(joint, affine.hi1, affine.hi2, affine))
+
+
+def _limits(joint: AntagonistJoint, hi1: float, hi2: float, numbers: TonduNumbers | AffineNumbers) -> Numbers:
     return {
-        "SUPPLY_LO": (lo, "supply [Pa]"),
-        "SUPPLY_HI": (supply, "[Pa]"),
+        "SUPPLY_LO": (numbers.lo, "supply [Pa]"),
+        "SUPPLY_HI": (joint.pressure_limits[1], "[Pa]"),
         "HI1": (hi1, "greatest P1, of the supply or the model's validity [Pa]"),
         "HI2": (hi2, "greatest P2 [Pa]"),
-        "HI1_LIMIT": (int(limit1), "which of the two limits it is"),
-        "HI2_LIMIT": (int(limit2), ""),
-        "LEFT": (left, "joint range [rad]"),
-        "RIGHT": (right, "[rad]"),
-        "LEFT_LIMIT": (int(joint.angle_limit(False)), "what ends it"),
-        "RIGHT_LIMIT": (int(joint.angle_limit(True)), ""),
+        "HI1_LIMIT": (numbers.hi_limit1, "which of the two limits it is"),
+        "HI2_LIMIT": (numbers.hi_limit2, ""),
+        "LEFT": (numbers.left, "joint range [rad]"),
+        "RIGHT": (numbers.right, "[rad]"),
+        "LEFT_LIMIT": (numbers.left_limit, "what ends it"),
+        "RIGHT_LIMIT": (numbers.right_limit, ""),
     }
 
 
-def _tondu(joint: AntagonistJoint) -> dict[str, tuple[float, str]]:
-    closed = joint.tondu_pulley
-    assert closed is not None  # the caller asked
-    m, pulley, (lo, supply) = closed.muscle, closed.pulley, joint.pressure_limits
-    weakest, strongest = 1 / (lo + m.d), 1 / (min(supply, m.max_pressure) + m.d)
-    steepest = -m.g * pulley.initial_contraction * strongest**2 / (m.a - m.b)
-    if (strongest - weakest) / (strongest + weakest) > 0.5 or steepest > 0.8:
-        raise InvalidInput(
-            "the joint cannot be exported: its supply comes so near to the pole of its Tondu2021 muscles, "
-            f"{-m.d / 1e5:.3g} bar, that the steps of the exported Newton's method are not proved to suffice"
-        )
+def _tondu(numbers: TonduNumbers) -> Numbers:
     return {
-        "AREA": (m.S, "S [m^2]"),
-        "RADIUS": (pulley.radius, "R [m]"),
-        "REST_LENGTH": (pulley.rest_length, "l0 [m]"),
-        "EPS0": (pulley.initial_contraction, "eps0 [-]"),
-        "Q": (m.a - m.b, "q = a - b [-]"),
-        "C": (m.c, "c [Pa]"),
-        "D": (m.d, "d [Pa]"),
-        "G": (m.g, "g = e - c d [Pa^2]"),
+        "AREA": (numbers.S, "S [m^2]"),
+        "RADIUS": (numbers.R, "R [m]"),
+        "REST_LENGTH": (numbers.l0, "l0 [m]"),
+        "EPS0": (numbers.eps0, "eps0 [-]"),
+        "Q": (numbers.q, "q = a - b [-]"),
+        "C": (numbers.c, "c [Pa]"),
+        "D": (numbers.d, "d [Pa]"),
+        "G": (numbers.g, "g = e - c d [Pa^2]"),
     }
 
 
@@ -91,6 +80,11 @@ def _check_affine(joint: AntagonistJoint) -> None:
             f"the joint cannot be exported: at {theta[np.argmax(wrong)]:.3g} rad more pressure does not pull more, or "
             "torque and stiffness depend on the pressures in the same way"
         )
+
+
+def _bar(joint: AntagonistJoint) -> str:
+    low, high = joint.pressure_limits
+    return f"{low / 1e5:.3g} to {high / 1e5:.3g} bar"
 
 
 def sides_function(joint: AntagonistJoint) -> Any:
@@ -111,4 +105,4 @@ def sides_function(joint: AntagonistJoint) -> Any:
     return ca.Function("sides", [theta], [ca.densify(ca.cse(row)) for row in rows], ["theta"], ["one", "two"])
 
 
-__all__ = ["Law", "law_of", "numbers_of", "sides_function"]
+__all__ = ["Law", "Numbers", "law_of", "sides_function"]

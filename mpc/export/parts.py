@@ -6,7 +6,7 @@ from typing import Any
 
 from allocator.joint import AntagonistJoint
 from mpc.export import ccode, text
-from mpc.export.joint import Law, numbers_of, sides_function
+from mpc.export.joint import Law, sides_function
 
 Files = dict[str, str]  # path within the exported directory: content
 
@@ -23,7 +23,7 @@ def copied(directory: str, to: str) -> Iterator[tuple[str, str]]:
 def allocation_files(joint: AntagonistJoint, law: Law, single: bool) -> Files:
     """All that the allocation takes, without the demonstration."""
     files = dict(copied("allocate", "src/")) | dict(copied(law.directory, "src/"))
-    numbers = text.defines({**numbers_of(joint), **law.numbers}, single)
+    numbers = text.defines(law.numbers, single)
     files["src/joint.h"] = text.header("ANT_JOINT_H", "The joint's numbers, in SI units.", numbers)
     return files
 

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from allocator import BAR, DEG
 from mpc import sine
-from mpc.cli import app
+from mpc.cli import app, main
 from mpc.files import save_reference
+from mpc.recordings import load_recording
+from mpc.trajectories import TRAJECTORIES
 
 
 def antagonist(*arguments, cwd):
@@ -49,6 +52,32 @@ def test_track_writes_picture_and_table_and_prints_the_figures(trajectory, tmp_p
         assert text in result.output
 
 
+def test_a_standard_trajectory_is_one_word_and_the_run_can_be_read_again(tmp_path):
+    files = [tmp_path / name for name in ("run.npz", "run.csv", "run.png")]
+    outs = [word for path in files for word in ("--out", str(path))]
+    result = CliRunner().invoke(app, ["track", "min-jerk", *outs, "--controller", "feedforward"])
+    assert result.exit_code == 0, result.output
+    assert sorted(tmp_path.iterdir()) == sorted(files)
+    run, table = load_recording(files[0]), np.genfromtxt(files[1], delimiter=",", names=True)
+    np.testing.assert_allclose(table["theta_deg"] * DEG, run.theta, atol=1e-9)
+    np.testing.assert_allclose(table["P1_bar"] * BAR, run.P[:, 0], rtol=1e-8)
+    assert run.theta_ref[0] == pytest.approx(-30 * DEG)
+    again = CliRunner().invoke(app, ["track", str(files[0])])
+    assert again.exit_code != 0  # a recording is no trajectory
+
+
+def test_the_stiffness_of_a_standard_trajectory_can_be_chosen(tmp_path):
+    out = tmp_path / "run.npz"
+    options = ["--stiffness", "8.2", "--dt", "0.02", "--controller", "feedforward", "--out", str(out)]
+    assert CliRunner().invoke(app, ["track", "steps", *options]).exit_code == 0
+    np.testing.assert_allclose(load_recording(out).K_ref, 8.2)
+
+
+def test_the_help_names_every_standard_trajectory(tmp_path):
+    shown = antagonist("track", "--help", cwd=tmp_path).stdout
+    assert all(name in shown for name in TRAJECTORIES)
+
+
 def tracked(trajectory, *options):
     out = trajectory.parent / "-".join(options)
     result = CliRunner().invoke(app, ["track", str(trajectory), "--out", str(out), *options])
@@ -56,7 +85,7 @@ def tracked(trajectory, *options):
     return (out / "tracking.csv").read_text()
 
 
-@pytest.mark.parametrize("controller", ["pid", "lqr", "feedforward"])
+@pytest.mark.parametrize("controller", ["nmpc", "pid", "lqr", "feedforward"])
 def test_every_controller_can_be_tried_on_the_real_plant(trajectory, controller):
     assert tracked(trajectory, "--plant", "real", "--controller", controller).count("\n") == 202
 
@@ -92,20 +121,29 @@ def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
         (["short.csv", "--solver", "magic"], "unknown QP solver 'magic'; available: "),
         (["short.csv", "--dt", "-1"], "dt = -1 s has to be a sample time"),
         (["short.csv", "--horizon", "1"], "N = 1 has to be"),
-        (["short.csv", "--out", "bad.csv"], "bad.csv cannot be written"),
+        (["min-jork"], "neither a standard trajectory nor a file min-jork; there are sine, min-jerk, "),
+        (["sine", "--stiffness", "-3"], "stiffness"),
+        (["short.csv", "--stiffness", "7"], "--stiffness goes with a standard trajectory"),
+        (["short.csv", "--controller", "nmpc", "--solver", "daqp"], "unknown NLP solver 'daqp'; available: "),
+        (["short.csv", "--out", "run.xlsx"], "--out run.xlsx: a run is written as .png, "),
+        (["short.csv", "--out", "bad.csv/run.npz"], "bad.csv/run.npz cannot be written"),
         (["short.csv", "--plant", "imaginary"], "unknown plant 'imaginary'; available: nominal, real"),
         (["short.csv", "--controller", "fuzzy"], "unknown controller 'fuzzy'; available: "),
         (["short.csv", "--controller", "pid", "--dt", "-1"], "dt = -1 s has to be a sample time"),
     ],
 )
-def test_bad_input_is_one_sentence_and_no_traceback(trajectory, arguments, said):
+def test_bad_input_is_one_sentence_and_no_traceback(trajectory, arguments, said, monkeypatch, capsys):
     (trajectory.parent / "bad.csv").write_text("t,theta_deg,stiffness\n0,0,7\n1,up,7\n")
-    done = antagonist("track", *arguments, cwd=trajectory.parent)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.startswith("antagonist: ")
-    assert said in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    monkeypatch.chdir(trajectory.parent)
+    monkeypatch.setattr(sys, "argv", ["antagonist", "track", *arguments])
+    with pytest.raises(SystemExit) as left:
+        main()
+    shown = capsys.readouterr()
+    assert left.value.code == 2
+    assert shown.out == ""
+    assert shown.err.startswith("antagonist: ")
+    assert said in shown.err
+    assert len(shown.err.strip().splitlines()) == 1
     assert not (trajectory.parent / "tracking.csv").exists()
 
 

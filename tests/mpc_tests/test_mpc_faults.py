@@ -96,12 +96,15 @@ def test_a_load_beyond_capacity_is_survived_and_said(torque):
 def test_a_lost_angle_is_bridged_reported_and_then_the_pressures_are_held(kind, sensors):
     run = driven(kind(*WINDOW, sensors=sensors))
     assert survived(run)
-    rungs = run.rung[DURING]
-    assert (rungs[:30] == Rung.QP).all()  # the observer's 0.1 s and the controller's 0.2 s
-    assert (rungs[35:] == Rung.HOLD).all()
-    assert statuses(run, slice(215, 230)) == {PlanStatus.NO_MEASUREMENT}
-    assert statuses(run, slice(235, 300)) == {PlanStatus.BLIND}
-    heard = run.u[235:275]
+    blind = np.flatnonzero(run.status == PlanStatus.BLIND)
+    first = int(blind[0])
+    np.testing.assert_array_equal(blind, np.arange(first, 300))
+    # the observer's 0.1 s and the controller's 0.2 s; a frozen sensor also has to stand out from the prediction first
+    assert 230 <= first <= (232 if kind is SilentSensors else 250)
+    assert statuses(run, slice(first - 10, first)) == {PlanStatus.NO_MEASUREMENT}
+    assert (run.rung[200:first] == Rung.QP).all()
+    assert (run.rung[first:300] == Rung.HOLD).all()
+    heard = run.u[first : first + 45]
     np.testing.assert_allclose(heard, np.broadcast_to(heard[0], heard.shape), atol=0.1 * BAR)  # but for the dead band
     assert run.rung[300] == Rung.QP
 

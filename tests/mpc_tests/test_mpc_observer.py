@@ -104,6 +104,18 @@ def test_a_short_silence_is_bridged_and_a_long_one_reported_until_it_ends():
     np.testing.assert_allclose(estimates[-1, :4], truth[-1], rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.parametrize("absurd", [1e300, -np.inf, 8.0])  # the last only as an angle: more than a turn
+def test_what_no_sensor_could_say_counts_as_silence(absurd):
+    twins = KalmanObserver(PLANT, DT), KalmanObserver(PLANT, DT)
+    good = np.array([0.0, np.nan, *REST[2:]])
+    for observer, reading in zip(twins, (absurd, np.nan), strict=True):
+        observer.estimate(good, REST[2:])
+        observer.estimate(np.array([reading, np.nan, reading if abs(reading) > 10 else np.nan, REST[3]]), REST[2:])
+    (x, d), (x_silent, d_silent) = (observer.estimate(good, REST[2:]) for observer in twins)
+    np.testing.assert_array_equal(x, x_silent)
+    assert d == d_silent
+
+
 def test_the_controller_says_that_its_observer_is_blind():
     observer, mpc = KalmanObserver(PLANT, DT, tolerance=0.0), TrackingMPC(PLANT, N=5)
     y = np.array([0.0, np.nan, *REST[2:]])

@@ -30,7 +30,7 @@ static int state(ant_controller *c, const ant_real measured[4], ant_task *task) 
 /* Torque from outside less the friction of a joint that moves on from x as the preview does. */
 static void torques(ant_controller *c, const ant_real x[4], ant_real d, const ant_real *theta) {
     ant_real z = ant_friction_follow(&c->friction, x[0]), before = theta[0] + ANT_CORRECTED * (x[0] - theta[0]);
-    const ant_real limit = ant_friction_limit(x);
+    const ant_real most = ant_friction_limit(x), limit = isfinite(most) ? most : 0; /* the motion will not be, either */
     c->d[0] = d - limit * z;
     for (int k = 1; k <= ANT_AHEAD; k++) {
         z = ant_friction_after(z, theta[k] - before);

@@ -13,7 +13,7 @@
 static const int MEASURED[3] = {0, 2, 3}; /* of xi */
 
 /* P <- A P A^T + Q, A being the derivative of the plant's sample by x and d, and 1 for d. */
-static void spread(ant_real P[5][5], const ant_real A[4][4], const ant_real by_d[4]) {
+static void spread(ant_real P[5][5], const ant_real A[4][4], const ant_real by_d[4], const ant_real Q[5]) {
     ant_real AP[5][5];
     for (int i = 0; i < 5; i++)
         for (int j = 0; j < 5; j++) {
@@ -22,20 +22,20 @@ static void spread(ant_real P[5][5], const ant_real A[4][4], const ant_real by_d
         }
     for (int i = 0; i < 5; i++)
         for (int j = 0; j < 5; j++) {
-            P[i][j] = (j < 4 ? by_d[j] * AP[i][4] : AP[i][4]) + (i == j ? ANT_Q_NOISE[i] : 0);
+            P[i][j] = (j < 4 ? by_d[j] * AP[i][4] : AP[i][4]) + (i == j ? Q[i] : 0);
             for (int l = 0; l < 4 && j < 4; l++) P[i][j] += AP[i][l] * A[j][l];
         }
 }
 
 /* One sample on, the friction's state being z. */
-static void predict(const ant_observer *o, ant_belief *b, ant_real z) {
+static void predict(const ant_observer *o, ant_belief *b, ant_real z, const ant_real Q[5]) {
     ant_real A[4][4], by_d[4], x[4];
     const ant_real *xi = b->xi;
     const ant_real heard[2] = {ant_heard(o->commands[0][0], xi[2]), ant_heard(o->commands[0][1], xi[3])};
     const ant_real torque = xi[4] - ant_friction_limit(xi) * z;
     ant_model_observed(xi, heard, &torque, x, A[0], by_d);
     memcpy(b->xi, x, sizeof x);
-    spread(b->covariance, (const ant_real(*)[4])A, by_d);
+    spread(b->covariance, (const ant_real(*)[4])A, by_d, Q);
 }
 
 /* After one reading, by Joseph's form, which stays symmetric and positive. */
@@ -71,7 +71,7 @@ static void suspect(ant_observer *o, int i, ant_real z, const ant_belief *before
                     const ant_real read[3], const int others[3]) {
     if (!o->repeats[i]) o->without[i] = *before;
     o->repeats[i] = 1;
-    predict(o, &o->without[i], z);
+    predict(o, &o->without[i], z, ANT_Q_REST);
     if (!o->frozen[i] && o->repeating[i] > ANT_TOLERANCE && doubtful(&o->without[i], i, read[i])) {
         o->frozen[i] = 1;
         *expected = o->without[i];
@@ -90,7 +90,7 @@ static void expect(ant_observer *o, const ant_real read[3]) {
         o->frozen[i] = o->frozen[i] && repeated;
         others[i] = isfinite(read[i]) && !repeated;
     }
-    predict(o, &o->belief, z);
+    predict(o, &o->belief, z, ANT_Q_NOISE);
     for (int i = 0; i < 3; i++) {
         if (o->repeating[i] > 0)
             suspect(o, i, z, &before, &o->belief, read, others);
@@ -119,8 +119,8 @@ static int start(ant_observer *o, const ant_real read[3], const ant_real sent[2]
 static ant_real plausible(ant_real read, ant_real most) { return ant_abs(read) <= most ? read : ANT_NAN; }
 
 int ant_estimate(ant_observer *o, const ant_reading *reading, const ant_real sent[2], ant_real x[4], ant_real *d) {
-    const ant_real read[3] = {plausible(reading->theta, 2 * ANT_PI), plausible(reading->P1, 10 * ANT_SUPPLY_HI),
-                              plausible(reading->P2, 10 * ANT_SUPPLY_HI)};
+    const ant_real read[3] = {plausible(reading->theta, ANT_MOST_THETA), plausible(reading->P1, ANT_MOST_PRESSURE),
+                              plausible(reading->P2, ANT_MOST_PRESSURE)};
     int there[3];
     if (o->begun) {
         remember(o, sent);

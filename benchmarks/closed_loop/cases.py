@@ -1,0 +1,75 @@
+"""What is run: trajectories, plants, and what controllers are told of them."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from allocator.units import BAR
+from mpc import Compensation, Reference, Weights
+from mpc.friction import Friction
+from mpc.loops import Settings
+from mpc.reality import RealPlant
+from mpc.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step
+
+SEEDS = 41  # the first; tuning used others
+LOAD = 1.0  # [N·m]
+STANDARD = RealPlant.standard()
+MODEL = STANDARD.nominal
+TOLD = STANDARD.known()
+SETTINGS = Settings(MODEL, compensation=TOLD, weights=Weights.calm())
+
+
+class Case(NamedTuple):
+    """A trajectory, and what of it counts."""
+
+    reference: Reference
+    load_from: float  # [s]
+    before_load: bool = True  # errors count up to the load; else to the end
+
+
+CASES = {
+    "sine": Case(rested_sine(), 9.0),
+    "min-jerk": Case(point_to_point(), 7.0),
+    "chirp": Case(chirp(), 9.0),
+    "steps": Case(steps(), LEAD + 4.8),
+    "stiffness step": Case(stiffness_step(), 0.5, before_load=False),
+}
+
+
+class Tested(NamedTuple):
+    """A plant, what controllers are told of it, and how far they look ahead."""
+
+    real: RealPlant
+    told: Compensation = TOLD
+    N: int = 20
+
+
+PLANTS = {
+    "standard": Tested(STANDARD),
+    "gains swapped": Tested(RealPlant.standard((0.9, 1.1))),
+    "both +10 %": Tested(RealPlant.standard((1.1, 1.1))),
+}
+VARIANTS = {  # of plant and horizon, with the tuning and the knowledge left as they are
+    "friction removed": Tested(replace(STANDARD, friction=Friction())),
+    "lag 0.10 s": Tested(replace(STANDARD, nominal=replace(MODEL, lag=0.10))),
+    "lag 0.15 s": Tested(replace(STANDARD, nominal=replace(MODEL, lag=0.15))),
+    "N = 15": Tested(STANDARD, N=15),
+    "N = 40": Tested(STANDARD, N=40),
+}
+
+
+def _alone(**effect: object) -> Tested:
+    real = replace(RealPlant(MODEL), **effect)
+    return Tested(real, real.known())
+
+
+ALONE = {
+    "nominal": _alone(),
+    "gain errors alone": _alone(force_gains=(1.1, 0.9)),
+    "hysteresis alone": _alone(friction=STANDARD.friction),
+    "dead time alone": _alone(dead_time=STANDARD.dead_time),
+    "dead band alone": _alone(dead_band=0.1 * BAR),
+    "slow filling alone": _alone(flow=STANDARD.flow),
+    "sensors alone": _alone(encoder=STANDARD.encoder, pressure_noise=STANDARD.pressure_noise),
+    "nominal, told of all effects": Tested(RealPlant(MODEL)),
+}
+EVERY = PLANTS | VARIANTS | ALONE

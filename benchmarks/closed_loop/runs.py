@@ -1,0 +1,129 @@
+"""Runs, and the figures read off them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.units import DEG
+from benchmarks.closed_loop.cases import ALONE, CASES, EVERY, LOAD, PLANTS, SETTINGS, VARIANTS, Case
+from mpc import Run, Rung, simulate
+from mpc.loops import loop
+from mpc.metrics import metrics
+from mpc.observer import Observer
+from mpc.reality import RealPlant
+from mpc.simulation import Controller
+from mpc.trajectories import LEAD
+
+STEADY = 1.0  # [s] at the end of a run, where the reference rests
+CONTROLLERS = ("mpc", "pid", "predictive-pid", "lqr", "feedforward")
+RUNGS = tuple(rung.name for rung in Rung)
+FEW = ("mpc", "pid", "predictive-pid")  # on the plants that only few runs are spent on
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What is read off a run."""
+
+    rms: float  # [°]
+    worst: float  # [°]
+    rms_with_load: float  # [°]
+    worst_with_load: float  # [°]
+    K_rms: float  # [N·m/rad], of the true stiffness, without the first rest
+    steady_mean: float  # [°] size of the mean error in the last second
+    steady_swing: float  # [°] peak to peak there
+    limits_exceeded: int  # how many limits were broken, of `Metrics.violations` without the slack muscle
+    slack: float  # [N] by which a muscle was slack at worst
+    air: float  # [bar] filled into both muscles after the first rest, see `benchmarks.closed_loop`
+    step_median: float  # [ms]
+    step_p99: float  # [ms]
+    rungs: tuple[int, ...]  # steps that each of RUNGS answered
+
+
+def run_case(plant: RealPlant, case: Case, controller: Controller, observer: Observer, seed: int) -> Run:
+    """One run under the load that comes at its time."""
+    loaded = replace(plant, torque_profile=((case.load_from, LOAD),))
+    return simulate(loaded, controller, case.reference, observer=observer, seed=seed)
+
+
+def figures(name: str, run: Run) -> Figures:
+    """The figures of a run of the case called `name`."""
+    case, m = CASES[name], metrics(run)
+    begin = round(LEAD / run.dt)
+    end = round(case.load_from / run.dt) if case.before_load else run.t.size
+    error = (run.theta - run.theta_ref) / DEG
+    last = error[-round(STEADY / run.dt) :]
+    broken = [limit for limit, (excess, _) in m.violations.items() if excess and limit != "slack muscle"]
+    return Figures(
+        *_rms_and_worst(error[begin:end]),
+        *_rms_and_worst(error[begin:]),
+        _rms_and_worst((run.K - run.K_ref)[begin:])[0],
+        abs(float(last.mean())),
+        float(np.ptp(last)),
+        len(broken),
+        m.violations["slack muscle"][0],
+        filled(run.P[begin:]),
+        m.step_median,
+        m.step_p99,
+        tuple(m.rungs[name] for name in RUNGS),
+    )
+
+
+def filled(P: np.ndarray) -> float:
+    """The rises of the pressures `P` (n, 2) [Pa], summed [bar]."""
+    return float(np.maximum(np.diff(P, axis=0), 0.0).sum()) / 1e5
+
+
+def _rms_and_worst(error: np.ndarray) -> tuple[float, float]:
+    return float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
+
+
+class Row(NamedTuple):
+    """One run."""
+
+    plant: str
+    case: str
+    controller: str
+    seed: int
+    figures: Figures
+
+
+class Job(NamedTuple):
+    """Runs of one controller on one plant."""
+
+    plant: str
+    controller: str
+    cases: tuple[str, ...]
+    seeds: range
+
+
+class Effort(NamedTuple):
+    """How many seeds are spent on what."""
+
+    standard: int = 20  # the standard plant
+    gains: int = 6  # the same with other errors of the muscles' strength
+    others: int = 2  # variants and single effects, on two trajectories
+
+
+QUICK = Effort(1, 1, 1)
+
+
+def jobs(effort: Effort, first: int) -> Iterator[Job]:
+    """All runs, seeds counting from `first`."""
+    for name in PLANTS:
+        count = effort.standard if name == "standard" else effort.gains
+        yield from (Job(name, c, tuple(CASES), range(first, first + count)) for c in CONTROLLERS)
+    for name in VARIANTS | ALONE:
+        yield from (Job(name, c, ("sine", "min-jerk"), range(first, first + effort.others)) for c in FEW)
+
+
+def rows(job: Job) -> list[Row]:
+    """The runs of a job; the controller is built once."""
+    tested = EVERY[job.plant]
+    driver = loop(job.controller, SETTINGS._replace(N=tested.N, compensation=tested.told))
+    return [
+        Row(job.plant, case, job.controller, seed, figures(case, run_case(tested.real, CASES[case], *driver, seed)))
+        for case in job.cases
+        for seed in job.seeds
+    ]

@@ -1,0 +1,47 @@
+"""The same law in C, compiled here and now: the limit that compiled Python can reach."""
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from allocator.allocation.joint_numbers import TonduNumbers
+from benchmarks.speed.targets import Answers, Targets
+
+SOURCE = Path(__file__).with_name("reference.c")
+# beyond -O3 -march=native: sqrt need not set errno, comparisons need not trap; without this gcc does not vectorise
+FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
+
+
+class _Numbers(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_double) for name in TonduNumbers._fields[:14]]
+    _fields_ += [(name, ctypes.c_int32) for name in TonduNumbers._fields[14:]]
+
+
+def compiler() -> str | None:
+    """A C compiler, if there is one."""
+    return shutil.which("gcc") or shutil.which("cc")
+
+
+@contextmanager
+def c_reference(targets: Targets) -> Iterator[Callable[[Answers], None]]:
+    """A function that fills `Answers` for the targets."""
+    with TemporaryDirectory() as folder:
+        library = Path(folder) / "reference.so"
+        subprocess.run([str(compiler()), *FLAGS, str(SOURCE), "-o", str(library), "-lm"], check=True)
+        allocate = ctypes.CDLL(str(library)).allocate
+        numbers = TonduNumbers.of(targets.joint)
+        assert numbers is not None
+        shared = _Numbers(*numbers)
+        given = [np.ascontiguousarray(x).ctypes.data_as(ctypes.c_void_p) for x in targets.arrays]
+
+        def run(out: Answers) -> None:
+            filled = [x.ctypes.data_as(ctypes.c_void_p) for x in out]
+            allocate(ctypes.c_int64(targets.n), *given, ctypes.byref(shared), ctypes.c_double(0.0), *filled)
+
+        yield run

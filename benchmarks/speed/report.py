@@ -1,0 +1,84 @@
+"""The measurements as a line, a CSV file and a Markdown report."""
+
+import csv
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, fields
+from importlib.metadata import version
+from math import isnan
+from pathlib import Path
+
+from benchmarks.allocators.machine import machine
+from benchmarks.speed.c_reference import FLAGS
+from benchmarks.speed.clock import Measurement
+
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "daqp", "osqp")
+HEADER = "| what | time | against | its time | times faster | quartiles | wanted |\n|---|--:|---|--:|--:|--:|--:|\n"
+
+
+def line(m: Measurement) -> str:
+    """One measurement for the terminal."""
+    if isnan(m.ratio):
+        return f"{m.part}: {m.what}: {m.note}"
+    wanted = "" if isnan(m.wanted) else f", wanted {digits(m.wanted)}"
+    return (
+        f"{m.part}: {m.what} {duration(m.seconds)} a {m.unit}; {m.rival} {duration(m.rival_seconds)}: "
+        f"{digits(m.ratio)} times faster ({digits(m.low)} to {digits(m.high)}{wanted})"
+    )
+
+
+def write(found: Sequence[Measurement], folder: Path) -> None:
+    """`speed.csv` and `speed.md`."""
+    with (folder / "speed.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, [f.name for f in fields(Measurement)])
+        writer.writeheader()
+        writer.writerows(asdict(m) for m in found)
+    (folder / "speed.md").write_text("\n".join(lines(found)) + "\n", encoding="utf-8")
+
+
+def lines(found: Sequence[Measurement]) -> Iterator[str]:
+    yield "# Speed\n"
+    yield "Written by `python -m benchmarks.speed`; the figures are also in `speed.csv`.\n"
+    yield "Ratios are medians, with quartiles, of times measured in turns; above 1 the left-hand side is faster."
+    yield "Before anything was timed its answers were compared with the readable implementation's.\n"
+    for part in dict.fromkeys(m.part for m in found):
+        yield f"## {part.capitalize()}\n"
+        yield HEADER + "\n".join(row(m) for m in found if m.part == part) + "\n"
+    yield "## Limitations\n"
+    yield from (f"* {sentence}" for sentence in LIMITATIONS)
+    yield "\n## Machine and versions\n"
+    yield f"{machine()}; {', '.join(f'{package} {version(package)}' for package in PACKAGES)}."
+    yield f"C: `{' '.join(FLAGS)}`."
+
+
+LIMITATIONS = (
+    "Times are those of one, shared, virtual machine and are no promise; ratios vary from machine to machine, too.",
+    "The optimisers start from the middle of the box and are told the box and the nearest torque within reach. From a "
+    "better start they would need fewer iterations; a compiled formulation of their own would cost less a call.",
+    "The C reference has the same formulas and one thread, and the flags that gcc needs to vectorise them. Other "
+    "compilers, or intrinsics, may do better.",
+    "What two threads gain depends on what else wants the second processor: hashing by two threads, measured beside "
+    "it, shows how much there was to gain.",
+    "Times are the processor's, except where threads are compared; on an idle machine they are the wall's.",
+)
+
+
+def row(m: Measurement) -> str:
+    if isnan(m.ratio):
+        return f"| {m.what} | {m.note} | | | | | |"
+    what = f"{m.what} ({m.note})" if m.note else m.what
+    wanted = "" if isnan(m.wanted) else f"≥ {digits(m.wanted)}"
+    cells = (what, f"{duration(m.seconds)} a {m.unit}", m.rival, duration(m.rival_seconds))
+    return f"| {' | '.join(cells)} | {digits(m.ratio)} | {digits(m.low)} – {digits(m.high)} | {wanted} |"
+
+
+def duration(seconds: float) -> str:
+    """Three digits and a unit."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 1e-9:.3g} ns"
+
+
+def digits(ratio: float) -> str:
+    """Three digits without an exponent."""
+    return f"{ratio:.3g}" if ratio < 1000 else f"{float(f'{ratio:.3g}'):,.0f}".replace(",", " ")

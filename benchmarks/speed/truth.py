@@ -1,0 +1,42 @@
+"""What has to be true of answers before their time counts."""
+
+import numpy as np
+
+from allocator import allocate
+from benchmarks.speed.targets import Answers, Array, Targets
+
+
+class BenchmarkFailure(Exception):
+    """Two answers that should agree do not."""
+
+
+def check_same(who: str, targets: Targets, found: Answers) -> None:
+    """Pressures to 1e-9, the same status and limits, as the readable implementation gives for a part of the targets."""
+    from allocator.allocation.exact import solve
+
+    step = max(1, targets.n // 2000)
+    some = tuple(x[::step] for x in targets.arrays)
+    expected = allocate(*some, joint=targets.joint, method="exact", stiffness_tolerance=0)  # an int: no short cut
+    P1, P2 = solve(expected._problem)
+    for name, mine, right in (
+        ("P1", found.P1[::step], P1),
+        ("P2", found.P2[::step], P2),
+        ("T", found.T[::step], expected.T),
+        ("K", found.K[::step], expected.K),
+    ):
+        wrong = np.abs(mine - right) > 1e-9 * np.abs(right) + 1e-9 * np.abs(right).max()
+        if wrong.any():
+            raise BenchmarkFailure(f"{who}: {name} of {wrong.sum()} targets is not the reference's")
+    for name, codes, others in (("status", found.status, expected.status), ("limits", found.limits, expected.limits)):
+        if (wrong := codes[::step] != others).any():
+            raise BenchmarkFailure(f"{who}: {name} of {wrong.sum()} targets is not the reference's")
+
+
+def check_pressures(who: str, found: Array, right: Array, tolerance: float, share: float = 1.0) -> None:
+    """Pressures (n, 2) within `tolerance` [Pa] of the exact ones at this share of the targets at least."""
+    near = np.abs(found - right).max(axis=1) <= tolerance
+    if near.mean() < share:
+        raise BenchmarkFailure(f"{who}: {near.mean():.0%} of the answers are within {tolerance:g} Pa of the exact one")
+
+
+__all__ = ["BenchmarkFailure", "check_pressures", "check_same"]

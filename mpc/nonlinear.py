@@ -1,0 +1,151 @@
+"""The same problem as in `mpc.controller`, not linearised: the yardstick of `TrackingMPC`.
+
+At every sample the nonlinear programme of `mpc.shooting` is solved to the end by IPOPT or by fatrop, begun at the
+previous plan moved on by one sample. It has what `TrackingMPC` has besides: the same look ahead by the dead time, the
+same feed-forward, and the fallback ladder (`mpc.ladder`) without its second rung. A solution is one if it satisfies the
+conditions of Karush, Kuhn and Tucker, computed here; of a problem that is not convex these tell a local minimum from
+no minimum, not from a better one elsewhere. `Rung.QP` is the rung of such a solution.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from mpc.compensation import Compensation
+from mpc.feedforward import FeedForward, FeedForwardLaw
+from mpc.foresight import Foresight
+from mpc.ladder import Ladder
+from mpc.limits import Limits
+from mpc.linearise import Motion, Predictor
+from mpc.nlp_solvers import NLPSolver
+from mpc.plan import Plan, PlanStatus, Rung, Times
+from mpc.plant import Plant
+from mpc.shooting import Shooting
+from mpc.terminal import terminal_factor
+from mpc.weights import Weights
+
+_TOLERANCE = 1e-6  # of the conditions, in the units of `mpc.shooting`
+
+
+@dataclass
+class NonlinearMPC:
+    """Tracks references of angle and stiffness with `plant` as its model; the words are those of `TrackingMPC`."""
+
+    plant: Plant
+    dt: float = 0.01  # sample time [s]
+    N: int = 20  # horizon [samples]
+    weights: Weights = field(default_factory=Weights)
+    solver: str = "ipopt"  # or "fatrop"
+    compensation: Compensation = field(default_factory=Compensation)  # what is known beyond the plant
+    min_force: float = 0.0  # F_min [N]
+    patience: float = 0.2  # for how long the angle may be missing [s]
+
+    def __post_init__(self) -> None:
+        """Check the settings and build what does not change."""
+        self.dt = float(checks.real("dt", self.dt, "s"))
+        if not (isinstance(self.N, int) and self.N >= 3):
+            raise InvalidInput(f"N = {self.N!r} has to be a whole number, 3 or more")
+        self.limits = Limits.of(self.plant, self.dt, self.min_force)
+        L = terminal_factor(self.plant, self.dt, self.weights)
+        self.problem = Shooting(self.plant, self.dt, self.N, self.weights, self.limits, L)
+        self._solve = NLPSolver(self.solver, self.problem)
+        self._predictor = Predictor(self.plant, self.dt, self.N)
+        self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force)
+        self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
+        self._ladder = Ladder(self.limits, self.dt)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the next step begins from the pressures it measures."""
+        self._foresight.reset()
+        self._ladder.reset()
+        self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
+
+    @property
+    def ahead(self) -> int:
+        """Samples of preview that `step` takes after the present one."""
+        return self._foresight.ahead
+
+    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
+        """The plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad], as `TrackingMPC.step`."""
+        clock = [perf_counter()]
+        x, theta, K, torques, measured, blind = self._foresight.task(x, theta_ref, K_ref, d)
+        feed = self._feed_forward(theta, K, torques)
+        u_last = self._ladder.u_last(x)
+        clock.append(perf_counter())
+        found, status = None, PlanStatus.BLIND
+        if blind <= self.patience * (1 + 1e-9):
+            found, status = self._optimise(x, feed, u_last, torques[:-1])
+        clock.append(perf_counter())
+        rung, motion = self._descend(x, found, status, feed, u_last, torques[:-1])
+        self._ladder.stand(rung, motion.u)
+        self._u_star = feed.u[0]
+        return Plan(
+            self._foresight.spoken(motion.u, motion.x),
+            motion.x,
+            motion.K,
+            PlanStatus.NO_MEASUREMENT if status is PlanStatus.OPTIMAL and not measured else status,
+            rung,
+            self.limits.excursion(motion.x[:, 0]),
+            Times(clock[1] - clock[0], 0.0, 0.0, clock[2] - clock[1], perf_counter() - clock[0]),
+            self.limits.slackening(motion.F[1:]),
+            feed.moved,
+        )
+
+    # --- the pieces of a step ---------------------------------------------------------------------------------------
+
+    def _optimise(
+        self, x: Array, feed: FeedForward, u_last: Array, d: Array
+    ) -> tuple[tuple[Rung, Array] | None, PlanStatus]:
+        """The commands of the first start that leads to a solution, or why none did."""
+        u_star_last = feed.u[0] if self._u_star is None else self._u_star
+        given = self.problem.given(x, feed, d, u_last, u_star_last)
+        if not np.isfinite(given.p).all():
+            return None, PlanStatus.NOT_FINITE
+        status = PlanStatus.NOT_FINITE
+        for begun in self._starts(x, feed, u_last, d):
+            z, multipliers, success = self._solve(begun, given)
+            if self.problem.certify(z, multipliers, given).within(_TOLERANCE):
+                return (Rung.QP, self.limits.limited(u_last, self.problem.commands(z))), PlanStatus.OPTIMAL
+            status = PlanStatus.REFUSED if success else PlanStatus.UNSOLVED
+        return None, status
+
+    def _starts(self, x: Array, feed: FeedForward, u_last: Array, d: Array) -> Iterator[Array]:
+        """Where to begin: the previous plan moved on, the feed-forward, standing commands."""
+        for u in (
+            self._ladder.onward(u_last, feed.u),
+            self.limits.limited(u_last, feed.u),
+            np.tile(u_last, (self.N, 1)),
+        ):
+            motion = self._predictor.motion(x, u, d)
+            if motion.finite:
+                yield self.problem.point(motion, u_last)
+
+    def _descend(
+        self,
+        x: Array,
+        best: tuple[Rung, Array] | None,
+        status: PlanStatus,
+        feed: FeedForward,
+        u_last: Array,
+        d: Array,
+    ) -> tuple[Rung, Motion]:
+        """The first rung of the ladder that bears, and what its commands do."""
+        if status is not PlanStatus.BLIND:
+            for rung, u in self._ladder.rungs(best, feed.u, u_last):
+                motion = self._predictor.motion(x, u, d)
+                if motion.finite:
+                    return rung, motion
+        motion = self._predictor.motion(x, self._ladder.hold(self.N, u_last), d)
+        if not motion.finite:
+            raise InvalidInput(f"the model's motion from x = {x} is not finite; this controller cannot go on from it")
+        return Rung.HOLD, motion
+
+
+__all__ = ["NonlinearMPC"]

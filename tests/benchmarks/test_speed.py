@@ -1,0 +1,69 @@
+"""The light speed measurement: right answers, no ratio below its floor; and it cannot be fooled."""
+
+import csv
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def part(monkeypatch):
+    """A module of the benchmark, by its name."""
+    monkeypatch.syspath_prepend(ROOT)
+
+    def module(name):
+        return importlib.import_module(f"benchmarks.speed.{name}")
+
+    return module
+
+
+def test_no_ratio_of_the_light_run_is_below_its_floor(tmp_path):
+    command = [sys.executable, "-W", "error", "-m", "benchmarks.speed", "--light", "--out", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    report = (tmp_path / "speed.md").read_text(encoding="utf-8")
+    assert {"## Allocation", "## Processes", "## Limitations", "## Machine and versions"} <= set(report.splitlines())
+    with (tmp_path / "speed.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    floors = [row for row in rows if row["floor"] != "nan"]
+    assert len(floors) >= 8
+    assert all(float(row["ratio"]) >= float(row["floor"]) for row in floors)
+
+
+def test_what_is_slower_than_its_floor_is_found_out(part):
+    clock = part("clock")
+    slow = clock.versus("x", "ten sums", lambda: [sum(range(2000)) for _ in range(10)], "one", lambda: sum(range(2000)))
+    assert not slow.below_its_floor
+    assert clock.Measurement("x", "y", 1.0, "call", ratio=slow.ratio, floor=0.9).below_its_floor
+
+
+@pytest.mark.parametrize("field", ["P1", "K", "status", "limits"])
+def test_a_wrong_answer_ends_the_benchmark(part, field):
+    targets, truth = part("targets").Targets(50), part("truth")
+    right = part("allocation").answers(targets)
+    truth.check_same("honest", targets, right)
+    wrong = getattr(right, field).copy()
+    wrong[7] += 1
+    with pytest.raises(truth.BenchmarkFailure, match=f"liar: {field} of 1 targets"):
+        truth.check_same("liar", targets, right._replace(**{field: wrong}))
+
+
+def test_an_optimiser_that_is_far_off_ends_the_benchmark(part):
+    truth = part("truth")
+    with pytest.raises(truth.BenchmarkFailure, match="0% of the answers are within 50 Pa"):
+        truth.check_pressures("wild", np.zeros((3, 2)), np.full((3, 2), 1e5), 50.0)
+
+
+def test_the_targets_are_of_all_kinds(part):
+    from allocator import allocate
+
+    found = allocate(*part("targets").Targets(5000).arrays)
+    assert set(found.status.tolist()) == {0, 2, 3, 7}
+    bound = {name for limits in np.unique(found.limits) for name in part("targets").names(limits)}
+    assert bound >= {"P1 upper", "P2 upper", "agonist slack", "antagonist slack", "joint range"}

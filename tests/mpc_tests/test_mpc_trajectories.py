@@ -1,0 +1,52 @@
+"""The standard trajectories are what their names say, and a joint can follow those that are meant to be followed."""
+
+import numpy as np
+import pytest
+
+from allocator import DEG, allocate
+from allocator.joint import report_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from mpc import Plant
+from mpc.trajectories import LEAD, TRAJECTORIES, jumps, stiffness_ramps, together, usual_stiffness
+
+JOINTS = {"report": report_joint(), "Sarosi": report_joint(SAROSI_DMSP_20_400N)}
+
+
+@pytest.mark.parametrize("name", TRAJECTORIES)
+def test_every_trajectory_begins_and_ends_with_a_rest(name):
+    reference = TRAJECTORIES[name].about(7.0)
+    for values in (reference.theta, reference.K):
+        np.testing.assert_allclose(values[: round(LEAD / 0.01)], values[0], atol=1e-12)
+        np.testing.assert_allclose(values[-5:], values[-1], atol=1e-3)
+    np.testing.assert_allclose(np.diff(reference.t), 0.01)
+    assert reference.K[0] == pytest.approx(7.0, abs=0.5)
+
+
+@pytest.mark.parametrize("joint", JOINTS.values(), ids=JOINTS)
+@pytest.mark.parametrize("name", sorted(TRAJECTORIES.keys() - {"jumps", "stiffness-ramps"}))
+def test_at_the_usual_stiffness_the_joint_has_the_pressures_for_it(name, joint):
+    """The ramps have corners, and a jump no acceleration: for these a few samples cannot be had exactly."""
+    reference = TRAJECTORIES[name].about(usual_stiffness(joint))
+    omega = np.gradient(reference.theta, 0.01)
+    T = Plant(joint).torque_for(reference.theta, omega, np.gradient(omega, 0.01))
+    assert allocate(reference.theta, reference.K, T, joint=joint).success.all()
+
+
+def test_stiffness_ramps_are_straight_at_a_constant_angle():
+    reference = stiffness_ramps(7.0, 0.5, 20 * DEG)
+    np.testing.assert_array_equal(reference.theta, 20 * DEG)
+    slopes = np.unique(np.round(np.diff(reference.K) / 0.01, 6))
+    np.testing.assert_allclose(slopes, [-1.0, 0.0, 0.25, 1.0])
+    assert (reference.K.min(), reference.K.max()) == (6.5, 7.5)
+
+
+def test_angle_and_stiffness_move_together():
+    reference = together(7.0, 0.3, 40 * DEG)
+    np.testing.assert_allclose((reference.K - 7.0) / 0.3, reference.theta / (40 * DEG), atol=1e-9)
+    assert np.abs(reference.theta).max() == pytest.approx(40 * DEG)
+
+
+def test_jumps_take_one_sample():
+    reference = jumps(7.0, 25 * DEG)
+    np.testing.assert_allclose(np.unique(np.abs(np.diff(reference.theta))), np.array([0, 25, 50]) * DEG)
+    np.testing.assert_array_equal(reference.resampled(0.01).theta, reference.theta)
