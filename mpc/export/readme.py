@@ -8,7 +8,8 @@ _HEAD = """\
 
 Exported from the Python package `antagonist`, in {precision} precision, for: {joint}.
 Plain C99; no heap, no global state, nothing but `math.h`, every loop bounded. `antagonist.h` is the header to read; all
-units are SI. `src/model.c`, `src/joint.h`{tables} were written for this joint, the other files are the same for all.
+units are SI. Written for this joint: {written}.
+The other files are the same for every joint.
 
     cmake -S . -B build && cmake --build build && build/demonstration
 
@@ -25,16 +26,23 @@ which prints, according to Python{rounded}:
 ## Allocation
 
 `ant_allocate` gives the pressures for a torque and a stiffness at an angle: the global optimum in closed form, as
-`allocator.allocate(..., method="exact")` does. {cost} What makes no sense (NaN, K <= 0, an angle beyond a turn) is
-answered by `ANT_BAD_INPUT` and pressures within the supply.
-"""
+`allocator.allocate(..., method="exact")` does. What makes no sense (NaN, K <= 0, an angle beyond a turn) is answered by
+`ANT_BAD_INPUT` and pressures within the supply. {cost}
+{single}"""
 
 _COST = {
-    "tondu": "A call costs at most 7 square roots, some 40 divisions and 4 steps of Newton's method; there is no other "
-    "loop.",
-    "affine": "A call costs one evaluation of the joint's formulas (`src/model.c`) and some dozen operations; there is "
-    "no loop.",
+    "tondu": """A call costs at most 7 square roots, some 40
+divisions and 4 steps of Newton's method; there is no other loop.
+""",
+    "affine": """A call costs one evaluation of the
+joint's formulas (`src/model.c`) and some dozen operations; there is no loop.
+""",
 }
+
+_SINGLE = """
+In single precision the pressures differ from those of double precision by about 1e-6 of the supply; where torque and
+stiffness hardly tell two pairs of pressures apart (a lever near its dead point) by more, in what they give by no more.
+"""
 
 _CONTROL = """
 ## Control
@@ -58,6 +66,12 @@ Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} mov
 | Givens rotations (2 to {rotation} multiplications each) in the condensing | {givens} | {givens} |
 | iterations of the QP solver | {iterations} | 5 to 30 |
 | least squares of {moves} unknowns, where the QP fails | {faces} | 0 |
+{single}"""
+
+_CONTROL_SINGLE = """
+In single precision commands differ by about 1e-5 of the supply. Where prices far apart meet (weights much sharper than
+`Weights.calm()`, and references far beyond what the joint can do) the certificate refuses more answers of the QP than
+in double precision; the softened QP then answers, with nearly the same commands.
 """
 
 
@@ -66,18 +80,22 @@ def readme(
 ) -> str:
     """Its text; `printed` is what the demonstration prints according to Python."""
     muscles = " and ".join(type(muscle).__name__ for muscle in (joint.agonist, joint.antagonist))
+    written = ["antagonist_config.h", "src/joint.h", "src/demonstration.h"]
+    written += ["src/model.c"] if law == "affine" or controller else []
+    written += ["src/settings.h", "src/tables.c"] if controller else []
     head = _HEAD.format(
         precision="single" if single else "double",
         joint=f"{muscles} on a {type(joint.geometry).__name__}",
-        tables="" if controller is None else ", `src/settings.h` and `src/tables.c`",
+        written=", ".join(f"`{name}`" for name in written),
+        single=_SINGLE if single else "",
         rounded=" (single precision differs in the last digits)" if single else "",
         printed="\n".join(printed),
         cost=_COST[law],
     )
-    return head if controller is None else head + _control(controller)
+    return head if controller is None else head + _control(controller, single)
 
 
-def _control(controller: TrackingMPC) -> str:
+def _control(controller: TrackingMPC, single: bool) -> str:
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps = controller.ahead - N, controller.iterations
     moves, rows = 2 * blocks, 6 * N
@@ -95,6 +113,7 @@ def _control(controller: TrackingMPC) -> str:
         rotation=4 * moves,
         iterations=qps * 5 * (moves + 2 + rows),
         faces=10 * 4 * moves,
+        single=_CONTROL_SINGLE if single else "",
     )
 
 

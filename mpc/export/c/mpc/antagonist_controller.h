@@ -1,4 +1,4 @@
-/* What the controller remembers and works with, of fixed size; included by antagonist.h, for the controller to write. */
+/* What the controller remembers and works with, of fixed size; included by antagonist.h, written by the controller. */
 #ifndef ANTAGONIST_CONTROLLER_H
 #define ANTAGONIST_CONTROLLER_H
 

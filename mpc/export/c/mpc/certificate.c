@@ -4,7 +4,8 @@
  *
  *     gap = r^T H^-1 r/2 + sum of multiplier_i (limit_i - value_i),      H = R^T R.
  *
- * A limit that is missed in its last digits alone is not counted against it: the slacks' prices would make much of it. */
+ * A limit that is missed in its last digits alone is not counted against z: the slacks' prices would make much of
+ * it. */
 #include <float.h>
 
 #include "control.h"
