@@ -40,7 +40,7 @@ class Baseline(ABC):
     def __init__(self, plant: Plant, dt: float = 0.01, compensation: Compensation | None = None) -> None:
         self.plant, self.dt, self.limits = plant, dt, Limits.of(plant, dt)
         self.compensation = Compensation() if compensation is None else compensation
-        self._feed_forward = FeedForwardLaw(plant, dt, _PREVIEW)
+        self._feed_forward = FeedForwardLaw(plant, dt, _PREVIEW).ready()
         self._predictor = Predictor(plant, dt, _PREVIEW)
         self._foresight = Foresight(plant, dt, _PREVIEW, self.compensation, self.limits)
         self.reset()

@@ -16,9 +16,9 @@ from mpc.plan import PlanStatus
 from mpc.qp import QP
 from mpc.solvers import Solver
 
-_PRIMAL_TOLERANCE = 1e-4  # [bar], [rad], [N] by which an answer may break a limit; what is sent is clipped
-_GAP_TOLERANCE = 1e-3  # [-] of the cost that the step's moves gain
-_LAZY_TOLERANCE = 1e-6  # [bar], [rad], [N] below which a row that was left out counts as kept
+PRIMAL_TOLERANCE = 1e-4  # [bar], [rad], [N] by which an answer may break a limit; what is sent is clipped
+GAP_TOLERANCE = 1e-3  # [-] of the cost that the step's moves gain
+LAZY_TOLERANCE = 1e-6  # [bar], [rad], [N] below which a row that was left out counts as kept
 
 
 class Answer(NamedTuple):
@@ -43,15 +43,15 @@ def certified(solve: Solver, qp: QP, deadline: float) -> Answer:
         if found is None:
             return Answer(z, multipliers, PlanStatus.UNSOLVED)
         z = found[0]
-        broken = (qp.breaches(z) > _LAZY_TOLERANCE) & ~within
+        broken = (qp.breaches(z) > LAZY_TOLERANCE) & ~within
         if not broken.any():
             break
         within = within | broken
     multipliers[np.append(np.full(z.size, True), within)] = found[1]
     # next to the price of a slack all else is small: the gap is measured by what the moves alone gain
     gain = -qp.cost(np.append(z[:-SLACKS], SLACKS * [0.0]))
-    right = qp.certify(z, multipliers)._replace(gain=gain).within(_PRIMAL_TOLERANCE, _GAP_TOLERANCE)
+    right = qp.certify(z, multipliers)._replace(gain=gain).within(PRIMAL_TOLERANCE, GAP_TOLERANCE)
     return Answer(z, multipliers, PlanStatus.OPTIMAL if right else PlanStatus.REFUSED)
 
 
-__all__ = ["Answer", "certified"]
+__all__ = ["GAP_TOLERANCE", "LAZY_TOLERANCE", "PRIMAL_TOLERANCE", "Answer", "certified"]

@@ -19,13 +19,15 @@ What a `Compensation` knows of the real joint is taken account of: the problem b
 have brought the joint at the end of the dead time, the torque d_k contains the friction of the intended motion θ*, and
 the commands that are sent are those that regulators with a dead band hear as u.
 
+One QP about a plan is `mpc.improvement`, in compiled code where that can be had (`mpc.quick`).
+
 No step is without an answer. If the QP has none that passes the check of its optimality conditions (`mpc.certified`)
 within the time budget, the fallback ladder leads down (`mpc.ladder`). Whatever is sent keeps the hard limits exactly.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, isfinite
 from operator import index
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -35,17 +37,17 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from mpc.certified import certified
 from mpc.compensation import Compensation
-from mpc.condense import Problem, condense
+from mpc.condense import Problem
 from mpc.feedforward import FeedForward, FeedForwardLaw
 from mpc.foresight import Foresight
+from mpc.improvement import Before, Improvement
 from mpc.ladder import Ladder
 from mpc.limits import Limits
 from mpc.linearise import Motion, Predictor
 from mpc.plan import Plan, PlanStatus, Rung, Times
 from mpc.plant import Plant
-from mpc.qp import QP
+from mpc.quick import workings
 from mpc.softened import softened
 from mpc.solvers import Solver
 from mpc.solvers import solver as solver_by_name
@@ -59,6 +61,7 @@ class _Optimised(NamedTuple):
     """What optimisation came to."""
 
     best: tuple[Rung, Array] | None  # commands (N, 2) and the rung that they are worth
+    motion: Motion | None  # under them, finite, where it is known already
     status: PlanStatus
     times: tuple[float, float, float]  # of linearising, condensing, solving [s]
 
@@ -94,11 +97,12 @@ class TrackingMPC:
         self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
         self._solve = solver_by_name(self.solver) if isinstance(self.solver, str) else self.solver
         self._predictor = Predictor(self.plant, self.dt, self.N)
-        self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force)
+        feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self._ladder = Ladder(self.limits, self.dt)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
+        self._improve, self._feed_forward = workings(self.plant, self.dt, self.problem, self._predictor, feed_forward)
         if self.budget is not None:
             self._rehearse()
         self.reset()
@@ -107,6 +111,7 @@ class TrackingMPC:
         """Forget the past: the next step begins from the pressures it measures."""
         self._foresight.reset()
         self._ladder.reset()
+        self._improve.reset()
         self._motion: Motion | None = None  # of the last plan, as far as it was known
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
 
@@ -135,7 +140,7 @@ class TrackingMPC:
         clock.append(perf_counter())
         self._ladder.stand(rung, motion.u)
         self._motion = motion
-        if np.isfinite(feed.u[0]).all():
+        if isfinite(feed.u[0, 0]) and isfinite(feed.u[0, 1]):
             self._u_star = feed.u[0]
         return Plan(
             self._foresight.spoken(motion.u, motion.x),
@@ -161,38 +166,35 @@ class TrackingMPC:
 
     def _optimise(self, x: Array, feed: FeedForward, u_last: Array, d: Array, deadline: float) -> _Optimised:
         """The commands after `iterations` QPs, or up to one that failed; the softened QP's if it was the first."""
-        u = self._ladder.onward(u_last, feed.u)
-        u_star_last = feed.u[0] if self._u_star is None else self._u_star
-        best, status, spent = None, PlanStatus.OPTIMAL, np.zeros(3)
+        u = self._ladder.onward(feed.u)
+        before = Before(u_last, feed.u[0] if self._u_star is None else self._u_star)
+        best, motion, status, spent = None, None, PlanStatus.OPTIMAL, (0.0, 0.0, 0.0)
         for _ in range(self.iterations):
-            if (began := perf_counter()) > deadline:
+            if perf_counter() > deadline:
                 status = status if best else PlanStatus.LATE
                 break
-            model = self._predictor.linearise(x, u, d)
-            linearised = perf_counter()
-            qp = condense(self.problem, model, feed, u_last, u_star_last)
-            condensed = perf_counter()
-            answer = certified(self._solve, qp, deadline)
-            spent += np.diff([began, linearised, condensed, perf_counter()])
-            if answer.status is not PlanStatus.OPTIMAL:
+            step = self._improve(x, u, d, feed, before, self._solve, deadline)
+            spent = spent[0] + step.times[0], spent[1] + step.times[1], spent[2] + step.times[2]
+            if step.status is not PlanStatus.OPTIMAL:
                 if best is None:
-                    best, status = self._softened(qp, u, u_last, answer.status, deadline), answer.status
+                    best, status = self._softened(step, u_last, deadline), step.status
                 break
-            u = self.limits.limited(u_last, u + self.problem.E @ answer.z)
+            u, motion = step.u, step.motion
             best = Rung.QP, u
-        linearising, condensing, solving = spent.tolist()
-        return _Optimised(best, status, (linearising, condensing, solving))
+        return _Optimised(best, motion, status, spent)
 
-    def _softened(
-        self, qp: QP, u: Array, u_last: Array, status: PlanStatus, deadline: float
-    ) -> tuple[Rung, Array] | None:
+    def _softened(self, step: Improvement, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
         """The next rung, if there is time for it and numbers to work with."""
-        if status in (PlanStatus.LATE, PlanStatus.NOT_FINITE) or (z := softened(qp, deadline)) is None:
+        if step.qp is None or step.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE):
             return None
-        return Rung.SOFTENED, self.limits.limited(u_last, u + self.problem.E @ z)
+        if (z := softened(step.qp, deadline)) is None:
+            return None
+        return Rung.SOFTENED, self.limits.limited(u_last, step.u + self.problem.E @ z)
 
     def _descend(self, x: Array, found: _Optimised, feed: FeedForward, u_last: Array, d: Array) -> tuple[Rung, Motion]:
         """The first rung of the ladder that bears, and what its commands do."""
+        if found.motion is not None:
+            return Rung.QP, found.motion
         if found.status is not PlanStatus.BLIND:
             for rung, u in self._ladder.rungs(found.best, feed.u, u_last):
                 motion = self._predictor.motion(x, u, d)
@@ -207,7 +209,7 @@ class TrackingMPC:
         return Rung.HOLD, motion
 
 
-_LOST = _Optimised(None, PlanStatus.BLIND, (0.0, 0.0, 0.0))
+_LOST = _Optimised(None, None, PlanStatus.BLIND, (0.0, 0.0, 0.0))
 
 
 def _status(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:

@@ -7,6 +7,7 @@ reached to the nearest that can; and the lag over one sample of constant command
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -35,21 +36,25 @@ class FeedForwardLaw:
         from scipy.interpolate import CubicSpline
 
         self.plant, self.min_force = plant, min_force
-        warm_up(joint=plant.joint)  # not in the first control step
         # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
         spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))
-        self._D1, self._D2 = spline(spline.x, 1), spline(spline.x, 2)
-        self._alpha = np.exp(-dt / np.array(plant.lags))  # (2,)
+        self.slopes = spline(spline.x, 1), spline(spline.x, 2)
+        self.alpha = np.exp(-dt / np.array(plant.lags))  # (2,)
+
+    def ready(self) -> Self:
+        """Itself, with everything compiled that else would be in the first control step."""
+        warm_up(joint=self.plant.joint, min_force=self.min_force)
+        return self
 
     def __call__(self, theta: Array, K: Array, d: Array | float = 0.0) -> FeedForward:
         """For the previews `theta` [rad] and `K` [N·m/rad], both (N+1,), and a torque `d` [N·m], (N+1,) or constant."""
         asked = theta
         theta = np.clip(asked, *self.plant.joint.angle_range)
-        omega, alpha = self._D1 @ theta, self._D2 @ theta
+        omega, alpha = (D @ theta for D in self.slopes)
         T = self.plant.torque_for(theta, omega, alpha, d)
         held = allocate(theta, K, T, joint=self.plant.joint, min_force=self.min_force)
         P = np.stack([held.P1, held.P2], axis=1)
-        u = (P[1:] - self._alpha * P[:-1]) / (1 - self._alpha)
+        u = (P[1:] - self.alpha * P[:-1]) / (1 - self.alpha)
         moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - theta, held.K_error, held.T_error)))
         return FeedForward(theta, omega, held.K, P, u, moved)
 

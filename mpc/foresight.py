@@ -5,8 +5,9 @@ gives the state in which the new command begins to act. The torque on the way an
 intended motion. What is to be heard is spoken so that it passes the dead band, within the limits of what can be sent.
 """
 
-from math import isfinite
-from typing import NamedTuple
+from collections.abc import Callable
+from math import inf, isfinite, pi
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from mpc.limits import Limits
 from mpc.linearise import Predictor
 from mpc.plant import NX, Plant
 
+_TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] what `checks` lets pass
 _CORRECTED = 0.1  # [-] of an error of the angle counts as motion that friction opposes
 
 
@@ -54,9 +56,10 @@ class Foresight:
     def task(self, x: object, theta_ref: object, K_ref: object, d: object) -> Task:
         """Checks what `step` of a controller was given and looks ahead by the dead time."""
         x, measured = self._state(x)
-        theta = self._preview("theta_ref", checks.angle("theta_ref", theta_ref))
-        K = self._preview("K_ref", checks.stiffness("K_ref", K_ref))
-        torques = float(checks.real("d", d, "N·m")) - self._friction_ahead(x, theta)
+        theta = self._preview("theta_ref", theta_ref, checks.angle, (-_TURN, _TURN))
+        K = self._preview("K_ref", K_ref, checks.stiffness, (_LEAST, inf))
+        torque = d if type(d) is float and isfinite(d) else float(checks.real("d", d, "N·m"))
+        torques = torque - self._friction_ahead(x, theta)
         if self._sent is None:
             self._sent = x[2:]
         if not (m := self.delay):
@@ -84,24 +87,35 @@ class Foresight:
         array = np.array(x, float)
         if array.shape != (NX,):
             raise InvalidInput(f"x has the shape {array.shape}, not ({NX},): (theta [rad], omega [rad/s], P1, P2 [Pa])")
+        if all(map(isfinite, array.tolist())):  # faster than NumPy for four numbers
+            self._blind = 0
+            return array, True
         missing = ~np.isfinite(array)
         self._blind = self._blind + 1 if missing[0] else 0
-        if not missing.any():
-            return array, True
         if self._expected is None:
             raise InvalidInput(f"x = {array} is not finite, and there is no earlier step to predict it from")
         return np.where(missing, self._expected, array), False
 
     def _expect(self, x: Array) -> None:
-        if np.isfinite(x).all():
+        if all(map(isfinite, x.tolist())):
             self._expected = x
 
-    def _preview(self, name: str, reference: Array) -> Array:
-        if reference.shape not in ((), (self.ahead + 1,)):
+    def _preview(
+        self, name: str, given: object, check: Callable[[str, Any], Array], usual: tuple[float, float]
+    ) -> Array:
+        """A preview (ahead + 1,) of its own; `check` is what finds out what is wrong with one that looks unusual."""
+        if type(given) is np.ndarray and given.dtype == np.float64 and given.shape == (self.ahead + 1,):
+            values = given.tolist()
+            if isfinite(sum(values)) and usual[0] <= min(values) and max(values) <= usual[1]:
+                return given.copy()
+        reference = check(name, given)
+        if reference.shape == ():
+            return np.full(self.ahead + 1, reference)
+        if reference.shape != (self.ahead + 1,):
             raise InvalidInput(
                 f"{name} has the shape {reference.shape}; give one value or a preview ({self.ahead + 1},)"
             )
-        return np.broadcast_to(reference, self.ahead + 1)
+        return reference.copy()
 
     def _friction_ahead(self, x: Array, theta: Array) -> Array:
         """Friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does.
@@ -110,6 +124,8 @@ class Foresight:
         its muscles, and an error would hardly move a controller that does not count with it; one that counts with all
         of it would shake a joint without friction.
         """
+        if self.compensation.friction.absent:
+            return np.zeros(self.ahead + 1)
         z = self._friction.follow(float(x[0]))
         limit = self.compensation.friction.limit(float(pull(self.plant, x)))
         if not isfinite(limit):  # nor will the motion from such a state be: the controller finds that out

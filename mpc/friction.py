@@ -10,6 +10,7 @@ P. Dahl, "A solid friction model", Aerospace Corp. TOR-0158(3107-18), 1968; it i
 """
 
 from dataclasses import dataclass
+from math import copysign, exp
 
 import numpy as np
 
@@ -44,14 +45,19 @@ class Friction:
         x = np.array([0.0, 0.0, _WIDTH_AT, _WIDTH_AT])
         return cls(float(plant.stiffness(x) * width / (2 * pull(plant, x))), coulomb, presliding)
 
+    @property
+    def absent(self) -> bool:
+        """Whether there is none."""
+        return self.mu == 0 and self.coulomb == 0
+
     def limit(self, pulled: Value) -> Value:
         """T_max [N·m] when the muscles pull with the torques a1 F1 + a2 F2 = `pulled` [N·m]."""
         return self.mu * pulled + self.coulomb
 
     def after(self, z: float, motion: float) -> float:
         """z after turning by `motion` [rad] in one direction."""
-        s = np.sign(motion)
-        return float(s - (s - z) * np.exp(-abs(motion) / self.presliding))
+        s = copysign(1.0, motion)
+        return s - (s - z) * exp(-abs(motion) / self.presliding)
 
     def along(self, z: float, theta: Array) -> Array:
         """z (n,) at the angles `theta` (n,) [rad], from `z` at the first."""

@@ -14,6 +14,7 @@ with it about the angle. The next good sample leads back to the first rung.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
@@ -46,20 +47,23 @@ class Ladder:
         """The command (2,) of the sample before; the pressures in `x` (4,) if there was none."""
         return x[2:] if self._u is None else self._u[0]
 
-    def onward(self, u_last: Array, u_star: Array) -> Array:
+    def onward(self, u_star: Array) -> Array:
         """The last plan moved on by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
         if self._u is None:
-            return self.limits.limited(u_last, u_star)
-        kept, turn = self._u[1:], u_star[-1] - u_star[-2]
-        end = kept[-1] + np.where(np.isfinite(turn), turn, 0.0)
-        return self.limits.limited(u_last, np.vstack([kept, end]))
+            return u_star
+        on = np.empty_like(self._u)
+        on[:-1], on[-1] = self._u[1:], self._u[-1]
+        turn = u_star[-1] - u_star[-2]
+        if isfinite(turn[0]) and isfinite(turn[1]):
+            on[-1] += turn
+        return on
 
     def rungs(self, best: tuple[Rung, Array] | None, u_star: Array, u_last: Array) -> Iterator[tuple[Rung, Array]]:
         """Commands (N, 2) to try, from what optimisation gave, if anything, down to `hold`, which is not among them."""
         if best is not None:
             yield best
         if self._left > 1:
-            yield Rung.PREVIOUS, self.onward(u_last, u_star)
+            yield Rung.PREVIOUS, self.limits.limited(u_last, self.onward(u_star))
         yield Rung.ALLOCATION, self.limits.limited(u_last, u_star)
 
     def hold(self, N: int, u_last: Array) -> Array:

@@ -44,11 +44,12 @@ class Limits:
     def excursion(self, theta: Array) -> float:
         """How far `theta` leaves its range at worst [rad]."""
         left, right = self.theta
-        return max(0.0, left - float(theta.min()), float(theta.max()) - right)
+        angles = theta.tolist()  # Python is faster than NumPy on so few
+        return float(max(0.0, left - min(angles), max(angles) - right))
 
     def slackening(self, F: Array) -> float:
         """How far the forces `F` fall below the least one at worst [N]."""
-        return max(0.0, self.min_force - float(F.min()))
+        return max(0.0, self.min_force - min(F.ravel().tolist()))
 
 
 __all__ = ["Limits"]

@@ -56,7 +56,7 @@ class NonlinearMPC:
         self.problem = Shooting(self.plant, self.dt, self.N, self.weights, self.limits, L)
         self._solve = NLPSolver(self.solver, self.problem)
         self._predictor = Predictor(self.plant, self.dt, self.N)
-        self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force)
+        self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.min_force).ready()
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self._ladder = Ladder(self.limits, self.dt)
         self.reset()
@@ -119,7 +119,7 @@ class NonlinearMPC:
     def _starts(self, x: Array, feed: FeedForward, u_last: Array, d: Array) -> Iterator[Array]:
         """Where to begin: the previous plan moved on, the feed-forward, standing commands."""
         for u in (
-            self._ladder.onward(u_last, feed.u),
+            self.limits.limited(u_last, self._ladder.onward(feed.u)),
             self.limits.limited(u_last, feed.u),
             np.tile(u_last, (self.N, 1)),
         ):

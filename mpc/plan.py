@@ -70,7 +70,7 @@ class Moved(NamedTuple):
 
 
 class Times(NamedTuple):
-    """Where the time of a step went [s]."""
+    """Where the time of a step went [s]; 0.0 for what was not needed."""
 
     feed_forward: float
     linearise: float

@@ -10,10 +10,11 @@ z is: with the gradient of the Lagrangian r = H z + f + λ_z + Rᵀ λ_R, its co
 the difference of the primal and the dual cost. It vanishes at the solution and nowhere else.
 """
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
 
@@ -41,10 +42,13 @@ class QP:
     R: Array  # (m, n)
     rows_lower: Array  # (m,)
     rows_upper: Array  # (m,)
+    guess: NDArray[Any] | None = None  # (n + m,) multipliers for a solver to begin with: their signs count
 
-    def with_rows(self, chosen: Mask) -> Self:
+    def with_rows(self, chosen: Mask) -> "QP":
         """The same with only the rows `chosen` (m,), and all of its simple bounds."""
-        return replace(self, R=self.R[chosen], rows_lower=self.rows_lower[chosen], rows_upper=self.rows_upper[chosen])
+        return QP(
+            self.H, self.f, self.lower, self.upper, self.R[chosen], self.rows_lower[chosen], self.rows_upper[chosen]
+        )
 
     def cost(self, z: Array) -> float:
         """½ zᵀ H z + fᵀ z."""

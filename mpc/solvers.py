@@ -9,6 +9,7 @@ from math import inf, isfinite
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
@@ -33,7 +34,7 @@ _TIME_LIMITS = {"osqp": "time_limit", "clarabel": "time_limit", "scs": "time_lim
 def solver(name: str) -> Solver:
     """The solver called `name`; `MissingBackend` lists the names there are."""
     if name == "daqp":
-        return _daqp
+        return daqp
     import qpsolvers
 
     if name not in qpsolvers.available_solvers:
@@ -41,13 +42,26 @@ def solver(name: str) -> Solver:
     return _through_qpsolvers(name)
 
 
-def _daqp(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
-    import daqp
+def daqp(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
+    """By DAQP, an active-set method for small dense QPs."""
+    from daqp import solve
 
-    upper, lower = np.concatenate([qp.upper, qp.rows_upper]), np.concatenate([qp.lower, qp.rows_lower])
+    upper, lower = qp.upper, qp.lower
+    if len(qp.R):
+        upper, lower = np.concatenate([upper, qp.rows_upper]), np.concatenate([lower, qp.rows_lower])
+    marks = None if qp.guess is None else _marks(qp.guess)
     seconds = limit if isfinite(limit) else 0.0  # 0: as long as it takes
-    z, _, flag, info = daqp.solve(qp.H, qp.f, qp.R, upper, lower, time_limit=seconds)
+    z, _, flag, info = solve(qp.H, qp.f, qp.R, upper, lower, marks, time_limit=seconds)
     return (z, info["lam"]) if flag > 0 else None
+
+
+_ACTIVE, _AT_LOWER = 1, 2  # bits of DAQP's marks
+
+
+def _marks(guess: NDArray[Any]) -> NDArray[np.intc]:
+    """DAQP's marks of the limits that are guessed to bind: those with multipliers."""
+    marks: NDArray[np.intc] = _ACTIVE * (guess != 0).astype(np.intc) + _AT_LOWER * (guess < 0).astype(np.intc)
+    return marks
 
 
 def _through_qpsolvers(name: str) -> Solver:
@@ -79,4 +93,4 @@ def _through_qpsolvers(name: str) -> Solver:
     return solve
 
 
-__all__ = ["Solver", "solver"]
+__all__ = ["Solver", "daqp", "solver"]

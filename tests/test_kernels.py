@@ -229,6 +229,22 @@ def test_targets_of_different_shapes_broadcast(at_once):
     assert theta.flags.writeable
 
 
+@pytest.mark.parametrize("method", ["exact", "exact at once", "analytic", "qp"])
+def test_an_answer_stays_when_the_arrays_it_was_asked_with_change(method, monkeypatch):
+    if method == "exact at once":
+        monkeypatch.setattr(quick, "_PAYS", 1)
+    theta, K, T = np.linspace(-1, 1, 4), np.full(4, 12.0), np.ones(4)
+    slew = {} if method == "analytic" else {"previous": (np.full(4, 2e5), np.full(4, 3e5)), "max_step": np.full(4, 4e5)}
+    first, second = (allocate(theta, K, T, method=method.split()[0], **slew) for _ in range(2))
+    expected = first.jacobian(), first.stiffness_interval, np.array(first.theta), np.array(first.K_error)
+    for array in (theta, K, T, *slew.get("previous", ()), slew.get("max_step", theta)):
+        array *= 0.5
+    for a, b in zip(
+        (second.jacobian(), second.stiffness_interval, second.theta, second.K_error), expected, strict=True
+    ):
+        np.testing.assert_array_equal(a, b)
+
+
 def test_no_targets_have_no_answers(at_once):
     assert allocate(np.zeros(0), 7.5).P1.shape == (0,)
 

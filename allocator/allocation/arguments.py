@@ -40,7 +40,8 @@ def problem_from(
     towards = {} if reference is None else checks.pressure_pair("reference", reference, ("P1_ref", "P2_ref"))
     names = [*named, *now, *step, *towards]
     arrays = checks.broadcast(**named, **now, **step, **towards)
-    flat = {name: array.ravel() for name, array in zip(names, arrays, strict=True)}
+    flat = {name: array.flatten() for name, array in zip(names, arrays, strict=True)}  # copies: they stay as they are
+    asked = flat["theta"].reshape(arrays[0].shape)
     low, high = _force_limits(min_force, max_force)
     problem = Problem(
         joint,
@@ -54,7 +55,7 @@ def problem_from(
         pull=rho,
         **flat,
     )
-    return problem, arrays[0]
+    return problem, asked
 
 
 def _priority(priority: Any) -> Priority:

@@ -22,7 +22,7 @@ _OUTSIDE = int(Limit.JOINT_RANGE | Limit.CONTRACTION_THRESHOLD)
 
 
 class Targets(NamedTuple):
-    """n targets, each array (n,), in the form that compiled loops take: contiguous and writable."""
+    """n targets, each array (n,), copied, in the form that compiled loops take."""
 
     theta: Array
     K: Array
@@ -44,6 +44,11 @@ class Targets(NamedTuple):
         flat = [_flat(x, shape) for x in arrays]
         P1_now, P2_now, step = flat[3:] or (None, None, None)
         return cls(flat[0], flat[1], flat[2], P1_now, P2_now, step, shape) if flat[0].size else None
+
+    def of_which(self, question: Question) -> Question:
+        """`question` about these targets, whatever becomes of the arrays it was asked with."""
+        previous = None if self.P1_now is None else (self.P1_now, self.P2_now)
+        return question._replace(theta=self.theta, K=self.K, T=self.T, previous=previous, max_step=self.max_step)
 
 
 def _slew(previous: Any, max_step: Any) -> list[Array | None]:
@@ -75,9 +80,7 @@ def _floats(x: Any) -> Array | None:
 
 
 def _flat(x: Array, shape: tuple[int, ...]) -> Array:
-    if x.shape == shape and x.flags.c_contiguous and x.flags.writeable:
-        return x.ravel()
-    copy = np.empty(shape)
+    copy = np.empty(shape)  # the caller may change his own
     copy[...] = x
     return copy.ravel()
 

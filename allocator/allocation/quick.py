@@ -114,6 +114,7 @@ def _batch(question: Question, law: Law, kind: Kind) -> Allocation | None:
     targets = Targets.of(question.theta, question.K, question.T, question.previous, question.max_step)
     if targets is None or (compiled := _paid(kind, targets.theta.size)) is None:
         return None
+    question = targets.of_which(question)
     found = run(compiled, question, targets, law, kind[4])
     if found is None:
         return None

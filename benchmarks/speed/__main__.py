@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from benchmarks.speed import allocation, processes, report
+from benchmarks.speed import allocation, mpc_step, processes, report
 from benchmarks.speed.clock import Measurement
 from benchmarks.speed.truth import BenchmarkFailure
 
@@ -13,6 +13,7 @@ RESULTS = Path(__file__).parents[1] / "results"
 PARTS: dict[str, Callable[[bool], Iterator[Measurement]]] = {
     "allocation": allocation.measure,
     "processes": processes.measure,
+    "control": mpc_step.measure,
 }
 
 
@@ -33,7 +34,8 @@ def main() -> int:
         return 1
     if folder := arguments.out or (None if arguments.light else RESULTS):
         folder.mkdir(parents=True, exist_ok=True)
-        report.write(found, folder)
+        kept = [m for m in report.read(folder) if m.part not in {new.part for new in found}]
+        report.write(sorted(kept + found, key=lambda m: list(PARTS).index(m.part)), folder)
     below = [m for m in found if m.below_its_floor]
     for m in below:
         print(f"TOO SLOW: {report.line(m)}")

@@ -35,6 +35,17 @@ def write(found: Sequence[Measurement], folder: Path) -> None:
     (folder / "speed.md").write_text("\n".join(lines(found)) + "\n", encoding="utf-8")
 
 
+def read(folder: Path) -> list[Measurement]:
+    """What `write` has written there, if anything."""
+    try:
+        with (folder / "speed.csv").open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+    except FileNotFoundError:
+        return []
+    words = {f.name for f in fields(Measurement) if f.type is str or f.type == "str"}
+    return [Measurement(**{k: v if k in words else float(v) for k, v in row.items()}) for row in rows]
+
+
 def lines(found: Sequence[Measurement]) -> Iterator[str]:
     yield "# Speed\n"
     yield "Written by `python -m benchmarks.speed`; the figures are also in `speed.csv`.\n"
@@ -59,6 +70,10 @@ LIMITATIONS = (
     "What two threads gain depends on what else wants the second processor: hashing by two threads, measured beside "
     "it, shows how much there was to gain.",
     "Times are the processor's, except where threads are compared; on an idle machine they are the wall's.",
+    "MPC: the nonlinear MPCs solve their problem to the end at every sample, TrackingMPC one QP of it; the costs of "
+    "the closed loops stand beside the times. One joint, one trajectory. In do-mpc every stage has slacks of its own. "
+    "Compiled solvers of others, such as acados, are not measured here.",
+    "MPC: only the controller's step is timed, not the observer. cvxpy is timed without what makes the QP.",
 )
 
 

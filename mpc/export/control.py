@@ -146,9 +146,9 @@ def _tables(controller: TrackingMPC, eyes: KalmanObserver) -> list[tuple[str, st
     law = FeedForwardLaw(plant, dt, controller.N)
     acting = np.searchsorted(starts, np.arange(controller.N), side="right")
     return [
-        ("ANT_D1", "derivative of a spline through the samples of a preview [1/s]", law._D1),
-        ("ANT_D2", "and its second derivative [1/s^2]", law._D2),
-        ("ANT_LAG", "what is left of a pressure's error after a sample [-]", law._alpha),
+        ("ANT_D1", "derivative of a spline through the samples of a preview [1/s]", law.slopes[0]),
+        ("ANT_D2", "and its second derivative [1/s^2]", law.slopes[1]),
+        ("ANT_LAG", "what is left of a pressure's error after a sample [-]", law.alpha),
         ("ANT_TERMINAL", "L, the terminal cost is |L xi|^2/2", controller.problem.L),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),

@@ -1,0 +1,116 @@
+"""A step of the MPC in closed loop, against nonlinear MPCs on the same problem and against other ways to its QP."""
+
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from math import inf, nan
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.units import BAR, DEG
+from benchmarks.speed.clock import Measurement, seconds
+from benchmarks.speed.mpc_loop import DT, Loop, closed_loop
+from benchmarks.speed.mpc_rivals import CvxpyOSQP, DoMPC
+from benchmarks.speed.truth import BenchmarkFailure
+from mpc import Plant, TrackingMPC
+from mpc.certified import certified
+from mpc.nonlinear import NonlinearMPC
+from mpc.qp import QP
+from mpc.simulation import Controller
+from mpc.solvers import solver
+
+PART = "control"
+CLOSE = 2e-3 * BAR  # [Pa] two first commands this near are the same
+Maker = Callable[[Plant, int], Controller]
+
+NONLINEAR: dict[str, Maker] = {
+    "IPOPT": lambda plant, N: NonlinearMPC(plant, DT, N, solver="ipopt"),
+    "fatrop": lambda plant, N: NonlinearMPC(plant, DT, N, solver="fatrop"),
+}
+WANTED = {("IPOPT", 20): 60.0, ("do-mpc", 20): 200.0}
+FLOORS = {("IPOPT", 20): 30.0}
+BLOCKS = {20: (1,) * 10 + (2,) * 5, 40: (1,) * 10 + (2,) * 5 + (4,) * 5, 80: (1,) * 10 + (2,) * 5 + (4,) * 5 + (8,) * 5}
+
+
+def measure(light: bool) -> Iterator[Measurement]:
+    """Every horizon; the light version one, against IPOPT alone."""
+    rivals = dict(NONLINEAR)
+    if find_spec("do_mpc"):
+        rivals["do-mpc"] = lambda plant, N: DoMPC(plant, DT, N)
+    for N in (20,) if light else (10, 20, 40, 80):
+        chosen = {"IPOPT": rivals["IPOPT"]} if light else rivals
+        check_commands(N, chosen)
+        yield from loops(N, chosen, duration=1.5 if light else 3.0)
+        yield from qps(N, rounds=5 if light else 15)
+
+
+def mpc(plant: Plant, N: int, **settings: Any) -> TrackingMPC:
+    return TrackingMPC(plant, DT, N, **settings)
+
+
+def check_commands(N: int, rivals: dict[str, Maker]) -> None:
+    """Where the slew limit binds, repeated QPs and all the nonlinear solvers come to the same first commands."""
+    plant = Plant()
+    theta, K = np.where(np.arange(N + 1) < N // 2, 0.0, 5 * DEG), np.full(N + 1, 7.7)
+    x = plant.at_rest(0.0, 7.6)
+    right = mpc(plant, N, iterations=20).step(x, theta, K, 0.2).u[0]
+    for name, make in rivals.items():
+        found = make(plant, N).step(x, theta, K, 0.2).u[0]
+        if np.abs(found - right).max() > CLOSE:
+            raise BenchmarkFailure(f"{name}, N = {N}: first command {found / BAR} bar, not {right / BAR} bar")
+
+
+def loops(N: int, rivals: dict[str, Maker], duration: float) -> Iterator[Measurement]:
+    """Step against step of two runs of the same trajectory; this project's runs before and after each rival's."""
+    own = [closed_loop(lambda plant: mpc(plant, N), duration)]
+    for name, make in rivals.items():
+        other = closed_loop(lambda plant, make=make: make(plant, N), duration)
+        own.append(closed_loop(lambda plant: mpc(plant, N), duration))
+        yield compared(f"MPC step, N = {N}", own[-2:], name, other, N)
+        if name == "IPOPT" and (blocks := BLOCKS.get(N)):
+            blocked = [closed_loop(lambda plant: mpc(plant, N, blocks=blocks), duration) for _ in range(2)]
+            share = blocked[1].cost(N) / own[-1].cost(N)
+            note = f"cost {share:.4f} of that without blocks"
+            yield compared(f"MPC step, N = {N} in {len(blocks)} blocks", blocked, name, other, N, note)
+
+
+def compared(what: str, own: list[Loop], name: str, other: Loop, N: int, note: str = "") -> Measurement:
+    """The faster of this project's two runs, sample by sample, against a rival's."""
+    mine = np.minimum(own[0].seconds, own[1].seconds)
+    low, ratio, high = np.quantile(other.seconds / mine, (0.25, 0.5, 0.75))
+    notes = (
+        f"limits bind in {own[1].saturated:.0%} of the plans",
+        f"cost {own[1].cost(N) / other.cost(N):.4f} of the rival's",
+        note,
+        f"99th percentile {np.quantile(mine, 0.99) / np.median(mine):.2g} medians",
+        f"{own[1].outside:.0%} outside the QP",
+    )
+    return Measurement(
+        *(PART, what, float(np.median(mine)), "step", name, float(np.median(other.seconds)), ratio, low, high),
+        *(WANTED.get((name, N), nan), FLOORS.get((name, N), nan), "; ".join(filter(None, notes))),
+    )
+
+
+def qps(N: int, rounds: int) -> Iterator[Measurement]:
+    """The whole step in closed loop, against the solution alone of one QP of its kind by cvxpy with OSQP."""
+    plant = Plant()
+    qp = whole(mpc(plant, N), plant.at_rest(0.0, 7.6), np.linspace(0.0, 10 * DEG, N + 1), np.full(N + 1, 8.0))
+    other = CvxpyOSQP(qp)
+    exact = certified(solver("daqp"), qp, inf).z
+    if np.abs(other(qp) - exact)[:2].max() * BAR > CLOSE:
+        raise BenchmarkFailure(f"cvxpy + OSQP, N = {N}: first changes {other(qp)[:2]} bar, not {exact[:2]} bar")
+    mine = float(np.median(closed_loop(lambda plant: mpc(plant, N), 1.0).seconds))
+    theirs = np.array([seconds(lambda: other(qp)) for _ in range(rounds)])
+    low, ratio, high = np.quantile(theirs / mine, (0.25, 0.5, 0.75))
+    name = "cvxpy + OSQP, a QP alone"
+    yield Measurement(PART, f"MPC step, N = {N}", mine, "step", name, float(np.median(theirs)), ratio, low, high)
+
+
+def whole(controller: TrackingMPC, x: Array, theta: Array, K: Array) -> QP:
+    """The QP of a step from `x` with all of its rows."""
+    from mpc.condense import condense
+
+    feed = controller._feed_forward(theta, K, np.zeros(len(theta)))
+    model = controller._predictor.linearise(x, controller.limits.limited(x[2:], feed.u))
+    return condense(controller.problem, model, feed, x[2:], feed.u[0])

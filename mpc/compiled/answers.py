@@ -1,0 +1,65 @@
+"""From a path to the best decisions: quickly, or by way of the condensed QP and a solver. Both are proved.
+
+`memory` holds the path, `given` what is new in the step (`mpc.compiled.memory`).
+"""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.compiled.certificate import keeps_rows, proved, proved_by_gradient
+from mpc.compiled.commands import bounds, deviations
+from mpc.compiled.condensing import condensed, gradient
+from mpc.compiled.jit import compiled
+from mpc.compiled.memory import given_in, path_in, setting_in
+from mpc.compiled.records import BoxQP
+from mpc.compiled.structured import moved, settled
+
+SOLVED, ROWS, REFUSED = 0, 1, 2
+
+
+@compiled
+def settle(
+    numbers: Array, starts: Any, substeps: int, given: Array, memory: Array, guess: Any, sweeps: int
+) -> tuple[int, Array]:
+    """SOLVED or why not, and z (n,); `guess` (n,) of the bounds that bind becomes the set found."""
+    N = (given.size - 13) // 10
+    setting, path, u = setting_in(numbers, starts, substeps), *path_in(memory, N)
+    _, _, _, wish, last = given_in(given, N)
+    errors = deviations(path, u, wish, last)
+    lower, upper = bounds(setting, u, last)
+    z = np.zeros(lower.size)
+    if not settled(path, errors, setting.cost, starts, lower, upper, guess, sweeps, z):
+        return REFUSED, z
+    before = gradient(path, errors, setting.cost, starts)
+    after = gradient(path, moved(path, errors, starts, z), setting.cost, starts)
+    if not proved_by_gradient(before, after, lower, upper, z, setting):
+        return REFUSED, z
+    return SOLVED if keeps_rows(path, setting, u, z) else ROWS, z
+
+
+@compiled
+def pose(numbers: Array, starts: Any, substeps: int, given: Array, memory: Array) -> tuple[Array, Array, Array, Array]:
+    """The `BoxQP` of the path."""
+    N = (given.size - 13) // 10
+    setting, path, u = setting_in(numbers, starts, substeps), *path_in(memory, N)
+    _, _, _, wish, last = given_in(given, N)
+    H, f = condensed(path, deviations(path, u, wish, last), setting.cost, starts)
+    lower, upper = bounds(setting, u, last)
+    return H, f, lower, upper
+
+
+@compiled
+def judge(
+    numbers: Array, starts: Any, memory: Array,
+    H: Array, f: Array, lower: Array, upper: Array, z: Array, multipliers: Array,
+) -> int:  # fmt: skip
+    """Whether a solver's answer to `pose` is SOLVED, or why not."""
+    setting, path, u = setting_in(numbers, starts, 1), *path_in(memory, (memory.size - 19) // 45)
+    if not proved(BoxQP(H, f, lower, upper), z, multipliers, setting):
+        return REFUSED
+    return SOLVED if keeps_rows(path, setting, u, z) else ROWS
+
+
+__all__ = ["REFUSED", "ROWS", "SOLVED", "judge", "pose", "settle"]

@@ -1,0 +1,30 @@
+"""How functions are compiled: IEEE arithmetic, division by zero included, but products and sums may be fused."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from numba import njit
+
+F = TypeVar("F", bound=Callable[..., Any])
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
+_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # they take long to compile
+
+
+def compiled(function: F) -> F:
+    """Compile `function` when it is first called, and keep the result on disk; an `OSError` if nothing can be kept."""
+    try:
+        made: F = njit(cache=True, **_OPTIONS)(function)
+    except RuntimeError as error:
+        if "cannot cache function" not in str(error):
+            raise
+        raise OSError(f"numba finds no directory to keep {function.__name__} in") from None
+    return made
+
+
+def inlined(function: F) -> F:
+    """Compile `function` as a part of compiled functions that call it; Python cannot."""
+    made: F = njit(**_INNER, **_OPTIONS)(function)
+    return made
+
+
+__all__ = ["compiled", "inlined"]

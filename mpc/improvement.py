@@ -1,0 +1,78 @@
+"""One QP about a sequence of commands: what the controller does once a sample, or several times.
+
+This is the readable way, `mpc.linearise`, `mpc.condense` and `mpc.certified` one after the other; `mpc.quick` has the
+same in compiled code.
+"""
+
+from time import perf_counter
+from typing import NamedTuple, Protocol
+
+from allocator.calculus import Array
+from mpc.certified import certified
+from mpc.condense import Problem, condense
+from mpc.feedforward import FeedForward
+from mpc.linearise import Motion, Predictor
+from mpc.plan import PlanStatus
+from mpc.qp import QP
+from mpc.solvers import Solver
+
+
+class Before(NamedTuple):
+    """Of the sample before."""
+
+    u: Array  # command (2,) [Pa]
+    u_star: Array  # its feed-forward (2,) [Pa]
+
+
+class Improvement(NamedTuple):
+    """What became of it."""
+
+    status: PlanStatus
+    u: Array  # (N, 2) optimal commands within the limits if the status is OPTIMAL, else those that the QP is about [Pa]
+    motion: Motion | None  # under them, finite, where it is known already
+    qp: QP | None  # None if there was no need to pose it
+    times: tuple[float, float, float]  # of linearising, condensing, solving [s]; 0.0 for what is a part of the next
+
+
+class Improver(Protocol):
+    """Poses the QP about the commands `u` (N, 2) from `x` (4,) under the torques `d` (N,), and solves it.
+
+    About those within the limits that are nearest to `u`, that is.
+    """
+
+    def __call__(
+        self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before, solve: Solver, deadline: float
+    ) -> Improvement:
+        """With `solve`, by `deadline` [s] on the clock of `perf_counter`."""
+
+    def reset(self) -> None:
+        """Forget the past."""
+
+
+class ReadableImprover:
+    """By NumPy and CasADi."""
+
+    def __init__(self, problem: Problem, predictor: Predictor) -> None:
+        self.problem, self.predictor = problem, predictor
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+    def __call__(
+        self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before, solve: Solver, deadline: float
+    ) -> Improvement:
+        """See `Improver`."""
+        began = perf_counter()
+        u = self.problem.limits.limited(before.u, u)
+        model = self.predictor.linearise(x, u, d)
+        linearised = perf_counter()
+        qp = condense(self.problem, model, feed, before.u, before.u_star)
+        condensed = perf_counter()
+        answer = certified(solve, qp, deadline)
+        if answer.status is PlanStatus.OPTIMAL:
+            u = self.problem.limits.limited(before.u, u + self.problem.E @ answer.z)
+        times = linearised - began, condensed - linearised, perf_counter() - condensed
+        return Improvement(answer.status, u, None, qp, times)
+
+
+__all__ = ["Before", "Improvement", "Improver", "ReadableImprover"]

@@ -1,0 +1,222 @@
+"""`mpc.improvement` in compiled code: tens of microseconds where that takes hundreds.
+
+The QP is solved with its simple bounds only, from the guess that those bind which bound in the last sample's plan: by
+Riccati recursions (`mpc.compiled.structured`), or by the solver where these do not settle. If the answer keeps all rows
+and is proved optimal (`mpc.compiled.certificate`) it is the QP's, and the step is done; else the whole QP, the same
+that `mpc.condense` gives, goes to `mpc.certified`.
+"""
+
+from itertools import pairwise
+from math import inf
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.units import BAR
+from mpc.certified import GAP_TOLERANCE, LAZY_TOLERANCE, PRIMAL_TOLERANCE, certified
+from mpc.compiled.translate import Untranslatable
+from mpc.condense import SLACKS, Problem
+from mpc.feedforward import FeedForward, FeedForwardLaw
+from mpc.improvement import Before, Improvement, Improver, ReadableImprover
+from mpc.linearise import Motion, Predictor
+from mpc.plan import Moved, PlanStatus
+from mpc.plant import NU, Plant
+from mpc.qp import QP
+from mpc.solvers import Solver, daqp
+
+if TYPE_CHECKING:
+    from mpc.compiled.module import Law  # which imports numba
+
+_SWEEPS = 2  # of the quick solution before the solver is asked
+_TOLERANCES = (LAZY_TOLERANCE, PRIMAL_TOLERANCE, GAP_TOLERANCE)
+
+
+class QuickImprover:
+    """For one controller: its memory must not be used by two threads at a time."""
+
+    def __init__(self, law: "Law", problem: Problem) -> None:
+        from mpc.compiled import answers
+        from mpc.compiled.memory import flat, given_in, lengths
+
+        functions, c, _, substeps = self._made_from = law
+        self._law, self._answers, self._problem = functions, answers, problem
+        N, n = sum(problem.blocks), NU * len(problem.blocks)
+        given, memory = map(np.zeros, lengths(N))
+        views: Any = given_in
+        self._given = views.py_func(given, N)  # to be filled
+        numbers, starts = flat(setting(problem, substeps)), problem.starts.astype(np.int64)
+        self._rest = numbers, starts, substeps, given, memory
+        self._all = c, *self._rest
+        self._no_rows, self._no_bounds = np.zeros((0, n)), np.zeros(0)
+        self._guess = np.zeros(n, np.int8)  # sign of the multipliers
+        self._compile()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "QuickImprover":
+        """With memory of its own."""
+        other = QuickImprover(self._made_from, self._problem)
+        other._guess[:] = self._guess
+        return other
+
+    def _compile(self) -> None:
+        """Now, and not when the joint is waiting for its first command."""
+        numbers, starts, _, _, memory = self._rest
+        nothing = np.zeros(self._guess.size)
+        self._law.prepare(*self._all)
+        self._answers.settle(*self._rest, self._guess, 0)
+        self._answers.judge(numbers, starts, memory, *self._answers.pose(*self._rest), nothing, nothing)
+        self._law.march(*self._all, nothing)
+        self._rows()
+
+    def reset(self) -> None:
+        """Forget which bounds bound."""
+        self._guess[:] = 0
+
+    def __call__(
+        self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before, solve: Solver, deadline: float
+    ) -> Improvement:
+        """See `mpc.improvement.Improver`."""
+        clock = [perf_counter()]
+        self._take(x, u, d, feed, before)
+        self._law.prepare(*self._all)
+        clock.append(perf_counter())
+        outcome, z, found, box = self._answers.REFUSED, None, None, None
+        if solve is daqp:
+            outcome, z = self._answers.settle(*self._rest, self._guess, _SWEEPS)
+        if outcome != self._answers.SOLVED:
+            box = self._posed()
+        clock.append(perf_counter())
+        if outcome == self._answers.REFUSED and box is not None:
+            found = _Once(solve, box, deadline)
+            outcome, z = self._judged(box, found.first)
+        motion = self._marched(z) if z is not None and outcome == self._answers.SOLVED else None
+        clock.append(perf_counter())
+        if motion is None or clock[-1] > deadline:
+            self.reset()
+            return self._whole(box or self._posed(), before, found or solve, deadline, clock)
+        self._guess[:-NU] = self._guess[NU:]  # what binds at the next sample is what binds now, one block earlier
+        return Improvement(PlanStatus.OPTIMAL, motion.u, motion, box, _between(clock))
+
+    def _take(self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before) -> None:
+        given, wish = self._given, self._given.wish
+        given.x[:], given.u[:], given.d[:], given.last[0], given.last[1] = x, u, d, before.u, before.u_star
+        wish.theta[:], wish.omega[:], wish.K[:], wish.P[:], wish.u[:] = feed.theta, feed.omega, feed.K, feed.P, feed.u
+
+    def _posed(self) -> QP:
+        """The QP without slacks and rows."""
+        return QP(*self._answers.pose(*self._rest), self._no_rows, self._no_bounds, self._no_bounds, self._guess.copy())
+
+    def _judged(self, box: QP, found: tuple[Array, Array] | None) -> tuple[int, Array | None]:
+        """Whether the solver's answer is proved and breaks no row."""
+        if found is None:
+            return self._answers.REFUSED, None
+        numbers, starts, _, _, memory = self._rest
+        outcome = self._answers.judge(numbers, starts, memory, box.H, box.f, box.lower, box.upper, *found)
+        if outcome == self._answers.SOLVED:
+            self._guess[:] = np.sign(found[1])
+        return outcome, found[0]
+
+    def _marched(self, z: Array) -> Motion | None:
+        """What `z` leads to, if that is finite."""
+        finite, *found = self._law.march(*self._all, z)
+        return Motion(*found) if finite else None
+
+    def _whole(self, box: QP, before: Before, solve: Solver, deadline: float, clock: list[float]) -> Improvement:
+        """The QP with its slacks and rows, and its answer."""
+        weights, n = self._problem.weights, box.f.size
+        H = np.zeros((n + SLACKS, n + SLACKS))
+        H[:n, :n], H[n, n], H[n + 1, n + 1] = box.H, weights.slack_square, weights.slack_force_square
+        f = np.append(box.f, [weights.slack, weights.slack_force])
+        lower, upper = np.append(box.lower, SLACKS * [0.0]), np.append(box.upper, SLACKS * [inf])
+        qp = QP(H, f, lower, upper, *self._rows())
+        answer = certified(solve, qp, deadline)
+        u = self._problem.limits.limited(before.u, self._given.u)
+        if answer.status is PlanStatus.OPTIMAL:
+            u = self._problem.limits.limited(before.u, u + self._problem.E @ answer.z)
+        return Improvement(answer.status, u, None, qp, _between([*clock[:3], perf_counter()]))
+
+    def _rows(self) -> tuple[Array, Array, Array]:
+        from mpc.compiled.condensing import rows
+
+        numbers, starts, _, _, memory = self._rest
+        return rows(numbers, starts, memory)
+
+
+class _Once:
+    """A solver that has answered the QP without rows already, and is not asked the same again."""
+
+    def __init__(self, solve: Solver, box: QP, deadline: float) -> None:
+        self.first, self._solve, self._again = solve(box, deadline - perf_counter()), solve, False
+
+    def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
+        if self._again or len(qp.R):
+            return self._solve(qp, limit)
+        self._again = True
+        if self.first is None:
+            return None
+        z, multipliers = self.first
+        return np.append(z, SLACKS * [0.0]), np.append(multipliers, -qp.f[-SLACKS:])  # the slacks stay at their bounds
+
+
+def _between(clock: list[float]) -> tuple[float, float, float]:
+    linearising, condensing, solving = (after - before for before, after in pairwise(clock))
+    return linearising, condensing, solving
+
+
+class QuickFeedForward:
+    """`mpc.feedforward.FeedForwardLaw`, which answers itself where the joint's kernel is not sure."""
+
+    def __init__(self, law: "Law", readable: FeedForwardLaw) -> None:
+        plant = readable.plant
+        self._readable, self._follow = readable, law.module.follow
+        physics = plant.inertia, plant.damping, plant.gravity_torque, *readable.alpha, *plant.joint.angle_range
+        self._fixed = law.c, law.p, np.array([*physics, readable.min_force]), *(D.T.copy() for D in readable.slopes)
+        rest = np.zeros(len(readable.slopes[0]))
+        self(rest, rest + 1.0, rest)  # compiles it
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "QuickFeedForward":
+        """Itself: nothing in it changes."""
+        return self
+
+    def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:
+        """For the previews `theta` [rad] and `K` [N·m/rad] under the torques `d` [N·m], all (N+1,), writable rows."""
+        sure, within, omega, reachable, P, u, moved = self._follow(*self._fixed, theta, K, d)
+        if not sure:
+            return self._readable(theta, K, d)
+        return FeedForward(within, omega, reachable, P, u, Moved(*moved.tolist()))
+
+
+class Workings(NamedTuple):
+    """What a `TrackingMPC` works with."""
+
+    improve: Improver
+    feed_forward: FeedForwardLaw | QuickFeedForward
+
+
+def workings(plant: Plant, dt: float, problem: Problem, predictor: Predictor, feed_forward: FeedForwardLaw) -> Workings:
+    """The quick ones, compiled and ready; the readable ones where there is no compiler or nowhere to keep its work."""
+    try:
+        from mpc.compiled.module import law
+
+        found = law(plant, dt)
+        quick = QuickFeedForward(found, feed_forward) if found.p else feed_forward.ready()
+        return Workings(QuickImprover(found, problem), quick)
+    except (ImportError, OSError, Untranslatable):
+        return Workings(ReadableImprover(problem, predictor), feed_forward.ready())
+
+
+def setting(problem: Problem, substeps: int) -> Any:
+    """What the compiled functions have to know of `problem`: a `records.Setting`."""
+    from mpc.compiled.records import Cost, Room, Setting
+
+    w, limits, L = problem.weights, problem.limits, problem.L
+    units = np.array([1, 1, 1, 1, BAR, BAR])
+    end = (L.T @ L) * np.outer(units, units)
+    cost = Cost(w.theta, w.omega, w.K, w.u * BAR**2, w.rate * BAR**2 / problem.dt**2, end)
+    low, high = limits.pressure
+    room = Room(low / BAR, high / BAR, limits.step / BAR, *limits.theta, limits.min_force)
+    return Setting(cost, room, _TOLERANCES, problem.starts.astype(np.int64), substeps)
+
+
+__all__ = ["QuickFeedForward", "QuickImprover", "Workings", "setting", "workings"]

@@ -1,0 +1,325 @@
+"""The compiled step is the readable one: the same laws, the same QP, the same answer; and it is not needed."""
+
+import math
+import subprocess
+import sys
+from copy import deepcopy
+from time import perf_counter
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from allocator import BAR, DEG
+from mpc import PlanStatus, Plant, TrackingMPC, Weights
+from mpc.certified import certified
+from mpc.compiled import module
+from mpc.compiled.translate import Untranslatable, translated
+from mpc.condense import Problem, condense
+from mpc.feedforward import FeedForwardLaw
+from mpc.improvement import Before, ReadableImprover
+from mpc.limits import Limits
+from mpc.linearise import Predictor
+from mpc.qp import QP
+from mpc.quick import QuickFeedForward, QuickImprover, workings
+from mpc.solvers import solver
+from mpc.terminal import terminal_factor
+
+RNG = np.random.default_rng(8)
+DAQP = solver("daqp")
+
+
+# --- translation ------------------------------------------------------------------------------------------------------
+
+
+def evaluated(function, *values):
+    """The outputs (n,) of the CasADi `function`, by CasADi and by its translation."""
+    source, names = translated("law", function), {"math": math}
+    exec(source.text, names)
+    wanted = np.concatenate([np.ravel(v.full(), "F") for v in function.call([ca.DM(v) for v in values])])
+    return wanted, np.array(names["law"](*np.concatenate([np.ravel(v) for v in values]).tolist(), source.c))
+
+
+def test_every_joint_s_law_is_translated_to_the_last_digits(joint):
+    plant = Plant(joint=joint, gravity_torque=0.8, lag=(0.1, 0.07))
+    left, right = joint.angle_range
+    for name, function in module._functions(plant, 0.01).items():
+        if function.n_instructions() > 1500:
+            continue  # see the test of laws too long
+        for _ in range(5):
+            x = np.array([RNG.uniform(left, right), RNG.normal(), *RNG.uniform(1 * BAR, 4 * BAR, 2)])
+            given = {1: (x,), 3: (x, RNG.uniform(1, 4, 2), RNG.normal())}[function.n_in()]
+            wanted, found = evaluated(function, *((x[0],) if name == "coefficients" else given))
+            np.testing.assert_allclose(found, wanted, rtol=1e-13, atol=1e-13)
+
+
+def test_operations_are_translated_each():
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    below = x < y
+    formulas = [
+        x + y, x - y, x * y, x / y, -x, 2 * x, x * x, 1 / x, x**y, x**2.5, ca.exp(x), ca.log(x), ca.sqrt(x), ca.sin(x),
+        ca.cos(x), ca.tan(x), ca.tanh(x), ca.sinh(x), ca.cosh(x), ca.asin(x / 9), ca.acos(x / 9), ca.atan(x),
+        ca.fabs(-x), ca.floor(x), ca.ceil(x), ca.sign(-x), below, x <= y, ca.logic_not(below), x == y, x != y,
+        ca.logic_and(below, y < 5), ca.logic_or(below, y < 0), ca.fmin(x, y), ca.fmax(x, y), ca.if_else(below, x, y),
+        ca.SX(3.5), ca.SX(1),
+    ]  # fmt: skip
+    function = ca.Function("all", [x, y], [ca.densify(ca.vertcat(*formulas))])
+    for a, b in ((1.3, 2.1), (2.1, 1.3), (2.0, 2.0)):
+        wanted, found = evaluated(function, a, b)
+        np.testing.assert_allclose(found, wanted, rtol=1e-14)
+
+
+def test_an_operation_without_translation_is_said():
+    x = ca.SX.sym("x")
+    with pytest.raises(Untranslatable):
+        translated("law", ca.Function("error", [x], [ca.erf(x)]))
+
+
+def test_laws_too_long_to_compile_are_left_to_the_readable_step(joints):
+    plant = Plant(joint=joints["sarosi-table"])
+    with pytest.raises(Untranslatable):
+        module.law(plant, 0.01)
+    assert isinstance(TrackingMPC(plant, N=4)._improve, ReadableImprover)
+
+
+def test_joints_that_differ_in_their_numbers_share_the_compiled_code():
+    one, two = (module.law(Plant(inertia=J, damping=b, lag=b), 0.01) for J, b in ((0.05, 0.1), (0.07, 0.13)))
+    assert one.module is two.module
+    assert (one.c != two.c).any()
+
+
+# --- the QP -----------------------------------------------------------------------------------------------------------
+
+CASES = {  # name of the joint, plant, dt, blocks
+    "report": ("report", {}, 0.01, (1,) * 12),
+    "substeps, gravity, blocks": (
+        "sarosi-lever",
+        {"lag": (0.1, 0.03), "gravity_torque": 0.8},
+        0.04,
+        (1, 1, 2, 4),
+    ),
+    "no kernel": ("tondu-lever", {}, 0.01, (1,) * 8),
+}
+
+
+class Case:
+    """One step, ready to be posed in both ways."""
+
+    def __init__(self, joint, options, dt, blocks):
+        self.plant, self.dt, N = Plant(joint=joint, **options), dt, sum(blocks)
+        weights = Weights()
+        L = terminal_factor(self.plant, dt, weights)
+        limits = Limits.of(self.plant, dt, 5.0)
+        self.problem = Problem(weights, limits, L, blocks, dt)
+        self.predictor, self.law = Predictor(self.plant, dt, N), FeedForwardLaw(self.plant, dt, N, 5.0)
+        self.improve, self.feed_forward = workings(self.plant, dt, self.problem, self.predictor, self.law)
+        self.readable = ReadableImprover(self.problem, self.predictor)
+        left, right = limits.theta
+        self.x = self.plant.at_rest(0.7 * left + 0.3 * right, 1.2 * self.plant.stiffness(self.plant.at_rest(0.0, 1.0)))
+        self.theta = self.x[0] + np.linspace(0.0, 2 * DEG, N + 1)
+        self.K = np.full(N + 1, float(self.plant.stiffness(self.x)))
+        self.d = 0.1 * RNG.normal(size=N + 1)
+        self.u = self.x[2:] + 0.5 * BAR * RNG.normal(size=(N, 2))
+
+    def arguments(self, solve=DAQP, x=None, deadline=math.inf):
+        feed = self.law(self.theta, self.K, self.d)
+        before = Before(self.x[2:], feed.u[0] - 1e3)
+        return self.x if x is None else x, self.u, self.d[:-1], feed, before, solve, deadline
+
+
+@pytest.fixture(scope="module", params=CASES.values(), ids=CASES.keys())
+def case(request, joints):
+    name, *rest = request.param
+    return Case(joints[name], *rest)
+
+
+def test_the_quick_workings_are_used_here(case):
+    assert isinstance(case.improve, QuickImprover)
+    assert isinstance(case.feed_forward, QuickFeedForward) == bool(module.law(case.plant, case.dt).p)
+
+
+def test_the_compiled_qp_is_the_readable_one(case):
+    qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
+    x, u, d, feed, before, *_ = case.arguments()
+    model = case.predictor.linearise(x, case.problem.limits.limited(before.u, u), d)
+    wanted = condense(case.problem, model, feed, *before)
+    for name in ("H", "f", "lower", "upper", "R", "rows_lower", "rows_upper"):
+        one, other = getattr(qp, name), getattr(wanted, name)
+        finite = np.isfinite(other)
+        np.testing.assert_array_equal(one[~finite], other[~finite])
+        np.testing.assert_allclose(one[finite], other[finite], rtol=1e-10, atol=1e-12 * np.abs(other[finite]).max())
+
+
+def test_the_compiled_step_comes_to_the_readable_one_s_commands_and_motion(case):
+    quick, readable = (improve(*case.arguments()) for improve in (case.improve, case.readable))
+    assert quick.status is readable.status is PlanStatus.OPTIMAL
+    np.testing.assert_allclose(quick.u, readable.u, atol=1e-6 * BAR)
+    motion = quick.motion or case.predictor.motion(case.x, quick.u, case.d[:-1])
+    wanted = case.predictor.motion(case.x, quick.u, case.d[:-1])
+    for name in ("u", "x", "K", "F"):
+        np.testing.assert_allclose(getattr(motion, name), getattr(wanted, name), rtol=1e-10, atol=1e-9)
+
+
+def test_rows_that_break_lead_to_the_whole_qp(case):
+    x = np.array([case.problem.limits.theta[1] - 0.01, 4.0, *case.x[2:]])
+    quick, readable = (improve(*case.arguments(x=x)) for improve in (case.improve, case.readable))
+    assert quick.motion is None
+    assert quick.qp.R.size
+    assert quick.status is readable.status is PlanStatus.OPTIMAL
+    np.testing.assert_allclose(quick.u, readable.u, atol=1e-5 * BAR)
+
+
+def test_no_eigenvalue_of_the_hessian_is_below_the_charge_for_changes(case):
+    qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
+    n, w = qp.f.size - 2, case.problem.weights
+    assert np.linalg.eigvalsh(qp.H[:n, :n]).min() >= w.rate * BAR**2 / case.dt**2 * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("fault", [0.1, -0.1, np.nan])
+def test_a_wrong_answer_is_not_believed(case, fault):
+    def lying(qp, limit):
+        z, multipliers = DAQP(qp, limit)
+        return z + fault, multipliers
+
+    step = case.improve(*case.arguments(solve=lying))
+    assert step.motion is None
+    assert step.status is PlanStatus.REFUSED
+
+
+def test_an_answer_that_comes_late_is_not_used(case):
+    assert case.improve(*case.arguments(deadline=perf_counter() - 1.0)).status is PlanStatus.LATE
+
+
+def test_a_wrong_guess_does_not_change_the_answer(case):
+    first = case.improve(*case.arguments())
+    case.improve._guess[:] = RNG.integers(-1, 2, case.improve._guess.size)
+    np.testing.assert_allclose(case.improve(*case.arguments()).u, first.u, atol=1e-6 * BAR)
+
+
+def test_the_guess_is_the_last_sample_s_active_set_one_block_earlier(case):
+    seen = []
+
+    def watched(qp, limit):
+        seen.append((qp.guess, DAQP(qp, limit)))
+        return seen[-1][1]
+
+    case.improve.reset()
+    for _ in range(2):
+        assert case.improve(*case.arguments(solve=watched)).motion is not None
+    (first, (_, multipliers)), (second, _) = seen
+    assert not first.any()
+    np.testing.assert_array_equal(second[:-2], np.sign(multipliers[2:]))
+
+
+# --- the structured way -----------------------------------------------------------------------------------------------
+
+
+def settled(case, sweeps=30):
+    """What the Riccati recursions come to for the step that `case` has posed last."""
+    return case.improve._answers.settle(*case.improve._rest, case.improve._guess, sweeps)
+
+
+@pytest.mark.parametrize("away", [0.0, 0.02, 0.05, 0.3])  # [rad] of the reference from the state: the slew limit binds
+def test_riccati_recursions_and_daqp_come_to_the_same_point(case, away):
+    case.theta += away
+    try:
+        qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
+    finally:
+        case.theta -= away
+    n = qp.f.size - 2
+    nothing = np.zeros(0)
+    box = QP(qp.H[:n, :n].copy(), qp.f[:n], qp.lower[:n], qp.upper[:n], qp.R[:0, :n], nothing, nothing)
+    exact, multipliers = DAQP(box)
+    case.improve._guess[:] = np.sign(multipliers)  # from here they settle
+    outcome, z = settled(case)
+    assert outcome in (case.improve._answers.SOLVED, case.improve._answers.ROWS)
+    np.testing.assert_allclose(z, exact, atol=1e-8)
+    assert (case.improve._guess == np.sign(multipliers)).all()
+    case.improve.reset()
+
+
+def test_what_does_not_settle_is_not_answered(case):
+    case.improve(*case.arguments(solve=lambda qp, limit: None))
+    outcome, z = settled(case, sweeps=0)
+    assert outcome == case.improve._answers.REFUSED
+    assert not z.any()
+
+
+def test_a_sample_like_the_last_one_settles_without_a_solver(case):
+    case.improve.reset()
+    first = case.improve(*case.arguments(solve=lambda qp, limit: DAQP(qp, limit)))
+    case.improve._guess[2:] = case.improve._guess[:-2].copy()  # no time has passed
+    case.improve._guess[:2] = np.sign(DAQP(first.qp)[1][:2])
+    again = case.improve(*case.arguments())
+    assert again.qp is None
+    np.testing.assert_allclose(again.u, first.u, atol=1e-6 * BAR)
+
+
+# --- the feed-forward -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["report", "sarosi-lever"])
+def test_the_compiled_feed_forward_is_the_readable_one(name, joints):
+    plant = Plant(joint=joints[name], gravity_torque=0.8, lag=(0.1, 0.03))
+    readable = FeedForwardLaw(plant, 0.04, 8, 5.0)
+    quick = QuickFeedForward(module.law(plant, 0.04), readable)
+    far = 1.2 * joints[name].angle_range[1]
+    for theta in (np.linspace(-0.2, 0.3, 9), np.linspace(0.0, far, 9)):  # within reach, and beyond
+        for K in (np.linspace(5.0, 9.0, 9), np.full(9, 50.0)):
+            one, other = (law(theta, K, np.linspace(0.0, 1.0, 9)) for law in (quick, readable))
+            for field in ("theta", "omega", "K", "P", "u", "moved"):
+                wanted = np.asarray(getattr(other, field))
+                np.testing.assert_allclose(getattr(one, field), wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_a_copy_of_a_controller_goes_its_own_way(case):
+    mpc = TrackingMPC(case.plant, case.dt, N=sum(case.problem.blocks))
+    x, theta, K = case.x, float(case.theta[0]), float(case.K[0])
+    mpc.step(x, theta, K)
+    other = deepcopy(mpc)
+    wanted = mpc.step(x, theta + 0.05, K).u
+    other.step(x, theta, K)
+    mpc.reset()
+    mpc.step(x, theta, K)
+    np.testing.assert_allclose(mpc.step(x, theta + 0.05, K).u, wanted, atol=1e-6 * BAR)
+
+
+# --- without ----------------------------------------------------------------------------------------------------------
+
+
+WITHOUT_NUMBA = """
+import sys
+sys.modules["numba"] = None
+from mpc import Plant, TrackingMPC
+mpc = TrackingMPC(Plant(), N=12)
+print(type(mpc._improve).__name__, *mpc.step(Plant().at_rest(0.0, 7.6), 0.1, 7.8).u[0])
+"""
+
+
+def test_without_numba_the_readable_step_answers_alike_and_says_nothing():
+    ran = subprocess.run([sys.executable, "-c", WITHOUT_NUMBA], capture_output=True, text=True, check=True)
+    name, *command = ran.stdout.split()
+    assert name == "ReadableImprover"
+    assert not ran.stderr
+    wanted = TrackingMPC(Plant(), N=12).step(Plant().at_rest(0.0, 7.6), 0.1, 7.8).u[0]
+    np.testing.assert_allclose(np.array(command, float), wanted, atol=1e-6 * BAR)
+
+
+def test_without_a_directory_to_write_to_the_readable_step_answers(monkeypatch, tmp_path):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(module, "_directory", lambda: tmp_path / "file" / "below")
+    module._imported.cache_clear()
+    mpc = TrackingMPC(Plant(), N=12)
+    assert isinstance(mpc._improve, ReadableImprover)
+    assert mpc.step(Plant().at_rest(0.0, 7.6), 0.1, 7.8).status is PlanStatus.OPTIMAL
+
+
+def test_the_law_is_written_where_the_user_s_caches_are(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert module._directory() == tmp_path / "antagonist"
+
+
+def test_the_readable_step_s_answer_is_certified_too(case):
+    step = case.readable(*case.arguments())
+    assert certified(DAQP, step.qp, math.inf).status is PlanStatus.OPTIMAL
