@@ -23,39 +23,42 @@ static void unroll(const ant_real A[4][4], const ant_real B[4][2], const ant_rea
         }
 }
 
-/* Motion, sensitivities G of the states, GF of the forces, and of the stiffness, whose terms are added to the cost. */
-static void linearise(ant_controller *c, const ant_task *task) {
-    ant_qp *qp = &c->qp;
+/* G for the motion of z = 0. */
+static void linearise(ant_qp *qp, const ant_real *d) {
     for (int k = 0; k < ANT_HORIZON; k++) {
         ant_real A[4][4], B[4][2];
-        ant_model_slopes(qp->motion.x[k], qp->motion.u[k], &task->d[k], A[0], B[0]);
+        ant_model_slopes(qp->motion.x[k], qp->motion.u[k], &d[k], A[0], B[0]);
         unroll((const ant_real(*)[4])A, (const ant_real(*)[2])B,
                k > 0 ? (const ant_real(*)[ANT_MOVES])qp->G[k - 1] : NULL, k, qp->G[k]);
     }
 }
 
-static void add(ant_qp *qp, ant_real root, ant_real row[ANT_MOVES], ant_real r) {
-    for (int j = 0; j < ANT_MOVES; j++) row[j] *= root;
-    ant_rotate_in(ANT_MOVES, qp->R, qp->v, row, root * r);
+/* A term of the cost on which the first `used` moves have an effect; the later terms come later. */
+static void add(ant_qp *qp, int used, ant_real root, ant_real row[ANT_MOVES], ant_real r) {
+    for (int j = 0; j < used; j++) row[j] *= root;
+    ant_rotate_in(ANT_MOVES, used, qp->R, qp->v, row, root * r);
+}
+
+/* gradient G: what the moves do to something that depends on the state. */
+static void through(const ant_real gradient[4], const ant_real (*G)[ANT_MOVES], ant_real row[ANT_MOVES]) {
+    for (int j = 0; j < ANT_MOVES; j++)
+        row[j] = gradient[0] * G[0][j] + gradient[1] * G[1][j] + gradient[2] * G[2][j] + gradient[3] * G[3][j];
 }
 
 /* Angle, velocity and stiffness at sample k + 1, and the forces' sensitivity there. */
 static void add_outputs(ant_qp *qp, const ant_feed *feed, int k) {
-    ant_real row[ANT_MOVES], gradient[4], forces[2][4];
+    ant_real row[ANT_MOVES], of_K[4], of_F[2][4];
+    const ant_real *x = qp->motion.x[k + 1];
     const ant_real(*G)[ANT_MOVES] = (const ant_real(*)[ANT_MOVES])qp->G[k];
-    ant_model_gradients(qp->motion.x[k + 1], gradient, forces[0]);
-    for (int i = 0; i < 2; i++)
-        for (int j = 0; j < ANT_MOVES; j++)
-            qp->GF[k][i][j] =
-                forces[i][0] * G[0][j] + forces[i][1] * G[1][j] + forces[i][2] * G[2][j] + forces[i][3] * G[3][j];
+    ant_model_gradients(x, of_K, of_F[0]);
+    for (int i = 0; i < 2; i++) through(of_F[i], G, qp->GF[k][i]);
     if (k + 1 == ANT_HORIZON) return; /* the last state is the terminal cost's */
     memcpy(row, G[0], sizeof row);
-    add(qp, ANT_ROOT_THETA, row, qp->motion.x[k + 1][0] - feed->theta[k + 1]);
+    add(qp, acting(k), ANT_ROOT_THETA, row, x[0] - feed->theta[k + 1]);
     memcpy(row, G[1], sizeof row);
-    add(qp, ANT_ROOT_OMEGA, row, qp->motion.x[k + 1][1] - feed->omega[k + 1]);
-    for (int j = 0; j < ANT_MOVES; j++)
-        row[j] = gradient[0] * G[0][j] + gradient[1] * G[1][j] + gradient[2] * G[2][j] + gradient[3] * G[3][j];
-    add(qp, ANT_ROOT_K, row, qp->motion.K[k + 1] - feed->K[k + 1]);
+    add(qp, acting(k), ANT_ROOT_OMEGA, row, x[1] - feed->omega[k + 1]);
+    through(of_K, G, row);
+    add(qp, acting(k), ANT_ROOT_K, row, qp->motion.K[k + 1] - feed->K[k + 1]);
 }
 
 /* The rates of the commands away from the feed-forward: of what begins at sample k only its own move changes them. */
@@ -76,8 +79,8 @@ static void begin_with_rates(ant_qp *qp, const ant_feed *feed, const ant_real e_
 static void add_commands(ant_qp *qp, const ant_feed *feed, int k) {
     for (int i = 0; i < 2; i++) {
         ant_real row[ANT_MOVES];
-        for (int j = 0; j < ANT_MOVES; j++) row[j] = j < acting(k) && j % 2 == i ? ANT_BAR : 0;
-        add(qp, ANT_ROOT_U, row, qp->motion.u[k][i] - feed->u[k][i]);
+        for (int j = 0; j < acting(k); j++) row[j] = j % 2 == i ? ANT_BAR : 0;
+        add(qp, acting(k), ANT_ROOT_U, row, qp->motion.u[k][i] - feed->u[k][i]);
     }
 }
 
@@ -98,7 +101,7 @@ static void add_terminal(ant_qp *qp, const ant_feed *feed) {
             row[j] = ANT_BAR * ANT_TERMINAL[m][4 + j % 2];
             for (int l = 0; l < 4; l++) row[j] += ANT_TERMINAL[m][l] * qp->G[last - 1][l][j];
         }
-        add(qp, 1, row, r);
+        add(qp, ANT_MOVES, 1, row, r);
     }
 }
 
@@ -119,7 +122,7 @@ int ant_condense(ant_controller *c, const ant_task *task, const ant_real u_last[
     const ant_real *star = c->starred ? c->u_star : c->feed.u[0];
     const ant_real e_last[2] = {u_last[0] - star[0], u_last[1] - star[1]};
     if (!ant_predict(task->x, task->d, &qp->motion) || !c->feed.finite) return 0;
-    linearise(c, task);
+    linearise(qp, task->d);
     begin_with_rates(qp, &c->feed, e_last);
     for (int k = 0; k < ANT_HORIZON; k++) {
         add_outputs(qp, &c->feed, k);

@@ -40,9 +40,9 @@ int ant_condense(ant_controller *c, const ant_task *task, const ant_real u_last[
 
 /* least_squares.c: R (n, n) upper triangular by rows, |R z + v|^2/2 the cost of what was rotated in */
 static inline int ant_at(int n, int i) { return i * n - i * (i - 1) / 2 - i; } /* row i begins there, less i */
-void ant_rotate_in(int n, ant_real *R, ant_real *v, ant_real *row,
-                   ant_real r); /* adds |row z + r|^2/2; row is used up */
-ant_real ant_cost(int n, const ant_real *R, const ant_real *v, const ant_real *z); /* above that of z = 0 */
+/* Adds |row z + r|^2/2; neither row nor R, but for its diagonal, may have anything behind the `used` first columns. */
+void ant_rotate_in(int n, int used, ant_real *R, ant_real *v, ant_real *row, ant_real r); /* row is used up */
+ant_real ant_cost(int n, const ant_real *R, const ant_real *v, const ant_real *z);        /* above that of z = 0 */
 
 /* rows.c: limits, counted from 0 to ANT_LIMITS: the bounds of the decisions, and then the rows */
 typedef struct {

@@ -2,13 +2,13 @@
  * many digits as it has; the normal equations would leave half of them. */
 #include "control.h"
 
-void ant_rotate_in(int n, ant_real *R, ant_real *v, ant_real *row, ant_real r) {
-    for (int i = 0; i < n; i++) {
+void ant_rotate_in(int n, int used, ant_real *R, ant_real *v, ant_real *row, ant_real r) {
+    for (int i = 0; i < used; i++) {
         if (row[i] == 0) continue;
         ant_real *Ri = R + ant_at(n, i);
         const ant_real length = ANT_F(sqrt)(Ri[i] * Ri[i] + row[i] * row[i]), c = Ri[i] / length, s = row[i] / length;
         const ant_real vi = v[i];
-        for (int j = i; j < n; j++) {
+        for (int j = i; j < used; j++) {
             const ant_real above = Ri[j];
             Ri[j] = c * above + s * row[j];
             row[j] = c * row[j] - s * above;

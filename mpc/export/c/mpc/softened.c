@@ -28,7 +28,7 @@ static void charge(const ant_qp *qp, ant_softened *s, const ant_real z[ANT_DECIS
         ant_look look = ant_look_at(qp, ANT_DECISIONS + i, z); /* z has no slacks */
         const ant_real root = ANT_F(sqrt)(ant_charge(i));
         for (int j = 0; j < n; j++) look.row[j] *= root;
-        ant_rotate_in(n, s->R, s->v, look.row, -root * ant_clip(look.value, look.lower, look.upper));
+        ant_rotate_in(n, n, s->R, s->v, look.row, -root * ant_clip(look.value, look.lower, look.upper));
     }
 }
 
@@ -48,7 +48,7 @@ static void solve_face(ant_softened *s, const ant_real z[n], ant_real target[n])
             else
                 r += element * z[j];
         }
-        ant_rotate_in(free, s->face_R, s->face_v, row, r);
+        ant_rotate_in(free, free, s->face_R, s->face_v, row, r);
     }
     memcpy(target, z, n * sizeof target[0]);
     for (int j = n - 1, f = free - 1; j >= 0; j--) {
