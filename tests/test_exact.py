@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from allocator import Limit, Status, Table, allocate, inverse
@@ -219,6 +219,7 @@ def test_the_analytic_method_leaves_nan_where_no_inverse_exists():
 
 @pytest.mark.parametrize("priority", PRIORITIES)
 @given(share=shares, share_T=shares, share_K=shares)
+@example(share=1.0, share_T=0.75, share_K=0.75)
 def test_the_jacobian_is_the_slope_of_the_answer(joint, priority, share, share_T, share_K):
     x = np.array(target(joint, 0.02 + 0.96 * share, share_T, share_K, stretch=2))
 
@@ -229,6 +230,8 @@ def test_the_jacobian_is_the_slope_of_the_answer(joint, priority, share, share_T
     answer = allocate(*x, joint=joint, **options(priority))
     if answer.local:
         return
+    if answer.success and answer.active:
+        return  # met on a limit: the active set is about to change, and the slope is one-sided
     if isinstance(joint.geometry, Table) and np.abs(joint.geometry.theta - x[0]).min() < 1e-3:
         return  # a kink of the spline's stiffness
     steps = np.diag([1e-4, 1e-4, 1e-3])

@@ -5,7 +5,6 @@ import pkgutil
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -25,9 +24,9 @@ def test_importing_allocator_loads_numpy_and_nothing_heavy():
 
 def test_importing_allocator_takes_less_than_half_a_second():
     def seconds(code):
-        start = time.perf_counter()
-        subprocess.run([sys.executable, "-c", code], check=True)
-        return time.perf_counter() - start
+        """Of the processor: other work on the machine does not count."""
+        code = f"import time; {code}; print(time.process_time())"
+        return float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
 
     seconds("import allocator")  # writes the byte code
     assert min(seconds("import allocator") for _ in range(3)) - min(seconds("pass") for _ in range(3)) < 0.5
