@@ -1,6 +1,6 @@
 """The exported C against Python: time of a step and of an allocation, worst case, code and memory on a Cortex-M4F.
 
-    python -m benchmarks.speed.exported [--steps 1000] [--out benchmarks/results]
+    python -m benchmarks.speed.exported [--steps 1000] [--horizon 10 --horizon 20] [--out benchmarks/results]
 
 The test set is a closed loop on the benchmark's real plant with faults; before anything is timed C has to give Python's
 commands on it. Needs gcc; what needs arm-none-eabi-gcc and qemu-system-arm is left out without them, and the report
@@ -69,9 +69,9 @@ def loop(horizon: int, steps: int) -> tuple[TrackingMPC, KalmanObserver, Record]
     return controller, observer, record(process, controller, observer, reference)
 
 
-def measure(steps: int) -> Iterator[Row]:
+def measure(steps: int, horizons: Sequence[int]) -> Iterator[Row]:
     """A row for every horizon and precision."""
-    for horizon in _HORIZONS:
+    for horizon in horizons:
         controller, observer, done = loop(horizon, steps)
         for precision in _PRECISIONS:
             with TemporaryDirectory() as folder:
@@ -176,10 +176,11 @@ def _kib(size: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.speed.exported", description=__doc__)
     parser.add_argument("--steps", type=int, default=1000, help="samples of the closed loop")
+    parser.add_argument("--horizon", type=int, action="append", help="samples; may be repeated")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of exported.md and exported.csv")
     arguments = parser.parse_args()
     rows = []
-    for row in measure(arguments.steps):
+    for row in measure(arguments.steps, arguments.horizon or _HORIZONS):
         rows.append(row)
         print(row, flush=True)
     arguments.out.mkdir(parents=True, exist_ok=True)

@@ -5,15 +5,19 @@ For tests and benchmarks: whoever uses the exported files has a tool chain of hi
 
 import subprocess
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
+from zlib import crc32
 
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-I.", "-Isrc")
 SANITISED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")
-CORTEX_M4F = ("-Os", "-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-ffunction-sections")
+_M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
+CORTEX_M4F = ("-Os", "-ffunction-sections", "-fdata-sections", *_M4F)
 ARM_GCC, ARM_SIZE, QEMU = "arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm"
 
 Runner = Callable[..., str]
+Args: TypeAlias = tuple[str, ...]
 _BOARD = Path(__file__).parent / "c" / "mps2_an386"
 
 
@@ -24,10 +28,10 @@ class Size(NamedTuple):
     memory: int  # static
 
 
-def compiled(directory: Path, main: Path, program: str, *flags: str, compiler: str = "gcc") -> Path:
-    """`main` and all of the exported sources, compiled without a warning to `program` in `directory`."""
-    sources = sorted(path.relative_to(directory) for path in (directory / "src").glob("*.c"))
-    command = [compiler, *STRICT, *(flags or ("-O2",)), main, *sources, "-lm", "-o", program]
+def compiled(directory: Path, main: Path, program: str, *flags: str, compiler: str = "gcc", linked: Args = ()) -> Path:
+    """`main`, what is to be `linked`, and all of the exported sources, compiled without a warning to `program`."""
+    flags = flags or ("-O2",)
+    command = [compiler, *STRICT, *flags, main, *linked, *_objects(directory, flags, compiler), "-lm", "-o", program]
     _run([*map(str, command)], directory)
     return directory / program
 
@@ -35,7 +39,22 @@ def compiled(directory: Path, main: Path, program: str, *flags: str, compiler: s
 def compiled_for_cortex_m4f(directory: Path, main: Path, program: str) -> Path:
     """The same for QEMU's mps2-an386; it reads and writes files of this machine by semihosting."""
     board = str(_BOARD / "board.c"), "-T", str(_BOARD / "board.ld"), "--specs=rdimon.specs", "-Wl,--gc-sections"
-    return compiled(directory, main, program, *CORTEX_M4F, *board, compiler=ARM_GCC)
+    return compiled(directory, main, program, *CORTEX_M4F, compiler=ARM_GCC, linked=board)
+
+
+def _objects(directory: Path, flags: Args, compiler: str) -> list[Path]:
+    """The exported sources compiled with these flags, each once, on two processors."""
+    folder = directory / f"objects-{crc32(repr((compiler, flags)).encode()):08x}"
+    made = {source: folder / f"{source.stem}.o" for source in sorted((directory / "src").glob("*.c"))}
+    if not folder.exists():
+        folder.mkdir()
+
+        def compile_one(source: Path) -> None:
+            _run([compiler, *STRICT, *flags, "-c", str(source), "-o", str(made[source])], directory)
+
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(compile_one, sorted(made, key=lambda source: -source.stat().st_size)))
+    return [*made.values()]
 
 
 def run(program: Path, *arguments: str) -> str:
@@ -51,20 +70,15 @@ def run_on_cortex_m4f(program: Path, *arguments: str, options: tuple[str, ...] =
 
 
 def sizes(directory: Path) -> dict[str, Size]:
-    """Size of each of the exported sources on a Cortex-M4F, without what they take from the C library."""
-    found = {}
-    for source in sorted((directory / "src").glob("*.c")):
-        made = source.with_suffix(".o")
-        _run([ARM_GCC, *STRICT, *CORTEX_M4F, "-c", str(source), "-o", str(made)], directory)
-        found[source.name] = size_of(made)
-        made.unlink()
-    return found
+    """Size of the exported sources on a Cortex-M4F by name, without what they take from the C library."""
+    return {f"{made.stem}.c": size_of(made) for made in _objects(directory, CORTEX_M4F, ARM_GCC)}
 
 
 def linked_size(directory: Path) -> Size:
     """Size of a program that calls `ant_step` again and again, with all that it takes from newlib-nano."""
-    smallest = "-fdata-sections", "-Wl,--gc-sections", "--specs=nano.specs", "--specs=nosys.specs", "-Wl,--no-warnings"
-    return size_of(compiled(directory, _BOARD / "step.c", "step.elf", *CORTEX_M4F, *smallest, compiler=ARM_GCC))
+    smallest = "-Wl,--gc-sections", "--specs=nano.specs", "--specs=nosys.specs", "-Wl,--no-warnings"
+    made = compiled(directory, _BOARD / "step.c", "step.elf", *CORTEX_M4F, compiler=ARM_GCC, linked=smallest)
+    return size_of(made)
 
 
 def size_of(binary: Path) -> Size:
