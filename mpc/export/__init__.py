@@ -6,7 +6,7 @@
 Nothing is linked but math.h, nothing allocated, every loop bounded. The C files of this package (in `c/`) are exported
 as they are; tables of constants and the model, from CasADi's graph, are written beside them. The QP is solved by the
 core of DAQP: exact after finitely many iterations, and it says when it fails. OSQP's generated code would have served,
-but it stops at a tolerance, which in a loop of milliseconds costs either hundreds of iterations or digits of the command.
+but it stops at a tolerance, which in a loop of milliseconds costs hundreds of iterations or digits of the command.
 """
 
 from mpc.export.entry import export
