@@ -7,7 +7,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR
-from mpc import compensation, foresight, observer, softened
+from mpc import certified, compensation, foresight, observer, softened
 from mpc.controller import TrackingMPC
 from mpc.export import text
 from mpc.export.control_demonstration import numbers as demonstrated
@@ -103,6 +103,16 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
             "PATIENCE": (controller.patience * late, "for which the angle may be predicted [s]"),
             "HOLDING": (ladder.holding, "for which pressures are held on the last rung [s]"),
             "VENTING": (ladder.venting, "how fast they fall then [Pa/s]"),
+            "PRIMAL": (
+                certified.PRIMAL_TOLERANCE,
+                "by which an answer may break a limit [bar], [rad], [N]",
+            ),
+            "GAP": (certified.GAP_TOLERANCE, "to the least cost, of what the moves gain [-]"),
+            "LAZY": (
+                1e-5 if single else certified.LAZY_TOLERANCE,
+                "below which a row that was left out counts as kept",
+            ),
+            "ROUNDS": (softened._ROUNDS, "most rounds of the softened QP"),
             "HELD_LONG": (2**30, "samples, from which on they are not counted any more"),
             "INERTIA": (plant.inertia, "[kg*m^2]"),
             "DAMPING": (plant.damping, "[N*m*s/rad]"),

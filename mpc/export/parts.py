@@ -4,9 +4,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from allocator.allocation.assessment import CLOSED_FORM
 from allocator.joint import AntagonistJoint
 from mpc.export import ccode, text
-from mpc.export.joint import Law, sides_function
+from mpc.export.joint import Law, Numbers, sides_function
 
 Files = dict[str, str]  # path within the exported directory: content
 
@@ -23,9 +24,18 @@ def copied(directory: str, to: str) -> Iterator[tuple[str, str]]:
 def allocation_files(joint: AntagonistJoint, law: Law, single: bool) -> Files:
     """All that the allocation takes, without the demonstration."""
     files = dict(copied("allocate", "src/")) | dict(copied(law.directory, "src/"))
-    numbers = text.defines(law.numbers, single)
+    numbers = text.defines({**law.numbers, **_tolerances(single)}, single)
     files["src/joint.h"] = text.header("ANT_JOINT_H", "The joint's numbers, in SI units.", numbers)
     return files
+
+
+def _tolerances(single: bool) -> Numbers:
+    """What rounding leaves of "equal"."""
+    met, near = (4e-6, 1e-6) if single else CLOSED_FORM
+    return {
+        "MET": (met, "of the torque or stiffness scale: a target missed by less is met [-]"),
+        "NEAR": (near, "of the supply: a pressure this near to a bound lies on it [-]"),
+    }
 
 
 def law_functions(joint: AntagonistJoint, law: Law) -> list[tuple[Any, str]]:

@@ -6,14 +6,6 @@
 #include "law.h"
 #include "real.h"
 
-#ifdef ANT_SINGLE
-static const ant_real MET = 4e-6f;  /* of the torque or stiffness scale: a target missed by less is met */
-static const ant_real NEAR = 1e-6f; /* of the supply range: a pressure this near to a bound lies on it */
-#else
-static const ant_real MET = 1e-9;
-static const ant_real NEAR = 1e-9;
-#endif
-
 /* Limit flags of a muscle. */
 typedef struct {
     int lower, slack, force, rate;
@@ -69,14 +61,14 @@ static ant_box box_at(const ant_law *law, const ant_target *t) {
 
 /* The flags of the ends that P lies on. */
 static int binding(ant_real P, const ant_interval *i) {
-    const ant_real near = NEAR * (ANT_SUPPLY_HI - ANT_SUPPLY_LO);
+    const ant_real near = ANT_NEAR * (ANT_SUPPLY_HI - ANT_SUPPLY_LO);
     return (P <= i->lo + near ? i->lo_limit : 0) | (P >= i->hi - near ? i->hi_limit : 0);
 }
 
 /* Whether a muscle pulls less than it has to. */
 static int slack(const ant_law *law, const ant_target *t, ant_pair P, ant_real T_scale) {
     const ant_real arm1 = ant_law_arm(law, 0), arm2 = ant_law_arm(law, 1);
-    const ant_real least = t->min_force - MET * T_scale / (arm1 < arm2 ? arm1 : arm2);
+    const ant_real least = t->min_force - ANT_MET * T_scale / (arm1 < arm2 ? arm1 : arm2);
     return ant_law_force(law, 0, P.P1) < least || ant_law_force(law, 1, P.P2) < least;
 }
 
@@ -96,7 +88,7 @@ static ant_status verdict(const ant_law *law, const ant_target *t, const ant_box
     const ant_pair P = {a->P1, a->P2};
     ant_real T_scale, K_scale;
     scales(law, t, box, &T_scale, &K_scale);
-    const int T_missed = ant_abs(a->T - t->T) > MET * T_scale, K_missed = ant_abs(a->K - t->K) > MET * K_scale;
+    const int T_missed = ant_abs(a->T - t->T) > ANT_MET * T_scale, K_missed = ant_abs(a->K - t->K) > ANT_MET * K_scale;
     if (outside) return ANT_OUTSIDE_JOINT_RANGE;
     if (slack(law, t, P, T_scale)) return ANT_SLACK;
     if (box->one.empty || box->two.empty) return ANT_CONFLICT;

@@ -10,9 +10,6 @@
 
 #include "control.h"
 
-static const ant_real PRIMAL =
-    ANT_R(1e-4);                         /* [bar], [rad], [N] by which limits may be broken; what is sent is clipped */
-static const ant_real GAP = ANT_R(1e-3); /* of the cost that the moves gain */
 static const ant_real LAST_DIGITS = 8 * (sizeof(ant_real) == sizeof(float) ? FLT_EPSILON : DBL_EPSILON);
 
 typedef struct {
@@ -57,5 +54,5 @@ int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_r
     }
     a.gap += stationarity(qp, z, a.pushes);
     const ant_real gain = ant_abs(ant_cost(ANT_MOVES, qp->R, qp->v, z));
-    return a.violation <= PRIMAL && ant_abs(a.gap) <= GAP * (gain > 1 ? gain : 1) + a.rounding;
+    return a.violation <= ANT_PRIMAL && ant_abs(a.gap) <= ANT_GAP * (gain > 1 ? gain : 1) + a.rounding;
 }

@@ -11,11 +11,6 @@
 #include "control.h"
 #include "daqp_core.h"
 
-#ifdef ANT_SINGLE
-static const ant_real LAZY = 1e-5f; /* [bar], [rad], [N] below which a row that was left out counts as kept */
-#else
-static const ant_real LAZY = 1e-6;
-#endif
 static const ant_real FAR = ANT_R(1e30); /* DAQP's infinity */
 enum { REFINEMENTS = 3 };
 
@@ -154,7 +149,7 @@ static void point(const ant_qp *qp, DAQPWorkspace *work, ant_real *multipliers, 
 static int widen(const ant_qp *qp, ant_solver *s, const ant_real z[ANT_DECISIONS]) {
     int any = 0;
     for (int i = 0; i < ANT_ROWS; i++)
-        if (s->sense[ANT_DECISIONS + i] == DAQP_IMMUTABLE && ant_breach(qp, i, z) > LAZY) {
+        if (s->sense[ANT_DECISIONS + i] == DAQP_IMMUTABLE && ant_breach(qp, i, z) > ANT_LAZY) {
             let_in(qp, s, i);
             any = 1;
         }

@@ -8,7 +8,7 @@
 
 #include "control.h"
 
-enum { n = ANT_MOVES, ROUNDS = 10, CHANGES = 4 * ANT_MOVES };
+enum { n = ANT_MOVES, CHANGES = 4 * ANT_MOVES };
 
 static ant_real cost(const ant_qp *qp, const ant_real z[ANT_DECISIONS]) {
     ant_real sum = ant_cost(n, qp->R, qp->v, z);
@@ -118,7 +118,7 @@ int ant_soften(ant_controller *c, ant_real best[ANT_DECISIONS]) {
     ant_real z[ANT_DECISIONS] = {0}, least = cost(&c->qp, z);
     int found = 0;
     memset(s->charged, 0, sizeof s->charged);
-    for (int round = 0; round < ROUNDS; round++) {
+    for (int round = 0; round < ANT_ROUNDS; round++) {
         charge(&c->qp, s, z);
         minimise(&c->qp, s, z);
         const ant_real price = cost(&c->qp, z);
