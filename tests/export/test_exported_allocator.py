@@ -6,7 +6,9 @@ import subprocess
 import numpy as np
 import pytest
 
-from allocator import AntagonistJoint, Lever, allocate, report_joint
+from allocator import AntagonistJoint, Lever, report_joint
+from allocator.allocation import Problem, exact
+from allocator.allocation.assessment import assess
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc.export import toolchain as tools
@@ -42,6 +44,17 @@ needs_arm_gcc = needs(tools.ARM_GCC)
 needs_qemu = needs("gcc", tools.ARM_GCC, tools.QEMU)
 
 
+def readable(problem):
+    """What the readable implementation, without compiled kernels, answers (n, 6)."""
+    left, right = problem.joint.angle_range
+    below, above = (int(problem.joint.angle_limit(upper)) for upper in (False, True))
+    outside = np.where(problem.theta < left, below, np.where(problem.theta > right, above, 0)).astype(np.int32)
+    problem = problem.at(np.clip(problem.theta, left, right))
+    P1, P2 = exact.solve(problem)
+    found = assess(problem, P1, P2, outside)
+    return np.stack([P1, P2, found.T, found.K, found.status, found.limits], axis=1)
+
+
 def rows_and_answers(joint, n, seed, dtype=float):
     """Targets (24 n, 9) as the vector program reads them, and Python's answers (24 n, 6)."""
     rng = np.random.default_rng(seed)
@@ -57,14 +70,12 @@ def rows_and_answers(joint, n, seed, dtype=float):
         )
         K[-3:], T[-3:] = (1e-3, 50.0, 1e4), (1e6, -1e6, 0.0)  # absurd, but not senseless
         theta, K, T, P, step = (a.astype(dtype).astype(float) for a in (theta, K, T, P, step))
-        limits = {"priority": priority, "min_force": least, "max_force": greatest}
-        limits |= {"previous": (P[0], P[1]), "max_step": step} if slew else {}
-        a = allocate(theta, K, T, joint=joint, **limits)
+        now = {"P1_now": P[0], "P2_now": P[1], "max_step": step} if slew else {}
+        answers.append(readable(Problem(joint, theta, K, T, priority, min_force=least, max_force=greatest, **now)))
         low, high = -np.inf if least is None else least, np.inf if greatest is None else greatest
         step = step if slew else np.full(n, np.inf)
         columns = theta, K, T, low + 0 * K, high + 0 * K, P[0], P[1], step, (priority == "stiffness") + 0 * K
         rows.append(np.stack(columns, axis=1))
-        answers.append(np.stack([a.P1, a.P2, a.T, a.K, a.status, a.limits], axis=1))
     return np.concatenate(rows), np.concatenate(answers)
 
 
