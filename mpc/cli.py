@@ -9,6 +9,7 @@ import typer
 
 from allocator.cli import JOINT, MUSCLE, REPORT_MUSCLE, app, chosen_joint, run
 from allocator.errors import InvalidInput, MissingBackend
+from mpc.export.cli import export_command
 from mpc.trajectories import TRAJECTORIES, usual_stiffness
 
 if TYPE_CHECKING:
@@ -185,6 +186,9 @@ def _summary(m: "Metrics") -> "Table":
         if steps:
             table.add_row(f"steps answered by {rung}", "", str(steps))
     return table
+
+
+app.command("export")(export_command)
 
 
 def main() -> None:

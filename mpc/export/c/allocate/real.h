@@ -1,0 +1,29 @@
+/* Numbers of either precision: functions of math.h for ant_real, and what rounding leaves of "equal". */
+#ifndef ANT_REAL_H
+#define ANT_REAL_H
+
+#include <math.h>
+
+#include "antagonist.h"
+
+#ifdef ANT_SINGLE
+#define ANT_R(number) number##f     /* a constant */
+#define ANT_F(function) function##f /* a function of math.h */
+#else
+#define ANT_R(number) number
+#define ANT_F(function) function
+#endif
+
+#define ANT_INFINITY ((ant_real)INFINITY)
+#define ANT_NAN ((ant_real)NAN)
+#define ANT_PI ANT_R(3.14159265358979323846)
+
+/* x within [lo, hi]; NaN becomes lo, and hi where the two are in the wrong order */
+static inline ant_real ant_clip(ant_real x, ant_real lo, ant_real hi) {
+    const ant_real raised = x > lo ? x : lo;
+    return raised < hi ? raised : hi;
+}
+
+static inline ant_real ant_abs(ant_real x) { return x < 0 ? -x : x; }
+
+#endif /* ANT_REAL_H */

@@ -1,0 +1,115 @@
+/* What the controller remembers and works with, of fixed size; included by antagonist.h, written by the controller. */
+#ifndef ANTAGONIST_CONTROLLER_H
+#define ANTAGONIST_CONTROLLER_H
+
+enum {
+    ANT_MOVES = 2 * ANT_BLOCKS,    /* changes of the commands that the QP decides */
+    ANT_DECISIONS = ANT_MOVES + 2, /* and the slacks of joint range and muscle forces */
+    ANT_ROWS = 6 * ANT_HORIZON,    /* limits on commands, angle and forces */
+    ANT_LIMITS = ANT_DECISIONS + ANT_ROWS
+};
+#define ANT_TRIANGLE(n) ((n) * ((n) + 1) / 2) /* elements of a triangular matrix */
+
+/* Friction by Dahl's model, as the angle tells it. */
+typedef struct {
+    ant_real z;     /* [-] */
+    ant_real theta; /* up to which the joint's motion is in z [rad] */
+    int known;
+} ant_friction;
+
+/* What is thought of theta [rad], its rate [rad/s], P1, P2 [Pa] and the torque from outside d [N*m]. */
+typedef struct {
+    ant_real xi[5];
+    ant_real covariance[5][5];
+} ant_belief;
+
+/* The extended Kalman filter; sensors are theta, P1, P2. */
+typedef struct {
+    ant_belief belief;
+    ant_belief without[3]; /* what would be thought without a sensor that repeats itself */
+    int repeats[3];        /* whether there is one */
+    int frozen[3];
+    ant_real read[3];      /* a sample ago */
+    ant_real silent[3];    /* for how long [s] */
+    ant_real repeating[3]; /* for how long [s] */
+    ant_friction friction;
+    ant_real commands[ANT_DELAY + 1][2]; /* under way, oldest first [Pa] */
+    int begun;
+} ant_observer;
+
+/* A motion of the joint under commands. */
+typedef struct {
+    ant_real u[ANT_HORIZON][2]; /* [Pa] */
+    ant_real x[ANT_HORIZON + 1][4];
+    ant_real K[ANT_HORIZON + 1];    /* [N*m/rad] */
+    ant_real F[ANT_HORIZON + 1][2]; /* [N] */
+} ant_motion;
+
+/* A preview and what it asks of the pressures. */
+typedef struct {
+    ant_real theta[ANT_HORIZON + 1]; /* within the joint range [rad] */
+    ant_real omega[ANT_HORIZON + 1]; /* [rad/s] */
+    ant_real K[ANT_HORIZON + 1];     /* the reachable stiffness nearest to the asked one [N*m/rad] */
+    ant_real P[ANT_HORIZON + 1][2];  /* [Pa] */
+    ant_real u[ANT_HORIZON][2];      /* commands, unlimited [Pa] */
+    ant_real moved[3];
+    int finite;
+} ant_feed;
+
+/* minimise |R z + v|^2/2 over the moves and the price of the slacks, within bounds and rows; see src/qp.c. Moves count
+ * in bar, slacks in rad and N. */
+typedef struct {
+    ant_real R[ANT_TRIANGLE(ANT_MOVES)]; /* upper triangle by rows */
+    ant_real v[ANT_MOVES];
+    ant_real lower[ANT_MOVES], upper[ANT_MOVES];
+    ant_real G[ANT_HORIZON][4][ANT_MOVES];  /* dx/dz at samples 1 to N */
+    ant_real GF[ANT_HORIZON][2][ANT_MOVES]; /* dF/dz */
+    ant_motion motion;                      /* of z = 0 */
+} ant_qp;
+
+/* Workspace of DAQP. */
+typedef struct {
+    ant_real Rinv[ANT_TRIANGLE(ANT_DECISIONS)], v[ANT_DECISIONS], M[ANT_ROWS][ANT_DECISIONS];
+    ant_real dupper[ANT_LIMITS], dlower[ANT_LIMITS], scaling[ANT_LIMITS];
+    ant_real lam[ANT_DECISIONS + 1], lam_star[ANT_DECISIONS + 1], D[ANT_DECISIONS + 1];
+    ant_real xldl[ANT_DECISIONS + 1], zldl[ANT_DECISIONS + 1], L[ANT_TRIANGLE(ANT_DECISIONS + 1)];
+    ant_real u[ANT_DECISIONS], x[ANT_DECISIONS];
+    int sense[ANT_LIMITS], WS[ANT_DECISIONS + 1];
+} ant_solver;
+
+/* Workspace of the softened problem. */
+typedef struct {
+    ant_real R[ANT_TRIANGLE(ANT_MOVES)], v[ANT_MOVES]; /* with the rows that are charged */
+    ant_real face_R[ANT_TRIANGLE(ANT_MOVES)], face_v[ANT_MOVES];
+    unsigned char charged[ANT_ROWS], was[ANT_ROWS];
+    signed char side[ANT_MOVES]; /* -1, 1: held at its lower, upper bound */
+} ant_softened;
+
+typedef struct {
+    int iteration_limit; /* of the QP solver, may be set; ant_reset sets ANT_QP_ITERATIONS */
+
+    ant_observer observer;
+    ant_friction friction;
+    ant_real waiting[ANT_DELAY + 1][2]; /* commands as they will be heard, oldest first [Pa] */
+    ant_real sent[2];                   /* [Pa] */
+    ant_real expected[4];               /* the state predicted for the next sample */
+    ant_real u_star[2];                 /* feed-forward of the last sample [Pa] */
+    ant_motion last;                    /* the last plan, its commands as they are to be heard */
+    int begun;                          /* there is a last plan */
+    int foreseen;                       /* there is an expected state */
+    int starred;                        /* there is a u_star */
+    int blind;                          /* samples since the angle was measured */
+    int left;                           /* samples to the end of the last plan that was optimised */
+    int held;                           /* samples spent on the last rung */
+
+    ant_feed feed;
+    ant_motion motion;         /* of the commands that are tried */
+    ant_real d[ANT_AHEAD + 1]; /* torque from outside and of friction [N*m] */
+    ant_qp qp;
+    union {
+        ant_solver solver;
+        ant_softened softened;
+    } work;
+} ant_controller;
+
+#endif /* ANTAGONIST_CONTROLLER_H */

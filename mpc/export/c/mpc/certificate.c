@@ -1,0 +1,58 @@
+/* A solver's word is not taken. Multipliers (positive at an upper, negative at a lower limit) prove how good a z is:
+ * with the gradient of the Lagrangian r = H z + f + multipliers_z + A^T multipliers_A its cost exceeds the least by at
+ * most
+ *
+ *     gap = r^T H^-1 r/2 + sum of multiplier_i (limit_i - value_i),      H = R^T R.
+ *
+ * A limit that is missed in its last digits alone is not counted against z: the slacks' prices would make much of
+ * it. */
+#include <float.h>
+
+#include "control.h"
+
+static const ant_real LAST_DIGITS = 8 * (sizeof(ant_real) == sizeof(float) ? FLT_EPSILON : DBL_EPSILON);
+
+typedef struct {
+    ant_real pushes[ANT_DECISIONS]; /* multipliers_z + A^T multipliers_A */
+    ant_real gap;
+    ant_real rounding; /* what last digits can make of the gap */
+    ant_real violation;
+} account;
+
+static void add(account *a, const ant_look *look, ant_real push) {
+    if (!(look->lower - look->value <= a->violation)) a->violation = look->lower - look->value;
+    if (!(look->value - look->upper <= a->violation)) a->violation = look->value - look->upper;
+    const ant_real limit = push > 0 ? look->upper : look->lower;
+    if (push == 0 || !isfinite(limit)) return; /* there is nothing to push against at infinity */
+    a->gap += push * (limit - look->value);
+    a->rounding += LAST_DIGITS * ant_abs(push) * (ant_abs(limit) + look->size);
+    for (int j = 0; j < ANT_DECISIONS; j++) a->pushes[j] += push * look->row[j];
+}
+
+/* |R^-T r|^2/2 = |R z + v + R^-T pushes|^2/2, slacks included. */
+static ant_real stationarity(const ant_qp *qp, const ant_real *z, ant_real *pushes) {
+    ant_real square = 0;
+    for (int i = 0; i < ANT_MOVES; i++) { /* forward substitution in place */
+        const ant_real *Ri = qp->R + ant_at(ANT_MOVES, i);
+        ant_real residual = qp->v[i];
+        pushes[i] /= Ri[i];
+        for (int j = i + 1; j < ANT_MOVES; j++) pushes[j] -= Ri[j] * pushes[i];
+        for (int j = i; j < ANT_MOVES; j++) residual += Ri[j] * z[j];
+        square += (residual + pushes[i]) * (residual + pushes[i]);
+    }
+    const ant_real s = ANT_ROOT_SLACK * z[ANT_MOVES] + (ANT_SLACK + pushes[ANT_MOVES]) / ANT_ROOT_SLACK;
+    const ant_real s_F =
+        ANT_ROOT_SLACK_FORCE * z[ANT_MOVES + 1] + (ANT_SLACK_FORCE + pushes[ANT_MOVES + 1]) / ANT_ROOT_SLACK_FORCE;
+    return (square + s * s + s_F * s_F) / 2;
+}
+
+int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_real multipliers[ANT_LIMITS]) {
+    account a = {0};
+    for (int limit = 0; limit < ANT_LIMITS; limit++) {
+        const ant_look look = ant_look_at(qp, limit, z);
+        add(&a, &look, multipliers[limit]);
+    }
+    a.gap += stationarity(qp, z, a.pushes);
+    const ant_real gain = ant_abs(ant_cost(ANT_MOVES, qp->R, qp->v, z));
+    return a.violation <= ANT_PRIMAL && ant_abs(a.gap) <= ANT_GAP * (gain > 1 ? gain : 1) + a.rounding;
+}

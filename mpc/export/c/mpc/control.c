@@ -1,0 +1,161 @@
+/* A step: look ahead, feed forward, optimise, go down the ladder as far as needed, speak. */
+#include <string.h>
+
+#include "control.h"
+
+typedef struct {
+    ant_plan_status status;
+    int found; /* whether u of `rung` was */
+    ant_rung rung;
+    int iterations;
+} outcome;
+
+/* u + E z, within the limits. */
+static void move(ant_real u[ANT_HORIZON][2], const ant_qp *qp, const ant_real z[ANT_DECISIONS],
+                 const ant_real u_last[2]) {
+    for (int k = 0; k < ANT_HORIZON; k++)
+        for (int i = 0; i < 2; i++) {
+            ant_real row[ANT_DECISIONS], sum = 0;
+            ant_row(qp, 2 * k + i, row);
+            for (int j = 0; j < ANT_MOVES; j++) sum += row[j] * z[j];
+            u[k][i] += ANT_BAR * sum;
+        }
+    ant_limit(u_last, u);
+}
+
+/* The commands after ANT_ITERATIONS QPs, or up to one that failed; the softened QP's if it was the first. */
+static outcome optimise(ant_controller *c, const ant_task *task, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
+    outcome o = {ANT_PLAN_OPTIMAL, 0, ANT_RUNG_QP, 0};
+    ant_real z[ANT_DECISIONS] = {0};
+    ant_onward(c, u_last, u);
+    for (int round = 0; round < ANT_ITERATIONS; round++) {
+        int iterations = 0;
+        memcpy(c->qp.motion.u, u, sizeof c->qp.motion.u);
+        const int finite = ant_condense(c, task, u_last);
+        const ant_plan_status status = finite ? ant_solve(c, z, &iterations) : ANT_PLAN_NOT_FINITE;
+        o.iterations += iterations;
+        if (status != ANT_PLAN_OPTIMAL) {
+            if (o.found) break;
+            o.status = status;
+            o.rung = ANT_RUNG_SOFTENED;
+            o.found = finite && ant_soften(c, z);
+            if (o.found) move(u, &c->qp, z, u_last);
+            break;
+        }
+        move(u, &c->qp, z, u_last);
+        o.found = 1;
+    }
+    return o;
+}
+
+/* Commands of this rung into c->motion, and what they do; whether it bears. */
+static int stand_on(ant_controller *c, ant_rung rung, const ant_task *task, const outcome *o, const ant_real u_last[2],
+                    ant_real best[ANT_HORIZON][2]) {
+    ant_motion *m = &c->motion;
+    if (rung == ANT_RUNG_HOLD)
+        ant_hold(c, u_last, m->u);
+    else if (o->status == ANT_PLAN_BLIND)
+        return 0;
+    else if (rung == ANT_RUNG_PREVIOUS) {
+        if (c->left <= 1) return 0;
+        ant_onward(c, u_last, m->u);
+    } else if (rung == ANT_RUNG_ALLOCATION) {
+        if (!c->feed.finite) return 0;
+        memcpy(m->u, c->feed.u, sizeof m->u);
+        ant_limit(u_last, m->u);
+    } else {
+        if (!o->found || o->rung != rung) return 0;
+        memcpy(m->u, best, sizeof m->u);
+    }
+    return ant_predict(task->x, task->d, m);
+}
+
+/* No motion at all, as everything was at the second sample of the last plan. */
+static void stand_still(ant_controller *c) {
+    for (int k = 0; k <= ANT_HORIZON; k++) {
+        memcpy(c->motion.x[k], c->last.x[1], sizeof c->motion.x[k]);
+        memcpy(c->motion.F[k], c->last.F[1], sizeof c->motion.F[k]);
+        c->motion.K[k] = c->last.K[1];
+    }
+}
+
+static ant_rung descend(ant_controller *c, const ant_task *task, const outcome *o, const ant_real u_last[2],
+                        ant_real best[ANT_HORIZON][2]) {
+    for (int rung = ANT_RUNG_QP; rung <= ANT_RUNG_HOLD; rung++)
+        if (stand_on(c, (ant_rung)rung, task, o, u_last, best)) return (ant_rung)rung;
+    if (c->begun) stand_still(c);
+    return ANT_RUNG_HOLD;
+}
+
+static void tell(ant_controller *c, ant_plan *plan) {
+    memcpy(plan->x, c->last.x, sizeof plan->x);
+    memcpy(plan->K, c->last.K, sizeof plan->K);
+    plan->slack = ant_excursion(&c->last);
+    plan->slack_force = ant_slackening(&c->last);
+    memcpy(plan->moved, c->feed.moved, sizeof plan->moved);
+}
+
+static ant_plan_status status_of(const outcome *o, ant_rung rung, int measured) {
+    if (o->status != ANT_PLAN_OPTIMAL) return o->status;
+    if (rung != ANT_RUNG_QP) return ANT_PLAN_NOT_FINITE; /* what the QP's commands would do */
+    return measured ? ANT_PLAN_OPTIMAL : ANT_PLAN_NO_MEASUREMENT;
+}
+
+/* What was commanded a sample ago stays, if anything was; it is let out if this lasts. */
+static void refuse(ant_controller *c, const ant_real x[4], ant_plan *plan) {
+    memset(plan, 0, sizeof *plan);
+    for (int i = 0; i < 2; i++) {
+        const ant_real P = isfinite(x[2 + i]) ? x[2 + i] : ANT_SUPPLY_LO;
+        if (!c->begun) c->motion.u[0][i] = ant_clip(P, ANT_SUPPLY_LO, ANT_SUPPLY_HI);
+    }
+    if (c->begun) {
+        ant_hold(c, c->last.u[0], c->motion.u);
+        stand_still(c);
+        ant_stand(c, ANT_RUNG_HOLD);
+        tell(c, plan);
+        ant_speak(c, plan);
+    } else {
+        for (int k = 0; k < ANT_HORIZON; k++) memcpy(plan->u[k], c->motion.u[0], sizeof plan->u[k]);
+    }
+    plan->status = ANT_PLAN_BAD_INPUT;
+    plan->rung = ANT_RUNG_HOLD;
+}
+
+void ant_control(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *reference, ant_plan *plan) {
+    ant_task task;
+    if (!ant_foresee(c, x, d, reference, &task)) {
+        refuse(c, x, plan);
+        return;
+    }
+    const ant_real u_last[2] = {c->begun ? c->last.u[0][0] : task.x[2], c->begun ? c->last.u[0][1] : task.x[3]};
+    ant_feed_forward(&task, &c->feed);
+    ant_real best[ANT_HORIZON][2];
+    const outcome lost = {ANT_PLAN_BLIND, 0, ANT_RUNG_QP, 0};
+    const outcome o = task.lost ? lost : optimise(c, &task, u_last, best);
+    plan->rung = descend(c, &task, &o, u_last, best);
+    ant_stand(c, plan->rung);
+    if (c->feed.finite) {
+        memcpy(c->u_star, c->feed.u[0], sizeof c->u_star);
+        c->starred = 1;
+    }
+    plan->status = status_of(&o, plan->rung, task.measured);
+    plan->iterations = o.iterations;
+    tell(c, plan);
+    ant_speak(c, plan);
+}
+
+void ant_step(ant_controller *c, const ant_reading *reading, const ant_reference *reference, ant_plan *plan) {
+    const ant_real now[2] = {reading->P1, reading->P2};
+    ant_real x[4] = {reading->theta, 0, reading->P1, reading->P2}, d = 0;
+    if (ant_estimate(&c->observer, reading, c->begun ? c->sent : now, x, &d)) {
+        ant_control(c, x, d, reference, plan);
+    } else {
+        x[0] = ANT_NAN;
+        refuse(c, x, plan);
+    }
+}
+
+void ant_reset(ant_controller *c) {
+    memset(c, 0, sizeof *c);
+    c->iteration_limit = ANT_QP_ITERATIONS;
+}

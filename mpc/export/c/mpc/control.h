@@ -1,0 +1,71 @@
+/* The pieces of a step, each in the file of its name. */
+#ifndef ANT_CONTROL_H
+#define ANT_CONTROL_H
+
+#include "antagonist.h"
+#include "real.h"
+#include "settings.h"
+
+/* friction.c */
+ant_real ant_friction_follow(ant_friction *f, ant_real theta); /* z at theta */
+ant_real ant_friction_after(ant_real z, ant_real motion);      /* z after turning by motion [rad] */
+ant_real ant_friction_limit(const ant_real x[4]);              /* greatest friction torque [N*m] */
+ant_real ant_heard(ant_real u, ant_real P);                    /* command less the dead band [Pa] */
+ant_real ant_spoken(ant_real v, ant_real P);                   /* its inverse, smooth [Pa] */
+
+/* limits.c */
+void ant_limit(const ant_real before[2], ant_real u[ANT_HORIZON][2]); /* slew and supply, in place */
+ant_real ant_excursion(const ant_motion *m);                          /* from the joint range [rad] */
+ant_real ant_slackening(const ant_motion *m);                         /* below the least force [N] */
+
+/* predict.c */
+int ant_finite(const ant_real *numbers, int n);
+int ant_predict(const ant_real x0[4], const ant_real *d, ant_motion *m); /* under m->u; whether all is finite */
+
+/* foresight.c: when a command is heard, and against what friction */
+typedef struct {
+    ant_real x[4];                 /* the state then */
+    const ant_real *theta, *K, *d; /* ANT_HORIZON + 1 samples from then on */
+    int measured;                  /* whether all of the state was */
+    int lost;                      /* whether the angle has not been for too long */
+} ant_task;
+int ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task);
+void ant_speak(ant_controller *c, ant_plan *plan);
+
+/* feedforward.c */
+void ant_feed_forward(const ant_task *task, ant_feed *feed);
+
+/* condense.c */
+int ant_condense(ant_controller *c, const ant_task *task, const ant_real u_last[2]); /* whether all is finite */
+
+/* least_squares.c: R (n, n) upper triangular by rows, |R z + v|^2/2 the cost of what was rotated in */
+static inline int ant_at(int n, int i) { return i * n - i * (i - 1) / 2 - i; } /* row i begins there, less i */
+/* Adds |row z + r|^2/2; neither row nor R, but for its diagonal, may have anything behind the `used` first columns. */
+void ant_rotate_in(int n, int used, ant_real *R, ant_real *v, ant_real *row, ant_real r); /* row is used up */
+ant_real ant_cost(int n, const ant_real *R, const ant_real *v, const ant_real *z);        /* above that of z = 0 */
+
+/* rows.c: limits, counted from 0 to ANT_LIMITS: the bounds of the decisions, and then the rows */
+typedef struct {
+    ant_real row[ANT_DECISIONS];
+    ant_real lower, upper;
+    ant_real value; /* row z */
+    ant_real size;  /* of what the value is summed from */
+} ant_look;
+ant_look ant_look_at(const ant_qp *qp, int limit, const ant_real z[ANT_DECISIONS]);
+void ant_row(const ant_qp *qp, int i, ant_real row[ANT_DECISIONS]);
+ant_real ant_breach(const ant_qp *qp, int i, const ant_real z[ANT_DECISIONS]); /* of row i; negative inside */
+ant_real ant_charge(int i); /* for the square of a breach when softened [cost] */
+
+/* qp.c, certificate.c */
+ant_plan_status ant_solve(ant_controller *c, ant_real z[ANT_DECISIONS], int *iterations);
+int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_real multipliers[ANT_LIMITS]);
+
+/* softened.c */
+int ant_soften(ant_controller *c, ant_real z[ANT_DECISIONS]); /* whether something better than z = 0 was found */
+
+/* ladder.c */
+void ant_onward(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]);
+void ant_hold(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]);
+void ant_stand(ant_controller *c, ant_rung rung);
+
+#endif /* ANT_CONTROL_H */

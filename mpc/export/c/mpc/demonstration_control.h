@@ -1,0 +1,54 @@
+/* The exported controller with its own model as the joint: what main.c shows of control. */
+#ifndef ANT_DEMONSTRATION_CONTROL_H
+#define ANT_DEMONSTRATION_CONTROL_H
+
+#include <stdio.h>
+#include <string.h>
+
+#include "control.h"
+#include "model.h"
+
+enum { ANT_SAMPLES = 100, ANT_SHOWN = 10 };
+
+/* Half a turn of a cosine from the middle of the joint range and back, at constant stiffness. */
+static void refer(ant_reference *r, int sample) {
+    for (int k = 0; k <= ANT_AHEAD; k++) {
+        const int at = sample + k < ANT_SAMPLES ? sample + k : ANT_SAMPLES;
+        const ant_real swing = (1 - ANT_F(cos)(2 * ANT_PI * (ant_real)at / ANT_SAMPLES)) / 2;
+        r->theta[k] = ANT_DEMO_MIDDLE + ANT_DEMO_SWING * swing;
+        r->K[k] = ANT_DEMO_K;
+    }
+}
+
+/* A sample of the joint under commands that are heard after the dead time. */
+static void turn(ant_real x[4], ant_real waiting[ANT_DELAY + 1][2], const ant_real u[2]) {
+    ant_real later[4], heard[2];
+    const ant_real none = 0;
+    memcpy(waiting[ANT_DELAY], u, sizeof waiting[0]);
+    for (int i = 0; i < 2; i++) heard[i] = ant_heard(waiting[0][i], x[2 + i]);
+    ant_model_stage(x, heard, &none, later);
+    for (int k = 0; k < ANT_DELAY; k++) memcpy(waiting[k], waiting[k + 1], sizeof waiting[k]);
+    memcpy(x, later, sizeof later);
+}
+
+static int demonstrate_control(void) {
+    static ant_controller controller;
+    static ant_reference reference;
+    static ant_plan plan;
+    ant_real x[4] = {ANT_DEMO_MIDDLE, 0, ANT_DEMO_P1, ANT_DEMO_P2}, waiting[ANT_DELAY + 1][2];
+    for (int k = 0; k <= ANT_DELAY; k++) memcpy(waiting[k], &x[2], sizeof waiting[k]);
+    ant_reset(&controller);
+    for (int sample = 0; sample < ANT_SAMPLES; sample++) {
+        const ant_reading reading = {x[0], x[2], x[3]};
+        refer(&reference, sample);
+        ant_step(&controller, &reading, &reference, &plan);
+        if (sample % ANT_SHOWN == 0)
+            printf("sample %3d, theta %7.4f rad of %7.4f: u1 %8.1f Pa, u2 %8.1f Pa, status %d, rung %d\n", sample,
+                   (double)x[0], (double)reference.theta[0], (double)plan.u[0][0], (double)plan.u[0][1],
+                   (int)plan.status, (int)plan.rung);
+        turn(x, waiting, plan.u[0]);
+    }
+    return 0;
+}
+
+#endif /* ANT_DEMONSTRATION_CONTROL_H */

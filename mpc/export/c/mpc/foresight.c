@@ -1,0 +1,79 @@
+/* A command given now is heard after the dead time. Until then the joint follows the commands under way; their motion
+ * gives the state in which the new command begins to act. The torque on the way and beyond contains the friction of the
+ * intended motion. What is to be heard is spoken so that it passes the dead band, within what can be sent. */
+#include <string.h>
+
+#include "control.h"
+#include "model.h"
+
+static int sensible(const ant_reference *r, ant_real d) {
+    for (int k = 0; k <= ANT_AHEAD; k++)
+        if (!(ant_abs(r->theta[k]) <= 2 * ANT_PI) || !isfinite(r->K[k]) || !(r->K[k] > 0)) return 0;
+    return isfinite(d);
+}
+
+static void expect(ant_controller *c, const ant_real x[4]) {
+    if (!ant_finite(x, 4)) return;
+    memcpy(c->expected, x, sizeof c->expected);
+    c->foreseen = 1;
+}
+
+/* The state to start from: what is missing is what was expected. */
+static int state(ant_controller *c, const ant_real measured[4], ant_task *task) {
+    task->measured = ant_finite(measured, 4);
+    c->blind = isfinite(measured[0]) ? 0 : c->blind + 1;
+    if (!task->measured && !c->foreseen) return 0;
+    for (int i = 0; i < 4; i++) task->x[i] = isfinite(measured[i]) ? measured[i] : c->expected[i];
+    return 1;
+}
+
+/* Torque from outside less the friction of a joint that moves on from x as the preview does. */
+static void torques(ant_controller *c, const ant_real x[4], ant_real d, const ant_real *theta) {
+    ant_real z = ant_friction_follow(&c->friction, x[0]), before = theta[0] + ANT_CORRECTED * (x[0] - theta[0]);
+    const ant_real most = ant_friction_limit(x), limit = isfinite(most) ? most : 0; /* the motion will not be, either */
+    c->d[0] = d - limit * z;
+    for (int k = 1; k <= ANT_AHEAD; k++) {
+        z = ant_friction_after(z, theta[k] - before);
+        before = theta[k];
+        c->d[k] = d - limit * z;
+    }
+}
+
+/* Moves the state on to when a command given now is heard. */
+static void wait(ant_controller *c, ant_real x[4]) {
+    for (int k = 0; k < ANT_DELAY; k++) {
+        ant_real later[4];
+        ant_model_stage(x, c->waiting[k], &c->d[k], later);
+        if (k == 0) expect(c, later);
+        memcpy(x, later, sizeof later);
+    }
+}
+
+int ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task) {
+    if (!sensible(r, d) || !state(c, x, task)) return 0;
+    torques(c, task->x, d, r->theta);
+    if (!c->begun) {
+        memcpy(c->sent, &task->x[2], sizeof c->sent);
+        for (int k = 0; k <= ANT_DELAY; k++) memcpy(c->waiting[k], &task->x[2], sizeof c->waiting[k]);
+    }
+    wait(c, task->x);
+    task->theta = r->theta + ANT_DELAY;
+    task->K = r->K + ANT_DELAY;
+    task->d = c->d + ANT_DELAY;
+    task->lost = (ant_real)c->blind * ANT_DT > ANT_PATIENCE;
+    return 1;
+}
+
+void ant_speak(ant_controller *c, ant_plan *plan) {
+    const ant_motion *m = &c->last;
+    if (ANT_DELAY == 0) expect(c, m->x[1]);
+    memcpy(c->waiting[ANT_DELAY], m->u[0], sizeof m->u[0]);
+    for (int k = 0; k < ANT_DELAY; k++) memcpy(c->waiting[k], c->waiting[k + 1], sizeof c->waiting[k]);
+    memcpy(plan->u, m->u, sizeof plan->u);
+    if (ANT_DEAD_BAND > 0) {
+        for (int k = 0; k < ANT_HORIZON; k++)
+            for (int i = 0; i < 2; i++) plan->u[k][i] = ant_spoken(m->u[k][i], m->x[k][2 + i]);
+        ant_limit(c->sent, plan->u);
+    }
+    memcpy(c->sent, plan->u[0], sizeof c->sent);
+}

@@ -1,0 +1,19 @@
+/* The motion that the model foresees. */
+#include <string.h>
+
+#include "control.h"
+#include "model.h"
+
+int ant_finite(const ant_real *numbers, int n) {
+    for (int i = 0; i < n; i++)
+        if (!isfinite(numbers[i])) return 0;
+    return 1;
+}
+
+int ant_predict(const ant_real x0[4], const ant_real *d, ant_motion *m) {
+    memcpy(m->x[0], x0, sizeof m->x[0]);
+    for (int k = 0; k < ANT_HORIZON; k++) ant_model_stage(m->x[k], m->u[k], &d[k], m->x[k + 1]);
+    for (int k = 0; k <= ANT_HORIZON; k++) ant_model_outputs(m->x[k], &m->K[k], m->F[k]);
+    return ant_finite(m->u[0], 2 * ANT_HORIZON) && ant_finite(m->x[0], 4 * (ANT_HORIZON + 1)) &&
+           ant_finite(m->K, ANT_HORIZON + 1) && ant_finite(m->F[0], 2 * (ANT_HORIZON + 1));
+}

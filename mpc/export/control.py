@@ -1,0 +1,172 @@
+"""What of a controller and its observer the exported code needs: sizes, numbers, tables and the model."""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.units import BAR
+from mpc import certified, compensation, foresight, observer, softened
+from mpc.controller import TrackingMPC
+from mpc.export import text
+from mpc.export.control_demonstration import numbers as demonstrated
+from mpc.export.joint import Numbers
+from mpc.export.parts import Files, copied
+from mpc.feedforward import FeedForwardLaw
+from mpc.friction import pull
+from mpc.observer import KalmanObserver
+from mpc.plant import NU, NX, Plant
+
+
+def check_pair(controller: TrackingMPC, eyes: KalmanObserver) -> None:
+    """Insist that controller and observer belong together, and that nothing is asked that C cannot do."""
+    if controller.budget is not None:
+        raise InvalidInput(
+            f"a controller with a budget of {controller.budget:g} s cannot be exported: the exported one has no clock; "
+            "leave the budget away and bound the iterations of its QP solver instead"
+        )
+    for name in ("plant", "dt", "compensation"):
+        if getattr(controller, name) != getattr(eyes, name):
+            raise InvalidInput(f"controller and observer cannot be exported together: their {name} is not the same")
+
+
+def sizes_of(controller: TrackingMPC) -> Numbers:
+    """For antagonist_config.h."""
+    blocks, delay = len(controller.problem.blocks), controller.compensation.delay(controller.dt)
+    limits = 2 * blocks + 2 + 6 * controller.N
+    return {
+        "HORIZON": (controller.N, "samples that the controller looks ahead"),
+        "BLOCKS": (blocks, "samples at which its commands may leave the previous plan"),
+        "DELAY": (delay, "dead time in samples"),
+        "AHEAD": (controller.ahead, "samples of reference wanted after the present one"),
+        "QP_ITERATIONS": (5 * limits, "most iterations of the QP solver in a step"),
+    }
+
+
+def control_files(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Files:
+    """All files beyond the allocation's but the model."""
+    files = dict(copied("mpc", "src/")) | dict(copied("daqp", "src/daqp/"))
+    files["antagonist_controller.h"] = files.pop("src/antagonist_controller.h")
+    numbers = text.defines(_numbers(controller, eyes, single), single)
+    files["src/settings.h"] = text.header(
+        "ANT_SETTINGS_H", "The controller's numbers, in SI units.", numbers, ["joint.h"]
+    )
+    heads, bodies = [], []
+    for name, meaning, values in _tables(controller, eyes):
+        heads.append(text.table_head(name, meaning, values))
+        bodies.append(text.table(name, values, single))
+    about = "The controller's tables."
+    files["src/tables.h"] = text.header("ANT_TABLES_H", about, "\n".join(heads), ["antagonist.h"])
+    files["src/tables.c"] = f'/* {about} */\n#include "tables.h"\n\n' + "\n\n".join(bodies) + "\n"
+    return files
+
+
+def model_functions(plant: Plant, dt: float) -> list[tuple[Any, str]]:
+    """The CasADi functions of the plant, and what each computes."""
+    import casadi as ca
+
+    x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
+    later = plant.discrete(dt)(x, u, d)
+    A, B, by_d = (ca.jacobian(later, v).T for v in (x, u, d))  # CasADi stores columns, C rows
+    K, F = ca.SX(plant.stiffness(x)), ca.vertcat(*plant.forces(x))
+    C, D = ca.gradient(K, x), ca.jacobian(F, x).T
+
+    def function(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> Any:
+        dense = ca.cse([ca.densify(value) for value in outputs.values()])
+        return ca.Function(name, [*inputs.values()], dense, [*inputs], [*outputs])
+
+    state, stage = {"x": x}, {"x": x, "u": u, "d": d}
+    return [
+        (function("stage", stage, {"later": later}), "the state after a sample"),
+        (function("slopes", stage, {"A": A, "B": B}), "its derivatives by x (4, 4) and u (4, 2)"),
+        (function("observed", stage, {"later": later, "A": A, "by_d": by_d}), "the state, and derivatives by x and d"),
+        (function("outputs", state, {"K": K, "F": F}), "stiffness and both forces"),
+        (function("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),
+        (function("pull", state, {"pulled": ca.SX(pull(plant, x))}), "both torques against each other [N*m]"),
+    ]
+
+
+def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Numbers:
+    plant, known, ladder = controller.plant, controller.compensation, controller._ladder
+    late = 1 + (1e-4 if single else 1e-9)  # of a time that is summed from samples
+    limits, dt = controller.limits, controller.dt
+    return (
+        _weights(controller)
+        | demonstrated(plant)
+        | {
+            "DT": (dt, "sample time [s]"),
+            "BAR": (BAR, "[Pa]"),
+            "STEP": (limits.step, "greatest change of a command in a sample [Pa]"),
+            "MIN_FORCE": (limits.min_force, "least force of the muscles [N]"),
+            "ITERATIONS": (controller.iterations, "QPs in a step"),
+            "PATIENCE": (controller.patience * late, "for which the angle may be predicted [s]"),
+            "HOLDING": (ladder.holding, "for which pressures are held on the last rung [s]"),
+            "VENTING": (ladder.venting, "how fast they fall then [Pa/s]"),
+            "PRIMAL": (
+                certified.PRIMAL_TOLERANCE,
+                "by which an answer may break a limit [bar], [rad], [N]",
+            ),
+            "GAP": (certified.GAP_TOLERANCE, "to the least cost, of what the moves gain [-]"),
+            "LAZY": (
+                1e-5 if single else certified.LAZY_TOLERANCE,
+                "below which a row that was left out counts as kept",
+            ),
+            "ROUNDS": (softened._ROUNDS, "most rounds of the softened QP"),
+            "HELD_LONG": (2**30, "samples, from which on they are not counted any more"),
+            "INERTIA": (plant.inertia, "[kg*m^2]"),
+            "DAMPING": (plant.damping, "[N*m*s/rad]"),
+            "GRAVITY": (plant.gravity_torque, "m g l [N*m]"),
+            "FRICTION": (known.friction.mu, "mu [-]"),
+            "COULOMB": (known.friction.coulomb, "[N*m]"),
+            "PRESLIDING": (known.friction.presliding, "[rad]"),
+            "JITTER": (compensation._JITTER, "motions below are noise of the angle [rad]"),
+            "CORRECTED": (foresight._CORRECTED, "share of an angle's error that counts as motion [-]"),
+            "DEAD_BAND": (known.dead_band, "of the regulators, total [Pa]"),
+            "SOFT": (compensation._SOFT, "over which the inverse of the dead band changes sides [Pa]"),
+            "TOLERANCE": (eyes.tolerance, "for which a sensor may be silent or frozen [s]"),
+            "TOLERANCE_END": (eyes.tolerance * late, "the same, rounded up [s]"),
+            "MOST_THETA": (float(eyes._most[0]), "a reading beyond is none [rad]"),
+            "MOST_PRESSURE": (float(eyes._most[1]), "[Pa]"),
+            "DOUBT": (observer._DOUBT, "standard deviations at which a repeated reading is not believed"),
+        }
+    )
+
+
+def _weights(controller: TrackingMPC) -> Numbers:
+    w = controller.weights
+    return {
+        "ROOT_THETA": (w.theta**0.5, "roots of the weights"),
+        "ROOT_OMEGA": (w.omega**0.5, ""),
+        "ROOT_K": (w.K**0.5, ""),
+        "ROOT_U": (w.u**0.5, ""),
+        "ROOT_RATE": (w.rate**0.5, ""),
+        "SLACK": (w.slack, "price of the joint range's slack [1/rad]"),
+        "SLACK_SQUARE": (w.slack_square, "[1/rad^2]"),
+        "ROOT_SLACK": (w.slack_square**0.5, ""),
+        "SLACK_FORCE": (w.slack_force, "price of the forces' slack [1/N]"),
+        "SLACK_FORCE_SQUARE": (w.slack_force_square, "[1/N^2]"),
+        "ROOT_SLACK_FORCE": (w.slack_force_square**0.5, ""),
+        "CHARGE": (softened._COMMAND, "price of commands beyond the supply when softened [1/bar^2]"),
+    }
+
+
+def _tables(controller: TrackingMPC, eyes: KalmanObserver) -> list[tuple[str, str, Array]]:
+    plant, dt, starts = controller.plant, controller.dt, np.asarray(controller.problem.starts)
+    law = FeedForwardLaw(plant, dt, controller.N)
+    acting = np.searchsorted(starts, np.arange(controller.N), side="right")
+    return [
+        ("ANT_D1", "derivative of a spline through the samples of a preview [1/s]", law.slopes[0]),
+        ("ANT_D2", "and its second derivative [1/s^2]", law.slopes[1]),
+        ("ANT_LAG", "what is left of a pressure's error after a sample [-]", law.alpha),
+        ("ANT_TERMINAL", "L, the terminal cost is |L xi|^2/2", controller.problem.L),
+        ("ANT_STARTS", "samples at which blocks of commands begin", starts),
+        ("ANT_ACTING", "blocks that have begun by a sample", acting),
+        ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(eyes._Q)),
+        ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(eyes._Q_rest)),
+        ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(eyes._R)),
+        ("ANT_COVARIANCE", "of the observer's first belief", eyes._stationary),
+    ]
+
+
+__all__ = ["check_pair", "control_files", "model_functions", "sizes_of"]

@@ -1,0 +1,126 @@
+"""`export`: a joint's allocation and controller as a directory of C files."""
+
+from os import PathLike
+from pathlib import Path
+
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.joint import AntagonistJoint, report_joint
+from mpc.compensation import Compensation
+from mpc.controller import TrackingMPC
+from mpc.export import text
+from mpc.export.control import check_pair, control_files, model_functions, sizes_of
+from mpc.export.control_demonstration import lines as control_lines
+from mpc.export.demonstration import allocation_lines, allocation_table
+from mpc.export.joint import law_of
+from mpc.export.parts import Files, allocation_files, copied, law_functions, model_files
+from mpc.export.readme import readme
+from mpc.export.writing import check, write
+from mpc.observer import KalmanObserver
+from mpc.plant import Plant
+from mpc.weights import Weights
+
+WHAT = ("allocate", "mpc", "all")
+PRECISIONS = ("double", "single")
+
+
+def export(
+    out: str | PathLike[str],
+    *,
+    joint: AntagonistJoint | None = None,
+    controller: TrackingMPC | None = None,
+    observer: KalmanObserver | None = None,
+    what: str = "all",
+    precision: str = "double",
+) -> Path:
+    """Write C files to the directory `out`, and return it.
+
+    Parameters
+    ----------
+    joint
+        For its allocation; by default that of the controller, or the report's.
+    controller, observer
+        For "mpc": the controller with its plant, settings and compensation, and the observer that belongs to it; by
+        default those for `Plant(joint)` with N = 10, the joint's own friction and `Weights.calm()`.
+    what
+        "allocate", "mpc" or "all"; the controller needs the allocator, so that "mpc" only leaves its demonstration out.
+    precision
+        "double", or "single" for an FPU without double.
+
+    Raises
+    ------
+    InvalidInput
+        For a joint without a closed-form allocation, a controller and an observer that do not belong together, and a
+        directory that is not empty. Nothing is written then.
+    MissingBackend
+        For an unknown `what` or `precision`.
+    """
+    if what not in WHAT:
+        raise MissingBackend("part to export", what, WHAT)
+    if precision not in PRECISIONS:
+        raise MissingBackend("precision", precision, PRECISIONS)
+    check(Path(out))
+    single = precision == "single"
+    if what == "allocate":
+        joint = _joint(joint, None if controller is None else controller.plant.joint)
+        return write(_allocation(joint, single), out)
+    controller, observer = _pair(joint, controller, observer)
+    return write(_control(controller, observer, single, alone=what == "mpc"), out)
+
+
+def default_controller(joint: AntagonistJoint, horizon: int = 10) -> TrackingMPC:
+    """What is exported for `joint` where nothing else is said: the weights for joints that are not like their model."""
+    return TrackingMPC(Plant(joint), N=horizon, weights=Weights.calm(), compensation=Compensation.of(joint))
+
+
+def _joint(given: AntagonistJoint | None, own: AntagonistJoint | None) -> AntagonistJoint:
+    if given is not None and own is not None and given != own:
+        raise InvalidInput("joint is not the one of the controller's plant; give only one of the two")
+    return given or own or report_joint()
+
+
+def _pair(
+    joint: AntagonistJoint | None, controller: TrackingMPC | None, observer: KalmanObserver | None
+) -> tuple[TrackingMPC, KalmanObserver]:
+    joint = _joint(joint, None if controller is None else controller.plant.joint)
+    if controller is None:
+        controller = default_controller(joint)
+    if observer is None:
+        observer = KalmanObserver(controller.plant, controller.dt, compensation=controller.compensation)
+    check_pair(controller, observer)
+    return controller, observer
+
+
+def _allocation(joint: AntagonistJoint, single: bool) -> Files:
+    law = law_of(joint)
+    return {
+        **dict(copied(".", "")),
+        **allocation_files(joint, law, single),
+        **model_files(law_functions(joint, law), single),
+        "antagonist_config.h": _config(single, {}),
+        "src/demonstration.h": allocation_table(joint, single),
+        "README.md": readme(joint, law.directory, single, list(allocation_lines(joint))),
+    }
+
+
+def _control(controller: TrackingMPC, observer: KalmanObserver, single: bool, alone: bool) -> Files:
+    joint = controller.plant.joint
+    law = law_of(joint)
+    printed = ([] if alone else list(allocation_lines(joint))) + list(control_lines(controller, observer))
+    functions = law_functions(joint, law) + model_functions(controller.plant, controller.dt)
+    return {
+        **_allocation(joint, single),
+        **control_files(controller, observer, single),
+        **model_files(functions, single),
+        "antagonist_config.h": _config(single, sizes_of(controller)),
+        "src/demonstration.h": allocation_table(joint, single, alone),
+        "README.md": readme(joint, law.directory, single, printed, controller),
+    }
+
+
+def _config(single: bool, sizes: dict[str, tuple[float | int, str]]) -> str:
+    lines = ["#define ANT_SINGLE /* numbers are float */"] if single else []
+    lines += [text.defines(sizes, single)] if sizes else []
+    return text.header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))
+
+
+__all__ = ["PRECISIONS", "WHAT", "default_controller", "export"]

@@ -1,0 +1,108 @@
+"""What of a joint the exported allocation needs: its law and its numbers, or why it cannot be exported."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator.allocation.joint_numbers import AffineNumbers, TonduNumbers
+from allocator.errors import InvalidInput
+from allocator.joint import AntagonistJoint
+
+Numbers = dict[str, tuple[float | int, str]]  # name: value, what it is
+_GRID = 181  # angles at which the law is checked
+
+
+class Law(NamedTuple):
+    """One of the two laws there is C code for."""
+
+    directory: str  # of its files
+    numbers: Numbers
+
+
+def law_of(joint: AntagonistJoint) -> Law:
+    """The law of `joint`. Raises InvalidInput for a joint whose allocation has no closed form that is proved."""
+    if joint.tondu_pulley:
+        if (tondu := TonduNumbers.of(joint)) is None:
+            raise InvalidInput(
+                f"the joint cannot be exported: its supply ({_bar(joint)}) comes so near to the pole of its Tondu2021 "
+                f"muscles ({-joint.tondu_pulley.muscle.d / 1e5:.3g} bar) that a few steps of Newton's method may not do"
+            )
+        return Law("tondu", _limits(joint, tondu.hi, tondu.hi, tondu) | _tondu(tondu))
+    if not joint.affine:
+        raise InvalidInput(
+            f"a joint with {type(joint.agonist).__name__} and {type(joint.antagonist).__name__} cannot be exported: "
+            "its allocation has no closed form; take two muscles affine in the pressure, or two equal Tondu2021 on a "
+            "pulley"
+        )
+    if (affine := AffineNumbers.of(joint)) is None:
+        raise InvalidInput(
+            f"the joint cannot be exported: its supply ({_bar(joint)}) begins above the pressures of its muscle models"
+        )
+    _check_affine(joint)
+    return Law("affine", _limits(joint, affine.hi1, affine.hi2, affine))
+
+
+def _limits(joint: AntagonistJoint, hi1: float, hi2: float, numbers: TonduNumbers | AffineNumbers) -> Numbers:
+    return {
+        "SUPPLY_LO": (numbers.lo, "supply [Pa]"),
+        "SUPPLY_HI": (joint.pressure_limits[1], "[Pa]"),
+        "HI1": (hi1, "greatest P1, of the supply or the model's validity [Pa]"),
+        "HI2": (hi2, "greatest P2 [Pa]"),
+        "HI1_LIMIT": (numbers.hi_limit1, "which of the two limits it is"),
+        "HI2_LIMIT": (numbers.hi_limit2, ""),
+        "LEFT": (numbers.left, "joint range [rad]"),
+        "RIGHT": (numbers.right, "[rad]"),
+        "LEFT_LIMIT": (numbers.left_limit, "what ends it"),
+        "RIGHT_LIMIT": (numbers.right_limit, ""),
+    }
+
+
+def _tondu(numbers: TonduNumbers) -> Numbers:
+    return {
+        "AREA": (numbers.S, "S [m^2]"),
+        "RADIUS": (numbers.R, "R [m]"),
+        "REST_LENGTH": (numbers.l0, "l0 [m]"),
+        "EPS0": (numbers.eps0, "eps0 [-]"),
+        "Q": (numbers.q, "q = a - b [-]"),
+        "C": (numbers.c, "c [Pa]"),
+        "D": (numbers.d, "d [Pa]"),
+        "G": (numbers.g, "g = e - c d [Pa^2]"),
+    }
+
+
+def _check_affine(joint: AntagonistJoint) -> None:
+    """Insist on what the exported code presumes all over the joint range."""
+    theta = np.linspace(*joint.angle_range, _GRID)
+    (t1, t2), (k1, k2) = joint.jacobian(theta, 0.0 * theta, 0.0 * theta)
+    wrong = ~((t1 > 0) & (t2 < 0) & (t1 * k2 - t2 * k1 > 0) & (k1 != 0) & (k2 != 0))
+    if wrong.any():
+        raise InvalidInput(
+            f"the joint cannot be exported: at {theta[np.argmax(wrong)]:.3g} rad more pressure does not pull more, or "
+            "torque and stiffness depend on the pressures in the same way"
+        )
+
+
+def _bar(joint: AntagonistJoint) -> str:
+    low, high = joint.pressure_limits
+    return f"{low / 1e5:.3g} to {high / 1e5:.3g} bar"
+
+
+def sides_function(joint: AntagonistJoint) -> Any:
+    """CasADi function θ ↦ (A, B, a, k', k0) of the agonist and of the antagonist, as in affine/law_state.h."""
+    import casadi as ca
+
+    theta = ca.SX.sym("theta")
+    rows = [
+        ca.vertcat(
+            side.muscle.gain(0.0, side.contraction),
+            side.force(0.0),
+            side.arm,
+            side.stiffness_gain(0.0),
+            side.stiffness(0.0),
+        )
+        for side in joint.sides(theta)
+    ]
+    return ca.Function("sides", [theta], [ca.densify(ca.cse(row)) for row in rows], ["theta"], ["one", "two"])
+
+
+__all__ = ["Law", "Numbers", "law_of", "sides_function"]

@@ -1,0 +1,120 @@
+"""The README of the exported files."""
+
+from allocator.joint import AntagonistJoint
+from mpc.controller import TrackingMPC
+
+_HEAD = """\
+# A pneumatic-muscle joint in C
+
+Exported from the Python package `antagonist`, in {precision} precision, for: {joint}.
+Plain C99; no heap, no global state, nothing but `math.h`, every loop bounded. `antagonist.h` is the header to read; all
+units are SI. Written for this joint: {written}.
+The other files are the same for every joint.
+
+    cmake -S . -B build && cmake --build build && build/demonstration
+
+or
+
+    cc -O2 -std=c99 -I. -Isrc main.c src/*.c -lm -o demonstration
+
+which prints, according to Python{rounded}:
+
+```text
+{printed}
+```
+
+## Allocation
+
+`ant_allocate` gives the pressures for a torque and a stiffness at an angle: the global optimum in closed form, as
+`allocator.allocate(..., method="exact")` does. What makes no sense (NaN, K <= 0, an angle beyond a turn) is answered by
+`ANT_BAD_INPUT` and pressures within the supply. {cost}
+{single}"""
+
+_COST = {
+    "tondu": """A call costs at most 7 square roots, some 40
+divisions and 4 steps of Newton's method; there is no other loop.
+""",
+    "affine": """A call costs one evaluation of the
+joint's formulas (`src/model.c`) and some dozen operations; there is no loop.
+""",
+}
+
+_SINGLE = """
+In single precision the pressures differ from those of double precision by about 1e-6 of the supply; where torque and
+stiffness hardly tell two pairs of pressures apart (a lever near its dead point) by more, in what they give by no more.
+"""
+
+_CONTROL = """
+## Control
+
+`ant_step` is a whole step of `mpc.TrackingMPC` behind `mpc.KalmanObserver`: observer, disturbance torque, dead time,
+friction and dead band, references brought within reach, the QP, its certificate, the fallback ladder, the limits; with
+the same statuses and rungs. Call `ant_reset` once and `ant_step` every {dt:g} s; send `plan.u[0]`. A sensor that is
+silent reads NaN. All memory is in `ant_controller`, which is best made static. There is no clock: in place of a time
+budget `iteration_limit` bounds the QP solver; 0 leaves the QP out, and the next rungs answer.
+
+The QP solver is DAQP's core (`src/daqp`, MIT): a dual active-set method, exact after finitely many iterations, truthful
+about failure, without a heap. What it says is checked before it is used.
+
+Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} moves, {rows} rows):
+
+| | at most | usual |
+|---|---|---|
+| model over a sample | {stages} | {usual_stages} |
+| its derivatives | {slopes} | {usual_slopes} |
+| allocations | {allocations} | {allocations} |
+| Givens rotations (2 to {rotation} multiplications each) in the condensing | {givens} | {givens} |
+| iterations of the QP solver | {iterations} | 5 to 30 |
+| least squares of {moves} unknowns, where the QP fails | {faces} | 0 |
+{single}"""
+
+_CONTROL_SINGLE = """
+In single precision commands differ by about 1e-5 of the supply. Where prices far apart meet (weights much sharper than
+`Weights.calm()`, and references far beyond what the joint can do) the certificate refuses more answers of the QP than
+in double precision; the softened QP then answers, with nearly the same commands.
+"""
+
+
+def readme(
+    joint: AntagonistJoint, law: str, single: bool, printed: list[str], controller: TrackingMPC | None = None
+) -> str:
+    """Its text; `printed` is what the demonstration prints according to Python."""
+    muscles = " and ".join(type(muscle).__name__ for muscle in (joint.agonist, joint.antagonist))
+    written = ["antagonist_config.h", "src/joint.h", "src/demonstration.h"]
+    written += ["src/model.c"] if law == "affine" or controller else []
+    written += ["src/settings.h", "src/tables.c"] if controller else []
+    head = _HEAD.format(
+        precision="single" if single else "double",
+        joint=f"{muscles} on a {type(joint.geometry).__name__}",
+        written=", ".join(f"`{name}`" for name in written),
+        single=_SINGLE if single else "",
+        rounded=" (single precision differs in the last digits)" if single else "",
+        printed="\n".join(printed),
+        cost=_COST[law],
+    )
+    return head if controller is None else head + _control(controller, single)
+
+
+def _control(controller: TrackingMPC, single: bool) -> str:
+    N, blocks = controller.N, len(controller.problem.blocks)
+    delay, qps = controller.ahead - N, controller.iterations
+    moves, rows = 2 * blocks, 6 * N
+    return _CONTROL.format(
+        dt=controller.dt,
+        N=N,
+        moves=moves,
+        rows=rows,
+        stages=delay + qps * N + 5 * N,  # the dead time, every QP, every rung
+        usual_stages=delay + (qps + 1) * N,
+        slopes=qps * N + 4,  # the observer's, with a belief for every sensor that repeats itself
+        usual_slopes=qps * N + 1,
+        allocations=N + 1,
+        givens=qps * (3 * (N - 1) + 2 * N + 6) * moves,
+        rotation=4 * moves,
+        iterations=qps * 5 * (moves + 2 + rows),
+        faces=10 * 4 * moves,
+        single=_CONTROL_SINGLE if single else "",
+    )
+
+
+__all__ = ["readme"]

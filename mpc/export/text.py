@@ -1,0 +1,54 @@
+"""C text for numbers and tables."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpc.export.ccode import number
+
+Table = NDArray[Any]  # of floats or of integers, in one or two dimensions
+
+
+def header(guard: str, about: str, body: str, includes: Iterable[str] = ()) -> str:
+    """A header file."""
+    included = "".join(f'#include "{name}"\n' for name in includes)
+    pieces = [f"/* {about} */\n#ifndef {guard}\n#define {guard}\n", included, f"{body}\n", f"#endif /* {guard} */\n"]
+    return "\n".join(piece for piece in pieces if piece)
+
+
+def defines(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str:
+    """A line `#define ANT_NAME value` for each of `numbers`, with what it is behind it."""
+    rows = []
+    for name, (value, meaning) in numbers.items():
+        literal = str(value) if isinstance(value, int) else f"({number(value, single)})"
+        rows.append(f"#define ANT_{name} {literal}" + (f" /* {meaning} */" if meaning else ""))
+    return "\n".join(rows)
+
+
+def table_head(name: str, meaning: str, values: Table) -> str:
+    """The declaration of a constant array."""
+    return f"extern {_declarator(name, values)}; /* {meaning} */"
+
+
+def table(name: str, values: Table, single: bool) -> str:
+    """The array itself."""
+    if values.ndim == 1:
+        return f"{_declarator(name, values)} = {{{_row(values, single)}}};"
+    rows = ",\n".join(f"    {{{_row(row, single)}}}" for row in values)
+    return f"{_declarator(name, values)} = {{\n{rows},\n}};"
+
+
+def _declarator(name: str, values: Table) -> str:
+    kind = "int" if values.dtype.kind == "i" else "ant_real"
+    return f"const {kind} {name}{''.join(f'[{n}]' for n in values.shape)}"
+
+
+def _row(values: Table, single: bool) -> str:
+    if values.dtype.kind == "i":
+        return ", ".join(map(str, values.tolist()))
+    return ", ".join(number(v, single) for v in np.asarray(values, float).tolist())
+
+
+__all__ = ["Table", "defines", "header", "table", "table_head"]

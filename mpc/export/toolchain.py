@@ -1,0 +1,111 @@
+"""Compiling exported files with gcc, for this machine and for a Cortex-M4F, which QEMU plays; and how large they are.
+
+For tests and benchmarks: whoever uses the exported files has a tool chain of his own.
+"""
+
+import subprocess
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+from zlib import crc32
+
+STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-I.", "-Isrc")
+SANITISED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")
+_M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
+CORTEX_M4F = ("-Os", "-ffunction-sections", "-fdata-sections", *_M4F)
+ARM_GCC, ARM_SIZE, QEMU = "arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm"
+
+Runner = Callable[..., str]
+Args: TypeAlias = tuple[str, ...]
+_BOARD = Path(__file__).parent / "c" / "mps2_an386"
+
+
+class Size(NamedTuple):
+    """Bytes on a Cortex-M4F."""
+
+    code: int  # with constants
+    memory: int  # static
+
+
+def compiled(directory: Path, main: Path, program: str, *flags: str, compiler: str = "gcc", linked: Args = ()) -> Path:
+    """`main`, what is to be `linked`, and all of the exported sources, compiled without a warning to `program`."""
+    flags = flags or ("-O2",)
+    command = [compiler, *STRICT, *flags, main, *linked, *_objects(directory, flags, compiler), "-lm", "-o", program]
+    _run([*map(str, command)], directory)
+    return directory / program
+
+
+def compiled_for_cortex_m4f(directory: Path, main: Path, program: str) -> Path:
+    """The same for QEMU's mps2-an386; it reads and writes files of this machine by semihosting."""
+    board = str(_BOARD / "board.c"), "-T", str(_BOARD / "board.ld"), "--specs=rdimon.specs", "-Wl,--gc-sections"
+    return compiled(directory, main, program, *CORTEX_M4F, compiler=ARM_GCC, linked=board)
+
+
+def _objects(directory: Path, flags: Args, compiler: str) -> list[Path]:
+    """The exported sources compiled with these flags, each once, on two processors."""
+    folder = directory / f"objects-{crc32(repr((compiler, flags)).encode()):08x}"
+    made = {source: folder / f"{source.stem}.o" for source in sorted((directory / "src").glob("*.c"))}
+    if not folder.exists():
+        folder.mkdir()
+
+        def compile_one(source: Path) -> None:
+            _run([compiler, *STRICT, *flags, "-c", str(source), "-o", str(made[source])], directory)
+
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(compile_one, sorted(made, key=lambda source: -source.stat().st_size)))
+    return [*made.values()]
+
+
+def run(program: Path, *arguments: str) -> str:
+    """What `program` prints; RuntimeError for whatever it prints about errors, such as a sanitizer's report."""
+    return _run([str(program), *arguments], program.parent)
+
+
+def run_on_cortex_m4f(program: Path, *arguments: str, options: tuple[str, ...] = ()) -> str:
+    """The same on QEMU's mps2-an386, with further `options` of QEMU."""
+    names = ",".join(f"arg={argument}" for argument in (program.name, *arguments))
+    command = [QEMU, "-M", "mps2-an386", "-nographic", "-kernel", program.name, *options]
+    return _run([*command, "-semihosting-config", f"enable=on,target=native,{names}"], program.parent)
+
+
+def sizes(directory: Path) -> dict[str, Size]:
+    """Size of the exported sources on a Cortex-M4F by name, without what they take from the C library."""
+    return {f"{made.stem}.c": size_of(made) for made in _objects(directory, CORTEX_M4F, ARM_GCC)}
+
+
+def linked_size(directory: Path) -> Size:
+    """Size of a program that calls `ant_step` again and again, with all that it takes from newlib-nano."""
+    smallest = "-Wl,--gc-sections", "--specs=nano.specs", "--specs=nosys.specs", "-Wl,--no-warnings"
+    made = compiled(directory, _BOARD / "step.c", "step.elf", *CORTEX_M4F, compiler=ARM_GCC, linked=smallest)
+    return size_of(made)
+
+
+def size_of(binary: Path) -> Size:
+    """Size of an object file or of a program."""
+    text, data, bss = map(int, _run([ARM_SIZE, str(binary)], binary.parent).splitlines()[1].split()[:3])
+    return Size(text + data, data + bss)
+
+
+def _run(command: list[str], directory: Path) -> str:
+    done = subprocess.run(command, cwd=directory, capture_output=True, text=True, timeout=120)
+    if done.returncode or done.stderr:
+        raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}\n{done.stderr}")
+    return done.stdout
+
+
+__all__ = [
+    "ARM_GCC",
+    "CORTEX_M4F",
+    "QEMU",
+    "SANITISED",
+    "STRICT",
+    "Size",
+    "compiled",
+    "compiled_for_cortex_m4f",
+    "linked_size",
+    "run",
+    "run_on_cortex_m4f",
+    "size_of",
+    "sizes",
+]
