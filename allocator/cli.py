@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from allocator.errors import AntagonistError
+from allocator.errors import AntagonistError, InvalidInput
 from allocator.feasibility.cli import map_command
 from allocator.identification.cli import fit_command
 from allocator.identification.joint_cli import fit_joint_command
@@ -57,6 +57,8 @@ def allocate(
     from allocator.allocation import allocate as solve
     from allocator.units import DEG
 
+    if abs(theta) > 360:
+        raise InvalidInput(f"theta = {theta:g}° is over a turn")
     answer = solve(
         theta * DEG,
         stiffness,

@@ -46,7 +46,7 @@ def track(
         ),
     ] = None,
     dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01,
-    horizon: Annotated[int, typer.Option(help="samples that the controller looks ahead")] = 20,
+    horizon: Annotated[int, typer.Option(help="samples that mpc and nmpc look ahead")] = 20,
     solver: Annotated[
         str | None,
         typer.Option(help="of mpc: daqp (default) or one that qpsolvers finds, e.g. osqp; of nmpc: ipopt or fatrop"),

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-from allocator.errors import MissingBackend
+from allocator.errors import InvalidInput, MissingBackend
 from mpc.baselines import FeedForwardControl, LQRControl, PIDControl, PredictivePIDControl
 from mpc.compensation import Compensation
 from mpc.controller import TrackingMPC
@@ -67,6 +67,8 @@ def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[C
     """Controller and observer called `name`; `observer` says whether to have one (None: as it is used)."""
     if name not in CONTROLLERS:
         raise MissingBackend("controller", name, CONTROLLERS)
+    if settings.solver is not None and name not in ("mpc", "nmpc"):
+        raise InvalidInput(f"solver = {settings.solver!r} belongs to the controllers mpc and nmpc, not {name}")
     build, watched = CONTROLLERS[name]
     if watched if observer is None else observer:
         return build(settings), KalmanObserver(settings.plant, settings.dt, compensation=settings.compensation)

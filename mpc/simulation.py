@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.experiment import Experiment
@@ -112,7 +113,7 @@ def simulate(
     rung, status = np.empty(steps, int), np.empty(steps, int)
     slack_force, moved = np.empty(steps), np.full((steps, len(Moved._fields)), np.nan)
 
-    experiment = plant.begin(dt, x[0], seed)
+    experiment = plant.begin(dt, x[0], checks.count("seed", seed, least=0))
     observer = Differentiator(dt) if observer is None else observer
     observer.reset()
     controller.reset()

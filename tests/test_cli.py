@@ -39,7 +39,7 @@ def test_allocate_says_what_is_in_the_way():
     ("arguments", "said"),
     [
         (["--theta", "30", "--stiffness", "-1"], "K = -1 N·m/rad has to be positive"),
-        (["--theta", "3000", "--stiffness", "7"], "over a turn"),
+        (["--theta", "3000", "--stiffness", "7"], "theta = 3000° is over a turn"),
         (["--theta", "30", "--stiffness", "7", "--method", "magic"], "unknown method 'magic'"),
         (["--theta", "nan", "--stiffness", "7"], "theta = nan is not finite"),
         (["--theta", "30", "--stiffness", "7", "--muscle", "biceps"], "unknown muscle 'biceps'"),
