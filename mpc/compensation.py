@@ -14,8 +14,8 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 from mpc.friction import Friction
 
-_SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump
-_JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
+SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump
+JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Compensation:
 
     def spoken(self, v: Array, P: Array) -> Array:
         """What to command [Pa] for `v` to be heard: the inverse of `heard`, smooth where v passes P."""
-        return np.asarray(v + self.dead_band / 2 * np.tanh((v - P) / _SOFT))
+        return np.asarray(v + self.dead_band / 2 * np.tanh((v - P) / SOFT))
 
 
 class FrictionState:
@@ -64,10 +64,10 @@ class FrictionState:
         """The z [-] at the angle `theta` [rad], to which the joint has turned from that of the last call."""
         if self._theta is None:
             self._theta = theta
-        if abs(motion := theta - self._theta) > _JITTER:
+        if abs(motion := theta - self._theta) > JITTER:
             self.z = self.friction.after(self.z, motion)
             self._theta = theta
         return self.z
 
 
-__all__ = ["Compensation", "FrictionState"]
+__all__ = ["JITTER", "SOFT", "Compensation", "FrictionState"]

@@ -99,7 +99,7 @@ class TrackingMPC:
         feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.limits.min_force)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
-        self._ladder = Ladder(self.limits, self._predictor)
+        self.ladder = Ladder(self.limits, self._predictor)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
         self._improve, self._feed_forward = workings(self.plant, self.dt, self.problem, self._predictor, feed_forward)
         if self.budget is not None:
@@ -109,7 +109,7 @@ class TrackingMPC:
     def reset(self) -> None:
         """Forget the past: the next step begins from the pressures it measures."""
         self._foresight.reset()
-        self._ladder.reset()
+        self.ladder.reset()
         self._improve.reset()
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
 
@@ -129,7 +129,7 @@ class TrackingMPC:
         deadline = clock[0] + (inf if self.budget is None else _THINKING * self.budget)
         x, theta, K, torques, measured, blind = self._foresight.task(x, theta_ref, K_ref, d)
         feed = self._feed_forward(theta, K, torques)
-        u_last = self._ladder.u_last(x)
+        u_last = self.ladder.u_last(x)
         clock.append(perf_counter())
 
         lost = blind > self.patience * (1 + 1e-9)
@@ -137,9 +137,9 @@ class TrackingMPC:
         if found.motion is not None:
             rung, motion = Rung.QP, found.motion
         else:
-            rung, motion = self._ladder.descend(x, found.best, lost, feed.u, u_last, torques[:-1])
+            rung, motion = self.ladder.descend(x, found.best, lost, feed.u, u_last, torques[:-1])
         clock.append(perf_counter())
-        self._ladder.stand(rung, motion)
+        self.ladder.stand(rung, motion)
         if isfinite(feed.u[0, 0]) and isfinite(feed.u[0, 1]):
             self._u_star = feed.u[0]
         return Plan(
@@ -166,7 +166,7 @@ class TrackingMPC:
 
     def _optimise(self, x: Array, feed: FeedForward, u_last: Array, d: Array, deadline: float) -> _Optimised:
         """The commands after `iterations` QPs, or up to one that failed; the softened QP's if it was the first."""
-        u = self._ladder.onward(feed.u)
+        u = self.ladder.onward(feed.u)
         before = Before(u_last, feed.u[0] if self._u_star is None else self._u_star)
         best, motion, status, spent = None, None, PlanStatus.OPTIMAL, (0.0, 0.0, 0.0)
         for _ in range(self.iterations):

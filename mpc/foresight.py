@@ -21,7 +21,7 @@ from mpc.linearise import Predictor
 from mpc.plant import NX, Plant
 
 _TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] what `checks` lets pass
-_CORRECTED = 0.1  # [-] of an error of the angle counts as motion that friction opposes
+CORRECTED = 0.1  # [-] of an error of the angle counts as motion that friction opposes
 
 
 class Task(NamedTuple):
@@ -130,8 +130,8 @@ class Foresight:
         limit = self.compensation.friction.limit(float(pull(self.plant, x)))
         if not isfinite(limit):  # nor will the motion from such a state be: the controller finds that out
             return np.zeros(theta.shape)
-        back = theta[0] + _CORRECTED * (float(x[0]) - theta[0])
+        back = theta[0] + CORRECTED * (float(x[0]) - theta[0])
         return np.asarray(limit * self.compensation.friction.along(z, np.append(back, theta[1:])))
 
 
-__all__ = ["Foresight", "Task"]
+__all__ = ["CORRECTED", "Foresight", "Task"]

@@ -56,13 +56,13 @@ class NonlinearMPC:
         self._predictor = Predictor(self.plant, self.dt, self.N)
         self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.limits.min_force).ready()
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
-        self._ladder = Ladder(self.limits, self._predictor)
+        self.ladder = Ladder(self.limits, self._predictor)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past: the next step begins from the pressures it measures."""
         self._foresight.reset()
-        self._ladder.reset()
+        self.ladder.reset()
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
 
     @property
@@ -75,15 +75,15 @@ class NonlinearMPC:
         clock = [perf_counter()]
         x, theta, K, torques, measured, unseen = self._foresight.task(x, theta_ref, K_ref, d)
         feed = self._feed_forward(theta, K, torques)
-        u_last = self._ladder.u_last(x)
+        u_last = self.ladder.u_last(x)
         clock.append(perf_counter())
         found, status = None, PlanStatus.BLIND
         if unseen <= self.patience * (1 + 1e-9):
             found, status = self._optimise(x, feed, u_last, torques[:-1])
         clock.append(perf_counter())
         blind = status is PlanStatus.BLIND
-        rung, motion = self._ladder.descend(x, found, blind, feed.u, u_last, torques[:-1])
-        self._ladder.stand(rung, motion)
+        rung, motion = self.ladder.descend(x, found, blind, feed.u, u_last, torques[:-1])
+        self.ladder.stand(rung, motion)
         if np.isfinite(feed.u[0]).all():
             self._u_star = feed.u[0]
         return Plan(
@@ -119,7 +119,7 @@ class NonlinearMPC:
     def _starts(self, x: Array, feed: FeedForward, u_last: Array, d: Array) -> Iterator[Array]:
         """Where to begin: the previous plan moved on, the feed-forward, standing commands."""
         for u in (
-            self.limits.limited(u_last, self._ladder.onward(feed.u)),
+            self.limits.limited(u_last, self.ladder.onward(feed.u)),
             self.limits.limited(u_last, feed.u),
             np.tile(u_last, (self.N, 1)),
         ):

@@ -30,7 +30,7 @@ from mpc.plant import NU, NX, Plant
 
 _MEASURED = np.array([0, 2, 3])  # of ξ
 _TURN, _SUPPLIES = 2 * np.pi, 10.0  # [rad], supply pressures: a reading beyond is no reading
-_DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
+DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
 _SCALE = np.array([1, 1, BAR, BAR, 1])  # of ξ in the Riccati equation, for its conditioning
 
 
@@ -109,16 +109,16 @@ class KalmanObserver:
         self.plant, self.dt, self.tolerance = plant, dt, tolerance
         self.noise = Noise() if noise is None else noise
         self.compensation = Compensation() if compensation is None else compensation
-        self._Q, self._R = self.noise.Q(dt), self.noise.R
-        self._Q_rest = replace(self.noise, d_walk=0.0).Q(dt)  # a load that came would have moved a sensor that repeats
-        self._most = np.array([_TURN, *NU * [_SUPPLIES * plant.joint.pressure_limits[1]]])
+        self.Q, self.R = self.noise.Q(dt), self.noise.R
+        self.Q_rest = replace(self.noise, d_walk=0.0).Q(dt)  # a load that came would have moved a sensor that repeats
+        self.most = np.array([_TURN, *NU * [_SUPPLIES * plant.joint.pressure_limits[1]]])
         self._model = Buffered(self._discrete())
         self.reset()
 
     def reset(self) -> None:
         """Forget the past: the next measurement is the state, and no torque disturbs."""
         self.xi: Array | None = None  # (5,)
-        self.covariance = self._stationary  # (5, 5)
+        self.covariance = self.stationary  # (5, 5)
         self._read = np.full(_MEASURED.size, np.nan)  # what the sensors said a sample ago
         self._silent = np.zeros(_MEASURED.size)  # for how long [s]
         self._repeating = np.zeros(_MEASURED.size)  # for how long [s]
@@ -130,7 +130,7 @@ class KalmanObserver:
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
         """State (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was sent last."""
         read, u = np.asarray(y, float)[_MEASURED], np.asarray(u, float)
-        read = np.where(np.abs(read) <= self._most, read, np.nan)
+        read = np.where(np.abs(read) <= self.most, read, np.nan)
         if self.xi is None:
             belief = Belief(self._first(read), self.covariance)
             self._commands.extend([u] * self.compensation.delay(self.dt))
@@ -160,12 +160,12 @@ class KalmanObserver:
         self._repeating = np.where(repeated, self._repeating + self.dt, 0.0)
         self._frozen &= repeated
         z = self._friction.follow(float(belief.xi[0]))
-        expected = self._predicted(belief, z, self._Q)
+        expected = self._predicted(belief, z, self.Q)
         others = np.isfinite(read) & ~repeated
         begun = {i: self._without.get(i, belief) for i in np.flatnonzero(repeated).tolist()}
         self._without = {}
         for i, without in begun.items():
-            foreseen = self._predicted(without, z, self._Q_rest)
+            foreseen = self._predicted(without, z, self.Q_rest)
             if not self._frozen[i] and self._repeating[i] > self.tolerance and self._doubtful(i, read[i], foreseen):
                 self._frozen[i] = True
                 expected = foreseen
@@ -174,8 +174,8 @@ class KalmanObserver:
 
     def _doubtful(self, sensor: int, read: float, foreseen: Belief) -> bool:
         i = _MEASURED[sensor]
-        variance = foreseen.covariance[i, i] + self._R[sensor, sensor]
-        return bool((read - foreseen.xi[i]) ** 2 > _DOUBT**2 * variance)
+        variance = foreseen.covariance[i, i] + self.R[sensor, sensor]
+        return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
 
     def _predicted(self, belief: Belief, z: float, Q: Array) -> Belief:
         """One sample on, the friction's state being `z`."""
@@ -187,7 +187,7 @@ class KalmanObserver:
 
     def _corrected(self, belief: Belief, read: Array, there: Mask) -> Belief:
         """After the readings `there` (3,) of `read` (3,)."""
-        C, R = np.eye(NX + 1)[_MEASURED[there]], self._R[np.ix_(there, there)]
+        C, R = np.eye(NX + 1)[_MEASURED[there]], self.R[np.ix_(there, there)]
         S = C @ belief.covariance @ C.T + R
         gain = np.linalg.solve(S, C @ belief.covariance).T
         left = np.eye(NX + 1) - gain @ C
@@ -195,7 +195,7 @@ class KalmanObserver:
         return Belief(belief.xi + gain @ (read[there] - C @ belief.xi), covariance)
 
     @property
-    def _stationary(self) -> Array:
+    def stationary(self) -> Array:
         """Covariance (5, 5) before a measurement, once the filter has run for long."""
         from scipy.linalg import solve_discrete_are
 
@@ -204,7 +204,7 @@ class KalmanObserver:
         scale = np.outer(_SCALE, _SCALE)
         C, c_scale = np.eye(NX + 1)[_MEASURED], _SCALE[_MEASURED]
         A = _with_walk(A) / _SCALE[:, None] * _SCALE
-        return np.asarray(scale * solve_discrete_are(A.T, C.T, self._Q / scale, self._R / np.outer(c_scale, c_scale)))
+        return np.asarray(scale * solve_discrete_are(A.T, C.T, self.Q / scale, self.R / np.outer(c_scale, c_scale)))
 
     def _discrete(self) -> Any:
         """(x, v, d) ↦ x and its derivative by (x, d), transposed because `Buffered` hands back transposes."""
@@ -221,4 +221,4 @@ def _with_walk(A: Array) -> Array:
     return np.vstack([A, np.eye(NX + 1)[-1:]])
 
 
-__all__ = ["Belief", "Differentiator", "KalmanObserver", "Noise", "Observer"]
+__all__ = ["DOUBT", "Belief", "Differentiator", "KalmanObserver", "Noise", "Observer"]

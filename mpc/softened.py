@@ -17,8 +17,8 @@ from allocator.calculus import Array, Mask
 from mpc.condense import SLACKS
 from mpc.qp import QP
 
-_COMMAND = 1e6  # w of the supply [cost]/[bar]²; commands are clipped to it before they are sent
-_ROUNDS = 10
+COMMAND = 1e6  # w of the supply [cost]/[bar]²; commands are clipped to it before they are sent
+ROUNDS = 10
 
 
 def softened(qp: QP, deadline: float) -> Array | None:
@@ -27,7 +27,7 @@ def softened(qp: QP, deadline: float) -> Array | None:
     best, least = None, cost(hard, w, np.zeros_like(hard.f))
     z, charged = np.zeros_like(hard.f), np.zeros(len(w), bool)
     took = 0.0  # the last round [s]
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         if (began := perf_counter()) + took > deadline:
             break
         try:
@@ -57,7 +57,7 @@ def _without_slacks(qp: QP) -> QP:
 def _charges(qp: QP) -> Array:
     """w (m,): what the QP charges for the square of the row's slack; the commands have none."""
     w = np.square(qp.R[:, -SLACKS:]) @ np.diag(qp.H)[-SLACKS:]
-    return np.where(w > 0, w, _COMMAND)
+    return np.where(w > 0, w, COMMAND)
 
 
 def _charging(qp: QP, w: Array, charged: Mask, z: Array) -> QP:
@@ -78,4 +78,4 @@ def _bounded_least_squares(qp: QP) -> Array:
     return np.clip(found.x, qp.lower, qp.upper)
 
 
-__all__ = ["softened"]
+__all__ = ["COMMAND", "ROUNDS", "softened"]

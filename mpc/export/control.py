@@ -88,7 +88,7 @@ def model_functions(plant: Plant, dt: float) -> list[tuple[Any, str]]:
 
 
 def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Numbers:
-    plant, known, ladder = controller.plant, controller.compensation, controller._ladder
+    plant, known, ladder = controller.plant, controller.compensation, controller.ladder
     late = 1 + (1e-4 if single else 1e-9)  # of a time that is summed from samples
     limits, dt = controller.limits, controller.dt
     return (
@@ -112,7 +112,7 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
                 1e-5 if single else certified.LAZY_TOLERANCE,
                 "below which a row that was left out counts as kept",
             ),
-            "ROUNDS": (softened._ROUNDS, "most rounds of the softened QP"),
+            "ROUNDS": (softened.ROUNDS, "most rounds of the softened QP"),
             "HELD_LONG": (2**30, "samples, from which on they are not counted any more"),
             "INERTIA": (plant.inertia, "[kg*m^2]"),
             "DAMPING": (plant.damping, "[N*m*s/rad]"),
@@ -120,15 +120,15 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
             "FRICTION": (known.friction.mu, "mu [-]"),
             "COULOMB": (known.friction.coulomb, "[N*m]"),
             "PRESLIDING": (known.friction.presliding, "[rad]"),
-            "JITTER": (compensation._JITTER, "motions below are noise of the angle [rad]"),
-            "CORRECTED": (foresight._CORRECTED, "share of an angle's error that counts as motion [-]"),
+            "JITTER": (compensation.JITTER, "motions below are noise of the angle [rad]"),
+            "CORRECTED": (foresight.CORRECTED, "share of an angle's error that counts as motion [-]"),
             "DEAD_BAND": (known.dead_band, "of the regulators, total [Pa]"),
-            "SOFT": (compensation._SOFT, "over which the inverse of the dead band changes sides [Pa]"),
+            "SOFT": (compensation.SOFT, "over which the inverse of the dead band changes sides [Pa]"),
             "TOLERANCE": (eyes.tolerance, "for which a sensor may be silent or frozen [s]"),
             "TOLERANCE_END": (eyes.tolerance * late, "the same, rounded up [s]"),
-            "MOST_THETA": (float(eyes._most[0]), "a reading beyond is none [rad]"),
-            "MOST_PRESSURE": (float(eyes._most[1]), "[Pa]"),
-            "DOUBT": (observer._DOUBT, "standard deviations at which a repeated reading is not believed"),
+            "MOST_THETA": (float(eyes.most[0]), "a reading beyond is none [rad]"),
+            "MOST_PRESSURE": (float(eyes.most[1]), "[Pa]"),
+            "DOUBT": (observer.DOUBT, "standard deviations at which a repeated reading is not believed"),
         }
     )
 
@@ -147,7 +147,7 @@ def _weights(controller: TrackingMPC) -> Numbers:
         "SLACK_FORCE": (w.slack_force, "price of the forces' slack [1/N]"),
         "SLACK_FORCE_SQUARE": (w.slack_force_square, "[1/N^2]"),
         "ROOT_SLACK_FORCE": (w.slack_force_square**0.5, ""),
-        "CHARGE": (softened._COMMAND, "price of commands beyond the supply when softened [1/bar^2]"),
+        "CHARGE": (softened.COMMAND, "price of commands beyond the supply when softened [1/bar^2]"),
     }
 
 
@@ -162,10 +162,10 @@ def _tables(controller: TrackingMPC, eyes: KalmanObserver) -> list[tuple[str, st
         ("ANT_TERMINAL", "L, the terminal cost is |L xi|^2/2", controller.problem.L),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),
-        ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(eyes._Q)),
-        ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(eyes._Q_rest)),
-        ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(eyes._R)),
-        ("ANT_COVARIANCE", "of the observer's first belief", eyes._stationary),
+        ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(eyes.Q)),
+        ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(eyes.Q_rest)),
+        ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(eyes.R)),
+        ("ANT_COVARIANCE", "of the observer's first belief", eyes.stationary),
     ]
 
 
