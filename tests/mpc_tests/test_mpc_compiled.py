@@ -90,22 +90,24 @@ def test_joints_that_differ_in_their_numbers_share_the_compiled_code():
 
 # --- the QP -----------------------------------------------------------------------------------------------------------
 
-CASES = {  # name of the joint, plant, dt, blocks
-    "report": ("report", {}, 0.01, (1,) * 12),
+CASES = {  # name of the joint, plant, dt, blocks, how far from rest the commands are to begin with [bar]
+    "report": ("report", {}, 0.01, (1,) * 12, 0.5),
+    "report, within the limits": ("report", {}, 0.01, (1,) * 12, 0.02),
     "substeps, gravity, blocks": (
         "sarosi-lever",
         {"lag": (0.1, 0.03), "gravity_torque": 0.8},
         0.04,
         (1, 1, 2, 4),
+        0.5,
     ),
-    "no kernel": ("tondu-lever", {}, 0.01, (1,) * 8),
+    "no kernel": ("tondu-lever", {}, 0.01, (1,) * 8, 0.5),
 }
 
 
 class Case:
     """One step, ready to be posed in both ways."""
 
-    def __init__(self, joint, options, dt, blocks):
+    def __init__(self, joint, options, dt, blocks, noise):
         self.plant, self.dt, N = Plant(joint=joint, **options), dt, sum(blocks)
         weights = Weights()
         L = terminal_factor(self.plant, dt, weights)
@@ -119,7 +121,7 @@ class Case:
         self.theta = self.x[0] + np.linspace(0.0, 2 * DEG, N + 1)
         self.K = np.full(N + 1, float(self.plant.stiffness(self.x)))
         self.d = 0.1 * RNG.normal(size=N + 1)
-        self.u = self.x[2:] + 0.5 * BAR * RNG.normal(size=(N, 2))
+        self.u = self.x[2:] + noise * BAR * RNG.normal(size=(N, 2))
 
     def arguments(self, solve=DAQP, x=None, deadline=math.inf):
         feed = self.law(self.theta, self.K, self.d)
@@ -154,10 +156,10 @@ def test_the_compiled_step_comes_to_the_readable_one_s_commands_and_motion(case)
     quick, readable = (improve(*case.arguments()) for improve in (case.improve, case.readable))
     assert quick.status is readable.status is PlanStatus.OPTIMAL
     np.testing.assert_allclose(quick.u, readable.u, atol=1e-6 * BAR)
-    motion = quick.motion or case.predictor.motion(case.x, quick.u, case.d[:-1])
+    assert quick.motion is not None
     wanted = case.predictor.motion(case.x, quick.u, case.d[:-1])
     for name in ("u", "x", "K", "F"):
-        np.testing.assert_allclose(getattr(motion, name), getattr(wanted, name), rtol=1e-10, atol=1e-9)
+        np.testing.assert_allclose(getattr(quick.motion, name), getattr(wanted, name), rtol=1e-10, atol=1e-9)
 
 
 def test_rows_that_break_lead_to_the_whole_qp(case):
