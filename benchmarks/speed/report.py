@@ -71,12 +71,13 @@ LIMITATIONS = (
     "compilers, or intrinsics, may do better.",
     "What two threads gain depends on what else wants the second processor: hashing by two threads, measured beside "
     "it, shows how much there was to gain.",
-    "Times are the processor's, except where threads are compared; on an idle machine they are the wall's.",
+    "Times are the processor's, except where threads are compared; on an idle machine they are the wall's. "
+    "Those of MPC steps are the calling thread's: what solvers do in other threads is not counted.",
     "MPC: the nonlinear MPCs solve their problem to the end at every sample, TrackingMPC one QP of it; the costs of "
     "the closed loops stand beside the times. One joint, one trajectory. In do-mpc every stage has slacks of its own. "
     "Compiled solvers of others, such as acados, are not measured here.",
     "MPC: up to N = 40 a QP's solution takes so little that the rest of a step is most of it: checks, what is to be "
-    "followed, the linear model, the prediction. The slowest steps are those in which rows of the QP bind.",
+    "followed, the linear model, the prediction. The slowest steps are those whose QP the sweeps leave to DAQP.",
     "MPC: only the controller's step is timed, not the observer. cvxpy is timed without what makes the QP.",
 )
 
