@@ -18,7 +18,7 @@ from mpc.solvers import Solver
 
 
 class Before(NamedTuple):
-    """Of the sample before."""
+    """Of the sample before. All QPs of a sample are given the same object, another sample's another one."""
 
     u: Array  # command (2,) [Pa]
     u_star: Array  # its feed-forward (2,) [Pa]
@@ -31,7 +31,7 @@ class Improvement(NamedTuple):
     u: Array  # (N, 2) optimal commands within the limits if the status is OPTIMAL, else those that the QP is about [Pa]
     motion: Motion | None  # under them, finite, where it is known already
     qp: QP | None  # None if there was no need to pose it
-    times: tuple[float, float, float]  # of linearising, condensing, solving [s]; 0.0 for what is a part of the next
+    times: tuple[float, float, float]  # of linearising, condensing, solving with its proof [s]; 0.0: not needed
 
 
 class Improver(Protocol):

@@ -1,17 +1,17 @@
 """`mpc.improvement` in compiled code: tens of microseconds where that takes hundreds.
 
-The QP is solved with its simple bounds only, from the guess that those bind which bound in the last sample's plan: by
+The QP is solved with its simple bounds only, from the guess that those bind which bound in the last one: by
 Riccati recursions (`mpc.compiled.structured`), or by the solver where these do not settle. If the answer keeps all rows
 and is proved optimal (`mpc.compiled.certificate`) it is the QP's, and the step is done; else the whole QP, the same
 that `mpc.condense` gives, goes to `mpc.certified`.
 """
 
-from itertools import pairwise
 from math import inf
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.units import BAR
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from mpc.compiled.module import Law  # which imports numba
 
 _SWEEPS = 2  # of the quick solution before the solver is asked
+_LINEARISING, _CONDENSING, _SOLVING = range(3)  # places in `Improvement.times`
 _TOLERANCES = (LAZY_TOLERANCE, PRIMAL_TOLERANCE, GAP_TOLERANCE)
 
 
@@ -37,20 +38,21 @@ class QuickImprover:
     """For one controller: its memory must not be used by two threads at a time."""
 
     def __init__(self, law: "Law", problem: Problem) -> None:
-        from mpc.compiled import answers
         from mpc.compiled.memory import flat, given_in, lengths
 
-        functions, c, _, substeps = self._made_from = law
-        self._law, self._answers, self._problem = functions, answers, problem
+        self._law, self._answers, c, _, substeps = self._made_from = law
+        self._problem = problem
         N, n = sum(problem.blocks), NU * len(problem.blocks)
         given, memory = map(np.zeros, lengths(N))
         views: Any = given_in
-        self._given = views.py_func(given, N)  # to be filled
-        numbers, starts = flat(setting(problem, substeps)), problem.starts.astype(np.int64)
-        self._rest = numbers, starts, substeps, given, memory
-        self._all = c, *self._rest
+        self._given = views.py_func(given)  # to be filled
+        numbers, starts = flat(setting(problem)), problem.starts.astype(np.int64)
+        self._rest = numbers, starts, given, memory
+        self._all = c, substeps, *self._rest
         self._no_rows, self._no_bounds = np.zeros((0, n)), np.zeros(0)
         self._guess = np.zeros(n, np.int8)  # sign of the multipliers
+        self._before: Before | None = None  # of the sample that the guess is about
+        self._onward = _onward(problem.starts)
         self._compile()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "QuickImprover":
@@ -61,13 +63,13 @@ class QuickImprover:
 
     def _compile(self) -> None:
         """Now, and not when the joint is waiting for its first command."""
-        numbers, starts, _, _, memory = self._rest
+        numbers, starts, _, memory = self._rest
         nothing = np.zeros(self._guess.size)
         self._law.prepare(*self._all)
         self._answers.settle(*self._rest, self._guess, 0)
         self._answers.judge(numbers, starts, memory, *self._answers.pose(*self._rest), nothing, nothing)
         self._law.march(*self._all, nothing)
-        self._rows()
+        self._answers.rows(numbers, starts, memory)
 
     def reset(self) -> None:
         """Forget which bounds bound."""
@@ -77,26 +79,33 @@ class QuickImprover:
         self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before, solve: Solver, deadline: float
     ) -> Improvement:
         """See `mpc.improvement.Improver`."""
-        clock = [perf_counter()]
+        watch = _Stopwatch()
+        self._begin(before)
         self._take(x, u, d, feed, before)
         self._law.prepare(*self._all)
-        clock.append(perf_counter())
+        watch.book(_LINEARISING)
         outcome, z, found, box = self._answers.REFUSED, None, None, None
         if solve is daqp:
             outcome, z = self._answers.settle(*self._rest, self._guess, _SWEEPS)
+            watch.book(_SOLVING)
         if outcome != self._answers.SOLVED:
             box = self._posed()
-        clock.append(perf_counter())
+            watch.book(_CONDENSING)
         if outcome == self._answers.REFUSED and box is not None:
             found = _Once(solve, box, deadline)
             outcome, z = self._judged(box, found.first)
+            watch.book(_SOLVING)
         motion = self._marched(z) if z is not None and outcome == self._answers.SOLVED else None
-        clock.append(perf_counter())
-        if motion is None or clock[-1] > deadline:
-            self.reset()
-            return self._whole(box or self._posed(), before, found or solve, deadline, clock)
-        self._guess[:-NU] = self._guess[NU:]  # what binds at the next sample is what binds now, one block earlier
-        return Improvement(PlanStatus.OPTIMAL, motion.u, motion, box, _between(clock))
+        if motion is None or perf_counter() > deadline:
+            if outcome != self._answers.ROWS:  # else the guess is right for this QP, and about so for the next one
+                self.reset()
+            return self._whole(box or self._posed(), before, found or solve, deadline, watch)
+        return Improvement(PlanStatus.OPTIMAL, motion.u, motion, box, watch.times)
+
+    def _begin(self, before: Before) -> None:
+        """At a new sample the same commands bind as at the last, one sample earlier."""
+        if before is not self._before:
+            self._before, self._guess[:] = before, self._guess[self._onward]
 
     def _take(self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before) -> None:
         given, wish = self._given, self._given.wish
@@ -105,15 +114,16 @@ class QuickImprover:
 
     def _posed(self) -> QP:
         """The QP without slacks and rows."""
-        return QP(*self._answers.pose(*self._rest), self._no_rows, self._no_bounds, self._no_bounds, self._guess.copy())
+        H, f, lower, upper = self._answers.pose(*self._rest)
+        return QP(H, f, lower, upper, self._no_rows, self._no_bounds, self._no_bounds, self._guess.copy())
 
     def _judged(self, box: QP, found: tuple[Array, Array] | None) -> tuple[int, Array | None]:
         """Whether the solver's answer is proved and breaks no row."""
         if found is None:
             return self._answers.REFUSED, None
-        numbers, starts, _, _, memory = self._rest
+        numbers, starts, _, memory = self._rest
         outcome = self._answers.judge(numbers, starts, memory, box.H, box.f, box.lower, box.upper, *found)
-        if outcome == self._answers.SOLVED:
+        if outcome != self._answers.REFUSED:
             self._guess[:] = np.sign(found[1])
         return outcome, found[0]
 
@@ -122,25 +132,22 @@ class QuickImprover:
         finite, *found = self._law.march(*self._all, z)
         return Motion(*found) if finite else None
 
-    def _whole(self, box: QP, before: Before, solve: Solver, deadline: float, clock: list[float]) -> Improvement:
+    def _whole(self, box: QP, before: Before, solve: Solver, deadline: float, watch: "_Stopwatch") -> Improvement:
         """The QP with its slacks and rows, and its answer."""
         weights, n = self._problem.weights, box.f.size
         H = np.zeros((n + SLACKS, n + SLACKS))
         H[:n, :n], H[n, n], H[n + 1, n + 1] = box.H, weights.slack_square, weights.slack_force_square
         f = np.append(box.f, [weights.slack, weights.slack_force])
         lower, upper = np.append(box.lower, SLACKS * [0.0]), np.append(box.upper, SLACKS * [inf])
-        qp = QP(H, f, lower, upper, *self._rows())
+        numbers, starts, _, memory = self._rest
+        qp = QP(H, f, lower, upper, *self._answers.rows(numbers, starts, memory))
+        watch.book(_CONDENSING)
         answer = certified(solve, qp, deadline)
+        watch.book(_SOLVING)
         u = self._problem.limits.limited(before.u, self._given.u)
         if answer.status is PlanStatus.OPTIMAL:
             u = self._problem.limits.limited(before.u, u + self._problem.E @ answer.z)
-        return Improvement(answer.status, u, None, qp, _between([*clock[:3], perf_counter()]))
-
-    def _rows(self) -> tuple[Array, Array, Array]:
-        from mpc.compiled.condensing import rows
-
-        numbers, starts, _, _, memory = self._rest
-        return rows(numbers, starts, memory)
+        return Improvement(answer.status, u, None, qp, watch.times)
 
 
 class _Once:
@@ -159,9 +166,28 @@ class _Once:
         return np.append(z, SLACKS * [0.0]), np.append(multipliers, -qp.f[-SLACKS:])  # the slacks stay at their bounds
 
 
-def _between(clock: list[float]) -> tuple[float, float, float]:
-    linearising, condensing, solving = (after - before for before, after in pairwise(clock))
-    return linearising, condensing, solving
+class _Stopwatch:
+    """Where the time of an improvement goes."""
+
+    def __init__(self) -> None:
+        self._spent, self._now = [0.0, 0.0, 0.0], perf_counter()
+
+    def book(self, kind: int) -> None:
+        """The time since the last entry was spent on `kind`."""
+        before, self._now = self._now, perf_counter()
+        self._spent[kind] += self._now - before
+
+    @property
+    def times(self) -> tuple[float, float, float]:
+        """See `Improvement.times`."""
+        linearising, condensing, solving = self._spent
+        return linearising, condensing, solving
+
+
+def _onward(starts: Array) -> NDArray[np.intp]:
+    """For each decision that of the block in which its sample was when it was one later."""
+    blocks = np.searchsorted(starts, starts + 1, side="right") - 1
+    return (NU * blocks[:, None] + np.arange(NU)).ravel()
 
 
 class QuickFeedForward:
@@ -206,7 +232,7 @@ def workings(plant: Plant, dt: float, problem: Problem, predictor: Predictor, fe
         return Workings(ReadableImprover(problem, predictor), feed_forward.ready())
 
 
-def setting(problem: Problem, substeps: int) -> Any:
+def setting(problem: Problem) -> Any:
     """What the compiled functions have to know of `problem`: a `records.Setting`."""
     from mpc.compiled.records import Cost, Room, Setting
 
@@ -216,7 +242,7 @@ def setting(problem: Problem, substeps: int) -> Any:
     cost = Cost(w.theta, w.omega, w.K, w.u * BAR**2, w.rate * BAR**2 / problem.dt**2, end)
     low, high = limits.pressure
     room = Room(low / BAR, high / BAR, limits.step / BAR, *limits.theta, limits.min_force)
-    return Setting(cost, room, _TOLERANCES, problem.starts.astype(np.int64), substeps)
+    return Setting(cost, room, _TOLERANCES, problem.starts.astype(np.int64))
 
 
 __all__ = ["QuickFeedForward", "QuickImprover", "Workings", "setting", "workings"]

@@ -1,7 +1,7 @@
 """The functions of `kernels` compiled by numba: when they are used, once, and kept on disk.
 
-numba is not imported before. Where it is missing, or finds no directory to keep what it compiles, `kernel` answers
-None and the readable implementation does the work.
+numba is not imported before. Where it is missing, is told not to compile (NUMBA_DISABLE_JIT), or finds no directory to
+keep what it compiles, `kernel` answers None and the readable implementation does the work.
 
 In other compiled code a law is called like any compiled function:
 
@@ -30,6 +30,8 @@ def kernel(name: str) -> Callable[..., Any] | None:
         register()
         import numba
 
+        if numba.config.DISABLE_JIT:
+            return None
         options = {"cache": True, "nogil": True, "pipeline_class": _unaliased(), **_OPTIONS}
         return numba.njit(**options)(getattr(kernels, name))  # type: ignore[no-any-return]  # numba has no types
     except ImportError:

@@ -10,6 +10,7 @@ from math import nan
 
 import numpy as np
 
+MISSED = "missed"  # ends a note on what was asked for in vain
 Work = Callable[[], object]
 
 
@@ -26,9 +27,14 @@ class Measurement:
     ratio: float = nan  # median over the rounds
     low: float = nan  # its quartiles
     high: float = nan
-    wanted: float = nan  # the ratio that was to be shown
+    wanted: float = nan  # the ratio that was asked for
     floor: float = nan  # in the light version less than this is a failure
     note: str = ""
+
+    @property
+    def missed(self) -> bool:
+        """Whether it is slower than was asked for."""
+        return bool(self.ratio < self.wanted)
 
     @property
     def below_its_floor(self) -> bool:
@@ -70,4 +76,4 @@ def versus(
     return Measurement(part, what, mine, unit, rival, theirs, ratio, low, high, wanted, floor, note)
 
 
-__all__ = ["Measurement", "Work", "seconds", "versus"]
+__all__ = ["MISSED", "Measurement", "Work", "seconds", "versus"]

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from math import inf, nan
+from time import thread_time
 from typing import Any
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
-from benchmarks.speed.clock import Measurement, seconds
+from benchmarks.speed.clock import MISSED, Measurement, seconds
 from benchmarks.speed.mpc_loop import DT, Loop, closed_loop
 from benchmarks.speed.mpc_rivals import CvxpyOSQP, DoMPC
 from benchmarks.speed.truth import BenchmarkFailure
@@ -21,14 +22,15 @@ from mpc.simulation import Controller
 from mpc.solvers import solver
 
 PART = "control"
-CLOSE = 2e-3 * BAR  # [Pa] two first commands this near are the same
+CLOSE = 2e-3 * BAR  # [Pa] commands this near are the same
 Maker = Callable[[Plant, int], Controller]
 
 NONLINEAR: dict[str, Maker] = {
     "IPOPT": lambda plant, N: NonlinearMPC(plant, DT, N, solver="ipopt"),
     "fatrop": lambda plant, N: NonlinearMPC(plant, DT, N, solver="fatrop"),
 }
-WANTED = {("IPOPT", 20): 60.0, ("do-mpc", 20): 200.0}
+WANTED = {("IPOPT", 20): 120.0, ("do-mpc", 20): 200.0}  # 60 for IPOPT without the structured solution
+AT_MOST = {20: {"tail": 4.0, "outside": 0.5, "cost": 1.01}}  # asked for at a horizon
 FLOORS = {("IPOPT", 20): 30.0}
 BLOCKS = {20: (1,) * 10 + (2,) * 5, 40: (1,) * 10 + (2,) * 5 + (4,) * 5, 80: (1,) * 10 + (2,) * 5 + (4,) * 5 + (8,) * 5}
 
@@ -50,15 +52,22 @@ def mpc(plant: Plant, N: int, **settings: Any) -> TrackingMPC:
 
 
 def check_commands(N: int, rivals: dict[str, Maker]) -> None:
-    """Where the slew limit binds, repeated QPs and all the nonlinear solvers come to the same first commands."""
+    """Repeated QPs and all the nonlinear solvers come to the same commands, as many of the plan as a rival tells."""
     plant = Plant()
-    theta, K = np.where(np.arange(N + 1) < N // 2, 0.0, 5 * DEG), np.full(N + 1, 7.7)
     x = plant.at_rest(0.0, 7.6)
-    right = mpc(plant, N, iterations=20).step(x, theta, K, 0.2).u[0]
-    for name, make in rivals.items():
-        found = make(plant, N).step(x, theta, K, 0.2).u[0]
-        if np.abs(found - right).max() > CLOSE:
-            raise BenchmarkFailure(f"{name}, N = {N}: first command {found / BAR} bar, not {right / BAR} bar")
+    for theta, K, d in tasks(N):
+        right = mpc(plant, N, iterations=20).step(x, theta, K, d).u
+        for name, make in rivals.items():
+            found = make(plant, N).step(x, theta, K, d).u
+            if not (off := np.abs(found - right[: len(found)]).max()) <= CLOSE:
+                raise BenchmarkFailure(f"{name}, N = {N}: commands {off / BAR:.2g} bar from those of repeated QPs")
+
+
+def tasks(N: int) -> Iterator[tuple[Array, Array, float]]:
+    """θ, K and load for which the slew limit binds in most of the plan, then nowhere: it hides what a rival wants."""
+    k = np.arange(N + 1)
+    yield np.where(k < N // 2, 0.0, 5 * DEG), np.full(N + 1, 7.7), 0.2
+    yield 0.1 * DEG * k / N, np.full(N + 1, 7.61), 0.02
 
 
 def loops(N: int, rivals: dict[str, Maker], duration: float) -> Iterator[Measurement]:
@@ -79,17 +88,26 @@ def compared(what: str, own: list[Loop], name: str, other: Loop, N: int, note: s
     """The faster of this project's two runs, sample by sample, against a rival's."""
     mine = np.minimum(own[0].seconds, own[1].seconds)
     low, ratio, high = np.quantile(other.seconds / mine, (0.25, 0.5, 0.75))
+    cost, tail = own[1].cost(N) / other.cost(N), float(np.quantile(mine, 0.99) / np.median(mine))
+    most, outside = AT_MOST.get(N, {}), own[1].outside
     notes = (
         f"limits bind in {own[1].saturated:.0%} of the plans",
-        f"cost {own[1].cost(N) / other.cost(N):.4f} of the rival's",
+        judged(f"cost {cost:.4f} of the rival's", cost, most.get("cost")),
         note,
-        f"99th percentile {np.quantile(mine, 0.99) / np.median(mine):.2g} medians",
-        f"{own[1].outside:.0%} outside the QP",
+        judged(f"99th percentile {tail:.2g} medians", tail, most.get("tail")),
+        judged(f"{outside:.0%} outside the QP", outside, most.get("outside")),
     )
     return Measurement(
         *(PART, what, float(np.median(mine)), "step", name, float(np.median(other.seconds)), ratio, low, high),
         *(WANTED.get((name, N), nan), FLOORS.get((name, N), nan), "; ".join(filter(None, notes))),
     )
+
+
+def judged(words: str, value: float, most: float | None) -> str:
+    """With what was asked for, and whether that was missed."""
+    if most is None:
+        return words
+    return f"{words}, at most {most:g} asked{'' if value <= most else f': {MISSED}'}"
 
 
 def qps(N: int, rounds: int) -> Iterator[Measurement]:
@@ -101,7 +119,7 @@ def qps(N: int, rounds: int) -> Iterator[Measurement]:
     if np.abs(other(qp) - exact)[:2].max() * BAR > CLOSE:
         raise BenchmarkFailure(f"cvxpy + OSQP, N = {N}: first changes {other(qp)[:2]} bar, not {exact[:2]} bar")
     mine = float(np.median(closed_loop(lambda plant: mpc(plant, N), 1.0).seconds))
-    theirs = np.array([seconds(lambda: other(qp)) for _ in range(rounds)])
+    theirs = np.array([seconds(lambda: other(qp), clock=thread_time) for _ in range(rounds)])
     low, ratio, high = np.quantile(theirs / mine, (0.25, 0.5, 0.75))
     name = "cvxpy + OSQP, a QP alone"
     yield Measurement(PART, f"MPC step, N = {N}", mine, "step", name, float(np.median(theirs)), ratio, low, high)

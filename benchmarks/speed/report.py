@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmarks.allocators.machine import machine
 from benchmarks.speed.c_reference import FLAGS
-from benchmarks.speed.clock import Measurement
+from benchmarks.speed.clock import MISSED, Measurement
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "daqp", "osqp")
 HEADER = "| what | time | against | its time | times faster | quartiles | wanted |\n|---|--:|---|--:|--:|--:|--:|\n"
@@ -54,7 +54,9 @@ def lines(found: Sequence[Measurement]) -> Iterator[str]:
     for part in dict.fromkeys(m.part for m in found):
         yield f"## {part.capitalize()}\n"
         yield HEADER + "\n".join(row(m) for m in found if m.part == part) + "\n"
-    yield "## Limitations\n"
+    yield "## Asked for and missed\n"
+    yield from (f"* {sentence}" for sentence in missed(found) or ["Nothing."])
+    yield "\n## Limitations\n"
     yield from (f"* {sentence}" for sentence in LIMITATIONS)
     yield "\n## Machine and versions\n"
     yield f"{machine()}; {', '.join(f'{package} {version(package)}' for package in PACKAGES)}."
@@ -69,19 +71,32 @@ LIMITATIONS = (
     "compilers, or intrinsics, may do better.",
     "What two threads gain depends on what else wants the second processor: hashing by two threads, measured beside "
     "it, shows how much there was to gain.",
-    "Times are the processor's, except where threads are compared; on an idle machine they are the wall's.",
+    "Times are the processor's, except where threads are compared; on an idle machine they are the wall's. "
+    "Those of MPC steps are the calling thread's: what solvers do in other threads is not counted.",
     "MPC: the nonlinear MPCs solve their problem to the end at every sample, TrackingMPC one QP of it; the costs of "
     "the closed loops stand beside the times. One joint, one trajectory. In do-mpc every stage has slacks of its own. "
     "Compiled solvers of others, such as acados, are not measured here.",
+    "MPC: up to N = 40 a QP's solution takes so little that the rest of a step is most of it: checks, what is to be "
+    "followed, the linear model, the prediction. The slowest steps are those whose QP the sweeps leave to DAQP.",
     "MPC: only the controller's step is timed, not the observer. cvxpy is timed without what makes the QP.",
 )
+
+
+def missed(found: Sequence[Measurement]) -> list[str]:
+    """Each once, though a note may stand with several rivals."""
+    sentences = []
+    for m in found:
+        if m.missed:
+            sentences.append(f"{m.what}: {digits(m.ratio)} times faster than {m.rival}; {digits(m.wanted)} asked.")
+        sentences += [f"{m.what}: {note}." for note in m.note.split("; ") if note.endswith(MISSED)]
+    return list(dict.fromkeys(sentences))
 
 
 def row(m: Measurement) -> str:
     if isnan(m.ratio):
         return f"| {m.what} | {m.note} | | | | | |"
     what = f"{m.what} ({m.note})" if m.note else m.what
-    wanted = "" if isnan(m.wanted) else f"≥ {digits(m.wanted)}"
+    wanted = "" if isnan(m.wanted) else f"≥ {digits(m.wanted)}{f', {MISSED}' if m.missed else ''}"
     cells = (what, f"{duration(m.seconds)} a {m.unit}", m.rival, duration(m.rival_seconds))
     return f"| {' | '.join(cells)} | {digits(m.ratio)} | {digits(m.low)} – {digits(m.high)} | {wanted} |"
 

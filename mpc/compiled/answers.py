@@ -1,6 +1,7 @@
 """From a path to the best decisions: quickly, or by way of the condensed QP and a solver. Both are proved.
 
-`memory` holds the path, `given` what is new in the step (`mpc.compiled.memory`).
+`memory` holds the path, `given` what is new in the step (`mpc.compiled.memory`). This file is used by way of a copy,
+`mpc.compiled.module` says why.
 """
 
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.compiled.certificate import keeps_rows, proved, proved_by_gradient
 from mpc.compiled.commands import bounds, deviations
-from mpc.compiled.condensing import condensed, gradient
+from mpc.compiled.condensing import condensed, gradient, rows_of
 from mpc.compiled.jit import compiled
 from mpc.compiled.memory import given_in, path_in, setting_in
 from mpc.compiled.records import BoxQP
@@ -20,13 +21,10 @@ SOLVED, ROWS, REFUSED = 0, 1, 2
 
 
 @compiled
-def settle(
-    numbers: Array, starts: Any, substeps: int, given: Array, memory: Array, guess: Any, sweeps: int
-) -> tuple[int, Array]:
+def settle(numbers: Array, starts: Any, given: Array, memory: Array, guess: Any, sweeps: int) -> tuple[int, Array]:
     """SOLVED or why not, and z (n,); `guess` (n,) of the bounds that bind becomes the set found."""
-    N = (given.size - 13) // 10
-    setting, path, u = setting_in(numbers, starts, substeps), *path_in(memory, N)
-    _, _, _, wish, last = given_in(given, N)
+    setting, path, u = setting_in(numbers, starts), *path_in(memory)
+    _, _, _, wish, last = given_in(given)
     errors = deviations(path, u, wish, last)
     lower, upper = bounds(setting, u, last)
     z = np.zeros(lower.size)
@@ -40,11 +38,10 @@ def settle(
 
 
 @compiled
-def pose(numbers: Array, starts: Any, substeps: int, given: Array, memory: Array) -> tuple[Array, Array, Array, Array]:
+def pose(numbers: Array, starts: Any, given: Array, memory: Array) -> tuple[Array, Array, Array, Array]:
     """The `BoxQP` of the path."""
-    N = (given.size - 13) // 10
-    setting, path, u = setting_in(numbers, starts, substeps), *path_in(memory, N)
-    _, _, _, wish, last = given_in(given, N)
+    setting, path, u = setting_in(numbers, starts), *path_in(memory)
+    _, _, _, wish, last = given_in(given)
     H, f = condensed(path, deviations(path, u, wish, last), setting.cost, starts)
     lower, upper = bounds(setting, u, last)
     return H, f, lower, upper
@@ -56,10 +53,17 @@ def judge(
     H: Array, f: Array, lower: Array, upper: Array, z: Array, multipliers: Array,
 ) -> int:  # fmt: skip
     """Whether a solver's answer to `pose` is SOLVED, or why not."""
-    setting, path, u = setting_in(numbers, starts, 1), *path_in(memory, (memory.size - 19) // 45)
+    setting, path, u = setting_in(numbers, starts), *path_in(memory)
     if not proved(BoxQP(H, f, lower, upper), z, multipliers, setting):
         return REFUSED
     return SOLVED if keeps_rows(path, setting, u, z) else ROWS
 
 
-__all__ = ["REFUSED", "ROWS", "SOLVED", "judge", "pose", "settle"]
+@compiled
+def rows(numbers: Array, starts: Any, memory: Array) -> tuple[Array, Array, Array]:
+    """R, lower and upper of the whole QP."""
+    path, u = path_in(memory)
+    return rows_of(path, u, setting_in(numbers, starts).room, starts)
+
+
+__all__ = ["REFUSED", "ROWS", "SOLVED", "judge", "pose", "rows", "settle"]

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.compiled.jit import compiled, inlined
-from mpc.compiled.memory import path_in, setting_in
-from mpc.compiled.records import Cost, Errors, Path
+from mpc.compiled.jit import inlined
+from mpc.compiled.records import Cost, Errors, Path, Room
 
 
 @inlined
@@ -125,11 +124,10 @@ def gradient(path: Path, errors: Errors, cost: Cost, starts: Any) -> Array:
     return f
 
 
-@compiled
-def rows(numbers: Array, starts: Any, memory: Array) -> tuple[Array, Array, Array]:
+@inlined
+def rows_of(path: Path, u: Array, room: Room, starts: Any) -> tuple[Array, Array, Array]:
     """R (6N, n + 2), lower and upper (6N,): the rows of `mpc.condense` for the decisions (z, s, s_F)."""
-    N, room = (memory.size - 19) // 45, setting_in(numbers, starts, 1).room
-    path, u = path_in(memory, N)
+    N = u.shape[0]
     columns, n = moved_columns(starts, N), 2 * starts.size
     G = unrolled(path, columns, n)
     R, lower, upper = np.zeros((6 * N, n + 2)), np.full(6 * N, -np.inf), np.full(6 * N, np.inf)
@@ -155,4 +153,4 @@ def rows(numbers: Array, starts: Any, memory: Array) -> tuple[Array, Array, Arra
     return R, lower, upper
 
 
-__all__ = ["condensed", "gradient", "rows"]
+__all__ = ["condensed", "gradient", "rows_of"]

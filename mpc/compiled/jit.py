@@ -3,17 +3,25 @@
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from numba import njit
+from numba import config, njit
 
+if config.DISABLE_JIT:
+    raise ImportError("numba is told not to compile")
+
+KEPT = "antagonist_"  # begins the names of the modules whose compiled code is kept: hashes of all that it is made from
 F = TypeVar("F", bound=Callable[..., Any])
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
 _INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # they take long to compile
 
 
 def compiled(function: F) -> F:
-    """Compile `function` when it is first called, and keep the result on disk; an `OSError` if nothing can be kept."""
+    """Compile `function` when it is first called; an `OSError` if the result is to be kept on disk and cannot be.
+
+    numba sees when the file of a function changes, but not those of the functions that it calls: results are kept only
+    of modules that `mpc.compiled.module` names.
+    """
     try:
-        made: F = njit(cache=True, **_OPTIONS)(function)
+        made: F = njit(cache=function.__module__.startswith(KEPT), **_OPTIONS)(function)
     except RuntimeError as error:
         if "cannot cache function" not in str(error):
             raise
@@ -27,4 +35,4 @@ def inlined(function: F) -> F:
     return made
 
 
-__all__ = ["compiled", "inlined"]
+__all__ = ["KEPT", "compiled", "inlined"]

@@ -22,22 +22,26 @@ class Given(NamedTuple):
     last: Array  # (2, 2) command and feed-forward of the sample before [Pa]
 
 
+_GIVEN, _PATH = (10, 13), (45, 19)  # numbers for a sample of the horizon, and beyond: of a `Given`, of a path
+
+
 def flat(setting: Setting) -> Array:
     """The numbers (50,) of `setting`."""
     return np.concatenate([setting.cost[:5], setting.room, setting.tolerances, np.ravel(setting.cost.end)])
 
 
 @inlined
-def setting_in(numbers: Array, starts: Any, substeps: int) -> Setting:
+def setting_in(numbers: Array, starts: Any) -> Setting:
     """The setting of these `numbers`."""
     n = numbers
     cost = Cost(n[0], n[1], n[2], n[3], n[4], n[14:50].reshape(6, 6))
-    return Setting(cost, Room(n[5], n[6], n[7], n[8], n[9], n[10]), (n[11], n[12], n[13]), starts, substeps)
+    return Setting(cost, Room(n[5], n[6], n[7], n[8], n[9], n[10]), (n[11], n[12], n[13]), starts)
 
 
 @inlined
-def given_in(memory: Array, N: int) -> Given:
-    """Views into `memory` (13 N + 13,)."""
+def given_in(memory: Array) -> Given:
+    """Views into `memory` (10 N + 13,)."""
+    N = (memory.size - _GIVEN[1]) // _GIVEN[0]
     M = N + 1
     theta, omega, K = memory[:M], memory[M : 2 * M], memory[2 * M : 3 * M]
     P, rest = memory[3 * M : 5 * M].reshape(M, 2), memory[5 * M :]
@@ -46,8 +50,9 @@ def given_in(memory: Array, N: int) -> Given:
 
 
 @inlined
-def path_in(memory: Array, N: int) -> tuple[Path, Array]:
+def path_in(memory: Array) -> tuple[Path, Array]:
     """A path and its commands (N, 2) [bar]: views into `memory` (45 N + 19,)."""
+    N = (memory.size - _PATH[1]) // _PATH[0]
     M = N + 1
     x, y = memory[: 4 * M].reshape(M, 4), memory[4 * M : 7 * M].reshape(M, 3)
     slope, rest = memory[7 * M : 19 * M].reshape(M, 3, 4), memory[19 * M :]
@@ -57,7 +62,7 @@ def path_in(memory: Array, N: int) -> tuple[Path, Array]:
 
 def lengths(N: int) -> tuple[int, int]:
     """Of the memories of a `Given` and of a path."""
-    return 10 * N + 5 + 8, 45 * N + 19
+    return _GIVEN[0] * N + _GIVEN[1], _PATH[0] * N + _PATH[1]
 
 
 __all__ = ["Given", "flat", "given_in", "lengths", "path_in", "setting_in"]

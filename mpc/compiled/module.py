@@ -1,7 +1,8 @@
 """From a plant to compiled functions: its law as a Python module of its own, written once and found again.
 
-numba keeps compiled code next to the file that it came from, so the module is written into the user's cache directory
-under a name that is the hash of everything it is made from. Joints that differ in their numbers only share it.
+numba keeps compiled code next to the file that it came from, and looks at no other when it decides whether that code is
+up to date. So all that is kept comes from modules in the user's cache directory whose names are the hash of everything
+that they are made from: one with the law, which joints share that differ in their numbers only, and one without.
 """
 
 import os
@@ -16,12 +17,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from allocator import AntagonistJoint
-from allocator.allocation import kernels
-from allocator.allocation.compiled import register
+from allocator import AntagonistJoint, units
+from allocator.allocation import compiled, kernels
 from allocator.allocation.laws import coefficients, law_of
 from allocator.calculus import Array
 from allocator.units import BAR
+from mpc.compiled.jit import KEPT
 from mpc.compiled.translate import translated
 from mpc.integration import integrated
 from mpc.plant import NU, NX, Plant
@@ -33,12 +34,14 @@ from allocator.allocation.kernels import affine_exact, tondu_exact
 
 """
 _TEMPLATE = Path(__file__).with_name("step.py")
+_ANSWERS = Path(__file__).with_name("answers.py")
 
 
 class Law(NamedTuple):
     """What is compiled for a family of plants, and the numbers of the plant."""
 
-    module: ModuleType  # its functions `prepare` and `finish`
+    module: ModuleType  # `mpc.compiled.step` with the law
+    answers: ModuleType  # `mpc.compiled.answers`
     c: Array
     p: tuple[Any, ...]  # of the kernel; empty if there is none
     substeps: int
@@ -52,8 +55,9 @@ def law(plant: Plant, dt: float) -> Law:
         source = translated(name, function, c.size)
         text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
     kernel = law_of(plant.joint)
-    register()
-    return Law(_imported(_with_law(text + _ALLOCATED[kernel.name])), c, kernel.p, substeps)
+    compiled.register()
+    step = _imported(_with_law(text + _ALLOCATED[kernel.name]))
+    return Law(step, _imported(_ANSWERS.read_text(encoding="utf-8")), c, kernel.p, substeps)
 
 
 _ALLOCATED = {
@@ -118,38 +122,60 @@ def _with_law(law: str) -> str:
 @cache
 def _imported(text: str) -> ModuleType:
     """The module of this text, from the cache directory if it is there."""
-    name = f"antagonist_{sha256((text + _surroundings()).encode()).hexdigest()[:24]}"
+    name = f"{KEPT}{sha256((text + _surroundings()).encode()).hexdigest()[:24]}"
     file = _directory() / f"{name}.py"
-    if not file.exists():
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=file.parent, suffix=".tmp", delete=False, encoding="utf-8") as new:
-            new.write(text)
-        os.replace(new.name, file)  # at once: another process may be about to read it
+    if not _holds(file, text):
+        _write(file, text)
     spec = spec_from_file_location(name, file)
     if spec is None or spec.loader is None:
         raise ImportError(f"{file} cannot be imported")
     module = module_from_spec(spec)
     sys.modules[name] = module  # numba looks for it there when it loads what it kept
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
     return module
+
+
+def _holds(file: Path, text: str) -> bool:
+    """Whether `file` is there and whole."""
+    try:
+        return file.read_bytes() == text.encode()
+    except FileNotFoundError:
+        return False
+
+
+def _write(file: Path, text: str) -> None:
+    """At once: another process may be about to read it."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    handle, new = tempfile.mkstemp(".tmp", dir=file.parent)
+    try:
+        with os.fdopen(handle, "wb") as opened:
+            opened.write(text.encode())
+        os.replace(new, file)
+    except BaseException:
+        os.unlink(new)
+        raise
 
 
 @cache
 def _surroundings() -> str:
-    """The compiled functions that the module calls: numba does not see for itself when these change."""
-    files = [*sorted(Path(__file__).parent.glob("*.py")), Path(kernels.__file__)]
+    """All the project's code that may be compiled into a module."""
+    files = [*sorted(Path(__file__).parent.glob("*.py")), *(Path(str(m.__file__)) for m in (kernels, compiled, units))]
     return "".join(file.read_text(encoding="utf-8") for file in files)
 
 
 def _directory() -> Path:
-    """Where the user's programs keep what they can make again."""
-    if sys.platform == "win32":
-        root = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        root = Path.home() / "Library" / "Caches"
-    else:
-        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return root / "antagonist"
+    """Where the user's programs keep what they can make again; an `OSError` if there is no such place."""
+    given = {"win32": "LOCALAPPDATA", "darwin": ""}.get(sys.platform, "XDG_CACHE_HOME")
+    below_home = {"win32": "AppData/Local", "darwin": "Library/Caches"}.get(sys.platform, ".cache")
+    try:
+        root = os.environ.get(given) or Path.home() / below_home
+    except RuntimeError as error:
+        raise FileNotFoundError(f"no directory to keep compiled code in: {error}") from None
+    return Path(root) / "antagonist"
 
 
 __all__ = ["Law", "law"]

@@ -37,7 +37,6 @@ class Setting(NamedTuple):
     room: Room
     tolerances: tuple[float, float, float]  # of rows left out, of bounds, of the gap, as in `mpc.certified`
     starts: NDArray[np.int64]  # samples at which the commands may leave ū
-    substeps: int  # of the integration in a sample
 
 
 class Path(NamedTuple):

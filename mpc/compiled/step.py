@@ -55,12 +55,11 @@ def follow(
 
 
 @compiled
-def prepare(c: Array, numbers: Array, starts: Any, substeps: int, given: Array, memory: Array) -> None:
+def prepare(c: Array, substeps: int, numbers: Array, starts: Any, given: Array, memory: Array) -> None:
     """Leave in `memory` the commands of `given`, moved to within the limits, and the linear model along them."""
-    N = (given.size - 13) // 10
-    setting, path, u = setting_in(numbers, starts, substeps), *path_in(memory, N)
-    x0, asked, d, _, last = given_in(given, N)
-    for k in range(N):
+    setting, path, u = setting_in(numbers, starts), *path_in(memory)
+    x0, asked, d, _, last = given_in(given)
+    for k in range(u.shape[0]):
         u[k, 0], u[k, 1] = asked[k, 0] / BAR, asked[k, 1] / BAR
     limit(setting.room, last[0, 0] / BAR, last[0, 1] / BAR, u)
     slopes(c, x0, u, d, substeps, path)
@@ -69,12 +68,12 @@ def prepare(c: Array, numbers: Array, starts: Any, substeps: int, given: Array, 
 
 @compiled
 def march(
-    c: Array, numbers: Array, starts: Any, substeps: int, given: Array, memory: Array, z: Array
+    c: Array, substeps: int, numbers: Array, starts: Any, given: Array, memory: Array, z: Array
 ) -> tuple[bool, Array, Array, Array, Array]:
     """What follows from `z`: whether all is finite, and commands (N, 2) [Pa], states, K and F (N+1, 2)."""
-    N = (given.size - 13) // 10
-    room, (_, u) = setting_in(numbers, starts, substeps).room, path_in(memory, N)
-    x0, _, d, _, last = given_in(given, N)
+    room, (_, u) = setting_in(numbers, starts).room, path_in(memory)
+    x0, _, d, _, last = given_in(given)
+    N = u.shape[0]
     moved, x, K, F = np.empty((N, 2)), np.empty((N + 1, 4)), np.empty(N + 1), np.empty((N + 1, 2))
     cumulated(starts, z, moved)
     for k in range(N):
