@@ -23,7 +23,7 @@ class Rung(IntEnum):
 
 
 _RUNGS = {
-    Rung.QP: "solved the QP",
+    Rung.QP: "solved the optimisation problem",
     Rung.SOFTENED: "solved the QP with its limits softened, all but the slew",
     Rung.PREVIOUS: "went on with the previous plan",
     Rung.ALLOCATION: "commanded the closed-form allocation",
@@ -50,13 +50,13 @@ class PlanStatus(IntEnum):
 
 
 _STATUSES = {
-    PlanStatus.OPTIMAL: "The QP was solved and its optimality conditions were checked.",
-    PlanStatus.UNSOLVED: "The QP solver gave up; try another solver.",
-    PlanStatus.REFUSED: "The QP solver's answer is not optimal and was refused; try another solver.",
+    PlanStatus.OPTIMAL: "The problem was solved and its optimality conditions were checked.",
+    PlanStatus.UNSOLVED: "The solver gave up; try another solver.",
+    PlanStatus.REFUSED: "The solver's answer is not optimal and was refused; try another solver.",
     PlanStatus.NO_MEASUREMENT: "The measured state is not finite; the predicted one was used in its place.",
     PlanStatus.NOT_FINITE: "The prediction left the range of numbers; check the state and the plant's parameters.",
     PlanStatus.CLOSED_FORM: "This controller does not optimise: its commands are in closed form.",
-    PlanStatus.LATE: "The QP was not solved within the time budget; shorten the horizon or block moves.",
+    PlanStatus.LATE: "The problem was not solved within the time budget; shorten the horizon or block moves.",
     PlanStatus.BLIND: "The angle has not been measured for too long to trust its prediction; check the sensor.",
 }
 
