@@ -17,7 +17,7 @@ from mpc.qp import QP
 from mpc.terminal import terminal_factor
 
 _NAMES = ("theta", "omega", "K", "u1", "u2", "before1", "before2", "d")  # time-varying parameters
-_COST = 1e4  # [cost] of a unit of do-mpc's objective, as in `mpc.shooting`
+_COST = 1e2  # [cost] of a unit of do-mpc's objective: at more, IPOPT stops before small errors matter to it
 
 
 class DoMPC:
