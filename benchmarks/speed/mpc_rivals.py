@@ -157,5 +157,7 @@ class CvxpyOSQP:
         self._L.value, self._f.value, self._R.value = np.linalg.cholesky(qp.H).T, qp.f, qp.R
         for side, values in zip(self._sides, (qp.lower, qp.upper, qp.rows_lower, qp.rows_upper), strict=True):
             side.value = np.clip(values, -1e6, 1e6)
-        self._problem.solve(cp.OSQP, eps_abs=1e-6, eps_rel=1e-6, max_iter=100_000, warm_start=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about accuracy, which the caller checks
+            self._problem.solve(cp.OSQP, eps_abs=1e-6, eps_rel=1e-6, max_iter=100_000, warm_start=True)
         return np.asarray(self._z.value)
