@@ -17,6 +17,6 @@ told what is true of that plant; what it costs to be told of effects that are ab
 Written are `closed_loop.csv` (every run), `closed_loop_push.csv` (every push) and `closed_loop.md` (medians over the
 seeds, against what was asked for). K errors are against the plant's true stiffness. Air is what was filled in after the
 first rest: the rises of both pressures, summed [bar]; a muscle's volume times its part of that is the volume of air at
-1 bar, but for what the muscle swells meanwhile. All of it takes about 20 minutes with two processes; `--quick`, one
-seed of everything, about 3.
+1 bar, but for what the muscle swells meanwhile. All of it takes about 10 minutes with two processes; `--quick` takes
+one seed of everything.
 """

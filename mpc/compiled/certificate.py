@@ -7,6 +7,7 @@ Every change of a command is charged for by itself, so that no eigenvalue of H i
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.compiled.commands import carried
 from mpc.compiled.jit import inlined
 from mpc.compiled.records import BoxQP, Path, Room, Setting
 
@@ -59,13 +60,7 @@ def keeps_rows(path: Path, setting: Setting, u: Array, z: Array) -> bool:
         for i in range(2):  # what is outside already need not come back at once
             if not min(room.low - u[k, i], 0.0) - tolerance <= du[i] <= max(room.high - u[k, i], 0.0) + tolerance:
                 return False
-        A, B = path.A[k], path.B[k]
-        for i in range(4):
-            after[i] = B[i, 0] * du[0] + B[i, 1] * du[1]
-            for j in range(4):
-                after[i] += A[i, j] * dx[j]
-        for i in range(4):
-            dx[i] = after[i]
+        carried(path.A[k], path.B[k], dx, du, after)
         if not soft_kept(path.x[k + 1], path.y[k + 1], path.slope[k + 1], dx, room, tolerance):
             return False
     return True

@@ -48,6 +48,17 @@ def cumulated(starts: Any, z: Array, du: Array) -> None:
 
 
 @inlined
+def carried(A: Array, B: Array, dx: Array, du: Array, after: Array) -> None:
+    """One sample of the linear model: dx ← A dx + B du; `after` (4,) is room to work in."""
+    for i in range(4):
+        after[i] = B[i, 0] * du[0] + B[i, 1] * du[1]
+        for j in range(4):
+            after[i] += A[i, j] * dx[j]
+    for i in range(4):
+        dx[i] = after[i]
+
+
+@inlined
 def deviations(path: Path, u: Array, wish: Wish, last: Array) -> Errors:
     """Of a path with the commands `u` (N, 2) [bar]; `last` (2, 2) [Pa]: command and feed-forward before."""
     N, x = u.shape[0], path.x
@@ -67,4 +78,4 @@ def deviations(path: Path, u: Array, wish: Wish, last: Array) -> Errors:
     return Errors(theta, omega, K, e, change, end)
 
 
-__all__ = ["bounds", "cumulated", "deviations", "limit"]
+__all__ = ["bounds", "carried", "cumulated", "deviations", "limit"]

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.compiled.commands import carried
 from mpc.compiled.jit import inlined
 from mpc.compiled.records import Cost, Errors, Path
 
@@ -66,12 +67,8 @@ def moved(path: Path, errors: Errors, starts: Any, z: Array) -> Errors:
                 du[i] += z[2 * block + i]
                 change[k, i] += z[2 * block + i]
             block += 1
+        carried(path.A[k], path.B[k], dx, du, after)
         for i in range(4):
-            after[i] = path.B[k, i, 0] * du[0] + path.B[k, i, 1] * du[1]
-            for j in range(4):
-                after[i] += path.A[k, i, j] * dx[j]
-        for i in range(4):
-            dx[i] = after[i]
             K[k + 1] += path.slope[k + 1, 0, i] * dx[i]
         theta[k + 1] += dx[0]
         omega[k + 1] += dx[1]
@@ -201,13 +198,7 @@ def forward(
             held[k, i] = guess
         xi[4] += v[k, 0]
         xi[5] += v[k, 1]
-        A, B = path.A[k], path.B[k]
-        for i in range(4):
-            after[i] = B[i, 0] * xi[4] + B[i, 1] * xi[5]
-            for j in range(4):
-                after[i] += A[i, j] * xi[j]
-        for i in range(4):
-            xi[i] = after[i]
+        carried(path.A[k], path.B[k], xi[:4], xi[4:], after)
     return changed
 
 

@@ -1,7 +1,6 @@
 """The comparison of the allocators with the analytic inverse: its laws, its report, and that it cannot be fooled."""
 
 import csv
-import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -104,14 +103,9 @@ def test_the_report_has_its_sections_and_pictures(quick_run):
 
 
 @pytest.fixture
-def part(monkeypatch):
+def part(benchmark_module):
     """A module of the benchmark, by its name."""
-    monkeypatch.syspath_prepend(ROOT)
-
-    def module(name):
-        return importlib.import_module(f"benchmarks.allocators.{name}")
-
-    return module
+    return lambda name: benchmark_module(f"allocators.{name}")
 
 
 LIES = {

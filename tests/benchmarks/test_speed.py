@@ -1,7 +1,6 @@
 """The light speed measurement: right answers, no ratio below its floor; and it cannot be fooled."""
 
 import csv
-import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -13,14 +12,9 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
-def part(monkeypatch):
+def part(benchmark_module):
     """A module of the benchmark, by its name."""
-    monkeypatch.syspath_prepend(ROOT)
-
-    def module(name):
-        return importlib.import_module(f"benchmarks.speed.{name}")
-
-    return module
+    return lambda name: benchmark_module(f"speed.{name}")
 
 
 def test_no_ratio_of_the_light_run_is_below_its_floor(tmp_path):
