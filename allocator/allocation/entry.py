@@ -121,7 +121,7 @@ def allocate(
         joint,
         theta,
         K,
-        T + 0.0 * s if s.ndim else T,
+        checks.broadcast(T=checks.real("T", T, "N·m"), direction=s)[0] if s.ndim else T,
         priority=priority,
         weights=weights,
         min_force=min_force,
