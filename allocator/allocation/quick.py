@@ -20,7 +20,7 @@ from allocator.allocation import kernels
 from allocator.allocation.batch import Targets, run
 from allocator.allocation.compiled import kernel
 from allocator.allocation.laws import Kernel, Kind, Law, coefficients, law_of
-from allocator.allocation.problem import PRIORITIES
+from allocator.allocation.problem import PRIORITIES, Priority
 from allocator.allocation.question import Question
 from allocator.allocation.result import Allocation, from_fields, shaped
 from allocator.allocation.status import Status
@@ -144,7 +144,7 @@ def _paid(kind: Kind, n: int) -> Kernel | None:
 def warm_up(
     *,
     joint: AntagonistJoint | None = None,
-    priority: str = "torque",
+    priority: Priority = "torque",
     min_force: float | None = 0.0,
     max_force: float | None = None,
     slew: bool = False,
