@@ -26,14 +26,14 @@ def first_of(warnings: Sequence[str]) -> str:
     return f"\n  warning 1 of {len(warnings)}: {warnings[0]}" if warnings else ""
 
 
-def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A small HTML table with a title."""
+def html_table(title: str, rows: Iterable[Sequence[str]], header: Sequence[str] = ()) -> str:
+    """A small HTML table with a title, and names of the columns if they are given."""
 
     def line(tag: str, cells: Sequence[str]) -> str:
         return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
 
     body = "".join(line("td", row) for row in rows)
-    return f"<table><caption>{escape(title)}</caption>{line('th', header)}{body}</table>"
+    return f"<table><caption>{escape(title)}</caption>{line('th', header) if header else ''}{body}</table>"
 
 
 __all__ = ["first_of", "html_table", "number", "span"]

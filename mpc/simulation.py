@@ -124,7 +124,7 @@ class Run:
 
     def _repr_html_(self) -> str:
         """The same as a table, for notebooks."""
-        return html_table(f"Run of {self._length()}", ("", ""), self._figures().items())
+        return html_table(f"Run of {self._length()}", self._figures().items())
 
     def _length(self) -> str:
         return f"{self.u.shape[0]} steps, {number(self.t[-1] - self.t[0])} s in steps of {number(1e3 * self.dt)} ms"

@@ -180,7 +180,7 @@ class Allocation:
         )
         show = span if self._shape else number
         rows = [(name, "" if asked is None else show(asked), show(given)) for name, given, asked in quantities]
-        return html_table(self.message, ("", "asked", "given"), rows)
+        return html_table(self.message, rows, ("", "asked", "given"))
 
     def _shaped(self, first: Array, second: Array) -> Pair:
         return shaped(first, self._shape), shaped(second, self._shape)

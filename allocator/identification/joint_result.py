@@ -175,7 +175,7 @@ class JointFit:
 
     def _repr_html_(self) -> str:
         """The same as a table, for notebooks."""
-        return html_table(f"{self.model}: {self._errors()}", ("", ""), self._found().items())
+        return html_table(f"{self.model}: {self._errors()}", self._found().items())
 
     def _errors(self) -> str:
         left_out = "" if np.isnan(self.left_out) else f", {number(self.left_out / DEG, 2)}° of groups left out in turn"

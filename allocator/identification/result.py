@@ -124,8 +124,8 @@ class Fit(Generic[M]):
     def _repr_html_(self) -> str:
         """The same for notebooks, with a table of the parameters (SI units) and their standard deviations."""
         std, muscle = self.standard_deviations, self.muscle.parameters
-        rows = [(name, number(value, 5), number(std[name], 2)) for name, value in muscle.items()]
-        return html_table(f"{self.model}: {self._errors()}; {self._counts()}", ("parameter", "value", "± std"), rows)
+        rows = [(name, f"{value:.5g}", f"{std[name]:.2g}") for name, value in muscle.items()]
+        return html_table(f"{self.model}: {self._errors()}; {self._counts()}", rows, ("parameter", "value", "± std"))
 
     def _errors(self) -> str:
         unseen = "" if np.isnan(self.cross_validated) else f", {number(self.cross_validated)} N cross-validated"
