@@ -9,21 +9,44 @@ from allocator.calculus import Array, is_symbol
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 
-_LOOKS_LIKE_BAR = 0.1, 20.0  # [Pa] if the greatest of some pressures lies here, bar was meant
+LOOKS_LIKE_BAR = 0.1, 20.0  # [Pa] if the greatest of some pressures lies here, bar was meant
 
 
 def real(name: str, value: Any, unit: str) -> Array:
-    """`value` as an array of finite floats."""
+    """`value` as an array of finite floats: a number, or anything that NumPy takes for an array of real ones."""
+    _refuse_masks_and_units(name, value, unit)
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "fiu":
             raise TypeError
         array = array.astype(float, copy=False)
     except (TypeError, ValueError):
-        raise InvalidInput(f"{name} = {value!r} is not a number or an array of numbers [{unit}]") from None
+        raise InvalidInput(f"{name} = {_brief(value)} is not a number or an array of real numbers [{unit}]") from None
     if not np.isfinite(array).all():
         raise InvalidInput(f"{name}{at(array, ~np.isfinite(array))} is not finite [{unit}]")
     return array
+
+
+def _refuse_masks_and_units(name: str, value: Any, unit: str) -> None:
+    """Refuse what `np.asarray` would drop without a word: masks, and the units of pint, astropy and their like."""
+    if isinstance(value, list | tuple):
+        for item in value:
+            if type(item) is not float:
+                _refuse_masks_and_units(name, item, unit)
+    elif isinstance(value, np.ma.MaskedArray):
+        if masked := int(np.sum(value.mask)):
+            raise InvalidInput(f"{name} has {masked} masked of {value.size} elements; leave them out or fill them")
+    elif hasattr(type(value), "units") or hasattr(type(value), "unit"):
+        raise InvalidInput(f"{name} = {_brief(value)} carries a unit of its own; pass plain numbers in {unit}")
+
+
+def _brief(value: Any) -> str:
+    """What `value` is, in one line: itself if it is short, else its type, shape and kind of elements."""
+    shown = repr(value)
+    if len(shown) <= 60 and "\n" not in shown:
+        return shown
+    shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", None)
+    return f"{type(value).__name__}{shape or ''}" + (f" of {dtype}" if dtype is not None else "")
 
 
 def count(name: str, value: Any, least: int) -> int:
@@ -66,9 +89,26 @@ def pressure(name: str, value: Any) -> Array:
     """Gauge pressure(s) [Pa]; values that can only be bar are refused."""
     array = real(name, value, "Pa")
     greatest = float(np.abs(array).max(initial=0.0))
-    if _LOOKS_LIKE_BAR[0] <= greatest <= _LOOKS_LIKE_BAR[1]:
+    if LOOKS_LIKE_BAR[0] <= greatest <= LOOKS_LIKE_BAR[1]:
         raise InvalidInput(f"{name}{at(array, array != 0)} Pa is next to nothing; if bar was meant, multiply by 1e5")
     return array
+
+
+def pressure_and_contraction(P: Any, eps: Any) -> tuple[Any, Any]:
+    """The arguments of a force law, P [Pa] and ε [-]; CasADi symbols and complex numbers (of a complex step) pass."""
+    if any(is_symbol(x) or (isinstance(x, complex | np.ndarray) and np.iscomplexobj(x)) for x in (P, eps)):
+        return P, eps
+    ratio, greatest = real("eps", eps, "ratio"), np.abs(real("P", P, "Pa")).max(initial=0.0)
+    if (wrong := np.abs(ratio) > 1).any():
+        swapped = greatest <= 1 and (greatest > 0 or np.abs(ratio).max() > 100)
+        hint = "P and eps look swapped, the pressure comes first" if swapped else "if percent was meant, divide by 100"
+        raise InvalidInput(f"eps{at(ratio, wrong)} is no contraction ratio (l0 - l)/l0; {hint}")
+    return _as_number(P, pressure("P", P)), _as_number(eps, ratio)
+
+
+def _as_number(value: Any, checked: Array) -> Any:
+    """`value` itself if it is a number, so that the answer is one too."""
+    return value if isinstance(value, float | int) else checked
 
 
 def positive_pressure(name: str, value: Any) -> Array:
@@ -126,6 +166,7 @@ def broadcast(**arrays: Array) -> tuple[Array, ...]:
 
 
 __all__ = [
+    "LOOKS_LIKE_BAR",
     "angle",
     "angle_or_symbol",
     "at",
@@ -134,6 +175,7 @@ __all__ = [
     "not_negative",
     "positive_pressure",
     "pressure",
+    "pressure_and_contraction",
     "pressure_or_symbol",
     "pressure_pair",
     "probability",

@@ -64,7 +64,7 @@ def allocate(
         stiffness,
         torque,
         joint=chosen_joint(muscle, joint),
-        method=method,
+        method=method,  # type: ignore[arg-type]  # checked there
         priority=priority,  # type: ignore[arg-type]  # checked there
         min_force=min_force,
         solver=solver,

@@ -7,9 +7,10 @@ geometry a positive determinant is enough, see `allocator.levels`.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array, Value
+from allocator.calculus import Array
 from allocator.joint import AntagonistJoint, report_joint
 from allocator.levels import Pair, Sides, inverse_on_level
 from allocator.limits import PressureBox
@@ -17,7 +18,7 @@ from allocator.limits import PressureBox
 _SEARCHED = (0.0, 20e5)  # [Pa] where pressures are looked for when there is no closed form
 
 
-def inverse(theta: Value, K: Value, T: Value = 0.0, *, joint: AntagonistJoint | None = None) -> Pair:
+def inverse(theta: ArrayLike, K: ArrayLike, T: ArrayLike = 0.0, *, joint: AntagonistJoint | None = None) -> Pair:
     """The pressures (P1, P2) [Pa] that give torque `T` [N·m] and stiffness `K` [N·m/rad] at `theta` [rad]; broadcasts.
 
     No limit is respected: the answer may be negative, beyond the supply or leave a cable slack; use `allocate` for

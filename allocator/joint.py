@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import cache, cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Value, rising_roots
@@ -89,25 +90,27 @@ class AntagonistJoint:
             Side(self.antagonist, -1, l0, *self.geometry.antagonist(theta)),
         )
 
-    def torque(self, theta: Value, P1: Value, P2: Value) -> Value:
+    def torque(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Value:
         """T = a1 F1 - a2 F2 [N·m]   (2). The model's value: where a force is negative the real cable is slack."""
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         return agonist.torque(P1) + antagonist.torque(P2)
 
-    def stiffness(self, theta: Value, P1: Value, P2: Value) -> Value:
+    def stiffness(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Value:
         """Isobaric stiffness K = -∂T/∂θ at constant pressures [N·m/rad]   (5), [G]"""
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         return agonist.stiffness(P1) + antagonist.stiffness(P2)
 
-    def forces(self, theta: Value, P1: Value, P2: Value) -> tuple[Value, Value]:
+    def forces(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value]:
         """Muscle forces (F1, F2) [N]; negative means slack."""
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         return agonist.force(P1), antagonist.force(P2)
 
-    def jacobian(self, theta: Value, P1: Value, P2: Value) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
+    def jacobian(
+        self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike
+    ) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
         """((∂T/∂P1, ∂T/∂P2), (∂K/∂P1, ∂K/∂P2)) in [N·m/Pa] and [N·m/rad/Pa]."""
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
@@ -116,7 +119,7 @@ class AntagonistJoint:
             (agonist.stiffness_gain(P1), antagonist.stiffness_gain(P2)),
         )
 
-    def friction_torque(self, theta: Value, P1: Value, P2: Value, direction: Value) -> Value:
+    def friction_torque(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, direction: Value) -> Value:
         """μ (a1 F1 + a2 F2) sign [N·m]: what the muscles lose when θ rises (`direction` +1) or falls (-1); 0 at rest.
 
         Quasi-static: it does not vanish at low speed. The link gets `torque` minus this.
@@ -125,7 +128,7 @@ class AntagonistJoint:
         agonist, antagonist = self.sides(theta)
         return self.friction * direction * (agonist.torque(P1) - antagonist.torque(P2))
 
-    def _checked(self, theta: Value, P1: Value, P2: Value) -> tuple[Value, Value, Value]:
+    def _checked(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value, Value]:
         return (
             checks.angle_or_symbol("theta", theta),
             checks.pressure_or_symbol("P1", P1),
@@ -158,7 +161,7 @@ class AntagonistJoint:
 
     def pressure_box(
         self,
-        theta: Value,
+        theta: ArrayLike,
         *,
         min_force: float | None = 0.0,
         max_force: float | None = None,
@@ -180,7 +183,7 @@ class AntagonistJoint:
 
     # --- equilibrium ------------------------------------------------------------------------------------------------
 
-    def equilibrium(self, P1: Value, P2: Value, T: Value = 0.0) -> Array:
+    def equilibrium(self, P1: ArrayLike, P2: ArrayLike, T: ArrayLike = 0.0) -> Array:
         """Angle [rad] at which the joint gives the torque `T` [N·m] at these pressures, and holds it (K > 0).
 
         NaN if there is none in the joint range; the one nearest to θ = 0 if a mechanism has several. Closed form (23),

@@ -37,7 +37,7 @@ class Side:
 
     def force(self, P: Value) -> Value:
         """Muscle force [N]; negative where the cable would be slack."""
-        return self.muscle.force(P, self.contraction)
+        return self.muscle.law(P, self.contraction)
 
     def torque(self, P: Value) -> Value:
         """t = ±a F(P, ε) [N·m]."""

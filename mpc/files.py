@@ -11,7 +11,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidFile
-from allocator.units import BAR, DEG
+from allocator.units import DEG
 from mpc.reference import Reference
 from mpc.simulation import Run
 
@@ -47,23 +47,7 @@ def save_reference(reference: Reference, path: str | Path) -> None:
 
 def save_run(run: Run, path: str | Path) -> None:
     """Write a run, one line a sample; the commands of a line hold until the next (the last line repeats them)."""
-    commands = np.vstack([run.u, run.u[-1:]])
-    rungs = np.append(run.rung, run.rung[-1:])
-    table = {
-        "t": run.t,
-        "theta_deg": run.theta / DEG,
-        "theta_ref_deg": run.theta_ref / DEG,
-        "omega_deg_per_s": run.x[:, 1] / DEG,
-        "stiffness": run.K,
-        "stiffness_ref": run.K_ref,
-        "P1_bar": run.P[:, 0] / BAR,
-        "P2_bar": run.P[:, 1] / BAR,
-        "P1_command_bar": commands[:, 0] / BAR,
-        "P2_command_bar": commands[:, 1] / BAR,
-        "F1": run.forces[:, 0],
-        "F2": run.forces[:, 1],
-        "rung": rungs,
-    }
+    table = run.to_dict()
     _write(path, tuple(table), np.stack(list(table.values()), axis=1), "%.9g")
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from allocator import allocate
 from allocator.calculus import Array, Value, sin
+from allocator.checks import LOOKS_LIKE_BAR
 from allocator.errors import InvalidInput
 from allocator.joint import AntagonistJoint, report_joint
 from allocator.units import BAR
@@ -46,7 +47,7 @@ class Plant:
             object.__setattr__(self, name, _number(name, getattr(self, name), unit, positive=name in _POSITIVE))
         if self.damping < 0:
             raise InvalidInput(f"damping = {self.damping:g} N·m·s/rad has to be 0 or more")
-        if self.slew <= 20:
+        if self.slew <= LOOKS_LIKE_BAR[1]:
             raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
         lags = self.lag if isinstance(self.lag, tuple) else (self.lag, self.lag)
         if len(lags) != NU:

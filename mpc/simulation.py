@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from allocator import checks
 from allocator.calculus import Array
+from allocator.display import html_table, number
 from allocator.errors import InvalidInput
+from allocator.units import BAR, DEG
 from mpc.experiment import Experiment
 from mpc.observer import Differentiator, Observer
 from mpc.plan import Moved, Plan
@@ -91,6 +93,54 @@ class Run:
     def P(self) -> Array:
         """Pressures (M+1, 2) [Pa]."""
         return self.x[:, 2:]
+
+    def to_dict(self) -> dict[str, NDArray[Any]]:
+        """The run as columns (M+1,), those of the CSV that `track` writes: what `pandas.DataFrame` takes.
+
+        Time in s, stiffness in N·m/rad, forces in N; the other names carry their units. The commands and rungs of a
+        line hold until the next, the last line repeats them.
+        """
+        commands, rungs = np.vstack([self.u, self.u[-1:]]), np.append(self.rung, self.rung[-1:])
+        return {
+            "t": self.t,
+            "theta_deg": self.theta / DEG,
+            "theta_ref_deg": self.theta_ref / DEG,
+            "omega_deg_per_s": self.x[:, 1] / DEG,
+            "stiffness": self.K,
+            "stiffness_ref": self.K_ref,
+            "P1_bar": self.P[:, 0] / BAR,
+            "P2_bar": self.P[:, 1] / BAR,
+            "P1_command_bar": commands[:, 0] / BAR,
+            "P2_command_bar": commands[:, 1] / BAR,
+            "F1": self.forces[:, 0],
+            "F2": self.forces[:, 1],
+            "rung": rungs,
+        }
+
+    def __repr__(self) -> str:
+        """How well the reference was followed, whether the limits were kept, and how long the controller took."""
+        errors, *others = (f"{name} {value}" for name, value in self._figures().items())
+        return f"Run of {self._length()}: {errors}, {others[0]}\n  " + "; ".join(others[1:])
+
+    def _repr_html_(self) -> str:
+        """The same as a table, for notebooks."""
+        return html_table(f"Run of {self._length()}", self._figures().items())
+
+    def _length(self) -> str:
+        return f"{self.u.shape[0]} steps, {number(self.t[-1] - self.t[0])} s in steps of {number(1e3 * self.dt)} ms"
+
+    def _figures(self) -> dict[str, str]:
+        from mpc.metrics import metrics
+
+        m = metrics(self)
+        broken = [f"{name} by {number(by, 2)} {unit}" for name, (by, unit) in m.violations.items() if by]
+        return {
+            "angle error": f"{number(m.theta_rms, 2)}° RMS, {number(m.theta_worst, 2)}° at worst",
+            "stiffness error": f"{number(m.K_rms, 2)} % RMS, {number(m.K_worst, 2)} % at worst",
+            "limits broken": ", ".join(broken) or "none",
+            "steps answered by": ", ".join(f"{rung} {n}" for rung, n in m.rungs.items() if n),
+            "time of a step": f"{number(m.step_median, 2)} ms median, {number(m.step_p99, 2)} ms for 99 %",
+        }
 
 
 def simulate(

@@ -8,12 +8,60 @@ import pytest
 from allocator import AntagonistError, InvalidInput, MissingBackend, allocate, inverse
 from allocator.muscles import Hogan1984, Tondu2021, TonduLopez1995
 
+
+class Quantity:
+    """A number with a unit, as pint and astropy have it: it turns into a plain array without a word."""
+
+    def __init__(self, value, units):
+        self.value, self._units = value, units
+
+    def __repr__(self):
+        return f"{self.value} {self._units}"
+
+    def __array__(self, dtype=None, copy=None):
+        return np.asarray(self.value, dtype)
+
+    @property
+    def units(self):
+        return self._units
+
+
+class Column:
+    """What a table gives for a column, as pandas and xarray have it."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array(self.values, dtype)
+
+
 WRONG = {
     "theta NaN": ({"theta": np.nan}, "theta = nan is not finite [rad]"),
     "theta infinite": ({"theta": np.inf}, "theta = inf is not finite [rad]"),
     "theta a string": ({"theta": "thirty"}, "theta = 'thirty' is not a number"),
     "theta None": ({"theta": None}, "theta = None is not a number"),
-    "theta complex": ({"theta": 1j}, "is not a number"),
+    "theta complex": ({"theta": 1j}, "theta = 1j is not a number or an array of real numbers [rad]"),
+    "theta complex numbers": ({"theta": np.zeros(99, complex)}, "theta = ndarray(99,) of complex128 is not a number"),
+    "theta true": ({"theta": True}, "theta = True is not a number"),
+    "theta an array of bools": ({"theta": np.ones(99, bool)}, "theta = ndarray(99,) of bool is not a number"),
+    "theta an array of strings": ({"theta": np.array(["0.1", "x"])}, "is not a number"),
+    "theta an array of objects": ({"theta": np.array(["0.1", None])}, "is not a number"),
+    "theta masked": (
+        {"theta": np.ma.array([0.1, 0.2], mask=[0, 1])},
+        "theta has 1 masked of 2 elements; leave them out or fill them",
+    ),
+    "theta nothing but a mask": ({"theta": np.ma.masked}, "theta has 1 masked of 1 elements"),
+    "T a list with a masked row": ({"T": [np.ma.array([1.0], mask=True), [2.0]]}, "T has 1 masked of 1 elements"),
+    "T masked where the joint moves": ({"T": np.ma.array([1.0], mask=True), "direction": [1]}, "T has 1 masked"),
+    "T a string where the joint moves": ({"T": "1", "direction": [1]}, "T = '1' is not a number"),
+    "direction of another shape": ({"T": [1, 2], "direction": [1, 1, 1]}, "do not broadcast: T (2,), direction (3,)"),
+    "K with a unit": ({"K": Quantity(7.5, "N*m/deg")}, "K = 7.5 N*m/deg carries a unit of its own; pass plain numbers"),
+    "K a list with units": ({"K": [Quantity(7.5, "N*m/rad")]}, "pass plain numbers in N·m/rad"),
+    "previous masked": (
+        {"previous": (2e5, np.ma.array([2e5, 3e5], mask=[0, 1])), "max_step": 1e4},
+        "previous has 1 masked of 2 elements",
+    ),
     "theta in degrees": ({"theta": 90}, "theta = 90 rad is over a turn; if degrees were meant, pass 1.571 rad"),
     "one angle of an array in degrees": ({"theta": [0.1, 30.0]}, "theta[1] = 30 rad is over a turn"),
     "K zero": ({"K": 0.0}, "K = 0 N·m/rad has to be positive"),
@@ -47,6 +95,17 @@ def test_a_wrong_argument_is_named(changes, said):
         allocate(**arguments)
     assert isinstance(caught.value, ValueError)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "same",
+    [list, tuple, Column, np.ma.array, lambda theta: theta.astype(np.float32), lambda theta: theta.reshape(1, -1)[0]],
+)
+def test_whatever_numpy_takes_for_numbers_is_answered_alike(same):
+    theta = np.array([-0.25, 0.5])  # exact in single precision
+    answer = allocate(same(theta), 7.5, 1.0)
+    assert type(answer.P1) is np.ndarray
+    np.testing.assert_allclose(answer.P1, allocate(theta, 7.5, 1.0).P1, rtol=1e-12)
 
 
 def test_an_unknown_method_is_a_missing_backend():

@@ -1,6 +1,6 @@
 """The solvers of the allocation problem by name, each imported only when it is used."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,8 @@ from allocator.limits import PressureBox
 CERTIFIED = 1e-5  # of the supply range: an answer with a greater residual is not passed on
 _SNAP = 1e-7  # of the supply range: an optimiser's pressure this near to a bound is meant to be on it
 
-OPTIMISERS = ("convex", "nlp", "qp")
+Optimiser = Literal["convex", "nlp", "qp"]
+OPTIMISERS: tuple[Optimiser, ...] = get_args(Optimiser)
 
 
 class Solution(NamedTuple):
@@ -92,4 +93,12 @@ def _replacement(problem: Problem) -> tuple[Array, Array]:
         return P1, P2
 
 
-__all__ = ["CERTIFIED", "OPTIMISERS", "RiskySolution", "Solution", "optimise", "optimise_under_uncertainty"]
+__all__ = [
+    "CERTIFIED",
+    "OPTIMISERS",
+    "Optimiser",
+    "RiskySolution",
+    "Solution",
+    "optimise",
+    "optimise_under_uncertainty",
+]

@@ -12,12 +12,12 @@ from allocator.allocation.exact import is_local, solve
 from allocator.allocation.laws import Kernel, Law, arrays, coefficients
 from allocator.allocation.question import Question
 from allocator.calculus import Array, Mask
+from allocator.checks import LOOKS_LIKE_BAR
 from allocator.limits import Limit
 
 _PARALLEL = 500_000  # targets from which on threads are started
 _PIECE = 50_000  # targets that a thread takes at a time
 _CHUNK = 1 << 14  # affine targets whose coefficients are in memory at a time, a thread
-LIKE_BAR = 20.0  # [Pa] up to which `checks` takes a pressure for bar
 _OUTSIDE = int(Limit.JOINT_RANGE | Limit.CONTRACTION_THRESHOLD)
 
 
@@ -60,7 +60,7 @@ def _slew(previous: Any, max_step: Any) -> list[Array | None]:
         return [None]
     P1, P2, step = (np.abs(x) if i < 2 else x for i, x in enumerate(found) if x is not None)
     greatest = max(P1.max(), P2.max())
-    return found if (greatest == 0 or greatest > LIKE_BAR) and step.min() > LIKE_BAR else [None]
+    return found if (greatest == 0 or greatest > LOOKS_LIKE_BAR[1]) and step.min() > LOOKS_LIKE_BAR[1] else [None]
 
 
 def _common_shape(arrays: list[Array]) -> tuple[int, ...] | None:
@@ -137,4 +137,4 @@ def _refer(question: Question, where: Mask, found: tuple[Any, ...], local: Mask)
     local[where] = is_local(problem)
 
 
-__all__ = ["LIKE_BAR", "Targets", "run"]
+__all__ = ["Targets", "run"]

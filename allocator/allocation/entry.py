@@ -1,9 +1,9 @@
 """`allocate`: from torque and stiffness targets to the two pressures."""
 
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
 from allocator.allocation import backends, exact, quick
@@ -19,17 +19,18 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.inverse import solve_inverse
 from allocator.joint import AntagonistJoint, report_joint
 
-METHODS = ("analytic", "exact", *backends.OPTIMISERS)
+Method = Literal["analytic", "exact", backends.Optimiser]
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 def allocate(
-    theta: Value,
-    K: Value,
-    T: Value = 0.0,
+    theta: ArrayLike,
+    K: ArrayLike,
+    T: ArrayLike = 0.0,
     *,
     joint: AntagonistJoint | None = None,
     direction: Value = 0,
-    method: str = "exact",
+    method: Method = "exact",
     priority: Priority = "torque",
     weights: tuple[float, float] | None = None,
     min_force: float | None = 0.0,
@@ -37,9 +38,9 @@ def allocate(
     min_cocontraction: float | None = None,
     stiffness_tolerance: float = 0.0,
     pull: float = 0.0,
-    reference: tuple[Value, Value] | None = None,
-    previous: tuple[Value, Value] | None = None,
-    max_step: Value | None = None,
+    reference: tuple[ArrayLike, ArrayLike] | None = None,
+    previous: tuple[ArrayLike, ArrayLike] | None = None,
+    max_step: ArrayLike | None = None,
     solver: str | None = None,
     warm_start: bool = True,
     uncertainty: Any = None,
@@ -121,7 +122,7 @@ def allocate(
         joint,
         theta,
         K,
-        T + 0.0 * s if s.ndim else T,
+        checks.broadcast(T=checks.real("T", T, "N·m"), direction=s)[0] if s.ndim else T,
         priority=priority,
         weights=weights,
         min_force=min_force,
@@ -225,4 +226,4 @@ def _outside(joint: AntagonistJoint, theta: Array) -> NDArray[np.int32]:
     return np.where(theta < left, below, np.where(theta > right, above, np.int32(0)))
 
 
-__all__ = ["METHODS", "allocate"]
+__all__ = ["METHODS", "Method", "allocate"]

@@ -58,7 +58,7 @@ def _coefficients(side: Side) -> tuple[Value, ...]:
     """As `side` has them, but A, B and their derivatives are evaluated once."""
     muscle, eps = side.muscle, side.contraction
     assert isinstance(muscle, AffineMuscle)
-    A, B = muscle.gain(0.0, eps), muscle.force(0.0, eps)
+    A, B = muscle.gain(0.0, eps), muscle.law(0.0, eps)
     elastic, geometric = -(side.arm**2) / side.rest_length, -side.sign * side.arm_slope
     k1 = elastic * muscle.gain_slope(0.0, eps) + geometric * A
     return A, B, side.arm, k1, elastic * derivative(muscle.B, eps) + geometric * B

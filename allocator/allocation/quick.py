@@ -17,18 +17,20 @@ from typing import Any
 import numpy as np
 
 from allocator.allocation import kernels
-from allocator.allocation.batch import LIKE_BAR, Targets, run
+from allocator.allocation.batch import Targets, run
 from allocator.allocation.compiled import kernel
 from allocator.allocation.laws import Kernel, Kind, Law, coefficients, law_of
-from allocator.allocation.problem import PRIORITIES
+from allocator.allocation.problem import PRIORITIES, Priority
 from allocator.allocation.question import Question
 from allocator.allocation.result import Allocation, from_fields, shaped
 from allocator.allocation.status import Status
+from allocator.checks import LOOKS_LIKE_BAR
 from allocator.errors import InvalidInput
 from allocator.joint import AntagonistJoint, report_joint
 
 _TURN = 2 * pi
 _HUGE = 1e300
+_LIKE_BAR = LOOKS_LIKE_BAR[1]
 _PAYS = 100_000  # targets in arrays that take the readable implementation about as long as a compilation
 _FIRST = {"torque": None, "stiffness": True}  # priority → `stiffness_first` of the kernels
 _STATUS = tuple(Status)
@@ -88,7 +90,7 @@ def _slew_fine(previous: Any, max_step: Any) -> bool:
     if type(P1) not in _NUMBERS or type(P2) not in _NUMBERS:
         return False
     total = abs(P1) + abs(P2)
-    return bool(total == 0 or max(abs(P1), abs(P2)) > LIKE_BAR) and total < inf and LIKE_BAR < max_step < inf
+    return bool(total == 0 or max(abs(P1), abs(P2)) > _LIKE_BAR) and total < inf and _LIKE_BAR < max_step < inf
 
 
 def _allocation(question: tuple[Any, ...], theta: float, K: float, T: float, found: tuple[Any, ...]) -> Allocation:
@@ -142,7 +144,7 @@ def _paid(kind: Kind, n: int) -> Kernel | None:
 def warm_up(
     *,
     joint: AntagonistJoint | None = None,
-    priority: str = "torque",
+    priority: Priority = "torque",
     min_force: float | None = 0.0,
     max_force: float | None = None,
     slew: bool = False,

@@ -16,6 +16,7 @@ from allocator.allocation.question import Question
 from allocator.allocation.spread import stiffness_std
 from allocator.allocation.status import Status
 from allocator.calculus import Array
+from allocator.display import html_table, number, span
 from allocator.errors import InvalidInput
 from allocator.inverse import why_no_inverse
 from allocator.levels import Pair, stiffness, torque_interval, torque_level
@@ -130,6 +131,56 @@ class Allocation:
             listed = ", ".join(f"{n} {Status(v).name}" for v, n in zip(values, counts, strict=True))
             return f"{self.status.size} targets: {listed}"
         return _sentence(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The answer in the columns of a table, units in their names: what `pandas.DataFrame` takes.
+
+        Of arrays every column is one row (n,), the targets in C order; of a single target every value is a scalar, and
+        the dictionary one row: ``DataFrame([a.to_dict()])``. Status and binding limits are given by their names.
+        """
+        columns = {
+            "theta_deg": self.theta / DEG,
+            "stiffness_target_Nm_per_rad": self.K_target,
+            "torque_target_Nm": self.T_target,
+            "P1_bar": self.P1 / BAR,
+            "P2_bar": self.P2 / BAR,
+            "stiffness_Nm_per_rad": self.K,
+            "torque_Nm": self.T,
+        }
+        if not self._shape:
+            return columns | {"status": Status(self.status).name, "limits": " + ".join(self.active)}
+        flags, which = np.unique(np.ravel(self.limits), return_inverse=True)
+        return {name: np.ravel(column) for name, column in columns.items()} | {
+            "status": np.array([status.name for status in Status])[np.ravel(self.status)],
+            "limits": np.array([" + ".join(names(int(value))) for value in flags], str)[which],
+        }
+
+    def __repr__(self) -> str:
+        """The pressures, what they give and what is in the way; of arrays their ranges."""
+        P1, P2 = np.divide(self.P1, BAR), np.divide(self.P2, BAR)
+        if self._shape:
+            angles = span(np.divide(self.theta, DEG), "°")
+            return f"Allocation {self._shape}, {self.message}\n  θ {angles}, P1 {span(P1, 'bar')}, P2 {span(P2, 'bar')}"
+        lines = [
+            f"Allocation {Status(self.status).name} at {number(self.theta / DEG)}°: "
+            f"P1 = {number(P1)} bar, P2 = {number(P2)} bar",
+            f"  torque {number(self.T)} N·m (asked {number(self.T_target)}), "
+            f"stiffness {number(self.K)} N·m/rad (asked {number(self.K_target)})",
+        ]
+        return "\n".join([*lines, f"  {self.message}"] if self.status != Status.EXACT else lines)
+
+    def _repr_html_(self) -> str:
+        """The same as a table, for notebooks."""
+        quantities = (
+            ("angle [°]", np.divide(self.theta, DEG), None),
+            ("torque [N·m]", self.T, self.T_target),
+            ("stiffness [N·m/rad]", self.K, self.K_target),
+            ("P1 [bar]", np.divide(self.P1, BAR), None),
+            ("P2 [bar]", np.divide(self.P2, BAR), None),
+        )
+        show = span if self._shape else number
+        rows = [(name, "" if asked is None else show(asked), show(given)) for name, given, asked in quantities]
+        return html_table(self.message, rows, ("", "asked", "given"))
 
     def _shaped(self, first: Array, second: Array) -> Pair:
         return shaped(first, self._shape), shaped(second, self._shape)

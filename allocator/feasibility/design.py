@@ -10,6 +10,7 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array
@@ -67,10 +68,10 @@ _NOTHING = Performance(*[np.nan] * 5)
 
 
 def design_grid(
-    radius: Array | float = _REPORT.radius,
-    rest_length: Array | float = _REPORT.rest_length,
-    initial_contraction: Array | float = _REPORT.initial_contraction,
-    supply_pressure: Array | float = _REPORT.supply_pressure,
+    radius: ArrayLike = _REPORT.radius,
+    rest_length: ArrayLike = _REPORT.rest_length,
+    initial_contraction: ArrayLike = _REPORT.initial_contraction,
+    supply_pressure: ArrayLike = _REPORT.supply_pressure,
 ) -> tuple[Design, ...]:
     """All combinations of these radii [m], rest lengths [m], contractions [-] and supply pressures [Pa]."""
     axes = (

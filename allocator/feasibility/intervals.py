@@ -6,9 +6,10 @@ stiffness can be had have no closed form: they are found between the zeros of ho
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array, Mask, Value
+from allocator.calculus import Array, Mask
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
 from allocator.joint import AntagonistJoint
@@ -19,7 +20,7 @@ _NEAR = 1e-9  # of the torque scale: a margin of less is rounding
 
 
 def torque_interval(
-    theta: Value,
+    theta: ArrayLike,
     *,
     joint: AntagonistJoint | None = None,
     min_force: float | None = 0.0,
@@ -39,8 +40,8 @@ def torque_interval(
 
 
 def stiffness_interval(
-    theta: Value,
-    T: Value = 0.0,
+    theta: ArrayLike,
+    T: ArrayLike = 0.0,
     *,
     joint: AntagonistJoint | None = None,
     min_force: float | None = 0.0,
@@ -61,8 +62,8 @@ def stiffness_interval(
 
 
 def angle_interval(
-    K: Value,
-    T: Value = 0.0,
+    K: ArrayLike,
+    T: ArrayLike = 0.0,
     *,
     joint: AntagonistJoint | None = None,
     min_force: float | None = 0.0,
@@ -84,8 +85,8 @@ def angle_interval(
 
 
 def angle_intervals(
-    K: Value,
-    T: Value = 0.0,
+    K: ArrayLike,
+    T: ArrayLike = 0.0,
     *,
     joint: AntagonistJoint | None = None,
     min_force: float | None = 0.0,

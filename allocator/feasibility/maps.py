@@ -10,12 +10,12 @@ from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
 from allocator.allocation import Status, allocate, exact
 from allocator.allocation.assessment import CLOSED_FORM, assess
-from allocator.calculus import Array, Mask, Value
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.feasibility.axes import default_stiffnesses, default_torques, map_axis
 from allocator.feasibility.result import FeasibilityMap
@@ -32,9 +32,9 @@ Progress: TypeAlias = Callable[[Sequence[int]], Iterable[int]]
 
 
 def feasibility_map(
-    theta: Value | None = None,
-    K: Value | None = None,
-    T: Value | None = 0.0,
+    theta: ArrayLike | None = None,
+    K: ArrayLike | None = None,
+    T: ArrayLike | None = 0.0,
     *,
     joint: AntagonistJoint | None = None,
     min_force: float | None = 0.0,
@@ -85,7 +85,7 @@ def feasibility_map(
     return FeasibilityMap(setting, theta_axis, K_axis, T_axis, status, limits, P1, P2)
 
 
-def _angles(setting: Setting, theta: Value | None) -> Array:
+def _angles(setting: Setting, theta: ArrayLike | None) -> Array:
     if theta is None:
         return np.linspace(*setting.joint.angle_range, 201)
     return map_axis("theta", theta, checks.angle("theta", theta))

@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
@@ -26,11 +27,11 @@ _CLASSES = 10
 
 def fit(
     model: type[M],
-    contraction: Any,
-    pressure: Any,
-    force: Any,
+    contraction: ArrayLike,
+    pressure: ArrayLike,
+    force: ArrayLike,
     *,
-    weights: Any = None,
+    weights: ArrayLike | None = None,
     taut_only: bool = True,
     hold: Mapping[str, float] | None = None,
     start: M | None = None,

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array
@@ -28,14 +29,14 @@ _UNBOUNDED = (-np.inf, np.inf)
 
 
 def fit_joint(
-    theta: Any,
-    P1: Any,
-    P2: Any,
+    theta: ArrayLike,
+    P1: ArrayLike,
+    P2: ArrayLike,
     *,
     geometry: Geometry | Mapping[Any, Geometry],
-    torque: Any = None,
-    direction: Any = None,
-    group: Any = None,
+    torque: ArrayLike | None = None,
+    direction: ArrayLike | None = None,
+    group: ArrayLike | None = None,
     model: str | type[Muscle] | Muscle = "Sarosi2012",
     friction: bool = True,
     ratio: bool = True,

@@ -91,7 +91,7 @@ class JointProblem:
         (eps1, a1, da1), (eps2, a2, da2), l0 = routes or s.routes(theta)
         w1, w2 = 1 - u.friction * s.direction, 1 + u.friction * s.direction
         with np.errstate(all="ignore"):
-            F1, F2 = u.muscle.force(s.P1, eps1), u.ratio * u.muscle.force(s.P2, eps2)
+            F1, F2 = u.muscle.law(s.P1, eps1), u.ratio * u.muscle.law(s.P2, eps2)
             slope1, slope2 = u.muscle.slope(s.P1, eps1), u.ratio * u.muscle.slope(s.P2, eps2)
         elastic = -(w1 * a1**2 * slope1 + w2 * a2**2 * slope2) / l0
         return Balance(w1 * a1 * F1 - w2 * a2 * F2 - s.torque, elastic - (w1 * da1 * F1 - w2 * da2 * F2), (F1, F2))
@@ -209,7 +209,7 @@ class JointProblem:
         """F1, F2 (2n,) [N] at the measured angles."""
         (eps1, *_), (eps2, *_), _ = self._measured
         with np.errstate(all="ignore"):
-            F1, F2 = u.muscle.force(self.samples.P1, eps1), u.ratio * u.muscle.force(self.samples.P2, eps2)
+            F1, F2 = u.muscle.law(self.samples.P1, eps1), u.ratio * u.muscle.law(self.samples.P2, eps2)
         return np.concatenate([F1, F2])
 
     def _taut_gradient(self, u: Unknowns) -> Array:

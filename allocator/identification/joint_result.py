@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.display import first_of, html_table, number
 from allocator.errors import InvalidInput
 from allocator.identification import joint_gradients
 from allocator.identification.joint_problem import JointProblem
@@ -15,6 +16,7 @@ from allocator.identification.joint_samples import JointSamples
 from allocator.identification.relative import WHY, RelativeJoint
 from allocator.joint import AntagonistJoint
 from allocator.muscles import Muscle
+from allocator.units import DEG, PERCENT
 
 
 class GroupError(NamedTuple):
@@ -151,6 +153,42 @@ class JointFit:
         raise InvalidInput(
             "with_scale takes either theta, P1, P2 and torque of a weight, or T_P and at=(theta, P1, P2)"
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``; parameters in SI units."""
+        return {
+            "model": self.model,
+            "samples": self.samples.n,
+            "rms_error_deg": self.rms / DEG,
+            "left_out_deg": self.left_out / DEG,
+            "encoder_zero_deg": self.zero / DEG,
+            "friction": self.friction,
+            "antagonist_ratio": self.ratio,
+            "force_scale_known": self.scale is not None,
+            **{f"{name}_std": std for name, std in self.standard_deviations.items()},
+        }
+
+    def __repr__(self) -> str:
+        """How well the angles are predicted, what was found beside the muscle, and what is to be known before use."""
+        found = "; ".join(f"{name} {value}" for name, value in self._found().items())
+        return f"JointFit of {self.model}: {self._errors()}\n  {found}" + first_of(self.warnings)
+
+    def _repr_html_(self) -> str:
+        """The same as a table, for notebooks."""
+        return html_table(f"{self.model}: {self._errors()}", self._found().items())
+
+    def _errors(self) -> str:
+        left_out = "" if np.isnan(self.left_out) else f", {number(self.left_out / DEG, 2)}° of groups left out in turn"
+        return f"RMS {number(self.rms / DEG, 2)}° over {self.samples.n} samples{left_out}"
+
+    def _found(self) -> dict[str, str]:
+        std = "" if self.scale_std is None else f" to {number(self.scale_std / PERCENT, 2)} %"
+        return {
+            "encoder zero": f"{number(self.zero / DEG, 3)}°",
+            "friction": number(self.friction, 3),
+            "strength of the antagonist": f"{number(self.ratio)} of the agonist's",
+            "force scale": "unknown" if self.scale is None else f"known{std}",
+        }
 
     def replaced(self, **changes: Any) -> Self:
         """The same with some fields changed."""

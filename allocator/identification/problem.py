@@ -59,7 +59,7 @@ class Problem:
     def force(self, x: Array) -> Array:
         """F (n,) at the samples [N]; a huge number where the law gives none, so that the search turns back."""
         with np.errstate(all="ignore"):
-            F = self.muscle(x).force(self.samples.pressure, self.samples.contraction)
+            F = self.muscle(x).law(self.samples.pressure, self.samples.contraction)
         return np.where(np.isfinite(F), F, _GREAT) + 0.0 * self.samples.force
 
     def residual(self, x: Array) -> Array:

@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from allocator.calculus import Array, Mask
+from allocator.display import first_of, html_table, number
 from allocator.identification.samples import Samples
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
 
@@ -99,6 +100,45 @@ class Fit(Generic[M]):
 
     def _cost(self, muscle: Muscle) -> float:
         return float(self.samples.weights @ self._residuals(muscle) ** 2)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``; parameters in SI units."""
+        return {
+            "model": self.model,
+            "taut_samples": self.n_taut,
+            "slack_samples": self.samples.n - self.n_taut,
+            "rms_error_N": self.rms,
+            "rms_error_percent": self.rms_percent,
+            "max_error_N": self.max_error,
+            "cross_validated_N": self.cross_validated,
+            "parameters_determined": self.rank,
+            "monotone": self.monotone,
+            **self.muscle.parameters,
+            **{f"{name}_std": std for name, std in self.standard_deviations.items()},
+        }
+
+    def __repr__(self) -> str:
+        """How well the law follows the samples, and what is to be known before it is used."""
+        return f"Fit of {self.model}: {self._errors()}\n  {self._counts()}" + first_of(self.warnings)
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks, with a table of the parameters (SI units) and their standard deviations."""
+        std, muscle = self.standard_deviations, self.muscle.parameters
+        rows = [(name, f"{value:.5g}", f"{std[name]:.2g}") for name, value in muscle.items()]
+        return html_table(f"{self.model}: {self._errors()}; {self._counts()}", rows, ("parameter", "value", "± std"))
+
+    def _errors(self) -> str:
+        unseen = "" if np.isnan(self.cross_validated) else f", {number(self.cross_validated)} N cross-validated"
+        return (
+            f"RMS {number(self.rms)} N ({number(self.rms_percent, 2)} % of full scale){unseen}, "
+            f"greatest {number(self.max_error)} N"
+        )
+
+    def _counts(self) -> str:
+        return (
+            f"{self.n_taut} taut and {self.samples.n - self.n_taut} slack samples determine {self.rank} of "
+            f"{len(self.free)} parameters"
+        )
 
     def save(self, path: str | PathLike[str], source: Mapping[str, str | float] | None = None) -> None:
         """Write the muscle with its covariance as TOML, noting the errors of the fit."""

@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Mask
@@ -28,7 +29,9 @@ class Samples:
     dropped: Mapping[str, int] = field(default_factory=dict)  # how many samples were left out, by reason
 
     @classmethod
-    def checked(cls, contraction: Any, pressure: Any, force: Any, weights: Any = None) -> Self:
+    def checked(
+        cls, contraction: ArrayLike, pressure: ArrayLike, force: ArrayLike, weights: ArrayLike | None = None
+    ) -> Self:
         """From anything array-like; raises `InvalidInput` at what cannot be a muscle's force in SI units."""
         eps, P = checks.real("contraction", contraction, "ratio"), checks.pressure("pressure", pressure)
         F = checks.real("force", force, "N")

@@ -16,7 +16,9 @@ from os import PathLike
 from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from allocator import checks
 from allocator.calculus import Array, Mask, Value, derivative, increasing_root
 from allocator.errors import InvalidInput
 from allocator.muscles.recipe import Recipe
@@ -97,9 +99,17 @@ class Muscle(ABC):
         """Where the law breaks [M] by its form, in a sentence; empty if it need not."""
         return ""
 
+    def force(self, P: ArrayLike, eps: ArrayLike) -> Value:
+        """Contraction force F(P, ε) [N]; negative where the cable would be slack.
+
+        `P` is the gauge pressure [Pa], `eps` the contraction ratio [-]; they broadcast. Raises InvalidInput for numbers
+        that cannot be these: swapped, bar, percent, not finite. CasADi symbols and complex numbers pass unchecked.
+        """
+        return self.law(*checks.pressure_and_contraction(P, eps))
+
     @abstractmethod
-    def force(self, P: Value, eps: Value) -> Value:
-        """Contraction force F(P, ε) [N]; negative where the cable would be slack."""
+    def law(self, P: Value, eps: Value) -> Value:
+        """F(P, ε) [N] as the formula has it, of unchecked arguments: what a model defines, and what loops call."""
 
     @abstractmethod
     def gain(self, P: Value, eps: Value) -> Value:
@@ -107,7 +117,7 @@ class Muscle(ABC):
 
     def slope(self, P: Value, eps: Value) -> Value:
         """∂F/∂ε [N], at constant pressure."""
-        return derivative(lambda e: self.force(P, e), eps)
+        return derivative(lambda e: self.law(P, e), eps)
 
     def gain_slope(self, P: Value, eps: Value) -> Value:
         """∂²F/∂P∂ε [N/Pa]."""
@@ -117,7 +127,7 @@ class Muscle(ABC):
         """Pressure [Pa] that gives the force `F` at `eps`; ∓inf where F is below or above all that the law can give."""
         ceiling = min(self.max_pressure, SEARCH_CEILING)
         F, eps = np.asarray(F, float), np.asarray(eps, float)
-        return increasing_root(lambda P, F, e: self.force(P, e) - F, np.zeros(()), np.asarray(ceiling), F, eps)
+        return increasing_root(lambda P, F, e: self.law(P, e) - F, np.zeros(()), np.asarray(ceiling), F, eps)
 
     # --- its parameters ---------------------------------------------------------------------------------------------
 
@@ -215,7 +225,7 @@ class AffineMuscle(Muscle):
         """Force at zero pressure B(ε) [N]; none unless the model has a passive part."""
         return 0.0 * eps
 
-    def force(self, P: Value, eps: Value) -> Value:
+    def law(self, P: Value, eps: Value) -> Value:
         """F = P·A(ε) + B(ε) [N]."""
         return P * self.A(eps) + self.B(eps)
 

@@ -20,7 +20,7 @@ def monotonicity_failure(muscle: Muscle, max_pressure: float, contraction: tuple
     least, most = max(contraction[0], muscle.min_contraction), min(contraction[1], muscle.max_contraction)
     inside = np.linspace(least, most, _GRID + 1)[1:]  # the law may be singular at its very beginning
     P, eps = np.meshgrid(np.linspace(0, max_pressure, _GRID)[1:], inside)
-    F = np.where(muscle.covers(P, eps), muscle.force(P, eps), 0.0)
+    F = np.where(muscle.covers(P, eps), muscle.law(P, eps), 0.0)
     taut = F > _ROUNDING * F.max()
     if not taut.any():
         return "no point of the domain is taut"

@@ -61,7 +61,7 @@ class PressureDependent(Braided):
         """Up to k(P) ε = 1, where the parabola turns."""
         return np.asarray(super().covers(P, eps) & (self.k(P) * eps <= 1))
 
-    def force(self, P: Value, eps: Value) -> Value:
+    def law(self, P: Value, eps: Value) -> Value:
         """S q P [a(1 - k(P)ε)² - b]   (11), (12)"""
         return self.efficiency * self.S * P * (self.a * (1 - self.k(P) * eps) ** 2 - self.b)
 
@@ -96,7 +96,7 @@ class PressureDependent(Braided):
         bottom = np.maximum(top - 2 * self.P_k, self._pressure_for_k(1 / np.maximum(eps, 1e-9)))
         turn = increasing_root(lambda P, e: self.gain(P, e), bottom, top, eps)
         start = np.where(np.isfinite(turn), turn, bottom)
-        P = increasing_root(lambda P, F, e: self.force(P, e) - F, start, np.asarray(SEARCH_CEILING), F, eps)
+        P = increasing_root(lambda P, F, e: self.law(P, e) - F, start, np.asarray(SEARCH_CEILING), F, eps)
         return np.where(np.isnan(F + eps), np.nan, np.where(reached, np.where(F == 0, taut, P), np.inf))
 
     @classmethod

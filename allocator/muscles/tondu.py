@@ -60,7 +60,7 @@ class Tondu2021(Braided):
         """Where ε_max(P) turns back and [M] ends on the taut region: cP² + 2eP + ed = 0, i.e. -d/2 for c = 0 [Pa]."""
         return self.e * self.d / (-self.e + sqrt(self.e * self.g))
 
-    def force(self, P: Value, eps: Value) -> Value:
+    def law(self, P: Value, eps: Value) -> Value:
         """S [(a-b) P - ε (cP+e)/(P+d)]   (13), (18)"""
         return self.S * ((self.a - self.b) * P - eps * (self.c * P + self.e) / (P + self.d))
 

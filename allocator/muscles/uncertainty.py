@@ -35,7 +35,7 @@ def force_gradient(muscle: Muscle, P: Array, eps: Array, names: tuple[str, ...] 
     columns = np.zeros((*P.shape, len(places)))
     for column, i in enumerate(places):
         moved = muscle.unchecked([*values[:i], values[i] + _STEP * 1j, *values[i + 1 :]])
-        columns[..., column] = np.imag(moved.force(P, eps)) / _STEP
+        columns[..., column] = np.imag(moved.law(P, eps)) / _STEP
     return columns
 
 

@@ -57,7 +57,7 @@ class Wickramatunge2010(Muscle):
         """ls = l0(1-ε) - l_min [m]   (20)"""
         return self.rest_length * (1 - eps) - self.min_length
 
-    def force(self, P: Value, eps: Value) -> Value:
+    def law(self, P: Value, eps: Value) -> Value:
         """(c3 P² + c2 P ls + c1 ls² + c0) ls   (20), continuous at P_switch"""
         ls = self.stretched_length(eps)
         quadratic = self._low(P) * self.c3_low + self._high(P) * self.c3_high
@@ -73,7 +73,7 @@ class Wickramatunge2010(Muscle):
         """Rising root of the quadratic (20) in the range that F falls into; inf where c3 < 0 and F is out of reach."""
         F, eps = np.broadcast_arrays(np.asarray(F, float), np.asarray(eps, float))
         ls = self.stretched_length(eps)
-        high = self.force(self.P_switch, eps) < F
+        high = self.law(self.P_switch, eps) < F
         c3 = np.where(high, self.c3_high, self.c3_low)
         c0 = self.c0 + np.where(high, (self.c3_low - self.c3_high) * self.P_switch**2, 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):

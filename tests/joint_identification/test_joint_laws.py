@@ -155,12 +155,12 @@ class Transformed(Muscle):
     other: Muscle = field(metadata=NOT_A_NUMBER)
     bend: float  # [N]
 
-    def force(self, P, eps):
-        F = self.other.force(P, eps)
+    def law(self, P, eps):
+        F = self.other.law(P, eps)
         return F + F**3 / self.bend**2
 
     def gain(self, P, eps):
-        return (1 + 3 * (self.other.force(P, eps) / self.bend) ** 2) * self.other.gain(P, eps)
+        return (1 + 3 * (self.other.law(P, eps) / self.bend) ** 2) * self.other.gain(P, eps)
 
 
 def test_two_laws_with_the_same_angles_and_other_stiffness_are_recognised(all_twins, log_maker):

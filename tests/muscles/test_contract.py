@@ -1,10 +1,12 @@
 """What every muscle promises, whatever its formula."""
 
+import re
+
 import casadi
 import numpy as np
 import pytest
 
-from allocator.errors import InvalidFile
+from allocator.errors import InvalidFile, InvalidInput
 from allocator.muscles import MODELS, FunctionMuscle, Muscle, monotonicity_failure
 from allocator.units import BAR
 
@@ -32,6 +34,42 @@ def test_slope_is_the_central_difference_of_the_force(muscle, domain):
     h = 1e-6
     difference = (muscle.force(P, eps + h) - muscle.force(P, eps - h)) / (2 * h)
     assert close(muscle.slope(P, eps), difference, difference, 1e-7)
+
+
+def test_force_takes_the_complex_numbers_of_a_complex_step(muscle, domain):
+    P, eps = domain
+    assert close(np.imag(muscle.force(P, eps + 1e-30j)) / 1e-30, muscle.slope(P, eps), muscle.slope(P, eps), 1e-12)
+
+
+def test_force_is_the_law_of_lists_and_of_single_numbers(muscle, domain):
+    P, eps = (np.ravel(a)[:3] for a in np.broadcast_arrays(*domain))
+    np.testing.assert_array_equal(muscle.force(P.tolist(), eps.tolist()), muscle.law(P, eps))
+    one = float(P[0]), float(eps[0])
+    assert muscle.force(*one) == muscle.law(*one)
+    assert isinstance(muscle.force(*one), float)
+
+
+@pytest.mark.parametrize(
+    ("P", "eps", "said"),
+    [
+        (
+            0.1,
+            3e5,
+            "eps = 300000 is no contraction ratio (l0 - l)/l0; P and eps look swapped, the",
+        ),
+        (0.0, 3e5, "P and eps look swapped"),
+        ([0.1, 0.2], [0.0, 3e5], "eps[1] = 300000 is no contraction ratio (l0 - l)/l0; P and eps look swapped"),
+        (0.1, 3, "P and eps look swapped"),
+        (3e5, 10, "eps = 10 is no contraction ratio (l0 - l)/l0; if percent was meant, divide by 100"),
+        (0.0, 10, "if percent was meant"),
+        (3, 0.1, "P = 3 Pa is next to nothing; if bar was meant, multiply by 1e5"),
+        (np.nan, 0.1, "P = nan is not finite [Pa]"),
+        (3e5, "a lot", "eps = 'a lot' is not a number"),
+    ],
+)
+def test_force_refuses_what_cannot_be_a_pressure_and_a_ratio(muscle, P, eps, said):
+    with pytest.raises(InvalidInput, match=re.escape(said)):
+        muscle.force(P, eps)
 
 
 def test_gain_is_the_central_difference_of_the_force(muscle, domain):

@@ -204,7 +204,7 @@ def test_a_little_less_than_no_force_asks_for_a_little_less_than_the_taut_pressu
     for eps in (0.05, 0.2):
         taut, slack = muscle.pressure([0.0, -0.01], eps)
         assert taut - 100 < slack < taut
-        assert muscle.force(slack, eps) == pytest.approx(-0.01, rel=1e-6)
+        assert muscle.law(slack, eps) == pytest.approx(-0.01, rel=1e-6)
     assert muscle.pressure(-1e6, 0.2) == -np.inf
 
 

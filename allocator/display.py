@@ -1,0 +1,39 @@
+"""How results show themselves to a person: numbers, ranges and small tables for consoles and notebooks."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+_ROUNDING = 1e-12  # numbers below it are rounding errors of something that is zero
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """`value` with so many significant digits; what differs from 0 by rounding only is 0."""
+    return f"{0.0 if abs(value) < _ROUNDING else float(value):.{digits}g}"
+
+
+def span(values: Any, unit: str = "") -> str:
+    """'least … greatest unit' of the values that are numbers."""
+    values = np.ravel(values)
+    values = values[np.isfinite(values)]
+    return f"{number(values.min())} … {number(values.max())} {unit}".rstrip() if values.size else "none"
+
+
+def first_of(warnings: Sequence[str]) -> str:
+    """The first warning in a line of its own, and how many there are; nothing without warnings."""
+    return f"\n  warning 1 of {len(warnings)}: {warnings[0]}" if warnings else ""
+
+
+def html_table(title: str, rows: Iterable[Sequence[str]], header: Sequence[str] = ()) -> str:
+    """A small HTML table with a title, and names of the columns if they are given."""
+
+    def line(tag: str, cells: Sequence[str]) -> str:
+        return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+
+    body = "".join(line("td", row) for row in rows)
+    return f"<table><caption>{escape(title)}</caption>{line('th', header) if header else ''}{body}</table>"
+
+
+__all__ = ["first_of", "html_table", "number", "span"]
