@@ -232,9 +232,9 @@ def workings(plant: Plant, dt: float, problem: Problem, predictor: Predictor, fe
         return Workings(QuickImprover(found, problem), quick)
     except Exception as failure:  # no compiler, no place for its work, a law too long, or a fault of the compiler's own
         reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
-        said = f"the controller's step is not compiled and takes about ten times as long: {reason}"
-        warnings.warn(said, SlowStep, stacklevel=4)  # which is where the controller is made
-        return Workings(ReadableImprover(problem, predictor), feed_forward.ready())
+    said = f"the controller's step is not compiled and takes about ten times as long: {reason}"
+    warnings.warn(said, SlowStep, stacklevel=4)  # which is where the controller is made
+    return Workings(ReadableImprover(problem, predictor), feed_forward.ready())
 
 
 def setting(problem: Problem) -> Any:

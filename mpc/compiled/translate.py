@@ -79,7 +79,6 @@ _MATH = (
 )  # fmt: skip
 _FORMULAS = {  # all are numbers: numba's bool is none
     "OP_ASSIGN": "{0}",
-    "OP_LIFT": "{0}",
     "OP_ADD": "{0} + {1}",
     "OP_SUB": "{0} - {1}",
     "OP_MUL": "{0} * {1}",
@@ -93,7 +92,7 @@ _FORMULAS = {  # all are numbers: numba's bool is none
     **{f"OP_{name.upper()}": f"math.{name}({{0}})" for name in _MATH},
     "OP_ATAN2": "math.atan2({0}, {1})",
     "OP_HYPOT": "math.hypot({0}, {1})",
-    "OP_FMOD": "math.fmod({0}, {1})",
+    "OP_FMOD": "np.fmod({0}, {1})",
     "OP_COPYSIGN": "math.copysign({0}, {1})",
     "OP_FABS": "abs({0})",
     "OP_FLOOR": "np.floor({0})",  # that of `math` is an integer, which infinity is not

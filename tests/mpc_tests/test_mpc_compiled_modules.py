@@ -25,6 +25,7 @@ sys.modules.update({"numba": None} if "without" in sys.argv else {})
 from allocator.allocation.compiled import kernel
 from mpc import Plant, TrackingMPC
 with warnings.catch_warnings(record=True) as said:
+    warnings.simplefilter("always")
     mpc = TrackingMPC(Plant(), N=12)
 print(*(w.category.__name__ for w in said), mpc.implementation, kernel("tondu_exact"))
 print(*mpc.step(Plant().at_rest(0.0, 7.6), 0.0, 7.61).u.ravel())
