@@ -31,7 +31,8 @@ NOISE = 0.02  # of the greatest force
 @pytest.fixture(scope="session")
 def caches(tmp_path_factory):
     """Where compiled code is kept: empty when the session begins, and shared by its processes."""
-    return tmp_path_factory.getbasetemp().parent / "caches"
+    own = tmp_path_factory.getbasetemp()
+    return (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "caches"
 
 
 def truth(model):
