@@ -2,6 +2,7 @@
 
 from mpc.compensation import Compensation
 from mpc.controller import TrackingMPC
+from mpc.improvement import SlowStep
 from mpc.nonlinear import NonlinearMPC
 from mpc.observer import KalmanObserver
 from mpc.plan import Plan, PlanStatus, Rung
@@ -22,6 +23,7 @@ __all__ = [
     "Reference",
     "Rung",
     "Run",
+    "SlowStep",
     "TrackingMPC",
     "Weights",
     "simulate",

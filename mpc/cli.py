@@ -1,5 +1,7 @@
 """Commands about motion: `antagonist track`. Degrees and bar here, SI behind; heavy libraries load when it runs."""
 
+import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -90,7 +92,7 @@ def track(
         with _writing(path):
             _write(done, path, console)
     figures = metrics(done)
-    console.print(_summary(figures))
+    console.print(_summary(figures, done.implementation))
     if figures.out_of_reach:
         _say(console, f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach")
     _say(console, f"written: {', '.join(map(str, files))}")
@@ -170,7 +172,7 @@ def _say(console: "Console", sentence: str) -> None:
     console.print(sentence, highlight=False, markup=False, soft_wrap=True)
 
 
-def _summary(m: "Metrics") -> "Table":
+def _summary(m: "Metrics", implementation: str) -> "Table":
     from rich.table import Table
     from rich.text import Text
 
@@ -182,6 +184,8 @@ def _summary(m: "Metrics") -> "Table":
         table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
     table.add_section()
     table.add_row(Text("time of a step [ms]"), f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
+    if implementation:
+        table.add_row("implementation of the step", "", implementation)
     for rung, steps in m.rungs.items():
         if steps:
             table.add_row(f"steps answered by {rung}", "", str(steps))
@@ -193,7 +197,14 @@ app.command("export")(export_command)
 
 def main() -> None:
     """Entry point of the command `antagonist`."""
-    run(app)
+    with warnings.catch_warnings():
+        warnings.showwarning = _one_line
+        run(app)
+
+
+def _one_line(message: Warning | str, *_: object, **__: object) -> None:
+    """Print a warning without the line of code that it came from."""
+    print(f"antagonist: {message}", file=sys.stderr)
 
 
 __all__ = ["app", "main", "track"]

@@ -114,6 +114,11 @@ class TrackingMPC:
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
 
     @property
+    def implementation(self) -> str:
+        """How a step is computed: "compiled", or "readable", about ten times as slowly (then `SlowStep` has warned)."""
+        return self._improve.implementation
+
+    @property
     def ahead(self) -> int:
         """Samples of preview that `step` takes after the present one."""
         return self._foresight.ahead

@@ -17,6 +17,10 @@ from mpc.qp import QP
 from mpc.solvers import Solver
 
 
+class SlowStep(UserWarning):
+    """A controller's step could not be compiled: the readable one answers, about ten times as slowly."""
+
+
 class Before(NamedTuple):
     """Of the sample before. All QPs of a sample are given the same object, another sample's another one."""
 
@@ -40,6 +44,10 @@ class Improver(Protocol):
     About those within the limits that are nearest to `u`, that is.
     """
 
+    @property
+    def implementation(self) -> str:
+        """Which one it is: "compiled" or "readable"."""
+
     def __call__(
         self, x: Array, u: Array, d: Array, feed: FeedForward, before: Before, solve: Solver, deadline: float
     ) -> Improvement:
@@ -51,6 +59,8 @@ class Improver(Protocol):
 
 class ReadableImprover:
     """By NumPy and CasADi."""
+
+    implementation = "readable"
 
     def __init__(self, problem: Problem, predictor: Predictor) -> None:
         self.problem, self.predictor = problem, predictor
@@ -75,4 +85,4 @@ class ReadableImprover:
         return Improvement(answer.status, u, None, qp, times)
 
 
-__all__ = ["Before", "Improvement", "Improver", "ReadableImprover"]
+__all__ = ["Before", "Improvement", "Improver", "ReadableImprover", "SlowStep"]

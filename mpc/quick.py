@@ -6,6 +6,7 @@ and is proved optimal (`mpc.compiled.certificate`) it is the QP's, and the step 
 that `mpc.condense` gives, goes to `mpc.certified`.
 """
 
+import warnings
 from math import inf
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,10 +17,9 @@ from numpy.typing import NDArray
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.certified import GAP_TOLERANCE, LAZY_TOLERANCE, PRIMAL_TOLERANCE, certified
-from mpc.compiled.translate import Untranslatable
 from mpc.condense import SLACKS, Problem
 from mpc.feedforward import FeedForward, FeedForwardLaw
-from mpc.improvement import Before, Improvement, Improver, ReadableImprover
+from mpc.improvement import Before, Improvement, Improver, ReadableImprover, SlowStep
 from mpc.linearise import Motion, Predictor
 from mpc.plan import Moved, PlanStatus
 from mpc.plant import NU, Plant
@@ -37,10 +37,12 @@ _TOLERANCES = (LAZY_TOLERANCE, PRIMAL_TOLERANCE, GAP_TOLERANCE)
 class QuickImprover:
     """For one controller: its memory must not be used by two threads at a time."""
 
+    implementation = "compiled"
+
     def __init__(self, law: "Law", problem: Problem) -> None:
         from mpc.compiled.memory import flat, given_in, lengths
 
-        self._law, self._answers, c, _, substeps = self._made_from = law
+        self._law, self._answers, c, _, h, substeps = self._made_from = law
         self._problem = problem
         N, n = sum(problem.blocks), NU * len(problem.blocks)
         given, memory = map(np.zeros, lengths(N))
@@ -48,7 +50,7 @@ class QuickImprover:
         self._given = views.py_func(given)  # to be filled
         numbers, starts = flat(setting(problem)), problem.starts.astype(np.int64)
         self._rest = numbers, starts, given, memory
-        self._all = c, substeps, *self._rest
+        self._all = c, h, substeps, *self._rest
         self._no_rows, self._no_bounds = np.zeros((0, n)), np.zeros(0)
         self._guess = np.zeros(n, np.int8)  # sign of the multipliers
         self._before: Before | None = None  # of the sample that the guess is about
@@ -221,15 +223,18 @@ class Workings(NamedTuple):
 
 
 def workings(plant: Plant, dt: float, problem: Problem, predictor: Predictor, feed_forward: FeedForwardLaw) -> Workings:
-    """The quick ones, compiled and ready; the readable ones where there is no compiler or nowhere to keep its work."""
+    """The quick ones, compiled and ready; the readable ones, with a `SlowStep` warning, where that fails."""
     try:
         from mpc.compiled.module import law
 
         found = law(plant, dt)
         quick = QuickFeedForward(found, feed_forward) if found.p else feed_forward.ready()
         return Workings(QuickImprover(found, problem), quick)
-    except (ImportError, OSError, Untranslatable):
-        return Workings(ReadableImprover(problem, predictor), feed_forward.ready())
+    except Exception as failure:  # no compiler, no place for its work, a law too long, or a fault of the compiler's own
+        reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
+    said = f"the controller's step is not compiled and takes about ten times as long: {reason}"
+    warnings.warn(said, SlowStep, stacklevel=4)  # which is where the controller is made
+    return Workings(ReadableImprover(problem, predictor), feed_forward.ready())
 
 
 def setting(problem: Problem) -> Any:

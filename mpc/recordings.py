@@ -48,12 +48,13 @@ def load_recording(path: str | Path) -> Run:
             raise InvalidFile(
                 path, f"is not the recording of a run: {name} has the shape {array.shape}, not {expected}"
             )
-    return Run(_plant(path, stored), **(arrays | {"dt": float(stored["dt"])}))
+    plain = {"dt": float(stored["dt"]), "implementation": str(stored["implementation"])}
+    return Run(_plant(path, stored), **(arrays | plain))
 
 
 def _shape(name: str, steps: int) -> tuple[int, ...]:
     """What `Run` says of the array called `name`."""
-    if name == "dt":
+    if name in ("dt", "implementation"):
         return ()
     length = steps + 1 if name in ("t", "x", "theta_ref", "K_ref", "K", "forces") else steps
     width = {"x": NX, "estimate": NX + 1, "u": NU, "forces": NU, "moved": 3}.get(name)

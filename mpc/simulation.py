@@ -83,6 +83,7 @@ class Run:
     slack: Array  # (M,) predicted excursion from the joint range [rad]
     slack_force: Array  # (M,) predicted lack of muscle force [N]
     moved: Array  # (M, 3) how far what was asked was moved, a `Moved` per sample; NaN from a controller that is silent
+    implementation: str  # of the controller's step, "compiled" or "readable"; "" from a controller that has but one
 
     @property
     def theta(self) -> Array:
@@ -184,7 +185,7 @@ def simulate(
     K, forces = plant.stiffness(x.T), np.stack(plant.forces(x.T), axis=1)
     return Run(
         plant.nominal, dt, wanted.t, x, estimate, u, wanted.theta, wanted.K, K, forces, took,
-        rung, status, slack, slack_force, moved,
+        rung, status, slack, slack_force, moved, getattr(controller, "implementation", ""),
     )  # fmt: skip
 
 

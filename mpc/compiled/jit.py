@@ -35,4 +35,10 @@ def inlined(function: F) -> F:
     return made
 
 
-__all__ = ["KEPT", "compiled", "inlined"]
+def merged(function: F) -> F:
+    """Compile `function` into its only caller, which then does not wait for a tuple to go through the memory."""
+    made: F = njit(forceinline=True, **_INNER, **_OPTIONS)(function)
+    return made
+
+
+__all__ = ["KEPT", "compiled", "inlined", "merged"]

@@ -24,7 +24,6 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.compiled.jit import KEPT
 from mpc.compiled.translate import translated
-from mpc.integration import integrated
 from mpc.plant import NU, NX, Plant
 
 _IMPORTS = """import math
@@ -44,20 +43,21 @@ class Law(NamedTuple):
     answers: ModuleType  # `mpc.compiled.answers`
     c: Array
     p: tuple[Any, ...]  # of the kernel; empty if there is none
-    substeps: int
+    h: float  # step of the integration [s]
+    substeps: int  # a sample
 
 
 def law(plant: Plant, dt: float) -> Law:
     """The compiled functions for `plant` at the sample time `dt` [s]."""
     substeps = plant.substeps(dt, RESOLUTION)
     text, c = "", np.zeros(0)
-    for name, function in _functions(plant, dt / substeps).items():
+    for name, function in _functions(plant).items():
         source = translated(name, function, c.size)
-        text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
+        text, c = text + f"@merged\n{source.text}\n\n", np.concatenate([c, source.c])
     kernel = law_of(plant.joint)
     compiled.register()
     step = _imported(_with_law(text + _ALLOCATED[kernel.name]))
-    return Law(step, _imported(_ANSWERS.read_text(encoding="utf-8")), c, kernel.p, substeps)
+    return Law(step, _imported(_ANSWERS.read_text(encoding="utf-8")), c, kernel.p, dt / substeps, substeps)
 
 
 _ALLOCATED = {
@@ -83,19 +83,19 @@ def allocated(theta, K, T, p, left, right, min_force, c):
 RESOLUTION = 0.5  # of the integration, as in `Plant.discrete`
 
 
-def _functions(plant: Plant, h: float) -> dict[str, Any]:
-    """CasADi functions of one step of `h` [s] and of the outputs (K, F1, F2), with and without derivatives."""
+def _functions(plant: Plant) -> dict[str, Any]:
+    """CasADi functions of the rate of change x' and of the outputs (K, F1, F2), with and without derivatives."""
     import casadi as ca
 
     x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
-    after: Any = integrated(lambda x: ca.vertcat(*plant.rate(x, BAR * u, d)), x, h, 1)
+    rate: Any = ca.vertcat(*plant.rate(x, BAR * u, d))
     y: Any = ca.vertcat(plant.stiffness(x), *plant.forces(x))
-    slopes = [ca.densify(ca.jacobian(after, v)) for v in (x, u)]
+    slopes = [ca.densify(ca.jacobian(rate, v)) for v in (x, u)]
     return {
-        "stage": ca.Function("stage", [x, u, d], ca.cse([after, *slopes])),
-        "outputs": ca.Function("outputs", [x], ca.cse([y, ca.densify(ca.jacobian(y, x))])),
-        "advance": ca.Function("advance", [x, u, d], ca.cse([after])),
+        "rate": ca.Function("rate", [x, u, d], ca.cse([rate])),
+        "slopes": ca.Function("slopes", [x, u, d], ca.cse([rate, *slopes])),
         "look": ca.Function("look", [x], ca.cse([y])),
+        "outputs": ca.Function("outputs", [x], ca.cse([y, ca.densify(ca.jacobian(y, x))])),
         **_coefficients(plant.joint),
     }
 

@@ -34,7 +34,10 @@ def translated(name: str, function: Any, first: int = 0) -> Source:
     Its numbers are c[first], c[first + 1], …
     """
     if function.n_instructions() > _LONGEST:
-        raise Untranslatable(f"{name} takes {function.n_instructions()} operations")
+        raise Untranslatable(
+            f"the law's function {name} has {function.n_instructions()} operations, more than the {_LONGEST} that are "
+            "compiled in bearable time"
+        )
     kinds = _operations()
     values: dict[int, str | float] = {}  # what CasADi's work vector holds: an expression, or a number
     results: dict[tuple[int, ...], str] = {}
@@ -70,8 +73,11 @@ def translated(name: str, function: Any, first: int = 0) -> Source:
     return Source("\n".join(lines) + "\n", np.array(numbers, float))
 
 
-_MATH = ("exp", "log", "sqrt", "sin", "cos", "tan", "tanh", "sinh", "cosh", "asin", "acos", "atan", "floor", "ceil")
-_FORMULAS = {
+_MATH = (
+    "exp", "expm1", "log", "log1p", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
+    "asinh", "acosh", "atanh", "erf",
+)  # fmt: skip
+_FORMULAS = {  # all are numbers: numba's bool is none
     "OP_ASSIGN": "{0}",
     "OP_ADD": "{0} + {1}",
     "OP_SUB": "{0} - {1}",
@@ -84,19 +90,26 @@ _FORMULAS = {
     "OP_POW": "{0} ** {1}",
     "OP_CONSTPOW": "{0} ** {1}",
     **{f"OP_{name.upper()}": f"math.{name}({{0}})" for name in _MATH},
+    "OP_ATAN2": "math.atan2({0}, {1})",
+    "OP_HYPOT": "math.hypot({0}, {1})",
+    "OP_FMOD": "np.fmod({0}, {1})",
+    "OP_COPYSIGN": "math.copysign({0}, {1})",
     "OP_FABS": "abs({0})",
-    "OP_SIGN": "float(({0} > 0.0) - ({0} < 0.0))",
-    "OP_LT": "float({0} < {1})",
-    "OP_LE": "float({0} <= {1})",
-    "OP_EQ": "float({0} == {1})",
-    "OP_NE": "float({0} != {1})",
-    "OP_NOT": "float({0} == 0.0)",
-    "OP_AND": "float({0} != 0.0 and {1} != 0.0)",
-    "OP_OR": "float({0} != 0.0 or {1} != 0.0)",
-    "OP_FMIN": "min({0}, {1})",
-    "OP_FMAX": "max({0}, {1})",
-    "OP_IF_ELSE_ZERO": "({1} if {0} != 0.0 else 0.0)",
+    "OP_FLOOR": "np.floor({0})",  # that of `math` is an integer, which infinity is not
+    "OP_CEIL": "np.ceil({0})",
+    "OP_SIGN": "1.0 if {0} > 0.0 else -1.0 if {0} < 0.0 else {0}",
+    "OP_LT": "1.0 if {0} < {1} else 0.0",
+    "OP_LE": "1.0 if {0} <= {1} else 0.0",
+    "OP_EQ": "1.0 if {0} == {1} else 0.0",
+    "OP_NE": "1.0 if {0} != {1} else 0.0",
+    "OP_NOT": "1.0 if {0} == 0.0 else 0.0",
+    "OP_AND": "1.0 if {0} != 0.0 and {1} != 0.0 else 0.0",
+    "OP_OR": "1.0 if {0} != 0.0 or {1} != 0.0 else 0.0",
+    "OP_FMIN": "{0} if {0} < {1} or {1} != {1} else {1}",  # of a number and NaN the number, as in C
+    "OP_FMAX": "{0} if {0} > {1} or {1} != {1} else {1}",
+    "OP_IF_ELSE_ZERO": "{1} if {0} != 0.0 else 0.0",
 }
+"""What CasADi's operations are in Python; ERFINV, REMAINDER and PRINTME, which no law needs, numba has not."""
 
 
 @cache
@@ -112,7 +125,13 @@ def _formula(kind: int) -> str:
     for name, formula in _FORMULAS.items():
         if _operations()[name] == kind:
             return formula
-    raise Untranslatable(f"CasADi's operation {kind} has no translation")
+    raise Untranslatable(f"the law uses CasADi's operation {_named(kind)}, which has no translation")
+
+
+def _named(kind: int) -> str:
+    import casadi as ca
+
+    return next((name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == kind), f"number {kind}")
 
 
 __all__ = ["Source", "Untranslatable", "translated"]

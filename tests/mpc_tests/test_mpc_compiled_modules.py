@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from allocator import BAR
-from mpc import PlanStatus, Plant, TrackingMPC
+from mpc import PlanStatus, Plant, SlowStep, TrackingMPC
 from mpc.compiled import module
-from mpc.improvement import ReadableImprover
 
 ROOT = Path(__file__).parents[2]
 
@@ -21,12 +20,15 @@ ROOT = Path(__file__).parents[2]
 
 
 STEP = """
-import sys
+import sys, warnings
 sys.modules.update({"numba": None} if "without" in sys.argv else {})
 from allocator.allocation.compiled import kernel
 from mpc import Plant, TrackingMPC
-mpc = TrackingMPC(Plant(), N=12)
-print(type(mpc._improve).__name__, kernel("tondu_exact"), *mpc.step(Plant().at_rest(0.0, 7.6), 0.0, 7.61).u.ravel())
+with warnings.catch_warnings(record=True) as said:
+    warnings.simplefilter("always")
+    mpc = TrackingMPC(Plant(), N=12)
+print(*(w.category.__name__ for w in said), mpc.implementation, kernel("tondu_exact"))
+print(*mpc.step(Plant().at_rest(0.0, 7.6), 0.0, 7.61).u.ravel())
 """
 
 
@@ -35,11 +37,10 @@ print(type(mpc._improve).__name__, kernel("tondu_exact"), *mpc.step(Plant().at_r
     [("without", {}), ("", {"NUMBA_DISABLE_JIT": "1"})],
     ids=["not installed", "told not to compile"],
 )
-def test_without_numba_the_readable_step_answers_alike_and_says_nothing(argument, variables):
+def test_without_numba_the_readable_step_answers_alike_and_says_so_once(argument, variables):
     ran = python(STEP, argument, **variables)
-    name, kernel, *commands = ran.split()
-    assert name == "ReadableImprover"
-    assert kernel == "None"
+    said, implementation, kernel, *commands = ran.split()
+    assert (said, implementation, kernel) == ("SlowStep", "readable", "None")
     mpc = TrackingMPC(Plant(), N=12)
     wanted = mpc.step(Plant().at_rest(0.0, 7.6), 0.0, 7.61).u
     assert np.abs(np.diff(wanted, axis=0)).max() < 0.9 * mpc.limits.step
@@ -61,8 +62,9 @@ def test_without_a_directory_to_write_to_the_readable_step_answers(monkeypatch, 
     (tmp_path / "file").touch()
     monkeypatch.setattr(module, "_directory", lambda: tmp_path / "file" / "below")
     module._imported.cache_clear()
-    mpc = TrackingMPC(Plant(), N=12)
-    assert isinstance(mpc._improve, ReadableImprover)
+    with pytest.warns(SlowStep, match="ten times as long"):
+        mpc = TrackingMPC(Plant(), N=12)
+    assert mpc.implementation == "readable"
     assert mpc.step(Plant().at_rest(0.0, 7.6), 0.1, 7.8).status is PlanStatus.OPTIMAL
 
 
@@ -80,7 +82,8 @@ def test_without_a_home_the_readable_step_answers(monkeypatch):
     monkeypatch.delenv("LOCALAPPDATA", raising=False)
     monkeypatch.setattr(module.Path, "home", nowhere)
     module._imported.cache_clear()
-    assert isinstance(TrackingMPC(Plant(), N=12)._improve, ReadableImprover)
+    with pytest.warns(SlowStep, match="no directory to keep compiled code in"):
+        assert TrackingMPC(Plant(), N=12).implementation == "readable"
 
 
 # --- what is kept on disk ---------------------------------------------------------------------------------------------

@@ -1,0 +1,74 @@
+"""A day with a muscle of one's own: fit it, put it on three joints, and try every command, all in one process.
+
+Called with a directory that holds `day.json`, {"fit": arguments of `antagonist fit` or null, "muscle": the name of a
+muscle or its file, "geometries": names}; it leaves `done.json` there, what every command came to by "geometry command".
+"""
+
+import json
+import sys
+import traceback
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+
+import numpy as np
+
+from allocator import DEG, AntagonistJoint, Lever, Table, report_joint, save_joint
+from allocator.muscles.catalogue import named_muscle
+from mpc import sine
+from mpc.cli import main
+from mpc.files import save_reference
+from mpc.trajectories import usual_stiffness
+
+STOPS = (-45 * DEG, 45 * DEG)
+ANGLES = np.linspace(-0.9, 0.9, 7)
+GEOMETRIES = {
+    "pulley": None,  # that of the commands
+    "lever": Lever(rest_length=0.40, anchor=0.30, lever=0.03, offset=0.0435),
+    "table": Table(0.40, ANGLES, 0.13 + 0.04 * np.sin(ANGLES), 0.13 - 0.045 * np.sin(ANGLES)),
+}
+
+
+def called(*arguments):
+    """What the command prints, and its exit code; a traceback instead where it leaves one."""
+    out, err = StringIO(), StringIO()
+    sys.argv = ["antagonist", *map(str, arguments)]
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            main()
+            code = None
+        except SystemExit as end:
+            code = end.code
+        except Exception:
+            code = traceback.format_exc()
+    return {"code": code, "out": out.getvalue(), "err": err.getvalue()}
+
+
+def day(plan):
+    """Every command on every joint."""
+    done = {"fit": called("fit", *plan["fit"])} if plan["fit"] else {}
+    muscle = named_muscle(plan["muscle"])
+    for name in plan["geometries"]:
+        geometry = GEOMETRIES[name]
+        joint, given = report_joint(muscle), ["--muscle", plan["muscle"]]
+        if geometry is not None:
+            joint = AntagonistJoint(geometry, muscle, muscle, angle_limits=STOPS)
+            save_joint(joint, f"{name}.toml")
+            given = ["--joint", f"{name}.toml"]
+        K = usual_stiffness(joint)
+        save_reference(sine(amplitude=5 * DEG, K=K, duration=0.3, ramp=0.1), f"{name}.csv")
+        around = ("--theta=-10:10:5", f"--stiffness={0.8 * K:.4g}:{1.2 * K:.4g}:{0.2 * K:.4g}")
+        commands = {
+            "allocate": ("allocate", "--theta", "5", "--torque", "0.2", "--stiffness", f"{K:.4g}"),
+            "map": ("map", *around, "--out", f"{name}-map.csv"),
+            "track": ("track", f"{name}.csv", "--horizon", "10", "--out", f"{name}.npz"),
+            "export": ("export", "--out", f"{name}-c"),
+        }
+        done |= {f"{name} {command}": called(*arguments, *given) for command, arguments in commands.items()}
+    return done
+
+
+if __name__ == "__main__":
+    with open("day.json", encoding="utf-8") as file:
+        plan = json.load(file)
+    with open("done.json", "w", encoding="utf-8") as file:
+        json.dump(day(plan), file)
