@@ -14,18 +14,24 @@ from allocator.units import BAR
 _MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further
 _MOST_STRETCH = -0.25  # [-]
 _ZERO_PRESSURE = 0.05 * BAR  # [Pa] what a sensor may be off
+_SLACK = 3.0  # times the zero noise: a force that is not distinguishable from zero
+_FAR = 40.0  # standard deviations, from where on a normal distribution is over
 _ATMOSPHERE = (0.95 * BAR, 1.10 * BAR)  # [Pa] what an absolute sensor shows on an empty muscle
 
 
 @dataclass(frozen=True)
 class Samples:
-    """n measured forces; arrays [n], read-only. A force that is not positive means slack."""
+    """n measured forces; arrays [n], read-only. A force that is not distinguishable from zero means slack."""
 
     contraction: Array  # ε [-]
     pressure: Array  # P, gauge [Pa]
     force: Array  # F [N]
     weights: Array  # of the squared residuals, relative [-]
     dropped: Mapping[str, int] = field(default_factory=dict)  # how many samples were left out, by reason
+    zero_noise: float = 0.0  # standard deviation of the readings at no force [N]
+    cut: bool = False  # whether the cell cuts its readings off at zero
+    scatter: Array | None = None  # standard deviation [N] of the readings that a sample is the mean of; None: of one
+    notes: tuple[str, ...] = ()  # what was done to the readings
 
     @classmethod
     def checked(cls, contraction: Any, pressure: Any, force: Any, weights: Any = None) -> Self:
@@ -51,16 +57,70 @@ class Samples:
         """The greatest force [N]."""
         return float(self.force.max())
 
+    @property
+    def slack(self) -> Mask:
+        """Which forces (n,) are not distinguishable from zero."""
+        return np.asarray(self.force <= self.slack_limit)
+
+    @property
+    def slack_limit(self) -> float:
+        """Three times the zero noise [N], the greatest force that is not distinguishable from zero."""
+        return _SLACK * self.zero_noise
+
+    def residual(self, F: Array, slack: Mask) -> Array:
+        """By how much the model's forces F (n,) [N] miss the readings y.
+
+        A taut sample is an equation, F - y. A slack one is one-sided: the cell shows max(F, 0) and noise, hence
+        max(F, 0) - y, which asks nothing of a model that is slack there. The two differ only where F < 0: a line drawn
+        between them by noisy readings does not bias the model. A reading far below zero says only "slack". Of a cell
+        that cuts its readings off at zero the mean is that of a censored normal variable, F Φ(F/σ) + σ φ(F/σ) (Tobin,
+        Econometrica 26:24-36, 1958).
+        """
+        pull = np.maximum(F, 0.0)
+        if self.censored:
+            z = np.minimum(pull / self.zero_noise, _FAR)
+            pull = pull * _normal(z) + self.zero_noise * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
+        return np.asarray(np.where(slack, pull - self.floored, F - self.force))
+
+    def residual_slope(self, F: Array, slack: Mask) -> Array:
+        """Derivative (n,) of the residual with respect to F."""
+        pulls = np.asarray(F > 0, float)
+        if self.censored:
+            pulls *= _normal(np.minimum(F / self.zero_noise, _FAR))
+        return np.asarray(np.where(slack, pulls, 1.0))
+
+    @property
+    def floored(self) -> Array:
+        """Readings (n,) [N], at least three times the zero noise below zero."""
+        return np.maximum(self.force, -self.slack_limit)
+
+    @property
+    def censored(self) -> bool:
+        """Whether the zero noise is cut off at zero."""
+        return self.cut and self.zero_noise > 0
+
     def where(self, keep: Mask) -> Self:
         """The samples marked in `keep`."""
         eps, P, F, w = (_frozen(array[keep]) for array in (self.contraction, self.pressure, self.force, self.weights))
-        return type(self)(eps, P, F, w, self.dropped)
+        scatter = None if self.scatter is None else _frozen(self.scatter[keep])
+        return replace(self, contraction=eps, pressure=P, force=F, weights=w, scatter=scatter)
+
+    def noted(self, note: str) -> Self:
+        """The same samples with one more note."""
+        return replace(self, notes=(*self.notes, note))
 
     def without(self, drop: Mask, reason: str) -> Self:
         """The samples not in the mask `drop`, whose number is remembered under `reason`."""
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
+
+
+def _normal(z: Array) -> Array:
+    """Φ(z), the normal distribution."""
+    from scipy.special import ndtr
+
+    return np.asarray(ndtr(z))
 
 
 def _frozen(array: Array) -> Array:

@@ -55,7 +55,7 @@ def test_one_s_own_file_with_lengths_and_what_is_held(tmp_path):
         (["--model", "Hogan1984", "--all"], "--all fits every model"),
         (["--hold", "r0"], "--hold r0: expected NAME=VALUE, such as r0=0.0109"),
         (["nowhere.csv"], "nowhere.csv: does not exist"),
-        (["--model", "Hogan1984", "--min-pressure", "9"], "Hogan1984: no samples are left to fit"),
+        (["--model", "Hogan1984", "--min-pressure", "9"], "no samples are left to fit"),
     ],
 )
 def test_wrong_input_is_one_sentence(arguments, said):
