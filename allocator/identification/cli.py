@@ -108,7 +108,9 @@ def _report(ranking: Ranking, console: Console) -> None:
         "all take; weighted by the variance of the readings where the load cell has zero noise); parameters fitted (in "
         "brackets how many combinations of them are determined, if fewer)"
     )
-    table = Table(title="Muscle models, best first", caption=caption, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table = Table(
+        title="Muscle models, best first", caption=caption, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
+    )
     table.add_column("model", no_wrap=True)
     for heading in ("samples", "error", "unseen", "params"):
         table.add_column(heading, justify="right", no_wrap=True)

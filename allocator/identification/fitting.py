@@ -197,7 +197,7 @@ def conclude(
         rank=determined.rank,
         rms=_rms(residual),
         max_error=float(np.abs(residual).max()),
-        cross_validated=_cross_validated(problem if judged is None else problem.on(judged), muscle, folds),
+        cross_validated=_judged(problem, starts, muscle, folds, judged),
         levels=_levels(samples.pressure[~slack], residual),
         collinear=determined.collinear,
         monotone=not failure,
@@ -244,6 +244,14 @@ def _slack_warning(pulls: Array, full_scale: float) -> tuple[str, ...]:
     """A sentence if the model pulls with more than 2 % of full scale where the muscle was slack."""
     wrong = pulls > 0.02 * full_scale
     return (f"pulls up to {pulls.max():.3g} N at {wrong.sum()} of the slack samples",) if wrong.any() else ()
+
+
+def _judged(problem: Problem, starts: tuple[Muscle, ...], muscle: Muscle, folds: int, judged: Mask | None) -> float:
+    """The cross-validated error within the samples `judged`, as if there were no others."""
+    if judged is None or judged.all():
+        return _cross_validated(problem, muscle, folds)
+    part = problem.on(judged)
+    return _cross_validated(part, part.muscle(part.solve(starts).x), folds)
 
 
 def _cross_validated(problem: Problem, muscle: Muscle, folds: int) -> float:

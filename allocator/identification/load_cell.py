@@ -18,15 +18,14 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from allocator.calculus import Array, Mask
-from allocator.identification.samples import Samples
+from allocator.identification.samples import Samples, tension
 
 _MOST_READINGS = 2000  # that are looked at for the zero
 _LEAST_SLACK = 6  # readings that show where zero is
 _BEYOND = 0.005  # of the range: what counts as further contracted, or as less pressure
 _SPREAD = 0.05  # of full scale: readings that scatter more are no plateau
 _SPREAD_OFF_ZERO = 0.01  # the same, where the plateau is not at zero
-_SHARE_OFF_ZERO = 0.1  # of the samples that such a plateau has at least
-_OFFSET = 0.005  # of full scale: a smaller offset is not corrected
+_SHARE_OFF_ZERO = 0.05  # of the samples that such a plateau has at least
 _SURE = 4.0  # standard deviations of its mean that an offset has to be off zero, and no slope may reach
 _DEGREES = ((6, 2), (4, 2), (3, 1), (2, 1), (1, 1))  # of the polynomial in contraction and in pressure
 _SAMPLES_PER_TERM = 4
@@ -51,7 +50,7 @@ def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
     if zero is None:
         return replace(samples, zero_noise=zero_noise or 0.0)
     samples = replace(samples, zero_noise=zero.noise if zero_noise is None else zero_noise, cut=zero.cut)
-    if abs(zero.offset) <= _OFFSET * samples.full_scale:
+    if zero.offset == 0:
         return samples
     note = f"slack readings lie round {zero.offset:.3g} N: taken for the load cell's zero and subtracted"
     return replace(samples, force=samples.force - zero.offset).noted(note)
@@ -59,10 +58,10 @@ def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
 
 def _positive(samples: Samples) -> Samples:
     """Forces whose greatest magnitude is negative, and which fall as pressure rises, have a load cell's other sign."""
-    F, P = samples.force, samples.pressure
-    if not (-F.min() > F.max() and (F - F.mean()) @ (P - P.mean()) < 0):
+    F = tension(samples.contraction, samples.pressure, samples.force)
+    if F is samples.force:
         return samples
-    return replace(samples, force=-F).noted("the forces are negative where the muscle pulls: taken with the other sign")
+    return replace(samples, force=F).noted("the forces are negative where the muscle pulls: taken with the other sign")
 
 
 def _evenly(n: int) -> Mask:

@@ -13,6 +13,7 @@ from allocator.units import BAR
 
 _MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further
 _MOST_STRETCH = -0.25  # [-]
+_NOT_CONTRACTED, _FAR_STRETCHED = 0.01, -0.05  # [-]
 _ZERO_PRESSURE = 0.05 * BAR  # [Pa] what a sensor may be off
 _SLACK = 3.0  # times the zero noise: a force that is not distinguishable from zero
 _FAR = 40.0  # standard deviations, from where on a normal distribution is over
@@ -139,7 +140,7 @@ class Mistake(NamedTuple):
 
 
 def find_mistake(contraction: Array, pressure: Array, force: Array) -> Mistake | None:
-    """The first sign of percent for ratio, or of absolute for gauge pressure.
+    """The first sign of percent for ratio, of extension for contraction, or of absolute for gauge pressure.
 
     The rules on pressure: a muscle without pressure pulls only when it is stretched. So the pressure is not gauge
 
@@ -150,7 +151,22 @@ def find_mistake(contraction: Array, pressure: Array, force: Array) -> Mistake |
 
     Forces of a stretched muscle at 0 bar are real and pass.
     """
-    return _contraction_mistake(contraction) or _pressure_mistake(contraction, pressure, force)
+    force = tension(contraction, pressure, force)
+    return (
+        _contraction_mistake(contraction)
+        or _extension_mistake(contraction, force)
+        or _pressure_mistake(contraction, pressure, force)
+    )
+
+
+def tension(contraction: Array, pressure: Array, force: Array) -> Array:
+    """The forces with tension positive: the other sign if the greatest are negative and fall as pressure rises."""
+    if not force.size or -force.min() <= force.max():
+        return force
+    scales = [max(float(np.ptp(q)), 1e-300) for q in (contraction, pressure)]
+    plane = np.stack([np.ones(force.size), contraction / scales[0], pressure / scales[1]], axis=1)
+    rise = np.linalg.lstsq(plane, force, rcond=None)[0][2]  # [N] over the range of pressures
+    return -force if rise < 1e-3 * force.min() else force
 
 
 def _contraction_mistake(eps: Array) -> Mistake | None:
@@ -161,6 +177,16 @@ def _contraction_mistake(eps: Array) -> Mistake | None:
     percent = np.abs(eps).max() > 1
     hint = "was percent meant for the ratio (l0 - l)/l0?" if percent else "is the rest length right?"
     return Mistake(i, "contraction", f"a contraction ratio of {eps[i]:.4g} is beyond any pneumatic muscle; {hint}")
+
+
+def _extension_mistake(eps: Array, F: Array) -> Mistake | None:
+    """A muscle that is never contracted, often stretched far, and pulls the less the more it is stretched."""
+    if not eps.size or eps.max() > _NOT_CONTRACTED or eps.min() > _FAR_STRETCHED:
+        return None
+    if (F - F.mean()) @ (eps - eps.mean()) <= 0:
+        return None
+    sentence = "the force falls as the muscle is stretched; is it contraction, (l0 - l)/l0, with the wrong sign?"
+    return Mistake(int(np.argmin(eps)), "contraction", sentence)
 
 
 def _pressure_mistake(eps: Array, P: Array, F: Array) -> Mistake | None:
@@ -191,4 +217,4 @@ def _pressure_mistake(eps: Array, P: Array, F: Array) -> Mistake | None:
     return None
 
 
-__all__ = ["Mistake", "Samples", "find_mistake"]
+__all__ = ["Mistake", "Samples", "find_mistake", "tension"]
