@@ -103,10 +103,9 @@ def _progress(models: Iterable[type[Muscle]], console: Console) -> Iterable[type
 def _report(ranking: Ranking, console: Console) -> None:
     """The table of all fits, the best first."""
     caption = (
-        f"samples in the domain of the model, of {ranking.samples}; RMS error [N] of those fitted, and of samples kept "
-        f"from the fit (cross-validation in 5 parts, the same for all models, within the {ranking.judged} samples that "
-        "all take; weighted by the variance of the readings where the load cell has zero noise); parameters fitted (in "
-        "brackets how many combinations of them are determined, if fewer)"
+        f"samples the model takes, of {ranking.samples}; RMS error [N] of those fitted; RMS error of samples kept from "
+        f"the fit (cross-validation in 5 parts, the same {ranking.judged} samples for all models, weighted as in the "
+        "fit); parameters fitted (in brackets how many combinations of them are determined, if fewer)"
     )
     table = Table(
         title="Muscle models, best first", caption=caption, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False

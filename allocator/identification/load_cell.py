@@ -144,7 +144,7 @@ def reading_variance(samples: Samples) -> Array | None:
 
 def _polynomial(samples: Samples, n: int) -> Array | None:
     """Chebyshev polynomials (n, terms) in contraction and pressure, as many as `n` samples can determine."""
-    x, y = (2 * (q - q.min()) / np.ptp(q) - 1 for q in (samples.contraction, samples.pressure))
+    x, y = (2 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1 for q in (samples.contraction, samples.pressure))
     for degrees in _DEGREES:
         if n >= _SAMPLES_PER_TERM * (degrees[0] + 1) * (degrees[1] + 1):
             return np.asarray(chebyshev.chebvander2d(x, y, degrees))

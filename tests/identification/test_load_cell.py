@@ -72,6 +72,11 @@ def test_a_zero_noise_that_is_none_is_refused(noise):
         fit(Sarosi2012, EPS, P, readings(0), zero_noise=noise)
 
 
+def test_noisy_forces_at_one_pressure_are_refused_by_a_sentence():
+    with pytest.raises(InvalidInput, match="all taut samples are at one pressure, 3 bar"):
+        fit(Sarosi2012, EPS[:26], 3 * BAR, readings(0)[52:78], zero_noise=ZERO_NOISE)
+
+
 @pytest.mark.parametrize("offset", [-15.0, 5.0, 40.0])
 def test_an_offset_is_subtracted_and_said(offset):
     found = fit(Sarosi2012, EPS, P, readings(1, offset=offset), folds=0)
