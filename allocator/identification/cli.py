@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -33,6 +34,10 @@ def fit_command(
     ] = None,
     min_pressure: Annotated[float | None, typer.Option(help="Leave out samples below [bar].")] = None,
     min_contraction: Annotated[float | None, typer.Option(help="Leave out samples below [ratio].")] = None,
+    zero_noise: Annotated[
+        float | None,
+        typer.Option(help="Noise of the load cell at no force [N]; estimated from slack samples if not given."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Write the muscle to this TOML file.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw isobars and data into this image.")] = None,
 ) -> None:
@@ -48,6 +53,7 @@ def fit_command(
     options: dict[str, Any] = {
         "hold": _held(hold or []),
         "pressure_range": (-float("inf") if min_pressure is None else min_pressure * BAR, float("inf")),
+        "zero_noise": zero_noise,
         "contraction_range": (-float("inf") if min_contraction is None else min_contraction, float("inf")),
     }
     ranking = rank_models(samples, _models(model), progress=lambda models: _progress(models, console), **options)
@@ -97,18 +103,22 @@ def _progress(models: Iterable[type[Muscle]], console: Console) -> Iterable[type
 def _report(ranking: Ranking, console: Console) -> None:
     """The table of all fits, the best first."""
     caption = (
-        "RMS error [N] of the samples fitted, and of samples kept from the fit (cross-validation in 5 parts); "
-        "parameters fitted (in brackets how many combinations of them are determined, if fewer)"
+        f"samples the model takes, of {ranking.samples}; RMS error [N] of those fitted; RMS error of samples kept from "
+        f"the fit (cross-validation in 5 parts, the same {ranking.judged} samples for all models, weighted as in the "
+        "fit); parameters fitted (in brackets how many combinations of them are determined, if fewer)"
     )
-    table = Table(title="Muscle models, best first", caption=caption)
+    table = Table(
+        title="Muscle models, best first", caption=caption, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
+    )
     table.add_column("model", no_wrap=True)
-    for heading in ("error", "unseen", "params"):
+    for heading in ("samples", "error", "unseen", "params"):
         table.add_column(heading, justify="right", no_wrap=True)
     for heading in (r"\[M]", "inverse"):
         table.add_column(heading, no_wrap=True)
     for fit in ranking.fits:
         table.add_row(
             fit.model,
+            str(fit.samples.n),
             f"{fit.rms:.1f}",
             f"{fit.cross_validated:.1f}",
             str(len(fit.free)) if fit.rank == len(fit.free) else f"{len(fit.free)} ({fit.rank})",
@@ -133,6 +143,12 @@ def _describe(fit: Fit[Any], console: Console) -> None:
     for name, std in fit.standard_deviations.items():
         spread = f"± {std:.2g}" if name in fit.free else "(held)"
         console.print(f"  {name} = {fit.muscle.parameters[name]:.6g} {spread}", markup=False, highlight=False)
+    if fit.samples.zero_noise > 0:
+        console.print(
+            f"  slack is a force below {fit.samples.slack_limit:.3g} N, three times the zero noise", markup=False
+        )
+    for note in fit.samples.notes:
+        console.print(f"  {note}", markup=False)
     for reason, n in fit.samples.dropped.items():
         console.print(f"  {n} samples left out: {reason}", markup=False)
     for warning in fit.warnings:

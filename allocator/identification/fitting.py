@@ -2,17 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.identifiability import Determination, determine
+from allocator.identification.load_cell import weighted, zeroed
 from allocator.identification.problem import Problem, Solution
 from allocator.identification.result import Fit, Level
 from allocator.identification.samples import Samples
+from allocator.identification.thinning import thinned
 from allocator.muscles import Muscle, Recipe, monotonicity_failure
 from allocator.muscles.base import Covariance
 from allocator.units import BAR
@@ -38,16 +41,20 @@ def fit(
     pressure_range: Range = _EVERYTHING,
     contraction_range: Range = _EVERYTHING,
     folds: int = 5,
+    zero_noise: float | None = None,
 ) -> Fit[M]:
     """Fit `model` to forces [N] measured at contractions [-] and gauge pressures [Pa], arrays that broadcast.
+
+    Logs of more than 2000 rows are averaged over cells first (see `thinning`), and the load cell's sign and offset are
+    corrected if the slack readings show them (see `load_cell`); `samples.notes` of the answer says so.
 
     Parameters
     ----------
     weights
         Of the squared residuals, relative; all 1 if not given.
     taut_only
-        Only positive forces are equations, the others mean slack: inequalities F ≤ 0. If False every force is taken
-        as measured, negative ones too.
+        Only forces that are distinguishable from zero are equations, the others mean slack: inequalities F ≤ 0 (see
+        `Samples.residual`). If False every force is taken as measured, negative ones too.
     hold
         Parameters (by the names of `Muscle.parameters`) that are not fitted, e.g. ``{"r0": 0.0109}``. Those that only
         set a scale (P_max, rest lengths) are always held, at a usual value unless it is given here.
@@ -57,6 +64,9 @@ def fit(
         Samples outside [Pa], [-] are dropped, and counted.
     folds
         Number of parts for cross-validation: each part is predicted from the others; 0: none.
+    zero_noise
+        Standard deviation of the load cell's readings at no force [N]; estimated from the slack ones if not given.
+        Where there is some, samples are weighted by the variance of their readings.
 
     Raises
     ------
@@ -65,14 +75,52 @@ def fit(
         muscle of this kind comes near them.
     """
     samples = Samples.checked(contraction, pressure, force, weights)
+    samples = prepared(samples, pressure_range, contraction_range, zero_noise, taut_only=taut_only)
+    posed = pose(model, samples, hold, start, taut_only=taut_only)
+    return conclude(model, posed.problem, folds, posed.starts)
+
+
+def prepared(
+    samples: Samples,
+    pressure_range: Range = _EVERYTHING,
+    contraction_range: Range = _EVERYTHING,
+    zero_noise: float | None = None,
+    *,
+    taut_only: bool = True,
+) -> Samples:
+    """What every model is fitted to: the samples within the ranges, few enough, as a perfect load cell gives them."""
+    if zero_noise is not None:
+        zero_noise = checks.not_negative("zero_noise", zero_noise, "N")
     samples = _within(samples, pressure_range, contraction_range)
+    if not samples.n:
+        raise InvalidInput("no samples are left to fit")
+    return weighted(thinned(zeroed(samples, zero_noise))) if taut_only else thinned(samples)
+
+
+class Posed(NamedTuple):
+    """The problem of fitting one model."""
+
+    problem: Problem
+    starts: tuple[Muscle, ...]
+    takes: Mask  # (n,) which of the samples are in the model's domain
+
+
+def pose(
+    model: type[M],
+    samples: Samples,
+    hold: Mapping[str, float] | None = None,
+    start: M | None = None,
+    *,
+    taut_only: bool = True,
+) -> Posed:
+    """The problem of fitting `model` to those of the prepared samples that are in its domain."""
     recipe = _recipe(model, samples, start, hold or {})
     least = max(s.min_contraction for s in recipe.starts)
-    samples = samples.without(samples.contraction < least, f"contraction below {least:g}, where {model.__name__} ends")
-    problem = _problem(recipe, samples, hold or {}, taut_only)
+    takes = samples.contraction >= least
+    inside = samples.without(~takes, f"contraction below {least:g}, where {model.__name__} ends")
+    problem = _problem(recipe, inside, hold or {}, taut_only)
     _check_sufficient(problem)
-    solution = problem.solve(recipe.starts)
-    return _conclude(model, problem, solution, folds)
+    return Posed(problem, recipe.starts, takes)
 
 
 def _within(samples: Samples, pressure: Range, contraction: Range) -> Samples:
@@ -84,9 +132,7 @@ def _within(samples: Samples, pressure: Range, contraction: Range) -> Samples:
 
 def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str, float]) -> Recipe[M]:
     """The model's recipe, starting from `start` if given and at the values that are held."""
-    if not samples.n:
-        raise InvalidInput("no samples are left to fit")
-    recipe = model.recipe(samples.contraction, samples.pressure, samples.force)
+    recipe = model.recipe(samples.contraction, samples.pressure, np.where(samples.slack, 0.0, samples.force))
     if start is not None:
         recipe = replace(recipe, starts=(start,))
     if not recipe.starts:
@@ -103,7 +149,7 @@ def _problem(recipe: Recipe[M], samples: Samples, hold: Mapping[str, float], tau
     free = tuple(n for n in prototype.parameters if n not in hold and not among(n, recipe.conventional))
     linear = tuple(n for n in free if among(n, recipe.linear))
     lower, upper = (np.array([recipe.bounds.get(n, _EVERYTHING)[end] for n in free]) for end in (0, 1))
-    slack = samples.force <= 0 if taut_only else np.zeros(samples.n, bool)
+    slack = samples.slack if taut_only else np.zeros(samples.n, bool)
     return Problem(prototype, free, linear, lower, upper, samples, slack)
 
 
@@ -120,8 +166,11 @@ def _check_sufficient(problem: Problem) -> None:
         )
 
 
-def _conclude(model: type[M], problem: Problem, solution: Solution, folds: int) -> Fit[M]:
-    """Everything that is said about the solution."""
+def conclude(
+    model: type[M], problem: Problem, folds: int, starts: tuple[Muscle, ...], judged: Mask | None = None
+) -> Fit[M]:
+    """Solve, and say everything about the solution; it is cross-validated on the samples `judged` (default: all)."""
+    solution = problem.solve(starts)
     samples, slack, x = problem.samples, problem.slack, solution.x
     bare = problem.muscle(x)
     try:
@@ -131,9 +180,9 @@ def _conclude(model: type[M], problem: Problem, solution: Solution, folds: int) 
     at_bound = _at_bound(problem, x)
     determined = _determination(problem, solution, ~at_bound)
     muscle = replace(muscle, covariance=_embedded(problem, determined.covariance, ~at_bound))
-    residual = (muscle.force(samples.pressure, samples.contraction) - samples.force)[~slack]
+    residual = (muscle.law(samples.pressure, samples.contraction) - samples.force)[~slack]
     failure = monotonicity_failure(muscle, *_domain(muscle, samples))
-    pulls = muscle.force(samples.pressure, samples.contraction)[slack]
+    pulls = muscle.law(samples.pressure, samples.contraction)[slack]
     warnings = (
         *(f"{name} ended at the limit of its search, {v:g}" for name, v in _named(problem, x, at_bound)),
         *(() if solution.converged else ("the search stopped before it converged",)),
@@ -149,7 +198,7 @@ def _conclude(model: type[M], problem: Problem, solution: Solution, folds: int) 
         rank=determined.rank,
         rms=_rms(residual),
         max_error=float(np.abs(residual).max()),
-        cross_validated=_cross_validated(problem, muscle, folds),
+        cross_validated=_judged(problem, starts, muscle, folds, judged),
         levels=_levels(samples.pressure[~slack], residual),
         collinear=determined.collinear,
         monotone=not failure,
@@ -170,7 +219,12 @@ def _named(problem: Problem, x: Array, mask: Mask) -> list[tuple[str, float]]:
 
 def _determination(problem: Problem, solution: Solution, inside: Mask) -> Determination:
     names = tuple(name for name, i in zip(problem.free, inside, strict=True) if i)
-    return determine(problem.jacobian(solution.x)[:, inside], solution.cost, names, solution.x[inside])
+    J = problem.jacobian(solution.x)[:, inside]
+    tell = (J != 0).any(axis=1)
+    cost = problem.residual(solution.x)[tell] @ problem.residual(solution.x)[tell]
+    if problem.samples.scatter is not None:
+        cost += (problem.samples.weights * problem.samples.scatter**2)[tell].sum()
+    return determine(J, float(cost), names, solution.x[inside])
 
 
 def _embedded(problem: Problem, covariance: Array, inside: Mask) -> Covariance:
@@ -193,20 +247,28 @@ def _slack_warning(pulls: Array, full_scale: float) -> tuple[str, ...]:
     return (f"pulls up to {pulls.max():.3g} N at {wrong.sum()} of the slack samples",) if wrong.any() else ()
 
 
+def _judged(problem: Problem, starts: tuple[Muscle, ...], muscle: Muscle, folds: int, judged: Mask | None) -> float:
+    """The cross-validated error within the samples `judged`, as if there were no others."""
+    if judged is None or judged.all():
+        return _cross_validated(problem, muscle, folds)
+    part = problem.on(judged)
+    return _cross_validated(part, part.muscle(part.solve(starts).x), folds)
+
+
 def _cross_validated(problem: Problem, muscle: Muscle, folds: int) -> float:
-    """RMS error of samples predicted from a fit to the others; NaN if there are not enough for that."""
+    """Weighted RMS error of taut samples predicted from a fit to the others; NaN if there are not enough for that."""
     taut = np.flatnonzero(~problem.slack)
     if folds < 2 or taut.size - taut.size // folds < len(problem.free) + 1:
         return float("nan")
     part = np.random.default_rng(0).permutation(np.arange(taut.size) % folds)
-    errors = []
+    error = np.zeros(problem.samples.n)
     for i in range(folds):
         left_out = taut[part == i]
         kept = np.ones(problem.samples.n, bool)
         kept[left_out] = False
         predicted = problem.force(problem.on(kept).solve((muscle,)).x)
-        errors.append((predicted - problem.samples.force)[left_out])
-    return _rms(np.concatenate(errors))
+        error[left_out] = (predicted - problem.samples.force)[left_out]
+    return float(np.sqrt(np.average(error[taut] ** 2, weights=problem.samples.weights[taut])))
 
 
 def _levels(P: Array, error: Array) -> tuple[Level, ...]:
@@ -225,4 +287,4 @@ def _rms(error: Array) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-__all__ = ["fit"]
+__all__ = ["Posed", "conclude", "fit", "pose", "prepared"]

@@ -1,8 +1,9 @@
 """The least-squares problem of a muscle's fit.
 
-    minimise  Σ w_i r_i²,   r_i = F(P_i, ε_i; p) - F_i           where the muscle was measured taut
-                            r_i = max(0, F(P_i, ε_i; p))         where it was slack: the true force is "≤ 0", not 0
+    minimise  Σ w_i r_i²,   r_i = F(P_i, ε_i; p) - y_i           where the muscle was measured taut
+                            r_i = max(0, F(P_i, ε_i; p)) - y_i   where it was slack: the true force is "≤ 0", not y_i
 
+(see `Samples.residual`, also for a cell that cuts its readings off at zero)
 over the free parameters p within bounds. The Jacobian is exact (complex steps). Parameters in which the force is
 linear are solved for directly, the others searched by SciPy's trust-region method from every start of the recipe.
 """
@@ -64,15 +65,12 @@ class Problem:
 
     def residual(self, x: Array) -> Array:
         """√w r (n,) [N]."""
-        F = self.force(x)
-        r = np.where(self.slack, np.maximum(F, 0.0), F - self.samples.force)
-        return np.asarray(np.sqrt(self.samples.weights) * r)
+        return np.asarray(np.sqrt(self.samples.weights) * self.samples.residual(self.force(x), self.slack))
 
     def jacobian(self, x: Array) -> Array:
         """√w ∂r/∂p (n, m)."""
-        J = self._gradient(x)
-        active = ~self.slack | (self.force(x) > 0)
-        return np.asarray((np.sqrt(self.samples.weights) * active)[:, None] * J)
+        slope = self.samples.residual_slope(self.force(x), self.slack)
+        return np.asarray((np.sqrt(self.samples.weights) * slope)[:, None] * self._gradient(x))
 
     def _gradient(self, x: Array) -> Array:
         """∂F/∂p (n, m), in the order of `free`."""
@@ -99,7 +97,7 @@ class Problem:
             return x
         J = self._gradient(x)[:, places]  # constant in the linear parameters
         rest = self.force(_zeroed(x, places))
-        target = np.where(self.slack, 0.0, self.samples.force) - rest
+        target = np.where(self.slack, self.samples.floored, self.samples.force) - rest
         root = np.sqrt(self.samples.weights)
         active = ~self.slack
         for _ in range(_ACTIVE_SET_STEPS):

@@ -30,12 +30,12 @@ class Fit(Generic[M]):
 
     muscle: M  # carries its covariance
     samples: Samples  # those used; `samples.dropped` says how many were left out and why
-    slack: Mask  # (n,) which samples were taken as inequalities F ≤ 0
+    slack: Mask  # (n,) which samples were taken as inequalities F ≤ 0, not being distinguishable from zero
     free: tuple[str, ...]  # names of the fitted parameters
     rank: int  # how many combinations of them the samples determine
     rms: float  # [N]
     max_error: float  # greatest |F_model - F_measured| [N]
-    cross_validated: float  # RMS error [N] of samples that were kept from the fit; NaN if not asked for
+    cross_validated: float  # RMS error [N], weighted as the fit, of samples kept from it; NaN if not asked for
     levels: tuple[Level, ...]
     collinear: tuple[str, ...]  # changes of parameters that change no force
     monotone: bool  # [M] holds on the taut domain of the data
@@ -77,12 +77,12 @@ class Fit(Generic[M]):
         return int((~self.slack).sum())
 
     def residuals(self) -> Array:
-        """F_model - F_measured (n,) [N]; where slack, how much the model pulls although it should not."""
+        """F_model - F_measured (n,) [N]; where the model and the muscle are slack, the cell's reading alone."""
         return self._residuals(self.muscle)
 
     def _residuals(self, muscle: Muscle) -> Array:
-        F = muscle.force(self.samples.pressure, self.samples.contraction)
-        return np.asarray(np.where(self.slack, np.maximum(F, 0.0), F - self.samples.force))
+        F = muscle.law(self.samples.pressure, self.samples.contraction)
+        return self.samples.residual(F, self.slack)
 
     def in_confidence_region(self, muscle: Muscle, level: float = 0.99) -> bool:
         """Whether the samples are compatible with another `muscle`, of the same kind, at this level of confidence.

@@ -14,19 +14,26 @@ from allocator.units import BAR
 
 _MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further
 _MOST_STRETCH = -0.25  # [-]
+_NOT_CONTRACTED, _FAR_STRETCHED = 0.01, -0.05  # [-]
 _ZERO_PRESSURE = 0.05 * BAR  # [Pa] what a sensor may be off
+_SLACK = 3.0  # times the zero noise: a force that is not distinguishable from zero
+_FAR = 40.0  # standard deviations, from where on a normal distribution is over
 _ATMOSPHERE = (0.95 * BAR, 1.10 * BAR)  # [Pa] what an absolute sensor shows on an empty muscle
 
 
 @dataclass(frozen=True)
 class Samples:
-    """n measured forces; arrays [n], read-only. A force that is not positive means slack."""
+    """n measured forces; arrays [n], read-only. A force that is not distinguishable from zero means slack."""
 
     contraction: Array  # ε [-]
     pressure: Array  # P, gauge [Pa]
     force: Array  # F [N]
     weights: Array  # of the squared residuals, relative [-]
     dropped: Mapping[str, int] = field(default_factory=dict)  # how many samples were left out, by reason
+    zero_noise: float = 0.0  # standard deviation of the readings at no force [N]
+    cut: bool = False  # whether the cell cuts its readings off at zero
+    scatter: Array | None = None  # standard deviation [N] of the readings that a sample is the mean of; None: of one
+    notes: tuple[str, ...] = ()  # what was done to the readings
 
     @classmethod
     def checked(
@@ -54,16 +61,70 @@ class Samples:
         """The greatest force [N]."""
         return float(self.force.max())
 
+    @property
+    def slack(self) -> Mask:
+        """Which forces (n,) are not distinguishable from zero."""
+        return np.asarray(self.force <= self.slack_limit)
+
+    @property
+    def slack_limit(self) -> float:
+        """Three times the zero noise [N], the greatest force that is not distinguishable from zero."""
+        return _SLACK * self.zero_noise
+
+    def residual(self, F: Array, slack: Mask) -> Array:
+        """By how much the model's forces F (n,) [N] miss the readings y.
+
+        A taut sample is an equation, F - y. A slack one is one-sided: the cell shows max(F, 0) and noise, hence
+        max(F, 0) - y, which asks nothing of a model that is slack there. The two differ only where F < 0: a line drawn
+        between them by noisy readings does not bias the model. A reading far below zero says only "slack". Of a cell
+        that cuts its readings off at zero the mean is that of a censored normal variable, F Φ(F/σ) + σ φ(F/σ) (Tobin,
+        Econometrica 26:24-36, 1958).
+        """
+        pull = np.maximum(F, 0.0)
+        if self.censored:
+            z = np.minimum(pull / self.zero_noise, _FAR)
+            pull = pull * _normal(z) + self.zero_noise * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
+        return np.asarray(np.where(slack, pull - self.floored, F - self.force))
+
+    def residual_slope(self, F: Array, slack: Mask) -> Array:
+        """Derivative (n,) of the residual with respect to F."""
+        pulls = np.asarray(F > 0, float)
+        if self.censored:
+            pulls *= _normal(np.minimum(F / self.zero_noise, _FAR))
+        return np.asarray(np.where(slack, pulls, 1.0))
+
+    @property
+    def floored(self) -> Array:
+        """Readings (n,) [N], at least three times the zero noise below zero."""
+        return np.maximum(self.force, -self.slack_limit)
+
+    @property
+    def censored(self) -> bool:
+        """Whether the zero noise is cut off at zero."""
+        return self.cut and self.zero_noise > 0
+
     def where(self, keep: Mask) -> Self:
         """The samples marked in `keep`."""
         eps, P, F, w = (_frozen(array[keep]) for array in (self.contraction, self.pressure, self.force, self.weights))
-        return type(self)(eps, P, F, w, self.dropped)
+        scatter = None if self.scatter is None else _frozen(self.scatter[keep])
+        return replace(self, contraction=eps, pressure=P, force=F, weights=w, scatter=scatter)
+
+    def noted(self, note: str) -> Self:
+        """The same samples with one more note."""
+        return replace(self, notes=(*self.notes, note))
 
     def without(self, drop: Mask, reason: str) -> Self:
         """The samples not in the mask `drop`, whose number is remembered under `reason`."""
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
+
+
+def _normal(z: Array) -> Array:
+    """Φ(z), the normal distribution."""
+    from scipy.special import ndtr
+
+    return np.asarray(ndtr(z))
 
 
 def _frozen(array: Array) -> Array:
@@ -82,7 +143,7 @@ class Mistake(NamedTuple):
 
 
 def find_mistake(contraction: Array, pressure: Array, force: Array) -> Mistake | None:
-    """The first sign of percent for ratio, or of absolute for gauge pressure.
+    """The first sign of percent for ratio, of extension for contraction, or of absolute for gauge pressure.
 
     The rules on pressure: a muscle without pressure pulls only when it is stretched. So the pressure is not gauge
 
@@ -93,7 +154,22 @@ def find_mistake(contraction: Array, pressure: Array, force: Array) -> Mistake |
 
     Forces of a stretched muscle at 0 bar are real and pass.
     """
-    return _contraction_mistake(contraction) or _pressure_mistake(contraction, pressure, force)
+    force = tension(contraction, pressure, force)
+    return (
+        _contraction_mistake(contraction)
+        or _extension_mistake(contraction, force)
+        or _pressure_mistake(contraction, pressure, force)
+    )
+
+
+def tension(contraction: Array, pressure: Array, force: Array) -> Array:
+    """The forces with tension positive: the other sign if the greatest are negative and fall as pressure rises."""
+    if not force.size or -force.min() <= force.max():
+        return force
+    scales = [max(float(np.ptp(q)), 1e-300) for q in (contraction, pressure)]
+    plane = np.stack([np.ones(force.size), contraction / scales[0], pressure / scales[1]], axis=1)
+    rise = np.linalg.lstsq(plane, force, rcond=None)[0][2]  # [N] over the range of pressures
+    return -force if rise < 1e-3 * force.min() else force
 
 
 def _contraction_mistake(eps: Array) -> Mistake | None:
@@ -104,6 +180,16 @@ def _contraction_mistake(eps: Array) -> Mistake | None:
     percent = np.abs(eps).max() > 1
     hint = "was percent meant for the ratio (l0 - l)/l0?" if percent else "is the rest length right?"
     return Mistake(i, "contraction", f"a contraction ratio of {eps[i]:.4g} is beyond any pneumatic muscle; {hint}")
+
+
+def _extension_mistake(eps: Array, F: Array) -> Mistake | None:
+    """A muscle that is never contracted, often stretched far, and pulls the less the more it is stretched."""
+    if not eps.size or eps.max() > _NOT_CONTRACTED or eps.min() > _FAR_STRETCHED:
+        return None
+    if (F - F.mean()) @ (eps - eps.mean()) <= 0:
+        return None
+    sentence = "the force falls as the muscle is stretched; is it contraction, (l0 - l)/l0, with the wrong sign?"
+    return Mistake(int(np.argmin(eps)), "contraction", sentence)
 
 
 def _pressure_mistake(eps: Array, P: Array, F: Array) -> Mistake | None:
@@ -134,4 +220,4 @@ def _pressure_mistake(eps: Array, P: Array, F: Array) -> Mistake | None:
     return None
 
 
-__all__ = ["Mistake", "Samples", "find_mistake"]
+__all__ = ["Mistake", "Samples", "find_mistake", "tension"]

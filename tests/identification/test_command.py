@@ -10,6 +10,7 @@ from allocator.identification import fit, load_dataset
 from allocator.identification.cli import fit_command
 from allocator.identification.plotting import plot_isobars
 from allocator.muscles import MODELS, Muscle, Sarosi2012
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
 
 app = typer.Typer(pretty_exceptions_enable=False)
@@ -48,14 +49,36 @@ def test_one_s_own_file_with_lengths_and_what_is_held(tmp_path):
     assert "3 samples left out: pressure below 2 bar" in result.output
 
 
+def test_the_number_of_samples_is_a_column_and_what_a_model_cannot_take_is_said():
+    result = run("dmsp-20-sheet", "--model", "Hildebrandt2005")
+    assert result.exit_code == 0
+    header, row = (next(line for line in result.output.splitlines() if word in line) for word in (" model ", "Hildebr"))
+    assert row.split()[1] == "39"
+    assert header.split()[1] == "samples"
+    assert "19 samples left out: contraction below 0, where Hildebrandt2005 ends" in result.output
+
+
+def test_what_was_done_to_the_readings_is_said(tmp_path):
+    path = tmp_path / "tension.csv"
+    P, eps = (a.ravel() for a in np.meshgrid(np.arange(1, 6), np.arange(26)))
+    F = -np.maximum(SAROSI_DMSP_20_400N.force(P * BAR, eps / 100), 0.0)
+    rows = "\n".join(f"{e},{p},{f:.3f}" for e, p, f in zip(eps, P, F, strict=True))
+    path.write_text("contraction_pct,pressure_bar,force_N\n" + rows, encoding="utf-8")
+    result = run(path, "--model", "Sarosi2012", "--zero-noise", 2)
+    assert result.exit_code == 0
+    assert "the forces are negative where the muscle pulls: taken with the other sign" in result.output
+    assert "slack is a force below 6 N, three times the zero noise" in result.output
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["--model", "Magic2030"], "unknown model 'Magic2030'; available: AffinePolynomial, "),
         (["--model", "Hogan1984", "--all"], "--all fits every model"),
         (["--hold", "r0"], "--hold r0: expected NAME=VALUE, such as r0=0.0109"),
+        (["--zero-noise", "-2"], "zero_noise = -2.0 has to be one number that is not negative [N]"),
         (["nowhere.csv"], "nowhere.csv: does not exist"),
-        (["--model", "Hogan1984", "--min-pressure", "9"], "Hogan1984: no samples are left to fit"),
+        (["--model", "Hogan1984", "--min-pressure", "9"], "no samples are left to fit"),
     ],
 )
 def test_wrong_input_is_one_sentence(arguments, said):
