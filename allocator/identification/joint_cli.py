@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import track
+from rich.progress import Progress, TimeElapsedColumn, track
 from rich.table import Table
 
 from allocator.errors import InvalidInput
@@ -69,7 +69,9 @@ def fit_joint_command(
     measured = (data.theta, data.P1, data.P2)
     if every:
         _report(compare_joint_models(*measured, progress=lambda m: _progress(m, console), **options), console)
-    fit = fit_joint(*measured, model=model, **options)
+    with Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True) as bar:
+        bar.add_task(f"fitting {model}", total=None)  # how many steps the search takes is not known
+        fit = fit_joint(*measured, model=model, **options)
     _describe(fit, console)
     if out is not None:
         fit.save(out, group)
@@ -153,8 +155,10 @@ def _report(comparison: JointComparison, console: Console) -> None:
 
 def _describe(fit: JointFit, console: Console) -> None:
     """What was found, how far to trust it, and what the data do not tell."""
+    s = fit.samples
+    means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
     lines = [
-        f"{fit.model}, {fit.samples.n} equilibria: {fit.rms / DEG:.2f}° RMS",
+        f"{fit.model}, {s.n} equilibria{means}: {fit.rms / DEG:.2f}° RMS",
         f"  encoder zero {fit.zero / DEG:+.2f}°, antagonist {fit.ratio:.3f} times as strong as the agonist, "
         f"friction μ = {fit.friction:.3f}",
     ]
@@ -166,7 +170,7 @@ def _describe(fit: JointFit, console: Console) -> None:
             for g in fit.groups
         ]
         lines.append(f"  groups left out in turn are predicted to {fit.left_out / DEG:.2f}° RMS")
-    lines += [f"  {n} samples left out: {reason}" for reason, n in fit.samples.dropped.items()]
+    lines += [f"  {n} samples left out: {reason}" for reason, n in s.dropped.items()]
     lines.append(_stiffness_line(fit))
     lines += [f"  not seen by these data: {direction}" for direction in fit.unseen]
     lines += [f"  beware: {warning}" for warning in fit.warnings]
