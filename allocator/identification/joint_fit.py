@@ -21,7 +21,7 @@ from allocator.units import BAR
 
 DEAD_BAND = 0.5 * BAR  # below it a muscle hardly acts [Pa]
 _EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-0.6, 0.6), "friction": (-0.5, 0.8)}
-_MOST_SAMPLES = 1500  # more are put into cells
+_MOST_SAMPLES = 1000  # more are put into cells
 _TOLERANCE = 1e-8
 _EVALUATIONS = 200
 _GAIN = 1e-3  # of the cost
@@ -50,7 +50,7 @@ def fit_joint(
 ) -> JointFit:
     """Fit the muscles of a joint to equilibria: angles [rad] at pressures (P1, P2) [Pa, gauge], arrays that broadcast.
 
-    More than 1500 samples are put into cells of 0.05 bar, or wider if need be, and their means are fitted; see
+    More than 1000 samples are put into cells of 0.05 bar, or wider if need be, and their means are fitted; see
     `JointSamples.binned`. Samples at which the force law of the model cannot be evaluated are left out, and counted.
 
     Parameters
