@@ -153,16 +153,16 @@ class JointSamples:
         if self.n <= most:
             return self
         load = np.abs(self.torque).max() / 100 or 1.0
-        kind = np.stack([self.group, self.direction, np.round(self.torque / load)])
         cell = self.cell
         while True:
-            key = np.vstack([kind, np.round(self.P1 / cell), np.round(self.P2 / cell)])
-            found, place, count = np.unique(key, axis=1, return_inverse=True, return_counts=True)
+            rounded = (self.torque / load, self.P1 / cell, self.P2 / cell)
+            key = _combined(self.group, self.direction, *(np.round(a) for a in rounded))
+            _, first, place, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
             if count.size <= most or cell > _WIDEST:
                 break
             cell *= _WIDER
-        mean: dict[str, Any] = {n: np.bincount(place.ravel(), getattr(self, n)) / count for n in _ARRAYS}
-        mean |= {"direction": found[1], "group": found[0].astype(np.intp)}
+        mean: dict[str, Any] = {n: np.bincount(place, getattr(self, n)) / count for n in _ARRAYS}
+        mean |= {"direction": self.direction[first], "group": self.group[first]}
         return replace(self, **mean, cell=cell, measured=self.n)
 
     def check_reach(self) -> None:
@@ -184,6 +184,15 @@ class JointSamples:
 
 _ARRAYS = ("theta", "P1", "P2", "torque", "direction")
 _CONTRACTIONS = -0.25, 0.6  # [-] what no muscle of this family goes beyond
+
+
+def _combined(*columns: NDArray[Any]) -> NDArray[np.int64]:
+    """One number (n,) for each combination of the values in the columns (n,)."""
+    key = np.zeros(columns[0].size, np.int64)
+    for column in columns:
+        found, place = np.unique(column, return_inverse=True)
+        key = key * found.size + place
+    return key
 
 
 def _grouped(
