@@ -11,6 +11,7 @@ from rich.progress import track
 from rich.table import Table
 
 from allocator.errors import InvalidInput, MissingBackend
+from allocator.identification.columns import parse_columns
 from allocator.identification.datasets import DATASETS
 from allocator.identification.ranking import Ranking, rank_models
 from allocator.identification.reading import read_samples
@@ -20,6 +21,10 @@ from allocator.muscles import MODELS, Muscle
 from allocator.units import BAR, MM
 
 _DEFAULT = "dmsp-20-300-map"
+COLUMNS = typer.Option(
+    help="Which column is what, where the names do not tell: pressure=p:bar,force=F:N (name and unit; :-N turns the "
+    "sign round, :bar(abs) takes the atmosphere off)."
+)
 
 
 def fit_command(
@@ -29,6 +34,7 @@ def fit_command(
     model: Annotated[str | None, typer.Option(help="Fit this model only; see --all for their names.")] = None,
     every: Annotated[bool, typer.Option("--all", help="Fit all models and rank them (default).")] = False,
     rest_length: Annotated[float | None, typer.Option(help="Rest length of the muscle [mm], for lengths.")] = None,
+    columns: Annotated[str | None, COLUMNS] = None,
     hold: Annotated[
         list[str] | None, typer.Option(help="Parameter not to be fitted, in SI units: r0=0.0109. Repeatable.")
     ] = None,
@@ -43,13 +49,13 @@ def fit_command(
 ) -> None:
     """Fit muscle models to measured forces, rank them, and save the best (or the one asked for).
 
-    Columns by name with unit: contraction, contraction_pct, length_mm or length_m; pressure_bar, _kpa, _mpa, _psi or
-    _pa (gauge); force_N. Without DATA a measured table of the package is used.
+    Columns by name with unit: contraction [%] or length [mm], pressure [bar] (gauge), force [N], in these or other
+    units and words (eps_pct, p (kPa), Kraft [N]). Without DATA a measured table of the package is used.
     """
     if every and model:
         raise InvalidInput("--all fits every model; leave out --model, or leave out --all")
     console = Console()
-    samples = _samples(data, rest_length)
+    samples = _samples(data, rest_length, columns)
     options: dict[str, Any] = {
         "hold": _held(hold or []),
         "pressure_range": (-float("inf") if min_pressure is None else min_pressure * BAR, float("inf")),
@@ -70,10 +76,10 @@ def fit_command(
         console.print(f"wrote {plot}", soft_wrap=True)
 
 
-def _samples(data: str, rest_length: float | None) -> Samples:
+def _samples(data: str, rest_length: float | None, columns: str | None) -> Samples:
     if data in DATASETS:
         return DATASETS[data].samples()
-    return read_samples(data, None if rest_length is None else rest_length * MM)
+    return read_samples(data, None if rest_length is None else rest_length * MM, parse_columns(columns))
 
 
 def _models(name: str | None) -> tuple[type[Muscle], ...]:
@@ -164,4 +170,4 @@ def _draw(fit: Fit[Any], path: Path) -> None:
     plot_isobars(fit).figure.savefig(path, dpi=150)
 
 
-__all__ = ["fit_command"]
+__all__ = ["COLUMNS", "fit_command"]

@@ -30,7 +30,7 @@ def determine(jacobian: Array, cost: float, names: tuple[str, ...], values: Arra
         return Determination(0, np.zeros((0, 0)), ())
     length = np.linalg.norm(jacobian, axis=0)
     length[length == 0] = 1.0
-    R = np.linalg.qr(jacobian / length, mode="r")  # at most m rows, however many samples
+    R = np.linalg.qr(jacobian / length, mode="r")  # (m, m): has J's singular values, and no n x n matrix is made
     _, singular, Vt = np.linalg.svd(R, full_matrices=True)
     singular = np.append(singular, np.zeros(m - singular.size))
     known = singular > _RANK_TOLERANCE * max(singular[0], 1e-300)

@@ -7,11 +7,13 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import track
+from rich.progress import Progress, TimeElapsedColumn, track
 from rich.table import Table
 
 from allocator.errors import InvalidInput
 from allocator.geometry import Geometry, Lever, Pulley
+from allocator.identification.cli import COLUMNS
+from allocator.identification.columns import parse_columns
 from allocator.identification.joint_comparison import JointComparison, compare_joint_models
 from allocator.identification.joint_fit import fit_joint
 from allocator.identification.joint_reading import JointLog, read_joint_log
@@ -21,7 +23,7 @@ from allocator.units import BAR, DEG, MM
 
 
 def fit_joint_command(
-    log: Annotated[Path, typer.Argument(help="CSV with theta_deg, pressure1_bar, pressure2_bar; see the text above.")],
+    log: Annotated[Path, typer.Argument(help="CSV with theta [deg], pressure1 [bar], pressure2 [bar]; see above.")],
     lever: Annotated[
         str | None, typer.Option(help="Lever R,r or R,r,offset [m]: anchor distance, lever, length that is not muscle.")
     ] = None,
@@ -29,6 +31,7 @@ def fit_joint_command(
     rest_length: Annotated[
         float | None, typer.Option(help="Rest length of the muscles [mm], unless the file has a column of it.")
     ] = None,
+    columns: Annotated[str | None, COLUMNS] = None,
     model: Annotated[str, typer.Option(help="Muscle model.")] = "Sarosi2012",
     every: Annotated[bool, typer.Option("--all", help="Compare all models, in angle and in stiffness.")] = False,
     average: Annotated[bool, typer.Option("--average", help="Fit the mean of both directions.")] = False,
@@ -45,13 +48,13 @@ def fit_joint_command(
 ) -> None:
     """Fit a joint's muscles to angles measured at pressures, with friction and, given a weight, the force scale.
 
-    Columns by name with unit: theta_deg or theta_rad; pressure1_bar and pressure2_bar (agonist, antagonist; also _kpa,
-    _mpa, _psi, _pa; gauge); torque_Nm of a weight, positive where it pulls θ down; direction (+1 where θ was rising, -1
-    falling) or sweep; rest_length_mm where there are several. With a column time_s or time_ms the file is a raw log:
-    what was steady for a second is used.
+    Columns by name with unit: theta [deg]; pressure1 [bar] and pressure2 [bar] (agonist, antagonist; gauge); torque
+    [Nm] of a weight, positive where it pulls θ down; direction (+1 where θ was rising, -1 falling) or sweep;
+    rest_length [mm] where there are several; in these or other units and words (P1_kPa, phi [rad]). With a column
+    time [s] the file is a raw log: what was steady for a second is used.
     """
     console = Console()
-    data = read_joint_log(log, _sweeps(sweep or []))
+    data = read_joint_log(log, _sweeps(sweep or []), parse_columns(columns))
     _describe_log(data, console)
     geometry, groups = _geometry(lever, pulley, rest_length, data.rest_length)
     options: dict[str, Any] = {
@@ -66,7 +69,9 @@ def fit_joint_command(
     measured = (data.theta, data.P1, data.P2)
     if every:
         _report(compare_joint_models(*measured, progress=lambda m: _progress(m, console), **options), console)
-    fit = fit_joint(*measured, model=model, **options)
+    with Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True) as bar:
+        bar.add_task(f"fitting {model}", total=None)  # how many steps the search takes is not known
+        fit = fit_joint(*measured, model=model, **options)
     _describe(fit, console)
     if out is not None:
         fit.save(out, group)
@@ -150,8 +155,10 @@ def _report(comparison: JointComparison, console: Console) -> None:
 
 def _describe(fit: JointFit, console: Console) -> None:
     """What was found, how far to trust it, and what the data do not tell."""
+    s = fit.samples
+    means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
     lines = [
-        f"{fit.model}, {fit.samples.n} equilibria: {fit.rms / DEG:.2f}° RMS",
+        f"{fit.model}, {s.n} equilibria{means}: {fit.rms / DEG:.2f}° RMS",
         f"  encoder zero {fit.zero / DEG:+.2f}°, antagonist {fit.ratio:.3f} times as strong as the agonist, "
         f"friction μ = {fit.friction:.3f}",
     ]
@@ -163,7 +170,7 @@ def _describe(fit: JointFit, console: Console) -> None:
             for g in fit.groups
         ]
         lines.append(f"  groups left out in turn are predicted to {fit.left_out / DEG:.2f}° RMS")
-    lines += [f"  {n} samples left out: {reason}" for reason, n in fit.samples.dropped.items()]
+    lines += [f"  {n} samples left out: {reason}" for reason, n in s.dropped.items()]
     lines.append(_stiffness_line(fit))
     lines += [f"  not seen by these data: {direction}" for direction in fit.unseen]
     lines += [f"  beware: {warning}" for warning in fit.warnings]

@@ -6,7 +6,8 @@ the angles cannot tell apart although their stiffnesses differ are named.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.joint_fit import fit_joint
 from allocator.identification.joint_result import JointFit
+from allocator.identification.joint_samples import JointSamples
 from allocator.identification.relative import RelativeJoint
 from allocator.joint import AntagonistJoint
 from allocator.muscles import MODELS, Muscle
@@ -99,23 +101,27 @@ def _levels(joint: AntagonistJoint) -> Array:
 
 def _twins(fits: Mapping[str, JointFit]) -> tuple[Twins, ...]:
     scatter = min((fit.rms for fit in fits.values()), default=0.0)
-    predicted = {name: fit.predicted() for name, fit in fits.items()}
-    relative = {name: _ratios(fit) for name, fit in fits.items()}
-    names, found = list(fits), []
-    for i, first in enumerate(names):
-        for second in names[i + 1 :]:
-            angle = float(np.sqrt(np.mean((predicted[first] - predicted[second]) ** 2)))
-            K = float(np.quantile(np.abs(relative[first] / relative[second] - 1), 0.95))
-            if angle <= _TOLD_APART * scatter and K > _DIFFERENT:
-                found.append(Twins(first, second, angle, K))
+    found = []
+    for first, second in combinations(fits, 2):
+        samples = min((fits[first].samples, fits[second].samples), key=lambda s: s.n)  # some laws leave some out
+        one, other = (_predicted(fits[name], samples) for name in (first, second))
+        angle = float(np.sqrt(np.mean((one - other) ** 2)))
+        ratio = _ratios(fits[first], samples) / _ratios(fits[second], samples)
+        K = float(np.quantile(np.abs(ratio - 1), 0.95))
+        if angle <= _TOLD_APART * scatter and K > _DIFFERENT:
+            found.append(Twins(first, second, angle, K))
     return tuple(found)
 
 
-def _ratios(fit: JointFit) -> Array:
+def _predicted(fit: JointFit, samples: JointSamples) -> Array:
+    """Angles (n,) [rad] that the fit predicts at these samples."""
+    return samples.theta - replace(fit.problem, samples=samples).angle_error(fit.x)
+
+
+def _ratios(fit: JointFit, samples: JointSamples) -> Array:
     """K/K_ref at the samples of the first geometry."""
-    s, joint = fit.samples, RelativeJoint(_first(fit))
-    here = s.group == 0
-    return joint.relative_stiffness(s.theta[here] - fit.zero, s.P1[here], s.P2[here])
+    joint, here = RelativeJoint(_first(fit)), samples.group == 0
+    return joint.relative_stiffness(samples.theta[here] - fit.zero, samples.P1[here], samples.P2[here])
 
 
 __all__ = ["JointComparison", "Twins", "compare_joint_models"]

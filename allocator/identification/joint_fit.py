@@ -22,6 +22,7 @@ from allocator.units import BAR
 
 DEAD_BAND = 0.5 * BAR  # below it a muscle hardly acts [Pa]
 _EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-0.6, 0.6), "friction": (-0.5, 0.8)}
+_MOST_SAMPLES = 1000  # more are put into cells
 _TOLERANCE = 1e-8
 _EVALUATIONS = 200
 _GAIN = 1e-3  # of the cost
@@ -49,6 +50,9 @@ def fit_joint(
     leave_one_out: bool = True,
 ) -> JointFit:
     """Fit the muscles of a joint to equilibria: angles [rad] at pressures (P1, P2) [Pa, gauge], arrays that broadcast.
+
+    More than 1000 samples are put into cells of 0.05 bar, or wider if need be, and their means are fitted; see
+    `JointSamples.binned`. Samples at which the force law of the model cannot be evaluated are left out, and counted.
 
     Parameters
     ----------
@@ -87,10 +91,12 @@ def fit_joint(
     slack = (samples.P1 < dead) | (samples.P2 < dead)
     samples = samples.without(slack, f"a pressure below the dead band of {dead / BAR:g} bar")
     check_data(samples, friction and not average)
+    samples = samples.binned(_MOST_SAMPLES)
     if average:
         samples = samples.averaged()
     extra = _extra(samples, friction=friction, ratio=ratio, zero=zero)
     prototype, recipe, fixed = _prototype(model, samples, hold or {}, start)
+    samples = _within(samples, prototype)
     problem = _problem(prototype, recipe, samples, fixed, extra, taut_min)
     return solve(problem, scaled_guess(problem), leave_one_out)
 
@@ -121,6 +127,21 @@ def _prototype(
     recipe = model.recipe(np.concatenate([eps1, eps2]), P, np.ones(P.size))
     fixed = {n for n in prototype.parameters if n in hold or {n, n.partition("[")[0]} & set(recipe.conventional)}
     return prototype, recipe, frozenset(fixed)
+
+
+def _within(samples: JointSamples, muscle: Muscle) -> JointSamples:
+    """The samples at which the law has a force for both muscles; `fit` begins at the same least contraction."""
+    (eps1, *_), (eps2, *_), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
+    name, least = type(muscle).__name__, muscle.min_contraction
+    short = (eps1 < least) | (eps2 < least)
+    with np.errstate(all="ignore"):
+        F = muscle.force(samples.P1, eps1) + muscle.force(samples.P2, eps2)
+    kept = samples.without(short, f"a contraction below {least:.4g}, where {name} ends")
+    kept = kept.without(~np.isfinite(F[~short]), f"a contraction or pressure for which {name} has no force")
+    if not kept.n:
+        reasons = "; ".join(f"{n} with {reason}" for reason, n in kept.dropped.items())
+        raise InvalidInput(f"no equilibrium is left that {name} can be fitted to ({reasons})")
+    return kept
 
 
 def _problem(

@@ -11,8 +11,14 @@ from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.geometry import Geometry
+from allocator.units import BAR
 
 Routes = tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]
+
+
+_CELL = 0.05 * BAR  # [Pa]
+_WIDER = 2**0.5
+_WIDEST = 2 * BAR  # what does not go into so few cells has many torques or groups
 
 
 class Group(NamedTuple):
@@ -34,6 +40,8 @@ class JointSamples:
     group: NDArray[np.intp]  # index into `groups`
     groups: tuple[Group, ...]
     dropped: Mapping[str, int] = field(default_factory=dict)  # how many samples were left out, by reason
+    cell: float = _CELL  # pressures in the same cell of this width are the same to `pairs` [Pa]
+    measured: int = 0  # if they are means over such cells: of how many samples
 
     @classmethod
     def checked(
@@ -108,8 +116,9 @@ class JointSamples:
         return ends[self.group, 0], ends[self.group, 1]
 
     def pairs(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-        """Index arrays (rising, falling) of samples at the same pressures, torque and group, to 0.05 bar."""
-        key = np.stack([self.group, np.round(self.P1 / 5e3), np.round(self.P2 / 5e3), np.round(self.torque, 6)])
+        """Index arrays (rising, falling) of samples at the same pressures (in one `cell`), torque and group."""
+        P1, P2 = np.round(self.P1 / self.cell), np.round(self.P2 / self.cell)
+        key = np.stack([self.group, P1, P2, np.round(self.torque, 6)])
         _, place = np.unique(key, axis=1, return_inverse=True)
         order = np.argsort(place.ravel(), kind="stable")
         members = np.split(order, np.flatnonzero(np.diff(place.ravel()[order])) + 1)
@@ -134,6 +143,28 @@ class JointSamples:
             dropped["visited in one direction only, so that there is no mean"] = self.n - used
         return replace(self, **means, group=group, dropped=dropped)
 
+    def binned(self, most: int) -> Self:
+        """At most about `most` samples: if there are more, the means of those in the same cell.
+
+        A cell holds one group, one direction and one torque, to 1 % of the greatest; it is 0.05 bar wide in either
+        pressure, or wider by as little as needed. Every mean counts once, however many samples it is of: those that
+        were written down one after the other at rest are not independent.
+        """
+        if self.n <= most:
+            return self
+        load = np.abs(self.torque).max() / 100 or 1.0
+        cell = self.cell
+        while True:
+            rounded = (self.torque / load, self.P1 / cell, self.P2 / cell)
+            key = _combined(self.group, self.direction, *(np.round(a) for a in rounded))
+            _, first, place, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
+            if count.size <= most or cell > _WIDEST:
+                break
+            cell *= _WIDER
+        mean: dict[str, Any] = {n: np.bincount(place, getattr(self, n)) / count for n in _ARRAYS}
+        mean |= {"direction": self.direction[first], "group": self.group[first]}
+        return replace(self, **mean, cell=cell, measured=self.n)
+
     def check_reach(self) -> None:
         """Refuse angles that the mechanism cannot have, or that would tear or crush a muscle."""
         low, high = self.reach()
@@ -153,6 +184,15 @@ class JointSamples:
 
 _ARRAYS = ("theta", "P1", "P2", "torque", "direction")
 _CONTRACTIONS = -0.25, 0.6  # [-] what no muscle of this family goes beyond
+
+
+def _combined(*columns: NDArray[Any]) -> NDArray[np.int64]:
+    """One number (n,) for each combination of the values in the columns (n,)."""
+    key = np.zeros(columns[0].size, np.int64)
+    for column in columns:
+        found, place = np.unique(column, return_inverse=True)
+        key = key * found.size + place
+    return key
 
 
 def _grouped(

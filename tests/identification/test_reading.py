@@ -80,13 +80,19 @@ HEAD = "contraction,pressure_bar,force_N\n"
         ("", "is empty"),
         ("# nothing but words\n\n", "is empty"),
         (HEAD, "has column names but no samples"),
-        ("contraction,pressure,force_N\n0.1,3,400\n", "column 'pressure': has no unit; name it one of pressure_bar"),
-        ("contraction,pressure_bar,force\n0.1,3,400\n", "column 'force': has no unit; name it one of force_N"),
-        ("length,pressure_bar,force_N\n0.1,3,400\n", "column 'length': has no unit"),
-        ("contraction,pressure_atm,force_N\n0.1,3,400\n", "column 'pressure_atm': has an unknown unit; known are"),
-        ("contraction,pressure_bar\n0.1,3\n", "has no column for the force (one of force_N) among contraction,"),
+        (
+            "contraction,pressure,force_N\n0.1,3,400\n",
+            "column 'pressure' has no unit: name them such as 'pressure [bar]'",
+        ),
+        ("contraction,pressure_bar,force\n0.1,3,400\n", 'or say --columns "force=force:N" with your units'),
+        ("length,pressure_bar,force_N\n0.1,3,400\n", "column 'length' has no unit: name them such as 'length [mm]'"),
+        (
+            "contraction,pressure_atm,force_N\n0.1,3,400\n",
+            "column 'pressure_atm': has an unknown unit 'atm'; known are",
+        ),
+        ("contraction,pressure_bar\n0.1,3\n", "has no column for the force among contraction, pressure_bar; name it"),
         ("contraction,contraction_pct,pressure_bar,force_N\n0.1,10,3,4\n", "give the contraction twice"),
-        ("contraction,length_mm,pressure_bar,force_N\n0.1,10,3,4\n", "has a contraction and a length"),
+        ("contraction,length_mm,pressure_bar,force_N\n0.1,10,3,4\n", "has a contraction, 'contraction', and a length"),
         (HEAD + "0.1,3,400\n0.1,nan,400\n", "line 3, column 'pressure_bar': nan is not a finite number"),
         (HEAD + "0.1,3,400\n0.2,,400\n", "line 3, column 'pressure_bar': a value is missing"),
         (HEAD + "0.1,3,four\n", "line 2, column 'force_N': 'four' is not a number"),
@@ -95,7 +101,10 @@ HEAD = "contraction,pressure_bar,force_N\n"
         (HEAD + "2,3,400\n20,3,100\n", "line 2, column 'contraction': a contraction ratio of 2 is beyond"),
         (HEAD + "0.1,3,400\n20,3,100\n", "line 3, column 'contraction': a contraction ratio of 20 is beyond any "),
         (HEAD + "0.7,3,400\n", "is the rest length right?"),
-        ("contraction_pct,pressure_bar,force_N\n0.1,3,400\n0.2,3,100\n", "was the ratio meant for percent?"),
+        (
+            "contraction_pct,pressure_bar,force_N\n0.1,3,400\n0.2,3,100\n",
+            "never exceeds 0.2 %, too little; was a ratio of",
+        ),
         (HEAD + "0.1,3,400\n0.1,0,150\n", "line 3, column 'pressure_bar': a force of 150 N at 0 bar and the contra"),
         (HEAD + "0,4,900\n0.1,3,400\n0,1.013,2\n", "line 4, column 'pressure_bar': no force at 1.013 bar, the lowest"),
         (HEAD + "0.1,3,400\n0.1,-0.6,0\n", "line 3, column 'pressure_bar': -0.6 bar is below the atmosphere"),
@@ -124,13 +133,19 @@ def test_a_gauge_file_that_begins_at_1_bar_is_believed(tmp_path):
     assert read_samples(written(tmp_path, HEAD + "0,1.0,253\n0.1,1.0,0\n0,5,1264\n")).n == 3
 
 
-@pytest.mark.parametrize("content", [b"\xff\xfe\x00a", None])
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00a\x00", b"contraction\x00,pressure_bar\n", b"PK\x03\x04\x00\x00"])
 def test_what_is_no_text_file_is_refused(tmp_path, content):
     path = tmp_path / "data.csv"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(InvalidFile, match="cannot be read as text" if content else "does not exist"):
+    path.write_bytes(content)
+    with pytest.raises(InvalidFile, match="is not a text file; save a spreadsheet as CSV"):
         read_samples(path)
+
+
+def test_a_file_that_does_not_exist_or_is_a_directory_is_said(tmp_path):
+    with pytest.raises(InvalidFile, match="does not exist"):
+        read_samples(tmp_path / "data.csv")
+    with pytest.raises(InvalidFile, match="cannot be read"):
+        read_samples(tmp_path)
 
 
 @pytest.mark.parametrize(("name", "n", "taut"), [("dmsp-20-300-map", 126, 60), ("dmsp-20-sheet", 58, 48)])

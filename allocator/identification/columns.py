@@ -1,0 +1,254 @@
+"""Which column of a file holds which quantity, and its numbers in SI units.
+
+The names tell (see `headers`), or the caller: `columns={"pressure": "p:bar", "force": "F:-N"}`, quantity, name of the
+column and unit, is on the command line `--columns pressure=p:bar,force=F:-N`. A minus sign before the unit turns the
+sign round; `bar(abs)` takes the standard atmosphere off. What the caller says is believed; a unit that a name says is
+doubted where the greatest number cannot be in it.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.identification.csv_table import FilePath, Table, read_table
+from allocator.identification.headers import UNITS, Meaning, meaning_of, quantity_named, unit_of
+from allocator.units import BAR, DEG
+
+ATMOSPHERE = 1.01325 * BAR
+_PLAUSIBLE = {  # between which the greatest magnitude of a quantity lies, in SI units
+    "contraction": (0.006, np.inf),  # more than any muscle contracts is found by `find_mistake`
+    "length": (0.02, 3.0),
+    "pressure": (1 * BAR, 20 * BAR),
+    "force": (8.0, 1e5),
+    "theta": (2 * DEG, 2 * np.pi),
+}
+
+
+class Column(NamedTuple):
+    """A column of a file and what it holds."""
+
+    place: int  # counted from 0
+    name: str
+    quantity: str
+    unit: str
+    scale: float  # to SI, negative if the sign is turned round
+    offset: float  # [SI] taken off
+    certain: bool  # whether the caller gave the unit
+
+
+class Measured(NamedTuple):
+    """The quantities of a file by name: their columns, and their values (n,) in SI units."""
+
+    table: Table
+    columns: Mapping[str, Column]
+    values: Mapping[str, Array]
+
+    def mistake(self, quantity: str, sentence: str, row: int | None = None) -> InvalidFile:
+        """The error that says what is wrong with this quantity, in that row if one is given."""
+        line = None if row is None else self.table.lines[row]
+        return InvalidFile(self.table.path, sentence, line=line, column=self.columns[quantity].name)
+
+
+def read_columns(
+    path: FilePath,
+    wanted: Sequence[tuple[str, ...]],
+    optional: Sequence[str] = (),
+    columns: Mapping[str, str] | None = None,
+) -> Measured:
+    """Read the quantities `wanted`, one of each tuple of alternatives, and those of the `optional` that are there.
+
+    Raises `InvalidFile`, with line and column, at anything that is missing, said twice, or cannot be in its unit.
+    """
+    table = read_table(path)
+    chosen = _choose(table, [*wanted, *((quantity,) for quantity in optional)], len(wanted), columns or {})
+    values = {q: table.numbers(c.place) * c.scale - c.offset for q, c in chosen.items()}
+    measured = Measured(table, chosen, values)
+    for kind in _PLAUSIBLE:
+        _check_unit(measured, kind)
+    return measured
+
+
+def parse_columns(text: str | None) -> dict[str, str]:
+    """The mapping in `pressure=p:bar,force=F:N`, as the command line takes it."""
+    if not text:
+        return {}
+    parts = [part.partition("=") for part in re.split(r",(?=[^,=]+=)", text)]
+    for quantity, _, column in parts:
+        if not (quantity.strip() and column.strip()):
+            raise InvalidInput(f"--columns {text}: expected QUANTITY=NAME:UNIT, such as pressure=p:bar,force=F:N")
+    if len({quantity.strip() for quantity, *_ in parts}) < len(parts):
+        raise InvalidInput(f"--columns {text}: a quantity is given twice")
+    return {quantity.strip(): column.strip() for quantity, _, column in parts}
+
+
+# --- which column ---------------------------------------------------------------------------------------------------
+
+
+def _choose(
+    table: Table, groups: Sequence[tuple[str, ...]], n_wanted: int, mapping: Mapping[str, str]
+) -> dict[str, Column]:
+    """The column of every group, the first `n_wanted` of which have to be there."""
+    if not mapping and all(_is_number(name) for name in table.names):
+        raise InvalidFile(table.path, f"has no column names: name them, such as {_examples(groups[:n_wanted])}", line=1)
+    chosen = dict(_mapped(table, quantity, text) for quantity, text in mapping.items())
+    if strange := [quantity for quantity in chosen if not any(quantity in group for group in groups)]:
+        known = ", ".join(q for group in groups for q in group)
+        raise InvalidInput(f"columns: there is no {strange[0]} to be read here, only {known}")
+    taken = {column.place for column in chosen.values()}
+    named = [(i, name, meaning_of(name)) for i, name in enumerate(table.names) if i not in taken]
+    unclear: list[tuple[str, str]] = []  # names without a unit, and their quantities
+    for number, group in enumerate(groups):
+        if any(quantity in chosen for quantity in group):
+            continue
+        found = _found(table, [(i, n, m) for i, n, m in named if m and m.quantity in group], number < n_wanted)
+        if found is None:
+            if number < n_wanted:
+                raise _missing(table, group)
+        elif isinstance(found, Column):
+            chosen[found.quantity] = found
+        else:
+            unclear.append(found)
+    if unclear:
+        raise _without_unit(table, unclear)
+    return chosen
+
+
+def _found(table: Table, named: list[tuple[int, str, Meaning]], wanted: bool) -> Column | tuple[str, str] | None:
+    """The one column among these; its name and quantity if it has no unit; None if there is none."""
+    known = [each for each in named if each[2].unit in UNITS[each[2].quantity]]
+    bare = [each for each in named if not each[2].unit]
+    several = known or bare
+    if len(several) > 1:
+        raise _several(table, several)
+    if known:
+        index, name, (quantity, unit, absolute) = known[0]
+        if absolute:
+            raise InvalidFile(
+                table.path,
+                "is absolute, gauge pressure is wanted: --columns "
+                f'"{quantity}={name}:{unit}(abs)" takes the standard atmosphere off, {ATMOSPHERE / BAR:g} bar',
+                column=name,
+            )
+        return Column(index, name, quantity, unit, UNITS[quantity][unit], 0.0, False)
+    if bare:
+        return bare[0][1], bare[0][2].quantity
+    if named and wanted:
+        _, name, (quantity, unit, _) = named[0]
+        raise InvalidFile(table.path, f"has an unknown unit {unit!r}; known are {_units(quantity)}", column=name)
+    return None
+
+
+def _mapped(table: Table, word: str, text: str) -> tuple[str, Column]:
+    """The quantity and the column that the caller gives it, as NAME:UNIT or NAME."""
+    quantity = quantity_named(word)
+    if quantity is None:
+        raise InvalidInput(f"columns: {word!r} is no quantity; known are {', '.join(UNITS)}")
+    name, _, said = text.rpartition(":") if text not in table.names and ":" in text else (text, "", "")
+    name, said = name.strip(), said.strip()
+    unit, absolute = unit_of(said.removeprefix("-"))
+    meaning = meaning_of(name)
+    if not said and meaning and meaning.quantity == quantity:
+        _, unit, absolute = meaning
+    if unit not in UNITS[quantity]:
+        raise InvalidInput(f"columns: {word}={text} needs a unit after a colon, one of {_units(quantity)}")
+    same = [i for i, other in enumerate(table.names) if other == name]
+    same = same or [i for i, other in enumerate(table.names) if other.casefold() == name.casefold()]
+    if not same:
+        raise InvalidFile(table.path, f"has no column {name!r} among {', '.join(table.names)}")
+    if len(same) > 1:
+        raise InvalidFile(table.path, f"has {len(same)} columns of the name {name!r}")
+    scale = (-1 if said.startswith("-") else 1) * UNITS[quantity][unit]
+    return quantity, Column(same[0], name, quantity, unit, scale, ATMOSPHERE if absolute else 0.0, bool(said))
+
+
+def _several(table: Table, named: list[tuple[int, str, Meaning]]) -> InvalidFile:
+    (_, first, one), (_, second, other), *_ = named
+    if one.quantity != other.quantity:
+        return InvalidFile(
+            table.path,
+            f"has a {one.quantity}, {first!r}, and a {other.quantity}, {second!r}: choose by --columns "
+            f'"{one.quantity}={first}" or "{other.quantity}={second}"',
+        )
+    if first == second:
+        return InvalidFile(table.path, f"has two columns of the name {first!r}; rename one")
+    return InvalidFile(
+        table.path,
+        f"columns {first!r} and {second!r} give the {one.quantity} twice; choose by --columns "
+        f'"{one.quantity}={first}:{one.unit or _usual(one.quantity)}"',
+    )
+
+
+def _missing(table: Table, group: tuple[str, ...]) -> InvalidFile:
+    quantity, names = group[0], ", ".join(name for name in table.names if name)
+    return InvalidFile(
+        table.path,
+        f"has no column for the {' or '.join(group)} among {names}; name it such as {quantity} [{_usual(quantity)}], "
+        f"or say --columns {quantity}=NAME:{_usual(quantity)}",
+    )
+
+
+def _without_unit(table: Table, unclear: list[tuple[str, str]]) -> InvalidFile:
+    (name, first), names = unclear[0], ", ".join(repr(name) for name, _ in unclear)
+    say = ",".join(f"{quantity}={name}:{_usual(quantity)}" for name, quantity in unclear)
+    which = f"column {names} has" if len(unclear) == 1 else f"columns {names} have"
+    return InvalidFile(
+        table.path,
+        f"{which} no unit: name them such as '{name} [{_usual(first)}]', or say --columns \"{say}\" with your units",
+    )
+
+
+def _examples(groups: Sequence[tuple[str, ...]]) -> str:
+    return ", ".join(f"{group[0]} [{_usual(group[0])}]" for group in groups)
+
+
+def _usual(quantity: str) -> str:
+    """The unit to name as an example."""
+    return next(iter(UNITS[quantity]))
+
+
+def _units(quantity: str) -> str:
+    return ", ".join(unit for unit in UNITS[quantity] if unit)
+
+
+def _is_number(name: str) -> bool:
+    try:
+        float(name.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+# --- whether it can be in its unit ----------------------------------------------------------------------------------
+
+
+def _check_unit(measured: Measured, kind: str) -> None:
+    """Refuse a column whose greatest number is out of all proportion in its unit, and in proportion in another."""
+    values = {q: v for q, v in measured.values.items() if q in (kind, f"{kind}1", f"{kind}2")}
+    if not values:
+        return
+    quantity = max(values, key=lambda q: float(np.abs(values[q]).max()))
+    column, (low, high) = measured.columns[quantity], _PLAUSIBLE[kind]
+    row = int(np.argmax(np.abs(values[quantity])))
+    greatest = abs(float(values[quantity][row]))
+    if column.certain or low <= greatest <= high:
+        return
+    number, unit = greatest / abs(column.scale), column.unit or "ratio"
+    likely = [other for other, scale in UNITS[quantity].items() if other and low <= number * scale <= high]
+    if not likely:
+        return
+    shown = " or ".join(_with_unit(number, other) for other in likely)
+    read = _with_unit(number, unit)
+    what = f"{read} is too much" if greatest > high else f"never exceeds {read}, too little"
+    sentence = f'{what}; was {shown} meant? If not, say --columns "{quantity}={column.name}:{unit}"'
+    raise measured.mistake(quantity, sentence, row)
+
+
+def _with_unit(number: float, unit: str) -> str:
+    return f"a ratio of {number:g}" if unit == "ratio" else f"{number:g} {unit}"
+
+
+__all__ = ["ATMOSPHERE", "Column", "Measured", "parse_columns", "read_columns"]

@@ -1,0 +1,55 @@
+"""The README's shell commands, in their order, in a new directory with the sample files and an empty cache."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent.parent
+START = [sys.executable, "-c", "from mpc.cli import main; main()"]  # what the installed `antagonist` does
+OUTPUTS = ("tracking.csv", "tracking.png", "run.npz", "run.png", "my.toml", "fit.png", "my_joint.toml", "joint.png")
+
+
+def commands():
+    """Every `antagonist …` of an indented block or within a line, as a list of arguments, in the order of the text."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    found = re.findall(r"^    (?:.*/)?antagonist (\w.*)$|`antagonist (\w[^`]*)`", text, re.MULTILINE)
+    return [shlex.split(block or inline) for block, inline in found]
+
+
+def test_the_readme_has_the_whole_way_from_a_table_to_a_controller_and_to_c():
+    names = [arguments[0] for arguments in commands()]
+    assert [n for n in names if n not in ("allocate", "map")] == [
+        "track",
+        "track",
+        "fit",
+        "track",
+        "fit-joint",
+        "track",
+        "export",
+    ]
+    assert {"allocate", "map"} < set(names)
+
+
+@pytest.mark.slow
+def test_the_readme_s_commands_run_in_their_order(tmp_path):
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))}
+    environment |= {
+        "HOME": str(tmp_path),
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": str(ROOT),
+        "PYTHONWARNINGS": "error::RuntimeWarning",
+    }
+    for arguments in commands():
+        done = subprocess.run([*START, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, f"antagonist {shlex.join(arguments)}: {done.stdout[-2000:]}{done.stderr[-2000:]}"
+        assert "Warning" not in done.stderr
+    missing = [name for name in OUTPUTS if not (tmp_path / name).is_file()]
+    assert not missing
+    assert (tmp_path / "c" / "CMakeLists.txt").is_file()
