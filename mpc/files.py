@@ -1,6 +1,5 @@
 """Trajectories and runs as CSV: degrees, bar and N·m/rad here, SI in the program."""
 
-import csv
 from collections.abc import Iterator
 from importlib import resources
 from itertools import pairwise
@@ -11,7 +10,9 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidFile
+from allocator.records import records
 from allocator.units import BAR, DEG
+from allocator.writing import replacing
 from mpc.reference import Reference
 from mpc.simulation import Run
 
@@ -68,7 +69,8 @@ def save_run(run: Run, path: str | Path) -> None:
 
 
 def _write(path: str | Path, names: tuple[str, ...], table: Array, form: str) -> None:
-    np.savetxt(path, table, fmt=form, delimiter=",", header=",".join(names), comments="")
+    with replacing(path) as draft:
+        np.savetxt(draft, table, fmt=form, delimiter=",", header=",".join(names), comments="")
 
 
 def _records(path: str | Path) -> Iterator[tuple[int, dict[str, str]]]:
@@ -79,19 +81,21 @@ def _records(path: str | Path) -> Iterator[tuple[int, dict[str, str]]]:
         raise InvalidFile(path, f"cannot be read ({error.strerror})") from None
     except UnicodeDecodeError:
         raise InvalidFile(path, "is not a text file (UTF-8)") from None
-    rows = csv.reader(text.splitlines())
-    names = [name.strip() for name in next(rows, [])]
+    rows = records(path, enumerate(text.splitlines(), 1))
+    names = [name.strip() for name in next(rows, (1, []))[1]]
     if not any(names):
         raise InvalidFile(path, f"is empty; the columns {','.join(COLUMNS)} are expected", line=1)
     for column in COLUMNS:
         if column not in names:
             raise InvalidFile(path, f"this column is missing; found: {','.join(names)}", line=1, column=column)
-    for cells in rows:
+        if names.count(column) > 1:
+            raise InvalidFile(path, "there are two columns of this name", line=1, column=column)
+    for number, cells in rows:
         if not any(cell.strip() for cell in cells):
             continue
         if len(cells) != len(names):
-            raise InvalidFile(path, f"has {len(cells)} cells, the header has {len(names)}", line=rows.line_num)
-        yield rows.line_num, dict(zip(names, cells, strict=True))
+            raise InvalidFile(path, f"has {len(cells)} cells, the header has {len(names)}", line=number)
+        yield number, dict(zip(names, cells, strict=True))
 
 
 def _sample(path: str | Path, line: int, cells: dict[str, str]) -> tuple[float, ...]:

@@ -10,6 +10,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 
+LONGEST = 1_000_000  # samples, nearly three hours at 10 ms
 _SWING = 0.05  # of the range of all samples
 
 
@@ -37,8 +38,17 @@ class Reference:
             object.__setattr__(self, name, array)
 
     def resampled(self, dt: float) -> Self:
-        """The same every `dt` [s], from the first sample to the last one that fits; at least two samples."""
-        steps = max(int(np.floor((self.t[-1] - self.t[0]) / dt * (1 + 1e-12))), 1)
+        """The same every `dt` [s], from the first sample to the last one that fits; at least two samples.
+
+        Raises `InvalidInput` where there would be over a million of them.
+        """
+        samples = (self.t[-1] - self.t[0]) / dt * (1 + 1e-12)
+        if not samples <= LONGEST:
+            raise InvalidInput(
+                f"the reference takes {self.t[-1] - self.t[0]:.6g} s, which is {samples:.3g} samples of dt = {dt:g} s; "
+                f"up to {LONGEST:.0e} are taken"
+            )
+        steps = max(int(samples), 1)
         t = self.t[0] + dt * np.arange(steps + 1)
         return type(self)(t, _smooth(self.t, self.theta, t), _smooth(self.t, self.K, t))
 
@@ -88,4 +98,4 @@ def sine(
     return Reference(t, theta, K + K_amplitude * swell * np.sin(2 * np.pi * K_frequency * t))
 
 
-__all__ = ["Reference", "sine"]
+__all__ = ["LONGEST", "Reference", "sine"]

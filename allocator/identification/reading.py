@@ -8,7 +8,6 @@ with the latter two numbers may have decimal commas. Columns, in any order, othe
     force_N
 """
 
-import csv
 from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.identification.samples import Samples, find_mistake
+from allocator.records import records
 from allocator.units import BAR, DEG, KPA, MM, MPA, PERCENT, PSI
 
 FilePath: TypeAlias = str | PathLike[str]
@@ -76,8 +76,8 @@ def read_table(path: FilePath) -> Table:
         raise InvalidFile(path, "is empty")
     header = content[0][1]
     separator = max(";\t,", key=header.count)
-    parsed = list(csv.reader((line.partition("#")[0] for _, line in content), delimiter=separator))
-    names, *rows = [[cell.strip() for cell in row] for row in parsed]
+    parsed = records(path, ((i, line.partition("#")[0]) for i, line in content), separator)
+    names, *rows = [[cell.strip() for cell in row] for _, row in parsed]
     lines = [i for i, _ in content[1:]]
     if not rows:
         raise InvalidFile(path, "has column names but no samples")
