@@ -56,9 +56,7 @@ def save_joint(
     write_text(path, dumps(joint, scale_known=scale_known, source=source))
 
 
-def dumps(
-    joint: AntagonistJoint, *, scale_known: bool = True, source: Mapping[str, str | float] | None = None
-) -> str:
+def dumps(joint: AntagonistJoint, *, scale_known: bool = True, source: Mapping[str, str | float] | None = None) -> str:
     """The TOML text of `joint`."""
     lines = ["[joint]  # SI units: Pa, m, rad, N", f"pressure_limits = {_toml(joint.pressure_limits)}"]
     lines.append(f"min_contraction = {_toml(joint.min_contraction)}")
@@ -85,7 +83,9 @@ def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = 
     """The joint in the parsed `content`; `path` is for the messages."""
     joint = _table(path, content, "joint")
     if surplus := content.keys() - _TABLES:
-        raise InvalidFile(path, f"is not a joint: it has no {', '.join(sorted(surplus))}; tables are {', '.join(_TABLES)}")
+        raise InvalidFile(
+            path, f"is not a joint: it has no {', '.join(sorted(surplus))}; tables are {', '.join(_TABLES)}"
+        )
     if scale_needed and joint.get("scale_known") is not True:
         raise InvalidFile(
             path,

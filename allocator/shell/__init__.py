@@ -1,0 +1,1 @@
+"""What all commands have in common: options of a joint, what may be written, how failures are told."""
