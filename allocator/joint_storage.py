@@ -83,9 +83,8 @@ def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = 
     """The joint in the parsed `content`; `path` is for the messages."""
     joint = _table(path, content, "joint")
     if surplus := content.keys() - _TABLES:
-        raise InvalidFile(
-            path, f"is not a joint: it has no {', '.join(sorted(surplus))}; tables are {', '.join(_TABLES)}"
-        )
+        what = f"is not a joint: it has no {', '.join(sorted(surplus))}; its tables are {', '.join(_TABLES)}"
+        raise InvalidFile(path, what)
     if scale_needed and joint.get("scale_known") is not True:
         raise InvalidFile(
             path,

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from secrets import token_hex
 
 from allocator.errors import CannotWrite
 
@@ -27,7 +26,7 @@ def replacing(path: str | PathLike[str]) -> Iterator[Path]:
             yield target
             return
         check_writable(target)
-        draft = target.with_name(f".{target.stem[:64]}-{token_hex(8)}{target.suffix}")
+        draft = target.with_name(f".{target.stem[:64]}-{os.urandom(8).hex()}{target.suffix}")
         try:
             yield draft
             if target.exists():
@@ -42,12 +41,15 @@ def replacing(path: str | PathLike[str]) -> Iterator[Path]:
 
 
 def check_writable(path: str | PathLike[str]) -> None:
-    """Insist that `path` is no directory and that its owner lets it be written. Raises `CannotWrite`."""
+    """Insist that `path` is no directory, not below a file, and not write-protected. Raises `CannotWrite`."""
     target = Path(path)
     if target.is_dir():
         raise CannotWrite(path, "it is a directory")
     if target.exists() and not os.access(target, os.W_OK):
         raise CannotWrite(path, "it is write-protected")
+    above = next(folder for folder in target.absolute().parents if folder.exists())
+    if not above.is_dir():
+        raise CannotWrite(path, f"{above.name} is a file, not a directory")
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:

@@ -89,12 +89,12 @@ def track(
     claim(*files, inputs=(trajectory, *options.files), force=force, own=_OWN_NAMES)
     nominal = options.plant(**({"lag": _REAL_LAG} if plant == _REAL else {}))
     reference = _reference(trajectory, stiffness, nominal)
+    reference.samples(dt)  # before anything is built
     half_way = float(reference.t[-1] - reference.t[0]) / 2
     tested, settings = _tested(plant, nominal, ((half_way, payload),) if payload else ())
     settings = settings._replace(dt=dt, N=horizon, solver=solver)
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
-    say(console, f"plant: {nominal.summary}")
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
         driver, eyes = loop(controller, settings, observer)
     done = simulate(tested, driver, reference, observer=eyes, seed=seed, progress=True)
@@ -102,6 +102,7 @@ def track(
     for path in files:
         _write(done, path, console)
     figures = metrics(done)
+    say(console, f"plant: {nominal.summary}")
     console.print(_summary(figures))
     if figures.out_of_reach:
         say(console, f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach")

@@ -37,18 +37,25 @@ class Reference:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
+    def samples(self, dt: float) -> int:
+        """How many samples of `dt` [s] come after the first one. Raises `InvalidInput` for over a million."""
+        if not dt > 0:
+            raise InvalidInput(f"dt = {dt:g} s has to be a sample time above 0 s")
+        span = float(self.t[-1] - self.t[0])
+        steps = span / dt * (1 + 1e-12)
+        if not steps <= LONGEST:
+            raise InvalidInput(
+                f"the reference takes {span:.6g} s, which is {steps:.3g} samples of dt = {dt:g} s; at most "
+                f"{LONGEST:,} are taken"
+            )
+        return max(int(steps), 1)
+
     def resampled(self, dt: float) -> Self:
         """The same every `dt` [s], from the first sample to the last one that fits; at least two samples.
 
-        Raises `InvalidInput` where there would be over a million of them.
+        Raises `InvalidInput` for over a million of them.
         """
-        samples = (self.t[-1] - self.t[0]) / dt * (1 + 1e-12)
-        if not samples <= LONGEST:
-            raise InvalidInput(
-                f"the reference takes {self.t[-1] - self.t[0]:.6g} s, which is {samples:.3g} samples of dt = {dt:g} s; "
-                f"up to {LONGEST:.0e} are taken"
-            )
-        steps = max(int(samples), 1)
+        steps = self.samples(dt)
         t = self.t[0] + dt * np.arange(steps + 1)
         return type(self)(t, _smooth(self.t, self.theta, t), _smooth(self.t, self.K, t))
 

@@ -164,7 +164,8 @@ def _sentence(a: Allocation) -> str:
         f"asked {a.K_target:.4g}{where}",
         Status.BOTH_LIMITED: f"torque at {at} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}; "
         f"stiffness given {a.K:.4g} N·m/rad, asked {a.K_target:.4g}{where}",
-        Status.PULLED: f"asked {a.T_target:.4g} N·m and {a.K_target:.4g} N·m/rad, given {shown(a.T)} and {shown(a.K)}{where}",
+        Status.PULLED: f"asked {a.T_target:.4g} N·m and {a.K_target:.4g} N·m/rad, given {shown(a.T)} and "
+        f"{shown(a.K)}{where}",
         Status.CONFLICT: f"at {at}{where}",
         Status.SLACK: f"at {at} the forces are {shown(a.forces[0])} N and {shown(a.forces[1])} N{where}",
         Status.OUTSIDE_JOINT_RANGE: f"range {left} … {right}, asked {at}{where}",

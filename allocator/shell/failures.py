@@ -56,9 +56,8 @@ def _told(command: Callable[[], object]) -> int:
         if os.environ.get(_DEBUG):
             raise
         what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        return _fail(
-            f"this should not have happened ({what}); please report it to {_tracker()} ({_DEBUG}=1 shows more)", 1
-        )
+        ask = f"please report it to {_tracker()} ({_DEBUG}=1 shows the traceback)"
+        return _fail(f"this should not have happened ({what}); {ask}", 1)
     return 0
 
 
@@ -81,7 +80,7 @@ def _tracker() -> str:
         urls = metadata.metadata("antagonist").get_all("Project-URL") or []
     except metadata.PackageNotFoundError:
         urls = []
-    known = dict(url.split(", ", 1) for url in urls)
+    known: dict[str, str] = dict(url.split(", ", 1) for url in urls)
     return known.get("Issues", "the project's issue tracker")
 
 

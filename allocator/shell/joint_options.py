@@ -108,12 +108,15 @@ class JointOptions:
         given: dict[str, float] = {}
         if self.rest_length is not None:
             given["rest_length"] = self.rest_length * MM
-        of_pulley = {"radius": self.radius and self.radius * MM, "initial_contraction": self.initial_contraction}
-        of_pulley = {name: value for name, value in of_pulley.items() if value is not None}
-        if of_pulley and not isinstance(base, Pulley):
-            option = f"--{next(iter(of_pulley)).replace('_', '-')}"
-            raise InvalidInput(f"{option} is for a pulley; the joint in {self.joint} has a {type(base).__name__}")
-        return replace(base, **given, **of_pulley) if given or of_pulley else base
+        if self.radius is not None:
+            given["radius"] = self.radius * MM
+        if self.initial_contraction is not None:
+            given["initial_contraction"] = self.initial_contraction
+        if given.keys() - {"rest_length"} and not isinstance(base, Pulley):
+            raise InvalidInput(
+                f"--radius and --initial-contraction are for a pulley; {self.joint} has a {type(base).__name__}"
+            )
+        return replace(base, **given) if given else base
 
 
 __all__ = ["JointOptions"]

@@ -19,7 +19,7 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     A parameter annotated with a dataclass is replaced by the dataclass' fields, which are annotated as typer wants it.
     """
     given = signature(command)
-    groups = {name: p.annotation for name, p in given.parameters.items() if is_dataclass(p.annotation)}
+    groups: dict[str, Any] = {name: p.annotation for name, p in given.parameters.items() if is_dataclass(p.annotation)}
 
     @wraps(command)
     def flat(**values: Any) -> None:

@@ -50,8 +50,10 @@ _CONTROL = """
 `ant_step` is a whole step of `mpc.TrackingMPC` behind `mpc.KalmanObserver`: observer, disturbance torque, dead time,
 friction and dead band, references brought within reach, the QP, its certificate, the fallback ladder, the limits; with
 the same statuses and rungs. Call `ant_reset` once and `ant_step` every {dt:g} s; send `plan.u[0]`. A sensor that is
-silent reads NaN. Its model is this plant: {plant}. All memory is in `ant_controller`, which is best made static. There is no clock: in place of a time
+silent reads NaN. All memory is in `ant_controller`, which is best made static. There is no clock: in place of a time
 budget `iteration_limit` bounds the QP solver; 0 leaves the QP out, and the next rungs answer.
+
+The plant that it controls: {plant}.
 
 The QP solver is DAQP's core (`src/daqp`, MIT): a dual active-set method, exact after finitely many iterations, truthful
 about failure, without a heap. What it says is checked before it is used.
