@@ -50,7 +50,10 @@ class NLPSolver:
             lower, upper = lower + self._widening(lower), upper - self._widening(upper)
         answer = self._nlp(x0=begun, p=given.p, lbg=lower, ubg=upper)
         z, multipliers = (np.ravel(answer[part].full()) for part in ("x", "lam_g"))
-        return Proposal(z, multipliers, bool(self._nlp.stats()["success"]))
+        said = self._nlp.stats()
+        if said["return_status"] == "User_Requested_Stop":  # what CasADi makes of Ctrl-C inside IPOPT
+            raise KeyboardInterrupt
+        return Proposal(z, multipliers, bool(said["success"]))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "NLPSolver":
         """Itself: it remembers nothing from call to call."""

@@ -183,7 +183,7 @@ _MOST_SUBSTEPS = 10_000  # in a sample
 def _number(name: str, value: Any, unit: str, *, positive: bool) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{name} = {value!r} is not a number [{unit}]") from None
     if not isfinite(number) or (positive and number <= 0):
         raise InvalidInput(f"{name} = {number:g} {unit} has to be {'positive and ' if positive else ''}finite")

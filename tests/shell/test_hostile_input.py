@@ -50,7 +50,7 @@ CASES = {
     (*HELD, "--muscle", "nested.toml"): "nested too deeply",
     (*HELD, "--joint", "nested.toml"): "nested too deeply",
     (*HELD, "--joint", "p_max.toml"): "is not a joint: the table [joint] is missing",
-    ("track", "t.csv", "--joint", "own_int.toml"): "[plant]: inertia",
+    ("track", "t.csv", "--joint", "own_int.toml"): "is not a number [kg·m²]",
     ("track", "t.csv", "--joint", "own_typo.toml"): "[plant] has no inertja; it has inertia, damping",
     # numbers
     ("track", "t.csv", "--horizon", "100000"): "N = 100000 is over 1000",
