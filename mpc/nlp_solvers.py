@@ -21,6 +21,10 @@ _OPTIONS: dict[str, dict[str, Any]] = {
 _WIDENING = 1e-8  # of a bound's size: so much fatrop widens it, without an option; hence bounds are narrowed before
 
 
+# What CasADi makes of Ctrl-C inside IPOPT: between iterations, and inside a function, which throws nothing else.
+_INTERRUPTED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
+
+
 class Proposal(NamedTuple):
     """What a solver says."""
 
@@ -51,7 +55,7 @@ class NLPSolver:
         answer = self._nlp(x0=begun, p=given.p, lbg=lower, ubg=upper)
         z, multipliers = (np.ravel(answer[part].full()) for part in ("x", "lam_g"))
         said = self._nlp.stats()
-        if said["return_status"] == "User_Requested_Stop":  # what CasADi makes of Ctrl-C inside IPOPT
+        if said["return_status"] in _INTERRUPTED:
             raise KeyboardInterrupt
         return Proposal(z, multipliers, bool(said["success"]))
 

@@ -1,11 +1,11 @@
 """`antagonist` among other programs: its streams, its signals, and what nobody foresaw."""
 
+import collections
 import json
 import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import pytest
@@ -74,16 +74,14 @@ def test_an_interrupt_at_work_is_one_word(capsys):
 
 def test_an_interrupt_inside_ipopt_is_not_taken_for_a_failed_solution():
     controller, x = NonlinearMPC(Plant(), N=40), Plant().at_rest(0.0, 7.6)
-    timer = threading.Timer(0.5, signal.raise_signal, [signal.SIGINT])
-    timer.start()
-    with pytest.raises(KeyboardInterrupt):
-        step_for_ever(controller, x)
-    timer.join()
-
-
-def step_for_ever(controller, x):
-    while True:
-        controller.step(x, 0.3, 8.0)
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    signal.setitimer(signal.ITIMER_REAL, 0.5)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            collections.deque((controller.step(x, 0.3, 8.0) for _ in range(100)), maxlen=0)  # some 10 s
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_what_nobody_foresaw_is_one_line_with_where_to_report_it(capsys, monkeypatch):
