@@ -52,12 +52,22 @@ class NLPSolver:
         lower, upper = given.lower, given.upper
         if self.name == "fatrop":
             lower, upper = lower + self._widening(lower), upper - self._widening(upper)
-        answer = self._nlp(x0=begun, p=given.p, lbg=lower, ubg=upper)
+        answer, said = self._solved(x0=begun, p=given.p, lbg=lower, ubg=upper)
         z, multipliers = (np.ravel(answer[part].full()) for part in ("x", "lam_g"))
+        return Proposal(z, multipliers, bool(said["success"]))
+
+    def _solved(self, **programme: Any) -> tuple[Any, Any]:
+        """CasADi's answer and what it says of it. Raises `KeyboardInterrupt`, which CasADi turns into other things."""
+        try:
+            answer = self._nlp(**programme)
+        except RuntimeError as error:
+            if "KeyboardInterrupt" in str(error):
+                raise KeyboardInterrupt from None
+            raise
         said = self._nlp.stats()
         if said["return_status"] in _INTERRUPTED:
             raise KeyboardInterrupt
-        return Proposal(z, multipliers, bool(said["success"]))
+        return answer, said
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "NLPSolver":
         """Itself: it remembers nothing from call to call."""
