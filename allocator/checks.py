@@ -49,14 +49,16 @@ def _brief(value: Any) -> str:
     return f"{type(value).__name__}{shape or ''}" + (f" of {dtype}" if dtype is not None else "")
 
 
-def count(name: str, value: Any, least: int) -> int:
-    """A whole number, `least` or more."""
+def count(name: str, value: Any, least: int, most: int | None = None) -> int:
+    """A whole number, `least` or more, and not over `most`."""
     try:
         number = operator.index(value)
     except TypeError:
         number = least - 1
     if number < least:
         raise InvalidInput(f"{name} = {value!r} has to be a whole number, {least} or more")
+    if most is not None and number > most:
+        raise InvalidInput(f"{name} = {number!s:.15} is over {most}, the most that is taken")
     return number
 
 

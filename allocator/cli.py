@@ -1,82 +1,114 @@
-"""Commands about statics: `antagonist allocate`. Degrees and bar here, SI behind."""
+"""Commands about statics: `antagonist allocate` and `muscles`. Degrees and bar here, SI behind."""
 
-import sys
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from importlib import metadata
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allocator.errors import AntagonistError, InvalidInput
+from allocator.display import number
+from allocator.errors import InvalidInput
 from allocator.feasibility.cli import map_command
 from allocator.identification.cli import fit_command
 from allocator.identification.joint_cli import fit_joint_command
-from allocator.joint import AntagonistJoint, report_joint
-from allocator.joint_storage import load_joint
-from allocator.muscles.catalogue import named_muscle
+from allocator.shell.joint_options import JointOptions
+from allocator.shell.options import Command, finite, grouped
+from allocator.shell.printing import AsJSON, print_json, say
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from allocator.allocation import Allocation
 
-REPORT_MUSCLE = "tondu-dmsp-20-400n"
-MUSCLE = typer.Option(help="both muscles: a name of the catalogue, or a TOML file written by `antagonist fit`")
-
-JOINT = typer.Option(help="a joint in a TOML file written by `antagonist fit-joint`, instead of --muscle")
+_NOT_MET = 3  # exit code
 
 app = typer.Typer(
     name="antagonist",
-    help="Torque and stiffness of pneumatic-muscle joints.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # it takes units in brackets for styles
 )
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"antagonist {metadata.version('antagonist')}")
+        raise typer.Exit
+
+
 @app.callback()
-def _group() -> None:
-    """Torque and stiffness of pneumatic-muscle joints."""
+def _group(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Torque and stiffness of pneumatic-muscle joints.
+
+    A first tour: `antagonist track` moves a joint, `antagonist map` shows what it can do, `antagonist fit` makes a
+    muscle of your measurements, `antagonist init joint.toml` writes a joint to edit.
+    """
 
 
-@app.command()
+@app.command(cls=Command, short_help="two pressures for a torque and a stiffness")
+@grouped
 def allocate(
     theta: Annotated[float, typer.Option(help="joint angle [degrees]")],
     stiffness: Annotated[float, typer.Option(help="isobaric stiffness wanted [N·m/rad]")],
+    options: JointOptions,
     torque: Annotated[float, typer.Option(help="torque wanted [N·m]")] = 0.0,
     priority: Annotated[str, typer.Option(help="what is met first: torque or stiffness")] = "torque",
     method: Annotated[str, typer.Option(help="exact, qp, nlp, convex, or analytic: no limits")] = "exact",
     solver: Annotated[str | None, typer.Option(help="solver of the methods qp, nlp and convex")] = None,
     min_force: Annotated[float, typer.Option(help="least muscle force [N]")] = 0.0,
-    muscle: Annotated[str, MUSCLE] = REPORT_MUSCLE,
-    joint: Annotated[Path | None, JOINT] = None,
+    as_json: AsJSON = False,
 ) -> None:
-    """Find the two pressures for a torque and a stiffness, and say what is in the way."""
-    from rich.console import Console
+    """Find the two pressures for a torque and a stiffness, and say what is in the way.
 
+    The exit code is 3 where torque and stiffness are not both met.
+    """
     from allocator.allocation import allocate as solve
     from allocator.units import DEG
 
+    finite("--theta", theta, "degrees")
     if abs(theta) > 360:
         raise InvalidInput(f"theta = {theta:g}° is over a turn")
     answer = solve(
         theta * DEG,
         stiffness,
         torque,
-        joint=chosen_joint(muscle, joint),
+        joint=options.build(),
         method=method,  # type: ignore[arg-type]  # checked there
         priority=priority,  # type: ignore[arg-type]  # checked there
         min_force=min_force,
         solver=solver,
     )
+    if as_json:
+        print_json(_values(answer))
+    else:
+        _print(answer)
+    if not answer.success:
+        raise typer.Exit(_NOT_MET)
+
+
+def _values(a: "Allocation") -> dict[str, Any]:
+    """What `--json` prints."""
+    return a.to_dict() | {
+        "limits": a.active,
+        "met": bool(a.success),
+        "stiffness_std_Nm_per_rad": a.K_std,
+        "F1_N": a.forces[0],
+        "F2_N": a.forces[1],
+        "torque_reachable_Nm": a.torque_interval,
+        "stiffness_reachable_Nm_per_rad": a.stiffness_interval,
+        "message": a.message,
+    }
+
+
+def _print(answer: "Allocation") -> None:
+    from rich.console import Console
+
     console = Console()
     console.print(_table(answer))
-    console.print(answer.message, highlight=False)
-
-
-def chosen_joint(muscle: str, joint: Path | None) -> AntagonistJoint:
-    """The joint in the file, or the report's with the muscle of this name."""
-    return report_joint(named_muscle(muscle)) if joint is None else load_joint(joint)
+    say(console, answer.message)
 
 
 def _table(a: "Allocation") -> "Table":
@@ -85,31 +117,43 @@ def _table(a: "Allocation") -> "Table":
 
     from allocator.units import BAR, DEG
 
-    table = Table("", "asked", "given", "reachable", title=f"{a.theta / DEG:.4g}° · {a.status.name}")
-    T_min, T_max = a.torque_interval
-    K_min, K_max = a.stiffness_interval
-    table.add_row("torque [N·m]", f"{a.T_target:.4g}", f"{a.T:.4g}", f"{T_min:.4g} … {T_max:.4g}")
-    table.add_row("stiffness [N·m/rad]", f"{a.K_target:.4g}", f"{a.K:.4g}", f"{K_min:.4g} … {K_max:.4g} at this torque")
+    table = Table("", "asked", "given", "reachable", title=f"{number(a.theta / DEG)}° · {a.status.name}")
+    (T_min, T_max), (K_min, K_max) = (map(number, ends) for ends in (a.torque_interval, a.stiffness_interval))
+    table.add_row("torque [N·m]", number(a.T_target), number(a.T), f"{T_min} … {T_max}")
+    table.add_row("stiffness [N·m/rad]", number(a.K_target), number(a.K), f"{K_min} … {K_max} at this torque")
     if a.K_std is not None:
-        table.add_row("  its standard deviation", "", f"{a.K_std:.2g}", "from the fit, not from the choice of model")
+        table.add_row("  its standard deviation", "", number(a.K_std, 2), "from the fit, not from the choice of model")
     for name, pressure, force in zip(("agonist", "antagonist"), (a.P1, a.P2), a.forces, strict=True):
-        table.add_row(Text(f"{name} pressure [bar]"), "", f"{pressure / BAR:.4f}", f"pulls {force:.4g} N")
+        table.add_row(Text(f"{name} pressure [bar]"), "", f"{pressure / BAR:.4f}", f"pulls {number(force)} N")
     table.add_row("binding limits", "", ", ".join(a.active) or "none", "")
     return table
 
 
-app.command("fit")(fit_command)
-app.command("fit-joint")(fit_joint_command)
-app.command("map")(map_command)
+@app.command(cls=Command, short_help="list muscles and models")
+def muscles() -> None:
+    """List the muscles that --muscle takes by name, and the models that `antagonist fit` fits."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from allocator.muscles import MODELS
+    from allocator.muscles.catalogue import MUSCLES, SOURCES
+    from allocator.units import BAR
+
+    named = Table("--muscle", "model", "source of its numbers", title="Muscles")
+    named.add_column("N at 5 bar", justify="right")
+    for name, muscle in MUSCLES.items():
+        force = muscle.force(5 * BAR, 0.0)
+        named.add_row(name, type(muscle).__name__, SOURCES[name], f"{force:.0f}")
+    models = Table("model", "published", title="Models")
+    for name, model in MODELS.items():
+        models.add_row(name, model.citation)
+    console = Console()
+    console.print(named, models, sep="\n")
+    say(console, "Forces are those at rest length. A file that `antagonist fit` wrote goes to --muscle as well.")
 
 
-def run(application: typer.Typer) -> None:
-    """Run `application`; what it raises on purpose becomes one sentence and exit code 2."""
-    try:
-        application()
-    except AntagonistError as error:
-        print(f"antagonist: {error}", file=sys.stderr)
-        sys.exit(2)
+app.command("fit", cls=Command, short_help="a muscle from measured forces (CSV)")(fit_command)
+app.command("fit-joint", cls=Command, short_help="a joint from angles at pressures (CSV)")(fit_joint_command)
+app.command("map", cls=Command, short_help="which angles, stiffnesses and torques exist")(map_command)
 
-
-__all__ = ["JOINT", "MUSCLE", "REPORT_MUSCLE", "app", "chosen_joint", "run"]
+__all__ = ["app"]

@@ -3,7 +3,8 @@
 AntagonistError
 ├── InvalidInput (also a ValueError)   an argument that makes no sense, with its value and the unit expected
 │   └── InvalidFile                    a file that cannot be read, with its line and column
-└── MissingBackend (also a ValueError) a method or solver that does not exist here, with the ones that do
+├── MissingBackend (also a ValueError) a method or solver that does not exist here, with the ones that do
+└── CannotWrite (also an OSError)      a file that cannot be written, and why
 """
 
 from collections.abc import Iterable
@@ -34,4 +35,13 @@ class MissingBackend(AntagonistError, ValueError):
         super().__init__(f"unknown {kind} {name!r}; available: {', '.join(sorted(available))}")
 
 
-__all__ = ["AntagonistError", "InvalidFile", "InvalidInput", "MissingBackend"]
+class CannotWrite(AntagonistError, OSError):
+    """A file that cannot be written; the message names it and says why."""
+
+    def __init__(self, path: object, why: str | BaseException) -> None:
+        """Say `why` the file `path` cannot be written; of an `OSError` what the system said."""
+        said = (why.strerror if isinstance(why, OSError) else None) or str(why)
+        super().__init__(f"{path} cannot be written ({said})")
+
+
+__all__ = ["AntagonistError", "CannotWrite", "InvalidFile", "InvalidInput", "MissingBackend"]

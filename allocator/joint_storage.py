@@ -21,12 +21,14 @@ model = "Sarosi2012"
 
 [covariance]                   # of the parameters of agonist and antagonist together
 rows = [[…], …]
+
+[plant]                        # what `mpc.Plant` adds; ignored here
+…
 """
 
 from collections.abc import Mapping
 from dataclasses import fields
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,10 +37,12 @@ from allocator.errors import InvalidFile, InvalidInput
 from allocator.geometry import Geometry, Lever, Pulley, Table
 from allocator.joint import AntagonistJoint
 from allocator.muscles import Muscle, storage
+from allocator.writing import write_text
 
 FilePath = str | PathLike[str]
 
 _GEOMETRIES: Mapping[str, type[Geometry]] = {"Pulley": Pulley, "Lever": Lever, "Table": Table}
+_TABLES = ("joint", "geometry", "agonist", "antagonist", "source", "covariance", "plant")
 
 
 def save_joint(
@@ -49,6 +53,11 @@ def save_joint(
     source: Mapping[str, str | float] | None = None,
 ) -> None:
     """Write `joint` to `path`; `source` says where the numbers come from."""
+    write_text(path, dumps(joint, scale_known=scale_known, source=source))
+
+
+def dumps(joint: AntagonistJoint, *, scale_known: bool = True, source: Mapping[str, str | float] | None = None) -> str:
+    """The TOML text of `joint`."""
     lines = ["[joint]  # SI units: Pa, m, rad, N", f"pressure_limits = {_toml(joint.pressure_limits)}"]
     lines.append(f"min_contraction = {_toml(joint.min_contraction)}")
     if joint.angle_limits is not None:
@@ -62,13 +71,20 @@ def save_joint(
     if joint.covariance is not None:
         rows = (f"    {_toml(row)}," for row in joint.covariance)
         lines += ["", "[covariance]  # of the agonist's and then the antagonist's parameters", "rows = [", *rows, "]"]
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return "\n".join(lines) + "\n"
 
 
 def load_joint(path: FilePath, *, scale_needed: bool = True) -> AntagonistJoint:
     """Read a joint. Raises `InvalidFile` if it is none, or has no force scale although that is needed."""
-    content = storage.read(path)
+    return joint_from(path, storage.read(path), scale_needed=scale_needed)
+
+
+def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = True) -> AntagonistJoint:
+    """The joint in the parsed `content`; `path` is for the messages."""
     joint = _table(path, content, "joint")
+    if surplus := content.keys() - _TABLES:
+        what = f"is not a joint: it has no {', '.join(sorted(surplus))}; its tables are {', '.join(_TABLES)}"
+        raise InvalidFile(path, what)
     if scale_needed and joint.get("scale_known") is not True:
         raise InvalidFile(
             path,
@@ -85,7 +101,7 @@ def load_joint(path: FilePath, *, scale_needed: bool = True) -> AntagonistJoint:
     rows = _table(path, content, "covariance").get("rows") if "covariance" in content else None
     try:
         return AntagonistJoint(_geometry(path, content), agonist, antagonist, covariance=rows, **limits)
-    except (InvalidInput, TypeError, ValueError) as error:
+    except (InvalidInput, TypeError, ValueError, OverflowError) as error:
         raise InvalidFile(path, str(error)) from None
 
 
@@ -123,7 +139,7 @@ def _geometry(path: FilePath, content: dict[str, Any]) -> Geometry:
         raise InvalidFile(path, f"[geometry] has the unknown kind {kind!r}; known: {', '.join(_GEOMETRIES)}")
     try:
         return _GEOMETRIES[kind](**table)
-    except TypeError as error:
+    except (TypeError, OverflowError) as error:
         raise InvalidFile(path, f"[geometry] does not describe a {kind} ({error})") from None
 
 
@@ -133,4 +149,4 @@ def _muscle(path: FilePath, content: dict[str, Any], name: str) -> Muscle:
     return muscle
 
 
-__all__ = ["load_joint", "save_joint"]
+__all__ = ["dumps", "joint_from", "load_joint", "save_joint"]

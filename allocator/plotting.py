@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
+from allocator.writing import replacing
 
 GREY = "#8c8c8c"
 FILL = "#dbe7f1"
@@ -99,9 +100,10 @@ def shades(n: int) -> list[Any]:
     return [colormaps["viridis"](0.85 * i / max(n - 1, 1)) for i in range(n)]
 
 
-def save_figure(figure: Any, path: Any) -> None:
-    """Write a figure as an image of the kind that its name ends with."""
-    figure.savefig(path, dpi=130)
+def save_figure(figure: Any, path: Any, dpi: float = 130) -> None:
+    """Write a figure as an image of the kind that its name ends with, whole or not at all."""
+    with replacing(path) as draft:
+        figure.savefig(draft, dpi=dpi)
 
 
 __all__ = [

@@ -2,34 +2,44 @@
 
 import sys
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from allocator.cli import JOINT, MUSCLE, REPORT_MUSCLE, app, chosen_joint, run
+from allocator.cli import app
 from allocator.errors import InvalidInput, MissingBackend
+from allocator.shell import failures
+from allocator.shell.options import Command, finite, grouped
+from allocator.shell.outputs import IMAGES, Force, claim
+from allocator.shell.printing import say
 from mpc.export.cli import export_command
+from mpc.plant_cli import PlantOptions, init_command
 from mpc.trajectories import TRAJECTORIES, usual_stiffness
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from allocator.joint import AntagonistJoint
     from mpc.loops import Settings
     from mpc.metrics import Metrics
+    from mpc.plant import Plant
     from mpc.reference import Reference
     from mpc.simulation import Process, Run
 
 _NOMINAL, _REAL = "nominal", "real"  # plants
-_SUFFIXES = (".png", ".pdf", ".svg", ".csv", ".npz")
+_REAL_LAG = 0.12  # [s] of a real plant, unless something else is said
+_SUFFIXES = (*IMAGES, ".csv", ".npz")
+_OWN_NAMES = ("tracking.png", "tracking.csv")
 
 
-@app.command(epilog="\n\n".join(["Standard trajectories:", *(f"{n}: {t.summary}" for n, t in TRAJECTORIES.items())]))
+_EPILOG = "\n\n".join(["Standard trajectories:", *(f"{name}: {t.summary}" for name, t in TRAJECTORIES.items())])
+
+
+@app.command(cls=Command, short_help="simulate a controller along a trajectory", epilog=_EPILOG)
+@grouped
 def track(
+    options: PlantOptions,
     trajectory: Annotated[
         str | None,
         typer.Argument(
@@ -53,8 +63,6 @@ def track(
         str | None,
         typer.Option(help="of mpc: daqp (default) or one that qpsolvers finds, e.g. osqp; of nmpc: ipopt or fatrop"),
     ] = None,
-    muscle: Annotated[str, MUSCLE] = REPORT_MUSCLE,
-    joint: Annotated[Path | None, JOINT] = None,
     plant: Annotated[
         str, typer.Option(help="nominal, or real: with what the controller's model does not know")
     ] = _NOMINAL,
@@ -66,6 +74,7 @@ def track(
     ] = None,
     payload: Annotated[float, typer.Option(help="load that nobody tells of, from half-way on [N·m]")] = 0.0,
     seed: Annotated[int, typer.Option(help="of the sensors' noise")] = 0,
+    force: Force = False,
 ) -> None:
     """Let a controller follow a trajectory of angle and stiffness, and say how well it did."""
     from rich.console import Console
@@ -76,36 +85,39 @@ def track(
     from mpc.simulation import simulate
 
     console = Console()
-    acted = chosen_joint(muscle, joint)
-    reference = _reference(trajectory, stiffness, acted)
+    finite("--payload", payload, "N·m")
+    files = _files(out or [Path()])
+    claim(*files, inputs=(trajectory, *options.files), force=force, own=_OWN_NAMES)
+    nominal = options.plant(**({"lag": _REAL_LAG} if plant == _REAL else {}))
+    reference = _reference(trajectory, stiffness, nominal)
+    reference.samples(dt)  # before anything is built
     half_way = float(reference.t[-1] - reference.t[0]) / 2
-    tested, settings = _tested(plant, acted, ((half_way, payload),) if payload else ())
+    tested, settings = _tested(plant, nominal, ((half_way, payload),) if payload else ())
     settings = settings._replace(dt=dt, N=horizon, solver=solver)
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
-    files = _files(out or [Path()])
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
         driver, eyes = loop(controller, settings, observer)
     done = simulate(tested, driver, reference, observer=eyes, seed=seed, progress=True)
 
     for path in files:
-        with _writing(path):
-            _write(done, path, console)
+        _write(done, path, console)
     figures = metrics(done)
+    say(console, f"plant: {nominal.summary}")
     console.print(_summary(figures, done.implementation))
     if figures.out_of_reach:
-        _say(console, f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach")
-    _say(console, f"written: {', '.join(map(str, files))}")
+        say(console, f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach")
+    say(console, f"written: {', '.join(map(str, files))}")
 
 
-def _reference(name: str | None, K: float | None, joint: "AntagonistJoint") -> "Reference":
+def _reference(name: str | None, K: float | None, plant: "Plant") -> "Reference":
     """The trajectory of this name or in this file."""
     from allocator import checks
     from mpc.files import default_trajectory, load
 
     if name in TRAJECTORIES:
         return TRAJECTORIES[name].about(
-            usual_stiffness(joint) if K is None else float(checks.stiffness("stiffness", K))
+            usual_stiffness(plant.joint) if K is None else float(checks.stiffness("stiffness", K))
         )
     if K is not None:
         raise InvalidInput("--stiffness goes with a standard trajectory; a file has its own")
@@ -117,14 +129,12 @@ def _reference(name: str | None, K: float | None, joint: "AntagonistJoint") -> "
 
 
 def _files(out: list[Path]) -> list[Path]:
-    """The files to write; their directories are made."""
+    """The files to write."""
     files = []
     for path in out:
         if path.suffix and path.suffix not in _SUFFIXES:
             raise InvalidInput(f"--out {path}: a run is written as {', '.join(_SUFFIXES)} or into a directory")
-        with _writing(path):
-            (path.parent if path.suffix else path).mkdir(parents=True, exist_ok=True)
-        files += [path] if path.suffix else [path / "tracking.png", path / "tracking.csv"]
+        files += [path] if path.suffix else [path / name for name in _OWN_NAMES]
     return files
 
 
@@ -138,38 +148,22 @@ def _write(run: "Run", path: Path, console: "Console") -> None:
     elif path.suffix == ".npz":
         save_recording(run, path)
     else:
-        _say(console, f"drawing {path} (the first picture after an installation takes some seconds)")
+        say(console, f"drawing {path} (the first picture after an installation takes some seconds)")
         save_tracking_figure(run, path)
 
 
-def _tested(
-    plant: str, joint: "AntagonistJoint", torque: "tuple[tuple[float, float], ...]"
-) -> "tuple[Process, Settings]":
-    """The plant called `plant` under an unknown torque, and what its controller knows."""
+def _tested(kind: str, nominal: "Plant", torque: "tuple[tuple[float, float], ...]") -> "tuple[Process, Settings]":
+    """The plant of this kind under an unknown torque, and what its controller knows."""
     from mpc.loops import Settings
-    from mpc.plant import Plant
     from mpc.reality import RealPlant
     from mpc.weights import Weights
 
-    if plant == _REAL:
-        real = RealPlant.standard(torque_profile=torque, nominal=Plant(joint, lag=0.12))
+    if kind == _REAL:
+        real = RealPlant.standard(torque_profile=torque, nominal=nominal)
         return real, Settings(real.nominal, compensation=real.known(), weights=Weights.calm())
-    if plant != _NOMINAL:
-        raise MissingBackend("plant", plant, [_NOMINAL, _REAL])
-    nominal = Plant(joint)
+    if kind != _NOMINAL:
+        raise MissingBackend("plant", kind, [_NOMINAL, _REAL])
     return (RealPlant(nominal, torque_profile=torque) if torque else nominal), Settings(nominal)
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise InvalidInput(f"{path} cannot be written ({error.strerror})") from None
-
-
-def _say(console: "Console", sentence: str) -> None:
-    console.print(sentence, highlight=False, markup=False, soft_wrap=True)
 
 
 def _summary(m: "Metrics", implementation: str) -> "Table":
@@ -192,14 +186,15 @@ def _summary(m: "Metrics", implementation: str) -> "Table":
     return table
 
 
-app.command("export")(export_command)
+app.command("export", cls=Command, short_help="allocator and controller as C")(export_command)
+app.command("init", cls=Command, short_help="write a plant file to edit, for --joint")(init_command)
 
 
 def main() -> None:
-    """Entry point of the command `antagonist`."""
+    """Run the command `antagonist` and leave Python with its exit code."""
     with warnings.catch_warnings():
         warnings.showwarning = _one_line
-        run(app)
+        sys.exit(failures.run(app))
 
 
 def _one_line(message: Warning | str, *_: object, **__: object) -> None:

@@ -42,7 +42,7 @@ from mpc.feedforward import FeedForward, FeedForwardLaw
 from mpc.foresight import Foresight
 from mpc.improvement import Before, Improvement
 from mpc.ladder import Ladder, honest
-from mpc.limits import Limits
+from mpc.limits import LONGEST_HORIZON, Limits
 from mpc.linearise import Motion, Predictor
 from mpc.plan import Plan, PlanStatus, Rung, Times
 from mpc.plant import Plant
@@ -89,7 +89,7 @@ class TrackingMPC:
         """Check the settings and build what does not change."""
         self.dt = float(checks.real("dt", self.dt, "s"))
         self.limits = Limits.of(self.plant, self.dt, self.min_force)
-        self.N = checks.count("N", self.N, least=3)
+        self.N = checks.count("N", self.N, least=3, most=LONGEST_HORIZON)
         self.iterations = checks.count("iterations", self.iterations, least=1)
         self.blocks = _blocks(self.blocks, self.N)
         self.patience = checks.not_negative("patience", self.patience, "s")

@@ -1,17 +1,15 @@
 """Trajectories and runs as CSV: degrees, bar and N·m/rad here, SI in the program."""
 
-import csv
-from collections.abc import Iterator
 from importlib import resources
-from itertools import pairwise
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
+from allocator.csv_table import Table, read_table
 from allocator.errors import InvalidFile
 from allocator.units import DEG
+from allocator.writing import replacing
 from mpc.reference import Reference
 from mpc.simulation import Run
 
@@ -23,13 +21,13 @@ def load(path: str | Path) -> Reference:
 
     Raises `InvalidFile`, naming line and column, for whatever is not a trajectory.
     """
-    samples = [(line, _sample(path, line, cells)) for line, cells in _records(path)]
-    if len(samples) < 2:
-        raise InvalidFile(path, f"a trajectory needs at least 2 samples, this file has {len(samples)}")
-    for (_, (before, *_)), (line, (t, *_)) in pairwise(samples):
-        if t <= before:
-            raise InvalidFile(path, f"{t:g} s does not come after {before:g} s", line=line, column="t")
-    t, theta, K = np.array([values for _, values in samples]).T
+    table = read_table(path)
+    t, theta, K = (table.numbers(_place(table, column)) for column in COLUMNS)
+    if t.size < 2:
+        raise InvalidFile(path, f"a trajectory needs at least 2 samples, this file has {t.size}")
+    _refuse(table, "t", np.diff(t, prepend=-np.inf) <= 0, t, "{:g} s does not come after the sample before")
+    _refuse(table, "theta_deg", np.abs(theta) > 360, theta, "{:g}° is over a turn")
+    _refuse(table, "stiffness", K <= 0, K, "{:g} N·m/rad has to be positive")
     return Reference(t, theta * DEG, K)
 
 
@@ -52,48 +50,25 @@ def save_run(run: Run, path: str | Path) -> None:
 
 
 def _write(path: str | Path, names: tuple[str, ...], table: Array, form: str) -> None:
-    np.savetxt(path, table, fmt=form, delimiter=",", header=",".join(names), comments="")
+    with replacing(path) as draft:
+        np.savetxt(draft, table, fmt=form, delimiter=",", header=",".join(names), comments="")
 
 
-def _records(path: str | Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """Line number and named cells of every line that is not blank."""
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InvalidFile(path, f"cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InvalidFile(path, "is not a text file (UTF-8)") from None
-    rows = csv.reader(text.splitlines())
-    names = [name.strip() for name in next(rows, [])]
-    if not any(names):
-        raise InvalidFile(path, f"is empty; the columns {','.join(COLUMNS)} are expected", line=1)
-    for column in COLUMNS:
-        if column not in names:
-            raise InvalidFile(path, f"this column is missing; found: {','.join(names)}", line=1, column=column)
-    for cells in rows:
-        if not any(cell.strip() for cell in cells):
-            continue
-        if len(cells) != len(names):
-            raise InvalidFile(path, f"has {len(cells)} cells, the header has {len(names)}", line=rows.line_num)
-        yield rows.line_num, dict(zip(names, cells, strict=True))
+def _place(table: Table, column: str) -> int:
+    """Which column has this name."""
+    if column not in table.names:
+        found = ",".join(table.names)
+        raise InvalidFile(table.path, f"this column is missing; found: {found}", line=1, column=column)
+    if table.names.count(column) > 1:
+        raise InvalidFile(table.path, "there are two columns of this name", line=1, column=column)
+    return table.names.index(column)
 
 
-def _sample(path: str | Path, line: int, cells: dict[str, str]) -> tuple[float, ...]:
-    """t, theta_deg, stiffness of one line."""
-    values = []
-    for column in COLUMNS:
-        try:
-            value = float(cells[column])
-        except ValueError:
-            raise InvalidFile(path, f"{cells[column]!r} is not a number", line=line, column=column) from None
-        if not isfinite(value):
-            raise InvalidFile(path, f"{value} is not finite", line=line, column=column)
-        values.append(value)
-    if abs(values[1]) > 360:
-        raise InvalidFile(path, f"{values[1]:g}° is over a turn", line=line, column="theta_deg")
-    if values[2] <= 0:
-        raise InvalidFile(path, f"{values[2]:g} N·m/rad has to be positive", line=line, column="stiffness")
-    return tuple(values)
+def _refuse(table: Table, column: str, wrong: Mask, values: Array, sentence: str) -> None:
+    """Raise `InvalidFile` at the first of the `values` that is marked `wrong`."""
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise InvalidFile(table.path, sentence.format(values[i]), line=table.lines[i], column=column)
 
 
 __all__ = ["COLUMNS", "default_trajectory", "load", "save_reference", "save_run"]

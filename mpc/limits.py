@@ -10,6 +10,9 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.plant import Plant
 
+LONGEST_HORIZON = 1000  # samples; the time of a step grows with its square
+_SHORTEST = 1e-5  # sample time [s]
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -23,8 +26,8 @@ class Limits:
     @classmethod
     def of(cls, plant: Plant, dt: float, min_force: float = 0.0) -> Self:
         """The limits of `plant` at the sample time `dt` [s], and the least force [N] of its muscles."""
-        if not 0 < dt < 1:
-            raise InvalidInput(f"dt = {dt:g} s has to be a sample time between 0 and 1 s")
+        if not _SHORTEST <= dt < 1:
+            raise InvalidInput(f"dt = {dt:g} s has to be a sample time between {_SHORTEST:g} and 1 s")
         least = float(checks.not_negative("min_force", min_force, "N"))
         return cls(plant.joint.pressure_limits, plant.slew * dt, plant.joint.angle_range, least)
 
@@ -52,4 +55,4 @@ class Limits:
         return max(0.0, self.min_force - min(F.ravel().tolist()))
 
 
-__all__ = ["Limits"]
+__all__ = ["LONGEST_HORIZON", "Limits"]

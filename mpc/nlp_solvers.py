@@ -21,6 +21,10 @@ _OPTIONS: dict[str, dict[str, Any]] = {
 _WIDENING = 1e-8  # of a bound's size: so much fatrop widens it, without an option; hence bounds are narrowed before
 
 
+# What CasADi makes of Ctrl-C inside IPOPT: between iterations, and inside a function, which throws nothing else.
+_INTERRUPTED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
+
+
 class Proposal(NamedTuple):
     """What a solver says."""
 
@@ -48,9 +52,22 @@ class NLPSolver:
         lower, upper = given.lower, given.upper
         if self.name == "fatrop":
             lower, upper = lower + self._widening(lower), upper - self._widening(upper)
-        answer = self._nlp(x0=begun, p=given.p, lbg=lower, ubg=upper)
+        answer, said = self._solved(x0=begun, p=given.p, lbg=lower, ubg=upper)
         z, multipliers = (np.ravel(answer[part].full()) for part in ("x", "lam_g"))
-        return Proposal(z, multipliers, bool(self._nlp.stats()["success"]))
+        return Proposal(z, multipliers, bool(said["success"]))
+
+    def _solved(self, **programme: Any) -> tuple[Any, Any]:
+        """CasADi's answer and what it says of it. Raises `KeyboardInterrupt`, which CasADi turns into other things."""
+        try:
+            answer = self._nlp(**programme)
+        except RuntimeError as error:
+            if "KeyboardInterrupt" in str(error):
+                raise KeyboardInterrupt from None
+            raise
+        said = self._nlp.stats()
+        if said["return_status"] in _INTERRUPTED:
+            raise KeyboardInterrupt
+        return answer, said
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "NLPSolver":
         """Itself: it remembers nothing from call to call."""

@@ -20,7 +20,7 @@ from mpc.compensation import Compensation
 from mpc.feedforward import FeedForward, FeedForwardLaw
 from mpc.foresight import Foresight
 from mpc.ladder import Ladder, honest
-from mpc.limits import Limits
+from mpc.limits import LONGEST_HORIZON, Limits
 from mpc.linearise import Predictor
 from mpc.nlp_solvers import NLPSolver
 from mpc.plan import Plan, PlanStatus, Rung, Times
@@ -48,7 +48,7 @@ class NonlinearMPC:
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
         self.dt = float(checks.real("dt", self.dt, "s"))
-        self.N = checks.count("N", self.N, least=3)
+        self.N = checks.count("N", self.N, least=3, most=LONGEST_HORIZON)
         self.limits = Limits.of(self.plant, self.dt, self.min_force)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self.problem = Shooting(self.plant, self.dt, self.N, self.weights, self.limits, L)

@@ -12,6 +12,7 @@ CasADi symbols. The law of a slack muscle (F < 0) is kept as it is: the metrics 
 
 from dataclasses import dataclass, field
 from math import ceil, isfinite, sqrt
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -102,6 +103,30 @@ class Plant:
         """An experiment from the state `x0` (4,) with commands every `dt` [s]; no noise needs the `seed`."""
         return ExactExperiment(self.discrete(dt, FINE), x0)
 
+    # --- in words and on disk ---------------------------------------------------------------------------------------
+
+    @property
+    def summary(self) -> str:
+        """Its numbers in a line, the joint's left out."""
+        return (
+            f"inertia {self.inertia:g} kg·m², damping {self.damping:g} N·m·s/rad, lag "
+            f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s, gravity {self.gravity_torque:g} N·m, "
+            f"slew {self.slew / BAR:g} bar/s"
+        )
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the plant, joint and muscles included, as a TOML file. Raises `CannotWrite`."""
+        from mpc.plant_storage import save_plant
+
+        save_plant(self, path)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> "Plant":
+        """Read a plant from TOML; a joint's file gives one with the numbers of `Plant()`. Raises `InvalidFile`."""
+        from mpc.plant_storage import load_plant
+
+        return load_plant(path)
+
     # --- in discrete time, and for other tools ----------------------------------------------------------------------
 
     @property
@@ -114,8 +139,17 @@ class Plant:
         return max(swing, self.damping / self.inertia, *(1 / tau for tau in self.lags))
 
     def substeps(self, dt: float, resolution: float) -> int:
-        """How many equal steps h over `dt` [s] it takes for h · `fastest_rate` ≤ `resolution`."""
-        return ceil(dt * self.fastest_rate / resolution)
+        """How many equal steps h over `dt` [s] it takes for h · `fastest_rate` ≤ `resolution`.
+
+        Raises `InvalidInput` where there are more than 10 000: nobody means such a plant.
+        """
+        steps = dt * self.fastest_rate / resolution
+        if not steps <= _MOST_SUBSTEPS:
+            raise InvalidInput(
+                f"this plant moves within {1 / self.fastest_rate:.3g} s, so that dt = {dt:g} s would take {steps:.3g} "
+                f"steps of integration, over {_MOST_SUBSTEPS}; check {self.summary}"
+            )
+        return ceil(steps)
 
     def discrete(self, dt: float, resolution: float = 0.5) -> Any:
         """CasADi function (x, u, d) ↦ x after `dt` [s] of constant u and d: classical Runge–Kutta.
@@ -144,12 +178,13 @@ class Plant:
 
 
 _POSITIVE = ("inertia", "slew")
+_MOST_SUBSTEPS = 10_000  # in a sample
 
 
 def _number(name: str, value: Any, unit: str, *, positive: bool) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{name} = {value!r} is not a number [{unit}]") from None
     if not isfinite(number) or (positive and number <= 0):
         raise InvalidInput(f"{name} = {number:g} {unit} has to be {'positive and ' if positive else ''}finite")

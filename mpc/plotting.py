@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.plotting import save_figure
 from allocator.units import BAR, DEG
 from mpc.simulation import Run
 
@@ -30,8 +31,8 @@ def tracking_figure(run: Run) -> Any:
 
 
 def save_tracking_figure(run: Run, path: str | Path) -> None:
-    """Write the figure as an image."""
-    tracking_figure(run).savefig(path, dpi=130)
+    """Write the figure as an image, whole or not at all."""
+    save_figure(tracking_figure(run), path)
 
 
 def _angle(axes: Any, errors: Any, run: Run) -> None:

@@ -1,32 +1,30 @@
 """Runs as NPZ: everything of a run in SI units, plant included, without pickle. NumPy alone opens it too."""
 
+import tomllib
 from dataclasses import fields
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 from zipfile import BadZipFile
 from zlib import error as Damaged  # noqa: N812  # it has no other name
 
 import numpy as np
 
-from allocator.errors import InvalidFile, InvalidInput
-from allocator.joint_storage import load_joint, save_joint
+from allocator import joint_storage
+from allocator.errors import InvalidFile
+from allocator.writing import replacing
 from mpc.plant import NU, NX, Plant
+from mpc.plant_storage import NUMBERS
 from mpc.simulation import Run
 
-_NUMBERS = ("inertia", "damping", "lag", "gravity_torque", "slew")  # of the plant, besides its joint
 _ARRAYS = tuple(f.name for f in fields(Run) if f.name != "plant")
 
 
 def save_recording(run: Run, path: str | Path) -> None:
     """Write `run`: its arrays by the names they have in `Run`, and the plant as `joint` (TOML) and `plant_…`."""
     values: dict[str, Any] = {name: getattr(run, name) for name in _ARRAYS}
-    values |= {f"plant_{name}": getattr(run.plant, name) for name in _NUMBERS}
-    with TemporaryDirectory() as directory:
-        joint = Path(directory) / "joint.toml"
-        save_joint(run.plant.joint, joint)
-        values["joint"] = joint.read_text(encoding="utf-8")
-    with Path(path).open("wb") as file:  # given a name, NumPy would add a suffix
+    values |= {f"plant_{name}": getattr(run.plant, name) for name in NUMBERS}
+    values["joint"] = joint_storage.dumps(run.plant.joint)
+    with replacing(path) as draft, draft.open("wb") as file:  # given a name, NumPy would add a suffix
         np.savez_compressed(file, **values)
 
 
@@ -39,7 +37,7 @@ def load_recording(path: str | Path) -> Run:
         raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
     except (ValueError, BadZipFile, Damaged, EOFError, AttributeError, TypeError):
         raise InvalidFile(path, "is not an NPZ file") from None
-    if missing := {*_ARRAYS, "joint", *(f"plant_{name}" for name in _NUMBERS)} - stored.keys():
+    if missing := {*_ARRAYS, "joint", *(f"plant_{name}" for name in NUMBERS)} - stored.keys():
         raise InvalidFile(path, f"is not the recording of a run: {', '.join(sorted(missing))} missing")
     arrays: dict[str, Any] = {name: stored[name] for name in _ARRAYS}
     steps = arrays["step_time"].size
@@ -62,14 +60,12 @@ def _shape(name: str, steps: int) -> tuple[int, ...]:
 
 
 def _plant(path: str | Path, stored: dict[str, Any]) -> Plant:
-    with TemporaryDirectory() as directory:
-        joint = Path(directory) / "joint.toml"
-        joint.write_text(str(stored["joint"]), encoding="utf-8")
-        numbers: dict[str, Any] = {name: stored[f"plant_{name}"].tolist() for name in _NUMBERS}
-        try:
-            return Plant(load_joint(joint), **(numbers | {"lag": tuple(numbers["lag"])}))
-        except (InvalidInput, InvalidFile, TypeError) as error:
-            raise InvalidFile(path, f"does not hold a plant ({error})") from None
+    numbers: dict[str, Any] = {name: stored[f"plant_{name}"].tolist() for name in NUMBERS}
+    try:
+        joint = joint_storage.joint_from(f"{path} [joint]", tomllib.loads(str(stored["joint"])))
+        return Plant(joint, **(numbers | {"lag": tuple(numbers["lag"])}))
+    except (ValueError, TypeError) as error:  # of TOML or of ours
+        raise InvalidFile(path, f"does not hold a plant ({error})") from None
 
 
 __all__ = ["load_recording", "save_recording"]

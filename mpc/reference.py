@@ -10,6 +10,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 
+LONGEST = 1_000_000  # samples, nearly three hours at 10 ms
 _SWING = 0.05  # of the range of all samples
 
 
@@ -36,9 +37,25 @@ class Reference:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
+    def samples(self, dt: float) -> int:
+        """How many samples of `dt` [s] come after the first one. Raises `InvalidInput` for over a million."""
+        if not dt > 0:
+            raise InvalidInput(f"dt = {dt:g} s has to be a sample time above 0 s")
+        span = float(self.t[-1] - self.t[0])
+        steps = span / dt * (1 + 1e-12)
+        if not steps <= LONGEST:
+            raise InvalidInput(
+                f"the reference takes {span:.6g} s, which is {steps:.3g} samples of dt = {dt:g} s; at most "
+                f"{LONGEST:,} are taken"
+            )
+        return max(int(steps), 1)
+
     def resampled(self, dt: float) -> Self:
-        """The same every `dt` [s], from the first sample to the last one that fits; at least two samples."""
-        steps = max(int(np.floor((self.t[-1] - self.t[0]) / dt * (1 + 1e-12))), 1)
+        """The same every `dt` [s], from the first sample to the last one that fits; at least two samples.
+
+        Raises `InvalidInput` for over a million of them.
+        """
+        steps = self.samples(dt)
         t = self.t[0] + dt * np.arange(steps + 1)
         return type(self)(t, _smooth(self.t, self.theta, t), _smooth(self.t, self.K, t))
 
@@ -88,4 +105,4 @@ def sine(
     return Reference(t, theta, K + K_amplitude * swell * np.sin(2 * np.pi * K_frequency * t))
 
 
-__all__ = ["Reference", "sine"]
+__all__ = ["LONGEST", "Reference", "sine"]

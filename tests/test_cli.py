@@ -30,7 +30,7 @@ def test_allocate_prints_what_the_library_answers():
 
 def test_allocate_says_what_is_in_the_way():
     result = CliRunner().invoke(app, ["allocate", "--theta", "30", "--stiffness", "20"])
-    assert result.exit_code == 0
+    assert result.exit_code == 3
     assert "STIFFNESS_LIMITED" in result.output
     assert "P1 upper" in result.output
 
@@ -41,7 +41,7 @@ def test_allocate_says_what_is_in_the_way():
         (["--theta", "30", "--stiffness", "-1"], "K = -1 N·m/rad has to be positive"),
         (["--theta", "3000", "--stiffness", "7"], "theta = 3000° is over a turn"),
         (["--theta", "30", "--stiffness", "7", "--method", "magic"], "unknown method 'magic'"),
-        (["--theta", "nan", "--stiffness", "7"], "theta = nan is not finite"),
+        (["--theta", "nan", "--stiffness", "7"], "--theta nan: expected a finite number [degrees]"),
         (["--theta", "30", "--stiffness", "7", "--muscle", "biceps"], "unknown muscle 'biceps'"),
         (["--theta", "30", "--stiffness", "7", "--muscle", "none.toml"], "none.toml: does not exist"),
         (["--theta", "30", "--stiffness", "7", "--solver", "daqp"], "belongs to the methods convex, nlp, qp"),

@@ -210,13 +210,14 @@ def _sentence(a: Allocation) -> str:
     K_min, K_max = a.stiffness_interval
     details = {
         Status.TORQUE_LIMITED: f"torque at {at} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}{where}",
-        Status.STIFFNESS_LIMITED: f"stiffness at {at} and {a.T:.4g} N·m is {K_min:.4g} … {K_max:.4g} N·m/rad, "
+        Status.STIFFNESS_LIMITED: f"stiffness at {at} and {number(a.T)} N·m is {K_min:.4g} … {K_max:.4g} N·m/rad, "
         f"asked {a.K_target:.4g}{where}",
         Status.BOTH_LIMITED: f"torque at {at} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}; "
         f"stiffness given {a.K:.4g} N·m/rad, asked {a.K_target:.4g}{where}",
-        Status.PULLED: f"asked {a.T_target:.4g} N·m and {a.K_target:.4g} N·m/rad, given {a.T:.4g} and {a.K:.4g}{where}",
+        Status.PULLED: f"asked {a.T_target:.4g} N·m and {a.K_target:.4g} N·m/rad, given {number(a.T)} and "
+        f"{number(a.K)}{where}",
         Status.CONFLICT: f"at {at}{where}",
-        Status.SLACK: f"at {at} the forces are {a.forces[0]:.4g} N and {a.forces[1]:.4g} N{where}",
+        Status.SLACK: f"at {at} the forces are {number(a.forces[0])} N and {number(a.forces[1])} N{where}",
         Status.OUTSIDE_JOINT_RANGE: f"range {left} … {right}, asked {at}{where}",
         Status.OUTSIDE_LIMITS: f"P1 = {a.P1 / BAR:.4g} bar, P2 = {a.P2 / BAR:.4g} bar{where}",
         Status.NO_INVERSE: why_no_inverse(a._problem.joint),

@@ -17,6 +17,7 @@ from allocator.feasibility.setting import Setting
 from allocator.joint import AntagonistJoint
 from allocator.limits import names
 from allocator.units import BAR, DEG
+from allocator.writing import replacing
 
 _HEADER = "theta_deg,stiffness_Nm_per_rad,torque_Nm,status,limits,P1_bar,P2_bar"
 
@@ -102,7 +103,7 @@ class FeasibilityMap:
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """One row a cell: degrees, N·m/rad, N·m, the status and the limits by name, bar."""
-        with open(path, "w", encoding="utf-8", newline="") as file:
+        with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
             file.write(f"{_HEADER}\n")
             file.writelines(self._rows())
 
@@ -122,22 +123,23 @@ class FeasibilityMap:
         from allocator.limits import Limit
 
         points = [np.stack([e.theta, e.K, e.T, e.P1, e.P2], axis=1) for e in self.edges]
-        np.savez_compressed(
-            path,
-            theta=self.theta,
-            K=self.K,
-            T=self.T,
-            status=self.status,
-            limits=self.limits,
-            P1=self.P1,
-            P2=self.P2,
-            status_names=np.array([status.name for status in Status]),
-            limit_names=np.array([limit.text for limit in Limit]),
-            edge_points=np.concatenate([np.empty((0, 5)), *points]),
-            edge_columns=np.array(["theta", "K", "T", "P1", "P2"]),
-            edge_starts=np.cumsum([0, *map(len, points)])[:-1],
-            edge_limits=np.array([e.limits for e in self.edges], np.int32),
-        )
+        with replacing(path) as draft, draft.open("wb") as file:  # given a name, NumPy would add a suffix
+            np.savez_compressed(
+                file,
+                theta=self.theta,
+                K=self.K,
+                T=self.T,
+                status=self.status,
+                limits=self.limits,
+                P1=self.P1,
+                P2=self.P2,
+                status_names=np.array([status.name for status in Status]),
+                limit_names=np.array([limit.text for limit in Limit]),
+                edge_points=np.concatenate([np.empty((0, 5)), *points]),
+                edge_columns=np.array(["theta", "K", "T", "P1", "P2"]),
+                edge_starts=np.cumsum([0, *map(len, points)])[:-1],
+                edge_limits=np.array([e.limits for e in self.edges], np.int32),
+            )
 
     # --- to look at -------------------------------------------------------------------------------------------------
 

@@ -14,6 +14,7 @@ from allocator.errors import InvalidFile, InvalidInput
 from allocator.feasibility.design import Design, Performance, checked, performance
 from allocator.muscles import Muscle
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
+from allocator.writing import write_text
 
 _BATCH = 16  # designs a task: some 50 ms, against a few for sending it
 _AHEAD = 64  # tasks that are submitted before the first is back
@@ -111,7 +112,7 @@ def _read(path: Path, rules: str) -> dict[Design, Performance]:
     """What the file holds; begins it if it does not exist. A last line without its end was cut off and is dropped."""
     head = f"{rules}\n{','.join(_COLUMNS)}\n"
     if not path.exists() or not path.stat().st_size:
-        path.write_text(head, encoding="utf-8")
+        write_text(path, head)
         return {}
     text = path.read_text(encoding="utf-8")
     if not text.startswith(head):
@@ -120,7 +121,7 @@ def _read(path: Path, rules: str) -> dict[Design, Performance]:
         )
     whole = text[: text.rindex("\n") + 1]
     if whole != text:
-        path.write_text(whole, encoding="utf-8")
+        write_text(path, whole)
     return dict(_answer(path, i, line) for i, line in enumerate(whole[len(head) :].splitlines(), 3))
 
 

@@ -18,6 +18,10 @@ from allocator.identification.reading import read_samples
 from allocator.identification.result import Fit
 from allocator.identification.samples import Samples
 from allocator.muscles import MODELS, Muscle
+from allocator.plotting import save_figure
+from allocator.shell.options import within
+from allocator.shell.outputs import IMAGES, Force, check_ending, claim
+from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, MM
 
 _DEFAULT = "dmsp-20-300-map"
@@ -46,6 +50,8 @@ def fit_command(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Write the muscle to this TOML file.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw isobars and data into this image.")] = None,
+    force: Force = False,
+    as_json: AsJSON = False,
 ) -> None:
     """Fit muscle models to measured forces, rank them, and save the best (or the one asked for).
 
@@ -54,7 +60,13 @@ def fit_command(
     """
     if every and model:
         raise InvalidInput("--all fits every model; leave out --model, or leave out --all")
-    console = Console()
+    within("--rest-length", rest_length, "mm", 1, 100_000)
+    within("--min-pressure", min_pressure, "bar", -1, 100)
+    within("--min-contraction", min_contraction, "(a ratio, not percent)", -1, 1)
+    within("--zero-noise", zero_noise, "N", 0, 1_000_000)
+    check_ending("--plot", plot, IMAGES)
+    claim(out, plot, inputs=(data,), force=force)
+    console = Console(stderr=as_json)
     samples = _samples(data, rest_length, columns)
     options: dict[str, Any] = {
         "hold": _held(hold or []),
@@ -63,17 +75,20 @@ def fit_command(
         "contraction_range": (-float("inf") if min_contraction is None else min_contraction, float("inf")),
     }
     ranking = rank_models(samples, _models(model), progress=lambda models: _progress(models, console), **options)
-    _report(ranking, console)
     best = ranking.best
     if best is None:
         raise InvalidInput("; ".join(f"{name}: {why}" for name, why in ranking.failures.items()))
-    _describe(best, console)
+    if as_json:
+        print_json(_values(ranking, best))
+    else:
+        _report(ranking, console)
+        _describe(best, console)
     if out is not None:
         best.save(out, {"data": Path(data).name})
-        console.print(f"wrote {out}", soft_wrap=True)
+        say(console, f"written: {out}")
     if plot is not None:
         _draw(best, plot)
-        console.print(f"wrote {plot}", soft_wrap=True)
+        say(console, f"written: {plot}")
 
 
 def _samples(data: str, rest_length: float | None, columns: str | None) -> Samples:
@@ -167,7 +182,37 @@ def _draw(fit: Fit[Any], path: Path) -> None:
     mpl.use("Agg")
     from allocator.identification.plotting import plot_isobars
 
-    plot_isobars(fit).figure.savefig(path, dpi=150)
+    save_figure(plot_isobars(fit).figure, path, dpi=150)
+
+
+def _values(ranking: Ranking, best: Fit[Any]) -> dict[str, Any]:
+    """What `--json` prints; parameters are in SI units, as in the file that --out writes."""
+    return {
+        "ranking": [
+            {
+                "model": fit.model,
+                "rms_N": fit.rms,
+                "unseen_rms_N": fit.cross_validated,
+                "fitted_parameters": len(fit.free),
+                "determined_parameters": fit.rank,
+                "monotone": fit.monotone,
+                "closed_form_inverse": fit.closed_form,
+            }
+            for fit in ranking.fits
+        ],
+        "failures": ranking.failures,
+        "best": {
+            "model": best.model,
+            "parameters_SI": best.muscle.parameters,
+            "standard_deviations_SI": best.standard_deviations,
+            "taut_samples": best.n_taut,
+            "slack_samples": best.slack.sum(),
+            "rms_N": best.rms,
+            "max_error_N": best.max_error,
+            "samples_left_out": best.samples.dropped,
+            "warnings": best.warnings,
+        },
+    }
 
 
 __all__ = ["COLUMNS", "fit_command"]

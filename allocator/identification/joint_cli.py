@@ -19,6 +19,10 @@ from allocator.identification.joint_fit import fit_joint
 from allocator.identification.joint_reading import JointLog, read_joint_log
 from allocator.identification.joint_result import JointFit
 from allocator.identification.relative import RelativeJoint, describe_reference
+from allocator.plotting import save_figure
+from allocator.shell.options import within
+from allocator.shell.outputs import IMAGES, Force, check_ending, claim
+from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, DEG, MM
 
 
@@ -45,6 +49,8 @@ def fit_joint_command(
         str | None, typer.Option(help="Which rest length [mm] --out is for, if there are several.")
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw angles, residuals and stiffness into this image.")] = None,
+    force: Force = False,
+    as_json: AsJSON = False,
 ) -> None:
     """Fit a joint's muscles to angles measured at pressures, with friction and, given a weight, the force scale.
 
@@ -53,7 +59,11 @@ def fit_joint_command(
     rest_length [mm] where there are several; in these or other units and words (P1_kPa, phi [rad]). With a column
     time [s] the file is a raw log: what was steady for a second is used.
     """
-    console = Console()
+    within("--rest-length", rest_length, "mm", 1, 100_000)
+    within("--dead-band", dead_band, "bar", 0, 100)
+    check_ending("--plot", plot, IMAGES)
+    claim(out, plot, inputs=(log,), force=force)
+    console = Console(stderr=as_json)
     data = read_joint_log(log, _sweeps(sweep or []), parse_columns(columns))
     _describe_log(data, console)
     geometry, groups = _geometry(lever, pulley, rest_length, data.rest_length)
@@ -67,18 +77,22 @@ def fit_joint_command(
         "dead_band": dead_band * BAR,
     }
     measured = (data.theta, data.P1, data.P2)
-    if every:
-        _report(compare_joint_models(*measured, progress=lambda m: _progress(m, console), **options), console)
+    compared = compare_joint_models(*measured, progress=lambda m: _progress(m, console), **options) if every else None
     with Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True) as bar:
         bar.add_task(f"fitting {model}", total=None)  # how many steps the search takes is not known
         fit = fit_joint(*measured, model=model, **options)
-    _describe(fit, console)
+    if as_json:
+        print_json(_values(fit, compared))
+    else:
+        if compared is not None:
+            _report(compared, console)
+        _describe(fit, console)
     if out is not None:
         fit.save(out, group)
-        console.print(f"wrote {out}", soft_wrap=True)
+        say(console, f"written: {out}")
     if plot is not None:
         _draw(fit, plot)
-        console.print(f"wrote {plot}", soft_wrap=True)
+        say(console, f"written: {plot}")
 
 
 def _sweeps(settings: list[str]) -> dict[float, float]:
@@ -194,7 +208,38 @@ def _draw(fit: JointFit, path: Path) -> None:
     mpl.use("Agg")
     from allocator.identification.joint_plotting import plot_joint_fit
 
-    plot_joint_fit(fit).savefig(path, dpi=120)
+    save_figure(plot_joint_fit(fit), path, dpi=120)
+
+
+def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, Any]:
+    """What `--json` prints."""
+    values: dict[str, Any] = {
+        "model": fit.model,
+        "equilibria": fit.samples.n,
+        "rms_deg": fit.rms / DEG,
+        "left_out_deg": fit.left_out / DEG,
+        "encoder_zero_deg": fit.zero / DEG,
+        "antagonist_over_agonist": fit.ratio,
+        "friction": fit.friction,
+        "force_scale": fit.scale,
+        "force_scale_std": None if fit.scale is None else fit.scale_std,
+        "samples_left_out": fit.samples.dropped,
+        "unseen": fit.unseen,
+        "warnings": fit.warnings,
+    }
+    if compared is not None:
+        values["models"] = [
+            {
+                "model": name,
+                "rms_deg": other.rms / DEG,
+                "left_out_deg": other.left_out / DEG,
+                "stiffness_low_over_reference": compared.stiffness[name][0],
+                "stiffness_high_over_reference": compared.stiffness[name][2],
+            }
+            for name, other in compared.fits.items()
+        ]
+        values["failures"] = compared.failures
+    return values
 
 
 __all__ = ["fit_joint_command"]

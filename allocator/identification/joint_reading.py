@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
+from allocator.csv_table import FilePath
 from allocator.errors import InvalidFile
 from allocator.identification.columns import Measured, read_columns
-from allocator.identification.csv_table import FilePath
 from allocator.units import BAR, DEG
 
 _WINDOW = 1.0  # [s]

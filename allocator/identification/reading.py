@@ -15,9 +15,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.csv_table import FilePath
 from allocator.errors import InvalidInput
 from allocator.identification.columns import Measured, read_columns
-from allocator.identification.csv_table import FilePath
 from allocator.identification.samples import Samples, find_mistake
 
 _WANTED = (("contraction", "length"), ("pressure",), ("force",))

@@ -54,7 +54,7 @@ class Muscle(ABC):
             value = getattr(self, name)
             try:
                 numbers = tuple(_number(v) for v in (value if is_row else (value,)))
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 numbers = (np.nan,)
             if not np.isfinite(numbers).all():
                 expected = "a row of finite numbers" if is_row else "a finite number"

@@ -48,6 +48,16 @@ MUSCLES = {
 }
 """Every named muscle, by the name that the command line takes."""
 
+SOURCES = {
+    "tondu-dmsp-20-400n": "Tondu 2021, below (19)",
+    "tondu-mckibben": "Tondu 2021, section 1",
+    "sarosi-dmsp-20-400n": "Sárosi et al. 2012, 2015",
+    "sarosi-dmsp-20-200n": "Sárosi et al. 2012",
+    "tondu-lopez-laas-arm": "Tondu & Lopez 2000",
+    "martens-dmsp-20-300": "Martens & Boblan 2017, erratum 2018",
+}
+"""Where their numbers were read."""
+
 
 def named_muscle(name: str) -> Muscle:
     """The muscle of this name in the catalogue, or the one in the TOML file of this name."""
@@ -64,6 +74,7 @@ __all__ = [
     "named_muscle",
     "SAROSI_DMSP_20_200N",
     "SAROSI_DMSP_20_400N",
+    "SOURCES",
     "TONDU_DMSP_20_400N",
     "TONDU_LOPEZ_LAAS_ARM",
     "TONDU_MCKIBBEN",

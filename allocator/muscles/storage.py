@@ -23,13 +23,15 @@ import numpy as np
 
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.muscles.base import Muscle
+from allocator.units import BAR
+from allocator.writing import write_text
 
 M = TypeVar("M", bound=Muscle)
 
 
 def save(muscle: Muscle, path: str | PathLike[str], source: Mapping[str, str | float]) -> None:
     """Write `muscle` to `path`."""
-    Path(path).write_text(dumps(muscle, source), encoding="utf-8")
+    write_text(path, dumps(muscle, source))
 
 
 def dumps(muscle: Muscle, source: Mapping[str, str | float]) -> str:
@@ -65,9 +67,11 @@ def muscle_from(cls: type[M], path: str | PathLike[str], content: dict[str, Any]
     covariance = content.get("covariance", {})
     rows = covariance.get("rows") if isinstance(covariance, dict) else covariance
     try:
-        return model(**given, covariance=rows)
+        muscle = model(**given, covariance=rows)
     except (InvalidInput, TypeError, ValueError) as error:
         raise InvalidFile(path, str(error)) from None
+    _try(path, muscle)
+    return muscle
 
 
 def read(path: str | PathLike[str]) -> dict[str, Any]:
@@ -80,8 +84,24 @@ def read(path: str | PathLike[str]) -> dict[str, Any]:
         raise InvalidFile(path, f"cannot be read as text ({error})") from None
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # also of a whole number with thousands of digits
         raise InvalidFile(path, f"is not TOML: {error}") from None
+    except RecursionError:
+        raise InvalidFile(path, "is not TOML that can be read: its brackets are nested too deeply") from None
+
+
+def _try(path: str | PathLike[str], muscle: Muscle) -> None:
+    """Refuse parameters with which the law divides by zero or exceeds every number, such as P_max = 0."""
+    try:
+        with np.errstate(all="ignore"):
+            muscle.force(*_USUAL)
+    except ArithmeticError as error:
+        given = ", ".join(f"{name} = {value:g}" for name, value in muscle.parameters.items())
+        what = f"the force of this {type(muscle).__name__} cannot be computed ({error})"
+        raise InvalidFile(path, f"{what}; check {given}") from None
+
+
+_USUAL = 3 * BAR, 0.1  # pressure [Pa] and contraction ratio [-] that every muscle meets
 
 
 def _model(cls: type[M], path: str | PathLike[str], content: dict[str, Any]) -> type[M]:

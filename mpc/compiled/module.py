@@ -7,7 +7,6 @@ that they are made from: one with the law, which joints share that differ in the
 
 import os
 import sys
-import tempfile
 from functools import cache
 from hashlib import sha256
 from importlib.util import module_from_spec, spec_from_file_location
@@ -22,6 +21,7 @@ from allocator.allocation import compiled, kernels
 from allocator.allocation.laws import coefficients, law_of
 from allocator.calculus import Array
 from allocator.units import BAR
+from allocator.writing import write_text
 from mpc.compiled.jit import KEPT
 from mpc.compiled.translate import translated
 from mpc.plant import NU, NX, Plant
@@ -125,7 +125,7 @@ def _imported(text: str) -> ModuleType:
     name = f"{KEPT}{sha256((text + _surroundings()).encode()).hexdigest()[:24]}"
     file = _directory() / f"{name}.py"
     if not _holds(file, text):
-        _write(file, text)
+        write_text(file, text)
     spec = spec_from_file_location(name, file)
     if spec is None or spec.loader is None:
         raise ImportError(f"{file} cannot be imported")
@@ -145,19 +145,6 @@ def _holds(file: Path, text: str) -> bool:
         return file.read_bytes() == text.encode()
     except FileNotFoundError:
         return False
-
-
-def _write(file: Path, text: str) -> None:
-    """At once: another process may be about to read it."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, new = tempfile.mkstemp(".tmp", dir=file.parent)
-    try:
-        with os.fdopen(handle, "wb") as opened:
-            opened.write(text.encode())
-        os.replace(new, file)
-    except BaseException:
-        os.unlink(new)
-        raise
 
 
 @cache

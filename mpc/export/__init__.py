@@ -9,6 +9,19 @@ core of DAQP: exact after finitely many iterations, and it says when it fails. O
 but it stops at a tolerance, which in a loop of milliseconds costs hundreds of iterations or digits of the command.
 """
 
-from mpc.export.entry import export
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mpc.export.entry import export
+else:
+
+    def __getattr__(name: str) -> Any:
+        """`export`, loaded when it is first used: the command line begins without it."""
+        if name != "export":
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from mpc.export.entry import export
+
+        return export
+
 
 __all__ = ["export"]

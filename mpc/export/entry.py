@@ -67,9 +67,9 @@ def export(
     return write(_control(controller, observer, single, alone=what == "mpc"), out)
 
 
-def default_controller(joint: AntagonistJoint, horizon: int = 10) -> TrackingMPC:
-    """What is exported for `joint` where nothing else is said: the weights for joints that are not like their model."""
-    return TrackingMPC(Plant(joint), N=horizon, weights=Weights.calm(), compensation=Compensation.of(joint))
+def default_controller(plant: Plant, horizon: int = 10) -> TrackingMPC:
+    """What is exported for `plant` where nothing else is said: the weights for joints that are not like their model."""
+    return TrackingMPC(plant, N=horizon, weights=Weights.calm(), compensation=Compensation.of(plant.joint))
 
 
 def _joint(given: AntagonistJoint | None, own: AntagonistJoint | None) -> AntagonistJoint:
@@ -83,7 +83,7 @@ def _pair(
 ) -> tuple[TrackingMPC, KalmanObserver]:
     joint = _joint(joint, None if controller is None else controller.plant.joint)
     if controller is None:
-        controller = default_controller(joint)
+        controller = default_controller(Plant(joint))
     if observer is None:
         observer = KalmanObserver(controller.plant, controller.dt, compensation=controller.compensation)
     check_pair(controller, observer)

@@ -53,6 +53,8 @@ the same statuses and rungs. Call `ant_reset` once and `ant_step` every {dt:g} s
 silent reads NaN. All memory is in `ant_controller`, which is best made static. There is no clock: in place of a time
 budget `iteration_limit` bounds the QP solver; 0 leaves the QP out, and the next rungs answer.
 
+The plant that it controls: {plant}.
+
 The QP solver is DAQP's core (`src/daqp`, MIT): a dual active-set method, exact after finitely many iterations, truthful
 about failure, without a heap. What it says is checked before it is used.
 
@@ -101,6 +103,7 @@ def _control(controller: TrackingMPC, single: bool) -> str:
     moves, rows = 2 * blocks, 6 * N
     return _CONTROL.format(
         dt=controller.dt,
+        plant=controller.plant.summary,
         N=N,
         moves=moves,
         rows=rows,

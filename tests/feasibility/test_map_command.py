@@ -88,11 +88,11 @@ def test_muscles_are_compared_on_one_picture_and_pressures_drawn(tmp_path):
         (["--theta", "a:b"], "--theta a:b: expected NUMBER or LOW:HIGH or LOW:HIGH:STEP, such as -90:90:1"),
         (["--stops", "3"], "--stops 3: expected LOW:HIGH"),
         (["--out", "map.gif"], "--out map.gif: the ending has to be one of .png, .pdf, .svg, .csv, .npz"),
-        (["--muscle", "magic"], "unknown muscle 'magic'; available: martens-dmsp-20-300"),
+        (["--muscle", "magic"], "unknown muscle 'magic'; available: a file ending in .toml, martens-dmsp-20-300"),
         (["--muscle", "nowhere.toml"], "nowhere.toml"),
         (["--torque", "0:9:0.001", "--max-memory", "0.5"], "needs 7.72 GB, max_bytes = 0.5 GB"),
         (["--theta", "10", "--stiffness", "8", "--torque", "1"], "two or three of theta, K and T"),
-        (["--out", "nowhere/map.png"], "--out nowhere/map.png cannot be written (No such file or directory)"),
+        (["--out", "afile/map.png"], "afile/map.png cannot be written (afile is a file, not a directory)"),
         (
             ["--muscle", "tondu-mckibben", "--muscle", "sarosi-dmsp-20-400n", "--pressures"],
             "several muscles are for pictures of the edges",
@@ -101,6 +101,7 @@ def test_muscles_are_compared_on_one_picture_and_pressures_drawn(tmp_path):
 )
 def test_wrong_input_is_one_sentence(arguments, said, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "afile").touch()
     result = run(*arguments)
     assert result.exit_code == 1
     assert said in str(result.exception)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allocator import BAR
+from allocator import BAR, writing
 from mpc import PlanStatus, Plant, SlowStep, TrackingMPC
 from mpc.compiled import module
 
@@ -112,7 +112,7 @@ def test_nothing_is_left_of_a_module_that_could_not_be_written(caches, monkeypat
     def full(new, file):
         raise OSError("no space left on the device")
 
-    monkeypatch.setattr(module.os, "replace", full)
+    monkeypatch.setattr(writing.os, "replace", full)
     with pytest.raises(OSError, match="no space left"):
         module._imported("value = 12\n")
     assert not [*caches.iterdir()]

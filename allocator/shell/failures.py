@@ -1,0 +1,87 @@
+"""What a user reads when a command fails: one sentence on stderr, and an exit code.
+
+0    done
+1    standard output is gone, or something nobody foresaw
+2    wrong input, or a file that cannot be written
+3    `antagonist allocate`: the target is not met
+130  interrupted
+"""
+
+import os
+import sys
+from collections.abc import Callable
+from importlib import metadata
+
+from allocator.errors import AntagonistError
+
+_DEBUG = "ANTAGONIST_DEBUG"  # environment variable; not empty: show tracebacks
+
+
+def run(command: Callable[[], object]) -> int:
+    """Run `command` and return its exit code; no exception leaves it unless ANTAGONIST_DEBUG is set."""
+    if sys.stdout is None:
+        return _fail("standard output is closed", 1)
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.reconfigure(errors="replace")  # type: ignore[union-attr]  # ° and θ where the encoding has none
+    try:
+        code = _told(command)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        code = _silenced(1)  # whoever read has read enough
+    except OSError as error:
+        code = _silenced(_fail(f"standard output cannot be written ({error.strerror})", 1))
+    return code
+
+
+def _told(command: Callable[[], object]) -> int:
+    """The exit code of `command`, which has said what went wrong."""
+    try:
+        command()
+    except SystemExit as left:
+        if left.code == 130:  # made of a KeyboardInterrupt by typer
+            return _fail("interrupted", 130)
+        return left.code if isinstance(left.code, int) else int(left.code is not None)
+    except KeyboardInterrupt:
+        return _fail("interrupted", 130)
+    except AntagonistError as error:
+        return _fail(str(error), 2)
+    except MemoryError as error:
+        return _fail(f"the memory does not suffice ({error or 'MemoryError'})", 1)
+    except OSError as error:
+        if error.filename is None:  # no file: standard output
+            raise
+        return _fail(f"{error.filename}: {error.strerror}", 2)
+    except Exception as error:
+        if os.environ.get(_DEBUG):
+            raise
+        what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        ask = f"please report it to {_tracker()} ({_DEBUG}=1 shows the traceback)"
+        return _fail(f"this should not have happened ({what}); {ask}", 1)
+    return 0
+
+
+def _fail(sentence: str, code: int) -> int:
+    """Print the sentence in one line; returns `code`."""
+    if sys.stderr is not None:
+        print(f"antagonist: {' '.join(sentence.split())}", file=sys.stderr)
+    return code
+
+
+def _silenced(code: int) -> int:
+    """Send what is left in the buffer of standard output nowhere, lest Python complain at its exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return code
+
+
+def _tracker() -> str:
+    """Where to report, from the package's metadata."""
+    try:
+        urls = metadata.metadata("antagonist").get_all("Project-URL") or []
+    except metadata.PackageNotFoundError:
+        urls = []
+    known: dict[str, str] = dict(url.split(", ", 1) for url in urls)
+    return known.get("Issues", "the project's issue tracker")
+
+
+__all__ = ["run"]

@@ -1,0 +1,45 @@
+"""What a command may write: never over what it reads, and over other files only if its user says so."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from allocator.errors import InvalidInput
+from allocator.writing import check_writable
+
+Force = Annotated[bool, typer.Option("--force", help="replace files that exist")]
+
+IMAGES = (".png", ".pdf", ".svg")
+
+
+def claim(
+    *outputs: Path | None, inputs: Iterable[str | Path | None] = (), force: bool = False, own: Iterable[str] = ()
+) -> None:
+    """Insist that `outputs` may be written before work is spent on them; None stands for one not asked for.
+
+    Raises `InvalidInput` for one of the `inputs`, for the same file twice, and for a file that exists, unless `force`
+    or its name is among the command's `own`. Raises `CannotWrite` for a directory and what is write-protected.
+    """
+    read = {Path(path).resolve() for path in inputs if path is not None}
+    seen: set[Path] = set()
+    for path in (path for path in outputs if path is not None):
+        target = path.resolve()
+        if target in read or any(target.exists() and one.exists() and target.samefile(one) for one in read):
+            raise InvalidInput(f"{path} is read by this command and cannot be written by it; give another name")
+        if target in seen:
+            raise InvalidInput(f"{path} is to be written twice; give two names")
+        check_writable(path)
+        if target.is_file() and not force and path.name not in own:
+            raise InvalidInput(f"{path} exists; give another name, or --force to replace it")
+        seen.add(target)
+
+
+def check_ending(option: str, path: Path | None, endings: tuple[str, ...]) -> None:
+    """Insist that the ending of `path` is one of these."""
+    if path is not None and path.suffix.lower() not in endings:
+        raise InvalidInput(f"{option} {path}: the ending has to be one of {', '.join(endings)}")
+
+
+__all__ = ["IMAGES", "Force", "check_ending", "claim"]

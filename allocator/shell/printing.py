@@ -1,0 +1,39 @@
+"""What commands print: sentences, and JSON for other programs."""
+
+import json
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+AsJSON = Annotated[
+    bool, typer.Option("--json", help="print JSON instead of text; its names carry their units, e.g. P1_bar")
+]
+
+
+def say(console: "Console", sentence: str) -> None:
+    """Print `sentence` as it is, however long."""
+    console.print(sentence, highlight=False, markup=False, soft_wrap=True)
+
+
+def print_json(values: dict[str, Any]) -> None:
+    """Print `values` as JSON, in ASCII; a number that is not finite becomes null."""
+    print(json.dumps(_plain(values), indent=2, allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    """The same for the standard library's JSON: NumPy's values turned into Python's."""
+    if isinstance(value, dict):
+        return {str(name): _plain(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+__all__ = ["AsJSON", "print_json", "say"]

@@ -1,0 +1,61 @@
+"""Files that appear whole or not at all: whoever reads while they are written sees the old one.
+
+What is written goes to a temporary file beside the target, which then takes the target's place.
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+
+from allocator.errors import CannotWrite
+
+
+@contextmanager
+def replacing(path: str | PathLike[str]) -> Iterator[Path]:
+    """Give the path to write to, with the ending of `path`; what is there at the end becomes `path`.
+
+    Missing directories are made. A link is followed, and what is no file (a device, a pipe) is written to directly.
+    Raises `CannotWrite`; a failure leaves an older `path` as it was.
+    """
+    try:
+        target = Path(os.path.realpath(path))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.exists() and not target.is_file() and not target.is_dir():
+            yield target
+            return
+        check_writable(target)
+        draft = target.with_name(f".{target.stem[:64]}-{os.urandom(8).hex()}{target.suffix}")
+        try:
+            yield draft
+            if target.exists():
+                draft.chmod(target.stat().st_mode)
+            os.replace(draft, target)
+        finally:
+            draft.unlink(missing_ok=True)
+    except CannotWrite:
+        raise
+    except OSError as error:
+        raise CannotWrite(path, error) from error
+
+
+def check_writable(path: str | PathLike[str]) -> None:
+    """Insist that `path` is no directory, not below a file, and not write-protected. Raises `CannotWrite`."""
+    target = Path(path)
+    if target.is_dir():
+        raise CannotWrite(path, "it is a directory")
+    if target.exists() and not os.access(target, os.W_OK):
+        raise CannotWrite(path, "it is write-protected")
+    above = next(folder for folder in target.absolute().parents if folder.exists())
+    if not above.is_dir():
+        raise CannotWrite(path, f"{above.name} is a file, not a directory")
+
+
+def write_text(path: str | PathLike[str], text: str) -> None:
+    """Write `text` to `path` in UTF-8, whole or not at all. Raises `CannotWrite`."""
+    with replacing(path) as draft:
+        draft.write_text(text, encoding="utf-8", newline="")
+
+
+__all__ = ["check_writable", "replacing", "write_text"]
