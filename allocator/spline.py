@@ -12,13 +12,13 @@ class Spline:
     """Not-a-knot cubic spline y(x) (coefficients from SciPy), continued by its end pieces outside the samples."""
 
     def __init__(self, x: Sequence[float] | Array, y: Sequence[float] | Array, name: str = "table") -> None:
-        """Interpolate the samples `y` [n] at the increasing `x` [n], n ≥ 4; `name` is used in the errors."""
+        """Interpolate the samples `y` [n] at the increasing `x` [n], n ≥ 3 (three: a parabola); `name` is used in the errors."""
         from scipy.interpolate import CubicSpline
 
         x, y = np.array(x, float), np.array(y)
         y = y if y.dtype == complex else y.astype(float)  # complex: a derivative with respect to the samples
-        if x.ndim != 1 or x.shape != y.shape or x.size < 4:
-            raise InvalidInput(f"{name}: needs two rows of at least 4 samples, got shapes {x.shape} and {y.shape}")
+        if x.ndim != 1 or x.shape != y.shape or x.size < 3:
+            raise InvalidInput(f"{name}: needs two rows of at least 3 samples, got shapes {x.shape} and {y.shape}")
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             raise InvalidInput(f"{name}: a sample is not a finite number")
         if not (np.diff(x) > 0).all():

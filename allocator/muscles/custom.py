@@ -49,7 +49,7 @@ class TableMuscle(AffineMuscle):
 
     citation = "splines through a table of the user"
 
-    contraction: tuple[float, ...] = field(metadata=STRUCTURE)  # knots ε_i, increasing, 4 or more [-]
+    contraction: tuple[float, ...] = field(metadata=STRUCTURE)  # knots ε_i, increasing, 3 or more [-]
     area: tuple[float, ...]  # A(ε_i) [N/Pa]
     passive: tuple[float, ...]  # B(ε_i) [N]
 

@@ -68,7 +68,11 @@ def export(
 
 
 def default_controller(plant: Plant, horizon: int = 10) -> TrackingMPC:
-    """What is exported for `plant` where nothing else is said: the weights for joints that are not like their model."""
+    """The controller exported for `plant` where nothing else is said has weights for joints unlike their model.
+
+    Raises InvalidInput for a joint that cannot be exported, before anything is compiled for it.
+    """
+    law_of(plant.joint)
     return TrackingMPC(plant, N=horizon, weights=Weights.calm(), compensation=Compensation.of(plant.joint))
 
 

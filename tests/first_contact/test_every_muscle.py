@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 COMMANDS, GEOMETRIES = ("allocate", "map", "track", "export"), ("pulley", "lever", "table")
-KNOTS = range(4, 13)  # a cubic spline takes four
+KNOTS = range(3, 13)
 NOISE = 0.02  # of the greatest force
 
 
@@ -75,6 +75,7 @@ def inspect(folder, done, muscle, geometries=GEOMETRIES):
                 assert len(result["err"].splitlines()) == 1, where
                 continue
             assert (result["code"], result["err"]) == (0, ""), where
+        assert (folder / f"{geometry}-c" / "antagonist.h").is_file() is (done[f"{geometry} export"]["code"] == 0)
         assert load_recording(folder / f"{geometry}.npz").implementation == "compiled"
         [line] = [x for x in done[f"{geometry} track"]["out"].splitlines() if "implementation of the step" in x]
         assert "compiled" in line

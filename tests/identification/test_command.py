@@ -76,7 +76,7 @@ def test_what_was_done_to_the_readings_is_said(tmp_path):
         (["--model", "Magic2030"], "unknown model 'Magic2030'; available: AffinePolynomial, "),
         (["--model", "Hogan1984", "--all"], "--all fits every model"),
         (["--hold", "r0"], "--hold r0: expected NAME=VALUE, such as r0=0.0109"),
-        (["--zero-noise", "-2"], "zero_noise = -2.0 has to be one number that is not negative [N]"),
+        (["--zero-noise", "-2"], "--zero-noise -2: expected 0 to 1e+06 N"),
         (["nowhere.csv"], "nowhere.csv: does not exist"),
         (["--model", "Hogan1984", "--min-pressure", "9"], "no samples are left to fit"),
     ],

@@ -116,7 +116,7 @@ def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["nowhere.csv"], "nowhere.csv: cannot be read"),
+        (["nowhere.csv"], "nowhere.csv: does not exist"),
         (["bad.csv"], "bad.csv, line 3, column 'theta_deg': 'up' is not a number"),
         (["short.csv", "--solver", "magic"], "unknown QP solver 'magic'; available: "),
         (["short.csv", "--dt", "-1"], "dt = -1 s has to be a sample time"),

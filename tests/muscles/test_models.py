@@ -222,7 +222,7 @@ def test_a_little_less_than_no_force_asks_for_a_little_less_than_the_taut_pressu
         (lambda: PolynomialMcKibben(0.01, 0.4, 3.0), "coefficients = 3.0 is not a row of finite numbers"),
         (lambda: PolynomialMcKibben.identify(0.01, 0.4, (1e5, 2e5), (0.1, 0.1)), "positive and all different"),
         (lambda: TonduLopez2000.from_readings(0.01, 0.4, (1e5, 2e5), (0.1, 0.2)), "3 or more readings"),
-        (lambda: TableMuscle((0, 0.1, 0.2), (1, 2, 3), (1, 2, 3)), "at least 4 samples"),
+        (lambda: TableMuscle((0, 0.1), (1, 2), (1, 2)), "at least 3 samples"),
         (lambda: TableMuscle((0, 0.1, 0.2, 0.3), (1, 2, 3), (1, 2, 3, 4)), "as many values in area and passive"),
         (lambda: Tondu2021(0.01, 0.4, 0.0, 1e5, -1e12), "Tondu2021 needs d < 0"),
         (lambda: TONDU_MCKIBBEN.with_parameters({"r1": 3}), "has no parameter 'r1'; it has r0, alpha0"),
