@@ -26,10 +26,14 @@ from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, MM
 
 _DEFAULT = "dmsp-20-300-map"
-COLUMNS = typer.Option(
-    help="Which column is what, where the names do not tell: pressure=p:bar,force=F:N (name and unit; :-N turns the "
-    "sign round, :bar(abs) takes the atmosphere off)."
-)
+
+
+def columns_option(example: str) -> Any:
+    """The option --columns with an example of the command's own quantities."""
+    return typer.Option(
+        help=f"Which column is what, where the names do not tell: {example} (name and unit; :-N turns the sign round, "
+        ":bar(abs) takes the atmosphere off)."
+    )
 
 
 def fit_command(
@@ -39,7 +43,7 @@ def fit_command(
     model: Annotated[str | None, typer.Option(help="Fit this model only; see --all for their names.")] = None,
     every: Annotated[bool, typer.Option("--all", help="Fit all models and rank them (default).")] = False,
     rest_length: Annotated[float | None, typer.Option(help="Rest length of the muscle [mm], for lengths.")] = None,
-    columns: Annotated[str | None, COLUMNS] = None,
+    columns: Annotated[str | None, columns_option("pressure=p:bar,force=F:N")] = None,
     hold: Annotated[
         list[str] | None, typer.Option(help="Parameter not to be fitted, in SI units: r0=0.0109. Repeatable.")
     ] = None,
@@ -216,4 +220,4 @@ def _values(ranking: Ranking, best: Fit[Any]) -> dict[str, Any]:
     }
 
 
-__all__ = ["COLUMNS", "fit_command"]
+__all__ = ["columns_option", "fit_command"]
