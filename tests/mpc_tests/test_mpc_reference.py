@@ -61,22 +61,22 @@ def test_columns_may_come_in_any_order_with_others_between(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "line 1: is empty; the columns t,theta_deg,stiffness are expected"),
-        ("\n\n", "line 1: is empty"),
-        (HEADER, "at least 2 samples, this file has 0"),
+        ("", "is empty"),
+        ("\n\n", "is empty"),
+        (HEADER, "has column names but no samples"),
         (HEADER + "0,0,7\n", "at least 2 samples, this file has 1"),
         ("t,theta_deg\n0,0\n1,1\n", "line 1, column 'stiffness': this column is missing; found: t,theta_deg"),
         ("0,0,7\n1,1,7\n", "line 1, column 't': this column is missing"),
-        ("t;theta_deg;stiffness\n0;0;7\n", "line 1, column 't': this column is missing"),
+        ("t;theta_deg;stiffness\n0;0;7\n", "at least 2 samples, this file has 1"),
         (HEADER + "0,0,7\n1,one,7\n", "line 3, column 'theta_deg': 'one' is not a number"),
-        (HEADER + "0,0,7\n\n1,,7\n", "line 4, column 'theta_deg': '' is not a number"),
-        (HEADER + "0,0,7\n1,nan,7\n", "line 3, column 'theta_deg': nan is not finite"),
-        (HEADER + "0,0,7\n1,0,inf\n", "line 3, column 'stiffness': inf is not finite"),
+        (HEADER + "0,0,7\n\n1,,7\n", "line 4, column 'theta_deg': a value is missing"),
+        (HEADER + "0,0,7\n1,nan,7\n", "line 3, column 'theta_deg': nan is not a finite number"),
+        (HEADER + "0,0,7\n1,0,inf\n", "line 3, column 'stiffness': inf is not a finite number"),
         (HEADER + "0,0,7\n1,0,0\n", "line 3, column 'stiffness': 0 N·m/rad has to be positive"),
         (HEADER + "0,0,7\n1,4000,7\n", "line 3, column 'theta_deg': 4000° is over a turn"),
-        (HEADER + "0,0,7\n1,1,7\n1,2,7\n", "line 4, column 't': 1 s does not come after 1 s"),
-        (HEADER + "0,0,7\n1,1\n", "line 3: has 2 cells, the header has 3"),
-        (b"\xff\xfe\x00\x01", "is not a text file"),
+        (HEADER + "0,0,7\n1,1,7\n1,2,7\n", "line 4, column 't': 1 s does not come after the sample before"),
+        (HEADER + "0,0,7\n1,1\n", "line 3: has 2 values under 3 column names"),
+        (b"t\0,theta_deg", "is not a text file"),
     ],
 )
 def test_a_file_that_is_no_trajectory_is_refused_by_line_and_column(tmp_path, text, said):
@@ -88,7 +88,7 @@ def test_a_file_that_is_no_trajectory_is_refused_by_line_and_column(tmp_path, te
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(InvalidFile, match="cannot be read"):
+    with pytest.raises(InvalidFile, match="does not exist"):
         load(tmp_path / "missing.csv")
 
 
