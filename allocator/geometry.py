@@ -17,6 +17,8 @@ from allocator.errors import InvalidInput
 from allocator.spline import Spline
 from allocator.units import DEG
 
+_LONGEST = 10.0  # [m] of what a joint has; more is millimetres
+
 
 class Routing(NamedTuple):
     """Where one muscle is at a joint angle."""
@@ -189,6 +191,9 @@ def positive(geometry: Geometry, *names: str) -> None:
         number = float(value)
         if not (np.isfinite(number) and number > 0):
             raise InvalidInput(f"{type(geometry).__name__}: {name} = {value!r} has to be a positive length in metres")
+        if number > _LONGEST:
+            what = f"{name} = {number:g} m is longer than any joint"
+            raise InvalidInput(f"{type(geometry).__name__}: {what}; if millimetres were meant, pass {number / 1e3:g}")
         object.__setattr__(geometry, name, number)
 
 

@@ -27,7 +27,7 @@ rows = [[…], …]
 """
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from os import PathLike
 from typing import Any
 
@@ -99,8 +99,9 @@ def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = 
     }
     agonist, antagonist = (_muscle(path, content, name) for name in ("agonist", "antagonist"))
     rows = _table(path, content, "covariance").get("rows") if "covariance" in content else None
+    geometry = _geometry(path, content)
     try:
-        return AntagonistJoint(_geometry(path, content), agonist, antagonist, covariance=rows, **limits)
+        return AntagonistJoint(geometry, agonist, antagonist, covariance=rows, **limits)
     except (InvalidInput, TypeError, ValueError, OverflowError) as error:
         raise InvalidFile(path, str(error)) from None
 
@@ -137,9 +138,15 @@ def _geometry(path: FilePath, content: dict[str, Any]) -> Geometry:
     kind = table.pop("kind", None)
     if kind not in _GEOMETRIES:
         raise InvalidFile(path, f"[geometry] has the unknown kind {kind!r}; known: {', '.join(_GEOMETRIES)}")
+    numbers = [f for f in fields(_GEOMETRIES[kind]) if f.init]
+    names = [f.name for f in numbers]
+    if surplus := table.keys() - set(names):
+        raise InvalidFile(path, f"[geometry]: a {kind} has no {', '.join(sorted(surplus))}; it has {', '.join(names)}")
+    if missing := [f.name for f in numbers if f.default is MISSING and f.name not in table]:
+        raise InvalidFile(path, f"[geometry]: a {kind} needs {', '.join(missing)}")
     try:
         return _GEOMETRIES[kind](**table)
-    except (TypeError, OverflowError) as error:
+    except (InvalidInput, TypeError, ValueError, OverflowError) as error:
         raise InvalidFile(path, f"[geometry] does not describe a {kind} ({error})") from None
 
 

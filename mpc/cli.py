@@ -15,7 +15,7 @@ from allocator.shell.outputs import IMAGES, Force, claim
 from allocator.shell.printing import say
 from mpc.export.cli import export_command
 from mpc.plant_cli import PlantOptions, init_command
-from mpc.trajectories import TRAJECTORIES, usual_stiffness
+from mpc.trajectories import TRAJECTORIES, shrunk, usual_stiffness
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -33,7 +33,12 @@ _SUFFIXES = (*IMAGES, ".csv", ".npz")
 _OWN_NAMES = ("tracking.png", "tracking.csv")
 
 
-_EPILOG = "\n\n".join(["Standard trajectories:", *(f"{name}: {t.summary}" for name, t in TRAJECTORIES.items())])
+_EPILOG = "\n\n".join(
+    [
+        "Standard trajectories, which are smaller on a joint that has less room:",
+        *(f"{name}: {t.summary}" for name, t in TRAJECTORIES.items()),
+    ]
+)
 
 
 @app.command(cls=Command, short_help="simulate a controller along a trajectory", epilog=_EPILOG)
@@ -44,7 +49,7 @@ def track(
         str | None,
         typer.Argument(
             help="a standard trajectory (see below), or a CSV with the columns t,theta_deg,stiffness; "
-            "without it ±40° at 0.5 Hz with K = 7.6 ± 0.3"
+            "without it ±40° at 0.5 Hz with K = 7.6 ± 0.3, or what another joint than the report's has room for"
         ),
     ] = None,
     out: Annotated[
@@ -104,9 +109,11 @@ def track(
         _write(done, path, console)
     figures = metrics(done)
     say(console, f"plant: {nominal.summary}")
+    say(console, f"trajectory: {reference.summary}")
     console.print(_summary(figures, done.implementation))
     if figures.out_of_reach:
-        say(console, f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach")
+        share = f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach"
+        say(console, f"{share}; `antagonist map` shows what is in it")
     say(console, f"written: {', '.join(map(str, files))}")
 
 
@@ -114,15 +121,17 @@ def _reference(name: str | None, K: float | None, plant: "Plant") -> "Reference"
     """The trajectory of this name or in this file."""
     from allocator import checks
     from mpc.files import default_trajectory, load
+    from mpc.plant import Plant
+    from mpc.reference import sine
 
-    if name in TRAJECTORIES:
-        return TRAJECTORIES[name].about(
-            usual_stiffness(plant.joint) if K is None else float(checks.stiffness("stiffness", K))
-        )
+    if name is None and K is None and plant.joint == Plant().joint:
+        return default_trajectory()
+    if name is None or name in TRAJECTORIES:
+        middle = usual_stiffness(plant.joint) if K is None else float(checks.stiffness("stiffness", K))
+        about = TRAJECTORIES[name].about if name else lambda K: sine(K=K)
+        return shrunk(about, middle, plant.joint)
     if K is not None:
         raise InvalidInput("--stiffness goes with a standard trajectory; a file has its own")
-    if name is None:
-        return default_trajectory()
     if Path(name).suffix or Path(name).exists():
         return load(name)
     raise InvalidInput(f"there is neither a standard trajectory nor a file {name}; there are {', '.join(TRAJECTORIES)}")

@@ -59,6 +59,12 @@ class Reference:
         t = self.t[0] + dt * np.arange(steps + 1)
         return type(self)(t, _smooth(self.t, self.theta, t), _smooth(self.t, self.K, t))
 
+    @property
+    def summary(self) -> str:
+        """The ranges of angle and stiffness and the duration, in a line."""
+        angles, stiffnesses = (f"{min(a):.3g} … {max(a):.3g}" for a in (self.theta / DEG, self.K))
+        return f"angle {angles}°, stiffness {stiffnesses} N·m/rad, {self.t[-1] - self.t[0]:.3g} s"
+
     def preview(self, k: int, N: int) -> tuple[Array, Array]:
         """Angle and stiffness (N+1,) from sample `k` on; the last one is held."""
         ahead = np.minimum(np.arange(k, k + N + 1), self.t.size - 1)

@@ -17,6 +17,7 @@ from mpc.reference import Reference, sine
 
 LEAD = 4.0  # [s] first rest
 _DT = 0.01  # [s] between samples
+_SAFE = 10.0  # [N·m/rad] about which every trajectory is positive
 
 
 def min_jerk(s: Array) -> Array:
@@ -107,11 +108,41 @@ def jumps(K: float = 5.5, angle: float = 25 * DEG, rest: float = 1.5) -> Referen
     return Reference(t, angle * levels, np.full_like(t, K))
 
 
-def usual_stiffness(joint: AntagonistJoint) -> float:
-    """The middle [N·m/rad] of what `joint` can have everywhere within ±40° at rest."""
-    held = allocate(np.array([-40, -20, 0, 20, 40]) * DEG, 1.0, 0.0, joint=joint)
+def usual_swing(joint: AntagonistJoint) -> float:
+    """40°, or nine tenths of what `joint` has to both sides of 0 if that is less [rad]; 40° where it never is at 0."""
+    left, right = joint.angle_range
+    return min(40 * DEG, 0.9 * min(-left, right)) if left < 0 < right else 40 * DEG
+
+
+def usual_stiffnesses(joint: AntagonistJoint) -> tuple[float, float]:
+    """Least and greatest stiffness [N·m/rad] that `joint` can have at rest everywhere within its usual swing."""
+    held = allocate(usual_swing(joint) * np.array([-1, -0.5, 0, 0.5, 1]), 1.0, 0.0, joint=joint)
     low, high = held.stiffness_interval
-    return float(np.max(low) + np.min(high)) / 2
+    return float(np.max(low)), float(np.min(high))
+
+
+def usual_stiffness(joint: AntagonistJoint) -> float:
+    """The middle [N·m/rad] of its usual stiffnesses."""
+    return sum(usual_stiffnesses(joint)) / 2
+
+
+def shrunk(about: Callable[[float], Reference], K: float, joint: AntagonistJoint) -> Reference:
+    """The trajectory `about` K [N·m/rad], with swings of angle and stiffness for which `joint` has room.
+
+    Angles stay within its usual swing, stiffness within half of what is left to the nearer end of its usual ones, as
+    motion takes some (half of a `K` that is beyond them); what is less stays as it is.
+    """
+    shape = about(_SAFE)
+    low, high = usual_stiffnesses(joint)
+    room = min(high - K, K - low) / 2
+    theta = _limited(shape.theta, usual_swing(joint))
+    return Reference(shape.t, theta, K + _limited(shape.K - _SAFE, room if room > 0 else K / 2))
+
+
+def _limited(values: Array, most: float) -> Array:
+    """`values`, in proportion smaller if their greatest magnitude is more than `most`."""
+    greatest = float(np.abs(values).max())
+    return values * (most / greatest) if greatest > most else values
 
 
 class Standard(NamedTuple):
@@ -149,5 +180,8 @@ __all__ = [
     "stiffness_ramps",
     "stiffness_step",
     "together",
+    "shrunk",
     "usual_stiffness",
+    "usual_stiffnesses",
+    "usual_swing",
 ]

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import track
 from rich.table import Table
 
@@ -25,10 +26,14 @@ from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, MM
 
 _DEFAULT = "dmsp-20-300-map"
-COLUMNS = typer.Option(
-    help="Which column is what, where the names do not tell: pressure=p:bar,force=F:N (name and unit; :-N turns the "
-    "sign round, :bar(abs) takes the atmosphere off)."
-)
+
+
+def columns_option(example: str) -> Any:
+    """The option --columns with an example of the command's own quantities."""
+    return typer.Option(
+        help=f"Which column is what, where the names do not tell: {example} (name and unit; :-N turns the sign round, "
+        ":bar(abs) takes the atmosphere off)."
+    )
 
 
 def fit_command(
@@ -38,7 +43,7 @@ def fit_command(
     model: Annotated[str | None, typer.Option(help="Fit this model only; see --all for their names.")] = None,
     every: Annotated[bool, typer.Option("--all", help="Fit all models and rank them (default).")] = False,
     rest_length: Annotated[float | None, typer.Option(help="Rest length of the muscle [mm], for lengths.")] = None,
-    columns: Annotated[str | None, COLUMNS] = None,
+    columns: Annotated[str | None, columns_option("pressure=p:bar,force=F:N")] = None,
     hold: Annotated[
         list[str] | None, typer.Option(help="Parameter not to be fitted, in SI units: r0=0.0109. Repeatable.")
     ] = None,
@@ -55,8 +60,8 @@ def fit_command(
 ) -> None:
     """Fit muscle models to measured forces, rank them, and save the best (or the one asked for).
 
-    Columns by name with unit: contraction [%] or length [mm], pressure [bar] (gauge), force [N], in these or other
-    units and words (eps_pct, p (kPa), Kraft [N]). Without DATA a measured table of the package is used.
+    Columns by name with unit: contraction [%], length or shortening [mm], pressure [bar] (gauge), force [N], in these
+    or other units and words (eps_pct, p (kPa), Kraft [N]). Without DATA a measured table of the package is used.
     """
     if every and model:
         raise InvalidInput("--all fits every model; leave out --model, or leave out --all")
@@ -126,11 +131,11 @@ def _report(ranking: Ranking, console: Console) -> None:
     caption = (
         f"samples the model takes, of {ranking.samples}; RMS error [N] of those fitted; RMS error of samples kept from "
         f"the fit (cross-validation in 5 parts, the same {ranking.judged} samples for all models, weighted as in the "
-        "fit); parameters fitted (in brackets how many combinations of them are determined, if fewer)"
+        "fit); parameters fitted (in brackets how many combinations of them are determined, if fewer); whether "
+        "[M] is kept: more pressure pulls more and stiffens, on which stiffness control rests"
     )
-    table = Table(
-        title="Muscle models, best first", caption=caption, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
-    )
+    table = Table(title="Muscle models, best first", caption=escape(caption), box=SIMPLE_HEAD, pad_edge=False)
+    table.padding = (0, 1, 0, 0)
     table.add_column("model", no_wrap=True)
     for heading in ("samples", "error", "unseen", "params"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -140,8 +145,8 @@ def _report(ranking: Ranking, console: Console) -> None:
         table.add_row(
             fit.model,
             str(fit.samples.n),
-            f"{fit.rms:.1f}",
-            f"{fit.cross_validated:.1f}",
+            f"{fit.rms:#.3g}",
+            f"{fit.cross_validated:#.3g}",
             str(len(fit.free)) if fit.rank == len(fit.free) else f"{len(fit.free)} ({fit.rank})",
             "kept" if fit.monotone else "broken",
             "closed form" if fit.closed_form else "–" if fit.muscle.limitation else "numerical",
@@ -215,4 +220,4 @@ def _values(ranking: Ranking, best: Fit[Any]) -> dict[str, Any]:
     }
 
 
-__all__ = ["COLUMNS", "fit_command"]
+__all__ = ["columns_option", "fit_command"]

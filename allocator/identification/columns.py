@@ -157,12 +157,18 @@ def _mapped(table: Table, word: str, text: str) -> tuple[str, Column]:
         raise InvalidInput(f"columns: {word}={text} needs a unit after a colon, one of {_units(quantity)}")
     same = [i for i, other in enumerate(table.names) if other == name]
     same = same or [i for i, other in enumerate(table.names) if other.casefold() == name.casefold()]
+    same = same or [i for i, other in enumerate(table.names) if _without_brackets(other) == name.casefold()]
     if not same:
         raise InvalidFile(table.path, f"has no column {name!r} among {', '.join(table.names)}")
     if len(same) > 1:
         raise InvalidFile(table.path, f"has {len(same)} columns of the name {name!r}")
     scale = (-1 if said.startswith("-") else 1) * UNITS[quantity][unit]
     return quantity, Column(same[0], name, quantity, unit, scale, ATMOSPHERE if absolute else 0.0, bool(said))
+
+
+def _without_brackets(name: str) -> str:
+    """The name `Load [gf]` as people say it, without its unit: `load`."""
+    return re.sub(r"\s*(\[[^]]*\]|\([^)]*\))$", "", name).casefold()
 
 
 def _several(table: Table, named: list[tuple[int, str, Meaning]]) -> InvalidFile:

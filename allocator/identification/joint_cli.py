@@ -12,7 +12,7 @@ from rich.table import Table
 
 from allocator.errors import InvalidInput
 from allocator.geometry import Geometry, Lever, Pulley
-from allocator.identification.cli import COLUMNS
+from allocator.identification.cli import columns_option
 from allocator.identification.columns import parse_columns
 from allocator.identification.joint_comparison import JointComparison, compare_joint_models
 from allocator.identification.joint_fit import fit_joint
@@ -35,7 +35,7 @@ def fit_joint_command(
     rest_length: Annotated[
         float | None, typer.Option(help="Rest length of the muscles [mm], unless the file has a column of it.")
     ] = None,
-    columns: Annotated[str | None, COLUMNS] = None,
+    columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
     model: Annotated[str, typer.Option(help="Muscle model.")] = "Sarosi2012",
     every: Annotated[bool, typer.Option("--all", help="Compare all models, in angle and in stiffness.")] = False,
     average: Annotated[bool, typer.Option("--average", help="Fit the mean of both directions.")] = False,

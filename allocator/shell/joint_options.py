@@ -46,7 +46,7 @@ class JointOptions:
     def __post_init__(self) -> None:
         """Refuse what can only be a mistake, in the units of the options."""
         within("--radius", self.radius, "mm", 0.1, 10_000)
-        within("--rest-length", self.rest_length, "mm", 1, 100_000)
+        within("--rest-length", self.rest_length, "mm", 1, 10_000)
         within("--initial-contraction", self.initial_contraction, "(a ratio, not percent)", 0, 1)
         within("--supply", self.supply, "bar", 0.05, 100)
         within("--friction", self.friction, "", 0, 1)

@@ -107,7 +107,10 @@ def test_a_mapping_chooses_between_two_columns(tmp_path):
         ({"pressure": "p"}, "pressure=p needs a unit after a colon, one of bar, kPa"),
         ({"pressure": "p:kg"}, "needs a unit after a colon"),
         ({"colour": "p:bar"}, "'colour' is no quantity; known are contraction"),
-        ({"theta": "p:deg"}, "there is no theta to be read here, only contraction, length, pressure, force"),
+        (
+            {"theta": "p:deg"},
+            "there is no theta to be read here, only contraction, length, shortening, pressure, force",
+        ),
     ],
 )
 def test_a_mapping_that_cannot_be_is_one_sentence(tmp_path, columns, said):
@@ -241,3 +244,26 @@ def test_joint_logs_in_other_units_than_said_are_pointed_out(tmp_path, header, s
     with pytest.raises(InvalidFile) as refusal:
         read_joint_log(path)
     assert said in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("unit", "newtons"), [("kg", 9.80665), ("g", 9.80665e-3), ("gf", 9.80665e-3), ("kp", 9.80665), ("mN", 1e-3)]
+)
+def test_a_load_cell_in_kilograms_or_grams_is_read_as_the_weight_of_them(tmp_path, unit, newtons):
+    same(read_samples(written(tmp_path, f"eps [%], p [bar], Load ({unit})", 100 * EPS, P / BAR, F / newtons)))
+
+
+@pytest.mark.parametrize("name", ["Hub [mm]", "shortening_mm"])
+def test_a_shortening_is_a_contraction_times_the_rest_length(tmp_path, name):
+    path = written(tmp_path, f"{name},p [bar],F [N]", 1e3 * L0 * EPS, P / BAR, F)
+    same(read_samples(path, L0))
+    with pytest.raises(InvalidFile, match=r"lengths need the rest length"):
+        read_samples(path)
+
+
+def test_a_column_is_chosen_by_its_name_with_or_without_the_unit(tmp_path):
+    path = written(
+        tmp_path, "Strain (%),Extension [mm],p [bar],cell [gf]", -100 * EPS, -400 * EPS, P / BAR, F / 9.80665e-3
+    )
+    for chosen in ({"contraction": "strain:-%"}, {"shortening": "Extension [mm]:-mm"}, {"shortening": "extension:-mm"}):
+        same(read_samples(path, L0, {**chosen, "force": "cell:gf"}))

@@ -109,3 +109,15 @@ def test_the_plot_shows_the_data_and_the_model_s_isobars():
     }
     assert (round(100 * (1 - 0.296 / 0.3), 6), 1653.5) in dots
     plt.close(axes.figure)
+
+
+def test_the_errors_of_a_weak_muscle_are_told_apart(tmp_path):
+    eps, P = np.meshgrid(np.linspace(0, 0.2, 9), np.linspace(1, 3, 4))
+    F = 4 * P * (1 - 3 * eps) + 0.1 * np.sin(40 * eps * P)  # at most 12 N
+    rows = "\n".join(f"{e},{p},{f}" for e, p, f in zip(eps.flat, P.flat, F.flat, strict=True))
+    path = tmp_path / "weak.csv"
+    path.write_text(f"eps [ratio],p [bar],F [N]\n{rows}\n")
+    shown = run(str(path), "--model", "Hogan1984").output
+    error = next(line for line in shown.splitlines() if line.startswith(" Hogan1984")).split()[2]
+    assert len(error.strip("0.")) == 3, "three significant digits"
+    assert "[M] is kept" in " ".join(shown.split())

@@ -66,6 +66,17 @@ def test_a_standard_trajectory_is_one_word_and_the_run_can_be_read_again(tmp_pat
     assert again.exit_code != 0  # a recording is no trajectory
 
 
+def test_without_a_trajectory_another_joint_moves_about_what_it_has(tmp_path):
+    out = tmp_path / "run.npz"
+    options = ["--radius", "10", "--rest-length", "180", "--stops=-20:20", "--controller", "feedforward"]
+    result = CliRunner().invoke(app, ["track", *options, "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    run = load_recording(out)
+    assert np.abs(run.theta_ref).max() <= 18.001 * DEG
+    assert "out of this joint's reach" not in result.output
+    assert "trajectory: angle -18 … 18°, stiffness " in result.output
+
+
 def test_the_stiffness_of_a_standard_trajectory_can_be_chosen(tmp_path):
     out = tmp_path / "run.npz"
     options = ["--stiffness", "8.2", "--dt", "0.02", "--controller", "feedforward", "--out", str(out)]

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from allocator import DEG, allocate
-from allocator.joint import report_joint
+from allocator.geometry import Pulley
+from allocator.joint import AntagonistJoint, report_joint
+from allocator.muscles import Hogan1984
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant
-from mpc.trajectories import LEAD, TRAJECTORIES, jumps, stiffness_ramps, together, usual_stiffness
+from mpc.trajectories import LEAD, TRAJECTORIES, jumps, shrunk, stiffness_ramps, together, usual_stiffness
 
 JOINTS = {"report": report_joint(), "Sarosi": report_joint(SAROSI_DMSP_20_400N)}
 
@@ -29,6 +31,27 @@ def test_at_the_usual_stiffness_the_joint_has_the_pressures_for_it(name, joint):
     reference = TRAJECTORIES[name].about(usual_stiffness(joint))
     omega = np.gradient(reference.theta, 0.01)
     T = Plant(joint).torque_for(reference.theta, omega, np.gradient(omega, 0.01))
+    assert allocate(reference.theta, reference.K, T, joint=joint).success.all()
+
+
+def test_a_trajectory_stays_as_it_is_where_the_joint_has_the_room():
+    for name, standard in TRAJECTORIES.items():
+        for joint in JOINTS.values():
+            asked = standard.about(K := usual_stiffness(joint))
+            given = shrunk(standard.about, K, joint)
+            np.testing.assert_allclose(given.theta, asked.theta, atol=1e-12, err_msg=name)
+            np.testing.assert_allclose(given.K, asked.K, rtol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("name", sorted(TRAJECTORIES.keys() - {"jumps", "stiffness-ramps"}))
+def test_a_weak_joint_of_little_range_has_the_pressures_for_a_shrunk_trajectory(name):
+    pulley = Pulley(rest_length=0.18, radius=0.01, initial_contraction=0.12)
+    muscle = Hogan1984(F_max=16.0, eps_max=0.25, P_max=3e5)
+    joint = AntagonistJoint(pulley, muscle, muscle, (0.0, 3e5), angle_limits=(-25 * DEG, 60 * DEG))
+    reference = shrunk(TRAJECTORIES[name].about, usual_stiffness(joint), joint)
+    assert np.abs(reference.theta).max() <= 22.5 * DEG * (1 + 1e-12)
+    omega = np.gradient(reference.theta, 0.01)
+    T = Plant(joint, inertia=2e-5, damping=1e-4).torque_for(reference.theta, omega, np.gradient(omega, 0.01))
     assert allocate(reference.theta, reference.K, T, joint=joint).success.all()
 
 

@@ -69,7 +69,7 @@ CASES = {
     ("export", "--out", "c", "--gravity", "nan"): "--gravity nan: expected",
     ("map", "--supply", "500000"): "--supply 500000: expected 0.05 to 100 bar",
     ("map", "--radius", "2e9"): "--radius 2e+09: expected 0.1 to 10000 mm",
-    ("map", "--rest-length", "-5"): "--rest-length -5: expected 1 to 100000 mm",
+    ("map", "--rest-length", "-5"): "--rest-length -5: expected 1 to 10000 mm",
     ("map", "--radius", "nan"): "--radius nan: expected",
     ("map", "--stops", "nan:90"): "--stops nan: expected -360 to 360 degrees",
     ("map", "--initial-contraction", "13.75"): "a ratio, not percent",

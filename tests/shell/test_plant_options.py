@@ -1,6 +1,7 @@
 """A joint and a plant of one's own from the shell."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -124,6 +125,12 @@ def test_a_file_with_a_word_too_many_is_refused(tmp_path):
     text = (tmp_path / "plant.toml").read_text(encoding="utf-8")
     for wrong, said in (
         (text.replace("[plant]", "[plnat]"), "it has no plnat; its tables are joint, geometry"),
+        (
+            text.replace("\nlever = ", "\nlevel = "),
+            r"^[^:]*: \[geometry\]: a Lever has no level; it has rest_length, anchor",
+        ),
+        (re.sub("\nlever = .*", "", text), r"\[geometry\]: a Lever needs lever$"),
+        (re.sub("rest_length = .*", "rest_length = 400", text), r"rest_length = 400 m .* pass 0.4"),
         (text.replace("damping", "dampling"), r"\[plant\] has no dampling"),
         (text.replace("inertia = 0.02", "inertia = -1"), r"\[plant\]: inertia = -1 kg·m² has to be positive"),
         (text.replace("inertia = 0.02", 'inertia = "much"'), r"inertia = 'much' is not a number"),
