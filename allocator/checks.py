@@ -21,7 +21,7 @@ def real(name: str, value: Any, unit: str) -> Array:
             raise TypeError
         array = array.astype(float, copy=False)
     except (TypeError, ValueError):
-        raise InvalidInput(f"{name} = {_brief(value)} is not a number or an array of real numbers [{unit}]") from None
+        raise InvalidInput(f"{name} = {brief(value)} is not a number or an array of real numbers [{unit}]") from None
     if not np.isfinite(array).all():
         raise InvalidInput(f"{name}{at(array, ~np.isfinite(array))} is not finite [{unit}]")
     return array
@@ -37,10 +37,10 @@ def _refuse_masks_and_units(name: str, value: Any, unit: str) -> None:
         if masked := int(np.sum(value.mask)):
             raise InvalidInput(f"{name} has {masked} masked of {value.size} elements; leave them out or fill them")
     elif hasattr(type(value), "units") or hasattr(type(value), "unit"):
-        raise InvalidInput(f"{name} = {_brief(value)} carries a unit of its own; pass plain numbers in {unit}")
+        raise InvalidInput(f"{name} = {brief(value)} carries a unit of its own; pass plain numbers in {unit}")
 
 
-def _brief(value: Any) -> str:
+def brief(value: Any) -> str:
     """What `value` is, in one line: itself if it is short, else its type, shape and kind of elements."""
     shown = repr(value)
     if len(shown) <= 60 and "\n" not in shown:
@@ -132,20 +132,55 @@ def pressure_pair(name: str, value: Any, labels: tuple[str, str]) -> dict[str, A
     return dict(zip(labels, pair, strict=True))
 
 
+def number(name: str, value: Any, unit: str) -> float:
+    """One finite real number."""
+    array = real(name, value, unit)
+    if array.ndim:
+        raise InvalidInput(f"{name} = {brief(value)} has to be one number [{unit}]")
+    return float(array)
+
+
 def not_negative(name: str, value: Any, unit: str) -> float:
     """One number that is zero or more."""
+    found = number(name, value, unit)
+    if found < 0:
+        raise InvalidInput(f"{name} = {brief(value)} has to be one number that is not negative [{unit}]")
+    return found
+
+
+def limits(name: str, value: Any, unit: str) -> tuple[float, float]:
+    """A lower and an upper limit, two numbers."""
     array = real(name, value, unit)
-    if array.ndim or array < 0:
-        raise InvalidInput(f"{name} = {value!r} has to be one number that is not negative [{unit}]")
-    return float(array)
+    if array.shape != (2,):
+        raise InvalidInput(f"{name} = {brief(value)} has to be two numbers (lower, upper) [{unit}]")
+    return float(array[0]), float(array[1])
 
 
 def probability(name: str, value: Any) -> float:
     """A number between 0 and 1/2, exclusive."""
-    array = real(name, value, "probability")
-    if array.ndim or not 0 < array < 0.5:
+    found = number(name, value, "probability")
+    if not 0 < found < 0.5:
         raise InvalidInput(f"{name} = {value!r} has to be a probability between 0 and 0.5, such as 0.05")
-    return float(array)
+    return found
+
+
+def covariance(name: str, value: Any, size: int | None = None) -> tuple[tuple[float, ...], ...]:
+    """The rows of a covariance matrix, of `size` parameters if that is given: symmetric, no variance negative."""
+    expected = "a square matrix of finite numbers" if size is None else f"{size} rows of {size} finite numbers"
+    try:
+        C = real(name, value, "products of the parameters' units")
+    except InvalidInput:
+        raise InvalidInput(f"{name} = {brief(value)} is no covariance, {expected}") from None
+    if C.ndim != 2 or C.shape != (size or len(C),) * 2:
+        raise InvalidInput(f"{name} has to be {expected}, got shape {C.shape}")
+    scale = np.sqrt(np.abs(np.diag(C)))
+    scale = np.where(scale > 0, scale, 1.0)
+    correlation = C / scale / scale[:, None]
+    if not np.allclose(correlation, correlation.T, rtol=0, atol=1e-8):
+        raise InvalidInput(f"{name} has to be symmetric, as a covariance is")
+    if np.linalg.eigvalsh(correlation).min(initial=0.0) < -1e-8:
+        raise InvalidInput(f"{name} has a negative eigenvalue: a covariance is positive semi-definite")
+    return tuple(map(tuple, C.tolist()))
 
 
 def pressure_or_symbol(name: str, value: Any) -> Any:
@@ -172,9 +207,13 @@ __all__ = [
     "angle",
     "angle_or_symbol",
     "at",
+    "brief",
     "broadcast",
     "count",
+    "covariance",
+    "limits",
     "not_negative",
+    "number",
     "positive_pressure",
     "pressure",
     "pressure_and_contraction",

@@ -32,6 +32,7 @@ class Table(NamedTuple):
         """The column (n,) as floats. Raises `InvalidFile` with the line of a cell that is no finite number."""
         cells = [row[index] for row in self.rows]
         if self.decimal_comma:
+            self._refuse_both_marks(index, cells)
             cells = [cell.replace(",", ".") for cell in cells]
         try:
             values = np.fromiter(map(float, cells), float, len(cells))
@@ -41,6 +42,15 @@ class Table(NamedTuple):
             i = int(np.argmax(wrong))
             raise InvalidFile(self.path, _complaint(self.rows[i][index]), line=self.lines[i], column=self.names[index])
         return values
+
+    def _refuse_both_marks(self, index: int, cells: list[str]) -> None:
+        """Refuse a column with decimal commas and points: one of the two may separate thousands."""
+        comma = next((i for i, cell in enumerate(cells) if "," in cell), None)
+        point = next((i for i, cell in enumerate(cells) if "." in cell), None)
+        if comma is not None and point is not None:
+            what = f"{cells[comma]} has a comma and {cells[point]} (line {self.lines[point]}) a point"
+            sentence = f"{what}; write all decimals alike, and thousands without a separator"
+            raise InvalidFile(self.path, sentence, line=self.lines[comma], column=self.names[index])
 
 
 def _float_or_nan(cell: str) -> float:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array, Value, cos, derivative, increasing_root, sin, sqrt
 from allocator.errors import InvalidInput
 from allocator.spline import Spline
@@ -102,7 +103,7 @@ class Lever(Geometry):
         """Check the numbers."""
         super().__post_init__()
         positive(self, "anchor", "lever")
-        object.__setattr__(self, "offset", float(self.offset))
+        object.__setattr__(self, "offset", checks.number("Lever: offset", self.offset, "m"))
         if self.anchor <= self.lever:
             raise InvalidInput(f"Lever: the anchor distance {self.anchor:g} m has to exceed the lever {self.lever:g} m")
 
@@ -187,10 +188,9 @@ class Table(Geometry):
 def positive(geometry: Geometry, *names: str) -> None:
     """Turn the named fields into floats and insist that they are positive and finite."""
     for name in names:
-        value = getattr(geometry, name)
-        number = float(value)
-        if not (np.isfinite(number) and number > 0):
-            raise InvalidInput(f"{type(geometry).__name__}: {name} = {value!r} has to be a positive length in metres")
+        number = checks.number(f"{type(geometry).__name__}: {name}", getattr(geometry, name), "m")
+        if not number > 0:
+            raise InvalidInput(f"{type(geometry).__name__}: {name} = {number:g} has to be a positive length in metres")
         if number > _LONGEST:
             what = f"{name} = {number:g} m is longer than any joint"
             raise InvalidInput(f"{type(geometry).__name__}: {what}; if millimetres were meant, pass {number / 1e3:g}")
@@ -200,11 +200,10 @@ def positive(geometry: Geometry, *names: str) -> None:
 def fraction(geometry: Geometry, *names: str) -> None:
     """Turn the named fields into floats and insist that they are contraction ratios."""
     for name in names:
-        value = getattr(geometry, name)
-        number = float(value)
+        number = checks.number(f"{type(geometry).__name__}: {name}", getattr(geometry, name), "ratio")
         if not -1 < number < 1:
             raise InvalidInput(
-                f"{type(geometry).__name__}: {name} = {value!r} has to be a contraction ratio, e.g. 0.15; percent?"
+                f"{type(geometry).__name__}: {name} = {number:g} has to be a contraction ratio, e.g. 0.15; percent?"
             )
         object.__setattr__(geometry, name, number)
 

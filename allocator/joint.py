@@ -50,35 +50,28 @@ class AntagonistJoint:
 
     def __post_init__(self) -> None:
         """Check the limits against each other."""
-        low, high = (float(p) for p in checks.pressure("pressure_limits", self.pressure_limits))
+        checks.pressure("pressure_limits", self.pressure_limits)
+        low, high = checks.limits("pressure_limits", self.pressure_limits, "Pa")
         if not 0 <= low < high:
             raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
         object.__setattr__(self, "pressure_limits", (low, high))
-        object.__setattr__(self, "min_contraction", float(self.min_contraction))
+        object.__setattr__(self, "min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
         if self.angle_limits is not None:
-            left, right = (float(a) for a in checks.angle("angle_limits", self.angle_limits))
+            checks.angle("angle_limits", self.angle_limits)
+            left, right = checks.limits("angle_limits", self.angle_limits, "rad")
             if not left < right:
                 raise InvalidInput(f"angle_limits = ({left:g}, {right:g}) rad have to increase")
             object.__setattr__(self, "angle_limits", (left, right))
         object.__setattr__(self, "friction", checks.not_negative("friction", self.friction, "share of the forces"))
         if self.covariance is not None:
-            object.__setattr__(self, "covariance", self._checked_covariance())
+            n = len(self.agonist.parameters) + len(self.antagonist.parameters)
+            object.__setattr__(self, "covariance", checks.covariance("covariance of a joint", self.covariance, n))
         left, right = self.angle_range
         if not left < right:
             raise InvalidInput(
                 f"no joint angle keeps both contractions above min_contraction = {self.min_contraction:g} "
                 "within the angle limits"
             )
-
-    def _checked_covariance(self) -> Covariance:
-        n = len(self.agonist.parameters) + len(self.antagonist.parameters)
-        matrix = np.asarray(self.covariance, float)
-        if matrix.shape != (n, n) or not np.isfinite(matrix).all():
-            raise InvalidInput(
-                f"covariance of a joint has to be {n} rows of {n} finite numbers, one for every parameter of its two "
-                f"muscles; got shape {matrix.shape}"
-            )
-        return tuple(map(tuple, matrix.tolist()))
 
     # --- at a fixed angle -------------------------------------------------------------------------------------------
 

@@ -98,7 +98,7 @@ def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = 
         name: tuple(v) if isinstance(v, list) else v for name, v in joint.items() if name in known
     }
     agonist, antagonist = (_muscle(path, content, name) for name in ("agonist", "antagonist"))
-    rows = _table(path, content, "covariance").get("rows") if "covariance" in content else None
+    rows = storage.covariance_rows(path, content)
     geometry = _geometry(path, content)
     try:
         return AntagonistJoint(geometry, agonist, antagonist, covariance=rows, **limits)

@@ -12,7 +12,10 @@ class Spline:
     """Not-a-knot cubic spline y(x) (coefficients from SciPy), continued by its end pieces outside the samples."""
 
     def __init__(self, x: Sequence[float] | Array, y: Sequence[float] | Array, name: str = "table") -> None:
-        """Interpolate the samples `y` [n] at the increasing `x` [n], n ≥ 3 (three: a parabola); `name` is used in the errors."""
+        """Interpolate the samples `y` [n] at the increasing `x` [n], three (a parabola) or more.
+
+        `name` is used in the errors.
+        """
         from scipy.interpolate import CubicSpline
 
         x, y = np.array(x, float), np.array(y)

@@ -11,15 +11,14 @@ CasADi symbols. The law of a slack muscle (F < 0) is kept as it is: the metrics 
 """
 
 from dataclasses import dataclass, field
-from math import ceil, isfinite, sqrt
+from math import ceil, sqrt
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
-from allocator import allocate
+from allocator import allocate, checks
 from allocator.calculus import Array, Value, sin
-from allocator.checks import LOOKS_LIKE_BAR
 from allocator.errors import InvalidInput
 from allocator.joint import AntagonistJoint, report_joint
 from allocator.units import BAR
@@ -48,7 +47,7 @@ class Plant:
             object.__setattr__(self, name, _number(name, getattr(self, name), unit, positive=name in _POSITIVE))
         if self.damping < 0:
             raise InvalidInput(f"damping = {self.damping:g} N·m·s/rad has to be 0 or more")
-        if self.slew <= LOOKS_LIKE_BAR[1]:
+        if self.slew <= checks.LOOKS_LIKE_BAR[1]:
             raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
         lags = self.lag if isinstance(self.lag, tuple) else (self.lag, self.lag)
         if len(lags) != NU:
@@ -91,6 +90,7 @@ class Plant:
 
     def at_rest(self, theta: float, K: float) -> Array:
         """The state (4,) in equilibrium at `theta` [rad], as stiff as `K` [N·m/rad] if the joint can be."""
+        theta = float(checks.angle("theta", checks.number("theta", theta, "rad")))
         held = allocate(theta, K, self.torque_for(theta, 0.0, 0.0), joint=self.joint)
         return np.array([theta, 0.0, held.P1, held.P2], float)
 
@@ -182,12 +182,9 @@ _MOST_SUBSTEPS = 10_000  # in a sample
 
 
 def _number(name: str, value: Any, unit: str, *, positive: bool) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(f"{name} = {value!r} is not a number [{unit}]") from None
-    if not isfinite(number) or (positive and number <= 0):
-        raise InvalidInput(f"{name} = {number:g} {unit} has to be {'positive and ' if positive else ''}finite")
+    number = checks.number(name, value, unit)
+    if positive and number <= 0:
+        raise InvalidInput(f"{name} = {number:g} {unit} has to be positive and finite")
     return number
 
 

@@ -39,7 +39,7 @@ class Reference:
 
     def samples(self, dt: float) -> int:
         """How many samples of `dt` [s] come after the first one. Raises `InvalidInput` for over a million."""
-        if not dt > 0:
+        if not checks.number("dt", dt, "s") > 0:
             raise InvalidInput(f"dt = {dt:g} s has to be a sample time above 0 s")
         span = float(self.t[-1] - self.t[0])
         steps = span / dt * (1 + 1e-12)

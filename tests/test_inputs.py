@@ -1,12 +1,16 @@
 """Wrong input gets one clear sentence that names the argument, its value and what was expected."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from allocator import AntagonistError, InvalidInput, MissingBackend, allocate, inverse
+from allocator.geometry import Lever, Pulley
+from allocator.joint import report_joint
 from allocator.muscles import Hogan1984, Tondu2021, TonduLopez1995
+from mpc import Plant
 
 
 class Quantity:
@@ -131,3 +135,45 @@ def test_the_inverse_checks_too():
 def test_a_muscle_that_cannot_be_is_refused(build, said):
     with pytest.raises(InvalidInput, match=re.escape(said)):
         build()
+
+
+NOT_ONE_NUMBER = {
+    "text": "0.1",
+    "bytes": b"0.1",
+    "truth": True,
+    "complex": 0.1 + 0j,
+    "nothing": None,
+    "a unit of its own": Quantity(0.1, "kg"),
+    "masked": np.ma.masked,
+    "several": [0.1, 0.2],
+    "nan": np.nan,
+    "400 digits": 10**400,
+}
+ONE_NUMBER = {
+    "muscle": lambda value: Hogan1984(value, 0.3, 5e5),
+    "pulley": lambda value: Pulley(0.4, value, 0.1),
+    "contraction": lambda value: Pulley(0.4, 0.02, value),
+    "lever": lambda value: Lever(0.4, 0.3, 0.03, value),
+    "threshold": lambda value: replace(report_joint(), min_contraction=value),
+    "friction": lambda value: replace(report_joint(), friction=value),
+    "inertia": lambda value: Plant(inertia=value),
+    "lag": lambda value: Plant(lag=value),
+    "rest": lambda value: Plant().at_rest(value, 7.6),
+    "pressure limits": lambda value: replace(report_joint(), pressure_limits=(value,)),
+    "angle limits": lambda value: replace(report_joint(), angle_limits=(-1.0, value, 1.0)),
+}
+
+
+@pytest.mark.parametrize("value", NOT_ONE_NUMBER.values(), ids=NOT_ONE_NUMBER.keys())
+@pytest.mark.parametrize("build", ONE_NUMBER.values(), ids=ONE_NUMBER.keys())
+def test_what_is_not_one_number_is_refused_by_everything_that_is_made_of_numbers(build, value):
+    with pytest.raises(InvalidInput) as refusal:
+        build(value)
+    assert "\n" not in str(refusal.value)
+    assert len(str(refusal.value)) < 200
+
+
+@pytest.mark.parametrize("same", [np.float32(0.125), np.array(0.125), np.longdouble(0.125)], ids=repr)
+def test_one_number_of_any_kind_is_the_same_number(same):
+    assert Plant(inertia=same) == Plant(inertia=0.125)
+    assert Hogan1984(1500, same, 5e5) == Hogan1984(1500, 0.125, 5e5)

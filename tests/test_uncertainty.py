@@ -132,11 +132,11 @@ def test_there_is_no_k_std_without_a_covariance():
     ("arguments", "said"),
     [
         ({"uncertainty": np.eye(5)}, "covariance has to be 6 rows of 6"),
-        ({"uncertainty": np.ones((6, 5))}, "square covariance matrix, got shape (6, 5)"),
+        ({"uncertainty": np.ones((6, 5))}, "square matrix of finite numbers, got shape (6, 5)"),
         ({"uncertainty": -np.eye(6)}, "negative eigenvalue"),
         ({"uncertainty": np.triu(np.ones((6, 6)))}, "symmetric"),
         ({"uncertainty": np.full((6, 6), np.nan)}, "finite"),
-        ({"uncertainty": "large"}, "is not a covariance matrix"),
+        ({"uncertainty": "large"}, "is no covariance, a square matrix"),
         ({"uncertainty": np.eye(6), "risk": 0.0}, "risk = 0.0 has to be a probability"),
         ({"uncertainty": np.eye(6), "risk": 5}, "risk = 5 has to be a probability"),
         ({"uncertainty": np.eye(6), "method": "qp"}, "belongs to method='convex'"),

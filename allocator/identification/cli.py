@@ -113,9 +113,11 @@ def _models(name: str | None) -> tuple[type[Muscle], ...]:
 def _held(settings: list[str]) -> dict[str, float]:
     held = {}
     for setting in settings:
-        name, _, value = setting.partition("=")
+        name, _, value = (part.strip() for part in setting.partition("="))
+        if name in held:
+            raise InvalidInput(f"--hold {setting}: {name} is held twice")
         try:
-            held[name.strip()] = float(value)
+            held[name] = float(value)
         except ValueError:
             raise InvalidInput(f"--hold {setting}: expected NAME=VALUE, such as r0=0.0109") from None
     return held

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from allocator import checks
 from allocator.errors import InvalidInput
 from allocator.identification.fitting import conclude, pose, prepared
 from allocator.identification.result import Fit
@@ -53,11 +54,12 @@ def rank_models(
 ) -> Ranking:
     """Fit every model to `samples`; `hold` applies where a model has the parameter, `options` are those of `prepared`.
 
-    Raises `InvalidInput` if no samples are left.
+    Raises `InvalidInput` if no samples are left, and for a parameter to hold that no model has.
     """
+    models = tuple(models)
+    _check_held(models, hold or {})
     samples = prepared(samples, taut_only=taut_only, **options)
     posed, failures = {}, {}
-    models = tuple(models)
     for model in models:
         try:
             posed[model] = pose(model, samples, _held(model, hold or {}), taut_only=taut_only)
@@ -74,6 +76,14 @@ def rank_models(
         except InvalidInput as error:
             failures[model.__name__] = str(error)
     return Ranking(_sorted(fits, samples.where(common)), failures, samples.n, int(common.sum()))
+
+
+def _check_held(models: Iterable[type[Muscle]], hold: Mapping[str, float]) -> None:
+    known = {name: None for model in models for name in model.parameter_fields()}
+    for name, value in hold.items():
+        if name.partition("[")[0] not in known:
+            raise InvalidInput(f"hold: there is no parameter {name!r} to hold; there are {', '.join(known)}")
+        checks.real(f"hold: {name}", value, "SI units")
 
 
 def _held(model: type[Muscle], hold: Mapping[str, float]) -> dict[str, float]:

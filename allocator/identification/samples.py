@@ -163,12 +163,17 @@ def find_mistake(contraction: Array, pressure: Array, force: Array) -> Mistake |
 
 
 def tension(contraction: Array, pressure: Array, force: Array) -> Array:
-    """The forces with tension positive: the other sign if the greatest are negative and fall as pressure rises."""
+    """The forces with tension positive: the other sign if the greatest are negative and fall as pressure rises.
+
+    At one pressure it is the other sign if they rise with contraction.
+    """
     if not force.size or -force.min() <= force.max():
         return force
-    scales = [max(float(np.ptp(q)), 1e-300) for q in (contraction, pressure)]
-    plane = np.stack([np.ones(force.size), contraction / scales[0], pressure / scales[1]], axis=1)
-    rise = np.linalg.lstsq(plane, force, rcond=None)[0][2]  # [N] over the range of pressures
+    parts = [(q - q.min()) / max(float(np.ptp(q)), 1e-300) for q in (contraction, pressure)]
+    plane = np.stack([np.ones(force.size), *parts], axis=1)
+    _, contracted, rise = np.linalg.lstsq(plane, force, rcond=None)[0]  # [N] over the two ranges
+    if not np.ptp(pressure) > 0:
+        rise = -contracted
     return -force if rise < 1e-3 * force.min() else force
 
 

@@ -53,25 +53,18 @@ class Muscle(ABC):
         for name, is_row in self.number_fields().items():
             value = getattr(self, name)
             try:
-                numbers = tuple(_number(v) for v in (value if is_row else (value,)))
-            except (TypeError, ValueError, OverflowError):
-                numbers = (np.nan,)
-            if not np.isfinite(numbers).all():
+                numbers = tuple(checks.number(name, v, "SI unit") for v in (value if is_row else (value,)))
+            except (TypeError, InvalidInput):
                 expected = "a row of finite numbers" if is_row else "a finite number"
-                raise InvalidInput(f"{type(self).__name__}: {name} = {value!r} is not {expected}")
+                raise InvalidInput(f"{type(self).__name__}: {name} = {checks.brief(value)} is not {expected}") from None
             object.__setattr__(self, name, numbers if is_row else numbers[0])
         self._check_covariance()
 
     def _check_covariance(self) -> None:
         if self.covariance is None:
             return
-        n = len(self.parameters)
-        matrix = np.asarray(self.covariance, float)
-        if matrix.shape != (n, n) or not np.isfinite(matrix).all():
-            raise InvalidInput(
-                f"{type(self).__name__}: covariance has to be {n} rows of {n} finite numbers, got shape {matrix.shape}"
-            )
-        object.__setattr__(self, "covariance", tuple(map(tuple, matrix.tolist())))
+        name, n = f"{type(self).__name__}: covariance", len(self.parameters)
+        object.__setattr__(self, "covariance", checks.covariance(name, self.covariance, n))
 
     # --- the law ----------------------------------------------------------------------------------------------------
 
@@ -199,12 +192,6 @@ class Muscle(ABC):
         from allocator.muscles import storage
 
         return storage.load(cls, path)
-
-
-def _number(value: object) -> float:
-    if isinstance(value, bool):
-        raise TypeError
-    return float(value)  # type: ignore[arg-type]  # what is no number raises TypeError, which the caller expects
 
 
 SEARCH_CEILING = 20e5  # [Pa] far above any pneumatic muscle's burst pressure

@@ -64,8 +64,9 @@ def muscle_from(cls: type[M], path: str | PathLike[str], content: dict[str, Any]
     if not isinstance(given, dict):
         raise InvalidFile(path, "has no table [parameters]")
     _compare(path, model, given)
-    covariance = content.get("covariance", {})
-    rows = covariance.get("rows") if isinstance(covariance, dict) else covariance
+    if surplus := content.keys() - _ENTRIES:
+        raise InvalidFile(path, f"a muscle has no {', '.join(sorted(surplus))}; it has {', '.join(_ENTRIES)}")
+    rows = covariance_rows(path, content)
     try:
         muscle = model(**given, covariance=rows)
     except (InvalidInput, TypeError, ValueError) as error:
@@ -77,11 +78,13 @@ def muscle_from(cls: type[M], path: str | PathLike[str], content: dict[str, Any]
 def read(path: str | PathLike[str]) -> dict[str, Any]:
     """The tables of a TOML file."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")  # some editors begin a file with a mark
     except FileNotFoundError:
         raise InvalidFile(path, "does not exist") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidFile(path, f"cannot be read as text ({error})") from None
+    except OSError as error:
+        raise InvalidFile(path, f"cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InvalidFile(path, "is not TOML: it is no text in UTF-8; save it so") from None
     try:
         return tomllib.loads(text)
     except ValueError as error:  # also of a whole number with thousands of digits
@@ -90,18 +93,32 @@ def read(path: str | PathLike[str]) -> dict[str, Any]:
         raise InvalidFile(path, "is not TOML that can be read: its brackets are nested too deeply") from None
 
 
+def covariance_rows(path: str | PathLike[str], content: dict[str, Any]) -> Any:
+    """The entry `rows` of the table [covariance]; None if there is no such table."""
+    if "covariance" not in content:
+        return None
+    table = content["covariance"]
+    if not isinstance(table, dict) or table.keys() != {"rows"}:
+        raise InvalidFile(path, "[covariance] has to be a table with the entry rows = [[…], …] and no other")
+    return table["rows"]
+
+
 def _try(path: str | PathLike[str], muscle: Muscle) -> None:
-    """Refuse parameters with which the law divides by zero or exceeds every number, such as P_max = 0."""
+    """Refuse parameters with which the law divides by zero, exceeds what any muscle pulls, or pushes."""
     try:
         with np.errstate(all="ignore"):
-            muscle.force(*_USUAL)
+            force = float(muscle.force(*_USUAL))
+        wrong = "" if 0 < force <= _MOST else f"is {force:g} N at 5 bar and rest length"
     except ArithmeticError as error:
+        wrong = f"cannot be computed ({error})"
+    if wrong:
         given = ", ".join(f"{name} = {value:g}" for name, value in muscle.parameters.items())
-        what = f"the force of this {type(muscle).__name__} cannot be computed ({error})"
-        raise InvalidFile(path, f"{what}; check {given}") from None
+        raise InvalidFile(path, f"the force of this {type(muscle).__name__} {wrong}; check {given}")
 
 
-_USUAL = 3 * BAR, 0.1  # pressure [Pa] and contraction ratio [-] that every muscle meets
+_ENTRIES = ("model", "parameters", "source", "covariance")  # of a file
+_USUAL = 5 * BAR, 0.0  # pressure [Pa] and contraction ratio [-] at which every muscle pulls
+_MOST = 1e7  # [N] far above any muscle
 
 
 def _model(cls: type[M], path: str | PathLike[str], content: dict[str, Any]) -> type[M]:
@@ -143,4 +160,4 @@ def _key(name: str) -> str:
     return name if name.replace("_", "").isalnum() and name.isascii() else json.dumps(name)
 
 
-__all__ = ["dumps", "load", "muscle_from", "read", "save", "toml"]
+__all__ = ["covariance_rows", "dumps", "load", "muscle_from", "read", "save", "toml"]

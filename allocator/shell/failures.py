@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable
 from importlib import metadata
+from io import TextIOWrapper
 
 from allocator.errors import AntagonistError
 
@@ -22,8 +23,8 @@ def run(command: Callable[[], object]) -> int:
     if sys.stdout is None:
         return _fail("standard output is closed", 1)
     for stream in (sys.stdout, sys.stderr):
-        if stream is not None:
-            stream.reconfigure(errors="replace")  # type: ignore[union-attr]  # ° and θ where the encoding has none
+        if isinstance(stream, TextIOWrapper):  # and not that of a notebook
+            stream.reconfigure(errors="replace")  # ° and θ where the encoding has none
     try:
         code = _told(command)
         sys.stdout.flush()

@@ -1,5 +1,6 @@
 """What a command may write: never over what it reads, and over other files only if its user says so."""
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
@@ -22,10 +23,10 @@ def claim(
     Raises `InvalidInput` for one of the `inputs`, for the same file twice, and for a file that exists, unless `force`
     or its name is among the command's `own`. Raises `CannotWrite` for a directory and what is write-protected.
     """
-    read = {Path(path).resolve() for path in inputs if path is not None}
+    read = {Path(os.path.realpath(path)) for path in inputs if path is not None}
     seen: set[Path] = set()
     for path in (path for path in outputs if path is not None):
-        target = path.resolve()
+        target = Path(os.path.realpath(path))
         if target in read or any(target.exists() and one.exists() and target.samefile(one) for one in read):
             raise InvalidInput(f"{path} is read by this command and cannot be written by it; give another name")
         if target in seen:

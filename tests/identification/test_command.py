@@ -76,6 +76,12 @@ def test_what_was_done_to_the_readings_is_said(tmp_path):
         (["--model", "Magic2030"], "unknown model 'Magic2030'; available: AffinePolynomial, "),
         (["--model", "Hogan1984", "--all"], "--all fits every model"),
         (["--hold", "r0"], "--hold r0: expected NAME=VALUE, such as r0=0.0109"),
+        (["--hold", "r0=0.01", "--hold", "r0 = 0.02"], "--hold r0 = 0.02: r0 is held twice"),
+        (
+            ["--hold", "radius=0.01", "--model", "TonduLopez1995"],
+            "there is no parameter 'radius' to hold; there are r0",
+        ),
+        (["--hold", "r0=nan"], "hold: r0 = nan is not finite"),
         (["--zero-noise", "-2"], "--zero-noise -2: expected 0 to 1e+06 N"),
         (["nowhere.csv"], "nowhere.csv: does not exist"),
         (["--model", "Hogan1984", "--min-pressure", "9"], "no samples are left to fit"),

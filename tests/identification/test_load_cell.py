@@ -93,6 +93,16 @@ def test_negative_tension_is_the_same_muscle_and_said():
     assert here.samples.notes == ()
 
 
+def test_negative_tension_is_seen_at_one_pressure_too():
+    once = P == 3 * BAR
+    for seed in range(20):
+        samples = Samples.checked(EPS[once], P[once], readings(seed)[once])
+        turned = zeroed(Samples.checked(EPS[once], P[once], -readings(seed)[once]))
+        assert zeroed(samples).notes == ()
+        assert turned.notes == ("the forces are negative where the muscle pulls: taken with the other sign",)
+        assert (turned.force == samples.force).all()
+
+
 def test_extension_given_for_contraction_is_pointed_out():
     with pytest.raises(InvalidInput, match=r"sample 25: the force falls as the muscle is stretched; is it contraction"):
         fit(Sarosi2012, -EPS, P, readings(0))

@@ -159,3 +159,9 @@ def test_the_tables_of_the_package_are_complete(name, n, taut):
 def test_an_unknown_table_is_answered_with_the_known_ones():
     with pytest.raises(MissingBackend, match="unknown data set 'x'; available: dmsp-20-300-map, dmsp-20-sheet"):
         load_dataset("x")
+
+
+def test_a_column_with_decimal_commas_and_points_is_refused(tmp_path):
+    path = written(tmp_path, "contraction;pressure_bar;force_N\n0.02;1.5;987.5\n0.1;3;1,234\n")
+    with pytest.raises(InvalidFile, match=r"line 3, column 'force_N': 1,234 has a comma and 987.5 \(line 2\) a point"):
+        read_samples(path)

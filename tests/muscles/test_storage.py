@@ -10,6 +10,7 @@ from allocator.muscles import Muscle, Sarosi2012, TonduLopez1995
 from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N
 
 GOOD = 'model = "TonduLopez1995"\n[parameters]\nr0 = 0.01\nalpha0 = 0.41\n'
+HOGAN = 'model = "Hogan1984"\n[parameters]\neps_max = 0.3\nP_max = 500000\n'
 
 
 @pytest.fixture
@@ -58,7 +59,21 @@ def test_the_covariance_and_the_source_travel_with_the_muscle(path):
         (GOOD.replace("0.41", '"wide"'), "alpha0 = 'wide' is not a finite number"),
         (GOOD.replace("0.41", "23.5"), "degrees?"),
         (GOOD + "[covariance]\nrows = [[1.0]]\n", "covariance has to be 2 rows of 2 finite numbers"),
-        (GOOD + '[covariance]\nrows = [[1.0, "a"], [0.0, 1.0]]\n', "could not convert"),
+        (GOOD + '[covariance]\nrows = [[1.0, "a"], [0.0, 1.0]]\n', "is no covariance, 2 rows of 2 finite numbers"),
+        (GOOD + "[covariance]\nrows = [[1.0], [0.0, 1.0]]\n", "is no covariance, 2 rows of 2 finite numbers"),
+        (GOOD + "[covariance]\nrows = [[1.0, 0.5], [0.4, 1.0]]\n", "covariance has to be symmetric"),
+        (GOOD + "[covariance]\nrows = [[1.0, 5.0], [5.0, 1.0]]\n", "covariance has a negative eigenvalue"),
+        (
+            GOOD + "[covariance]\nmatrix = [[1.0, 0.0], [0.0, 1.0]]\n",
+            "[covariance] has to be a table with the entry rows",
+        ),
+        (GOOD + "[covarience]\nrows = []\n", "a muscle has no covarience; it has model, parameters, source"),
+        (GOOD.replace("0.41", '"0.41"'), "alpha0 = '0.41' is not a finite number"),
+        (
+            HOGAN + "F_max = 1e300",
+            "the force of this Hogan1984 is 1e+300 N at 5 bar and rest length; check F_max = 1e+300",
+        ),
+        (HOGAN + "F_max = -1500.0", "is -1500 N at 5 bar and rest length; check F_max = -1500, eps_max = 0.3, P_max"),
         (GOOD.replace("0.41", "true"), "alpha0 = True is not a finite number"),
     ],
 )
@@ -69,6 +84,11 @@ def test_a_file_that_is_no_muscle_is_one_sentence_with_its_name(path, text, said
     assert said in str(refusal.value)
     assert str(refusal.value).startswith(str(path))
     assert "\n" not in str(refusal.value)
+
+
+def test_the_mark_with_which_some_editors_begin_a_file_does_no_harm(path):
+    path.write_text(GOOD, encoding="utf-8-sig")
+    assert Muscle.load(path) == TonduLopez1995(0.01, 0.41)
 
 
 def test_a_toml_from_another_model_is_refused(path):
@@ -84,7 +104,7 @@ def test_a_file_that_does_not_exist_is_named(path):
 
 def test_bytes_that_are_no_text_are_refused(path):
     path.write_bytes(b"\xff\xfe\x00model")
-    with pytest.raises(InvalidFile, match="cannot be read as text"):
+    with pytest.raises(InvalidFile, match="is no text in UTF-8"):
         Muscle.load(path)
 
 

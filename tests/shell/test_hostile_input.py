@@ -50,7 +50,7 @@ CASES = {
     (*HELD, "--muscle", "nested.toml"): "nested too deeply",
     (*HELD, "--joint", "nested.toml"): "nested too deeply",
     (*HELD, "--joint", "p_max.toml"): "is not a joint: the table [joint] is missing",
-    ("track", "t.csv", "--joint", "own_int.toml"): "is not a number [kg·m²]",
+    ("track", "t.csv", "--joint", "own_int.toml"): "inertia = int is not a number",
     ("track", "t.csv", "--joint", "own_typo.toml"): "[plant] has no inertja; it has inertia, damping",
     # numbers
     ("track", "t.csv", "--horizon", "100000"): "N = 100000 is over 1000",
@@ -59,7 +59,7 @@ CASES = {
     ("track", "t.csv", "--horizon", "1000000000", "--controller", "nmpc"): "is over 1000",
     ("export", "--out", "c", "--horizon", "1000000000"): "is over 1000",
     ("track", "t.csv", "--dt", "1e-9"): "1e+09 samples of dt = 1e-09 s",
-    ("track", "t.csv", "--dt", "nan"): "dt = nan s",
+    ("track", "t.csv", "--dt", "nan"): "dt = nan is not finite [s]",
     ("track", "t.csv", "--payload", "nan"): "--payload nan: expected a finite number [N·m]",
     ("track", "t.csv", "--inertia", "0"): "--inertia 0: expected 1e-09 to 1e+06 kg·m²",
     ("track", "t.csv", "--inertia", "1e-9"): "steps of integration, over 10000; check inertia 1e-09 kg·m²",

@@ -71,6 +71,14 @@ def test_a_command_replaces_files_of_its_own_default_name(here):
     assert [path.name for path in here.iterdir()] == ["map.png"]
 
 
+def test_a_link_to_itself_is_said(here):
+    os.symlink("loop.csv", "loop.csv")
+    assert "loop.csv: cannot be read (Too many levels of symbolic links)" in refused(
+        "fit", "loop.csv", "--out", "x.toml"
+    )
+    claim(here / "loop.csv")
+
+
 def test_one_file_cannot_be_two_outputs(here):
     with pytest.raises(InvalidInput, match="to be written twice"):
         claim(here / "x.png", here / "sub" / ".." / "x.png")
