@@ -1,6 +1,6 @@
 """The text of a CSV file, taken apart.
 
-One line of column names, one sample a line. `#` starts a comment; the separator is a comma, a semicolon or a tab, and
+One line of column names, one sample a line. `#` starts a comment but among the names; the separator is a comma, a semicolon or a tab, and
 with the latter two numbers may have decimal commas. The text is UTF-8, UTF-16 with its mark, or else Windows-1252.
 """
 
@@ -74,6 +74,7 @@ def read_table(path: FilePath) -> Table:
     if not content:
         raise InvalidFile(path, "is empty")
     header = content[0][1]
+    content[1:] = [(i, line.partition("#")[0]) for i, line in content[1:]]  # a name may be "Sample #"
     separator = max(";\t,", key=header.count)
     numbered = _cells(path, content, separator)
     _, names = next(numbered)
@@ -114,7 +115,7 @@ def _text(path: FilePath) -> str:
 
 def _cells(path: FilePath, content: list[tuple[int, str]], separator: str) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of every row; a quoted cell may go over several lines, of which the last is counted."""
-    reader = csv.reader((line.partition("#")[0] for _, line in content), delimiter=separator, strict=True)
+    reader = csv.reader((line for _, line in content), delimiter=separator, strict=True)
     first = 0
     while True:
         try:

@@ -12,7 +12,17 @@ import pytest
 
 ROOT = Path(__file__).parent.parent.parent
 START = [sys.executable, "-c", "from mpc.cli import main; main()"]  # what the installed `antagonist` does
-OUTPUTS = ("tracking.csv", "tracking.png", "run.npz", "run.png", "my.toml", "fit.png", "my_joint.toml", "joint.png")
+OUTPUTS = (
+    "tracking.csv",
+    "tracking.png",
+    "run.npz",
+    "run.png",
+    "my.toml",
+    "fit.png",
+    "my_joint.toml",
+    "joint.png",
+    "joint_map.png",
+)
 
 
 def commands():
@@ -29,6 +39,8 @@ def test_the_readme_has_the_whole_way_from_a_table_to_a_controller_and_to_c():
         "track",
         "fit",
         "track",
+        "init",
+        "muscles",
         "fit-joint",
         "track",
         "export",

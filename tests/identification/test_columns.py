@@ -206,6 +206,10 @@ def test_empty_columns_and_rows_of_a_spreadsheet_and_quoted_names_do_not_disturb
     same(read_samples(path))
 
 
+def test_a_hash_among_the_names_begins_no_comment(tmp_path):
+    same(read_samples(written(tmp_path, "Sample #,eps,p [bar],F [N]", np.arange(EPS.size), EPS, P / BAR, F)))
+
+
 @pytest.mark.parametrize("header", ["t,P1_bar,P2_bar,phi [deg]", "Zeit [s],Druck 1 [bar],Druck 2 [bar],Winkel [°]"])
 def test_the_names_of_joint_logs_are_read_as_well(tmp_path, header):
     t = np.arange(0, 5, 0.05)
