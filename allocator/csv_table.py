@@ -1,7 +1,8 @@
 """The text of a CSV file, taken apart.
 
-One line of column names, one sample a line. `#` starts a comment but among the names; the separator is a comma, a semicolon or a tab, and
-with the latter two numbers may have decimal commas. The text is UTF-8, UTF-16 with its mark, or else Windows-1252.
+One line of column names, one sample a line. `#` starts a comment but among the names; the separator is a comma, a
+semicolon or a tab, and with the latter two numbers may have decimal commas. The text is UTF-8, UTF-16 with its mark, or
+else Windows-1252.
 """
 
 import csv

@@ -9,10 +9,11 @@ import sys
 import traceback
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
+from time import perf_counter
 
 import numpy as np
 
-from allocator import DEG, AntagonistJoint, Lever, Table, report_joint, save_joint
+from allocator import DEG, AntagonistJoint, Lever, Table, report_joint, save_joint, stiffness_interval
 from allocator.muscles.catalogue import named_muscle
 from mpc import sine
 from mpc.cli import main
@@ -20,7 +21,7 @@ from mpc.files import save_reference
 from mpc.trajectories import usual_stiffness
 
 STOPS = (-45 * DEG, 45 * DEG)
-ANGLES = np.linspace(-0.9, 0.9, 7)
+ANGLES = np.linspace(-0.9, 0.9, 4)
 GEOMETRIES = {
     "pulley": None,  # that of the commands
     "lever": Lever(rest_length=0.40, anchor=0.30, lever=0.03, offset=0.0435),
@@ -29,8 +30,8 @@ GEOMETRIES = {
 
 
 def called(*arguments):
-    """What the command prints, and its exit code; a traceback instead where it leaves one."""
-    out, err = StringIO(), StringIO()
+    """What the command prints, its exit code, a traceback instead where it leaves one, and how long it took."""
+    out, err, begun = StringIO(), StringIO(), perf_counter()
     sys.argv = ["antagonist", *map(str, arguments)]
     with redirect_stdout(out), redirect_stderr(err):
         try:
@@ -40,7 +41,7 @@ def called(*arguments):
             code = end.code
         except Exception:
             code = traceback.format_exc()
-    return {"code": code, "out": out.getvalue(), "err": err.getvalue()}
+    return {"code": code, "out": out.getvalue(), "err": err.getvalue(), "seconds": perf_counter() - begun}
 
 
 def day(plan):
@@ -54,11 +55,11 @@ def day(plan):
             joint = AntagonistJoint(geometry, muscle, muscle, angle_limits=STOPS)
             save_joint(joint, f"{name}.toml")
             given = ["--joint", f"{name}.toml"]
-        K = usual_stiffness(joint)
+        K, reachable = usual_stiffness(joint), stiffness_interval(5 * DEG, 0.2, joint=joint)
         save_reference(sine(amplitude=5 * DEG, K=K, duration=0.3, ramp=0.1), f"{name}.csv")
         around = ("--theta=-10:10:5", f"--stiffness={0.8 * K:.4g}:{1.2 * K:.4g}:{0.2 * K:.4g}")
         commands = {
-            "allocate": ("allocate", "--theta", "5", "--torque", "0.2", "--stiffness", f"{K:.4g}"),
+            "allocate": ("allocate", "--theta", "5", "--torque", "0.2", "--stiffness", f"{np.mean(reachable):.17g}"),
             "map": ("map", *around, "--out", f"{name}-map.csv"),
             "track": ("track", f"{name}.csv", "--horizon", "10", "--out", f"{name}.npz"),
             "export": ("export", "--out", f"{name}-c"),
