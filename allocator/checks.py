@@ -79,6 +79,14 @@ def angle(name: str, value: Any) -> Array:
     return array
 
 
+def contraction(name: str, value: Any) -> Array:
+    """A contraction ratio; more than 1 is taken for percent and refused."""
+    array = real(name, value, "ratio")
+    if (wrong := np.abs(array) > 1).any():
+        raise InvalidInput(f"{name}{at(array, wrong)} is no contraction ratio; if percent was meant, divide by 100")
+    return array
+
+
 def stiffness(name: str, value: Any) -> Array:
     """A stiffness [N·m/rad], positive."""
     array = real(name, value, "N·m/rad")
@@ -183,9 +191,14 @@ def covariance(name: str, value: Any, size: int | None = None) -> tuple[tuple[fl
     return tuple(map(tuple, C.tolist()))
 
 
-def pressure_or_symbol(name: str, value: Any) -> Any:
-    """The same, but CasADi symbols pass."""
-    return value if is_symbol(value) else pressure(name, value)
+def pressures_or_symbols(P1: Any, P2: Any) -> tuple[Any, Any]:
+    """Gauge pressures [Pa] of both muscles, of which one may be next to nothing; CasADi symbols pass."""
+    if is_symbol(P1) or is_symbol(P2):
+        return P1, P2
+    pair = real("P1", P1, "Pa"), real("P2", P2, "Pa")
+    if max(np.abs(P).max(initial=0.0) for P in pair) <= LOOKS_LIKE_BAR[1]:
+        return pressure("P1", pair[0]), pressure("P2", pair[1])
+    return pair
 
 
 def angle_or_symbol(name: str, value: Any) -> Any:
@@ -209,6 +222,7 @@ __all__ = [
     "at",
     "brief",
     "broadcast",
+    "contraction",
     "count",
     "covariance",
     "limits",
@@ -217,8 +231,8 @@ __all__ = [
     "positive_pressure",
     "pressure",
     "pressure_and_contraction",
-    "pressure_or_symbol",
     "pressure_pair",
+    "pressures_or_symbols",
     "probability",
     "real",
     "stiffness",

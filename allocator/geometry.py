@@ -138,7 +138,8 @@ class Table(Geometry):
         """Fit the splines, and check that muscle 1 shortens and muscle 2 lengthens between all samples."""
         super().__post_init__()
         for name in ("theta", "contraction1", "contraction2"):
-            samples = np.array(getattr(self, name), float)
+            check = checks.angle if name == "theta" else checks.contraction
+            samples = np.array(check(f"Table: {name}", getattr(self, name)))
             samples.setflags(write=False)
             object.__setattr__(self, name, samples)
         splines = (

@@ -122,20 +122,15 @@ class AntagonistJoint:
         return self.friction * direction * (agonist.torque(P1) - antagonist.torque(P2))
 
     def _checked(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value, Value]:
-        return (
-            checks.angle_or_symbol("theta", theta),
-            checks.pressure_or_symbol("P1", P1),
-            checks.pressure_or_symbol("P2", P2),
-        )
+        return checks.angle_or_symbol("theta", theta), *checks.pressures_or_symbols(P1, P2)
 
     # --- limits -----------------------------------------------------------------------------------------------------
 
     @cached_property
     def angle_range(self) -> tuple[float, float]:
-        """Angles [rad] that the end stops and ε_i ≥ min_contraction leave; for a pulley equation (25)."""
-        left, right = self.angle_limits or self.geometry.reach
-        threshold_left, threshold_right = self._threshold_angles
-        return max(left, threshold_left), min(right, threshold_right)
+        """Angles [rad] that end stops, mechanism and ε_i ≥ min_contraction leave; for a pulley equation (25)."""
+        ends = self.geometry.reach, self._threshold_angles, *([self.angle_limits] if self.angle_limits else ())
+        return max(left for left, _ in ends), min(right for _, right in ends)
 
     @cached_property
     def _threshold_angles(self) -> tuple[float, float]:
@@ -182,10 +177,9 @@ class AntagonistJoint:
         NaN if there is none in the joint range; the one nearest to θ = 0 if a mechanism has several. Closed form (23),
         generalised to c ≠ 0 and T ≠ 0, for two equal Tondu2021 on a pulley; root finding otherwise.
         """
-        P1, P2, T = checks.pressure("P1", P1), checks.pressure("P2", P2), checks.real("T", T, "N·m")
-        P1, P2, T = checks.broadcast(P1=P1, P2=P2, T=T)
-        closed = self.tondu_pulley
-        theta = closed.equilibrium(P1, P2, T) if closed else self._equilibrium(P1, P2, T)
+        one, two = checks.pressures_or_symbols(P1, P2)
+        flat = checks.broadcast(P1=one, P2=two, T=checks.real("T", T, "N·m"))
+        theta = self.tondu_pulley.equilibrium(*flat) if self.tondu_pulley else self._equilibrium(*flat)
         left, right = self.angle_range
         return np.asarray(np.where((theta >= left) & (theta <= right), theta, np.nan))
 

@@ -242,3 +242,24 @@ def test_the_jacobian_is_the_slope_of_the_answer(joint, priority, share, share_T
         (p2m, p1m, p1, p2), h = (P for P, _ in near), step.max()
         slope = (8 * (p1 - p1m) - (p2 - p2m)) / (12 * h)
         assert answer.jacobian()[:, column] == pytest.approx(slope, rel=1e-4, abs=5.0)
+
+
+@pytest.mark.parametrize("priority", PRIORITIES)
+@pytest.mark.parametrize("road", [float, lambda x: np.full(3, x)], ids=["scalar", "array"])
+@pytest.mark.parametrize("huge", [1e13, 1e80, 1e300])
+def test_a_target_out_of_all_proportion_asks_for_as_much_as_there_is(joint, priority, road, huge):
+    """What is beyond reach by any amount is missed by the same pressures, and what they give is told to all digits."""
+    left, right = joint.angle_range
+    theta = left + 0.55 * (right - left)
+    T_min, T_max = allocate(theta, 5.0, joint=joint).torque_interval
+    K = joint.stiffness(theta, 5 * BAR, 5 * BAR)
+    for far_K, far_T in ((huge, 0.3 * T_max), (0.6 * K, huge), (0.6 * K, -huge), (huge, huge)):
+        a = allocate(theta, road(far_K), far_T, joint=joint, **options(priority))
+        K_near, T_near = min(far_K, 1e4 * K), np.clip(far_T, 1e4 * T_min, 1e4 * T_max)
+        near = allocate(theta, K_near, T_near, joint=joint, **options(priority))
+        close = 1e-2 if priority == "weighted" else 1e-8  # of the span: what is weighted is nearly all for the greater
+        assert np.abs(a.P1 - near.P1) == pytest.approx(0.0, abs=close * joint.pressure_span)
+        assert np.abs(a.P2 - near.P2) == pytest.approx(0.0, abs=close * joint.pressure_span)
+        assert np.array(a.T) == pytest.approx(joint.torque(theta, a.P1, a.P2), rel=1e-9, abs=1e-9)
+        assert np.array(a.K) == pytest.approx(joint.stiffness(theta, a.P1, a.P2), rel=1e-9)
+        assert np.unique(a.status).tolist() == [near.status]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from allocator import AntagonistJoint, InvalidInput, Lever, Pulley, Table, report_joint
+from allocator import AntagonistJoint, InvalidInput, Lever, Pulley, Status, Table, allocate, report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 
@@ -132,7 +132,10 @@ def test_the_geometric_part_of_a_lever_s_stiffness_destabilises():
         (lambda: Pulley(0.4, 0.02, 13.75), "percent"),
         (lambda: Lever(0.4, 0.03, 0.3), "has to exceed the lever"),
         (lambda: Table(0.4, [0, 1], [0, 1], [0, 1]), "at least 3 samples"),
-        (lambda: Table(0.4, [0, 1, 1, 2], [0, 1, 2, 3], [3, 2, 1, 0]), "does not after index 1"),
+        (lambda: Table(0.4, [0, 1, 1, 2], [0, 0.1, 0.2, 0.3], [0.3, 0.2, 0.1, 0]), "does not after index 1"),
+        (lambda: Table(0.4, [-60, 0, 60], [0, 0.1, 0.2], [0.2, 0.1, 0]), "if degrees were meant, pass -1.047"),
+        (lambda: Table(0.4, [-1, 0, 1], [9, 13, 17], [0.2, 0.1, 0]), "if percent was meant, divide by 100"),
+        (lambda: Table(0.4, [-1, 0, np.nan], [0, 0.1, 0.2], [0.2, 0.1, 0]), "Table: theta.2. = nan"),
         (lambda: Table(0.4, [0, 1, 2, 3], [0.3, 0.2, 0.1, 0], [0, 0.1, 0.2, 0.3]), "wrong slope"),
         (lambda: report_with(pressure_limits=(0, 5)), "if bar was meant"),
         (lambda: report_with(pressure_limits=(5e5, 0)), "0 <= lower < upper"),
@@ -151,6 +154,25 @@ def test_a_joint_that_cannot_be_is_refused_in_a_sentence(build, said):
 def report_with(**changes):
     joint = report_joint()
     return AntagonistJoint(joint.geometry, joint.agonist, joint.antagonist, **changes)
+
+
+@pytest.mark.parametrize(
+    ("geometry", "reach"),
+    [
+        (Lever(rest_length=0.4, anchor=0.3, lever=0.03, offset=0.0435), 89 * DEG),
+        (Table(0.4, [-1.0, 0.0, 1.0], [0.09, 0.13, 0.17], [0.17, 0.13, 0.09]), 1.0),
+    ],
+)
+def test_end_stops_do_not_let_a_joint_turn_beyond_its_mechanism(geometry, reach):
+    joint = AntagonistJoint(geometry, SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N, angle_limits=(-125 * DEG, 125 * DEG))
+    assert joint.angle_range == pytest.approx((-reach, reach))
+    assert allocate(110 * DEG, 5.0, joint=joint).status == Status.OUTSIDE_JOINT_RANGE
+
+
+def test_a_pressure_of_a_few_pascal_is_believed_beside_one_of_some_bar():
+    joint = report_joint()
+    assert joint.torque(0.1, 3 * BAR, 5.0) == pytest.approx(joint.torque(0.1, 3 * BAR, 0.0), abs=1e-3)
+    assert joint.equilibrium(3 * BAR, 5.0) == pytest.approx(joint.equilibrium(3 * BAR, 0.0), abs=1e-3, nan_ok=True)
 
 
 def test_degrees_are_named_as_such():

@@ -34,10 +34,9 @@ def assess(
     problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32], tolerance: Tolerance = CLOSED_FORM
 ) -> Assessment:
     """Judge feasible pressures; `outside` holds the Limit flag of angles that had to be moved into the joint range."""
-    e_T, e_K = problem.errors(P1, P2)
-    T, K = problem.T + e_T, problem.K_aim + e_K
+    T, K = problem.given(P1, P2)
     T_scale, K_scale = problem.scales
-    T_missed = np.abs(e_T) > tolerance.met * T_scale
+    T_missed = np.abs(T - problem.T) > tolerance.met * T_scale
     K_missed = np.abs(K - problem.K) > problem.stiffness_tolerance + tolerance.met * K_scale
     status = T_missed * Status.TORQUE_LIMITED + K_missed * Status.STIFFNESS_LIMITED
     if problem.pull:

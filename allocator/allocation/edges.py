@@ -50,7 +50,7 @@ def border_points(problem: Problem) -> Pair:
 
 
 def _edge(problem: Problem, free: Side, held: Side, interval: PressureInterval, fixed: Array, P_ref: Array) -> Edge:
-    return Edge(free, interval, problem.T - held.torque(fixed), problem.K_aim - held.stiffness(fixed), P_ref)
+    return Edge(free, interval, problem.T_aim - held.torque(fixed), problem.K_aim - held.stiffness(fixed), P_ref)
 
 
 def _candidates(problem: Problem, edge: Edge) -> Array:
@@ -153,7 +153,7 @@ def _on_floor(problem: Problem) -> Array:
     left, right = box.floor_segment
     right = np.maximum(left, right)  # where there is no floor edge the candidates are infeasible, and lose
     total, R1, R2, *_ = np.broadcast_arrays(box.least_sum, *problem.P_ref, left)
-    given = (*one.arrays, *two.arrays, problem.T, problem.K_aim, total, R1, R2)
+    given = (*one.arrays, *two.arrays, problem.T_aim, problem.K_aim, total, R1, R2)
     rho, (w_T, w_K) = problem.pull, problem.weights
 
     def condition(P1: Array, *a: Array, kind: str) -> Array:

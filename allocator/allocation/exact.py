@@ -47,8 +47,8 @@ def _inverse_in_box(problem: Problem) -> Pair:
     """The analytic inverse; without a closed form it is sought only in the box."""
     joint = problem.joint
     if joint.affine or joint.tondu_pulley:
-        return solve_inverse(joint, problem.theta, problem.K_aim, problem.T)
-    return inverse_on_level(problem.sides, problem.box, problem.K_aim, problem.T)
+        return solve_inverse(joint, problem.theta, problem.K_aim, problem.T_aim)
+    return inverse_on_level(problem.sides, problem.box, problem.K_aim, problem.T_aim)
 
 
 def _pulled_optimum(problem: Problem) -> Pair:

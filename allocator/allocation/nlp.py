@@ -65,7 +65,7 @@ def _numbers(problem: Problem, goal: Goal, P: Array) -> dict[str, Array]:
     ones = np.ones(n)
     R1, R2 = (ones * R / SCALE for R in problem.P_ref)
     weights = (ones * goal.w_T / weight, ones * goal.w_K / weight, ones * goal.rho * SCALE**2 / weight)
-    parameters = np.stack([problem.theta, problem.T, problem.K_aim, *weights, R1, R2, T_scale, K_scale])
+    parameters = np.stack([problem.theta, problem.T_aim, problem.K_aim, *weights, R1, R2, T_scale, K_scale])
     lo = np.stack([box.agonist.lo, box.antagonist.lo]) / SCALE
     hi = np.stack([box.agonist.hi, box.antagonist.hi]) / SCALE
     e_T, e_K = problem.errors(*(P * SCALE))

@@ -20,6 +20,7 @@ least pressures, which is also the one with the least air, is wanted. Along a to
 stiffness, so that it is the least stiffness: K* - tolerance is aimed at.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal, Self, get_args
@@ -31,6 +32,12 @@ from allocator.calculus import Array
 from allocator.joint import AntagonistJoint
 from allocator.levels import Pair, Sides
 from allocator.limits import PressureBox
+
+_FAR = {"torque": 1e3, "stiffness": 1e3, "weighted": 1e6}
+"""How far a target is aimed at, in what the muscles can give: any greater number asks for "as much as possible".
+
+The nearest torque or stiffness is the same for all targets beyond reach; a weighted optimum differs by this part.
+"""
 
 Priority = Literal["torque", "stiffness", "weighted"]
 PRIORITIES: tuple[Priority, ...] = get_args(Priority)
@@ -78,10 +85,22 @@ class Problem:
         """All limits but those on the forces."""
         return replace(self, min_force=None, max_force=None).box
 
-    @property
+    @cached_property
+    def T_aim(self) -> Array:
+        """The torque aimed at: the target, or where that is out of all proportion a nearer one with the same answer."""
+        return self._near(self.T, [side.torque for side in self.sides])
+
+    @cached_property
     def K_aim(self) -> Array:
-        """The stiffness aimed at: the least that is as good as the target."""
-        return self.K - self.stiffness_tolerance
+        """The stiffness aimed at: the least that is as good as the target, or a nearer one likewise."""
+        return self._near(self.K, [side.stiffness for side in self.sides]) - self.stiffness_tolerance
+
+    def _near(self, target: Array, added: list[Callable[[Array], Array]]) -> Array:
+        """`target` within so many times what the muscles add at the greatest pressures that the joint ever has."""
+        supply, muscles = self.joint.pressure_limits[1], (self.joint.agonist, self.joint.antagonist)
+        most = [np.full(self.theta.shape, min(supply, muscle.max_pressure)) for muscle in muscles]
+        reach = _FAR[self.priority] * sum(np.abs(add(P)) for add, P in zip(added, most, strict=True))
+        return np.asarray(np.clip(target, -reach, reach))
 
     @property
     def P_ref(self) -> Pair:
@@ -90,9 +109,14 @@ class Problem:
         return (none if self.P1_ref is None else self.P1_ref, none if self.P2_ref is None else self.P2_ref)
 
     def errors(self, P1: Array, P2: Array) -> Pair:
-        """(T - T*, K - K_aim) at pressures (…, n)."""
+        """(T - T_aim, K - K_aim) at pressures (…, n)."""
+        T, K = self.given(P1, P2)
+        return T - self.T_aim, K - self.K_aim
+
+    def given(self, P1: Array, P2: Array) -> Pair:
+        """(T, K) at pressures (…, n)."""
         one, two = self.sides
-        return one.torque(P1) + two.torque(P2) - self.T, one.stiffness(P1) + two.stiffness(P2) - self.K_aim
+        return one.torque(P1) + two.torque(P2), one.stiffness(P1) + two.stiffness(P2)
 
     def pull_cost(self, P1: Array, P2: Array) -> Array:
         """ρ ‖P - P_ref‖² at pressures (…, n)."""
@@ -105,8 +129,8 @@ class Problem:
         one, two = self.sides
         hi1, hi2 = self.box.agonist.hi, self.box.antagonist.hi
         return (
-            np.abs(one.torque(hi1)) + np.abs(two.torque(hi2)) + np.abs(self.T),
-            np.abs(one.stiffness(hi1)) + np.abs(two.stiffness(hi2)) + np.abs(self.K),
+            np.abs(one.torque(hi1)) + np.abs(two.torque(hi2)) + np.abs(self.T_aim),
+            np.abs(one.stiffness(hi1)) + np.abs(two.stiffness(hi2)) + np.abs(self.K_aim),
         )
 
     def take(self, where: NDArray[Any]) -> Self:

@@ -86,7 +86,7 @@ def _stationary_row(problem: Problem, P1: Array, P2: Array, direction: tuple[flo
     def phi(dP1: float, dP2: float, dtheta: float) -> Array:
         one, two = problem.joint.sides(problem.theta + dtheta)
         Q1, Q2 = P1 + dP1, P2 + dP2
-        e_T = one.torque(Q1) + two.torque(Q2) - problem.T
+        e_T = one.torque(Q1) + two.torque(Q2) - problem.T_aim
         e_K = _total_stiffness((one, two), Q1, Q2) - problem.K_aim
         t, k = (one.torque_gain(Q1), two.torque_gain(Q2)), (one.stiffness_gain(Q1), two.stiffness_gain(Q2))
         level = t if problem.priority == "torque" else k
