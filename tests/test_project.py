@@ -22,14 +22,15 @@ def test_importing_allocator_loads_numpy_and_nothing_heavy():
     assert done.stdout.strip() == "[] True"
 
 
-def test_importing_allocator_takes_less_than_half_a_second():
+def test_importing_allocator_takes_at_most_four_times_as_long_as_numpy():
     def seconds(code):
-        """Of the processor: other work on the machine does not count."""
+        """Of the processor: other work on the machine does not count, but slows it down."""
         code = f"import time; {code}; print(time.process_time())"
         return float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
 
     seconds("import allocator")  # writes the byte code
-    assert min(seconds("import allocator") for _ in range(3)) - min(seconds("pass") for _ in range(3)) < 0.5
+    least = {code: min(seconds(code) for _ in range(3)) for code in ("pass", "import numpy", "import allocator")}
+    assert least["import allocator"] - least["pass"] < 4 * (least["import numpy"] - least["pass"])
 
 
 def commands(text):
