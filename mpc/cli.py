@@ -1,5 +1,6 @@
 """Commands about motion: `antagonist track`. Degrees and bar here, SI behind; heavy libraries load when it runs."""
 
+import os
 import sys
 import warnings
 from pathlib import Path
@@ -201,6 +202,7 @@ app.command("init", cls=Command, short_help="write a plant file to edit, for --j
 
 def main() -> None:
     """Run the command `antagonist` and leave Python with its exit code."""
+    os.environ["MPLBACKEND"] = "agg"  # pictures are written; notebooks may want another one
     with warnings.catch_warnings():
         warnings.showwarning = _one_line
         sys.exit(failures.run(app))

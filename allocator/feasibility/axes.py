@@ -12,6 +12,7 @@ from allocator.levels import torque_interval
 _POINTS = 201
 _PADDING = 0.1  # of the range of stiffnesses that exist, shown beyond them
 _MOST_STEPS = 10_000_000
+_NARROWEST = 1e-6  # range of an axis, in the unit of its user
 
 
 def map_axis(name: str, asked: Any, values: Array) -> Array:
@@ -62,6 +63,8 @@ def steps(name: str, low: float, high: float, step: float, unit: str) -> Array:
         raise InvalidInput(f"{name}: a step of {step:g} {unit} does not lead from {low:g} to {high:g} {unit}")
     if high == low:
         raise InvalidInput(f"{name} from {low:g} to {high:g} {unit} is an empty range")
+    if 0 < high - low < _NARROWEST:
+        raise InvalidInput(f"{name} from {low:g} to {high:g} {unit} is too narrow a range to be shown")
     if high < low:
         raise InvalidInput(f"{name}: the bounds {low:g} and {high:g} {unit} are reversed")
     count = (high - low) / step

@@ -147,8 +147,8 @@ def _report(ranking: Ranking, console: Console) -> None:
         table.add_row(
             fit.model,
             str(fit.samples.n),
-            f"{fit.rms:#.3g}",
-            f"{fit.cross_validated:#.3g}",
+            f"{fit.rms:#.3g}".rstrip("."),
+            f"{fit.cross_validated:#.3g}".rstrip("."),
             str(len(fit.free)) if fit.rank == len(fit.free) else f"{len(fit.free)} ({fit.rank})",
             "kept" if fit.monotone else "broken",
             "closed form" if fit.closed_form else "–" if fit.muscle.limitation else "numerical",
@@ -184,9 +184,6 @@ def _describe(fit: Fit[Any], console: Console) -> None:
 
 
 def _draw(fit: Fit[Any], path: Path) -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     from allocator.identification.plotting import plot_isobars
 
     save_figure(plot_isobars(fit).figure, path, dpi=150)

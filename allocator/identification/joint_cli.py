@@ -203,9 +203,6 @@ def _stiffness_line(fit: JointFit) -> str:
 
 
 def _draw(fit: JointFit, path: Path) -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     from allocator.identification.joint_plotting import plot_joint_fit
 
     save_figure(plot_joint_fit(fit), path, dpi=120)

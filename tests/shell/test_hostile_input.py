@@ -72,6 +72,7 @@ CASES = {
     ("map", "--rest-length", "-5"): "--rest-length -5: expected 1 to 10000 mm",
     ("map", "--radius", "nan"): "--radius nan: expected",
     ("map", "--stops", "nan:90"): "--stops nan: expected -360 to 360 degrees",
+    ("map", "--torque", "0:1e-300"): "--torque from 0 to 1e-300 N·m is too narrow a range to be shown",
     ("map", "--initial-contraction", "13.75"): "a ratio, not percent",
     ("map", "--min-force", "nan"): "min_force",
     ("map", "--max-memory", "nan"): "--max-memory nan: expected",
