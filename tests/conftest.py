@@ -1,5 +1,8 @@
 """The joints over which the laws are tested: every kind of muscle law, geometry and way of solving."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -32,6 +35,24 @@ JOINTS = {
     "tondu-lever": AntagonistJoint(LEVER, TONDU_DMSP_20_400N, TONDU_DMSP_20_400N, angle_limits=STOPS),
     "tondu-unequal-pulley": AntagonistJoint(PULLEY, TONDU_DMSP_20_400N, TONDU_C, angle_limits=STOPS),
 }
+
+
+@pytest.fixture(scope="session")
+def shared():
+    """Where data of development are that are not shipped, by their path: in $ANTAGONIST_SHARED, which .ci/run sets,
+    or in a directory `shared` beside the checkout or above it."""
+
+    def find(path):
+        named = os.environ.get("ANTAGONIST_SHARED")
+        places = [Path(named)] if named else [parent / "shared" for parent in Path(__file__).resolve().parents]
+        found = [place / path for place in places if (place / path).exists()]
+        if named or os.environ.get("CI"):
+            assert found, f"no {path} in {' or '.join(map(str, places))}: this run has to have it"
+        elif not found:
+            pytest.skip(f"{path} is not shipped; put it into a directory `shared` beside the checkout to run this")
+        return found[0]
+
+    return find
 
 
 @pytest.fixture(scope="session", params=JOINTS.values(), ids=JOINTS.keys())

@@ -1,11 +1,9 @@
 """Force tables as somebody else wrote them: each is read, or refused with the sentence that helps.
 
-One known muscle in every file, so that what is read can be compared. The files are for development only, not shipped;
-they are looked for in $ANTAGONIST_SHARED, which .ci/run sets, and in a directory `shared` beside the checkout or above
-it. `test_columns` covers the same cases with files of its own.
+One known muscle in every file, so that what is read can be compared. The files are for development only (see the
+fixture `shared`); `test_columns` covers the same cases with files of its own.
 """
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -48,15 +46,8 @@ HELPED = {  # what the sentence says to do, done
 
 
 @pytest.fixture(scope="module")
-def folder():
-    named = os.environ.get("ANTAGONIST_SHARED")
-    places = [Path(named)] if named else [parent / "shared" for parent in Path(__file__).resolve().parents]
-    found = [place / DATA for place in places if (place / DATA).is_dir()]
-    if named or os.environ.get("CI"):
-        assert found, f"no {DATA} in {' or '.join(map(str, places))}: this run has to have the strangers' files"
-    elif not found:
-        pytest.skip(f"{DATA} is not shipped; put it into a directory `shared` beside the checkout to run this")
-    return found[0]
+def folder(shared):
+    return shared(DATA)
 
 
 def is_the_known_muscle(samples):

@@ -1,11 +1,9 @@
 """A real lever joint: 1335 measured equilibria of three muscle lengths, both pressures swept both ways.
 
-The data are for development only, not shipped. They are looked for in $ANTAGONIST_SHARED, which .ci/run sets, and in
-a directory `shared` beside the checkout or above it.
+The data are for development only, not shipped (see the fixture `shared`).
 """
 
 import csv
-import os
 from functools import cache
 from pathlib import Path
 
@@ -21,15 +19,8 @@ LENGTHS = ("240", "250", "260")
 
 
 @pytest.fixture(scope="module")
-def measured():
-    named = os.environ.get("ANTAGONIST_SHARED")
-    places = [Path(named)] if named else [parent / "shared" for parent in Path(__file__).resolve().parents]
-    found = [place / DATA for place in places if (place / DATA).is_file()]
-    if named or os.environ.get("CI"):
-        assert found, f"no {DATA} in {' or '.join(map(str, places))}: this run has to have the measured joint"
-    elif not found:
-        pytest.skip(f"{DATA} is not shipped; put it into a directory `shared` beside the checkout to run this")
-    lines = found[0].read_text(encoding="utf-8").splitlines()
+def measured(shared):
+    lines = shared(DATA).read_text(encoding="utf-8").splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     length = np.array([row["rest_length_mm"] for row in rows])
     column = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
