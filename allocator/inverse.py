@@ -15,6 +15,7 @@ from allocator.joint import AntagonistJoint, report_joint
 from allocator.levels import Pair, Sides, inverse_on_level
 from allocator.limits import PressureBox
 
+_SINGULAR = 1e-12  # of its terms: a determinant of no more is rounding
 _SEARCHED = (0.0, 20e5)  # [Pa] where pressures are looked for when there is no closed form
 
 
@@ -51,7 +52,7 @@ def affine_inverse(sides: Sides, K: Array, T: Array) -> Pair:
     t1, t2 = one.torque_gain(0.0), two.torque_gain(0.0)
     k1, k2 = one.stiffness_gain(0.0), two.stiffness_gain(0.0)
     det = t1 * k2 - t2 * k1
-    det = np.where(det == 0, np.nan, det)
+    det = np.where(np.abs(det) <= _SINGULAR * (np.abs(t1 * k2) + np.abs(t2 * k1)), np.nan, det)
     return (k2 * T - t2 * K) / det, (t1 * K - k1 * T) / det
 
 

@@ -5,12 +5,21 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from allocator import Limit, Status, Table, allocate, inverse
+from allocator import AntagonistJoint, Limit, Status, Table, allocate, inverse
+from allocator.muscles import PolynomialMcKibben
 from allocator.units import BAR, DEG
 
 shares = st.floats(0.0, 1.0).map(lambda x: round(x, 4))  # no pressures of a few Pa: they are refused as bar
 PRIORITIES = ("torque", "stiffness", "weighted")
 MINUTE = 1e-9  # of the scale of torque or stiffness
+_ANGLES = np.linspace(-0.9, 0.9, 4)
+_POLYNOMIAL = PolynomialMcKibben.identify(0.01, 23.5 * DEG, (3 * BAR, 4 * BAR, 5 * BAR), (0.25, 0.28, 0.3))
+UNCOMMANDED = AntagonistJoint(
+    Table(0.4, _ANGLES, 0.13 + 0.04 * np.sin(_ANGLES), 0.13 - 0.045 * np.sin(_ANGLES)),
+    _POLYNOMIAL,
+    _POLYNOMIAL,
+    angle_limits=(-45 * DEG, 45 * DEG),
+)
 
 
 def target(joint, share_theta, share_T, share_K, stretch=1.0):
@@ -263,3 +272,16 @@ def test_a_target_out_of_all_proportion_asks_for_as_much_as_there_is(joint, prio
         assert np.array(a.T) == pytest.approx(joint.torque(theta, a.P1, a.P2), rel=1e-9, abs=1e-9)
         assert np.array(a.K) == pytest.approx(joint.stiffness(theta, a.P1, a.P2), rel=1e-9)
         assert np.unique(a.status).tolist() == [near.status]
+
+
+@given(share=shares, s1=shares, s2=shares)
+def test_no_torque_is_lost_where_the_stiffness_cannot_be_commanded(share, s1, s2):
+    """Of a law with F_Pε = 0 the determinant is rounding, and its inverse is nothing to rely on."""
+    left, right = UNCOMMANDED.angle_range
+    theta = left + share * (right - left)
+    box = UNCOMMANDED.pressure_box(theta)
+    P1, P2 = inside(box.agonist, s1), inside(box.antagonist, s2)
+    T, K = UNCOMMANDED.torque(theta, P1, P2), UNCOMMANDED.stiffness(theta, P1, P2)
+    if K > 0 and not box.empty:
+        for a in (allocate(theta, K, T, joint=UNCOMMANDED), allocate(np.array([theta]), K, T, joint=UNCOMMANDED)):
+            assert np.array(a.T) == pytest.approx(T, abs=1e-9)

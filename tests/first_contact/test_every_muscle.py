@@ -65,7 +65,7 @@ def spent(folder, caches, plan):
 
 def inspect(folder, done, muscle, geometries=GEOMETRIES):
     """Nothing fails but the export of what has no closed form, or not as far as the report's joint turns."""
-    closed = isinstance(muscle, AffineMuscle)
+    closed = isinstance(muscle, AffineMuscle) and not muscle.limitation  # of some the stiffness cannot be commanded
     for geometry in geometries:
         for command in COMMANDS:
             result = done[f"{geometry} {command}"]
