@@ -46,12 +46,17 @@ def inside(interval, share):
     return interval.lo + share * (interval.hi - interval.lo)
 
 
-@given(share=shares, s1=shares, s2=shares)
-def test_the_inverse_of_the_direct_model_is_the_identity(joint, share, s1, s2):
+def point(joint, share, s1, s2):
+    """An angle of the joint range, its pressure box, and pressures in it."""
     left, right = joint.angle_range
     theta = left + share * (right - left)
     box = joint.pressure_box(theta)
-    P1, P2 = inside(box.agonist, s1), inside(box.antagonist, s2)
+    return theta, box, inside(box.agonist, s1), inside(box.antagonist, s2)
+
+
+@given(share=shares, s1=shares, s2=shares)
+def test_the_inverse_of_the_direct_model_is_the_identity(joint, share, s1, s2):
+    theta, box, P1, P2 = point(joint, share, s1, s2)
     if joint.stiffness(theta, P1, P2) > 0 and not allocate(theta, 5.0, joint=joint).local:
         found = inverse(theta, joint.stiffness(theta, P1, P2), joint.torque(theta, P1, P2), joint=joint)
         assert np.array(found) == pytest.approx(np.array([P1, P2]), rel=1e-7, abs=1e-2)
@@ -60,10 +65,7 @@ def test_the_inverse_of_the_direct_model_is_the_identity(joint, share, s1, s2):
 @pytest.mark.parametrize("priority", PRIORITIES)
 @given(share=shares, s1=shares, s2=shares)
 def test_a_feasible_target_is_met(joint, priority, share, s1, s2):
-    left, right = joint.angle_range
-    theta = left + share * (right - left)
-    box = joint.pressure_box(theta)
-    P1, P2 = inside(box.agonist, s1), inside(box.antagonist, s2)
+    theta, box, P1, P2 = point(joint, share, s1, s2)
     T, K = joint.torque(theta, P1, P2), joint.stiffness(theta, P1, P2)
     if K > 0 and not box.empty:
         a = allocate(theta, K, T, joint=joint, **options(priority))
@@ -277,10 +279,7 @@ def test_a_target_out_of_all_proportion_asks_for_as_much_as_there_is(joint, prio
 @given(share=shares, s1=shares, s2=shares)
 def test_no_torque_is_lost_where_the_stiffness_cannot_be_commanded(share, s1, s2):
     """Of a law with F_Pε = 0 the determinant is rounding, and its inverse is nothing to rely on."""
-    left, right = UNCOMMANDED.angle_range
-    theta = left + share * (right - left)
-    box = UNCOMMANDED.pressure_box(theta)
-    P1, P2 = inside(box.agonist, s1), inside(box.antagonist, s2)
+    theta, box, P1, P2 = point(UNCOMMANDED, share, s1, s2)
     T, K = UNCOMMANDED.torque(theta, P1, P2), UNCOMMANDED.stiffness(theta, P1, P2)
     if K > 0 and not box.empty:
         for a in (allocate(theta, K, T, joint=UNCOMMANDED), allocate(np.array([theta]), K, T, joint=UNCOMMANDED)):
