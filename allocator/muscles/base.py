@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask, Value, derivative, increasing_root
 from allocator.errors import InvalidInput
+from allocator.muscles.basis import Basis
 from allocator.muscles.recipe import Recipe
 
 Covariance: TypeAlias = tuple[tuple[float, ...], ...]
@@ -86,6 +87,14 @@ class Muscle(ABC):
     def covers(self, P: Array, eps: Array) -> Mask:
         """Whether the law is meant for these contractions (at these pressures, if that matters) while F ≥ 0."""
         return np.asarray((eps >= self.min_contraction) & (eps <= self.max_contraction))
+
+    @property
+    def basis(self) -> Basis:
+        """The functions of the pressure that F is a combination of at a fixed contraction, and the kinks between them.
+
+        By default F is taken to be smooth in P on the whole range of pressures; a law with kinks has to declare them.
+        """
+        return Basis("smooth")
 
     @property
     def limitation(self) -> str:
@@ -211,6 +220,11 @@ class AffineMuscle(Muscle):
     def B(self, eps: Value) -> Value:
         """Force at zero pressure B(ε) [N]; none unless the model has a passive part."""
         return 0.0 * eps
+
+    @property
+    def basis(self) -> Basis:
+        """1 and P."""
+        return Basis("quadratic")
 
     def law(self, P: Value, eps: Value) -> Value:
         """F = P·A(ε) + B(ε) [N]."""

@@ -11,6 +11,7 @@ import numpy as np
 from allocator.calculus import Array, Mask, Value, exp, increasing_root
 from allocator.errors import InvalidInput
 from allocator.muscles.base import SEARCH_CEILING
+from allocator.muscles.basis import Basis
 from allocator.muscles.mckibben import Braided, braid_constants
 from allocator.muscles.recipe import Recipe
 from allocator.units import BAR, DEG
@@ -60,6 +61,11 @@ class PressureDependent(Braided):
     def covers(self, P: Array, eps: Array) -> Mask:
         """Up to k(P) ε = 1, where the parabola turns."""
         return np.asarray(super().covers(P, eps) & (self.k(P) * eps <= 1))
+
+    @property
+    def basis(self) -> Basis:
+        """P, P E and P E², E = e^{-P/P_k}; P alone where k is constant."""
+        return Basis("exponential", shape=self.P_k) if self.k_1 else Basis("quadratic")
 
     def law(self, P: Value, eps: Value) -> Value:
         """S q P [a(1 - k(P)ε)² - b]   (11), (12)"""

@@ -8,6 +8,7 @@ import numpy as np
 
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.muscles.basis import Basis
 from allocator.muscles.mckibben import Braided, braid_constants
 from allocator.muscles.recipe import Recipe
 from allocator.units import BAR, DEG
@@ -59,6 +60,11 @@ class Tondu2021(Braided):
     def max_pressure(self) -> float:
         """Where ε_max(P) turns back and [M] ends on the taut region: cP² + 2eP + ed = 0, i.e. -d/2 for c = 0 [Pa]."""
         return self.e * self.d / (-self.e + sqrt(self.e * self.g))
+
+    @property
+    def basis(self) -> Basis:
+        """1, P and 1/(P+d)."""
+        return Basis("rational", shape=self.d)
 
     def law(self, P: Value, eps: Value) -> Value:
         """S [(a-b) P - ε (cP+e)/(P+d)]   (13), (18)"""

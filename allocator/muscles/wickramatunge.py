@@ -8,6 +8,7 @@ import numpy as np
 from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.muscles.base import Muscle
+from allocator.muscles.basis import Basis
 from allocator.muscles.recipe import Recipe
 from allocator.units import BAR
 
@@ -56,6 +57,11 @@ class Wickramatunge2010(Muscle):
     def stretched_length(self, eps: Value) -> Value:
         """ls = l0(1-ε) - l_min [m]   (20)"""
         return self.rest_length * (1 - eps) - self.min_length
+
+    @property
+    def basis(self) -> Basis:
+        """Quadratics below and above P_switch."""
+        return Basis("quadratic", kinks=(self.P_switch,))
 
     def law(self, P: Value, eps: Value) -> Value:
         """(c3 P² + c2 P ls + c1 ls² + c0) ls   (20), continuous at P_switch"""

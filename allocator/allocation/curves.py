@@ -1,0 +1,312 @@
+"""Each muscle at a fixed angle as a plane curve P ↦ (t(P), k(P)), in numbers that a compiled loop takes.
+
+A curve is a row of segments between the kinks of the muscle's law. On a segment t and k are combinations of the same
+few functions of the pressure (`allocator.muscles.basis`):
+
+    RATIONAL     1, P, r = 1/(P + c)
+    EXPONENTIAL  P, P E, P E²,  E = exp(-P/h)
+    QUADRATIC    1, P, P²
+    CHEBYSHEV    T_0(z) … T_n(z),  z = (P - c)/h
+
+Cut where t' = 0, where k' = 0 and where the curve bends the other way, W = t'k'' - t''k' = 0, it falls into *pieces* on
+which t, k and the slope dk/dt are monotone. As
+
+    d²k/dt² = W/t'³ = -∂_P(F_Pε/F_P)/(l0 F_P)
+
+the geometry has gone: where a curve bends which way belongs to the muscle law alone. No cut is skipped: they are found
+in closed form, by Rolle's theorem down a chain of derivatives, or by bounds on the derivatives of a polynomial.
+
+Plain Python without NumPy, compiled or not, as `allocator.allocation.kernels`. A segment is a row of numbers (kind, c,
+h, lo, hi, n, t_1 … t_n, k_1 … k_n), zeros behind; a piece the tuple (number of the segment, a, b, values of `at` at a,
+values at b).
+"""
+
+# mypy: allow-untyped-defs, allow-untyped-calls
+# numba compiles the functions for lists and arrays; types would say Any
+from collections.abc import Callable
+from math import exp, sqrt
+from typing import Any
+
+RATIONAL, EXPONENTIAL, QUADRATIC, CHEBYSHEV = 0.0, 1.0, 2.0, 3.0
+HEAD = 6  # numbers of a segment before its coefficients
+_FINEST = 2.0**-12  # of a segment: a zero of a polynomial is looked for no closer than this to another one
+_STEPS = 80  # of a root finding; about five are used
+
+
+# --- values ---------------------------------------------------------------------------------------------------------
+
+
+def at(P, segment, swap):
+    """(x, y, x', y') at the pressure P: (t, k, t', k'), or (k, t, k', t') with `swap`."""
+    if segment[0] == RATIONAL:
+        r = 1 / (P + segment[1])
+        square = r * r
+        t, dt = segment[6] + segment[7] * P + segment[8] * r, segment[7] - segment[8] * square
+        k, dk = segment[9] + segment[10] * P + segment[11] * r, segment[10] - segment[11] * square
+    elif segment[0] == EXPONENTIAL:
+        x = P / segment[2]
+        E = exp(-x)
+        one, two = E * (1 - x), E * E * (1 - 2 * x)
+        t, dt = P * (segment[6] + E * (segment[7] + E * segment[8])), segment[6] + segment[7] * one + segment[8] * two
+        k, dk = P * (segment[9] + E * (segment[10] + E * segment[11])), segment[9] + segment[10] * one + segment[11] * two
+    elif segment[0] == QUADRATIC:
+        t, dt = segment[6] + P * (segment[7] + P * segment[8]), segment[7] + 2 * P * segment[8]
+        k, dk = segment[9] + P * (segment[10] + P * segment[11]), segment[10] + 2 * P * segment[11]
+    else:
+        t, dt, _, _ = chebyshev(P, segment, 0)
+        k, dk, _, _ = chebyshev(P, segment, 1)
+    return (k, t, dk, dt) if swap else (t, k, dt, dk)
+
+
+def chebyshev(P, segment, which):
+    """A Chebyshev series and its first three derivatives by P; `which`: 0 torque, 1 stiffness."""
+    h, n = segment[2], int(segment[5])
+    z, first = (P - segment[1]) / h, HEAD + which * n
+    T, D, S, R = 1.0, 0.0, 0.0, 0.0  # T_j and its derivatives by z
+    T1, D1, S1, R1 = z, 1.0, 0.0, 0.0  # T_j+1
+    f = df = ddf = dddf = 0.0
+    for j in range(n):
+        c = segment[first + j]
+        f, df, ddf, dddf = f + c * T, df + c * D, ddf + c * S, dddf + c * R
+        T, T1, D, D1, S, S1, R, R1 = (
+            *(T1, 2 * z * T1 - T, D1, 2 * T1 + 2 * z * D1 - D),
+            *(S1, 4 * D1 + 2 * z * S1 - S, R1, 6 * S1 + 2 * z * R1 - R),
+        )
+    return f, df / h, ddf / (h * h), dddf / (h * h * h)
+
+
+# --- pieces ---------------------------------------------------------------------------------------------------------
+
+
+def pieces(curve, lo, hi, swap):
+    """The pieces of a curve from lo to hi, in the order of the pressures."""
+    found = []
+    for s in range(len(curve)):
+        segment = curve[s]
+        a, b = max(lo, segment[3]), min(hi, segment[4])
+        if s > 0 and a >= b or a > b:
+            continue
+        ends = sorted([*cuts(segment, a, b), a, b])
+        for i in range(len(ends) - 1):
+            if ends[i] < ends[i + 1] or len(ends) == 2:
+                found.append(piece(s, segment, ends[i], ends[i + 1], swap))
+    return found
+
+
+def piece(s, segment, a, b, swap):
+    """The piece of a segment between two of its pressures."""
+    return (float(s), a, b, *at(a, segment, swap), *at(b, segment, swap))
+
+
+def cuts(segment, a, b):
+    """Pressures between a and b at which t' = 0, k' = 0 or W = 0 on a segment, in no order."""
+    if segment[0] == RATIONAL:
+        turns = [turn(segment[7], segment[8], segment[1]), turn(segment[10], segment[11], segment[1])]
+    elif segment[0] == EXPONENTIAL:
+        h = segment[2]
+        turns = [h * x for f in exponential_slopes(segment) for x in exponential_zeros(f, a / h, b / h)]
+    elif segment[0] == QUADRATIC:  # W is constant
+        turns = [-segment[i] / (2 * segment[i + 1]) for i in (7, 10) if segment[i + 1] != 0]
+    else:
+        turns = [P for what in range(3) for P in polynomial_zeros(segment, what, a, b)]
+    return [P for P in turns if a < P < b]
+
+
+def turn(f1, f2, d):
+    """Where f1 - f2/(P + d)² = 0 left of the pole; W has no zeros there. -d, which is right of it, for none."""
+    return -d - sqrt(f2 / f1) if f1 * f2 > 0 else -d
+
+
+# --- zeros of exponential laws, by Rolle's theorem ------------------------------------------------------------------
+
+
+def exponential_slopes(segment):
+    """t', k' and W/E as Σ_j E^j q_j(x), x = P/h: the coefficients of the quadratics q_0, q_1, q_2 in one row."""
+    p0, p1, p2, q0, q1, q2 = segment[6], segment[7], segment[8], segment[9], segment[10], segment[11]
+    M01, M02, M12 = p0 * q1 - p1 * q0, p0 * q2 - p2 * q0, p1 * q2 - p2 * q1
+    return [
+        (p0, 0.0, 0.0, p1, -p1, 0.0, p2, -2 * p2, 0.0),
+        (q0, 0.0, 0.0, q1, -q1, 0.0, q2, -2 * q2, 0.0),
+        (-2 * M01, M01, 0.0, -4 * M02, 4 * M02, 0.0, -2 * M12, 3 * M12, -2 * M12),
+    ]
+
+
+def exponential_zeros(f, a, b):
+    """All zeros of such a function between a and b: between two neighbours lies a zero of its derivative.
+
+    The constant part vanishes after some derivatives and a factor E can then be left out, until a quadratic remains.
+    """
+    chain = []
+    while f[3] != 0 or f[4] != 0 or f[5] != 0 or f[6] != 0 or f[7] != 0 or f[8] != 0:
+        if f[0] == 0 and f[1] == 0 and f[2] == 0:
+            f = (f[3], f[4], f[5], f[6], f[7], f[8], 0.0, 0.0, 0.0)
+        else:
+            chain.append(f)
+            f = exponential_derivative(f)
+    zeros = quadratic_zeros(f[0], f[1], f[2], a, b)
+    for i in range(len(chain) - 1, -1, -1):
+        zeros = exponential_between(chain[i], zeros, a, b)
+    return zeros
+
+
+def exponential_derivative(f):
+    """d/dx Σ E^j q_j = Σ E^j (q_j' - j q_j)."""
+    return (
+        *(f[1], 2 * f[2], 0.0),
+        *(f[4] - f[3], 2 * f[5] - f[4], -f[5]),
+        *(f[7] - 2 * f[6], 2 * f[8] - 2 * f[7], -2 * f[8]),
+    )
+
+
+def exponential_value(f, x):
+    """Σ E^j q_j(x)."""
+    E = exp(-x)
+    q0, q1, q2 = (f[0] + x * (f[1] + x * f[2]), f[3] + x * (f[4] + x * f[5]), f[6] + x * (f[7] + x * f[8]))
+    return q0 + E * (q1 + E * q2)
+
+
+def exponential_between(f, turns, a, b):
+    """The zeros of f between a and b, of which there is at most one between neighbours of `turns`."""
+    zeros, left, f_left = turns[:0], a, exponential_value(f, a)
+    for right in [*turns, b]:
+        f_right = exponential_value(f, right)
+        if f_left * f_right < 0:
+            u, fu, v, fv = left, f_left, right, f_right
+            for i in range(_STEPS):
+                x = next_guess(u, fu, v, fv, i)
+                if x == u or x == v:
+                    break
+                u, fu, v, fv = narrowed(u, fu, v, fv, x, exponential_value(f, x))
+            zeros.append(v)
+        left, f_left = right, f_right
+    return zeros
+
+
+def quadratic_zeros(c0, c1, c2, a, b):
+    """The zeros of c0 + c1 x + c2 x² between a and b, rising."""
+    square = c1 * c1 - 4 * c0 * c2
+    s = -(c1 + (sqrt(square) if c1 > 0 else -sqrt(square))) / 2 if square >= 0 else 0.0
+    one, two = s / c2 if c2 != 0 else b, c0 / s if s != 0 else b
+    return [x for x in (min(one, two), max(one, two)) if a < x < b]
+
+
+# --- zeros of polynomials, by bounds on their derivatives -----------------------------------------------------------
+
+
+def polynomial_zeros(segment, what, a, b):
+    """All zeros of t' (`what` = 0), k' (1) or W (2) of a Chebyshev segment between a and b, as pressures.
+
+    An interval is dropped if the function is too large in its middle to vanish in it, and has at most one zero if its
+    derivative is; else it is halved. Zeros nearer to each other than `_FINEST` of the segment may be seen as one.
+    """
+    first, second = polynomial_bounds(segment, what)
+    zeros = [a][:0]
+    if first == 0:  # constant
+        return zeros
+    stack, finest = [(a, b)], _FINEST * segment[2]
+    while stack:
+        u, v = stack.pop()
+        f, df = polynomial_slope(segment, what, (u + v) / 2)
+        half = (v - u) / 2
+        if abs(f) > first * half:
+            continue
+        if abs(df) >= second * half or half < finest:
+            fu, fv = polynomial_slope(segment, what, u)[0], polynomial_slope(segment, what, v)[0]
+            if fu * fv <= 0 and fu != fv:
+                zeros.append(polynomial_zero(segment, what, u, fu, v, fv))
+        else:
+            stack.append((u, u + half))
+            stack.append((u + half, v))
+    return zeros
+
+
+def polynomial_zero(segment, what, u, fu, v, fv):
+    """The zero between u and v."""
+    for i in range(_STEPS):
+        x = next_guess(u, fu, v, fv, i)
+        if x == u or x == v:
+            break
+        u, fu, v, fv = narrowed(u, fu, v, fv, x, polynomial_slope(segment, what, x)[0])
+    return v
+
+
+def polynomial_slope(segment, what, P):
+    """(f, f') of f = t', k' or W at P."""
+    _, t1, t2, t3 = chebyshev(P, segment, 0)
+    _, k1, k2, k3 = chebyshev(P, segment, 1)
+    if what == 2:
+        return t1 * k2 - t2 * k1, t1 * k3 - t3 * k1
+    return (k1, k2) if what == 1 else (t1, t2)
+
+
+def polynomial_bounds(segment, what):
+    """Bounds on |f'| and |f''| of the same, by those of V. A. Markov on the derivatives of T_j."""
+    t1, t2, t3, t4 = markov(segment, 0)
+    k1, k2, k3, k4 = markov(segment, 1)
+    if what == 2:
+        return t1 * k3 + t3 * k1, t1 * k4 + t2 * k3 + t3 * k2 + t4 * k1
+    return (k2, k3) if what == 1 else (t2, t3)
+
+
+def markov(segment, which):
+    """Bounds on the first four derivatives by P of a Chebyshev series on its segment: Σ |c_j| |T_j^(m)(1)|."""
+    h, n = segment[2], int(segment[5])
+    one = two = three = four = 0.0
+    for j in range(1, n):
+        c, square = abs(segment[HEAD + which * n + j]), float(j * j)
+        slope = c * square / h
+        one += slope
+        slope *= (square - 1) / (3 * h)
+        two += slope
+        slope *= (square - 4) / (5 * h)
+        three += slope
+        four += slope * (square - 9) / (7 * h)
+    return one, two, three, four
+
+
+# --- root finding ---------------------------------------------------------------------------------------------------
+
+
+def next_guess(u, fu, v, fv, i):
+    """Where to look next for the root between u and v: regula falsi, and sometimes the middle."""
+    if i % 4 == 3 or fu == fv:
+        return u + (v - u) / 2
+    x = v - fv * (v - u) / (fv - fu)
+    return x if (u < x < v or v < x < u) else u + (v - u) / 2
+
+
+def narrowed(u, fu, v, fv, x, fx):
+    """(u, f(u), v, f(v)) with the root still between, v = x the latest; the Illinois rule halves a value kept twice."""
+    if fx == 0:
+        return x, fx, x, fx
+    return (v, fv, x, fx) if fx * fv < 0 else (u, fu / 2, x, fx)
+
+
+def pressure_at(X, arc, segment, swap, P):
+    """The pressure of a piece at which x = X, from the guess P; the nearer end of the piece beyond them."""
+    a, b, xa, xb = arc[1], arc[2], arc[3], arc[7]
+    rises = xb >= xa
+    if (X <= xa) == rises or X == xa:
+        return a
+    if (X >= xb) == rises or X == xb:
+        return b
+    P = P if a < P < b else a + (X - xa) / (xb - xa) * (b - a)
+    for _ in range(_STEPS):
+        x, _, dx, _ = at(P, segment, swap)
+        a, b = (a, P) if (x > X) == rises else (P, b)
+        step = P - (x - X) / dx if dx != 0 else a
+        step = step if a < step < b else a + (b - a) / 2
+        if abs(step - P) <= 1e-15 * abs(P) or not a < step < b:
+            return step
+        P = step
+    return P
+
+
+FUNCTIONS: tuple[Callable[..., Any], ...] = (
+    *(at, chebyshev, pieces, piece, cuts, turn),
+    *(exponential_slopes, exponential_zeros, exponential_derivative, exponential_value, exponential_between),
+    *(quadratic_zeros, polynomial_zeros, polynomial_zero, polynomial_slope, polynomial_bounds, markov),
+    *(next_guess, narrowed, pressure_at),
+)
+
+__all__ = ["CHEBYSHEV", "EXPONENTIAL", "FUNCTIONS", "HEAD", "QUADRATIC", "RATIONAL", "at", "piece", "pieces", "pressure_at"]
