@@ -4,12 +4,13 @@ A short cut for the ordinary question (method "exact", a lexicographic priority,
 tolerance) about a joint that has a kernel. Whatever looks odd here is answered None: `allocator.allocation.arguments`
 then finds out what is wrong with it, if anything, and the readable implementation answers.
 
-Nothing is compiled for a few targets. Single ones are answered by the kernels as plain Python, arrays by the readable
-implementation until so many targets have come that a compilation (a second or two, then kept on disk) would have paid;
-`warm_up` compiles at once.
+Of what type a number is makes no difference: all of them are turned into Python's floats, all arrays into NumPy's.
+
+A call never waits for a compiler, but for that with one array so large that the readable implementation would take as
+long: `warm_up` compiles beforehand. Until then the kernels answer single targets and short arrays as plain Python,
+longer arrays are left to the readable implementation.
 """
 
-from collections import Counter
 from collections.abc import Iterable
 from math import inf, pi
 from typing import Any
@@ -17,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from allocator.allocation import kernels
-from allocator.allocation.batch import Targets, run
+from allocator.allocation.batch import Targets, one_by_one, run
 from allocator.allocation.compiled import kernel
 from allocator.allocation.laws import Kernel, Kind, Law, coefficients, law_of
 from allocator.allocation.problem import PRIORITIES, Priority
-from allocator.allocation.question import Question
+from allocator.allocation.question import Question, number, pair
 from allocator.allocation.result import Allocation, from_fields, shaped
 from allocator.allocation.status import Status
 from allocator.checks import LOOKS_LIKE_BAR
@@ -31,15 +32,16 @@ from allocator.joint import AntagonistJoint, report_joint
 _TURN = 2 * pi
 _HUGE = 1e300
 _LIKE_BAR = LOOKS_LIKE_BAR[1]
-_PAYS = 100_000  # targets in arrays that take the readable implementation about as long as a compilation
+_PAYS = 300_000  # targets in one array: 0.5 to 1 s for the readable implementation, as for loading compiled code
+_FEW = 200  # targets in one array for which it takes longer than the kernels in plain Python
 _FIRST = {"torque": None, "stiffness": True}  # priority → `stiffness_first` of the kernels
 _STATUS = tuple(Status)
 
 _PLAIN: dict[str, Kernel] = {"tondu": kernels.tondu_exact, "affine": kernels.affine_exact}
+_LOOPS: dict[str, Kernel] = {name: one_by_one(exact) for name, exact in _PLAIN.items()}
 
 _scalars: dict[Kind, Kernel] = {}  # compiled
 _batches: dict[Kind, Kernel] = {}  # compiled
-_came: Counter[Kind] = Counter()  # targets in arrays that were not answered by compiled code
 
 
 def answer(question: tuple[Any, ...]) -> Allocation | None:
@@ -49,48 +51,41 @@ def answer(question: tuple[Any, ...]) -> Allocation | None:
     if not law.name or type(priority) is not str or priority not in _FIRST:
         return None
     if not (max_force is None and type(min_force) is float and 0 <= min_force < inf):
-        if not _fine(min_force, max_force):
+        if (forces := _forces(min_force, max_force)) is None:
             return None
-        min_force, max_force = (None if F is None else float(F) for F in (min_force, max_force))
+        min_force, max_force = forces
     kind = law.name, min_force is not None, max_force is not None, max_step is not None, _FIRST[priority]
     if not type(theta) is type(K) is type(T) is float:
-        if not (type(theta) in _NUMBERS and type(K) in _NUMBERS and type(T) in _NUMBERS):
-            return _batch(Question(*question), law, kind)
-        theta, K, T = (_HUGE if abs(x) > _HUGE else float(x) for x in (theta, K, T))
-    if not (-_TURN <= theta <= _TURN and 0 < K < _HUGE and -_HUGE < T < _HUGE):
-        return None
+        theta, K, T = number(theta), number(K), number(T)
     P1_now = P2_now = None
+    fine = -_TURN <= theta <= _TURN and 0 < K < _HUGE and -_HUGE < T < _HUGE
     if previous is not None or max_step is not None:
-        if not _slew_fine(previous, max_step):
-            return None
-        P1_now, P2_now, max_step = float(previous[0]), float(previous[1]), float(max_step)
+        P1_now, P2_now, max_step = map(number, (*pair(previous), max_step))
+        previous, fine = (P1_now, P2_now), fine and _slew_fine(P1_now, P2_now, max_step)
+    if not fine:
+        return _batch(Question(joint, *question[1:5], min_force, max_force, *question[7:]), law, kind)
     exact = _scalars.get(kind) or _PLAIN[law.name]
     sides: Iterable[Any] = ()
     if law.name == "affine":
         sides = (tuple(map(float, c)) for c in coefficients(joint, min(max(theta, law.left), law.right)))
     found = exact(theta, K, T, *sides, law.p, min_force, max_force, P1_now, P2_now, max_step, kind[4])
-    return _allocation(question, theta, K, T, found) if found[6] else None
+    if not found[6]:
+        return None
+    question = joint, theta, K, T, priority, min_force, max_force, previous, max_step
+    return _allocation(question, theta, K, T, found)
 
 
-_NUMBERS = frozenset((float, np.float64, int))
+def _forces(low: Any, high: Any) -> tuple[float | None, float | None] | None:
+    """The limits of forces as floats; None where they are none."""
+    low, high = (None if F is None else number(F) for F in (low, high))
+    fine = (low is None or 0 <= low < _HUGE) and (high is None or (low or 0.0) < high < _HUGE)
+    return (low, high) if fine else None
 
 
-def _fine(low: Any, high: Any) -> bool:
-    """Whether these are limits of forces, as plain numbers."""
-    if low is not None and not (type(low) in _NUMBERS and 0 <= low < _HUGE):
-        return False
-    return high is None or (type(high) in _NUMBERS and (low or 0.0) < high < _HUGE)
-
-
-def _slew_fine(previous: Any, max_step: Any) -> bool:
-    """Whether the slew limit consists of plain numbers that are pressures in Pa."""
-    if type(previous) is not tuple or len(previous) != 2 or type(max_step) not in _NUMBERS:
-        return False
-    P1, P2 = previous
-    if type(P1) not in _NUMBERS or type(P2) not in _NUMBERS:
-        return False
+def _slew_fine(P1: float, P2: float, max_step: float) -> bool:
+    """Whether the numbers of the slew limit are pressures in Pa."""
     total = abs(P1) + abs(P2)
-    return bool(total == 0 or max(abs(P1), abs(P2)) > _LIKE_BAR) and total < inf and _LIKE_BAR < max_step < inf
+    return (total == 0 or max(abs(P1), abs(P2)) > _LIKE_BAR) and total < inf and _LIKE_BAR < max_step < inf
 
 
 def _allocation(question: tuple[Any, ...], theta: float, K: float, T: float, found: tuple[Any, ...]) -> Allocation:
@@ -117,10 +112,10 @@ def _allocation(question: tuple[Any, ...], theta: float, K: float, T: float, fou
 
 def _batch(question: Question, law: Law, kind: Kind) -> Allocation | None:
     targets = Targets.of(question.theta, question.K, question.T, question.previous, question.max_step)
-    if targets is None or (compiled := _paid(kind, targets.theta.size)) is None:
+    if targets is None or (loop := _loop(kind, targets.theta.size)) is None:
         return None
     question = targets.of_which(question)
-    found = run(compiled, question, targets, law, kind[4])
+    found = run(loop, question, targets, law, kind[4])
     if found is None:
         return None
     fields = ("theta", "T_target", "K_target", "P1", "P2", "T", "K", "status", "limits", "local")
@@ -131,14 +126,13 @@ def _batch(question: Question, law: Law, kind: Kind) -> Allocation | None:
     )
 
 
-def _paid(kind: Kind, n: int) -> Kernel | None:
-    """The compiled loop, if it is there or if it pays to compile it now for `n` more targets."""
+def _loop(kind: Kind, n: int) -> Kernel | None:
+    """The compiled loop, if it is there or pays for `n` targets; for few the one in plain Python."""
     if (compiled := _batches.get(kind)) is not None:
         return compiled
-    _came[kind] += n
-    if _came[kind] < _PAYS or (compiled := kernel(f"{kind[0]}_batch")) is None:
-        return None
-    return _batches.setdefault(kind, compiled)
+    if n >= _PAYS and (compiled := kernel(f"{kind[0]}_batch")) is not None:
+        return _batches.setdefault(kind, compiled)
+    return _LOOPS[kind[0]] if n <= _FEW else None
 
 
 def warm_up(
@@ -158,7 +152,7 @@ def warm_up(
     """
     joint = report_joint() if joint is None else joint
     law = law_of(joint)
-    if priority not in PRIORITIES or not _fine(min_force, max_force):
+    if priority not in PRIORITIES or _forces(min_force, max_force) is None:
         raise InvalidInput(f"there are no questions with {priority=}, {min_force=} N, {max_force=} N")
     if not law.name or priority not in _FIRST:
         return False
