@@ -7,12 +7,12 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from allocator.allocation.assessment import assess
 from allocator.allocation import kernels
+from allocator.allocation.assessment import assess
 from allocator.allocation.compiled import threads
 from allocator.allocation.exact import is_local, solve
 from allocator.allocation.laws import Kernel, Law, arrays, coefficients
-from allocator.allocation.question import Question, number, pair
+from allocator.allocation.question import REAL, Question, number, pair
 from allocator.calculus import Array, Mask
 from allocator.checks import LOOKS_LIKE_BAR, real
 from allocator.errors import InvalidInput
@@ -37,8 +37,8 @@ class Targets(NamedTuple):
 
     @classmethod
     def of(cls, theta: Any, K: Any, T: Any, previous: Any, max_step: Any) -> Self | None:
-        """The targets in their common shape; None where they are not arrays of real numbers, or all of them one number."""
-        given = [_floats(x) for x in (theta, K, T)]
+        """The targets in their common shape; None where they are not arrays of real numbers at all, or no array."""
+        given = [_array(x) for x in (theta, K, T)]
         if previous is not None or max_step is not None:
             given += _slew(previous, max_step)
         arrays = [x for x in given if x is not None]
@@ -56,7 +56,7 @@ class Targets(NamedTuple):
 
 def _slew(previous: Any, max_step: Any) -> list[Array | None]:
     """The slew limit's three arrays; None among them where they are not certainly pressures in Pa."""
-    found = [_floats(x) for x in (*pair(previous), max_step)]
+    found = [_array(x) for x in (*pair(previous), max_step)]
     if any(x is None or not x.size or not np.isfinite(x).all() for x in found):
         return [None]
     P1, P2, step = (np.abs(x) if i < 2 else x for i, x in enumerate(found) if x is not None)
@@ -74,8 +74,9 @@ def _common_shape(arrays: list[Array]) -> tuple[int, ...] | None:
         return None
 
 
-def _floats(x: Any) -> Array | None:
-    if type(x) is np.ndarray and x.dtype == np.float64:
+def _array(x: Any) -> Array | None:
+    """`x` as an array of real numbers, None where it is none; the copy that `_flat` makes turns them into floats."""
+    if type(x) is np.ndarray and x.dtype.type in REAL:
         return x
     if (one := number(x)) == one:
         return np.array(one)

@@ -30,7 +30,7 @@ def allocate(
     T: ArrayLike = 0.0,
     *,
     joint: AntagonistJoint | None = None,
-    direction: Value = 0,
+    direction: Value = 0.0,
     method: Method = "exact",
     priority: Priority = "torque",
     weights: tuple[float, float] | None = None,
@@ -103,8 +103,8 @@ def allocate(
         and solver is weights is min_cocontraction is reference is uncertainty is None  # type: ignore[comparison-overlap]  # all None
         and number(direction) == number(pull) == number(stiffness_tolerance) == 0
     ):
-        question = joint, theta, K, T, priority, min_force, max_force, previous, max_step  # a tuple is quicker
-        if (found := quick.answer(question)) is not None:
+        found = quick.answer(joint, theta, K, T, priority, min_force, max_force, previous, max_step)
+        if found is not None:
             return found
     if method not in METHODS:
         raise MissingBackend("method", method, METHODS)

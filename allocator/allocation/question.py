@@ -9,7 +9,9 @@ from allocator.allocation.arguments import problem_from
 from allocator.allocation.problem import Problem
 from allocator.joint import AntagonistJoint
 
-_REAL = frozenset((int, float, *(np.dtype(code).type for code in np.typecodes["AllInteger"] + np.typecodes["Float"])))
+REAL = frozenset((int, float, *(np.dtype(code).type for code in np.typecodes["AllInteger"] + np.typecodes["Float"])))
+"""The types of real numbers: Python's and NumPy's, truth values not among them."""
+_SEQUENCES = frozenset((tuple, list, np.ndarray))
 
 
 class Question(NamedTuple):
@@ -51,10 +53,10 @@ def number(x: Any) -> float:
 
     No range includes NaN, so that whoever looks whether a number lies in its range need not look at its type as well.
     """
+    if type(x) is float:
+        return x
     kind = type(x)
-    if kind is float:
-        return x  # type: ignore[no-any-return]  # narrowed by the line above
-    if kind in _REAL or (kind is np.ndarray and not x.ndim and x.dtype.type in _REAL):
+    if kind in REAL or (kind is np.ndarray and not x.ndim and x.dtype.type in REAL):
         try:
             return float(x)
         except OverflowError:  # an integer of more than 308 digits
@@ -64,11 +66,13 @@ def number(x: Any) -> float:
 
 def pair(x: Any) -> tuple[Any, Any]:
     """Both pressures in a tuple, list or array of two; NaN for what is none."""
+    if type(x) not in _SEQUENCES:
+        return nan, nan
     try:
-        P1, P2 = x if isinstance(x, tuple | list | np.ndarray) else (nan, nan)
+        P1, P2 = x
     except (TypeError, ValueError):  # of no length, of another length
         return nan, nan
     return P1, P2
 
 
-__all__ = ["Question", "number", "pair"]
+__all__ = ["REAL", "Question", "number", "pair"]

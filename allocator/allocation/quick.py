@@ -11,8 +11,7 @@ long: `warm_up` compiles beforehand. Until then the kernels answer single target
 longer arrays are left to the readable implementation.
 """
 
-from collections.abc import Iterable
-from math import inf, pi
+from math import inf, isnan, pi
 from typing import Any
 
 import numpy as np
@@ -44,35 +43,50 @@ _scalars: dict[Kind, Kernel] = {}  # compiled
 _batches: dict[Kind, Kernel] = {}  # compiled
 
 
-def answer(question: tuple[Any, ...]) -> Allocation | None:
+def answer(
+    joint: Any, theta: Any, K: Any, T: Any, priority: Any, min_force: Any, max_force: Any, previous: Any, max_step: Any
+) -> Allocation | None:
     """The allocation, or None where the short cut does not lead; takes the fields of a `Question`."""
-    joint, theta, K, T, priority, min_force, max_force, previous, max_step = question
     law = law_of(joint)
-    if not law.name or type(priority) is not str or priority not in _FIRST:
+    _, name, p, left, right = law
+    if not name or type(priority) is not str or priority not in _FIRST:
         return None
     if not (max_force is None and type(min_force) is float and 0 <= min_force < inf):
         if (forces := _forces(min_force, max_force)) is None:
             return None
         min_force, max_force = forces
-    kind = law.name, min_force is not None, max_force is not None, max_step is not None, _FIRST[priority]
-    if not type(theta) is type(K) is type(T) is float:
-        theta, K, T = number(theta), number(K), number(T)
-    P1_now = P2_now = None
-    fine = -_TURN <= theta <= _TURN and 0 < K < _HUGE and -_HUGE < T < _HUGE
-    if previous is not None or max_step is not None:
-        P1_now, P2_now, max_step = map(number, (*pair(previous), max_step))
-        previous, fine = (P1_now, P2_now), fine and _slew_fine(P1_now, P2_now, max_step)
-    if not fine:
-        return _batch(Question(joint, *question[1:5], min_force, max_force, *question[7:]), law, kind)
-    exact = _scalars.get(kind) or _PLAIN[law.name]
-    sides: Iterable[Any] = ()
-    if law.name == "affine":
-        sides = (tuple(map(float, c)) for c in coefficients(joint, min(max(theta, law.left), law.right)))
-    found = exact(theta, K, T, *sides, law.p, min_force, max_force, P1_now, P2_now, max_step, kind[4])
+    kind = name, min_force is not None, max_force is not None, max_step is not None, _FIRST[priority]
+    if not (type(theta) is type(K) is type(T) is float and previous is max_step is None):
+        if (single := _single(theta, K, T, previous, max_step)) is None:
+            return _batch(Question(joint, theta, K, T, priority, min_force, max_force, previous, max_step), law, kind)
+        theta, K, T, previous, max_step = single
+    if not (-_TURN <= theta <= _TURN and 0 < K < _HUGE and -_HUGE < T < _HUGE):
+        return None
+    P1_now, P2_now = previous or (None, None)
+    exact = _scalars.get(kind) or _PLAIN[name]
+    if name == "affine":
+        one, two = (tuple(map(float, c)) for c in coefficients(joint, min(max(theta, left), right)))
+        found = exact(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now, max_step, kind[4])
+    else:
+        found = exact(theta, K, T, p, min_force, max_force, P1_now, P2_now, max_step, kind[4])
     if not found[6]:
         return None
-    question = joint, theta, K, T, priority, min_force, max_force, previous, max_step
+    question = joint, theta, K, T, priority, min_force, max_force, previous, max_step  # a tuple is quicker
     return _allocation(question, theta, K, T, found)
+
+
+def _single(theta: Any, K: Any, T: Any, previous: Any, max_step: Any) -> tuple[Any, ...] | None:
+    """The same in floats, where these are one target and, if any, a slew limit in Pa; else None."""
+    theta, K, T = number(theta), number(K), number(T)
+    if isnan(theta + K + T):
+        return None
+    if previous is not None or max_step is not None:
+        P1, P2 = pair(previous)
+        P1, P2, max_step = number(P1), number(P2), number(max_step)
+        previous, total = (P1, P2), abs(P1) + abs(P2)
+        if not ((total == 0 or max(abs(P1), abs(P2)) > _LIKE_BAR) and total < inf and _LIKE_BAR < max_step < inf):
+            return None
+    return theta, K, T, previous, max_step
 
 
 def _forces(low: Any, high: Any) -> tuple[float | None, float | None] | None:
@@ -80,12 +94,6 @@ def _forces(low: Any, high: Any) -> tuple[float | None, float | None] | None:
     low, high = (None if F is None else number(F) for F in (low, high))
     fine = (low is None or 0 <= low < _HUGE) and (high is None or (low or 0.0) < high < _HUGE)
     return (low, high) if fine else None
-
-
-def _slew_fine(P1: float, P2: float, max_step: float) -> bool:
-    """Whether the numbers of the slew limit are pressures in Pa."""
-    total = abs(P1) + abs(P2)
-    return (total == 0 or max(abs(P1), abs(P2)) > _LIKE_BAR) and total < inf and _LIKE_BAR < max_step < inf
 
 
 def _allocation(question: tuple[Any, ...], theta: float, K: float, T: float, found: tuple[Any, ...]) -> Allocation:
@@ -164,7 +172,7 @@ def warm_up(
     theta = sum(joint.angle_range) / 2
     slew_limit = ((2e5, 2e5), 1e5) if slew else (None, None)
     for angle in (theta, np.full(2, theta)):
-        answer(Question(joint, angle, 1.0, 0.0, priority, min_force, max_force, *slew_limit))
+        answer(joint, angle, 1.0, 0.0, priority, min_force, max_force, *slew_limit)
     return True
 
 
