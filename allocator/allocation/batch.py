@@ -1,8 +1,9 @@
-"""Arrays of targets through a compiled kernel: memory bounded, in several threads where there are many."""
+"""Arrays of targets through a kernel: memory bounded, in several threads where there are many."""
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import repeat, starmap
+from math import isnan
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -37,7 +38,7 @@ class Targets(NamedTuple):
 
     @classmethod
     def of(cls, theta: Any, K: Any, T: Any, previous: Any, max_step: Any) -> Self | None:
-        """The targets in their common shape; None where they are not arrays of real numbers at all, or no array."""
+        """The targets in their common shape; None where some are no real numbers, or none of them is an array."""
         given = [_array(x) for x in (theta, K, T)]
         if previous is not None or max_step is not None:
             given += _slew(previous, max_step)
@@ -78,7 +79,7 @@ def _array(x: Any) -> Array | None:
     """`x` as an array of real numbers, None where it is none; the copy that `_flat` makes turns them into floats."""
     if type(x) is np.ndarray and x.dtype.type in REAL:
         return x
-    if (one := number(x)) == one:
+    if not isnan(one := number(x)):
         return np.array(one)
     try:
         return real("targets", x, "")

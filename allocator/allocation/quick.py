@@ -6,9 +6,10 @@ then finds out what is wrong with it, if anything, and the readable implementati
 
 Of what type a number is makes no difference: all of them are turned into Python's floats, all arrays into NumPy's.
 
-A call never waits for a compiler, but for that with one array so large that the readable implementation would take as
-long: `warm_up` compiles beforehand. Until then the kernels answer single targets and short arrays as plain Python,
-longer arrays are left to the readable implementation.
+No call waits for a compiler, however many came before: `warm_up` compiles beforehand. Until then the kernels as plain
+Python answer single targets and short arrays, and the readable implementation longer ones. The exception is one array
+so large that it pays: 300 000 targets take the readable implementation 0.6 to 1.3 s; compiled code is loaded from disk
+in 0.7 s, or made in 3 s, once after installation.
 """
 
 from math import inf, isnan, pi
@@ -31,8 +32,8 @@ from allocator.joint import AntagonistJoint, report_joint
 _TURN = 2 * pi
 _HUGE = 1e300
 _LIKE_BAR = LOOKS_LIKE_BAR[1]
-_PAYS = 300_000  # targets in one array: 0.5 to 1 s for the readable implementation, as for loading compiled code
-_FEW = 200  # targets in one array for which it takes longer than the kernels in plain Python
+_PAYS = 300_000  # targets in one array that take the readable implementation as long as compiled code takes to load
+_FEW = 200  # targets in one array that it takes longer than the kernels in plain Python
 _FIRST = {"torque": None, "stiffness": True}  # priority → `stiffness_first` of the kernels
 _STATUS = tuple(Status)
 
@@ -135,7 +136,7 @@ def _batch(question: Question, law: Law, kind: Kind) -> Allocation | None:
 
 
 def _loop(kind: Kind, n: int) -> Kernel | None:
-    """The compiled loop, if it is there or pays for `n` targets; for few the one in plain Python."""
+    """The compiled loop where it is there or pays for `n` targets; else for few of them the one in plain Python."""
     if (compiled := _batches.get(kind)) is not None:
         return compiled
     if n >= _PAYS and (compiled := kernel(f"{kind[0]}_batch")) is not None:
@@ -156,6 +157,7 @@ def warm_up(
     Takes some seconds the first time after installation and half a second in a new process, most of it the import of
     numba. `slew` is for calls with `previous` and `max_step`. False where nothing can be compiled: the joint has no
     kernel, numba is missing or finds no directory to keep what it compiles. `allocate` works then too, more slowly.
+    By itself it compiles only for an array of 300 000 targets or more.
     Raises InvalidInput for a priority that there is not, or a limit that is none.
     """
     joint = report_joint() if joint is None else joint
