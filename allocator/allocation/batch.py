@@ -77,6 +77,8 @@ def _common_shape(arrays: list[Array]) -> tuple[int, ...] | None:
 
 def _array(x: Any) -> Array | None:
     """`x` as an array of real numbers, None where it is none; the copy that `_flat` makes turns them into floats."""
+    if type(x) in (list, tuple) and REAL.issuperset(map(type, x)):  # no masks and units to look for
+        x = np.array(x)
     if type(x) is np.ndarray and x.dtype.type in REAL:
         return x
     if not isnan(one := number(x)):
