@@ -106,7 +106,7 @@ def test_a_single_answer_is_the_reference_s(joint, priority, limits):
     expected = reference(question(joint, theta, K, T, priority, **limits))
     seen = 0
     for i, one in enumerate(zip(theta.tolist(), K.tolist(), T.tolist(), strict=True)):
-        found = quick.answer(question(joint, *one, priority, **limits))
+        found = quick.answer(*question(joint, *one, priority, **limits))
         if found is not None:
             seen += 1
             assert_same(found, [np.atleast_1d(x[i]) for x in expected], joint)
@@ -118,7 +118,7 @@ def test_a_single_answer_is_the_reference_s(joint, priority, limits):
 @pytest.mark.parametrize("priority", ["torque", "stiffness"])
 def test_an_array_s_answers_are_the_reference_s(joint, priority, limits, at_once):
     asked = question(joint, *mixed_targets(joint, 5000, seed=2), priority, **limits)
-    found = quick.answer(asked)
+    found = quick.answer(*asked)
     expected = reference(asked)
     assert_same(found, expected, joint)
     assert {Status.EXACT, Status.BOTH_LIMITED, Status.OUTSIDE_JOINT_RANGE} < set(expected[4].tolist())
@@ -157,8 +157,8 @@ def test_the_fixed_number_of_steps_finds_the_root_that_brentq_finds(kappa, sign)
 def test_targets_for_which_a_kernel_is_not_proved_are_left_to_the_reference(at_once):
     joint, slew = report_joint(), LIMITS["slew from outside"]
     asked = question(joint, *mixed_targets(joint, 500, seed=5), **slew)
-    assert quick.answer(question(joint, 0.3, 7.5, 1.0, **slew)) is None  # 5.5 bar at least: beyond the supply
-    assert_same(quick.answer(asked), reference(asked), joint)
+    assert quick.answer(*question(joint, 0.3, 7.5, 1.0, **slew)) is None  # 5.5 bar at least: beyond the supply
+    assert_same(quick.answer(*asked), reference(asked), joint)
 
 
 def test_joints_outside_the_proved_region_have_no_kernel():
@@ -320,6 +320,6 @@ def test_warming_up_says_whether_it_could():
 
 
 def test_limits_may_be_whole_numbers():
-    assert quick.answer(question(report_joint(), 0.5, 7.5, 1.0, min_force=10, max_force=900)) is not None
+    assert quick.answer(*question(report_joint(), 0.5, 7.5, 1.0, min_force=10, max_force=900)) is not None
     whole, same = (allocate(0.5, 7.5, 1.0, min_force=F, max_force=90 * F) for F in (10, 10.0))
     assert (whole.P1, whole.P2) == (same.P1, same.P2)

@@ -1,18 +1,22 @@
-"""Arrays of targets through a compiled kernel: memory bounded, in several threads where there are many."""
+"""Arrays of targets through a kernel: memory bounded, in several threads where there are many."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat, starmap
+from math import isnan
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from allocator.allocation import kernels
 from allocator.allocation.assessment import assess
 from allocator.allocation.compiled import threads
 from allocator.allocation.exact import is_local, solve
 from allocator.allocation.laws import Kernel, Law, arrays, coefficients
-from allocator.allocation.question import Question
+from allocator.allocation.question import REAL, Question, number, pair
 from allocator.calculus import Array, Mask
-from allocator.checks import LOOKS_LIKE_BAR
+from allocator.checks import LOOKS_LIKE_BAR, real
+from allocator.errors import InvalidInput
 from allocator.limits import Limit
 
 _PARALLEL = 500_000  # targets from which on threads are started
@@ -34,12 +38,12 @@ class Targets(NamedTuple):
 
     @classmethod
     def of(cls, theta: Any, K: Any, T: Any, previous: Any, max_step: Any) -> Self | None:
-        """The targets in their common shape; None where they are not plain numbers and arrays of floats."""
-        given = [_floats(x) for x in (theta, K, T)]
+        """The targets in their common shape; None where some are no real numbers, or none of them is an array."""
+        given = [_array(x) for x in (theta, K, T)]
         if previous is not None or max_step is not None:
             given += _slew(previous, max_step)
         arrays = [x for x in given if x is not None]
-        if len(arrays) < len(given) or (shape := _common_shape(arrays)) is None:
+        if len(arrays) < len(given) or not (shape := _common_shape(arrays)):
             return None
         flat = [_flat(x, shape) for x in arrays]
         P1_now, P2_now, step = flat[3:] or (None, None, None)
@@ -53,9 +57,7 @@ class Targets(NamedTuple):
 
 def _slew(previous: Any, max_step: Any) -> list[Array | None]:
     """The slew limit's three arrays; None among them where they are not certainly pressures in Pa."""
-    if type(previous) is not tuple or len(previous) != 2:
-        return [None]
-    found = [_floats(x) for x in (*previous, max_step)]
+    found = [_array(x) for x in (*pair(previous), max_step)]
     if any(x is None or not x.size or not np.isfinite(x).all() for x in found):
         return [None]
     P1, P2, step = (np.abs(x) if i < 2 else x for i, x in enumerate(found) if x is not None)
@@ -73,10 +75,18 @@ def _common_shape(arrays: list[Array]) -> tuple[int, ...] | None:
         return None
 
 
-def _floats(x: Any) -> Array | None:
-    if type(x) is np.ndarray:
-        return x if x.dtype == np.float64 else None
-    return np.array(float(x)) if type(x) in (float, int, np.float64) else None
+def _array(x: Any) -> Array | None:
+    """`x` as an array of real numbers, None where it is none; the copy that `_flat` makes turns them into floats."""
+    if type(x) in (list, tuple) and REAL.issuperset(map(type, x)):  # no masks and units to look for
+        x = np.array(x)
+    if type(x) is np.ndarray and x.dtype.type in REAL:
+        return x
+    if not isnan(one := number(x)):
+        return np.array(one)
+    try:
+        return real("targets", x, "")
+    except InvalidInput:  # `allocator.allocation.arguments` says what is wrong, and with which argument
+        return None
 
 
 def _flat(x: Array, shape: tuple[int, ...]) -> Array:
@@ -111,6 +121,31 @@ def run(
     return (*out[:6], local)
 
 
+def one_by_one(exact: Kernel) -> Kernel:
+    """The kernel for arrays that calls `exact`, in plain Python, for one target after the other."""
+
+    def batch(*arguments: Any) -> tuple[int, int]:
+        *given, out = arguments
+        columns = [_column(x) for x in given]
+        if strange := sum(map(kernels.odd, *columns[:3])):
+            return strange, 0
+        answers = starmap(exact, zip(*columns, strict=False))  # the shortest are the targets
+        for array, values in zip(out, zip(*answers, strict=True), strict=True):
+            array[:] = values
+        return 0, int(np.count_nonzero(~out[6]))
+
+    return batch
+
+
+def _column(x: Any) -> Iterable[Any]:
+    """What `x` is for one target after the other: an array's numbers, the rows of a tuple of arrays, or itself."""
+    if isinstance(x, np.ndarray):
+        return x.tolist()  # type: ignore[no-any-return]  # a list, as x has one dimension
+    if isinstance(x, tuple) and isinstance(x[0], np.ndarray):
+        return zip(*(part.tolist() for part in x), strict=True)
+    return repeat(x)
+
+
 def _pieces(work: Callable[[int, int], tuple[int, int]], n: int, size: int) -> list[tuple[int, int]]:
     """`work` on all of 0 … n in pieces; where it pays other threads help, taking pieces as long as there are any."""
     starts = iter(range(0, n, size))
@@ -137,4 +172,4 @@ def _refer(question: Question, where: Mask, found: tuple[Any, ...], local: Mask)
     local[where] = is_local(problem)
 
 
-__all__ = ["Targets", "run"]
+__all__ = ["Targets", "one_by_one", "run"]

@@ -12,6 +12,7 @@ from allocator.allocation.assessment import OPTIMISER, Assessment, assess, asses
 from allocator.allocation.covariance import with_covariance
 from allocator.allocation.friction import checked_direction, with_friction
 from allocator.allocation.problem import Priority, Problem
+from allocator.allocation.question import number
 from allocator.allocation.result import Allocation, shaped
 from allocator.allocation.status import Status
 from allocator.calculus import Array, Value
@@ -29,7 +30,7 @@ def allocate(
     T: ArrayLike = 0.0,
     *,
     joint: AntagonistJoint | None = None,
-    direction: Value = 0,
+    direction: Value = 0.0,
     method: Method = "exact",
     priority: Priority = "torque",
     weights: tuple[float, float] | None = None,
@@ -100,12 +101,10 @@ def allocate(
     if (
         method == "exact"
         and solver is weights is min_cocontraction is reference is uncertainty is None  # type: ignore[comparison-overlap]  # all None
-        and type(direction) is int
-        and type(pull) is type(stiffness_tolerance) is float
-        and direction == pull == stiffness_tolerance == 0
+        and number(direction) == number(pull) == number(stiffness_tolerance) == 0
     ):
-        question = joint, theta, K, T, priority, min_force, max_force, previous, max_step  # a tuple is quicker
-        if (found := quick.answer(question)) is not None:
+        found = quick.answer(joint, theta, K, T, priority, min_force, max_force, previous, max_step)
+        if found is not None:
             return found
     if method not in METHODS:
         raise MissingBackend("method", method, METHODS)

@@ -16,7 +16,7 @@ from benchmarks.speed.c_reference import c_reference, compiler
 from benchmarks.speed.clock import Measurement, Work, versus
 from benchmarks.speed.rivals import RIVALS, Problems
 from benchmarks.speed.targets import Answers, Targets
-from benchmarks.speed.truth import check_pressures, check_same
+from benchmarks.speed.truth import NO_SHORT_CUT, check_pressures, check_same
 
 PART = "allocation"
 SINGLE = 200  # targets answered one after the other
@@ -111,8 +111,8 @@ def scalar(
 
 
 def readable(targets: Targets) -> Callable[[], object]:
-    """The same by the readable NumPy implementation: a tolerance, even of nothing, is beyond the short cut."""
-    return lambda: allocate(*targets.arrays, joint=targets.joint, stiffness_tolerance=0)
+    """The same by the readable NumPy implementation."""
+    return lambda: allocate(*targets.arrays, joint=targets.joint, stiffness_tolerance=NO_SHORT_CUT)
 
 
 def control_horizon(rounds: int) -> Measurement:

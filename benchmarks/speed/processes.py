@@ -26,16 +26,16 @@ def measure(light: bool) -> Iterator[Measurement]:
     with TemporaryDirectory() as cache:
         os.environ["NUMBA_CACHE_DIR"], kept = cache, os.environ.get("NUMBA_CACHE_DIR")
         try:
-            first = run(BATCH.format(n=100_000))
+            first = run(BATCH.format(n=300_000))
             python, numpy = times("pass", rounds), times("import numpy", rounds)
             yield figure("import numpy", numpy, "bare Python", python)
             imported = times("import allocator", rounds)
             # half the time of NumPy's own import on top of it, or twice that on a busy machine
             yield figure("import allocator", imported, "import numpy", numpy, floor=0.25)
             yield figure("import, first scalar", times(SINGLE, rounds), "import allocator", imported, floor=0.5)
-            again = times(BATCH.format(n=100_000), rounds)
-            yield figure("import, first batch of 1e5, compiled on disk", again, "import allocator", imported)
-            yield figure("import, first batch of 1e5, not compiled", np.array([first]), "compiled on disk", again)
+            again = times(BATCH.format(n=300_000), rounds)
+            yield figure("import, first batch of 3e5, compiled on disk", again, "import allocator", imported)
+            yield figure("import, first batch of 3e5, not compiled", np.array([first]), "compiled on disk", again)
         finally:
             del os.environ["NUMBA_CACHE_DIR"]
             if kept is not None:
