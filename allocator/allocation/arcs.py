@@ -22,6 +22,7 @@ from allocator.allocation.curves import at, narrowed, next_guess, pieces
 from allocator.allocation.search import chosen, level, sag, slope, within
 
 _STEPS = 100  # of a root finding; about eight are used
+_NEAR = 1e-14  # of a piece: a root is not sought closer than this
 _CLOSE = 1e-13  # of what a target away from all that can be given costs: arcs are dropped that gain no more
 _NARROW = 1e-11  # of a piece: an arc this short is not halved
 
@@ -120,12 +121,10 @@ def pressure_of_slope(m, segment, arc):
         return u
     if (m >= mv) == (mu <= mv) or m == mv:
         return v
-    fu, fv = arc[6] - m * arc[5], arc[10] - m * arc[9]
+    fu, fv, near = arc[6] - m * arc[5], arc[10] - m * arc[9], _NEAR * (v - u)
     for i in range(_STEPS):
-        if fu * fv >= 0:
-            break
         P = next_guess(u, fu, v, fv, i)
-        if P == u or P == v:
+        if fu * fv >= 0 or abs(P - v) <= near or P == u:
             break
         _, _, t, k = at(P, segment, False)
         u, fu, v, fv = narrowed(u, fu, v, fv, P, k - m * t)
@@ -217,10 +216,10 @@ def gradient(goal, A):
 
 def descend(goal, A, B, segments, other, follows):
     """The point between A and B at which the cost is stationary."""
-    u, fu, v, fv, M = A[0], gradient(goal, A), B[0], gradient(goal, B), B
+    u, fu, v, fv, M, near = A[0], gradient(goal, A), B[0], gradient(goal, B), B, _NEAR * abs(B[0] - A[0])
     for i in range(_STEPS):
         P = next_guess(u, fu, v, fv, i)
-        if fu * fv >= 0 or P == u or P == v:
+        if fu * fv >= 0 or abs(P - v) <= near or P == u:
             break
         M = moved(P, A, segments, other, follows)
         u, fu, v, fv = narrowed(u, fu, v, fv, P, gradient(goal, M))

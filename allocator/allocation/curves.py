@@ -31,6 +31,7 @@ RATIONAL, EXPONENTIAL, QUADRATIC, CHEBYSHEV = 0.0, 1.0, 2.0, 3.0
 HEAD = 6  # numbers of a segment before its coefficients
 _FINEST = 2.0**-12  # of a segment: a zero of a polynomial is looked for no closer than this to another one
 _STEPS = 80  # of a root finding; about five are used
+_NEAR = 1e-13  # of an interval: a root is not sought closer than this
 
 
 # --- values ---------------------------------------------------------------------------------------------------------
@@ -174,7 +175,7 @@ def exponential_between(f, turns, a, b):
             u, fu, v, fv = left, f_left, right, f_right
             for i in range(_STEPS):
                 x = next_guess(u, fu, v, fv, i)
-                if x == u or x == v:
+                if abs(x - v) <= _NEAR * (right - left) or x == u:
                     break
                 u, fu, v, fv = narrowed(u, fu, v, fv, x, exponential_value(f, x))
             zeros.append(v)
@@ -222,9 +223,10 @@ def polynomial_zeros(segment, what, a, b):
 
 def polynomial_zero(segment, what, u, fu, v, fv):
     """The zero between u and v."""
+    near = _NEAR * abs(v - u)
     for i in range(_STEPS):
         x = next_guess(u, fu, v, fv, i)
-        if x == u or x == v:
+        if abs(x - v) <= near or x == u:
             break
         u, fu, v, fv = narrowed(u, fu, v, fv, x, polynomial_slope(segment, what, x)[0])
     return v
@@ -269,7 +271,7 @@ def markov(segment, which):
 
 def next_guess(u, fu, v, fv, i):
     """Where to look next for the root between u and v: regula falsi, and sometimes the middle."""
-    if i % 4 == 3 or fu == fv:
+    if i % 8 == 7 or fu == fv:
         return u + (v - u) / 2
     x = v - fv * (v - u) / (fv - fu)
     return x if (u < x < v or v < x < u) else u + (v - u) / 2
@@ -291,12 +293,13 @@ def pressure_at(X, arc, segment, swap, P):
     if (X >= xb) == rises or X == xb:
         return b
     P = P if a < P < b else a + (X - xa) / (xb - xa) * (b - a)
+    near = _NEAR * (b - a)
     for _ in range(_STEPS):
         x, _, dx, _ = at(P, segment, swap)
         a, b = (a, P) if (x > X) == rises else (P, b)
         step = P - (x - X) / dx if dx != 0 else a
         step = step if a < step < b else a + (b - a) / 2
-        if abs(step - P) <= 1e-15 * abs(P) or not a < step < b:
+        if abs(step - P) <= near or not a < step < b:
             return step
         P = step
     return P

@@ -28,6 +28,7 @@ from typing import Any
 from allocator.allocation.curves import at, narrowed, next_guess, pieces, pressure_at
 
 _STEPS = 100  # of a root finding; about six are used
+_NEAR = 1e-14  # of a piece: a root is not sought closer than this
 _TINY = 1e-13  # of the scale of what is compared: rounding
 _NARROW = 1e-12  # of a piece: a stretch this short is not halved
 _SAME = 1e-9  # of the box: pairs this near to each other are one
@@ -259,12 +260,10 @@ def root(X, Y, A, yA, B, yB, free, other, segments, swap):
     """(P, Q) of the level at which y = Y, between two states with y - Y of different sign."""
     if yA == 0:
         return A[0], A[1]
-    u, fu, v, fv, Q = A[0], yA, B[0], yB, B[1]
+    u, fu, v, fv, Q, near = A[0], yA, B[0], yB, B[1], _NEAR * (free[2] - free[1])
     for i in range(_STEPS):
-        if fv == 0:
-            break
         P = next_guess(u, fu, v, fv, i)
-        if P == u or P == v:
+        if fv == 0 or abs(P - v) <= near or P == u:
             break
         S = follow(P, Q, X, free, other, segments, swap)
         u, fu, v, fv = narrowed(u, fu, v, fv, P, S[3] + S[4] - Y)
@@ -274,10 +273,10 @@ def root(X, Y, A, yA, B, yB, free, other, segments, swap):
 
 def stationary(X, A, B, free, other, segments, swap):
     """The state between two at which m_P = m_Q."""
-    u, fu, v, fv, S = A[0], A[7], B[0], B[7], B
+    u, fu, v, fv, S, near = A[0], A[7], B[0], B[7], B, _NEAR * (free[2] - free[1])
     for i in range(_STEPS):
         P = next_guess(u, fu, v, fv, i)
-        if fu * fv >= 0 or P == u or P == v:
+        if fu * fv >= 0 or abs(P - v) <= near or P == u:
             break
         S = follow(P, S[1], X, free, other, segments, swap)
         u, fu, v, fv = narrowed(u, fu, v, fv, P, S[7])
