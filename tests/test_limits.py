@@ -54,7 +54,7 @@ def questions(joint, n, seed):
     theta = 0.9 * rng.uniform(*joint.angle_range, n)
     P1, P2 = rng.uniform(*joint.pressure_limits, (2, n))
     K, T = np.maximum(joint.stiffness(theta, P1, P2), 0.1), joint.torque(theta, P1, P2)
-    return theta, K * rng.uniform(0.8, 1.3, n), T + rng.normal(0, 2, n), rng.uniform(-1 * BAR, 7 * BAR, (2, n))
+    return theta, K * rng.uniform(0.8, 1.3, n), T + rng.normal(0, 2, n), rng.uniform(0, 7 * BAR, (2, n))
 
 
 @pytest.mark.parametrize("priority", ["torque", "stiffness"])
