@@ -124,3 +124,21 @@ def test_no_target_is_so_far_away_that_a_slack_cable_passes_for_taut(road, pays,
     for T in (1.0, 1e6, 1e12, -1e12, 1e300):
         a = allocate(road(0.3), 7.5, T, previous=(0.5 * BAR, 0.5 * BAR), max_step=0.1 * BAR)
         assert np.unique(a.status).tolist() == [Status.SLACK]
+
+
+@pytest.mark.parametrize("tiny", [0.1, 0.5, 5.0, 20.0])
+@pytest.mark.parametrize("joint", [JOINTS["tondu"], JOINTS["affine, unequal, lever"]], ids=["tondu", "affine"])
+def test_the_library_takes_its_own_answers_though_one_muscle_is_all_but_vented(joint, tiny):
+    """Only where both pressures are that small can they be meant in bar."""
+    for P in ((tiny, 3 * BAR), (3 * BAR, tiny)):
+        T, K = joint.torque(0.1, *P), joint.stiffness(0.1, *P)
+        for road in (float, lambda x: np.full(2, x)):
+            a = allocate(road(0.1), float(K), float(T), joint=joint, min_force=None)
+            assert np.array(a.P1) == pytest.approx(P[0], abs=1e-2)
+            found = a.P1, a.P2
+            assert joint.torque(0.1, *found) == pytest.approx(T, rel=1e-7)
+            assert joint.forces(0.1, *found)[0] == pytest.approx(joint.forces(0.1, *P)[0], rel=1e-6)
+            assert np.isfinite(joint.jacobian(0.1, *found)).all()
+            assert joint.equilibrium(*found, T) == pytest.approx(0.1, abs=1e-6)
+            stay = allocate(road(0.1), float(K), float(T), joint=joint, min_force=None, previous=found, max_step=BAR)
+            assert np.array(stay.P2) == pytest.approx(P[1], abs=1e-2)
