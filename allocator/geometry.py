@@ -18,6 +18,7 @@ from allocator.errors import InvalidInput
 from allocator.spline import Spline
 from allocator.units import DEG
 
+_SHORTEST = 1e-6  # [m]
 _LONGEST = 10.0  # [m] of what a joint has; more is millimetres
 
 
@@ -192,6 +193,8 @@ def positive(geometry: Geometry, *names: str) -> None:
         number = checks.number(f"{type(geometry).__name__}: {name}", getattr(geometry, name), "m")
         if not number > 0:
             raise InvalidInput(f"{type(geometry).__name__}: {name} = {number:g} has to be a positive length in metres")
+        if number < _SHORTEST:
+            raise InvalidInput(f"{type(geometry).__name__}: {name} = {number:g} m is shorter than any part of a joint")
         if number > _LONGEST:
             what = f"{name} = {number:g} m is longer than any joint"
             raise InvalidInput(f"{type(geometry).__name__}: {what}; if millimetres were meant, pass {number / 1e3:g}")

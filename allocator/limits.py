@@ -1,9 +1,10 @@
 """The limits of a joint by name, and the pressure interval that they leave to a muscle."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from enum import IntFlag
-from typing import Any
+from functools import reduce
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,15 +61,50 @@ def names(limits: int) -> tuple[str, ...]:
     return tuple(limit.text for limit in Limit(int(limits)))
 
 
+Bound = tuple[Array, Limit]
+"""A pressure [Pa] and the limit that lies there."""
+
+
 @dataclass(frozen=True)
 class PressureInterval:
-    """The pressures [Pa] that one muscle may have, and which limit sets each end. Arrays of one shape."""
+    """The pressures [Pa] that one muscle may have, and which limits set each end. Arrays of one shape.
+
+    Where no pressure satisfies all limits lo = hi is what is left, and `broken` tells which limits are not kept. Hard
+    above all is the slew limit, then the supply's lower end, then the upper ends, then the least force.
+    """
 
     lo: Array
     hi: Array
-    lo_limit: NDArray[np.int32]  # Limit flags
+    lo_limit: NDArray[np.int32]  # Limit flags: all that lie at `lo`
     hi_limit: NDArray[np.int32]
-    empty: NDArray[np.bool_]  # the limits contradict each other: lo = hi = the upper one
+    broken: NDArray[np.int32]  # those that all of [lo, hi] is beyond
+    empty: NDArray[np.bool_]  # the limits other than the slew limit contradict each other
+    unreachable: NDArray[np.bool_]  # the slew limit allows no pressure that supply, model and greatest force do
+
+    @classmethod
+    def between(cls, floors: list[Bound], ceilings: list[Bound], reach: tuple[Bound, Bound], near: float) -> Self:
+        """The pressures above all `floors`, of which the supply's is the first, and below all `ceilings`.
+
+        `reach` is what the slew limit leaves, infinite where there is none; limits within `near` [Pa] of each other
+        lie at the same pressure.
+        """
+        floor, ceiling = (
+            reduce(choice, [P for P, _ in bounds]) for choice, bounds in ((np.maximum, floors), (np.minimum, ceilings))
+        )
+        (supply, _), ((nearest, _), (farthest, _)) = floors[0], reach
+        most = np.maximum(ceiling, supply)
+        lo, hi = np.clip(np.minimum(floor, most), nearest, farthest), np.clip(most, nearest, farthest)
+        bounds = [*floors, *ceilings, *reach]
+        return cls(
+            lo,
+            hi,
+            lo_limit=_flags((np.abs(P - lo) <= near, limit) for P, limit in bounds),
+            hi_limit=_flags((np.abs(P - hi) <= near, limit) for P, limit in bounds),
+            broken=_flags((P > hi + near, limit) for P, limit in floors)
+            | _flags((P < lo - near, limit) for P, limit in ceilings),
+            empty=(floor > most + near) | (ceiling < supply - near),
+            unreachable=(nearest > most + near) | (farthest < supply - near),
+        )
 
     def map(self, function: Callable[[Any], Any]) -> "PressureInterval":
         """The same with `function` applied to every array."""
@@ -78,19 +114,21 @@ class PressureInterval:
         """Whether `P` lies inside, up to `tolerance` [Pa]; NaN does not."""
         return (P >= self.lo - tolerance) & (P <= self.hi + tolerance)
 
-    def within_reach(self, previous: Array, max_step: Array | float, rate: Limit) -> "PressureInterval":
-        """Narrow to previous ± max_step. Moving is a hard limit: from outside, what is nearest in reach remains."""
-        nearest, farthest = previous - max_step, previous + max_step
-        lo_limit = np.where((nearest > self.lo) | (farthest < self.lo), rate, self.lo_limit)
-        hi_limit = np.where((farthest < self.hi) | (nearest > self.hi), rate, self.hi_limit)
-        lo, hi = np.clip(self.lo, nearest, farthest), np.clip(self.hi, nearest, farthest)
-        return PressureInterval(lo, hi, lo_limit.astype(np.int32), hi_limit.astype(np.int32), self.empty)
-
     def binding(self, P: Array, tolerance: float) -> NDArray[np.int32]:
         """Flags of the ends that `P` lies on or beyond, up to `tolerance` [Pa]."""
-        low = np.where(P <= self.lo + tolerance, self.lo_limit, 0)
-        high = np.where(P >= self.hi - tolerance, self.hi_limit, 0)
-        return np.asarray(low | high, np.int32)
+        low, high = self.lo + tolerance >= P, self.hi - tolerance <= P
+        return np.asarray(np.where(low, self.lo_limit, 0) | np.where(high, self.hi_limit, 0), np.int32)
+
+    def not_kept(self, P: Array, tolerance: float) -> NDArray[np.int32]:
+        """Flags of the limits that `P` is beyond by more than `tolerance` [Pa]."""
+        low, high = self.lo - tolerance > P, self.hi + tolerance < P
+        left = np.where(self.contains(P, tolerance), self.broken, 0)
+        return np.asarray(np.where(low, self.lo_limit, 0) | np.where(high, self.hi_limit, 0) | left, np.int32)
+
+
+def _flags(held: Iterable[tuple[Any, Limit]]) -> NDArray[np.int32]:
+    """The limits that hold, combined."""
+    return np.asarray(reduce(np.bitwise_or, [np.where(which, np.int32(limit), 0) for which, limit in held]), np.int32)
 
 
 @dataclass(frozen=True)
@@ -115,8 +153,12 @@ class PressureBox:
         missed = self.agonist.hi + self.antagonist.hi < least_sum
 
         def at_most(interval: PressureInterval) -> PressureInterval:
-            lo = np.where(missed, interval.hi, interval.lo)
-            return replace(interval, lo=lo, empty=interval.empty | missed)
+            lo, lo_limit = (
+                np.where(missed, high, low)
+                for low, high in ((interval.lo, interval.hi), (interval.lo_limit, interval.hi_limit))
+            )
+            broken = interval.broken | np.where(missed, np.int32(Limit.COCONTRACTION), 0)
+            return replace(interval, lo=lo, lo_limit=lo_limit, broken=broken, empty=interval.empty | missed)
 
         floor = np.where(missed, self.agonist.hi + self.antagonist.hi, least_sum)
         return PressureBox(at_most(self.agonist), at_most(self.antagonist), floor)
@@ -125,6 +167,17 @@ class PressureBox:
     def empty(self) -> NDArray[np.bool_]:
         """Where limits contradict each other."""
         return self.agonist.empty | self.antagonist.empty
+
+    @property
+    def slack(self) -> NDArray[np.bool_]:
+        """Where no pressure left pulls a cable with the least force."""
+        broken = self.agonist.broken | self.antagonist.broken
+        return np.asarray(broken & (Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK) != 0)
+
+    @property
+    def unreachable(self) -> NDArray[np.bool_]:
+        """Where the slew limit allows no pressure within supply, model and greatest force."""
+        return self.agonist.unreachable | self.antagonist.unreachable
 
     def contains(self, P1: Array, P2: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
         """Whether (P1, P2) satisfies all limits, up to `tolerance` [Pa]."""
@@ -136,6 +189,12 @@ class PressureBox:
         limits = self.agonist.binding(P1, tolerance) | self.antagonist.binding(P2, tolerance)
         on_floor = P1 + P2 <= self.least_sum + tolerance
         return limits | np.where(on_floor, np.int32(Limit.COCONTRACTION), np.int32(0))
+
+    def not_kept(self, P1: Array, P2: Array, tolerance: float) -> NDArray[np.int32]:
+        """Flags of the limits that (P1, P2) is beyond by more than `tolerance` [Pa]."""
+        limits = self.agonist.not_kept(P1, tolerance) | self.antagonist.not_kept(P2, tolerance)
+        under_floor = P1 + P2 < self.least_sum - tolerance
+        return limits | np.where(under_floor, np.int32(Limit.COCONTRACTION), np.int32(0))
 
     @property
     def has_floor(self) -> bool:

@@ -9,6 +9,8 @@ from allocator.calculus import Array, Value
 from allocator.limits import Limit, PressureInterval
 from allocator.muscles import AffineMuscle, Muscle
 
+BINDS = 1e-9  # of the supply range: a pressure nearer to a bound lies on it
+
 
 @dataclass(frozen=True)
 class Side:
@@ -69,26 +71,22 @@ class Side:
         previous: Array | None = None,
         max_step: Array | float | None = None,
     ) -> PressureInterval:
-        """Intersect the limits of this muscle, remembering which of them sets each end."""
+        """Intersect the limits of this muscle, remembering which of them sets each end.
+
+        Every limit counts by itself: where two lie at the same pressure both set the end. Only supply and validity of
+        the model count as one, the lower, and the supply where they are equal.
+        """
         lower, upper, slack, rate, validity, ceiling = _FLAGS[self.sign]
-        shape = np.shape(self.contraction)
-        lo, lo_limit = np.full(shape, supply[0]), np.full(shape, lower, np.int32)
-        if self.muscle.max_pressure < supply[1]:
-            hi, hi_limit = np.full(shape, self.muscle.max_pressure), np.full(shape, validity, np.int32)
-        else:
-            hi, hi_limit = np.full(shape, supply[1]), np.full(shape, upper, np.int32)
-        if max_force is not None:
-            strongest = self.muscle.pressure(max_force, self.contraction)
-            hi_limit = np.where(strongest < hi, ceiling, hi_limit).astype(np.int32)
-            hi = np.clip(strongest, lo, hi)
-        empty = np.zeros(shape, bool)
+        everywhere = np.ones(np.shape(self.contraction))
+        most = (self.muscle.max_pressure, validity) if self.muscle.max_pressure < supply[1] else (supply[1], upper)
+        floors, ceilings = [(supply[0] * everywhere, lower)], [(most[0] * everywhere, most[1])]
         if min_force is not None:
-            taut = self.muscle.pressure(min_force, self.contraction)
-            lo_limit = np.where(taut > lo, slack, lo_limit).astype(np.int32)
-            empty = taut > hi
-            lo = np.clip(taut, lo, hi)
-        box = PressureInterval(lo, hi, lo_limit, hi_limit, empty)
-        return box if previous is None or max_step is None else box.within_reach(previous, max_step, rate)
+            floors.append((self.muscle.pressure(min_force, self.contraction), slack))
+        if max_force is not None:
+            ceilings.append((self.muscle.pressure(max_force, self.contraction), ceiling))
+        now, step = (0.0 * everywhere, np.inf) if previous is None or max_step is None else (previous, max_step)
+        reach = (now - step, rate), (now + step, rate)
+        return PressureInterval.between(floors, ceilings, reach, BINDS * (supply[1] - supply[0]))
 
 
 _FLAGS = {
@@ -110,4 +108,4 @@ _FLAGS = {
     ),
 }
 
-__all__ = ["Side"]
+__all__ = ["BINDS", "Side"]

@@ -48,7 +48,7 @@ class TonduPulley:
         """The pressures [Pa] that give (T, K) at θ by [C]; NaN unless K_floor < K <= K_crit."""
         m, p = self.muscle, self.pulley
         X = p.radius * theta / p.rest_length
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             s = (K * p.rest_length / (m.S * p.radius**2) - 2 * m.c) / m.g
             s = np.where((K > self.K_floor) & (K <= self.K_crit), s, np.nan)
             tau = T / (m.S * p.radius) + 2 * m.c * X + m.g * X * s
@@ -72,7 +72,7 @@ def _root_of_f(tau: Array, alpha: Array, beta: Array) -> Array:
     from there Newton's method falls monotonically onto the root.
     """
     t = np.abs(tau)
-    z = np.where(t > 0, 2 * t / (beta - alpha + np.sqrt((beta - alpha) ** 2 + 4 * t**2)), 0.0)
+    z = np.where(t > 0, 2 * t / (beta - alpha + np.hypot(beta - alpha, 2 * t)), 0.0)
     for _ in range(_NEWTON_STEPS):
         p = ((alpha * z + t) * z + (beta - alpha)) * z - t
         slope = (3 * alpha * z + 2 * t) * z + (beta - alpha)

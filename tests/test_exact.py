@@ -276,6 +276,15 @@ def test_a_target_out_of_all_proportion_asks_for_as_much_as_there_is(joint, prio
         assert np.unique(a.status).tolist() == [near.status]
 
 
+@pytest.mark.parametrize("priority", PRIORITIES)
+def test_next_to_no_stiffness_asks_for_as_little_as_there_is(joint, priority):
+    for tiny in (1e-9, 1e-80, 1e-300):
+        for T in (0.0, 1e300):
+            a, near = (allocate([0.1], K, T, joint=joint, **options(priority)) for K in (tiny, 1e-6))
+            assert a.P1 == pytest.approx(near.P1, abs=1e-2 * joint.pressure_span)
+            assert a.status == near.status
+
+
 @given(share=shares, s1=shares, s2=shares)
 def test_no_torque_is_lost_where_the_stiffness_cannot_be_commanded(share, s1, s2):
     """Of a law with F_Pε = 0 the determinant is rounding, and its inverse is nothing to rely on."""

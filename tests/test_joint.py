@@ -130,6 +130,7 @@ def test_the_geometric_part_of_a_lever_s_stiffness_destabilises():
     [
         (lambda: Pulley(0.4, -0.02, 0.1), "radius = -0.02"),
         (lambda: Pulley(0.4, 0.02, 13.75), "percent"),
+        (lambda: Pulley(0.4, 1e-300, 0.1), "shorter than any part of a joint"),
         (lambda: Lever(0.4, 0.03, 0.3), "has to exceed the lever"),
         (lambda: Table(0.4, [0, 1], [0, 1], [0, 1]), "at least 3 samples"),
         (lambda: Table(0.4, [0, 1, 1, 2], [0, 0.1, 0.2, 0.3], [0.3, 0.2, 0.1, 0]), "does not after index 1"),

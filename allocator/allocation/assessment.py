@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from allocator.allocation.problem import Problem
 from allocator.allocation.status import Status
 from allocator.calculus import Array
+from allocator.side import BINDS
 
 
 class Tolerance(NamedTuple):
@@ -17,7 +18,7 @@ class Tolerance(NamedTuple):
     binds: float  # of the supply range: a pressure nearer to a bound lies on it
 
 
-CLOSED_FORM = Tolerance(met=1e-9, binds=1e-9)
+CLOSED_FORM = Tolerance(met=1e-9, binds=BINDS)
 OPTIMISER = Tolerance(met=1e-6, binds=1e-7)
 
 
@@ -42,8 +43,9 @@ def assess(
     if problem.pull:
         status = np.where(T_missed | K_missed, Status.PULLED, status)
     status = np.where(problem.box.empty, Status.CONFLICT, status)
-    status = np.where(_slack(problem, P1, P2), Status.SLACK, status)
+    status = np.where(problem.box.slack, Status.SLACK, status)
     status = np.where(outside != 0, Status.OUTSIDE_JOINT_RANGE, status)
+    status = np.where(problem.box.unreachable, Status.OUTSIDE_LIMITS, status)
     limits = problem.box.binding(P1, P2, tolerance.binds * problem.joint.pressure_span) | outside
     return Assessment(T, K, status.astype(np.int8), limits)
 
@@ -56,16 +58,6 @@ def assess_inverse(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.i
     status = np.where(allowed, Status.EXACT, Status.OUTSIDE_LIMITS)
     status = np.where(np.isnan(P1), Status.NO_INVERSE, status)
     return found._replace(status=status.astype(np.int8))
-
-
-def _slack(problem: Problem, P1: Array, P2: Array) -> NDArray[np.bool_]:
-    """Where a muscle pulls less than it has to."""
-    if problem.min_force is None:
-        return np.zeros(P1.shape, bool)
-    forces = (side.force(P) for side, P in zip(problem.sides, (P1, P2), strict=True))
-    allowance = 1e-9 * problem.scales[0] / np.minimum(problem.sides[0].arm, problem.sides[1].arm)
-    one, two = (force < problem.min_force - allowance for force in forces)
-    return np.asarray(one | two)
 
 
 __all__ = ["CLOSED_FORM", "OPTIMISER", "Assessment", "Tolerance", "assess", "assess_inverse"]

@@ -44,21 +44,21 @@ ANTAGONIST = tuple(map(int, (Limit.P2_LOWER, Limit.ANTAGONIST_SLACK, Limit.ANTAG
 # --- both laws: the box and the judgement ---------------------------------------------------------------------------
 
 
-def interval(lo, hi, hi_limit, taut, ceiling, now, step, flags):
-    """(lo, hi, their flags, empty) of one muscle's pressure [Pa], as `allocator.side.Side.interval`; None: no limit."""
-    lo_limit, empty = flags[0], False
-    if ceiling is not None:
-        hi_limit = flags[2] if ceiling < hi else hi_limit
-        hi = clip(ceiling, lo, hi)
-    if taut is not None:
-        lo_limit, empty = flags[1] if taut > lo else lo_limit, taut > hi
-        lo = clip(taut, lo, hi)
-    if step is not None:  # from outside, the nearest in reach remains
-        nearest, farthest = now - step, now + step
-        lo_limit = flags[3] if nearest > lo or farthest < lo else lo_limit
-        hi_limit = flags[3] if farthest < hi or nearest > hi else hi_limit
-        lo, hi = clip(lo, nearest, farthest), clip(hi, nearest, farthest)
-    return lo, hi, lo_limit, hi_limit, empty
+def interval(bounds, near):
+    """(lo, hi, status) of one muscle's pressure [Pa], as `allocator.limits.PressureInterval`.
+
+    `bounds`: supply, supply or validity, least force, greatest force, both ends of what the slew limit leaves [Pa];
+    ±inf where there is none. The `Status` is 0, or 5 conflict, 6 slack, 9 outside the limits.
+    """
+    lo, hi, taut, ceiling, nearest, farthest = bounds
+    most = hi if ceiling >= hi else clip(ceiling, lo, hi)
+    low, high = clip(taut, lo, most), most
+    if nearest > low or farthest < high:
+        low, high = clip(low, nearest, farthest), clip(high, nearest, farthest)
+    status = 5 if taut > most + near or ceiling < lo - near else 0
+    status = 6 if taut > high + near else status
+    status = 9 if nearest > most + near or farthest < lo - near else status
+    return low, high, status
 
 
 def clip(x, lo, hi):
@@ -67,17 +67,22 @@ def clip(x, lo, hi):
     return x if x < hi else hi
 
 
-def binding(P, lo, hi, lo_limit, hi_limit, near):
-    """The flags of the ends that `P` lies on."""
-    return (lo_limit if P <= lo + near else 0) | (hi_limit if P >= hi - near else 0)
+def binding(P, low, high, bounds, near, hi_limit, flags):
+    """The flags of the limits that `P` in [low, high] lies on."""
+    if low + near < P < high - near:
+        return 0
+    lo, hi, taut, ceiling, nearest, farthest = bounds
+    limits = (flags[0] if -near <= P - lo <= near else 0) | (hi_limit if -near <= P - hi <= near else 0)
+    limits = limits | (flags[1] if -near <= P - taut <= near else 0) | (flags[2] if -near <= P - ceiling <= near else 0)
+    return limits | (flags[3] if P - nearest <= near or farthest - P <= near else 0)
 
 
-def verdict(e_T, e_K, T_scale, K_scale, empty, slack, outside):
-    """The `Status`: 1 torque missed, 2 stiffness missed, 5 conflict, 6 slack, 7 outside the joint range."""
+def verdict(e_T, e_K, T_scale, K_scale, outside, status1, status2):
+    """The `Status`: 1 torque missed, 2 stiffness missed, 7 outside the joint range, or a muscle's; the last of them."""
     status = (1 if abs(e_T) > _MET * T_scale else 0) + (2 if abs(e_K) > _MET * K_scale else 0)
-    status = 5 if empty else status
-    status = 6 if slack else status
-    return 7 if outside != 0 else status
+    status = status if outside == 0 else 7
+    status = status if status > status1 else status1
+    return status if status > status2 else status2
 
 
 # --- two equal Tondu2021 on a pulley --------------------------------------------------------------------------------
@@ -96,12 +101,15 @@ def tondu_exact(
     outside = left_limit if theta < left else (right_limit if theta > right else 0)
     X = R * clip(theta, left, right) / l0
     eps1, eps2 = eps0 + X, eps0 - X
-    taut1 = None if min_force is None else tondu_pressure(min_force, eps1, S, q, c, d, e)
-    taut2 = None if min_force is None else tondu_pressure(min_force, eps2, S, q, c, d, e)
-    ceiling1 = None if max_force is None else tondu_pressure(max_force, eps1, S, q, c, d, e)
-    ceiling2 = None if max_force is None else tondu_pressure(max_force, eps2, S, q, c, d, e)
-    lo1, hi1, lo_limit1, hi_limit1, empty1 = interval(lo, hi, hi_limit1, taut1, ceiling1, P1_now, max_step, AGONIST)
-    lo2, hi2, lo_limit2, hi_limit2, empty2 = interval(lo, hi, hi_limit2, taut2, ceiling2, P2_now, max_step, ANTAGONIST)
+    taut1 = -inf if min_force is None else tondu_pressure(min_force, eps1, S, q, c, d, e)
+    taut2 = -inf if min_force is None else tondu_pressure(min_force, eps2, S, q, c, d, e)
+    ceiling1 = inf if max_force is None else tondu_pressure(max_force, eps1, S, q, c, d, e)
+    ceiling2 = inf if max_force is None else tondu_pressure(max_force, eps2, S, q, c, d, e)
+    nearest1, farthest1 = (-inf, inf) if max_step is None else (P1_now - max_step, P1_now + max_step)
+    nearest2, farthest2 = (-inf, inf) if max_step is None else (P2_now - max_step, P2_now + max_step)
+    bounds1 = (lo, hi, taut1, ceiling1, nearest1, farthest1)
+    bounds2 = (lo, hi, taut2, ceiling2, nearest2, farthest2)
+    (lo1, hi1, status1), (lo2, hi2, status2) = interval(bounds1, near), interval(bounds2, near)
     sure = lo1 >= lo and lo2 >= lo and hi1 <= hi and hi2 <= hi
     lo1, hi1, lo2, hi2 = clip(lo1, lo, hi), clip(hi1, lo, hi), clip(lo2, lo, hi), clip(hi2, lo, hi)
     rl1, rl2, rh1, rh2 = 1 / (lo1 + d), 1 / (lo2 + d), 1 / (hi1 + d), 1 / (hi2 + d)
@@ -117,11 +125,10 @@ def tondu_exact(
     T_given, K_given = T_unit * (f1 - f2), K_unit * (2 * c + g * (1 / (P1 + d) + 1 / (P2 + d)))
     T_scale = T_unit * (abs(tondu_f(hi1, rh1, eps1, q, c, g)) + abs(tondu_f(hi2, rh2, eps2, q, c, g))) + abs(T)
     K_scale = K_unit * (abs(c + g * rh1) + abs(c + g * rh2)) + abs(K)
-    least = None if min_force is None else min_force - _MET * T_scale / R
-    slack = False if least is None else (S * f1 < least or S * f2 < least)
-    status = verdict(T_given - T, K_given - K, T_scale, K_scale, empty1 or empty2, slack, outside)
-    limits = binding(P1, lo1, hi1, lo_limit1, hi_limit1, near) | binding(P2, lo2, hi2, lo_limit2, hi_limit2, near)
-    return P1, P2, T_given, K_given, status, limits | outside, sure
+    status = verdict(T_given - T, K_given - K, T_scale, K_scale, outside, status1, status2)
+    limits1 = binding(P1, lo1, hi1, bounds1, near, hi_limit1, AGONIST)
+    limits2 = binding(P2, lo2, hi2, bounds2, near, hi_limit2, ANTAGONIST)
+    return P1, P2, T_given, K_given, status, limits1 | limits2 | outside, sure
 
 
 def tondu_torque_first(tau, s, box, law):
@@ -223,17 +230,20 @@ def affine_exact(
 
     F = A P + B [N], moment arm a [m], stiffness that the muscle adds k0 + k' P [N·m/rad]; `p` from `AffineNumbers`.
     """
-    lo, hi1, hi2, left, right, near, hi_limit1, hi_limit2, left_limit, right_limit = p
+    lo, most1, most2, left, right, near, hi_limit1, hi_limit2, left_limit, right_limit = p
     (A1, B1, arm1, k1, k01), (A2, B2, arm2, k2, k02) = one, two
     outside = left_limit if theta < left else (right_limit if theta > right else 0)
     rises = A1 > 0 and A2 > 0
     A1, A2 = A1 if rises else 1.0, A2 if rises else 1.0
-    taut1 = None if min_force is None else (min_force - B1) / A1
-    taut2 = None if min_force is None else (min_force - B2) / A2
-    ceiling1 = None if max_force is None else (max_force - B1) / A1
-    ceiling2 = None if max_force is None else (max_force - B2) / A2
-    lo1, hi1, lo_limit1, hi_limit1, empty1 = interval(lo, hi1, hi_limit1, taut1, ceiling1, P1_now, max_step, AGONIST)
-    lo2, hi2, lo_limit2, hi_limit2, empty2 = interval(lo, hi2, hi_limit2, taut2, ceiling2, P2_now, max_step, ANTAGONIST)
+    taut1 = -inf if min_force is None else (min_force - B1) / A1
+    taut2 = -inf if min_force is None else (min_force - B2) / A2
+    ceiling1 = inf if max_force is None else (max_force - B1) / A1
+    ceiling2 = inf if max_force is None else (max_force - B2) / A2
+    nearest1, farthest1 = (-inf, inf) if max_step is None else (P1_now - max_step, P1_now + max_step)
+    nearest2, farthest2 = (-inf, inf) if max_step is None else (P2_now - max_step, P2_now + max_step)
+    bounds1 = (lo, most1, taut1, ceiling1, nearest1, farthest1)
+    bounds2 = (lo, most2, taut2, ceiling2, nearest2, farthest2)
+    (lo1, hi1, status1), (lo2, hi2, status2) = interval(bounds1, near), interval(bounds2, near)
     box, t1, t2 = (lo1, hi1, lo2, hi2), arm1 * A1, -arm2 * A2
     T0, K0 = arm1 * B1 - arm2 * B2, k01 + k02
     sure = rises and t1 * k2 - t2 * k1 > 0 and k1 != 0 and k2 != 0
@@ -245,11 +255,10 @@ def affine_exact(
     T_given, K_given = arm1 * F1 - arm2 * F2, K0 + k1 * P1 + k2 * P2
     T_scale = arm1 * abs(A1 * hi1 + B1) + arm2 * abs(A2 * hi2 + B2) + abs(T)
     K_scale = abs(k01 + k1 * hi1) + abs(k02 + k2 * hi2) + abs(K)
-    least = None if min_force is None else min_force - _MET * T_scale / (arm1 if arm1 < arm2 else arm2)
-    slack = False if least is None else (F1 < least or F2 < least)
-    status = verdict(T_given - T, K_given - K, T_scale, K_scale, empty1 or empty2, slack, outside)
-    limits = binding(P1, lo1, hi1, lo_limit1, hi_limit1, near) | binding(P2, lo2, hi2, lo_limit2, hi_limit2, near)
-    return P1, P2, T_given, K_given, status, limits | outside, sure
+    status = verdict(T_given - T, K_given - K, T_scale, K_scale, outside, status1, status2)
+    limits1 = binding(P1, lo1, hi1, bounds1, near, hi_limit1, AGONIST)
+    limits2 = binding(P2, lo2, hi2, bounds2, near, hi_limit2, ANTAGONIST)
+    return P1, P2, T_given, K_given, status, limits1 | limits2 | outside, sure
 
 
 def affine_lexicographic(X, x1, x2, Y, y1, y2, box):

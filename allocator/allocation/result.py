@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.allocation import kkt, sensitivity
+from allocator.allocation.assessment import CLOSED_FORM, OPTIMISER
 from allocator.allocation.problem import Problem
 from allocator.allocation.question import Question
 from allocator.allocation.spread import stiffness_std
@@ -64,11 +65,28 @@ class Allocation:
 
     @property
     def active(self) -> Any:
-        """Names of the limits that bind: "P1 upper", "agonist slack", …; a tuple, or an array of tuples."""
+        """Names of the limits that bind: "P1 upper", "agonist slack", …; a tuple, or an array of tuples.
+
+        A limit binds where the pressure lies on it, up to 1e-9 of the supply range; of limits that lie at one pressure
+        all bind, since relieving one does not help. Supply and validity of the model count as one limit, the lower.
+        """
+        return self._named(self.limits)
+
+    @property
+    def broken(self) -> Any:
+        """Names of the limits that are not kept, since the slew limit or others allow no pressure that would keep them.
+
+        Of method "analytic", which knows no limits, whatever it breaks. A tuple, or an array of tuples.
+        """
+        near = CLOSED_FORM.binds if self.method in ("exact", "analytic") else OPTIMISER.binds
+        near *= self._problem.joint.pressure_span
+        return self._named(shaped(self._problem.box.not_kept(np.ravel(self.P1), np.ravel(self.P2), near), self._shape))
+
+    def _named(self, limits: Any) -> Any:
         if not self._shape:
-            return names(self.limits)
-        named = np.empty(self.limits.size, object)
-        named[:] = [names(limits) for limits in self.limits.flat]
+            return names(limits)
+        named = np.empty(limits.size, object)
+        named[:] = [names(flags) for flags in limits.flat]
         return named.reshape(self._shape)
 
     @cached_property
@@ -205,7 +223,9 @@ def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
 def _sentence(a: Allocation) -> str:
     at = f"{a.theta / DEG:.4g}°"
     left, right = (f"{end / DEG:.4g}°" for end in a._problem.joint.angle_range)
-    where = f"; in the way: {', '.join(a.active)}" if a.active else ""
+    kept = [name for name in a.active if name not in a.broken]
+    lists = {"in the way": kept, "not kept": a.broken}
+    where = "".join(f"; {what}: {', '.join(listed)}" for what, listed in lists.items() if listed)
     T_min, T_max = a.torque_interval
     K_min, K_max = a.stiffness_interval
     details = {

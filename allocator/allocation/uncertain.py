@@ -102,7 +102,7 @@ def _narrowed(problem: Problem, side: Side, interval: PressureInterval, model: U
         ceiling = Limit.AGONIST_FORCE if j == 0 else Limit.ANTAGONIST_FORCE
         hi_limit = np.where(np.isposinf(high), interval.hi_limit, np.int32(ceiling))
         hi = np.where(np.isposinf(high), hi, high)
-    return PressureInterval(lo, hi, lo_limit, hi_limit, empty=lo > hi)
+    return replace(interval, lo=lo, hi=hi, lo_limit=lo_limit, hi_limit=hi_limit, empty=lo > hi)
 
 
 __all__ = ["Affine", "Uncertain", "chance_box", "uncertain"]

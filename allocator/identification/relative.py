@@ -106,12 +106,9 @@ def with_joint_covariance(joint: AntagonistJoint, covariance: Array | None) -> A
 
 
 def _flat(theta: Value, P1: Value, P2: Value) -> tuple[Array, Array, Array]:
-    checked = {
-        "theta": checks.angle("theta", theta),
-        "P1": checks.pressure("P1", P1),
-        "P2": checks.pressure("P2", P2),
-    }
-    theta, P1, P2 = (np.atleast_1d(a).ravel().astype(float) for a in checks.broadcast(**checked))
+    P1, P2 = checks.pressures_or_symbols(P1, P2)
+    arrays = checks.broadcast(theta=checks.angle("theta", theta), P1=P1, P2=P2)
+    theta, P1, P2 = (np.atleast_1d(a).ravel().astype(float) for a in arrays)
     return theta, P1, P2
 
 

@@ -9,6 +9,7 @@ typedef struct {
 } numbers;
 
 #define CLIP(x, lo, hi) fmin_(fmax_(x, lo), hi)
+#define ON(P, limit, flag) (fabs((P) - (limit)) <= p.near ? (flag) : 0)
 static inline double fmax_(double a, double b) { return a > b ? a : b; }
 static inline double fmin_(double a, double b) { return a < b ? a : b; }
 
@@ -38,8 +39,7 @@ void allocate(int64_t n, const double *restrict theta, const double *restrict K,
         int32_t outside = theta[i] < p.left ? p.left_limit : theta[i] > p.right ? p.right_limit : 0;
         double X = p.R * CLIP(theta[i], p.left, p.right) / p.l0, eps1 = p.eps0 + X, eps2 = p.eps0 - X;
         double taut1 = pressure(min_force, eps1, p), taut2 = pressure(min_force, eps2, p);
-        int32_t lo_limit1 = taut1 > p.lo ? 16 : 1, lo_limit2 = taut2 > p.lo ? 32 : 4;
-        int empty = (taut1 > p.hi) | (taut2 > p.hi);
+        int slack = (taut1 > p.hi + p.near) | (taut2 > p.hi + p.near);
         double lo1 = CLIP(taut1, p.lo, p.hi), lo2 = CLIP(taut2, p.lo, p.hi), hi = p.hi;
         double rl1 = 1 / (lo1 + d), rl2 = 1 / (lo2 + d), rh = 1 / (hi + d);
         double fl1 = f_of(lo1, rl1, eps1, p), fl2 = f_of(lo2, rl2, eps2, p);
@@ -68,13 +68,10 @@ void allocate(int64_t n, const double *restrict theta, const double *restrict K,
         double T_now = T_unit * (f1 - f2), K_now = K_unit * (2 * p.c + p.g * (r1 + r2));
         double T_scale = T_unit * (fabs(fh1) + fabs(fh2)) + fabs(T[i]);
         double K_scale = K_unit * 2 * fabs(p.c + p.g * rh) + fabs(K[i]);
-        double least = min_force - 1e-9 * T_scale / p.R;
         int32_t found = (fabs(T_now - T[i]) > 1e-9 * T_scale ? 1 : 0) + (fabs(K_now - K[i]) > 1e-9 * K_scale ? 2 : 0);
-        found = empty ? 5 : found;
-        found = (p.S * f1 < least) | (p.S * f2 < least) ? 6 : found;
-        status[i] = (int8_t)(outside ? 7 : found);
-        limits[i] = (Q1 <= lo1 + p.near ? lo_limit1 : 0) | (Q1 >= hi - p.near ? p.hi_limit1 : 0) |
-                    (Q2 <= lo2 + p.near ? lo_limit2 : 0) | (Q2 >= hi - p.near ? p.hi_limit2 : 0) | outside;
+        status[i] = (int8_t)(outside ? 7 : slack ? 6 : found);
+        limits[i] = ON(Q1, p.lo, 1) | ON(Q1, taut1, 16) | ON(Q1, hi, p.hi_limit1) | ON(Q2, p.lo, 4) |
+                    ON(Q2, taut2, 32) | ON(Q2, hi, p.hi_limit2) | outside;
         P1[i] = Q1, P2[i] = Q2, T_given[i] = T_now, K_given[i] = K_now;
     }
 }

@@ -8,11 +8,12 @@
 
 /* Limit flags of a muscle. */
 typedef struct {
-    int lower, slack, force, rate;
+    int lower, upper, slack, force, rate;
 } flags;
 
-static const flags AGONIST = {ANT_P1_LOWER, ANT_AGONIST_SLACK, ANT_AGONIST_FORCE, ANT_P1_RATE};
-static const flags ANTAGONIST = {ANT_P2_LOWER, ANT_ANTAGONIST_SLACK, ANT_ANTAGONIST_FORCE, ANT_P2_RATE};
+static const flags AGONIST = {ANT_P1_LOWER, ANT_HI1_LIMIT, ANT_AGONIST_SLACK, ANT_AGONIST_FORCE, ANT_P1_RATE};
+static const flags ANTAGONIST = {ANT_P2_LOWER, ANT_HI2_LIMIT, ANT_ANTAGONIST_SLACK, ANT_ANTAGONIST_FORCE, ANT_P2_RATE};
+static const ant_real NEAR = ANT_NEAR * (ANT_SUPPLY_HI - ANT_SUPPLY_LO); /* to a limit: on it */
 
 ant_target ant_target_of(ant_real theta, ant_real K, ant_real T) {
     const ant_target target = {theta, K, T, 0, ANT_INFINITY, 0, 0, ANT_INFINITY, ANT_TORQUE_FIRST};
@@ -29,23 +30,16 @@ static int sensible(const ant_target *t) {
 
 /* Supply and validity, least and greatest force, slew. Moving is a hard limit: from outside the nearest in reach
  * remains. */
-static ant_interval interval(const ant_target *t, ant_real hi, int hi_limit, ant_real taut, ant_real ceiling,
-                             ant_real now, flags flag) {
-    ant_interval i = {ANT_SUPPLY_LO, hi, flag.lower, hi_limit, 0};
-    const ant_real nearest = now - t->max_step, farthest = now + t->max_step;
-    if (t->max_force < ANT_INFINITY) {
-        if (ceiling < i.hi) i.hi_limit = flag.force;
-        i.hi = ant_clip(ceiling, i.lo, i.hi);
-    }
-    if (t->min_force > -ANT_INFINITY) {
-        if (taut > i.lo) i.lo_limit = flag.slack;
-        i.empty = taut > i.hi;
-        i.lo = ant_clip(taut, i.lo, i.hi);
-    }
-    if (nearest > i.lo || farthest < i.lo) i.lo_limit = flag.rate;
-    if (farthest < i.hi || nearest > i.hi) i.hi_limit = flag.rate;
-    i.lo = ant_clip(i.lo, nearest, farthest);
-    i.hi = ant_clip(i.hi, nearest, farthest);
+static ant_interval interval(const ant_target *t, ant_real most, ant_real taut, ant_real ceiling, ant_real now) {
+    ant_interval i = {0, 0, -ANT_INFINITY, ANT_INFINITY, now - t->max_step, now + t->max_step, ANT_EXACT};
+    if (t->min_force > -ANT_INFINITY) i.taut = taut;
+    if (t->max_force < ANT_INFINITY) i.ceiling = ceiling;
+    most = ant_clip(i.ceiling, ANT_SUPPLY_LO, most);
+    i.lo = ant_clip(ant_clip(i.taut, ANT_SUPPLY_LO, most), i.nearest, i.farthest);
+    i.hi = ant_clip(most, i.nearest, i.farthest);
+    if (i.taut > most + NEAR || i.ceiling < ANT_SUPPLY_LO - NEAR) i.status = ANT_CONFLICT;
+    if (i.taut > i.hi + NEAR) i.status = ANT_SLACK;
+    if (i.nearest > most + NEAR || i.farthest < ANT_SUPPLY_LO - NEAR) i.status = ANT_OUTSIDE_LIMITS;
     return i;
 }
 
@@ -54,22 +48,18 @@ static ant_box box_at(const ant_law *law, const ant_target *t) {
     const ant_real high = t->max_force < ANT_INFINITY ? t->max_force : 0;
     const ant_real taut1 = ant_law_pressure(law, 0, low), ceiling1 = ant_law_pressure(law, 0, high);
     const ant_real taut2 = ant_law_pressure(law, 1, low), ceiling2 = ant_law_pressure(law, 1, high);
-    const ant_box box = {interval(t, ANT_HI1, ANT_HI1_LIMIT, taut1, ceiling1, t->P1_now, AGONIST),
-                         interval(t, ANT_HI2, ANT_HI2_LIMIT, taut2, ceiling2, t->P2_now, ANTAGONIST)};
+    const ant_box box = {interval(t, ANT_HI1, taut1, ceiling1, t->P1_now),
+                         interval(t, ANT_HI2, taut2, ceiling2, t->P2_now)};
     return box;
 }
 
-/* The flags of the ends that P lies on. */
-static int binding(ant_real P, const ant_interval *i) {
-    const ant_real near = ANT_NEAR * (ANT_SUPPLY_HI - ANT_SUPPLY_LO);
-    return (P <= i->lo + near ? i->lo_limit : 0) | (P >= i->hi - near ? i->hi_limit : 0);
-}
+static int on(ant_real P, ant_real limit) { return ant_abs(P - limit) <= NEAR; }
 
-/* Whether a muscle pulls less than it has to. */
-static int slack(const ant_law *law, const ant_target *t, ant_pair P, ant_real T_scale) {
-    const ant_real arm1 = ant_law_arm(law, 0), arm2 = ant_law_arm(law, 1);
-    const ant_real least = t->min_force - ANT_MET * T_scale / (arm1 < arm2 ? arm1 : arm2);
-    return ant_law_force(law, 0, P.P1) < least || ant_law_force(law, 1, P.P2) < least;
+/* The flags of the limits that P lies on. */
+static int binding(ant_real P, const ant_interval *i, ant_real most, flags flag) {
+    return (on(P, ANT_SUPPLY_LO) ? flag.lower : 0) | (on(P, most) ? flag.upper : 0) |
+           (on(P, i->taut) ? flag.slack : 0) | (on(P, i->ceiling) ? flag.force : 0) |
+           (on(P, i->nearest) || on(P, i->farthest) ? flag.rate : 0);
 }
 
 /* What is large: both muscles' torque and stiffness at their upper bounds, in absolute value. */
@@ -83,16 +73,16 @@ static void scales(const ant_law *law, const ant_target *t, const ant_box *box, 
     }
 }
 
+/* Where several hold the last in the list of statuses is given. */
+static ant_status last_of(ant_status one, ant_status two) { return one > two ? one : two; }
+
 static ant_status verdict(const ant_law *law, const ant_target *t, const ant_box *box, const ant_allocation *a,
                           int outside) {
-    const ant_pair P = {a->P1, a->P2};
     ant_real T_scale, K_scale;
     scales(law, t, box, &T_scale, &K_scale);
     const int T_missed = ant_abs(a->T - t->T) > ANT_MET * T_scale, K_missed = ant_abs(a->K - t->K) > ANT_MET * K_scale;
-    if (outside) return ANT_OUTSIDE_JOINT_RANGE;
-    if (slack(law, t, P, T_scale)) return ANT_SLACK;
-    if (box->one.empty || box->two.empty) return ANT_CONFLICT;
-    return (ant_status)((T_missed ? ANT_TORQUE_LIMITED : 0) | (K_missed ? ANT_STIFFNESS_LIMITED : 0));
+    const int missed = (T_missed ? ANT_TORQUE_LIMITED : 0) | (K_missed ? ANT_STIFFNESS_LIMITED : 0);
+    return last_of(outside ? ANT_OUTSIDE_JOINT_RANGE : (ant_status)missed, last_of(box->one.status, box->two.status));
 }
 
 /* Where the pressures are now, or the least, as far as there is sense in it: the answer to a question without one. */
@@ -121,6 +111,6 @@ ant_allocation ant_allocate(const ant_target *t) {
     a.T = ant_law_arm(&law, 0) * ant_law_force(&law, 0, P.P1) - ant_law_arm(&law, 1) * ant_law_force(&law, 1, P.P2);
     a.K = ant_law_stiffness(&law, 0, P.P1) + ant_law_stiffness(&law, 1, P.P2);
     a.status = verdict(&law, t, &box, &a, outside);
-    a.limits = binding(P.P1, &box.one) | binding(P.P2, &box.two) | outside;
+    a.limits = binding(P.P1, &box.one, ANT_HI1, AGONIST) | binding(P.P2, &box.two, ANT_HI2, ANTAGONIST) | outside;
     return a;
 }

@@ -1,13 +1,14 @@
-/* The pressures that the limits leave at an angle: an interval for each muscle, and which limit sets each end. */
+/* The pressures that the limits leave at an angle: an interval for each muscle, and where each limit lies. */
 #ifndef ANT_BOX_H
 #define ANT_BOX_H
 
 #include "antagonist.h"
 
 typedef struct {
-    ant_real lo, hi;        /* [Pa] */
-    int lo_limit, hi_limit; /* which limit each is */
-    int empty;              /* the limits contradict each other: lo = hi = the upper one */
+    ant_real lo, hi;            /* [Pa]; equal where no pressure keeps all limits */
+    ant_real taut, ceiling;     /* pressures of the least and the greatest force [Pa] */
+    ant_real nearest, farthest; /* what the slew limit leaves [Pa] */
+    ant_status status;          /* ANT_EXACT, or why not all limits are kept */
 } ant_interval;
 
 typedef struct {
