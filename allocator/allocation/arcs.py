@@ -164,7 +164,13 @@ def least(goal, arcs, one, two, arcs1, arcs2):
             continue  # the least is at an end
         M = moved((A[0] + B[0]) / 2, A, segments, Q_piece, follows)
         if inside:
-            M = descend(goal, A, B, segments, Q_piece, follows)
+            lowest = descend(goal, A, B, segments, Q_piece, follows)
+            if single or min(abs(lowest[0] - A[0]), abs(lowest[0] - B[0])) > abs(B[0] - A[0]) / 16:
+                M = lowest
+            value = cost(goal, lowest[2] + lowest[4], lowest[3] + lowest[5])
+            if value < best:
+                best = value
+                P1, P2 = (lowest[0], lowest[1]) if arc[1] == 1 else (lowest[1], lowest[0])
         value = cost(goal, M[2] + M[4], M[3] + M[5])
         if value < best:
             best = value
