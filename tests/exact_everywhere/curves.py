@@ -97,13 +97,13 @@ def _gains(joint, theta, side, P, other):
 
 
 def _special(joint, theta, side, lo, P):
-    """Pressures (A, 2·_TURNS + 2) on both sides of turning points of k and of the sharpest bend; else the lower end."""
+    """Pressures (A, 2·_TURNS + 2) on both sides of turning points of k and of the sharpest bend; else some."""
     gain, slope = _gains(joint, theta[:, None], side, P, lo[1 - side][:, None])
     turns = (gain[:, 1:] > 0) != (gain[:, :-1] > 0)
     turns &= np.cumsum(turns, 1) <= _TURNS
     steps = np.abs(np.diff(gain / slope, axis=1))
     bend = steps[:, 1:-1] - np.maximum(steps[:, 2:], steps[:, :-2])
-    found = np.repeat(P[:, :1], 2 * _TURNS + 2, axis=1)
+    found = (P[:, : 2 * _TURNS + 2] + P[:, 1 : 2 * _TURNS + 3]) / 2
     row, cell = np.nonzero(turns)
     at = 2 * (np.cumsum(turns, 1)[row, cell] - 1)
     which = {0: (row, cell, at), 1: (np.arange(len(theta)), bend.argmax(1) + 1, np.full(len(theta), 2 * _TURNS))}

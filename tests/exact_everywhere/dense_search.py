@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from .curves import image, runs
+from .line_search import change, golden_section, pick
 from .weighted_search import on_paths
 
-GOLDEN = (np.sqrt(5) - 1) / 2
-_STEPS = 24  # of the golden section: a bracket shrinks to 1e-5 of itself, its minimum is found to 1e-10
 _NEWTON = 60  # bound
+_HALVINGS = 50
 _KEPT = 4e-15  # of the scale: a level held so well is held
 
 
@@ -50,6 +50,9 @@ class Brackets(NamedTuple):
     x_hi: np.ndarray
     y_lo: np.ndarray  # a monotone run of the other muscle's curve, the first quantity rises from y_lo to y_hi
     y_hi: np.ndarray
+
+    def take(self, where):
+        return Brackets(*(array[where] for array in self))
 
 
 def best(joint, theta, T, K, priority, weights=(1.0, 1.0)):
@@ -88,14 +91,12 @@ def lexicographic(joint, reach, targets, priority):
     """First the nearest torque (or stiffness), then the nearest of the other."""
     first = "tk"[priority == "stiffness"]
     P1, P2 = _nearest_ends(reach, targets, first)
-    held, brackets = [], []
+    brackets = []
     for row in np.unique(targets.row):
         mine = np.flatnonzero(targets.row == row)
-        nearest = _within(reach, targets.take(mine), first)
-        held.append((mine[nearest], row))
-        brackets += [*_levels(reach, targets, mine[nearest], row, first)]
+        brackets += _levels(reach, targets, mine[_within(reach, targets.take(mine), first)], row, first)
     if brackets:
-        P1, P2 = _refined(joint, reach, targets, first, Brackets(*map(np.concatenate, zip(*brackets, strict=True))), P1, P2)
+        _refine(joint, reach, targets, first, Brackets(*map(np.concatenate, zip(*brackets, strict=True))), P1, P2)
     return _found(joint, reach, targets, P1, P2)
 
 
@@ -137,15 +138,14 @@ def _levels(reach, targets, mine, row, first):
 def promising(error):
     """(row, first and last sample) of stretches of rows of errors, NaN where there are none, that may hold the least.
 
-    A stretch may if its samples, minus twice what they change by, are not above the least error in the row.
+    A stretch may if its samples, minus half of what they change by, are not above the least error in the row.
     """
     size = np.where(np.isfinite(error), np.abs(error), np.inf)
     border = np.full((len(size), 1), np.inf)
     left, right = np.hstack([border, size[:, :-1]]), np.hstack([size[:, 1:], border])
+    swing = change(error)[:, [0, *range(size.shape[1] - 1)]]  # of the cell before a sample, and those near
+    low = (size <= left) & (size <= right) & (size - swing / 2 <= size.min(axis=1, keepdims=True)) & np.isfinite(size)
     with np.errstate(invalid="ignore"):
-        change = np.fmax(np.where(np.isfinite(left), left - size, 0), np.where(np.isfinite(right), right - size, 0))
-        low = np.isfinite(size) & (size <= left) & (size <= right)
-        low &= size - 2 * change <= size.min(axis=1, keepdims=True)
         crossing = error[:, 1:] * error[:, :-1] < 0
     row, i = np.nonzero(low)
     lo, hi = np.where(np.isfinite(left[row, i]), i - 1, i), np.where(np.isfinite(right[row, i]), i + 1, i)
@@ -153,95 +153,82 @@ def promising(error):
     return np.concatenate([row, rows]), np.concatenate([lo, j]), np.concatenate([hi, j + 1])
 
 
-def _refined(joint, reach, targets, first, brackets, P1, P2):
-    """The pressures of the bracket with the least second error, of each target; its start where it has none."""
-    level = _Level(joint, reach, targets, first, brackets)
-    x, y, error = level.minimum()
-    order = np.lexsort((error, brackets.target))
-    chosen = order[np.unique(brackets.target[order], return_index=True)[1]]
-    own_is_2, at = brackets.side[chosen] == 1, brackets.target[chosen]
-    P1[at] = np.where(own_is_2, y[chosen], x[chosen])
-    P2[at] = np.where(own_is_2, x[chosen], y[chosen])
-    return P1, P2
+def _refine(joint, reach, targets, first, brackets, P1, P2):
+    """Write into P1, P2 the pressures of the bracket with the least second error, for targets that have brackets."""
+    sides = joint.sides(reach.theta[targets.row[brackets.target]])
+    found = np.empty((3, brackets.target.size))  # P1, P2, |second error|
+    for side in (0, 1):
+        mine = np.flatnonzero(brackets.side == side)
+        level = _Level(reach, targets, first, brackets.take(mine), _of(sides[side], mine), _of(sides[1 - side], mine))
+        x, y, error = level.minimum()
+        found[:, mine] = (y, x, error) if side else (x, y, error)
+    order = np.lexsort((found[2], brackets.target))
+    at, start = np.unique(brackets.target[order], return_index=True)
+    P1[at], P2[at] = found[:2, order[start]]
+
+
+def _of(side, where):
+    """The same muscle at a selection of the angles."""
+    return side.moved(*(np.asarray(array)[where] for array in side.arrays))
 
 
 class _Level:
     """Points on levels of the first quantity, one in each bracket."""
 
-    def __init__(self, joint, reach, targets, first, brackets):
-        self.joint, self.first, self.brackets = joint, first, brackets
-        self.theta = reach.theta[targets.row[brackets.target]]
+    def __init__(self, reach, targets, first, brackets, own, other):
+        self.brackets = brackets
+        names = ("torque", "stiffness") if first == "t" else ("stiffness", "torque")
+        (self.own_first, self.own_second), (self.other_first, self.other_second) = (
+            tuple(getattr(side, name) for name in names) for side in (own, other)
+        )
+        self.gain = getattr(other, f"{names[0]}_gain")
         self.aim, self.second_aim = (a[brackets.target] for a in _aims(targets, first))
-        self.scale = (reach.T_scale if first == "t" else reach.K_scale)[targets.row[brackets.target]]
-
-    def given(self, x, y):
-        """(first, second) quantity."""
-        P1, P2 = np.where(self.brackets.side == 1, y, x), np.where(self.brackets.side == 1, x, y)
-        values = self.joint.torque(self.theta, P1, P2), self.joint.stiffness(self.theta, P1, P2)
-        return values if self.first == "t" else values[::-1]
-
-    def gain(self, x, y):
-        """Derivative of the first quantity by y."""
-        P1, P2 = np.where(self.brackets.side == 1, y, x), np.where(self.brackets.side == 1, x, y)
-        gains = self.joint.jacobian(self.theta, P1, P2)[self.first == "k"]
-        return np.where(self.brackets.side == 1, *gains)
+        self.enough = _KEPT * (reach.T_scale if first == "t" else reach.K_scale)[targets.row[brackets.target]]
 
     def partner(self, x, y):
         """The y that keeps the level at x, by Newton's method from y, in a bracket."""
-        low, high = self.brackets.y_lo, self.brackets.y_hi
+        low, high, needed = self.brackets.y_lo, self.brackets.y_hi, self.aim - self.own_first(x)
         for _ in range(_NEWTON):
-            excess = self.given(x, y)[0] - self.aim
-            if (np.abs(excess) <= _KEPT * self.scale).all():
+            excess = self.other_first(y) - needed
+            held = np.abs(excess) <= self.enough
+            if held.all():
                 break
             low, high = np.where(excess < 0, y, low), np.where(excess > 0, y, high)
             with np.errstate(divide="ignore", invalid="ignore"):
-                step = y - excess / self.gain(x, y)
+                step = y - excess / self.gain(y)
             inside = (step - low) * (step - high) < 0
-            y = np.where(np.abs(excess) <= _KEPT * self.scale, y, np.where(inside, step, (low + high) / 2))
+            y = np.where(held, y, np.where(inside, step, (low + high) / 2))
         return y
 
     def error(self, x, y):
         """(y on the level, second error there)."""
         y = self.partner(x, y)
-        return y, self.given(x, y)[1] - self.second_aim
+        return y, self.own_second(x) + self.other_second(y) - self.second_aim
 
     def minimum(self):
         """(x, y, |second error|) of the least error found in each bracket; 0 where its sign changes."""
-        low, high = self.brackets.x_lo, self.brackets.x_hi
         y = (self.brackets.y_lo + self.brackets.y_hi) / 2
-        tried = []
-        for x in (low, high):
-            y, error = self.error(x, y)
-            tried.append((x, y, error))
-        sign = np.sign(tried[0][2])
-        points = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
-        values = []
-        for x in points:
-            y, error = self.error(x, y)
-            values.append(sign * error)
-            tried.append((x, y, error))
-        for _ in range(_STEPS):
-            keep_left = values[0] < values[1]
-            low, high = np.where(keep_left, low, points[0]), np.where(keep_left, points[1], high)
-            new = np.where(keep_left, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
-            y, error = self.error(new, y)
-            tried.append((new, y, error))
-            points = [np.where(keep_left, new, points[1]), np.where(keep_left, points[0], new)]
-            values = [np.where(keep_left, sign * error, values[1]), np.where(keep_left, values[0], sign * error)]
-        return self._least(*(np.stack(column) for column in zip(*tried, strict=True)))
+        sign = np.sign(self.error(self.brackets.x_lo, y)[1])
+        partners, errors = [y], []
+
+        def size(x):
+            y, error = self.error(x, partners[-1])
+            partners.append(y), errors.append(error)
+            return sign * error
+
+        x = golden_section(size, self.brackets.x_lo, self.brackets.x_hi)
+        return self._least(x, np.stack(partners[1:]), np.stack(errors))
 
     def _least(self, x, y, error):
-        """Of all that was tried; between errors of both signs their root by bisection."""
-        at = np.abs(error).argmin(axis=0)[None]
-        x_best, y_best, e_best = (np.take_along_axis(array, at, 0)[0] for array in (x, y, error))
-        up, down = error.argmax(axis=0)[None], error.argmin(axis=0)[None]
-        positive, negative = (np.take_along_axis(x, i, 0)[0] for i in (up, down))
+        """Of all that was tried (s, c); between errors of both signs their root by bisection."""
+        x_best, y_best, e_best = (pick(array, np.abs(error).argmin(axis=0)) for array in (x, y, error))
+        positive, negative = pick(x, error.argmax(axis=0)), pick(x, error.argmin(axis=0))
         crosses = (error.max(axis=0) > 0) & (error.min(axis=0) < 0)
-        for _ in range(50 if crosses.any() else 0):
-            middle = (positive + negative) / 2
-            y_best, e_middle = self.error(np.where(crosses, middle, x_best), y_best)
+        for _ in range(_HALVINGS if crosses.any() else 0):
+            middle = np.where(crosses, (positive + negative) / 2, x_best)
+            y_best, e_middle = self.error(middle, y_best)
             positive, negative = np.where(e_middle > 0, middle, positive), np.where(e_middle > 0, negative, middle)
-            nearer = crosses & (np.abs(e_middle) < np.abs(e_best))
+            nearer = np.abs(e_middle) < np.abs(e_best)
             x_best, e_best = np.where(nearer, middle, x_best), np.where(nearer, e_middle, e_best)
         return x_best, self.partner(x_best, y_best), np.abs(e_best)
 

@@ -9,50 +9,31 @@ these be forgotten.
 import numpy as np
 
 from .curves import runs
+from .line_search import change, golden_section, pick
 
-GOLDEN = (np.sqrt(5) - 1) / 2
-_STEPS = 30
 _COARSE = 8  # every so many samples are in the grid
 
 
 def on_paths(joint, reach, targets, weights, P1, P2):
     """The best pressures found, also against those given (m,)."""
-    theta = reach.theta[targets.row]
-    found = P1, P2, _cost(joint, theta, targets, weights, P1, P2)
+    everyone = np.arange(targets.row.size)
+    stretches = [(everyone, np.stack([P1, P1]), np.stack([P2, P2]))]
     for row in np.unique(targets.row):
         mine = np.flatnonzero(targets.row == row)
-        for which, Q1, Q2 in _candidates(reach, targets.take(mine), weights, row):
-            at = mine[which]
-            _keep(found, at, _minimum(joint, theta[at], targets.take(at), weights, Q1, Q2))
-    return found[:2]
-
-
-def _cost(joint, theta, targets, weights, P1, P2):
-    """w_T (T - T*)² + w_K (K - K*)²."""
-    e_T, e_K = joint.torque(theta, P1, P2) - targets.T, joint.stiffness(theta, P1, P2) - targets.K
-    return weights[0] * e_T**2 + weights[1] * e_K**2
-
-
-def _keep(found, at, new):
-    """Write what is better into `found`; targets may come several times."""
-    order = np.lexsort((new[2], at))
-    at, chosen = at[order], order[np.unique(at[order], return_index=True)[1]]
-    at = np.unique(at)
-    better = new[2][chosen] < found[2][at]
-    for whole, part in zip(found, new, strict=True):
-        whole[at[better]] = part[chosen[better]]
+        stretches += [(mine[which], *ends) for which, *ends in _candidates(reach, targets.take(mine), weights, row)]
+    at, Q1, Q2 = (np.concatenate(column, axis=-1) for column in zip(*stretches, strict=True))
+    Q1, Q2, cost = _minimum(joint.sides(reach.theta[targets.row[at]]), targets.take(at), weights, Q1, Q2)
+    order = np.lexsort((cost, at))
+    least = order[np.unique(at[order], return_index=True)[1]]
+    return Q1[least], Q2[least]
 
 
 def _candidates(reach, targets, weights, row):
     """(target, ends of a straight stretch of P1, of P2) of all stretches of paths that may hold the least cost."""
     paths = np.concatenate([*_edges(reach, row), *_folds(reach, row)], axis=1)  # P1, P2, T, K; NaN in between
     cost = _costs(targets, weights, paths[2], paths[3])
-    change = np.abs(np.diff(cost, axis=1))
-    with np.errstate(invalid="ignore"):
-        least = np.nanmin(cost, axis=1, keepdims=True)
-        low = np.fmin(cost[:, :-1], cost[:, 1:])
-        longer = np.fmax(np.hstack([change[:, 1:], change[:, -1:]]), np.hstack([change[:, :1], change[:, :-1]]))
-        which, i = np.nonzero(np.isfinite(change) & (low - 2 * np.fmax(change, np.nan_to_num(longer)) <= least))
+    low = np.minimum(cost[:, :-1], cost[:, 1:])
+    which, i = np.nonzero(low - change(cost) / 2 <= np.nanmin(cost, axis=1, keepdims=True))
     keep = _lowest(which, low[which, i])
     which, i = which[keep], i[keep]
     yield which, paths[0, [i, i + 1]], paths[1, [i, i + 1]]
@@ -105,30 +86,22 @@ def _grid(reach, targets, weights, row):
     return np.stack([P1, P1]), np.stack([P2, P2])
 
 
-def _minimum(joint, theta, targets, weights, P1, P2):
+def _minimum(sides, targets, weights, P1, P2):
     """Golden section along straight stretches with ends P1, P2 (2, c): (P1, P2, cost)."""
+    costs = []
 
-    def at(s):
-        return tuple(P[0] + s * (P[1] - P[0]) for P in (P1, P2))
+    def at(share):
+        return tuple(P[0] + share * (P[1] - P[0]) for P in (P1, P2))
 
-    def cost(s):
-        return _cost(joint, theta, targets, weights, *at(s))
+    def cost(share):
+        (one, two), (Q1, Q2) = sides, at(share)
+        e_T, e_K = one.torque(Q1) + two.torque(Q2) - targets.T, one.stiffness(Q1) + two.stiffness(Q2) - targets.K
+        costs.append(weights[0] * e_T**2 + weights[1] * e_K**2)
+        return costs[-1]
 
-    low, high = np.zeros(len(theta)), np.ones(len(theta))
-    points = [high - GOLDEN, low + GOLDEN]
-    values = [cost(s) for s in points]
-    tried = [(s, cost(s)) for s in (low, high)] + list(zip(points, values, strict=True))
-    for _ in range(_STEPS):
-        left = values[0] < values[1]
-        low, high = np.where(left, low, points[0]), np.where(left, points[1], high)
-        new = np.where(left, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
-        value = cost(new)
-        points = [np.where(left, new, points[1]), np.where(left, points[0], new)]
-        values = [np.where(left, value, values[1]), np.where(left, values[0], value)]
-        tried += list(zip(points, values, strict=True))
-    s, c = (np.stack(column) for column in zip(*tried, strict=True))
-    best = c.argmin(axis=0)[None]
-    return *at(np.take_along_axis(s, best, 0)[0]), np.take_along_axis(c, best, 0)[0]
+    shares = golden_section(cost, np.zeros(targets.T.size), np.ones(targets.T.size))
+    least = np.argmin(costs, axis=0)
+    return *at(pick(shares, least)), pick(np.stack(costs), least)
 
 
 __all__ = ["on_paths"]
