@@ -25,6 +25,7 @@ class Curve(NamedTuple):
     m: np.ndarray  # dk/dt [1/rad]
 
     def at(self, row):
+        """The same at one angle, or at some."""
         return Curve(*(array[row] for array in self))
 
 
@@ -44,6 +45,12 @@ class Image(NamedTuple):
     @property
     def hi(self):
         return tuple(curve.P[:, -1] for curve in self.curves)
+
+    def take(self, rows):
+        """The same at some of the angles."""
+        return Image(
+            self.theta[rows], tuple(c.at(rows) for c in self.curves), self.T_scale[rows], self.K_scale[rows]
+        )
 
 
 def image(joint, theta):
