@@ -6,6 +6,7 @@ kinks are enclosed between neighbouring samples that are the narrowest possible,
 is monotone and smooth.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -48,9 +49,7 @@ class Image(NamedTuple):
 
     def take(self, rows):
         """The same at some of the angles."""
-        return Image(
-            self.theta[rows], tuple(c.at(rows) for c in self.curves), self.T_scale[rows], self.K_scale[rows]
-        )
+        return Image(self.theta[rows], tuple(c.at(rows) for c in self.curves), self.T_scale[rows], self.K_scale[rows])
 
 
 def image(joint, theta):
@@ -143,7 +142,7 @@ def runs(q, P, *rest):
         return
     signs = np.sign(steps[moving])
     cuts = [0, *(moving[1:][signs[1:] != signs[:-1]]), q.size - 1]
-    for start, end in zip(cuts[:-1], cuts[1:], strict=True):
+    for start, end in pairwise(cuts):
         piece = slice(start, end + 1)
         arrays = [array[piece] for array in (q, P, *rest)]
         if arrays[0][-1] < arrays[0][0]:

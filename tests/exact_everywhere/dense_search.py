@@ -75,7 +75,9 @@ def search(joint, reach, targets, priority, weights=(1.0, 1.0)):
     missed = (found.T_error > 1e-11 * reach.T_scale[targets.row]) | (found.K_error > 1e-11 * reach.K_scale[targets.row])
     if missed.any():
         P1, P2 = (P[missed] for P in found[:2])
-        better = _found(joint, reach, targets.take(missed), *on_paths(joint, reach, targets.take(missed), weights, P1, P2))
+        better = _found(
+            joint, reach, targets.take(missed), *on_paths(joint, reach, targets.take(missed), weights, P1, P2)
+        )
         for whole, part in zip(found, better, strict=True):
             whole[missed] = part
     return found
@@ -88,8 +90,23 @@ def _found(joint, reach, targets, P1, P2):
 
 
 def lexicographic(joint, reach, targets, priority):
-    """First the nearest torque (or stiffness), then the nearest of the other."""
+    """First the nearest torque (or stiffness), then the nearest of the other; that alone if the first is constant."""
     first = "tk"[priority == "stiffness"]
+    constant = _constant(reach, first)[targets.row]
+    found = Found(*np.empty((4, constant.size)))
+    for where, name in ((constant, "kt"[first == "k"]), (~constant, first)):
+        for whole, part in zip(found, _lexicographic(joint, reach, targets.take(where), name), strict=True):
+            whole[where] = part
+    return found
+
+
+def _constant(reach, first):
+    """At which angles no pressure changes the first quantity, up to rounding."""
+    one, two = (getattr(curve, first) for curve in reach.curves)
+    return np.ptp(one, axis=1) + np.ptp(two, axis=1) < 1e-12 * (np.abs(one).max(axis=1) + np.abs(two).max(axis=1))
+
+
+def _lexicographic(joint, reach, targets, first):
     P1, P2 = _nearest_ends(reach, targets, first)
     brackets = []
     for row in np.unique(targets.row):

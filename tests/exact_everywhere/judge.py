@@ -32,15 +32,14 @@ class Verdict(NamedTuple):
     refused: np.ndarray  # reachable, and not answered EXACT
     false_status: np.ndarray
     outside: np.ndarray  # pressures that are not in the box
+    unequalled: np.ndarray  # better than what the dense search found, which then is not dense enough
     excess: np.ndarray  # by how much the first error (of a weighted cost its root), or else the second, is beaten
 
 
 def asked(joint, reach, targets, priority):
     """The library's answers."""
     weights = WEIGHTS if priority == "weighted" else None
-    return allocate(
-        reach.theta[targets.row], targets.K, targets.T, joint=joint, priority=priority, weights=weights
-    )
+    return allocate(reach.theta[targets.row], targets.K, targets.T, joint=joint, priority=priority, weights=weights)
 
 
 def judged(joint, reach, targets, priority, answer):
@@ -55,18 +54,22 @@ def judged(joint, reach, targets, priority, answer):
     found = search(joint, reach, targets.take(doubtful), priority, WEIGHTS)
     best = np.zeros_like(relative)
     best[:, doubtful] = np.stack([found.T_error, found.K_error]) / np.stack(scales)[:, doubtful]
-    excess = np.where(np.isfinite(relative).all(axis=0), _excess(relative, best, priority, scales), np.inf)
+    excess = np.where(np.isfinite(relative).all(axis=0), excess_of(relative, best, priority, scales), np.inf)
+    unequalled = ~outside & (excess_of(best, relative, priority, scales) > 0)
     refused = (best < FIRST).all(axis=0) & (answer.status != Status.EXACT)
-    return Verdict(excess > 0, refused, _false_status(relative, answer.status), outside, np.maximum(excess, 0.0))
+    status = _false_status(relative, answer.status)
+    return Verdict(excess > 0, refused, status, outside, unequalled, np.maximum(excess, 0.0))
 
 
 def _in_box(joint, reach, row, P1, P2):
     near = IN_BOX * joint.pressure_span
-    inside = [(P >= lo[row] - near) & (P <= hi[row] + near) for P, lo, hi in zip((P1, P2), reach.lo, reach.hi, strict=True)]
+    inside = [
+        (P >= lo[row] - near) & (P <= hi[row] + near) for P, lo, hi in zip((P1, P2), reach.lo, reach.hi, strict=True)
+    ]
     return inside[0] & inside[1]
 
 
-def _excess(mine, best, priority, scales):
+def excess_of(mine, best, priority, scales):
     """By how much the best is better; not positive where it is not better by more than the tolerances."""
     if priority == "weighted":
         w = np.array(WEIGHTS)[:, None] * np.stack(scales) ** 2
@@ -108,4 +111,4 @@ def _differ(interval, expected, scale):
     return ~(same & (low <= high + 1e-12 * scale))
 
 
-__all__ = ["PRIORITIES", "WEIGHTS", "Verdict", "asked", "false_intervals", "judged"]
+__all__ = ["PRIORITIES", "WEIGHTS", "Verdict", "asked", "excess_of", "false_intervals", "judged"]
