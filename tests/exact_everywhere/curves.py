@@ -104,26 +104,34 @@ def _gains(joint, theta, side, P, other):
 
 def _special(joint, theta, side, lo, P):
     """Pressures (A, 2·_TURNS + 2) on both sides of turning points of k and of the sharpest bend; else some."""
-    gain, slope = _gains(joint, theta[:, None], side, P, lo[1 - side][:, None])
-    turns = (gain[:, 1:] > 0) != (gain[:, :-1] > 0)
-    turns &= np.cumsum(turns, 1) <= _TURNS
-    steps = np.abs(np.diff(gain / slope, axis=1))
-    bend = steps[:, 1:-1] - np.maximum(steps[:, 2:], steps[:, :-2])
+
+    def turn(row, P):
+        return np.sign(_gains(joint, theta[row], side, P, lo[1 - side][row])[0])
+
+    def slope(row, P):
+        return np.divide(*_gains(joint, theta[row], side, P, lo[1 - side][row]))
+
+    every = np.arange(theta.size)
+    turns = np.diff(turn(every[:, None], P), axis=1) != 0
+    number = np.cumsum(turns, axis=1)  # of the turning point, from 1
+    row, cell = np.nonzero(turns & (number <= _TURNS))
+    steps = np.abs(np.diff(slope(every[:, None], P), axis=1))
+    bend = 1 + np.argmax(steps[:, 1:-1] - np.maximum(steps[:, 2:], steps[:, :-2]), axis=1)
     found = (P[:, : 2 * _TURNS + 2] + P[:, 1 : 2 * _TURNS + 3]) / 2
-    row, cell = np.nonzero(turns)
-    at = 2 * (np.cumsum(turns, 1)[row, cell] - 1)
-    which = {0: (row, cell, at), 1: (np.arange(len(theta)), bend.argmax(1) + 1, np.full(len(theta), 2 * _TURNS))}
-    for sharpest, (row, cell, column) in which.items():
-        left, right = P[row, cell], P[row, cell + 1]
-        ends = (gain / slope if sharpest else gain)[row, cell], (gain / slope if sharpest else gain)[row, cell + 1]
-        for _ in range(_HALVINGS):
-            middle = (left + right) / 2
-            g, s = _gains(joint, theta[row], side, middle, lo[1 - side][row])
-            value = g / s if sharpest else g
-            go_right = np.abs(value - ends[0]) < np.abs(value - ends[1]) if sharpest else (g > 0) == (ends[0] > 0)
-            left, right = np.where(go_right, middle, left), np.where(go_right, right, middle)
-        found[row, column], found[row, column + 1] = left, right
+    for value, where, i, column in ((turn, row, cell, 2 * number[row, cell] - 2), (slope, every, bend, 2 * _TURNS)):
+        found[where, column], found[where, column + 1] = _enclosed(value, where, P[where, i], P[where, i + 1])
     return found
+
+
+def _enclosed(value, row, left, right):
+    """Halve cells until they are as narrow as can be, keeping the half in which the value changes more."""
+    at_left, at_right = value(row, left), value(row, right)
+    for _ in range(_HALVINGS):
+        middle = (left + right) / 2
+        at_middle = value(row, middle)
+        like_left = np.abs(at_middle - at_left) < np.abs(at_middle - at_right)
+        left, right = np.where(like_left, middle, left), np.where(like_left, right, middle)
+    return left, right
 
 
 class Run(NamedTuple):

@@ -44,13 +44,12 @@ def asked(joint, reach, targets, priority):
 
 def judged(joint, reach, targets, priority, answer):
     """Compare answers with the dense search, which is spared where both targets are met within the box."""
-    theta, row = reach.theta[targets.row], targets.row
-    T, K = joint.torque(theta, answer.P1, answer.P2), joint.stiffness(theta, answer.P1, answer.P2)
+    row, (T, K) = targets.row, _given(joint, reach, targets.row, answer)
     errors = np.abs(T - targets.T), np.abs(K - targets.K)
     scales = reach.T_scale[row], reach.K_scale[row]
     relative = np.stack(errors) / np.stack(scales)  # (2, n)
     outside = ~_in_box(joint, reach, row, answer.P1, answer.P2)
-    doubtful = np.flatnonzero((relative > TIE).any(axis=0) | outside)
+    doubtful = np.flatnonzero(~(relative <= TIE).all(axis=0) | outside)
     found = search(joint, reach, targets.take(doubtful), priority, WEIGHTS)
     best = np.zeros_like(relative)
     best[:, doubtful] = np.stack([found.T_error, found.K_error]) / np.stack(scales)[:, doubtful]
@@ -59,6 +58,13 @@ def judged(joint, reach, targets, priority, answer):
     refused = (best < FIRST).all(axis=0) & (answer.status != Status.EXACT)
     status = _false_status(relative, answer.status)
     return Verdict(excess > 0, refused, status, outside, unequalled, np.maximum(excess, 0.0))
+
+
+def _given(joint, reach, row, answer):
+    """(T, K) at the answer's pressures, NaN where they are none."""
+    there = np.isfinite(answer.P1) & np.isfinite(answer.P2)
+    pressures = [np.where(there, P, lo[row]) for P, lo in zip((answer.P1, answer.P2), reach.lo, strict=True)]
+    return [np.where(there, f(reach.theta[row], *pressures), np.nan) for f in (joint.torque, joint.stiffness)]
 
 
 def _in_box(joint, reach, row, P1, P2):
@@ -94,7 +100,7 @@ def false_intervals(joint, reach, targets, answer):
     """Where the interval of the torque or of the stiffness at the answer's torque is not that of the dense search."""
     row, (one, two) = targets.row, reach.curves
     T_ends = np.stack([one.t.min(1) + two.t.min(1), one.t.max(1) + two.t.max(1)])[:, row]
-    given = np.clip(joint.torque(reach.theta[row], answer.P1, answer.P2), *T_ends)
+    given = np.clip(np.nan_to_num(_given(joint, reach, row, answer)[0]), *T_ends)
     wrong = _differ(answer.torque_interval, T_ends, reach.T_scale[row])
     far = 10 * reach.K_scale[row]
     ends = []

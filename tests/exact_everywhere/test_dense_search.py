@@ -1,15 +1,17 @@
 """The judge is judged: by closed forms, by random pressures and by a global optimiser."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import differential_evolution
 
-from allocator import allocate
+from allocator import Status, allocate
 
 from .curves import image
 from .dense_search import best, search
 from .joints import joint_of
-from .judge import PRIORITIES, WEIGHTS, excess_of
+from .judge import PRIORITIES, WEIGHTS, asked, excess_of, false_intervals, judged
 from .targets import random_targets
 
 CURVED = ("TonduLopez2000", "Wickramatunge2010", "Andrikopoulos2016", "Tondu2021", "Tondu2021-report")
@@ -79,3 +81,39 @@ def test_where_no_pressures_are_taut_nothing_is_found():
     found = best(joint, [0.0, joint.angle_range[1]], [0.0, 0.0], [8.0, 8.0], "torque")
     assert np.isfinite(found.P1[0])
     assert np.isnan(found.P1[1])
+
+
+@pytest.mark.parametrize("priority", PRIORITIES)
+def test_what_is_wrong_with_answers_is_found_out(priority):
+    joint, reach, targets = setting("Sarosi2012", "table", 6, 20)
+    right = asked(joint, reach, targets, priority)
+    assert not any(np.any(flags) for flags in judged(joint, reach, targets, priority, right))
+    assert not false_intervals(joint, reach, targets, right).any()
+
+    def verdict(**changed):
+        return judged(joint, reach, targets, priority, replace(right, **changed))
+
+    lo, hi = (ends[0][targets.row] for ends in (reach.lo, reach.hi))
+    moved = np.where(right.P1 > (lo + hi) / 2, right.P1 - 1e-4 * (hi - lo), right.P1 + 1e-4 * (hi - lo))
+    assert verdict(P1=moved).beaten.all()
+    assert verdict(P1=hi + 10.0).outside.all()
+    assert verdict(P1=np.full(hi.shape, np.nan)).beaten.all()
+    exact = right.status == Status.EXACT
+    refused = verdict(status=np.where(exact, np.int8(Status.STIFFNESS_LIMITED), right.status))
+    np.testing.assert_array_equal(refused.refused, exact)
+    np.testing.assert_array_equal(refused.false_status, exact)
+    assert exact.any()
+    assert not exact.all()
+    assert verdict(status=np.zeros_like(right.status)).false_status[~exact].all()
+
+
+@pytest.mark.parametrize("reversed_ends", [True, False])
+def test_a_false_interval_is_found_out(reversed_ends):
+    joint, reach, targets = setting("Sarosi2012", "table", 2, 5)
+    right = asked(joint, reach, targets, "torque")
+    wide = np.subtract(*right.stiffness_interval) < -1e-3
+    assert wide.any()
+    answer = replace(right)
+    low, high = right.stiffness_interval
+    answer.__dict__["stiffness_interval"] = (high, low) if reversed_ends else (low, 0.9 * high)
+    assert false_intervals(joint, reach, targets, answer)[wide].all()
