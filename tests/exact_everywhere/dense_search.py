@@ -95,7 +95,7 @@ def lexicographic(joint, reach, targets, priority):
     constant = _constant(reach, first)[targets.row]
     found = Found(*np.empty((4, constant.size)))
     for where, name in ((constant, "kt"[first == "k"]), (~constant, first)):
-        for whole, part in zip(found, _lexicographic(joint, reach, targets.take(where), name), strict=True):
+        for whole, part in zip(found, _on_levels(joint, reach, targets.take(where), name), strict=True):
             whole[where] = part
     return found
 
@@ -106,7 +106,7 @@ def _constant(reach, first):
     return np.ptp(one, axis=1) + np.ptp(two, axis=1) < 1e-12 * (np.abs(one).max(axis=1) + np.abs(two).max(axis=1))
 
 
-def _lexicographic(joint, reach, targets, first):
+def _on_levels(joint, reach, targets, first):
     P1, P2 = _nearest_ends(reach, targets, first)
     brackets = []
     for row in np.unique(targets.row):
@@ -148,8 +148,8 @@ def _levels(reach, targets, mine, row, first):
             inside = (needed >= run.q[0]) & (needed <= run.q[-1])
             error = getattr(own, second) + np.interp(needed, run.q, run.rest[0]) - other_aim[:, None]
             which, lo, hi = promising(np.where(inside, error, np.nan))
-            full = np.full(which.shape, 1.0)
-            yield mine[which], (side * full).astype(int), own.P[lo], own.P[hi], run.P[0] * full, run.P[-1] * full
+            ends = (np.full(which.shape, run.P[i]) for i in (0, -1))
+            yield mine[which], np.full(which.shape, side), own.P[lo], own.P[hi], *ends
 
 
 def promising(error):

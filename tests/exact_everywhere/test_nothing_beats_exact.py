@@ -23,7 +23,7 @@ def reach_of(muscle, geometry):
     """The joint, what it reaches at some angles, and targets there: random ones, made ones."""
     joint, rng = joint_of(muscle, geometry), np.random.default_rng(14)
     left, right = joint.angle_range
-    reach = image(joint, np.sort(left + rng.uniform(0.02, 0.98, 8 * ANGLES) * (right - left)))
+    reach = image(joint, np.sort(left + rng.uniform(0.02, 0.98, 3 * ANGLES) * (right - left)))
     reach = reach.take(np.linspace(0, reach.theta.size - 1, ANGLES).astype(int))
     return joint, reach, random_targets(reach, EACH, rng), made_targets(joint, reach, EACH, rng)
 

@@ -30,7 +30,7 @@ def on_paths(joint, reach, targets, weights, P1, P2):
 
 def _candidates(reach, targets, weights, row):
     """(target, ends of a straight stretch of P1, of P2) of all stretches of paths that may hold the least cost."""
-    paths = np.concatenate([*_edges(reach, row), *_folds(reach, row)], axis=1)  # P1, P2, T, K; NaN in between
+    paths = np.concatenate([*_edges(reach, row), *_folds(reach, row)], axis=1)  # (P1, P2, T, K), NaN between paths
     cost = _costs(targets, weights, paths[2], paths[3])
     low = np.minimum(cost[:, :-1], cost[:, 1:])
     which, i = np.nonzero(low - change(cost) / 2 <= np.nanmin(cost, axis=1, keepdims=True))
@@ -77,7 +77,7 @@ def _path(side, own, other, T, K):
 
 
 def _grid(reach, targets, weights, row):
-    """The best point of a grid over the box for every target, as the middle of a short stretch along both pressures."""
+    """The best point of a grid over the box for every target, as a stretch of no length."""
     one, two = (reach.curves[i].at(row) for i in (0, 1))
     coarse = slice(None, None, _COARSE)
     T, K = (np.add.outer(a[coarse], b[coarse]).ravel() for a, b in ((one.t, two.t), (one.k, two.k)))
