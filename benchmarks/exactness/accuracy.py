@@ -1,0 +1,88 @@
+"""The answers of one joint against the dense search."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator import Allocation
+from tests.exact_everywhere.curves import Image, image
+from tests.exact_everywhere.dense_search import Targets
+from tests.exact_everywhere.joints import joint_of
+from tests.exact_everywhere.judge import PRIORITIES, Verdict, asked, false_intervals, judged
+from tests.exact_everywhere.targets import made_targets, random_targets
+
+ANGLES = 200  # at each of which there are many targets, so that the reachable set is sampled once for all of them
+INTERVALS = 20  # every so many answers' intervals are searched for, too
+
+
+@dataclass(frozen=True)
+class Score:
+    """What was found of one joint with one priority: numbers of answers, unless said otherwise."""
+
+    muscle: str
+    geometry: str
+    priority: str
+    random: int  # targets
+    made: int  # targets that random pressures made
+    beaten: int  # by the dense search
+    refused: int  # targets that can be had
+    outside: int  # the box of taut pressures
+    false_status: int
+    false_intervals: int
+    intervals: int  # that were looked at
+    unequalled: int  # answers that the dense search did not find
+    worst: float  # by which an answer is beaten, in fractions of the scale
+    gap: float  # the greatest that is stated, in fractions of the scale; NaN: none is stated
+    several: float  # share of targets met by more than one pair of pressures; NaN: not stated
+
+    @property
+    def wrong(self) -> int:
+        """How many answers or claims are not what they should be."""
+        return self.beaten + self.refused + self.outside + self.false_status + self.false_intervals
+
+
+def scores(muscle: str, geometry: str, targets: int) -> Iterator[Score]:
+    """One score a priority; `targets` at random and half as many made by random pressures, at up to ANGLES angles."""
+    joint, rng = joint_of(muscle, geometry), np.random.default_rng(2026)
+    angles = min(ANGLES, max(2, targets // 10))
+    reach = _reach(joint, angles, rng)
+    each = -(-targets // reach.theta.size)
+    random, made = random_targets(reach, each, rng), made_targets(joint, reach, -(-each // 2), rng)
+    both = Targets(*(np.concatenate(pair) for pair in zip(random, made, strict=True)))
+    for priority in PRIORITIES:
+        answer = asked(joint, reach, both, priority)
+        verdict = judged(joint, reach, both, priority, answer)
+        some = both.take(np.arange(0, both.T.size, INTERVALS))
+        false = false_intervals(joint, reach, some, asked(joint, reach, some, priority))
+        yield _score((muscle, geometry, priority), (random.T.size, made.T.size), verdict, false, answer)
+
+
+def _reach(joint: Any, angles: int, rng: np.random.Generator) -> Image:
+    """The image at `angles` random angles of those at which both cables can be taut."""
+    left, right = joint.angle_range
+    reach = image(joint, np.sort(rng.uniform(left, right, 3 * angles)))
+    return reach.take(np.unique(np.linspace(0, reach.theta.size - 1, angles).astype(int)))
+
+
+def _score(
+    names: tuple[str, str, str], sizes: tuple[int, int], found: Verdict, false: NDArray[np.bool_], answer: Allocation
+) -> Score:
+    gap, pairs = getattr(answer, "gap", None), getattr(answer, "pairs", None)
+    flags = (found.beaten, found.refused, found.outside, found.false_status)
+    return Score(
+        *names,
+        *sizes,
+        *(int(flag.sum()) for flag in flags),
+        int(false.sum()),
+        false.size,
+        int(found.unequalled.sum()),
+        float(found.excess.max()),
+        float("nan") if gap is None else float(np.max(gap)),
+        float("nan") if pairs is None else float(np.mean(np.asarray(pairs) > 1)),
+    )
+
+
+__all__ = ["ANGLES", "INTERVALS", "Score", "scores"]
