@@ -35,7 +35,7 @@ def weighted(T, K, weights, one, two, box, now1, now2):
     arcs1, arcs2 = pieces(one, box[0], box[1], False), pieces(two, box[2], box[3], False)
     roots, _, _ = level(T, K, one, two, arcs1, arcs2, False)
     if len(roots) > 0:
-        P1, P2 = chosen(roots, now1, now2)
+        P1, P2 = chosen(roots, box[4], now1, now2)
         return P1, P2, 0.0
     goal = T, K, weights[0], weights[1]
     stack = [arc for arc in edges(one, arcs1, arcs2, 1.0)]

@@ -87,7 +87,8 @@ def _snapped(problem: Problem, answer: Answer) -> tuple[Array, Array]:
 def _replacement(problem: Problem) -> tuple[Array, Array]:
     """The exact answer, or the projected inverse where there is no exact one."""
     try:
-        return exact.solve(problem)
+        P1, P2, _ = exact.solve(problem)
+        return P1, P2
     except InvalidInput:  # a pull without a closed form
         P1, P2 = start(problem, warm=True)
         return P1, P2

@@ -11,7 +11,7 @@ import numpy as np
 from allocator.allocation import kernels
 from allocator.allocation.assessment import assess
 from allocator.allocation.compiled import threads
-from allocator.allocation.exact import is_local, solve
+from allocator.allocation.exact import solve
 from allocator.allocation.laws import Kernel, Law, arrays, coefficients
 from allocator.allocation.question import REAL, Question, number, pair
 from allocator.calculus import Array, Mask
@@ -98,7 +98,7 @@ def _flat(x: Array, shape: tuple[int, ...]) -> Array:
 def run(
     kernel: Kernel, question: Question, targets: Targets, law: Law, stiffness_first: bool | None
 ) -> tuple[Any, ...] | None:
-    """(P1, P2, T, K, status, limits, local), each (n,); None where a target is odd: not a target at all, or degrees."""
+    """(P1, P2, T, K, status, limits, gap), each (n,); None where a target is odd: not a target at all, or degrees."""
     n = targets.theta.size
     # one block of memory for four arrays: the larger, the sooner it comes in large pages
     out: tuple[Any, ...] = *np.empty((4, n)), np.empty(n, np.int8), np.empty(n, np.int32), np.empty(n, bool)
@@ -115,10 +115,10 @@ def run(
     counts = _pieces(piece, n, _CHUNK if law.name == "affine" else _PIECE)
     if any(strange for strange, _ in counts):
         return None
-    local = np.zeros(n, bool)
+    gap = np.zeros(n)
     if any(unsure for _, unsure in counts):
-        _refer(question, ~out[6], out[:6], local)
-    return (*out[:6], local)
+        _refer(question, ~out[6], out[:6], gap)
+    return (*out[:6], gap)
 
 
 def one_by_one(exact: Kernel) -> Kernel:
@@ -162,14 +162,13 @@ def _pieces(work: Callable[[int, int], tuple[int, int]], n: int, size: int) -> l
         return counts + [count for other in waiting if not other.cancel() for count in other.result()]
 
 
-def _refer(question: Question, where: Mask, found: tuple[Any, ...], local: Mask) -> None:
+def _refer(question: Question, where: Mask, found: tuple[Any, ...], gap: Array) -> None:
     """Let the readable implementation answer the targets for which a kernel is not proved."""
     problem = question.problem().take(where)
-    P1, P2 = solve(problem)
+    P1, P2, gap[where] = solve(problem)
     assessed = assess(problem, P1, P2, found[5][where] & _OUTSIDE)
     for array, values in zip(found, (P1, P2, *assessed), strict=True):
         array[where] = values
-    local[where] = is_local(problem)
 
 
 __all__ = ["Targets", "one_by_one", "run"]

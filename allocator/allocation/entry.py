@@ -149,26 +149,23 @@ def allocate(
 
 
 def _exact(problem: Problem, asked: Array) -> Allocation:
-    P1, P2 = exact.solve(problem)
+    P1, P2, gap = exact.solve(problem)
     found = assess(problem, P1, P2, _outside(problem.joint, asked.ravel()))
-    return _allocation(problem, asked, P1, P2, found, "exact", local=exact.is_local(problem))
+    return _allocation(problem, asked, P1, P2, found, "exact", gap=gap)
 
 
 def _inverted(problem: Problem, asked: Array) -> Allocation:
     problem = problem.at(asked.ravel())  # no limit, not even the joint's range
     P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K, problem.T)
     found = assess_inverse(problem, P1, P2, _outside(problem.joint, problem.theta))
-    return _allocation(problem, asked, P1, P2, found, "analytic", local=np.zeros(P1.shape, bool))
+    return _allocation(problem, asked, P1, P2, found, "analytic", gap=np.full(P1.shape, np.nan))
 
 
 def _optimised(problem: Problem, asked: Array, method: str, solver: str | None, warm_start: bool) -> Allocation:
     P1, P2, iterations, failed = backends.optimise(problem, method, solver, warm_start)
     found = assess(problem, P1, P2, _outside(problem.joint, asked.ravel()), OPTIMISER)
     found = found._replace(status=np.where(failed, np.int8(Status.SOLVER_FAILED), found.status))
-    local = exact.is_local(problem)
-    if problem.priority == "weighted" and not problem.joint.affine:  # the edges have local minima
-        local |= found.status != Status.EXACT
-    return _allocation(problem, asked, P1, P2, found, method, local=local, iterations=iterations)
+    return _allocation(problem, asked, P1, P2, found, method, gap=None, iterations=iterations)
 
 
 def _uncertain(problem: Problem, asked: Array, risk: float) -> Allocation:
@@ -180,8 +177,8 @@ def _uncertain(problem: Problem, asked: Array, risk: float) -> Allocation:
     status = np.where(failed, np.int8(Status.SOLVER_FAILED), status)
     limits = box.binding(P1, P2, 10 * OPTIMISER.binds * problem.joint.pressure_span) | outside
     found = found._replace(status=np.where(infeasible, np.int8(Status.TOO_RISKY), status), limits=limits)
-    local = exact.is_local(problem)
-    return _allocation(problem, asked, P1, P2, found, "uncertain", local=local, iterations=iterations)
+    gap = np.full(P1.shape, np.nan)
+    return _allocation(problem, asked, P1, P2, found, "uncertain", gap=gap, iterations=iterations)
 
 
 def _allocation(
@@ -192,7 +189,7 @@ def _allocation(
     found: Assessment,
     method: str,
     *,
-    local: NDArray[np.bool_],
+    gap: Array | None,
     iterations: NDArray[np.int32] | None = None,
 ) -> Allocation:
     shape = asked.shape
@@ -210,7 +207,7 @@ def _allocation(
         K=form(found.K),
         status=form(found.status) if shape else Status(int(found.status[0])),
         limits=form(found.limits),
-        local=form(local),
+        _gap=None if gap is None else form(gap),
         method=method,
         iterations=None if iterations is None else form(iterations),
         _source=problem,

@@ -1,17 +1,24 @@
-"""The global optimum of the allocation problem, without iteration where a closed form exists.
+"""The global optimum of the allocation problem: in closed form for affine muscles, by a complete search for others.
 
-Without a pull (ρ = 0) an interior stationary point of [A] satisfies JᵀW r = 0 with the Jacobian J invertible, so its
-residual r is zero: it is the analytic inverse. Hence either the inverse is feasible, or the optimum lies on the border
-of the feasible set, where one equation is left to solve (`allocator.allocation.edges`). The lexicographic priorities
-are limits of [A] and share the argument. Nothing but comparing a few candidates is left.
+Without a pull (ρ = 0) an interior stationary point of [A] satisfies JᵀW r = 0 with the Jacobian J. Where that is
+invertible the residual r is zero: it is the analytic inverse. For affine muscles J is constant at an angle. Hence either
+the inverse is feasible, or the optimum lies on the border of the feasible set, where one equation is left to solve
+(`allocator.allocation.edges`). The lexicographic priorities are limits of [A] and share the argument; with a pull [A] is
+a convex quadratic programme in two variables, of which the stationary point, or that of its restriction to the torque
+level, takes the inverse's place. Nothing but comparing a few candidates is left.
 
-With a pull and affine muscles [A] is a convex quadratic programme in two variables: its stationary point, or that of
-its restriction to the torque level, takes the inverse's place. Other muscles with a pull have no closed form.
+For other muscles J may be singular in the box, and several pairs may give the same torque and stiffness:
+`allocator.allocation.search` and `arcs` find them all, and a bound on what they have dropped, the `gap`. Where that
+answer breaks a co-contraction floor, the floor's edge is searched in pieces; nothing is proved then, the gap is NaN.
+With a pull there is no exact answer for such muscles.
 """
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import replace
+from typing import NamedTuple
 
+import numpy as np
+
+from allocator.allocation import curved
 from allocator.allocation.edges import border_points
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
@@ -22,25 +29,64 @@ from allocator.levels import Pair, inverse_on_level
 _TIE = 1e-13  # torques or stiffnesses closer than this fraction of their scale are the same: rounding
 
 
-def solve(problem: Problem) -> Pair:
-    """The optimal pressures (P1, P2) [Pa], each (n,). Raises InvalidInput where there is no closed form."""
+class Optimum(NamedTuple):
+    """Optimal pressures, each (n,), and how much is not proved."""
+
+    P1: Array  # [Pa]
+    P2: Array
+    gap: Array  # to a lower bound, see `Allocation.gap`; NaN: not proved
+
+
+def solve(problem: Problem) -> Optimum:
+    """The optimum of n problems. Raises InvalidInput for a pull on muscles for which there is no closed form."""
+    if problem.joint.affine or problem.pull:
+        return Optimum(*_closed(problem), np.zeros(problem.theta.shape))
+    P1, P2, gap = curved.optimum(problem)
+    gap = gap / gap_unit(problem)
+    if problem.box.has_floor:  # which the search does not know: what keeps it nevertheless is the best of all
+        near = _TIE * problem.joint.pressure_span
+        if (cut := ~problem.box.contains(P1, P2, near)).any():
+            P1[cut], P2[cut] = _closed(problem.take(cut))
+            gap[cut] = np.nan
+    return Optimum(P1, P2, gap)
+
+
+def gap_unit(problem: Problem) -> Array:
+    """What a gap is a fraction of: the scale of the second goal, or of the weighted cost."""
+    T_scale, K_scale = problem.scales
+    if problem.priority == "weighted":
+        w_T, w_K = problem.weights
+        return np.asarray(w_T * T_scale**2 + w_K * K_scale**2)
+    return K_scale if problem.priority == "torque" else T_scale
+
+
+def determinant_signs(problem: Problem) -> Array:
+    """The sign of det ∂(T, K)/∂(P1, P2) where it is proved to be the same all over the box (n,), else 0.
+
+    Where it is not 0 no two pairs of pressures give the same torque and stiffness (the columns of the Jacobian depend
+    on one pressure each), and along a torque level the stiffness rises (1) or falls (-1). Affine muscles: the
+    determinant is constant. Others: by the slopes of both curves at the ends of their pieces, of any geometry.
+    """
+    if not problem.joint.affine:
+        return curved.determinant_signs(problem)
+    one, two = problem.sides
+    (t1, k1), (t2, k2) = ((side.torque_gain(0.0), side.stiffness_gain(0.0)) for side in (one, two))
+    det = t1 * k2 - t2 * k1
+    return np.where(np.abs(det) <= _TIE * (np.abs(t1 * k2) + np.abs(t2 * k1)), 0.0, np.sign(det))
+
+
+def _closed(problem: Problem) -> Pair:
+    """The best of the inverse (or what takes its place) and the candidates on the border."""
+    if problem.priority == "stiffness" and problem.joint.affine and not problem.pull:
+        fixed = np.asarray([side.stiffness_gain(0.0) == 0 for side in problem.sides]).all(axis=0)
+        if fixed.all():  # no pressures change the stiffness: all are as near to it, the torque is left
+            problem = replace(problem, priority="torque")
     P1, P2 = _pulled_optimum(problem) if problem.pull else _inverse_in_box(problem)
     inside = problem.box.contains(P1, P2)
     P1, P2 = np.where(inside, P1, np.nan), np.where(inside, P2, np.nan)
     if not inside.all():
         P1[~inside], P2[~inside] = _best(problem.take(~inside))
     return P1, P2
-
-
-def is_local(problem: Problem) -> NDArray[np.bool_]:
-    """Where the argument above is not proved: the determinant of J is not positive on (a 5×5 grid of) the box."""
-    one, two = problem.sides
-    share = np.linspace(0, 1, 1 if problem.joint.affine else 5)[:, None]
-    (lo1, hi1), (lo2, hi2) = ((side.lo, side.hi) for side in problem.box)
-    P1, P2 = lo1 + share * (hi1 - lo1), (lo2 + share * (hi2 - lo2))[:, None]  # (5, n), (5, 1, n)
-    t1, t2, k1, k2 = one.torque_gain(P1), two.torque_gain(P2), one.stiffness_gain(P1), two.stiffness_gain(P2)
-    proved = (t1 > 0) & (t2 < 0) & (t1 * k2 - t2 * k1 > 0)
-    return np.asarray(~proved.all(axis=(0, 1)))
 
 
 def _inverse_in_box(problem: Problem) -> Pair:
@@ -98,4 +144,4 @@ def ranking(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array, Array
     return np.abs(e_K), e_T**2 + pulled, _TIE * K_scale
 
 
-__all__ = ["is_local", "ranking", "solve"]
+__all__ = ["Optimum", "determinant_signs", "gap_unit", "ranking", "solve"]

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from allocator.allocation import kernels
+from allocator.allocation import curved, kernels
 from allocator.allocation.batch import Targets, one_by_one, run
 from allocator.allocation.compiled import kernel
 from allocator.allocation.laws import Kernel, Kind, Law, coefficients, law_of
@@ -110,7 +110,7 @@ def _allocation(question: tuple[Any, ...], theta: float, K: float, T: float, fou
             "K": K_given,
             "status": _STATUS[status],
             "limits": limits,
-            "local": False,
+            "_gap": 0.0,
             "method": "exact",
             "iterations": None,
             "_source": question,
@@ -127,7 +127,7 @@ def _batch(question: Question, law: Law, kind: Kind) -> Allocation | None:
     found = run(loop, question, targets, law, kind[4])
     if found is None:
         return None
-    fields = ("theta", "T_target", "K_target", "P1", "P2", "T", "K", "status", "limits", "local")
+    fields = ("theta", "T_target", "K_target", "P1", "P2", "T", "K", "status", "limits", "_gap")
     flat = (targets.theta, targets.T, targets.K, *found)
     return from_fields(
         {name: shaped(array, targets.shape) for name, array in zip(fields, flat, strict=True)}
@@ -165,7 +165,7 @@ def warm_up(
     if priority not in PRIORITIES or _forces(min_force, max_force) is None:
         raise InvalidInput(f"there are no questions with {priority=}, {min_force=} N, {max_force=} N")
     if not law.name or priority not in _FIRST:
-        return False
+        return curved.ready(joint)
     kind = law.name, min_force is not None, max_force is not None, slew, _FIRST[priority]
     one, many = kernel(f"{law.name}_exact"), kernel(f"{law.name}_batch")
     if one is None or many is None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation import kkt, sensitivity
+from allocator.allocation import certificate, kkt, reach, sensitivity
 from allocator.allocation.assessment import CLOSED_FORM, OPTIMISER
 from allocator.allocation.problem import Problem
 from allocator.allocation.question import Question
@@ -20,7 +20,7 @@ from allocator.calculus import Array
 from allocator.display import html_table, number, span
 from allocator.errors import InvalidInput
 from allocator.inverse import why_no_inverse
-from allocator.levels import Pair, stiffness, torque_interval, torque_level
+from allocator.levels import Pair, torque_interval
 from allocator.limits import names
 from allocator.units import BAR, DEG
 
@@ -38,7 +38,7 @@ class Allocation:
     K: Any  # stiffness that these pressures give [N·m/rad]
     status: Any  # Status, or an array of its integers
     limits: Any  # combination of Limit flags that bind, as integers
-    local: Any  # True where the answer is only proved to be a local optimum
+    _gap: Any = field(repr=False)  # `gap` where the method has proved one, else None
     method: str
     iterations: Any  # of an optimising method, else None
     _source: Problem | tuple[Any, ...] = field(repr=False)  # or the fields of a `Question`, made a problem when asked
@@ -97,10 +97,38 @@ class Allocation:
     @cached_property
     def stiffness_interval(self) -> Pair:
         """[K_min, K_max] [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer."""
-        problem = self._problem
-        T_min, T_max = torque_interval(problem.sides, problem.box)
-        level = torque_level(problem.sides, problem.box, np.clip(np.ravel(self.T), T_min, T_max))
-        return self._shaped(stiffness(problem.sides, level.low), stiffness(problem.sides, level.high))
+        return self._shaped(*reach.stiffness_interval(self._problem, np.ravel(self.T)))
+
+    @cached_property
+    def torque_intervals(self) -> Array:
+        """The intervals [T_min, T_max] [N·m] that can be reached at the angle with the stiffness given: (…, m, 2).
+
+        A union of m intervals at most, NaN where a target has fewer; m is 1 for affine muscles and on the report's
+        joint.
+        """
+        found = reach.torque_intervals(self._problem, np.ravel(self.K))
+        return found.reshape(*self._shape, *found.shape[1:])
+
+    @cached_property
+    def gap(self) -> Any:
+        """How much better an answer might be than this one, for all that is proved; 0 for closed forms.
+
+        A fraction of the scale of the goal that is missed, or of the weighted cost with both at their scales. Searches
+        (muscles that are not affine) prove some 1e-13, up to rounding. Of an optimising method it is how much worse
+        its answer is than the proved bound of "exact". NaN where nothing is proved: methods "analytic" and "uncertain",
+        and muscles that are not affine with a pull.
+        """
+        if self._gap is not None:
+            return self._gap
+        return shaped(certificate.gap(self._problem, np.ravel(self.P1), np.ravel(self.P2)), self._shape)
+
+    @cached_property
+    def pairs(self) -> Any:
+        """How many pairs of pressures within the limits give this torque and this stiffness: 1, on levers also more.
+
+        The least of them is answered, or with `previous` the nearest to these pressures; see `along` of `allocate`.
+        """
+        return shaped(reach.pairs(self._problem, np.ravel(self.T), np.ravel(self.K)), self._shape)
 
     @cached_property
     def kkt_residual(self) -> Any:
@@ -244,7 +272,7 @@ def _sentence(a: Allocation) -> str:
     }
     status = Status(a.status)
     sentence = status.advice + (f" ({details[status]})" if status in details else "")
-    return sentence + ("; only a local optimum is proved here" if a.local else "")
+    return sentence
 
 
 __all__ = ["Allocation", "from_fields", "shaped"]

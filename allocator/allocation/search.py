@@ -31,6 +31,8 @@ _STEPS = 100  # of a root finding; about six are used
 _NEAR = 1e-14  # of a piece: a root is not sought closer than this
 _TINY = 1e-13  # of the scale of what is compared: rounding
 _NARROW = 1e-12  # of a piece: a stretch this short is not halved
+_FAR = 1e3  # times all there is: nearest to that is the extreme
+_MEET = 1e-7  # of the values: intervals no farther apart than that are one
 _SAME = 1e-9  # of the box: pairs this near to each other are one
 
 
@@ -51,9 +53,70 @@ def nearest(X, Y, one, two, box, swap, now1, now2):
         return high[1], high[2], 0.0
     roots, found, bound = level(X, Y, one, two, arcs1, arcs2, swap)
     if len(roots) > 0:
-        P1, P2 = chosen(roots, now1, now2)
+        P1, P2 = chosen(roots, box[4], now1, now2)
         return P1, P2, 0.0
     return found[1], found[2], max(found[0] - bound, 0.0)
+
+
+def all_pairs(T, K, one, two, box):
+    """All pairs of pressures (P1, P2) in the box that give both targets."""
+    arcs1, arcs2 = pieces(one, box[0], box[1], False), pieces(two, box[2], box[3], False)
+    return level(T, K, one, two, arcs1, arcs2, False)[0]
+
+
+def determinant_sign(one, two, box):
+    """The sign of det ∂(T, K)/∂(P1, P2) all over the box, 0 where it is not proved to have one.
+
+    Not zero it proves that no two pairs give the same: the columns of the Jacobian depend on one pressure each.
+    """
+    sign = 0.0
+    for arc1 in pieces(one, box[0], box[1], False):
+        for arc2 in pieces(two, box[2], box[3], False):
+            a1, b1 = slope(arc1[5], arc1[6], arc1), slope(arc1[9], arc1[10], arc1)
+            a2, b2 = slope(arc2[5], arc2[6], arc2), slope(arc2[9], arc2[10], arc2)
+            least, most = min(a1, b1) - max(a2, b2), max(a1, b1) - min(a2, b2)
+            here = 1.0 if least > 0 else (-1.0 if most < 0 else 0.0)
+            here = here if (arc1[7] > arc1[3]) != (arc2[7] > arc2[3]) else -here  # det = t1't2'(m2 - m1)
+            if here == 0 or here * sign < 0:
+                return 0.0
+            sign = here
+    return sign
+
+
+def spans(X, one, two, box, swap):
+    """The intervals (least y, greatest y) of all that can be had at x = X, rising and apart; x is T, or with `swap` K."""
+    arcs1, arcs2 = pieces(one, box[0], box[1], swap), pieces(two, box[2], box[3], swap)
+    X = min(max(X, corner(arcs1, arcs2, 1.0)[0]), corner(arcs1, arcs2, -1.0)[0])
+    found = [(0.0, 0.0)][:0]
+    for arc1 in arcs1:
+        for arc2 in arcs2:
+            segments = one[int(arc1[0])], two[int(arc2[0])]
+            first = abs(arc1[7] - arc1[3]) <= abs(arc2[7] - arc2[3])
+            free, other = (arc1, arc2) if first else (arc2, arc1)
+            segments = (segments[0], segments[1]) if first else (segments[1], segments[0])
+            met, A, B = stretch(X, free, other, segments, swap)
+            if met:
+                far = _FAR * (abs(A[3]) + abs(A[4]) + abs(B[3]) + abs(B[4]))
+                ends = [value_at(along(X, Y, A, B, free, other, segments, swap, inf)[1], segments, swap) for Y in (-far, far)]
+                found.append((ends[0], ends[1]))
+    found.sort()
+    return merged(found)
+
+
+def value_at(nearer, segments, swap):
+    """y of the pair that was nearest."""
+    return at(nearer[1], segments[0], swap)[1] + at(nearer[2], segments[1], swap)[1]
+
+
+def merged(found):
+    """The union of intervals that are in order; those that meet at a turning point do so up to rounding's square root."""
+    apart = found[:0]
+    for low, high in found:
+        if len(apart) > 0 and low <= apart[-1][1] + _MEET * (abs(low) + abs(apart[-1][1])):
+            apart[-1] = (apart[-1][0], max(high, apart[-1][1]))
+        else:
+            apart.append((low, high))
+    return apart
 
 
 def corner(arcs1, arcs2, sign):
@@ -73,12 +136,12 @@ def extreme(arcs, sign):
     return x, P
 
 
-def chosen(roots, now1, now2):
-    """The pair nearest to the pressures now, or without them the one with the least sum."""
+def chosen(roots, least_sum, now1, now2):
+    """The pair nearest to the pressures now, or without them the one with the least sum, of those that keep a floor."""
     best, least = roots[0], inf
     for root in roots:
         far = root[0] + root[1] if isnan(now1) else max(abs(root[0] - now1), abs(root[1] - now2))
-        if far < least:
+        if far < least and root[0] + root[1] >= least_sum:
             best, least = root, far
     return best
 
@@ -284,8 +347,8 @@ def stationary(X, A, B, free, other, segments, swap):
 
 
 FUNCTIONS: tuple[Callable[..., Any], ...] = (
-    *(nearest, corner, extreme, chosen, level, add, stretch, ordered, state, follow, slope, along),
+    *(nearest, all_pairs, determinant_sign, spans, value_at, merged, corner, extreme, chosen, level, add, stretch, ordered, state, follow, slope, along),
     *(bend, band, sag, within, root, stationary),
 )
 
-__all__ = ["FUNCTIONS", "nearest"]
+__all__ = ["FUNCTIONS", "all_pairs", "determinant_sign", "nearest", "spans"]

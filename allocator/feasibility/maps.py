@@ -136,11 +136,11 @@ def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progres
 def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
     """Cells (θ, K, T) of some angles."""
     problem, asked = setting.problem(theta[:, None], T[None, :])
-    proved = ~exact.is_local(setting.problem(theta)[0])
-    found = columns(problem, np.repeat(proved, T.size))
+    signs = exact.determinant_signs(setting.problem(theta)[0])
+    found = columns(problem, np.repeat(signs, T.size))
     cells = _filled(setting, found, asked.ravel(), K)  # (columns, K)
-    if not found.proved.all():
-        _answered(setting, cells, ~found.proved, asked.ravel(), problem.T, K)
+    if (several := (found.signs == 0) & (not setting.joint.affine)).any():
+        _answered(setting, cells, several, asked.ravel(), problem.T, K)
     return cells.formed(lambda array: array.reshape(theta.size, T.size, K.size).swapaxes(1, 2))
 
 
@@ -170,11 +170,12 @@ def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np
         share = (K[row] - found.K_min[column]) / (found.K_max - found.K_min)[column]
         P1, P2 = (lo[column] + share * (hi - lo)[column] for lo, hi in zip(found.low, found.high, strict=True))
         return P1, P2
-    return exact.solve(replace(found.problem.take(column), K=K[row]))
+    P1, P2, _ = exact.solve(replace(found.problem.take(column), K=K[row]))
+    return P1, P2
 
 
 def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Array, K: Array) -> None:
-    """Columns in which the stiffness is not known to grow along the level are answered by `allocate` itself."""
+    """Columns in which several pairs may give the same are answered by `allocate` itself."""
     a = allocate(
         theta[where, None],
         K,

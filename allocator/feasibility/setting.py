@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.allocation.arguments import problem_from
-from allocator.allocation.exact import is_local
+from allocator.allocation import exact, reach
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array, Mask, Value
-from allocator.feasibility.extremes import extremes_on_level
 from allocator.joint import AntagonistJoint, report_joint
-from allocator.levels import Pair, stiffness, torque_interval, torque_level
+from allocator.levels import Pair, stiffness, torque_interval
 
 _NO_TARGET = 1.0  # [N·m/rad] stands for the stiffness where none is asked for
 _REACHED = 1e-9  # of the torque scale: a torque missed by less is reached, as in `allocate`
@@ -31,7 +30,7 @@ class Columns(NamedTuple):
     K_min: Array  # [N·m/rad]
     K_max: Array
     reach: Array  # how far the torque is inside its interval, as a fraction of the torque scale; negative outside
-    proved: Mask  # the determinant is positive: stiffness grows along the level
+    signs: Array  # of the determinant, see `exact.determinant_signs`: where not 0 one pair gives each stiffness
 
     @property
     def exists(self) -> Mask:
@@ -78,15 +77,13 @@ class Setting:
         return columns(problem)
 
 
-def columns(problem: Problem, proved: Mask | None = None) -> Columns:
-    """The ends of the torque level, with what they mean; `proved` if it is known (it depends on the angle only)."""
+def columns(problem: Problem, signs: Array | None = None) -> Columns:
+    """The ends of the stiffnesses, with what they mean; the determinant's signs if known (they depend on the angle)."""
     T_min, T_max = torque_interval(problem.sides, problem.box)
     scale = problem.scales[0]
     T = np.clip(problem.T, T_min, T_max)
-    low, high = (_inside(problem, pair) for pair in torque_level(problem.sides, problem.box, T))
-    proved = ~is_local(problem) if proved is None else proved
-    if not proved.all():
-        low, high = extremes_on_level(problem, T, low, high, ~proved)
+    signs = exact.determinant_signs(problem) if signs is None else signs
+    low, high = (_inside(problem, pair) for pair in reach.stiffness_ends(problem, T, signs))
     return Columns(
         problem,
         low,
@@ -94,7 +91,7 @@ def columns(problem: Problem, proved: Mask | None = None) -> Columns:
         stiffness(problem.sides, low),
         stiffness(problem.sides, high),
         np.minimum(problem.T - T_min, T_max - problem.T) / scale,
-        proved,
+        signs,
     )
 
 

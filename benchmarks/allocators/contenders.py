@@ -62,7 +62,7 @@ class Allocator:
     def answer(self, targets: TargetSet, priority: str, warm_start: bool = True) -> Answer:
         """Pressures for all targets, and what they claim."""
         a = self.allocation(targets, priority, warm_start)
-        return Answer(a.P1, a.P2, a.status, a.kkt_residual, a.local, a.iterations)
+        return Answer(a.P1, a.P2, a.status, a.kkt_residual, ~(a.gap <= 1e-6), a.iterations)
 
     def allocation(self, targets: TargetSet, priority: str, warm_start: bool = True) -> Any:
         """The library's own answer; `answer` adds the residual, which is not to be timed."""

@@ -1,0 +1,57 @@
+"""`search` and `arcs` for many targets: what is compiled, or called as it stands, plain Python without NumPy.
+
+`one` and `two` are rows of segments (n, segments, numbers), `box` (lo1, hi1, lo2, hi2, least sum) a
+target, `now` the pressures from
+which the nearest of several pairs is chosen, NaN for the least; `out` is filled, a row a target.
+"""
+
+# mypy: allow-untyped-defs, allow-untyped-calls
+# numba compiles the functions for lists and arrays; types would say Any
+from collections.abc import Callable
+from typing import Any
+
+from allocator.allocation.arcs import weighted
+from allocator.allocation.search import all_pairs, determinant_sign, nearest, spans
+
+MOST = 9  # pairs, and intervals, that are kept of a target
+
+
+def optima(T, K, priority, weights, one, two, box, now, out):
+    """(P1, P2, gap) of the optimum; `priority` 0: torque, 1: stiffness, 2: weighted."""
+    for i in range(len(T)):
+        if priority == 2:
+            found = weighted(T[i], K[i], weights, one[i], two[i], box[i], now[i][0], now[i][1])
+        elif priority == 1:
+            found = nearest(K[i], T[i], one[i], two[i], box[i], True, now[i][0], now[i][1])
+        else:
+            found = nearest(T[i], K[i], one[i], two[i], box[i], False, now[i][0], now[i][1])
+        out[i][0], out[i][1], out[i][2] = found
+
+
+def pairs(T, K, one, two, box, out):
+    """Their number, then P1, P2 of all pairs that give both targets."""
+    for i in range(len(T)):
+        found = all_pairs(T[i], K[i], one[i], two[i], box[i])
+        out[i][0] = min(len(found), MOST)
+        for j in range(min(len(found), MOST)):
+            out[i][2 * j + 1], out[i][2 * j + 2] = found[j]
+
+
+def intervals(X, swap, one, two, box, out):
+    """The number of intervals of all that can be had at a torque, or with `swap` at a stiffness, then their ends."""
+    for i in range(len(X)):
+        found = spans(X[i], one[i], two[i], box[i], swap)
+        out[i][0] = min(len(found), MOST)
+        for j in range(min(len(found), MOST)):
+            out[i][2 * j + 1], out[i][2 * j + 2] = found[j]
+
+
+def signs(one, two, box, out):
+    """The proved sign of the determinant."""
+    for i in range(len(box)):
+        out[i][0] = determinant_sign(one[i], two[i], box[i])
+
+
+LOOPS: dict[str, Callable[..., Any]] = {"optima": optima, "pairs": pairs, "intervals": intervals, "signs": signs}
+
+__all__ = ["LOOPS", "MOST"]
