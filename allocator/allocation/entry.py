@@ -11,6 +11,7 @@ from allocator.allocation.arguments import problem_from
 from allocator.allocation.assessment import OPTIMISER, Assessment, assess, assess_inverse
 from allocator.allocation.covariance import with_covariance
 from allocator.allocation.friction import checked_direction, with_friction
+from allocator.allocation.planning import planned
 from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.question import number
 from allocator.allocation.result import Allocation, shaped
@@ -44,6 +45,7 @@ def allocate(
     max_step: ArrayLike | None = None,
     solver: str | None = None,
     warm_start: bool = True,
+    along: int | None = None,
     uncertainty: Any = None,
     risk: float = 0.05,
 ) -> Allocation:
@@ -61,7 +63,7 @@ def allocate(
         Where the joint is to move: +1 θ rises, -1 θ falls, 0 it rests (default). The muscles of a joint with `friction`
         then add what friction takes, so that `T` is left for the link; the answer's torques are the muscles'.
     method
-        "exact": the global optimum, in closed form where there is one. "analytic": the inverse alone, without limits;
+        "exact": the global optimum, in closed form or by a complete search, see `Allocation.gap`. "analytic": the inverse alone, without limits;
         NaN where it does not exist. "qp" (successive QPs), "nlp" (CasADi), "convex" (cvxpy): optimisers that start from
         the analytic inverse; an answer that fails the library's own check is replaced, and the status says so.
     priority
@@ -82,6 +84,10 @@ def allocate(
     solver
         For "qp" any solver that qpsolvers finds ("daqp", "osqp", …), for "nlp" "ipopt" or "sqpmethod", for "convex"
         "clarabel" or "osqp".
+    along
+        The axis of the targets along which time runs, for "exact": where several pairs of pressures give the same
+        torque and stiffness (on some levers), those of the whole trajectory are chosen together, with the least sum of
+        squared steps. None: each target alone is given the least pressures, or with `previous` the nearest.
     uncertainty, risk
         For "convex" with affine muscles: covariance of the muscle's parameters (a matrix, a pair of them, or True for
         the fitted muscles' own), and the probability α with which a force limit may be broken, see
@@ -100,7 +106,7 @@ def allocate(
     joint = report_joint() if joint is None else joint
     if (
         method == "exact"
-        and solver is weights is min_cocontraction is reference is uncertainty is None  # type: ignore[comparison-overlap]  # all None
+        and solver is weights is min_cocontraction is reference is uncertainty is along is None  # type: ignore[comparison-overlap]  # all None
         and number(direction) == number(pull) == number(stiffness_tolerance) == 0
     ):
         found = quick.answer(joint, theta, K, T, priority, min_force, max_force, previous, max_step)
@@ -134,11 +140,13 @@ def allocate(
         max_step=max_step,
     )
 
+    axis = _axis(along, asked.ndim, method, previous)
+
     def answer(problem: Problem) -> Allocation:
         if method == "analytic":
             return _inverted(problem, asked)
         if method == "exact":
-            return _exact(problem, asked)
+            return _exact(problem, asked, axis)
         if uncertainty is not None:
             return _uncertain(problem, asked, risk)
         return _optimised(problem, asked, method, solver, warm_start)
@@ -148,8 +156,22 @@ def allocate(
     return with_friction(answer, problem, np.broadcast_to(s, asked.shape).ravel())
 
 
-def _exact(problem: Problem, asked: Array) -> Allocation:
+def _axis(along: Any, ndim: int, method: str, previous: Any) -> int | None:
+    """The axis of time, counted from 0."""
+    if along is None:
+        return None
+    if method != "exact" or previous is not None:
+        raise InvalidInput("along plans the exact answers of a whole trajectory; other methods and previous do not go with it")
+    if not isinstance(along, int) or isinstance(along, bool) or not -ndim <= along < ndim:
+        raise InvalidInput(f"along = {along!r} is no axis of targets with {ndim} of them")
+    return along % ndim
+
+
+def _exact(problem: Problem, asked: Array, along: int | None) -> Allocation:
     P1, P2, gap = exact.solve(problem)
+    if along is not None:
+        met = assess(problem, P1, P2, _outside(problem.joint, asked.ravel())).status == Status.EXACT
+        P1, P2 = planned(problem, P1, P2, met, asked.shape, along)
     found = assess(problem, P1, P2, _outside(problem.joint, asked.ravel()))
     return _allocation(problem, asked, P1, P2, found, "exact", gap=gap)
 
