@@ -76,25 +76,10 @@ def rising_roots(f: Callable[..., Array], lo: Array, hi: Array, *args: Array, pi
     return increasing_root(f, grid[:-1], grid[1:], *args)
 
 
-def all_roots(f: Callable[..., Array], lo: Array, hi: Array, *args: Array, pieces: int = 32) -> Array:
-    """Points [2·pieces, n] of [lo, hi] [n] among them every root of f(x, *args) that changes sign over one of `pieces`.
-
-    The points that are no roots are ends of pieces: harmless where candidates are compared. Two roots in one piece
-    are missed, so an f that may turn that often wants more pieces.
-    """
-    share = np.linspace(0.0, 1.0, pieces + 1)[:, None]
-    grid = lo + (hi - lo) * share  # (pieces+1, n)
-    left, right = grid[:-1], grid[1:]
-    rising = np.where(f(right, *args) > f(left, *args), 1.0, -1.0)
-    root = increasing_root(lambda x, rising, *a: rising * f(x, *a), left, right, rising, *args)
-    return np.concatenate([np.clip(root, left, right), left])
-
-
 __all__ = [
     "Array",
     "Mask",
     "Value",
-    "all_roots",
     "cos",
     "derivative",
     "exp",

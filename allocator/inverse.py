@@ -3,7 +3,8 @@
 By [M] (see `allocator.muscles.base`) the Jacobian of (P1, P2) ↦ (T, K) on a pulley has positive principal minors up to
 the sign of P2: it is a P-matrix, and a map whose Jacobian is a P-matrix on a rectangle is injective there (Gale &
 Nikaido 1965). So at most one pressure pair gives (T, K): "which root of the cubic?" has one answer. In any other
-geometry a positive determinant is enough, see `allocator.levels`.
+geometry a determinant that does not vanish is enough: the Jacobian's columns depend on one pressure each. Where it
+vanishes there may be several pairs.
 """
 
 import numpy as np
@@ -12,8 +13,9 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.joint import AntagonistJoint, report_joint
-from allocator.levels import Pair, Sides, inverse_on_level
+from allocator.levels import Pair, Sides
 from allocator.limits import PressureBox
+from allocator.search import Curves, all_pairs
 
 _SINGULAR = 1e-12  # of its terms: a determinant of no more is rounding
 _SEARCHED = (0.0, 20e5)  # [Pa] where pressures are looked for when there is no closed form
@@ -24,8 +26,9 @@ def inverse(theta: ArrayLike, K: ArrayLike, T: ArrayLike = 0.0, *, joint: Antago
 
     No limit is respected: the answer may be negative, beyond the supply or leave a cable slack; use `allocate` for
     pressures to apply. NaN where no inverse exists. `joint` defaults to the report's. Closed form for affine muscles in
-    any geometry (the report's (9)–(10) is the McKibben case) and for two equal Tondu2021 on a pulley; otherwise root
-    finding along the torque level within 0 … 20 bar. Raises InvalidInput for arguments that make no sense.
+    any geometry (the report's (9)–(10) is the McKibben case) and for two equal Tondu2021 on a pulley; otherwise all
+    pairs within 0 … 20 bar are found (`allocator.search`), and the highest is given. Raises InvalidInput for arguments
+    that make no sense.
     """
     joint = report_joint() if joint is None else joint
     theta, K, T = checks.broadcast(
@@ -41,7 +44,20 @@ def solve_inverse(joint: AntagonistJoint, theta: Array, K: Array, T: Array) -> P
     sides = joint.sides(theta)
     if joint.affine:
         return affine_inverse(sides, K, T)
-    return inverse_on_level(sides, _searched_box(sides), K, T, pieces=16)
+    return _highest_pair(sides, K, T)
+
+
+def _highest_pair(sides: Sides, K: Array, T: Array) -> Pair:
+    """Of all pairs that give (T, K) that with the highest pressures, where a model is most likely to hold; else NaN."""
+    if not T.size:
+        return T, T
+    one, two = (side.interval(_SEARCHED, min_force=None) for side in sides)
+    highest = float(max(one.hi.max(), two.hi.max()))  # of a law that ends earlier
+    _, found = all_pairs(Curves.of(sides, PressureBox(one, two), (_SEARCHED[0], highest)), T.ravel(), K.ravel())
+    found = np.concatenate([np.full((len(found), 1, 2), np.nan), found], axis=1)
+    best = np.nan_to_num(found.sum(axis=2), nan=-np.inf).argmax(axis=1)
+    P1, P2 = found[np.arange(len(found)), best].T
+    return P1.reshape(T.shape), P2.reshape(T.shape)
 
 
 def affine_inverse(sides: Sides, K: Array, T: Array) -> Pair:
@@ -63,11 +79,6 @@ def why_no_inverse(joint: AntagonistJoint) -> str:
     if joint.affine:
         return "torque and stiffness depend on the pressures in the same way at this angle"
     return f"no pressures between {_SEARCHED[0] / 1e5:g} and {_SEARCHED[1] / 1e5:g} bar give this torque and stiffness"
-
-
-def _searched_box(sides: Sides) -> PressureBox:
-    agonist, antagonist = (side.interval(_SEARCHED, min_force=None) for side in sides)
-    return PressureBox(agonist, antagonist)
 
 
 __all__ = ["affine_inverse", "inverse", "solve_inverse", "why_no_inverse"]

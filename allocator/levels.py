@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array, increasing_root, rising_roots
+from allocator.calculus import Array, increasing_root
 from allocator.limits import PressureBox
 from allocator.side import Side
 
@@ -80,27 +80,4 @@ def stiffness(sides: Sides, pair: Pair) -> Array:
     return np.asarray(sides[0].stiffness(pair[0]) + sides[1].stiffness(pair[1]))
 
 
-def inverse_on_level(sides: Sides, box: PressureBox, K: Array, T: Array, pieces: int = 1) -> Pair:
-    """The pressures of the box that give (T, K), by root finding along the level; NaN where there are none.
-
-    Where the determinant is not positive on the whole level there may be several; with more `pieces` the one at the
-    highest pressures, where the model is most likely to hold, is found.
-    """
-    agonist, antagonist = sides
-    level = torque_level(sides, box, T)
-    start, end = level.low[0], np.maximum(level.low[0], level.high[0])
-    ends = box.antagonist.lo, box.antagonist.hi
-    varying = np.broadcast_arrays(*agonist.arrays, *antagonist.arrays, T, K, *ends)
-
-    def excess(P1: Array, *a: Array) -> Array:
-        one, two = agonist.moved(*a[:3]), antagonist.moved(*a[3:6])
-        P2 = np.clip(two.pressure_for_torque(a[6] - one.torque(P1)), a[8], a[9])  # rounding may lead beyond its end
-        return stiffness((one, two), (P1, P2)) - a[7]
-
-    found = rising_roots(excess, start, end, *varying, pieces=pieces)
-    found = np.where(np.isfinite(found), found, -np.inf).max(axis=0)
-    P1 = np.where(np.isfinite(found), found, np.nan)
-    return P1, np.asarray(antagonist.pressure_for_torque(T - agonist.torque(P1)))
-
-
-__all__ = ["Level", "Pair", "Sides", "inverse_on_level", "stiffness", "torque_interval", "torque_level"]
+__all__ = ["Level", "Pair", "Sides", "stiffness", "torque_interval", "torque_level"]

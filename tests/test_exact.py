@@ -57,8 +57,9 @@ def point(joint, share, s1, s2):
 @given(share=shares, s1=shares, s2=shares)
 def test_the_inverse_of_the_direct_model_is_the_identity(joint, share, s1, s2):
     theta, _box, P1, P2 = point(joint, share, s1, s2)
-    if (K := joint.stiffness(theta, P1, P2)) > 0 and allocate(theta, K, joint.torque(theta, P1, P2), joint=joint).pairs == 1:
-        found = inverse(theta, joint.stiffness(theta, P1, P2), joint.torque(theta, P1, P2), joint=joint)
+    K, T = joint.stiffness(theta, P1, P2), joint.torque(theta, P1, P2)
+    if K > 0 and allocate(theta, K, T, joint=joint).pairs == 1:
+        found = inverse(theta, K, T, joint=joint)
         assert np.array(found) == pytest.approx(np.array([P1, P2]), rel=1e-7, abs=1e-2)
 
 

@@ -13,21 +13,18 @@ In other compiled code a law is called like any compiled function:
 
 from collections.abc import Callable
 from functools import cache
-from hashlib import sha256
-from pathlib import Path
 from typing import Any
 
-from allocator.allocation import arcs, curves, kernels, loops, search
+from allocator.allocation import kernels
 
 _OPTIONS = {"error_model": "numpy"}  # a division by zero is an infinity, not an exception: loops without branches
 
 
 @cache
 def kernel(name: str) -> Callable[..., Any] | None:
-    """The function `name` of `kernels` or `loops`, compiled for each kind of arguments at its first call, or None.
+    """The function `name` of `kernels`, compiled (for each kind of arguments at its first call); None if it cannot be.
 
-    None if it cannot be. A compilation takes a second or two, of a loop of the search about fifteen, and is kept on
-    disk, next to this package or where NUMBA_CACHE_DIR says.
+    A compilation takes about a second and is kept on disk, next to this package or where NUMBA_CACHE_DIR says.
     """
     try:
         register()
@@ -35,10 +32,8 @@ def kernel(name: str) -> Callable[..., Any] | None:
 
         if numba.config.DISABLE_JIT:
             return None
-        options = {"cache": True, "nogil": True, **_OPTIONS}
-        if name in loops.LOOPS:
-            return numba.njit(**options)(_versioned(loops.LOOPS[name]))  # type: ignore[no-any-return]
-        return numba.njit(pipeline_class=_unaliased(), **options)(getattr(kernels, name))  # type: ignore[no-any-return]  # numba has no types
+        options = {"cache": True, "nogil": True, "pipeline_class": _unaliased(), **_OPTIONS}
+        return numba.njit(**options)(getattr(kernels, name))  # type: ignore[no-any-return]  # numba has no types
     except ImportError:
         return None
     except RuntimeError as error:
@@ -54,22 +49,6 @@ def register() -> None:
 
     for law in kernels.LAWS:
         register_jitable(forceinline=True, **_OPTIONS)(law)
-    for function in (*curves.FUNCTIONS, *search.FUNCTIONS, *arcs.FUNCTIONS, *loops.LOOPS.values()):
-        register_jitable(**_OPTIONS)(function)
-
-
-def _versioned(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`function` in a closure over a number that changes with the files of the search.
-
-    numba compares one file's date, and what a closure holds, to see whether what it has on disk is out of date.
-    """
-    text = "".join(Path(str(m.__file__)).read_text(encoding="utf-8") for m in (curves, search, arcs, loops))
-    version = int(sha256(text.encode()).hexdigest()[:12], 16)
-
-    def entry(*arguments):  # type: ignore[no-untyped-def]
-        return function(*arguments) if version > 0 else None
-
-    return entry
 
 
 def threads() -> int:

@@ -63,9 +63,10 @@ def allocate(
         Where the joint is to move: +1 θ rises, -1 θ falls, 0 it rests (default). The muscles of a joint with `friction`
         then add what friction takes, so that `T` is left for the link; the answer's torques are the muscles'.
     method
-        "exact": the global optimum, in closed form or by a complete search, see `Allocation.gap`. "analytic": the inverse alone, without limits;
-        NaN where it does not exist. "qp" (successive QPs), "nlp" (CasADi), "convex" (cvxpy): optimisers that start from
-        the analytic inverse; an answer that fails the library's own check is replaced, and the status says so.
+        "exact": the global optimum, in closed form or by a complete search, see `Allocation.gap`. "analytic": the
+        inverse alone, without limits; NaN where it does not exist. "qp" (successive QPs), "nlp" (CasADi), "convex"
+        (cvxpy): optimisers that start from the analytic inverse; an answer that fails the library's own check is
+        replaced, and the status says so.
     priority
         What is met first where not both can be: "torque", "stiffness", or "weighted" by `weights`.
     weights
@@ -161,7 +162,9 @@ def _axis(along: Any, ndim: int, method: str, previous: Any) -> int | None:
     if along is None:
         return None
     if method != "exact" or previous is not None:
-        raise InvalidInput("along plans the exact answers of a whole trajectory; other methods and previous do not go with it")
+        raise InvalidInput(
+            "along plans the exact answers of a whole trajectory: without previous, and by no other method"
+        )
     if not isinstance(along, int) or isinstance(along, bool) or not -ndim <= along < ndim:
         raise InvalidInput(f"along = {along!r} is no axis of targets with {ndim} of them")
     return along % ndim

@@ -1,16 +1,15 @@
 """The global optimum of the allocation problem: in closed form for affine muscles, by a complete search for others.
 
 Without a pull (ρ = 0) an interior stationary point of [A] satisfies JᵀW r = 0 with the Jacobian J. Where that is
-invertible the residual r is zero: it is the analytic inverse. For affine muscles J is constant at an angle. Hence either
-the inverse is feasible, or the optimum lies on the border of the feasible set, where one equation is left to solve
-(`allocator.allocation.edges`). The lexicographic priorities are limits of [A] and share the argument; with a pull [A] is
-a convex quadratic programme in two variables, of which the stationary point, or that of its restriction to the torque
-level, takes the inverse's place. Nothing but comparing a few candidates is left.
+invertible the residual r is zero: it is the analytic inverse. For affine muscles J is constant at an angle. Hence
+either the inverse is feasible, or the optimum lies on the border of the feasible set, where one equation is left to
+solve (`allocator.allocation.edges`). The lexicographic priorities are limits of [A] and share the argument; with a pull
+[A] is a convex quadratic programme in two variables, of which the stationary point, or that of its restriction to the
+torque level, takes the inverse's place. Nothing but comparing a few candidates is left.
 
 For other muscles J may be singular in the box, and several pairs may give the same torque and stiffness:
-`allocator.allocation.search` and `arcs` find them all, and a bound on what they have dropped, the `gap`. Where that
-answer breaks a co-contraction floor, the floor's edge is searched in pieces; nothing is proved then, the gap is NaN.
-With a pull there is no exact answer for such muscles.
+`allocator.search` finds them all, and a bound on what they have dropped, the `gap`. With a pull
+there is no exact answer for such muscles.
 """
 
 from dataclasses import replace
@@ -18,13 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from allocator import search
 from allocator.allocation import curved
 from allocator.allocation.edges import border_points
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.inverse import solve_inverse
-from allocator.levels import Pair, inverse_on_level
+from allocator.inverse import affine_inverse
+from allocator.levels import Pair
 
 _TIE = 1e-13  # torques or stiffnesses closer than this fraction of their scale are the same: rounding
 
@@ -42,13 +42,7 @@ def solve(problem: Problem) -> Optimum:
     if problem.joint.affine or problem.pull:
         return Optimum(*_closed(problem), np.zeros(problem.theta.shape))
     P1, P2, gap = curved.optimum(problem)
-    gap = gap / gap_unit(problem)
-    if problem.box.has_floor:  # which the search does not know: what keeps it nevertheless is the best of all
-        near = _TIE * problem.joint.pressure_span
-        if (cut := ~problem.box.contains(P1, P2, near)).any():
-            P1[cut], P2[cut] = _closed(problem.take(cut))
-            gap[cut] = np.nan
-    return Optimum(P1, P2, gap)
+    return Optimum(P1, P2, gap / gap_unit(problem))
 
 
 def gap_unit(problem: Problem) -> Array:
@@ -68,7 +62,7 @@ def determinant_signs(problem: Problem) -> Array:
     determinant is constant. Others: by the slopes of both curves at the ends of their pieces, of any geometry.
     """
     if not problem.joint.affine:
-        return curved.determinant_signs(problem)
+        return search.determinant_signs(curved.curves(problem))
     one, two = problem.sides
     (t1, k1), (t2, k2) = ((side.torque_gain(0.0), side.stiffness_gain(0.0)) for side in (one, two))
     det = t1 * k2 - t2 * k1
@@ -81,20 +75,12 @@ def _closed(problem: Problem) -> Pair:
         fixed = np.asarray([side.stiffness_gain(0.0) == 0 for side in problem.sides]).all(axis=0)
         if fixed.all():  # no pressures change the stiffness: all are as near to it, the torque is left
             problem = replace(problem, priority="torque")
-    P1, P2 = _pulled_optimum(problem) if problem.pull else _inverse_in_box(problem)
+    P1, P2 = _pulled_optimum(problem) if problem.pull else affine_inverse(problem.sides, problem.K_aim, problem.T_aim)
     inside = problem.box.contains(P1, P2)
     P1, P2 = np.where(inside, P1, np.nan), np.where(inside, P2, np.nan)
     if not inside.all():
         P1[~inside], P2[~inside] = _best(problem.take(~inside))
     return P1, P2
-
-
-def _inverse_in_box(problem: Problem) -> Pair:
-    """The analytic inverse; without a closed form it is sought only in the box."""
-    joint = problem.joint
-    if joint.affine or joint.tondu_pulley:
-        return solve_inverse(joint, problem.theta, problem.K_aim, problem.T_aim)
-    return inverse_on_level(problem.sides, problem.box, problem.K_aim, problem.T_aim)
 
 
 def _pulled_optimum(problem: Problem) -> Pair:

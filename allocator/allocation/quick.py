@@ -154,9 +154,10 @@ def warm_up(
 ) -> bool:
     """Compile now what `allocate` needs for questions with these options, so that no call has to wait.
 
-    Takes some seconds the first time after installation and half a second in a new process, most of it the import of
-    numba. `slew` is for calls with `previous` and `max_step`. False where nothing can be compiled: the joint has no
-    kernel, numba is missing or finds no directory to keep what it compiles. `allocate` works then too, more slowly.
+    Takes some seconds the first time after installation (for muscles that are not affine half a minute) and half a
+    second in a new process, most of it the import of numba. `slew` is for calls with `previous` and `max_step`. False
+    where nothing can be compiled: there is nothing for weighted targets of affine muscles, or numba is missing or finds
+    no directory to keep what it compiles. `allocate` works then too, more slowly.
     By itself it compiles only for an array of 300 000 targets or more.
     Raises InvalidInput for a priority that there is not, or a limit that is none.
     """
@@ -165,7 +166,7 @@ def warm_up(
     if priority not in PRIORITIES or _forces(min_force, max_force) is None:
         raise InvalidInput(f"there are no questions with {priority=}, {min_force=} N, {max_force=} N")
     if not law.name or priority not in _FIRST:
-        return curved.ready(joint)
+        return not joint.affine and curved.ready(joint)
     kind = law.name, min_force is not None, max_force is not None, slew, _FIRST[priority]
     one, many = kernel(f"{law.name}_exact"), kernel(f"{law.name}_batch")
     if one is None or many is None:

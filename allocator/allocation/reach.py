@@ -7,6 +7,7 @@ of intervals, of up to three in all that was tried: the stiffness may turn, and 
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator import search
 from allocator.allocation import curved, exact
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
@@ -40,8 +41,8 @@ def stiffness_interval(problem: Problem, T: Array) -> Pair:
 
 
 def torque_intervals(problem: Problem, K: Array) -> Array:
-    """The intervals of the torques at the stiffnesses K (n,), brought within reach: (n, m, 2) [N·m], NaN where fewer."""
-    return curved.torque_intervals(problem, K)[1]
+    """The intervals of torques at the stiffnesses K (n,), brought within reach: (n, m, 2) [N·m], NaN where fewer."""
+    return search.torque_intervals(curved.curves(problem), K)[1]
 
 
 def pairs(problem: Problem, T: Array, K: Array) -> NDArray[np.intp]:

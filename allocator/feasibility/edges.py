@@ -11,8 +11,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator.allocation import curved
 from allocator.allocation.problem import Problem
-from allocator.calculus import Array, all_roots
+from allocator.calculus import Array
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
 from allocator.levels import Pair, stiffness
@@ -20,7 +21,6 @@ from allocator.limits import Limit, PressureBox, names
 
 _POINTS = 201  # of an edge over the joint range; more where limits hand over
 _HALVINGS = 40  # to find where they do
-_PIECES = 32  # of a border of the box in which a stiffness is looked for
 _BINDS = 1e-9  # of the supply range, as in `allocate`
 
 
@@ -62,17 +62,20 @@ def edges_at_torque(setting: Setting, T: float, left: float, right: float) -> tu
 
 
 def edges_at_stiffness(setting: Setting, K: float, left: float, right: float) -> tuple[Edge, ...]:
-    """Edges over the angles from left to right [rad] of the torques that exist while the joint is as stiff as K."""
+    """Edges over the angles from left to right [rad] of the torques that exist while the joint is as stiff as K.
+
+    On a lever the torques may fall into several intervals (`torque_intervals`); the outermost ends are drawn.
+    """
 
     def ends(theta: Array) -> tuple[Problem, tuple[Pair, Pair]]:
         problem, _ = setting.problem(theta, 0.0, K)
-        return problem, _torque_ends(problem)
+        return problem, curved.torque_extremes(problem, problem.K)
 
     def reach(theta: Array, K: Array) -> Array:
         theta, K = np.broadcast_arrays(theta, K)
         problem, _ = setting.problem(theta.ravel(), 0.0, K.ravel())
-        K_border = np.concatenate([stiffness(problem.sides, pair) for _, pair in _border(problem.box)])
-        inside = np.minimum(K_border.max(axis=0) - problem.K, problem.K - K_border.min(axis=0))
+        K_min, K_max = (stiffness(problem.sides, pair) for pair in curved.stiffness_range(problem))
+        inside = np.minimum(K_max - problem.K, problem.K - K_min)
         return np.where(problem.box.empty, -1.0, inside / problem.scales[1]).reshape(theta.shape)
 
     return _edges(setting, ends, spans(reach, left, right, np.array([K])))
@@ -91,7 +94,7 @@ def edges_at_angle(setting: Setting, theta: float) -> tuple[Edge, ...]:
     return tuple(found)
 
 
-def _border(box: PressureBox, points: int = _PIECES + 1) -> list[tuple[NDArray[np.int32], Pair]]:
+def _border(box: PressureBox, points: int) -> list[tuple[NDArray[np.int32], Pair]]:
     """Its edges by their Limit flags (n,), each as pressures (points, n) and the one held as (1, n)."""
     share = np.linspace(0, 1, points)[:, None]
     (lo1, hi1), (lo2, hi2) = ((side.lo[None], side.hi[None]) for side in box)
@@ -112,40 +115,6 @@ def _border(box: PressureBox, points: int = _PIECES + 1) -> list[tuple[NDArray[n
         P1 = along(left[None], np.maximum(left, right)[None])
         edges.append((np.full(lo1.shape[1], Limit.COCONTRACTION, np.int32), (P1, floor - P1)))
     return edges
-
-
-def _torque_ends(problem: Problem) -> tuple[Pair, Pair]:
-    """Where on the border of the box the stiffness is problem.K (n,): the pressures of the least and greatest torque.
-
-    Along a curve of constant stiffness the torque is monotone (det > 0), so it takes its extremes on the border.
-    """
-    candidates = [np.broadcast_arrays(*_with_stiffness(problem, pair)) for _, pair in _border(problem.box)]
-    P1, P2 = (np.concatenate([c[i] for c in candidates]) for i in (0, 1))  # (m, n)
-    missed = np.abs(stiffness(problem.sides, (P1, P2)) - problem.K) > 1e-9 * problem.scales[1]
-    e_T, _ = problem.errors(P1, P2)
-    chosen = (np.argmin(np.where(missed, np.inf, sign * e_T), axis=0)[None] for sign in (+1, -1))
-    low, high = ((np.take_along_axis(P1, i, 0)[0], np.take_along_axis(P2, i, 0)[0]) for i in chosen)
-    return low, high
-
-
-def _with_stiffness(problem: Problem, pair: Pair) -> Pair:
-    """The points of one edge of the box (its ends among them) that have the stiffness problem.K."""
-    ends = [P[[0, -1]] for P in np.broadcast_arrays(*pair)]
-    rising = (np.diff(stiffness(problem.sides, pair), axis=0) > 0).all()
-    one, two = problem.sides
-
-    def excess(x: Array, *a: Array) -> Array:
-        """K - K* at the share x of the edge."""
-        first, second = one.moved(*a[:3]), two.moved(*a[3:6])
-        P1, P2 = a[6] + x * (a[7] - a[6]), a[8] + x * (a[9] - a[8])
-        return stiffness((first, second), (P1, P2)) - a[10]
-
-    (start1, end1), (start2, end2) = ends
-    varying = np.broadcast_arrays(*one.arrays, *two.arrays, start1, end1, start2, end2, problem.K)
-    zero = np.zeros(problem.K.shape)
-    x = all_roots(excess, zero, zero + 1, *varying, pieces=1 if rising else _PIECES)
-    x = np.concatenate([x, [zero + 1]])
-    return start1 + x * (end1 - start1), start2 + x * (end2 - start2)
 
 
 # --- from the ends of an interval over θ to edges -------------------------------------------------------------------

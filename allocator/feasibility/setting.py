@@ -10,8 +10,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation.arguments import problem_from
 from allocator.allocation import exact, reach
+from allocator.allocation.arguments import problem_from
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array, Mask, Value
 from allocator.joint import AntagonistJoint, report_joint

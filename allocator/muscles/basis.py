@@ -26,12 +26,12 @@ class Basis:
     kinks: tuple[float, ...] = ()  # pressures at which ∂F/∂P may jump, rising [Pa]
 
     def nodes(self, lo: float, hi: float, size: int) -> Array:
-        """`size` pressures between lo and hi [Pa] at which a law is to be sampled: Chebyshev's, of E if there is one."""
+        """`size` pressures between lo and hi [Pa] to sample a law at: Chebyshev's nodes, of E if there is one."""
         z = np.cos(np.pi * (np.arange(size) + 0.5) / size)
         if self.kind == "exponential":
             E = (1 + z) / 2 * (np.exp(-lo / self.shape) - np.exp(-hi / self.shape)) + np.exp(-hi / self.shape)
             return np.asarray(-self.shape * np.log(E))
-        return lo + (hi - lo) * (1 + z) / 2
+        return np.asarray(lo + (hi - lo) * (1 + z) / 2)
 
     def functions(self, P: Array, lo: float, hi: float, size: int) -> Array:
         """φ_j at the pressures P (m,): (m, size); Chebyshev's are those of lo … hi."""
@@ -42,7 +42,7 @@ class Basis:
             return np.stack([P, P * E, P * E**2], 1)
         if self.kind == "quadratic":
             return np.stack([np.ones_like(P), P, P**2], 1)
-        return np.polynomial.chebyshev.chebvander((2 * P - lo - hi) / (hi - lo), size - 1)
+        return np.asarray(np.polynomial.chebyshev.chebvander((2 * P - lo - hi) / (hi - lo), size - 1), float)
 
 
 @cache

@@ -1,4 +1,4 @@
-"""`search` and `arcs` for many targets: what is compiled, or called as it stands, plain Python without NumPy.
+"""`levels` and `arcs` for many targets: what is compiled, or called as it stands, plain Python without NumPy.
 
 `one` and `two` are rows of segments (n, segments, numbers), `box` (lo1, hi1, lo2, hi2, least sum) a
 target, `now` the pressures from
@@ -10,8 +10,9 @@ which the nearest of several pairs is chosen, NaN for the least; `out` is filled
 from collections.abc import Callable
 from typing import Any
 
-from allocator.allocation.arcs import weighted
-from allocator.allocation.search import all_pairs, determinant_sign, nearest, spans
+from allocator.search.arcs import weighted
+from allocator.search.curves import K_T, T_K
+from allocator.search.levels import all_pairs, determinant_sign, nearest, spans
 
 MOST = 9  # pairs, and intervals, that are kept of a target
 
@@ -22,10 +23,12 @@ def optima(T, K, priority, weights, one, two, box, now, out):
         if priority == 2:
             found = weighted(T[i], K[i], weights, one[i], two[i], box[i], now[i][0], now[i][1])
         elif priority == 1:
-            found = nearest(K[i], T[i], one[i], two[i], box[i], True, now[i][0], now[i][1])
+            found = nearest(K[i], T[i], one[i], two[i], box[i], K_T, now[i][0], now[i][1])
         else:
-            found = nearest(T[i], K[i], one[i], two[i], box[i], False, now[i][0], now[i][1])
-        out[i][0], out[i][1], out[i][2] = found
+            found = nearest(T[i], K[i], one[i], two[i], box[i], T_K, now[i][0], now[i][1])
+        out[i][0] = min(max(found[0], box[i][0]), box[i][1])  # rounding may lead out of the box
+        out[i][1] = min(max(found[1], box[i][2]), box[i][3])
+        out[i][2] = found[2]
 
 
 def pairs(T, K, one, two, box, out):
@@ -37,10 +40,10 @@ def pairs(T, K, one, two, box, out):
             out[i][2 * j + 1], out[i][2 * j + 2] = found[j]
 
 
-def intervals(X, swap, one, two, box, out):
-    """The number of intervals of all that can be had at a torque, or with `swap` at a stiffness, then their ends."""
+def intervals(X, view, one, two, box, out):
+    """The number of intervals of what can be had at a torque (`view` T_K) or a stiffness (K_T), then their ends."""
     for i in range(len(X)):
-        found = spans(X[i], one[i], two[i], box[i], swap)
+        found = spans(X[i], one[i], two[i], box[i], view)
         out[i][0] = min(len(found), MOST)
         for j in range(min(len(found), MOST)):
             out[i][2 * j + 1], out[i][2 * j + 2] = found[j]
@@ -53,5 +56,6 @@ def signs(one, two, box, out):
 
 
 LOOPS: dict[str, Callable[..., Any]] = {"optima": optima, "pairs": pairs, "intervals": intervals, "signs": signs}
+FUNCTIONS = tuple(LOOPS.values())
 
-__all__ = ["LOOPS", "MOST"]
+__all__ = ["FUNCTIONS", "LOOPS", "MOST"]

@@ -28,6 +28,7 @@ from math import exp, sqrt
 from typing import Any
 
 RATIONAL, EXPONENTIAL, QUADRATIC, CHEBYSHEV = 0.0, 1.0, 2.0, 3.0
+T_K, K_T, T_P, K_P, P_T, P_K = range(6)  # views of a curve: what is its x, and what its y
 HEAD = 6  # numbers of a segment before its coefficients
 _FINEST = 2.0**-12  # of a segment: a zero of a polynomial is looked for no closer than this to another one
 _STEPS = 80  # of a root finding; about five are used
@@ -37,8 +38,20 @@ _NEAR = 1e-13  # of an interval: a root is not sought closer than this
 # --- values ---------------------------------------------------------------------------------------------------------
 
 
-def at(P, segment, swap):
-    """(x, y, x', y') at the pressure P: (t, k, t', k'), or (k, t, k', t') with `swap`."""
+def at(P, segment, view):
+    """(x, y, x', y') at the pressure P in a view of the curve."""
+    t, k, dt, dk = torque_and_stiffness(P, segment)
+    if view == T_K:
+        return t, k, dt, dk
+    if view == K_T:
+        return k, t, dk, dt
+    if view in (T_P, P_T):
+        return (t, P, dt, 1.0) if view == T_P else (P, t, 1.0, dt)
+    return (k, P, dk, 1.0) if view == K_P else (P, k, 1.0, dk)
+
+
+def torque_and_stiffness(P, segment):
+    """(t, k, t', k') at the pressure P."""
     if segment[0] == RATIONAL:
         r = 1 / (P + segment[1])
         square = r * r
@@ -49,14 +62,17 @@ def at(P, segment, swap):
         E = exp(-x)
         one, two = E * (1 - x), E * E * (1 - 2 * x)
         t, dt = P * (segment[6] + E * (segment[7] + E * segment[8])), segment[6] + segment[7] * one + segment[8] * two
-        k, dk = P * (segment[9] + E * (segment[10] + E * segment[11])), segment[9] + segment[10] * one + segment[11] * two
+        k, dk = (
+            P * (segment[9] + E * (segment[10] + E * segment[11])),
+            segment[9] + segment[10] * one + segment[11] * two,
+        )
     elif segment[0] == QUADRATIC:
         t, dt = segment[6] + P * (segment[7] + P * segment[8]), segment[7] + 2 * P * segment[8]
         k, dk = segment[9] + P * (segment[10] + P * segment[11]), segment[10] + 2 * P * segment[11]
     else:
         t, dt, _, _ = chebyshev(P, segment, 0)
         k, dk, _, _ = chebyshev(P, segment, 1)
-    return (k, t, dk, dt) if swap else (t, k, dt, dk)
+    return t, k, dt, dk
 
 
 def chebyshev(P, segment, which):
@@ -79,37 +95,37 @@ def chebyshev(P, segment, which):
 # --- pieces ---------------------------------------------------------------------------------------------------------
 
 
-def pieces(curve, lo, hi, swap):
+def pieces(curve, lo, hi, view):
     """The pieces of a curve from lo to hi, in the order of the pressures."""
     found = []
     for s in range(len(curve)):
         segment = curve[s]
         a, b = max(lo, segment[3]), min(hi, segment[4])
-        if s > 0 and a >= b or a > b:
+        if (s > 0 and a >= b) or a > b:
             continue
-        ends = sorted([*cuts(segment, a, b), a, b])
+        ends = sorted([*cuts(segment, a, b, view > K_T), a, b])
         for i in range(len(ends) - 1):
             if ends[i] < ends[i + 1] or len(ends) == 2:
-                found.append(piece(s, segment, ends[i], ends[i + 1], swap))
+                found.append(piece(s, segment, ends[i], ends[i + 1], view))
     return found
 
 
-def piece(s, segment, a, b, swap):
+def piece(s, segment, a, b, view):
     """The piece of a segment between two of its pressures."""
-    return (float(s), a, b, *at(a, segment, swap), *at(b, segment, swap))
+    return (float(s), a, b, *at(a, segment, view), *at(b, segment, view))
 
 
-def cuts(segment, a, b):
-    """Pressures between a and b at which t' = 0, k' = 0 or W = 0 on a segment, in no order."""
+def cuts(segment, a, b, inflections):
+    """Pressures between a and b at which t' = 0, k' = 0 or W = 0, or with `inflections` t'' = 0 or k'' = 0."""
     if segment[0] == RATIONAL:
         turns = [turn(segment[7], segment[8], segment[1]), turn(segment[10], segment[11], segment[1])]
     elif segment[0] == EXPONENTIAL:
         h = segment[2]
-        turns = [h * x for f in exponential_slopes(segment) for x in exponential_zeros(f, a / h, b / h)]
+        turns = [h * x for f in exponential_slopes(segment, inflections) for x in exponential_zeros(f, a / h, b / h)]
     elif segment[0] == QUADRATIC:  # W is constant
         turns = [-segment[i] / (2 * segment[i + 1]) for i in (7, 10) if segment[i + 1] != 0]
     else:
-        turns = [P for what in range(3) for P in polynomial_zeros(segment, what, a, b)]
+        turns = [P for what in range(5 if inflections else 3) for P in polynomial_zeros(segment, what, a, b)]
     return [P for P in turns if a < P < b]
 
 
@@ -121,15 +137,19 @@ def turn(f1, f2, d):
 # --- zeros of exponential laws, by Rolle's theorem ------------------------------------------------------------------
 
 
-def exponential_slopes(segment):
-    """t', k' and W/E as Σ_j E^j q_j(x), x = P/h: the coefficients of the quadratics q_0, q_1, q_2 in one row."""
+def exponential_slopes(segment, inflections):
+    """t', k' and W/E (and t''/E, k''/E) as Σ_j E^j q_j(x), x = P/h: coefficients of the quadratics q_j in one row."""
     p0, p1, p2, q0, q1, q2 = segment[6], segment[7], segment[8], segment[9], segment[10], segment[11]
     M01, M02, M12 = p0 * q1 - p1 * q0, p0 * q2 - p2 * q0, p1 * q2 - p2 * q1
-    return [
+    found = [
         (p0, 0.0, 0.0, p1, -p1, 0.0, p2, -2 * p2, 0.0),
         (q0, 0.0, 0.0, q1, -q1, 0.0, q2, -2 * q2, 0.0),
         (-2 * M01, M01, 0.0, -4 * M02, 4 * M02, 0.0, -2 * M12, 3 * M12, -2 * M12),
     ]
+    if inflections:
+        found.append((-2 * p1, p1, 0.0, -4 * p2, 4 * p2, 0.0, 0.0, 0.0, 0.0))
+        found.append((-2 * q1, q1, 0.0, -4 * q2, 4 * q2, 0.0, 0.0, 0.0, 0.0))
+    return found
 
 
 def exponential_zeros(f, a, b):
@@ -195,7 +215,7 @@ def quadratic_zeros(c0, c1, c2, a, b):
 
 
 def polynomial_zeros(segment, what, a, b):
-    """All zeros of t' (`what` = 0), k' (1) or W (2) of a Chebyshev segment between a and b, as pressures.
+    """All zeros of t' (`what` = 0), k' (1), W (2), t'' (3) or k'' (4) of a Chebyshev segment, pressures from a to b.
 
     An interval is dropped if the function is too large in its middle to vanish in it, and has at most one zero if its
     derivative is; else it is halved. Zeros nearer to each other than `_FINEST` of the segment may be seen as one.
@@ -233,11 +253,13 @@ def polynomial_zero(segment, what, u, fu, v, fv):
 
 
 def polynomial_slope(segment, what, P):
-    """(f, f') of f = t', k' or W at P."""
+    """(f, f') of f = t', k', W, t'' or k'' at P."""
     _, t1, t2, t3 = chebyshev(P, segment, 0)
     _, k1, k2, k3 = chebyshev(P, segment, 1)
     if what == 2:
         return t1 * k2 - t2 * k1, t1 * k3 - t3 * k1
+    if what > 2:
+        return (k2, k3) if what == 4 else (t2, t3)
     return (k1, k2) if what == 1 else (t1, t2)
 
 
@@ -247,6 +269,8 @@ def polynomial_bounds(segment, what):
     k1, k2, k3, k4 = markov(segment, 1)
     if what == 2:
         return t1 * k3 + t3 * k1, t1 * k4 + t2 * k3 + t3 * k2 + t4 * k1
+    if what > 2:
+        return (k3, k4) if what == 4 else (t3, t4)
     return (k2, k3) if what == 1 else (t2, t3)
 
 
@@ -284,7 +308,7 @@ def narrowed(u, fu, v, fv, x, fx):
     return (v, fv, x, fx) if fx * fv < 0 else (u, fu / 2, x, fx)
 
 
-def pressure_at(X, arc, segment, swap, P):
+def pressure_at(X, arc, segment, view, P):
     """The pressure of a piece at which x = X, from the guess P; the nearer end of the piece beyond them."""
     a, b, xa, xb = arc[1], arc[2], arc[3], arc[7]
     rises = xb >= xa
@@ -295,7 +319,7 @@ def pressure_at(X, arc, segment, swap, P):
     P = P if a < P < b else a + (X - xa) / (xb - xa) * (b - a)
     near = _NEAR * (b - a)
     for _ in range(_STEPS):
-        x, _, dx, _ = at(P, segment, swap)
+        x, _, dx, _ = at(P, segment, view)
         a, b = (a, P) if (x > X) == rises else (P, b)
         step = P - (x - X) / dx if dx != 0 else a
         step = step if a < step < b else a + (b - a) / 2
@@ -306,10 +330,14 @@ def pressure_at(X, arc, segment, swap, P):
 
 
 FUNCTIONS: tuple[Callable[..., Any], ...] = (
-    *(at, chebyshev, pieces, piece, cuts, turn),
+    *(at, torque_and_stiffness, chebyshev, pieces, piece, cuts, turn),
     *(exponential_slopes, exponential_zeros, exponential_derivative, exponential_value, exponential_between),
     *(quadratic_zeros, polynomial_zeros, polynomial_zero, polynomial_slope, polynomial_bounds, markov),
     *(next_guess, narrowed, pressure_at),
 )
 
-__all__ = ["CHEBYSHEV", "EXPONENTIAL", "FUNCTIONS", "HEAD", "QUADRATIC", "RATIONAL", "at", "piece", "pieces", "pressure_at"]
+__all__ = [
+    *("CHEBYSHEV", "EXPONENTIAL", "QUADRATIC", "RATIONAL"),
+    *("K_P", "K_T", "P_K", "P_T", "T_K", "T_P"),
+    *("FUNCTIONS", "HEAD", "at", "narrowed", "next_guess", "pieces", "pressure_at"),
+]

@@ -1,11 +1,13 @@
-"""From a muscle at angles to the rows of numbers in which `allocator.allocation.curves` takes its curve."""
+"""From a muscle at angles to the rows of numbers in which `allocator.search.curves` takes its curve."""
+
+from itertools import pairwise
 
 import numpy as np
 
-from allocator.allocation.curves import CHEBYSHEV, EXPONENTIAL, HEAD, QUADRATIC, RATIONAL
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.muscles.basis import Basis, sampling
+from allocator.search.curves import CHEBYSHEV, EXPONENTIAL, HEAD, QUADRATIC, RATIONAL
 from allocator.side import Side
 
 _KINDS = {"rational": RATIONAL, "exponential": EXPONENTIAL, "quadratic": QUADRATIC, "smooth": CHEBYSHEV}
@@ -20,7 +22,7 @@ def rows(side: Side, lo: float, hi: float) -> Array:
     """
     basis = side.muscle.basis
     ends = [lo, *(kink for kink in basis.kinks if lo < kink < hi), hi]
-    segments = [_segment(side, basis, a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    segments = [_segment(side, basis, a, b) for a, b in pairwise(ends)]
     width = max(segment.shape[1] for segment in segments)
     return np.stack([np.pad(segment, ((0, 0), (0, width - segment.shape[1]))) for segment in segments], 1)
 
