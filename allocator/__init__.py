@@ -20,6 +20,7 @@ from allocator.feasibility import (
     plot_pressures,
     stiffness_interval,
     torque_interval,
+    torque_intervals,
 )
 from allocator.geometry import Geometry, Lever, Pulley, Table
 from allocator.identification import (
@@ -85,5 +86,6 @@ __all__ = [
     "save_joint",
     "stiffness_interval",
     "torque_interval",
+    "torque_intervals",
     "warm_up",
 ]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from allocator.allocation import certificate, kkt, reach, sensitivity
 from allocator.allocation.assessment import CLOSED_FORM, OPTIMISER
+from allocator.allocation.message import sentence
 from allocator.allocation.problem import Problem
 from allocator.allocation.question import Question
 from allocator.allocation.spread import stiffness_std
@@ -19,7 +20,7 @@ from allocator.allocation.status import Status
 from allocator.calculus import Array
 from allocator.display import html_table, number, span
 from allocator.errors import InvalidInput
-from allocator.inverse import why_no_inverse
+from allocator.joint import AntagonistJoint
 from allocator.levels import Pair, torque_interval
 from allocator.limits import names
 from allocator.units import BAR, DEG
@@ -47,6 +48,11 @@ class Allocation:
     @cached_property
     def _problem(self) -> Problem:
         return self._source if isinstance(self._source, Problem) else Question(*self._source).problem()
+
+    @property
+    def joint(self) -> AntagonistJoint:
+        """The joint asked."""
+        return self._problem.joint
 
     @property
     def success(self) -> Any:
@@ -176,7 +182,7 @@ class Allocation:
             values, counts = np.unique(self.status, return_counts=True)
             listed = ", ".join(f"{n} {Status(v).name}" for v, n in zip(values, counts, strict=True))
             return f"{self.status.size} targets: {listed}"
-        return _sentence(self)
+        return sentence(self)
 
     def to_dict(self) -> dict[str, Any]:
         """The answer in the columns of a table, units in their names: what `pandas.DataFrame` takes.
@@ -246,33 +252,6 @@ def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
     view = array.reshape(shape) if array.ndim != 1 or len(shape) != 1 else array.view()
     view.flags.writeable = False
     return view
-
-
-def _sentence(a: Allocation) -> str:
-    at = f"{a.theta / DEG:.4g}°"
-    left, right = (f"{end / DEG:.4g}°" for end in a._problem.joint.angle_range)
-    kept = [name for name in a.active if name not in a.broken]
-    lists = {"in the way": kept, "not kept": a.broken}
-    where = "".join(f"; {what}: {', '.join(listed)}" for what, listed in lists.items() if listed)
-    T_min, T_max = a.torque_interval
-    K_min, K_max = a.stiffness_interval
-    details = {
-        Status.TORQUE_LIMITED: f"torque at {at} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}{where}",
-        Status.STIFFNESS_LIMITED: f"stiffness at {at} and {number(a.T)} N·m is {K_min:.4g} … {K_max:.4g} N·m/rad, "
-        f"asked {a.K_target:.4g}{where}",
-        Status.BOTH_LIMITED: f"torque at {at} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}; "
-        f"stiffness given {a.K:.4g} N·m/rad, asked {a.K_target:.4g}{where}",
-        Status.PULLED: f"asked {a.T_target:.4g} N·m and {a.K_target:.4g} N·m/rad, given {number(a.T)} and "
-        f"{number(a.K)}{where}",
-        Status.CONFLICT: f"at {at}{where}",
-        Status.SLACK: f"at {at} the forces are {number(a.forces[0])} N and {number(a.forces[1])} N{where}",
-        Status.OUTSIDE_JOINT_RANGE: f"range {left} … {right}, asked {at}{where}",
-        Status.OUTSIDE_LIMITS: f"P1 = {a.P1 / BAR:.4g} bar, P2 = {a.P2 / BAR:.4g} bar{where}",
-        Status.NO_INVERSE: why_no_inverse(a._problem.joint),
-    }
-    status = Status(a.status)
-    sentence = status.advice + (f" ({details[status]})" if status in details else "")
-    return sentence
 
 
 __all__ = ["Allocation", "from_fields", "shaped"]

@@ -2,7 +2,13 @@
 
 from allocator.feasibility.design import Design, Performance, design_grid, performance
 from allocator.feasibility.edges import Edge
-from allocator.feasibility.intervals import angle_interval, angle_intervals, stiffness_interval, torque_interval
+from allocator.feasibility.intervals import (
+    angle_interval,
+    angle_intervals,
+    stiffness_interval,
+    torque_interval,
+    torque_intervals,
+)
 from allocator.feasibility.maps import feasibility_map
 from allocator.feasibility.plotting import plot_maps, plot_pressures
 from allocator.feasibility.result import FeasibilityMap
@@ -24,4 +30,5 @@ __all__ = [
     "plot_pressures",
     "stiffness_interval",
     "torque_interval",
+    "torque_intervals",
 ]

@@ -1,22 +1,24 @@
-"""Which torques, stiffnesses and angles exist: the closed-form ends of the feasible set.
+"""Which torques, stiffnesses and angles exist.
 
 At an angle the torques are an interval, [T(lo1, hi2), T(hi1, lo2)]; at an angle and a torque the stiffnesses are one,
-whose ends lie where the torque level leaves the box of pressures (`allocator.levels`). Only the angles at which a
-stiffness can be had have no closed form: they are found between the zeros of how far it is inside its interval.
+whose ends lie where the torque level leaves the box of pressures (`allocator.levels`) unless the stiffness turns on the
+way. At an angle and a stiffness the torques may be several intervals. The angles at which a stiffness can be had are
+found between the zeros of how far it is inside its interval.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
+from allocator.allocation import curved, reach
 from allocator.calculus import Array, Mask
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
 from allocator.joint import AntagonistJoint
-from allocator.levels import Pair
+from allocator.levels import Pair, stiffness
 from allocator.levels import torque_interval as torque_interval_in
 
-_NEAR = 1e-9  # of the torque scale: a margin of less is rounding
+_NEAR = 1e-9  # of the scale of torque or stiffness: less is rounding
 
 
 def torque_interval(
@@ -59,6 +61,36 @@ def stiffness_interval(
     found = setting.columns(asked, T)
     none = ~found.exists | (found.problem.theta != asked.ravel())
     return _shaped(asked.shape, none, found.K_min, found.K_max)
+
+
+def torque_intervals(
+    theta: ArrayLike,
+    K: ArrayLike,
+    *,
+    joint: AntagonistJoint | None = None,
+    min_force: float | None = 0.0,
+    max_force: float | None = None,
+    min_cocontraction: float | None = None,
+) -> Pair:
+    """All intervals of torques [N·m] that exist at the angles `theta` [rad] while the joint is as stiff as `K`.
+
+    Returns
+    -------
+    low, high
+        Ends of the intervals, (m, …), rising: m the greatest number of intervals that one of the broadcast targets
+        has, NaN where a target has fewer; m = 0 where none has any. One for affine muscles on a pulley; on a lever
+        the stiffness [N·m/rad] may turn with the pressure, and the torques fall into up to three.
+    """
+    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    asked, K = checks.broadcast(theta=checks.angle("theta", theta), K=checks.stiffness("K", K))
+    problem, _ = setting.problem(asked, 0.0, K)
+    K_min, K_max = (stiffness(problem.sides, pair) for pair in curved.stiffness_range(problem))
+    beyond = np.maximum(K_min - problem.K, problem.K - K_max) > _NEAR * problem.scales[1]
+    found = reach.torque_intervals(problem, problem.K)  # (n, m, 2)
+    found[beyond | problem.box.empty | (problem.theta != asked.ravel())] = np.nan
+    found = found[:, ~np.isnan(found[..., 0]).all(axis=0)]
+    low, high = (found[..., end].T.reshape(-1, *asked.shape) for end in (0, 1))
+    return low, high
 
 
 def angle_interval(
@@ -125,4 +157,4 @@ def _shaped(shape: tuple[int, ...], none: Mask | bool, *ends: Array | float) -> 
     return low, high
 
 
-__all__ = ["angle_interval", "angle_intervals", "margin", "stiffness_interval", "torque_interval"]
+__all__ = ["angle_interval", "angle_intervals", "margin", "stiffness_interval", "torque_interval", "torque_intervals"]

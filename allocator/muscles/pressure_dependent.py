@@ -98,6 +98,8 @@ class PressureDependent(Braided):
         F, eps = np.broadcast_arrays(np.asarray(F, float), np.asarray(eps, float))
         taut = self.taut_pressure(eps)
         reached = taut < SEARCH_CEILING
+        if not F.any():
+            return np.where(np.isnan(F + eps), np.nan, np.where(reached, taut, np.inf))
         top = np.where(reached, taut, 0.0)
         bottom = np.maximum(top - 2 * self.P_k, self._pressure_for_k(1 / np.maximum(eps, 1e-9)))
         turn = increasing_root(lambda P, e: self.gain(P, e), bottom, top, eps)

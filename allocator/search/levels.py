@@ -103,7 +103,7 @@ def spans(X, one, two, box, view):
         for arc2 in arcs2:
             first, free, other, segments = paired(arc1, arc2, one, two)
             met, A, B = stretch(X, free, other, segments, view)
-            for C, D in parts(X, A, B, free, other, segments, view, first, cuts, box[4]) if met else []:
+            for C, D in parts(X, met, A, B, free, other, segments, view, first, cuts, box[4]):
                 far = _FAR * (abs(C[3]) + abs(C[4]) + abs(D[3]) + abs(D[4]))
                 low = along(X, -far, C, D, free, other, segments, view, inf)[1]
                 high = along(X, far, C, D, free, other, segments, view, inf)[1]
@@ -175,7 +175,7 @@ def level(X, Y, one, two, arcs1, arcs2, view, cuts, least_sum):
         for arc2 in arcs2:
             first, free, other, segments = paired(arc1, arc2, one, two)
             met, A, B = stretch(X, free, other, segments, view)
-            for C, D in parts(X, A, B, free, other, segments, view, first, cuts, least_sum) if met else []:
+            for C, D in parts(X, met, A, B, free, other, segments, view, first, cuts, least_sum):
                 found, nearer, dropped = along(X, Y, C, D, free, other, segments, view, best[0])
                 bound = min(bound, dropped)
                 for P, Q in found:
@@ -185,8 +185,10 @@ def level(X, Y, one, two, arcs1, arcs2, view, cuts, least_sum):
     return roots, best, bound
 
 
-def parts(X, A, B, free, other, segments, view, first, cuts, least_sum):
-    """The parts (state, state) of a stretch that lie above the floor."""
+def parts(X, met, A, B, free, other, segments, view, first, cuts, least_sum):
+    """The parts (state, state) of a stretch that lie above the floor; none where there is no stretch."""
+    if not met:
+        return [(A, B)][:0]
     if least_sum == -inf:
         return [(A, B)]
     found, ends = [(A, B)][:0], [A]

@@ -1,0 +1,77 @@
+"""What an answer says of itself, in one sentence."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from allocator.allocation.status import Status
+from allocator.display import number
+from allocator.inverse import why_no_inverse
+from allocator.units import BAR, DEG
+
+
+def sentence(a: Any) -> str:
+    """What was reached and what is in the way, of the `Allocation` of one target."""
+    status = Status(a.status)
+    detail = _DETAILS.get(status)
+    return status.advice if detail is None else f"{status.advice} ({detail(a)}{_limits(a)})"
+
+
+def _limits(a: Any) -> str:
+    kept = [name for name in a.active if name not in a.broken]
+    lists = {"in the way": kept, "not kept": a.broken}
+    return "".join(f"; {what}: {', '.join(listed)}" for what, listed in lists.items() if listed)
+
+
+def _at(a: Any) -> str:
+    return f"{a.theta / DEG:.4g}°"
+
+
+def _torque(a: Any) -> str:
+    """The torques that exist: all, or where the one asked is among them those with the stiffness given."""
+    T_min, T_max = a.torque_interval
+    if not T_min <= a.T_target <= T_max:
+        return f"torque at {_at(a)} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}"
+    found = a.torque_intervals
+    listed = " or ".join(f"{low:.4g} … {high:.4g}" for low, high in found[~np.isnan(found[:, 0])])
+    return f"torque at {_at(a)} and {number(a.K)} N·m/rad is {listed} N·m, asked {a.T_target:.4g}"
+
+
+def _stiffness(a: Any) -> str:
+    K_min, K_max = a.stiffness_interval
+    return f"stiffness at {_at(a)} and {number(a.T)} N·m is {K_min:.4g} … {K_max:.4g} N·m/rad, asked {a.K_target:.4g}"
+
+
+def _both(a: Any) -> str:
+    return f"{_torque(a)}; stiffness given {a.K:.4g} N·m/rad, asked {a.K_target:.4g}"
+
+
+def _pulled(a: Any) -> str:
+    asked = f"asked {a.T_target:.4g} N·m and {a.K_target:.4g} N·m/rad"
+    return f"{asked}, given {number(a.T)} and {number(a.K)}"
+
+
+def _slack(a: Any) -> str:
+    one, two = map(number, a.forces)
+    return f"at {_at(a)} the forces are {one} N and {two} N"
+
+
+def _outside(a: Any) -> str:
+    left, right = (f"{end / DEG:.4g}°" for end in a.joint.angle_range)
+    return f"range {left} … {right}, asked {_at(a)}"
+
+
+_DETAILS: dict[Status, Callable[[Any], str]] = {
+    Status.TORQUE_LIMITED: _torque,
+    Status.STIFFNESS_LIMITED: _stiffness,
+    Status.BOTH_LIMITED: _both,
+    Status.PULLED: _pulled,
+    Status.CONFLICT: lambda a: f"at {_at(a)}",
+    Status.SLACK: _slack,
+    Status.OUTSIDE_JOINT_RANGE: _outside,
+    Status.OUTSIDE_LIMITS: lambda a: f"P1 = {a.P1 / BAR:.4g} bar, P2 = {a.P2 / BAR:.4g} bar",
+    Status.NO_INVERSE: lambda a: why_no_inverse(a.joint),
+}
+
+__all__ = ["sentence"]
