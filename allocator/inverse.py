@@ -41,10 +41,10 @@ def solve_inverse(joint: AntagonistJoint, theta: Array, K: Array, T: Array) -> P
     """`inverse` of checked arrays of one shape."""
     if joint.tondu_pulley:
         return joint.tondu_pulley.inverse(theta, K, T)
-    sides = joint.sides(theta)
     if joint.affine:
-        return affine_inverse(sides, K, T)
-    return _highest_pair(sides, K, T)
+        return affine_inverse(joint.sides(theta), K, T)
+    P1, P2 = _highest_pair(joint.sides(theta.ravel()), K.ravel(), T.ravel())
+    return P1.reshape(T.shape), P2.reshape(T.shape)
 
 
 def _highest_pair(sides: Sides, K: Array, T: Array) -> Pair:
@@ -53,11 +53,11 @@ def _highest_pair(sides: Sides, K: Array, T: Array) -> Pair:
         return T, T
     one, two = (side.interval(_SEARCHED, min_force=None) for side in sides)
     highest = float(max(one.hi.max(), two.hi.max()))  # of a law that ends earlier
-    _, found = all_pairs(Curves.of(sides, PressureBox(one, two), (_SEARCHED[0], highest)), T.ravel(), K.ravel())
+    _, found = all_pairs(Curves.of(sides, PressureBox(one, two), (_SEARCHED[0], highest)), T, K)
     found = np.concatenate([np.full((len(found), 1, 2), np.nan), found], axis=1)
     best = np.nan_to_num(found.sum(axis=2), nan=-np.inf).argmax(axis=1)
     P1, P2 = found[np.arange(len(found)), best].T
-    return P1.reshape(T.shape), P2.reshape(T.shape)
+    return P1, P2
 
 
 def affine_inverse(sides: Sides, K: Array, T: Array) -> Pair:

@@ -61,6 +61,10 @@ def determinant_signs(problem: Problem) -> Array:
     on one pressure each), and along a torque level the stiffness rises (1) or falls (-1). Affine muscles: the
     determinant is constant. Others: by the slopes of both curves at the ends of their pieces, of any geometry.
     """
+    if problem.joint.tondu_pulley:  # F_Pε < 0 everywhere, and F_P falls with P: [M] holds up to the upper bounds
+        (one, two), (first, second) = problem.sides, problem.box
+        rises = (one.torque_gain(first.hi) > 0) & (two.torque_gain(second.hi) < 0)
+        return np.where(rises, 1.0, 0.0)
     if not problem.joint.affine:
         return search.determinant_signs(curved.curves(problem))
     one, two = problem.sides

@@ -20,6 +20,7 @@ from allocator.errors import InvalidInput
 from allocator.feasibility.axes import default_stiffnesses, default_torques, map_axis
 from allocator.feasibility.result import FeasibilityMap
 from allocator.feasibility.setting import Columns, Setting, columns, outside_range
+from allocator.inverse import solve_inverse
 from allocator.joint import AntagonistJoint
 from allocator.levels import Pair
 
@@ -170,7 +171,10 @@ def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np
         share = (K[row] - found.K_min[column]) / (found.K_max - found.K_min)[column]
         P1, P2 = (lo[column] + share * (hi - lo)[column] for lo, hi in zip(found.low, found.high, strict=True))
         return P1, P2
-    P1, P2, _ = exact.solve(replace(found.problem.take(column), K=K[row]))
+    problem = replace(found.problem.take(column), K=K[row])
+    if problem.joint.tondu_pulley:
+        return solve_inverse(problem.joint, problem.theta, problem.K, problem.T)
+    P1, P2, _ = exact.solve(problem)
     return P1, P2
 
 

@@ -6,6 +6,7 @@
 
 from allocator.muscles.affine_polynomial import AffinePolynomial
 from allocator.muscles.base import AffineMuscle, Muscle
+from allocator.muscles.basis import Basis
 from allocator.muscles.chou import ChouHannaford1996
 from allocator.muscles.custom import FunctionMuscle, TableMuscle
 from allocator.muscles.hildebrandt import Hildebrandt2005
@@ -35,6 +36,7 @@ __all__ = [
     "MODELS",
     "AffineMuscle",
     "AffinePolynomial",
+    "Basis",
     "Andrikopoulos2016",
     "ChouHannaford1996",
     "FunctionMuscle",

@@ -31,6 +31,7 @@ RATIONAL, EXPONENTIAL, QUADRATIC, CHEBYSHEV = 0.0, 1.0, 2.0, 3.0
 T_K, K_T, T_P, K_P, P_T, P_K = range(6)  # views of a curve: what is its x, and what its y
 HEAD = 6  # numbers of a segment before its coefficients
 _FINEST = 2.0**-12  # of a segment: a zero of a polynomial is looked for no closer than this to another one
+_NOISE = 1e-11  # of the bound on a polynomial's derivatives: rounding
 _STEPS = 80  # of a root finding; about five are used
 _NEAR = 1e-13  # of an interval: a root is not sought closer than this
 
@@ -218,21 +219,24 @@ def polynomial_zeros(segment, what, a, b):
     """All zeros of t' (`what` = 0), k' (1), W (2), t'' (3) or k'' (4) of a Chebyshev segment, pressures from a to b.
 
     An interval is dropped if the function is too large in its middle to vanish in it, and has at most one zero if its
-    derivative is; else it is halved. Zeros nearer to each other than `_FINEST` of the segment may be seen as one.
+    derivative is; else it is halved. Zeros nearer to each other than `_FINEST` of the segment may be seen as one, and
+    where the function is nothing but rounding it has none.
     """
-    first, second = polynomial_bounds(segment, what)
+    first, second, noise = polynomial_bounds(segment, what)
     zeros = [a][:0]
     if first == 0:  # constant
         return zeros
-    stack, finest = [(a, b)], _FINEST * segment[2]
+    stack, h = [(a, b)], segment[2]
     while stack:
         u, v = stack.pop()
-        f, df = polynomial_slope(segment, what, (u + v) / 2)
         half = (v - u) / 2
+        f, df = polynomial_slope(segment, what, u + half)
         if abs(f) > first * half:
             continue
-        if abs(df) >= second * half or half < finest:
-            fu, fv = polynomial_slope(segment, what, u)[0], polynomial_slope(segment, what, v)[0]
+        fu, fv = polynomial_slope(segment, what, u)[0], polynomial_slope(segment, what, v)[0]
+        if half <= h / 8 and max(abs(f), abs(fu), abs(fv)) <= noise:
+            continue
+        if abs(df) >= second * half or half < _FINEST * h:
             if fu * fv <= 0 and fu != fv:
                 zeros.append(polynomial_zero(segment, what, u, fu, v, fv))
         else:
@@ -264,14 +268,14 @@ def polynomial_slope(segment, what, P):
 
 
 def polynomial_bounds(segment, what):
-    """Bounds on |f'| and |f''| of the same, by those of V. A. Markov on the derivatives of T_j."""
+    """Bounds on |f'| and |f''| of the same, by those of V. A. Markov on the derivatives of T_j, and f's rounding."""
     t1, t2, t3, t4 = markov(segment, 0)
     k1, k2, k3, k4 = markov(segment, 1)
     if what == 2:
-        return t1 * k3 + t3 * k1, t1 * k4 + t2 * k3 + t3 * k2 + t4 * k1
+        return t1 * k3 + t3 * k1, t1 * k4 + t2 * k3 + t3 * k2 + t4 * k1, _NOISE * (t1 * k2 + t2 * k1)
     if what > 2:
-        return (k3, k4) if what == 4 else (t3, t4)
-    return (k2, k3) if what == 1 else (t2, t3)
+        return (k3, k4, _NOISE * k2) if what == 4 else (t3, t4, _NOISE * t2)
+    return (k2, k3, _NOISE * k1) if what == 1 else (t2, t3, _NOISE * t1)
 
 
 def markov(segment, which):
@@ -322,10 +326,11 @@ def pressure_at(X, arc, segment, view, P):
         x, _, dx, _ = at(P, segment, view)
         a, b = (a, P) if (x > X) == rises else (P, b)
         step = P - (x - X) / dx if dx != 0 else a
-        step = step if a < step < b else a + (b - a) / 2
-        if abs(step - P) <= near or not a < step < b:
-            return step
-        P = step
+        if abs(step - P) <= near:
+            return min(max(step, a), b)
+        P = step if a < step < b else a + (b - a) / 2
+        if P in (a, b):
+            return P
     return P
 
 

@@ -150,12 +150,14 @@ def root(X, Y, A, yA, B, yB, free, other, segments, view):
         return A[0], A[1]
     u, fu, v, fv, Q, near = A[0], yA, B[0], yB, B[1], _NEAR * (free[2] - free[1])
     for i in range(_STEPS):
-        P = next_guess(u, fu, v, fv, i)
-        if fv == 0 or abs(P - v) <= near or P == u:
+        P, before = next_guess(u, fu, v, fv, i), v
+        if fv == 0 or P == u:
             break
         S = follow(P, Q, X, free, other, segments, view)
         u, fu, v, fv = narrowed(u, fu, v, fv, P, S[3] + S[4] - Y)
         Q = S[1]
+        if abs(v - before) <= near:
+            break
     return v, Q
 
 

@@ -1,0 +1,127 @@
+"""Rows of numbers are the curves of the muscles that they were made from, whatever the law."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from allocator import BAR, AntagonistJoint, InvalidInput, Lever, Muscle, Pulley, allocate, inverse
+from allocator.calculus import exp
+from allocator.muscles import MODELS
+from allocator.muscles.basis import Basis
+from allocator.search.curves import T_K, at, pieces
+from allocator.search.rows import rows
+from tests.exact_everywhere.joints import GEOMETRIES, MUSCLES, joint_of
+
+SUPPLY = (0.0, 5 * BAR)
+LEVER = Lever(0.25, 0.1655, 0.05094, 0.051)
+
+
+@dataclass(frozen=True)
+class Saturating(Muscle):
+    """A stranger's law: a pressure that saturates, and a fibre that softens with it; smooth, of no family here."""
+
+    citation = "made up for this test"
+
+    area: float = 1.2e-3
+    P_s: float = 9e5
+
+    def law(self, P, eps):
+        """A smooth law that is not affine."""
+        fibre = 60.0 * (exp(-8.0 * eps) - 0.45) - 0.5 * self.area * eps * P * exp(-P / 2.5e5)
+        return self.area * P / (1 + P / self.P_s) * (1 - 2.4 * eps) + fibre
+
+    def gain(self, P, eps):
+        """∂F/∂P"""
+        fibre = -0.5 * self.area * eps * (1 - P / 2.5e5) * exp(-P / 2.5e5)
+        return self.area / (1 + P / self.P_s) ** 2 * (1 - 2.4 * eps) + fibre
+
+
+@dataclass(frozen=True)
+class Kinked(Saturating):
+    """The same, stiffer above 2 bar, with the kink declared or not."""
+
+    declared: float = 1.0
+
+    @property
+    def basis(self):
+        """Smooth below and above 2 bar."""
+        return Basis("smooth", kinks=(2 * BAR,) if self.declared else ())
+
+    def law(self, P, eps):
+        """A kink in the pressure."""
+        return super().law(P, eps) + 2e-4 * np.maximum(np.real(P) - 2 * BAR, 0) * (1 - 2 * eps)
+
+    def gain(self, P, eps):
+        """∂F/∂P"""
+        return super().gain(P, eps) + 2e-4 * (np.real(P) >= 2 * BAR) * (1 - 2 * eps)
+
+
+def joint_with(muscle):
+    return AntagonistJoint(LEVER, muscle, muscle, angle_limits=(-0.45, 0.45))
+
+
+JOINTS = {
+    **{f"{g}-{m}": joint_of(m, g) for g in ("pulley", "lever-A", "table") for m in MUSCLES},
+    "lever-a stranger's": joint_with(Saturating()),
+    "lever-kinked": joint_with(Kinked()),
+}
+
+
+@pytest.mark.parametrize("joint", JOINTS.values(), ids=JOINTS.keys())
+def test_a_row_gives_torque_stiffness_and_their_slopes(joint):
+    theta = np.linspace(*joint.angle_range, 7)
+    P = np.linspace(0.02, 0.98, 23) * 5 * BAR
+    for side in joint.sides(theta):
+        curve = rows(side, *SUPPLY)
+        for i in range(theta.size):
+            here = side.moved(*(np.broadcast_to(x, theta.shape)[i] for x in side.arrays))
+            found = np.array([at(p, curve[i][int(np.searchsorted(curve[i][1:, 3], p, "right"))], T_K) for p in P])
+            expected = [getattr(here, f)(P) for f in ("torque", "stiffness", "torque_gain", "stiffness_gain")]
+            for values, exact in zip(found.T, expected, strict=True):
+                assert values == pytest.approx(exact, abs=3e-11 * np.abs(exact).max() + 1e-18)
+
+
+@pytest.mark.parametrize("joint", JOINTS.values(), ids=JOINTS.keys())
+def test_on_a_piece_torque_stiffness_and_slope_are_monotone(joint):
+    theta = np.linspace(*joint.angle_range, 9)[1:-1]
+    for side in joint.sides(theta):
+        for curve in rows(side, *SUPPLY):
+            for piece in pieces(curve.tolist(), *SUPPLY, T_K):
+                segment = curve[int(piece[0])]
+                t, k, dt, dk = np.array([at(p, segment, T_K) for p in np.linspace(piece[1], piece[2], 60)]).T
+                for values in (t, k, dk[1:-1] / dt[1:-1]):
+                    rises = np.diff(values)
+                    noise = 1e-9 * np.abs(values).max()
+                    assert (rises >= -noise).all() or (rises <= noise).all()
+
+
+@pytest.mark.parametrize("name", ["lever-a stranger's", "lever-kinked"])
+@pytest.mark.parametrize("priority", ["torque", "stiffness"])
+def test_what_a_stranger_s_law_gives_is_met(name, priority):
+    joint, rng = JOINTS[name], np.random.default_rng(3)
+    theta = rng.uniform(*joint.angle_range, 60)
+    box = joint.pressure_box(theta, min_force=0.0)
+    P1, P2 = (rng.uniform(side.lo, side.hi) for side in box)
+    T, K = joint.torque(theta, P1, P2), joint.stiffness(theta, P1, P2)
+    keep = (K > 0) & ~box.empty
+    a = allocate(theta[keep], K[keep], T[keep], joint=joint, priority=priority)
+    assert a.success.all()
+    assert (a.gap <= 1e-9).all()
+
+
+def test_a_law_with_a_kink_that_is_not_declared_is_refused():
+    with pytest.raises(InvalidInput, match="not smooth in the pressure"):
+        allocate(0.1, 5.0, joint=joint_with(Kinked(declared=0.0)))
+
+
+def test_a_stranger_s_inverse_is_found_on_a_pulley():
+    joint = AntagonistJoint(Pulley(0.3, 0.02, 0.12), Saturating(), Saturating(), angle_limits=(-1.0, 1.0))
+    P1, P2 = 3.1 * BAR, 2.2 * BAR
+    found = inverse(0.2, joint.stiffness(0.2, P1, P2), joint.torque(0.2, P1, P2), joint=joint)
+    assert np.array(found) == pytest.approx(np.array([P1, P2]), rel=1e-9)
+
+
+def test_every_model_of_the_list_has_a_row():
+    assert {name.removesuffix("-report") for name in MUSCLES} >= {model.__name__ for model in MODELS.values()}
+    assert len(GEOMETRIES) == 4
