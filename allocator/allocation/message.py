@@ -29,9 +29,9 @@ def _at(a: Any) -> str:
 
 
 def _torque(a: Any) -> str:
-    """The torques that exist: all, or where the one asked is among them those with the stiffness given."""
+    """The torques that exist: all, or those with the stiffness given where that is what is in the way."""
     T_min, T_max = a.torque_interval
-    if not T_min <= a.T_target <= T_max:
+    if a.priority != "stiffness" and not T_min <= a.T_target <= T_max:
         return f"torque at {_at(a)} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}"
     found = a.torque_intervals
     listed = " or ".join(f"{low:.4g} … {high:.4g}" for low, high in found[~np.isnan(found[:, 0])])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from allocator.allocation import certificate, kkt, reach, sensitivity
 from allocator.allocation.assessment import CLOSED_FORM, OPTIMISER
 from allocator.allocation.message import sentence
-from allocator.allocation.problem import Problem
+from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.question import Question
 from allocator.allocation.spread import stiffness_std
 from allocator.allocation.status import Status
@@ -53,6 +53,11 @@ class Allocation:
     def joint(self) -> AntagonistJoint:
         """The joint asked."""
         return self._problem.joint
+
+    @property
+    def priority(self) -> Priority:
+        """The priority asked."""
+        return self._problem.priority
 
     @property
     def success(self) -> Any:
