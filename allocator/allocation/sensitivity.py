@@ -117,7 +117,7 @@ def _bound_row(problem: Problem, i: int, P: Array) -> Array:
     side, interval = problem.sides[i], (problem.box.agonist, problem.box.antagonist)[i]
     row = np.zeros((P.size, 5))
     row[:, i] = 1.0
-    at_low = interval.lo >= P
+    at_low = P - interval.lo <= interval.hi - P
     by_force = np.where(at_low, interval.lo_limit & _BY_FORCE, interval.hi_limit & _BY_FORCE) != 0
     stretch = side.sign * side.arm / side.rest_length
     gain, slope = side.muscle.gain(P, side.contraction), side.muscle.slope(P, side.contraction)

@@ -26,9 +26,15 @@ def optima(T, K, priority, weights, one, two, box, now, out):
             found = nearest(K[i], T[i], one[i], two[i], box[i], K_T, now[i][0], now[i][1])
         else:
             found = nearest(T[i], K[i], one[i], two[i], box[i], T_K, now[i][0], now[i][1])
-        out[i][0] = min(max(found[0], box[i][0]), box[i][1])  # rounding may lead out of the box
-        out[i][1] = min(max(found[1], box[i][2]), box[i][3])
+        out[i][0] = snapped(found[0], box[i][0], box[i][1])
+        out[i][1] = snapped(found[1], box[i][2], box[i][3])
         out[i][2] = found[2]
+
+
+def snapped(P, lo, hi):
+    """P within its bounds, and on one where only rounding keeps it off."""
+    near = 1e-14 * (abs(lo) + abs(hi))
+    return lo if lo + near >= P else (hi if hi - near <= P else P)
 
 
 def pairs(T, K, one, two, box, out):
@@ -56,6 +62,6 @@ def signs(one, two, box, out):
 
 
 LOOPS: dict[str, Callable[..., Any]] = {"optima": optima, "pairs": pairs, "intervals": intervals, "signs": signs}
-FUNCTIONS = tuple(LOOPS.values())
+FUNCTIONS = (*LOOPS.values(), snapped)
 
 __all__ = ["FUNCTIONS", "LOOPS", "MOST"]

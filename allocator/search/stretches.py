@@ -66,14 +66,10 @@ def along(X, Y, A, B, free, other, segments, view, best):
         A, B = stack.pop()
         yA, yB = A[3] + A[4] - Y, B[3] + B[4] - Y
         shape = bend(A, B)
-        if shape == 0:  # monotone
+        if shape != 2:
             if yA * yB <= 0:
                 roots.append(root(X, Y, A, yA, B, yB, free, other, segments, view))
-            continue
-        if abs(shape) == 1:  # convex or concave
-            if yA * yB <= 0:
-                roots.append(root(X, Y, A, yA, B, yB, free, other, segments, view))
-            elif shape * yA > 0:  # its inside may come nearer than its ends
+            elif shape * yA > 0:  # convex or concave, its inside may come nearer than its ends
                 M = stationary(X, A, B, free, other, segments, view)
                 y = M[3] + M[4] - Y
                 if y * yA <= 0:
@@ -85,7 +81,7 @@ def along(X, Y, A, B, free, other, segments, view, best):
         below, above = band(A, B)
         least = max(below - Y, Y - above, 0.0)
         goal = 0.0 if len(roots) > 0 else min(best, nearer[0]) - _TINY * scale
-        if least > goal or least == goal > 0 or abs(B[0] - A[0]) <= width:
+        if least > goal or abs(B[0] - A[0]) <= width:
             bound = min(bound, least)
             continue
         M = follow((A[0] + B[0]) / 2, (A[1] + B[1]) / 2, X, free, other, segments, view)
