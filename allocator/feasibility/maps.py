@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allocator import checks
+from allocator import checks, search
 from allocator.allocation import Status, allocate, exact
 from allocator.allocation.assessment import CLOSED_FORM, assess
 from allocator.calculus import Array, Mask
@@ -126,6 +126,8 @@ def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progres
     shape = theta.size, K.size, T.size
     out = Cells(np.empty(shape, np.int8), np.empty(shape, np.int32), np.empty(shape), np.empty(shape))
     closed = setting.joint.affine or setting.joint.tondu_pulley is not None
+    if not closed:
+        search.prepare(theta.size * K.size * T.size)
     step = max(1, (_CHUNK_CELLS if closed else _SLOW_CHUNK_CELLS) // (K.size * T.size))
     for start in progress(range(0, theta.size, step)):
         part = slice(start, start + step)

@@ -5,6 +5,6 @@ points stretch by stretch (`stretches`), `arcs` the weighted optimum; `loops` do
 or as plain Python, and `batch` is what the rest of the library calls.
 """
 
-from allocator.search.batch import Curves, all_pairs, determinant_signs, optima, ready, torque_intervals
+from allocator.search.batch import Curves, all_pairs, determinant_signs, optima, prepare, ready, torque_intervals
 
-__all__ = ["Curves", "all_pairs", "determinant_signs", "optima", "ready", "torque_intervals"]
+__all__ = ["Curves", "all_pairs", "determinant_signs", "optima", "prepare", "ready", "torque_intervals"]

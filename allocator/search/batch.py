@@ -85,6 +85,12 @@ def ready(name: str = "optima") -> bool:
     return name in _ready
 
 
+def prepare(targets: int) -> None:
+    """Compile the search of the optimum, or load it, if it pays for so many targets, in however many calls."""
+    if targets >= _PAYS:
+        ready()
+
+
 def _run(name: str, width: int, given: tuple[Any, ...], curves: Curves, after: tuple[Array, ...] = ()) -> Array:
     """The output (n, width) of a loop."""
     n = len(curves.box)
@@ -108,4 +114,4 @@ def _several(out: Array) -> tuple[NDArray[np.intp], Array]:
     return count, np.where(np.arange(listed.shape[1])[:, None] < count[:, None, None], listed, np.nan)
 
 
-__all__ = ["Curves", "all_pairs", "determinant_signs", "optima", "ready", "torque_intervals"]
+__all__ = ["Curves", "all_pairs", "determinant_signs", "optima", "prepare", "ready", "torque_intervals"]
