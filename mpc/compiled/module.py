@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from allocator import AntagonistJoint, units
+from allocator import AntagonistJoint, jit, units
 from allocator.allocation import compiled, kernels
 from allocator.allocation.laws import coefficients, law_of
 from allocator.calculus import Array
@@ -150,7 +150,7 @@ def _holds(file: Path, text: str) -> bool:
 @cache
 def _surroundings() -> str:
     """All the project's code that may be compiled into a module."""
-    files = [*sorted(Path(__file__).parent.glob("*.py")), *(Path(str(m.__file__)) for m in (kernels, compiled, units))]
+    files = [*sorted(Path(__file__).parent.glob("*.py")), *(Path(str(m.__file__)) for m in (kernels, compiled, jit, units))]
     return "".join(file.read_text(encoding="utf-8") for file in files)
 
 
