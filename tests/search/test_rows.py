@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from allocator import BAR, AntagonistJoint, InvalidInput, Lever, Muscle, Pulley, allocate, inverse
-from allocator.calculus import exp
+from allocator.calculus import cos, exp, sin
 from allocator.muscles import MODELS
 from allocator.muscles.basis import Basis
-from allocator.search.curves import T_K, at, pieces
+from allocator.search import curves
+from allocator.search.curves import T_K, T_P, at, pieces
 from allocator.search.rows import rows
 from tests.exact_everywhere.joints import GEOMETRIES, MUSCLES, joint_of
 
@@ -57,6 +58,27 @@ class Kinked(Saturating):
         return super().gain(P, eps) + 2e-4 * (np.real(P) >= 2 * BAR) * (1 - 2 * eps)
 
 
+@dataclass(frozen=True)
+class Wavy(Muscle):
+    """A smooth law with several bends."""
+
+    citation = "made up for this test"
+
+    waves: float = 3.0  # over 5 bar
+
+    def law(self, P, eps):
+        """Waves in the pressure, of other shares in the force and in its slope."""
+        w = 2 * np.pi * self.waves / (5 * BAR)
+        wave = 0.12 * sin(w * P) * (1 - 1.5 * eps) + 0.36 * (1 - cos(0.7 * w * P)) * eps
+        return 1.2e-3 * (P * (1 - 2.4 * eps) + wave / w) + 40 * (exp(-8.0 * eps) - 0.45)
+
+    def gain(self, P, eps):
+        """∂F/∂P"""
+        w = 2 * np.pi * self.waves / (5 * BAR)
+        wave = 0.12 * cos(w * P) * (1 - 1.5 * eps) + 0.252 * sin(0.7 * w * P) * eps
+        return 1.2e-3 * (1 - 2.4 * eps + wave)
+
+
 def joint_with(muscle):
     return AntagonistJoint(LEVER, muscle, muscle, angle_limits=(-0.45, 0.45))
 
@@ -65,6 +87,7 @@ JOINTS = {
     **{f"{g}-{m}": joint_of(m, g) for g in ("pulley", "lever-A", "table") for m in MUSCLES},
     "lever-a stranger's": joint_with(Saturating()),
     "lever-kinked": joint_with(Kinked()),
+    "lever-wavy": joint_with(Wavy()),
 }
 
 
@@ -96,7 +119,7 @@ def test_on_a_piece_torque_stiffness_and_slope_are_monotone(joint):
                     assert (rises >= -noise).all() or (rises <= noise).all()
 
 
-@pytest.mark.parametrize("name", ["lever-a stranger's", "lever-kinked"])
+@pytest.mark.parametrize("name", ["lever-a stranger's", "lever-kinked", "lever-wavy"])
 @pytest.mark.parametrize("priority", ["torque", "stiffness"])
 def test_what_a_stranger_s_law_gives_is_met(name, priority):
     joint, rng = JOINTS[name], np.random.default_rng(3)
@@ -120,6 +143,21 @@ def test_a_stranger_s_inverse_is_found_on_a_pulley():
     P1, P2 = 3.1 * BAR, 2.2 * BAR
     found = inverse(0.2, joint.stiffness(0.2, P1, P2), joint.torque(0.2, P1, P2), joint=joint)
     assert np.array(found) == pytest.approx(np.array([P1, P2]), rel=1e-9)
+
+
+def test_all_bends_of_a_wavy_law_are_found_with_few_evaluations(monkeypatch):
+    side = joint_with(Wavy()).sides(np.array([0.2293]))[0]
+    curve, calls, evaluate = rows(side, *SUPPLY)[0].tolist(), [], curves.polynomial_slope
+    monkeypatch.setattr(curves, "polynomial_slope", lambda *a: calls.append(a) or evaluate(*a))
+    found = [piece[1] for piece in pieces(curve, *SUPPLY, T_P)][1:]
+    P = np.linspace(*SUPPLY, 20_001)
+    turns = []
+    for what in range(5):
+        f = np.array([evaluate(curve[0], what, p)[0] for p in P])
+        turns += list(P[:-1][f[:-1] * f[1:] < 0])
+    assert len(found) == len(turns) > 10
+    assert np.sort(turns) == pytest.approx(np.array(found), abs=P[1])
+    assert len(calls) < 10_000  # 20 ms of plain Python
 
 
 def test_every_model_of_the_list_has_a_row():
