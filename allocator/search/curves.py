@@ -102,7 +102,7 @@ def pieces(curve, lo, hi, view):
     for s in range(len(curve)):
         segment = curve[s]
         a, b = max(lo, segment[3]), min(hi, segment[4])
-        if (s > 0 and a >= b) or a > b:
+        if a > b or (a == b and len(found) > 0):
             continue
         ends = sorted([*cuts(segment, a, b, view > K_T), a, b])
         for i in range(len(ends) - 1):

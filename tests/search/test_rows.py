@@ -10,9 +10,10 @@ from allocator.calculus import cos, exp, sin
 from allocator.muscles import MODELS
 from allocator.muscles.basis import Basis
 from allocator.search import curves
-from allocator.search.curves import T_K, T_P, at, pieces
+from allocator.search.curves import K_T, T_K, T_P, at, pieces
+from allocator.search.levels import nearest
 from allocator.search.rows import rows
-from tests.exact_everywhere.joints import GEOMETRIES, MUSCLES, joint_of
+from tests.exact_everywhere.joints import GEOMETRIES, MUSCLES, joint_of, muscle_of
 
 SUPPLY = (0.0, 5 * BAR)
 LEVER = Lever(0.25, 0.1655, 0.05094, 0.051)
@@ -138,6 +139,73 @@ def test_a_law_with_a_kink_that_is_not_declared_is_refused():
         allocate(0.1, 5.0, joint=joint_with(Kinked(declared=0.0)))
 
 
+@dataclass(frozen=True)
+class Vanishing(Muscle):
+    """A law with a gain that changes its sign near 2.5 bar."""
+
+    citation = "made up for this test"
+
+    area: float = 2e-3
+
+    def law(self, P, eps):
+        """A cubic in the pressure, times a line."""
+        return self.area * (1 - 2 * eps) * ((P / 2.5e5 - 1) ** 3 + 1) * 1.25e5 * (1 - 1e-6 * eps * P)
+
+    def gain(self, P, eps):
+        """∂F/∂P"""
+        z = P / 2.5e5 - 1
+        slope = 3 * z**2 / 2.5e5 * (1 - 1e-6 * eps * P) - (z**3 + 1) * 1e-6 * eps
+        return self.area * (1 - 2 * eps) * 1.25e5 * slope
+
+
+def test_an_edge_that_starts_vertical_does_not_hide_its_optimum():
+    geometry, stops = GEOMETRIES["table"]
+    joint = AntagonistJoint(geometry, Wavy(7.0), Vanishing(), angle_limits=stops)
+    theta, K, T, w = 0.5563026808068576, 14.084507049835295, 1.4736199075755585, 0.20446676348744958
+    a = allocate(theta, K, T, joint=joint, priority="weighted", weights=(w, 1.0))
+    P2 = np.linspace(0, 5 * BAR, 5001)
+    dense = w * (joint.torque(theta, 5 * BAR, P2) - T) ** 2 + (joint.stiffness(theta, 5 * BAR, P2) - K) ** 2
+    assert w * a.T_error**2 + a.K_error**2 <= dense.min() + 1e-9
+
+
+@dataclass(frozen=True)
+class FlatStiffness(Muscle):
+    """A law with a stiffness that does not depend on the pressure."""
+
+    citation = "made up for this test"
+
+    area: float = 1e-3
+
+    def law(self, P, eps):
+        """A parabola of the pressure and a spring."""
+        return self.area * (P + 4e-7 * P**2) - 500 * eps + 20
+
+    def gain(self, P, eps):
+        """∂F/∂P"""
+        return self.area * (1 + 8e-7 * P) + 0 * eps
+
+
+def test_a_stiffness_that_is_constant_but_for_rounding_leaves_the_torque_free():
+    geometry, stops = GEOMETRIES["pulley"]
+    joint = AntagonistJoint(geometry, Wavy(1.3), FlatStiffness(), angle_limits=stops)
+    a = allocate(1.7388912435990886, 30.0, -60.0, joint=joint, priority="stiffness")
+    assert a.P1 == pytest.approx(a.P2) == pytest.approx(5 * BAR)
+
+
+def test_a_single_pressure_beyond_a_kink_is_answered():
+    geometry, stops = GEOMETRIES["table"]
+    kinked = muscle_of("Wickramatunge2010")
+    joint = AntagonistJoint(geometry, kinked, kinked, angle_limits=stops)
+    theta, top = 0.7161790086025401, 4.5 * BAR
+    assert kinked.basis.kinks[0] < top
+    box = (top, top, 4.0 * BAR, 5.0 * BAR, -np.inf)
+    curve = [rows(side, *SUPPLY)[0].tolist() for side in joint.sides(np.array([theta]))]
+    P1, P2, gap = nearest(1e3, 0.0, *curve, box, K_T, np.nan, np.nan)
+    assert P1 == top
+    assert 4.0 * BAR <= P2 <= 5 * BAR
+    assert gap == 0
+
+
 def test_a_stranger_s_inverse_is_found_on_a_pulley():
     joint = AntagonistJoint(Pulley(0.3, 0.02, 0.12), Saturating(), Saturating(), angle_limits=(-1.0, 1.0))
     P1, P2 = 3.1 * BAR, 2.2 * BAR
@@ -158,6 +226,10 @@ def test_all_bends_of_a_wavy_law_are_found_with_few_evaluations(monkeypatch):
     assert len(found) == len(turns) > 10
     assert np.sort(turns) == pytest.approx(np.array(found), abs=P[1])
     assert len(calls) < 10_000  # 20 ms of plain Python
+
+
+def test_a_trajectory_without_targets_has_no_pressures():
+    assert allocate(np.zeros((0, 3)), 5.0, joint=joint_with(Saturating()), along=1).P1.shape == (0, 3)
 
 
 def test_every_model_of_the_list_has_a_row():
