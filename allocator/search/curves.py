@@ -98,7 +98,7 @@ def chebyshev(P, segment, which):
 
 def pieces(curve, lo, hi, view):
     """The pieces of a curve from lo to hi, in the order of the pressures."""
-    found = []
+    found: list[Any] = []
     for s in range(len(curve)):
         segment = curve[s]
         a, b = max(lo, segment[3]), min(hi, segment[4])
