@@ -18,6 +18,8 @@ def planned(problem: Problem, P1: Array, P2: Array, met: Mask, shape: tuple[int,
     Where the targets are not `met` the pressures stay as they are: what misses as little as possible is one pair.
     """
     found = _candidates(problem, P1, P2, met)  # (n, m, 2)
+    if not P1.size:
+        return P1, P2
     steps = np.moveaxis(found.reshape(*shape, *found.shape[1:]), axis, 0)
     chosen = _least_steps(steps.reshape(shape[axis], -1, *found.shape[1:]))
     back = np.moveaxis(chosen.reshape(*steps.shape[:-2], 2), 0, axis).reshape(-1, 2)

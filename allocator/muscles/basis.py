@@ -46,12 +46,12 @@ class Basis:
 
 
 @cache
-def sampling(basis: Basis, lo: float, hi: float, size: int) -> tuple[Array, Array]:
-    """The nodes (size,) between lo and hi [Pa], and the matrix that turns values there into coefficients."""
+def sampling(basis: Basis, lo: float, hi: float, size: int) -> tuple[Array, Array, Array]:
+    """The nodes (size,) between lo and hi [Pa], the matrix from values to coefficients, and the greatest |φ_j|."""
     nodes = basis.nodes(lo, hi, size)
     values = basis.functions(nodes, lo, hi, size)
     scale = np.abs(values).max(axis=0)
-    return nodes, np.linalg.inv(values / scale) / scale[:, None]
+    return nodes, np.linalg.inv(values / scale) / scale[:, None], scale
 
 
 __all__ = ["Basis", "sampling"]

@@ -253,7 +253,7 @@ def falls_and_rises(goal, A, B, arc, segments):
 
 
 def gradient(goal, A, kind, segments):
-    """Half of d(cost)/dT along an edge or a fold (by K where it is vertical), of d(cost)/dP along the floor."""
+    """Half of d(cost)/dT along an edge or a fold, over 1 + |m| to keep it bounded; of d(cost)/dP along the floor."""
     e_T, e_K = goal[2] * (A[2] + A[4] - goal[0]), goal[3] * (A[3] + A[5] - goal[1])
     if kind == _FLOOR:
         _, _, tP, kP = at(A[0], segments[0], T_K)
@@ -261,7 +261,7 @@ def gradient(goal, A, kind, segments):
         return e_T * (tP - tQ) + e_K * (kP - kQ)
     if abs(A[6]) == inf:
         return e_K * (1.0 if A[6] > 0 else -1.0)
-    return e_T + e_K * A[6]
+    return (e_T + e_K * A[6]) / (1 + abs(A[6]))
 
 
 def descend(goal, A, B, segments, arc):

@@ -98,11 +98,11 @@ def chebyshev(P, segment, which):
 
 def pieces(curve, lo, hi, view):
     """The pieces of a curve from lo to hi, in the order of the pressures."""
-    found = []
+    found: list[Any] = []
     for s in range(len(curve)):
         segment = curve[s]
         a, b = max(lo, segment[3]), min(hi, segment[4])
-        if (s > 0 and a >= b) or a > b:
+        if a > b or (a == b and len(found) > 0):
             continue
         ends = sorted([*cuts(segment, a, b, view > K_T), a, b])
         for i in range(len(ends) - 1):
@@ -222,21 +222,21 @@ def polynomial_zeros(segment, what, a, b):
     derivative is; else it is halved. Zeros nearer to each other than `_FINEST` of the segment may be seen as one, and
     where the function is nothing but rounding it has none.
     """
-    first, second, noise = polynomial_bounds(segment, what)
-    zeros = [a][:0]
-    if first == 0:  # constant
+    noise, zeros = _NOISE * polynomial_bound(segment, what, 0, a, b), [a][:0]
+    if polynomial_bound(segment, what, 1, a, b) == 0:  # constant
         return zeros
     stack, h = [(a, b)], segment[2]
     while stack:
         u, v = stack.pop()
         half = (v - u) / 2
         f, df = polynomial_slope(segment, what, u + half)
-        if abs(f) > first * half:
+        turn = polynomial_bound(segment, what, 2, u, v) * half  # by which the derivative may change
+        if abs(f) > (abs(df) + turn / 2) * half:
             continue
         fu, fv = polynomial_slope(segment, what, u)[0], polynomial_slope(segment, what, v)[0]
         if half <= h / 8 and max(abs(f), abs(fu), abs(fv)) <= noise:
             continue
-        if abs(df) >= second * half or half < _FINEST * h:
+        if abs(df) >= turn or half < _FINEST * h:
             if fu * fv <= 0 and fu != fv:
                 zeros.append(polynomial_zero(segment, what, u, fu, v, fv))
         else:
@@ -267,31 +267,34 @@ def polynomial_slope(segment, what, P):
     return (k1, k2) if what == 1 else (t1, t2)
 
 
-def polynomial_bounds(segment, what):
-    """Bounds on |f'| and |f''| of the same, by those of V. A. Markov on the derivatives of T_j, and f's rounding."""
-    t1, t2, t3, t4 = markov(segment, 0)
-    k1, k2, k3, k4 = markov(segment, 1)
+def polynomial_bound(segment, what, order, u, v):
+    """A bound between u and v on the derivative of an order (0: the function, 1, 2) of the same f."""
+    t1, t2, t3, t4 = derivative_bounds(segment, 0, u, v)
+    k1, k2, k3, k4 = derivative_bounds(segment, 1, u, v)
     if what == 2:
-        return t1 * k3 + t3 * k1, t1 * k4 + t2 * k3 + t3 * k2 + t4 * k1, _NOISE * (t1 * k2 + t2 * k1)
-    if what > 2:
-        return (k3, k4, _NOISE * k2) if what == 4 else (t3, t4, _NOISE * t2)
-    return (k2, k3, _NOISE * k1) if what == 1 else (t2, t3, _NOISE * t1)
+        return (t1 * k2 + t2 * k1, t1 * k3 + t3 * k1, t1 * k4 + t2 * k3 + t3 * k2 + t4 * k1)[order]
+    bounds = (k1, k2, k3, k4) if what in (1, 4) else (t1, t2, t3, t4)
+    return bounds[min(order + (1 if what > 2 else 0), 3)]
 
 
-def markov(segment, which):
-    """Bounds on the first four derivatives by P of a Chebyshev series on its segment: Σ |c_j| |T_j^(m)(1)|."""
-    h, n = segment[2], int(segment[5])
+def derivative_bounds(segment, which, u, v):
+    """Bounds on the first four derivatives by P of a Chebyshev series between u and v: Σ |c_j| |T_j^(m)|.
+
+    Those of T_j are V. A. Markov's, T_j^(m)(1), or away from the ends of the segment what follows from |T_j| ≤ 1,
+    S. Bernstein's |T_j'| ≤ j/√(1 - z²) and the derivatives of (1 - z²)T_j'' = zT_j' - j²T_j.
+    """
+    c, h, n = segment[1], segment[2], int(segment[5])
+    z = min(max(abs(u - c), abs(v - c)) / h, 1.0)
+    inner = max(1 - z * z, 1.0 / n**4)  # nearer to the ends Markov's are the lesser
     one = two = three = four = 0.0
     for j in range(1, n):
-        c, square = abs(segment[HEAD + which * n + j]), float(j * j)
-        slope = c * square / h
-        one += slope
-        slope *= (square - 1) / (3 * h)
-        two += slope
-        slope *= (square - 4) / (5 * h)
-        three += slope
-        four += slope * (square - 9) / (7 * h)
-    return one, two, three, four
+        size, square = abs(segment[HEAD + which * n + j]), float(j * j)
+        T1 = min(square, j / sqrt(inner))
+        T2 = min(square * (square - 1) / 3, (z * T1 + square) / inner)
+        T3 = min(square * (square - 1) * (square - 4) / 15, (3 * z * T2 + abs(square - 1) * T1) / inner)
+        T4 = min(square * (square - 1) * (square - 4) * (square - 9) / 105, (5 * z * T3 + abs(square - 4) * T2) / inner)
+        one, two, three, four = one + size * T1, two + size * T2, three + size * T3, four + size * T4
+    return one / h, two / h**2, three / h**3, four / h**4
 
 
 # --- root finding ---------------------------------------------------------------------------------------------------
@@ -337,7 +340,7 @@ def pressure_at(X, arc, segment, view, P):
 FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *(at, torque_and_stiffness, chebyshev, pieces, piece, cuts, turn),
     *(exponential_slopes, exponential_zeros, exponential_derivative, exponential_value, exponential_between),
-    *(quadratic_zeros, polynomial_zeros, polynomial_zero, polynomial_slope, polynomial_bounds, markov),
+    *(quadratic_zeros, polynomial_zeros, polynomial_zero, polynomial_slope, polynomial_bound, derivative_bounds),
     *(next_guess, narrowed, pressure_at),
 )
 

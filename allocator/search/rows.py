@@ -63,10 +63,16 @@ def _coefficients(side: Side, basis: Basis, lo: float, hi: float) -> tuple[Array
 
 
 def _sampled(side: Side, basis: Basis, lo: float, hi: float, size: int) -> tuple[Array, Array]:
-    nodes, inverse = sampling(basis, lo, hi, size)
+    nodes, inverse, greatest = sampling(basis, lo, hi, size)
     P, eps = nodes[:, None], np.ravel(side.contraction)[None, :]
     force, slope = (np.broadcast_to(f(P, eps), (size, eps.size)) for f in (side.muscle.law, side.muscle.slope))
-    return inverse @ force, inverse @ slope
+    return _significant(inverse @ force, greatest), _significant(inverse @ slope, greatest)
+
+
+def _significant(coefficients: Array, greatest: Array) -> Array:
+    """The same without those that are rounding, so that what does not depend on the pressure is constant."""
+    share = np.abs(coefficients) * greatest[:, None]
+    return np.where(share > _TAIL * share.max(axis=0), coefficients, 0.0)
 
 
 __all__ = ["rows"]
