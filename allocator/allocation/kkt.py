@@ -13,12 +13,14 @@ from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.levels import Pair
 from allocator.limits import PressureBox, PressureInterval
+from allocator.side import Side
 
 Flags = NDArray[np.bool_]
 
 _ON_LIMIT = 1e-9  # of the supply range: nearer to a limit is on it
 _ROUNDING = 1e-12  # of the scale of torque or stiffness: a first goal missed by less leaves no step
 MET = 1e-6  # of the scale: a first goal missed by more, and held, is at its limit: in one point, which leaves no choice
+_CANCELLED = 1e-6  # of two terms: their difference is rounding
 _HELD = 1e-3  # a step is held where the limits leave less than this of it
 
 
@@ -33,14 +35,21 @@ def residual(problem: Problem, P1: Array, P2: Array) -> Array:
 def _gradients(problem: Problem, P1: Array, P2: Array) -> tuple[Pair, Pair]:
     """((∂T/∂P1, ∂T/∂P2), (∂K/∂P1, ∂K/∂P2))."""
     one, two = problem.sides
-    return (one.torque_gain(P1), two.torque_gain(P2)), (one.stiffness_gain(P1), two.stiffness_gain(P2))
+    return (one.torque_gain(P1), two.torque_gain(P2)), (_stiffness_gain(one, P1), _stiffness_gain(two, P2))
+
+
+def _stiffness_gain(side: Side, P: Array) -> Array:
+    """dk/dP, 0 where the stiffness turns: there its two parts cancel."""
+    force_gain = side.muscle.gain(P, side.contraction)
+    elastic = -(side.arm**2) / side.rest_length * side.muscle.gain_slope(P, side.contraction)
+    return _sum(elastic, -side.sign * side.arm_slope * force_gain)
 
 
 def _weighted(problem: Problem, P1: Array, P2: Array) -> Array:
     """Gauss–Newton step of the pressures that no limit holds."""
     (t1, t2), (k1, k2) = _gradients(problem, P1, P2)
     (e_T, e_K), (R1, R2), (w_T, w_K), rho = problem.errors(P1, P2), problem.P_ref, problem.weights, problem.pull
-    g1, g2 = (w_T * t * e_T + w_K * k * e_K for t, k in ((t1, k1), (t2, k2)))
+    g1, g2 = (_sum(w_T * t * e_T, w_K * k * e_K) for t, k in ((t1, k1), (t2, k2)))
     h11, h22 = (w_T * t**2 + w_K * k**2 + rho for t, k in ((t1, k1), (t2, k2)))
     h12 = w_T * t1 * t2 + w_K * k1 * k2
     near = _ON_LIMIT * problem.joint.pressure_span
@@ -58,12 +67,19 @@ def newton_step(
     held1, held2 = _held(box.agonist, P1, g1, near), _held(box.antagonist, P2, g2, near)
     on_floor = P1 + P2 <= box.least_sum + near
     det = h11 * h22 - h12**2
-    d1, d2 = -(h22 * g1 - h12 * g2) / det, -(h11 * g2 - h12 * g1) / det
+    still = (g1 == 0) & (g2 == 0)  # the Hessian may be singular there
+    d1, d2 = (np.where(still, 0.0, -d / det) for d in (h22 * g1 - h12 * g2, h11 * g2 - h12 * g1))
     d1 = np.where(held1, 0.0, np.where(held2, -g1 / h11, d1))
     d2 = np.where(held2, 0.0, np.where(held1, -g2 / h22, d2))
     d1, d2 = (np.where(on_floor, -g / (h11 + h22), d) for g, d in ((g1, d1), (g2, d2)))
     Q1, Q2 = box.project(P1 + d1, P2 + d2)
     return np.asarray(np.maximum(np.abs(Q1 - P1), np.abs(Q2 - P2)))
+
+
+def _sum(one: Array, two: Array) -> Array:
+    """Their sum, 0 where nothing but rounding is left: on a fold both curves have the same slope, and they cancel."""
+    total = one + two
+    return np.where(np.abs(total) <= _CANCELLED * (np.abs(one) + np.abs(two)), 0.0, total)
 
 
 def _held(interval: PressureInterval, P: Array, g: Array, near: float) -> Flags:
@@ -77,14 +93,15 @@ def _lexicographic(problem: Problem, P1: Array, P2: Array) -> Array:
     first, second = (0, 1) if problem.priority == "torque" else (1, 0)
     (a1, a2), (b1, b2) = gradients[first], gradients[second]
     missed = np.abs(errors[first]) / problem.scales[first]
-    toward = np.where(missed > _ROUNDING, -errors[first], 0.0) / (a1**2 + a2**2)
+    steep = a1**2 + a2**2
+    toward = np.where((missed > _ROUNDING) & (steep > 0), -errors[first], 0.0) / np.where(steep > 0, steep, 1.0)
     Q1, Q2 = problem.box.project(P1 + toward * a1, P2 + toward * a2)
     first_step = np.maximum(np.abs(Q1 - P1), np.abs(Q2 - P2))
     R1, R2 = problem.P_ref
     g1, g2 = (errors[second] * b + problem.pull * d for b, d in ((b1, P1 - R1), (b2, P2 - R2)))
     hessian = b1**2 + problem.pull, b1 * b2, b2**2 + problem.pull
     second_step = level_step(problem.box, P1, P2, (a1, a2), (g1, g2), hessian)
-    held = first_step < _HELD * np.abs(toward) * np.hypot(a1, a2)
+    held = first_step <= _HELD * np.abs(toward) * np.hypot(a1, a2)
     return np.asarray(np.maximum(first_step, np.where(held & (missed > MET), 0.0, second_step)))
 
 
@@ -95,7 +112,8 @@ def level_step(
     (a1, a2), (g1, g2), (h11, h12, h22) = kept, gradient, hessian
     norm = np.hypot(a1, a2)
     v1, v2 = -a2 / norm, a1 / norm
-    step = -(g1 * v1 + g2 * v2) / (h11 * v1**2 + 2 * h12 * v1 * v2 + h22 * v2**2)
+    slope = _sum(g1 * v1, g2 * v2)
+    step = np.where(slope == 0, 0.0, -slope / (h11 * v1**2 + 2 * h12 * v1 * v2 + h22 * v2**2))
     return np.asarray(np.minimum(np.abs(step), _room(box, P1, P2, np.sign(step) * v1, np.sign(step) * v2)))
 
 

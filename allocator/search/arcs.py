@@ -246,8 +246,6 @@ def moved(P, A, B, segments, kind):
 def falls_and_rises(goal, A, B, arc, segments):
     """Whether the cost falls from A and rises to B."""
     dP, dQ = B[2] - A[2], B[4] - A[4]
-    if arc[3] != _FLOOR and (dP * dQ < 0 or dP + dQ == 0):  # T is not monotone
-        return False
     forward = B[0] - A[0] if arc[3] == _FLOOR else dP + dQ
     return gradient(goal, A, arc[3], segments) * forward < 0 < gradient(goal, B, arc[3], segments) * forward
 

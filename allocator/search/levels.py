@@ -18,6 +18,7 @@ from allocator.search.curves import K_P, P_K, P_T, T_K, T_P, at, pieces, pressur
 from allocator.search.stretches import along, follow, slope, state
 
 _ROUNDING = 1e-15  # of what is added
+_FLAT = 1e-12  # of the values: a piece along which they change less is flat
 _FAR = 1e3  # times all there is: nearest to that is the extreme
 _MEET = 1e-7  # of the values: intervals no farther apart than that are one
 _SAME = 1e-9  # of the pressures: pairs this near to each other are one
@@ -33,7 +34,11 @@ def nearest(X, Y, one, two, box, view, now1, now2):
     how much nearer to Y a point might be that the search has dropped.
     """
     arcs1, arcs2 = pieces(one, box[0], box[1], view), pieces(two, box[2], box[3], view)
-    X = min(max(X, corner(arcs1, arcs2, 1.0)[0]), corner(arcs1, arcs2, -1.0)[0])
+    low, high = corner(arcs1, arcs2, 1.0), corner(arcs1, arcs2, -1.0)
+    if not low[0] < X < high[0]:
+        X, P1, P2 = low if X <= low[0] else high
+        if box[4] == -inf and not (flat(arcs1) or flat(arcs2)):
+            return P1, P2, 0.0  # the one pair that gives it
     roots, found, bound = level(X, Y, one, two, arcs1, arcs2, view, crossings(X, one, two, box, view), box[4])
     if len(roots) > 0:
         P1, P2 = chosen(roots, now1, now2)
@@ -41,6 +46,14 @@ def nearest(X, Y, one, two, box, view, now1, now2):
     if found[0] == inf:  # the floor keeps all of the level off
         found, bound = nearest_on_floor(X, one, two, arcs1, arcs2, box, view)
     return found[1], found[2], max(found[0] - bound, 0.0)
+
+
+def flat(arcs):
+    """Whether x stands still along a piece."""
+    least = inf
+    for arc in arcs:
+        least = min(least, abs(arc[7] - arc[3]) - _FLAT * (abs(arc[3]) + abs(arc[7])))
+    return least <= 0
 
 
 def crossings(X, one, two, box, view):
@@ -241,7 +254,7 @@ def ordered(arc):
 
 
 FUNCTIONS: tuple[Callable[..., Any], ...] = (
-    *(nearest, crossings, nearest_on_floor, corner, extreme, chosen, all_pairs, determinant_sign),
+    *(nearest, flat, crossings, nearest_on_floor, corner, extreme, chosen, all_pairs, determinant_sign),
     *(spans, value_at, merged, level, paired, parts, add, stretch, ordered),
 )
 

@@ -84,13 +84,22 @@ def along(X, Y, A, B, free, other, segments, view, best):
         if least > goal or abs(B[0] - A[0]) <= width:
             bound = min(bound, least)
             continue
-        M = follow((A[0] + B[0]) / 2, (A[1] + B[1]) / 2, X, free, other, segments, view)
+        M = halfway(X, A, B, free, other, segments, view)
         y = M[3] + M[4] - Y
         if abs(y) < nearer[0]:
             nearer = (abs(y), M[0], M[1])
         stack.append((A, M))
         stack.append((M, B))
     return roots, nearer, bound
+
+
+def halfway(X, A, B, free, other, segments, view):
+    """Where to halve a stretch: at a stationary point that is well inside, else in the middle."""
+    if A[7] * B[7] < 0:
+        M = stationary(X, A, B, free, other, segments, view)
+        if min(abs(M[0] - A[0]), abs(M[0] - B[0])) > abs(B[0] - A[0]) / 16:
+            return M
+    return follow((A[0] + B[0]) / 2, (A[1] + B[1]) / 2, X, free, other, segments, view)
 
 
 def bend(A, B):
@@ -169,6 +178,8 @@ def stationary(X, A, B, free, other, segments, view):
     return S
 
 
-FUNCTIONS: tuple[Callable[..., Any], ...] = (*(state, follow, slope, along, bend, band, sag, within, root, stationary),)
+FUNCTIONS: tuple[Callable[..., Any], ...] = (
+    *(state, follow, slope, along, halfway, bend, band, sag, within, root, stationary),
+)
 
 __all__ = ["FUNCTIONS", "along", "follow", "sag", "slope", "state", "within"]

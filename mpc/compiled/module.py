@@ -150,7 +150,10 @@ def _holds(file: Path, text: str) -> bool:
 @cache
 def _surroundings() -> str:
     """All the project's code that may be compiled into a module."""
-    files = [*sorted(Path(__file__).parent.glob("*.py")), *(Path(str(m.__file__)) for m in (kernels, compiled, jit, units))]
+    files = [
+        *sorted(Path(__file__).parent.glob("*.py")),
+        *(Path(str(m.__file__)) for m in (kernels, compiled, jit, units)),
+    ]
     return "".join(file.read_text(encoding="utf-8") for file in files)
 
 
