@@ -19,7 +19,7 @@ def check_same(who: str, targets: Targets, found: Answers) -> None:
     step = max(1, targets.n // 2000)
     some = tuple(x[::step] for x in targets.arrays)
     expected = allocate(*some, joint=targets.joint, method="exact", stiffness_tolerance=NO_SHORT_CUT)
-    P1, P2 = solve(expected._problem)
+    P1, P2, _ = solve(expected._problem)
     for name, mine, right in (
         ("P1", found.P1[::step], P1),
         ("P2", found.P2[::step], P2),

@@ -50,7 +50,7 @@ def readable(problem):
     below, above = (int(problem.joint.angle_limit(upper)) for upper in (False, True))
     outside = np.where(problem.theta < left, below, np.where(problem.theta > right, above, 0)).astype(np.int32)
     problem = problem.at(np.clip(problem.theta, left, right))
-    P1, P2 = exact.solve(problem)
+    P1, P2, _ = exact.solve(problem)
     found = assess(problem, P1, P2, outside)
     return np.stack([P1, P2, found.T, found.K, found.status, found.limits], axis=1)
 
