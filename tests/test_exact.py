@@ -238,7 +238,7 @@ def test_the_jacobian_is_the_slope_of_the_answer(joint, priority, share, share_T
         return np.array([a.P1, a.P2]), a.active
 
     answer = allocate(*x, joint=joint, **options(priority))
-    if answer.pairs > 1:
+    if answer.pairs > 1 or np.isnan(answer.jacobian()).any():  # several sheets, or where the stiffness turns
         return
     if answer.success and answer.active:
         return  # met on a limit: the active set is about to change, and the slope is one-sided

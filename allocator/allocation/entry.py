@@ -108,7 +108,8 @@ def allocate(
     if (
         method == "exact"
         and solver is weights is min_cocontraction is reference is uncertainty is along is None  # type: ignore[comparison-overlap]  # all None
-        and number(direction) == number(pull) == number(stiffness_tolerance) == 0
+        and number(pull) == number(stiffness_tolerance) == 0
+        and (number(direction) == 0 or (joint.friction == 0 and abs(number(direction)) <= 1))
     ):
         found = quick.answer(joint, theta, K, T, priority, min_force, max_force, previous, max_step)
         if found is not None:

@@ -170,8 +170,8 @@ class Allocation:
     def jacobian(self) -> Array:
         """dP/d(θ, K, T), shape (…, 2, 3) [Pa/rad, Pa·rad/(N·m), Pa/(N·m)], with the active set held.
 
-        One-sided where the active set is about to change, NaN where there is no answer. Raises InvalidInput for answers
-        under uncertainty.
+        One-sided where the active set is about to change; NaN where there is no answer, and where the stiffness turns
+        (on some levers), so that the equations are singular. Raises InvalidInput for answers under uncertainty.
         """
         if self.method == "uncertain":
             raise InvalidInput("jacobian() holds for allocations without uncertainty")

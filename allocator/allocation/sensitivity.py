@@ -17,6 +17,7 @@ from allocator.limits import Limit, PressureInterval
 _ON_BOUND = 1e-9  # of the supply range
 _MET = 1e-9  # of the scale of torque or stiffness
 _BY_FORCE = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK | Limit.AGONIST_FORCE | Limit.ANTAGONIST_FORCE
+_SINGULAR = 1e-12  # of the rows' lengths: a determinant of no more is rounding
 _H = 1e-4  # step of the five-point difference, in rad or in supply ranges: error about 1e-11 of the slope
 
 
@@ -146,10 +147,14 @@ def _five_point(f: Callable[[float], Array], h: float) -> Array:
 
 
 def _solve(A: Array, B: Array) -> Array:
-    """A⁻¹B of stacked 2×2 systems by Cramer's rule, NaN where singular (NumPy's solve would refuse them all)."""
+    """A⁻¹B of stacked 2×2 systems by Cramer's rule, NaN where singular (NumPy's solve would refuse them all).
+
+    So they are where the stiffness that has priority turns at the answer: its row is nothing but rounding.
+    """
     (a, b), (c, d) = A[:, 0].T, A[:, 1].T
     det = a * d - b * c
-    det = np.where(det == 0, np.nan, det)[:, None]
+    singular = np.abs(det) <= _SINGULAR * np.hypot(a, b) * np.hypot(c, d)
+    det = np.where(singular, np.nan, det)[:, None]
     first = d[:, None] * B[:, 0] - b[:, None] * B[:, 1]
     second = a[:, None] * B[:, 1] - c[:, None] * B[:, 0]
     return np.stack([first, second], 1) / det[:, :, None]
