@@ -8,17 +8,15 @@ solve (`allocator.allocation.edges`). The lexicographic priorities are limits of
 torque level, takes the inverse's place. Nothing but comparing a few candidates is left.
 
 For other muscles J may be singular in the box, and several pairs may give the same torque and stiffness:
-`allocator.search` finds them all, and a bound on what they have dropped, the `gap`. With a pull
-there is no exact answer for such muscles.
+`allocator.search` finds them all, and a bound on what it has dropped, the `gap`. With a pull there is no exact answer
+for such muscles.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from allocator import search
-from allocator.allocation import curved
 from allocator.allocation.edges import border_points
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
@@ -41,17 +39,19 @@ def solve(problem: Problem) -> Optimum:
     """The optimum of n problems. Raises InvalidInput for a pull on muscles for which there is no closed form."""
     if problem.joint.affine or problem.pull:
         return Optimum(*_closed(problem), np.zeros(problem.theta.shape))
-    P1, P2, gap = curved.optimum(problem)
-    return Optimum(P1, P2, gap / gap_unit(problem))
+    now = None if problem.P1_now is None or problem.P2_now is None else (problem.P1_now, problem.P2_now)
+    P1, P2, gap = search.optima(problem.curves, problem.T_aim, problem.K_aim, problem.priority, problem.weights, now)
+    return Optimum(P1, P2, gap / gap_units(problem)[1])
 
 
-def gap_unit(problem: Problem) -> Array:
-    """What a gap is a fraction of: the scale of the second goal, or of the weighted cost."""
+def gap_units(problem: Problem) -> Pair:
+    """What a gap of the first and of the second goal is a fraction of: their scales, or that of the weighted cost."""
     T_scale, K_scale = problem.scales
     if problem.priority == "weighted":
         w_T, w_K = problem.weights
-        return np.asarray(w_T * T_scale**2 + w_K * K_scale**2)
-    return K_scale if problem.priority == "torque" else T_scale
+        unit = np.asarray(w_T * T_scale**2 + w_K * K_scale**2)
+        return unit, unit
+    return (T_scale, K_scale) if problem.priority == "torque" else (K_scale, T_scale)
 
 
 def determinant_signs(problem: Problem) -> Array:
@@ -66,7 +66,7 @@ def determinant_signs(problem: Problem) -> Array:
         rises = (one.torque_gain(first.hi) > 0) & (two.torque_gain(second.hi) < 0)
         return np.where(rises, 1.0, 0.0)
     if not problem.joint.affine:
-        return search.determinant_signs(curved.curves(problem))
+        return search.determinant_signs(problem.curves)
     one, two = problem.sides
     (t1, k1), (t2, k2) = ((side.torque_gain(0.0), side.stiffness_gain(0.0)) for side in (one, two))
     det = t1 * k2 - t2 * k1
@@ -75,10 +75,6 @@ def determinant_signs(problem: Problem) -> Array:
 
 def _closed(problem: Problem) -> Pair:
     """The best of the inverse (or what takes its place) and the candidates on the border."""
-    if problem.priority == "stiffness" and problem.joint.affine and not problem.pull:
-        fixed = np.asarray([side.stiffness_gain(0.0) == 0 for side in problem.sides]).all(axis=0)
-        if fixed.all():  # no pressures change the stiffness: all are as near to it, the torque is left
-            problem = replace(problem, priority="torque")
     P1, P2 = _pulled_optimum(problem) if problem.pull else affine_inverse(problem.sides, problem.K_aim, problem.T_aim)
     inside = problem.box.contains(P1, P2)
     P1, P2 = np.where(inside, P1, np.nan), np.where(inside, P2, np.nan)
@@ -134,4 +130,4 @@ def ranking(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array, Array
     return np.abs(e_K), e_T**2 + pulled, _TIE * K_scale
 
 
-__all__ = ["Optimum", "determinant_signs", "gap_unit", "ranking", "solve"]
+__all__ = ["Optimum", "determinant_signs", "gap_units", "ranking", "solve"]

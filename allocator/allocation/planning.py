@@ -6,7 +6,8 @@ pressures have to jump to another one. Dynamic programming over the pairs of all
 
 import numpy as np
 
-from allocator.allocation import curved, exact
+from allocator import search
+from allocator.allocation import exact
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array, Mask
 from allocator.levels import Pair
@@ -33,9 +34,7 @@ def _candidates(problem: Problem, P1: Array, P2: Array, met: Mask) -> Array:
     if not several.any():
         return first
     part = problem.take(several)
-    _, others = curved.all_pairs(part, part.T_aim, part.K_aim)
-    outside = others.sum(axis=2) < np.broadcast_to(part.box.least_sum, part.theta.shape)[:, None]
-    others[outside] = np.nan
+    _, others = search.all_pairs(part.curves, part.T_aim, part.K_aim)
     listed = np.full((P1.size, others.shape[1], 2), np.nan)
     listed[several] = others
     return np.concatenate([first, listed], axis=1)

@@ -32,6 +32,7 @@ from allocator.calculus import Array
 from allocator.joint import AntagonistJoint
 from allocator.levels import Pair, Sides
 from allocator.limits import PressureBox
+from allocator.search import Curves
 
 _FAR = {"torque": 1e3, "stiffness": 1e3, "weighted": 1e6}
 """How far a target is aimed at, in what the muscles can give: any greater number asks for "as much as possible".
@@ -79,6 +80,11 @@ class Problem:
         if self.min_cocontraction is None:
             return box
         return box.with_least_sum(np.full(self.theta.shape, 2 * self.min_cocontraction))
+
+    @cached_property
+    def curves(self) -> Curves:
+        """Both muscles at the angles, in the numbers that the complete search takes."""
+        return Curves.of(self.sides, self.box, self.joint.pressure_limits)
 
     @cached_property
     def box_without_forces(self) -> PressureBox:

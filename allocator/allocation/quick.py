@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from allocator.allocation import curved, kernels
+from allocator import search
+from allocator.allocation import exact, kernels
 from allocator.allocation.batch import Targets, one_by_one, run
 from allocator.allocation.compiled import kernel
 from allocator.allocation.laws import Kernel, Kind, Law, coefficients, law_of
-from allocator.allocation.problem import PRIORITIES, Priority
+from allocator.allocation.problem import PRIORITIES, Priority, Problem
 from allocator.allocation.question import Question, number, pair
 from allocator.allocation.result import Allocation, from_fields, shaped
 from allocator.allocation.status import Status
@@ -166,7 +167,7 @@ def warm_up(
     if priority not in PRIORITIES or _forces(min_force, max_force) is None:
         raise InvalidInput(f"there are no questions with {priority=}, {min_force=} N, {max_force=} N")
     if not law.name or priority not in _FIRST:
-        return not joint.affine and curved.ready(joint)
+        return not joint.affine and _search_ready(joint)
     kind = law.name, min_force is not None, max_force is not None, slew, _FIRST[priority]
     one, many = kernel(f"{law.name}_exact"), kernel(f"{law.name}_batch")
     if one is None or many is None:
@@ -176,6 +177,15 @@ def warm_up(
     slew_limit = ((2e5, 2e5), 1e5) if slew else (None, None)
     for angle in (theta, np.full(2, theta)):
         answer(joint, angle, 1.0, 0.0, priority, min_force, max_force, *slew_limit)
+    return True
+
+
+def _search_ready(joint: AntagonistJoint) -> bool:
+    """Compile the search of the optimum now, or load it; False where that cannot be done."""
+    if not search.ready():
+        return False
+    zero = np.zeros(1)
+    exact.solve(Problem(joint, zero + sum(joint.angle_range) / 2, zero + 1, zero))
     return True
 
 

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator import search
-from allocator.allocation import curved, exact
+from allocator.allocation import exact
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.levels import Pair, stiffness, torque_interval, torque_level
+
+_FAR = 1e3  # times all that there is: what is nearest to that is the extreme
 
 
 def stiffness_ends(problem: Problem, T: Array, signs: Array | None = None) -> tuple[Pair, Pair]:
@@ -28,9 +30,25 @@ def stiffness_ends(problem: Problem, T: Array, signs: Array | None = None) -> tu
     )
     where = (signs == 0) & np.isfinite(level.low[0])
     if where.any() and not problem.joint.affine:
-        for pair, found in zip((low, high), curved.stiffness_extremes(problem.take(where), T[where]), strict=True):
-            pair[0][where], pair[1][where] = found
+        part = problem.take(where)
+        far = _FAR * part.scales[1]
+        for pair, K in zip((low, high), (-far, far), strict=True):
+            pair[0][where], pair[1][where], _ = search.optima(part.curves, T[where], K, "torque")
     return low, high
+
+
+def stiffness_range(problem: Problem) -> tuple[Pair, Pair]:
+    """The pressures of the least and of the greatest stiffness at any torque."""
+    far = _FAR * problem.scales[1]
+    (low1, low2, _), (high1, high2, _) = (search.optima(problem.curves, problem.T, K, "stiffness") for K in (-far, far))
+    return (low1, low2), (high1, high2)
+
+
+def torque_ends(problem: Problem, K: Array) -> tuple[Pair, Pair]:
+    """The pressures of the least and of the greatest torque at the stiffnesses K (n,), brought within reach."""
+    far = _FAR * problem.scales[0]
+    (low1, low2, _), (high1, high2, _) = (search.optima(problem.curves, T, K, "stiffness") for T in (-far, far))
+    return (low1, low2), (high1, high2)
 
 
 def stiffness_interval(problem: Problem, T: Array) -> Pair:
@@ -42,7 +60,7 @@ def stiffness_interval(problem: Problem, T: Array) -> Pair:
 
 def torque_intervals(problem: Problem, K: Array) -> Array:
     """The intervals of torques at the stiffnesses K (n,), brought within reach: (n, m, 2) [N·m], NaN where fewer."""
-    return search.torque_intervals(curved.curves(problem), K)[1]
+    return search.torque_intervals(problem.curves, K)[1]
 
 
 def pairs(problem: Problem, T: Array, K: Array) -> NDArray[np.intp]:
@@ -50,8 +68,15 @@ def pairs(problem: Problem, T: Array, K: Array) -> NDArray[np.intp]:
     count = np.ones(T.shape, np.intp)
     several = exact.determinant_signs(problem) == 0
     if several.any():
-        count[several] = curved.all_pairs(problem.take(several), T[several], K[several])[0]
+        count[several], _ = search.all_pairs(problem.take(several).curves, T[several], K[several])
     return np.maximum(count, 1)
 
 
-__all__ = ["pairs", "stiffness_ends", "stiffness_interval", "torque_intervals"]
+__all__ = [
+    "pairs",
+    "stiffness_ends",
+    "stiffness_interval",
+    "stiffness_range",
+    "torque_ends",
+    "torque_intervals",
+]

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation import curved
+from allocator.allocation import reach
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.feasibility.setting import Setting
@@ -53,12 +53,12 @@ def edges_at_torque(setting: Setting, T: float, left: float, right: float) -> tu
         found = setting.columns(theta, T)
         return found.problem, (found.low, found.high)
 
-    def reach(theta: Array, T: Array) -> Array:
+    def margin(theta: Array, T: Array) -> Array:
         theta, T = np.broadcast_arrays(theta, T)
         found = setting.columns(theta, T)
         return np.where(found.problem.box.empty, -1.0, found.reach.ravel()).reshape(theta.shape)
 
-    return _edges(setting, ends, spans(reach, left, right, np.array([T])))
+    return _edges(setting, ends, spans(margin, left, right, np.array([T])))
 
 
 def edges_at_stiffness(setting: Setting, K: float, left: float, right: float) -> tuple[Edge, ...]:
@@ -69,16 +69,16 @@ def edges_at_stiffness(setting: Setting, K: float, left: float, right: float) ->
 
     def ends(theta: Array) -> tuple[Problem, tuple[Pair, Pair]]:
         problem, _ = setting.problem(theta, 0.0, K)
-        return problem, curved.torque_extremes(problem, problem.K)
+        return problem, reach.torque_ends(problem, problem.K)
 
-    def reach(theta: Array, K: Array) -> Array:
+    def margin(theta: Array, K: Array) -> Array:
         theta, K = np.broadcast_arrays(theta, K)
         problem, _ = setting.problem(theta.ravel(), 0.0, K.ravel())
-        K_min, K_max = (stiffness(problem.sides, pair) for pair in curved.stiffness_range(problem))
+        K_min, K_max = (stiffness(problem.sides, pair) for pair in reach.stiffness_range(problem))
         inside = np.minimum(K_max - problem.K, problem.K - K_min)
         return np.where(problem.box.empty, -1.0, inside / problem.scales[1]).reshape(theta.shape)
 
-    return _edges(setting, ends, spans(reach, left, right, np.array([K])))
+    return _edges(setting, ends, spans(margin, left, right, np.array([K])))
 
 
 def edges_at_angle(setting: Setting, theta: float) -> tuple[Edge, ...]:

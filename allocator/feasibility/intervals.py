@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.allocation import curved, reach
+from allocator.allocation import reach
 from allocator.calculus import Array, Mask
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
@@ -84,7 +84,7 @@ def torque_intervals(
     setting = Setting.of(joint, min_force, max_force, min_cocontraction)
     asked, K = checks.broadcast(theta=checks.angle("theta", theta), K=checks.stiffness("K", K))
     problem, _ = setting.problem(asked, 0.0, K)
-    K_min, K_max = (stiffness(problem.sides, pair) for pair in curved.stiffness_range(problem))
+    K_min, K_max = (stiffness(problem.sides, pair) for pair in reach.stiffness_range(problem))
     beyond = np.maximum(K_min - problem.K, problem.K - K_max) > _NEAR * problem.scales[1]
     found = reach.torque_intervals(problem, problem.K)  # (n, m, 2)
     found[beyond | problem.box.empty | (problem.theta != asked.ravel())] = np.nan

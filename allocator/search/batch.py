@@ -21,6 +21,8 @@ from allocator.search.rows import rows
 _PAYS = 30_000  # targets that take plain Python as long as a compilation
 _ROOM = 2 * MOST + 1  # numbers of a target that has several pairs or intervals
 
+_PRIORITIES = ("torque", "stiffness", "weighted")  # by the number that the loops know them by
+
 _ready: dict[str, Callable[..., Any]] = {}
 
 
@@ -49,17 +51,17 @@ def optima(
     curves: Curves,
     T: Array,
     K: Array,
-    priority: int,
+    priority: str,
     weights: tuple[float, float] = (1.0, 1.0),
     now: Pair | None = None,
 ) -> tuple[Array, Array, Array]:
-    """(P1, P2 [Pa], gap), each (n,); `priority` 0: torque, 1: stiffness, 2: weighted.
+    """(P1, P2 [Pa], gap), each (n,), for the priority "torque", "stiffness" or "weighted".
 
     Of several pairs that are as good it is the least, or the nearest to the pressures `now`. The gap is that of the
     second goal, or of the weighted cost, in its unit.
     """
     near = np.full((T.size, 2), np.nan) if now is None else np.stack(np.broadcast_arrays(*now), 1)
-    P1, P2, gap = _run("optima", 3, (T, K, priority, weights), curves, (near,)).T
+    P1, P2, gap = _run("optima", 3, (T, K, _PRIORITIES.index(priority), weights), curves, (near,)).T
     return P1, P2, gap
 
 
