@@ -93,16 +93,24 @@ def _lexicographic(problem: Problem, P1: Array, P2: Array) -> Array:
     first, second = (0, 1) if problem.priority == "torque" else (1, 0)
     (a1, a2), (b1, b2) = gradients[first], gradients[second]
     missed = np.abs(errors[first]) / problem.scales[first]
-    steep = a1**2 + a2**2
-    toward = np.where((missed > _ROUNDING) & (steep > 0), -errors[first], 0.0) / np.where(steep > 0, steep, 1.0)
-    Q1, Q2 = problem.box.project(P1 + toward * a1, P2 + toward * a2)
-    first_step = np.maximum(np.abs(Q1 - P1), np.abs(Q2 - P2))
+    first_step, wanted = _goal_step(problem, P1, P2, errors[first], problem.scales[first], (a1, a2))
     R1, R2 = problem.P_ref
     g1, g2 = (errors[second] * b + problem.pull * d for b, d in ((b1, P1 - R1), (b2, P2 - R2)))
     hessian = b1**2 + problem.pull, b1 * b2, b2**2 + problem.pull
     second_step = level_step(problem.box, P1, P2, (a1, a2), (g1, g2), hessian)
-    held = first_step <= _HELD * np.abs(toward) * np.hypot(a1, a2)
-    return np.asarray(np.maximum(first_step, np.where(held & (missed > MET), 0.0, second_step)))
+    held = (first_step <= _HELD * wanted) & (missed > MET)
+    free = problem.joint.affine & (a1 == 0) & (a2 == 0)  # the first goal is the same everywhere
+    anywhere, _ = _goal_step(problem, P1, P2, errors[second], problem.scales[second], (b1, b2))
+    return np.asarray(np.maximum(first_step, np.where(free, anywhere, np.where(held, 0.0, second_step))))
+
+
+def _goal_step(problem: Problem, P1: Array, P2: Array, error: Array, scale: Array, gradient: Pair) -> Pair:
+    """Size of the step to a goal that stays within the limits, and of the one that it would take without them."""
+    (g1, g2), steep = gradient, gradient[0] ** 2 + gradient[1] ** 2
+    wanted = (np.abs(error) > _ROUNDING * scale) & (steep > 0)
+    toward = np.where(wanted, -error, 0.0) / np.where(steep > 0, steep, 1.0)
+    Q1, Q2 = problem.box.project(P1 + toward * g1, P2 + toward * g2)
+    return np.maximum(np.abs(Q1 - P1), np.abs(Q2 - P2)), np.abs(toward) * np.hypot(g1, g2)
 
 
 def level_step(

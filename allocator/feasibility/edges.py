@@ -1,7 +1,7 @@
 """The edges of the feasible set as curves in (θ, K, T), each labelled by the limit that binds along it.
 
 Three ways to cut the set, by what is held: a torque (edges over θ are the ends of the stiffness interval), a stiffness
-(the ends of the torque interval at it) and an angle (the image of the border of the pressure box).
+(the ends of the torque interval at it) and an angle (edges over T are the ends of the stiffness interval).
 """
 
 from collections.abc import Callable
@@ -16,8 +16,8 @@ from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
-from allocator.levels import Pair, stiffness
-from allocator.limits import Limit, PressureBox, names
+from allocator.levels import Pair, stiffness, torque_interval
+from allocator.limits import names
 
 _POINTS = 201  # of an edge over the joint range; more where limits hand over
 _HALVINGS = 40  # to find where they do
@@ -43,7 +43,7 @@ class Edge:
 
 
 Ends = Callable[[Array], tuple[Problem, tuple[Pair, Pair]]]
-"""From angles to the problems there and the pressures at both ends of the feasible interval."""
+"""From angles (or torques) to the problems and the pressures at both ends of the feasible interval there."""
 
 
 def edges_at_torque(setting: Setting, T: float, left: float, right: float) -> tuple[Edge, ...]:
@@ -82,42 +82,25 @@ def edges_at_stiffness(setting: Setting, K: float, left: float, right: float) ->
 
 
 def edges_at_angle(setting: Setting, theta: float) -> tuple[Edge, ...]:
-    """Edges of the torques and stiffnesses that exist at the angle theta [rad]: the image of the border of the box."""
+    """Edges over the torques of the stiffnesses that exist at the angle theta [rad].
+
+    Where the determinant keeps its sign these are the image of the border of the box. On a lever an edge may also be a
+    fold, along which no limit binds: the stiffness turns there.
+    """
     problem, _ = setting.problem(np.array([theta]))
     if problem.box.empty[0]:
         return ()
-    found = []
-    for limits, pair in _border(problem.box, points=_POINTS):
-        P1, P2 = (P[:, 0] for P in np.broadcast_arrays(*pair))
-        if np.ptp(P1) + np.ptp(P2) > _BINDS * setting.joint.pressure_span:
-            found.append(_edge(setting, int(limits[0]), np.full(P1.shape, theta), (P1, P2)))
-    return tuple(found)
+
+    def ends(T: Array) -> tuple[Problem, tuple[Pair, Pair]]:
+        found = setting.columns(np.full(T.shape, theta), T)
+        return found.problem, (found.low, found.high)
+
+    T_min, T_max = (float(T[0]) for T in torque_interval(problem.sides, problem.box))
+    torques = np.linspace(T_min, T_max, _POINTS)
+    return tuple(edge for end in (0, 1) for edge in _chain(setting, ends, end, torques))
 
 
-def _border(box: PressureBox, points: int) -> list[tuple[NDArray[np.int32], Pair]]:
-    """Its edges by their Limit flags (n,), each as pressures (points, n) and the one held as (1, n)."""
-    share = np.linspace(0, 1, points)[:, None]
-    (lo1, hi1), (lo2, hi2) = ((side.lo[None], side.hi[None]) for side in box)
-    floor = np.broadcast_to(box.least_sum, lo1.shape)
-    start1, start2 = np.maximum(lo1, floor - hi2), np.maximum(lo2, floor - hi1)
-
-    def along(start: Array, end: Array) -> Array:
-        return start + share * np.maximum(end - start, 0.0)
-
-    edges = [
-        (box.agonist.lo_limit, (lo1, along(np.maximum(lo2, floor - lo1), hi2))),
-        (box.antagonist.hi_limit, (along(start1, hi1), hi2)),
-        (box.agonist.hi_limit, (hi1, along(start2, hi2))),
-        (box.antagonist.lo_limit, (along(np.maximum(lo1, floor - lo2), hi1), lo2)),
-    ]
-    if box.has_floor:
-        left, right = box.floor_segment
-        P1 = along(left[None], np.maximum(left, right)[None])
-        edges.append((np.full(lo1.shape[1], Limit.COCONTRACTION, np.int32), (P1, floor - P1)))
-    return edges
-
-
-# --- from the ends of an interval over θ to edges -------------------------------------------------------------------
+# --- from the ends of an interval over θ (or T) to edges ------------------------------------------------------------
 
 
 def _edges(setting: Setting, ends: Ends, intervals: tuple[Array, Array]) -> tuple[Edge, ...]:
@@ -132,25 +115,26 @@ def _edges(setting: Setting, ends: Ends, intervals: tuple[Array, Array]) -> tupl
     return tuple(found)
 
 
-def _chain(setting: Setting, ends: Ends, end: int, theta: Array) -> list[Edge]:
-    """One end of the interval over the angles, cut where another limit takes over."""
+def _chain(setting: Setting, ends: Ends, end: int, x: Array) -> list[Edge]:
+    """One end of the interval over the angles or torques x, cut where another limit takes over."""
 
-    def flags(theta: Array) -> NDArray[np.int32]:
-        problem, pairs = ends(theta)
+    def flags(x: Array) -> NDArray[np.int32]:
+        problem, pairs = ends(x)
         return problem.box.binding(*pairs[end], _BINDS * setting.joint.pressure_span)
 
-    middle = (theta[1:] + theta[:-1]) / 2
+    middle = (x[1:] + x[:-1]) / 2
     change = np.nonzero(np.diff(flags(middle)))[0]
     cuts = _handovers(flags, middle[change], middle[change + 1])
-    theta = np.unique(np.concatenate([theta, cuts]))
-    stops = [theta[0], *cuts, theta[-1]]
+    x = np.unique(np.concatenate([x, cuts]))
+    stops = [x[0], *cuts, x[-1]]
     edges = []
     for a, b in pairwise(stops):
-        part = theta[(theta >= a) & (theta <= b)]
+        part = x[(x >= a) & (x <= b)]
         if len(part) > 1:
             widest = int(np.argmax(np.diff(part)))  # a hand-over is within rounding of both limits
             limits = int(flags(part[widest : widest + 2].mean(keepdims=True))[0])
-            edges.append(_edge(setting, limits, part, ends(part)[1][end]))
+            problem, pairs = ends(part)
+            edges.append(_edge(setting, limits, problem.theta, pairs[end]))
     return edges
 
 

@@ -126,10 +126,10 @@ def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progres
     shape = theta.size, K.size, T.size
     out = Cells(np.empty(shape, np.int8), np.empty(shape, np.int32), np.empty(shape), np.empty(shape))
     closed = setting.joint.affine or setting.joint.tondu_pulley is not None
-    if not closed:
-        search.prepare(theta.size * K.size * T.size)
     step = max(1, (_CHUNK_CELLS if closed else _SLOW_CHUNK_CELLS) // (K.size * T.size))
     for start in progress(range(0, theta.size, step)):
+        if start == 0 and not closed:  # where one sees that it takes a while
+            search.prepare(theta.size * K.size * T.size)
         part = slice(start, start + step)
         for target, array in zip(out.arrays, _chunk(setting, theta[part], K, T).arrays, strict=True):
             target[part] = array

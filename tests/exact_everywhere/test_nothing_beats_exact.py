@@ -9,6 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from allocator.allocation.backends import CERTIFIED
+
 from .curves import image
 from .dense_search import Targets
 from .joints import GEOMETRIES, MUSCLES, joint_of
@@ -52,6 +54,15 @@ def test_no_answer_is_beaten_and_no_status_is_false(case, priority):
     assert not verdict.refused.any(), f"{verdict.refused.sum()} of {verdict.refused.size}"
     assert not verdict.false_status.any()
     assert not verdict.unequalled.any(), "the dense search is not dense enough to judge"
+
+
+def test_every_answer_is_certified_twice(case, priority):
+    """By the gap to a proved bound, and by the conditions of Karush, Kuhn and Tucker."""
+    joint, reach, *both = case
+    targets = Targets(*map(np.concatenate, zip(*both, strict=True)))
+    answer = asked(joint, reach, targets, priority)
+    assert (answer.gap <= 1e-12).all()
+    assert (answer.kkt_residual <= CERTIFIED).all()
 
 
 def test_what_pressures_in_the_box_made_is_met(case, priority):

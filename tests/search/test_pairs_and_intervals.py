@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allocator import BAR, InvalidInput, allocate, stiffness_interval, torque_intervals
+from allocator import BAR, InvalidInput, allocate, feasibility_map, stiffness_interval, torque_intervals
 from tests.exact_everywhere.joints import joint_of
 
 SEVERAL = [("Tondu2021", "lever-A"), ("Andrikopoulos2016", "lever-B"), ("Tondu2021-report", "lever-B")]
@@ -61,6 +61,24 @@ def test_the_stiffnesses_at_a_torque_are_those_of_a_grid(muscle, geometry):
         assert K_min <= crossed[0] + 1e-6 * K.max()
         assert K_max >= crossed[-1] - 1e-6 * K.max()
         assert [K_min, K_max] == pytest.approx([crossed[0], crossed[-1]], abs=1e-2 * np.ptp(K))
+
+
+FOLDED = [("Tondu2021", "lever-A", 0.1), ("Andrikopoulos2016", "lever-B", -0.2)]
+
+
+@pytest.mark.parametrize(("muscle", "geometry", "theta"), FOLDED)
+def test_the_edges_at_an_angle_enclose_all_of_a_grid_and_nothing_else(muscle, geometry, theta):
+    joint = joint_of(muscle, geometry)
+    T, K = image(joint, theta, 201)
+    outline = feasibility_map(theta, None, None, joint=joint).edges
+    torques = np.linspace(T.min(), T.max(), 60)[1:-1]
+    met = np.array([np.interp(torques, edge.T, edge.K, left=np.nan, right=np.nan) for edge in outline])
+    least, most = np.nanmin(met, axis=0), np.nanmax(met, axis=0)
+    near = 5e-3 * np.ptp(K)
+    for level, low, high in zip(torques, least, most, strict=True):
+        crossed = on_level(T, level, K)
+        assert [low, high] == pytest.approx([crossed[0], crossed[-1]], abs=near)
+    assert () in {edge.active for edge in outline}  # a fold: the border of the box alone does not enclose it
 
 
 def test_a_stiffness_or_an_angle_out_of_reach_has_no_torques():
