@@ -14,17 +14,22 @@ LOOKS_LIKE_BAR = 0.1, 20.0  # [Pa] if the greatest of some pressures lies here, 
 
 def real(name: str, value: Any, unit: str) -> Array:
     """`value` as an array of finite floats: a number, or anything that NumPy takes for an array of real ones."""
+    array = floats(name, value, unit)
+    if not np.isfinite(array).all():
+        raise InvalidInput(f"{name}{at(array, ~np.isfinite(array))} is not finite [{unit}]")
+    return array
+
+
+def floats(name: str, value: Any, unit: str) -> Array:
+    """The same, but they need not be finite."""
     _refuse_masks_and_units(name, value, unit)
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "fiu":
             raise TypeError
-        array = array.astype(float, copy=False)
+        return array.astype(float, copy=False)
     except (TypeError, ValueError):
         raise InvalidInput(f"{name} = {brief(value)} is not a number or an array of real numbers [{unit}]") from None
-    if not np.isfinite(array).all():
-        raise InvalidInput(f"{name}{at(array, ~np.isfinite(array))} is not finite [{unit}]")
-    return array
 
 
 def _refuse_masks_and_units(name: str, value: Any, unit: str) -> None:

@@ -32,6 +32,7 @@ from mpc.terminal import UNITS, regulator
 from mpc.weights import Weights
 
 _PREVIEW = 10  # samples, enough for the derivatives of the reference
+_PATIENCE = 0.2  # for which the angle is predicted where it is not measured; then the commands stay [s]
 
 
 class Baseline(ABC):
@@ -59,22 +60,33 @@ class Baseline(ABC):
         """Commands for the state `x` (4,) and references θ [rad], K [N·m/rad]: values or previews (ahead + 1,)."""
         began = perf_counter()
         task = self._foresight.task(x, theta_ref, K_ref, d)
-        x_now, theta_now = np.asarray(x, float), float(np.ravel(theta_ref)[0])
         u_last = task.x[2:] if self._u is None else self._u
-        wanted = self._wanted(task, x_now, theta_now, d)
-        u = self.limits.limited(u_last, wanted)
-        self._given(u[0], wanted[0])
+        halted = task.halted(_PATIENCE)
+        u = self._halt(u_last) if halted else self._commands(task, float(np.ravel(theta_ref)[0]), float(d), u_last)
         self._u = u[0]
         motion = self._predictor.motion(task.x, u, task.d[:-1])
-        status = PlanStatus.CLOSED_FORM if task.measured else PlanStatus.NO_MEASUREMENT
         sent, slack = self._foresight.spoken(u, motion.x), self.limits.excursion(motion.x[:, 0])
         took = perf_counter() - began
         times, slack_force = Times(took, 0.0, 0.0, 0.0, took), self.limits.slackening(motion.F[1:])
-        return Plan(sent, motion.x, motion.K, status, Rung.ALLOCATION, slack, times, slack_force)
+        usual = PlanStatus.CLOSED_FORM if task.measured else PlanStatus.NO_MEASUREMENT
+        rung = Rung.HOLD if halted else Rung.ALLOCATION
+        return Plan(sent, motion.x, motion.K, halted or usual, rung, slack, times, slack_force)
+
+    def _commands(self, task: Task, theta: float, d: float, u_last: Array) -> Array:
+        """What is wanted, as the limits allow; where that is no number the commands stay."""
+        wanted = self._wanted(task, theta, d)
+        wanted = np.where(np.isfinite(wanted), wanted, u_last)
+        u = self.limits.limited(u_last, wanted)
+        self._given(u[0], wanted[0])
+        return u
+
+    def _halt(self, u_last: Array) -> Array:
+        """The commands (N, 2) stay."""
+        return self.limits.limited(u_last, np.tile(u_last, (_PREVIEW, 1)))
 
     @abstractmethod
-    def _wanted(self, task: Task, x: Array, theta: float, d: float) -> Array:
-        """Commands (N, 2) [Pa] to be heard, unlimited; the joint is in `x` (4,) now and should be at `theta` [rad]."""
+    def _wanted(self, task: Task, theta: float, d: float) -> Array:
+        """Commands (N, 2) [Pa] to be heard, unlimited; the joint should be at `theta` [rad] now."""
 
     def _given(self, u: Array, wanted: Array) -> None:
         """Told after every step what the limits left of the first command that was `wanted` (2,)."""
@@ -84,7 +96,7 @@ class Baseline(ABC):
 class FeedForwardControl(Baseline):
     """The analytic inverse alone: of what is measured it uses the direction of the friction and nothing else."""
 
-    def _wanted(self, task: Task, x: Array, theta: float, d: float) -> Array:
+    def _wanted(self, task: Task, theta: float, d: float) -> Array:
         return self._feed_forward(task.theta, task.K, task.d).u
 
 
@@ -135,8 +147,8 @@ class PIDControl(Baseline):
         self._error: float | None = None  # [rad] of the last sample
         self._resting = False
 
-    def _wanted(self, task: Task, x: Array, theta: float, d: float) -> Array:
-        error = theta - float(x[0]) if isfinite(x[0]) else self._error or 0.0
+    def _wanted(self, task: Task, theta: float, d: float) -> Array:
+        error = theta - float(task.seen[0]) if isfinite(task.seen[0]) else self._error or 0.0
         if not self._resting:
             self._integral += self.dt * error
         fed_back = self._errors(task, error)
@@ -192,7 +204,7 @@ class LQRControl(Baseline):
         self._e = np.zeros(NU)  # the last command less its feed-forward, both as they are to be heard [Pa]
         self._u_star = np.zeros(NU)
 
-    def _wanted(self, task: Task, x: Array, theta: float, d: float) -> Array:
+    def _wanted(self, task: Task, theta: float, d: float) -> Array:
         feed: FeedForward = self._feed_forward(task.theta, task.K, task.d)
         x_star = np.array([feed.theta[0], feed.omega[0], *feed.P[0]])
         e = -self._gain @ np.concatenate([task.x - x_star, self._e])

@@ -128,35 +128,40 @@ class TrackingMPC:
         """The plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad].
 
         A reference is a value, held for the whole horizon, or a preview (ahead + 1,) that begins now. `d` is the
-        disturbance torque [N·m] known to act. What is NaN in `x` is replaced by what the last plan predicted.
+        disturbance torque [N·m] known to act. What is NaN in `x`, or beyond what the joint can do, is replaced by what
+        the last plan predicted. Numbers never make it raise: where they cannot be meant the status says so. Raises
+        `InvalidInput` for shapes and kinds that are wrong.
         """
         clock = [perf_counter()]
         deadline = clock[0] + (inf if self.budget is None else _THINKING * self.budget)
-        x, theta, K, torques, measured, blind = self._foresight.task(x, theta_ref, K_ref, d)
-        feed = self._feed_forward(theta, K, torques)
+        task = self._foresight.task(x, theta_ref, K_ref, d)
+        x, torques = task.x, task.d[:-1]
+        feed = self._feed_forward(task.theta, task.K, task.d)
         u_last = self.ladder.u_last(x)
         clock.append(perf_counter())
 
-        lost = blind > self.patience * (1 + 1e-9)
-        found = _LOST if lost else self._optimise(x, feed, u_last, torques[:-1], deadline)
+        if halted := task.halted(self.patience):
+            found = _Optimised(None, None, halted, (0.0, 0.0, 0.0))
+        else:
+            found = self._optimise(x, feed, u_last, torques, deadline)
         if found.motion is not None:
             rung, motion = Rung.QP, found.motion
         else:
-            rung, motion = self.ladder.descend(x, found.best, lost, feed.u, u_last, torques[:-1])
+            rung, motion = self.ladder.descend(x, found.best, halted is not None, feed.u, u_last, torques)
         clock.append(perf_counter())
         self.ladder.stand(rung, motion)
-        if isfinite(feed.u[0, 0]) and isfinite(feed.u[0, 1]):
+        if not task.refused and isfinite(feed.u[0, 0]) and isfinite(feed.u[0, 1]):
             self._u_star = feed.u[0]
         return Plan(
             self._foresight.spoken(motion.u, motion.x),
             motion.x,
             motion.K,
-            honest(found.status, rung, measured),
+            honest(found.status, rung, task.measured),
             rung,
             self.limits.excursion(motion.x[:, 0]),
             Times(clock[1] - clock[0], *found.times, clock[2] - clock[0]),
             self.limits.slackening(motion.F[1:]),
-            feed.moved,
+            None if task.refused else feed.moved,
         )
 
     # --- the pieces of a step ---------------------------------------------------------------------------------------
@@ -195,9 +200,6 @@ class TrackingMPC:
         if (z := softened(step.qp, deadline)) is None:
             return None
         return Rung.SOFTENED, self.limits.limited(u_last, step.u + self.problem.E @ z)
-
-
-_LOST = _Optimised(None, None, PlanStatus.BLIND, (0.0, 0.0, 0.0))
 
 
 def _blocks(blocks: Sequence[int] | None, N: int) -> tuple[int, ...]:

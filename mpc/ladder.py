@@ -19,7 +19,6 @@ from math import isfinite
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.limits import Limits
 from mpc.linearise import Motion, Predictor
@@ -76,9 +75,7 @@ class Ladder:
         u = self.hold(u_last)
         motion = self.predictor.motion(x, u, d)
         if not motion.finite:
-            if self._motion is None:
-                raise InvalidInput(f"x = {x} is no state to begin from: the model's motion from there is not finite")
-            motion = self._motion.standing(u)
+            motion = _standing(x, u) if self._motion is None else self._motion.standing(u)
         return Rung.HOLD, motion
 
     def rungs(self, best: tuple[Rung, Array] | None, u_star: Array, u_last: Array) -> Iterator[tuple[Rung, Array]]:
@@ -109,6 +106,12 @@ class Ladder:
         else:
             self._left = self._left - 1 if rung is Rung.PREVIOUS else 0
         self._held = self._held + 1 if rung is Rung.HOLD else 0
+
+
+def _standing(x: Array, u: Array) -> Motion:
+    """No motion at all from `x` (4,) under the commands `u` (N, 2), where the model has none and none is known."""
+    n = len(u) + 1
+    return Motion(u, np.tile(x, (n, 1)), np.zeros(n), np.zeros((n, u.shape[1])))
 
 
 def honest(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:

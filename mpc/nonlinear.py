@@ -73,29 +73,28 @@ class NonlinearMPC:
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
         """The plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad], as `TrackingMPC.step`."""
         clock = [perf_counter()]
-        x, theta, K, torques, measured, unseen = self._foresight.task(x, theta_ref, K_ref, d)
-        feed = self._feed_forward(theta, K, torques)
+        task = self._foresight.task(x, theta_ref, K_ref, d)
+        x, torques = task.x, task.d[:-1]
+        feed = self._feed_forward(task.theta, task.K, task.d)
         u_last = self.ladder.u_last(x)
         clock.append(perf_counter())
-        found, status = None, PlanStatus.BLIND
-        if unseen <= self.patience * (1 + 1e-9):
-            found, status = self._optimise(x, feed, u_last, torques[:-1])
+        halted = task.halted(self.patience)
+        found, status = (None, halted) if halted else self._optimise(x, feed, u_last, torques)
         clock.append(perf_counter())
-        blind = status is PlanStatus.BLIND
-        rung, motion = self.ladder.descend(x, found, blind, feed.u, u_last, torques[:-1])
+        rung, motion = self.ladder.descend(x, found, halted is not None, feed.u, u_last, torques)
         self.ladder.stand(rung, motion)
-        if np.isfinite(feed.u[0]).all():
+        if not task.refused and np.isfinite(feed.u[0]).all():
             self._u_star = feed.u[0]
         return Plan(
             self._foresight.spoken(motion.u, motion.x),
             motion.x,
             motion.K,
-            honest(status, rung, measured),
+            honest(status, rung, task.measured),
             rung,
             self.limits.excursion(motion.x[:, 0]),
             Times(clock[1] - clock[0], 0.0, 0.0, clock[2] - clock[1], perf_counter() - clock[0]),
             self.limits.slackening(motion.F[1:]),
-            feed.moved,
+            None if task.refused else feed.moved,
         )
 
     # --- the pieces of a step ---------------------------------------------------------------------------------------

@@ -1,37 +1,34 @@
-"""From measurements to what a controller needs: the state and the disturbance torque.
+"""From measurements to what a controller needs: the state and the disturbance torque, whatever the sensors say.
 
-`KalmanObserver` is an extended Kalman filter for ξ = (θ, ω, P1, P2, d) from measured y = (θ, P1, P2):
-
-    ξ_{k+1} = (f_d(x_k, v_k, d_k - T_f), d_k) + w_k,    y_k = (θ, P1, P2)_k + n_k,    w ~ (0, Q),  n ~ (0, R)
-
-f_d is the plant over one sample, v the commands that act now (past their dead time, less the dead band) and T_f the
-friction that `Compensation` knows. d is a random walk, so that in steady state nothing of a constant torque is left.
-The covariance begins at the stationary one (Riccati equation at rest in the middle of the range).
+`KalmanObserver` is the extended Kalman filter of `mpc.filter` behind the gates of `mpc.gating`: what the joint cannot
+have done is not believed. The covariance begins at the stationary one (Riccati equation at rest in the middle of the
+range).
 
 A sensor that repeats its reading exactly may be frozen, or at rest: an encoder's steps hide small motions. So from the
-first repetition on a second belief is kept that does not use the readings of that sensor, nor of others that repeat. If
-it expects another reading, with five standard deviations between, and this lasts, the sensor is frozen: the second
-belief takes over, and the sensor counts as silent until it says something new.
+first repetition on a second belief is kept that does not use the readings of that sensor, nor of others that repeat or
+are not believed. If it expects another reading, with five standard deviations between, and this lasts, the sensor is
+frozen: the second belief takes over, and the sensor counts as silent until it says something new.
+
+While readings are rejected there is a rival belief that uses them. It begins anew whenever it cannot explain a reading;
+once it has explained all of them for long enough (`Gate.patience`) it takes over. So an encoder that has lost its zero,
+and a joint that was thrown farther than the model thinks possible, are found again, in motion too.
 """
 
 from collections import deque
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from math import inf, isfinite, nan
+from typing import Protocol
 
 import numpy as np
 
 from allocator.calculus import Array, Mask
-from allocator.errors import InvalidInput
-from allocator.units import BAR, DEG
-from mpc.buffered import Buffered
 from mpc.compensation import Compensation, FrictionState
-from mpc.friction import pull
-from mpc.plant import NU, NX, Plant
+from mpc.filter import MEASURED, Belief, Filter, Noise
+from mpc.gating import Gate, SensorGate, Verdict
+from mpc.plant import NX, Plant
 
-_MEASURED = np.array([0, 2, 3])  # of ξ
-_TURN, _SUPPLIES = 2 * np.pi, 10.0  # [rad], supply pressures: a reading beyond is no reading
 DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
-_SCALE = np.array([1, 1, BAR, BAR, 1])  # of ξ in the Riccati equation, for its conditioning
+_FIRST = 3  # samples up to which what is rejected may as well be right: nothing has confirmed the first reading
+_THETA, _PRESSURES = 0, (1, 2)  # sensors
 
 
 class Observer(Protocol):
@@ -64,38 +61,13 @@ class Differentiator:
         return x, 0.0
 
 
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations: of the sensors per sample, of the model's errors per root of a second."""
-
-    theta: float = 0.01 * DEG  # [rad]
-    pressure: float = 0.02 * BAR  # [Pa]
-    omega_walk: float = 0.2  # [rad/s/√s]
-    pressure_walk: float = 0.07 * BAR  # [Pa/√s]
-    d_walk: float = 1.9  # [N·m/√s]
-
-    def Q(self, dt: float) -> Array:
-        """Covariance (5, 5) of the model's errors over `dt` [s]."""
-        return dt * np.diag([0.0, self.omega_walk, self.pressure_walk, self.pressure_walk, self.d_walk]) ** 2
-
-    @property
-    def R(self) -> Array:
-        """Covariance (3, 3) of the sensors."""
-        return np.diag([self.theta, self.pressure, self.pressure]) ** 2
-
-
-class Belief(NamedTuple):
-    """What is thought of ξ."""
-
-    xi: Array  # (5,)
-    covariance: Array  # (5, 5)
-
-
 class KalmanObserver:
     """Extended Kalman filter; `plant` is the model. A sensor may be silent or frozen for `tolerance` seconds.
 
-    Silent is one that says NaN or what no sensor could say. After that what it should measure is answered as NaN until
-    it speaks again: a controller then knows that it is blind, and `TrackingMPC` says so in the status of its plans.
+    Silent is one that says NaN or what is not believed (`gate`; by default what fits the plant). After that what it
+    should measure is answered as NaN until it speaks again: a controller then knows that it is blind, and
+    `TrackingMPC` says so in the status of its plans. Numbers never make it raise; before the first angle that can be
+    believed all that is answered is NaN, but for the pressures.
     """
 
     def __init__(
@@ -105,120 +77,167 @@ class KalmanObserver:
         noise: Noise | None = None,
         compensation: Compensation | None = None,
         tolerance: float = 0.1,
+        gate: Gate | None = None,
     ) -> None:
         self.plant, self.dt, self.tolerance = plant, dt, tolerance
         self.noise = Noise() if noise is None else noise
         self.compensation = Compensation() if compensation is None else compensation
-        self.Q, self.R = self.noise.Q(dt), self.noise.R
-        self.Q_rest = replace(self.noise, d_walk=0.0).Q(dt)  # a load that came would have moved a sensor that repeats
-        self.most = np.array([_TURN, *NU * [_SUPPLIES * plant.joint.pressure_limits[1]]])
-        self._model = Buffered(self._discrete())
+        self.gate = Gate.of(plant, dt, self.noise.theta) if gate is None else gate
+        self.filter = Filter(plant, dt, self.noise, self.compensation, self.gate)
+        self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(MEASURED.size)]
         self.reset()
 
     def reset(self) -> None:
         """Forget the past: the next measurement is the state, and no torque disturbs."""
-        self.xi: Array | None = None  # (5,)
-        self.covariance = self.stationary  # (5, 5)
-        self._read = np.full(_MEASURED.size, np.nan)  # what the sensors said a sample ago
-        self._silent = np.zeros(_MEASURED.size)  # for how long [s]
-        self._repeating = np.zeros(_MEASURED.size)  # for how long [s]
-        self._frozen = np.zeros(_MEASURED.size, bool)
+        self.belief: Belief | None = None
+        self.verdicts = [Verdict.SILENT] * MEASURED.size  # on the last readings of θ, P1, P2
+        self.rebuilt = 0  # how often the state was not finite and had to be built anew
+        self._read = np.full(MEASURED.size, np.nan)  # what the sensors said a sample ago
+        self._silent = np.zeros(MEASURED.size)  # for how long [s]
+        self._repeating = np.zeros(MEASURED.size)  # for how long [s]
+        self._frozen = np.zeros(MEASURED.size, bool)
         self._without: dict[int, Belief] = {}  # by sensor that repeats: what is thought without it
+        self._rival: Belief | None = None  # that believes what the gates reject
+        self._explained = 0  # samples for which it has explained all readings
+        self._contested = np.zeros(MEASURED.size, bool)  # sensors that it is about
+        self._unrivalled = inf  # samples since anything was rejected
+        self._samples = 0  # since the beginning, up to _FIRST + 1
         self._friction = FrictionState(self.compensation.friction)
         self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + 1)
+        for gate in self._gates:
+            gate.reset()
 
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
         """State (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was sent last."""
-        read, u = np.asarray(y, float)[_MEASURED], np.asarray(u, float)
-        read = np.where(np.abs(read) <= self.most, read, np.nan)
-        if self.xi is None:
-            belief = Belief(self._first(read), self.covariance)
-            self._commands.extend([u] * self.compensation.delay(self.dt))
+        said, u = np.asarray(y, float)[MEASURED], np.asarray(u, float)
+        if self.belief is None:
+            self._begin(said, u)
         else:
-            self._commands.append(u)
-            belief = self._expect(Belief(self.xi, self.covariance), read)
-        there = np.isfinite(read) & ~self._frozen
-        self.xi, self.covariance = self._corrected(belief, read, there)
+            self._commands.append(np.where(np.isfinite(u), u, self._commands[-1]))
+            self._go_on(self.belief, said)
+        there = self._believed
         self._silent = np.where(there, 0.0, np.maximum(self._silent, self._frozen * self._repeating) + self.dt)
-        self._read = read
-        x = self.xi[:NX].copy()
-        x[_MEASURED[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
-        return x, float(self.xi[NX])
+        self._read = said
+        return self._answer(said, there)
 
-    # --- the filter -------------------------------------------------------------------------------------------------
+    @property
+    def _believed(self) -> Mask:
+        """Which readings (3,) count."""
+        return np.array([verdict.counts for verdict in self.verdicts])
 
-    def _first(self, read: Array) -> Array:
-        if not np.isfinite(read).all():
-            raise InvalidInput(
-                f"the first measurement (theta [rad], P1, P2 [Pa]) = {read} has to be finite and in range"
-            )
-        return np.array([read[0], 0.0, read[1], read[2], 0.0])
+    # --- a sample ---------------------------------------------------------------------------------------------------
 
-    def _expect(self, belief: Belief, read: Array) -> Belief:
-        """What is thought of this sample before `read` (3,) is used; notes which sensors are frozen."""
-        repeated = read == self._read
+    def _begin(self, said: Array, u: Array) -> None:
+        """The first angle that can be one begins; a pressure that is not measured is the one that was sent."""
+        gate, read = self.gate, said.copy()
+        read[_THETA] = gate.unwrapped(float(said[_THETA]), float(np.mean(self.plant.joint.angle_range)), within=np.pi)
+        self.verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
+        believed = self._believed
+        theta, *P = np.where(believed, read, [np.nan, *u]).tolist()
+        if believed[_THETA] and all(map(gate.possible, _PRESSURES, P)):
+            begun = Belief(np.array([theta, 0.0, *P, 0.0]), self.filter.stationary)
+            self.belief = self.filter.corrected(begun, read, believed)
+            self._commands.extend([np.where(np.isfinite(u), u, P)] * (self.compensation.delay(self.dt) + 1))
+
+    def _first_verdict(self, sensor: int, read: float) -> Verdict:
+        if not isfinite(read):
+            return Verdict.SILENT
+        return Verdict.BELIEVED if self.gate.possible(sensor, read) else Verdict.IMPOSSIBLE
+
+    def _go_on(self, before: Belief, said: Array) -> None:
+        """From what was thought a sample ago to what is thought now."""
+        z = self._friction.follow(float(before.xi[0]))
+        expected = self.filter.predicted(before, self._commands[0], z, self.filter.Q)
+        read = said.copy()
+        read[_THETA] = self.gate.unwrapped(float(said[_THETA]), float(expected.xi[0]))
+        self.verdicts = self._judged(read, expected)
+        expected = self._without_frozen(before, expected, said == self._read, read, z)
+        expected = self._rival_or(expected, read, z)
+        believed = self._believed
+        found = self.filter.corrected(expected, read, believed)
+        self._samples = min(self._samples + 1, _FIRST + 1)
+        self.belief = found if found.sound else self._rebuilt(before, read, believed)
+
+    def _judged(self, read: Array, expected: Belief) -> list[Verdict]:
+        i, R = MEASURED, np.diag(self.filter.R)
+        foreseen, variance = expected.xi[i].tolist(), (expected.covariance[i, i] + R).tolist()
+        return [gate.judge(*one) for gate, *one in zip(self._gates, read.tolist(), foreseen, variance, strict=True)]
+
+    def _without_frozen(self, before: Belief, expected: Belief, repeated: Mask, read: Array, z: float) -> Belief:
+        """What is expected without the sensors that are frozen; notes which are."""
         self._repeating = np.where(repeated, self._repeating + self.dt, 0.0)
         self._frozen &= repeated
-        z = self._friction.follow(float(belief.xi[0]))
-        expected = self._predicted(belief, z, self.Q)
-        others = np.isfinite(read) & ~repeated
-        begun = {i: self._without.get(i, belief) for i in np.flatnonzero(repeated).tolist()}
+        others = self._believed & ~repeated
+        begun = {i: self._without.get(i, before) for i in np.flatnonzero(repeated).tolist()}
         self._without = {}
         for i, without in begun.items():
-            foreseen = self._predicted(without, z, self.Q_rest)
+            foreseen = self.filter.predicted(without, self._commands[0], z, self.filter.Q_rest)
             if not self._frozen[i] and self._repeating[i] > self.tolerance and self._doubtful(i, read[i], foreseen):
                 self._frozen[i] = True
                 expected = foreseen
-            self._without[i] = self._corrected(foreseen, read, others)
+            if self._frozen[i]:
+                self._gates[i].frozen(float(read[i]))
+                self.verdicts[i] = Verdict.FROZEN
+            self._without[i] = self.filter.corrected(foreseen, read, others)
         return expected
 
     def _doubtful(self, sensor: int, read: float, foreseen: Belief) -> bool:
-        i = _MEASURED[sensor]
-        variance = foreseen.covariance[i, i] + self.R[sensor, sensor]
+        i = MEASURED[sensor]
+        variance = foreseen.covariance[i, i] + self.filter.R[sensor, sensor]
         return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
 
-    def _predicted(self, belief: Belief, z: float, Q: Array) -> Belief:
-        """One sample on, the friction's state being `z`."""
-        x, d = belief.xi[:NX], belief.xi[NX]
-        T_f = self.compensation.friction.limit(pull(self.plant, x)) * z
-        x_next, A = self._model(x, self.compensation.heard(self._commands[0], x[2:]), d - T_f)
-        A = _with_walk(A)
-        return Belief(np.append(x_next[0], d), A @ belief.covariance @ A.T + Q)
+    def _rival_or(self, expected: Belief, read: Array, z: float) -> Belief:
+        """`expected`, or what a rival belief expects that has explained the rejected readings for long enough."""
+        rejected = np.array([verdict is Verdict.REJECTED for verdict in self.verdicts])
+        self._unrivalled = 0 if rejected.any() else self._unrivalled + 1
+        if self._unrivalled * self.dt > self.tolerance:  # not at once: it is near by chance when two motions cross
+            self._end_rivalry()
+            return expected
+        used = self._believed | rejected
+        rival = self._rival and self.filter.predicted(self._rival, self._commands[0], z, self.filter.Q)
+        if rival is None or not self._explains(rival, read, used):
+            rival, self._explained = self.filter.unsure_at(expected, read, rejected), 0
+        self._contested |= rejected
+        self._explained += bool((used & self._contested).any())
+        if not rejected.any() or (self._explained * self.dt <= self.gate.patience and self._samples > _FIRST):
+            self._rival = self.filter.corrected(rival, read, used)
+            return expected
+        for i in np.flatnonzero(rejected).tolist():
+            self.verdicts[i] = Verdict.ACCEPTED
+            self._gates[i].reset()
+        self._end_rivalry()
+        self._without = {}
+        return rival
 
-    def _corrected(self, belief: Belief, read: Array, there: Mask) -> Belief:
-        """After the readings `there` (3,) of `read` (3,)."""
-        C, R = np.eye(NX + 1)[_MEASURED[there]], self.R[np.ix_(there, there)]
-        S = C @ belief.covariance @ C.T + R
-        gain = np.linalg.solve(S, C @ belief.covariance).T
-        left = np.eye(NX + 1) - gain @ C
-        covariance = left @ belief.covariance @ left.T + gain @ R @ gain.T  # Joseph's form: stays symmetric
-        return Belief(belief.xi + gain @ (read[there] - C @ belief.xi), covariance)
+    def _end_rivalry(self) -> None:
+        self._rival, self._explained = None, 0
+        self._contested[:] = False
 
-    @property
-    def stationary(self) -> Array:
-        """Covariance (5, 5) before a measurement, once the filter has run for long."""
-        from scipy.linalg import solve_discrete_are
+    def _explains(self, belief: Belief, read: Array, used: Mask) -> bool:
+        """Whether the readings `used` (3,) are as near to what `belief` expects as true ones are."""
+        i = MEASURED
+        variance = (belief.covariance[i, i] + np.diag(self.filter.R)).tolist()
+        width = [gate.width(v) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]
+        return bool((np.abs(read - belief.xi[i]) <= width)[used].all())
 
-        P = np.full(NU, np.mean(self.plant.joint.pressure_limits))
-        _, A = self._model(np.array([np.mean(self.plant.joint.angle_range), 0.0, *P]), P, 0.0)
-        scale = np.outer(_SCALE, _SCALE)
-        C, c_scale = np.eye(NX + 1)[_MEASURED], _SCALE[_MEASURED]
-        A = _with_walk(A) / _SCALE[:, None] * _SCALE
-        return np.asarray(scale * solve_discrete_are(A.T, C.T, self.Q / scale, self.R / np.outer(c_scale, c_scale)))
+    def _rebuilt(self, before: Belief, read: Array, believed: Mask) -> Belief:
+        """A state from the readings, where the filter has none that is finite."""
+        self.rebuilt += 1
+        self._end_rivalry()
+        self._without = {}
+        xi = np.where(np.isfinite(before.xi), before.xi, 0.0)
+        xi[[1, NX]] = 0.0
+        return self.filter.unsure_at(Belief(self.filter.within(xi), before.covariance), read, believed)
 
-    def _discrete(self) -> Any:
-        """(x, v, d) ↦ x and its derivative by (x, d), transposed because `Buffered` hands back transposes."""
-        import casadi as ca
-
-        x, v, d = ca.SX.sym("x", NX), ca.SX.sym("v", NU), ca.SX.sym("d")
-        x_next = self.plant.discrete(self.dt)(x, v, d)
-        slope = ca.densify(ca.jacobian(x_next, ca.vertcat(x, d)).T)
-        return ca.Function("observed", [x, v, d], [x_next, slope])
-
-
-def _with_walk(A: Array) -> Array:
-    """(5, 5) from the plant's derivative (4, 5): d stays."""
-    return np.vstack([A, np.eye(NX + 1)[-1:]])
+    def _answer(self, said: Array, there: Mask) -> tuple[Array, float]:
+        if self.belief is None:
+            x = np.full(NX, np.nan)
+            x[MEASURED[there]] = said[there]
+            return x, 0.0
+        x = self.belief.xi[:NX].copy()
+        x[MEASURED[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
+        return x, float(self.belief.xi[NX])
 
 
-__all__ = ["DOUBT", "Belief", "Differentiator", "KalmanObserver", "Noise", "Observer"]
+__all__ = ["DOUBT", "Differentiator", "KalmanObserver", "Noise", "Observer"]

@@ -34,6 +34,7 @@ _RUNGS = {
 class PlanStatus(IntEnum):
     """How the plan came about."""
 
+    BAD_INPUT = -1
     OPTIMAL = 0
     UNSOLVED = 1
     REFUSED = 2
@@ -50,6 +51,7 @@ class PlanStatus(IntEnum):
 
 
 _STATUSES = {
+    PlanStatus.BAD_INPUT: "A reference or the torque d is no number that could be meant; the pressures are held.",
     PlanStatus.OPTIMAL: "The problem was solved and its optimality conditions were checked.",
     PlanStatus.UNSOLVED: "The solver gave up; try another solver.",
     PlanStatus.REFUSED: "The solver's answer is not optimal and was refused; try another solver.",

@@ -126,8 +126,6 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
             "SOFT": (compensation.SOFT, "over which the inverse of the dead band changes sides [Pa]"),
             "TOLERANCE": (eyes.tolerance, "for which a sensor may be silent or frozen [s]"),
             "TOLERANCE_END": (eyes.tolerance * late, "the same, rounded up [s]"),
-            "MOST_THETA": (float(eyes.most[0]), "a reading beyond is none [rad]"),
-            "MOST_PRESSURE": (float(eyes.most[1]), "[Pa]"),
             "DOUBT": (observer.DOUBT, "standard deviations at which a repeated reading is not believed"),
         }
     )
@@ -162,10 +160,10 @@ def _tables(controller: TrackingMPC, eyes: KalmanObserver) -> list[tuple[str, st
         ("ANT_TERMINAL", "L, the terminal cost is |L xi|^2/2", controller.problem.L),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),
-        ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(eyes.Q)),
-        ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(eyes.Q_rest)),
-        ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(eyes.R)),
-        ("ANT_COVARIANCE", "of the observer's first belief", eyes.stationary),
+        ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(eyes.filter.Q)),
+        ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(eyes.filter.Q_rest)),
+        ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(eyes.filter.R)),
+        ("ANT_COVARIANCE", "of the observer's first belief", eyes.filter.stationary),
     ]
 
 

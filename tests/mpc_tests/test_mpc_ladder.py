@@ -1,5 +1,6 @@
 """The fallback ladder, rung by rung: which one answers, what it sends, and that it is left again."""
 
+import warnings
 from math import inf
 from time import perf_counter, sleep
 
@@ -10,7 +11,9 @@ from hypothesis import strategies as st
 
 from allocator import BAR, DEG, InvalidInput, torque_interval
 from mpc import PlanStatus, Plant, Rung, TrackingMPC
+from mpc.baselines import FeedForwardControl, LQRControl, PIDControl, PredictivePIDControl
 from mpc.buffered import Buffered
+from mpc.foresight import BadNumbers
 from mpc.ladder import Ladder
 from mpc.linearise import Predictor
 from mpc.qp import QP
@@ -21,6 +24,7 @@ REST = PLANT.at_rest(0.1, 7.6)
 STEP = Buffered(PLANT.discrete(0.01, 0.02))
 DAQP = solver("daqp")
 STORMY = TrackingMPC(PLANT, N=6, patience=0.02)
+BASELINES = [kind(PLANT) for kind in (PIDControl, PredictivePIDControl, LQRControl, FeedForwardControl)]
 
 
 def late(qp, limit=inf):
@@ -120,16 +124,65 @@ def test_a_state_that_no_joint_can_have_is_survived(garbage, entry):
     assert plans[-1].rung is Rung.QP
 
 
-def test_when_the_prediction_is_not_finite_pressures_are_held():
-    x = REST.copy()
-    x[0] = 1e300
-    _, plan = steps(TrackingMPC(PLANT, N=5), [x])
-    assert (plan.rung, plan.status) == (Rung.HOLD, PlanStatus.NOT_FINITE)
+def test_what_no_joint_can_measure_counts_as_not_measured():
+    controller, twin = TrackingMPC(PLANT, N=5), TrackingMPC(PLANT, N=5)
+    for entry, garbage in enumerate((1e300, 1e9, -1e12, 5e6)):
+        states = [np.where(np.arange(4) == entry, value, REST) for value in (garbage, np.nan)]
+        got, wanted = (steps(c, [x])[-1] for c, x in zip((controller, twin), states, strict=True))
+        assert (got.rung, got.status) == (Rung.QP, PlanStatus.NO_MEASUREMENT)
+        np.testing.assert_array_equal(got.u, wanted.u)
 
 
-def test_to_begin_with_such_a_state_is_refused():
-    with pytest.raises(InvalidInput, match="no state to begin from"):
-        TrackingMPC(PLANT, N=5).step([1e300, 0, 2e5, 2e5], 0.0, 7.6)
+def test_to_begin_without_an_angle_is_to_hold_the_pressures_until_there_is_one():
+    controller = TrackingMPC(PLANT, N=5)
+    first = controller.step([1e300, 0, 2e5, 1e5], 0.0, 7.6)
+    assert (first.rung, first.status) == (Rung.HOLD, PlanStatus.BLIND)
+    np.testing.assert_array_equal(first.u, np.broadcast_to([2e5, 1e5], first.u.shape))
+    assert np.isfinite(first.x).all()
+    assert controller.step([0.0, 0.0, 2e5, 1e5], 0.0, 7.6).rung is Rung.QP
+
+
+@pytest.mark.parametrize(
+    ("theta", "K", "d", "said"),
+    [
+        (40.0, 7.6, 0.0, "theta_ref = 40 rad is over a turn"),
+        (0.0, -1.0, 0.0, "K_ref = -1"),
+        (0.0, np.nan, 0.0, "K_ref = nan is not finite"),
+        (0.0, 7.6, np.inf, "d = inf"),
+        (np.full(6, np.nan), 7.6, 0.0, r"theta_ref\[0\] = nan"),
+    ],
+)
+def test_references_that_cannot_be_meant_hold_the_pressures_and_are_named_once(theta, K, d, said):
+    controller = TrackingMPC(PLANT, N=5)
+    good = controller.step(REST, 0.15, 7.7)
+    with pytest.warns(BadNumbers, match=said):
+        bad = controller.step(REST, theta, K, d)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        again = controller.step(REST, theta, K, d)
+    assert [(p.rung, p.status) for p in (bad, again)] == 2 * [(Rung.HOLD, PlanStatus.BAD_INPUT)]
+    np.testing.assert_array_equal(again.u, np.broadcast_to(good.u[0], again.u.shape))
+    assert bad.moved is None
+    assert controller.step(REST, 0.15, 7.7).rung is Rung.QP
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    x=st.lists(st.floats(width=64), min_size=4, max_size=4),
+    theta=st.floats(),
+    K=st.floats(),
+    d=st.floats(),
+    begun=st.booleans(),
+)
+@pytest.mark.filterwarnings("ignore::mpc.foresight.BadNumbers")
+@pytest.mark.parametrize("controller", [STORMY, *BASELINES], ids=lambda c: type(c).__name__)
+def test_no_numbers_whatever_make_a_step_raise(controller, x, theta, K, d, begun):
+    controller.reset()
+    if begun:
+        controller.step(REST, 0.15, 7.7)
+    plans = [controller.step(x, theta, K, d), controller.step(x, 0.15, 7.7)]
+    low, high = PLANT.joint.pressure_limits
+    assert all(((low <= plan.u) & (plan.u <= high)).all() for plan in plans)
 
 
 def test_an_absurd_torque_is_survived():

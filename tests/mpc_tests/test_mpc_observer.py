@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from allocator import BAR, DEG, InvalidInput
+from allocator import BAR, DEG
 from allocator.joint import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import PlanStatus, Plant, Reference, TrackingMPC, simulate
 from mpc.buffered import Buffered
 from mpc.compensation import Compensation
 from mpc.faults import FrozenSensors
+from mpc.filter import Belief
 from mpc.friction import Friction
 from mpc.observer import Differentiator, KalmanObserver, Noise
 from mpc.reality import RealPlant
@@ -41,19 +42,20 @@ def test_the_squared_error_matches_the_covariance_on_the_nominal_plant_with_the_
     noise, runs, steps = Noise(d_walk=1.0), 40, 150
     rng, observer = np.random.default_rng(7), KalmanObserver(PLANT, DT, noise)
     Q, R = np.linalg.cholesky(noise.Q(DT) + 1e-24 * np.eye(5)), np.sqrt(noise.R)
-    spread = np.linalg.cholesky(observer.covariance)
+    spread = np.linalg.cholesky(observer.filter.stationary)
     nees = np.zeros((runs, steps))
     for run in range(runs):
         observer.reset()
-        observer.xi = np.append(REST, 0.0)
-        xi = observer.xi + spread @ rng.standard_normal(5)
+        observer.estimate(np.array([REST[0], np.nan, *REST[2:]]), REST[2:])
+        observer.belief = Belief(np.append(REST, 0.0), observer.filter.stationary)
+        xi = observer.belief.xi + spread @ rng.standard_normal(5)
         for k in range(steps):
             u = REST[2:] + 0.3 * BAR * np.array([np.sin(k / 10), -np.sin(k / 10)])
             xi = np.append(STEP(xi[:4], u, xi[4])[0][0], xi[4]) + Q @ rng.standard_normal(5)
             theta, *P = xi[[0, 2, 3]] + R @ rng.standard_normal(3)
             observer.estimate(np.array([theta, np.nan, *P]), u)
-            error = observer.xi - xi
-            nees[run, k] = error @ np.linalg.solve(observer.covariance, error)
+            error = observer.belief.xi - xi
+            nees[run, k] = error @ np.linalg.solve(observer.belief.covariance, error)
     low, high = chi2.ppf([0.025, 0.975], 5 * runs) / runs
     mean = nees.mean(axis=0)
     assert ((mean > low) & (mean < high)).mean() > 0.88
@@ -74,7 +76,7 @@ def test_the_covariance_begins_at_the_stationary_one_of_python_control():
     A = A / scale[:, None] * scale
     Q, R = observer.noise.Q(DT) / np.outer(scale, scale), observer.noise.R / np.outer(*2 * [scale[[0, 2, 3]]])
     _, P, _ = control.dlqe(A, np.eye(5), np.eye(5)[[0, 2, 3]], Q, R)
-    np.testing.assert_allclose(observer.covariance / np.outer(scale, scale), P, rtol=1e-4, atol=1e-12)
+    np.testing.assert_allclose(observer.filter.stationary / np.outer(scale, scale), P, rtol=1e-4, atol=1e-12)
 
 
 def test_a_constant_torque_is_found_without_an_offset():
@@ -126,9 +128,15 @@ def test_the_controller_says_that_its_observer_is_blind():
     assert statuses == [PlanStatus.OPTIMAL, PlanStatus.NO_MEASUREMENT, PlanStatus.OPTIMAL]
 
 
-def test_a_blind_start_is_refused():
-    with pytest.raises(InvalidInput, match="first measurement"):
-        KalmanObserver(PLANT, DT).estimate(np.full(4, np.nan), REST[2:])
+def test_before_the_first_angle_there_is_no_state_and_then_there_is():
+    observer, mpc = KalmanObserver(PLANT, DT), TrackingMPC(PLANT, N=5)
+    answers = []
+    for theta in (np.nan, 1e9, 0.0):
+        x, d = observer.estimate(np.array([theta, np.nan, *REST[2:]]), REST[2:])
+        answers.append((np.isnan(x[0]), mpc.step(x, 0.0, 5.5, d)))
+    assert [nothing for nothing, _ in answers] == [True, True, False]
+    assert [plan.status for _, plan in answers] == [PlanStatus.BLIND, PlanStatus.BLIND, PlanStatus.OPTIMAL]
+    np.testing.assert_array_equal(answers[0][1].u[0], REST[2:])  # held
 
 
 def test_without_an_observer_the_velocity_is_the_angles_difference():
