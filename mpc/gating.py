@@ -2,16 +2,17 @@
 
 A reading y of a sensor that should say ŷ, with the variance S of what lies between, is rejected where
 
-    |y - ŷ| > max(6 √S, floor)
+    |y - ŷ| > max(6 √S, floor)                              floor: four steps of an encoder
 
-Without the floor that rejects one true reading in 5·10⁸ of a model that is right. The floor covers what models do not
-know: what a load as great as the muscles' torque T_max, of which nobody tells, moves the joint before the observer has
-found it, 0.9 T_max dt²/J, and the steps of an encoder. Before that an angle that is off by whole turns is unwrapped,
-and what no sensor of this joint can say counts as silence.
+which rejects one true reading in 5·10⁸ of a model that is right. Before that an angle that is off by whole turns is
+unwrapped, and what no sensor of this joint can say counts as silence. From the first rejection on the width is no
+longer that of S, which grows while a sensor is not believed and would soon swallow anything; it grows by itself once in
+`widening`.
 
-From the first rejection on the width is no longer that of S, which grows while a sensor is not believed and would soon
-swallow anything; it grows by itself once in `widening`. Rejected readings that a motion of this joint explains, as
-those of an encoder do that has lost its zero, are accepted after `patience` (`mpc.observer`).
+Models are not right, and true motion is rejected too. But rejected readings that a motion of this joint explains are
+accepted (`mpc.observer`), those that began near what was expected after `hesitation`: a blow, or a load as great as the
+muscles' torque T of which nobody tells, moves the joint no farther than 0.9 T dt²/J before the observer would have
+found it. What began with a greater jump, as an encoder does that has lost its zero, is accepted after `patience`.
 
 Y. Bar-Shalom, X. Li, T. Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 11.
 """
@@ -32,9 +33,9 @@ SIGMAS = 6.0  # √S between reading and expectation beyond which a reading is n
 TURN, MOST_TURNS = 2 * pi, 1e6  # [rad] by which an encoder may be off once, and how often at most
 NEAR_A_TURN = 20 * DEG  # an angle is off by whole turns if it is that near to the expected one without them
 _MARGIN, _NO_STOPS = 10 * DEG, 90 * DEG  # of the joint range, with end stops and without
-_BELOW, _ABOVE, _SHARE = 0.06, 0.1, 0.1  # of the supply range: margins of pressures, and their floor
-_LEAST = 1 * DEG  # floor of the angle
-_ROUGH = 8.0  # standard deviations of the angle's noise: four steps of an encoder
+_BELOW, _ABOVE, _JUMP = 0.06, 0.1, 0.1  # of the supply range: margins of pressures, and a jump of them
+_LEAST = 1 * DEG  # jump of the angle
+_ROUGH = 8.0  # standard deviations of the noise: four steps of an encoder
 
 
 class Verdict(IntEnum):
@@ -75,23 +76,26 @@ class Gate:
     lower: Triple  # readings below or above say nothing
     upper: Triple
     floor: Triple  # a reading this near to what is expected is believed
+    jump: Triple  # a reading farther than this from what is expected is believed only after `patience`
     max_speed: float  # that an estimate may have [rad/s]
     max_torque: float  # the greatest |d| that it may have [N·m]
-    patience: float = 0.5  # for which rejected readings have to be consistent before they are accepted [s]
+    hesitation: float = 0.05  # for which rejected readings have to be explained before they are accepted [s]
+    patience: float = 0.5  # the same after a jump [s]
     widening: float = 0.2  # in which the width of a gate that rejects grows by itself once [s]
 
     @classmethod
-    def of(cls, plant: Plant, dt: float, theta_noise: float = 0.0) -> Self:
-        """What fits `plant`, sampled every `dt` [s] by an encoder with `theta_noise` [rad], a standard deviation."""
+    def of(cls, plant: Plant, dt: float, noise: tuple[float, float] = (0.0, 0.0)) -> Self:
+        """What fits `plant`, sampled every `dt` [s] with the standard deviations `noise` of θ [rad] and P [Pa]."""
         (left, right), (low, high) = plant.joint.angle_range, plant.joint.pressure_limits
         (T, T_most), supply, span = _torque_range(plant), high - low, right - left
         margin = _NO_STOPS if plant.joint.angle_limits is None else _MARGIN
         turned = 0.9 * T * dt**2 / plant.inertia
-        theta = min(max(_LEAST, turned), span / 4) + _ROUGH * theta_noise
+        theta, pressure = (_ROUGH * deviation for deviation in noise)
         return cls(
             (left - margin, low - _BELOW * supply, low - _BELOW * supply),
             (right + margin, high + _ABOVE * supply, high + _ABOVE * supply),
-            (theta, _SHARE * supply, _SHARE * supply),
+            (theta, pressure, pressure),
+            (min(max(_LEAST, turned), span / 4) + theta, _JUMP * supply, _JUMP * supply),
             sqrt(T_most * span / plant.inertia),  # half of the range to get there, half to brake
             3 * T_most,
         )
@@ -120,7 +124,7 @@ class SensorGate:
     """The gate of one sensor: it remembers since when it rejects, and what it rejected last."""
 
     def __init__(self, gate: Gate, sensor: int, dt: float) -> None:
-        self.sensor, self.gate, self.floor = sensor, gate, gate.floor[sensor]
+        self.sensor, self.gate, self.floor, self.jump = sensor, gate, gate.floor[sensor], gate.jump[sensor]
         self._growth = dt / gate.widening  # of the width in a sample [-]
         self.reset()
 
@@ -139,7 +143,7 @@ class SensorGate:
             return Verdict.IMPOSSIBLE
         width = self.width(variance) if self._since == 0 else self._width * (1 + (self._since - 1) * self._growth)
         if abs(read - self._refused) < self.floor:
-            width = min(width, 2 * self.floor)
+            width = min(width, self.jump)
         if abs(read - expected) <= width:
             self.reset()
             return Verdict.BELIEVED

@@ -10,8 +10,8 @@ are not believed. If it expects another reading, with five standard deviations b
 frozen: the second belief takes over, and the sensor counts as silent until it says something new.
 
 While readings are rejected there is a rival belief that uses them. It begins anew whenever it cannot explain a reading;
-once it has explained all of them for long enough (`Gate.patience`) it takes over. So an encoder that has lost its zero,
-and a joint that was thrown farther than the model thinks possible, are found again, in motion too.
+once it has explained all of them for long enough (`Gate.hesitation`, `Gate.patience`) it takes over. So a joint that
+was hit, and an encoder that has lost its zero, are found again, in motion too.
 """
 
 from collections import deque
@@ -82,7 +82,7 @@ class KalmanObserver:
         self.plant, self.dt, self.tolerance = plant, dt, tolerance
         self.noise = Noise() if noise is None else noise
         self.compensation = Compensation() if compensation is None else compensation
-        self.gate = Gate.of(plant, dt, self.noise.theta) if gate is None else gate
+        self.gate = Gate.of(plant, dt, (self.noise.theta, self.noise.pressure)) if gate is None else gate
         self.filter = Filter(plant, dt, self.noise, self.compensation, self.gate)
         self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(MEASURED.size)]
         self.reset()
@@ -99,6 +99,7 @@ class KalmanObserver:
         self._without: dict[int, Belief] = {}  # by sensor that repeats: what is thought without it
         self._rival: Belief | None = None  # that believes what the gates reject
         self._explained = 0  # samples for which it has explained all readings
+        self._doubted = 0.0  # for how long it has to [s]
         self._contested = np.zeros(MEASURED.size, bool)  # sensors that it is about
         self._unrivalled = inf  # samples since anything was rejected
         self._samples = 0  # since the beginning, up to _FIRST + 1
@@ -198,9 +199,11 @@ class KalmanObserver:
         rival = self._rival and self.filter.predicted(self._rival, self._commands[0], z, self.filter.Q)
         if rival is None or not self._explains(rival, read, used):
             rival, self._explained = self.filter.unsure_at(expected, read, rejected), 0
+            near = np.abs(read - expected.xi[MEASURED]) <= self.gate.jump
+            self._doubted = self.gate.hesitation if near[rejected].all() else self.gate.patience
         self._contested |= rejected
         self._explained += bool((used & self._contested).any())
-        if not rejected.any() or (self._explained * self.dt <= self.gate.patience and self._samples > _FIRST):
+        if not rejected.any() or (self._explained * self.dt <= self._doubted and self._samples > _FIRST):
             self._rival = self.filter.corrected(rival, read, used)
             return expected
         for i in np.flatnonzero(rejected).tolist():
@@ -218,7 +221,7 @@ class KalmanObserver:
         """Whether the readings `used` (3,) are as near to what `belief` expects as true ones are."""
         i = MEASURED
         variance = (belief.covariance[i, i] + np.diag(self.filter.R)).tolist()
-        width = [gate.width(v) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]
+        width = [max(gate.width(v), gate.jump) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]
         return bool((np.abs(read - belief.xi[i]) <= width)[used].all())
 
     def _rebuilt(self, before: Belief, read: Array, believed: Mask) -> Belief:
