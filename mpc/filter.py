@@ -91,9 +91,9 @@ class Filter:
         later[:NX] += A[:NX, :NX] @ (x - near)
         return Belief(later, A @ belief.covariance @ A.T + Q)
 
-    def corrected(self, belief: Belief, read: Array, there: Mask) -> Belief:
-        """After the readings `there` (3,) of `read` (3,)."""
-        C, R = np.eye(NX + 1)[MEASURED[there]], self.R[np.ix_(there, there)]
+    def corrected(self, belief: Belief, read: Array, there: Mask, variances: Array) -> Belief:
+        """After the readings `there` (3,) of `read` (3,), which have the `variances` (3,)."""
+        C, R = np.eye(NX + 1)[MEASURED[there]], np.diag(variances[there])
         S = C @ belief.covariance @ C.T + R
         gain = np.linalg.solve(S, C @ belief.covariance).T
         left = np.eye(NX + 1) - gain @ C

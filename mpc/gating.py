@@ -2,7 +2,7 @@
 
 A reading y of a sensor that should say ŷ, with the variance S of what lies between, is rejected where
 
-    |y - ŷ| > max(6 √S, floor)                              floor: four steps of an encoder
+    |y - ŷ| > max(6 √S, floor)                              floor: 8 standard deviations of the noise
 
 which rejects one true reading in 5·10⁸ of a model that is right. Before that an angle that is off by whole turns is
 unwrapped, and what no sensor of this joint can say counts as silence. From the first rejection on the width is no
@@ -35,7 +35,7 @@ NEAR_A_TURN = 20 * DEG  # an angle is off by whole turns if it is that near to t
 _MARGIN, _NO_STOPS = 10 * DEG, 90 * DEG  # of the joint range, with end stops and without
 _BELOW, _ABOVE, _JUMP = 0.06, 0.1, 0.1  # of the supply range: margins of pressures, and a jump of them
 _LEAST = 1 * DEG  # jump of the angle
-_ROUGH = 8.0  # standard deviations of the noise: four steps of an encoder
+ROUGH = 8.0  # standard deviations of the noise: floor, and more than two steps of an encoder
 
 
 class Verdict(IntEnum):
@@ -79,7 +79,7 @@ class Gate:
     jump: Triple  # a reading farther than this from what is expected is believed only after `patience`
     max_speed: float  # that an estimate may have [rad/s]
     max_torque: float  # the greatest |d| that it may have [N·m]
-    hesitation: float = 0.05  # for which rejected readings have to be explained before they are accepted [s]
+    hesitation: float = 0.03  # for which rejected readings have to be explained before they are accepted [s]
     patience: float = 0.5  # the same after a jump [s]
     widening: float = 0.2  # in which the width of a gate that rejects grows by itself once [s]
 
@@ -90,7 +90,7 @@ class Gate:
         (T, T_most), supply, span = _torque_range(plant), high - low, right - left
         margin = _NO_STOPS if plant.joint.angle_limits is None else _MARGIN
         turned = 0.9 * T * dt**2 / plant.inertia
-        theta, pressure = (_ROUGH * deviation for deviation in noise)
+        theta, pressure = (ROUGH * deviation for deviation in noise)
         return cls(
             (left - margin, low - _BELOW * supply, low - _BELOW * supply),
             (right + margin, high + _ABOVE * supply, high + _ABOVE * supply),
@@ -162,4 +162,4 @@ class SensorGate:
         self._refused = read
 
 
-__all__ = ["MOST_TURNS", "NEAR_A_TURN", "SIGMAS", "TURN", "Gate", "SensorGate", "Verdict"]
+__all__ = ["MOST_TURNS", "NEAR_A_TURN", "ROUGH", "SIGMAS", "TURN", "Gate", "SensorGate", "Verdict"]

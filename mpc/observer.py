@@ -15,7 +15,7 @@ was hit, and an encoder that has lost its zero, are found again, in motion too.
 """
 
 from collections import deque
-from math import inf, isfinite, nan
+from math import inf, isfinite, nan, sqrt
 from typing import Protocol
 
 import numpy as np
@@ -23,11 +23,12 @@ import numpy as np
 from allocator.calculus import Array, Mask
 from mpc.compensation import Compensation, FrictionState
 from mpc.filter import MEASURED, Belief, Filter, Noise
-from mpc.gating import Gate, SensorGate, Verdict
+from mpc.gating import ROUGH, Gate, SensorGate, Verdict
 from mpc.plant import NX, Plant
 
 DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
-_FIRST = 3  # samples up to which what is rejected may as well be right: nothing has confirmed the first reading
+FIRST = 3  # samples up to which what is rejected may as well be right: nothing has confirmed the first reading
+MANY = 10  # changes of the angle's reading, after which the least of them is taken for the step of its encoder
 _THETA, _PRESSURES = 0, (1, 2)  # sensors
 
 
@@ -84,6 +85,8 @@ class KalmanObserver:
         self.compensation = Compensation() if compensation is None else compensation
         self.gate = Gate.of(plant, dt, (self.noise.theta, self.noise.pressure)) if gate is None else gate
         self.filter = Filter(plant, dt, self.noise, self.compensation, self.gate)
+        times = self.gate.hesitation, self.gate.patience, tolerance
+        self.hesitation, self.patience, self.crossing = (round(time / dt) for time in times)  # [samples]
         self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(MEASURED.size)]
         self.reset()
 
@@ -99,14 +102,17 @@ class KalmanObserver:
         self._without: dict[int, Belief] = {}  # by sensor that repeats: what is thought without it
         self._rival: Belief | None = None  # that believes what the gates reject
         self._explained = 0  # samples for which it has explained all readings
-        self._doubted = 0.0  # for how long it has to [s]
+        self._doubted = 0  # for how many it has to
         self._contested = np.zeros(MEASURED.size, bool)  # sensors that it is about
-        self._unrivalled = inf  # samples since anything was rejected
-        self._samples = 0  # since the beginning, up to _FIRST + 1
+        self._unrivalled = self.crossing  # samples since anything was rejected
+        self._samples = 0  # since the beginning, up to FIRST + 1
+        self._step, self._changes = inf, 0  # the least change of the angle's reading [rad], of so many
+        self._variances = np.diag(self.filter.R).copy()  # of the sensors
         self._friction = FrictionState(self.compensation.friction)
         self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + 1)
         for gate in self._gates:
             gate.reset()
+        self._gates[_THETA].floor = self.gate.floor[_THETA]
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
@@ -115,6 +121,7 @@ class KalmanObserver:
         if self.belief is None:
             self._begin(said, u)
         else:
+            self._learn_step(abs(float(said[_THETA] - self._read[_THETA])))
             self._commands.append(np.where(np.isfinite(u), u, self._commands[-1]))
             self._go_on(self.belief, said)
         there = self._believed
@@ -127,6 +134,14 @@ class KalmanObserver:
         """Which readings (3,) count."""
         return np.array([verdict.counts for verdict in self.verdicts])
 
+    def _learn_step(self, change: float) -> None:
+        """An encoder's readings change by whole steps: the least `change` [rad] of many is its step, if it has one."""
+        if change > 0:
+            self._changes, self._step = self._changes + 1, min(self._step, change)
+        if self._changes >= MANY:
+            rough = max(self.noise.theta, self._step / sqrt(12))
+            self._variances[_THETA], self._gates[_THETA].floor = rough**2, max(self.gate.floor[_THETA], ROUGH * rough)
+
     # --- a sample ---------------------------------------------------------------------------------------------------
 
     def _begin(self, said: Array, u: Array) -> None:
@@ -138,7 +153,7 @@ class KalmanObserver:
         theta, *P = np.where(believed, read, [np.nan, *u]).tolist()
         if believed[_THETA] and all(map(gate.possible, _PRESSURES, P)):
             begun = Belief(np.array([theta, 0.0, *P, 0.0]), self.filter.stationary)
-            self.belief = self.filter.corrected(begun, read, believed)
+            self.belief = self.filter.corrected(begun, read, believed, self._variances)
             self._commands.extend([np.where(np.isfinite(u), u, P)] * (self.compensation.delay(self.dt) + 1))
 
     def _first_verdict(self, sensor: int, read: float) -> Verdict:
@@ -156,13 +171,13 @@ class KalmanObserver:
         expected = self._without_frozen(before, expected, said == self._read, read, z)
         expected = self._rival_or(expected, read, z)
         believed = self._believed
-        found = self.filter.corrected(expected, read, believed)
-        self._samples = min(self._samples + 1, _FIRST + 1)
+        found = self.filter.corrected(expected, read, believed, self._variances)
+        self._samples = min(self._samples + 1, FIRST + 1)
         self.belief = found if found.sound else self._rebuilt(before, read, believed)
 
     def _judged(self, read: Array, expected: Belief) -> list[Verdict]:
-        i, R = MEASURED, np.diag(self.filter.R)
-        foreseen, variance = expected.xi[i].tolist(), (expected.covariance[i, i] + R).tolist()
+        i = MEASURED
+        foreseen, variance = expected.xi[i].tolist(), (expected.covariance[i, i] + self._variances).tolist()
         return [gate.judge(*one) for gate, *one in zip(self._gates, read.tolist(), foreseen, variance, strict=True)]
 
     def _without_frozen(self, before: Belief, expected: Belief, repeated: Mask, read: Array, z: float) -> Belief:
@@ -180,19 +195,19 @@ class KalmanObserver:
             if self._frozen[i]:
                 self._gates[i].frozen(float(read[i]))
                 self.verdicts[i] = Verdict.FROZEN
-            self._without[i] = self.filter.corrected(foreseen, read, others)
+            self._without[i] = self.filter.corrected(foreseen, read, others, self._variances)
         return expected
 
     def _doubtful(self, sensor: int, read: float, foreseen: Belief) -> bool:
         i = MEASURED[sensor]
-        variance = foreseen.covariance[i, i] + self.filter.R[sensor, sensor]
+        variance = foreseen.covariance[i, i] + self._variances[sensor]
         return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
 
     def _rival_or(self, expected: Belief, read: Array, z: float) -> Belief:
         """`expected`, or what a rival belief expects that has explained the rejected readings for long enough."""
         rejected = np.array([verdict is Verdict.REJECTED for verdict in self.verdicts])
         self._unrivalled = 0 if rejected.any() else self._unrivalled + 1
-        if self._unrivalled * self.dt > self.tolerance:  # not at once: it is near by chance when two motions cross
+        if self._unrivalled > self.crossing:  # not at once: it is near by chance when two motions cross
             self._end_rivalry()
             return expected
         used = self._believed | rejected
@@ -200,11 +215,11 @@ class KalmanObserver:
         if rival is None or not self._explains(rival, read, used):
             rival, self._explained = self.filter.unsure_at(expected, read, rejected), 0
             near = np.abs(read - expected.xi[MEASURED]) <= self.gate.jump
-            self._doubted = self.gate.hesitation if near[rejected].all() else self.gate.patience
+            self._doubted = self.hesitation if near[rejected].all() else self.patience
         self._contested |= rejected
         self._explained += bool((used & self._contested).any())
-        if not rejected.any() or (self._explained * self.dt <= self._doubted and self._samples > _FIRST):
-            self._rival = self.filter.corrected(rival, read, used)
+        if not rejected.any() or (self._explained <= self._doubted and self._samples > FIRST):
+            self._rival = self.filter.corrected(rival, read, used, self._variances)
             return expected
         for i in np.flatnonzero(rejected).tolist():
             self.verdicts[i] = Verdict.ACCEPTED
@@ -220,7 +235,7 @@ class KalmanObserver:
     def _explains(self, belief: Belief, read: Array, used: Mask) -> bool:
         """Whether the readings `used` (3,) are as near to what `belief` expects as true ones are."""
         i = MEASURED
-        variance = (belief.covariance[i, i] + np.diag(self.filter.R)).tolist()
+        variance = (belief.covariance[i, i] + self._variances).tolist()
         width = [max(gate.width(v), gate.jump) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]
         return bool((np.abs(read - belief.xi[i]) <= width)[used].all())
 
@@ -243,4 +258,4 @@ class KalmanObserver:
         return x, float(self.belief.xi[NX])
 
 
-__all__ = ["DOUBT", "Differentiator", "KalmanObserver", "Noise", "Observer"]
+__all__ = ["DOUBT", "FIRST", "MANY", "Differentiator", "KalmanObserver", "Noise", "Observer"]

@@ -7,7 +7,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR
-from mpc import certified, compensation, foresight, observer, softened
+from mpc import certified, compensation, foresight, gating, observer, softened
 from mpc.controller import TrackingMPC
 from mpc.export import text
 from mpc.export.control_demonstration import numbers as demonstrated
@@ -113,7 +113,7 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
                 "below which a row that was left out counts as kept",
             ),
             "ROUNDS": (softened.ROUNDS, "most rounds of the softened QP"),
-            "HELD_LONG": (2**30, "samples, from which on they are not counted any more"),
+            "LONG": (2**30, "samples, from which on they are not counted any more"),
             "INERTIA": (plant.inertia, "[kg*m^2]"),
             "DAMPING": (plant.damping, "[N*m*s/rad]"),
             "GRAVITY": (plant.gravity_torque, "m g l [N*m]"),
@@ -126,6 +126,19 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
             "SOFT": (compensation.SOFT, "over which the inverse of the dead band changes sides [Pa]"),
             "TOLERANCE": (eyes.tolerance, "for which a sensor may be silent or frozen [s]"),
             "TOLERANCE_END": (eyes.tolerance * late, "the same, rounded up [s]"),
+            "SIGMAS": (gating.SIGMAS, "standard deviations beyond which a reading is rejected"),
+            "ROUGH": (gating.ROUGH, "standard deviations of the noise within which none is"),
+            "MOST_TURNS": (gating.MOST_TURNS, "by which an encoder may be off"),
+            "NEAR_A_TURN": (gating.NEAR_A_TURN, "what is off by whole turns is that near without them [rad]"),
+            "GATE_GROWTH": (eyes.dt / eyes.gate.widening, "of the width of a gate that rejects, in a sample [-]"),
+            "MAX_SPEED": (eyes.gate.max_speed, "that an estimate may have [rad/s]"),
+            "MAX_TORQUE": (eyes.gate.max_torque, "and from outside [N*m]"),
+            "HESITATION": (eyes.hesitation, "samples for which a rival has to explain what is rejected"),
+            "GATE_PATIENCE": (eyes.patience, "the same after a jump"),
+            "CROSSING": (eyes.crossing, "samples without a rejection after which there is no rival"),
+            "FIRST": (observer.FIRST, "samples in which what is rejected may as well be right"),
+            "MANY": (observer.MANY, "changes of the angle's reading, after which the least is its encoder's step"),
+            "ENCODER_NOISE": (eyes.noise.theta, "standard deviation of the angle's noise at least [rad]"),
             "DOUBT": (observer.DOUBT, "standard deviations at which a repeated reading is not believed"),
         }
     )
@@ -163,6 +176,11 @@ def _tables(controller: TrackingMPC, eyes: KalmanObserver) -> list[tuple[str, st
         ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(eyes.filter.Q)),
         ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(eyes.filter.Q_rest)),
         ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(eyes.filter.R)),
+        ("ANT_GATE_LOWER", "least of theta, P1, P2 that a sensor can say", np.array(eyes.gate.lower)),
+        ("ANT_GATE_UPPER", "and the greatest", np.array(eyes.gate.upper)),
+        ("ANT_GATE_FLOOR", "readings this near to what is expected are believed", np.array(eyes.gate.floor)),
+        ("ANT_GATE_JUMP", "those farther off only after a jump's patience", np.array(eyes.gate.jump)),
+        ("ANT_UNSURE", "variance of a belief that knows little but the readings", np.diag(eyes.filter.unsure)),
         ("ANT_COVARIANCE", "of the observer's first belief", eyes.filter.stationary),
     ]
 

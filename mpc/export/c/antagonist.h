@@ -94,7 +94,7 @@ typedef enum {
     ANT_PLAN_NO_MEASUREMENT = 3, /* part of the state was not measured: the predicted one was used in its place */
     ANT_PLAN_NOT_FINITE = 4,     /* the prediction left the range of numbers */
     ANT_PLAN_BLIND = 7,          /* the angle has not been measured for too long to trust its prediction */
-    ANT_PLAN_BAD_INPUT = -1      /* the first reading is not finite, or a reference makes no sense */
+    ANT_PLAN_BAD_INPUT = -1      /* a reference makes no sense: the pressures are held */
 } ant_plan_status;
 
 /* Which step of the fallback ladder gave the plan, best first. */
@@ -141,10 +141,9 @@ void ant_step(ant_controller *controller, const ant_reading *reading, const ant_
 
 /* The two halves of ant_step, for those who have an observer of their own. The state x is theta [rad], its rate
  * [rad/s], P1, P2 [Pa], NaN where unknown; d is the torque from outside [N*m]; sent is what was commanded a sample ago
- * [Pa].
- * ant_estimate returns 0 if there is no estimate yet, since the first reading is not finite. */
-int ant_estimate(ant_observer *observer, const ant_reading *reading, const ant_real sent[2], ant_real x[4],
-                 ant_real *d);
+ * [Pa]. What the observer thinks of the readings is in observer->verdicts. */
+void ant_estimate(ant_observer *observer, const ant_reading *reading, const ant_real sent[2], ant_real x[4],
+                  ant_real *d);
 void ant_control(ant_controller *controller, const ant_real x[4], ant_real d, const ant_reference *reference,
                  ant_plan *plan);
 #endif

@@ -23,12 +23,43 @@ typedef struct {
     ant_real covariance[5][5];
 } ant_belief;
 
-/* The extended Kalman filter; sensors are theta, P1, P2. */
+/* What became of a reading. */
+typedef enum {
+    ANT_BELIEVED = 0,
+    ANT_ACCEPTED = 1,   /* after it had been rejected for long enough */
+    ANT_SILENT = 2,     /* there is none */
+    ANT_IMPOSSIBLE = 3, /* beyond what the joint range or the supply allow */
+    ANT_REJECTED = 4,   /* too far from what the motion allows */
+    ANT_FROZEN = 5      /* the sensor repeats itself although the joint moves */
+} ant_verdict;
+
+/* The gate of one sensor. */
+typedef struct {
+    ant_real floor;   /* a reading this near to what is expected is believed */
+    ant_real width;   /* at the first of the rejections that go on */
+    int since;        /* samples since that one, itself included; 0: there are none */
+    ant_real refused; /* the last reading that was rejected or frozen, or NaN */
+} ant_gate;
+
+/* The extended Kalman filter behind its gates; sensors are theta, P1, P2. */
 typedef struct {
     ant_belief belief;
+    ant_verdict verdicts[3];
+    ant_gate gates[3];
+    int rebuilt;           /* how often the state was not finite and was built anew */
     ant_belief without[3]; /* what would be thought without a sensor that repeats itself */
     int repeats[3];        /* whether there is one */
     int frozen[3];
+    ant_belief rival;      /* that believes what the gates reject */
+    int rivalled;          /* whether there is one */
+    int explained;         /* samples for which it has explained all readings */
+    int doubted;           /* for how many it has to */
+    int contested[3];      /* sensors that it is about */
+    int unrivalled;        /* samples since anything was rejected */
+    int samples;           /* since the beginning, up to ANT_FIRST + 1 */
+    ant_real noise[3];     /* variances of the sensors */
+    ant_real step;         /* the least change of the angle's reading [rad] */
+    int changes;           /* of so many */
     ant_real read[3];      /* a sample ago */
     ant_real silent[3];    /* for how long [s] */
     ant_real repeating[3]; /* for how long [s] */
@@ -98,13 +129,15 @@ typedef struct {
     int begun;                          /* there is a last plan */
     int foreseen;                       /* there is an expected state */
     int starred;                        /* there is a u_star */
-    int blind;                          /* samples since the angle was measured */
+    int seen;                           /* the angle has been measured */
+    int blind;                          /* samples since it was */
     int left;                           /* samples to the end of the last plan that was optimised */
     int held;                           /* samples spent on the last rung */
 
     ant_feed feed;
     ant_motion motion;         /* of the commands that are tried */
     ant_real d[ANT_AHEAD + 1]; /* torque from outside and of friction [N*m] */
+    ant_real stay[ANT_AHEAD + 1]; /* the angle that stands in for references that make no sense [rad] */
     ant_qp qp;
     union {
         ant_solver solver;

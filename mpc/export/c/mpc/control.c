@@ -54,7 +54,7 @@ static int stand_on(ant_controller *c, ant_rung rung, const ant_task *task, cons
     ant_motion *m = &c->motion;
     if (rung == ANT_RUNG_HOLD)
         ant_hold(c, u_last, m->u);
-    else if (o->status == ANT_PLAN_BLIND)
+    else if (o->status == ANT_PLAN_BLIND || o->status == ANT_PLAN_BAD_INPUT)
         return 0;
     else if (rung == ANT_RUNG_PREVIOUS) {
         if (c->left <= 1) return 0;
@@ -70,12 +70,12 @@ static int stand_on(ant_controller *c, ant_rung rung, const ant_task *task, cons
     return ant_predict(task->x, task->d, m);
 }
 
-/* No motion at all, as everything was at the second sample of the last plan. */
-static void stand_still(ant_controller *c) {
+/* No motion at all, as everything was at the second sample of the last plan, or where there is none from the state. */
+static void stand_still(ant_controller *c, const ant_task *task) {
     for (int k = 0; k <= ANT_HORIZON; k++) {
-        memcpy(c->motion.x[k], c->last.x[1], sizeof c->motion.x[k]);
-        memcpy(c->motion.F[k], c->last.F[1], sizeof c->motion.F[k]);
-        c->motion.K[k] = c->last.K[1];
+        memcpy(c->motion.x[k], c->begun ? c->last.x[1] : task->x, sizeof c->motion.x[k]);
+        for (int i = 0; i < 2; i++) c->motion.F[k][i] = c->begun ? c->last.F[1][i] : 0;
+        c->motion.K[k] = c->begun ? c->last.K[1] : 0;
     }
 }
 
@@ -83,7 +83,7 @@ static ant_rung descend(ant_controller *c, const ant_task *task, const outcome *
                         ant_real best[ANT_HORIZON][2]) {
     for (int rung = ANT_RUNG_QP; rung <= ANT_RUNG_HOLD; rung++)
         if (stand_on(c, (ant_rung)rung, task, o, u_last, best)) return (ant_rung)rung;
-    if (c->begun) stand_still(c);
+    stand_still(c, task);
     return ANT_RUNG_HOLD;
 }
 
@@ -101,40 +101,20 @@ static ant_plan_status status_of(const outcome *o, ant_rung rung, int measured) 
     return measured ? ANT_PLAN_OPTIMAL : ANT_PLAN_NO_MEASUREMENT;
 }
 
-/* What was commanded a sample ago stays, if anything was; it is let out if this lasts. */
-static void refuse(ant_controller *c, const ant_real x[4], ant_plan *plan) {
-    memset(plan, 0, sizeof *plan);
-    for (int i = 0; i < 2; i++) {
-        const ant_real P = isfinite(x[2 + i]) ? x[2 + i] : ANT_SUPPLY_LO;
-        if (!c->begun) c->motion.u[0][i] = ant_clip(P, ANT_SUPPLY_LO, ANT_SUPPLY_HI);
-    }
-    if (c->begun) {
-        ant_hold(c, c->last.u[0], c->motion.u);
-        stand_still(c);
-        ant_stand(c, ANT_RUNG_HOLD);
-        tell(c, plan);
-        ant_speak(c, plan);
-    } else {
-        for (int k = 0; k < ANT_HORIZON; k++) memcpy(plan->u[k], c->motion.u[0], sizeof plan->u[k]);
-    }
-    plan->status = ANT_PLAN_BAD_INPUT;
-    plan->rung = ANT_RUNG_HOLD;
-}
-
 void ant_control(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *reference, ant_plan *plan) {
     ant_task task;
-    if (!ant_foresee(c, x, d, reference, &task)) {
-        refuse(c, x, plan);
-        return;
-    }
+    ant_foresee(c, x, d, reference, &task);
     const ant_real u_last[2] = {c->begun ? c->last.u[0][0] : task.x[2], c->begun ? c->last.u[0][1] : task.x[3]};
-    ant_feed_forward(&task, &c->feed);
+    if (task.refused)
+        memset(c->feed.moved, 0, sizeof c->feed.moved);
+    else
+        ant_feed_forward(&task, &c->feed);
     ant_real best[ANT_HORIZON][2];
-    const outcome lost = {ANT_PLAN_BLIND, 0, ANT_RUNG_QP, 0};
-    const outcome o = task.lost ? lost : optimise(c, &task, u_last, best);
+    const outcome halted = {task.refused ? ANT_PLAN_BAD_INPUT : ANT_PLAN_BLIND, 0, ANT_RUNG_QP, 0};
+    const outcome o = task.refused || task.lost ? halted : optimise(c, &task, u_last, best);
     plan->rung = descend(c, &task, &o, u_last, best);
     ant_stand(c, plan->rung);
-    if (c->feed.finite) {
+    if (!task.refused && c->feed.finite) {
         memcpy(c->u_star, c->feed.u[0], sizeof c->u_star);
         c->starred = 1;
     }
@@ -146,13 +126,9 @@ void ant_control(ant_controller *c, const ant_real x[4], ant_real d, const ant_r
 
 void ant_step(ant_controller *c, const ant_reading *reading, const ant_reference *reference, ant_plan *plan) {
     const ant_real now[2] = {reading->P1, reading->P2};
-    ant_real x[4] = {reading->theta, 0, reading->P1, reading->P2}, d = 0;
-    if (ant_estimate(&c->observer, reading, c->begun ? c->sent : now, x, &d)) {
-        ant_control(c, x, d, reference, plan);
-    } else {
-        x[0] = ANT_NAN;
-        refuse(c, x, plan);
-    }
+    ant_real x[4], d;
+    ant_estimate(&c->observer, reading, c->begun ? c->sent : now, x, &d);
+    ant_control(c, x, d, reference, plan);
 }
 
 void ant_reset(ant_controller *c) {

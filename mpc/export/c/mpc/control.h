@@ -13,6 +13,23 @@ ant_real ant_friction_limit(const ant_real x[4]);              /* greatest frict
 ant_real ant_heard(ant_real u, ant_real P);                    /* command less the dead band [Pa] */
 ant_real ant_spoken(ant_real v, ant_real P);                   /* its inverse, smooth [Pa] */
 
+/* gating.c: which readings are believed */
+void ant_gate_reset(ant_gate *g);
+void ant_gate_frozen(ant_gate *g, ant_real read); /* the sensor is frozen and says that */
+ant_verdict ant_first_verdict(int sensor, ant_real read); /* by what the sensor can say alone */
+ant_verdict ant_judge(ant_gate *g, int sensor, ant_real read, ant_real expected, ant_real variance);
+ant_real ant_gate_width(const ant_gate *g, ant_real variance);                       /* how far off a reading may be */
+ant_real ant_unwrapped(ant_real theta, ant_real expected, ant_real within); /* less whole turns, if that is near */
+
+/* filter.c: xi = (theta, rate, P1, P2, d) */
+extern const int ANT_MEASURED[3]; /* places of the sensors in xi */
+void ant_within(ant_real xi[5]);  /* to the nearest that is possible */
+void ant_predict_belief(const ant_observer *o, ant_belief *b, ant_real z, const ant_real Q[5]); /* one sample on */
+void ant_correct(const ant_observer *o, ant_belief *b, const ant_real read[3], const int there[3]);
+ant_real ant_innovation_variance(const ant_observer *o, const ant_belief *b, int sensor);
+int ant_sound(const ant_belief *b); /* finite, and no variance negative */
+void ant_unsure(ant_belief *b, const ant_real read[3], const int there[3]); /* at the readings, little certain */
+
 /* limits.c */
 void ant_limit(const ant_real before[2], ant_real u[ANT_HORIZON][2]); /* slew and supply, in place */
 ant_real ant_excursion(const ant_motion *m);                          /* from the joint range [rad] */
@@ -28,8 +45,9 @@ typedef struct {
     const ant_real *theta, *K, *d; /* ANT_HORIZON + 1 samples from then on */
     int measured;                  /* whether all of the state was */
     int lost;                      /* whether the angle has not been for too long */
+    int refused;                   /* whether the references cannot be meant: those here are stand-ins */
 } ant_task;
-int ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task);
+void ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task);
 void ant_speak(ant_controller *c, ant_plan *plan);
 
 /* feedforward.c */

@@ -5,6 +5,7 @@
 
 #include "control.h"
 #include "model.h"
+#include "tables.h"
 
 static int sensible(const ant_reference *r, ant_real d) {
     for (int k = 0; k <= ANT_AHEAD; k++)
@@ -18,13 +19,24 @@ static void expect(ant_controller *c, const ant_real x[4]) {
     c->foreseen = 1;
 }
 
-/* The state to start from: what is missing is what was expected. */
-static int state(ant_controller *c, const ant_real measured[4], ant_task *task) {
-    task->measured = ant_finite(measured, 4);
-    c->blind = isfinite(measured[0]) ? 0 : c->blind + 1;
-    if (!task->measured && !c->foreseen) return 0;
-    for (int i = 0; i < 4; i++) task->x[i] = isfinite(measured[i]) ? measured[i] : c->expected[i];
-    return 1;
+/* The state to start from: what is missing, or no joint can have, is what was expected. */
+static void state(ant_controller *c, const ant_real measured[4], ant_task *task) {
+    const ant_real otherwise[4] = {(ANT_LEFT + ANT_RIGHT) / 2, 0, ANT_SUPPLY_LO, ANT_SUPPLY_LO};
+    task->measured = 1;
+    for (int i = 0; i < 4; i++) {
+        const ant_real low = i == 1 ? -ANT_MAX_SPEED : ANT_GATE_LOWER[i == 0 ? 0 : i - 1];
+        const ant_real high = i == 1 ? ANT_MAX_SPEED : ANT_GATE_UPPER[i == 0 ? 0 : i - 1];
+        const int known = low <= measured[i] && measured[i] <= high;
+        task->x[i] = known ? measured[i] : c->foreseen ? c->expected[i] : otherwise[i];
+        task->measured = task->measured && known;
+        if (i == 0) c->blind = known ? 0 : c->blind < ANT_LONG ? c->blind + 1 : c->blind;
+        if (i == 0 && known) c->seen = 1;
+    }
+}
+
+/* References that cannot be meant: to stay. */
+static void stand_in(ant_controller *c, const ant_real x[4]) {
+    for (int k = 0; k <= ANT_AHEAD; k++) c->stay[k] = x[0];
 }
 
 /* Torque from outside less the friction of a joint that moves on from x as the preview does. */
@@ -49,9 +61,12 @@ static void wait(ant_controller *c, ant_real x[4]) {
     }
 }
 
-int ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task) {
-    if (!sensible(r, d) || !state(c, x, task)) return 0;
-    torques(c, task->x, d, r->theta);
+void ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task) {
+    task->refused = !sensible(r, d);
+    state(c, x, task);
+    if (task->refused) stand_in(c, task->x);
+    if (!c->seen && !task->refused) task->x[0] = ant_clip(r->theta[0], ANT_LEFT, ANT_RIGHT);
+    torques(c, task->x, task->refused ? 0 : d, task->refused ? c->stay : r->theta);
     if (!c->begun) {
         memcpy(c->sent, &task->x[2], sizeof c->sent);
         for (int k = 0; k <= ANT_DELAY; k++) memcpy(c->waiting[k], &task->x[2], sizeof c->waiting[k]);
@@ -60,8 +75,7 @@ int ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_re
     task->theta = r->theta + ANT_DELAY;
     task->K = r->K + ANT_DELAY;
     task->d = c->d + ANT_DELAY;
-    task->lost = (ant_real)c->blind * ANT_DT > ANT_PATIENCE;
-    return 1;
+    task->lost = !c->seen || (ant_real)c->blind * ANT_DT > ANT_PATIENCE;
 }
 
 void ant_speak(ant_controller *c, ant_plan *plan) {

@@ -39,5 +39,5 @@ void ant_stand(ant_controller *c, ant_rung rung) {
         c->left = ANT_HORIZON;
     else
         c->left = rung == ANT_RUNG_PREVIOUS ? c->left - 1 : 0;
-    c->held = rung == ANT_RUNG_HOLD ? (c->held < ANT_HELD_LONG ? c->held + 1 : c->held) : 0;
+    c->held = rung == ANT_RUNG_HOLD ? (c->held < ANT_LONG ? c->held + 1 : c->held) : 0;
 }

@@ -1,102 +1,41 @@
-/* An extended Kalman filter for xi = (theta, rate, P1, P2, d) from theta, P1, P2:
+/* From readings to the state and the torque from outside: the filter of filter.c behind the gates of gating.c.
  *
- *     xi_{k+1} = (f_d(x_k, heard commands, d_k - T_f), d_k) + w_k,    w ~ (0, Q),      sensors' noise ~ (0, R)
- *
- * d is a random walk, so that nothing of a constant torque is left in the end. A sensor may be silent (NaN) or frozen
- * for ANT_TOLERANCE seconds; after that what it should measure is NaN until it speaks again. */
+ * A sensor may be silent, frozen or not believed for ANT_TOLERANCE seconds; after that what it should measure is NaN
+ * until it speaks again. A sensor that repeats itself may be frozen or at rest: a belief that does without it decides.
+ * While readings are rejected a rival belief uses them; once it has explained them for long enough it takes over. */
 #include <string.h>
 
 #include "control.h"
-#include "model.h"
 #include "tables.h"
 
-static const int MEASURED[3] = {0, 2, 3}; /* of xi */
-
-/* P <- A P A^T + Q, A being the derivative of the plant's sample by x and d, and 1 for d. */
-static void spread(ant_real P[5][5], const ant_real A[4][4], const ant_real by_d[4], const ant_real Q[5]) {
-    ant_real AP[5][5];
-    for (int i = 0; i < 5; i++)
-        for (int j = 0; j < 5; j++) {
-            AP[i][j] = i < 4 ? by_d[i] * P[4][j] : P[4][j];
-            for (int l = 0; l < 4 && i < 4; l++) AP[i][j] += A[i][l] * P[l][j];
-        }
-    for (int i = 0; i < 5; i++)
-        for (int j = 0; j < 5; j++) {
-            P[i][j] = (j < 4 ? by_d[j] * AP[i][4] : AP[i][4]) + (i == j ? Q[i] : 0);
-            for (int l = 0; l < 4 && j < 4; l++) P[i][j] += AP[i][l] * A[j][l];
-        }
+static void believed(const ant_observer *o, int used[3]) {
+    for (int i = 0; i < 3; i++) used[i] = o->verdicts[i] <= ANT_ACCEPTED;
 }
 
-/* One sample on, the friction's state being z. */
-static void predict(const ant_observer *o, ant_belief *b, ant_real z, const ant_real Q[5]) {
-    ant_real A[4][4], by_d[4], x[4];
-    const ant_real *xi = b->xi;
-    const ant_real heard[2] = {ant_heard(o->commands[0][0], xi[2]), ant_heard(o->commands[0][1], xi[3])};
-    const ant_real torque = xi[4] - ant_friction_limit(xi) * z;
-    ant_model_observed(xi, heard, &torque, x, A[0], by_d);
-    memcpy(b->xi, x, sizeof x);
-    spread(b->covariance, (const ant_real(*)[4])A, by_d, Q);
-}
-
-/* After one reading, by Joseph's form, which stays symmetric and positive. */
-static void correct_one(ant_belief *b, int sensor, ant_real read) {
-    const int m = MEASURED[sensor];
-    ant_real gain[5], row[5], LP[5][5];
-    const ant_real variance = b->covariance[m][m] + ANT_R_NOISE[sensor], error = read - b->xi[m];
-    for (int i = 0; i < 5; i++) gain[i] = b->covariance[i][m] / variance;
-    memcpy(row, b->covariance[m], sizeof row);
-    for (int i = 0; i < 5; i++) {
-        b->xi[i] += gain[i] * error;
-        for (int j = 0; j < 5; j++) LP[i][j] = b->covariance[i][j] - gain[i] * row[j];
-    }
-    for (int i = 0; i < 5; i++)
-        for (int j = 0; j < 5; j++)
-            b->covariance[i][j] = LP[i][j] - LP[i][m] * gain[j] + gain[i] * ANT_R_NOISE[sensor] * gain[j];
-}
-
-static void correct(ant_belief *b, const ant_real read[3], const int there[3]) {
-    for (int i = 0; i < 3; i++)
-        if (there[i]) correct_one(b, i, read[i]);
-}
-
-/* Whether a reading is too far from what is foreseen without it. */
-static int doubtful(const ant_belief *foreseen, int sensor, ant_real read) {
-    const int m = MEASURED[sensor];
-    const ant_real error = read - foreseen->xi[m];
-    return error * error > ANT_DOUBT * ANT_DOUBT * (foreseen->covariance[m][m] + ANT_R_NOISE[sensor]);
-}
-
-/* What is thought without a sensor that repeats itself; if that contradicts it for long enough, it is frozen. */
-static void suspect(ant_observer *o, int i, ant_real z, const ant_belief *before, ant_belief *expected,
-                    const ant_real read[3], const int others[3]) {
-    if (!o->repeats[i]) o->without[i] = *before;
-    o->repeats[i] = 1;
-    predict(o, &o->without[i], z, ANT_Q_REST);
-    if (!o->frozen[i] && o->repeating[i] > ANT_TOLERANCE && doubtful(&o->without[i], i, read[i])) {
-        o->frozen[i] = 1;
-        *expected = o->without[i];
-    }
-    correct(&o->without[i], read, others);
-}
-
-/* What is thought of this sample before it is read; notes which sensors are frozen. */
-static void expect(ant_observer *o, const ant_real read[3]) {
-    const ant_belief before = o->belief;
-    const ant_real z = ant_friction_follow(&o->friction, before.xi[0]);
-    int others[3];
+/* The first angle that can be one begins; a pressure that is not measured is the one that was sent. */
+static void begin(ant_observer *o, const ant_real said[3], const ant_real sent[2]) {
+    ant_real read[3] = {ant_unwrapped(said[0], (ANT_LEFT + ANT_RIGHT) / 2, ANT_PI), said[1], said[2]};
+    ant_real xi[5] = {read[0], 0, read[1], read[2], 0};
+    int there[3], possible = 1;
     for (int i = 0; i < 3; i++) {
-        const int repeated = read[i] == o->read[i];
-        o->repeating[i] = repeated ? o->repeating[i] + ANT_DT : 0;
-        o->frozen[i] = o->frozen[i] && repeated;
-        others[i] = isfinite(read[i]) && !repeated;
+        o->verdicts[i] = ant_first_verdict(i, read[i]);
+        ant_gate_reset(&o->gates[i]);
+        o->gates[i].floor = ANT_GATE_FLOOR[i];
+        o->noise[i] = ANT_R_NOISE[i];
     }
-    predict(o, &o->belief, z, ANT_Q_NOISE);
-    for (int i = 0; i < 3; i++) {
-        if (o->repeating[i] > 0)
-            suspect(o, i, z, &before, &o->belief, read, others);
-        else
-            o->repeats[i] = 0;
+    believed(o, there);
+    for (int i = 1; i < 3; i++) {
+        if (!there[i]) xi[i + 1] = sent[i - 1];
+        possible = possible && ant_first_verdict(i, xi[i + 1]) == ANT_BELIEVED;
     }
+    if (!there[0] || !possible) return;
+    memcpy(o->belief.xi, xi, sizeof xi);
+    memcpy(o->belief.covariance, ANT_COVARIANCE, sizeof o->belief.covariance);
+    ant_correct(o, &o->belief, read, there);
+    for (int k = 0; k <= ANT_DELAY; k++)
+        for (int i = 0; i < 2; i++) o->commands[k][i] = isfinite(sent[i]) ? sent[i] : xi[2 + i];
+    o->unrivalled = ANT_CROSSING;
+    o->begun = 1;
 }
 
 static void remember(ant_observer *o, const ant_real sent[2]) {
@@ -105,42 +44,184 @@ static void remember(ant_observer *o, const ant_real sent[2]) {
         if (isfinite(sent[i])) o->commands[ANT_DELAY][i] = sent[i];
 }
 
-static int start(ant_observer *o, const ant_real read[3], const ant_real sent[2]) {
-    if (!ant_finite(read, 3) || !ant_finite(sent, 2)) return 0;
-    memset(o, 0, sizeof *o);
-    for (int i = 0; i < 3; i++) o->belief.xi[MEASURED[i]] = read[i];
-    memcpy(o->belief.covariance, ANT_COVARIANCE, sizeof o->belief.covariance);
-    for (int k = 0; k <= ANT_DELAY; k++) memcpy(o->commands[k], sent, sizeof o->commands[k]);
-    o->begun = 1;
+/* Whether a reading is too far from what is foreseen without it. */
+static int doubtful(const ant_observer *o, const ant_belief *foreseen, int sensor, ant_real read) {
+    const ant_real error = read - foreseen->xi[ANT_MEASURED[sensor]];
+    return error * error > ANT_DOUBT * ANT_DOUBT * ant_innovation_variance(o, foreseen, sensor);
+}
+
+/* What is thought without a sensor that repeats itself; if that contradicts it for long enough, it is frozen. */
+static void suspect(ant_observer *o, int i, ant_real z, const ant_belief *before, ant_belief *expected,
+                    const ant_real read[3], const int others[3]) {
+    if (!o->repeats[i]) o->without[i] = *before;
+    o->repeats[i] = 1;
+    ant_predict_belief(o, &o->without[i], z, ANT_Q_REST);
+    if (!o->frozen[i] && o->repeating[i] > ANT_TOLERANCE && doubtful(o, &o->without[i], i, read[i])) {
+        o->frozen[i] = 1;
+        *expected = o->without[i];
+    }
+    if (o->frozen[i]) {
+        ant_gate_frozen(&o->gates[i], read[i]);
+        o->verdicts[i] = ANT_FROZEN;
+    }
+    ant_correct(o, &o->without[i], read, others);
+}
+
+/* What is expected without the sensors that are frozen; notes which are. */
+static void without_frozen(ant_observer *o, const ant_belief *before, ant_belief *expected, const ant_real said[3],
+                           const ant_real read[3], ant_real z) {
+    int others[3], repeated[3];
+    believed(o, others);
+    for (int i = 0; i < 3; i++) {
+        repeated[i] = said[i] == o->read[i];
+        o->repeating[i] = repeated[i] ? o->repeating[i] + ANT_DT : 0;
+        o->frozen[i] = o->frozen[i] && repeated[i];
+        others[i] = others[i] && !repeated[i];
+    }
+    for (int i = 0; i < 3; i++) {
+        if (repeated[i])
+            suspect(o, i, z, before, expected, read, others);
+        else
+            o->repeats[i] = 0;
+    }
+}
+
+/* Whether the readings used are as near to what the rival expects as true ones are. */
+static int explains(const ant_observer *o, const ant_real read[3], const int used[3]) {
+    for (int i = 0; i < 3; i++) {
+        const ant_real variance = ant_innovation_variance(o, &o->rival, i);
+        ant_real width = variance > 0 ? ant_gate_width(&o->gates[i], variance) : ANT_NAN;
+        if (width < ANT_GATE_JUMP[i]) width = ANT_GATE_JUMP[i];
+        if (used[i] && !(ant_abs(read[i] - o->rival.xi[ANT_MEASURED[i]]) <= width)) return 0;
+    }
     return 1;
 }
 
-/* A reading beyond what any sensor could say counts as none. */
-static ant_real plausible(ant_real read, ant_real most) { return ant_abs(read) <= most ? read : ANT_NAN; }
+static void end_rivalry(ant_observer *o) {
+    o->rivalled = 0;
+    o->explained = 0;
+    memset(o->contested, 0, sizeof o->contested);
+}
 
-int ant_estimate(ant_observer *o, const ant_reading *reading, const ant_real sent[2], ant_real x[4], ant_real *d) {
-    const ant_real read[3] = {plausible(reading->theta, ANT_MOST_THETA), plausible(reading->P1, ANT_MOST_PRESSURE),
-                              plausible(reading->P2, ANT_MOST_PRESSURE)};
+/* A rival begins at the readings that are rejected. */
+static void challenge(ant_observer *o, const ant_belief *expected, const ant_real read[3], const int rejected[3]) {
+    o->rival = *expected;
+    o->rivalled = 1;
+    o->explained = 0;
+    o->doubted = ANT_HESITATION;
+    for (int i = 0; i < 3; i++) {
+        const ant_real off = ant_abs(read[i] - expected->xi[ANT_MEASURED[i]]);
+        if (rejected[i] && !(off <= ANT_GATE_JUMP[i])) o->doubted = ANT_GATE_PATIENCE;
+    }
+    ant_unsure(&o->rival, read, rejected);
+}
+
+/* Leaves in `expected` what a rival expects that has explained the rejected readings for long enough. */
+static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[3], ant_real z) {
+    int rejected[3], used[3], any = 0, contested = 0;
+    believed(o, used);
+    for (int i = 0; i < 3; i++) {
+        rejected[i] = o->verdicts[i] == ANT_REJECTED;
+        any = any || rejected[i];
+        used[i] = used[i] || rejected[i];
+    }
+    o->unrivalled = any ? 0 : o->unrivalled < ANT_LONG ? o->unrivalled + 1 : ANT_LONG;
+    if (o->unrivalled > ANT_CROSSING) { /* not at once: it is near by chance when two motions cross */
+        end_rivalry(o);
+        return;
+    }
+    if (o->rivalled) ant_predict_belief(o, &o->rival, z, ANT_Q_NOISE);
+    if (!o->rivalled || !explains(o, read, used)) challenge(o, expected, read, rejected);
+    for (int i = 0; i < 3; i++) {
+        o->contested[i] = o->contested[i] || rejected[i];
+        contested = contested || (used[i] && o->contested[i]);
+    }
+    o->explained += contested;
+    if (!any || (o->explained <= o->doubted && o->samples > ANT_FIRST)) {
+        ant_correct(o, &o->rival, read, used);
+        return;
+    }
+    for (int i = 0; i < 3; i++)
+        if (rejected[i]) {
+            o->verdicts[i] = ANT_ACCEPTED;
+            ant_gate_reset(&o->gates[i]);
+        }
+    *expected = o->rival;
+    end_rivalry(o);
+    memset(o->repeats, 0, sizeof o->repeats);
+}
+
+/* A state from the readings, where the filter has none that is finite. */
+static void rebuild(ant_observer *o, const ant_belief *before, const ant_real read[3], const int there[3]) {
+    if (o->rebuilt < ANT_LONG) o->rebuilt++;
+    end_rivalry(o);
+    memset(o->repeats, 0, sizeof o->repeats);
+    for (int i = 0; i < 5; i++) {
+        const int kept = i != 1 && i != 4 && isfinite(before->xi[i]);
+        o->belief.xi[i] = kept ? before->xi[i] : 0;
+    }
+    ant_within(o->belief.xi);
+    ant_unsure(&o->belief, read, there);
+}
+
+/* From what was thought a sample ago to what is thought now. */
+static void go_on(ant_observer *o, const ant_real said[3]) {
+    const ant_belief before = o->belief;
+    ant_belief expected = o->belief;
+    const ant_real z = ant_friction_follow(&o->friction, before.xi[0]);
+    ant_predict_belief(o, &expected, z, ANT_Q_NOISE);
+    const ant_real read[3] = {ant_unwrapped(said[0], expected.xi[0], ANT_NEAR_A_TURN), said[1], said[2]};
     int there[3];
+    for (int i = 0; i < 3; i++)
+        o->verdicts[i] = ant_judge(&o->gates[i], i, read[i], expected.xi[ANT_MEASURED[i]],
+                                   ant_innovation_variance(o, &expected, i));
+    without_frozen(o, &before, &expected, said, read, z);
+    rival_or(o, &expected, read, z);
+    believed(o, there);
+    ant_correct(o, &expected, read, there);
+    if (o->samples <= ANT_FIRST) o->samples++;
+    o->belief = expected;
+    if (!ant_sound(&o->belief)) rebuild(o, &before, read, there);
+}
+
+static void answer(const ant_observer *o, const ant_real said[3], ant_real x[4], ant_real *d) {
+    x[1] = o->begun ? o->belief.xi[1] : ANT_NAN;
+    *d = o->begun ? o->belief.xi[4] : 0;
+    for (int i = 0; i < 3; i++) {
+        const int there = o->verdicts[i] <= ANT_ACCEPTED;
+        ant_real known = o->begun ? o->belief.xi[ANT_MEASURED[i]] : said[i];
+        if (o->begun ? o->silent[i] > ANT_TOLERANCE_END : !there) known = ANT_NAN;
+        x[ANT_MEASURED[i]] = known;
+    }
+}
+
+/* An encoder's readings change by whole steps: the least change of many is its step, if it has one. */
+static void learn_step(ant_observer *o, ant_real change) {
+    if (change > 0) {
+        o->step = o->changes == 0 || change < o->step ? change : o->step;
+        if (o->changes < ANT_LONG) o->changes++;
+    }
+    if (o->changes >= ANT_MANY) {
+        const ant_real fine = ANT_ENCODER_NOISE, steps = o->step / ANT_F(sqrt)(12), rough = steps > fine ? steps : fine;
+        const ant_real floor = ANT_ROUGH * rough;
+        o->noise[0] = rough * rough;
+        o->gates[0].floor = floor > ANT_GATE_FLOOR[0] ? floor : ANT_GATE_FLOOR[0];
+    }
+}
+
+void ant_estimate(ant_observer *o, const ant_reading *reading, const ant_real sent[2], ant_real x[4], ant_real *d) {
+    const ant_real said[3] = {reading->theta, reading->P1, reading->P2};
     if (o->begun) {
+        learn_step(o, ant_abs(said[0] - o->read[0]));
         remember(o, sent);
-        expect(o, read);
-    } else if (!start(o, read, sent)) {
-        return 0;
+        go_on(o, said);
+    } else {
+        begin(o, said, sent);
     }
-    for (int i = 0; i < 3; i++) there[i] = isfinite(read[i]) && !o->frozen[i];
-    correct(&o->belief, read, there);
-    if (!ant_finite(o->belief.xi, 5)) { /* begin anew with the next reading */
-        o->begun = 0;
-        return 0;
-    }
-    memcpy(x, o->belief.xi, 4 * sizeof x[0]);
     for (int i = 0; i < 3; i++) {
         const ant_real least = o->frozen[i] && o->repeating[i] > o->silent[i] ? o->repeating[i] : o->silent[i];
-        o->silent[i] = there[i] ? 0 : least + ANT_DT;
-        if (o->silent[i] > ANT_TOLERANCE_END) x[MEASURED[i]] = ANT_NAN;
+        o->silent[i] = o->verdicts[i] <= ANT_ACCEPTED ? 0 : least + ANT_DT;
     }
-    memcpy(o->read, read, sizeof o->read);
-    *d = o->belief.xi[4];
-    return 1;
+    memcpy(o->read, said, sizeof o->read);
+    answer(o, said, x, d);
 }
