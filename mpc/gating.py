@@ -142,9 +142,8 @@ class SensorGate:
         if not self.gate.possible(self.sensor, read):
             return Verdict.IMPOSSIBLE
         width = self.width(variance) if self._since == 0 else self._width * (1 + (self._since - 1) * self._growth)
-        if abs(read - self._refused) < self.floor:
-            width = min(width, self.jump)
-        if abs(read - expected) <= width:
+        repeated = read == self._refused  # and expected only because two motions cross
+        if abs(read - expected) <= width and not repeated:
             self.reset()
             return Verdict.BELIEVED
         if self._since == 0:

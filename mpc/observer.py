@@ -168,8 +168,9 @@ class KalmanObserver:
         read = said.copy()
         read[_THETA] = self.gate.unwrapped(float(said[_THETA]), float(expected.xi[0]))
         self.verdicts = self._judged(read, expected)
-        expected = self._without_frozen(before, expected, said == self._read, read, z)
-        expected = self._rival_or(expected, read, z)
+        repeated = said == self._read
+        expected = self._without_frozen(before, expected, repeated, read, z)
+        expected = self._rival_or(expected, read, repeated, z)
         believed = self._believed
         found = self.filter.corrected(expected, read, believed, self._variances)
         self._samples = min(self._samples + 1, FIRST + 1)
@@ -203,7 +204,7 @@ class KalmanObserver:
         variance = foreseen.covariance[i, i] + self._variances[sensor]
         return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
 
-    def _rival_or(self, expected: Belief, read: Array, z: float) -> Belief:
+    def _rival_or(self, expected: Belief, read: Array, repeated: Mask, z: float) -> Belief:
         """`expected`, or what a rival belief expects that has explained the rejected readings for long enough."""
         rejected = np.array([verdict is Verdict.REJECTED for verdict in self.verdicts])
         self._unrivalled = 0 if rejected.any() else self._unrivalled + 1
@@ -217,6 +218,8 @@ class KalmanObserver:
             near = np.abs(read - expected.xi[MEASURED]) <= self.gate.jump
             self._doubted = self.hesitation if near[rejected].all() else self.patience
         self._contested |= rejected
+        if (repeated & self._contested).any():  # as a blow does not, but a sensor that sticks
+            self._doubted = self.patience
         self._explained += bool((used & self._contested).any())
         if not rejected.any() or (self._explained <= self._doubted and self._samples > FIRST):
             self._rival = self.filter.corrected(rival, read, used, self._variances)

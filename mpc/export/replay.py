@@ -22,14 +22,15 @@ from mpc.simulation import Process
 _C = Path(__file__).parent / "c" / "replay"
 ALLOCATE, CONTROL = _C / "allocate.c", _C / "control.c"
 ALLOCATION_COLUMNS = ("P1", "P2", "T", "K", "status", "limits")
-CONTROL_COLUMNS = ("u1", "u2", "status", "rung", "slack", "slack_force", "moved_theta", "moved_K", "moved_T")
+PLAN_COLUMNS = ("u1", "u2", "status", "rung", "slack", "slack_force", "moved_theta", "moved_K", "moved_T")
+CONTROL_COLUMNS = (*PLAN_COLUMNS, "verdict_theta", "verdict_P1", "verdict_P2")
 
 
 class Record(NamedTuple):
     """M steps of a loop."""
 
     samples: Array  # (M, 4 + 2 (ahead + 1)): θ, P1, P2, whether the QP solver is to fail, previews of θ and K
-    answers: Array  # (M, 9), CONTROL_COLUMNS
+    answers: Array  # (M, 12), CONTROL_COLUMNS
     seconds: Array  # (M,) processor time of Python's observer and controller
 
 
@@ -39,10 +40,11 @@ def record(
     observer: KalmanObserver,
     reference: Reference,
     fails: Callable[[int], bool] = lambda k: False,
+    seed: int = 0,
 ) -> Record:
     """Drive `process` along `reference`; `fails(k)` is asked at every step whether the QP solver fails there."""
     wanted = reference.resampled(controller.dt)
-    experiment = process.begin(controller.dt, process.at_rest(float(wanted.theta[0]), float(wanted.K[0])), seed=0)
+    experiment = process.begin(controller.dt, process.at_rest(float(wanted.theta[0]), float(wanted.K[0])), seed)
     controller.reset()
     observer.reset()
     samples, answers, seconds = [], [], []
@@ -56,7 +58,7 @@ def record(
         u = plan.u[0]
         moved = (0.0, 0.0, 0.0) if plan.moved is None else plan.moved
         samples.append(np.concatenate([y[[0, 2, 3]], [failing], *preview]))
-        answers.append([*u, plan.status, plan.rung, plan.slack, plan.slack_force, *moved])
+        answers.append([*u, plan.status, plan.rung, plan.slack, plan.slack_force, *moved, *observer.verdicts])
         experiment.advance(u)
     return Record(np.array(samples), np.array(answers), np.array(seconds))
 
@@ -68,4 +70,13 @@ def replayed(program: Path, rows: Array, columns: tuple[str, ...] = CONTROL_COLU
     return np.fromfile(program.parent / "out").reshape(-1, len(columns))
 
 
-__all__ = ["ALLOCATE", "ALLOCATION_COLUMNS", "CONTROL", "CONTROL_COLUMNS", "Record", "record", "replayed"]
+__all__ = [
+    "ALLOCATE",
+    "ALLOCATION_COLUMNS",
+    "CONTROL",
+    "CONTROL_COLUMNS",
+    "PLAN_COLUMNS",
+    "Record",
+    "record",
+    "replayed",
+]

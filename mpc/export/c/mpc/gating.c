@@ -37,9 +37,8 @@ ant_verdict ant_judge(ant_gate *g, int sensor, ant_real read, ant_real expected,
     if (first != ANT_BELIEVED) return first;
     ant_real width = g->width * (1 + (ant_real)(g->since - 1) * ANT_GATE_GROWTH);
     if (g->since == 0) width = ant_gate_width(g, variance);
-    if (ant_abs(read - g->refused) < g->floor && width > ANT_GATE_JUMP[sensor])
-        width = ANT_GATE_JUMP[sensor];
-    if (ant_abs(read - expected) <= width) {
+    const int repeated = read == g->refused; /* and expected only because two motions cross */
+    if (ant_abs(read - expected) <= width && !repeated) {
         ant_gate_reset(g);
         return ANT_BELIEVED;
     }

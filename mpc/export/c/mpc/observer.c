@@ -135,6 +135,7 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
     for (int i = 0; i < 3; i++) {
         o->contested[i] = o->contested[i] || rejected[i];
         contested = contested || (used[i] && o->contested[i]);
+        if (o->contested[i] && o->repeating[i] > 0) o->doubted = ANT_GATE_PATIENCE; /* not a blow: a sensor that sticks */
     }
     o->explained += contested;
     if (!any || (o->explained <= o->doubted && o->samples > ANT_FIRST)) {

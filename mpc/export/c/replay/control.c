@@ -22,8 +22,10 @@ int main(int argc, char **argv) {
             reference.K[k] = (ant_real)in[4 + ANT_AHEAD + 1 + k];
         }
         ant_step(&controller, &reading, &reference, &plan);
-        const double out[9] = {plan.u[0][0],     plan.u[0][1],  plan.status,   plan.rung,    plan.slack,
-                               plan.slack_force, plan.moved[0], plan.moved[1], plan.moved[2]};
+        const ant_verdict *verdicts = controller.observer.verdicts;
+        const double out[12] = {plan.u[0][0], plan.u[0][1],     plan.status,   plan.rung,
+                                plan.slack,   plan.slack_force, plan.moved[0], plan.moved[1],
+                                plan.moved[2], verdicts[0],     verdicts[1],   verdicts[2]};
         if (fwrite(out, sizeof out, 1, to) != 1) return 2;
     }
     return fclose(from) || fclose(to);
