@@ -106,6 +106,10 @@ class Filter:
         xi[MEASURED[there]] = read[there]
         return Belief(xi, self.unsure)
 
+    def can_be_sent(self, u: Array) -> Mask:
+        """Whether commands `u` (2,) [Pa] are numbers that a regulator was given."""
+        return np.asarray((self._outer[0][2:NX] <= u) & (u <= self._outer[1][2:NX]))
+
     def within(self, xi: Array) -> Array:
         """The nearest ξ (5,) that the gate calls possible."""
         return np.asarray(np.minimum(np.maximum(xi, self._outer[0]), self._outer[1]))

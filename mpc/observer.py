@@ -122,7 +122,7 @@ class KalmanObserver:
             self._begin(said, u)
         else:
             self._learn_step(abs(float(said[_THETA] - self._read[_THETA])))
-            self._commands.append(np.where(np.isfinite(u), u, self._commands[-1]))
+            self._commands.append(np.where(self.filter.can_be_sent(u), u, self._commands[-1]))
             self._go_on(self.belief, said)
         there = self._believed
         self._silent = np.where(there, 0.0, np.maximum(self._silent, self._frozen * self._repeating) + self.dt)
@@ -154,7 +154,7 @@ class KalmanObserver:
         if believed[_THETA] and all(map(gate.possible, _PRESSURES, P)):
             begun = Belief(np.array([theta, 0.0, *P, 0.0]), self.filter.stationary)
             self.belief = self.filter.corrected(begun, read, believed, self._variances)
-            self._commands.extend([np.where(np.isfinite(u), u, P)] * (self.compensation.delay(self.dt) + 1))
+            self._commands.extend([np.where(self.filter.can_be_sent(u), u, P)] * (self.compensation.delay(self.dt) + 1))
 
     def _first_verdict(self, sensor: int, read: float) -> Verdict:
         if not isfinite(read):
@@ -166,6 +166,10 @@ class KalmanObserver:
         z = self._friction.follow(float(before.xi[0]))
         expected = self.filter.predicted(before, self._commands[0], z, self.filter.Q)
         read = said.copy()
+        if not expected.sound:
+            self.verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
+            self.belief = self._rebuilt(before, read, self._believed)
+            return
         read[_THETA] = self.gate.unwrapped(float(said[_THETA]), float(expected.xi[0]))
         self.verdicts = self._judged(read, expected)
         repeated = said == self._read
@@ -210,6 +214,7 @@ class KalmanObserver:
         self._unrivalled = 0 if rejected.any() else self._unrivalled + 1
         if self._unrivalled > self.crossing:  # not at once: it is near by chance when two motions cross
             self._end_rivalry()
+        if self._rival is None and not rejected.any():
             return expected
         used = self._believed | rejected
         rival = self._rival and self.filter.predicted(self._rival, self._commands[0], z, self.filter.Q)

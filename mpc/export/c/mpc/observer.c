@@ -12,6 +12,8 @@ static void believed(const ant_observer *o, int used[3]) {
     for (int i = 0; i < 3; i++) used[i] = o->verdicts[i] <= ANT_ACCEPTED;
 }
 
+static int can_be_sent(int muscle, ant_real u) { return ant_first_verdict(muscle + 1, u) == ANT_BELIEVED; }
+
 /* The first angle that can be one begins; a pressure that is not measured is the one that was sent. */
 static void begin(ant_observer *o, const ant_real said[3], const ant_real sent[2]) {
     ant_real read[3] = {ant_unwrapped(said[0], (ANT_LEFT + ANT_RIGHT) / 2, ANT_PI), said[1], said[2]};
@@ -33,7 +35,7 @@ static void begin(ant_observer *o, const ant_real said[3], const ant_real sent[2
     memcpy(o->belief.covariance, ANT_COVARIANCE, sizeof o->belief.covariance);
     ant_correct(o, &o->belief, read, there);
     for (int k = 0; k <= ANT_DELAY; k++)
-        for (int i = 0; i < 2; i++) o->commands[k][i] = isfinite(sent[i]) ? sent[i] : xi[2 + i];
+        for (int i = 0; i < 2; i++) o->commands[k][i] = can_be_sent(i, sent[i]) ? sent[i] : xi[2 + i];
     o->unrivalled = ANT_CROSSING;
     o->begun = 1;
 }
@@ -41,7 +43,7 @@ static void begin(ant_observer *o, const ant_real said[3], const ant_real sent[2
 static void remember(ant_observer *o, const ant_real sent[2]) {
     for (int k = 0; k < ANT_DELAY; k++) memcpy(o->commands[k], o->commands[k + 1], sizeof o->commands[k]);
     for (int i = 0; i < 2; i++)
-        if (isfinite(sent[i])) o->commands[ANT_DELAY][i] = sent[i];
+        if (can_be_sent(i, sent[i])) o->commands[ANT_DELAY][i] = sent[i];
 }
 
 /* Whether a reading is too far from what is foreseen without it. */
@@ -126,10 +128,8 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
         used[i] = used[i] || rejected[i];
     }
     o->unrivalled = any ? 0 : o->unrivalled < ANT_LONG ? o->unrivalled + 1 : ANT_LONG;
-    if (o->unrivalled > ANT_CROSSING) { /* not at once: it is near by chance when two motions cross */
-        end_rivalry(o);
-        return;
-    }
+    if (o->unrivalled > ANT_CROSSING) end_rivalry(o); /* not at once: it is near by chance when two motions cross */
+    if (!o->rivalled && !any) return;
     if (o->rivalled) ant_predict_belief(o, &o->rival, z, ANT_Q_NOISE);
     if (!o->rivalled || !explains(o, read, used)) challenge(o, expected, read, rejected);
     for (int i = 0; i < 3; i++) {
@@ -173,6 +173,12 @@ static void go_on(ant_observer *o, const ant_real said[3]) {
     ant_predict_belief(o, &expected, z, ANT_Q_NOISE);
     const ant_real read[3] = {ant_unwrapped(said[0], expected.xi[0], ANT_NEAR_A_TURN), said[1], said[2]};
     int there[3];
+    if (!ant_sound(&expected)) {
+        for (int i = 0; i < 3; i++) o->verdicts[i] = ant_first_verdict(i, said[i]);
+        believed(o, there);
+        rebuild(o, &before, said, there);
+        return;
+    }
     for (int i = 0; i < 3; i++)
         o->verdicts[i] = ant_judge(&o->gates[i], i, read[i], expected.xi[ANT_MEASURED[i]],
                                    ant_innovation_variance(o, &expected, i));
