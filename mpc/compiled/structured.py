@@ -104,8 +104,9 @@ def backward(
             g[k, i] = m[4 + i] + cost.change * errors.change[k, i]
         choose(rows[k], D[k], g[k], v[k], held[k], law[k])
         for i in range(6):
-            for j in range(6):
+            for j in range(i, 6):  # rounding that is not symmetric would grow from sample to sample
                 S[i, j] = M[i, j] + rows[k, 0, i] * law[k, 0, j] + rows[k, 1, i] * law[k, 1, j]
+                S[j, i] = S[i, j]
             s[i] = m[i] + rows[k, 0, i] * law[k, 0, 6] + rows[k, 1, i] * law[k, 1, 6]
         if k > 0:
             charge_state(S, s, path.slope[k, 0], cost, errors.theta[k], errors.omega[k], errors.K[k])
