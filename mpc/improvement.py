@@ -78,7 +78,7 @@ class ReadableImprover:
         linearised = perf_counter()
         qp = condense(self.problem, model, feed, before.u, before.u_star)
         condensed = perf_counter()
-        answer = certified(solve, qp, deadline)
+        answer = certified(solve, qp, deadline, self.problem.curvature)
         if answer.status is PlanStatus.OPTIMAL:
             u = self.problem.limits.limited(before.u, u + self.problem.E @ answer.z)
         times = linearised - began, condensed - linearised, perf_counter() - condensed

@@ -26,6 +26,7 @@ class Solver(Protocol):
 _SETTINGS: dict[str, dict[str, Any]] = {
     # OSQP's own 1e-3 calls "solved" what is off by up to 8 % of the range
     "osqp": {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iter": 50_000, "polishing": True, "raise_error": False},
+    "clarabel": {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12},  # 1e-8 of the cost is 0.4 bar
     "scs": {"eps_abs": 1e-8, "eps_rel": 1e-8},
 }
 _TIME_LIMITS = {"osqp": "time_limit", "clarabel": "time_limit", "scs": "time_limit_secs"}  # settings [s]

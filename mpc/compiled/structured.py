@@ -9,7 +9,7 @@ costs from v_k on is ½ ρ|v|² + ρ Δeᵀv + W_k(δx, w + v), W_k the cost-to-
 An active-set method of the primal–dual kind: sweep backward and forward with the bounds held that are guessed to bind,
 then guess anew: what breaks a bound is held, what is held with λ of the wrong sign is let go. A guess that repeats
 itself is the solution; that takes a sweep or two from the last sample's set, and sometimes does not come about. It is
-the caller's business to prove the answer and to have another solver.
+the caller's business to prove the answer, and to have a solver that finds a better set to begin from.
 """
 
 from typing import Any
