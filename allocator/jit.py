@@ -1,11 +1,13 @@
 """Functions compiled by numba, once, and kept on disk next to their file or where NUMBA_CACHE_DIR says.
 
-numba is not imported before. Where it is missing, is told not to compile (NUMBA_DISABLE_JIT), or finds no directory to
-keep what it compiles, `compiled` answers None and plain Python does the work.
+numba is not imported before. Where it is missing, is told not to compile (NUMBA_DISABLE_JIT), or finds no directory of
+the user's own to keep what it compiles (`allocator.kept`), `compiled` answers None and plain Python does the work.
 """
 
 from collections.abc import Callable, Iterable
 from typing import Any
+
+from allocator.notices import CacheFault, notice_once
 
 Function = Callable[..., Any]
 
@@ -25,12 +27,14 @@ def compiled(function: Function, callees: Iterable[Function], *, inline: bool, u
         if numba.config.DISABLE_JIT:
             return None
         options = {"pipeline_class": _unaliased()} if unaliased else {}
-        return numba.njit(cache=True, nogil=True, **_OPTIONS, **options)(function)  # type: ignore[no-any-return]
-    except ImportError:
+        from allocator.kept import Refused, keep
+
+        made: Function = numba.njit(nogil=True, **_OPTIONS, **options)(function)
+        return keep(made)
+    except Refused as refusal:
+        notice_once(f"allocate works without compiled code: {refusal}", CacheFault)
         return None
-    except RuntimeError as error:
-        if "cannot cache function" not in str(error):
-            raise
+    except (ImportError, OSError):
         return None
 
 
