@@ -26,10 +26,11 @@ within the time budget, the fallback ladder leads down (`mpc.ladder`). Whatever 
 """
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -48,7 +49,7 @@ from mpc.plan import Plan, PlanStatus, Rung, Times
 from mpc.plant import Plant
 from mpc.quick import workings
 from mpc.softened import softened
-from mpc.solvers import Solver
+from mpc.solvers import Solver, guarded
 from mpc.solvers import solver as solver_by_name
 from mpc.terminal import terminal_factor
 from mpc.weights import Weights
@@ -94,14 +95,12 @@ class TrackingMPC:
         self.blocks = _blocks(self.blocks, self.N)
         self.patience = checks.not_negative("patience", self.patience, "s")
         self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
-        self._solve = solver_by_name(self.solver) if isinstance(self.solver, str) else self.solver
         self._predictor = Predictor(self.plant, self.dt, self.N)
-        feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.limits.min_force)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
-        self._improve, self._feed_forward = workings(self.plant, self.dt, self.problem, self._predictor, feed_forward)
+        self._work()
         if self.budget is not None:
             self._rehearse()
         self.reset()
@@ -164,6 +163,34 @@ class TrackingMPC:
             None if task.refused else feed.moved,
         )
 
+    # --- copies -----------------------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        """Make or load what does the work of a step: the solver, and compiled code."""
+        self._solve = solver_by_name(self.solver) if isinstance(self.solver, str) else guarded(self.solver)
+        feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.limits.min_force)
+        self._improve, self._feed_forward = workings(self.plant, self.dt, self.problem, self._predictor, feed_forward)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what does the work, which each process makes for itself."""
+        kept = {name: value for name, value in self.__dict__.items() if name not in _WORKERS}
+        return kept | {"memory": self._improve.memory}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Go on where the copied one was."""
+        memory = state.pop("memory")
+        self.__dict__.update(state)
+        self._work()
+        self._improve.memory = memory
+        if self.budget is not None:
+            deepcopy(self)._rehearse()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Of the memory: in the same process the work can be done as before."""
+        other = object.__new__(type(self))
+        other.__dict__.update({name: deepcopy(value, memo) for name, value in self.__dict__.items()})
+        return other
+
     # --- the pieces of a step ---------------------------------------------------------------------------------------
 
     def _rehearse(self) -> None:
@@ -200,6 +227,9 @@ class TrackingMPC:
         if (z := softened(step.qp, deadline)) is None:
             return None
         return Rung.SOFTENED, self.limits.limited(u_last, step.u + self.problem.E @ z)
+
+
+_WORKERS = ("_solve", "_improve", "_feed_forward")
 
 
 def _blocks(blocks: Sequence[int] | None, N: int) -> tuple[int, ...]:

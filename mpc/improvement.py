@@ -56,11 +56,15 @@ class Improver(Protocol):
     def reset(self) -> None:
         """Forget the past."""
 
+    memory: Array | None
+    """What is remembered from sample to sample, for a copy in another process to go on with."""
+
 
 class ReadableImprover:
     """By NumPy and CasADi."""
 
     implementation = "readable"
+    memory: Array | None = None
 
     def __init__(self, problem: Problem, predictor: Predictor) -> None:
         self.problem, self.predictor = problem, predictor

@@ -6,7 +6,6 @@ keeps all rows and is proved optimal (`mpc.compiled.certificate`) it is the QP's
 QP, the same that `mpc.condense` gives, goes to `mpc.certified`.
 """
 
-import warnings
 from math import inf
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
+from allocator.notices import notice
 from allocator.units import BAR
 from mpc.certified import ACCURACY, LAZY_TOLERANCE, certified
 from mpc.condense import SLACKS, Problem
@@ -61,6 +61,16 @@ class QuickImprover:
         other = QuickImprover(self._made_from, self._problem)
         other._guess[:] = self._guess
         return other
+
+    @property
+    def memory(self) -> Array | None:
+        """Which bounds bound (n,): the sign of their multipliers."""
+        return self._guess.copy()
+
+    @memory.setter
+    def memory(self, guess: Array | None) -> None:
+        if guess is not None:
+            self._guess[:] = guess
 
     def _compile(self) -> None:
         """Now, and not when the joint is waiting for its first command."""
@@ -230,7 +240,7 @@ def workings(plant: Plant, dt: float, problem: Problem, predictor: Predictor, fe
     except Exception as failure:  # no compiler, no place for its work, a law too long, or a fault of the compiler's own
         reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
     said = f"the controller's step is not compiled and takes about ten times as long: {reason}"
-    warnings.warn(said, SlowStep, stacklevel=4)  # which is where the controller is made
+    notice(said, SlowStep)
     return Workings(ReadableImprover(problem, predictor), feed_forward.ready())
 
 
