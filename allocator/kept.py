@@ -50,7 +50,10 @@ def check_own(directory: Path) -> None:
         return  # Windows: the user's directories are his own
     found = directory.stat()
     if found.st_uid not in (os.geteuid(), 0):
-        raise Refused(f"{directory} belongs to another user, and what is kept there is executed: name another directory")
+        raise Refused(
+            f"{directory} belongs to another user, and what is kept there is executed: "
+            "set XDG_CACHE_HOME, and NUMBA_CACHE_DIR if there is one, to a directory of your own"
+        )
     others = found.st_mode & stat.S_IWOTH or (found.st_mode & stat.S_IWGRP and found.st_gid != found.st_uid)
     if others:
         raise Refused(

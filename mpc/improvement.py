@@ -7,6 +7,9 @@ same in compiled code.
 from time import perf_counter
 from typing import NamedTuple, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from allocator.calculus import Array
 from mpc.certified import certified
 from mpc.condense import Problem, condense
@@ -56,7 +59,7 @@ class Improver(Protocol):
     def reset(self) -> None:
         """Forget the past."""
 
-    memory: Array | None
+    memory: NDArray[np.int8] | None
     """What is remembered from sample to sample, for a copy in another process to go on with."""
 
 
@@ -64,7 +67,7 @@ class ReadableImprover:
     """By NumPy and CasADi."""
 
     implementation = "readable"
-    memory: Array | None = None
+    memory: NDArray[np.int8] | None = None
 
     def __init__(self, problem: Problem, predictor: Predictor) -> None:
         self.problem, self.predictor = problem, predictor

@@ -63,12 +63,12 @@ class QuickImprover:
         return other
 
     @property
-    def memory(self) -> Array | None:
+    def memory(self) -> NDArray[np.int8] | None:
         """Which bounds bound (n,): the sign of their multipliers."""
         return self._guess.copy()
 
     @memory.setter
-    def memory(self, guess: Array | None) -> None:
+    def memory(self, guess: NDArray[np.int8] | None) -> None:
         if guess is not None:
             self._guess[:] = guess
 

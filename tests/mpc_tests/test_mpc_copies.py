@@ -32,7 +32,7 @@ def went_on(pair, first, last):
     controller, observer, u = pair
     said = []
     for k in range(first, last):
-        shaken = REST + [0.02 * np.sin(k), np.nan, *np.cos(k + np.arange(2)) * 0.1 * BAR]
+        shaken = REST + np.array([0.02 * np.sin(k), np.nan, *(np.cos(k + np.arange(2)) * 0.1 * BAR)])
         x, d = observer.estimate(shaken, u)
         plan = controller.step(x, 0.2 + 0.4 * (k > 6), K, d)
         u = plan.u[0]
