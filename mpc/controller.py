@@ -45,8 +45,9 @@ from mpc.improvement import Before, Improvement
 from mpc.ladder import Ladder, honest
 from mpc.limits import LONGEST_HORIZON, Limits
 from mpc.linearise import Motion, Predictor
+from mpc.pace import check_pace
 from mpc.plan import Plan, PlanStatus, Rung, Times
-from mpc.plant import Plant
+from mpc.plant import NU, Plant
 from mpc.quick import workings
 from mpc.softened import softened
 from mpc.solvers import Solver, guarded
@@ -101,8 +102,7 @@ class TrackingMPC:
         self.ladder = Ladder(self.limits, self._predictor)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
         self._work()
-        if self.budget is not None:
-            self._rehearse()
+        check_pace(self._rehearse, self.plant, self.dt, self.N)
         self.reset()
 
     def reset(self) -> None:
@@ -182,8 +182,7 @@ class TrackingMPC:
         self.__dict__.update(state)
         self._work()
         self._improve.memory = memory
-        if self.budget is not None:
-            deepcopy(self)._rehearse()
+        deepcopy(self)._rehearse()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         """Of the memory: in the same process the work can be done as before."""
@@ -194,11 +193,12 @@ class TrackingMPC:
     # --- the pieces of a step ---------------------------------------------------------------------------------------
 
     def _rehearse(self) -> None:
-        """Load now what is loaded when it is first used, so that it takes no time of the first step."""
+        """A step from the middle of all ranges away, so that slew binds; what the first use loads is loaded now."""
         self.reset()
         budget, self.budget = self.budget, None
-        x = self.plant.at_rest(float(np.mean(self.limits.theta)), 1.0)
-        self.step(x, float(x[0]), 1.0)
+        P = np.full(NU, np.mean(self.limits.pressure))
+        x = np.array([np.mean(self.limits.theta), 0.0, *P])
+        self.step(x, float(np.quantile(self.limits.theta, 0.6)), float(self.plant.stiffness(x)))
         self.budget = budget
 
     def _optimise(self, x: Array, feed: FeedForward, u_last: Array, d: Array, deadline: float) -> _Optimised:

@@ -25,6 +25,7 @@ from allocator.units import BAR
 from allocator.writing import write_text
 from mpc.compiled.jit import KEPT
 from mpc.compiled.translate import translated
+from mpc.experiment import RESOLUTION
 from mpc.plant import NU, NX, Plant
 
 _IMPORTS = """import math
@@ -79,9 +80,6 @@ def allocated(theta, K, T, p, left, right, min_force, c):
 """,
     "": "\n\n",
 }
-
-
-RESOLUTION = 0.5  # of the integration, as in `Plant.discrete`
 
 
 def _functions(plant: Plant) -> dict[str, Any]:
