@@ -21,20 +21,22 @@ def compiled(function: Function, callees: Iterable[Function], *, inline: bool, u
     overlap.
     """
     try:
-        register(callees, inline=inline)
         import numba
 
-        if numba.config.DISABLE_JIT:
-            return None
-        options = {"pipeline_class": _unaliased()} if unaliased else {}
         from allocator.kept import Refused, keep
-
-        made: Function = numba.njit(nogil=True, **_OPTIONS, **options)(function)
+    except ImportError:
+        return None
+    if numba.config.DISABLE_JIT:
+        return None
+    register(callees, inline=inline)
+    options = {"pipeline_class": _unaliased()} if unaliased else {}
+    made: Function = numba.njit(nogil=True, **_OPTIONS, **options)(function)
+    try:
         return keep(made)
     except Refused as refusal:
         notice_once(f"allocate works without compiled code: {refusal}", CacheFault)
         return None
-    except (ImportError, OSError):
+    except OSError:  # there is no such directory
         return None
 
 
