@@ -360,6 +360,24 @@ def test_riccati_recursions_and_daqp_come_to_the_same_point(case, away):
     case.improve.reset()
 
 
+def test_at_long_horizons_too_the_recursions_confirm_the_solver_s_set():
+    mpc, x, confirmed, bound = TrackingMPC(Plant(), N=80), Plant().at_rest(0.0, 7.6), 0, 0
+    answers, rest = mpc._improve._answers, mpc._improve._rest
+    for k in range(30):
+        plan = mpc.step(x, 0.5 * (-1) ** (k // 10), 7.6)
+        H, f, lower, upper = answers.pose(*rest)
+        box = QP(H.copy(), f, lower, upper, np.zeros((0, f.size)), np.zeros(0), np.zeros(0))
+        exact, multipliers = DAQP(box)
+        outcome, z = answers.settle(*rest, np.sign(multipliers).astype(np.int8), 1)
+        if outcome != answers.REFUSED:
+            confirmed += 1
+            np.testing.assert_allclose(z, exact, atol=1e-6)
+        bound += multipliers.any()
+        x = plan.x[1]
+    assert bound > 20
+    assert confirmed >= 29
+
+
 def test_what_does_not_settle_is_not_answered(case):
     case.improve(*case.arguments(solve=lambda qp, limit: None))
     outcome, z = settled(case, sweeps=0)
