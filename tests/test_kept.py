@@ -36,7 +36,7 @@ for w in said:
 
 
 def run(text, *arguments, **variables):
-    """What a Python of its own prints, line by line; it must say nothing else."""
+    """A Python of its own; `lines` waits for what it prints."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": "", **variables}
     return subprocess.Popen(
         [sys.executable, "-c", text, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -45,6 +45,7 @@ def run(text, *arguments, **variables):
 
 
 def lines(process):
+    """What it prints; it must say nothing else."""
     out, err = process.communicate(timeout=300)
     assert (process.returncode, err) == (0, "")
     return out.splitlines()
