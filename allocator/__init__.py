@@ -40,6 +40,7 @@ from allocator.joint_storage import load_joint, save_joint
 from allocator.limits import Limit
 from allocator.muscles import MODELS, AffineMuscle, Muscle
 from allocator.muscles.catalogue import named_muscle
+from allocator.notices import CacheFault
 from allocator.units import BAR, DEG
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "Allocation",
     "AntagonistError",
     "AntagonistJoint",
+    "CacheFault",
     "Design",
     "FeasibilityMap",
     "Fit",

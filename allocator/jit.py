@@ -1,11 +1,13 @@
 """Functions compiled by numba, once, and kept on disk next to their file or where NUMBA_CACHE_DIR says.
 
-numba is not imported before. Where it is missing, is told not to compile (NUMBA_DISABLE_JIT), or finds no directory to
-keep what it compiles, `compiled` answers None and plain Python does the work.
+numba is not imported before. Where it is missing, is told not to compile (NUMBA_DISABLE_JIT), or finds no directory of
+the user's own to keep what it compiles (`allocator.kept`), `compiled` answers None and plain Python does the work.
 """
 
 from collections.abc import Callable, Iterable
 from typing import Any
+
+from allocator.notices import CacheFault, notice_once
 
 Function = Callable[..., Any]
 
@@ -19,18 +21,22 @@ def compiled(function: Function, callees: Iterable[Function], *, inline: bool, u
     overlap.
     """
     try:
-        register(callees, inline=inline)
         import numba
 
-        if numba.config.DISABLE_JIT:
-            return None
-        options = {"pipeline_class": _unaliased()} if unaliased else {}
-        return numba.njit(cache=True, nogil=True, **_OPTIONS, **options)(function)  # type: ignore[no-any-return]
+        from allocator.kept import Refused, keep
     except ImportError:
         return None
-    except RuntimeError as error:
-        if "cannot cache function" not in str(error):
-            raise
+    if numba.config.DISABLE_JIT:
+        return None
+    register(callees, inline=inline)
+    options = {"pipeline_class": _unaliased()} if unaliased else {}
+    made: Function = numba.njit(nogil=True, **_OPTIONS, **options)(function)
+    try:
+        return keep(made)
+    except Refused as refusal:
+        notice_once(f"allocate works without compiled code: {refusal}", CacheFault)
+        return None
+    except OSError:  # there is no such directory
         return None
 
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from mpc.improvement import SlowStep
     from mpc.nonlinear import NonlinearMPC
     from mpc.observer import KalmanObserver
+    from mpc.pace import LongStep
     from mpc.plan import Plan, PlanStatus, Rung
     from mpc.plant import Plant
     from mpc.reality import RealPlant
@@ -22,6 +23,7 @@ else:
     _HOMES = {
         "Compensation": "compensation",
         "KalmanObserver": "observer",
+        "LongStep": "pace",
         "NonlinearMPC": "nonlinear",
         "Plan": "plan",
         "PlanStatus": "plan",
@@ -51,6 +53,7 @@ else:
 __all__ = [
     "Compensation",
     "KalmanObserver",
+    "LongStep",
     "NonlinearMPC",
     "Plan",
     "PlanStatus",

@@ -22,7 +22,7 @@ class Buffered:
             raise ValueError(f"{function.name()} has sparse inputs or outputs: densify them")
         self._inputs: list[Any] = [np.zeros(function.size_in(i)[::-1]) for i in range(function.n_in())]
         self._outputs: list[Any] = [np.zeros(function.size_out(i)[::-1]) for i in range(function.n_out())]
-        self._buffer, self._evaluate = function.buffer()  # the function lives as long as its buffer
+        self._function, (self._buffer, self._evaluate) = function, function.buffer()
         for i, array in enumerate(self._inputs):
             self._buffer.set_arg(i, memoryview(array))
         for i, array in enumerate(self._outputs):
@@ -34,6 +34,10 @@ class Buffered:
             array[...] = value
         self._evaluate()
         return [array.copy() for array in self._outputs]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """By its function, which CasADi writes out and reads: buffers are places in memory."""
+        return Buffered, (self._function,)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Buffered":
         """Itself: it remembers nothing from call to call."""

@@ -44,6 +44,11 @@ class Problem:
         return np.cumsum([0, *self.blocks[:-1]])
 
     @cached_property
+    def curvature(self) -> float:
+        """c [cost]/[bar]²: every change of a command is charged ½ c of its square, so no eigenvalue of H is less."""
+        return self.weights.rate * BAR**2 / self.dt**2
+
+    @cached_property
     def E(self) -> Array:
         """(N, 2, n) [Pa] by which a unit of each decision moves the commands."""
         return increments(self.blocks)

@@ -26,10 +26,11 @@ within the time budget, the fallback ladder leads down (`mpc.ladder`). Whatever 
 """
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -44,11 +45,12 @@ from mpc.improvement import Before, Improvement
 from mpc.ladder import Ladder, honest
 from mpc.limits import LONGEST_HORIZON, Limits
 from mpc.linearise import Motion, Predictor
+from mpc.pace import check_pace
 from mpc.plan import Plan, PlanStatus, Rung, Times
-from mpc.plant import Plant
+from mpc.plant import NU, Plant
 from mpc.quick import workings
 from mpc.softened import softened
-from mpc.solvers import Solver
+from mpc.solvers import Solver, guarded
 from mpc.solvers import solver as solver_by_name
 from mpc.terminal import terminal_factor
 from mpc.weights import Weights
@@ -94,16 +96,13 @@ class TrackingMPC:
         self.blocks = _blocks(self.blocks, self.N)
         self.patience = checks.not_negative("patience", self.patience, "s")
         self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
-        self._solve = solver_by_name(self.solver) if isinstance(self.solver, str) else self.solver
         self._predictor = Predictor(self.plant, self.dt, self.N)
-        feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.limits.min_force)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
-        self._improve, self._feed_forward = workings(self.plant, self.dt, self.problem, self._predictor, feed_forward)
-        if self.budget is not None:
-            self._rehearse()
+        self._work()
+        check_pace(self._rehearse, self.plant, self.dt, self.N)
         self.reset()
 
     def reset(self) -> None:
@@ -164,14 +163,42 @@ class TrackingMPC:
             None if task.refused else feed.moved,
         )
 
+    # --- copies -----------------------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        """Make or load what does the work of a step: the solver, and compiled code."""
+        self._solve = solver_by_name(self.solver) if isinstance(self.solver, str) else guarded(self.solver)
+        feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.limits.min_force)
+        self._improve, self._feed_forward = workings(self.plant, self.dt, self.problem, self._predictor, feed_forward)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what does the work, which each process makes for itself."""
+        kept = {name: value for name, value in self.__dict__.items() if name not in _WORKERS}
+        return kept | {"memory": self._improve.memory}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Go on where the copied one was."""
+        memory = state.pop("memory")
+        self.__dict__.update(state)
+        self._work()
+        self._improve.memory = memory
+        deepcopy(self)._rehearse()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Of the memory: in the same process the work can be done as before."""
+        other = object.__new__(type(self))
+        other.__dict__.update({name: deepcopy(value, memo) for name, value in self.__dict__.items()})
+        return other
+
     # --- the pieces of a step ---------------------------------------------------------------------------------------
 
     def _rehearse(self) -> None:
-        """Load now what is loaded when it is first used, so that it takes no time of the first step."""
+        """A step from the middle of all ranges away, so that slew binds; what the first use loads is loaded now."""
         self.reset()
         budget, self.budget = self.budget, None
-        x = self.plant.at_rest(float(np.mean(self.limits.theta)), 1.0)
-        self.step(x, float(x[0]), 1.0)
+        P = np.full(NU, np.mean(self.limits.pressure))
+        x = np.array([np.mean(self.limits.theta), 0.0, *P])
+        self.step(x, float(np.quantile(self.limits.theta, 0.6)), float(self.plant.stiffness(x)))
         self.budget = budget
 
     def _optimise(self, x: Array, feed: FeedForward, u_last: Array, d: Array, deadline: float) -> _Optimised:
@@ -200,6 +227,9 @@ class TrackingMPC:
         if (z := softened(step.qp, deadline)) is None:
             return None
         return Rung.SOFTENED, self.limits.limited(u_last, step.u + self.problem.E @ z)
+
+
+_WORKERS = ("_solve", "_improve", "_feed_forward")
 
 
 def _blocks(blocks: Sequence[int] | None, N: int) -> tuple[int, ...]:

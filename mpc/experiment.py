@@ -6,6 +6,7 @@ from allocator.calculus import Array
 from mpc.buffered import Buffered
 
 FINE = 0.02  # resolution of simulations, see `Plant.discrete`
+RESOLUTION = 0.5  # of a controller's model
 
 
 class Experiment(Protocol):
@@ -38,4 +39,4 @@ class ExactExperiment:
         self.x = self._integrate(self.x, u, 0.0)[0][0]
 
 
-__all__ = ["FINE", "ExactExperiment", "Experiment"]
+__all__ = ["FINE", "RESOLUTION", "ExactExperiment", "Experiment"]

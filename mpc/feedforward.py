@@ -7,7 +7,7 @@ reached to the nearest that can; and the lag over one sample of constant command
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -44,6 +44,15 @@ class FeedForwardLaw:
     def ready(self) -> Self:
         """Itself, with everything compiled that else would be in the first control step."""
         warm_up(joint=self.plant.joint, min_force=self.min_force)
+        return self
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """In another process nothing may be compiled yet."""
+        self.__dict__.update(state)
+        self.ready()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Itself: nothing in it changes."""
         return self
 
     def __call__(self, theta: Array, K: Array, d: Array | float = 0.0) -> FeedForward:

@@ -7,6 +7,9 @@ same in compiled code.
 from time import perf_counter
 from typing import NamedTuple, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from allocator.calculus import Array
 from mpc.certified import certified
 from mpc.condense import Problem, condense
@@ -56,11 +59,15 @@ class Improver(Protocol):
     def reset(self) -> None:
         """Forget the past."""
 
+    memory: NDArray[np.int8] | None
+    """What is remembered from sample to sample, for a copy in another process to go on with."""
+
 
 class ReadableImprover:
     """By NumPy and CasADi."""
 
     implementation = "readable"
+    memory: NDArray[np.int8] | None = None
 
     def __init__(self, problem: Problem, predictor: Predictor) -> None:
         self.problem, self.predictor = problem, predictor
@@ -78,7 +85,7 @@ class ReadableImprover:
         linearised = perf_counter()
         qp = condense(self.problem, model, feed, before.u, before.u_star)
         condensed = perf_counter()
-        answer = certified(solve, qp, deadline)
+        answer = certified(solve, qp, deadline, self.problem.curvature)
         if answer.status is PlanStatus.OPTIMAL:
             u = self.problem.limits.limited(before.u, u + self.problem.E @ answer.z)
         times = linearised - began, condensed - linearised, perf_counter() - condensed

@@ -44,7 +44,7 @@ def hard_solutions(controller: TrackingMPC, states: int, seed: int = 0) -> Itera
     """What `controller` would do with hard limits in `states` random states near them, where that is possible."""
     for qp in _near_limits(controller, states, np.random.default_rng(seed)):
         hard = replace(qp, upper=np.append(qp.upper[:-SLACKS], SLACKS * [0.0]))
-        answer = certified(solver("daqp"), hard, inf)
+        answer = certified(solver("daqp"), hard, inf, controller.problem.curvature)
         if answer.status is PlanStatus.OPTIMAL:
             pushes = np.abs(answer.multipliers[qp.f.size :])
             theta, force = (float(pushes @ (column != 0)) for column in qp.R[:, -SLACKS:].T)

@@ -22,7 +22,7 @@ from allocator.calculus import Array, Value, sin
 from allocator.errors import InvalidInput
 from allocator.joint import AntagonistJoint, report_joint
 from allocator.units import BAR
-from mpc.experiment import FINE, ExactExperiment
+from mpc.experiment import FINE, RESOLUTION, ExactExperiment
 from mpc.integration import integrated
 
 STATES = ("theta", "omega", "P1", "P2")
@@ -151,7 +151,7 @@ class Plant:
             )
         return ceil(steps)
 
-    def discrete(self, dt: float, resolution: float = 0.5) -> Any:
+    def discrete(self, dt: float, resolution: float = RESOLUTION) -> Any:
         """CasADi function (x, u, d) ↦ x after `dt` [s] of constant u and d: classical Runge–Kutta.
 
         Taken in equal substeps h with h · `fastest_rate` ≤ `resolution`. The error is about resolution⁴/120 of the

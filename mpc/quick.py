@@ -1,12 +1,11 @@
 """`mpc.improvement` in compiled code: tens of microseconds where that takes hundreds.
 
-The QP is solved with its simple bounds only, from the guess that those bind which bound in the last one: by
-Riccati recursions (`mpc.compiled.structured`), or by the solver where these do not settle. If the answer keeps all rows
-and is proved optimal (`mpc.compiled.certificate`) it is the QP's, and the step is done; else the whole QP, the same
-that `mpc.condense` gives, goes to `mpc.certified`.
+The QP is solved with its simple bounds only, from the guess that those bind which bound in the last one, by Riccati
+recursions (`mpc.compiled.structured`); where these do not settle, the solver says which bounds bind. If the answer
+keeps all rows and is proved optimal (`mpc.compiled.certificate`) it is the QP's, and the step is done; else the whole
+QP, the same that `mpc.condense` gives, goes to `mpc.certified`.
 """
 
-import warnings
 from math import inf
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
+from allocator.notices import notice
 from allocator.units import BAR
-from mpc.certified import GAP_TOLERANCE, LAZY_TOLERANCE, PRIMAL_TOLERANCE, certified
+from mpc.certified import ACCURACY, LAZY_TOLERANCE, certified
 from mpc.condense import SLACKS, Problem
 from mpc.feedforward import FeedForward, FeedForwardLaw
 from mpc.improvement import Before, Improvement, Improver, ReadableImprover, SlowStep
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 _SWEEPS = 2  # of the quick solution before the solver is asked
 _LINEARISING, _CONDENSING, _SOLVING = range(3)  # places in `Improvement.times`
-_TOLERANCES = (LAZY_TOLERANCE, PRIMAL_TOLERANCE, GAP_TOLERANCE)
 
 
 class QuickImprover:
@@ -63,14 +62,23 @@ class QuickImprover:
         other._guess[:] = self._guess
         return other
 
+    @property
+    def memory(self) -> NDArray[np.int8] | None:
+        """Which bounds bound (n,): the sign of their multipliers."""
+        return self._guess.copy()
+
+    @memory.setter
+    def memory(self, guess: NDArray[np.int8] | None) -> None:
+        if guess is not None:
+            self._guess[:] = guess
+
     def _compile(self) -> None:
         """Now, and not when the joint is waiting for its first command."""
         numbers, starts, _, memory = self._rest
-        nothing = np.zeros(self._guess.size)
         self._law.prepare(*self._all)
         self._answers.settle(*self._rest, self._guess, 0)
-        self._answers.judge(numbers, starts, memory, *self._answers.pose(*self._rest), nothing, nothing)
-        self._law.march(*self._all, nothing)
+        self._answers.pose(*self._rest)
+        self._law.march(*self._all, np.zeros(self._guess.size))
         self._answers.rows(numbers, starts, memory)
 
     def reset(self) -> None:
@@ -95,7 +103,7 @@ class QuickImprover:
             watch.book(_CONDENSING)
         if outcome == self._answers.REFUSED and box is not None:
             found = _Once(solve, box, deadline)
-            outcome, z = self._judged(box, found.first)
+            outcome, z = self._confirmed(box, found.first)
             watch.book(_SOLVING)
         motion = self._marched(z) if z is not None and outcome == self._answers.SOLVED else None
         if motion is None or perf_counter() > deadline:
@@ -119,15 +127,14 @@ class QuickImprover:
         H, f, lower, upper = self._answers.pose(*self._rest)
         return QP(H, f, lower, upper, self._no_rows, self._no_bounds, self._no_bounds, self._guess.copy())
 
-    def _judged(self, box: QP, found: tuple[Array, Array] | None) -> tuple[int, Array | None]:
-        """Whether the solver's answer is proved and breaks no row."""
+    def _confirmed(self, box: QP, found: tuple[Array, Array] | None) -> tuple[int, Array | None]:
+        """What the recursions come to from the bounds that bind in the solver's answer, to their own precision."""
         if found is None:
             return self._answers.REFUSED, None
-        numbers, starts, _, memory = self._rest
-        outcome = self._answers.judge(numbers, starts, memory, box.H, box.f, box.lower, box.upper, *found)
-        if outcome != self._answers.REFUSED:
-            self._guess[:] = np.sign(found[1])
-        return outcome, found[0]
+        z, push = found
+        pushed = np.abs(push) > self._problem.curvature * np.abs(np.where(push > 0, box.upper, box.lower) - z)
+        self._guess[:] = np.where(pushed, np.sign(push), 0)  # of a solver of the interior all push a little
+        return self._answers.settle(*self._rest, self._guess, _SWEEPS)  # type: ignore[no-any-return]  # compiled
 
     def _marched(self, z: Array) -> Motion | None:
         """What `z` leads to, if that is finite."""
@@ -144,7 +151,7 @@ class QuickImprover:
         numbers, starts, _, memory = self._rest
         qp = QP(H, f, lower, upper, *self._answers.rows(numbers, starts, memory))
         watch.book(_CONDENSING)
-        answer = certified(solve, qp, deadline)
+        answer = certified(solve, qp, deadline, self._problem.curvature)
         watch.book(_SOLVING)
         u = self._problem.limits.limited(before.u, self._given.u)
         if answer.status is PlanStatus.OPTIMAL:
@@ -233,7 +240,7 @@ def workings(plant: Plant, dt: float, problem: Problem, predictor: Predictor, fe
     except Exception as failure:  # no compiler, no place for its work, a law too long, or a fault of the compiler's own
         reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
     said = f"the controller's step is not compiled and takes about ten times as long: {reason}"
-    warnings.warn(said, SlowStep, stacklevel=4)  # which is where the controller is made
+    notice(said, SlowStep)
     return Workings(ReadableImprover(problem, predictor), feed_forward.ready())
 
 
@@ -244,10 +251,10 @@ def setting(problem: Problem) -> Any:
     w, limits, L = problem.weights, problem.limits, problem.L
     units = np.array([1, 1, 1, 1, BAR, BAR])
     end = (L.T @ L) * np.outer(units, units)
-    cost = Cost(w.theta, w.omega, w.K, w.u * BAR**2, w.rate * BAR**2 / problem.dt**2, end)
+    cost = Cost(w.theta, w.omega, w.K, w.u * BAR**2, problem.curvature, end)
     low, high = limits.pressure
     room = Room(low / BAR, high / BAR, limits.step / BAR, *limits.theta, limits.min_force)
-    return Setting(cost, room, _TOLERANCES, problem.starts.astype(np.int64))
+    return Setting(cost, room, LAZY_TOLERANCE, ACCURACY, problem.starts.astype(np.int64))
 
 
 __all__ = ["QuickFeedForward", "QuickImprover", "Workings", "setting", "workings"]

@@ -61,6 +61,10 @@ class Shooting:
         self._L = L * np.append(_X, np.full(NU, BAR))
         self.equality = np.concatenate([[True] * self._gap(k) + list(self._fixed(k)) for k in range(N + 1)])
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without CasADi's symbols, which cannot leave their process."""
+        return {name: value for name, value in self.__dict__.items() if name != "problem"}
+
     def __deepcopy__(self, memo: dict[int, Any]) -> "Shooting":
         """Itself: nothing in it changes."""
         return self

@@ -1,7 +1,9 @@
 """QP solvers by name: DAQP directly (the default), and whatever qpsolvers finds installed.
 
 A solver is a function from a `QP` and the time it may take to a point and its multipliers, or None when it gives up.
-What it returns is only a proposal: `mpc.certified` checks it, and looks at the clock.
+What it returns is only a proposal: `mpc.certified` checks it, and looks at the clock. Of an exception `guarded` makes
+None, and of what is no pair of arrays of the right lengths, full of numbers: no solver's fault stops a joint.
+MemoryError is such an exception; KeyboardInterrupt and SystemExit, which are not the solver's, go through.
 """
 
 import warnings
@@ -26,6 +28,7 @@ class Solver(Protocol):
 _SETTINGS: dict[str, dict[str, Any]] = {
     # OSQP's own 1e-3 calls "solved" what is off by up to 8 % of the range
     "osqp": {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iter": 50_000, "polishing": True, "raise_error": False},
+    "clarabel": {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12},  # 1e-8 of the cost is 0.4 bar
     "scs": {"eps_abs": 1e-8, "eps_rel": 1e-8},
 }
 _TIME_LIMITS = {"osqp": "time_limit", "clarabel": "time_limit", "scs": "time_limit_secs"}  # settings [s]
@@ -39,7 +42,23 @@ def solver(name: str) -> Solver:
 
     if name not in qpsolvers.available_solvers:
         raise MissingBackend("QP solver", name, {"daqp", *qpsolvers.available_solvers})
-    return _through_qpsolvers(name)
+    return guarded(_through_qpsolvers(name))
+
+
+def guarded(solve: Solver) -> Solver:
+    """`solve`, giving up where it would fail; `daqp`, which does not raise, stays itself (`mpc.quick` looks for it)."""
+    if solve is daqp:
+        return solve
+
+    def proposed(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
+        try:
+            z, multipliers = (np.asarray(part, float) for part in solve(qp, limit) or (None, None))
+        except Exception:
+            return None
+        right = z.shape == qp.f.shape and multipliers.shape == (qp.f.size + len(qp.R),)
+        return (z, multipliers) if right and np.isfinite(z).all() and np.isfinite(multipliers).all() else None
+
+    return proposed
 
 
 def daqp(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
@@ -79,10 +98,7 @@ def _through_qpsolvers(name: str) -> Solver:
             settings[_TIME_LIMITS[name]] = limit
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a failure is seen from the answer, no need to be told twice
-            try:
-                found = qpsolvers.solve_problem(problem, name, **settings)
-            except (qpsolvers.SolverError, qpsolvers.ProblemError):
-                return None
+            found = qpsolvers.solve_problem(problem, name, **settings)
         if found.x is None or found.z is None or found.z_box is None:
             return None
         pushes = np.zeros(bounds.size)
@@ -93,4 +109,4 @@ def _through_qpsolvers(name: str) -> Solver:
     return solve
 
 
-__all__ = ["Solver", "daqp", "solver"]
+__all__ = ["Solver", "daqp", "guarded", "solver"]

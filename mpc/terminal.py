@@ -17,6 +17,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
+from mpc.experiment import RESOLUTION
 from mpc.linearise import Predictor
 from mpc.plant import NU, NX, Plant
 from mpc.weights import Weights
@@ -67,8 +68,12 @@ def _middle(plant: Plant, dt: float) -> tuple[Array, Array, Array]:
     """A (4, 4), B (4, 2), C (4,) about rest in the middle of the joint's range and of the supply."""
     P = np.full(NU, np.mean(plant.joint.pressure_limits))
     x = np.array([np.mean(plant.joint.angle_range), 0.0, *P])
-    model = Predictor(plant, dt, 1).linearise(x, P[None])
-    return model.A[0], model.B[0], model.C[0]
+    n = plant.substeps(dt, RESOLUTION)  # one by one: the formula of all of them would have as many times the length
+    model = Predictor(plant, dt / n, n).linearise(x, np.tile(P, (n, 1)))
+    A, B = model.A[0], model.B[0]
+    for A_k, B_k in zip(model.A[1:], model.B[1:], strict=True):
+        A, B = A_k @ A, A_k @ B + B_k
+    return A, B, model.C[0]
 
 
 __all__ = ["UNITS", "Regulator", "regulator", "terminal_factor"]

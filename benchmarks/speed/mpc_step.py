@@ -113,9 +113,10 @@ def judged(words: str, value: float, most: float | None) -> str:
 def qps(N: int, rounds: int) -> Iterator[Measurement]:
     """The whole step in closed loop, against the solution alone of one QP of its kind by cvxpy with OSQP."""
     plant = Plant()
-    qp = whole(mpc(plant, N), plant.at_rest(0.0, 7.6), np.linspace(0.0, 10 * DEG, N + 1), np.full(N + 1, 8.0))
+    controller = mpc(plant, N)
+    qp = whole(controller, plant.at_rest(0.0, 7.6), np.linspace(0.0, 10 * DEG, N + 1), np.full(N + 1, 8.0))
     other = CvxpyOSQP(qp)
-    exact = certified(solver("daqp"), qp, inf).z
+    exact = certified(solver("daqp"), qp, inf, controller.problem.curvature).z
     if np.abs(other(qp) - exact)[:2].max() * BAR > CLOSE:
         raise BenchmarkFailure(f"cvxpy + OSQP, N = {N}: first changes {other(qp)[:2]} bar, not {exact[:2]} bar")
     mine = float(np.median(closed_loop(lambda plant: mpc(plant, N), 1.0).seconds))

@@ -1,4 +1,4 @@
-"""From a path to the best decisions: quickly, or by way of the condensed QP and a solver. Both are proved.
+"""From a path to the best decisions, proved, and the condensed QP for a solver where these do not come about.
 
 `memory` holds the path, `given` what is new in the step (`mpc.compiled.memory`). This file is used by way of a copy,
 `mpc.compiled.module` says why.
@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.compiled.certificate import keeps_rows, proved, proved_by_gradient
+from mpc.compiled.certificate import keeps_rows, proved
 from mpc.compiled.commands import bounds, deviations
 from mpc.compiled.condensing import condensed, gradient, rows_of
 from mpc.compiled.jit import compiled
 from mpc.compiled.memory import given_in, path_in, setting_in
-from mpc.compiled.records import BoxQP
 from mpc.compiled.structured import moved, settled
 
 SOLVED, ROWS, REFUSED = 0, 1, 2
@@ -30,33 +29,20 @@ def settle(numbers: Array, starts: Any, given: Array, memory: Array, guess: Any,
     z = np.zeros(lower.size)
     if not settled(path, errors, setting.cost, starts, lower, upper, guess, sweeps, z):
         return REFUSED, z
-    before = gradient(path, errors, setting.cost, starts)
-    after = gradient(path, moved(path, errors, starts, z), setting.cost, starts)
-    if not proved_by_gradient(before, after, lower, upper, z, setting):
+    there = gradient(path, moved(path, errors, starts, z), setting.cost, starts)
+    if not proved(there, lower, upper, z, setting):
         return REFUSED, z
     return SOLVED if keeps_rows(path, setting, u, z) else ROWS, z
 
 
 @compiled
 def pose(numbers: Array, starts: Any, given: Array, memory: Array) -> tuple[Array, Array, Array, Array]:
-    """The `BoxQP` of the path."""
+    """H (n, n), f, lower and upper (n,) of the QP of the path without its rows."""
     setting, path, u = setting_in(numbers, starts), *path_in(memory)
     _, _, _, wish, last = given_in(given)
     H, f = condensed(path, deviations(path, u, wish, last), setting.cost, starts)
     lower, upper = bounds(setting, u, last)
     return H, f, lower, upper
-
-
-@compiled
-def judge(
-    numbers: Array, starts: Any, memory: Array,
-    H: Array, f: Array, lower: Array, upper: Array, z: Array, multipliers: Array,
-) -> int:  # fmt: skip
-    """Whether a solver's answer to `pose` is SOLVED, or why not."""
-    setting, path, u = setting_in(numbers, starts), *path_in(memory)
-    if not proved(BoxQP(H, f, lower, upper), z, multipliers, setting):
-        return REFUSED
-    return SOLVED if keeps_rows(path, setting, u, z) else ROWS
 
 
 @compiled
@@ -66,4 +52,4 @@ def rows(numbers: Array, starts: Any, memory: Array) -> tuple[Array, Array, Arra
     return rows_of(path, u, setting_in(numbers, starts).room, starts)
 
 
-__all__ = ["REFUSED", "ROWS", "SOLVED", "judge", "pose", "rows", "settle"]
+__all__ = ["REFUSED", "ROWS", "SOLVED", "pose", "rows", "settle"]

@@ -5,6 +5,8 @@ from typing import Any, TypeVar
 
 from numba import config, njit
 
+from allocator.kept import keep
+
 if config.DISABLE_JIT:
     raise ImportError("numba is told not to compile")
 
@@ -20,13 +22,8 @@ def compiled(function: F) -> F:
     numba sees when the file of a function changes, but not those of the functions that it calls: results are kept only
     of modules that `mpc.compiled.module` names.
     """
-    try:
-        made: F = njit(cache=function.__module__.startswith(KEPT), **_OPTIONS)(function)
-    except RuntimeError as error:
-        if "cannot cache function" not in str(error):
-            raise
-        raise OSError(f"numba finds no directory to keep {function.__name__} in") from None
-    return made
+    made: F = njit(**_OPTIONS)(function)
+    return keep(made) if function.__module__.startswith(KEPT) else made
 
 
 def inlined(function: F) -> F:

@@ -26,16 +26,17 @@ _GIVEN, _PATH = (10, 13), (45, 19)  # numbers for a sample of the horizon, and b
 
 
 def flat(setting: Setting) -> Array:
-    """The numbers (50,) of `setting`."""
-    return np.concatenate([setting.cost[:5], setting.room, setting.tolerances, np.ravel(setting.cost.end)])
+    """The numbers (49,) of `setting`."""
+    rest = setting.tolerance, setting.accuracy
+    return np.concatenate([setting.cost[:5], setting.room, rest, np.ravel(setting.cost.end)])
 
 
 @inlined
 def setting_in(numbers: Array, starts: Any) -> Setting:
     """The setting of these `numbers`."""
     n = numbers
-    cost = Cost(n[0], n[1], n[2], n[3], n[4], n[14:50].reshape(6, 6))
-    return Setting(cost, Room(n[5], n[6], n[7], n[8], n[9], n[10]), (n[11], n[12], n[13]), starts)
+    cost = Cost(n[0], n[1], n[2], n[3], n[4], n[13:49].reshape(6, 6))
+    return Setting(cost, Room(n[5], n[6], n[7], n[8], n[9], n[10]), n[11], n[12], starts)
 
 
 @inlined

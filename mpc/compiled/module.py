@@ -2,14 +2,14 @@
 
 numba keeps compiled code next to the file that it came from, and looks at no other when it decides whether that code is
 up to date. So all that is kept comes from modules in the user's cache directory whose names are the hash of everything
-that they are made from: one with the law, which joints share that differ in their numbers only, and one without.
+that they are made from: one with the law, which joints share that differ in their numbers only, and one without. The
+files are written for numba, and for whoever wants to read them; what runs is the text that they should contain.
 """
 
 import os
 import sys
 from functools import cache
 from hashlib import sha256
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -20,10 +20,12 @@ from allocator import AntagonistJoint, jit, units
 from allocator.allocation import compiled, kernels
 from allocator.allocation.laws import coefficients, law_of
 from allocator.calculus import Array
+from allocator.kept import check_own
 from allocator.units import BAR
 from allocator.writing import write_text
 from mpc.compiled.jit import KEPT
 from mpc.compiled.translate import translated
+from mpc.experiment import RESOLUTION
 from mpc.plant import NU, NX, Plant
 
 _IMPORTS = """import math
@@ -80,9 +82,6 @@ def allocated(theta, K, T, p, left, right, min_force, c):
 }
 
 
-RESOLUTION = 0.5  # of the integration, as in `Plant.discrete`
-
-
 def _functions(plant: Plant) -> dict[str, Any]:
     """CasADi functions of the rate of change x' and of the outputs (K, F1, F2), with and without derivatives."""
     import casadi as ca
@@ -123,16 +122,17 @@ def _with_law(law: str) -> str:
 def _imported(text: str) -> ModuleType:
     """The module of this text, from the cache directory if it is there."""
     name = f"{KEPT}{sha256((text + _surroundings()).encode()).hexdigest()[:24]}"
-    file = _directory() / f"{name}.py"
+    directory = _directory()
+    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+    check_own(directory)
+    file = directory / f"{name}.py"
     if not _holds(file, text):
         write_text(file, text)
-    spec = spec_from_file_location(name, file)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{file} cannot be imported")
-    module = module_from_spec(spec)
+    module = ModuleType(name)
+    module.__file__ = str(file)
     sys.modules[name] = module  # numba looks for it there when it loads what it kept
     try:
-        spec.loader.exec_module(module)
+        exec(compile(text, str(file), "exec"), vars(module))
     except BaseException:
         del sys.modules[name]
         raise
@@ -143,7 +143,7 @@ def _holds(file: Path, text: str) -> bool:
     """Whether `file` is there and whole."""
     try:
         return file.read_bytes() == text.encode()
-    except FileNotFoundError:
+    except OSError:
         return False
 
 
@@ -158,14 +158,17 @@ def _surroundings() -> str:
 
 
 def _directory() -> Path:
-    """Where the user's programs keep what they can make again; an `OSError` if there is no such place."""
+    """Where the user's programs keep what they can make again; an `OSError` if there is no such place.
+
+    A relative XDG_CACHE_HOME counts as none, as the XDG Base Directory Specification asks.
+    """
     given = {"win32": "LOCALAPPDATA", "darwin": ""}.get(sys.platform, "XDG_CACHE_HOME")
     below_home = {"win32": "AppData/Local", "darwin": "Library/Caches"}.get(sys.platform, ".cache")
     try:
-        root = os.environ.get(given) or Path.home() / below_home
+        root = Path(os.environ.get(given, ""))
+        return (root if root.is_absolute() else Path.home() / below_home) / "antagonist"
     except RuntimeError as error:
         raise FileNotFoundError(f"no directory to keep compiled code in: {error}") from None
-    return Path(root) / "antagonist"
 
 
 __all__ = ["Law", "law"]

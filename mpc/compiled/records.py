@@ -35,7 +35,8 @@ class Setting(NamedTuple):
 
     cost: Cost
     room: Room
-    tolerances: tuple[float, float, float]  # of rows left out, of bounds, of the gap, as in `mpc.certified`
+    tolerance: float  # of rows left out [bar], [rad], [N]
+    accuracy: float  # of an answer [bar]
     starts: NDArray[np.int64]  # samples at which the commands may leave ū
 
 
@@ -70,13 +71,4 @@ class Errors(NamedTuple):
     end: Array  # (6,) ξ
 
 
-class BoxQP(NamedTuple):
-    """½ zᵀH z + fᵀz within lower ≤ z ≤ upper; z: changes of the commands at the starts [bar]."""
-
-    H: Array  # (n, n)
-    f: Array  # (n,)
-    lower: Array  # (n,)
-    upper: Array  # (n,)
-
-
-__all__ = ["BoxQP", "Cost", "Errors", "Path", "Room", "Setting", "Wish"]
+__all__ = ["Cost", "Errors", "Path", "Room", "Setting", "Wish"]

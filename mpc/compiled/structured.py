@@ -9,7 +9,7 @@ costs from v_k on is ½ ρ|v|² + ρ Δeᵀv + W_k(δx, w + v), W_k the cost-to-
 An active-set method of the primal–dual kind: sweep backward and forward with the bounds held that are guessed to bind,
 then guess anew: what breaks a bound is held, what is held with λ of the wrong sign is let go. A guess that repeats
 itself is the solution; that takes a sweep or two from the last sample's set, and sometimes does not come about. It is
-the caller's business to prove the answer and to have another solver.
+the caller's business to prove the answer, and to have a solver that finds a better set to begin from.
 """
 
 from typing import Any
@@ -104,8 +104,9 @@ def backward(
             g[k, i] = m[4 + i] + cost.change * errors.change[k, i]
         choose(rows[k], D[k], g[k], v[k], held[k], law[k])
         for i in range(6):
-            for j in range(6):
+            for j in range(i, 6):  # rounding that is not symmetric would grow from sample to sample
                 S[i, j] = M[i, j] + rows[k, 0, i] * law[k, 0, j] + rows[k, 1, i] * law[k, 1, j]
+                S[j, i] = S[i, j]
             s[i] = m[i] + rows[k, 0, i] * law[k, 0, 6] + rows[k, 1, i] * law[k, 1, 6]
         if k > 0:
             charge_state(S, s, path.slope[k, 0], cost, errors.theta[k], errors.omega[k], errors.K[k])

@@ -241,15 +241,47 @@ def test_no_eigenvalue_of_the_hessian_is_below_the_charge_for_changes(case):
     assert np.linalg.eigvalsh(qp.H[:n, :n]).min() >= w.rate * BAR**2 / case.dt**2 * (1 - 1e-9)
 
 
-@pytest.mark.parametrize("fault", [0.1, -0.1, np.nan])
-def test_a_wrong_answer_is_not_believed(case, fault):
-    def lying(qp, limit):
-        z, multipliers = DAQP(qp, limit)
-        return z + fault, multipliers
+LIES = {
+    "above": lambda z, push: (z + 0.1, push),
+    "below": lambda z, push: (z - 0.1, push),
+    "not a number": lambda z, push: (z + np.nan, push),
+    "nothing is a number": lambda z, push: (z + np.nan, push + np.nan),
+    "at the wrong bounds": lambda z, push: (-z, -push),
+    "nothing": lambda z, push: (0 * z, 0 * push),
+}
 
-    step = case.improve(*case.arguments(solve=lying))
-    assert step.motion is None
-    assert step.status is PlanStatus.REFUSED
+
+@pytest.mark.parametrize("lie", LIES.values(), ids=LIES.keys())
+def test_a_wrong_answer_is_refused_or_put_right(case, lie):
+    wanted = case.readable(*case.arguments())
+    arguments = case.arguments(solve=lambda qp, limit: lie(*DAQP(qp, limit)))
+    case.improve.reset()
+    quick, readable = case.improve(*arguments), case.readable(*arguments)
+    assert quick.status in (PlanStatus.OPTIMAL, PlanStatus.REFUSED)
+    if quick.status is PlanStatus.OPTIMAL:  # the bounds that bind were told, or found from there
+        np.testing.assert_allclose(quick.u, wanted.u, atol=1e-6 * BAR)
+    assert readable.status is PlanStatus.REFUSED
+
+
+@pytest.mark.parametrize("away", [0.0, 0.3])
+@pytest.mark.parametrize("off", [0.028, 5.1e-3])
+def test_no_answer_passes_that_is_farther_from_the_solution_than_is_said(case, off, away):
+    case.theta += away
+    try:
+        qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
+    finally:
+        case.theta -= away
+    answer = certified(DAQP, qp, math.inf, case.problem.curvature)
+    assert answer.status is PlanStatus.OPTIMAL
+    solved = [qp.certify(answer.z, answer.multipliers).gap]
+    flattest = np.linalg.eigh(qp.H[:-2, :-2])[1][:, 0]  # where a step costs least
+    for direction in (flattest, -flattest, *RNG.normal(size=(5, flattest.size))):
+        away_from = answer.z.copy()
+        away_from[:-2] += off * direction / np.linalg.norm(direction)
+        found = certified(lambda some, limit, z=away_from: (z, DAQP(some)[1]), qp, math.inf, case.problem.curvature)
+        assert found.status is PlanStatus.REFUSED
+        solved.append(qp.certify(away_from, answer.multipliers).gap)
+    assert solved[0] < min(solved[1:]) / 2
 
 
 def test_an_answer_that_comes_late_is_not_used(case):
@@ -328,6 +360,24 @@ def test_riccati_recursions_and_daqp_come_to_the_same_point(case, away):
     case.improve.reset()
 
 
+def test_at_long_horizons_too_the_recursions_confirm_the_solver_s_set():
+    mpc, x, confirmed, bound = TrackingMPC(Plant(), N=80), Plant().at_rest(0.0, 7.6), 0, 0
+    answers, rest = mpc._improve._answers, mpc._improve._rest
+    for k in range(30):
+        plan = mpc.step(x, 0.5 * (-1) ** (k // 10), 7.6)
+        H, f, lower, upper = answers.pose(*rest)
+        box = QP(H.copy(), f, lower, upper, np.zeros((0, f.size)), np.zeros(0), np.zeros(0))
+        exact, multipliers = DAQP(box)
+        outcome, z = answers.settle(*rest, np.sign(multipliers).astype(np.int8), 1)
+        if outcome != answers.REFUSED:
+            confirmed += 1
+            np.testing.assert_allclose(z, exact, atol=1e-6)
+        bound += multipliers.any()
+        x = plan.x[1]
+    assert bound > 20
+    assert confirmed >= 29
+
+
 def test_what_does_not_settle_is_not_answered(case):
     case.improve(*case.arguments(solve=lambda qp, limit: None))
     outcome, z = settled(case, sweeps=0)
@@ -389,4 +439,4 @@ def test_a_copy_of_a_controller_goes_its_own_way(case):
 
 def test_the_readable_step_s_answer_is_certified_too(case):
     step = case.readable(*case.arguments())
-    assert certified(DAQP, step.qp, math.inf).status is PlanStatus.OPTIMAL
+    assert certified(DAQP, step.qp, math.inf, case.problem.curvature).status is PlanStatus.OPTIMAL

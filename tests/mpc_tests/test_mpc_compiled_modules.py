@@ -74,6 +74,14 @@ def test_the_law_is_written_where_the_user_s_caches_are(monkeypatch, tmp_path):
     assert module._directory() == tmp_path / "antagonist"
 
 
+@pytest.mark.parametrize("relative", ["", "caches", "./caches"])
+def test_a_relative_directory_for_caches_is_ignored(monkeypatch, tmp_path, relative):
+    monkeypatch.setenv("XDG_CACHE_HOME", relative)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(module.Path, "home", lambda: tmp_path)
+    assert module._directory() == tmp_path / ".cache" / "antagonist"
+
+
 def test_without_a_home_the_readable_step_answers(monkeypatch):
     def nowhere():
         raise RuntimeError("Could not determine home directory.")
