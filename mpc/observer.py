@@ -15,12 +15,13 @@ was hit, and an encoder that has lost its zero, are found again, in motion too.
 """
 
 from collections import deque
-from math import inf, isfinite, nan, sqrt
+from math import isfinite, nan, sqrt
 from typing import Protocol
 
 import numpy as np
 
 from allocator.calculus import Array, Mask
+from allocator.units import DEG
 from mpc.compensation import Compensation, FrictionState
 from mpc.filter import MEASURED, Belief, Filter, Noise
 from mpc.gating import ROUGH, Gate, SensorGate, Verdict
@@ -28,7 +29,7 @@ from mpc.plant import NX, Plant
 
 DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
 FIRST = 3  # samples up to which what is rejected may as well be right: nothing has confirmed the first reading
-MANY = 10  # changes of the angle's reading, after which the least of them is taken for the step of its encoder
+COARSEST = 1 * DEG  # step of an encoder
 _THETA, _PRESSURES = 0, (1, 2)  # sensors
 
 
@@ -106,7 +107,7 @@ class KalmanObserver:
         self._contested = np.zeros(MEASURED.size, bool)  # sensors that it is about
         self._unrivalled = self.crossing  # samples since anything was rejected
         self._samples = 0  # since the beginning, up to FIRST + 1
-        self._step, self._changes = inf, 0  # the least change of the angle's reading [rad], of so many
+        self._step = COARSEST  # the least change of the angle's reading so far [rad]
         self._variances = np.diag(self.filter.R).copy()  # of the sensors
         self._friction = FrictionState(self.compensation.friction)
         self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + 1)
@@ -135,11 +136,10 @@ class KalmanObserver:
         return np.array([verdict.counts for verdict in self.verdicts])
 
     def _learn_step(self, change: float) -> None:
-        """An encoder's readings change by whole steps: the least `change` [rad] of many is its step, if it has one."""
-        if change > 0:
-            self._changes, self._step = self._changes + 1, min(self._step, change)
-        if self._changes >= MANY:
-            rough = max(self.noise.theta, self._step / sqrt(12))
+        """An encoder's readings change by whole steps: the least `change` [rad] so far is its step, if it has one."""
+        if 0 < change < self._step:
+            self._step = change
+            rough = max(self.noise.theta, change / sqrt(12))
             self._variances[_THETA], self._gates[_THETA].floor = rough**2, max(self.gate.floor[_THETA], ROUGH * rough)
 
     # --- a sample ---------------------------------------------------------------------------------------------------
@@ -266,4 +266,4 @@ class KalmanObserver:
         return x, float(self.belief.xi[NX])
 
 
-__all__ = ["DOUBT", "FIRST", "MANY", "Differentiator", "KalmanObserver", "Noise", "Observer"]
+__all__ = ["COARSEST", "DOUBT", "FIRST", "Differentiator", "KalmanObserver", "Noise", "Observer"]

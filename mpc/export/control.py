@@ -139,7 +139,7 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
             "GATE_PATIENCE": (eyes.patience, "the same after a jump"),
             "CROSSING": (eyes.crossing, "samples without a rejection after which there is no rival"),
             "FIRST": (observer.FIRST, "samples in which what is rejected may as well be right"),
-            "MANY": (observer.MANY, "changes of the angle's reading, after which the least is its encoder's step"),
+            "COARSEST": (observer.COARSEST, "step of an encoder at most [rad]"),
             "ENCODER_NOISE": (eyes.noise.theta, "standard deviation of the angle's noise at least [rad]"),
             "DOUBT": (observer.DOUBT, "standard deviations at which a repeated reading is not believed"),
         }

@@ -80,7 +80,7 @@ SCALE = np.outer(*2 * [[1, 10, BAR, BAR, 10]])
 
 def test_a_spike_leaves_no_trace():
     clean, hit = KalmanObserver(PLANT, DT), KalmanObserver(PLANT, DT)
-    readings = np.full(60, REST[0])
+    readings = REST[0] + 0.01 * DEG * (np.arange(60) % 7 == 3)
     wrong = readings.copy()
     wrong[[20, 40, 41, 42]] += [0.3, -0.01, 1.0, 6.0]
     (usual, _), (got, verdicts) = fed(clean, readings), fed(hit, wrong)
@@ -111,7 +111,7 @@ def test_an_encoder_that_has_lost_its_zero_is_followed_after_half_a_second_and_o
 
 def test_a_joint_that_is_hit_is_found_again_at_once():
     """A blow of 8 N·m moves it as no model says: readings are doubted for a few samples, and then explained."""
-    real = RealPlant(PLANT, torque_profile=((0.5, 8.0), (0.6, 0.0)))
+    real = RealPlant(PLANT, encoder=0.02 * DEG, torque_profile=((0.1, 0.1), (0.5, 8.0), (0.6, 0.0)))
     pair = TrackingMPC(PLANT, DT, 10, weights=Weights.calm()), KalmanObserver(PLANT, DT)
     run = simulate(real, pair[0], sine(amplitude=0.0, K=5.5, K_amplitude=0.0, duration=4.0), observer=pair[1])
     assert np.abs(run.theta).max() > 5 * DEG

@@ -58,8 +58,7 @@ typedef struct {
     int unrivalled;        /* samples since anything was rejected */
     int samples;           /* since the beginning, up to ANT_FIRST + 1 */
     ant_real noise[3];     /* variances of the sensors */
-    ant_real step;         /* the least change of the angle's reading [rad] */
-    int changes;           /* of so many */
+    ant_real step;         /* the least change of the angle's reading so far [rad] */
     ant_real read[3];      /* a sample ago */
     ant_real silent[3];    /* for how long [s] */
     ant_real repeating[3]; /* for how long [s] */

@@ -37,6 +37,7 @@ static void begin(ant_observer *o, const ant_real said[3], const ant_real sent[2
     for (int k = 0; k <= ANT_DELAY; k++)
         for (int i = 0; i < 2; i++) o->commands[k][i] = can_be_sent(i, sent[i]) ? sent[i] : xi[2 + i];
     o->unrivalled = ANT_CROSSING;
+    o->step = ANT_COARSEST;
     o->begun = 1;
 }
 
@@ -202,15 +203,12 @@ static void answer(const ant_observer *o, const ant_real said[3], ant_real x[4],
     }
 }
 
-/* An encoder's readings change by whole steps: the least change of many is its step, if it has one. */
+/* An encoder's readings change by whole steps: the least change so far is its step, if it has one. */
 static void learn_step(ant_observer *o, ant_real change) {
-    if (change > 0) {
-        o->step = o->changes == 0 || change < o->step ? change : o->step;
-        if (o->changes < ANT_LONG) o->changes++;
-    }
-    if (o->changes >= ANT_MANY) {
-        const ant_real fine = ANT_ENCODER_NOISE, steps = o->step / ANT_F(sqrt)(12), rough = steps > fine ? steps : fine;
+    if (change > 0 && change < o->step) {
+        const ant_real fine = ANT_ENCODER_NOISE, steps = change / ANT_F(sqrt)(12), rough = steps > fine ? steps : fine;
         const ant_real floor = ANT_ROUGH * rough;
+        o->step = change;
         o->noise[0] = rough * rough;
         o->gates[0].floor = floor > ANT_GATE_FLOOR[0] ? floor : ANT_GATE_FLOOR[0];
     }
