@@ -16,7 +16,6 @@ from allocator.joint import report_joint
 from allocator.units import BAR, DEG, PERCENT
 from benchmarks.closed_loop.cases import CASES, LOAD, PLANTS, SEEDS, STANDARD
 from mpc import Plant, Reference, Weights
-from mpc.friction import pull
 from mpc.loops import Settings, loop
 from mpc.push import Cycle, Push, push
 from mpc.reality import RealPlant
@@ -106,7 +105,7 @@ def _log(real: RealPlant) -> tuple[np.ndarray, ...]:
 
     def lacking(theta: np.ndarray, P1: np.ndarray, P2: np.ndarray, torque: np.ndarray, s: np.ndarray) -> np.ndarray:
         x = np.stack([theta, 0 * theta, P1, P2])
-        return torque + s * real.friction.limit(pull(real.nominal, x)) - real.torque(x)
+        return torque + s * real.friction.most(real.contact(x)) - real.torque(x)
 
     theta = increasing_root(lacking, *real.nominal.joint.angle_range, P1, P2, torque, direction)
     random = np.random.default_rng(1)
