@@ -3,9 +3,12 @@
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from allocator.units import BAR
 from mpc import Compensation, Reference, Weights
-from mpc.friction import Friction
+from mpc.baselines import PIDGains
+from mpc.friction import WIDTH_AT, Friction
 from mpc.loops import Settings
 from mpc.reality import RealPlant
 from mpc.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step
@@ -49,6 +52,7 @@ PLANTS = {
     "both +10 %": Tested(RealPlant.standard((1.1, 1.1))),
 }
 VARIANTS = {  # of plant and horizon, with the tuning and the knowledge left as they are
+    "Dahl friction": Tested(replace(STANDARD, friction=STANDARD.friction.as_dahl(MODEL))),  # of the form that is told
     "friction removed": Tested(replace(STANDARD, friction=Friction())),
     "lag 0.10 s": Tested(replace(STANDARD, nominal=replace(MODEL, lag=0.10))),
     "lag 0.15 s": Tested(replace(STANDARD, nominal=replace(MODEL, lag=0.15))),
@@ -73,3 +77,12 @@ ALONE = {
     "nominal, told of all effects": Tested(RealPlant(MODEL)),
 }
 EVERY = PLANTS | VARIANTS | ALONE
+
+
+def placed(rate: float) -> PIDGains:
+    """Gains that put the three poles of J θ'' + b θ' + K θ = T at -`rate` [1/s], K at P1 + P2 = 5 bar: no tuning."""
+    J, K = MODEL.inertia, float(MODEL.stiffness(np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])))
+    return PIDGains(3 * J * rate**2 - K, J * rate**3, 3 * J * rate - MODEL.damping)
+
+
+PLACED = {f"pid, poles at -{rate:g}/s": placed(rate) for rate in (6.0, 8.0, 10.0, 12.0)}  # on the standard plant
