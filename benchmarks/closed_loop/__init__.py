@@ -10,7 +10,7 @@ where the joint turned round (`mpc.hysteresis`); told are three quarters of Dahl
 with a loop as wide at one pressure. So nobody is told the truth. Plants with Dahl's friction and with none are among
 the variants.
 
-How fair it is. There is one tuning for everything, made on other seeds (101 on; reported are those from 41 on). The
+How fair it is. There is one tuning for everything, made on other seeds (from 101 on; reported are those from 41 on). The
 PIDs' gains come from numerical optimisation (`benchmarks/closed_loop/tuning.py`) of this report's figures on the very
 plant that is called standard. The MPC's numbers and the observer's were chosen by hand after a like search, on four
 plants that rubbed by Dahl's law, and not again for this one; the LQR has the MPC's weights, with four times that of the
