@@ -10,14 +10,15 @@ where the joint turned round (`mpc.hysteresis`); told are three quarters of Dahl
 with a loop as wide at one pressure. So nobody is told the truth. Plants with Dahl's friction and with none are among
 the variants.
 
-How fair it is. There is one tuning for everything, made on other seeds (from 101 on; reported are those from 41 on). The
-PIDs' gains come from numerical optimisation (`benchmarks/closed_loop/tuning.py`) of this report's figures on the very
-plant that is called standard. The MPC's numbers and the observer's were chosen by hand after a like search, on four
-plants that rubbed by Dahl's law, and not again for this one; the LQR has the MPC's weights, with four times that of the
-rate. That favours the PIDs on the standard plant. Elsewhere they pay for it: the objective drives them towards the edge
-of stability, and friction is most of what damps this joint. Less ambitious gains would not cross the edge there, and
-would do worse here. What gains do that are placed by the textbook instead of tuned is shown as well. A run in which the
-joint was thrown off by more than 45° is called unstable and not given figures, which would say nothing about tracking.
+How fair it is. There is one tuning for everything, made on other seeds (from 101 on; reported are those from 41 on).
+The PIDs' gains come from numerical optimisation (`benchmarks/closed_loop/tuning.py`) of this report's figures on the
+very plant that is called standard. The MPC's numbers and the observer's were chosen by hand after a like search, on
+four plants that rubbed by Dahl's law, and not again for this one; the LQR has the MPC's weights, with four times that
+of the rate. That favours the PIDs on the standard plant. Elsewhere they pay for it: the objective drives them towards
+the edge of stability, and friction is most of what damps this joint. Less ambitious gains would not cross the edge
+there, and would do worse here. What gains do that are placed by the textbook instead of tuned is shown as well. A run
+in which the joint was thrown off by more than 45° is called unstable and not given figures, which would say nothing
+about tracking.
 
 The load of 1 N·m that nobody tells them of comes half-way (in the stiffness step: at 0.5 s). Angle errors count from
 the end of the first rest, in which the loop settles, to the load; "with load" to the end of the run. On the variants of

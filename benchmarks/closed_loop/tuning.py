@@ -10,8 +10,8 @@ are judged; the MPC also on the plants that it has to bear: the standard one alo
 there.
 
 Noise makes the objective rough. The PIDs' gains are the best of a search and of some by hand around it, compared on two
-seeds more (105, 106). They were found on the plant as it is; the MPC's numbers were chosen by hand, between the best of a
-search with a like objective, when the plants rubbed by Dahl's law, and stayed. The share of the friction that is told
+seeds more (105, 106). They were found on the plant as it is; the MPC's numbers were chosen by hand, between the best of
+a search with a like objective, when the plants rubbed by Dahl's law, and stayed. The share of the friction that is told
 stayed at 75 % for all, the horizon at 20.
 """
 
