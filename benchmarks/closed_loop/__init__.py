@@ -14,20 +14,22 @@ How fair it is. There is one tuning for everything, made on other seeds (from 10
 The PIDs' gains come from numerical optimisation (`benchmarks/closed_loop/tuning.py`) of this report's figures on the
 very plant that is called standard. The MPC's numbers and the observer's were chosen by hand after a like search, on
 four plants that rubbed by Dahl's law, and not again for this one; the LQR has the MPC's weights, with four times that
-of the rate. That favours the PIDs on the standard plant. Elsewhere they pay for it: the objective drives them towards
-the edge of stability, and friction is most of what damps this joint. Less ambitious gains would not cross the edge
-there, and would do worse here. What gains do that are placed by the textbook instead of tuned is shown as well. A run
-in which the joint was thrown off by more than 45° is called unstable and not given figures, which would say nothing
-about tracking.
+of the rate. That favours the PIDs on the standard plant. Elsewhere they pay for it. They are thrown off where friction,
+which damps this joint, is absent and yet told of: what is added against it then drives the joint. Gentler gains hunt
+there, or are thrown off too; told that there is none ("all but friction") a PID can be calm. The MPC, told the same
+wrong thing, bears it. What gains do that are placed by the textbook instead of tuned is shown as well. A run in which
+the joint was thrown off by more than 45° is called unstable and not given figures, which would say nothing about
+tracking.
 
 The load of 1 N·m that nobody tells them of comes half-way (in the stiffness step: at 0.5 s). Angle errors count from
 the end of the first rest, in which the loop settles, to the load; "with load" to the end of the run. On the variants of
-the standard plant controllers are told what they are told of the standard one. On plants with a single effect they are
-told what is true of that plant; what it costs to be told of effects that are absent is shown for the nominal plant.
+the standard plant controllers are told what they are told of the standard one. On plants with a single effect, and on
+the one with all but friction, they are told what is true of that plant; what it costs to be told of effects that are
+absent is shown for the nominal plant.
 
 Written are `closed_loop.csv` (every run), `closed_loop_push.csv` (every push) and `closed_loop.md` (medians over the
 seeds, against what was asked for). K errors are against the plant's true stiffness. Air is what was filled in after the
 first rest: the rises of both pressures, summed [bar]; a muscle's volume times its part of that is the volume of air at
-1 bar, but for what the muscle swells meanwhile. All of it takes about 10 minutes with two processes; `--quick` takes
-one seed of everything.
+1 bar, but for what the muscle swells meanwhile. All of it takes about 10 minutes with two free processors; `--quick`
+takes one seed of everything.
 """

@@ -51,9 +51,10 @@ PLANTS = {
     "gains swapped": Tested(RealPlant.standard((0.9, 1.1))),
     "both +10 %": Tested(RealPlant.standard((1.1, 1.1))),
 }
+FREE = replace(STANDARD, friction=Friction())
 VARIANTS = {  # of plant and horizon, with the tuning and the knowledge left as they are
     "Dahl friction": Tested(replace(STANDARD, friction=STANDARD.friction.as_dahl(MODEL))),  # of the form that is told
-    "friction removed": Tested(replace(STANDARD, friction=Friction())),
+    "friction removed": Tested(FREE),
     "lag 0.10 s": Tested(replace(STANDARD, nominal=replace(MODEL, lag=0.10))),
     "lag 0.15 s": Tested(replace(STANDARD, nominal=replace(MODEL, lag=0.15))),
     "N = 15": Tested(STANDARD, N=15),
@@ -66,13 +67,14 @@ def _alone(**effect: object) -> Tested:
     return Tested(real, real.known())
 
 
-ALONE = {
+ALONE = {  # all but the last are told the truth
     "nominal": _alone(),
     "gain errors alone": _alone(force_gains=(1.1, 0.9)),
     "hysteresis alone": _alone(friction=STANDARD.friction),
     "dead time alone": _alone(dead_time=STANDARD.dead_time),
     "dead band alone": _alone(dead_band=0.1 * BAR),
     "slow filling alone": _alone(flow=STANDARD.flow),
+    "all but friction": Tested(FREE, FREE.known()),
     "sensors alone": _alone(encoder=STANDARD.encoder, pressure_noise=STANDARD.pressure_noise),
     "nominal, told of all effects": Tested(RealPlant(MODEL)),
 }
