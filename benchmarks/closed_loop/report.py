@@ -111,8 +111,10 @@ def _untuned(rows: list[Row]) -> Iterator[str]:
 
 def _unstable(rows: list[Row]) -> Iterator[str]:
     yield f"## Where a loop is unstable: the joint is thrown off by more than {UNSTABLE:g}°\n"
-    for plant, case, c in dict.fromkeys((r.plant, r.case, r.controller) for r in rows if r.figures.unstable):
-        yield "* {}: {}, {} ({} of {} runs)".format(plant, case, c, *unstable(rows, plant, case, c))
+    for plant, c in dict.fromkeys((r.plant, r.controller) for r in rows if r.figures.unstable):
+        cases = dict.fromkeys(r.case for r in rows if r.figures.unstable and (r.plant, r.controller) == (plant, c))
+        counts = ("{} ({} of {} runs)".format(case, *unstable(rows, plant, case, c)) for case in cases)
+        yield f"* {plant}: {c}: " + ", ".join(counts)
     yield ""
 
 

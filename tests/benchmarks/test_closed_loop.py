@@ -115,7 +115,7 @@ def test_a_run_that_is_thrown_off_is_called_unstable_and_gets_no_figures(bench, 
         for r in quick
     ]
     text = "\n".join(bench.report.markdown(off))
-    assert "* standard: sine, pid (1 of 1 runs)" in text
+    assert "* standard: pid: sine (1 of 1 runs)" in text
     assert "| unstable runs | 0 | 0 | 0 | 1 | 0 | 0 | 0 | stretch |" in text
     assert "84.4" not in text
     assert "unstable" not in "\n".join(bench.report.markdown(quick)).replace("unstable runs", "").split("## Plant")[1]
