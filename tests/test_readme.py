@@ -37,7 +37,7 @@ def test_every_image_of_the_readme_exists():
 
 def test_the_tracking_error_beside_a_command_is_what_it_prints(tmp_path):
     command, rms, worst = re.search(
-        r"`antagonist (track [^`]+)` prints,\s+after the first rest, ([\d.]+)° RMS \(([\d.]+)°", README
+        r"`antagonist (track [^`]+)`\s+prints,\s+after the first rest, ([\d.]+)° RMS \(([\d.]+)°", README
     ).groups()
     result = CliRunner().invoke(app, [*command.split(), "--out", str(tmp_path / "run.csv")])
     assert result.exit_code == 0, result.output
