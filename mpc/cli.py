@@ -183,6 +183,11 @@ def _summary(m: "Metrics", implementation: str) -> "Table":
     table = Table("", "RMS, median", "worst, 99 %", title="tracking")
     table.add_row("angle error [°]", f"{m.theta_rms:.3g}", f"{m.theta_worst:.3g}")
     table.add_row("stiffness error [%]", f"{m.K_rms:.3g}", f"{m.K_worst:.3g}")
+    if m.rest:
+        later = m.after_rest
+        table.add_row(f"after the first rest of {m.rest:.3g} s")
+        table.add_row("  angle error [°]", f"{later.theta_rms:.3g}", f"{later.theta_worst:.3g}")
+        table.add_row("  stiffness error [%]", f"{later.K_rms:.3g}", f"{later.K_worst:.3g}")
     table.add_section()
     for limit, (excess, unit) in m.violations.items():
         table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")

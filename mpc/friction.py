@@ -11,6 +11,7 @@ P. Dahl, "A solid friction model", Aerospace Corp. TOR-0158(3107-18), 1968; it i
 
 from dataclasses import dataclass
 from math import copysign, exp
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,14 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 from mpc.plant import Plant
 
-_WIDTH_AT = 2.5 * BAR  # both pressures, at θ = 0, for which the width of the loop is given
+WIDTH_AT = 2.5 * BAR  # both pressures, at θ = 0, for which the width of the loop is given
+
+
+class Contact(NamedTuple):
+    """What presses on that which rubs."""
+
+    pulled: Value  # a1 F1 + a2 F2 of the taut muscles [N·m]
+    filled: Value  # P1 + P2 [Pa]
 
 
 @dataclass(frozen=True)
@@ -42,8 +50,8 @@ class Friction:
     @classmethod
     def of_width(cls, plant: Plant, width: float, coulomb: float = 0.0, presliding: float = 0.5 * DEG) -> "Friction":
         """With a loop `width` [rad] wide between slow sweeps up and down at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width."""
-        x = np.array([0.0, 0.0, _WIDTH_AT, _WIDTH_AT])
-        return cls(float(plant.stiffness(x) * width / (2 * pull(plant, x))), coulomb, presliding)
+        x = np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])
+        return cls(torque_of_width(plant, width) / float(pull(plant, x)), coulomb, presliding)
 
     @property
     def absent(self) -> bool:
@@ -66,6 +74,37 @@ class Friction:
             states.append(self.after(states[-1], motion))
         return np.array(states)
 
+    # --- of a plant under test, as `mpc.hysteresis` has it too -------------------------------------------------------
+
+    @property
+    def size(self) -> int:
+        """How many numbers it remembers: z [-]."""
+        return 1
+
+    def most(self, contact: Contact) -> Value:
+        """T_max [N·m]."""
+        return self.limit(contact.pulled)
+
+    def moved(self, memory: Value, motion: Value, contact: Contact) -> Value:
+        """z (1,) after turning by `motion` [rad] in one direction, CasADi symbols."""
+        import casadi as ca
+
+        s = ca.sign(motion)
+        return s - (s - memory) * ca.exp(-ca.fabs(motion) / self.presliding)
+
+    def torque(self, memory: Value, contact: Contact) -> Value:
+        """T_f [N·m] of z (1,), CasADi symbols."""
+        return self.most(contact) * memory
+
+    def as_dahl(self, plant: Plant) -> "Friction":
+        """Itself: it is Dahl's."""
+        return self
+
+
+def torque_of_width(plant: Plant, width: float) -> float:
+    """T_f [N·m] of which a loop is `width` [rad] wide at θ = 0, P1 + P2 = 5 bar: K width/2."""
+    return float(plant.stiffness(np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])) * width / 2)
+
 
 def pull(plant: Plant, x: Value) -> Value:
     """a1 F1 + a2 F2 [N·m] in the state `x` [4, ...]: both torques against each other."""
@@ -73,4 +112,4 @@ def pull(plant: Plant, x: Value) -> Value:
     return agonist.torque(x[2]) - antagonist.torque(x[3])
 
 
-__all__ = ["Friction", "pull"]
+__all__ = ["WIDTH_AT", "Contact", "Friction", "pull", "torque_of_width"]

@@ -50,7 +50,8 @@ def sampled_plant(plant: Plant, dt: float) -> Any:
 def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> Any:
     """`real` every `dt` [s]: inputs (P1_command, P2_command, d), outputs (θ, P1, P2 as measured; the true states, K).
 
-    Its states are the true ones, the friction's z and the commands on their way, oldest first; `at_rest` makes one.
+    Its states are the true ones, what friction remembers and the commands on their way, oldest first; `at_rest` makes
+    one.
     The noise of a sample depends on `seed` and time alone. Faults remember more than that and are not for here.
     """
     import control
@@ -58,6 +59,7 @@ def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> Any:
     if real.faults:
         raise InvalidInput("a plant with faults is no I/O system: what faults remember is no state; use simulate")
     experiment, noise = RealExperiment(real, dt, np.zeros(NX), seed), _Noise(seed)
+    waiting = experiment.memory.size - NX - real.friction.size
 
     def next_memory(t: float, x: Array, u: Array, params: Any) -> Array:
         experiment.recall(x, round(t / dt))
@@ -72,7 +74,11 @@ def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> Any:
     return control.nlsys(
         next_memory,
         outputs,
-        states=[*STATES, "z", *(f"waiting_{i}" for i in range(experiment.memory.size - NX - 1))],
+        states=[
+            *STATES,
+            *(f"friction_{i}" for i in range(real.friction.size)),
+            *(f"waiting_{i}" for i in range(waiting)),
+        ],
         inputs=[*INPUTS, "d"],
         outputs=[*_MEASURED, *(f"true_{name}" for name in STATES), "K"],
         name="plant",

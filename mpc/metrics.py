@@ -1,6 +1,7 @@
 """How well a run went: errors, limits broken and by how much, time taken, rungs used."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,17 +11,33 @@ from allocator.units import BAR, DEG, PERCENT
 from mpc.plan import Moved, Rung
 from mpc.simulation import Run
 
-_ROUNDING = 1e-9  # of the limit: less is arithmetic
+_ROUNDING = 1e-9  # of the limit, or of what is constant: less is arithmetic
 
 
-@dataclass(frozen=True)
-class Metrics:
-    """Figures of a run, in the units they are read in; over all samples from the first to the last."""
+class Errors(NamedTuple):
+    """How far angle and stiffness were from their references."""
 
     theta_rms: float  # [°]
     theta_worst: float  # [°]
     K_rms: float  # [% of the reference]
     K_worst: float  # [% of the reference]
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Figures of a run, in the units they are read in; over all samples from the first to the last.
+
+    A reference that begins with a rest gives a controller time to find out how far its model is off; `after_rest` are
+    the errors from the last sample on at which angle and stiffness were still those of the first one. A reference that
+    begins in motion, or never moves, has no first rest: then they are the errors over all samples.
+    """
+
+    theta_rms: float  # [°]
+    theta_worst: float  # [°]
+    K_rms: float  # [% of the reference]
+    K_worst: float  # [% of the reference]
+    rest: float  # [s], how long the first rest is
+    after_rest: Errors
     violations: dict[str, tuple[float, str]]  # limit: greatest excess (0 where it was kept), unit
     step_median: float  # [ms]
     step_p99: float  # [ms]
@@ -36,13 +53,11 @@ class Metrics:
 
 def metrics(run: Run) -> Metrics:
     """The figures of `run`."""
-    theta_error = (run.theta - run.theta_ref) / DEG
-    K_error = (run.K / run.K_ref - 1) / PERCENT
+    moves = _rested(run)
     return Metrics(
-        theta_rms=_rms(theta_error),
-        theta_worst=float(np.abs(theta_error).max()),
-        K_rms=_rms(K_error),
-        K_worst=float(np.abs(K_error).max()),
+        **_errors(run, 0)._asdict(),
+        rest=moves * run.dt,
+        after_rest=_errors(run, moves),
         violations=_violations(run),
         step_median=float(np.median(run.step_time)) * 1e3,
         step_p99=float(np.percentile(run.step_time, 99)) * 1e3,
@@ -50,6 +65,21 @@ def metrics(run: Run) -> Metrics:
         out_of_reach=float(np.mean(~_reachable(run))) / PERCENT,
         moved=_moved(run),
     )
+
+
+def _errors(run: Run, begin: int) -> Errors:
+    """From the sample `begin` on."""
+    theta_error = ((run.theta - run.theta_ref) / DEG)[begin:]
+    K_error = ((run.K / run.K_ref - 1) / PERCENT)[begin:]
+    return Errors(_rms(theta_error), float(np.abs(theta_error).max()), _rms(K_error), float(np.abs(K_error).max()))
+
+
+def _rested(run: Run) -> int:
+    """The last sample of the first rest of the reference; 0 where there is none."""
+    moved = np.zeros(run.t.size, bool)
+    for wanted in (run.theta_ref, run.K_ref):
+        moved |= np.abs(wanted - wanted[0]) > _ROUNDING * np.abs(wanted).max()
+    return max(int(np.argmax(moved)) - 1, 0)
 
 
 def _reachable(run: Run) -> Mask:
@@ -89,4 +119,4 @@ def _rms(error: Array) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-__all__ = ["Metrics", "metrics"]
+__all__ = ["Errors", "Metrics", "metrics"]

@@ -34,8 +34,8 @@ from mpc.reference import Reference
 from mpc.simulation import Controller, Run, simulate
 
 _REST = 1.0  # [s] between freezing and pushing, for the joint to come to rest
-_TURNED = 2.5 * DEG  # so far after a reversal friction has turned round
-_LEAST = 3  # times that, the joint has to swing
+_TURNED = 10 * DEG  # so far after a reversal friction has turned round, see `mpc.hysteresis`
+_LEAST = 2.4  # times that, the joint has to swing
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Push:
 class Cycle(NamedTuple):
     """How to push."""
 
-    torque: float = 1.0  # amplitude of T_e [N·m]
+    torque: float = 2.0  # amplitude of T_e [N·m]: within the presliding of friction a joint seems stiffer than it is
     period: float = 16.0  # [s]; inertia lets the joint seem softer by J (2π/period)²
 
 

@@ -4,8 +4,12 @@
     P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow,   dz(e) = e less the dead band, 0 within it
     measured: θ rounded to the encoder's step, P_i + noise; not ω
 
-with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.friction`. Every effect has a
-value at which it is off, the default of its field; with all of them off this is the nominal `Plant`.
+with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.hysteresis`, or of
+`mpc.friction`, which is what controllers are told. Every effect has a value at which it is off, the default of its
+field; with all of them off this is the nominal `Plant`.
+
+T_f depends on where the joint turned round. Within a step of integration it is a function of the angle, exact while
+the joint turns in one direction, and each step begins with what is remembered of the one before.
 """
 
 from dataclasses import dataclass, field, fields, replace
@@ -23,7 +27,8 @@ from mpc.buffered import Buffered
 from mpc.compensation import Compensation
 from mpc.experiment import FINE
 from mpc.faults import Fault
-from mpc.friction import Friction
+from mpc.friction import Contact, Friction
+from mpc.hysteresis import MaxwellSlip
 from mpc.integration import integrated
 from mpc.plant import NU, NX, Plant
 
@@ -34,7 +39,7 @@ class RealPlant:
 
     nominal: Plant = field(default_factory=Plant)  # joint, link, gravity, lags
     force_gains: tuple[float, float] = (1.0, 1.0)  # g1, g2 [-]
-    friction: Friction = field(default_factory=Friction)
+    friction: Friction | MaxwellSlip = field(default_factory=Friction)
     dead_time: float = 0.0  # t_dead of the commands [s]
     dead_band: float = 0.0  # [Pa], total: a regulator rests within half of it on either side
     flow: float = inf  # fastest change of a pressure [Pa/s]
@@ -77,7 +82,7 @@ class RealPlant:
         return cls(
             plant,
             force_gains,
-            Friction.of_width(plant, 5 * DEG),
+            MaxwellSlip.of_width(plant, 5 * DEG),
             dead_time=0.03,
             dead_band=0.1 * BAR,
             flow=5 * BAR,
@@ -95,12 +100,13 @@ class RealPlant:
         return replace(self, **{name: getattr(off, name) for name in effects})
 
     def known(self, share: float = 0.75) -> Compensation:
-        """What a controller is told of this plant: dead time, dead band, and a `share` [-] of the friction.
+        """What a controller is told of this plant: dead time, dead band, and a `share` [-] of the friction, as Dahl's.
 
         All of it would be best here and worst where it has vanished: the intended motion is then pushed by friction
         that nobody sees. Too little is the safe side.
         """
-        friction = replace(self.friction, mu=share * self.friction.mu, coulomb=share * self.friction.coulomb)
+        dahl = self.friction.as_dahl(self.nominal)
+        friction = replace(dahl, mu=share * dahl.mu, coulomb=share * dahl.coulomb)
         return Compensation(friction, self.dead_time, self.dead_band)
 
     # --- the equations ----------------------------------------------------------------------------------------------
@@ -120,17 +126,29 @@ class RealPlant:
         F1, F2 = self.nominal.forces(x)
         return self.force_gains[0] * F1, self.force_gains[1] * F2
 
-    def rate(self, x: Value, u: Value, d: Value) -> tuple[Value, ...]:
-        """Derivative of (θ, ω, P1, P2, z), CasADi symbols; `u` what the regulators hear now, `d` [N·m] from outside."""
+    def contact(self, x: Value) -> Contact:
+        """What presses on that which rubs in the state `x` [4, ...]; a slack cable rubs no more."""
+        agonist, antagonist = self.nominal.joint.sides(x[0])
+        pulls = self.force_gains[0] * agonist.torque(x[2]), -self.force_gains[1] * antagonist.torque(x[3])
+        return Contact(sum((pull + abs(pull)) / 2 for pull in pulls), x[2] + x[3])
+
+    def rate(self, x: Value, u: Value, d: Value, T_f: Value) -> tuple[Value, ...]:
+        """Derivative of (θ, ω, P1, P2), CasADi symbols; `u` what the regulators hear now, `d` [N·m] from outside."""
+        balance = self.torque(x) - self.nominal.torque_for(x[0], x[1], 0.0, d) - T_f
+        return x[1], balance / self.nominal.inertia, *self._pressure_rates(x, u)
+
+    def stepped(self, x: Value, memory: Value, u: Value, d: Value, h: Value) -> tuple[Value, Value]:
+        """`x` (4,) and friction's `memory` after a fine step of `h` [s], CasADi symbols."""
         import casadi as ca
 
-        theta, omega, z = x[0], x[1], x[4]
-        agonist, antagonist = self.nominal.joint.sides(theta)
-        pulls = self.force_gains[0] * agonist.torque(x[2]), -self.force_gains[1] * antagonist.torque(x[3])
-        T_f = self.friction.limit(sum(ca.fmax(pull, 0.0) for pull in pulls)) * z  # a slack cable rubs no more
-        balance = self.torque(x) - self.nominal.torque_for(theta, omega, 0.0, d) - T_f
-        z_rate = (omega - ca.fabs(omega) * z) / self.friction.presliding
-        return omega, balance / self.nominal.inertia, *self._pressure_rates(x, u), z_rate
+        def remembered(now: Value) -> Value:
+            return self.friction.moved(memory, now[0] - x[0], self.contact(now))
+
+        def rate(now: Value) -> Value:
+            return ca.vertcat(*self.rate(now, u, d, self.friction.torque(remembered(now), self.contact(now))))
+
+        after = integrated(rate, x, h, 1)
+        return after, remembered(after)
 
     def _pressure_rates(self, x: Value, u: Value) -> list[Value]:
         import casadi as ca
@@ -157,7 +175,7 @@ class RealExperiment:
     def __init__(self, real: RealPlant, dt: float, x0: Array, seed: int) -> None:
         self.real, self.dt = real, dt
         self._noise = np.random.default_rng(seed)
-        self._full = np.append(x0, 0.0)  # with the friction's state z
+        self._full = np.append(x0, np.zeros(real.friction.size))  # with what friction remembers
         self._sample = 0
         self._said = np.full(NX, np.nan)  # by the sensors, a sample ago
         whole = int(real.dead_time / dt * (1 + 1e-12))
@@ -193,13 +211,14 @@ class RealExperiment:
 
     @property
     def memory(self) -> Array:
-        """All that the future depends on besides the time (n,): (θ, ω, P1, P2, z) and the commands on their way."""
+        """All that the future depends on besides the time (n,): `x`, friction's memory, the commands on their way."""
         return np.concatenate([self._full, *self._waiting])
 
     def recall(self, memory: Array, sample: int) -> None:
         """Go to a `memory` (n,), at the `sample` since the beginning."""
-        self._full, self._sample = np.array(memory[: NX + 1]), sample
-        self._waiting = list(np.reshape(memory[NX + 1 :], (-1, NU)))
+        there = self._full.size
+        self._full, self._sample = np.array(memory[:there]), sample
+        self._waiting = list(np.reshape(memory[there:], (-1, NU)))
 
     def advance(self, u: Array, d: float = 0.0) -> None:
         """One sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] besides the plant's own."""
@@ -217,10 +236,13 @@ class RealExperiment:
         """(x, u, d, duration) ↦ x, for at most one sample, in steps as fine as `simulate` takes for a `Plant`."""
         import casadi as ca
 
-        x0, u, d, duration = ca.SX.sym("x", NX + 1), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("duration")
+        n = NX + self.real.friction.size
+        full, u, d, duration = ca.SX.sym("x", n), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("duration")
         substeps = self.real.nominal.substeps(self.dt, FINE)
-        x = integrated(lambda x: ca.vertcat(*self.real.rate(x, u, d)), x0, duration, substeps)
-        return ca.Function("real", [x0, u, d, duration], [x])
+        x, memory = full[:NX], full[NX:]
+        for _ in range(substeps):
+            x, memory = self.real.stepped(x, memory, u, d, duration / substeps)
+        return ca.Function("real", [full, u, d, duration], [ca.vertcat(x, memory)])
 
 
 _UNITS = (("dead_time", "s"), ("dead_band", "Pa"), ("flow", "Pa/s"), ("encoder", "rad"), ("pressure_noise", "Pa"))

@@ -135,13 +135,27 @@ class Run:
 
         m = metrics(self)
         broken = [f"{name} by {number(by, 2)} {unit}" for name, (by, unit) in m.violations.items() if by]
+        later = m.after_rest
+        rested = {
+            f"after the first rest of {number(m.rest)} s, angle error": _angle(later.theta_rms, later.theta_worst),
+            "stiffness error then": _stiffness(later.K_rms, later.K_worst),
+        }
         return {
-            "angle error": f"{number(m.theta_rms, 2)}° RMS, {number(m.theta_worst, 2)}° at worst",
-            "stiffness error": f"{number(m.K_rms, 2)} % RMS, {number(m.K_worst, 2)} % at worst",
+            "angle error": _angle(m.theta_rms, m.theta_worst),
+            "stiffness error": _stiffness(m.K_rms, m.K_worst),
+            **(rested if m.rest else {}),
             "limits broken": ", ".join(broken) or "none",
             "steps answered by": ", ".join(f"{rung} {n}" for rung, n in m.rungs.items() if n),
             "time of a step": f"{number(m.step_median, 2)} ms median, {number(m.step_p99, 2)} ms for 99 %",
         }
+
+
+def _angle(rms: float, worst: float) -> str:
+    return f"{number(rms, 2)}° RMS, {number(worst, 2)}° at worst"
+
+
+def _stiffness(rms: float, worst: float) -> str:
+    return f"{number(rms, 2)} % RMS, {number(worst, 2)} % at worst"
 
 
 def simulate(

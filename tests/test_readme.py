@@ -6,6 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
+from mpc.cli import app
 
 README = (Path(__file__).parent.parent / "README.md").read_text()
 BLOCKS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
@@ -30,3 +33,15 @@ def test_every_image_of_the_readme_exists():
     images = re.findall(r"!\[.*?\]\((.*?)\)", README)
     assert images
     assert all((Path(__file__).parent.parent / image).is_file() for image in images)
+
+
+def test_the_tracking_error_beside_a_command_is_what_it_prints(tmp_path):
+    command, rms, worst = re.search(
+        r"`antagonist (track [^`]+)`\s+prints,\s+after the first rest, ([\d.]+)° RMS \(([\d.]+)°", README
+    ).groups()
+    result = CliRunner().invoke(app, [*command.split(), "--out", str(tmp_path / "run.csv")])
+    assert result.exit_code == 0, result.output
+    printed = re.search(
+        r"after the first rest\D+4 s.*?angle error \[°\]\D+([\d.]+)\D+([\d.]+)", result.output, re.DOTALL
+    )
+    assert [float(p) for p in printed.groups()] == pytest.approx([float(rms), float(worst)], rel=0.03)

@@ -3,9 +3,12 @@
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from allocator.units import BAR
 from mpc import Compensation, Reference, Weights
-from mpc.friction import Friction
+from mpc.baselines import PIDGains
+from mpc.friction import WIDTH_AT, Friction
 from mpc.loops import Settings
 from mpc.reality import RealPlant
 from mpc.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step
@@ -48,8 +51,10 @@ PLANTS = {
     "gains swapped": Tested(RealPlant.standard((0.9, 1.1))),
     "both +10 %": Tested(RealPlant.standard((1.1, 1.1))),
 }
+FREE = replace(STANDARD, friction=Friction())
 VARIANTS = {  # of plant and horizon, with the tuning and the knowledge left as they are
-    "friction removed": Tested(replace(STANDARD, friction=Friction())),
+    "Dahl friction": Tested(replace(STANDARD, friction=STANDARD.friction.as_dahl(MODEL))),  # of the form that is told
+    "friction removed": Tested(FREE),
     "lag 0.10 s": Tested(replace(STANDARD, nominal=replace(MODEL, lag=0.10))),
     "lag 0.15 s": Tested(replace(STANDARD, nominal=replace(MODEL, lag=0.15))),
     "N = 15": Tested(STANDARD, N=15),
@@ -62,14 +67,24 @@ def _alone(**effect: object) -> Tested:
     return Tested(real, real.known())
 
 
-ALONE = {
+ALONE = {  # all but the last are told the truth
     "nominal": _alone(),
     "gain errors alone": _alone(force_gains=(1.1, 0.9)),
     "hysteresis alone": _alone(friction=STANDARD.friction),
     "dead time alone": _alone(dead_time=STANDARD.dead_time),
     "dead band alone": _alone(dead_band=0.1 * BAR),
     "slow filling alone": _alone(flow=STANDARD.flow),
+    "all but friction": Tested(FREE, FREE.known()),
     "sensors alone": _alone(encoder=STANDARD.encoder, pressure_noise=STANDARD.pressure_noise),
     "nominal, told of all effects": Tested(RealPlant(MODEL)),
 }
 EVERY = PLANTS | VARIANTS | ALONE
+
+
+def placed(rate: float) -> PIDGains:
+    """Gains that put the three poles of J θ'' + b θ' + K θ = T at -`rate` [1/s], K at P1 + P2 = 5 bar: no tuning."""
+    J, K = MODEL.inertia, float(MODEL.stiffness(np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])))
+    return PIDGains(3 * J * rate**2 - K, J * rate**3, 3 * J * rate - MODEL.damping)
+
+
+PLACED = {f"pid, poles at -{rate:g}/s": placed(rate) for rate in (6.0, 8.0, 10.0, 12.0)}  # on the standard plant

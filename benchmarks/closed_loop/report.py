@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 import benchmarks.closed_loop as about
-from benchmarks.closed_loop.cases import PLANTS
-from benchmarks.closed_loop.runs import CONTROLLERS, RUNGS, Row
+from benchmarks.closed_loop.cases import PLACED, PLANTS
+from benchmarks.closed_loop.runs import CONTROLLERS, RUNGS, UNSTABLE, Row
 
 ASKED = [  # quantity, case, figure, unit, must, stretch
     ("sine, RMS before the load", "sine", "rms", "°", 0.8, 0.5),
@@ -19,6 +19,11 @@ ASKED = [  # quantity, case, figure, unit, must, stretch
     ("mean steady error under the load", "steps", "steady_mean", "°", 0.05, 0.03),
     ("steady error, peak to peak", "steps", "steady_swing", "°", 0.3, 0.15),
 ]
+BROKEN = [
+    ("unstable runs", "unstable"),
+    ("runs with a limit exceeded", "limits_exceeded"),
+    ("runs with a slack muscle", "slack"),
+]
 COMPARED = ("sine", "min-jerk", "chirp", "stiffness step")  # in the ratio of MPC and PID
 
 
@@ -26,6 +31,20 @@ def median(rows: list[Row], plant: str, case: str, controller: str, figure: str)
     """Over the seeds."""
     chosen = [getattr(r.figures, figure) for r in rows if (r.plant, r.case, r.controller) == (plant, case, controller)]
     return float(np.median(chosen))
+
+
+def unstable(rows: list[Row], plant: str, case: str, controller: str) -> tuple[int, int]:
+    """How many of how many runs are."""
+    chosen = [r.figures.unstable for r in rows if (r.plant, r.case, r.controller) == (plant, case, controller)]
+    return sum(chosen), len(chosen)
+
+
+def shown(rows: list[Row], plant: str, case: str, controller: str, figure: str) -> str:
+    """The median, or that the loop is unstable: then it is no figure of how well a reference is followed."""
+    broken, runs = unstable(rows, plant, case, controller)
+    if broken:
+        return f"unstable ({broken} of {runs})"
+    return f"{median(rows, plant, case, controller, figure):.3g}"
 
 
 def verdict(value: float, must: float, stretch: float) -> str:
@@ -43,6 +62,8 @@ def markdown(rows: list[Row]) -> Iterator[str]:
     yield "Seeds: " + ", ".join(f"{plant} {n}" for plant, n in counts.items()) + ".\n"
     for plant in PLANTS:
         yield from _asked(rows, plant)
+    yield from _untuned(rows)
+    yield from _unstable(rows)
     yield from _defeats(rows)
     yield from _effort(rows)
     yield from _every_case(rows)
@@ -53,15 +74,15 @@ def _asked(rows: list[Row], plant: str) -> Iterator[str]:
     yield "| quantity | must | stretch | " + " | ".join(CONTROLLERS) + " | MPC meets |"
     yield "|---" * (4 + len(CONTROLLERS)) + "|"
     for quantity, case, figure, unit, must, stretch in ASKED:
-        values = [median(rows, plant, case, c, figure) for c in CONTROLLERS]
-        cells = " | ".join(f"{v:.3g}" for v in values)
-        judged = "not asked" if figure == "K_rms" and plant == "both +10 %" else verdict(values[0], must, stretch)
+        cells = " | ".join(shown(rows, plant, case, c, figure) for c in CONTROLLERS)
+        ours = median(rows, plant, case, "mpc", figure)
+        judged = "not asked" if figure == "K_rms" and plant == "both +10 %" else verdict(ours, must, stretch)
         yield f"| {quantity} [{unit}] | {must} | {stretch} | {cells} | {judged} |"
     ratios = {c: _ratio(rows, plant, c) for c in CONTROLLERS if c.endswith("pid")}
     cells = " | ".join(f"{ratios[c]:.3g}" if c in ratios else "" for c in CONTROLLERS)
-    judged = verdict(max(ratios.values()), 0.8, 0.6)
+    judged = verdict(max((r for r in ratios.values() if not np.isnan(r)), default=np.nan), 0.8, 0.6)
     yield f"| median MPC/PID over sine, min-jerk, chirp, K step | 0.8 | 0.6 | {cells} | {judged} |"
-    for quantity, figure in (("runs with a limit exceeded", "limits_exceeded"), ("runs with a slack muscle", "slack")):
+    for quantity, figure in BROKEN:
         broken = [
             sum(getattr(r.figures, figure) > 0 for r in rows if (r.plant, r.controller) == (plant, c))
             for c in CONTROLLERS
@@ -71,9 +92,30 @@ def _asked(rows: list[Row], plant: str) -> Iterator[str]:
 
 
 def _ratio(rows: list[Row], plant: str, pid: str) -> float:
-    return float(
-        np.median([median(rows, plant, c, "mpc", "rms") / median(rows, plant, c, pid, "rms") for c in COMPARED])
-    )
+    """Of what both of them follow: against an unstable PID it would flatter."""
+    stable = [c for c in COMPARED if not any(unstable(rows, plant, c, name)[0] for name in ("mpc", pid))]
+    ratios = [median(rows, plant, c, "mpc", "rms") / median(rows, plant, c, pid, "rms") for c in stable]
+    return float(np.median(ratios)) if ratios else np.nan
+
+
+def _untuned(rows: list[Row]) -> Iterator[str]:
+    yield "## What tuning does for the PID\n"
+    yield "Standard plant, RMS errors before the load [°]; gains that place poles (`cases.placed`), and tuned ones.\n"
+    cases = dict.fromkeys(r.case for r in rows if r.controller in PLACED)
+    yield "| | " + " | ".join(cases) + " |"
+    yield "|---" * (1 + len(cases)) + "|"
+    for c in (*PLACED, "pid", "predictive-pid"):
+        yield f"| {c} | " + " | ".join(shown(rows, "standard", case, c, "rms") for case in cases) + " |"
+    yield ""
+
+
+def _unstable(rows: list[Row]) -> Iterator[str]:
+    yield f"## Where a loop is unstable: the joint is thrown off by more than {UNSTABLE:g}°\n"
+    for plant, c in dict.fromkeys((r.plant, r.controller) for r in rows if r.figures.unstable):
+        cases = dict.fromkeys(r.case for r in rows if r.figures.unstable and (r.plant, r.controller) == (plant, c))
+        counts = ("{} ({} of {} runs)".format(case, *unstable(rows, plant, case, c)) for case in cases)
+        yield f"* {plant}: {c}: " + ", ".join(counts)
+    yield ""
 
 
 def _defeats(rows: list[Row]) -> Iterator[str]:
@@ -125,6 +167,8 @@ def _every_case(rows: list[Row]) -> Iterator[str]:
 
 
 def _cell(rows: list[Row], plant: str, case: str, controller: str) -> str:
+    if unstable(rows, plant, case, controller)[0]:
+        return shown(rows, plant, case, controller, "rms")
     names = ("rms", "worst", "rms_with_load", "worst_with_load", "steady_swing", "K_rms")
     a, b, c, d, swing, K = (median(rows, plant, case, controller, name) for name in names)
     return f"{a:.2f} / {b:.2f} ({c:.2f} / {d:.2f}), {swing:.2f}; {K:.3f}"

@@ -7,15 +7,17 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.units import DEG
-from benchmarks.closed_loop.cases import ALONE, CASES, EVERY, LOAD, PLANTS, SETTINGS, VARIANTS, Case
+from benchmarks.closed_loop.cases import ALONE, CASES, EVERY, LOAD, PLACED, PLANTS, SETTINGS, VARIANTS, Case
 from mpc import Run, Rung, simulate
-from mpc.loops import loop
+from mpc.baselines import PIDControl
+from mpc.loops import Settings, loop
 from mpc.metrics import metrics
-from mpc.observer import Observer
+from mpc.observer import Differentiator, Observer
 from mpc.reality import RealPlant
 from mpc.simulation import Controller
 from mpc.trajectories import LEAD
 
+UNSTABLE = 45.0  # [°] of error: more than the joint would make if it stood still, as no trajectory goes beyond 40°
 STEADY = 1.0  # [s] at the end of a run, where the reference rests
 CONTROLLERS = ("mpc", "pid", "predictive-pid", "lqr", "feedforward")
 RUNGS = tuple(rung.name for rung in Rung)
@@ -39,6 +41,11 @@ class Figures:
     step_median: float  # [ms]
     step_p99: float  # [ms]
     rungs: tuple[int, ...]  # steps that each of RUNGS answered
+
+    @property
+    def unstable(self) -> bool:
+        """Whether the joint was thrown about: the figures then say no more than that."""
+        return not self.worst_with_load <= UNSTABLE
 
 
 def run_case(plant: RealPlant, case: Case, controller: Controller, observer: Observer, seed: int) -> Run:
@@ -114,16 +121,24 @@ def jobs(effort: Effort, first: int) -> Iterator[Job]:
     for name in PLANTS:
         count = effort.standard if name == "standard" else effort.gains
         yield from (Job(name, c, tuple(CASES), range(first, first + count)) for c in CONTROLLERS)
+    few = range(first, first + effort.others)
     for name in VARIANTS | ALONE:
-        yield from (Job(name, c, ("sine", "min-jerk"), range(first, first + effort.others)) for c in FEW)
+        yield from (Job(name, c, ("sine", "min-jerk"), few) for c in FEW)
+    yield from (Job("standard", c, tuple(CASES), few) for c in PLACED)
 
 
 def rows(job: Job) -> list[Row]:
     """The runs of a job; the controller is built once."""
     tested = EVERY[job.plant]
-    driver = loop(job.controller, SETTINGS._replace(N=tested.N, compensation=tested.told))
+    driver = _driver(job.controller, SETTINGS._replace(N=tested.N, compensation=tested.told))
     return [
         Row(job.plant, case, job.controller, seed, figures(case, run_case(tested.real, CASES[case], *driver, seed)))
         for case in job.cases
         for seed in job.seeds
     ]
+
+
+def _driver(name: str, settings: Settings) -> tuple[Controller, Observer]:
+    if name not in PLACED:
+        return loop(name, settings)
+    return PIDControl(settings.plant, settings.dt, settings.compensation, PLACED[name]), Differentiator(settings.dt)

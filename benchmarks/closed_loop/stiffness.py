@@ -14,9 +14,8 @@ from allocator.calculus import increasing_root
 from allocator.identification import fit_joint
 from allocator.joint import report_joint
 from allocator.units import BAR, DEG, PERCENT
-from benchmarks.closed_loop.cases import CASES, LOAD, PLANTS, SEEDS, STANDARD
+from benchmarks.closed_loop.cases import CASES, EVERY, LOAD, SEEDS, STANDARD
 from mpc import Plant, Reference, Weights
-from mpc.friction import pull
 from mpc.loops import Settings, loop
 from mpc.push import Cycle, Push, push
 from mpc.reality import RealPlant
@@ -35,7 +34,7 @@ class Pushed(NamedTuple):
     reference: Reference
     at: float = SETTLED  # [s]
     loaded: bool = False
-    torque: float = 1.0  # [N·m] with which it is pushed
+    torque: float = 2.0  # [N·m] with which it is pushed
 
 
 def _hold(K: float, theta: float = 0.0) -> Reference:
@@ -46,12 +45,12 @@ SITUATIONS = {
     "held": Pushed("standard", "Sarosi", _hold(5.5)),
     "held at 40°, K 6.5": Pushed("standard", "Sarosi", _hold(6.5, 40 * DEG)),
     "under the unknown load": Pushed("standard", "Sarosi", _hold(5.5, 20 * DEG), loaded=True),
-    "more asked than there is": Pushed("standard", "Sarosi", _hold(12.0), torque=2.0),
+    "more asked than there is": Pushed("standard", "Sarosi", _hold(12.0), torque=3.0),
     "frozen in a step of K": Pushed("standard", "Sarosi", CASES["stiffness step"].reference, at=LEAD + 0.15),
     "gains swapped": Pushed("gains swapped", "Sarosi", _hold(5.5)),
     "both +10 %": Pushed("both +10 %", "Sarosi", _hold(5.5)),
     "held by Tondu2021": Pushed("standard", "Tondu2021", _hold(7.6)),
-    "held by the fitted joint": Pushed("standard", "fitted", _hold(7.6), torque=1.5),
+    "held by the fitted joint": Pushed("standard", "fitted", _hold(7.6), torque=2.5),
     "both +10 %, by the fitted joint": Pushed("both +10 %", "fitted", _hold(5.5)),
 }
 
@@ -71,7 +70,7 @@ def experiments(seeds: int) -> Iterator[Experiment]:
 def found(experiment: Experiment) -> tuple[Experiment, Push]:
     """What one push tells."""
     situation = SITUATIONS[experiment.situation]
-    real = PLANTS[situation.plant].real
+    real = EVERY[situation.plant].real
     model = Plant(_joint(situation.model, situation.plant), lag=real.nominal.lags)
     if situation.loaded:
         real = replace(real, torque_profile=((0.5, LOAD),))
@@ -89,8 +88,8 @@ def _joint(model: str, plant: str) -> AntagonistJoint:
 @cache
 def fitted(plant: str) -> AntagonistJoint:
     """The joint fitted to a log of `plant`: an encoder, two pressure sensors and a weight, no force sensor."""
-    joint = PLANTS[plant].real.nominal.joint
-    theta, P1, P2, torque, direction = _log(PLANTS[plant].real)
+    joint = EVERY[plant].real.nominal.joint
+    theta, P1, P2, torque, direction = _log(EVERY[plant].real)
     fit = fit_joint(theta, P1, P2, torque=torque, direction=direction, geometry=joint.geometry)
     return replace(fit.joint, angle_limits=joint.angle_limits)
 
@@ -106,7 +105,7 @@ def _log(real: RealPlant) -> tuple[np.ndarray, ...]:
 
     def lacking(theta: np.ndarray, P1: np.ndarray, P2: np.ndarray, torque: np.ndarray, s: np.ndarray) -> np.ndarray:
         x = np.stack([theta, 0 * theta, P1, P2])
-        return torque + s * real.friction.limit(pull(real.nominal, x)) - real.torque(x)
+        return torque + s * real.friction.most(real.contact(x)) - real.torque(x)
 
     theta = increasing_root(lacking, *real.nominal.joint.angle_range, P1, P2, torque, direction)
     random = np.random.default_rng(1)

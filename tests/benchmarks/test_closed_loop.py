@@ -107,6 +107,39 @@ def test_the_report_tells_every_plant_and_where_the_mpc_does_not_win(bench, quic
     assert f"{bench.runs.RUNGS[0]} {7 * sum(r.controller == 'mpc' for r in quick)}" in text
 
 
+def test_a_run_that_is_thrown_off_is_called_unstable_and_gets_no_figures(bench, quick):
+    off = [
+        r._replace(figures=replace(r.figures, rms=84.4, worst_with_load=158.0))
+        if (r.plant, r.case, r.controller) == ("standard", "sine", "pid")
+        else r
+        for r in quick
+    ]
+    text = "\n".join(bench.report.markdown(off))
+    assert "* standard: pid: sine (1 of 1 runs)" in text
+    assert "| unstable runs | 0 | 0 | 0 | 1 | 0 | 0 | 0 | stretch |" in text
+    assert "84.4" not in text
+    assert "unstable" not in "\n".join(bench.report.markdown(quick)).replace("unstable runs", "").split("## Plant")[1]
+    assert bench.report._ratio(off, "standard", "pid") == bench.report._ratio(quick, "standard", "pid")
+
+
+def test_an_error_that_is_no_number_is_unstable(bench, quick):
+    figures = quick[0].figures
+    found = [replace(figures, worst_with_load=v).unstable for v in (44.0, 46.0, np.inf, np.nan)]
+    assert found == [False, True, True, True]
+
+
+def test_gains_that_are_placed_place_the_poles(bench):
+    cases = bench.cases
+    P = 2.5 * BAR
+    K = float(cases.MODEL.stiffness(np.array([0.0, 0.0, P, P])))
+    for rate in (6.0, 12.0):
+        gains = cases.placed(rate)
+        poles = np.roots(
+            [cases.MODEL.inertia, cases.MODEL.damping + gains.derivative, K + gains.proportional, gains.integral]
+        )
+        np.testing.assert_allclose(poles, -rate, rtol=1e-3)
+
+
 def test_every_run_is_a_line_of_the_table(bench, quick, tmp_path):
     bench.__main__.save_rows(quick, tmp_path / "runs.csv")
     with (tmp_path / "runs.csv").open(encoding="utf-8") as file:
@@ -116,22 +149,26 @@ def test_every_run_is_a_line_of_the_table(bench, quick, tmp_path):
     assert lines[0]["steps_QP"] == "7"
 
 
-@pytest.mark.parametrize("plant", ["standard", "both +10 %"])
+@pytest.mark.parametrize("plant", ["standard", "both +10 %", "Dahl friction"])
 def test_a_joint_fitted_to_encoder_pressures_and_a_weight_knows_the_stiffness_of_the_plant(bench, plant):
-    fitted, real = bench.stiffness.fitted(plant), bench.cases.PLANTS[plant].real
+    fitted, real = bench.stiffness.fitted(plant), bench.cases.EVERY[plant].real
     for P in (2 * BAR, 3 * BAR, 4 * BAR):
         true = float(real.stiffness(np.array([0.0, 0.0, P, P])))
         assert fitted.stiffness(0.0, P, P) == pytest.approx(true, rel=0.04)
-    assert fitted.friction == pytest.approx(real.friction.mu, rel=0.15)
+    if plant == "Dahl friction":  # the form that is fitted
+        assert fitted.friction == pytest.approx(real.friction.mu, rel=0.15)
 
 
 def test_what_a_fitted_model_changes(bench):
-    """The report's model is about 2 N·m/rad off on this plant, the fitted one within a few per cent."""
+    """The report's model is about 2 N·m/rad off on this plant, the fitted one some 4 %.
+
+    What is fitted takes friction for a share of the pull, which it is not here.
+    """
     _, guessed = bench.stiffness.found(bench.stiffness.Experiment("held by Tondu2021", 11))
     _, fitted = bench.stiffness.found(bench.stiffness.Experiment("held by the fitted joint", 11))
     assert guessed.measured == pytest.approx(guessed.asked - 2.0, abs=0.3)
     assert fitted.asked == guessed.asked
-    assert fitted.measured == pytest.approx(fitted.asked, rel=0.04)
+    assert fitted.measured == pytest.approx(fitted.asked, rel=0.06)
 
 
 def test_the_causes_of_the_push_table_add_up(bench):

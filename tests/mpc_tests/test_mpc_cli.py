@@ -52,6 +52,20 @@ def test_track_writes_picture_and_table_and_prints_the_figures(trajectory, tmp_p
         assert text in result.output
 
 
+def test_track_prints_the_errors_after_the_first_rest_as_well(tmp_path):
+    path = tmp_path / "run.csv"
+    result = CliRunner().invoke(app, ["track", "min-jerk", "--out", str(path), "--controller", "feedforward"])
+    assert result.exit_code == 0, result.output
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    t, theta, wanted = (np.array([float(row[name]) for row in rows]) for name in ("t", "theta_deg", "theta_ref_deg"))
+    later = (theta - wanted)[t >= 4 - 1e-9]
+    _, after = result.output.split("after the first rest of 4 s")
+    printed = re.search(r"angle error \[°\]\D+([\d.e-]+)\D+([\d.e-]+)", after).groups()
+    expected = np.sqrt(np.mean(later**2)), np.abs(later).max()
+    assert [float(p) for p in printed] == pytest.approx(expected, rel=0.01)
+
+
 def test_a_standard_trajectory_is_one_word_and_the_run_can_be_read_again(tmp_path):
     files = [tmp_path / name for name in ("run.npz", "run.csv", "run.png")]
     outs = [word for path in files for word in ("--out", str(path))]

@@ -9,6 +9,7 @@ from allocator import BAR, DEG, InvalidInput
 from allocator.joint import report_joint
 from mpc import Plant, RealPlant, Reference, Weights
 from mpc.friction import Friction
+from mpc.hysteresis import MaxwellSlip
 from mpc.loops import Settings, loop
 from mpc.push import Cycle, push, slope
 
@@ -70,7 +71,7 @@ def test_the_report_s_model_is_two_newton_metres_a_radian_off_on_this_plant():
 def test_friction_drops_out_of_the_slope_and_half_the_distance_of_the_branches_is_left():
     """A cycle of T_e = K ψ + z T_f for Dahl's z, quasi-static: a line through all of it would find something else."""
     K, T_f = 5.5, 0.3
-    angle = 8 * DEG * np.sin(2 * np.pi * np.linspace(0, 1.25, 2001))
+    angle = 14 * DEG * np.sin(2 * np.pi * np.linspace(0, 1.25, 2001))
     T_e = K * angle + T_f * Friction(mu=1.0).along(0.0, angle)
     found, friction = slope(angle, T_e)
     assert found == pytest.approx(K, rel=2e-3)
@@ -78,9 +79,15 @@ def test_friction_drops_out_of_the_slope_and_half_the_distance_of_the_branches_i
     assert abs(np.polyfit(angle, T_e, 1)[0] - K) > 0.05 * K
 
 
+@pytest.mark.parametrize("structure", [Friction, MaxwellSlip])
+def test_whatever_the_structure_of_friction_the_measured_stiffness_is_the_joint_s(structure):
+    found = pushed(replace(REAL, friction=structure.of_width(MODEL, 5 * DEG)), K=6.0)
+    assert found.measured == pytest.approx(found.true, rel=0.01)
+
+
 def test_who_pushes_too_softly_to_pass_the_friction_is_told_so():
     with pytest.raises(InvalidInput, match="push harder"):
-        pushed(cycle=Cycle(torque=0.3))
+        pushed(cycle=Cycle(torque=1.0))
 
 
 def test_the_load_that_is_there_goes_on_while_the_joint_is_pushed():

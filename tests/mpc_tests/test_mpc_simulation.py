@@ -12,6 +12,7 @@ from mpc import PlanStatus, Plant, Reference, Rung, TrackingMPC, simulate, sine
 from mpc.files import default_trajectory
 from mpc.metrics import metrics
 from mpc.plotting import tracking_figure
+from mpc.trajectories import LEAD, TRAJECTORIES
 
 PLANT = Plant()
 
@@ -237,3 +238,52 @@ def test_progress_is_shown_in_a_terminal_on_request(capfd, monkeypatch):
     shown = capfd.readouterr()
     assert shown.out == ""
     assert "simulating" in shown.err
+
+
+def rested(run, rest, still=0.0):
+    """A run of 100 steps whose reference rests for `rest` samples: 3° and 3 % off until then, 1° and 2 % afterwards."""
+    k = np.arange(101)
+    after = k >= rest
+    theta_ref, K_ref = np.where(k > rest, 0.1, 0.2) + still * k, np.full(101, 5.0)
+    x = np.tile(run.x[:1], (101, 1))
+    x[:, 0] = theta_ref + np.where(after, 1.0, 3.0) * DEG
+    K = K_ref * np.where(after, 1.02, 1.03)
+    few = {name: getattr(run, name)[:100] for name in ("u", "estimate", "step_time", "rung", "moved")}
+    return replace(run, t=run.t[:101], x=x, K=K, theta_ref=theta_ref, K_ref=K_ref, forces=run.forces[:101], **few)
+
+
+def test_errors_after_the_first_rest_count_from_its_last_sample_on(default_run):
+    run = rested(default_run, 40)
+    m = metrics(run)
+    assert m.rest == pytest.approx(40 * run.dt)
+    assert m.after_rest == pytest.approx((1.0, 1.0, 2.0, 2.0))
+    assert m.theta_worst == pytest.approx(3.0)
+    assert 1.0 < m.theta_rms < 3.0
+    assert "after the first rest of 0.4 s, angle error 1° RMS" in repr(run)
+    assert "after the first rest of 0.4 s, angle error" in run._repr_html_()
+
+
+@pytest.mark.parametrize(("rest", "still"), [(0, 1e-3), (100, 0.0)], ids=["begins in motion", "never moves"])
+def test_without_a_first_rest_all_samples_count(default_run, rest, still):
+    run = rested(default_run, rest, still)
+    m = metrics(run)
+    assert m.rest == 0
+    assert m.after_rest == (m.theta_rms, m.theta_worst, m.K_rms, m.K_worst)
+    assert "first rest" not in repr(run)
+
+
+def test_a_change_of_stiffness_ends_the_first_rest_too(default_run):
+    run = rested(default_run, 40)
+    K_ref = np.where(np.arange(101) > 20, 5.5, 5.0)
+    assert metrics(replace(run, K_ref=K_ref)).rest == pytest.approx(20 * run.dt)
+
+
+@pytest.mark.parametrize("name", TRAJECTORIES)
+def test_the_first_rest_of_a_standard_trajectory_is_its_lead(default_run, name):
+    wanted = TRAJECTORIES[name].about(5.5).resampled(default_run.dt)
+    n = wanted.t.size
+    longer = {
+        f: np.resize(getattr(default_run, f), (n, *getattr(default_run, f).shape[1:])) for f in ("x", "K", "forces")
+    }
+    run = replace(default_run, t=wanted.t, theta_ref=wanted.theta, K_ref=wanted.K, **longer)
+    assert metrics(run).rest == pytest.approx(LEAD, abs=run.dt)
