@@ -131,18 +131,21 @@ def test_a_long_silence_lets_the_pressures_out_slowly():
 
 
 @pytest.mark.parametrize(
-    ("how", "status"),
+    ("how", "said"),
     [
-        (lambda qp: None, PlanStatus.UNSOLVED),
-        (lambda qp: (np.full_like(qp.f, 0.02), np.zeros(qp.f.size + len(qp.R))), PlanStatus.REFUSED),
-        (lambda qp: (np.full_like(qp.f, np.nan), np.full(qp.f.size + len(qp.R), np.nan)), PlanStatus.UNSOLVED),
+        (lambda qp: None, {PlanStatus.UNSOLVED}),
+        (
+            lambda qp: (np.full_like(qp.f, 0.02), np.zeros(qp.f.size + len(qp.R))),
+            {PlanStatus.REFUSED, PlanStatus.OPTIMAL},
+        ),
+        (lambda qp: (np.full_like(qp.f, np.nan), np.full(qp.f.size + len(qp.R), np.nan)), {PlanStatus.UNSOLVED}),
     ],
     ids=["gives up", "lies", "answers NaN"],
 )
-def test_a_solver_that_fails_for_a_second_is_hardly_noticed(how, status):
+def test_a_solver_that_fails_for_a_second_is_hardly_noticed(how, said):
     run = driven(solver=Broken(how))
     assert survived(run)
-    assert status in statuses(run, DURING) <= {status, PlanStatus.OPTIMAL}  # lies may name the limits that bind
+    assert statuses(run, DURING) <= said  # a lie's point is not looked at, only which limits it says bind
     assert np.isin(run.rung[DURING], (Rung.SOFTENED, Rung.QP)).mean() > 0.95
     assert error(run, slice(200, 400)) < 1.5
 
