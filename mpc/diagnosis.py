@@ -55,6 +55,7 @@ class Diagnosis:
         self._t = 0.0
         self._theta = nan  # last reading
         self._lost = [0.0, 0.0, 0.0]  # of each sensor's readings lately [s]
+        self._said = [nan, nan, nan]  # by a sensor whose readings are being lost, a sample ago
         self._sensors: list[Finding | None] = [None, None, None]
         self._known: tuple[Any, ...] = ()
         self._low_supply = False
@@ -89,9 +90,11 @@ class Diagnosis:
         if verdict is Verdict.REJECTED and i and self._pressures[i - 1].suspected:
             return said  # the observer does not know of what would explain it
         self._lost[i] += self.dt * lost - self.dt / _FORGETTING * self._lost[i]
-        old = self._sensors[i]
+        old, repeated = self._sensors[i], said == self._said[i]
+        self._said[i] = said
         if lost and (self._lost[i] > self.tolerance or verdict is Verdict.FROZEN):
-            self._sensors[i] = Finding((Suspect(_FLAGS[verdict], SENSORS[i]),), old.since if old else self._t)
+            kind = FaultKind.FROZEN_SENSOR if repeated and verdict is Verdict.REJECTED else _FLAGS[verdict]
+            self._sensors[i] = Finding((Suspect(kind, SENSORS[i]),), old.since if old else self._t)
         elif not lost and self._lost[i] < self.tolerance / 2:
             self._sensors[i] = None
             self._lost[i] *= self._lost[i] > self.dt / 10  # else forgotten

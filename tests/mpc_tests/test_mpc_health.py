@@ -225,7 +225,7 @@ def test_lost_readings_are_suspicious_when_they_are_many():
     for period, samples, well in ((20, 400, True), (5, 400, False), (1000, 500, True)):
         for k in range(samples):
             verdict = Verdict.REJECTED if k % period == period - 1 else Verdict.BELIEVED
-            noise = SIGMA * np.sin(k) * np.array([0, 1, 1])
+            noise = np.sin(k) * np.array([0.01 * DEG, SIGMA, SIGMA])
             diagnosis.follow(REST[[0, 2, 3]] + noise, [verdict, *2 * [Verdict.BELIEVED]], REST[2:], XI)
         assert diagnosis.health.well == well
         assert well or diagnosis.health.suspects == (Suspect(FaultKind.REJECTED_SENSOR, Part.ANGLE),)
