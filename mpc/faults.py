@@ -1,7 +1,8 @@
 """What breaks in real joints: faults to inject into a `RealPlant`, each from `begin` until just before `end`.
 
-A fault sees what passes by and changes it: the command that a regulator hears, or what the sensors say. What a fault
-does not touch goes through as it was. (A pay-load is no fault but a torque: `RealPlant.torque_profile`.)
+A fault sees what passes by and changes it: the command that a regulator hears, what the sensors say, or which muscles
+still pull. What a fault does not touch goes through as it was. (A pay-load is no fault but a torque:
+`RealPlant.torque_profile`. `mpc.health` names faults from what an observer sees.)
 """
 
 from dataclasses import dataclass
@@ -39,6 +40,15 @@ class Fault:
         """What the sensors (4,) say instead of `y`; they said `before` a sample ago."""
         return y
 
+    def offset(self, t: float) -> Array:
+        """What the sensors (4,) say too much at the time `t` [s], before `read`."""
+        return np.zeros(NX)
+
+    @property
+    def pulling(self) -> tuple[float, float]:
+        """Shares of the muscles' forces that reach the joint."""
+        return 1.0, 1.0
+
 
 @dataclass(frozen=True)
 class _MuscleFault(Fault):
@@ -73,6 +83,16 @@ class StuckValve(_MuscleFault):
     def heard(self, u: Array, P: Array) -> Array:
         """The pressure that is there."""
         return self._with(u, float(P[self.muscle - 1]))
+
+
+@dataclass(frozen=True)
+class BrokenCable(_MuscleFault):
+    """A cable that is broken: its muscle fills and empties as before, but pulls no more."""
+
+    @property
+    def pulling(self) -> tuple[float, float]:
+        """Nothing of this muscle's force."""
+        return float(self.muscle != 1), float(self.muscle != 2)
 
 
 @dataclass(frozen=True)
@@ -118,4 +138,33 @@ class FrozenSensors(_SensorFault):
         return self._of_ours(np.where(np.isnan(before), y, before), y)  # the first reading is none to repeat
 
 
-__all__ = ["Fault", "FrozenSensors", "Leak", "SilentSensors", "StuckValve", "SupplyDrop"]
+@dataclass(frozen=True)
+class DriftingSensor(Fault):
+    """A sensor whose readings depart from the truth at a constant `rate`, from nothing at `begin` on."""
+
+    sensor: int = 2  # of (θ, ω, P1, P2)
+    rate: float = 0.1 * BAR  # [Pa/s], or [rad/s] of an angle
+
+    def __post_init__(self) -> None:
+        """Check sensor and rate too."""
+        Fault.__post_init__(self)
+        if self.sensor not in range(NX):
+            raise InvalidInput(f"sensor = {self.sensor!r} has to be 0, 1, 2 or 3: theta, omega, P1, P2")
+        if not np.isfinite(self.rate):
+            raise InvalidInput(f"rate = {self.rate!r} has to be a finite number of Pa/s, or of rad/s for an angle")
+
+    def offset(self, t: float) -> Array:
+        """The rate times the time since `begin`."""
+        return np.where(np.arange(NX) == self.sensor, self.rate * (t - self.begin), 0.0)
+
+
+__all__ = [
+    "BrokenCable",
+    "DriftingSensor",
+    "Fault",
+    "FrozenSensors",
+    "Leak",
+    "SilentSensors",
+    "StuckValve",
+    "SupplyDrop",
+]

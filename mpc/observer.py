@@ -23,8 +23,10 @@ import numpy as np
 from allocator.calculus import Array, Mask
 from allocator.units import DEG
 from mpc.compensation import Compensation, FrictionState
+from mpc.diagnosis import Diagnosis
 from mpc.filter import MEASURED, Belief, Filter, Noise
 from mpc.gating import ROUGH, Gate, SensorGate, Verdict
+from mpc.health import Health
 from mpc.plant import NX, Plant
 
 DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
@@ -89,6 +91,7 @@ class KalmanObserver:
         times = self.gate.hesitation, self.gate.patience, tolerance
         self.hesitation, self.patience, self.crossing = (round(time / dt) for time in times)  # [samples]
         self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(MEASURED.size)]
+        self._diagnosis = Diagnosis(plant, dt, self.noise.pressure, self.compensation, tolerance)
         self.reset()
 
     def reset(self) -> None:
@@ -114,6 +117,12 @@ class KalmanObserver:
         for gate in self._gates:
             gate.reset()
         self._gates[_THETA].floor = self.gate.floor[_THETA]
+        self._diagnosis.reset()
+
+    @property
+    def health(self) -> Health:
+        """What may be broken, as of the last estimate."""
+        return self._diagnosis.health
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
@@ -128,6 +137,8 @@ class KalmanObserver:
         there = self._believed
         self._silent = np.where(there, 0.0, np.maximum(self._silent, self._frozen * self._repeating) + self.dt)
         self._read = said
+        if self.belief is not None:
+            self._diagnosis.follow(said, self.verdicts, self._commands[0], self.belief.xi)
         return self._answer(said, there)
 
     @property

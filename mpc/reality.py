@@ -13,8 +13,8 @@ the joint turns in one direction, and each step begins with what is remembered o
 """
 
 from dataclasses import dataclass, field, fields, replace
-from math import inf, isfinite
-from typing import Any, Self
+from math import inf, isfinite, prod
+from typing import Self
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class RealPlant:
     """A nominal plant and what is added to it; immutable. SI units."""
 
     nominal: Plant = field(default_factory=Plant)  # joint, link, gravity, lags
-    force_gains: tuple[float, float] = (1.0, 1.0)  # g1, g2 [-]
+    force_gains: tuple[float, float] = (1.0, 1.0)  # g1, g2 [-]; 0 of a broken cable
     friction: Friction | MaxwellSlip = field(default_factory=Friction)
     dead_time: float = 0.0  # t_dead of the commands [s]
     dead_band: float = 0.0  # [Pa], total: a regulator rests within half of it on either side
@@ -59,8 +59,8 @@ class RealPlant:
                 )
             object.__setattr__(self, name, value)
         object.__setattr__(self, "force_gains", tuple(float(g) for g in self.force_gains))
-        if len(self.force_gains) != NU or not all(isfinite(g) and g > 0 for g in self.force_gains):
-            raise InvalidInput(f"force_gains = {self.force_gains} have to be two positive numbers [-]")
+        if len(self.force_gains) != NU or not all(isfinite(g) and g >= 0 for g in self.force_gains):
+            raise InvalidInput(f"force_gains = {self.force_gains} have to be two numbers of 0 or more [-]")
         times = [t for t, _ in self.torque_profile]
         if not np.isfinite(np.array(self.torque_profile, float)).all() or times != sorted(times):
             raise InvalidInput(
@@ -182,7 +182,7 @@ class RealExperiment:
         late = real.dead_time - whole * dt  # rest of the dead time: the older command acts so long in each sample
         self._pieces = [late, dt - late] if late > 1e-9 * dt else [dt]
         self._waiting = [np.array(x0[2:])] * (whole + len(self._pieces) - 1)  # commands on their way, oldest first
-        self._integrate = Buffered(self._discrete())
+        self._integrators = {(1.0, 1.0): self._integrator(real)}  # by the shares of the forces that reach the joint
 
     @property
     def x(self) -> Array:
@@ -200,7 +200,7 @@ class RealExperiment:
         read = step * np.round(theta / step) if step else theta
         y = np.array([read, np.nan, *(P + self.real.pressure_noise * noise)])
         for fault in self._faults:
-            y = fault.read(y, self._said)
+            y = fault.read(y + fault.offset(self._sample * self.dt), self._said)
         self._said = y
         return y
 
@@ -232,17 +232,26 @@ class RealExperiment:
         self._waiting.pop(0)
         self._sample += 1
 
-    def _discrete(self) -> Any:
+    @property
+    def _integrate(self) -> Buffered:
+        faults, (g1, g2) = self._faults, self.real.force_gains
+        pulling = prod(fault.pulling[0] for fault in faults), prod(fault.pulling[1] for fault in faults)
+        if pulling not in self._integrators:
+            broken = replace(self.real, force_gains=(g1 * pulling[0], g2 * pulling[1]))
+            self._integrators[pulling] = self._integrator(broken)
+        return self._integrators[pulling]
+
+    def _integrator(self, real: RealPlant) -> Buffered:
         """(x, u, d, duration) ↦ x, for at most one sample, in steps as fine as `simulate` takes for a `Plant`."""
         import casadi as ca
 
-        n = NX + self.real.friction.size
+        n = NX + real.friction.size
         full, u, d, duration = ca.SX.sym("x", n), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("duration")
-        substeps = self.real.nominal.substeps(self.dt, FINE)
+        substeps = real.nominal.substeps(self.dt, FINE)
         x, memory = full[:NX], full[NX:]
         for _ in range(substeps):
-            x, memory = self.real.stepped(x, memory, u, d, duration / substeps)
-        return ca.Function("real", [full, u, d, duration], [ca.vertcat(x, memory)])
+            x, memory = real.stepped(x, memory, u, d, duration / substeps)
+        return Buffered(ca.Function("real", [full, u, d, duration], [ca.vertcat(x, memory)]))
 
 
 _UNITS = (("dead_time", "s"), ("dead_band", "Pa"), ("flow", "Pa/s"), ("encoder", "rad"), ("pressure_noise", "Pa"))

@@ -7,7 +7,7 @@ import pytest
 
 from allocator import BAR, DEG, InvalidInput
 from mpc import KalmanObserver, PlanStatus, RealPlant, Rung, TrackingMPC, Weights, simulate, sine
-from mpc.faults import Fault, FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
+from mpc.faults import BrokenCable, DriftingSensor, Fault, FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.solvers import solver
 
 REAL = RealPlant.standard()
@@ -205,12 +205,45 @@ def test_frozen_sensors_repeat_and_silent_ones_say_nothing_within_their_window()
     assert (np.diff(seen[:, P2]) != 0).all()
 
 
+def test_a_drifting_sensor_departs_at_its_rate_and_the_plant_does_not_notice():
+    healthy = RealPlant(REAL.nominal)
+    drifting = replace(healthy, faults=(DriftingSensor(0.05, 0.2, sensor=P2, rate=0.5 * BAR),))
+    one, other = (plant.begin(DT, REST, 0) for plant in (healthy, drifting))
+    for k in range(30):
+        off = other.measure() - one.measure()
+        assert off[P2] == pytest.approx(0.5 * BAR * max(k * DT - 0.05, 0.0) * (k < 20), abs=1e-6)
+        assert (off[[THETA, P1]] == 0).all()
+        one.advance(REST[2:] + BAR)
+        other.advance(REST[2:] + BAR)
+    np.testing.assert_array_equal(one.x, other.x)
+
+
+@pytest.mark.parametrize("muscle", [1, 2])
+def test_a_broken_cable_is_a_muscle_without_strength_whose_pressure_goes_on(muscle):
+    """For a while: before and after it the plant is the sound one."""
+    gains = tuple(float(i != muscle) for i in (1, 2))
+    broken = RealPlant(REAL.nominal, faults=(BrokenCable(0.0, 0.2, muscle=muscle),)).begin(DT, REST, 0)
+    weak, u = RealPlant(REAL.nominal, force_gains=gains).begin(DT, REST, 0), REST[2:] + BAR
+    for _ in range(20):
+        broken.advance(u)
+        weak.advance(u)
+    np.testing.assert_array_equal(broken.x, weak.x)
+    assert np.sign(broken.x[THETA]) == (-1 if muscle == 1 else 1)
+    sound = RealPlant(REAL.nominal).begin(DT, broken.x, 0)
+    broken.advance(u)
+    sound.advance(u)
+    np.testing.assert_allclose(broken.x, sound.x, rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("make", "said"),
     [
         (lambda: Fault(2.0, 1.0), "begin = 2.0 s, end = 1.0 s"),
         (lambda: Leak(0.0, 1.0, muscle=3), "muscle = 3"),
         (lambda: SilentSensors(0.0, 1.0, sensors=(5,)), r"sensors = \(5,\)"),
+        (lambda: BrokenCable(muscle=0), "muscle = 0"),
+        (lambda: DriftingSensor(sensor=4), "sensor = 4"),
+        (lambda: DriftingSensor(rate=np.nan), "rate = nan"),
     ],
 )
 def test_faults_that_make_no_sense_are_refused(make, said):
