@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from allocator import BAR, DEG, report_joint, stiffness_interval
 from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_400N
 from benchmarks.robustness.campaign import Hit, StormyPlant, loop, reference
+from benchmarks.robustness.storm import broken, driven
 from benchmarks.robustness.wraps import LAWS, WrongAngle, joint_of
 from mpc import KalmanObserver, Plant, RealPlant, Rung, TrackingMPC, Weights, simulate, sine
 from mpc.gating import Gate, SensorGate, Verdict
@@ -176,3 +177,12 @@ def test_a_pressure_beyond_the_supply_does_not_move_the_joint():
     plant = StormyPlant(real, (Hit("huge", 200, 201, (2,), 4.9e6 / 1e300),))
     hit = simulate(plant, controller, wanted, observer=observer)
     assert np.abs(hit.theta - quiet.theta).max() < 0.2 * DEG
+
+
+def test_a_storm_of_wrong_readings_breaks_no_limit_and_passes():
+    """The campaign of `benchmarks.robustness`, of which this is a part."""
+    (part,) = driven(4000, 1, seed=11)
+    assert broken(part.run) == []
+    assert np.median(part.error) < 0.5
+    assert np.mean(part.error > 5) < 0.03
+    assert sum(np.isfinite(recovery.seconds) for recovery in part.recoveries) >= len(part.recoveries) - 1
