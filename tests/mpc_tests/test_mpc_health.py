@@ -82,7 +82,7 @@ def alarm(healths):
     ("fault", "kind", "part", "within"),
     [
         (Leak(BEGIN, muscle=1), FaultKind.LEAK, Part.MUSCLE_1, 0.6),
-        (Leak(BEGIN, muscle=2), FaultKind.LEAK, Part.MUSCLE_2, 0.6),
+        (Leak(BEGIN, muscle=2), FaultKind.LEAK, Part.MUSCLE_2, 0.8),  # its command falls at first, as by a leak
         (StuckValve(BEGIN, muscle=2), FaultKind.STUCK_VALVE, Part.MUSCLE_2, 0.6),
         (BrokenCable(BEGIN, muscle=1), FaultKind.BROKEN_CABLE, Part.MUSCLE_1, 0.25),
         (BrokenCable(BEGIN, muscle=2), FaultKind.BROKEN_CABLE, Part.MUSCLE_2, 0.25),
