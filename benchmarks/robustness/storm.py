@@ -57,7 +57,7 @@ def recoveries(run: Run, hits: tuple[Hit, ...]) -> list[Recovery]:
     ends = [*(hit.begin for hit in hits[1:]), len(error)]
     for hit, end in zip(hits, ends, strict=True):
         after = error[hit.end : min(end, hit.end + round(LATEST / DT))]
-        well = np.convolve(after <= WELL, np.ones(calm), "valid") >= calm
+        well = np.convolve(after <= WELL, np.ones(calm), "valid") >= calm if len(after) >= calm else np.zeros(1, bool)
         if well.any():
             found.append(Recovery(hit, float(error[hit.begin : hit.end + 50].max()), DT * int(well.argmax())))
         elif end - hit.end >= round(LATEST / DT):
