@@ -101,7 +101,7 @@ class TrackingMPC:
         self._predictor = Predictor(self.plant, self.dt, self.N)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
-        self._rest = RestMode(self.plant, self.dt, self.compensation, self.limits)
+        self.rest_mode = RestMode(self.plant, self.dt, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
         self._work()
@@ -111,7 +111,7 @@ class TrackingMPC:
     def reset(self) -> None:
         """Forget the past: the next step begins from the pressures it measures."""
         self._foresight.reset()
-        self._rest.reset()
+        self.rest_mode.reset()
         self.ladder.reset()
         self._improve.reset()
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
@@ -122,7 +122,8 @@ class TrackingMPC:
         return self._improve.implementation
 
     @property
-    def _rests(self) -> bool:
+    def rests(self) -> bool:
+        """Whether its commands come to rest at a constant reference."""
         known = self.compensation
         return self.rest and not (known.friction.absent and known.dead_band == 0)
 
@@ -142,8 +143,8 @@ class TrackingMPC:
         """
         clock = [perf_counter()]
         deadline = clock[0] + (inf if self.budget is None else _THINKING * self.budget)
-        task = self._foresight.task(x, theta_ref, K_ref, d, self._rest.ringing)
-        held = self._rest.pressures(task) if self._rests else None
+        task = self._foresight.task(x, theta_ref, K_ref, d, self.rest_mode.ringing)
+        held = self.rest_mode.pressures(task) if self.rests else None
         x, torques = task.x, task.d[:-1]
         feed = self._feed_forward(task.theta, task.K, task.d)
         u_last = self.ladder.u_last(x)
@@ -165,7 +166,7 @@ class TrackingMPC:
         if not task.refused and isfinite(feed.u[0, 0]) and isfinite(feed.u[0, 1]):
             self._u_star = feed.u[0]
         return Plan(
-            self._foresight.spoken(motion.u, motion.x, self._rest.side if self._rest.resting else 0.0),
+            self._foresight.spoken(motion.u, motion.x, self.rest_mode.side if self.rest_mode.resting else 0.0),
             motion.x,
             motion.K,
             honest(found.status, rung, task.measured),

@@ -56,13 +56,16 @@ class RestMode:
 
     def __init__(self, plant: Plant, dt: float, compensation: Compensation, limits: Limits) -> None:
         self.plant, self.dt, self.compensation, self.limits = plant, dt, compensation, limits
-        self.settling = compensation.dead_time + 2 * max(plant.lags)  # for which a correction acts [s]
+        settling = compensation.dead_time + 2 * max(plant.lags)  # [s]
+        self.settling, self.dwell, self.ringing_after = (round(t / dt) for t in (settling, DWELL, RINGING_AFTER))
+        self.quarter_range = tuple(max(round(t / dt), 1) for t in QUARTER)  # [samples]
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
         self._reference = np.full(2, np.nan)  # θ* [rad] and K* [N·m/rad] while they stand still
         self.ringing = False
+        self._quarter = 1  # of the joint's free period [samples]
         self._p, self.side = np.zeros(NU), 0.0  # pressures that are held [Pa], edge of the dead band
         self._since = 0  # quarters since the last correction
         self._torque = self._error = 0.0  # ΔT [N·m] of that and the m [rad] that it was for
@@ -80,7 +83,8 @@ class RestMode:
 
     def pressures(self, task: Task) -> Array | None:
         """The pressures (2,) [Pa] to hold in the situation of `task`, to be called at every sample; None: no rest."""
-        if not (self._constant(task.theta, task.K) and task.measured) or self._pushed(task):
+        known = task.measured and not task.refused
+        if not (known and self._constant(task.theta, task.K)) or self._pushed(task):
             self.begin()
             return None
         self._samples += 1
@@ -97,6 +101,9 @@ class RestMode:
         if np.abs(theta - self._reference[0]).max() <= SAME[0] and np.abs(K - self._reference[1]).max() <= SAME[1]:
             return True
         self._reference = np.array([theta[0], K[0]])
+        least, most = self.quarter_range
+        quarter = pi / 2 * sqrt(self.plant.inertia / K[0]) / self.dt
+        self._quarter = int(min(max(quarter, least), most) + 0.5)
         self.ringing = False
         return False
 
@@ -109,10 +116,10 @@ class RestMode:
 
     def _judge(self) -> None:
         mean, swing = self._swing(_QUARTERS)
-        time = self._samples * self.dt
-        if time >= RINGING_AFTER and swing > RINGING and abs(mean) < swing / 4:
+        if self._samples >= self.ringing_after and swing > RINGING and abs(mean) < swing / 4:
             self.ringing = True
-        if time >= DWELL and abs(mean) <= min(START + GROWTH * (time - DWELL), MEAN) and swing <= SWING:
+        bound = min(START + GROWTH * self.dt * (self._samples - self.dwell), MEAN)
+        if self._samples >= self.dwell and abs(mean) <= bound and swing <= SWING:
             self._rest_at(self._quarters[:, _P].mean(axis=0))
 
     def _rest_at(self, p: Array) -> None:
@@ -129,7 +136,7 @@ class RestMode:
         self._sum += (e, *seen[NX - NU :])
         self._in_sum += 1
         self._low, self._high = min(self._low, e), max(self._high, e)
-        if self._in_sum < self._samples_of_quarter:
+        if self._in_sum < self._quarter:
             return False
         self._quarters[:-1] = self._quarters[1:]
         self._quarters[-1] = *(self._sum / self._in_sum), self._low, self._high
@@ -137,12 +144,6 @@ class RestMode:
         self._sum, self._in_sum = np.zeros(1 + NU), 0
         self._low, self._high = np.inf, -np.inf
         return True
-
-    @property
-    def _samples_of_quarter(self) -> int:
-        least, most = QUARTER
-        quarter = pi / 2 * sqrt(self.plant.inertia / self._reference[1])
-        return max(round(min(max(quarter, least), most) / self.dt), 1)
 
     def _swing(self, quarters: int) -> tuple[float, float]:
         """Mean of e, and how far it goes from peak to peak, over the last `quarters` [rad]."""
@@ -157,7 +158,7 @@ class RestMode:
             self.begin()
             return
         swings = self._swing(_HALF)[1] >= STILL
-        waited = self._since - ceil(self.settling / (self._samples_of_quarter * self.dt))
+        waited = self._since - ceil(self.settling / self._quarter)
         self._since += 1
         if waited > 0:
             self._free = 0.0
@@ -168,12 +169,13 @@ class RestMode:
     def _turn(self, m: float, swings: bool, P: Array) -> None:
         """Correct the mean error `m` [rad]; the pressures (2,) [Pa] have been `P` of late."""
         x = np.array([self._reference[0] + m, 0.0, *self._p])
-        K = float(self.plant.stiffness(x))
+        if not (K := float(self.plant.stiffness(x))) > 0:
+            return
         torque = -m * (K if swings else self._gain(m, K))
-        for i, side in enumerate(self.plant.joint.sides(x[0])):
-            if (change := self.side * torque / float(side.torque_gain(self._p[i]))) > 0:
-                held = max(self.side * self._p[i], self.side * P[i] - NOISE)
-                self._p[i] = self.side * (held + min(change, MOST))
+        slopes = np.array([side.torque_gain(p) for side, p in zip(self.plant.joint.sides(x[0]), self._p, strict=True)])
+        change = np.minimum(self.side * torque / slopes, MOST)
+        held = np.maximum(self.side * self._p, self.side * P - NOISE)
+        self._p = np.where(change > 0, self.side * (held + change), self._p)
         self._since, self._torque, self._error, self._free = 0, torque, m, abs(torque) / K
 
     def _gain(self, m: float, K: float) -> float:
