@@ -33,7 +33,7 @@ from mpc.plant import NU, NX, Plant
 
 SAME = 1e-3 * DEG, 1e-3  # [rad], [N·m/rad]: a preview that varies less is constant
 DWELL = 1.5  # [s] of constant preview before a rest, and after a push
-START, GROWTH, MEAN = 0.08 * DEG, 0.2 * DEG, 0.3 * DEG  # [rad], [rad/s], [rad] |mean e| to rest at: first, later, most
+START, GROWTH, MEAN = 0.05 * DEG, 0.2 * DEG, 0.3 * DEG  # [rad], [rad/s], [rad] |mean e| to rest at: first, later, most
 SWING = 2.0 * DEG  # [rad] peak to peak, the most to rest at
 RINGING, RINGING_AFTER = 1.0 * DEG, 1.2  # [rad] peak to peak, [s]
 DEAD_ZONE = 0.045 * DEG  # [rad]
