@@ -35,7 +35,8 @@ SAME = 1e-3 * DEG, 1e-3  # [rad], [N·m/rad]: a preview that varies less is cons
 DWELL = 1.5  # [s] of constant preview before a rest, and after a push
 START, GROWTH, MEAN = 0.05 * DEG, 0.2 * DEG, 0.3 * DEG  # [rad], [rad/s], [rad] |mean e| to rest at: first, later, most
 SWING = 2.0 * DEG  # [rad] peak to peak, the most to rest at
-RINGING, RINGING_AFTER = 1.0 * DEG, 1.2  # [rad] peak to peak, [s]
+FAR = 1.0 * DEG  # [rad] of e, from where on the time counts anew
+RINGING = 0.5 * DEG  # [rad] to both sides within a period, again and again
 DEAD_ZONE = 0.045 * DEG  # [rad]
 STILL = 0.06 * DEG  # [rad] peak to peak over half a period
 FIRST, STIFFEST = 1.6, 3.0  # [-] of K: the gain before there is a secant, the greatest
@@ -48,6 +49,7 @@ NOISE = 0.005 * BAR  # [Pa] of a pressure's mean
 QUARTER = 0.1, 0.5  # [s] least and most of a quarter of a period
 
 _QUARTERS, _HALF = 4, 2
+_RUNG = _QUARTERS + _HALF  # a load that throws the joint off is in _QUARTERS of them
 _E, _P, _LOW, _HIGH = 0, slice(1, 3), 3, 4  # columns
 
 
@@ -57,7 +59,7 @@ class RestMode:
     def __init__(self, plant: Plant, dt: float, compensation: Compensation, limits: Limits) -> None:
         self.plant, self.dt, self.compensation, self.limits = plant, dt, compensation, limits
         settling = compensation.dead_time + 2 * max(plant.lags)  # [s]
-        self.settling, self.dwell, self.ringing_after = (round(t / dt) for t in (settling, DWELL, RINGING_AFTER))
+        self.settling, self.dwell = round(settling / dt), round(DWELL / dt)
         self.quarter_range = tuple(max(round(t / dt), 1) for t in QUARTER)  # [samples]
         self.reset()
 
@@ -78,6 +80,7 @@ class RestMode:
         self._samples = 0  # of constant preview
         self._quarters = np.zeros((_QUARTERS, 5))  # the last ones: means of e, P1, P2, least and greatest e
         self._counted = 0  # of them
+        self._rung = 0  # over how many of them e has swung to both sides
         self._sum, self._in_sum = np.zeros(1 + NU), 0  # of e, P1, P2 in the quarter that runs, and of how many samples
         self._low, self._high = np.inf, -np.inf  # e there [rad]
 
@@ -116,10 +119,13 @@ class RestMode:
 
     def _judge(self) -> None:
         mean, swing = self._swing(_QUARTERS)
-        if self._samples >= self.ringing_after and swing > RINGING and abs(mean) < swing / 4:
-            self.ringing = True
-        bound = min(START + GROWTH * self.dt * (self._samples - self.dwell), MEAN)
-        if self._samples >= self.dwell and abs(mean) <= bound and swing <= SWING:
+        beyond = min(self._quarters[:, _HIGH].max(), -self._quarters[:, _LOW].min())
+        self._rung = self._rung + 1 if beyond > RINGING else 0
+        self.ringing |= self._rung >= _RUNG
+        if not self.ringing and max(self._quarters[-1, _HIGH], -self._quarters[-1, _LOW]) > FAR:
+            self._samples = 0
+        bound = MEAN if self.ringing else min(START + GROWTH * self.dt * (self._samples - self.dwell), MEAN)
+        if (self.ringing or self._samples >= self.dwell) and abs(mean) <= bound and swing <= SWING:
             self._rest_at(self._quarters[:, _P].mean(axis=0))
 
     def _rest_at(self, p: Array) -> None:

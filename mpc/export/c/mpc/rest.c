@@ -6,19 +6,20 @@
 #include "control.h"
 #include "model.h"
 
-enum { QUARTERS = 4, HALF = 2 };   /* of the joint's free period */
-enum { E, P1, P2, LOW, HIGH };     /* what is known of each: means, least and greatest e */
+enum { QUARTERS = 4, HALF = 2 }; /* of the joint's free period */
+enum { RUNG = QUARTERS + HALF }; /* a load that throws the joint off is in QUARTERS of them */
+enum { E, P1, P2, LOW, HIGH };   /* what is known of each: means, least and greatest e */
 
 typedef struct {
-    ant_real mean, swing; /* of e [rad] */
+    ant_real mean, low, high; /* of e [rad] */
 } summary;
 
 static void begin(ant_rest *r) {
-    r->resting = r->samples = r->counted = r->in_sum = 0;
+    r->resting = r->samples = r->counted = r->rung = r->in_sum = 0;
     memset(r->sum, 0, sizeof r->sum);
 }
 
-/* Mean of e, and how far it goes from peak to peak, over the last quarters. */
+/* Over the last quarters. */
 static summary summed(const ant_rest *r, int quarters) {
     const ant_real(*last)[5] = &r->quarters[QUARTERS - quarters];
     ant_real sum = 0, low = last[0][LOW], high = last[0][HIGH];
@@ -27,13 +28,14 @@ static summary summed(const ant_rest *r, int quarters) {
         if (last[k][LOW] < low) low = last[k][LOW];
         if (last[k][HIGH] > high) high = last[k][HIGH];
     }
-    return (summary){sum / (ant_real)quarters, high - low};
+    return (summary){sum / (ant_real)quarters, low, high};
 }
 
 static int constant(ant_rest *r, const ant_real *theta, const ant_real *K) {
     int same = r->known;
     for (int k = 0; same && k <= ANT_HORIZON; k++)
-        same = ant_abs(theta[k] - r->reference[0]) <= ANT_REST_SAME_THETA && ant_abs(K[k] - r->reference[1]) <= ANT_REST_SAME_K;
+        same = ant_abs(theta[k] - r->reference[0]) <= ANT_REST_SAME_THETA &&
+               ant_abs(K[k] - r->reference[1]) <= ANT_REST_SAME_K;
     if (same) return 1;
     r->known = 1;
     r->reference[0] = theta[0];
@@ -48,7 +50,7 @@ static int pushed(const ant_rest *r, const ant_real seen[4], ant_real expected) 
     if (!r->resting) return 0;
     const summary last = summed(r, QUARTERS);
     const ant_real away = ant_abs(seen[0] - r->reference[0] - last.mean);
-    return ant_abs(seen[0] - expected) > ANT_REST_JOLT || away > ANT_REST_PUSH + last.swing + r->free;
+    return ant_abs(seen[0] - expected) > ANT_REST_JOLT || away > ANT_REST_PUSH + last.high - last.low + r->free;
 }
 
 static void rest(ant_rest *r) {
@@ -66,11 +68,16 @@ static void rest(ant_rest *r) {
 }
 
 static void judge(ant_rest *r) {
-    const summary last = summed(r, QUARTERS);
-    const ant_real mean = ant_abs(last.mean), grown = ANT_REST_GROWTH * (ant_real)(r->samples - ANT_REST_DWELL);
-    const ant_real bound = ant_clip(ANT_REST_START + grown, 0, ANT_REST_MEAN);
-    if (r->samples >= ANT_REST_RINGING_AFTER && last.swing > ANT_REST_RINGING && mean < last.swing / 4) r->ringing = 1;
-    if (r->samples >= ANT_REST_DWELL && mean <= bound && last.swing <= ANT_REST_SWING) rest(r);
+    const summary all = summed(r, QUARTERS);
+    const ant_real *last = r->quarters[QUARTERS - 1];
+    const int rings = all.high > ANT_REST_RINGING && -all.low > ANT_REST_RINGING;
+    r->rung = rings ? r->rung + (r->rung < RUNG) : 0;
+    if (r->rung == RUNG) r->ringing = 1;
+    if (!r->ringing && (last[HIGH] > ANT_REST_FAR || -last[LOW] > ANT_REST_FAR)) r->samples = 0;
+    const ant_real grown = ANT_REST_START + ANT_REST_GROWTH * (ant_real)(r->samples - ANT_REST_DWELL);
+    const ant_real bound = r->ringing || grown > ANT_REST_MEAN ? ANT_REST_MEAN : grown;
+    const int waited = r->ringing || r->samples >= ANT_REST_DWELL;
+    if (waited && ant_abs(all.mean) <= bound && all.high - all.low <= ANT_REST_SWING) rest(r);
 }
 
 /* Whether a quarter of a period ends with this sample. */
@@ -133,7 +140,8 @@ static void correct(ant_rest *r) {
             return;
         }
     }
-    const int swings = summed(r, HALF).swing >= ANT_REST_STILL;
+    const summary half = summed(r, HALF);
+    const int swings = half.high - half.low >= ANT_REST_STILL;
     const int waited = r->since - (ANT_REST_SETTLING + r->quarter - 1) / r->quarter;
     if (r->since < ANT_LONG) r->since++;
     if (waited > 0) r->free = 0;
