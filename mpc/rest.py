@@ -169,7 +169,8 @@ class RestMode:
         if waited > 0:
             self._free = 0.0
         m = self._swing(_QUARTERS if swings else 1)[0]
-        if waited >= (_QUARTERS - 1 if swings else 0) and abs(m) > DEAD_ZONE:
+        dead_zone = DEAD_ZONE * (2 if self.ringing else 1)  # every correction makes it ring again
+        if waited >= (_QUARTERS - 1 if swings else 0) and abs(m) > dead_zone:
             self._turn(m, swings, P)
 
     def _turn(self, m: float, swings: bool, P: Array) -> None:

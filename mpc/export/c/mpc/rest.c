@@ -146,7 +146,8 @@ static void correct(ant_rest *r) {
     if (r->since < ANT_LONG) r->since++;
     if (waited > 0) r->free = 0;
     const ant_real m = summed(r, swings ? QUARTERS : 1).mean;
-    if (waited >= (swings ? QUARTERS - 1 : 0) && ant_abs(m) > ANT_REST_DEAD_ZONE) turn(r, m, swings, P);
+    const ant_real dead_zone = ANT_REST_DEAD_ZONE * (r->ringing ? 2 : 1); /* every correction makes it ring again */
+    if (waited >= (swings ? QUARTERS - 1 : 0) && ant_abs(m) > dead_zone) turn(r, m, swings, P);
 }
 
 int ant_rest_follow(ant_rest *r, const ant_task *task) {
