@@ -161,9 +161,11 @@ def resting_loop():
     controller, observer = pair(process.nominal, 10, process.known(), weights=Weights.calm())
     move = point_to_point(rest=8.0).resampled(0.01)
     move = Reference(move.t[: 10_00 + 1], move.theta[300 : 1300 + 1], move.K[: 10_00 + 1])
-    return controller, observer, [
-        recorded(real, controller, observer, move) for real in (process, replace(process, friction=Friction()))
-    ]
+    return (
+        controller,
+        observer,
+        [recorded(real, controller, observer, move) for real in (process, replace(process, friction=Friction()))],
+    )
 
 
 @needs_gcc

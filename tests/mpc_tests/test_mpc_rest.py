@@ -136,7 +136,7 @@ def test_a_rest_ends_at_once_where_a_state_is_not_measured(lost):
 def test_a_rest_ends_at_once_where_the_joint_is_pushed_the_reference_moves_or_means_nothing():
     at = At()
     for happens, status in [
-        ({"x": at.x + [0.1 * DEG, 0, 0, 0]}, PlanStatus.OPTIMAL),
+        ({"x": at.x + np.array([0.1 * DEG, 0, 0, 0])}, PlanStatus.OPTIMAL),
         ({"theta": 0.3 + 0.01 * DEG}, PlanStatus.OPTIMAL),
         ({"K": 7.61}, PlanStatus.OPTIMAL),
     ]:
@@ -177,13 +177,11 @@ def test_a_rest_near_the_supply_s_end_holds_the_lower_edge():
 def test_an_error_is_corrected_by_pressures_that_push_against_it(side):
     at = At()
     plan = at.rested()
-    turned = at.x + [side * 0.1 * DEG, 0, 0, 0]
+    turned = 0.3 + side * 0.1 * DEG
     joint = at.plant.joint
-    torque = joint.torque(0.3, *plan.u[0])
-    plans = [at.step(at.x + [side * 0.01 * DEG * min(k // 3, 10), 0, 0, 0]) for k in range(200)]
+    plans = [at.step(at.x + side * 0.01 * DEG * min(k // 3, 10) * np.eye(4)[0]) for k in range(200)]
     assert {p.status for p in plans} == {PlanStatus.RESTING}
-    assert copysign(1, joint.torque(turned[0], *plans[-1].u[0]) - joint.torque(turned[0], *plan.u[0])) == -side
-    assert torque == joint.torque(0.3, *plan.u[0])
+    assert copysign(1, joint.torque(turned, *plans[-1].u[0]) - joint.torque(turned, *plan.u[0])) == -side
 
 
 def test_a_loop_that_is_told_of_nothing_never_rests_and_settles_exactly():
