@@ -49,6 +49,7 @@ from mpc.pace import check_pace
 from mpc.plan import Plan, PlanStatus, Rung, Times
 from mpc.plant import NU, Plant
 from mpc.quick import workings
+from mpc.rest import RestMode
 from mpc.softened import softened
 from mpc.solvers import Solver, guarded
 from mpc.solvers import solver as solver_by_name
@@ -86,6 +87,7 @@ class TrackingMPC:
     blocks: Sequence[int] | None = None  # lengths of the blocks of samples, N in all; None: every sample is one
     budget: float | None = None  # time for a step [s]
     patience: float = 0.2  # [s]
+    rest: bool = True  # whether commands come to rest at a constant reference, if the compensation knows anything
 
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
@@ -99,6 +101,7 @@ class TrackingMPC:
         self._predictor = Predictor(self.plant, self.dt, self.N)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
+        self.rest_mode = RestMode(self.plant, self.dt, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
         self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
         self._work()
@@ -108,6 +111,7 @@ class TrackingMPC:
     def reset(self) -> None:
         """Forget the past: the next step begins from the pressures it measures."""
         self._foresight.reset()
+        self.rest_mode.reset()
         self.ladder.reset()
         self._improve.reset()
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
@@ -116,6 +120,12 @@ class TrackingMPC:
     def implementation(self) -> str:
         """How a step is computed: "compiled", or "readable", about ten times as slowly (then `SlowStep` has warned)."""
         return self._improve.implementation
+
+    @property
+    def rests(self) -> bool:
+        """Whether its commands come to rest at a constant reference."""
+        known = self.compensation
+        return self.rest and not (known.friction.absent and known.dead_band == 0)
 
     @property
     def ahead(self) -> int:
@@ -133,7 +143,8 @@ class TrackingMPC:
         """
         clock = [perf_counter()]
         deadline = clock[0] + (inf if self.budget is None else _THINKING * self.budget)
-        task = self._foresight.task(x, theta_ref, K_ref, d)
+        task = self._foresight.task(x, theta_ref, K_ref, d, self.rest_mode.ringing)
+        held = self.rest_mode.pressures(task) if self.rests else None
         x, torques = task.x, task.d[:-1]
         feed = self._feed_forward(task.theta, task.K, task.d)
         u_last = self.ladder.u_last(x)
@@ -141,6 +152,9 @@ class TrackingMPC:
 
         if halted := task.halted(self.patience):
             found = _Optimised(None, None, halted, (0.0, 0.0, 0.0))
+        elif held is not None:
+            u = self.limits.limited(u_last, np.tile(held, (self.N, 1)))
+            found = _Optimised((Rung.ALLOCATION, u), None, PlanStatus.RESTING, (0.0, 0.0, 0.0))
         else:
             found = self._optimise(x, feed, u_last, torques, deadline)
         if found.motion is not None:
@@ -152,7 +166,7 @@ class TrackingMPC:
         if not task.refused and isfinite(feed.u[0, 0]) and isfinite(feed.u[0, 1]):
             self._u_star = feed.u[0]
         return Plan(
-            self._foresight.spoken(motion.u, motion.x),
+            self._foresight.spoken(motion.u, motion.x, self.rest_mode.side if self.rest_mode.resting else 0.0),
             motion.x,
             motion.K,
             honest(found.status, rung, task.measured),

@@ -50,6 +50,7 @@ class Task(NamedTuple):
     measured: bool  # whether all of the state was
     blind: float  # for how long the angle has not been [s]; inf: never
     refused: bool  # whether the references cannot be meant: those here are stand-ins
+    expected: float  # the angle that was predicted for now [rad]; NaN at first
 
     def halted(self, patience: float) -> PlanStatus | None:
         """Why the pressures have to be held, if they have to; the angle may be predicted for `patience` [s]."""
@@ -80,8 +81,12 @@ class Foresight:
         self._warned = False
         self._friction = FrictionState(self.compensation.friction)
 
-    def task(self, x: object, theta_ref: object, K_ref: object, d: object) -> Task:
-        """Checks what `step` of a controller was given and looks ahead by the dead time."""
+    def task(self, x: object, theta_ref: object, K_ref: object, d: object, ringing: bool = False) -> Task:
+        """Checks what `step` of a controller was given and looks ahead by the dead time.
+
+        Of a joint that is `ringing` no correction of the angle is foreseen to meet friction.
+        """
+        expected = np.nan if self._expected is None else float(self._expected[0])
         x, seen = self._state(x)
         measured = bool(np.isfinite(seen).all())
         try:
@@ -94,24 +99,28 @@ class Foresight:
             torque, refused = 0.0, True
         if self._blind == inf and not refused:
             x[0] = min(max(theta[0], self.limits.theta[0]), self.limits.theta[1])
-        torques = torque - self._friction_ahead(x, theta)
+        torques = torque - self._friction_ahead(x, theta, 0.0 if ringing else CORRECTED)
         if self._sent is None:
             self._sent = x[2:]
         if not (m := self.delay):
-            return Task(seen, x, theta, K, torques, measured, self._blind * self.dt, refused)
+            return Task(seen, x, theta, K, torques, measured, self._blind * self.dt, refused, expected)
         self._waiting = self._waiting or [x[2:]] * m
         path = self._under_way.motion(x, np.array(self._waiting), torques[:m]).x
         self._expect(path[1])
-        return Task(seen, path[m], theta[m:], K[m:], torques[m:], measured, self._blind * self.dt, refused)
+        return Task(seen, path[m], theta[m:], K[m:], torques[m:], measured, self._blind * self.dt, refused, expected)
 
-    def spoken(self, u: Array, x: Array) -> Array:
-        """The commands (N, 2) to send for `u` (N, 2) to be heard in the states `x` (N+1, 4), as the limits allow."""
+    def spoken(self, u: Array, x: Array, side: float = 0.0) -> Array:
+        """The commands (N, 2) to send for `u` (N, 2) to be heard in the states `x` (N+1, 4), as the limits allow.
+
+        A `side` of ±1 says on which edge of the dead band the regulators are to hold `u`, whatever the pressures are.
+        """
         self._waiting = [*self._waiting[1:], u[0]] if self.delay else []
         if not self.delay:
             self._expect(x[1])
         if self.compensation.dead_band:
             assert self._sent is not None  # `task` comes first
-            u = self.limits.limited(self._sent, self.compensation.spoken(u, x[:-1, 2:]))
+            edge = u + side * self.compensation.dead_band / 2
+            u = self.limits.limited(self._sent, edge if side else self.compensation.spoken(u, x[:-1, 2:]))
         self._sent = u[0]
         return u
 
@@ -177,7 +186,7 @@ class Foresight:
             raise _Meaningless(str(wrong)) from None
         return np.full(self.ahead + 1, reference) if reference.shape == () else reference.copy()
 
-    def _friction_ahead(self, x: Array, theta: Array) -> Array:
+    def _friction_ahead(self, x: Array, theta: Array, corrected: float) -> Array:
         """Friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does.
 
         It has to come back to the preview first. At rest presliding friction makes the joint several times as stiff as
@@ -190,7 +199,7 @@ class Foresight:
         limit = self.compensation.friction.limit(float(pull(self.plant, x)))
         if not isfinite(limit):  # nor will the motion from such a state be: the controller finds that out
             return np.zeros(theta.shape)
-        back = theta[0] + CORRECTED * (float(x[0]) - theta[0])
+        back = theta[0] + corrected * (float(x[0]) - theta[0])
         return np.asarray(limit * self.compensation.friction.along(z, np.append(back, theta[1:])))
 
 

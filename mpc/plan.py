@@ -43,6 +43,7 @@ class PlanStatus(IntEnum):
     CLOSED_FORM = 5
     LATE = 6
     BLIND = 7
+    RESTING = 9
 
     @property
     def text(self) -> str:
@@ -60,6 +61,7 @@ _STATUSES = {
     PlanStatus.CLOSED_FORM: "This controller does not optimise: its commands are in closed form.",
     PlanStatus.LATE: "The problem was not solved within the time budget; shorten the horizon or block moves.",
     PlanStatus.BLIND: "The angle has not been measured for too long to trust its prediction; check the sensor.",
+    PlanStatus.RESTING: "The reference stands still: the pressures are held, and corrected now and then.",
 }
 
 

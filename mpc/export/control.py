@@ -7,7 +7,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR
-from mpc import certified, compensation, foresight, gating, observer, softened
+from mpc import certified, compensation, foresight, gating, observer, rest, softened
 from mpc.controller import TrackingMPC
 from mpc.export import text
 from mpc.export.control_demonstration import numbers as demonstrated
@@ -73,6 +73,7 @@ def model_functions(plant: Plant, dt: float) -> list[tuple[Any, str]]:
     A, B, by_d = (ca.jacobian(later, v).T for v in (x, u, d))  # CasADi stores columns, C rows
     K, F = ca.SX(plant.stiffness(x)), ca.vertcat(*plant.forces(x))
     C, D = ca.gradient(K, x), ca.jacobian(F, x).T
+    gains = [ca.SX(side.torque_gain(P)) for side, P in zip(plant.joint.sides(x[0]), (x[2], x[3]), strict=True)]
 
     def function(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> Any:
         dense = ca.cse([ca.densify(value) for value in outputs.values()])
@@ -85,6 +86,7 @@ def model_functions(plant: Plant, dt: float) -> list[tuple[Any, str]]:
         (function("observed", stage, {"later": later, "A": A, "by_d": by_d}), "the state, and derivatives by x and d"),
         (function("outputs", state, {"K": K, "F": F}), "stiffness and both forces"),
         (function("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),
+        (function("gains", state, {"gains": ca.vertcat(*gains)}), "derivatives of both torques by the pressures"),
         (function("pull", state, {"pulled": ca.SX(pull(plant, x))}), "both torques against each other [N*m]"),
     ]
 
@@ -95,6 +97,7 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
     limits, dt = controller.limits, controller.dt
     return (
         _weights(controller)
+        | _rest(controller)
         | demonstrated(plant)
         | {
             "DT": (dt, "sample time [s]"),
@@ -161,6 +164,36 @@ def _weights(controller: TrackingMPC) -> Numbers:
         "SLACK_FORCE_SQUARE": (w.slack_force_square, "[1/N^2]"),
         "ROOT_SLACK_FORCE": (w.slack_force_square**0.5, ""),
         "CHARGE": (softened.COMMAND, "price of commands beyond the supply when softened [1/bar^2]"),
+    }
+
+
+def _rest(controller: TrackingMPC) -> Numbers:
+    mode = controller.rest_mode
+    return {
+        "RESTS": (int(controller.rests), "whether commands come to rest at a constant reference"),
+        "REST_SAME_THETA": (rest.SAME[0], "a preview that varies less is constant [rad]"),
+        "REST_SAME_K": (rest.SAME[1], "[N*m/rad]"),
+        "REST_DWELL": (mode.dwell, "samples of constant preview before a rest"),
+        "REST_START": (rest.START, "mean error to rest at then [rad]"),
+        "REST_GROWTH": (rest.GROWTH * controller.dt, "what may be added to it a sample [rad]"),
+        "REST_MEAN": (rest.MEAN, "its bound [rad]"),
+        "REST_SWING": (rest.SWING, "peak to peak, the most to rest at [rad]"),
+        "REST_FAR": (rest.FAR, "errors from where on the time counts anew [rad]"),
+        "REST_RINGING": (rest.RINGING, "to both sides, of a joint without the friction that it should have [rad]"),
+        "REST_DEAD_ZONE": (rest.DEAD_ZONE, "errors below are left [rad]"),
+        "REST_STILL": (rest.STILL, "peak to peak over half a period of a joint that stands [rad]"),
+        "REST_FIRST": (rest.FIRST, "gain of the first correction, of the stiffness [-]"),
+        "REST_STIFFEST": (rest.STIFFEST, "the greatest one [-]"),
+        "REST_RESOLUTION": (rest.RESOLUTION, "to which the effect of a correction is known [rad]"),
+        "REST_OVERSHOOT": (rest.OVERSHOOT, "that a correction may have [rad]"),
+        "REST_MOST": (rest.MOST, "of a correction [Pa]"),
+        "REST_JOLT": (rest.JOLT, "from the predicted angle: a push [rad]"),
+        "REST_PUSH": (rest.PUSH, "from the mean angle: a push [rad]"),
+        "REST_LEAK": (rest.LEAK, "of a pressure from where it is held [Pa]"),
+        "REST_PRESSURE_NOISE": (rest.NOISE, "of a pressure's mean [Pa]"),
+        "REST_SETTLING": (mode.settling, "samples for which a correction acts"),
+        "REST_QUARTER_LEAST": (float(mode.quarter_range[0]), "samples of a quarter of the joint's period"),
+        "REST_QUARTER_MOST": (float(mode.quarter_range[1]), ""),
     }
 
 

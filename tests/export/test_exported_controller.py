@@ -9,12 +9,14 @@ import pytest
 
 from allocator.units import BAR, DEG
 from benchmarks.robustness.storm import compared
-from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Rung, TrackingMPC, Weights, sine
+from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, sine
 from mpc.export import export
 from mpc.export import toolchain as tools
 from mpc.export.replay import CONTROL, record, replayed
 from mpc.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
+from mpc.friction import Friction
 from mpc.solvers import solver
+from mpc.trajectories import point_to_point
 
 SPAN = 5 * BAR
 U, STATUS, RUNG, EXCESS, MOVED = slice(0, 2), 2, 3, slice(4, 6), slice(6, 9)  # columns of the answers
@@ -150,6 +152,37 @@ def test_no_sanitizer_finds_anything_and_all_commands_keep_supply_and_slew(preci
     assert ((u >= 0) & (u <= SPAN)).all()
     assert np.abs(np.diff(u[2:], axis=0)).max() <= 5 * BAR * 0.01 * (1 + 1e-4)
     assert (got[-50:, RUNG] == Rung.QP).all()  # good readings lead back
+
+
+@pytest.fixture(scope="module")
+def resting_loop():
+    """A joint that is moved, rests, is pushed and rests again, on the real plant without and with its friction."""
+    process = RealPlant.standard(torque_profile=((5.0, 1.0),))
+    controller, observer = pair(process.nominal, 10, process.known(), weights=Weights.calm())
+    move = point_to_point(rest=8.0).resampled(0.01)
+    move = Reference(move.t[: 10_00 + 1], move.theta[300 : 1300 + 1], move.K[: 10_00 + 1])
+    return (
+        controller,
+        observer,
+        [recorded(real, controller, observer, move) for real in (process, replace(process, friction=Friction()))],
+    )
+
+
+@needs_gcc
+@pytest.mark.parametrize(("precision", "near"), [("double", 1e-8), ("single", 1e-3)])
+def test_a_loop_that_rests_rests_in_c_at_the_same_samples_with_the_same_commands(
+    precision, near, resting_loop, tmp_path
+):
+    controller, observer, records = resting_loop
+    directory = export(tmp_path / "c", controller=controller, observer=observer, precision=precision)
+    program = tools.compiled(directory, CONTROL, "vectors", *tools.SANITISED)
+    for samples, wanted in records:
+        got = replayed(program, samples)
+        resting = wanted[:, STATUS] == PlanStatus.RESTING
+        assert 0.2 < resting.mean() < 0.9
+        assert (np.abs(np.diff(resting.astype(int))).sum()) > 2  # it comes to rest and leaves it again
+        np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
+        assert np.abs(got[:, U] - wanted[:, U]).max() < near * SPAN
 
 
 @needs_qemu

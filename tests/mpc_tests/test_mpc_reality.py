@@ -59,7 +59,7 @@ def test_the_hysteresis_loop_of_a_slow_sweep_is_as_wide_as_asked(width, structur
     slow = replace(PLANT, damping=0.01)  # so that viscous friction adds nothing
     real = RealPlant(slow, friction=structure.of_width(PLANT, width * DEG))
     quarter = np.linspace(0, 1, 2000)  # 20 s
-    half = 0.8 * BAR * np.concatenate([quarter, quarter[-2::-1], -quarter[1:], -quarter[-2::-1], quarter[1:]])
+    half = 0.4 * BAR * np.concatenate([quarter, quarter[-2::-1], -quarter[1:], -quarter[-2::-1], quarter[1:]])
     u = np.stack([2.5 * BAR + half / 2, 2.5 * BAR - half / 2], axis=1)
     x = states(real, u, np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR]))
     difference, theta = x[:, 2] - x[:, 3], x[:, 0] / DEG

@@ -94,6 +94,7 @@ typedef enum {
     ANT_PLAN_NO_MEASUREMENT = 3, /* part of the state was not measured: the predicted one was used in its place */
     ANT_PLAN_NOT_FINITE = 4,     /* the prediction left the range of numbers */
     ANT_PLAN_BLIND = 7,          /* the angle has not been measured for too long to trust its prediction */
+    ANT_PLAN_RESTING = 9,        /* the reference stands still: the pressures are held, and corrected now and then */
     ANT_PLAN_BAD_INPUT = -1      /* a reference makes no sense: the pressures are held */
 } ant_plan_status;
 

@@ -75,6 +75,19 @@ typedef struct {
     ant_real F[ANT_HORIZON + 1][2]; /* [N] */
 } ant_motion;
 
+/* Rest mode: what is known of the last quarters of the joint's free period, and the pressures that are held. */
+typedef struct {
+    ant_real reference[2];               /* theta [rad] and K [N*m/rad] while they stand still */
+    ant_real quarters[4][5];             /* means of the angle's error e [rad], P1, P2 [Pa], least and greatest e */
+    ant_real sum[3], low, high;          /* of the quarter that runs */
+    ant_real p[2];                       /* pressures that are held [Pa] */
+    ant_real side;                       /* edge of the dead band, 1 or -1 */
+    ant_real torque, error, free;        /* the last correction [N*m], what it was for, how far it may turn [rad] */
+    int samples, quarter, in_sum;        /* of constant preview; of a quarter; in the one that runs */
+    int counted, rung, since;            /* quarters seen; in which e swung; since the last correction */
+    int known, resting, ringing;
+} ant_rest;
+
 /* A preview and what it asks of the pressures. */
 typedef struct {
     ant_real theta[ANT_HORIZON + 1]; /* within the joint range [rad] */
@@ -120,6 +133,7 @@ typedef struct {
 
     ant_observer observer;
     ant_friction friction;
+    ant_rest rest;
     ant_real waiting[ANT_DELAY + 1][2]; /* commands as they will be heard, oldest first [Pa] */
     ant_real sent[2];                   /* [Pa] */
     ant_real expected[4];               /* the state predicted for the next sample */

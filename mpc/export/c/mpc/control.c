@@ -1,4 +1,4 @@
-/* A step: look ahead, feed forward, optimise, go down the ladder as far as needed, speak. */
+/* A step: look ahead, feed forward, optimise unless the joint rests, go down the ladder as far as needed, speak. */
 #include <string.h>
 
 #include "control.h"
@@ -48,9 +48,15 @@ static outcome optimise(ant_controller *c, const ant_task *task, const ant_real 
     return o;
 }
 
-/* Commands of this rung into c->motion, and what they do; whether it bears. */
-static int stand_on(ant_controller *c, ant_rung rung, const ant_task *task, const outcome *o, const ant_real u_last[2],
-                    ant_real best[ANT_HORIZON][2]) {
+/* The pressures of a rest, approached as the limits allow. */
+static outcome hold_still(const ant_rest *rest, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
+    for (int k = 0; k < ANT_HORIZON; k++) memcpy(u[k], rest->p, sizeof u[k]);
+    ant_limit(u_last, u);
+    return (outcome){ANT_PLAN_RESTING, 1, ANT_RUNG_ALLOCATION, 0};
+}
+
+/* Commands of this rung, which nothing was optimised for, into c->motion, and what they do; whether it bears. */
+static int stand_on(ant_controller *c, ant_rung rung, const ant_task *task, const outcome *o, const ant_real u_last[2]) {
     ant_motion *m = &c->motion;
     if (rung == ANT_RUNG_HOLD)
         ant_hold(c, u_last, m->u);
@@ -63,10 +69,8 @@ static int stand_on(ant_controller *c, ant_rung rung, const ant_task *task, cons
         if (!c->feed.finite) return 0;
         memcpy(m->u, c->feed.u, sizeof m->u);
         ant_limit(u_last, m->u);
-    } else {
-        if (!o->found || o->rung != rung) return 0;
-        memcpy(m->u, best, sizeof m->u);
-    }
+    } else
+        return 0;
     return ant_predict(task->x, task->d, m);
 }
 
@@ -81,8 +85,12 @@ static void stand_still(ant_controller *c, const ant_task *task) {
 
 static ant_rung descend(ant_controller *c, const ant_task *task, const outcome *o, const ant_real u_last[2],
                         ant_real best[ANT_HORIZON][2]) {
-    for (int rung = ANT_RUNG_QP; rung <= ANT_RUNG_HOLD; rung++)
-        if (stand_on(c, (ant_rung)rung, task, o, u_last, best)) return (ant_rung)rung;
+    if (o->found) {
+        memcpy(c->motion.u, best, sizeof c->motion.u);
+        if (ant_predict(task->x, task->d, &c->motion)) return o->rung;
+    }
+    for (int rung = ANT_RUNG_PREVIOUS; rung <= ANT_RUNG_HOLD; rung++)
+        if (stand_on(c, (ant_rung)rung, task, o, u_last)) return (ant_rung)rung;
     stand_still(c, task);
     return ANT_RUNG_HOLD;
 }
@@ -111,7 +119,10 @@ void ant_control(ant_controller *c, const ant_real x[4], ant_real d, const ant_r
         ant_feed_forward(&task, &c->feed);
     ant_real best[ANT_HORIZON][2];
     const outcome halted = {task.refused ? ANT_PLAN_BAD_INPUT : ANT_PLAN_BLIND, 0, ANT_RUNG_QP, 0};
-    const outcome o = task.refused || task.lost ? halted : optimise(c, &task, u_last, best);
+    const int rests = ANT_RESTS && ant_rest_follow(&c->rest, &task), halts = task.refused || task.lost;
+    const outcome o = halts   ? halted
+                      : rests ? hold_still(&c->rest, u_last, best)
+                              : optimise(c, &task, u_last, best);
     plan->rung = descend(c, &task, &o, u_last, best);
     ant_stand(c, plan->rung);
     if (!task.refused && c->feed.finite) {
@@ -121,7 +132,7 @@ void ant_control(ant_controller *c, const ant_real x[4], ant_real d, const ant_r
     plan->status = status_of(&o, plan->rung, task.measured);
     plan->iterations = o.iterations;
     tell(c, plan);
-    ant_speak(c, plan);
+    ant_speak(c, plan, rests ? c->rest.side : 0);
 }
 
 void ant_step(ant_controller *c, const ant_reading *reading, const ant_reference *reference, ant_plan *plan) {

@@ -44,11 +44,16 @@ typedef struct {
     ant_real x[4];                 /* the state then */
     const ant_real *theta, *K, *d; /* ANT_HORIZON + 1 samples from then on */
     int measured;                  /* whether all of the state was */
+    ant_real seen[4];              /* the state now, where it was */
+    ant_real expected;             /* the angle that was predicted for now [rad]; NaN at first */
     int lost;                      /* whether the angle has not been for too long */
     int refused;                   /* whether the references cannot be meant: those here are stand-ins */
 } ant_task;
 void ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task);
-void ant_speak(ant_controller *c, ant_plan *plan);
+void ant_speak(ant_controller *c, ant_plan *plan, ant_real side); /* side: of the dead band, 0 if it is not known */
+
+/* rest.c */
+int ant_rest_follow(ant_rest *r, const ant_task *task); /* at every sample: whether to rest, at r->p */
 
 /* feedforward.c */
 void ant_feed_forward(const ant_task *task, ant_feed *feed);

@@ -41,7 +41,8 @@ static void stand_in(ant_controller *c, const ant_real x[4]) {
 
 /* Torque from outside less the friction of a joint that moves on from x as the preview does. */
 static void torques(ant_controller *c, const ant_real x[4], ant_real d, const ant_real *theta) {
-    ant_real z = ant_friction_follow(&c->friction, x[0]), before = theta[0] + ANT_CORRECTED * (x[0] - theta[0]);
+    const ant_real corrected = c->rest.ringing ? 0 : ANT_CORRECTED;
+    ant_real z = ant_friction_follow(&c->friction, x[0]), before = theta[0] + corrected * (x[0] - theta[0]);
     const ant_real most = ant_friction_limit(x), limit = isfinite(most) ? most : 0; /* the motion will not be, either */
     c->d[0] = d - limit * z;
     for (int k = 1; k <= ANT_AHEAD; k++) {
@@ -63,7 +64,9 @@ static void wait(ant_controller *c, ant_real x[4]) {
 
 void ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task) {
     task->refused = !sensible(r, d);
+    task->expected = c->foreseen ? c->expected[0] : ANT_NAN;
     state(c, x, task);
+    memcpy(task->seen, task->x, sizeof task->seen);
     if (task->refused) stand_in(c, task->x);
     if (!c->seen && !task->refused) task->x[0] = ant_clip(r->theta[0], ANT_LEFT, ANT_RIGHT);
     torques(c, task->x, task->refused ? 0 : d, task->refused ? c->stay : r->theta);
@@ -78,7 +81,7 @@ void ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_r
     task->lost = !c->seen || (ant_real)c->blind * ANT_DT > ANT_PATIENCE;
 }
 
-void ant_speak(ant_controller *c, ant_plan *plan) {
+void ant_speak(ant_controller *c, ant_plan *plan, ant_real side) {
     const ant_motion *m = &c->last;
     if (ANT_DELAY == 0) expect(c, m->x[1]);
     memcpy(c->waiting[ANT_DELAY], m->u[0], sizeof m->u[0]);
@@ -86,7 +89,10 @@ void ant_speak(ant_controller *c, ant_plan *plan) {
     memcpy(plan->u, m->u, sizeof plan->u);
     if (ANT_DEAD_BAND > 0) {
         for (int k = 0; k < ANT_HORIZON; k++)
-            for (int i = 0; i < 2; i++) plan->u[k][i] = ant_spoken(m->u[k][i], m->x[k][2 + i]);
+            for (int i = 0; i < 2; i++) {
+                const ant_real u = m->u[k][i];
+                plan->u[k][i] = side != 0 ? u + side * ANT_DEAD_BAND / 2 : ant_spoken(u, m->x[k][2 + i]);
+            }
         ant_limit(c->sent, plan->u);
     }
     memcpy(c->sent, plan->u[0], sizeof c->sent);
