@@ -112,7 +112,9 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
                 certified.PRIMAL_TOLERANCE,
                 "by which an answer may break a limit [bar], [rad], [N]",
             ),
-            "GAP": (_GAP, "to the least cost, of what the moves gain [-]"),
+            "GAP": (_GAP, "to the least cost, of what the moves gain, in single precision [-]"),
+            "ACCURACY": (certified.ACCURACY, "from an answer's changes to the solution's at most [bar]"),
+            "CURVATURE": (controller.problem.curvature, "that the charge on a change gives the cost [1/bar^2]"),
             "LAZY": (
                 1e-5 if single else certified.LAZY_TOLERANCE,
                 "below which a row that was left out counts as kept",

@@ -2,7 +2,11 @@
  * with the gradient of the Lagrangian r = H z + f + multipliers_z + A^T multipliers_A its cost exceeds the least by at
  * most
  *
- *     gap = r^T H^-1 r/2 + sum of multiplier_i (limit_i - value_i),      H = R^T R.
+ *     gap = r^T H^-1 r/2 + sum of |multiplier_i (limit_i - value_i)|,      H = R^T R,
+ *
+ * and no change of a command is farther from the solution than ANT_ACCURACY if the gap is no more than
+ * c ANT_ACCURACY^2/2, c being what each change is charged for. Single precision cannot tell so closely: there the gap
+ * has to be small next to what the moves gain.
  *
  * A limit that is missed in its last digits alone is not counted against z: the slacks' prices would make much of
  * it. */
@@ -24,7 +28,7 @@ static void add(account *a, const ant_look *look, ant_real push) {
     if (!(look->value - look->upper <= a->violation)) a->violation = look->value - look->upper;
     const ant_real limit = push > 0 ? look->upper : look->lower;
     if (push == 0 || !isfinite(limit)) return; /* there is nothing to push against at infinity */
-    a->gap += push * (limit - look->value);
+    a->gap += ant_abs(push * (limit - look->value));
     a->rounding += LAST_DIGITS * ant_abs(push) * (ant_abs(limit) + look->size);
     for (int j = 0; j < ANT_DECISIONS; j++) a->pushes[j] += push * look->row[j];
 }
@@ -54,5 +58,7 @@ int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_r
     }
     a.gap += stationarity(qp, z, a.pushes);
     const ant_real gain = ant_abs(ant_cost(ANT_MOVES, qp->R, qp->v, z));
-    return a.violation <= ANT_PRIMAL && ant_abs(a.gap) <= ANT_GAP * (gain > 1 ? gain : 1) + a.rounding;
+    const ant_real small = sizeof(ant_real) == sizeof(float) ? ANT_GAP * (gain > 1 ? gain : 1)
+                                                            : ANT_CURVATURE * ANT_ACCURACY * ANT_ACCURACY / 2;
+    return a.violation <= ANT_PRIMAL && a.gap <= small + a.rounding;
 }
