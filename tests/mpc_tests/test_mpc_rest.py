@@ -16,7 +16,7 @@ from mpc.observer import Differentiator
 REAL = RealPlant.standard()
 TOLD = REAL.known()
 DT = 0.01
-MOVED, LOADED, END = 1.5, 3.0, 12.0  # [s] end of the move, the load's coming, end
+MOVED, LOADED, END = 1.5, 3.0, 23.0  # [s] end of the move, the load's coming, end
 QUIET = LOADED + 6.0  # [s]
 
 
