@@ -8,7 +8,8 @@ crossing the band. So the pressures are held at the mean P̄ of the hunting, and
 by a sampled integral with a dead zone. With e = θ - θ*, means over quarters of the joint's free period
 2π √(J/K*), and the model's stiffness K and torque slopes a_i = ∂T/∂P_i there,
 
-    enter    the preview has been constant for `DWELL`, |mean e| ≤ START + GROWTH · (time beyond), swing ≤ SWING
+    enter    the preview has been constant and |e| ≤ FAR for `DWELL`, |mean e| ≤ START + GROWTH · (time beyond),
+             swing ≤ SWING; P̄ is the mean over half a period
     correct  once the last correction has acted: |m| > DEAD_ZONE, m = mean e over the last quarter, or over the
              last period if the joint still swings: one of the pressures moves by ΔT/a_i, ΔT = -g m,
              g = K if it swings, else half the secant -ΔT_last/Δm, because friction before sliding makes the joint
@@ -16,8 +17,9 @@ by a sampled integral with a dead zone. With e = θ - θ*, means over quarters o
     leave    the preview changes, a state is not measured, θ is off its prediction by more than JOLT (a push, seen
              within a sample), e off its mean by more than PUSH + swing, or a pressure is off by LEAK
 
-A loop that swings about its reference, instead of hunting, counts with friction that is not there (`ringing`): then the
-controller takes what friction there is as constant until the reference moves.
+A loop that swings about its reference by more than `RINGING` to both sides, again and again, counts with friction that
+is not there. Then the controller takes what friction there is as constant until the reference moves, rests as soon as
+the swing allows it at the mean over a whole period, and corrects only errors of more than two dead zones.
 """
 
 from math import ceil, pi, sqrt
@@ -126,7 +128,7 @@ class RestMode:
             self._samples = 0
         bound = MEAN if self.ringing else min(START + GROWTH * self.dt * (self._samples - self.dwell), MEAN)
         if (self.ringing or self._samples >= self.dwell) and abs(mean) <= bound and swing <= SWING:
-            self._rest_at(self._quarters[:, _P].mean(axis=0))
+            self._rest_at(self._quarters[-(_QUARTERS if self.ringing else _HALF) :, _P].mean(axis=0))
 
     def _rest_at(self, p: Array) -> None:
         self.resting = True

@@ -55,11 +55,12 @@ static int pushed(const ant_rest *r, const ant_real seen[4], ant_real expected) 
 
 static void rest(ant_rest *r) {
     const ant_real room = ANT_DEAD_BAND / 2 + ANT_REST_LEAK;
+    const int quarters = r->ringing ? QUARTERS : HALF;
     r->side = 1;
     for (int i = 0; i < 2; i++) {
         ant_real sum = 0;
-        for (int k = 0; k < QUARTERS; k++) sum += r->quarters[k][P1 + i];
-        r->p[i] = sum / QUARTERS;
+        for (int k = QUARTERS - quarters; k < QUARTERS; k++) sum += r->quarters[k][P1 + i];
+        r->p[i] = sum / (ant_real)quarters;
         if (!(r->p[i] + room < ANT_SUPPLY_HI)) r->side = -1;
     }
     r->resting = 1;
