@@ -117,7 +117,8 @@ class RestMode:
             return False
         mean, swing = self._swing(_QUARTERS)
         away = abs(task.seen[0] - self._reference[0] - mean)
-        return bool(abs(task.seen[0] - task.expected) > JOLT or away > PUSH + swing + self._free)
+        jolt = JOLT * (2 if self.ringing else 1)  # friction that is not there is predicted, too
+        return bool(abs(task.seen[0] - task.expected) > jolt or away > PUSH + swing + self._free)
 
     def _judge(self) -> None:
         mean, swing = self._swing(_QUARTERS)
@@ -180,7 +181,7 @@ class RestMode:
         x = np.array([self._reference[0] + m, 0.0, *self._p])
         if not (K := float(self.plant.stiffness(x))) > 0:
             return
-        torque = -m * (K if swings else self._gain(m, K))
+        torque = -m * (K if swings or self.ringing else self._gain(m, K))
         slopes = np.array([side.torque_gain(p) for side, p in zip(self.plant.joint.sides(x[0]), self._p, strict=True)])
         change = np.minimum(self.side * torque / slopes, MOST)
         held = np.maximum(self.side * self._p, self.side * P - NOISE)

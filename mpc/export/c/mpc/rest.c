@@ -50,7 +50,8 @@ static int pushed(const ant_rest *r, const ant_real seen[4], ant_real expected) 
     if (!r->resting) return 0;
     const summary last = summed(r, QUARTERS);
     const ant_real away = ant_abs(seen[0] - r->reference[0] - last.mean);
-    return ant_abs(seen[0] - expected) > ANT_REST_JOLT || away > ANT_REST_PUSH + last.high - last.low + r->free;
+    const ant_real jolt = ANT_REST_JOLT * (r->ringing ? 2 : 1); /* friction that is not there is predicted, too */
+    return ant_abs(seen[0] - expected) > jolt || away > ANT_REST_PUSH + last.high - last.low + r->free;
 }
 
 static void rest(ant_rest *r) {
@@ -119,7 +120,7 @@ static void turn(ant_rest *r, ant_real m, int swings, const ant_real P[2]) {
     ant_model_outputs(x, &K, F);
     ant_model_gains(x, slope);
     if (!(K > 0)) return;
-    const ant_real torque = -m * (swings ? K : gain(r, m, K));
+    const ant_real torque = -m * (swings || r->ringing ? K : gain(r, m, K));
     for (int i = 0; i < 2; i++) {
         const ant_real change = r->side * torque / slope[i];
         if (!(change > 0)) continue;
