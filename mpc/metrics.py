@@ -8,7 +8,7 @@ import numpy as np
 from allocator import allocate
 from allocator.calculus import Array, Mask
 from allocator.units import BAR, DEG, PERCENT
-from mpc.plan import Moved, Rung
+from mpc.plan import Moved, PlanStatus, Rung
 from mpc.simulation import Run
 
 _ROUNDING = 1e-9  # of the limit, or of what is constant: less is arithmetic
@@ -41,7 +41,7 @@ class Metrics:
     violations: dict[str, tuple[float, str]]  # limit: greatest excess (0 where it was kept), unit
     step_median: float  # [ms]
     step_p99: float  # [ms]
-    rungs: dict[str, int]  # steps answered by each rung
+    rungs: dict[str, int]  # steps answered by each rung; REST: by constant commands, the joint being where it should
     out_of_reach: float  # [% of the samples] whose reference the joint cannot follow, whatever the controller does
     moved: dict[str, tuple[float, str]]  # what was asked: how far the controller moved it at worst (NaN: unsaid), unit
 
@@ -61,7 +61,7 @@ def metrics(run: Run) -> Metrics:
         violations=_violations(run),
         step_median=float(np.median(run.step_time)) * 1e3,
         step_p99=float(np.percentile(run.step_time, 99)) * 1e3,
-        rungs={rung.name: int((run.rung == rung).sum()) for rung in Rung},
+        rungs=_rungs(run),
         out_of_reach=float(np.mean(~_reachable(run))) / PERCENT,
         moved=_moved(run),
     )
@@ -80,6 +80,13 @@ def _rested(run: Run) -> int:
     for wanted in (run.theta_ref, run.K_ref):
         moved |= np.abs(wanted - wanted[0]) > _ROUNDING * np.abs(wanted).max()
     return max(int(np.argmax(moved)) - 1, 0)
+
+
+def _rungs(run: Run) -> dict[str, int]:
+    """How many steps each rung answered; a joint at rest stands on none for want of a better."""
+    resting = run.status == PlanStatus.RESTING
+    counts = {rung.name: int(((run.rung == rung) & ~resting).sum()) for rung in Rung}
+    return counts | ({"REST": int(resting.sum())} if resting.any() else {})
 
 
 def _reachable(run: Run) -> Mask:
