@@ -51,7 +51,7 @@ NOISE = 0.005 * BAR  # [Pa] of a pressure's mean
 QUARTER = 0.1, 0.5  # [s] least and most of a quarter of a period
 
 _QUARTERS, _HALF = 4, 2
-_RUNG = _QUARTERS + _HALF  # a load that throws the joint off is in _QUARTERS of them
+_SWINGS = _QUARTERS + _HALF  # a load that throws the joint off is in _QUARTERS of them
 _E, _P, _LOW, _HIGH = 0, slice(1, 3), 3, 4  # columns
 
 
@@ -82,7 +82,7 @@ class RestMode:
         self._samples = 0  # of constant preview
         self._quarters = np.zeros((_QUARTERS, 5))  # the last ones: means of e, P1, P2, least and greatest e
         self._counted = 0  # of them
-        self._rung = 0  # over how many of them e has swung to both sides
+        self._swings = 0  # over how many of them e has swung to both sides
         self._sum, self._in_sum = np.zeros(1 + NU), 0  # of e, P1, P2 in the quarter that runs, and of how many samples
         self._low, self._high = np.inf, -np.inf  # e there [rad]
 
@@ -123,8 +123,8 @@ class RestMode:
     def _judge(self) -> None:
         mean, swing = self._swing(_QUARTERS)
         beyond = min(self._quarters[:, _HIGH].max(), -self._quarters[:, _LOW].min())
-        self._rung = self._rung + 1 if beyond > RINGING else 0
-        self.ringing |= self._rung >= _RUNG
+        self._swings = self._swings + 1 if beyond > RINGING else 0
+        self.ringing |= self._swings >= _SWINGS
         if not self.ringing and max(self._quarters[-1, _HIGH], -self._quarters[-1, _LOW]) > FAR:
             self._samples = 0
         bound = MEAN if self.ringing else min(START + GROWTH * self.dt * (self._samples - self.dwell), MEAN)

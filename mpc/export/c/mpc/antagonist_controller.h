@@ -84,7 +84,7 @@ typedef struct {
     ant_real side;                       /* edge of the dead band, 1 or -1 */
     ant_real torque, error, free;        /* the last correction [N*m], what it was for, how far it may turn [rad] */
     int samples, quarter, in_sum;        /* of constant preview; of a quarter; in the one that runs */
-    int counted, rung, since;            /* quarters seen; in which e swung; since the last correction */
+    int counted, swings, since;          /* quarters seen; in which e swung; since the last correction */
     int known, resting, ringing;
 } ant_rest;
 

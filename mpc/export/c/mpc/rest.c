@@ -7,7 +7,7 @@
 #include "model.h"
 
 enum { QUARTERS = 4, HALF = 2 }; /* of the joint's free period */
-enum { RUNG = QUARTERS + HALF }; /* a load that throws the joint off is in QUARTERS of them */
+enum { SWINGS = QUARTERS + HALF }; /* a load that throws the joint off is in QUARTERS of them */
 enum { E, P1, P2, LOW, HIGH };   /* what is known of each: means, least and greatest e */
 
 typedef struct {
@@ -15,7 +15,7 @@ typedef struct {
 } summary;
 
 static void begin(ant_rest *r) {
-    r->resting = r->samples = r->counted = r->rung = r->in_sum = 0;
+    r->resting = r->samples = r->counted = r->swings = r->in_sum = 0;
     memset(r->sum, 0, sizeof r->sum);
 }
 
@@ -73,8 +73,8 @@ static void judge(ant_rest *r) {
     const summary all = summed(r, QUARTERS);
     const ant_real *last = r->quarters[QUARTERS - 1];
     const int rings = all.high > ANT_REST_RINGING && -all.low > ANT_REST_RINGING;
-    r->rung = rings ? r->rung + (r->rung < RUNG) : 0;
-    if (r->rung == RUNG) r->ringing = 1;
+    r->swings = rings ? r->swings + (r->swings < SWINGS) : 0;
+    if (r->swings == SWINGS) r->ringing = 1;
     if (!r->ringing && (last[HIGH] > ANT_REST_FAR || -last[LOW] > ANT_REST_FAR)) r->samples = 0;
     const ant_real grown = ANT_REST_START + ANT_REST_GROWTH * (ant_real)(r->samples - ANT_REST_DWELL);
     const ant_real bound = r->ringing || grown > ANT_REST_MEAN ? ANT_REST_MEAN : grown;
