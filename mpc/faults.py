@@ -121,6 +121,18 @@ class _SensorFault(Fault):
 
 
 @dataclass(frozen=True)
+class WrongReadings(_SensorFault):
+    """Sensors that say `value` [rad], [Pa], or the truth and `value`."""
+
+    value: float = 0.0
+    added: bool = False
+
+    def read(self, y: Array, before: Array) -> Array:
+        """The wrong readings."""
+        return self._of_ours(y + self.value if self.added else np.full(NX, self.value), y)
+
+
+@dataclass(frozen=True)
 class SilentSensors(_SensorFault):
     """Sensors that say nothing."""
 
@@ -167,4 +179,5 @@ __all__ = [
     "SilentSensors",
     "StuckValve",
     "SupplyDrop",
+    "WrongReadings",
 ]

@@ -1,13 +1,12 @@
 """An encoder that says something wrong for a while: every controller, four muscle laws."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from allocator import report_joint, stiffness_interval
-from allocator.calculus import Array
 from allocator.muscles.catalogue import (
     MARTENS_DMSP_20_300,
     SAROSI_DMSP_20_400N,
@@ -16,7 +15,7 @@ from allocator.muscles.catalogue import (
 )
 from allocator.units import DEG
 from mpc import Plant, RealPlant, Weights, simulate, sine
-from mpc.faults import Fault
+from mpc.faults import Fault, WrongReadings
 from mpc.loops import Settings, loop
 
 WRAPS = (3.2, 3.5, 3.8, 4.0, 4.3, 4.6, 4.9, 5.2, 5.5, 5.8, 6.0, 6.15, 6.28)  # [rad]
@@ -29,18 +28,6 @@ LAWS = {
 }
 CONTROLLERS = ("mpc", "lqr", "predictive-pid", "pid")
 DT, BEGIN, AFTER = 0.01, 2.0, 0.5  # [s]
-
-
-@dataclass(frozen=True)
-class WrongAngle(Fault):
-    """An encoder that says `value` instead of the angle, or the angle and `value`."""
-
-    value: float = 0.0  # [rad]
-    added: bool = False
-
-    def read(self, y: Array, before: Array) -> Array:
-        """The wrong angle."""
-        return np.array([self.value + (y[0] if self.added else 0.0), *y[1:]])
 
 
 class Wrong(NamedTuple):
@@ -75,8 +62,8 @@ def runs(law: str, name: str) -> Iterator[Wrong]:
     for samples in LENGTHS:
         for added in (False, True):
             for value in WRAPS:
-                fault = WrongAngle(BEGIN, BEGIN + samples * DT, value, added)
+                fault = WrongReadings(BEGIN, BEGIN + samples * DT, (0,), value, added)
                 yield Wrong(law, name, samples, added, value, error(fault), usual)
 
 
-__all__ = ["CONTROLLERS", "LAWS", "LENGTHS", "WRAPS", "Wrong", "WrongAngle", "runs"]
+__all__ = ["CONTROLLERS", "LAWS", "LENGTHS", "WRAPS", "Wrong", "runs"]

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from allocator.units import BAR, DEG
-from benchmarks.robustness.storm import compared
 from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, sine
 from mpc.export import export
 from mpc.export import toolchain as tools
@@ -207,11 +206,3 @@ def test_the_demonstration_prints_python_s_numbers(exported):
     printed = tools.run(tools.compiled(exported["double"], Path("main.c"), "demonstration"))
     assert printed in (exported["double"] / "README.md").read_text()
     assert printed.count("rung 0") == 10
-
-
-@needs_gcc
-def test_a_storm_of_wrong_readings_gets_python_s_statuses_and_verdicts_under_sanitizers():
-    """The campaign of `benchmarks.robustness`, of which this is a part."""
-    (answers,) = compared(3000, 1, seed=7)
-    assert (answers.samples, answers.differing) == (3000, 0)
-    assert answers.away < 1e-8 * SPAN

@@ -44,6 +44,7 @@ def test_the_readme_has_the_whole_way_from_a_table_to_a_controller_and_to_c():
         "fit-joint",
         "track",
         "export",
+        "track",
     ]
     assert {"allocate", "map"} < set(names)
 

@@ -8,17 +8,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allocator import BAR, DEG, report_joint, stiffness_interval
-from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_400N
-from benchmarks.robustness.campaign import Hit, StormyPlant, loop, reference
-from benchmarks.robustness.storm import broken, driven
-from benchmarks.robustness.wraps import LAWS, WrongAngle, joint_of
+from allocator.muscles.catalogue import (
+    MARTENS_DMSP_20_300,
+    SAROSI_DMSP_20_400N,
+    TONDU_DMSP_20_400N,
+    TONDU_MCKIBBEN,
+)
 from mpc import KalmanObserver, Plant, RealPlant, Rung, TrackingMPC, Weights, simulate, sine
+from mpc.faults import WrongReadings
 from mpc.gating import Gate, SensorGate, Verdict
 
 DT = 0.01
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
 GATE = Gate.of(PLANT, DT, (0.01 * DEG, 0.02 * BAR))
 REST = PLANT.at_rest(0.1, 5.5)
+
+
+def loop(real):
+    """Controller and observer for a real plant."""
+    known = real.known()
+    controller = TrackingMPC(real.nominal, DT, 10, weights=Weights.calm(), compensation=known)
+    return controller, KalmanObserver(real.nominal, DT, compensation=known)
+
+
+def reference(samples):
+    return sine(amplitude=30 * DEG, K=5.5, frequency=0.25, duration=samples * DT, ramp=1.0, dt=DT)
 
 
 def fed(observer, readings, u=REST[2:]):
@@ -93,7 +107,7 @@ def test_a_spike_leaves_no_trace():
 def test_an_encoder_that_has_lost_its_zero_is_followed_after_half_a_second_and_once(offset):
     real = RealPlant.standard()
     pair = loop(real)
-    shifted = WrongAngle(2.0, 8.0, offset * DEG, added=True)
+    shifted = WrongReadings(2.0, 8.0, (0,), offset * DEG, added=True)
     verdicts, estimate = [], pair[1].estimate
 
     def listening(y, u):
@@ -156,14 +170,18 @@ def test_a_state_that_is_not_finite_is_built_anew_from_the_readings():
 # --- the loop ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_an_encoder_that_is_wrong_for_three_samples_does_not_matter(law):
-    plant = joint_of(law)
+@pytest.mark.parametrize(
+    "muscle",
+    [SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N, TONDU_MCKIBBEN, MARTENS_DMSP_20_300],
+    ids=["Sarosi", "Tondu", "McKibben", "Martens"],
+)
+def test_an_encoder_that_is_wrong_for_three_samples_does_not_matter(muscle):
+    plant = Plant(report_joint(muscle), lag=0.12)
     K = float(np.mean(stiffness_interval(0.0, 0.0, joint=plant.joint)))
     wanted = sine(amplitude=20 * DEG, K=K, K_amplitude=0.0, duration=2.0, ramp=0.5, dt=DT)
     controller, observer = TrackingMPC(plant, DT, 10), KalmanObserver(plant, DT)
     for value in (3.2, 4.9, 6.0, 6.28):
-        wrong = WrongAngle(1.0, 1.03, value)
+        wrong = WrongReadings(1.0, 1.03, (0,), value)
         run = simulate(replace(RealPlant(plant), faults=(wrong,)), controller, wanted, observer=observer)
         assert np.isfinite(run.u).all()
         assert np.abs(run.theta - run.theta_ref)[150:].max() < 2 * DEG
@@ -174,15 +192,7 @@ def test_a_pressure_beyond_the_supply_does_not_move_the_joint():
     controller, observer = loop(real)
     wanted = sine(amplitude=0.0, K=5.5, K_amplitude=0.0, duration=4.0)
     quiet = simulate(real, controller, wanted, observer=observer)
-    plant = StormyPlant(real, (Hit("huge", 200, 201, (2,), 4.9e6 / 1e300),))
-    hit = simulate(plant, controller, wanted, observer=observer)
+    hit = simulate(
+        replace(real, faults=(WrongReadings(2.0, 2.01, (2,), 49 * BAR),)), controller, wanted, observer=observer
+    )
     assert np.abs(hit.theta - quiet.theta).max() < 0.2 * DEG
-
-
-def test_a_storm_of_wrong_readings_breaks_no_limit_and_passes():
-    """The campaign of `benchmarks.robustness`, of which this is a part."""
-    (part,) = driven(4000, 1, seed=11)
-    assert broken(part.run) == []
-    assert np.median(part.error) < 0.5
-    assert np.mean(part.error > 5) < 0.03
-    assert sum(np.isfinite(recovery.seconds) for recovery in part.recoveries) >= len(part.recoveries) - 1

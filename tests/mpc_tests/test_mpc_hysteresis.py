@@ -137,7 +137,7 @@ def test_a_joint_that_is_let_go_loses_energy_only(friction):
     x0 = np.array([15 * DEG, 0.0, 2.5 * BAR, 2.5 * BAR])
     experiment = RealPlant(still, friction=friction).begin(0.002, x0, 0)
     states = [experiment.memory[: 4 + friction.size]]
-    for _ in range(700):
+    for _ in range(1000):
         experiment.advance(x0[2:])
         states.append(experiment.memory[: 4 + friction.size])
     theta, omega, memory = (v := np.array(states))[:, 0], v[:, 1], v[:, 4:]
