@@ -11,6 +11,7 @@ from mpc.faults import BrokenCable, DriftingSensor, Fault, FrozenSensors, Leak, 
 from mpc.solvers import solver
 
 REAL = RealPlant.standard()
+DAHL = replace(REAL, friction=REAL.friction.as_dahl(REAL.nominal))
 DT, BEGIN, END = 0.01, 2.0, 3.0  # [s]
 DURING, AFTER = slice(200, 300), slice(450, 600)  # samples: the fault, and from 1.5 s after it on
 REFERENCE = sine(amplitude=30 * DEG, K=5.5, duration=6.0, ramp=1.0, dt=DT)
@@ -30,13 +31,13 @@ class Broken:
         return self.how(qp) if 200 < self.calls <= 300 else DAQP(qp, limit)
 
 
-def driven(*faults, torque=(), reference=REFERENCE, **settings):
+def driven(*faults, torque=(), reference=REFERENCE, plant=REAL, **settings):
     known = REAL.known()
     controller = TrackingMPC(REAL.nominal, DT, weights=Weights.calm(), compensation=known, **settings)
     if isinstance(broken := settings.get("solver"), Broken):
         broken.calls = 0  # the controller has tried it
     observer = KalmanObserver(REAL.nominal, DT, compensation=known)
-    real = replace(REAL, faults=faults, torque_profile=torque)
+    real = replace(plant, faults=faults, torque_profile=torque)
     return simulate(real, controller, reference, observer=observer, seed=3)
 
 
@@ -48,7 +49,7 @@ def statuses(run, when):
     return {PlanStatus(status) for status in run.status[when].tolist()}
 
 
-def survived(run, within=1.5):
+def survived(run):
     """Finite, within supply and slew limit, no success that is none; recovered from 1.5 s after the fault on."""
     low, high = REAL.nominal.joint.pressure_limits
     changes = np.abs(np.diff(run.u, axis=0, prepend=run.estimate[:1, 2:4]))
@@ -58,7 +59,7 @@ def survived(run, within=1.5):
     assert (changes <= REAL.nominal.slew * DT * (1 + 1e-9)).all()
     assert (run.rung[run.status == PlanStatus.OPTIMAL] == Rung.QP).all()
     assert statuses(run, AFTER) == {PlanStatus.OPTIMAL}
-    assert error(run, AFTER) < within  # [°]
+    assert error(run, AFTER) < 1.5
     return True
 
 
@@ -84,8 +85,8 @@ def test_a_supply_that_drops_to_3_bar_is_survived():
 
 @pytest.mark.parametrize("torque", [13.0, -13.0])
 def test_a_load_beyond_capacity_is_survived_and_said(torque):
-    run = driven(torque=((BEGIN, torque), (END, 0.0)))
-    assert survived(run, within=5.0)  # it comes back from far beyond its range, where friction grows no more
+    run = driven(torque=((BEGIN, torque), (END, 0.0)), plant=DAHL)
+    assert survived(run)
     assert run.moved[DURING, 2].max() > 1.0  # [N·m] that the muscles do not have
     assert run.slack[DURING].max() > 0.1  # [rad] beyond the joint range
     assert run.slack_force[DURING].max() > 10.0  # [N] below taut
