@@ -22,7 +22,6 @@ from allocator.feasibility import (
     torque_interval,
     torque_intervals,
 )
-from allocator.geometry import Geometry, Lever, Pulley, Table
 from allocator.identification import (
     Fit,
     JointFit,
@@ -35,9 +34,10 @@ from allocator.identification import (
     read_samples,
 )
 from allocator.inverse import inverse
-from allocator.joint import AntagonistJoint, report_joint
-from allocator.joint_storage import load_joint, save_joint
-from allocator.limits import Limit
+from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.geometry import Geometry, Lever, Pulley, Table
+from allocator.joint.limits import Limit
+from allocator.joint.storage import load_joint, save_joint
 from allocator.muscles import MODELS, AffineMuscle, Muscle
 from allocator.muscles.catalogue import named_muscle
 from allocator.notices import CacheFault

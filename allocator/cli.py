@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allocator.display import number
 from allocator.errors import InvalidInput
 from allocator.feasibility.cli import map_command
-from allocator.identification.cli import fit_command
-from allocator.identification.joint_cli import fit_joint_command
+from allocator.identification.joint.cli import fit_joint_command
+from allocator.identification.muscle.cli import fit_command
+from allocator.presentation.tables import number
 from allocator.shell.joint_options import JointOptions
 from allocator.shell.options import Command, finite, grouped
 from allocator.shell.printing import AsJSON, print_json, say

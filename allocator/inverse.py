@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array
-from allocator.joint import AntagonistJoint, report_joint
-from allocator.levels import Pair, Sides
-from allocator.limits import PressureBox
+from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.limits import PressureBox
+from allocator.joint.torque_levels import Pair, Sides
 from allocator.search import Curves, all_pairs
 
 _SINGULAR = 1e-12  # of its terms: a determinant of no more is rounding

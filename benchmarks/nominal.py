@@ -2,11 +2,11 @@
 
     python -m benchmarks.nominal [--out benchmarks/results]
 
-The yardstick is the nonlinear MPC, solved by IPOPT to the end at every sample: the same objective, limits, horizon
-(N = 20, dt = 10 ms), previews and plant (the report's joint). Both are charged by what happened (`mpc.objective`).
+The yardstick is the nonlinear MPC, solved by IPOPT to the end at every sample: the same objective, limits, horizon (N =
+20, dt = 10 ms), previews and plant (the report's joint). Both are charged by what happened (`mpc.trials.objective`).
 Trajectories in capitals saturate: "JUMPS" lives on the slew limit, "SUPPLY" asks for more stiffness than the supply
-gives, "SLACK" for less than taut muscles have. Written are `nominal.csv` (every run) and `nominal.md` (against what
-was asked for).
+gives, "SLACK" for less than taut muscles have. Written are `nominal.csv` (every run) and `nominal.md` (against what was
+asked for).
 
 A cost of a few units is next to nothing: 1 is the angle off by 0.02° in two samples. At a cost of nothing the barrier
 of an interior-point method shows, and one QP, whose solution is exact, can come out below IPOPT. Where it is far from
@@ -25,10 +25,10 @@ import numpy as np
 
 from allocator.units import DEG
 from mpc import KalmanObserver, NonlinearMPC, Plant, RealPlant, Reference, Run, TrackingMPC, Weights, simulate, sine
-from mpc.metrics import metrics
-from mpc.objective import closed_loop_cost
-from mpc.simulation import Controller
-from mpc.trajectories import LEAD, TRAJECTORIES, stiffness_step
+from mpc.trials.metrics import metrics
+from mpc.trials.objective import closed_loop_cost
+from mpc.trials.simulation import Controller
+from mpc.trials.trajectories import LEAD, TRAJECTORIES, stiffness_step
 
 PLANT, K = Plant(), 7.6
 MUST, STRETCH = 0.5, 0.05  # [%]

@@ -7,36 +7,36 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from mpc.compensation import Compensation
-    from mpc.controller import TrackingMPC
-    from mpc.improvement import SlowStep
-    from mpc.nonlinear import NonlinearMPC
-    from mpc.observer import KalmanObserver
-    from mpc.pace import LongStep
-    from mpc.plan import Plan, PlanStatus, Rung
-    from mpc.plant import Plant
-    from mpc.reality import RealPlant
-    from mpc.reference import Reference, sine
-    from mpc.simulation import Run, simulate
-    from mpc.weights import Weights
+    from mpc.model.compensation import Compensation
+    from mpc.model.plant import Plant
+    from mpc.model.real_plant import RealPlant
+    from mpc.observer.kalman import KalmanObserver
+    from mpc.tracking.controller import TrackingMPC
+    from mpc.tracking.pace import LongStep
+    from mpc.tracking.plan import Plan, PlanStatus, Rung
+    from mpc.tracking.qp_step import SlowStep
+    from mpc.tracking.weights import Weights
+    from mpc.trials.reference import Reference, sine
+    from mpc.trials.simulation import Run, simulate
+    from mpc.yardsticks.nonlinear import NonlinearMPC
 else:
     _HOMES = {
-        "Compensation": "compensation",
-        "KalmanObserver": "observer",
-        "LongStep": "pace",
-        "NonlinearMPC": "nonlinear",
-        "Plan": "plan",
-        "PlanStatus": "plan",
-        "Plant": "plant",
-        "RealPlant": "reality",
-        "Reference": "reference",
-        "Rung": "plan",
-        "Run": "simulation",
-        "SlowStep": "improvement",
-        "TrackingMPC": "controller",
-        "Weights": "weights",
-        "simulate": "simulation",
-        "sine": "reference",
+        "Compensation": "model.compensation",
+        "KalmanObserver": "observer.kalman",
+        "LongStep": "tracking.pace",
+        "NonlinearMPC": "yardsticks.nonlinear",
+        "Plan": "tracking.plan",
+        "PlanStatus": "tracking.plan",
+        "Plant": "model.plant",
+        "RealPlant": "model.real_plant",
+        "Reference": "trials.reference",
+        "Rung": "tracking.plan",
+        "Run": "trials.simulation",
+        "SlowStep": "tracking.qp_step",
+        "TrackingMPC": "tracking.controller",
+        "Weights": "tracking.weights",
+        "simulate": "trials.simulation",
+        "sine": "trials.reference",
     }
 
     def __getattr__(name):

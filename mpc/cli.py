@@ -16,17 +16,17 @@ from allocator.shell.outputs import IMAGES, Force, claim
 from allocator.shell.printing import say
 from mpc.export.cli import export_command
 from mpc.plant_cli import PlantOptions, init_command
-from mpc.trajectories import TRAJECTORIES, shrunk, usual_stiffness
+from mpc.trials.trajectories import TRAJECTORIES, shrunk, usual_stiffness
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from mpc.loops import Settings
-    from mpc.metrics import Metrics
-    from mpc.plant import Plant
-    from mpc.reference import Reference
-    from mpc.simulation import Process, Run
+    from mpc.model.plant import Plant
+    from mpc.trials.loops import Settings
+    from mpc.trials.metrics import Metrics
+    from mpc.trials.reference import Reference
+    from mpc.trials.simulation import Process, Run
 
 _NOMINAL, _REAL = "nominal", "real"  # plants
 _REAL_LAG = 0.12  # [s] of a real plant, unless something else is said
@@ -85,10 +85,10 @@ def track(
     """Let a controller follow a trajectory of angle and stiffness, and say how well it did."""
     from rich.console import Console
 
-    from mpc.loops import loop
-    from mpc.metrics import metrics
-    from mpc.plant import Plant
-    from mpc.simulation import simulate
+    from mpc.model.plant import Plant
+    from mpc.trials.loops import loop
+    from mpc.trials.metrics import metrics
+    from mpc.trials.simulation import simulate
 
     console = Console()
     finite("--payload", payload, "N·m")
@@ -121,9 +121,9 @@ def track(
 def _reference(name: str | None, K: float | None, plant: "Plant") -> "Reference":
     """The trajectory of this name or in this file."""
     from allocator import checks
-    from mpc.files import default_trajectory, load
-    from mpc.plant import Plant
-    from mpc.reference import sine
+    from mpc.model.plant import Plant
+    from mpc.trials.files import default_trajectory, load
+    from mpc.trials.reference import sine
 
     if name is None and K is None and plant.joint == Plant().joint:
         return default_trajectory()
@@ -149,9 +149,9 @@ def _files(out: list[Path]) -> list[Path]:
 
 
 def _write(run: "Run", path: Path, console: "Console") -> None:
-    from mpc.files import save_run
-    from mpc.plotting import save_tracking_figure
-    from mpc.recordings import save_recording
+    from mpc.trials.files import save_run
+    from mpc.trials.plotting import save_tracking_figure
+    from mpc.trials.recordings import save_recording
 
     if path.suffix == ".csv":
         save_run(run, path)
@@ -164,9 +164,9 @@ def _write(run: "Run", path: Path, console: "Console") -> None:
 
 def _tested(kind: str, nominal: "Plant", torque: "tuple[tuple[float, float], ...]") -> "tuple[Process, Settings]":
     """The plant of this kind under an unknown torque, and what its controller knows."""
-    from mpc.loops import Settings
-    from mpc.reality import RealPlant
-    from mpc.weights import Weights
+    from mpc.model.real_plant import RealPlant
+    from mpc.tracking.weights import Weights
+    from mpc.trials.loops import Settings
 
     if kind == _REAL:
         real = RealPlant.standard(torque_profile=torque, nominal=nominal)

@@ -13,7 +13,7 @@ from allocator.shell.outputs import Force, claim
 from allocator.units import BAR
 
 if TYPE_CHECKING:
-    from mpc.plant import Plant
+    from mpc.model.plant import Plant
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class PlantOptions(JointOptions):
 
     def plant(self, **otherwise: Any) -> "Plant":
         """The plant; `otherwise` holds what is neither given nor in the file."""
-        from mpc.plant import Plant
-        from mpc.plant_storage import stored_numbers
+        from mpc.model.plant import Plant
+        from mpc.model.storage import stored_numbers
 
         stored = {} if self.joint is None else stored_numbers(self.joint)
         return Plant(self.build(), **(otherwise | stored | self._numbers()))
@@ -71,7 +71,7 @@ def init_command(
 
     Every command takes it with --joint.
     """
-    from allocator.writing import write_text
+    from allocator.files.atomic import write_text
 
     claim(file, force=force)
     write_text(file, (resources.files("mpc") / "data" / "joint.toml").read_text(encoding="utf-8"))

@@ -1,8 +1,8 @@
 """From torque and stiffness targets to pressures: the problem, its solvers, and the answer."""
 
 from allocator.allocation.entry import allocate
+from allocator.allocation.kernels.calls import warm_up
 from allocator.allocation.problem import Problem
-from allocator.allocation.quick import warm_up
 from allocator.allocation.result import Allocation
 from allocator.allocation.status import Status
 

@@ -8,7 +8,7 @@ from allocator import checks
 from allocator.allocation.problem import PRIORITIES, Priority, Problem
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.joint import AntagonistJoint
+from allocator.joint.antagonist import AntagonistJoint
 
 
 def problem_from(

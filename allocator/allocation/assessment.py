@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from allocator.allocation.problem import Problem
 from allocator.allocation.status import Status
 from allocator.calculus import Array
-from allocator.side import BINDS
+from allocator.joint.one_muscle import BINDS
 
 
 class Tolerance(NamedTuple):

@@ -6,20 +6,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
-from allocator.allocation import backends, exact, quick
+from allocator.allocation import exact
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.assessment import OPTIMISER, Assessment, assess, assess_inverse
-from allocator.allocation.covariance import with_covariance
 from allocator.allocation.friction import checked_direction, with_friction
+from allocator.allocation.kernels import calls
+from allocator.allocation.kernels.question import number
+from allocator.allocation.optimisers import backends
 from allocator.allocation.planning import planned
 from allocator.allocation.problem import Priority, Problem
-from allocator.allocation.question import number
 from allocator.allocation.result import Allocation, shaped
 from allocator.allocation.status import Status
+from allocator.allocation.uncertain.covariance import with_covariance
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.inverse import solve_inverse
-from allocator.joint import AntagonistJoint, report_joint
+from allocator.joint.antagonist import AntagonistJoint, report_joint
 
 Method = Literal["analytic", "exact", backends.Optimiser]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -92,7 +94,7 @@ def allocate(
     uncertainty, risk
         For "convex" with affine muscles: covariance of the muscle's parameters (a matrix, a pair of them, or True for
         the fitted muscles' own), and the probability α with which a force limit may be broken, see
-        `allocator.allocation.uncertain`.
+        `allocator.allocation.uncertain.problem`.
     warm_start
         False starts the optimisers in the middle of the box instead, to measure what the warm start gains.
 
@@ -111,7 +113,7 @@ def allocate(
         and number(pull) == number(stiffness_tolerance) == 0
         and (number(direction) == 0 or (joint.friction == 0 and abs(number(direction)) <= 1))
     ):
-        found = quick.answer(joint, theta, K, T, priority, min_force, max_force, previous, max_step)
+        found = calls.answer(joint, theta, K, T, priority, min_force, max_force, previous, max_step)
         if found is not None:
             return found
     if method not in METHODS:

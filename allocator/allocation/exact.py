@@ -3,9 +3,9 @@
 Without a pull (ρ = 0) an interior stationary point of [A] satisfies JᵀW r = 0 with the Jacobian J. Where that is
 invertible the residual r is zero: it is the analytic inverse. For affine muscles J is constant at an angle. Hence
 either the inverse is feasible, or the optimum lies on the border of the feasible set, where one equation is left to
-solve (`allocator.allocation.edges`). The lexicographic priorities are limits of [A] and share the argument; with a pull
-[A] is a convex quadratic programme in two variables, of which the stationary point, or that of its restriction to the
-torque level, takes the inverse's place. Nothing but comparing a few candidates is left.
+solve (`allocator.allocation.affine_border`). The lexicographic priorities are limits of [A] and share the argument;
+with a pull [A] is a convex quadratic programme in two variables, of which the stationary point, or that of its
+restriction to the torque level, takes the inverse's place. Nothing but comparing a few candidates is left.
 
 For other muscles J may be singular in the box, and several pairs may give the same torque and stiffness:
 `allocator.search` finds them all, and a bound on what it has dropped, the `gap`. With a pull there is no exact answer
@@ -17,12 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator import search
-from allocator.allocation.edges import border_points
+from allocator.allocation.affine_border import border_points
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.inverse import affine_inverse
-from allocator.levels import Pair
+from allocator.joint.torque_levels import Pair
 
 _TIE = 1e-13  # torques or stiffnesses closer than this fraction of their scale are the same: rounding
 

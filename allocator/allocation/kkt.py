@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
-from allocator.levels import Pair
-from allocator.limits import PressureBox, PressureInterval
-from allocator.side import Side
+from allocator.joint.limits import PressureBox, PressureInterval
+from allocator.joint.one_muscle import Side
+from allocator.joint.torque_levels import Pair
 
 Flags = NDArray[np.bool_]
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from allocator.allocation.status import Status
-from allocator.display import number
 from allocator.inverse import why_no_inverse
+from allocator.presentation.tables import number
 from allocator.units import BAR, DEG
 
 

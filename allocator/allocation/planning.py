@@ -10,7 +10,7 @@ from allocator import search
 from allocator.allocation import exact
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array, Mask
-from allocator.levels import Pair
+from allocator.joint.torque_levels import Pair
 
 
 def planned(problem: Problem, P1: Array, P2: Array, met: Mask, shape: tuple[int, ...], axis: int) -> Pair:

@@ -8,8 +8,8 @@ At a joint angle θ, with targets T* and K*, over the pressures P = (P1, P2):
 
 Supply limits, min_force ≤ F_i ≤ max_force (bounds on P_i alone since force grows with pressure; min_force ≥ 0 keeps the
 cables taut), the validity of the muscle models and the slew limits all are bounds on a single pressure: the box, see
-`allocator.joint.AntagonistJoint.pressure_box`. The co-contraction floor P_co, if any, cuts a corner off it. Angles
-beyond the joint range are replaced by the nearest one inside.
+`allocator.joint.antagonist.AntagonistJoint.pressure_box`. The co-contraction floor P_co, if any, cuts a corner off it.
+Angles beyond the joint range are replaced by the nearest one inside.
 
 `priority` says what is given up where both targets cannot be met: "weighted" is [A] itself; "torque" is the limit
 w_T → ∞ (first the nearest torque, then among all pressures that give it the least w_K (K - K*)² + ρ ‖P - P_ref‖²) and
@@ -29,9 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from allocator.joint import AntagonistJoint
-from allocator.levels import Pair, Sides
-from allocator.limits import PressureBox
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.limits import PressureBox
+from allocator.joint.torque_levels import Pair, Sides
 from allocator.search import Curves
 
 _FAR = {"torque": 1e3, "stiffness": 1e3, "weighted": 1e6}

@@ -11,7 +11,7 @@ from allocator import search
 from allocator.allocation import exact
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
-from allocator.levels import Pair, stiffness, torque_interval, torque_level
+from allocator.joint.torque_levels import Pair, stiffness, torque_interval, torque_level
 
 _FAR = 1e3  # times all that there is: what is nearest to that is the extreme
 

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from allocator.allocation import certificate, kkt, reach, sensitivity
 from allocator.allocation.assessment import CLOSED_FORM, OPTIMISER
+from allocator.allocation.kernels.question import Question
 from allocator.allocation.message import sentence
 from allocator.allocation.problem import Priority, Problem
-from allocator.allocation.question import Question
-from allocator.allocation.spread import stiffness_std
 from allocator.allocation.status import Status
+from allocator.allocation.uncertain.spread import stiffness_std
 from allocator.calculus import Array
-from allocator.display import html_table, number, span
 from allocator.errors import InvalidInput
-from allocator.joint import AntagonistJoint
-from allocator.levels import Pair, torque_interval
-from allocator.limits import names
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.limits import names
+from allocator.joint.torque_levels import Pair, torque_interval
+from allocator.presentation.tables import html_table, number, span
 from allocator.units import BAR, DEG
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array, Mask
-from allocator.levels import Sides
-from allocator.limits import Limit, PressureInterval
+from allocator.joint.limits import Limit, PressureInterval
+from allocator.joint.torque_levels import Sides
 
 _ON_BOUND = 1e-9  # of the supply range
 _MET = 1e-9  # of the scale of torque or stiffness

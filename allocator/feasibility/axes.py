@@ -7,7 +7,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.feasibility.setting import Setting
-from allocator.levels import torque_interval
+from allocator.joint.torque_levels import torque_interval
 
 _POINTS = 201
 _PADDING = 0.1  # of the range of stiffnesses that exist, shown beyond them

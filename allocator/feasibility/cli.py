@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from allocator.calculus import Array
     from allocator.feasibility.result import FeasibilityMap
-    from allocator.joint import AntagonistJoint
+    from allocator.joint.antagonist import AntagonistJoint
 
 _LONG = 8  # chunks from which on a progress bar is shown
 _ENDINGS = (*IMAGES, ".csv", ".npz")
@@ -132,7 +132,7 @@ def _values(name: str, found: "FeasibilityMap") -> dict[str, Any]:
 
 def _write(maps: dict[str, "FeasibilityMap"], out: Path, pressures: bool) -> None:
     from allocator.feasibility.plotting import plot_maps, plot_pressures
-    from allocator.plotting import save_figure
+    from allocator.presentation.plotting import save_figure
 
     first, *more = maps.values()
     ending = out.suffix.lower()

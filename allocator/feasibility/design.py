@@ -18,9 +18,9 @@ from allocator.errors import InvalidInput
 from allocator.feasibility.extremes import lowest
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
-from allocator.geometry import Pulley
-from allocator.joint import AntagonistJoint
-from allocator.levels import torque_interval
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.geometry import Pulley
+from allocator.joint.torque_levels import torque_interval
 from allocator.muscles import Muscle
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 

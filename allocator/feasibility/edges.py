@@ -16,8 +16,8 @@ from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
-from allocator.levels import Pair, stiffness, torque_interval
-from allocator.limits import names
+from allocator.joint.limits import names
+from allocator.joint.torque_levels import Pair, stiffness, torque_interval
 
 _POINTS = 201  # of an edge over the joint range; more where limits hand over
 _HALVINGS = 40  # to find where they do

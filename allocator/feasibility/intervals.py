@@ -1,9 +1,9 @@
 """Which torques, stiffnesses and angles exist.
 
 At an angle the torques are an interval, [T(lo1, hi2), T(hi1, lo2)]; at an angle and a torque the stiffnesses are one,
-whose ends lie where the torque level leaves the box of pressures (`allocator.levels`) unless the stiffness turns on the
-way. At an angle and a stiffness the torques may be several intervals. The angles at which a stiffness can be had are
-found between the zeros of how far it is inside its interval.
+whose ends lie where the torque level leaves the box of pressures (`allocator.joint.torque_levels`) unless the stiffness
+turns on the way. At an angle and a stiffness the torques may be several intervals. The angles at which a stiffness can
+be had are found between the zeros of how far it is inside its interval.
 """
 
 import numpy as np
@@ -14,9 +14,9 @@ from allocator.allocation import reach
 from allocator.calculus import Array, Mask
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
-from allocator.joint import AntagonistJoint
-from allocator.levels import Pair, stiffness
-from allocator.levels import torque_interval as torque_interval_in
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.torque_levels import Pair, stiffness
+from allocator.joint.torque_levels import torque_interval as torque_interval_in
 
 _NEAR = 1e-9  # of the scale of torque or stiffness: less is rounding
 

@@ -21,8 +21,8 @@ from allocator.feasibility.axes import default_stiffnesses, default_torques, map
 from allocator.feasibility.result import FeasibilityMap
 from allocator.feasibility.setting import Columns, Setting, columns, outside_range
 from allocator.inverse import solve_inverse
-from allocator.joint import AntagonistJoint
-from allocator.levels import Pair
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.torque_levels import Pair
 
 _CELL_BYTES = 8 + 8 + 1 + 4  # P1, P2, status, limits
 _WORK_BYTES = 400  # a cell takes while its chunk is computed

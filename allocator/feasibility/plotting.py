@@ -9,8 +9,8 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.feasibility.edges import Edge
 from allocator.feasibility.result import FeasibilityMap
-from allocator.limits import Limit, names
-from allocator.plotting import (
+from allocator.joint.limits import Limit, names
+from allocator.presentation.plotting import (
     FILL,
     GREY,
     QUANTITIES,

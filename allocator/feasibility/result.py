@@ -14,10 +14,10 @@ from allocator.allocation import Status
 from allocator.calculus import Array, Mask
 from allocator.feasibility.edges import Edge, edges_at_angle, edges_at_stiffness, edges_at_torque
 from allocator.feasibility.setting import Setting
-from allocator.joint import AntagonistJoint
-from allocator.limits import names
+from allocator.files.atomic import replacing
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.limits import names
 from allocator.units import BAR, DEG
-from allocator.writing import replacing
 
 _HEADER = "theta_deg,stiffness_Nm_per_rad,torque_Nm,status,limits,P1_bar,P2_bar"
 
@@ -120,7 +120,7 @@ class FeasibilityMap:
 
         Edges are one array of points (n, 5), columns as in `edge_columns`, and (m,) where each begins and its flags.
         """
-        from allocator.limits import Limit
+        from allocator.joint.limits import Limit
 
         points = [np.stack([e.theta, e.K, e.T, e.P1, e.P2], axis=1) for e in self.edges]
         with replacing(path) as draft, draft.open("wb") as file:  # given a name, NumPy would add a suffix

@@ -1,7 +1,8 @@
 """A joint together with what is asked of its muscle forces and pressures, held at angles and torques.
 
-At one angle and one torque the pairs of pressures that exist form a piece of a torque level (`allocator.levels`), and
-their stiffnesses an interval. This is a *column* of the feasible set; everything in this package is made of columns.
+At one angle and one torque the pairs of pressures that exist form a piece of a torque level
+(`allocator.joint.torque_levels`), and their stiffnesses an interval. This is a *column* of the feasible set; everything
+in this package is made of columns.
 """
 
 from dataclasses import dataclass
@@ -14,8 +15,8 @@ from allocator.allocation import exact, reach
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array, Mask, Value
-from allocator.joint import AntagonistJoint, report_joint
-from allocator.levels import Pair, stiffness, torque_interval
+from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.torque_levels import Pair, stiffness, torque_interval
 
 _NO_TARGET = 1.0  # [N·m/rad] stands for the stiffness where none is asked for
 _REACHED = 1e-9  # of the torque scale: a torque missed by less is reached, as in `allocate`

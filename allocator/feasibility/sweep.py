@@ -12,9 +12,9 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.feasibility.design import Design, Performance, checked, performance
+from allocator.files.atomic import write_text
 from allocator.muscles import Muscle
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
-from allocator.writing import write_text
 
 _BATCH = 16  # designs a task: some 50 ms, against a few for sending it
 _AHEAD = 64  # tasks that are submitted before the first is back

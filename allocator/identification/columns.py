@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.csv_table import FilePath, Table, read_table
 from allocator.errors import InvalidFile, InvalidInput
+from allocator.files.csv_table import FilePath, Table, read_table
 from allocator.identification.headers import UNITS, Meaning, meaning_of, quantity_named, unit_of
 from allocator.units import BAR, DEG
 

@@ -4,24 +4,25 @@
 (exponential in pressure) is missing: its formula was not found.
 """
 
-from allocator.muscles.affine_polynomial import AffinePolynomial
 from allocator.muscles.base import AffineMuscle, Muscle
 from allocator.muscles.basis import Basis
-from allocator.muscles.chou import ChouHannaford1996
-from allocator.muscles.custom import FunctionMuscle, TableMuscle
-from allocator.muscles.hildebrandt import Hildebrandt2005
-from allocator.muscles.hogan import Hogan1984
-from allocator.muscles.kazemipour import KazemipourKatzschmann2025
-from allocator.muscles.martens import MartensBoblan2017
-from allocator.muscles.mckibben import TonduLopez1995
 from allocator.muscles.models import MODELS
+from allocator.muscles.models.affine_polynomial import AffinePolynomial
+from allocator.muscles.models.chou import ChouHannaford1996
+from allocator.muscles.models.custom import FunctionMuscle, TableMuscle
+from allocator.muscles.models.hildebrandt import Hildebrandt2005
+from allocator.muscles.models.hogan import Hogan1984
+from allocator.muscles.models.kazemipour import KazemipourKatzschmann2025
+from allocator.muscles.models.martens import MartensBoblan2017
+from allocator.muscles.models.mckibben import TonduLopez1995
+from allocator.muscles.models.polynomial import PolynomialMcKibben
+from allocator.muscles.models.pressure_dependent import Andrikopoulos2016, TonduLopez2000
+from allocator.muscles.models.sarosi import Sarosi2012
+from allocator.muscles.models.tondu import Tondu2021
+from allocator.muscles.models.wickramatunge import Wickramatunge2010
 from allocator.muscles.monotonicity import monotonicity_failure
-from allocator.muscles.polynomial import PolynomialMcKibben
-from allocator.muscles.pressure_dependent import Andrikopoulos2016, TonduLopez2000
 from allocator.muscles.recipe import Recipe
-from allocator.muscles.sarosi import Sarosi2012
 from allocator.muscles.strength import scaled, strength_powers
-from allocator.muscles.tondu import Tondu2021
 from allocator.muscles.uncertainty import (
     ParameterSensitivities,
     force_gradient,
@@ -30,7 +31,6 @@ from allocator.muscles.uncertainty import (
     slope_std,
     standard_deviation,
 )
-from allocator.muscles.wickramatunge import Wickramatunge2010
 
 __all__ = [
     "MODELS",

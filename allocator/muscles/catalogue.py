@@ -2,11 +2,11 @@
 
 from allocator.errors import MissingBackend
 from allocator.muscles.base import Muscle
-from allocator.muscles.martens import MartensBoblan2017
-from allocator.muscles.mckibben import TonduLopez1995
-from allocator.muscles.pressure_dependent import TonduLopez2000
-from allocator.muscles.sarosi import Sarosi2012
-from allocator.muscles.tondu import Tondu2021
+from allocator.muscles.models.martens import MartensBoblan2017
+from allocator.muscles.models.mckibben import TonduLopez1995
+from allocator.muscles.models.pressure_dependent import TonduLopez2000
+from allocator.muscles.models.sarosi import Sarosi2012
+from allocator.muscles.models.tondu import Tondu2021
 from allocator.units import BAR, DEG
 
 TONDU_DMSP_20_400N = Tondu2021.identify(r0=0.0109, alpha0=25.5 * DEG, low=(3 * BAR, 0.225), high=(5 * BAR, 0.275))

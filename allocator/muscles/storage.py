@@ -22,9 +22,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from allocator.errors import InvalidFile, InvalidInput
+from allocator.files.atomic import write_text
 from allocator.muscles.base import Muscle
 from allocator.units import BAR
-from allocator.writing import write_text
 
 M = TypeVar("M", bound=Muscle)
 

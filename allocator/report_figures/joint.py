@@ -3,10 +3,10 @@
 import numpy as np
 
 from allocator.calculus import Array, Mask
-from allocator.geometry import Pulley
 from allocator.inverse import inverse
-from allocator.joint import AntagonistJoint, report_joint
-from allocator.levels import Pair
+from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.geometry import Pulley
+from allocator.joint.torque_levels import Pair
 from allocator.muscles.catalogue import TONDU_MCKIBBEN
 from allocator.report_figures.panel import Curve, Panel
 from allocator.units import BAR, DEG

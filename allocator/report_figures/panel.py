@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from allocator.calculus import Array
-from allocator.plotting import legend_outside, name_axes, new_figure, shades
+from allocator.presentation.plotting import legend_outside, name_axes, new_figure, shades
 
 STYLES: dict[str, dict[str, Any]] = {
     "line": {"linestyle": "-"},

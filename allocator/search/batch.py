@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from allocator.levels import Pair, Sides
-from allocator.limits import PressureBox
+from allocator.joint.limits import PressureBox
+from allocator.joint.torque_levels import Pair, Sides
 from allocator.search.compiled import compiled
 from allocator.search.curves import K_T
 from allocator.search.loops import LOOPS, MOST

@@ -4,10 +4,10 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-from allocator import jit
-from allocator.search import arcs, curves, levels, loops, stretches
+from allocator.compilation import jit
+from allocator.search import arcs, curves, loops, pairs, stretches
 
-_FILES = curves, stretches, levels, arcs, loops
+_FILES = curves, stretches, pairs, arcs, loops
 
 
 @cache

@@ -12,7 +12,7 @@ from typing import Any
 
 from allocator.search.arcs import weighted
 from allocator.search.curves import K_T, T_K
-from allocator.search.levels import all_pairs, determinant_sign, nearest, spans
+from allocator.search.pairs import all_pairs, determinant_sign, nearest, spans
 
 MOST = 9  # pairs, and intervals, that are kept of a target
 

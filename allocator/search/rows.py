@@ -6,9 +6,9 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.joint.one_muscle import Side
 from allocator.muscles.basis import Basis, sampling
 from allocator.search.curves import CHEBYSHEV, EXPONENTIAL, HEAD, QUADRATIC, RATIONAL
-from allocator.side import Side
 
 _KINDS = {"rational": RATIONAL, "exponential": EXPONENTIAL, "quadratic": QUADRATIC, "smooth": CHEBYSHEV}
 _SIZES = (9, 17, 33, 65)  # of a polynomial whose degree is to be found

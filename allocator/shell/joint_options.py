@@ -11,8 +11,8 @@ from allocator.shell.options import numbers, within
 from allocator.units import BAR, DEG, MM
 
 if TYPE_CHECKING:
-    from allocator.geometry import Geometry
-    from allocator.joint import AntagonistJoint
+    from allocator.joint.antagonist import AntagonistJoint
+    from allocator.joint.geometry import Geometry
     from allocator.muscles import Muscle
 
 _MUSCLE = "a name that `antagonist muscles` lists, or a TOML file written by `antagonist fit`"
@@ -60,8 +60,8 @@ class JointOptions:
 
     def compared(self) -> dict[str, "AntagonistJoint"]:
         """The joint with each of the muscles, by their names."""
-        from allocator.joint import report_joint
-        from allocator.joint_storage import load_joint
+        from allocator.joint.antagonist import report_joint
+        from allocator.joint.storage import load_joint
 
         base = report_joint() if self.joint is None else load_joint(self.joint)
         if not self.muscle:
@@ -103,7 +103,7 @@ class JointOptions:
         return {side: named_muscle(name) for side, name in names.items() if name is not None}
 
     def _geometry(self, base: "Geometry") -> "Geometry":
-        from allocator.geometry import Pulley
+        from allocator.joint.geometry import Pulley
 
         given: dict[str, float] = {}
         if self.rest_length is not None:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from allocator.errors import InvalidInput
-from allocator.writing import check_writable
+from allocator.files.atomic import check_writable
 
 Force = Annotated[bool, typer.Option("--force", help="replace files that exist")]
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from allocator import BAR, DEG, Status
-from allocator.allocation.backends import CERTIFIED
+from allocator.allocation.optimisers.backends import CERTIFIED
 from benchmarks.allocators.contenders import Answer
 from benchmarks.allocators.cost import beats, unproved
 from benchmarks.allocators.effect import effect

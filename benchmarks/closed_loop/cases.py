@@ -7,11 +7,11 @@ import numpy as np
 
 from allocator.units import BAR
 from mpc import Compensation, Reference, Weights
-from mpc.baselines import PIDGains
-from mpc.friction import WIDTH_AT, Friction
-from mpc.loops import Settings
-from mpc.reality import RealPlant
-from mpc.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step
+from mpc.model.friction import WIDTH_AT, Friction
+from mpc.model.real_plant import RealPlant
+from mpc.trials.loops import Settings
+from mpc.trials.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step
+from mpc.yardsticks.baselines import PIDGains
 
 SEEDS = 41  # the first; tuning used others
 LOAD = 1.0  # [N·m]

@@ -19,10 +19,10 @@ from allocator.units import BAR, DEG
 from benchmarks.closed_loop.cases import CASES, LOAD, MODEL, SETTINGS, STANDARD
 from benchmarks.closed_loop.runs import figures, run_case
 from mpc import Plant, RealPlant, Reference, Weights, simulate
-from mpc.friction import Friction
-from mpc.hysteresis import MaxwellSlip
-from mpc.loops import Settings, loop
-from mpc.trajectories import point_to_point
+from mpc.model.friction import Friction
+from mpc.model.hysteresis import MaxwellSlip
+from mpc.trials.loops import Settings, loop
+from mpc.trials.trajectories import point_to_point
 
 LOADED, SETTLED, END = 9.0, 6.0, 29.0  # [s] the load comes, and what is judged begins, after it; the run ends
 SWING, RATE = 0.05, 0.02  # [°], [bar/s]

@@ -9,13 +9,13 @@ import numpy as np
 from allocator.units import DEG
 from benchmarks.closed_loop.cases import ALONE, CASES, EVERY, LOAD, PLACED, PLANTS, SETTINGS, VARIANTS, Case
 from mpc import Run, Rung, simulate
-from mpc.baselines import PIDControl
-from mpc.loops import Settings, loop
-from mpc.metrics import metrics
-from mpc.observer import Differentiator, Observer
-from mpc.reality import RealPlant
-from mpc.simulation import Controller
-from mpc.trajectories import LEAD
+from mpc.model.real_plant import RealPlant
+from mpc.observer.kalman import Differentiator, Observer
+from mpc.trials.loops import Settings, loop
+from mpc.trials.metrics import metrics
+from mpc.trials.simulation import Controller
+from mpc.trials.trajectories import LEAD
+from mpc.yardsticks.baselines import PIDControl
 
 UNSTABLE = 45.0  # [°] of error: more than the joint would make if it stood still, as no trajectory goes beyond 40°
 STEADY = 1.0  # [s] at the end of a run, where the reference rests

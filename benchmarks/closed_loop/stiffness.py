@@ -12,14 +12,14 @@ import numpy as np
 from allocator import AntagonistJoint
 from allocator.calculus import increasing_root
 from allocator.identification import fit_joint
-from allocator.joint import report_joint
+from allocator.joint.antagonist import report_joint
 from allocator.units import BAR, DEG, PERCENT
 from benchmarks.closed_loop.cases import CASES, EVERY, LOAD, SEEDS, STANDARD
 from mpc import Plant, Reference, Weights
-from mpc.loops import Settings, loop
-from mpc.push import Cycle, Push, push
-from mpc.reality import RealPlant
-from mpc.trajectories import LEAD
+from mpc.model.real_plant import RealPlant
+from mpc.trials.loops import Settings, loop
+from mpc.trials.push import Cycle, Push, push
+from mpc.trials.trajectories import LEAD
 
 SETTLED = 5.0  # [s]
 WEIGHT = 1.2  # [N·m] hung on for the joint's log
@@ -133,7 +133,8 @@ def save(pushed: list[Found], path: Path) -> None:
 def markdown(pushed: list[Found]) -> Iterator[str]:
     """The table of the report, medians over the seeds."""
     yield "## Stiffness as an experimenter finds it [N·m/rad]\n"
-    yield "The joint is brought to rest by the MPC, its pressures are frozen and it is pushed both ways (`mpc.push`)."
+    yield "The joint is brought to rest by the MPC, its pressures are frozen and it is pushed both ways"
+    yield "(`mpc.trials.push`)."
     yield "From asked to measured: + saturation + dynamics + mismatch of the model + error of the measurement."
     yield "The fitted joint is fitted to a log of encoder, pressures and a weight; there is no force sensor.\n"
     head = ("situation", "asked", "estimated", "true", "measured", *CAUSES, "of true")

@@ -28,9 +28,9 @@ from benchmarks.closed_loop.cases import CASES, EVERY, MODEL, TOLD
 from benchmarks.closed_loop.report import ASKED
 from benchmarks.closed_loop.runs import figures, run_case
 from mpc import KalmanObserver, TrackingMPC, Weights
-from mpc.baselines import PIDControl, PIDGains, PredictivePIDControl
-from mpc.observer import Differentiator, Noise, Observer
-from mpc.simulation import Controller
+from mpc.observer.kalman import Differentiator, Noise, Observer
+from mpc.trials.simulation import Controller
+from mpc.yardsticks.baselines import PIDControl, PIDGains, PredictivePIDControl
 
 SEEDS = 101, 102, 103, 104  # one for each plant in turn
 HOPELESS = 10.0  # [-] times what is asked

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from allocator.units import BAR, DEG
 from benchmarks.closed_loop.cases import PLANTS, STANDARD, VARIANTS
-from mpc.faults import (
+from mpc.model.faults import (
     BrokenCable,
     DriftingSensor,
     Fault,
@@ -16,9 +16,9 @@ from mpc.faults import (
     StuckValve,
     SupplyDrop,
 )
-from mpc.health import FaultKind, Part, Suspect
-from mpc.reality import RealPlant
-from mpc.trajectories import TRAJECTORIES
+from mpc.model.real_plant import RealPlant
+from mpc.observer.health import FaultKind, Part, Suspect
+from mpc.trials.trajectories import TRAJECTORIES
 
 K = 5.5  # [N·m/rad] about which the trajectories are
 

@@ -11,12 +11,12 @@ from allocator.units import BAR
 from benchmarks.closed_loop.cases import SETTINGS
 from benchmarks.faults.cases import FAULTS, FAULTY, LOADS, MOVED, ONSETS, SOUND, TRAJECTORIES, K, with_fault, with_load
 from mpc import KalmanObserver, Run, simulate
-from mpc.faults import DriftingSensor, Fault
-from mpc.health import Health, Suspect
-from mpc.loops import loop
-from mpc.reality import RealPlant
-from mpc.reference import Reference
-from mpc.simulation import Controller
+from mpc.model.faults import DriftingSensor, Fault
+from mpc.model.real_plant import RealPlant
+from mpc.observer.health import Health, Suspect
+from mpc.trials.loops import loop
+from mpc.trials.reference import Reference
+from mpc.trials.simulation import Controller
 
 AFTERWARDS = 5.0  # [s] that a run goes on with its fault
 NAMED_AFTER = 1.0  # [s] after the alarm that the name counts

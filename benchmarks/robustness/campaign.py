@@ -9,8 +9,8 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
 from mpc import KalmanObserver, RealPlant, TrackingMPC, Weights, sine
-from mpc.experiment import Experiment
-from mpc.gating import TURN
+from mpc.model.experiment import Experiment
+from mpc.observer.gating import TURN
 
 SENSORS = (0, 2, 3)  # of (θ, ω, P1, P2)
 KINDS = ("NaN", "inf", "huge", "spike", "offset", "wrap", "freeze", "drop", "noise", "delay", "flicker")
@@ -101,7 +101,7 @@ class StormyExperiment:
 
 @dataclass(frozen=True)
 class StormyPlant:
-    """A real plant with such sensors; what else `mpc.simulation.Process` asks for is the plant's."""
+    """A real plant with such sensors; what else `mpc.trials.simulation.Process` asks for is the plant's."""
 
     real: RealPlant
     hits: tuple[Hit, ...]

@@ -11,9 +11,9 @@ from allocator.units import DEG
 from benchmarks.robustness.campaign import DT, Hit, loop, reference, storms
 from mpc import RealPlant, Rung, simulate
 from mpc.export import export
-from mpc.export import toolchain as tools
-from mpc.export.replay import CONTROL, CONTROL_COLUMNS, record, replayed
-from mpc.simulation import Run
+from mpc.trials.simulation import Run
+from tests.rigs import toolchain as tools
+from tests.rigs.replay import CONTROL, CONTROL_COLUMNS, record, replayed
 
 WELL = 2.0  # [°] of error and less: recovered, once it stays so for CALM
 CALM, LATEST = 0.1, 3.0  # [s]

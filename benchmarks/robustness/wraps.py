@@ -15,8 +15,8 @@ from allocator.muscles.catalogue import (
 )
 from allocator.units import DEG
 from mpc import Plant, RealPlant, Weights, simulate, sine
-from mpc.faults import Fault, WrongReadings
-from mpc.loops import Settings, loop
+from mpc.model.faults import Fault, WrongReadings
+from mpc.trials.loops import Settings, loop
 
 WRAPS = (3.2, 3.5, 3.8, 4.0, 4.3, 4.6, 4.9, 5.2, 5.5, 5.8, 6.0, 6.15, 6.28)  # [rad]
 LENGTHS = (1, 3, 20)  # samples

@@ -26,9 +26,9 @@ from allocator.units import BAR
 from benchmarks.allocators.machine import machine
 from mpc import KalmanObserver, RealPlant, TrackingMPC, Weights, sine
 from mpc.export import export
-from mpc.export import toolchain as tools
-from mpc.export.replay import CONTROL, Record, record, replayed
-from mpc.faults import FrozenSensors, SilentSensors, StuckValve, SupplyDrop
+from mpc.model.faults import FrozenSensors, SilentSensors, StuckValve, SupplyDrop
+from tests.rigs import toolchain as tools
+from tests.rigs.replay import CONTROL, Record, record, replayed
 
 RESULTS = Path(__file__).parents[1] / "results"
 _TIMES = Path(__file__).with_name("exported_times.c")

@@ -1,4 +1,4 @@
-/* Reads samples as mpc/export/c/replay/control.c does, and writes how long each ant_step and its allocation took: on a PC
+/* Reads samples as tests/rigs/c/replay/control.c does, and writes how long each ant_step and its allocation took: on a PC
  * seconds, from repetitions on copies of the controller; on a Cortex-M4F instructions, of which QEMU counts one a
  * nanosecond (-icount shift=0), by the SysTick timer of 25 MHz. */
 #include <stdio.h>

@@ -10,9 +10,9 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import DEG
 from mpc import KalmanObserver, Plan, Plant, RealPlant, Reference, Weights, simulate
-from mpc.limits import Limits
-from mpc.objective import closed_loop_cost
-from mpc.simulation import Controller, Run
+from mpc.tracking.limits import Limits
+from mpc.trials.objective import closed_loop_cost
+from mpc.trials.simulation import Controller, Run
 
 DT = 0.01  # [s]
 LOAD = ((0.6, 1.0),)  # (from [s], N·m)

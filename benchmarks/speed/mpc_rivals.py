@@ -10,18 +10,18 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from benchmarks.speed.truth import BenchmarkFailure
 from mpc import Plan, PlanStatus, Plant, Rung, Weights
-from mpc.feedforward import FeedForward, FeedForwardLaw
-from mpc.limits import Limits
-from mpc.plan import Times
-from mpc.qp import QP
-from mpc.terminal import terminal_factor
+from mpc.tracking.feedforward import FeedForward, FeedForwardLaw
+from mpc.tracking.limits import Limits
+from mpc.tracking.plan import Times
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.terminal import terminal_factor
 
 _NAMES = ("theta", "omega", "K", "u1", "u2", "before1", "before2", "d")  # time-varying parameters
 _COST = 1e2  # [cost] of a unit of do-mpc's objective: at more, IPOPT stops before small errors matter to it
 
 
 class DoMPC:
-    """The problem in `mpc.controller` by do-mpc, in discrete time; each stage has slacks of its own there.
+    """The problem in `mpc.tracking.controller` by do-mpc, in discrete time; each stage has slacks of its own there.
 
     The states are (θ, ω, P1, P2, u_{k-1}) and the inputs the changes of the commands, both pressures in bar, so that
     slew and supply are bounds of inputs and states.

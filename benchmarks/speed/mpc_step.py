@@ -15,11 +15,11 @@ from benchmarks.speed.mpc_loop import DT, Loop, closed_loop
 from benchmarks.speed.mpc_rivals import CvxpyOSQP, DoMPC
 from benchmarks.speed.truth import BenchmarkFailure
 from mpc import Plant, TrackingMPC
-from mpc.certified import certified
-from mpc.nonlinear import NonlinearMPC
-from mpc.qp import QP
-from mpc.simulation import Controller
-from mpc.solvers import solver
+from mpc.tracking.qp.certified import certified
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import solver
+from mpc.trials.simulation import Controller
+from mpc.yardsticks.nonlinear import NonlinearMPC
 
 PART = "control"
 CLOSE = 2e-3 * BAR  # [Pa] commands this near are the same
@@ -128,7 +128,7 @@ def qps(N: int, rounds: int) -> Iterator[Measurement]:
 
 def whole(controller: TrackingMPC, x: Array, theta: Array, K: Array) -> QP:
     """The QP of a step from `x` with all of its rows."""
-    from mpc.condense import condense
+    from mpc.tracking.qp.condense import condense
 
     feed = controller._feed_forward(theta, K, np.zeros(len(theta)))
     model = controller._predictor.linearise(x, controller.limits.limited(x[2:], feed.u))

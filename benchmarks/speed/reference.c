@@ -1,4 +1,4 @@
-/* The limit: the law of allocator/allocation/kernels.py (two equal Tondu2021 on a pulley, torque first, cables taut)
+/* The limit: the law of allocator/allocation/kernels/source.py (two equal Tondu2021 on a pulley, torque first, cables taut)
    in C, from the same formulas, as one loop that a compiler can vectorise. */
 #include <math.h>
 #include <stdint.h>

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator import AntagonistJoint, report_joint
-from allocator.limits import names
+from allocator.joint.limits import names
 from allocator.units import BAR
 
 Array = NDArray[np.float64]

@@ -7,18 +7,21 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR
-from mpc import certified, compensation, foresight, gating, observer, rest, softened
-from mpc.controller import TrackingMPC
 from mpc.export import text
 from mpc.export.control_demonstration import numbers as demonstrated
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied
-from mpc.feedforward import FeedForwardLaw
-from mpc.friction import pull
-from mpc.observer import KalmanObserver
-from mpc.plant import NU, NX, Plant
+from mpc.model import compensation
+from mpc.model.friction import pull
+from mpc.model.plant import NU, NX, Plant
+from mpc.observer import gating, kalman
+from mpc.observer.kalman import KalmanObserver
+from mpc.tracking import preview, rest
+from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.feedforward import FeedForwardLaw
+from mpc.tracking.qp import certified, softened
 
-_GAP = 1e-3  # in single precision it cannot be bounded as closely as in `mpc.certified`
+_GAP = 1e-3  # in single precision it cannot be bounded as closely as in `mpc.tracking.qp.certified`
 
 
 def check_pair(controller: TrackingMPC, eyes: KalmanObserver) -> None:
@@ -128,7 +131,7 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
             "COULOMB": (known.friction.coulomb, "[N*m]"),
             "PRESLIDING": (known.friction.presliding, "[rad]"),
             "JITTER": (compensation.JITTER, "motions below are noise of the angle [rad]"),
-            "CORRECTED": (foresight.CORRECTED, "share of an angle's error that counts as motion [-]"),
+            "CORRECTED": (preview.CORRECTED, "share of an angle's error that counts as motion [-]"),
             "DEAD_BAND": (known.dead_band, "of the regulators, total [Pa]"),
             "SOFT": (compensation.SOFT, "over which the inverse of the dead band changes sides [Pa]"),
             "TOLERANCE": (eyes.tolerance, "for which a sensor may be silent or frozen [s]"),
@@ -143,10 +146,10 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
             "HESITATION": (eyes.hesitation, "samples for which a rival has to explain what is rejected"),
             "GATE_PATIENCE": (eyes.patience, "the same after a jump"),
             "CROSSING": (eyes.crossing, "samples without a rejection after which there is no rival"),
-            "FIRST": (observer.FIRST, "samples in which what is rejected may as well be right"),
-            "COARSEST": (observer.COARSEST, "step of an encoder at most [rad]"),
+            "FIRST": (kalman.FIRST, "samples in which what is rejected may as well be right"),
+            "COARSEST": (kalman.COARSEST, "step of an encoder at most [rad]"),
             "ENCODER_NOISE": (eyes.noise.theta, "standard deviation of the angle's noise at least [rad]"),
-            "DOUBT": (observer.DOUBT, "standard deviations at which a repeated reading is not believed"),
+            "DOUBT": (kalman.DOUBT, "standard deviations at which a repeated reading is not believed"),
         }
     )
 

@@ -7,9 +7,9 @@ from math import cos, pi
 import numpy as np
 
 from allocator import stiffness_interval
-from mpc.controller import TrackingMPC
-from mpc.observer import KalmanObserver
-from mpc.plant import Plant
+from mpc.model.plant import Plant
+from mpc.observer.kalman import KalmanObserver
+from mpc.tracking.controller import TrackingMPC
 
 SAMPLES, SHOWN = 100, 10
 _SWING = 0.15  # of the joint range

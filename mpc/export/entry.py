@@ -4,20 +4,20 @@ from os import PathLike
 from pathlib import Path
 
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.joint import AntagonistJoint, report_joint
-from mpc.compensation import Compensation
-from mpc.controller import TrackingMPC
+from allocator.joint.antagonist import AntagonistJoint, report_joint
 from mpc.export import text
+from mpc.export.allocation_demonstration import allocation_lines, allocation_table
 from mpc.export.control import check_pair, control_files, model_functions, sizes_of
 from mpc.export.control_demonstration import lines as control_lines
-from mpc.export.demonstration import allocation_lines, allocation_table
 from mpc.export.joint import law_of
 from mpc.export.parts import Files, allocation_files, copied, law_functions, model_files
 from mpc.export.readme import readme
 from mpc.export.writing import check, write
-from mpc.observer import KalmanObserver
-from mpc.plant import Plant
-from mpc.weights import Weights
+from mpc.model.compensation import Compensation
+from mpc.model.plant import Plant
+from mpc.observer.kalman import KalmanObserver
+from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.weights import Weights
 
 WHAT = ("allocate", "mpc", "all")
 PRECISIONS = ("double", "single")

@@ -4,9 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from allocator.allocation.joint_numbers import AffineNumbers, TonduNumbers
+from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
 from allocator.errors import InvalidInput
-from allocator.joint import AntagonistJoint
+from allocator.joint.antagonist import AntagonistJoint
 
 Numbers = dict[str, tuple[float | int, str]]  # name: value, what it is
 _GRID = 181  # angles at which the law is checked

@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from allocator.allocation.assessment import CLOSED_FORM
-from allocator.joint import AntagonistJoint
-from mpc.export import ccode, text
+from allocator.joint.antagonist import AntagonistJoint
+from mpc.codegen import c_text
+from mpc.export import text
 from mpc.export.joint import Law, Numbers, sides_function
 
 Files = dict[str, str]  # path within the exported directory: content
@@ -49,8 +50,8 @@ def model_files(functions: list[tuple[Any, str]], single: bool) -> Files:
     """model.h and model.c with these CasADi functions, if there are any."""
     if not functions:
         return {}
-    heads = "\n".join(f"{ccode.prototype(f)}; /* {about} */" for f, about in functions)
-    bodies = "\n\n".join(ccode.function(f, about, single) for f, about in functions)
+    heads = "\n".join(f"{c_text.prototype(f)}; /* {about} */" for f, about in functions)
+    bodies = "\n\n".join(c_text.function(f, about, single) for f, about in functions)
     about = "The joint's formulas, written by CasADi for this joint."
     return {
         "src/model.h": text.header("ANT_MODEL_H", about, heads, ["antagonist.h"]),

@@ -1,7 +1,7 @@
 """The README of the exported files."""
 
-from allocator.joint import AntagonistJoint
-from mpc.controller import TrackingMPC
+from allocator.joint.antagonist import AntagonistJoint
+from mpc.tracking.controller import TrackingMPC
 
 _HEAD = """\
 # A pneumatic-muscle joint in C

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG
-from mpc.loops import loop
-from mpc.trajectories import LEAD
+from mpc.trials.loops import loop
+from mpc.trials.trajectories import LEAD
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from allocator import BAR
-from mpc.faults import BrokenCable, DriftingSensor, StuckValve
-from mpc.health import WELL, FaultKind, Finding, Health, Part, Suspect
+from mpc.model.faults import BrokenCable, DriftingSensor, StuckValve
+from mpc.observer.health import WELL, FaultKind, Finding, Health, Part, Suspect
 
 CABLE, LEAK = Suspect(FaultKind.BROKEN_CABLE, Part.MUSCLE_1), Suspect(FaultKind.LEAK, Part.MUSCLE_1)
 DT = 0.01

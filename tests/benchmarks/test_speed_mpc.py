@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mpc import Plant, TrackingMPC, Weights
-from mpc.plan import Plan
+from mpc.tracking.plan import Plan
 
 ROOT = Path(__file__).parents[2]
 

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from allocator.allocation.backends import CERTIFIED
+from allocator.allocation.optimisers.backends import CERTIFIED
 
 from .curves import image
 from .dense_search import Targets

@@ -17,8 +17,8 @@ from allocator import DEG, AntagonistJoint, Lever, Table, report_joint, save_joi
 from allocator.muscles.catalogue import named_muscle
 from mpc import sine
 from mpc.cli import main
-from mpc.files import save_reference
-from mpc.trajectories import usual_stiffness
+from mpc.trials.files import save_reference
+from mpc.trials.trajectories import usual_stiffness
 
 STOPS = (-45 * DEG, 45 * DEG)
 ANGLES = np.linspace(-0.9, 0.9, 4)

@@ -1,0 +1,108 @@
+"""The numbers of a joint in the form in which the `kernels` take them: tuples of plain numbers, made once."""
+
+from typing import NamedTuple
+
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.limits import Limit
+
+_MOST_Z = 0.5  # the region in which the fixed number of Newton steps of `kernels` is proved
+_MOST_KAPPA = 0.8
+
+
+class TonduNumbers(NamedTuple):
+    """The numbers `p` of a joint of two equal Tondu2021 on a pulley; pass `tuple(numbers)`, which is quicker."""
+
+    S: float  # [m²]
+    R: float  # [m]
+    l0: float  # [m]
+    eps0: float  # [-]
+    q: float  # a - b [-]
+    c: float  # [Pa]
+    d: float  # [Pa]
+    e: float  # [Pa²]
+    g: float  # e - c d [Pa²]
+    lo: float  # supply [Pa]
+    hi: float  # supply or validity [Pa]
+    left: float  # joint range [rad]
+    right: float
+    near: float  # a pressure this near to a bound lies on it [Pa]
+    hi_limit1: int  # Limit flags: what `hi` is for the agonist
+    hi_limit2: int
+    left_limit: int  # and what ends the joint range
+    right_limit: int
+
+    @classmethod
+    def of(cls, joint: AntagonistJoint) -> "TonduNumbers | None":
+        """The numbers of `joint`, None if it is not of this kind or the fixed number of steps is not proved for it."""
+        closed = joint.tondu_pulley
+        if closed is None:
+            return None
+        m, pulley = closed.muscle, closed.pulley
+        valid = m.max_pressure < joint.pressure_limits[1]
+        numbers = cls(
+            S=m.S,
+            R=pulley.radius,
+            l0=pulley.rest_length,
+            eps0=pulley.initial_contraction,
+            q=m.a - m.b,
+            c=m.c,
+            d=m.d,
+            e=m.e,
+            g=m.g,
+            lo=joint.pressure_limits[0],
+            hi=min(m.max_pressure, joint.pressure_limits[1]),
+            left=joint.angle_range[0],
+            right=joint.angle_range[1],
+            near=1e-9 * joint.pressure_span,
+            hi_limit1=int(Limit.AGONIST_VALIDITY if valid else Limit.P1_UPPER),
+            hi_limit2=int(Limit.ANTAGONIST_VALIDITY if valid else Limit.P2_UPPER),
+            left_limit=int(joint.angle_limit(False)),
+            right_limit=int(joint.angle_limit(True)),
+        )
+        return numbers if numbers.settles else None
+
+    @property
+    def settles(self) -> bool:
+        """Whether the steps of Newton's method suffice all over the supply range, and that range is proper."""
+        if not (0 <= self.lo < self.hi < -self.d):
+            return False
+        weakest, strongest = 1 / (self.lo + self.d), 1 / (self.hi + self.d)
+        z = (strongest - weakest) / (strongest + weakest)
+        return z <= _MOST_Z and -self.g * self.eps0 * strongest**2 / self.q <= _MOST_KAPPA
+
+
+class AffineNumbers(NamedTuple):
+    """The numbers `p` of a joint of two affine muscles; pass `tuple(numbers)`."""
+
+    lo: float  # supply [Pa]
+    hi1: float  # supply or validity [Pa]
+    hi2: float
+    left: float  # joint range [rad]
+    right: float
+    near: float  # a pressure this near to a bound lies on it [Pa]
+    hi_limit1: int  # Limit flags: what `hi1` is
+    hi_limit2: int
+    left_limit: int  # and what ends the joint range
+    right_limit: int
+
+    @classmethod
+    def of(cls, joint: AntagonistJoint) -> "AffineNumbers | None":
+        """The numbers of `joint`, None if a muscle is not affine."""
+        lo, supply = joint.pressure_limits
+        valid1, valid2 = joint.agonist.max_pressure, joint.antagonist.max_pressure
+        numbers = cls(
+            lo=lo,
+            hi1=min(valid1, supply),
+            hi2=min(valid2, supply),
+            left=joint.angle_range[0],
+            right=joint.angle_range[1],
+            near=1e-9 * joint.pressure_span,
+            hi_limit1=int(Limit.AGONIST_VALIDITY if valid1 < supply else Limit.P1_UPPER),
+            hi_limit2=int(Limit.ANTAGONIST_VALIDITY if valid2 < supply else Limit.P2_UPPER),
+            left_limit=int(joint.angle_limit(False)),
+            right_limit=int(joint.angle_limit(True)),
+        )
+        return numbers if joint.affine and lo < min(numbers.hi1, numbers.hi2) else None
+
+
+__all__ = ["AffineNumbers", "TonduNumbers"]

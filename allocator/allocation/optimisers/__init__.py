@@ -1,0 +1,3 @@
+"""The back-ends that solve the allocation problem by general optimisation."""
+
+__all__: list[str] = []

@@ -1,0 +1,105 @@
+"""The solvers of the allocation problem by name, each imported only when it is used."""
+
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.allocation import exact, kkt
+from allocator.allocation.optimisers.common import Answer, start
+from allocator.allocation.problem import Problem
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.joint.limits import PressureBox
+
+CERTIFIED = 1e-5  # of the supply range: an answer with a greater residual is not passed on
+_SNAP = 1e-7  # of the supply range: an optimiser's pressure this near to a bound is meant to be on it
+
+Optimiser = Literal["convex", "nlp", "qp"]
+OPTIMISERS: tuple[Optimiser, ...] = get_args(Optimiser)
+
+
+class Solution(NamedTuple):
+    """Feasible pressures of n problems, and what became of the back-end."""
+
+    P1: Array
+    P2: Array
+    iterations: NDArray[np.int32]
+    failed: NDArray[np.bool_]  # where the back-end's answer was replaced
+
+
+def optimise(problem: Problem, method: str, solver: str | None, warm_start: bool) -> Solution:
+    """Run the back-end `method`, check every answer, and replace the ones that are not optimal."""
+    answer = _run(problem, method, solver, warm_start)
+    P1, P2 = _snapped(problem, answer)
+    failed = np.asarray(~(kkt.residual(problem, P1, P2) <= CERTIFIED))
+    if failed.any():
+        P1[failed], P2[failed] = _replacement(problem.take(failed))
+    return Solution(P1, P2, answer.iterations, failed)
+
+
+class RiskySolution(NamedTuple):
+    """A `Solution` under uncertainty, and where there is none."""
+
+    P1: Array
+    P2: Array
+    iterations: NDArray[np.int32]
+    failed: NDArray[np.bool_]
+    box: PressureBox  # the pressures that keep the force limits with the probability asked for
+    infeasible: NDArray[np.bool_]  # where there are none
+
+
+def optimise_under_uncertainty(problem: Problem, risk: float) -> RiskySolution:
+    """Solve problem [U] of `chance`, check every answer, and replace the failed ones by the nominal exact answer."""
+    from allocator.allocation.uncertain import chance
+    from allocator.allocation.uncertain.problem import chance_box
+
+    answer, box = chance.solve(problem, risk), chance_box(problem, risk)
+    infeasible = box.empty | (box.agonist.hi + box.antagonist.hi < box.least_sum)
+    P1, P2 = box.project(answer.P1, answer.P2)
+    failed = ~infeasible & ~(chance.residual(problem, risk, P1, P2) <= CERTIFIED)
+    if (replaced := failed | infeasible).any():
+        P1[replaced], P2[replaced] = _replacement(problem.take(replaced))
+    return RiskySolution(P1, P2, answer.iterations, failed, box, infeasible)
+
+
+def _run(problem: Problem, method: str, solver: str | None, warm_start: bool) -> Answer:
+    if method == "qp":
+        from allocator.allocation.optimisers import qp as backend
+    elif method == "nlp":
+        from allocator.allocation.optimisers import nlp as backend  # type: ignore[no-redef]
+    else:
+        from allocator.allocation.optimisers import convex as backend  # type: ignore[no-redef]
+    return backend.solve(problem, solver, warm_start)
+
+
+def _snapped(problem: Problem, answer: Answer) -> tuple[Array, Array]:
+    """The answer made feasible to the last digit; pressures next to a bound are put on it."""
+    near = _SNAP * problem.joint.pressure_span
+    P1, P2 = problem.box.project(answer.P1, answer.P2)
+    agonist, antagonist = problem.box
+    for P, interval in ((P1, agonist), (P2, antagonist)):
+        np.copyto(P, interval.lo, where=P - interval.lo < near)
+        np.copyto(P, interval.hi, where=interval.hi - P < near)
+    return problem.box.project(P1, P2)
+
+
+def _replacement(problem: Problem) -> tuple[Array, Array]:
+    """The exact answer, or the projected inverse where there is no exact one."""
+    try:
+        P1, P2, _ = exact.solve(problem)
+        return P1, P2
+    except InvalidInput:  # a pull without a closed form
+        P1, P2 = start(problem, warm=True)
+        return P1, P2
+
+
+__all__ = [
+    "CERTIFIED",
+    "OPTIMISERS",
+    "Optimiser",
+    "RiskySolution",
+    "Solution",
+    "optimise",
+    "optimise_under_uncertainty",
+]

@@ -1,0 +1,95 @@
+"""Back-end "convex": the allocation problem in cvxpy.
+
+For affine muscles every goal is a convex quadratic programme and one solve is exact; other muscles are linearised again
+around the answer until it stays. The cvxpy problem is built once for each kind of goal, with everything that changes a
+`Parameter` (disciplined parametrised programming), so that solving again does not canonicalise again.
+"""
+
+import warnings
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator.allocation.optimisers import sqp
+from allocator.allocation.optimisers.common import Answer
+from allocator.allocation.optimisers.sqp import SmallQP
+from allocator.allocation.problem import Problem
+from allocator.calculus import Array
+from allocator.errors import MissingBackend
+
+_SOLVERS = {
+    "clarabel": {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11},
+    "osqp": {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 20_000},
+}
+
+
+class _Programme(NamedTuple):
+    """minimise ‖A d + b‖² over lo ≤ d ≤ hi, with or without floor and kept goal."""
+
+    problem: Any
+    d: Any
+    parameters: dict[str, Any]
+
+
+def solve(problem: Problem, solver: str | None = None, warm_start: bool = True) -> Answer:
+    """Solve by cvxpy; `solver` is "clarabel" (default) or "osqp"."""
+    solver = "clarabel" if solver is None else solver
+    if solver not in _SOLVERS:
+        raise MissingBackend("convex solver", solver, _SOLVERS)
+
+    def solve_qp(qp: SmallQP) -> Array | None:
+        return _solve(qp, solver)
+
+    return sqp.solve(problem, solve_qp, warm_start)
+
+
+def _solve(qp: SmallQP, solver: str) -> Array | None:
+    programme = _programme(floor=bool(np.isfinite(qp.least_sum)), kept=qp.row is not None)
+    factor = np.linalg.cholesky(qp.H).T  # ½ dᵀH d + gᵀd = ½ ‖A d + b‖² + constant, A = factor, Aᵀb = g
+    values = {
+        "A": factor,
+        "b": np.linalg.solve(factor.T, qp.g),
+        "lo": qp.lo,
+        "hi": qp.hi,
+        "least": qp.least_sum,
+        "row": qp.row,
+        "right": qp.right,
+    }
+    for name, parameter in programme.parameters.items():
+        parameter.value = values[name]
+    if not run(programme.problem, solver):
+        return None
+    return np.asarray(np.clip(programme.d.value, qp.lo, qp.hi))
+
+
+def run(problem: Any, solver: str) -> bool:
+    """Solve a cvxpy problem; whether its variables have values, which are to be checked before they are believed."""
+    import cvxpy
+
+    try:
+        with warnings.catch_warnings():  # "may be inaccurate": every answer is checked
+            warnings.simplefilter("ignore", UserWarning)
+            problem.solve(solver=solver.upper(), **_SOLVERS[solver])
+    except cvxpy.SolverError:
+        return False
+    return problem.status in ("optimal", "optimal_inaccurate")
+
+
+@lru_cache(maxsize=4)
+def _programme(floor: bool, kept: bool) -> _Programme:
+    import cvxpy
+
+    d = cvxpy.Variable(2)
+    p = {name: cvxpy.Parameter(shape) for name, shape in (("A", (2, 2)), ("b", 2), ("lo", 2), ("hi", 2))}
+    constraints = [d >= p["lo"], d <= p["hi"]]
+    if floor:
+        p["least"] = cvxpy.Parameter()
+        constraints.append(cvxpy.sum(d) >= p["least"])
+    if kept:
+        p["row"], p["right"] = cvxpy.Parameter(2), cvxpy.Parameter()
+        constraints.append(p["row"] @ d == p["right"])
+    return _Programme(cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(p["A"] @ d + p["b"])), constraints), d, p)
+
+
+__all__ = ["run", "solve"]

@@ -1,0 +1,3 @@
+"""The allocation where the muscles' parameters are known with a covariance only."""
+
+__all__: list[str] = []

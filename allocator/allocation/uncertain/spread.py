@@ -1,0 +1,76 @@
+"""How far the parameters' uncertainty carries into force, torque and stiffness (delta method).
+
+The muscles' parameters p have the covariance C = L Lᵀ. A quantity with the gradient g = ∂/∂p has the standard deviation
+‖Lᵀ g‖. Two equal muscles are one law used twice: they share their parameters, and their gradients are added. A joint
+that was fitted as a whole has a covariance of its own, of the parameters of both muscles together.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.allocation.problem import Problem
+from allocator.calculus import Array
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.one_muscle import Side
+from allocator.muscles import Muscle, parameter_sensitivities
+
+
+class Spread(NamedTuple):
+    """Lᵀ∂/∂p of n answers; the norm of a row is a standard deviation."""
+
+    torque: Array  # (n, m) [N·m]
+    stiffness: Array  # (n, m) [N·m/rad]
+    forces: tuple[Array, Array]  # (n, m1), (n, m2) [N]
+
+
+def spread(problem: Problem, P1: Array, P2: Array) -> Spread:
+    """The spread of everything at the pressures; a muscle without covariance counts as exactly known."""
+    (one, two), joint = problem.sides, problem.joint
+    root1, root2 = _roots(joint)
+    torque1, stiffness1, force1 = _of_side(one, P1, root1)
+    torque2, stiffness2, force2 = _of_side(two, P2, root2)
+    if joint.covariance is not None or joint.agonist == joint.antagonist:
+        return Spread(torque1 + torque2, stiffness1 + stiffness2, (force1, force2))
+    return Spread(np.hstack([torque1, torque2]), np.hstack([stiffness1, stiffness2]), (force1, force2))
+
+
+def stiffness_std(problem: Problem, P1: Array, P2: Array) -> Array | None:
+    """Standard deviation of K [N·m/rad] from the covariance of the fitted muscles; None if neither has one."""
+    joint = problem.joint
+    if joint.covariance is None and joint.agonist.covariance is None and joint.antagonist.covariance is None:
+        return None
+    return np.asarray(np.linalg.norm(spread(problem, P1, P2).stiffness, axis=1))
+
+
+def _of_side(side: Side, P: Array, root: Array) -> tuple[Array, Array, Array]:
+    """(torque, stiffness, force) of one muscle, each (n, m), by its `root` (parameters, m)."""
+    _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
+    force, slope = force @ root, slope @ root
+    sign, arm, arm_slope = side.sign, side.arm[:, None], side.arm_slope[:, None]
+    return sign * arm * force, -(arm**2) / side.rest_length * slope - sign * arm_slope * force, force
+
+
+def _roots(joint: AntagonistJoint) -> tuple[Array, Array]:
+    """The rows of L (parameters, m) that belong to the agonist and to the antagonist."""
+    if joint.covariance is None:
+        return _root_of(joint.agonist), _root_of(joint.antagonist)
+    root = _root(np.asarray(joint.covariance))
+    split = len(joint.agonist.parameters)
+    return root[:split], root[split:]
+
+
+def _root_of(muscle: Muscle) -> Array:
+    if muscle.covariance is None:
+        return np.zeros((len(muscle.parameters), 1))
+    return _root(np.asarray(muscle.covariance))
+
+
+def _root(covariance: Array) -> Array:
+    """L with L Lᵀ = covariance, from its eigenvalues, since directions that the data left open have none."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))  # parameters of very different size
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+__all__ = ["Spread", "spread", "stiffness_std"]

@@ -1,0 +1,121 @@
+"""What numba has compiled, kept in files that are looked at before they are believed.
+
+numba's own cache believes its files. One that a power failure has cut short makes every call of the function fail, in
+every process, and a flipped bit is executed. Here each file, one for every kind of arguments, begins with the hash of
+the rest. What does not agree is compiled anew, what cannot be written is used without being kept; both are said once.
+Files appear whole or not at all, and there is no index: two processes that write at the same time do not disturb each
+other. A directory in which others may write is refused, because what lies there is executed.
+"""
+
+import os
+import pickle
+import stat
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+from numba.core.caching import FunctionCache
+from numba.core.serialize import dumps
+
+from allocator.files.atomic import replacing
+from allocator.notices import CacheFault, notice_once
+
+F = TypeVar("F")
+_HASH = 32  # bytes of SHA-256
+
+
+class Refused(OSError):
+    """A directory that others may write to."""
+
+
+def keep(dispatcher: F) -> F:
+    """`dispatcher`, which numba has made and which now keeps what it compiles; an `OSError` where there is no place."""
+    made: Any = dispatcher
+    try:
+        made._cache = _Cache(made.py_func)
+    except RuntimeError as error:
+        if "cannot cache function" not in str(error):
+            raise
+        raise OSError(f"numba finds no directory to keep {made.py_func.__name__} in") from None
+    return dispatcher
+
+
+def check_own(directory: Path) -> None:
+    """Insist that nobody else can put files into `directory`. Raises `Refused`.
+
+    A group whose number is the owner's is taken for his own, as distributions make them.
+    """
+    if not hasattr(os, "geteuid"):
+        return  # Windows: the user's directories are his own
+    found = directory.stat()
+    if found.st_uid not in (os.geteuid(), 0):
+        raise Refused(
+            f"{directory} belongs to another user, and what is kept there is executed: "
+            "set XDG_CACHE_HOME, and NUMBA_CACHE_DIR if there is one, to a directory of your own"
+        )
+    others = found.st_mode & stat.S_IWOTH or (found.st_mode & stat.S_IWGRP and found.st_gid != found.st_uid)
+    if others:
+        raise Refused(
+            f"others may write to {directory}, and what is kept there is executed: "
+            f"look what is in it, then chmod go-w {directory}"
+        )
+
+
+class _Files:
+    """In the place of `numba.core.caching.IndexDataCacheFile`."""
+
+    def __init__(self, directory: str, name: str, stamp: object) -> None:
+        self._directory, self._name, self._made_from = Path(directory), name, repr((numba.__version__, stamp))
+
+    def load(self, key: object) -> Any:
+        """What is kept for `key`; None if nothing is."""
+        try:
+            content = self._file(key).read_bytes()
+        except FileNotFoundError:
+            return None
+        if content[:_HASH] != sha256(content[_HASH:]).digest():
+            raise ValueError("not what was written")
+        return pickle.loads(content[_HASH:])
+
+    def save(self, key: object, data: object) -> None:
+        """Keep `data`."""
+        content = dumps(data)
+        with replacing(self._file(key)) as draft:
+            draft.write_bytes(sha256(content).digest() + content)
+
+    def _file(self, key: object) -> Path:
+        which = sha256(f"{self._made_from} {key!r}".encode()).hexdigest()[:24]
+        return self._directory / f"{self._name}.{which}.kept"
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
+    """numba's, over such files."""
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        if Path(self.cache_path) != Path(function.__code__.co_filename).parent / "__pycache__":  # as safe as the source
+            check_own(Path(self.cache_path))
+        locator = self._impl.locator
+        self._cache_file = _Files(self.cache_path, self._impl.filename_base, locator.get_source_stamp())
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What is kept for arguments of the types `sig`; None if nothing is, or nothing that could be used."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # whatever may come of reading what was not written like this
+            notice_once(f"compiled code in {self.cache_path} is damaged and is made anew", CacheFault)
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep it, if that is possible."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+            why = cause.strerror or str(cause)
+            said = f"compiled code cannot be kept in {self.cache_path} ({why}): every new process compiles it again"
+            notice_once(said, CacheFault)
+
+
+__all__ = ["Refused", "check_own", "keep"]

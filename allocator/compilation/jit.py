@@ -1,0 +1,65 @@
+"""Functions compiled by numba, once, and kept on disk next to their file or where NUMBA_CACHE_DIR says.
+
+numba is not imported before. Where it is missing, is told not to compile (NUMBA_DISABLE_JIT), or finds no directory of
+the user's own to keep what it compiles (`allocator.compilation.cache`), `compiled` answers None and plain Python does
+the work.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from allocator.notices import CacheFault, notice_once
+
+Function = Callable[..., Any]
+
+_OPTIONS = {"error_model": "numpy"}  # a division by zero is an infinity, not an exception: loops without branches
+
+
+def compiled(function: Function, callees: Iterable[Function], *, inline: bool, unaliased: bool) -> Function | None:
+    """`function`, compiled for each kind of arguments at its first call, or None if it cannot be.
+
+    The `callees` it may call by their plain names, inlined or not; `unaliased` promises that no two of its arrays
+    overlap.
+    """
+    try:
+        import numba
+
+        from allocator.compilation.cache import Refused, keep
+    except ImportError:
+        return None
+    if numba.config.DISABLE_JIT:
+        return None
+    register(callees, inline=inline)
+    options = {"pipeline_class": _unaliased()} if unaliased else {}
+    made: Function = numba.njit(nogil=True, **_OPTIONS, **options)(function)
+    try:
+        return keep(made)
+    except Refused as refusal:
+        notice_once(f"allocate works without compiled code: {refusal}", CacheFault)
+        return None
+    except OSError:  # there is no such directory
+        return None
+
+
+def register(callees: Iterable[Function], *, inline: bool) -> None:
+    """Teach numba functions, so that compiled ones can call them by their plain names."""
+    from numba.extending import register_jitable
+
+    for function in callees:
+        register_jitable(forceinline=inline, **_OPTIONS)(function)
+
+
+def _unaliased() -> type:
+    """A compiler that may assume that no two arrays overlap: without this loops over ten arrays do not vectorise."""
+    from numba.core.compiler import Compiler
+
+    class Unaliased(Compiler):  # type: ignore[misc]  # numba has no types
+        def __init__(self, typingctx: Any, targetctx: Any, library: Any, args: Any, *rest: Any) -> None:
+            flags = rest[1]
+            flags.noalias = True
+            super().__init__(typingctx, targetctx, library, args, *rest)
+
+    return Unaliased
+
+
+__all__ = ["compiled", "register"]

@@ -1,0 +1,3 @@
+"""A joint from measured angles at rest."""
+
+__all__: list[str] = []

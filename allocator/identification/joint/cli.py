@@ -1,0 +1,242 @@
+"""`antagonist fit-joint`: a joint from a log of angles and pressures."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import Progress, TimeElapsedColumn, track
+from rich.table import Table
+
+from allocator.errors import InvalidInput
+from allocator.identification.columns import parse_columns
+from allocator.identification.joint.comparison import JointComparison, compare_joint_models
+from allocator.identification.joint.fit import fit_joint
+from allocator.identification.joint.reading import JointLog, read_joint_log
+from allocator.identification.joint.relative import RelativeJoint, describe_reference
+from allocator.identification.joint.result import JointFit
+from allocator.identification.muscle.cli import columns_option
+from allocator.joint.geometry import Geometry, Lever, Pulley
+from allocator.presentation.plotting import save_figure
+from allocator.shell.options import within
+from allocator.shell.outputs import IMAGES, Force, check_ending, claim
+from allocator.shell.printing import AsJSON, print_json, say
+from allocator.units import BAR, DEG, MM
+
+
+def fit_joint_command(
+    log: Annotated[Path, typer.Argument(help="CSV with theta [deg], pressure1 [bar], pressure2 [bar]; see above.")],
+    lever: Annotated[
+        str | None, typer.Option(help="Lever R,r or R,r,offset [m]: anchor distance, lever, length that is not muscle.")
+    ] = None,
+    pulley: Annotated[str | None, typer.Option(help="Pulley R,ε0: radius [m], contraction at θ = 0 [ratio].")] = None,
+    rest_length: Annotated[
+        float | None, typer.Option(help="Rest length of the muscles [mm], unless the file has a column of it.")
+    ] = None,
+    columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
+    model: Annotated[str, typer.Option(help="Muscle model.")] = "Sarosi2012",
+    every: Annotated[bool, typer.Option("--all", help="Compare all models, in angle and in stiffness.")] = False,
+    average: Annotated[bool, typer.Option("--average", help="Fit the mean of both directions.")] = False,
+    friction: Annotated[bool, typer.Option(help="Fit the friction μ, if the log has directions.")] = True,
+    dead_band: Annotated[float, typer.Option(help="Leave out samples with a pressure below [bar].")] = 0.5,
+    sweep: Annotated[
+        list[str] | None, typer.Option(help="Direction of a number in the column sweep: 1=-1, 2=+1. Repeatable.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the joint to this TOML file.")] = None,
+    group: Annotated[
+        str | None, typer.Option(help="Which rest length [mm] --out is for, if there are several.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw angles, residuals and stiffness into this image.")] = None,
+    force: Force = False,
+    as_json: AsJSON = False,
+) -> None:
+    """Fit a joint's muscles to angles measured at pressures, with friction and, given a weight, the force scale.
+
+    Columns by name with unit: theta [deg]; pressure1 [bar] and pressure2 [bar] (agonist, antagonist; gauge); torque
+    [Nm] of a weight, positive where it pulls θ down; direction (+1 where θ was rising, -1 falling) or sweep;
+    rest_length [mm] where there are several; in these or other units and words (P1_kPa, phi [rad]). With a column
+    time [s] the file is a raw log: what was steady for a second is used.
+    """
+    within("--rest-length", rest_length, "mm", 1, 100_000)
+    within("--dead-band", dead_band, "bar", 0, 100)
+    check_ending("--plot", plot, IMAGES)
+    claim(out, plot, inputs=(log,), force=force)
+    console = Console(stderr=as_json)
+    data = read_joint_log(log, _sweeps(sweep or []), parse_columns(columns))
+    _describe_log(data, console)
+    geometry, groups = _geometry(lever, pulley, rest_length, data.rest_length)
+    options: dict[str, Any] = {
+        "geometry": geometry,
+        "torque": data.torque,
+        "direction": data.direction,
+        "group": groups,
+        "average": average,
+        "friction": friction,
+        "dead_band": dead_band * BAR,
+    }
+    measured = (data.theta, data.P1, data.P2)
+    compared = compare_joint_models(*measured, progress=lambda m: _progress(m, console), **options) if every else None
+    with Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True) as bar:
+        bar.add_task(f"fitting {model}", total=None)  # how many steps the search takes is not known
+        fit = fit_joint(*measured, model=model, **options)
+    if as_json:
+        print_json(_values(fit, compared))
+    else:
+        if compared is not None:
+            _report(compared, console)
+        _describe(fit, console)
+    if out is not None:
+        fit.save(out, group)
+        say(console, f"written: {out}")
+    if plot is not None:
+        _draw(fit, plot)
+        say(console, f"written: {plot}")
+
+
+def _sweeps(settings: list[str]) -> dict[float, float]:
+    sweeps = {}
+    for setting in settings:
+        number, _, way = setting.partition("=")
+        try:
+            sweeps[float(number)] = float(way)
+        except ValueError:
+            raise InvalidInput(f"--sweep {setting}: expected NUMBER=DIRECTION, such as 1=-1") from None
+        if abs(sweeps[float(number)]) != 1:
+            raise InvalidInput(f"--sweep {setting}: the direction is +1 (θ rises) or -1 (θ falls)")
+    return sweeps
+
+
+def _geometry(
+    lever: str | None, pulley: str | None, rest_length: float | None, column: Any
+) -> tuple[Geometry | dict[str, Geometry], Any]:
+    """The mechanism, or one for each rest length in the file with the label of each sample."""
+    if (lever is None) == (pulley is None):
+        raise InvalidInput("give the mechanism, measured: either --lever R,r,offset [m] or --pulley R,ε0")
+    if (rest_length is None) == (column is None):
+        raise InvalidInput("give the rest length once: --rest-length [mm], or a column rest_length_mm in the file")
+
+    def make(l0: float) -> Geometry:
+        if lever is not None:
+            return Lever(l0, *_numbers("--lever", lever, (2, 3)))
+        return Pulley(l0, *_numbers("--pulley", pulley or "", (2,)))
+
+    if rest_length is not None:
+        return make(rest_length * MM), None
+    labels = [f"{length / MM:g}" for length in column]
+    return {label: make(float(label) * MM) for label in dict.fromkeys(labels)}, labels
+
+
+def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts:
+        raise InvalidInput(f"{option} {text}: expected {' or '.join(map(str, counts))} numbers, separated by commas")
+    return numbers
+
+
+def _progress(models: Iterable[Any], console: Console) -> Iterable[Any]:
+    return track(tuple(models), "fitting", console=console, transient=True)
+
+
+def _describe_log(log: JointLog, console: Console) -> None:
+    if log.used < log.rows:
+        console.print(
+            f"{log.theta.size} equilibria in {log.rows} rows of a raw log; {log.dropped_share:.0%} of the rows were "
+            "left out: not the last second of a time without motion",
+            markup=False,
+        )
+
+
+def _report(comparison: JointComparison, console: Console) -> None:
+    caption = "in the order of publication, since a good angle fit does not select the stiffness"
+    table = Table(title="Angle error and implied stiffness", caption=caption)
+    for heading in ("model", "error [°]", "left out [°]", "K/K_ref low", "K/K_ref high"):
+        table.add_column(heading, justify="left" if heading == "model" else "right", no_wrap=True)
+    for name, fit in comparison.fits.items():
+        low, _, high = comparison.stiffness[name]
+        left_out = "–" if np.isnan(fit.left_out) else f"{fit.left_out / DEG:.2f}"
+        table.add_row(name, f"{fit.rms / DEG:.2f}", left_out, f"{low:.3f}", f"{high:.3f}")
+    console.print(table)
+    for sentence in comparison.sentences:
+        console.print(sentence, markup=False)
+    for name, why in comparison.failures.items():
+        console.print(f"{name}: not fitted, {why}", markup=False)
+
+
+def _describe(fit: JointFit, console: Console) -> None:
+    """What was found, how far to trust it, and what the data do not tell."""
+    s = fit.samples
+    means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
+    lines = [
+        f"{fit.model}, {s.n} equilibria{means}: {fit.rms / DEG:.2f}° RMS",
+        f"  encoder zero {fit.zero / DEG:+.2f}°, antagonist {fit.ratio:.3f} times as strong as the agonist, "
+        f"friction μ = {fit.friction:.3f}",
+    ]
+    if not np.isnan(fit.hysteresis_share):
+        lines.append(f"  {fit.hysteresis_share:.0%} of the squared error without friction is hysteresis")
+    if len(fit.groups) > 1:
+        lines += [
+            f"  group {g.label}: {g.samples} samples, {g.rms / DEG:.2f}°, left out {g.left_out / DEG:.2f}°"
+            for g in fit.groups
+        ]
+        lines.append(f"  groups left out in turn are predicted to {fit.left_out / DEG:.2f}° RMS")
+    lines += [f"  {n} samples left out: {reason}" for reason, n in s.dropped.items()]
+    lines.append(_stiffness_line(fit))
+    lines += [f"  not seen by these data: {direction}" for direction in fit.unseen]
+    lines += [f"  beware: {warning}" for warning in fit.warnings]
+    for line in lines:
+        console.print(line, markup=False, highlight=False)
+
+
+def _stiffness_line(fit: JointFit) -> str:
+    if fit.scale is None:
+        where = describe_reference(RelativeJoint(next(iter(fit.shapes.values()))))
+        return (
+            f"  stiffness: relative only, K/K_ref to ± {np.median(fit.stiffness_ratio_std()):.2g} (K_ref at {where}); "
+            "absolute after a known weight was hung"
+        )
+    return f"  stiffness: known to {fit.scale_std:.1%}, if the law is right"
+
+
+def _draw(fit: JointFit, path: Path) -> None:
+    from allocator.identification.joint.plotting import plot_joint_fit
+
+    save_figure(plot_joint_fit(fit), path, dpi=120)
+
+
+def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, Any]:
+    """What `--json` prints."""
+    values: dict[str, Any] = {
+        "model": fit.model,
+        "equilibria": fit.samples.n,
+        "rms_deg": fit.rms / DEG,
+        "left_out_deg": fit.left_out / DEG,
+        "encoder_zero_deg": fit.zero / DEG,
+        "antagonist_over_agonist": fit.ratio,
+        "friction": fit.friction,
+        "force_scale": fit.scale,
+        "force_scale_std": None if fit.scale is None else fit.scale_std,
+        "samples_left_out": fit.samples.dropped,
+        "unseen": fit.unseen,
+        "warnings": fit.warnings,
+    }
+    if compared is not None:
+        values["models"] = [
+            {
+                "model": name,
+                "rms_deg": other.rms / DEG,
+                "left_out_deg": other.left_out / DEG,
+                "stiffness_low_over_reference": compared.stiffness[name][0],
+                "stiffness_high_over_reference": compared.stiffness[name][2],
+            }
+            for name, other in compared.fits.items()
+        ]
+        values["failures"] = compared.failures
+    return values
+
+
+__all__ = ["fit_joint_command"]

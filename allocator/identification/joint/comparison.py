@@ -1,0 +1,127 @@
+"""All models on the same equilibria: the angle error of each, and the stiffness that it implies.
+
+A good angle fit does not select the stiffness: any rising transformation of the force law leaves the unloaded angles of
+a pulley as they are. So the models stay in the order they were given, never ranked on the angle alone, and pairs that
+the angles cannot tell apart although their stiffnesses differ are named.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.identification.joint.fit import fit_joint
+from allocator.identification.joint.relative import RelativeJoint
+from allocator.identification.joint.result import JointFit
+from allocator.identification.joint.samples import JointSamples
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.muscles import MODELS, Muscle
+
+Model = str | type[Muscle] | Muscle
+_TOLD_APART = 0.5  # of the scatter: predictions nearer than this are the same to the data
+_DIFFERENT = 0.05  # relative difference of K/K_ref that matters
+_LEVELS = (0.5, 1.0, 1.5)  # of the pressure of K_ref
+
+
+class Twins(NamedTuple):
+    """Two models that the angles cannot tell apart."""
+
+    first: str
+    second: str
+    angle: float  # RMS difference of their predictions [rad]
+    stiffness: float  # relative difference of their K/K_ref, exceeded at 5 % of the samples [-]
+
+
+@dataclass(frozen=True)
+class JointComparison:
+    """Fits by name in the order given, and why other models have none."""
+
+    fits: Mapping[str, JointFit]
+    failures: Mapping[str, str]
+    stiffness: Mapping[str, Array]  # K/K_ref (3,) at half, once and 1.5 times the pressure of K_ref [-]
+    indistinguishable: tuple[Twins, ...]
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What the angles leave open."""
+        return tuple(
+            f"{t.first} and {t.second} cannot be told apart by these angles (predictions {np.degrees(t.angle):.2g}° "
+            f"apart), but their stiffness relative to the reference differs by {t.stiffness:.0%}"
+            for t in self.indistinguishable
+        )
+
+
+def compare_joint_models(
+    theta: Any,
+    P1: Any,
+    P2: Any,
+    *,
+    models: Iterable[Model] = tuple(MODELS),
+    progress: Callable[[Iterable[Model]], Iterable[Model]] = lambda models: models,
+    **options: Any,
+) -> JointComparison:
+    """Fit every model to the same equilibria; `options` go to `fit_joint`. Muscles may stand among the models."""
+    fits: dict[str, JointFit] = {}
+    failures: dict[str, str] = {}
+    for model in progress(tuple(models)):
+        name = _free_name(_name(model), fits)
+        try:
+            fits[name] = fit_joint(theta, P1, P2, model=model, **options)
+        except InvalidInput as error:
+            failures[name] = str(error)
+    stiffness = {name: _levels(_first(fit)) for name, fit in fits.items()}
+    return JointComparison(fits, failures, stiffness, _twins(fits))
+
+
+def _name(model: Model) -> str:
+    if isinstance(model, str):
+        return model
+    return model.__name__ if isinstance(model, type) else type(model).__name__
+
+
+def _free_name(name: str, taken: Mapping[str, Any]) -> str:
+    number = sum(other.partition(" #")[0] == name for other in taken)
+    return f"{name} #{number + 1}" if number else name
+
+
+def _first(fit: JointFit) -> AntagonistJoint:
+    return next(iter(fit.shapes.values()))
+
+
+def _levels(joint: AntagonistJoint) -> Array:
+    relative = RelativeJoint(joint)
+    theta, P, _ = relative.reference
+    pressures = np.array(_LEVELS) * P
+    return relative.relative_stiffness(theta, pressures, pressures)
+
+
+def _twins(fits: Mapping[str, JointFit]) -> tuple[Twins, ...]:
+    scatter = min((fit.rms for fit in fits.values()), default=0.0)
+    found = []
+    for first, second in combinations(fits, 2):
+        samples = min((fits[first].samples, fits[second].samples), key=lambda s: s.n)  # some laws leave some out
+        one, other = (_predicted(fits[name], samples) for name in (first, second))
+        angle = float(np.sqrt(np.mean((one - other) ** 2)))
+        ratio = _ratios(fits[first], samples) / _ratios(fits[second], samples)
+        K = float(np.quantile(np.abs(ratio - 1), 0.95))
+        if angle <= _TOLD_APART * scatter and K > _DIFFERENT:
+            found.append(Twins(first, second, angle, K))
+    return tuple(found)
+
+
+def _predicted(fit: JointFit, samples: JointSamples) -> Array:
+    """Angles (n,) [rad] that the fit predicts at these samples."""
+    return samples.theta - replace(fit.problem, samples=samples).angle_error(fit.x)
+
+
+def _ratios(fit: JointFit, samples: JointSamples) -> Array:
+    """K/K_ref at the samples of the first geometry."""
+    joint, here = RelativeJoint(_first(fit)), samples.group == 0
+    return joint.relative_stiffness(samples.theta[here] - fit.zero, samples.P1[here], samples.P2[here])
+
+
+__all__ = ["JointComparison", "Twins", "compare_joint_models"]

@@ -1,0 +1,233 @@
+"""A joint from measured equilibria."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.identification.joint.mistakes import check_data, check_weight
+from allocator.identification.joint.problem import JointProblem
+from allocator.identification.joint.report import conclude
+from allocator.identification.joint.result import JointFit
+from allocator.identification.joint.samples import JointSamples
+from allocator.identification.joint.start import starting_muscle
+from allocator.joint.geometry import Geometry
+from allocator.muscles import MODELS, Muscle, Recipe, scaled
+from allocator.units import BAR
+
+DEAD_BAND = 0.5 * BAR  # below it a muscle hardly acts [Pa]
+_EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-0.6, 0.6), "friction": (-0.5, 0.8)}
+_MOST_SAMPLES = 1000  # more are put into cells
+_TOLERANCE = 1e-8
+_EVALUATIONS = 200
+_GAIN = 1e-3  # of the cost
+_UNBOUNDED = (-np.inf, np.inf)
+
+
+def fit_joint(
+    theta: ArrayLike,
+    P1: ArrayLike,
+    P2: ArrayLike,
+    *,
+    geometry: Geometry | Mapping[Any, Geometry],
+    torque: ArrayLike | None = None,
+    direction: ArrayLike | None = None,
+    group: ArrayLike | None = None,
+    model: str | type[Muscle] | Muscle = "Sarosi2012",
+    friction: bool = True,
+    ratio: bool = True,
+    zero: bool = True,
+    average: bool = False,
+    dead_band: float = DEAD_BAND,
+    taut_min: float = 0.02,
+    hold: Mapping[str, float] | None = None,
+    start: Muscle | None = None,
+    leave_one_out: bool = True,
+) -> JointFit:
+    """Fit the muscles of a joint to equilibria: angles [rad] at pressures (P1, P2) [Pa, gauge], arrays that broadcast.
+
+    More than 1000 samples are put into cells of 0.05 bar, or wider if need be, and their means are fitted; see
+    `JointSamples.binned`. Samples at which the force law of the model cannot be evaluated are left out, and counted.
+
+    Parameters
+    ----------
+    geometry
+        The mechanism, measured; or one for each label in `group`. It is not fitted: angles cannot tell it from forces.
+    torque
+        Of a known weight at each sample [N·m], positive where it pulls θ down; 0 or None: no weight. Without a weight
+        the force scale, hence absolute stiffness, is unknown and stays None.
+    direction
+        +1 where θ was rising into the equilibrium, -1 where falling, 0 where not known: friction is told by it.
+    group
+        A label for each sample, e.g. the muscle length: errors are reported, and left out in turn, by group.
+    model
+        Name or class of a muscle model, or a muscle of which nothing but ratio, zero and friction is fitted.
+    friction, ratio, zero
+        Whether μ of `AntagonistJoint.friction_torque`, the strength of the antagonist in that of the agonist, and the
+        encoder's zero [rad] are fitted. Without any direction friction cannot be, and the report says so.
+    average
+        Fit the mean of the rising and falling samples at the same pressures instead of both.
+    dead_band
+        Samples with a pressure below [Pa] are dropped, and counted.
+    taut_min
+        Least force of both muscles, as a share of the mean: what no taut equilibrium tells on a pulley.
+    hold, start
+        As for `fit`: parameters of the muscle not to be fitted, a muscle to start from.
+    leave_one_out
+        Whether each group is also predicted from the others.
+
+    Raises
+    ------
+    InvalidInput
+        For data that cannot be what they should be, or that cannot tell what is asked, each in a sentence.
+    """
+    samples = JointSamples.checked(theta, P1, P2, geometry=geometry, torque=torque, direction=direction, group=group)
+    dead = checks.not_negative("dead_band", checks.pressure("dead_band", dead_band), "Pa")
+    slack = (samples.P1 < dead) | (samples.P2 < dead)
+    samples = samples.without(slack, f"a pressure below the dead band of {dead / BAR:g} bar")
+    check_data(samples, friction and not average)
+    samples = samples.binned(_MOST_SAMPLES)
+    if average:
+        samples = samples.averaged()
+    extra = _extra(samples, friction=friction, ratio=ratio, zero=zero)
+    prototype, recipe, fixed = _prototype(model, samples, hold or {}, start)
+    samples = _within(samples, prototype)
+    problem = _problem(prototype, recipe, samples, fixed, extra, taut_min)
+    return solve(problem, scaled_guess(problem), leave_one_out)
+
+
+def _extra(samples: JointSamples, **wanted: bool) -> tuple[str, ...]:
+    known = bool((samples.direction != 0).any())
+    used = {"log_ratio": wanted["ratio"], "zero": wanted["zero"], "friction": wanted["friction"] and known}
+    return tuple(name for name, fitted in used.items() if fitted)
+
+
+def _prototype(
+    model: str | type[Muscle] | Muscle,
+    samples: JointSamples,
+    hold: Mapping[str, float],
+    start: Muscle | None,
+) -> tuple[Muscle, Recipe[Any], frozenset[str]]:
+    """The muscle to start from, the model's recipe, and the names of the parameters that are held."""
+    if isinstance(model, Muscle):
+        return model, Recipe(), frozenset(model.parameters)
+    if isinstance(model, str):
+        if model not in MODELS:
+            raise MissingBackend("model", model, MODELS)
+        model = MODELS[model]
+    prototype = start or starting_muscle(model, samples, hold)
+    prototype = replace(prototype.with_parameters(hold), covariance=None)
+    (eps1, *_), (eps2, *_), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
+    P = np.concatenate([samples.P1, samples.P2])
+    recipe = model.recipe(np.concatenate([eps1, eps2]), P, np.ones(P.size))
+    fixed = {n for n in prototype.parameters if n in hold or {n, n.partition("[")[0]} & set(recipe.conventional)}
+    return prototype, recipe, frozenset(fixed)
+
+
+def _within(samples: JointSamples, muscle: Muscle) -> JointSamples:
+    """The samples at which the law has a force for both muscles; `fit` begins at the same least contraction."""
+    (eps1, *_), (eps2, *_), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
+    name, least = type(muscle).__name__, muscle.min_contraction
+    short = (eps1 < least) | (eps2 < least)
+    with np.errstate(all="ignore"):
+        F = muscle.force(samples.P1, eps1) + muscle.force(samples.P2, eps2)
+    kept = samples.without(short, f"a contraction below {least:.4g}, where {name} ends")
+    kept = kept.without(~np.isfinite(F[~short]), f"a contraction or pressure for which {name} has no force")
+    if not kept.n:
+        reasons = "; ".join(f"{n} with {reason}" for reason, n in kept.dropped.items())
+        raise InvalidInput(f"no equilibrium is left that {name} can be fitted to ({reasons})")
+    return kept
+
+
+def _problem(
+    prototype: Muscle,
+    recipe: Recipe[Any],
+    samples: JointSamples,
+    fixed: frozenset[str],
+    extra: tuple[str, ...],
+    taut_min: float,
+) -> JointProblem:
+    free = tuple(name for name in prototype.parameters if name not in fixed)
+    bounds = [recipe.bounds.get(name, _UNBOUNDED) for name in free] + [_EXTRA[name] for name in extra]
+    lower, upper = (np.array([pair[end] for pair in bounds]) for end in (0, 1))
+    conventional = bool(free) and not samples.loaded
+    problem = JointProblem(prototype, free, extra, lower, upper, samples, taut_min, conventional)
+    if samples.n < len(problem.names) + 1:
+        raise InvalidInput(
+            f"{samples.n} equilibria cannot determine the {len(problem.names)} unknowns {', '.join(problem.names)}"
+        )
+    return problem
+
+
+def scaled_guess(problem: JointProblem) -> Array:
+    """Where to start under a weight: the shape fitted to the samples without it, scaled by what the weight shows."""
+    guess, still = first_guess(problem), problem.samples.torque == 0
+    if not problem.free or still.all() or still.sum() < guess.size + 1:
+        return guess
+    shape = replace(problem.on(still), conventional=True)
+    x, _ = minimise(shape, guess)
+    return scale_shape(problem, x)
+
+
+def scale_shape(problem: JointProblem, x: Array) -> Array:
+    """The unknowns `x` of a shape, on the force scale at which the weights in `problem` deflect it as measured."""
+    hung = problem.on(problem.samples.torque != 0)
+    unloaded = replace(hung, samples=replace(hung.samples, torque=0 * hung.samples.torque))
+    u = problem.unknowns(x)
+    theta, _ = unloaded.equilibrium(u)
+    _, K, _ = unloaded.balance(u, theta)
+    factor = check_weight(hung.samples, hung.samples.theta - u.zero - theta, -hung.samples.torque / K)
+    values = scaled(replace(u.muscle), factor).parameters
+    return np.array([values.get(name, value) for name, value in zip(problem.names, x.tolist(), strict=True)])
+
+
+def solve(problem: JointProblem, x: Array, leave_one_out: bool = True) -> JointFit:
+    """The fit, searched from `x`, and its report."""
+    x, converged = minimise(problem, x)
+    return conclude(problem, x, converged, minimise if leave_one_out else None)
+
+
+def first_guess(problem: JointProblem) -> Array:
+    """The prototype's parameters, and no ratio, zero or friction yet."""
+    values = problem.prototype.parameters
+    return np.array([values.get(name, 0.05 if name == "friction" else 0.0) for name in problem.names])
+
+
+def minimise(problem: JointProblem, x: Array) -> tuple[Array, bool]:
+    """x at the least cost that the search finds from `x`, and whether it converged."""
+    from scipy.optimize import least_squares
+
+    if not x.size:
+        return x, True
+    width = problem.upper - problem.lower
+    edge = 1e-4 * np.where(np.isfinite(width), width, np.maximum(np.abs(x), 1e-9))
+    inside = np.clip(x, problem.lower + edge, problem.upper - edge)
+    with np.errstate(all="ignore"):  # SciPy divides by singular values that vanish, and sees to it itself
+        found = least_squares(
+            problem.residual,
+            inside,
+            problem.jacobian,
+            bounds=(problem.lower, problem.upper),
+            x_scale="jac",
+            ftol=_TOLERANCE,
+            xtol=_TOLERANCE,
+            gtol=_TOLERANCE,
+            max_nfev=_EVALUATIONS,
+        )
+    return found.x, found.status > 0 or _settled(found.fun, np.asarray(found.jac))
+
+
+def _settled(r: Array, J: Array) -> bool:
+    """Whether a full Gauss–Newton step would gain next to nothing: the search creeps along a valley without relief."""
+    size = np.linalg.norm(J, axis=0)
+    J = J / np.where(size > 0, size, 1.0)
+    gain = J @ np.linalg.lstsq(J, r, rcond=1e-8)[0]
+    return float(gain @ gain) <= _GAIN * float(r @ r)
+
+
+__all__ = ["DEAD_BAND", "first_guess", "fit_joint", "minimise", "solve"]

@@ -1,0 +1,68 @@
+"""Stiffness and torque per pressure of a joint, and how they depend on the parameters of both its muscles.
+
+Gradients are with respect to q = (parameters of the agonist, parameters of the antagonist), the order of
+`AntagonistJoint.covariance`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.one_muscle import Side
+from allocator.muscles import parameter_sensitivities
+
+_STEP = 1e-30
+
+
+class Quantity(NamedTuple):
+    """Values and their gradients."""
+
+    value: Array  # (n,)
+    gradient: Array  # (n, m) per parameter
+
+    def std(self, covariance: Array) -> Array:
+        """Standard deviation (n,)."""
+        return _std(self.gradient, covariance)
+
+    def relative_std(self, covariance: Array) -> Array:
+        """Standard deviation of the logarithm (n,)."""
+        return _std(self.gradient / self.value[:, None], covariance)
+
+    def ratio(self, other: "Quantity") -> "Quantity":
+        """The value divided by the other, element by element or by one value for all."""
+        value = self.value / other.value
+        logarithm = self.gradient / self.value[:, None] - other.gradient / other.value[:, None]
+        return Quantity(value, value[:, None] * logarithm)
+
+
+def _std(gradient: Array, covariance: Array) -> Array:
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", gradient, covariance, gradient), 0.0)))
+
+
+def stiffness(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Quantity:
+    """K [N·m/rad] (n,) and ∂K/∂q."""
+    one, two = joint.sides(theta)
+    K = one.stiffness(P1) + two.stiffness(P2)
+    return Quantity(K, np.hstack([_stiffness_gradient(one, P1), _stiffness_gradient(two, P2)]))
+
+
+def _stiffness_gradient(side: Side, P: Array) -> Array:
+    _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
+    arm, arm_slope = np.asarray(side.arm)[:, None], np.asarray(side.arm_slope)[:, None]
+    return np.asarray(-(arm**2) / side.rest_length * slope - side.sign * arm_slope * force)
+
+
+def torque_gain(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Quantity:
+    """∂T/∂P1 [N·m/Pa] (n,) and its gradient in q."""
+    one, two = joint.sides(theta)
+    values = list(one.muscle.parameters.values())
+    gradient = np.zeros((theta.size, len(values) + len(two.muscle.parameters)))
+    for i, value in enumerate(values):
+        moved = one.muscle.unchecked([*values[:i], value + _STEP * 1j, *values[i + 1 :]])
+        gradient[:, i] = one.arm * np.imag(moved.gain(P1, one.contraction)) / _STEP
+    return Quantity(np.asarray(one.torque_gain(P1)), gradient)
+
+
+__all__ = ["Quantity", "stiffness", "torque_gain"]

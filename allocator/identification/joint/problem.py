@@ -1,0 +1,253 @@
+"""The least-squares problem of a joint's fit: an output error in the angle.
+
+The muscles F1 = F(P1, ε1; p) and F2 = ρ F(P2, ε2; p) hold the torque T and lose friction in the direction of motion s:
+
+    G(θ) = (1 - μ s) a1 F1 - (1 + μ s) a2 F2 - T = 0        equilibrium, friction as in `friction_torque`
+
+    minimise  Σ (θ_i - z - θ_eq,i)²  +  w² Σ max(0, η - F_i/F̄)²        over p, log ρ, z, μ within bounds
+
+z is the encoder's zero. By the implicit function theorem ∂θ_eq/∂p = (∂G/∂p)/K_s, with K_s = -∂G/∂θ. The second sum says
+that the muscles are taut: every force at least the share η of the mean force F̄. On a pulley a constant internal force
+cancels, and nothing else bounds it. Where no torque was hung, T = 0, the force scale is no unknown: one more equation,
+mean ∂F/∂P = 10 cm², sets it by convention.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from allocator.calculus import Array, Mask
+from allocator.identification.joint.samples import JointSamples, Routes
+from allocator.muscles import Muscle, force_gradient
+
+CONVENTIONAL_AREA = 1e-3  # [m²] mean ∂F/∂P where nothing tells the force scale
+_TAUT_WEIGHT = 0.05  # [rad] per unit of F/F̄: weak, so that it decides only what the angles leave open
+_MARGIN = 0.35  # [rad]
+_STEPS = 60
+_HALVINGS = 5
+_CLOSE = 1e-8  # [rad] a Newton step after which the next is below rounding
+_GREAT = 10.0  # stands for a residual that the law cannot evaluate [rad]
+
+
+class Unknowns(NamedTuple):
+    """What x stands for."""
+
+    muscle: Muscle  # agonist, not checked
+    ratio: float  # strength of the antagonist in that of the agonist, ρ [-]
+    zero: float  # of the encoder, z [rad]
+    friction: float  # μ [-]
+
+
+class Balance(NamedTuple):
+    """G(θ) and what it is made of, each (n,)."""
+
+    lacking: Array  # G [N·m]
+    stiffness: Array  # K_s = -∂G/∂θ [N·m/rad]
+    forces: tuple[Array, Array]  # F1, F2 [N]
+
+
+@dataclass(frozen=True)
+class JointProblem:
+    """Stated as above. x = (`free` parameters of the muscle, then `extra`: "log_ratio", "zero", "friction")."""
+
+    prototype: Muscle
+    free: tuple[str, ...]
+    extra: tuple[str, ...]
+    lower: Array  # (m,)
+    upper: Array  # (m,)
+    samples: JointSamples
+    taut_min: float  # η [-]
+    conventional: bool  # whether the force scale is set by convention
+    margin: float = _MARGIN  # beyond the measured angles, within which equilibria are looked for [rad]
+
+    def on(self, keep: Mask) -> Self:
+        """The same problem on some of the samples."""
+        return replace(self, samples=self.samples.where(keep))
+
+    def still(self) -> Self:
+        """The same problem with the direction of motion forgotten: predictions without friction."""
+        return replace(self, samples=replace(self.samples, direction=0 * self.samples.direction))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns x."""
+        return (*self.free, *self.extra)
+
+    def unknowns(self, x: Array) -> Unknowns:
+        """x by meaning."""
+        values = dict(zip(self.names, x.tolist(), strict=True))
+        free = {name: values[name] for name in self.free}
+        muscle = self.prototype.unchecked([*(self.prototype.parameters | free).values()])
+        ratio = float(np.exp(values.get("log_ratio", 0.0)))
+        return Unknowns(muscle, ratio, values.get("zero", 0.0), values.get("friction", 0.0))
+
+    # --- equilibrium ------------------------------------------------------------------------------------------------
+
+    def balance(self, u: Unknowns, theta: Array, routes: Routes | None = None) -> Balance:
+        """G at the true angles `theta` (n,)."""
+        s = self.samples
+        (eps1, a1, da1), (eps2, a2, da2), l0 = routes or s.routes(theta)
+        w1, w2 = 1 - u.friction * s.direction, 1 + u.friction * s.direction
+        with np.errstate(all="ignore"):
+            F1, F2 = u.muscle.law(s.P1, eps1), u.ratio * u.muscle.law(s.P2, eps2)
+            slope1, slope2 = u.muscle.slope(s.P1, eps1), u.ratio * u.muscle.slope(s.P2, eps2)
+        elastic = -(w1 * a1**2 * slope1 + w2 * a2**2 * slope2) / l0
+        return Balance(w1 * a1 * F1 - w2 * a2 * F2 - s.torque, elastic - (w1 * da1 * F1 - w2 * da2 * F2), (F1, F2))
+
+    def equilibrium(self, u: Unknowns) -> tuple[Array, Mask]:
+        """θ_eq (n,) [rad], and where there is one.
+
+        Newton's method for all samples at once from the measured angles, each kept inside a bracket with
+        G(low) > 0 > G(high) that shrinks with every step and is halved where Newton leaves it.
+        """
+        start = theta = np.clip(self.samples.theta - u.zero, *self._searched)
+        low, high, reached = self._bracket(u, start)
+        first, last = low, high
+        for _ in range(_STEPS):
+            G, K, _ = self.balance(u, theta)
+            further = np.where(np.isnan(G), theta < start, G > 0)  # where the law ends, turn back
+            low, high = np.where(further, theta, low), np.where(further, high, theta)
+            with np.errstate(all="ignore"):
+                newton = theta + G / K
+            inside = (newton > low - _CLOSE) & (newton < high + _CLOSE) & (K > 0)
+            moved = np.where(inside, newton, (low + high) / 2)
+            done = np.abs(moved - theta)[reached].max(initial=0.0) < _CLOSE
+            theta = moved
+            if done:
+                break
+        return np.clip(theta, first, last), reached
+
+    def _bracket(self, u: Unknowns, start: Array) -> tuple[Array, Array, Mask]:
+        """Angles with G(low) > 0 > G(high), nearer to `start` where the law bends back further out; where they are."""
+        low, high = self._searched
+        for _ in range(_HALVINGS):
+            below, above = self.balance(u, low).lacking > 0, self.balance(u, high).lacking < 0
+            if (below & above).all():
+                break
+            low, high = np.where(below, low, (low + start) / 2), np.where(above, high, (high + start) / 2)
+        return low, high, below & above
+
+    @cached_property
+    def _searched(self) -> tuple[Array, Array]:
+        low, high = self.samples.reach()
+        measured = self.samples.theta
+        return np.maximum(low, measured.min() - self.margin), np.minimum(high, measured.max() + self.margin)
+
+    # --- least squares ----------------------------------------------------------------------------------------------
+
+    def angle_error(self, x: Array) -> Array:
+        """θ - z - θ_eq (n,) [rad], measured minus predicted."""
+        return np.asarray(self.samples.theta - self.predicted(self.unknowns(x)))
+
+    def predicted(self, u: Unknowns) -> Array:
+        """z + θ_eq (n,) [rad]; where there is no θ_eq, by how much the torque is lacking at the end of the search.
+
+        That leads the search back to where there is one.
+        """
+        theta, reached = self.equilibrium(u)
+        if reached.all():
+            return u.zero + theta
+        G, K, _ = self.balance(u, theta)
+        return np.asarray(u.zero + theta + np.where(reached, 0.0, G / _usual(K, reached)))
+
+    def residual(self, x: Array) -> Array:
+        """Angle errors (n,), tautness (2n,), and the convention (1,) where it is needed."""
+        u = self.unknowns(x)
+        rows = [self.angle_error(x), _TAUT_WEIGHT * np.maximum(self.taut_min - self.shares(u), 0.0)]
+        if self.conventional:
+            rows.append(np.array([self.mean_area(u)]).real / CONVENTIONAL_AREA - 1)
+        r = np.concatenate(rows)
+        return np.where(np.isfinite(r), r, _GREAT)
+
+    def jacobian(self, x: Array) -> Array:
+        """∂residual/∂x (rows, m)."""
+        u = self.unknowns(x)
+        rows = [-self._angle_gradient(u), self._taut_gradient(u)]
+        if self.conventional:
+            rows.append(self._area_gradient(u))
+        return np.nan_to_num(np.vstack(rows))
+
+    def _angle_gradient(self, u: Unknowns) -> Array:
+        """∂(z + θ_eq)/∂x (n, m)."""
+        s = self.samples
+        theta, reached = self.equilibrium(u)
+        routes = s.routes(theta)
+        (eps1, a1, _), (eps2, a2, _), _ = routes
+        _, K, (F1, F2) = self.balance(u, theta, routes)
+        pull1, pull2 = a1 * (1 - u.friction * s.direction), a2 * (1 + u.friction * s.direction)
+        dF1, dF2 = self._force_gradient(u, s.P1, eps1), u.ratio * self._force_gradient(u, s.P2, eps2)
+        columns = [*(pull1[:, None] * dF1 - pull2[:, None] * dF2).T]
+        extra = {"log_ratio": -pull2 * F2, "friction": -s.direction * (a1 * F1 + a2 * F2), "zero": K}
+        columns += [extra[name] for name in self.extra]
+        with np.errstate(all="ignore"):
+            gradient = np.stack(columns, axis=1).reshape(s.n, -1) / np.where(reached, K, _usual(K, reached))[:, None]
+        if "zero" in self.extra:
+            gradient[:, self.names.index("zero")] = 1.0
+        return np.asarray(gradient)
+
+    def _force_gradient(self, u: Unknowns, P: Array, eps: Array) -> Array:
+        """∂F/∂(free) (n, …) of the agonist's law."""
+        if not self.free:
+            return np.zeros((P.size, 0))
+        with np.errstate(all="ignore"):
+            gradient = force_gradient(u.muscle, P, eps, self.free)
+        ordered = [name for name in u.muscle.parameters if name in self.free]
+        return gradient[:, [ordered.index(name) for name in self.free]]
+
+    @cached_property
+    def _measured(self) -> Routes:
+        return self.samples.routes(np.clip(self.samples.theta, *self._searched))
+
+    def shares(self, u: Unknowns) -> Array:
+        """F/F̄ (2n,) at the measured angles."""
+        F = self.measured_forces(u)
+        return np.asarray(F / np.abs(F).mean())
+
+    def measured_forces(self, u: Unknowns) -> Array:
+        """F1, F2 (2n,) [N] at the measured angles."""
+        (eps1, *_), (eps2, *_), _ = self._measured
+        with np.errstate(all="ignore"):
+            F1, F2 = u.muscle.law(self.samples.P1, eps1), u.ratio * u.muscle.law(self.samples.P2, eps2)
+        return np.concatenate([F1, F2])
+
+    def _taut_gradient(self, u: Unknowns) -> Array:
+        (eps1, *_), (eps2, *_), _ = self._measured
+        F = self.measured_forces(u)
+        mean = np.abs(F).mean()
+        n, m = self.samples.n, len(self.names)
+        dF = np.zeros((2 * n, m))
+        k = len(self.free)
+        dF[:n, :k] = self._force_gradient(u, self.samples.P1, eps1)
+        dF[n:, :k] = u.ratio * self._force_gradient(u, self.samples.P2, eps2)
+        if "log_ratio" in self.extra:
+            dF[n:, self.names.index("log_ratio")] = F[n:]
+        dmean = (np.sign(F)[:, None] * dF).mean(axis=0)
+        slack = F < self.taut_min * mean
+        return np.asarray(-_TAUT_WEIGHT * slack[:, None] * (dF / mean - np.outer(F, dmean) / mean**2))
+
+    def mean_area(self, u: Unknowns) -> complex:
+        """Mean ∂F/∂P of the agonist [m²]; complex if a parameter is."""
+        (eps1, *_), _, _ = self._measured
+        with np.errstate(all="ignore"):
+            return np.mean(u.muscle.gain(self.samples.P1, eps1)).item()
+
+    def _area_gradient(self, u: Unknowns) -> Array:
+        """∂(mean ∂F/∂P)/∂x (1, m) in units of the convention, by complex steps."""
+        gradient = np.zeros((1, len(self.names)))
+        values, places = list(u.muscle.parameters.values()), [*u.muscle.parameters]
+        for column, name in enumerate(self.free):
+            i = places.index(name)
+            moved = u.muscle.unchecked([*values[:i], values[i] + 1e-30j, *values[i + 1 :]])
+            gradient[0, column] = np.imag(self.mean_area(u._replace(muscle=moved))) / 1e-30 / CONVENTIONAL_AREA
+        return gradient
+
+
+def _usual(K: Array, reached: Mask) -> float:
+    """A stiffness [N·m/rad] of the usual size."""
+    known = K[reached & np.isfinite(K)]
+    return float(np.median(known)) if known.size else 1.0
+
+
+__all__ = ["CONVENTIONAL_AREA", "JointProblem", "Unknowns"]

@@ -1,0 +1,130 @@
+"""Measured equilibria from a CSV file, or picked out of a raw time log.
+
+Columns by name and unit as for `read_samples` (`phi [deg]`, `P1_bar`, …), in any order, others are ignored:
+
+    theta [deg, rad]            pressure1, pressure2 [bar, mbar, kPa, MPa, Pa, psi], gauge
+    torque [Nm]                 of the weight, positive where it pulls θ down; 0 without this column
+    direction                   +1 where θ was rising into the equilibrium, -1 falling, 0 not known
+    sweep                       instead of it: a number whose direction the caller gives
+    rest_length [mm, m]         of the muscles, where samples of several lengths are in one file
+    time [s, ms]                makes the file a raw log, of which the steady parts are used; s without a unit
+
+Of a raw log a row is steady if over the second before it neither pressure moved by more than 0.05 bar nor the angle by
+more than 0.3°. Every uninterrupted run of steady rows is one equilibrium, its values the means of the run's last
+second; its direction is the sign of the way that θ came since the equilibrium before, 0 if less than 0.3°.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.calculus import Array
+from allocator.errors import InvalidFile
+from allocator.files.csv_table import FilePath
+from allocator.identification.columns import Measured, read_columns
+from allocator.units import BAR, DEG
+
+_WINDOW = 1.0  # [s]
+_STILL_PRESSURE = 0.05 * BAR
+_STILL_ANGLE = 0.3 * DEG
+_MOST_STEP = 0.5  # [s] between samples
+_WANTED = (("theta",), ("pressure1",), ("pressure2",))
+_OPTIONAL = ("torque", "direction", "sweep", "rest_length", "time")
+
+
+class JointLog(NamedTuple):
+    """Equilibria in SI units, arrays (n,), and what was left out of the file."""
+
+    theta: Array
+    P1: Array
+    P2: Array
+    torque: Array
+    direction: Array
+    rest_length: Array | None  # [m]
+    rows: int  # of the file
+    used: int  # rows that went into an equilibrium
+
+    @property
+    def dropped_share(self) -> float:
+        """Share of the rows that was not steady."""
+        return 1 - self.used / self.rows
+
+
+def read_joint_log(
+    path: FilePath, sweeps: Mapping[float, float] | None = None, columns: Mapping[str, str] | None = None
+) -> JointLog:
+    """Read equilibria; `sweeps` gives the direction (+1, -1) of each number in the column `sweep`.
+
+    `columns` says which column is what where the names do not: ``{"theta": "phi:deg", "pressure1": "p1:bar"}``.
+
+    Raises `InvalidFile`, with line and column, at anything that cannot be read.
+    """
+    measured = read_columns(path, _WANTED, _OPTIONAL, columns)
+    values = measured.values
+    rows = values["theta"].size
+    given = {
+        "theta": values["theta"],
+        "P1": values["pressure1"],
+        "P2": values["pressure2"],
+        "torque": values.get("torque", np.zeros(rows)),
+    }
+    lengths = values.get("rest_length")
+    if "time" not in values:
+        way = _directions(measured, sweeps or {})
+        return JointLog(**given, direction=way, rest_length=lengths, rows=rows, used=rows)
+    step = float(np.median(np.diff(values["time"]))) if rows > 1 else _MOST_STEP
+    if step > _MOST_STEP:
+        raise measured.mistake("time", f"samples are {step:g} s apart, too far to see what rests; ms for s?")
+    runs = steady_runs(values["time"], given["theta"], given["P1"], given["P2"])
+    if not runs:
+        raise InvalidFile(path, "never is steady for a second: hold the pressures until the angle rests")
+    means = {name: np.array([a[run].mean() for run in runs]) for name, a in given.items()}
+    lengths = None if lengths is None else np.array([lengths[run[-1]] for run in runs])
+    return JointLog(**means, direction=_ways(means["theta"]), rest_length=lengths, rows=rows, used=_rows(runs))
+
+
+def steady_runs(time: Array, theta: Array, P1: Array, P2: Array) -> list[NDArray[np.intp]]:
+    """Row indices of the last second of every steady run."""
+    step = float(np.median(np.diff(time))) if time.size > 1 else _WINDOW
+    width = max(2, round(_WINDOW / step) + 1)
+    if not step > 0 or time.size < width:
+        return []
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    still = np.ones(time.size - width + 1, bool)
+    for quantity, limit in ((theta, _STILL_ANGLE), (P1, _STILL_PRESSURE), (P2, _STILL_PRESSURE)):
+        moved = maximum_filter1d(quantity, width) - minimum_filter1d(quantity, width)
+        still &= moved[width // 2 :][: still.size] <= limit  # the filters are centred
+    ends = np.flatnonzero(np.diff(np.concatenate([still, [False]]).astype(int)) == -1)  # the last window of each run
+    return [np.arange(end, end + width) for end in ends]
+
+
+def _rows(runs: list[NDArray[np.intp]]) -> int:
+    return int(np.unique(np.concatenate(runs)).size)
+
+
+def _ways(theta: Array) -> Array:
+    way = np.diff(theta, prepend=theta[:1])
+    return np.where(np.abs(way) < _STILL_ANGLE, 0.0, np.sign(way))
+
+
+def _directions(measured: Measured, sweeps: Mapping[float, float]) -> Array:
+    values = measured.values
+    if "direction" in values:
+        way = values["direction"]
+        if (wrong := ~np.isin(way, (-1, 0, 1))).any():
+            sentence = "has to be +1 (rising), -1 (falling) or 0 (not known)"
+            raise measured.mistake("direction", sentence, int(np.argmax(wrong)))
+        return way
+    if not sweeps:
+        return np.zeros(values["theta"].size)
+    if "sweep" not in values:
+        raise InvalidFile(measured.table.path, "has no column 'sweep', whose directions were given")
+    if unknown := sorted(set(values["sweep"].tolist()) - set(sweeps)):
+        raise measured.mistake("sweep", f"no direction is given for the sweep {unknown[0]:g}")
+    return np.array([sweeps[number] for number in values["sweep"].tolist()])
+
+
+__all__ = ["JointLog", "read_joint_log", "steady_runs"]

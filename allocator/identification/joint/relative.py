@@ -1,0 +1,121 @@
+"""A joint whose force scale is unknown: what equilibria without a weight can tell, and nothing else."""
+
+from dataclasses import dataclass, replace
+from os import PathLike
+from typing import NoReturn
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
+from allocator.identification.joint import gradients
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.muscles import scaled, strength_powers
+from allocator.units import BAR, DEG
+
+WHY = (
+    "needs the force scale, which equilibria without a weight cannot tell: pass torque= of a known weight to "
+    "fit_joint, or complete the fit by with_scale(...)"
+)
+
+
+@dataclass(frozen=True)
+class RelativeJoint:
+    """A fitted joint up to one common factor in all forces; angles are right, and ratios of stiffnesses.
+
+    Whatever else an `AntagonistJoint` offers is refused by a sentence.
+    """
+
+    shape: AntagonistJoint  # its forces are on a conventional scale and mean nothing by themselves
+
+    def equilibrium(self, P1: Value, P2: Value) -> Array:
+        """Angle [rad] of the unloaded joint at these pressures; NaN if there is none in the joint range."""
+        return self.shape.equilibrium(P1, P2)
+
+    def stiffness_per_gain(self, theta: Value, P1: Value, P2: Value) -> Array:
+        """K/T_P1 = 1/(∂θ/∂P1) [Pa/rad]: pressure P1 per angle at equilibrium, in which the scale cancels."""
+        theta, P1, P2 = _flat(theta, P1, P2)
+        K = gradients.stiffness(self.shape, theta, P1, P2).value
+        return np.asarray(K / self.shape.sides(theta)[0].torque_gain(P1))
+
+    def relative_stiffness(self, theta: Value, P1: Value, P2: Value) -> Array:
+        """K/K_ref [-] with K_ref at `reference`."""
+        return self._ratio(theta, P1, P2).value
+
+    def relative_stiffness_std(self, theta: Value, P1: Value, P2: Value) -> Array:
+        """Standard deviation of K/K_ref [-] from the covariance of the fit; the law's own error is not in it."""
+        if self.shape.covariance is None:
+            raise InvalidInput("this joint has no covariance: it was not fitted")
+        return self._ratio(theta, P1, P2).std(np.asarray(self.shape.covariance))
+
+    def _ratio(self, theta: Value, P1: Value, P2: Value) -> gradients.Quantity:
+        K = gradients.stiffness(self.shape, *_flat(theta, P1, P2))
+        return K.ratio(gradients.stiffness(self.shape, *_flat(*self.reference)))
+
+    @property
+    def reference(self) -> tuple[float, float, float]:
+        """(θ, P1, P2) [rad, Pa, Pa] of K_ref: the middle of the joint, both pressures in the middle of the supply."""
+        P = sum(self.shape.pressure_limits) / 2
+        left, right = self.shape.angle_range
+        return (0.0 if left < 0 < right else (left + right) / 2, P, P)
+
+    def with_scale(self, T_P: float, at: tuple[float, float, float], std: float = 0.0) -> AntagonistJoint:
+        """The joint with its force scale, from a measured torque per pressure ∂T/∂P1 = `T_P` ± `std` [N·m/Pa].
+
+        `at` is (θ, P1, P2) [rad, Pa, Pa]. The uncertainty goes into the joint's covariance, hence into `K_std`.
+        """
+        measured, error = float(checks.real("T_P", T_P, "N·m/Pa")), checks.not_negative("std", std, "N·m/Pa")
+        if not measured > 0:
+            raise InvalidInput(f"T_P = {measured:g} N·m/Pa has to be positive: P1 raises the torque")
+        if measured > 1e-2:
+            raise InvalidInput(f"T_P = {measured:g} N·m/Pa is beyond any joint; if N·m/bar was meant, divide by 1e5")
+        gain = gradients.torque_gain(self.shape, *_flat(*at))
+        return _rescaled(self.shape, measured / gain.value[0], -gain.gradient[0] / gain.value[0], error / measured)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write it as TOML; commands that need stiffness will refuse it until it has a scale."""
+        from allocator.joint.storage import save_joint
+
+        save_joint(self.shape, path, scale_known=False)
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Refuse what an `AntagonistJoint` could do."""
+        if not name.startswith("_") and hasattr(AntagonistJoint, name):
+            raise InvalidInput(f"{name} of this joint {WHY}")
+        raise AttributeError(f"a RelativeJoint has no {name!r}")
+
+
+def _rescaled(joint: AntagonistJoint, factor: float, sensitivity: Array, error: float) -> AntagonistJoint:
+    """All forces times `factor`; `sensitivity` is ∂(log factor)/∂q, `error` the standard deviation of its own."""
+    powers = np.concatenate([strength_powers(joint.agonist), strength_powers(joint.antagonist)])
+    q = np.array([*joint.agonist.parameters.values(), *joint.antagonist.parameters.values()])
+    along = powers * q  # ∂q/∂(log factor)
+    covariance = None
+    if joint.covariance is not None:
+        J = np.diag(factor**powers) @ (np.eye(q.size) + np.outer(along, sensitivity))
+        moved = factor**powers * along
+        covariance = J @ np.asarray(joint.covariance) @ J.T + error**2 * np.outer(moved, moved)
+    agonist, antagonist = scaled(joint.agonist, factor), scaled(joint.antagonist, factor)
+    return with_joint_covariance(replace(joint, agonist=agonist, antagonist=antagonist, covariance=None), covariance)
+
+
+def with_joint_covariance(joint: AntagonistJoint, covariance: Array | None) -> AntagonistJoint:
+    """The joint with this covariance of the parameters of both muscles."""
+    return joint if covariance is None else replace(joint, covariance=tuple(map(tuple, covariance.tolist())))
+
+
+def _flat(theta: Value, P1: Value, P2: Value) -> tuple[Array, Array, Array]:
+    P1, P2 = checks.pressures_or_symbols(P1, P2)
+    arrays = checks.broadcast(theta=checks.angle("theta", theta), P1=P1, P2=P2)
+    theta, P1, P2 = (np.atleast_1d(a).ravel().astype(float) for a in arrays)
+    return theta, P1, P2
+
+
+def describe_reference(joint: RelativeJoint) -> str:
+    """Where K_ref is, in words."""
+    theta, P1, P2 = joint.reference
+    return f"θ = {theta / DEG:.3g}°, P1 = {P1 / BAR:.3g} bar, P2 = {P2 / BAR:.3g} bar"
+
+
+__all__ = ["WHY", "RelativeJoint", "describe_reference", "with_joint_covariance"]

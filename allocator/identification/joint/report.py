@@ -1,0 +1,231 @@
+"""Everything that is said about the solution of a joint's fit."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from allocator.calculus import Array, Mask
+from allocator.errors import InvalidInput
+from allocator.identification.identifiability import determine
+from allocator.identification.joint.problem import JointProblem, Unknowns
+from allocator.identification.joint.relative import with_joint_covariance
+from allocator.identification.joint.result import GroupError, JointFit
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.muscles import monotonicity_failure, scaled, strength_powers
+
+Minimise = Callable[[JointProblem, Array], tuple[Array, bool]]
+_DETERMINANT_GRID = 7
+_MOST_MISSED = 0.05  # of the samples for which the model may have no equilibrium
+_POOR_SCALE = 0.25
+
+
+def conclude(problem: JointProblem, x: Array, converged: bool, minimise: Minimise | None) -> JointFit:
+    """The report; `minimise` is used to leave out the groups in turn, or None."""
+    u = _checked(problem, x)
+    error = problem.angle_error(x)
+    at_bound = _at_bound(problem, x)
+    covariance = _covariance(problem, x, ~at_bound)
+    joints = _joints(problem, u, covariance)
+    scale_std = None if problem.conventional else _scale_std(problem, u, covariance)
+    scale = None if problem.conventional else problem.mean_area(u).real
+    failure = monotonicity_failure(u.muscle, *_domain(problem))
+    positive = all(_determinant_positive(joint) for joint in joints.values())
+    slack = int((problem.shares(u) < problem.taut_min).sum())
+    share = _hysteresis_share(problem, u)
+    return JointFit(
+        shapes=joints,
+        scale=scale,
+        scale_std=scale_std,
+        ratio=u.ratio,
+        zero=u.zero,
+        friction=u.friction,
+        rms=_rms(error),
+        groups=_groups(problem, x, error, minimise),
+        hysteresis_share=share,
+        standard_deviations=dict(zip(problem.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        unseen=_unseen(problem, x),
+        slack=slack,
+        monotone=not failure,
+        determinant_positive=positive,
+        warnings=(
+            *(() if converged else ("the search stopped before it converged",)),
+            *(f"{n} ended at the limit of its search" for n, b in zip(problem.names, at_bound, strict=True) if b),
+            *((f"[M] fails: {failure}",) if failure else ()),
+            *(() if positive else ("det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere",)),
+            *(
+                (f"{slack} of {2 * error.size} muscle forces are below {problem.taut_min:.0%} of the mean",)
+                if slack
+                else ()
+            ),
+            *_friction_warnings(problem, u, share),
+            *_scale_warning(problem, scale_std),
+        ),
+        problem=problem,
+        x=x,
+    )
+
+
+def _checked(problem: JointProblem, x: Array) -> Unknowns:
+    """The unknowns, with the muscle checked; refused where most samples have no equilibrium."""
+    u = problem.unknowns(x)
+    _, reached = problem.equilibrium(u)
+    name = type(problem.prototype).__name__
+    if (~reached).mean() > _MOST_MISSED:
+        raise InvalidInput(
+            f"no {name} was found whose joint holds itself at these pressures: {(~reached).sum()} of {reached.size} "
+            "equilibria are missed altogether; is the geometry right?"
+        )
+    try:
+        return u._replace(muscle=replace(u.muscle))
+    except InvalidInput as error:
+        raise InvalidInput(f"the best {name} makes no sense as a muscle: {error}") from None
+
+
+def _at_bound(problem: JointProblem, x: Array) -> Mask:
+    width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
+    near = 1e-5 * np.maximum(np.abs(x), 1e-2 * width)
+    return np.asarray((x - problem.lower < near) | (problem.upper - x < near))
+
+
+def _covariance(problem: JointProblem, x: Array, inside: Mask) -> Array:
+    """Covariance (m, m) of the unknowns, 0 for those at a bound."""
+    r, J = problem.residual(x), problem.jacobian(x)
+    names = tuple(n for n, i in zip(problem.names, inside, strict=True) if i)
+    found = determine(J[:, inside], float(r @ r), names, x[inside])
+    full = np.zeros((x.size, x.size))
+    full[np.ix_(inside, inside)] = found.covariance
+    return full
+
+
+def _unseen(problem: JointProblem, x: Array) -> tuple[str, ...]:
+    """Directions that move no angle, from the rows of the angles alone; the force scale by its name."""
+    r, J = problem.residual(x)[: problem.samples.n], problem.jacobian(x)[: problem.samples.n]
+    directions = determine(J, float(r @ r), problem.names, x).collinear
+    if not problem.conventional:
+        return directions
+    scale = "all forces times one factor (no torque was hung): absolute stiffness is not known"
+    return (scale, *directions) if len(directions) != 1 else (scale,)
+
+
+def parameter_jacobian(problem: JointProblem, u: Unknowns) -> Array:
+    """∂q/∂x (2k, m): parameters q of agonist and antagonist; the antagonist's are scaled by the ratio."""
+    names = list(u.muscle.parameters)
+    powers = strength_powers(u.muscle) if "log_ratio" in problem.extra else np.zeros(len(names))
+    values = np.array(list(u.muscle.parameters.values()))
+    k = len(names)
+    J = np.zeros((2 * k, len(problem.names)))
+    for column, name in enumerate(problem.names):
+        if name in names:
+            i = names.index(name)
+            J[i, column], J[k + i, column] = 1.0, u.ratio ** powers[i]
+        elif name == "log_ratio":
+            J[k:, column] = powers * values * u.ratio**powers
+    return J
+
+
+def _joints(problem: JointProblem, u: Unknowns, covariance: Array) -> dict[str, AntagonistJoint]:
+    J = parameter_jacobian(problem, u)
+    C, samples = J @ covariance @ J.T, problem.samples
+    antagonist = scaled(u.muscle, u.ratio)
+    supply = (0.0, float(max(samples.P1.max(), samples.P2.max())))
+    joints = {}
+    for i, (label, geometry) in enumerate(samples.groups):
+        angles = (samples.theta - u.zero)[samples.group == i]
+        least = min(
+            float(geometry.agonist(angles).contraction.min()), float(geometry.antagonist(angles).contraction.min())
+        )
+        joint = AntagonistJoint(
+            geometry,
+            u.muscle,
+            antagonist,
+            supply,
+            min(0.025, least - 0.005),
+            (float(angles.min()), float(angles.max())),
+            friction=max(u.friction, 0.0),
+        )
+        joints[label] = with_joint_covariance(joint, C if u.muscle.parameters else None)
+    return joints
+
+
+def _scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
+    """Relative standard deviation of K at the samples, in the mean: dominated by that of the scale."""
+    from allocator.identification.joint import gradients
+
+    J, s = parameter_jacobian(problem, u), problem.samples
+    i = int(np.bincount(s.group).argmax())
+    here = s.group == i
+    joint = AntagonistJoint(s.groups[i].geometry, u.muscle, scaled(u.muscle, u.ratio), min_contraction=-0.3)
+    K = gradients.stiffness(joint, s.theta[here] - u.zero, s.P1[here], s.P2[here])
+    return float(np.median(K.relative_std(J @ covariance @ J.T)))
+
+
+def _groups(problem: JointProblem, x: Array, error: Array, minimise: Minimise | None) -> tuple[GroupError, ...]:
+    s = problem.samples
+    found = []
+    for i, (label, _) in enumerate(s.groups):
+        here = s.group == i
+        found.append(GroupError(label, int(here.sum()), _rms(error[here]), _left_out(problem, x, here, minimise)))
+    return tuple(found)
+
+
+def _left_out(problem: JointProblem, x: Array, here: Mask, minimise: Minimise | None) -> float:
+    if minimise is None or here.all() or (~here).sum() < x.size + 1:
+        return float("nan")
+    others, _ = minimise(problem.on(~here), x)
+    return _rms(problem.on(here).angle_error(others))
+
+
+def _hysteresis_share(problem: JointProblem, u: Unknowns) -> float:
+    """Σ h²/(Σ h² + Σ m²): h half the difference and m the mean of the errors of a rising and a falling sample."""
+    pairs = problem.samples.pairs()
+    if not pairs:
+        return float("nan")
+    theta, _ = problem.still().equilibrium(u)
+    error = problem.samples.theta - u.zero - theta
+    up, down = (np.array([error[pair[k]].mean() for pair in pairs]) for k in (0, 1))
+    h, m = np.sum(((up - down) / 2) ** 2), np.sum(((up + down) / 2) ** 2)
+    return float(h / (h + m))
+
+
+def _determinant_positive(joint: AntagonistJoint) -> bool:
+    """Whether det ∂(T, K)/∂(P1, -P2) > 0 wherever both muscles are taut, on a grid."""
+    low, high = joint.pressure_limits
+    angles = np.linspace(*joint.angle_range, _DETERMINANT_GRID)
+    levels = np.linspace(low, high, _DETERMINANT_GRID)[1:]
+    theta, P1, P2 = (a.ravel() for a in np.meshgrid(angles, levels, levels))
+    one, two = joint.sides(theta)
+    det = one.torque_gain(P1) * two.stiffness_gain(P2) - two.torque_gain(P2) * one.stiffness_gain(P1)
+    taut = (one.force(P1) > 0) & (two.force(P2) > 0)
+    return bool((det[taut] > 0).all())
+
+
+def _domain(problem: JointProblem) -> tuple[float, tuple[float, float]]:
+    s = problem.samples
+    (eps1, *_), (eps2, *_), _ = s.routes(np.clip(s.theta, *s.reach()))
+    eps = np.concatenate([eps1, eps2])
+    return float(max(s.P1.max(), s.P2.max())), (max(0.0, float(eps.min())), float(eps.max()))
+
+
+def _friction_warnings(problem: JointProblem, u: Unknowns, share: float) -> tuple[str, ...]:
+    if "friction" in problem.extra and u.friction < 0:
+        return (f"μ = {u.friction:.3g} is negative: the directions look swapped",)
+    if not (problem.samples.direction != 0).any():
+        return ("no direction of motion: hysteresis, if there is any, sits in the error",)
+    if "friction" not in problem.extra and share > 0.5:
+        return (f"{share:.0%} of the squared error is hysteresis: friction=True explains most of it",)
+    return ()
+
+
+def _scale_warning(problem: JointProblem, std: float | None) -> tuple[str, ...]:
+    if std is None or std < _POOR_SCALE:
+        return ()
+    W = float(np.abs(problem.samples.torque).max())
+    return (f"K is known to {std:.0%} only: hang {W * std / 0.05:.2g} instead of {W:.2g} N·m for 5 %",)
+
+
+def _rms(error: Array) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+__all__ = ["conclude", "parameter_jacobian"]

@@ -1,0 +1,211 @@
+"""What the fit of a joint gives back."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from os import PathLike
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.identification.joint import gradients
+from allocator.identification.joint.problem import JointProblem
+from allocator.identification.joint.relative import WHY, RelativeJoint
+from allocator.identification.joint.samples import JointSamples
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.muscles import Muscle
+from allocator.presentation.tables import first_of, html_table, number
+from allocator.units import DEG, PERCENT
+
+
+class GroupError(NamedTuple):
+    """Angle errors of one group of samples."""
+
+    label: str
+    samples: int
+    rms: float  # [rad]
+    left_out: float  # RMS [rad] when the group was kept from the fit; NaN where that could not be
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """A fitted joint and how far to trust it. Angles in rad; errors are of the angle."""
+
+    shapes: Mapping[str, AntagonistJoint]  # by group; where `scale` is None their forces are right up to a factor
+    scale: float | None  # mean ∂F/∂P of the agonist, its effective area [m²]; None: never seen
+    scale_std: float | None  # its relative standard deviation [-]
+    ratio: float  # strength of the antagonist in that of the agonist [-]
+    zero: float  # what the encoder shows at θ = 0 [rad]
+    friction: float  # μ [-]; 0 if not fitted
+    rms: float  # of all samples [rad]
+    groups: tuple[GroupError, ...]
+    hysteresis_share: float  # of the squared error of the prediction without friction; NaN without both directions
+    standard_deviations: Mapping[str, float]  # of what was fitted
+    unseen: tuple[str, ...]  # changes of the unknowns that move no angle
+    slack: int  # muscles at samples that the model has at less than `taut_min` of the mean force
+    monotone: bool  # [M] holds on the taut domain of the data
+    determinant_positive: bool  # so does det ∂(T, K)/∂(P1, P2) > 0, which makes the inverse unique
+    warnings: tuple[str, ...]
+    problem: JointProblem = field(repr=False)
+    x: Array = field(repr=False)  # the unknowns
+
+    @property
+    def samples(self) -> JointSamples:
+        """Those used; `dropped` says how many were left out and why."""
+        return self.problem.samples
+
+    @property
+    def model(self) -> str:
+        """Name of the muscle model."""
+        return type(self.problem.prototype).__name__
+
+    @property
+    def muscle(self) -> Muscle:
+        """The agonist."""
+        return next(iter(self.shapes.values())).agonist
+
+    @property
+    def joint(self) -> AntagonistJoint | RelativeJoint:
+        """The joint; one that refuses absolute stiffness where the scale is unknown."""
+        if len(self.shapes) > 1:
+            raise InvalidInput(
+                f"the fit is of several geometries: take joint_of({' or '.join(map(repr, self.shapes))})"
+            )
+        return self.joint_of(next(iter(self.shapes)))
+
+    def joint_of(self, group: Any) -> AntagonistJoint | RelativeJoint:
+        """The joint of one group of samples."""
+        if str(group) not in self.shapes:
+            raise InvalidInput(f"there is no group {group!r}; there are {', '.join(self.shapes)}")
+        joint = self.shapes[str(group)]
+        return RelativeJoint(joint) if self.scale is None else joint
+
+    @property
+    def left_out(self) -> float:
+        """RMS angle error [rad] of groups that were kept from the fit in turn; NaN with one group."""
+        squares = [g.left_out**2 * g.samples for g in self.groups]
+        return float(np.sqrt(sum(squares) / sum(g.samples for g in self.groups)))
+
+    def errors(self) -> Array:
+        """Angle measured minus predicted (n,) [rad]."""
+        return self.problem.angle_error(self.x)
+
+    def predicted(self) -> Array:
+        """Angle predicted (n,) [rad], as the encoder would show it."""
+        return self.samples.theta - self.errors()
+
+    def stiffness(self) -> gradients.Quantity:
+        """K (n,) [N·m/rad] at the samples and its gradient. Raises InvalidInput where the force scale is unknown."""
+        if self.scale is None:
+            raise InvalidInput(f"stiffness of this joint {WHY}")
+        return self._at_samples(gradients.stiffness)
+
+    def stiffness_ratio_std(self) -> Array:
+        """Standard deviation of K/K_ref (n,) [-] at the samples, K_ref as in `RelativeJoint.reference`."""
+        std = np.empty(self.samples.n)
+        for here, joint in self._by_group():
+            s, relative = self.samples, RelativeJoint(joint)
+            std[here] = relative.relative_stiffness_std(s.theta[here] - self.zero, s.P1[here], s.P2[here])
+        return std
+
+    def stiffness_std(self) -> Array:
+        """Standard deviation of K (n,) [N·m/rad] at the samples. Raises InvalidInput where the scale is unknown."""
+        K, covariance = self.stiffness(), next(iter(self.shapes.values())).covariance
+        if covariance is None:
+            raise InvalidInput("this joint has no covariance: its muscles were not fitted")
+        return K.std(np.asarray(covariance))
+
+    def _at_samples(self, quantity: Any) -> gradients.Quantity:
+        s = self.samples
+        value, gradient = np.empty(s.n), np.empty((s.n, 2 * len(self.muscle.parameters)))
+        for here, joint in self._by_group():
+            value[here], gradient[here] = quantity(joint, s.theta[here] - self.zero, s.P1[here], s.P2[here])
+        return gradients.Quantity(value, gradient)
+
+    def _by_group(self) -> list[tuple[Any, AntagonistJoint]]:
+        return [(self.samples.group == i, joint) for i, joint in enumerate(self.shapes.values())]
+
+    def with_scale(
+        self,
+        *,
+        theta: Any = None,
+        P1: Any = None,
+        P2: Any = None,
+        torque: Any = None,
+        direction: Any = None,
+        group: Any = None,
+        T_P: float | None = None,
+        at: tuple[float, float, float] | None = None,
+        std: float = 0.0,
+    ) -> "JointFit":
+        """Complete the force scale, from weights or from a torque per pressure.
+
+        Either equilibria under a weight, as in `fit_joint` (everything is fitted again, with them), or `T_P` ± `std`
+        [N·m/Pa], the torque per pressure P1 measured `at` (θ, P1, P2) [rad, Pa, Pa], at θ as the encoder shows it.
+        """
+        from allocator.identification.joint.scale import from_gain, from_weights
+
+        if T_P is not None and at is not None and torque is None:
+            return from_gain(self, T_P, at, std)
+        if T_P is None and torque is not None:
+            return from_weights(self, theta, P1, P2, torque, direction, group)
+        raise InvalidInput(
+            "with_scale takes either theta, P1, P2 and torque of a weight, or T_P and at=(theta, P1, P2)"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``; parameters in SI units."""
+        return {
+            "model": self.model,
+            "samples": self.samples.n,
+            "rms_error_deg": self.rms / DEG,
+            "left_out_deg": self.left_out / DEG,
+            "encoder_zero_deg": self.zero / DEG,
+            "friction": self.friction,
+            "antagonist_ratio": self.ratio,
+            "force_scale_known": self.scale is not None,
+            **{f"{name}_std": std for name, std in self.standard_deviations.items()},
+        }
+
+    def __repr__(self) -> str:
+        """How well the angles are predicted, what was found beside the muscle, and what is to be known before use."""
+        found = "; ".join(f"{name} {value}" for name, value in self._found().items())
+        return f"JointFit of {self.model}: {self._errors()}\n  {found}" + first_of(self.warnings)
+
+    def _repr_html_(self) -> str:
+        """The same as a table, for notebooks."""
+        return html_table(f"{self.model}: {self._errors()}", self._found().items())
+
+    def _errors(self) -> str:
+        left_out = "" if np.isnan(self.left_out) else f", {number(self.left_out / DEG, 2)}° of groups left out in turn"
+        return f"RMS {number(self.rms / DEG, 2)}° over {self.samples.n} samples{left_out}"
+
+    def _found(self) -> dict[str, str]:
+        std = "" if self.scale_std is None else f" to {number(self.scale_std / PERCENT, 2)} %"
+        return {
+            "encoder zero": f"{number(self.zero / DEG, 3)}°",
+            "friction": number(self.friction, 3),
+            "strength of the antagonist": f"{number(self.ratio)} of the agonist's",
+            "force scale": "unknown" if self.scale is None else f"known{std}",
+        }
+
+    def replaced(self, **changes: Any) -> Self:
+        """The same with some fields changed."""
+        return replace(self, **changes)
+
+    def save(self, path: str | PathLike[str], group: Any = None) -> None:
+        """Write the joint (of `group`) as TOML for `load_joint` and every command's --joint."""
+        from allocator.joint.storage import save_joint
+
+        chosen = self.joint if group is None else self.joint_of(group)
+        joint = chosen.shape if isinstance(chosen, RelativeJoint) else chosen
+        source: dict[str, str | float] = {
+            "samples": self.samples.n,
+            "rms_error_deg": round(float(np.degrees(self.rms)), 4),
+            "encoder_zero_deg": round(float(np.degrees(self.zero)), 4),
+        }
+        save_joint(joint, path, scale_known=self.scale is not None, source=source)
+
+
+__all__ = ["GroupError", "JointFit"]

@@ -1,0 +1,216 @@
+"""Measured equilibria of a joint: angle, two pressures, the torque of a weight, and from where the joint came."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator import checks
+from allocator.calculus import Array, Mask
+from allocator.errors import InvalidInput
+from allocator.joint.geometry import Geometry
+from allocator.units import BAR
+
+Routes = tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]
+
+
+_CELL = 0.05 * BAR  # [Pa]
+_WIDER = 2**0.5
+_WIDEST = 2 * BAR  # what does not go into so few cells has many torques or groups
+
+
+class Group(NamedTuple):
+    """Samples of one mechanism, e.g. of one muscle length."""
+
+    label: str
+    geometry: Geometry
+
+
+@dataclass(frozen=True)
+class JointSamples:
+    """n equilibria; arrays [n]. The joint carries `torque`, i.e. it is what the muscles have to give."""
+
+    theta: Array  # as the encoder shows it [rad]
+    P1: Array  # agonist, gauge [Pa]
+    P2: Array  # antagonist, gauge [Pa]
+    torque: Array  # of the weight, positive where it pulls θ down [N·m]
+    direction: Array  # +1 where θ was rising, -1 falling, 0 not known [-]
+    group: NDArray[np.intp]  # index into `groups`
+    groups: tuple[Group, ...]
+    dropped: Mapping[str, int] = field(default_factory=dict)  # how many samples were left out, by reason
+    cell: float = _CELL  # pressures in the same cell of this width are the same to `pairs` [Pa]
+    measured: int = 0  # if they are means over such cells: of how many samples
+
+    @classmethod
+    def checked(
+        cls,
+        theta: Any,
+        P1: Any,
+        P2: Any,
+        *,
+        geometry: Geometry | Mapping[Any, Geometry],
+        torque: Any = None,
+        direction: Any = None,
+        group: Any = None,
+    ) -> Self:
+        """From anything array-like; raises `InvalidInput` at what cannot be measured equilibria in SI units."""
+        named = {
+            "theta": checks.angle("theta", theta),
+            "P1": checks.pressure("P1", P1),
+            "P2": checks.pressure("P2", P2),
+            "torque": checks.real("torque", 0.0 if torque is None else torque, "N·m"),
+            "direction": checks.real("direction", 0.0 if direction is None else direction, "+1, -1 or 0"),
+        }
+        if not np.isin(named["direction"], (-1, 0, 1)).all():
+            raise InvalidInput("direction has to be +1 where θ was rising, -1 where falling, 0 where not known")
+        theta, P1, P2, torque, direction = (np.array(a, float).ravel() for a in checks.broadcast(**named))
+        index, groups = _grouped(geometry, group, theta.size)
+        samples = cls(theta, P1, P2, torque, direction, index, groups)
+        samples.check_reach()
+        return samples
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return self.theta.size
+
+    @property
+    def loaded(self) -> bool:
+        """Whether any torque is not zero: only then the data know forces."""
+        return bool((self.torque != 0).any())
+
+    def where(self, keep: Mask) -> Self:
+        """The samples marked in `keep`."""
+        arrays: dict[str, Any] = {name: getattr(self, name)[keep] for name in (*_ARRAYS, "group")}
+        return replace(self, **arrays)
+
+    def without(self, drop: Mask, reason: str) -> Self:
+        """The samples not in the mask `drop`, whose number is remembered under `reason`."""
+        if not drop.any():
+            return self
+        return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
+
+    def joined(self, other: "JointSamples") -> Self:
+        """These samples and others of the same groups."""
+        if other.groups != self.groups:
+            raise InvalidInput("the samples belong to other geometries than those of the fit")
+        arrays: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in (*_ARRAYS, "group")}
+        return replace(self, **arrays)
+
+    def routes(self, theta: Array) -> Routes:
+        """(ε, a, a') of agonist and antagonist at the true angles `theta` (n,), and the rest lengths (n,)."""
+        columns = np.empty((7, self.n))
+        for i, (_, geometry) in enumerate(self.groups):
+            here = self.group == i
+            at = theta[here]
+            columns[:3, here], columns[3:6, here] = geometry.agonist(at), geometry.antagonist(at)
+            columns[6, here] = geometry.rest_length
+        one, two = columns[:3], columns[3:6]
+        return (one[0], one[1], one[2]), (two[0], two[1], two[2]), columns[6]
+
+    def reach(self) -> tuple[Array, Array]:
+        """Angles (n,), (n,) [rad] between which each sample's mechanism can be."""
+        ends = np.array([geometry.reach for _, geometry in self.groups])
+        return ends[self.group, 0], ends[self.group, 1]
+
+    def pairs(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+        """Index arrays (rising, falling) of samples at the same pressures (in one `cell`), torque and group."""
+        P1, P2 = np.round(self.P1 / self.cell), np.round(self.P2 / self.cell)
+        key = np.stack([self.group, P1, P2, np.round(self.torque, 6)])
+        _, place = np.unique(key, axis=1, return_inverse=True)
+        order = np.argsort(place.ravel(), kind="stable")
+        members = np.split(order, np.flatnonzero(np.diff(place.ravel()[order])) + 1)
+        both = [(m[self.direction[m] > 0], m[self.direction[m] < 0]) for m in members]
+        return [(up, down) for up, down in both if up.size and down.size]
+
+    def averaged(self) -> Self:
+        """The mean of rising and falling samples at the same pressures; those without a partner are dropped."""
+        pairs = self.pairs()
+        if not pairs:
+            raise InvalidInput("average needs the same pressures visited with rising and with falling angle; none were")
+        used = sum(up.size + down.size for up, down in pairs)
+        means: dict[str, Any] = {
+            name: np.array([(a[up].mean() + a[down].mean()) / 2 for up, down in pairs])
+            for name in _ARRAYS
+            for a in (getattr(self, name),)
+        }
+        means["direction"] = np.zeros(len(pairs))
+        group = np.array([self.group[up[0]] for up, _ in pairs])
+        dropped = dict(self.dropped)
+        if used < self.n:
+            dropped["visited in one direction only, so that there is no mean"] = self.n - used
+        return replace(self, **means, group=group, dropped=dropped)
+
+    def binned(self, most: int) -> Self:
+        """At most about `most` samples: if there are more, the means of those in the same cell.
+
+        A cell holds one group, one direction and one torque, to 1 % of the greatest; it is 0.05 bar wide in either
+        pressure, or wider by as little as needed. Every mean counts once, however many samples it is of: those that
+        were written down one after the other at rest are not independent.
+        """
+        if self.n <= most:
+            return self
+        load = np.abs(self.torque).max() / 100 or 1.0
+        cell = self.cell
+        while True:
+            rounded = (self.torque / load, self.P1 / cell, self.P2 / cell)
+            key = _combined(self.group, self.direction, *(np.round(a) for a in rounded))
+            _, first, place, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
+            if count.size <= most or cell > _WIDEST:
+                break
+            cell *= _WIDER
+        mean: dict[str, Any] = {n: np.bincount(place, getattr(self, n)) / count for n in _ARRAYS}
+        mean |= {"direction": self.direction[first], "group": self.group[first]}
+        return replace(self, **mean, cell=cell, measured=self.n)
+
+    def check_reach(self) -> None:
+        """Refuse angles that the mechanism cannot have, or that would tear or crush a muscle."""
+        low, high = self.reach()
+        beyond = (self.theta < low) | (self.theta > high)
+        inside = np.clip(self.theta, low, high)
+        (eps1, *_), (eps2, *_), _ = self.routes(inside)
+        for muscle, eps in (("agonist", eps1), ("antagonist", eps2)):
+            wrong = beyond | (eps < _CONTRACTIONS[0]) | (eps > _CONTRACTIONS[1])
+            if wrong.any():
+                i = int(np.argmax(wrong))
+                raise InvalidInput(
+                    f"theta[{i}] = {self.theta[i]:.4g} rad cannot be reached with this geometry: the {muscle}'s "
+                    f"contraction would be {eps[i]:.2g}; is the rest length or the lever wrong, or the angle in "
+                    "another unit?"
+                )
+
+
+_ARRAYS = ("theta", "P1", "P2", "torque", "direction")
+_CONTRACTIONS = -0.25, 0.6  # [-] what no muscle of this family goes beyond
+
+
+def _combined(*columns: NDArray[Any]) -> NDArray[np.int64]:
+    """One number (n,) for each combination of the values in the columns (n,)."""
+    key = np.zeros(columns[0].size, np.int64)
+    for column in columns:
+        found, place = np.unique(column, return_inverse=True)
+        key = key * found.size + place
+    return key
+
+
+def _grouped(
+    geometry: Geometry | Mapping[Any, Geometry], group: Any, n: int
+) -> tuple[NDArray[np.intp], tuple[Group, ...]]:
+    """Index (n,) of each sample's group, and the groups that occur."""
+    labels = np.full(n, "all") if group is None else np.asarray(group).ravel()
+    if labels.size != n:
+        raise InvalidInput(f"group has {labels.size} labels for {n} samples")
+    found, index = np.unique(labels, return_inverse=True)
+    if isinstance(geometry, Geometry):
+        return index.ravel(), tuple(Group(str(label), geometry) for label in found)
+    if group is None:
+        raise InvalidInput("several geometries need group=, the label of each sample's geometry")
+    missing = [label for label in found.tolist() if label not in geometry]
+    if missing:
+        raise InvalidInput(f"geometry has no {missing[0]!r}; it has {', '.join(map(repr, geometry))}")
+    return index.ravel(), tuple(Group(str(label), geometry[label]) for label in found.tolist())
+
+
+__all__ = ["Group", "JointSamples"]

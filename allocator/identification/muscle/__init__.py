@@ -1,0 +1,3 @@
+"""A muscle from measured forces."""
+
+__all__: list[str] = []

@@ -1,0 +1,222 @@
+"""`antagonist fit`: a muscle from a table of measured forces."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import track
+from rich.table import Table
+
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.identification.columns import parse_columns
+from allocator.identification.muscle.datasets import DATASETS
+from allocator.identification.muscle.ranking import Ranking, rank_models
+from allocator.identification.muscle.reading import read_samples
+from allocator.identification.muscle.result import Fit
+from allocator.identification.muscle.samples import Samples
+from allocator.muscles import MODELS, Muscle
+from allocator.presentation.plotting import save_figure
+from allocator.shell.options import within
+from allocator.shell.outputs import IMAGES, Force, check_ending, claim
+from allocator.shell.printing import AsJSON, print_json, say
+from allocator.units import BAR, MM
+
+_DEFAULT = "dmsp-20-300-map"
+
+
+def columns_option(example: str) -> Any:
+    """The option --columns with an example of the command's own quantities."""
+    return typer.Option(
+        help=f"Which column is what, where the names do not tell: {example} (name and unit; :-N turns the sign round, "
+        ":bar(abs) takes the atmosphere off)."
+    )
+
+
+def fit_command(
+    data: Annotated[
+        str, typer.Argument(help=f"CSV file, or a table of the package: {', '.join(DATASETS)}.", metavar="DATA")
+    ] = _DEFAULT,
+    model: Annotated[str | None, typer.Option(help="Fit this model only; see --all for their names.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="Fit all models and rank them (default).")] = False,
+    rest_length: Annotated[float | None, typer.Option(help="Rest length of the muscle [mm], for lengths.")] = None,
+    columns: Annotated[str | None, columns_option("pressure=p:bar,force=F:N")] = None,
+    hold: Annotated[
+        list[str] | None, typer.Option(help="Parameter not to be fitted, in SI units: r0=0.0109. Repeatable.")
+    ] = None,
+    min_pressure: Annotated[float | None, typer.Option(help="Leave out samples below [bar].")] = None,
+    min_contraction: Annotated[float | None, typer.Option(help="Leave out samples below [ratio].")] = None,
+    zero_noise: Annotated[
+        float | None,
+        typer.Option(help="Noise of the load cell at no force [N]; estimated from slack samples if not given."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the muscle to this TOML file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw isobars and data into this image.")] = None,
+    force: Force = False,
+    as_json: AsJSON = False,
+) -> None:
+    """Fit muscle models to measured forces, rank them, and save the best (or the one asked for).
+
+    Columns by name with unit: contraction [%], length or shortening [mm], pressure [bar] (gauge), force [N], in these
+    or other units and words (eps_pct, p (kPa), Kraft [N]). Without DATA a measured table of the package is used.
+    """
+    if every and model:
+        raise InvalidInput("--all fits every model; leave out --model, or leave out --all")
+    within("--rest-length", rest_length, "mm", 1, 100_000)
+    within("--min-pressure", min_pressure, "bar", -1, 100)
+    within("--min-contraction", min_contraction, "(a ratio, not percent)", -1, 1)
+    within("--zero-noise", zero_noise, "N", 0, 1_000_000)
+    check_ending("--plot", plot, IMAGES)
+    claim(out, plot, inputs=(data,), force=force)
+    console = Console(stderr=as_json)
+    samples = _samples(data, rest_length, columns)
+    options: dict[str, Any] = {
+        "hold": _held(hold or []),
+        "pressure_range": (-float("inf") if min_pressure is None else min_pressure * BAR, float("inf")),
+        "zero_noise": zero_noise,
+        "contraction_range": (-float("inf") if min_contraction is None else min_contraction, float("inf")),
+    }
+    ranking = rank_models(samples, _models(model), progress=lambda models: _progress(models, console), **options)
+    best = ranking.best
+    if best is None:
+        raise InvalidInput("; ".join(f"{name}: {why}" for name, why in ranking.failures.items()))
+    if as_json:
+        print_json(_values(ranking, best))
+    else:
+        _report(ranking, console)
+        _describe(best, console)
+    if out is not None:
+        best.save(out, {"data": Path(data).name})
+        say(console, f"written: {out}")
+    if plot is not None:
+        _draw(best, plot)
+        say(console, f"written: {plot}")
+
+
+def _samples(data: str, rest_length: float | None, columns: str | None) -> Samples:
+    if data in DATASETS:
+        return DATASETS[data].samples()
+    return read_samples(data, None if rest_length is None else rest_length * MM, parse_columns(columns))
+
+
+def _models(name: str | None) -> tuple[type[Muscle], ...]:
+    if name is None:
+        return tuple(MODELS.values())
+    if name not in MODELS:
+        raise MissingBackend("model", name, MODELS)
+    return (MODELS[name],)
+
+
+def _held(settings: list[str]) -> dict[str, float]:
+    held = {}
+    for setting in settings:
+        name, _, value = (part.strip() for part in setting.partition("="))
+        if name in held:
+            raise InvalidInput(f"--hold {setting}: {name} is held twice")
+        try:
+            held[name] = float(value)
+        except ValueError:
+            raise InvalidInput(f"--hold {setting}: expected NAME=VALUE, such as r0=0.0109") from None
+    return held
+
+
+def _progress(models: Iterable[type[Muscle]], console: Console) -> Iterable[type[Muscle]]:
+    models = tuple(models)
+    return track(models, "fitting", console=console, transient=True) if len(models) > 1 else models
+
+
+def _report(ranking: Ranking, console: Console) -> None:
+    """The table of all fits, the best first."""
+    caption = (
+        f"samples the model takes, of {ranking.samples}; RMS error [N] of those fitted; RMS error of samples kept from "
+        f"the fit (cross-validation in 5 parts, the same {ranking.judged} samples for all models, weighted as in the "
+        "fit); parameters fitted (in brackets how many combinations of them are determined, if fewer); whether "
+        "[M] is kept: more pressure pulls more and stiffens, on which stiffness control rests"
+    )
+    table = Table(title="Muscle models, best first", caption=escape(caption), box=SIMPLE_HEAD, pad_edge=False)
+    table.padding = (0, 1, 0, 0)
+    table.add_column("model", no_wrap=True)
+    for heading in ("samples", "error", "unseen", "params"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for heading in (r"\[M]", "inverse"):
+        table.add_column(heading, no_wrap=True)
+    for fit in ranking.fits:
+        table.add_row(
+            fit.model,
+            str(fit.samples.n),
+            f"{fit.rms:#.3g}".rstrip("."),
+            f"{fit.cross_validated:#.3g}".rstrip("."),
+            str(len(fit.free)) if fit.rank == len(fit.free) else f"{len(fit.free)} ({fit.rank})",
+            "kept" if fit.monotone else "broken",
+            "closed form" if fit.closed_form else "–" if fit.muscle.limitation else "numerical",
+            style="bold" if fit is ranking.best else None,
+        )
+    if ranking.fits:
+        console.print(table)
+    for name, why in ranking.failures.items():
+        console.print(f"{name}: not fitted, {why}", markup=False)
+
+
+def _describe(fit: Fit[Any], console: Console) -> None:
+    """The chosen muscle: parameters with their standard deviations, and what to beware of."""
+    slack = int(fit.slack.sum())
+    console.print(
+        f"{fit.model}, {fit.n_taut} taut samples and {slack} slack ones: {fit.rms:.2f} N RMS, greatest error "
+        f"{fit.max_error:.2f} N ({fit.max_error_percent:.1f} % of full scale)",
+        markup=False,
+    )
+    for name, std in fit.standard_deviations.items():
+        spread = f"± {std:.2g}" if name in fit.free else "(held)"
+        console.print(f"  {name} = {fit.muscle.parameters[name]:.6g} {spread}", markup=False, highlight=False)
+    if fit.samples.zero_noise > 0:
+        console.print(
+            f"  slack is a force below {fit.samples.slack_limit:.3g} N, three times the zero noise", markup=False
+        )
+    for note in fit.samples.notes:
+        console.print(f"  {note}", markup=False)
+    for reason, n in fit.samples.dropped.items():
+        console.print(f"  {n} samples left out: {reason}", markup=False)
+    for warning in fit.warnings:
+        console.print(f"  beware: {warning}", markup=False)
+
+
+def _draw(fit: Fit[Any], path: Path) -> None:
+    from allocator.identification.muscle.plotting import plot_isobars
+
+    save_figure(plot_isobars(fit).figure, path, dpi=150)
+
+
+def _values(ranking: Ranking, best: Fit[Any]) -> dict[str, Any]:
+    """What `--json` prints; parameters are in SI units, as in the file that --out writes."""
+    return {
+        "ranking": [
+            {
+                "model": fit.model,
+                "rms_N": fit.rms,
+                "unseen_rms_N": fit.cross_validated,
+                "fitted_parameters": len(fit.free),
+                "determined_parameters": fit.rank,
+                "monotone": fit.monotone,
+                "closed_form_inverse": fit.closed_form,
+            }
+            for fit in ranking.fits
+        ],
+        "failures": ranking.failures,
+        "best": {
+            "model": best.model,
+            "parameters_SI": best.muscle.parameters,
+            "standard_deviations_SI": best.standard_deviations,
+            "taut_samples": best.n_taut,
+            "slack_samples": best.slack.sum(),
+            "rms_N": best.rms,
+            "max_error_N": best.max_error,
+            "samples_left_out": best.samples.dropped,
+            "warnings": best.warnings,
+        },
+    }
+
+
+__all__ = ["columns_option", "fit_command"]

@@ -1,0 +1,290 @@
+"""A muscle from measured forces."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.calculus import Array, Mask
+from allocator.errors import InvalidInput
+from allocator.identification.identifiability import Determination, determine
+from allocator.identification.muscle.load_cell import weighted, zeroed
+from allocator.identification.muscle.problem import Problem, Solution
+from allocator.identification.muscle.result import Fit, Level
+from allocator.identification.muscle.samples import Samples
+from allocator.identification.muscle.thinning import thinned
+from allocator.muscles import Muscle, Recipe, monotonicity_failure
+from allocator.muscles.base import Covariance
+from allocator.units import BAR
+
+M = TypeVar("M", bound=Muscle)
+Range = tuple[float, float]
+
+_EVERYTHING: Range = (-np.inf, np.inf)
+_MOST_LEVELS = 40  # more different pressures than this are put into classes
+_CLASSES = 10
+
+
+def fit(
+    model: type[M],
+    contraction: ArrayLike,
+    pressure: ArrayLike,
+    force: ArrayLike,
+    *,
+    weights: ArrayLike | None = None,
+    taut_only: bool = True,
+    hold: Mapping[str, float] | None = None,
+    start: M | None = None,
+    pressure_range: Range = _EVERYTHING,
+    contraction_range: Range = _EVERYTHING,
+    folds: int = 5,
+    zero_noise: float | None = None,
+) -> Fit[M]:
+    """Fit `model` to forces [N] measured at contractions [-] and gauge pressures [Pa], arrays that broadcast.
+
+    Logs of more than 2000 rows are averaged over cells first (see `thinning`), and the load cell's sign and offset are
+    corrected if the slack readings show them (see `load_cell`); `samples.notes` of the answer says so.
+
+    Parameters
+    ----------
+    weights
+        Of the squared residuals, relative; all 1 if not given.
+    taut_only
+        Only forces that are distinguishable from zero are equations, the others mean slack: inequalities F ≤ 0 (see
+        `Samples.residual`). If False every force is taken as measured, negative ones too.
+    hold
+        Parameters (by the names of `Muscle.parameters`) that are not fitted, e.g. ``{"r0": 0.0109}``. Those that only
+        set a scale (P_max, rest lengths) are always held, at a usual value unless it is given here.
+    start
+        A muscle to start from, needed for a model of one's own without a `recipe`.
+    pressure_range, contraction_range
+        Samples outside [Pa], [-] are dropped, and counted.
+    folds
+        Number of parts for cross-validation: each part is predicted from the others; 0: none.
+    zero_noise
+        Standard deviation of the load cell's readings at no force [N]; estimated from the slack ones if not given.
+        Where there is some, samples are weighted by the variance of their readings.
+
+    Raises
+    ------
+    InvalidInput
+        If the samples cannot be what they should be, are fewer than the parameters, at one pressure only, or if no
+        muscle of this kind comes near them.
+    """
+    samples = Samples.checked(contraction, pressure, force, weights)
+    samples = prepared(samples, pressure_range, contraction_range, zero_noise, taut_only=taut_only)
+    posed = pose(model, samples, hold, start, taut_only=taut_only)
+    return conclude(model, posed.problem, folds, posed.starts)
+
+
+def prepared(
+    samples: Samples,
+    pressure_range: Range = _EVERYTHING,
+    contraction_range: Range = _EVERYTHING,
+    zero_noise: float | None = None,
+    *,
+    taut_only: bool = True,
+) -> Samples:
+    """What every model is fitted to: the samples within the ranges, few enough, as a perfect load cell gives them."""
+    if zero_noise is not None:
+        zero_noise = checks.not_negative("zero_noise", zero_noise, "N")
+    samples = _within(samples, pressure_range, contraction_range)
+    if not samples.n:
+        raise InvalidInput("no samples are left to fit")
+    return weighted(thinned(zeroed(samples, zero_noise))) if taut_only else thinned(samples)
+
+
+class Posed(NamedTuple):
+    """The problem of fitting one model."""
+
+    problem: Problem
+    starts: tuple[Muscle, ...]
+    takes: Mask  # (n,) which of the samples are in the model's domain
+
+
+def pose(
+    model: type[M],
+    samples: Samples,
+    hold: Mapping[str, float] | None = None,
+    start: M | None = None,
+    *,
+    taut_only: bool = True,
+) -> Posed:
+    """The problem of fitting `model` to those of the prepared samples that are in its domain."""
+    recipe = _recipe(model, samples, start, hold or {})
+    least = max(s.min_contraction for s in recipe.starts)
+    takes = samples.contraction >= least
+    inside = samples.without(~takes, f"contraction below {least:g}, where {model.__name__} ends")
+    problem = _problem(recipe, inside, hold or {}, taut_only)
+    _check_sufficient(problem)
+    return Posed(problem, recipe.starts, takes)
+
+
+def _within(samples: Samples, pressure: Range, contraction: Range) -> Samples:
+    for name, (low, high), unit, suffix in (("pressure", pressure, BAR, " bar"), ("contraction", contraction, 1.0, "")):
+        samples = samples.without(getattr(samples, name) < low, f"{name} below {low / unit:g}{suffix}")
+        samples = samples.without(getattr(samples, name) > high, f"{name} above {high / unit:g}{suffix}")
+    return samples
+
+
+def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str, float]) -> Recipe[M]:
+    """The model's recipe, starting from `start` if given and at the values that are held."""
+    recipe = model.recipe(samples.contraction, samples.pressure, np.where(samples.slack, 0.0, samples.force))
+    if start is not None:
+        recipe = replace(recipe, starts=(start,))
+    if not recipe.starts:
+        raise InvalidInput(f"{model.__name__} does not say from where to search; pass start=")
+    return replace(recipe, starts=tuple(s.with_parameters(hold) for s in recipe.starts))
+
+
+def _problem(recipe: Recipe[M], samples: Samples, hold: Mapping[str, float], taut_only: bool) -> Problem:
+    prototype = recipe.starts[0]
+
+    def among(name: str, group: tuple[str, ...]) -> bool:
+        return name in group or name.partition("[")[0] in group
+
+    free = tuple(n for n in prototype.parameters if n not in hold and not among(n, recipe.conventional))
+    linear = tuple(n for n in free if among(n, recipe.linear))
+    lower, upper = (np.array([recipe.bounds.get(n, _EVERYTHING)[end] for n in free]) for end in (0, 1))
+    slack = samples.slack if taut_only else np.zeros(samples.n, bool)
+    return Problem(prototype, free, linear, lower, upper, samples, slack)
+
+
+def _check_sufficient(problem: Problem) -> None:
+    name, taut = type(problem.prototype).__name__, ~problem.slack
+    n, m = int(taut.sum()), len(problem.free)
+    if n < m:
+        names = ", ".join(problem.free)
+        raise InvalidInput(f"{n} taut samples cannot determine the {m} parameters of {name} ({names})")
+    P = problem.samples.pressure[taut]
+    if np.ptp(P) <= 0.01 * np.abs(P).max():
+        raise InvalidInput(
+            f"all taut samples are at one pressure, {P.mean() / BAR:.4g} bar; the effect of pressure needs two or more"
+        )
+
+
+def conclude(
+    model: type[M], problem: Problem, folds: int, starts: tuple[Muscle, ...], judged: Mask | None = None
+) -> Fit[M]:
+    """Solve, and say everything about the solution; it is cross-validated on the samples `judged` (default: all)."""
+    solution = problem.solve(starts)
+    samples, slack, x = problem.samples, problem.slack, solution.x
+    bare = problem.muscle(x)
+    try:
+        muscle = replace(bare)  # checks it
+    except InvalidInput as error:
+        raise InvalidInput(f"the best {model.__name__} makes no sense as a muscle: {error}") from None
+    at_bound = _at_bound(problem, x)
+    determined = _determination(problem, solution, ~at_bound)
+    muscle = replace(muscle, covariance=_embedded(problem, determined.covariance, ~at_bound))
+    residual = (muscle.law(samples.pressure, samples.contraction) - samples.force)[~slack]
+    failure = monotonicity_failure(muscle, *_domain(muscle, samples))
+    pulls = muscle.law(samples.pressure, samples.contraction)[slack]
+    warnings = (
+        *(f"{name} ended at the limit of its search, {v:g}" for name, v in _named(problem, x, at_bound)),
+        *(() if solution.converged else ("the search stopped before it converged",)),
+        *(f"collinear: {direction} changes no force" for direction in determined.collinear),
+        *((f"[M] fails: {failure}",) if failure else ()),
+        *_slack_warning(pulls, samples.full_scale),
+    )
+    return Fit(
+        muscle=muscle,  # type: ignore[arg-type]  # the prototype is a `model`, which Problem does not say
+        samples=samples,
+        slack=slack,
+        free=problem.free,
+        rank=determined.rank,
+        rms=_rms(residual),
+        max_error=float(np.abs(residual).max()),
+        cross_validated=_judged(problem, starts, muscle, folds, judged),
+        levels=_levels(samples.pressure[~slack], residual),
+        collinear=determined.collinear,
+        monotone=not failure,
+        warnings=warnings,
+    )
+
+
+def _at_bound(problem: Problem, x: Array) -> Mask:
+    """Which parameters the search left at a bound, which it only approaches from inside."""
+    width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
+    near = 1e-6 * np.maximum(np.abs(x), 1e-3 * width)
+    return np.asarray((x - problem.lower < near) | (problem.upper - x < near))
+
+
+def _named(problem: Problem, x: Array, mask: Mask) -> list[tuple[str, float]]:
+    return [(name, float(v)) for name, v, m in zip(problem.free, x, mask, strict=True) if m]
+
+
+def _determination(problem: Problem, solution: Solution, inside: Mask) -> Determination:
+    names = tuple(name for name, i in zip(problem.free, inside, strict=True) if i)
+    J = problem.jacobian(solution.x)[:, inside]
+    tell = (J != 0).any(axis=1)
+    cost = problem.residual(solution.x)[tell] @ problem.residual(solution.x)[tell]
+    if problem.samples.scatter is not None:
+        cost += (problem.samples.weights * problem.samples.scatter**2)[tell].sum()
+    return determine(J, float(cost), names, solution.x[inside])
+
+
+def _embedded(problem: Problem, covariance: Array, inside: Mask) -> Covariance:
+    """The covariance among all parameters of the muscle, zero for those not fitted."""
+    every = [*problem.prototype.parameters]
+    places = [every.index(name) for name, i in zip(problem.free, inside, strict=True) if i]
+    full = np.zeros((len(every), len(every)))
+    full[np.ix_(places, places)] = covariance
+    return tuple(map(tuple, full.tolist()))
+
+
+def _domain(muscle: Muscle, samples: Samples) -> tuple[float, tuple[float, float]]:
+    """Highest pressure, and contractions, between which [M] is looked at."""
+    return float(samples.pressure.max()), (max(0.0, float(samples.contraction.min())), float(samples.contraction.max()))
+
+
+def _slack_warning(pulls: Array, full_scale: float) -> tuple[str, ...]:
+    """A sentence if the model pulls with more than 2 % of full scale where the muscle was slack."""
+    wrong = pulls > 0.02 * full_scale
+    return (f"pulls up to {pulls.max():.3g} N at {wrong.sum()} of the slack samples",) if wrong.any() else ()
+
+
+def _judged(problem: Problem, starts: tuple[Muscle, ...], muscle: Muscle, folds: int, judged: Mask | None) -> float:
+    """The cross-validated error within the samples `judged`, as if there were no others."""
+    if judged is None or judged.all():
+        return _cross_validated(problem, muscle, folds)
+    part = problem.on(judged)
+    return _cross_validated(part, part.muscle(part.solve(starts).x), folds)
+
+
+def _cross_validated(problem: Problem, muscle: Muscle, folds: int) -> float:
+    """Weighted RMS error of taut samples predicted from a fit to the others; NaN if there are not enough for that."""
+    taut = np.flatnonzero(~problem.slack)
+    if folds < 2 or taut.size - taut.size // folds < len(problem.free) + 1:
+        return float("nan")
+    part = np.random.default_rng(0).permutation(np.arange(taut.size) % folds)
+    error = np.zeros(problem.samples.n)
+    for i in range(folds):
+        left_out = taut[part == i]
+        kept = np.ones(problem.samples.n, bool)
+        kept[left_out] = False
+        predicted = problem.force(problem.on(kept).solve((muscle,)).x)
+        error[left_out] = (predicted - problem.samples.force)[left_out]
+    return float(np.sqrt(np.average(error[taut] ** 2, weights=problem.samples.weights[taut])))
+
+
+def _levels(P: Array, error: Array) -> tuple[Level, ...]:
+    different = np.unique(P)
+    if different.size <= _MOST_LEVELS:
+        group = np.searchsorted(different, P)
+    else:
+        group = np.minimum(((P - P.min()) / np.ptp(P) * _CLASSES).astype(int), _CLASSES - 1)
+    return tuple(
+        Level(float(P[m].mean()), int(m.sum()), float(error[m].mean()), _rms(error[m]))
+        for m in (group == g for g in np.unique(group))
+    )
+
+
+def _rms(error: Array) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+__all__ = ["Posed", "conclude", "fit", "pose", "prepared"]

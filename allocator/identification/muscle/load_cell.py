@@ -1,0 +1,165 @@
+"""What a load cell adds to a force: a sign, an offset, noise at no force, and noise in proportion to the force.
+
+Where a muscle must be slack is seen without any model, since its force falls with contraction and rises with pressure:
+one sample is beyond another if it is contracted further at no higher pressure, or is at lower pressure and contracted
+no less. The slack readings are those beyond a reading that is not above their own median. That median is the cell's
+offset. The root mean square of those that differ from it is its zero noise σ0, which holds also for readings that are
+cut off at zero: half of a normal distribution has the same mean square as the whole.
+
+The variance of a reading is that of Rocke & Lorenzato (Technometrics 37:176-184, 1995), σ² = a² + (ρF)², here with
+a ≥ σ0. Its two numbers maximise the likelihood of the residuals of a polynomial in contraction and pressure, so that
+they belong to the samples and are the same for every model. Without zero noise all weights stay as they are.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from allocator.calculus import Array, Mask
+from allocator.identification.muscle.samples import Samples, tension
+
+_MOST_READINGS = 2000  # that are looked at for the zero
+_LEAST_SLACK = 6  # readings that show where zero is
+_BEYOND = 0.005  # of the range: what counts as further contracted, or as less pressure
+_SPREAD = 0.05  # of full scale: readings that scatter more are no plateau
+_SPREAD_OFF_ZERO = 0.01  # the same, where the plateau is not at zero
+_SHARE_OFF_ZERO = 0.05  # of the samples that such a plateau has at least
+_SURE = 4.0  # standard deviations of its mean that an offset has to be off zero, and no slope may reach
+_DEGREES = ((6, 2), (4, 2), (3, 1), (2, 1), (1, 1))  # of the polynomial in contraction and in pressure
+_SAMPLES_PER_TERM = 4
+_PASSES = 4  # of weighting and fitting the polynomial
+
+
+class Zero(NamedTuple):
+    """What a load cell shows at no force."""
+
+    offset: float  # [N]
+    noise: float  # standard deviation [N]
+    cut: bool  # whether it cuts its readings off at zero
+
+
+def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
+    """The samples with tension positive, without the cell's offset, and its zero noise; notes say what was done.
+
+    `zero_noise` [N] is estimated from the slack readings if it is not given.
+    """
+    samples = _positive(samples)
+    zero = find_zero(samples.where(_evenly(samples.n)))
+    if zero is None:
+        return replace(samples, zero_noise=zero_noise or 0.0)
+    samples = replace(samples, zero_noise=zero.noise if zero_noise is None else zero_noise, cut=zero.cut)
+    if zero.offset == 0:
+        return samples
+    note = f"slack readings lie round {zero.offset:.3g} N: taken for the load cell's zero and subtracted"
+    return replace(samples, force=samples.force - zero.offset).noted(note)
+
+
+def _positive(samples: Samples) -> Samples:
+    """Forces whose greatest magnitude is negative, and which fall as pressure rises, have a load cell's other sign."""
+    F = tension(samples.contraction, samples.pressure, samples.force)
+    if F is samples.force:
+        return samples
+    return replace(samples, force=F).noted("the forces are negative where the muscle pulls: taken with the other sign")
+
+
+def _evenly(n: int) -> Mask:
+    """At most 2000 of n, evenly spread."""
+    chosen = np.zeros(n, bool)
+    chosen[:: -(-n // _MOST_READINGS)] = True
+    return chosen
+
+
+def find_zero(samples: Samples) -> Zero | None:
+    """The zero of the load cell; None if too few samples are slack to show one."""
+    further = _further(samples)
+    level = np.inf
+    while True:
+        slack = np.asarray(further[:, samples.force <= level].any(axis=1))
+        if slack.sum() < _LEAST_SLACK:
+            return None
+        middle = float(np.median(samples.force[slack]))
+        if middle >= level:
+            return _zero(samples, slack)
+        level = middle
+
+
+def _further(samples: Samples) -> Mask:
+    """Whether sample i (rows) is certainly slack if sample j (columns) is."""
+    eps, P = samples.contraction, samples.pressure
+    contracted, emptied = eps[:, None] - eps, P - P[:, None]
+    least_eps, least_P = _BEYOND * np.ptp(eps), _BEYOND * np.ptp(P)
+    return np.asarray(
+        ((contracted > least_eps) & (emptied >= -1e-9 * np.abs(P).max()))
+        | ((emptied > least_P) & (contracted >= -1e-9))
+    )
+
+
+def _zero(samples: Samples, slack: Mask) -> Zero | None:
+    """The zero shown by the slack readings, unless they are no plateau: too scattered, or falling."""
+    y = samples.force[slack]
+    cut = bool((y == 0).sum() > (y < 0).sum())
+    offset = 0.0 if cut else float(np.median(y))
+    apart = y[y != offset] - offset
+    noise = float(np.sqrt(np.mean(apart**2))) if apart.size else 0.0
+    off_zero = abs(offset) > _SURE * noise / np.sqrt(y.size)
+    if noise > (_SPREAD_OFF_ZERO if off_zero else _SPREAD) * samples.full_scale:
+        return None
+    if off_zero and y.size < _SHARE_OFF_ZERO * samples.n:
+        return None
+    for x in (samples.contraction[slack], samples.pressure[slack]):
+        if abs((x - x.mean()) @ (y - y.mean())) > _SURE * noise * np.linalg.norm(x - x.mean()):
+            return None
+    return Zero(offset if off_zero else 0.0, noise, cut)
+
+
+def weighted(samples: Samples) -> Samples:
+    """The samples with their weights divided by the variance of the readings, and on average as they were."""
+    if samples.zero_noise <= 0:
+        return samples
+    variance = reading_variance(samples)
+    if variance is None:
+        return samples
+    return replace(samples, weights=samples.weights / variance / np.mean(1 / variance))
+
+
+def reading_variance(samples: Samples) -> Array | None:
+    """σ² (n,) [N²] of the readings by a two-component model; None if too few are taut to tell."""
+    taut = ~samples.slack
+    terms = _polynomial(samples, int(taut.sum()))
+    if terms is None:
+        return None
+    y, w = samples.force[taut], samples.weights[taut]
+    variance = np.ones(y.size)
+    for _ in range(_PASSES):
+        root = np.sqrt(w / variance)
+        p, _, rank, _ = np.linalg.lstsq(root[:, None] * terms[taut], root * y, rcond=1e-10)
+        F = np.maximum(terms @ p, 0.0)
+        square = w * (terms[taut] @ p - y) ** 2 * y.size / (y.size - rank)
+        a, share = _most_likely(square, F[taut], samples.zero_noise)
+        variance = a**2 + (share * F[taut]) ** 2
+    return np.asarray(a**2 + (share * np.where(taut, F, 0.0)) ** 2)
+
+
+def _polynomial(samples: Samples, n: int) -> Array | None:
+    """Chebyshev polynomials (n, terms) in contraction and pressure, as many as `n` samples can determine."""
+    x, y = (2 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1 for q in (samples.contraction, samples.pressure))
+    for degrees in _DEGREES:
+        if n >= _SAMPLES_PER_TERM * (degrees[0] + 1) * (degrees[1] + 1):
+            return np.asarray(chebyshev.chebvander2d(x, y, degrees))
+    return None
+
+
+def _most_likely(square: Array, F: Array, zero_noise: float) -> tuple[float, float]:
+    """(a [N], ρ [-]) of the greatest normal likelihood of squared residuals (n,), on a grid."""
+    most = max(np.sqrt(square.mean()), zero_noise)
+    a = np.append(np.geomspace(zero_noise, most, 15), most)
+    share = np.append(0.0, np.geomspace(1e-3, 0.5, 45))
+    variance = a[:, None, None] ** 2 + (share[:, None] * F) ** 2  # (16, 46, n)
+    loss = (np.log(variance) + square / variance).sum(axis=-1)
+    i, j = np.unravel_index(loss.argmin(), loss.shape)
+    return float(a[i]), float(share[j])
+
+
+__all__ = ["Zero", "find_zero", "reading_variance", "weighted", "zeroed"]

@@ -1,0 +1,166 @@
+"""The least-squares problem of a muscle's fit.
+
+    minimise  Σ w_i r_i²,   r_i = F(P_i, ε_i; p) - y_i           where the muscle was measured taut
+                            r_i = max(0, F(P_i, ε_i; p)) - y_i   where it was slack: the true force is "≤ 0", not y_i
+
+(see `Samples.residual`, also for a cell that cuts its readings off at zero)
+over the free parameters p within bounds. The Jacobian is exact (complex steps). Parameters in which the force is
+linear are solved for directly, the others searched by SciPy's trust-region method from every start of the recipe.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from allocator.calculus import Array, Mask
+from allocator.identification.muscle.samples import Samples
+from allocator.muscles import Muscle, force_gradient
+
+_ACTIVE_SET_STEPS = 30
+_TOLERANCE = 1e-12
+_FIRST_EVALUATIONS = 40
+_MAX_EVALUATIONS = 400
+_GREAT = 1e100  # stands for a force that the law cannot evaluate
+
+
+class Solution(NamedTuple):
+    """Where the search ended."""
+
+    x: Array  # values of the free parameters
+    cost: float  # Σ w r²
+    converged: bool
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Stated as above; `slack` [n] marks the inequalities, `free` and `linear` are parameter names."""
+
+    prototype: Muscle
+    free: tuple[str, ...]  # m names
+    linear: tuple[str, ...]
+    lower: Array  # (m,)
+    upper: Array  # (m,)
+    samples: Samples
+    slack: Mask  # (n,)
+
+    def on(self, keep: Mask) -> Self:
+        """The same problem on some of the samples."""
+        return replace(self, samples=self.samples.where(keep), slack=self.slack[keep])
+
+    def values(self, muscle: Muscle) -> Array:
+        """Free parameters (m,) of a muscle."""
+        return np.array([muscle.parameters[name] for name in self.free])
+
+    def muscle(self, x: Array) -> Muscle:
+        """The muscle with the free parameters x, not checked."""
+        free = dict(zip(self.free, x.tolist(), strict=True))
+        return self.prototype.unchecked([*(self.prototype.parameters | free).values()])
+
+    def force(self, x: Array) -> Array:
+        """F (n,) at the samples [N]; a huge number where the law gives none, so that the search turns back."""
+        with np.errstate(all="ignore"):
+            F = self.muscle(x).law(self.samples.pressure, self.samples.contraction)
+        return np.where(np.isfinite(F), F, _GREAT) + 0.0 * self.samples.force
+
+    def residual(self, x: Array) -> Array:
+        """√w r (n,) [N]."""
+        return np.asarray(np.sqrt(self.samples.weights) * self.samples.residual(self.force(x), self.slack))
+
+    def jacobian(self, x: Array) -> Array:
+        """√w ∂r/∂p (n, m)."""
+        slope = self.samples.residual_slope(self.force(x), self.slack)
+        return np.asarray((np.sqrt(self.samples.weights) * slope)[:, None] * self._gradient(x))
+
+    def _gradient(self, x: Array) -> Array:
+        """∂F/∂p (n, m), in the order of `free`."""
+        muscle = self.muscle(x)
+        with np.errstate(all="ignore"):
+            J = force_gradient(muscle, self.samples.pressure, self.samples.contraction, self.free)
+        in_order = [name for name in muscle.parameters if name in self.free]
+        return np.nan_to_num(J[..., [in_order.index(name) for name in self.free]])
+
+    def solve(self, starts: tuple[Muscle, ...]) -> Solution:
+        """The best of the searches from all starts; only the one that leads after a while is followed to its end."""
+        begun = [self._search(self.solve_linear(self.values(start)), _FIRST_EVALUATIONS) for start in starts]
+        best = min(begun, key=lambda solution: solution.cost)
+        return best if best.converged else self._search(best.x, _MAX_EVALUATIONS)
+
+    def solve_linear(self, x: Array) -> Array:
+        """`x` with its linear part replaced by the least-squares solution, the rest held.
+
+        With inequalities the cost is convex and piecewise quadratic; the set of violated ones is updated until it
+        stays the same (Newton's method).
+        """
+        places = np.array([i for i, name in enumerate(self.free) if name in self.linear], int)
+        if not places.size:
+            return x
+        J = self._gradient(x)[:, places]  # constant in the linear parameters
+        rest = self.force(_zeroed(x, places))
+        target = np.where(self.slack, self.samples.floored, self.samples.force) - rest
+        root = np.sqrt(self.samples.weights)
+        active = ~self.slack
+        for _ in range(_ACTIVE_SET_STEPS):
+            p = _least_squares((root * active)[:, None] * J, root * active * target)
+            violated = ~self.slack | (rest + J @ p > 0)
+            if (violated == active).all():
+                break
+            active = violated
+        x = x.copy()
+        x[places] = p
+        return np.clip(x, self.lower, self.upper)
+
+    def _search(self, x: Array, evaluations: int) -> Solution:
+        if set(self.free) <= set(self.linear) and not np.isfinite([self.lower, self.upper]).any():
+            gradient = self.jacobian(x).T @ self.residual(x)
+            scale = np.linalg.norm(self.jacobian(x), axis=0) * np.linalg.norm(self.residual(x))
+            if (np.abs(gradient) <= 1e-8 * scale + 1e-300).all():  # the active set settled: this is the minimum
+                return Solution(x, _cost(self.residual(x)), True)
+        from scipy.optimize import least_squares
+
+        scale = 1 / self.samples.full_scale  # makes the cost of order one
+
+        def residual(x: Array) -> Array:
+            return scale * self.residual(x)
+
+        def jacobian(x: Array) -> Array:
+            return scale * self.jacobian(x)
+
+        found = least_squares(
+            residual,
+            _inside(x, self.lower, self.upper),
+            jacobian,
+            bounds=(self.lower, self.upper),
+            x_scale="jac",
+            ftol=_TOLERANCE,
+            xtol=_TOLERANCE,
+            gtol=_TOLERANCE,
+            max_nfev=evaluations,
+        )
+        return Solution(found.x, _cost(self.residual(found.x)), found.status > 0)
+
+
+def _cost(residual: Array) -> float:
+    return float(residual @ residual)
+
+
+def _zeroed(x: Array, places: Array) -> Array:
+    x = x.copy()
+    x[places] = 0.0
+    return x
+
+
+def _least_squares(A: Array, b: Array) -> Array:
+    """argmin |A p - b| with the columns of A scaled to unit length; the shortest where it is not unique."""
+    length = np.linalg.norm(A, axis=0)
+    length[length == 0] = 1.0
+    return np.asarray(np.linalg.lstsq(A / length, b, rcond=1e-12)[0] / length)
+
+
+def _inside(x: Array, lower: Array, upper: Array) -> Array:
+    """`x` moved strictly between the bounds, as SciPy wants its start."""
+    width = np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(x), 1.0))
+    return np.clip(x, lower + 1e-3 * width, upper - 1e-3 * width)
+
+
+__all__ = ["Problem", "Solution"]

@@ -1,0 +1,62 @@
+"""Measured forces from a CSV file.
+
+One line of column names, one sample a line, `#` starts a comment; the separator is a comma, a semicolon or a tab, and
+with the latter two numbers may have decimal commas. Columns, in any order, others are ignored:
+
+    contraction [%] or as a ratio without a unit, or length or shortening [mm, cm, m, in]   (these need the rest length)
+    pressure [bar, mbar, kPa, MPa, Pa, psi], gauge
+    force [N, kN, mN, lbf, kgf, gf]
+
+in the words of `headers`: `eps [%]`, `Pressure (kPa)`, `force_N`, `Kraft [N]`, …; for other names see `columns`.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.files.csv_table import FilePath
+from allocator.identification.columns import Measured, read_columns
+from allocator.identification.muscle.samples import Samples, find_mistake
+
+_CONTRACTION = ("contraction", "length", "shortening")
+_WANTED = (_CONTRACTION, ("pressure",), ("force",))
+
+
+def read_samples(path: FilePath, rest_length: float | None = None, columns: Mapping[str, str] | None = None) -> Samples:
+    """Read measured forces; `rest_length` [m] is needed for a length or a shortening.
+
+    `columns` says which column is what where the names do not: ``{"pressure": "p:bar", "force": "F:-N"}``, name and
+    unit; a minus turns the sign round, ``bar(abs)`` takes the atmosphere off.
+
+    Raises `InvalidFile`, with line and column, at anything that cannot be read or cannot be right.
+    """
+    measured = read_columns(path, _WANTED, columns=columns)
+    P, F = measured.values["pressure"], measured.values["force"]
+    eps = _contraction(measured, rest_length)
+    if mistake := find_mistake(eps, P, F):
+        held = next(quantity for quantity in _CONTRACTION if quantity in measured.values)
+        quantity = held if mistake.quantity == "contraction" else mistake.quantity
+        raise measured.mistake(quantity, mistake.sentence, mistake.place)
+    return Samples.checked(eps, P, F)
+
+
+def _contraction(measured: Measured, rest_length: float | None) -> Array:
+    if "contraction" in measured.values:
+        return measured.values["contraction"]
+    held = "length" if "length" in measured.values else "shortening"
+    length = measured.values[held]
+    if rest_length is None:
+        raise measured.mistake(held, "lengths need the rest length of the muscle (--rest-length, in mm)")
+    if not (np.isfinite(rest_length) and rest_length > 0):
+        raise InvalidInput(f"rest_length = {rest_length!r} m has to be positive")
+    if held == "shortening":
+        return np.asarray(length / rest_length)
+    if not 0.3 < np.median(length) / rest_length < 1.3:
+        what = f"lengths around {np.median(length):.4g} m do not belong to a muscle of {rest_length:.4g} m"
+        raise measured.mistake("length", f"{what}; mm for m?")
+    return np.asarray((rest_length - length) / rest_length)
+
+
+__all__ = ["FilePath", "read_samples"]

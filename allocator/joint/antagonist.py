@@ -1,0 +1,220 @@
+"""The antagonistic joint: a geometry and two muscles.
+
+With moment arms a_i(θ) and contractions ε_i(θ) the joint's torque and isobaric stiffness are
+
+    T = a1 F1 - a2 F2                                                                   (2)
+    K = -∂T/∂θ |P = -(a1² F1_ε + a2² F2_ε)/l0 - (a1' F1 - a2' F2)                       (5), [G]
+
+At a fixed angle each muscle adds its own term, t(P) and k(P), to both: the joint is two curves in the (T, K) plane,
+and everything static in this package is said in terms of these two `Side`s.
+"""
+
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.calculus import Array, Value, rising_roots
+from allocator.errors import InvalidInput
+from allocator.joint.geometry import Geometry, Pulley
+from allocator.joint.limits import Limit, PressureBox
+from allocator.joint.one_muscle import Side
+from allocator.joint.tondu_pulley import TonduPulley
+from allocator.muscles import AffineMuscle, Muscle, Tondu2021
+from allocator.muscles.base import Covariance
+from allocator.muscles.catalogue import TONDU_DMSP_20_400N
+from allocator.units import BAR, DEG
+
+_EQUILIBRIUM_PIECES = 64  # of the joint range, in each of which one equilibrium is looked for
+
+
+@dataclass(frozen=True)
+class AntagonistJoint:
+    """Geometry + agonist (muscle 1) + antagonist (muscle 2) + limits; immutable.
+
+    The muscles need not be identical. Angles in rad, pressures in Pa (gauge), torque in N·m, stiffness in N·m/rad;
+    numeric arguments broadcast, and `torque`, `stiffness` and `jacobian` also take CasADi symbols.
+    """
+
+    geometry: Geometry
+    agonist: Muscle
+    antagonist: Muscle
+    pressure_limits: tuple[float, float] = (0.0, 5 * BAR)  # of the supply [Pa]
+    min_contraction: float = 0.025  # ε_threshold [-], below it no model is valid   (25)
+    angle_limits: tuple[float, float] | None = None  # mechanical end stops [rad]
+    friction: float = field(default=0.0, kw_only=True)  # μ of `friction_torque` [-]
+    covariance: Covariance | None = field(default=None, kw_only=True, repr=False)
+    """Of all parameters of agonist and antagonist together, in this order, if the joint was fitted as a whole."""
+
+    def __post_init__(self) -> None:
+        """Check the limits against each other."""
+        checks.pressure("pressure_limits", self.pressure_limits)
+        low, high = checks.limits("pressure_limits", self.pressure_limits, "Pa")
+        if not 0 <= low < high:
+            raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
+        object.__setattr__(self, "pressure_limits", (low, high))
+        object.__setattr__(self, "min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
+        if self.angle_limits is not None:
+            checks.angle("angle_limits", self.angle_limits)
+            left, right = checks.limits("angle_limits", self.angle_limits, "rad")
+            if not left < right:
+                raise InvalidInput(f"angle_limits = ({left:g}, {right:g}) rad have to increase")
+            object.__setattr__(self, "angle_limits", (left, right))
+        object.__setattr__(self, "friction", checks.not_negative("friction", self.friction, "share of the forces"))
+        if self.covariance is not None:
+            n = len(self.agonist.parameters) + len(self.antagonist.parameters)
+            object.__setattr__(self, "covariance", checks.covariance("covariance of a joint", self.covariance, n))
+        left, right = self.angle_range
+        if not left < right:
+            raise InvalidInput(
+                f"no joint angle keeps both contractions above min_contraction = {self.min_contraction:g} "
+                "within the angle limits"
+            )
+
+    # --- at a fixed angle -------------------------------------------------------------------------------------------
+
+    def sides(self, theta: Value) -> tuple[Side, Side]:
+        """The joint held at `theta` [rad]: agonist and antagonist side."""
+        l0 = self.geometry.rest_length
+        return (
+            Side(self.agonist, +1, l0, *self.geometry.agonist(theta)),
+            Side(self.antagonist, -1, l0, *self.geometry.antagonist(theta)),
+        )
+
+    def torque(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Value:
+        """T = a1 F1 - a2 F2 [N·m]   (2). The model's value: where a force is negative the real cable is slack."""
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(theta)
+        return agonist.torque(P1) + antagonist.torque(P2)
+
+    def stiffness(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Value:
+        """Isobaric stiffness K = -∂T/∂θ at constant pressures [N·m/rad]   (5), [G]"""
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(theta)
+        return agonist.stiffness(P1) + antagonist.stiffness(P2)
+
+    def forces(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value]:
+        """Muscle forces (F1, F2) [N]; negative means slack."""
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(theta)
+        return agonist.force(P1), antagonist.force(P2)
+
+    def jacobian(
+        self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike
+    ) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
+        """((∂T/∂P1, ∂T/∂P2), (∂K/∂P1, ∂K/∂P2)) in [N·m/Pa] and [N·m/rad/Pa]."""
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(theta)
+        return (
+            (agonist.torque_gain(P1), antagonist.torque_gain(P2)),
+            (agonist.stiffness_gain(P1), antagonist.stiffness_gain(P2)),
+        )
+
+    def friction_torque(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, direction: Value) -> Value:
+        """μ (a1 F1 + a2 F2) sign [N·m]: what the muscles lose when θ rises (`direction` +1) or falls (-1); 0 at rest.
+
+        Quasi-static: it does not vanish at low speed. The link gets `torque` minus this.
+        """
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(theta)
+        return self.friction * direction * (agonist.torque(P1) - antagonist.torque(P2))
+
+    def _checked(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value, Value]:
+        return checks.angle_or_symbol("theta", theta), *checks.pressures_or_symbols(P1, P2)
+
+    # --- limits -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def angle_range(self) -> tuple[float, float]:
+        """Angles [rad] that end stops, mechanism and ε_i ≥ min_contraction leave; for a pulley equation (25)."""
+        ends = self.geometry.reach, self._threshold_angles, *([self.angle_limits] if self.angle_limits else ())
+        return max(left for left, _ in ends), min(right for _, right in ends)
+
+    @cached_property
+    def _threshold_angles(self) -> tuple[float, float]:
+        """Where a muscle is stretched to min_contraction: agonist left, antagonist right   (25)"""
+        return self.geometry.angles_at(self.min_contraction)
+
+    def angle_limit(self, upper: bool) -> Limit:
+        """Which limit ends the angle range on the upper or lower side."""
+        binds = self.angle_range[upper] == self._threshold_angles[upper]
+        return Limit.CONTRACTION_THRESHOLD if binds else Limit.JOINT_RANGE
+
+    @property
+    def pressure_span(self) -> float:
+        """Width of the supply range [Pa]; tolerances are given in fractions of it."""
+        return self.pressure_limits[1] - self.pressure_limits[0]
+
+    def pressure_box(
+        self,
+        theta: ArrayLike,
+        *,
+        min_force: float | None = 0.0,
+        max_force: float | None = None,
+        previous: tuple[Array, ...] | None = None,
+        max_step: Array | float | None = None,
+    ) -> PressureBox:
+        """Pressures allowed at `theta`: supply ∩ `min_force` ≤ force ≤ `max_force` (or None) ∩ model validity ∩ slew.
+
+        Since force grows with pressure every limit bounds one pressure: the feasible set is a box. `previous` (P1, P2)
+        and `max_step` [Pa] say from where and how far the pressures may move; moving is a hard limit, so that from
+        outside the other limits the box shrinks to the nearest pressure that can be reached.
+        """
+        P_prev = (None, None) if previous is None else previous
+        agonist, antagonist = self.sides(np.asarray(theta, float))
+        return PressureBox(
+            agonist.interval(self.pressure_limits, min_force, max_force, P_prev[0], max_step),
+            antagonist.interval(self.pressure_limits, min_force, max_force, P_prev[1], max_step),
+        )
+
+    # --- equilibrium ------------------------------------------------------------------------------------------------
+
+    def equilibrium(self, P1: ArrayLike, P2: ArrayLike, T: ArrayLike = 0.0) -> Array:
+        """Angle [rad] at which the joint gives the torque `T` [N·m] at these pressures, and holds it (K > 0).
+
+        NaN if there is none in the joint range; the one nearest to θ = 0 if a mechanism has several. Closed form (23),
+        generalised to c ≠ 0 and T ≠ 0, for two equal Tondu2021 on a pulley; root finding otherwise.
+        """
+        one, two = checks.pressures_or_symbols(P1, P2)
+        flat = checks.broadcast(P1=one, P2=two, T=checks.real("T", T, "N·m"))
+        theta = self.tondu_pulley.equilibrium(*flat) if self.tondu_pulley else self._equilibrium(*flat)
+        left, right = self.angle_range
+        return np.asarray(np.where((theta >= left) & (theta <= right), theta, np.nan))
+
+    def _equilibrium(self, P1: Array, P2: Array, T: Array) -> Array:
+        def lacking(theta: Array, P1: Array, P2: Array, T: Array) -> Array:
+            agonist, antagonist = self.sides(theta)
+            return np.asarray(T - agonist.torque(P1) - antagonist.torque(P2))
+
+        left, right = (np.asarray(end) for end in self.angle_range)
+        found = rising_roots(lacking, left, right, P1, P2, T, pieces=_EQUILIBRIUM_PIECES)  # rising: K > 0
+        nearest = np.abs(np.where(np.isfinite(found), found, np.inf)).argmin(axis=0, keepdims=True)
+        return np.asarray(np.take_along_axis(found, nearest, 0)[0])
+
+    @property
+    def affine(self) -> bool:
+        """Whether both muscles are affine in pressure: torque and stiffness then are, in any geometry."""
+        return isinstance(self.agonist, AffineMuscle) and isinstance(self.antagonist, AffineMuscle)
+
+    @cached_property
+    def tondu_pulley(self) -> TonduPulley | None:
+        """The closed forms of the report's joint, two equal Tondu2021 on a pulley, if this is one."""
+        muscle, geometry = self.agonist, self.geometry
+        if not (isinstance(muscle, Tondu2021) and muscle == self.antagonist and isinstance(geometry, Pulley)):
+            return None
+        return TonduPulley(muscle, geometry) if geometry.initial_contraction > 0 else None
+
+
+@cache
+def report_joint(muscle: Muscle = TONDU_DMSP_20_400N) -> AntagonistJoint:
+    """The report's joint, or the same with two other muscles: R = 2 cm, l0 = 40 cm, ε0 = .1375, 0–5 bar, ±125°
+
+    Tondu 2021, (24) and (25); its muscles are Tondu2021 DMSP-20-400N.
+    """
+    pulley = Pulley(rest_length=0.40, radius=0.02, initial_contraction=0.1375)
+    return AntagonistJoint(pulley, muscle, muscle, angle_limits=(-125 * DEG, 125 * DEG))
+
+
+__all__ = ["AntagonistJoint", "report_joint"]

@@ -1,0 +1,39 @@
+"""The one list of all models."""
+
+from allocator.muscles.base import Muscle
+from allocator.muscles.models.affine_polynomial import AffinePolynomial
+from allocator.muscles.models.chou import ChouHannaford1996
+from allocator.muscles.models.custom import TableMuscle
+from allocator.muscles.models.hildebrandt import Hildebrandt2005
+from allocator.muscles.models.hogan import Hogan1984
+from allocator.muscles.models.kazemipour import KazemipourKatzschmann2025
+from allocator.muscles.models.martens import MartensBoblan2017
+from allocator.muscles.models.mckibben import TonduLopez1995
+from allocator.muscles.models.polynomial import PolynomialMcKibben
+from allocator.muscles.models.pressure_dependent import Andrikopoulos2016, TonduLopez2000
+from allocator.muscles.models.sarosi import Sarosi2012
+from allocator.muscles.models.tondu import Tondu2021
+from allocator.muscles.models.wickramatunge import Wickramatunge2010
+
+MODELS: dict[str, type[Muscle]] = {
+    model.__name__: model
+    for model in (
+        Hogan1984,
+        TonduLopez1995,
+        ChouHannaford1996,
+        TonduLopez2000,
+        Hildebrandt2005,
+        Wickramatunge2010,
+        Sarosi2012,
+        Andrikopoulos2016,
+        MartensBoblan2017,
+        PolynomialMcKibben,
+        Tondu2021,
+        KazemipourKatzschmann2025,
+        AffinePolynomial,
+        TableMuscle,
+    )
+}
+"""Every model that can be fitted and saved, by name, in the order of publication."""
+
+__all__ = ["MODELS"]

@@ -1,0 +1,206 @@
+"""McKibben muscles whose greatest contraction depends on the pressure."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Self
+
+import numpy as np
+
+from allocator.calculus import Array, Mask, Value, exp, increasing_root
+from allocator.errors import InvalidInput
+from allocator.muscles.base import SEARCH_CEILING
+from allocator.muscles.basis import Basis
+from allocator.muscles.models.mckibben import Braided, braid_constants
+from allocator.muscles.recipe import Recipe
+from allocator.units import BAR, DEG
+
+
+@dataclass(frozen=True)
+class PressureDependent(Braided):
+    """F = S q P [a(1 - k(P)ε)² - b], k(P) = k_inf + k_1 e^{-P/P_k}. Not a law by itself.
+
+    The papers read k(P) = (1-√(b/a))/ε_max(P) off measured curves and give no formula. Here it falls exponentially to
+    k_inf: three numbers follow the readings of Festo muscles, k_1 = 0 is a constant k, and the formula is analytic.
+    For k_1 ≥ 0 [M] holds on the taut region while P k(P) rises, that is everywhere if k_1 ≤ e² k_inf. Domain:
+    0 ≤ ε ≤ ε_max(P); the formula turns positive again beyond k(P) ε = 1, where it means nothing.
+    """
+
+    k_inf: float  # k at high pressure [-]
+    k_1: float  # how much greater k is at zero pressure [-]
+    P_k: float  # pressure over which k falls [Pa]
+
+    def __post_init__(self) -> None:
+        """Refuse a k(P) that blows up, changes its sign or rises."""
+        super().__post_init__()
+        if not (self.k_inf > 0 and self.k_1 >= 0 and self.P_k > 0):
+            raise InvalidInput(
+                f"{type(self).__name__} needs k_inf > 0, k_1 >= 0 and P_k > 0 Pa; got k_inf = {self.k_inf:g}, "
+                f"k_1 = {self.k_1:g}, P_k = {self.P_k:g} Pa"
+            )
+
+    @property
+    @abstractmethod
+    def efficiency(self) -> Value:
+        """Share q of the ideal force that is left [-]."""
+
+    @property
+    def max_contraction(self) -> float:
+        """ε_max at infinite pressure, (1-√(b/a))/k_inf [-]."""
+        return float((1 - sqrt(self.b / self.a)) / self.k_inf)
+
+    def k(self, P: Value) -> Value:
+        """k(P) = k_inf + k_1 e^{-P/P_k} [-]."""
+        return self.k_inf + self.k_1 * exp(-P / self.P_k)
+
+    def contraction_limit(self, P: Value) -> Value:
+        """Contraction ratio ε_max(P) = (1-√(b/a))/k(P) at which the force is zero [-]."""
+        return (1 - sqrt(self.b / self.a)) / self.k(P)
+
+    def covers(self, P: Array, eps: Array) -> Mask:
+        """Up to k(P) ε = 1, where the parabola turns."""
+        return np.asarray(super().covers(P, eps) & (self.k(P) * eps <= 1))
+
+    @property
+    def basis(self) -> Basis:
+        """P, P E and P E², E = e^{-P/P_k}; P alone where k is constant."""
+        return Basis("exponential", shape=self.P_k) if self.k_1 else Basis("quadratic")
+
+    def law(self, P: Value, eps: Value) -> Value:
+        """S q P [a(1 - k(P)ε)² - b]   (11), (12)"""
+        return self.efficiency * self.S * P * (self.a * (1 - self.k(P) * eps) ** 2 - self.b)
+
+    def gain(self, P: Value, eps: Value) -> Value:
+        """S q [a(1-kε)² - b - 2a(1-kε) ε P k'(P)]"""
+        short = 1 - self.k(P) * eps
+        fall = -self.k_1 / self.P_k * exp(-P / self.P_k)  # k'(P)
+        return self.efficiency * self.S * (self.a * short**2 - self.b - 2 * self.a * short * eps * P * fall)
+
+    def taut_pressure(self, eps: Value) -> Array:
+        """Pressure [Pa] from which on the muscle pulls at `eps`: ε_max(P) = ε; inf if it never does."""
+        eps = np.asarray(eps, float)
+        k = (1 - sqrt(self.b / self.a)) / np.maximum(eps, 1e-9)  # k(P) has to fall to this
+        return np.asarray(np.maximum(self._pressure_for_k(k), 0.0))
+
+    def _pressure_for_k(self, k: Array) -> Array:
+        """Where k(P) falls to `k` [Pa]: -inf where it always is below, inf where it never is."""
+        if self.k_1 == 0:
+            return np.where(k >= self.k_inf, -np.inf, np.inf)
+        rest = np.maximum(k - self.k_inf, 1e-300) / self.k_1
+        return np.where(k <= self.k_inf, np.inf, -self.P_k * np.log(rest))
+
+    def pressure(self, F: Value, eps: Value) -> Array:
+        """Pressure [Pa] at which the force, rising with it, is `F`; ∓inf where F is below or above all such forces.
+
+        Below `taut_pressure` the law first falls and then rises to zero; the rising part alone is searched.
+        """
+        F, eps = np.broadcast_arrays(np.asarray(F, float), np.asarray(eps, float))
+        taut = self.taut_pressure(eps)
+        reached = taut < SEARCH_CEILING
+        if not F.any():
+            return np.where(np.isnan(F + eps), np.nan, np.where(reached, taut, np.inf))
+        top = np.where(reached, taut, 0.0)
+        bottom = np.maximum(top - 2 * self.P_k, self._pressure_for_k(1 / np.maximum(eps, 1e-9)))
+        turn = increasing_root(lambda P, e: self.gain(P, e), bottom, top, eps)
+        start = np.where(np.isfinite(turn), turn, bottom)
+        P = increasing_root(lambda P, F, e: self.law(P, e) - F, start, np.asarray(SEARCH_CEILING), F, eps)
+        return np.where(np.isnan(F + eps), np.nan, np.where(reached, np.where(F == 0, taut, P), np.inf))
+
+    @classmethod
+    def _recipe(cls, *more: float) -> Recipe[Self]:
+        starts = tuple(cls(0.01, 25 * DEG, k_inf, k_1, P_k, *more) for k_inf, k_1, P_k in _STARTS)
+        bounds = {
+            "r0": (1e-4, 0.5),
+            "alpha0": (5 * DEG, 54 * DEG),
+            "k_inf": (0.2, 10.0),
+            "k_1": (0.0, 50.0),
+            "P_k": (0.05 * BAR, 20 * BAR),
+        }
+        return Recipe(starts, bounds=bounds)
+
+
+_STARTS = ((1.2, 0.5, 1 * BAR), (1.5, 2.0, 1 * BAR), (1.0, 2.0, 2 * BAR), (1.2, 0.1, 3 * BAR))
+
+
+@dataclass(frozen=True)
+class TonduLopez2000(PressureDependent):
+    """F = S P [a(1 - k(P)ε)² - b], k(P) = (1-√(b/a))/ε_max(P)   (11)
+
+    B. Tondu and P. Lopez, "Modeling and control of McKibben artificial muscle robot actuators", IEEE Control Systems
+    Magazine 20(2):15-38, 2000; Tondu 2021, equation (11). k(P) as in `PressureDependent`. k_1 = 0, k_inf = 1 is
+    TonduLopez1995. Parameters: r0 [m], α0 [rad], k_inf [-], k_1 [-], P_k [Pa].
+    """
+
+    citation = "Tondu & Lopez, IEEE Control Systems Magazine 20(2):15-38, 2000"
+
+    @property
+    def efficiency(self) -> Value:
+        """1: nothing is lost."""
+        return 1.0
+
+    @classmethod
+    def with_constant_k(cls, r0: float, alpha0: float, k: float) -> Self:
+        """The model with the same k at every pressure, as for the LAAS arm."""
+        return cls(r0, alpha0, k_inf=k, k_1=0.0, P_k=BAR)
+
+    @classmethod
+    def from_readings(
+        cls, r0: float, alpha0: float, pressure: Sequence[float], max_contraction: Sequence[float]
+    ) -> Self:
+        """From three or more readings (P_i [Pa], ε_max(P_i) [-]), by least squares on k(P_i)."""
+        from scipy.optimize import minimize_scalar
+
+        P, eps = np.asarray(pressure, float), np.asarray(max_contraction, float)
+        if P.ndim != 1 or P.shape != eps.shape or P.size < 3:
+            raise InvalidInput(f"needs 3 or more readings (P, ε_max), got shapes {P.shape} and {eps.shape}")
+        a, b = braid_constants(alpha0)
+        k = (1 - sqrt(b / a)) / eps
+
+        def best(log_P_k: float) -> tuple[float, float, float]:
+            basis = np.stack([np.ones_like(P), np.exp(-P / np.exp(log_P_k))], axis=1)
+            (k_inf, k_1), *_ = np.linalg.lstsq(basis, k)
+            return float(np.sum((basis @ [k_inf, k_1] - k) ** 2)), float(k_inf), float(k_1)
+
+        found = minimize_scalar(lambda x: best(x)[0], bounds=(np.log(0.05 * BAR), np.log(20 * BAR)), method="bounded")
+        _, k_inf, k_1 = best(found.x)
+        return cls(r0, alpha0, k_inf, k_1, float(np.exp(found.x)))
+
+    @classmethod
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
+        """Search all five from a few falls of k(P)."""
+        return cls._recipe()
+
+
+@dataclass(frozen=True)
+class Andrikopoulos2016(PressureDependent):
+    """F = S q P [a(1 - k(P)ε)² - b], q ∈ (0, 1]   (12)
+
+    G. Andrikopoulos, G. Nikolakopoulos and S. Manesis, "Novel considerations on static force modeling of pneumatic
+    muscle actuators", IEEE/ASME Trans. Mechatronics 21, 2016; Tondu 2021, equation (12). q = 1 is TonduLopez2000. The
+    value of q was not found in print: fit it. Only r0² q is visible in forces, so hold r0 (measured) to learn q.
+    """
+
+    citation = "Andrikopoulos, Nikolakopoulos & Manesis, IEEE/ASME Trans. Mechatronics 21:2647-2659, 2016"
+
+    q: float  # share of the ideal force that is left [-]
+
+    def __post_init__(self) -> None:
+        """Check q."""
+        super().__post_init__()
+        if not 0 < self.q <= 1:
+            raise InvalidInput(f"Andrikopoulos2016: q = {self.q:g} has to lie in (0, 1]")
+
+    @property
+    def efficiency(self) -> Value:
+        """q   (12)"""
+        return self.q
+
+    @classmethod
+    def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
+        """Search all six; q and r0 are collinear unless one is held."""
+        search = cls._recipe(0.8)
+        return Recipe(search.starts, bounds={**search.bounds, "q": (0.01, 1.0)})
+
+
+__all__ = ["Andrikopoulos2016", "PressureDependent", "TonduLopez2000"]

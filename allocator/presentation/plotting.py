@@ -1,0 +1,122 @@
+"""How the project's pictures look: light, told apart by colour-blind eyes, readable in grey, units on every axis.
+
+Figures are made without pyplot, so that nothing global changes and nothing has to be closed; a notebook shows them as
+they are. Every function loads Matplotlib when it is called.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from allocator.calculus import Array
+from allocator.files.atomic import replacing
+from allocator.units import BAR, DEG
+
+GREY = "#8c8c8c"
+FILL = "#dbe7f1"
+
+
+class Quantity(NamedTuple):
+    """What stands on an axis."""
+
+    label: str
+    unit: float  # SI value of the unit shown
+
+    def shown(self, values: Array) -> Array:
+        """The values in the unit of the label."""
+        return values / self.unit
+
+
+QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "theta": Quantity("joint angle θ [°]", DEG),
+        "K": Quantity("stiffness K [N·m/rad]", 1.0),
+        "T": Quantity("torque T [N·m]", 1.0),
+        "P": Quantity("gauge pressure [bar]", BAR),
+    }
+)
+
+
+def new_axes(width: float = 7.0, height: float = 4.4) -> Any:
+    """Matplotlib axes in a new figure of this size [inch]."""
+    return new_figure(width, height).subplots()
+
+
+def new_figure(width: float, height: float) -> Any:
+    """An empty Matplotlib figure."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def name_axes(axes: Any, x: str, y: str) -> None:
+    """Label the axes with quantity and unit (keys of `QUANTITIES`, or texts), and draw a light grid."""
+    axes.set_xlabel(QUANTITIES[x].label if x in QUANTITIES else x)
+    axes.set_ylabel(QUANTITIES[y].label if y in QUANTITIES else y)
+    light(axes)
+    if x == "theta":
+        degree_ticks(axes)
+
+
+def light(axes: Any) -> None:
+    """A light grid behind the data, no box."""
+    axes.grid(color="#e6e6e6", linewidth=0.7)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def degree_ticks(axes: Any) -> None:
+    """Ticks at angles that people know."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=9, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
+
+
+def legend_outside(axes: Any, title: str | None = None) -> None:
+    """A legend to the right of the axes, where no data are; what is drawn several times is named once."""
+    handles, labels = axes.get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))
+    if named:
+        axes.legend(
+            named.values(),
+            named.keys(),
+            title=title,
+            alignment="left",
+            loc="upper left",
+            bbox_to_anchor=(1.01, 1.02),
+            frameon=False,
+            fontsize="small",
+        )
+
+
+def shades(n: int) -> list[Any]:
+    """n colours from dark to light that are in order also in grey."""
+    from matplotlib import colormaps
+
+    return [colormaps["viridis"](0.85 * i / max(n - 1, 1)) for i in range(n)]
+
+
+def save_figure(figure: Any, path: Any, dpi: float = 130) -> None:
+    """Write a figure as an image of the kind that its name ends with, whole or not at all."""
+    with replacing(path) as draft:
+        figure.savefig(draft, dpi=dpi)
+
+
+__all__ = [
+    "FILL",
+    "GREY",
+    "QUANTITIES",
+    "Quantity",
+    "degree_ticks",
+    "legend_outside",
+    "light",
+    "name_axes",
+    "new_axes",
+    "new_figure",
+    "save_figure",
+    "shades",
+]

@@ -1,0 +1,47 @@
+"""What the exported demonstration of the allocation does, and what it prints according to Python."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from allocator import allocate, stiffness_interval
+from allocator.calculus import Array
+from allocator.joint.antagonist import AntagonistJoint
+from mpc.export import text
+
+_PLACES = (0.2, 0.5, 0.8)  # of the joint range
+_SHARES = ((0.0, 0.3), (0.1, 0.7), (50.0, 0.4))  # torque [N·m], the last too much; share of the stiffness interval
+
+
+def targets(joint: AntagonistJoint) -> Array:
+    """Rows (θ, K, T) of targets to demonstrate the allocation with."""
+    left, right = joint.angle_range
+    rows = []
+    for place in _PLACES:
+        theta = round(left + place * (right - left), 4)
+        low, high = (float(end) for end in stiffness_interval(theta, 0.0, joint=joint))
+        rows += [(theta, round(low + share * (high - low), 4), T) for T, share in _SHARES]
+    return np.array(rows)
+
+
+def allocation_table(joint: AntagonistJoint, single: bool, skipped: bool = False) -> str:
+    """The header with those targets."""
+    rows = targets(joint)
+    body = (
+        f"enum {{ ANT_DEMONSTRATIONS = {0 if skipped else len(rows)} }};\n\n/* theta [rad], K [N*m/rad], T [N*m] */\n"
+    )
+    body += f"static {text.table('ANT_DEMONSTRATION', rows, single)}"
+    return text.header("ANT_DEMONSTRATION_H", "What main.c shows.", body, ["antagonist.h"])
+
+
+def allocation_lines(joint: AntagonistJoint) -> Iterator[str]:
+    """What main.c prints about them."""
+    for theta, K, T in targets(joint).tolist():
+        a = allocate(theta, K, T, joint=joint)
+        yield (
+            f"theta {theta:8.4f} rad, K {K:7.4f} N*m/rad, T {T:8.4f} N*m: "
+            f"P1 {a.P1:8.1f} Pa, P2 {a.P2:8.1f} Pa, status {int(a.status)}, limits {int(a.limits)}"
+        )
+
+
+__all__ = ["allocation_lines", "allocation_table", "targets"]

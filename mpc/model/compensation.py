@@ -1,0 +1,73 @@
+"""What is known of a joint beyond the nominal model, and taken account of by observer and controllers alike.
+
+The disturbance torque d is what remains besides. Observer and controller have to be given the same `Compensation`.
+"""
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+
+from allocator import AntagonistJoint
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.units import BAR, DEG
+from mpc.model.friction import Friction
+
+SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump
+JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """Friction, dead time and dead band as far as they are known; by default there are none."""
+
+    friction: Friction = field(default_factory=Friction)
+    dead_time: float = 0.0  # of the commands [s]
+    dead_band: float = 0.0  # [Pa], total
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name, unit in (("dead_time", "s"), ("dead_band", "Pa")):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InvalidInput(f"{name} = {value!r} {unit} has to be 0 or more, and finite")
+
+    @classmethod
+    def of(cls, joint: AntagonistJoint) -> Self:
+        """What `allocator.fit_joint` found beyond the muscle laws: the joint's friction μ."""
+        return cls(Friction(mu=joint.friction))
+
+    def delay(self, dt: float) -> int:
+        """The dead time in whole samples of `dt` [s]."""
+        return round(self.dead_time / dt)
+
+    def heard(self, u: Array, P: Array) -> Array:
+        """The command [Pa] that moves a regulator without dead band as `u` moves this one, at the pressures P."""
+        rest, e = self.dead_band / 2, u - P
+        return P + e - np.clip(e, -rest, rest)
+
+    def spoken(self, v: Array, P: Array) -> Array:
+        """What to command [Pa] for `v` to be heard: the inverse of `heard`, smooth where v passes P."""
+        return np.asarray(v + self.dead_band / 2 * np.tanh((v - P) / SOFT))
+
+
+class FrictionState:
+    """The friction's z as the angle tells it."""
+
+    def __init__(self, friction: Friction) -> None:
+        self.friction = friction
+        self.z = 0.0  # [-]
+        self._theta: float | None = None
+
+    def follow(self, theta: float) -> float:
+        """The z [-] at the angle `theta` [rad], to which the joint has turned from that of the last call."""
+        if self._theta is None:
+            self._theta = theta
+        if abs(motion := theta - self._theta) > JITTER:
+            self.z = self.friction.after(self.z, motion)
+            self._theta = theta
+        return self.z
+
+
+__all__ = ["JITTER", "SOFT", "Compensation", "FrictionState"]

@@ -1,0 +1,42 @@
+"""What a closed loop is run against: an experiment is a plant in some state, its sensors, and time going on."""
+
+from typing import Any, Protocol
+
+from allocator.calculus import Array
+from mpc.model.buffered import Buffered
+
+FINE = 0.02  # resolution of simulations, see `Plant.discrete`
+RESOLUTION = 0.5  # of a controller's model
+
+
+class Experiment(Protocol):
+    """A plant under way."""
+
+    @property
+    def x(self) -> Array:
+        """The true state (4,): θ [rad], ω [rad/s], P1, P2 [Pa]."""
+
+    def measure(self) -> Array:
+        """What the sensors say of it (4,); NaN for what is not measured. To be called once a sample."""
+
+    def advance(self, u: Array) -> None:
+        """One sample with the commands `u` (2,) [Pa]."""
+
+
+class ExactExperiment:
+    """A plant that is its model, (x, u, d) ↦ x, and whose whole state is measured."""
+
+    def __init__(self, discrete: Any, x0: Array) -> None:
+        self._integrate = Buffered(discrete)
+        self.x = x0
+
+    def measure(self) -> Array:
+        """The true state (4,)."""
+        return self.x.copy()
+
+    def advance(self, u: Array) -> None:
+        """One sample with the commands `u` (2,) [Pa]."""
+        self.x = self._integrate(self.x, u, 0.0)[0][0]
+
+
+__all__ = ["FINE", "RESOLUTION", "ExactExperiment", "Experiment"]

@@ -1,0 +1,183 @@
+"""What breaks in real joints: faults to inject into a `RealPlant`, each from `begin` until just before `end`.
+
+A fault sees what passes by and changes it: the command that a regulator hears, what the sensors say, or which muscles
+still pull. What a fault does not touch goes through as it was. (A pay-load is no fault but a torque:
+`RealPlant.torque_profile`. `mpc.observer.health` names faults from what an observer sees.)
+"""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.units import BAR
+from mpc.model.plant import NU, NX
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault that does nothing; its members do one thing each. Muscles count from 1, as in the report."""
+
+    begin: float = 0.0  # [s]
+    end: float = inf  # [s]
+
+    def __post_init__(self) -> None:
+        """Check the window."""
+        if not 0 <= self.begin < self.end:
+            raise InvalidInput(f"begin = {self.begin!r} s, end = {self.end!r} s: a fault ends after it has begun")
+
+    def active(self, t: float) -> bool:
+        """Whether the fault is there at the time `t` [s]."""
+        return self.begin - 1e-9 <= t < self.end - 1e-9
+
+    def heard(self, u: Array, P: Array) -> Array:
+        """What the regulators (2,) do instead of the commands `u` [Pa] at the pressures `P` [Pa]."""
+        return u
+
+    def read(self, y: Array, before: Array) -> Array:
+        """What the sensors (4,) say instead of `y`; they said `before` a sample ago."""
+        return y
+
+    def offset(self, t: float) -> Array:
+        """What the sensors (4,) say too much at the time `t` [s], before `read`."""
+        return np.zeros(NX)
+
+    @property
+    def pulling(self) -> tuple[float, float]:
+        """Shares of the muscles' forces that reach the joint."""
+        return 1.0, 1.0
+
+
+@dataclass(frozen=True)
+class _MuscleFault(Fault):
+    muscle: int = 1
+
+    def __post_init__(self) -> None:
+        """Check the muscle too."""
+        Fault.__post_init__(self)
+        if type(self.muscle) is not int or not 1 <= self.muscle <= NU:
+            raise InvalidInput(f"muscle = {self.muscle!r} has to be 1 (agonist) or 2 (antagonist)")
+
+    def _with(self, u: Array, value: float) -> Array:
+        return np.where(np.arange(1, NU + 1) == self.muscle, value, u)
+
+
+@dataclass(frozen=True)
+class Leak(_MuscleFault):
+    """A muscle that leaks: its pressure cannot rise, and falls unless the rest of it can be kept."""
+
+    kept: float = 0.9  # of the pressure that the regulator can at most aim for [-]
+
+    def heard(self, u: Array, P: Array) -> Array:
+        """At most the `kept` share of the pressure that is there."""
+        own = self.muscle - 1
+        return self._with(u, min(float(u[own]), self.kept * float(P[own])))
+
+
+@dataclass(frozen=True)
+class StuckValve(_MuscleFault):
+    """A valve that stays shut: the pressure stays as it is."""
+
+    def heard(self, u: Array, P: Array) -> Array:
+        """The pressure that is there."""
+        return self._with(u, float(P[self.muscle - 1]))
+
+
+@dataclass(frozen=True)
+class BrokenCable(_MuscleFault):
+    """A cable that is broken: its muscle fills and empties as before, but pulls no more."""
+
+    @property
+    def pulling(self) -> tuple[float, float]:
+        """Nothing of this muscle's force."""
+        return float(self.muscle != 1), float(self.muscle != 2)
+
+
+@dataclass(frozen=True)
+class SupplyDrop(Fault):
+    """A supply that gives less than it should: no muscle gets more."""
+
+    supply: float = 3 * BAR  # [Pa]
+
+    def heard(self, u: Array, P: Array) -> Array:
+        """Commands up to the supply."""
+        return np.minimum(u, self.supply)
+
+
+@dataclass(frozen=True)
+class _SensorFault(Fault):
+    sensors: tuple[int, ...] = (0, 2, 3)  # of (θ, ω, P1, P2)
+
+    def __post_init__(self) -> None:
+        """Check the sensors too."""
+        Fault.__post_init__(self)
+        if not set(self.sensors) <= set(range(NX)):
+            raise InvalidInput(f"sensors = {self.sensors!r} have to be among 0, 1, 2, 3: theta, omega, P1, P2")
+
+    def _of_ours(self, ours: Array, y: Array) -> Array:
+        return np.where(np.isin(np.arange(NX), self.sensors), ours, y)
+
+
+@dataclass(frozen=True)
+class WrongReadings(_SensorFault):
+    """Sensors that say `value` [rad], [Pa], or the truth and `value`."""
+
+    value: float = 0.0
+    added: bool = False
+
+    def read(self, y: Array, before: Array) -> Array:
+        """The wrong readings."""
+        return self._of_ours(y + self.value if self.added else np.full(NX, self.value), y)
+
+
+@dataclass(frozen=True)
+class SilentSensors(_SensorFault):
+    """Sensors that say nothing."""
+
+    def read(self, y: Array, before: Array) -> Array:
+        """NaN from the silent ones."""
+        return self._of_ours(np.full(NX, np.nan), y)
+
+
+@dataclass(frozen=True)
+class FrozenSensors(_SensorFault):
+    """Sensors that repeat what they said last."""
+
+    def read(self, y: Array, before: Array) -> Array:
+        """The old readings from the frozen ones."""
+        return self._of_ours(np.where(np.isnan(before), y, before), y)  # the first reading is none to repeat
+
+
+@dataclass(frozen=True)
+class DriftingSensor(Fault):
+    """A sensor whose readings depart from the truth at a constant `rate`, from nothing at `begin` on."""
+
+    sensor: int = 2  # of (θ, ω, P1, P2)
+    rate: float = 0.1 * BAR  # [Pa/s], or [rad/s] of an angle
+
+    def __post_init__(self) -> None:
+        """Check sensor and rate too."""
+        Fault.__post_init__(self)
+        if self.sensor not in range(NX):
+            raise InvalidInput(f"sensor = {self.sensor!r} has to be 0, 1, 2 or 3: theta, omega, P1, P2")
+        if not np.isfinite(self.rate):
+            raise InvalidInput(f"rate = {self.rate!r} has to be a finite number of Pa/s, or of rad/s for an angle")
+
+    def offset(self, t: float) -> Array:
+        """The rate times the time since `begin`."""
+        return np.where(np.arange(NX) == self.sensor, self.rate * (t - self.begin), 0.0)
+
+
+__all__ = [
+    "BrokenCable",
+    "DriftingSensor",
+    "Fault",
+    "FrozenSensors",
+    "Leak",
+    "SilentSensors",
+    "StuckValve",
+    "SupplyDrop",
+    "WrongReadings",
+]

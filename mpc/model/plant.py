@@ -1,0 +1,191 @@
+"""The plant that the controller predicts with, and that it is nominally tested on: joint, link, two pressure lags.
+
+    θ' = ω
+    J ω' = T(θ, P1, P2) - b ω - m g l sin θ + d
+    τ_i P_i' = u_i - P_i
+
+State x = (θ [rad], ω [rad/s], P1 [Pa], P2 [Pa]), input u = commanded pressures [Pa], disturbance torque d [N·m].
+The stiffness K(θ, P1, P2) is computed, never measured. The command may change by at most `slew` [Pa/s]; holding
+to that is the controller's business. `Plant.rate` is the one place where this formula stands, for numbers and for
+CasADi symbols. The law of a slack muscle (F < 0) is kept as it is: the metrics say when it was used.
+"""
+
+from dataclasses import dataclass, field
+from math import ceil, sqrt
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from allocator import allocate, checks
+from allocator.calculus import Array, Value, sin
+from allocator.errors import InvalidInput
+from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.units import BAR
+from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment
+from mpc.model.integration import integrated
+
+STATES = ("theta", "omega", "P1", "P2")
+INPUTS = ("P1_command", "P2_command")
+NX, NU = len(STATES), len(INPUTS)
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A link on an `AntagonistJoint`, its pressures behind first-order lags; immutable. SI units."""
+
+    joint: AntagonistJoint = field(default_factory=report_joint)
+    inertia: float = 0.05  # J [kg·m²]
+    damping: float = 0.1  # b [N·m·s/rad]
+    lag: float | tuple[float, float] = 0.1  # τ, or (τ1, τ2) [s]
+    gravity_torque: float = 0.0  # m g l [N·m]; the link hangs at θ = 0 (negative: stands)
+    slew: float = 5 * BAR  # greatest change of a command [Pa/s]
+
+    def __post_init__(self) -> None:
+        """Turn the parameters into plain floats (NumPy scalars upset CasADi) and check them."""
+        for name, unit in (("inertia", "kg·m²"), ("damping", "N·m·s/rad"), ("gravity_torque", "N·m"), ("slew", "Pa/s")):
+            object.__setattr__(self, name, _number(name, getattr(self, name), unit, positive=name in _POSITIVE))
+        if self.damping < 0:
+            raise InvalidInput(f"damping = {self.damping:g} N·m·s/rad has to be 0 or more")
+        if self.slew <= checks.LOOKS_LIKE_BAR[1]:
+            raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
+        lags = self.lag if isinstance(self.lag, tuple) else (self.lag, self.lag)
+        if len(lags) != NU:
+            raise InvalidInput(f"lag = {self.lag!r} has to be one time constant or a pair of them [s]")
+        object.__setattr__(self, "lag", tuple(_number("lag", lag, "s", positive=True) for lag in lags))
+
+    @property
+    def lags(self) -> tuple[float, float]:
+        """Time constants (τ1, τ2) of the pressures [s]."""
+        assert isinstance(self.lag, tuple)  # __post_init__ made it one
+        return self.lag
+
+    # --- the equations ----------------------------------------------------------------------------------------------
+
+    def rate(self, x: Value, u: Value, d: Value = 0.0) -> tuple[Value, Value, Value, Value]:
+        """x' = f(x, u, d): `x` [4, ...], `u` [2, ...], numbers or CasADi columns."""
+        theta, omega, P1, P2 = x[0], x[1], x[2], x[3]
+        tau1, tau2 = self.lags
+        moment = self.torque(x) - self.damping * omega - self.gravity_torque * sin(theta) + d
+        return omega, moment / self.inertia, (u[0] - P1) / tau1, (u[1] - P2) / tau2
+
+    def torque(self, x: Value) -> Value:
+        """T(θ, P1, P2) [N·m] of the muscles in the state `x` [4, ...]."""
+        agonist, antagonist = self.joint.sides(x[0])
+        return agonist.torque(x[2]) + antagonist.torque(x[3])
+
+    def stiffness(self, x: Value) -> Value:
+        """Isobaric stiffness K(θ, P1, P2) [N·m/rad] in the state `x` [4, ...]."""
+        agonist, antagonist = self.joint.sides(x[0])
+        return agonist.stiffness(x[2]) + antagonist.stiffness(x[3])
+
+    def forces(self, x: Value) -> tuple[Value, Value]:
+        """Muscle forces (F1, F2) [N] in the state `x` [4, ...]; negative means slack."""
+        agonist, antagonist = self.joint.sides(x[0])
+        return agonist.force(x[2]), antagonist.force(x[3])
+
+    def torque_for(self, theta: Value, omega: Value, alpha: Value, d: Value = 0.0) -> Value:
+        """Muscle torque [N·m] of the motion (θ, θ', θ''): T = J θ'' + b θ' + m g l sin θ - d."""
+        return self.inertia * alpha + self.damping * omega + self.gravity_torque * sin(theta) - d
+
+    def at_rest(self, theta: float, K: float) -> Array:
+        """The state (4,) in equilibrium at `theta` [rad], as stiff as `K` [N·m/rad] if the joint can be."""
+        theta = float(checks.angle("theta", checks.number("theta", theta, "rad")))
+        held = allocate(theta, K, self.torque_for(theta, 0.0, 0.0), joint=self.joint)
+        return np.array([theta, 0.0, held.P1, held.P2], float)
+
+    @property
+    def nominal(self) -> "Plant":
+        """Itself: what a controller may know of it."""
+        return self
+
+    def begin(self, dt: float, x0: Array, seed: int) -> ExactExperiment:
+        """An experiment from the state `x0` (4,) with commands every `dt` [s]; no noise needs the `seed`."""
+        return ExactExperiment(self.discrete(dt, FINE), x0)
+
+    # --- in words and on disk ---------------------------------------------------------------------------------------
+
+    @property
+    def summary(self) -> str:
+        """Its numbers in a line, the joint's left out."""
+        return (
+            f"inertia {self.inertia:g} kg·m², damping {self.damping:g} N·m·s/rad, lag "
+            f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s, gravity {self.gravity_torque:g} N·m, "
+            f"slew {self.slew / BAR:g} bar/s"
+        )
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the plant, joint and muscles included, as a TOML file. Raises `CannotWrite`."""
+        from mpc.model.storage import save_plant
+
+        save_plant(self, path)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> "Plant":
+        """Read a plant from TOML; a joint's file gives one with the numbers of `Plant()`. Raises `InvalidFile`."""
+        from mpc.model.storage import load_plant
+
+        return load_plant(path)
+
+    # --- in discrete time, and for other tools ----------------------------------------------------------------------
+
+    @property
+    def fastest_rate(self) -> float:
+        """An upper estimate of the fastest eigenvalue [1/s]; integration steps are chosen by it."""
+        P = self.joint.pressure_limits[1]
+        angles = np.linspace(*self.joint.angle_range, 9)
+        K = float(np.max(self.stiffness((angles, 0 * angles, P + 0 * angles, P + 0 * angles))))
+        swing = sqrt((max(K, 0.0) + abs(self.gravity_torque)) / self.inertia)
+        return max(swing, self.damping / self.inertia, *(1 / tau for tau in self.lags))
+
+    def substeps(self, dt: float, resolution: float) -> int:
+        """How many equal steps h over `dt` [s] it takes for h · `fastest_rate` ≤ `resolution`.
+
+        Raises `InvalidInput` where there are more than 10 000: nobody means such a plant.
+        """
+        steps = dt * self.fastest_rate / resolution
+        if not steps <= _MOST_SUBSTEPS:
+            raise InvalidInput(
+                f"this plant moves within {1 / self.fastest_rate:.3g} s, so that dt = {dt:g} s would take {steps:.3g} "
+                f"steps of integration, over {_MOST_SUBSTEPS}; check {self.summary}"
+            )
+        return ceil(steps)
+
+    def discrete(self, dt: float, resolution: float = RESOLUTION) -> Any:
+        """CasADi function (x, u, d) ↦ x after `dt` [s] of constant u and d: classical Runge–Kutta.
+
+        Taken in equal substeps h with h · `fastest_rate` ≤ `resolution`. The error is about resolution⁴/120 of the
+        change: 5e-4 at 0.5, 1e-9 at 0.02.
+        """
+        import casadi as ca
+
+        x0, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
+        x = integrated(lambda x: ca.vertcat(*self.rate(x, u, d)), x0, dt, self.substeps(dt, resolution))
+        return ca.Function("discrete", [x0, u, d], [x], ["x", "u", "d"], ["x_next"])
+
+    def as_control_system(self) -> Any:
+        """The plant as a python-control I/O system: inputs (P1_command, P2_command, d), outputs (the states, K)."""
+        import control
+
+        return control.nlsys(
+            lambda t, x, u, params: np.array(self.rate(x, u[:NU], u[NU])),
+            lambda t, x, u, params: np.array([*x, self.stiffness(x)]),
+            states=list(STATES),
+            inputs=[*INPUTS, "d"],
+            outputs=[*STATES, "K"],
+            name="antagonist_plant",
+        )
+
+
+_POSITIVE = ("inertia", "slew")
+_MOST_SUBSTEPS = 10_000  # in a sample
+
+
+def _number(name: str, value: Any, unit: str, *, positive: bool) -> float:
+    number = checks.number(name, value, unit)
+    if positive and number <= 0:
+        raise InvalidInput(f"{name} = {number:g} {unit} has to be positive and finite")
+    return number
+
+
+__all__ = ["INPUTS", "NU", "NX", "STATES", "Plant"]

@@ -1,0 +1,259 @@
+"""A plant to test controllers against: all that real joints do and the prediction model does not know.
+
+    θ' = ω,   J ω' = T - b ω - m g l sin θ - T_f + d(t),   T = g1 a1 F1 - g2 a2 F2
+    P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow,   dz(e) = e less the dead band, 0 within it
+    measured: θ rounded to the encoder's step, P_i + noise; not ω
+
+with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.model.hysteresis`, or of
+`mpc.model.friction`, which is what controllers are told. Every effect has a value at which it is off, the default of
+its field; with all of them off this is the nominal `Plant`.
+
+T_f depends on where the joint turned round. Within a step of integration it is a function of the angle, exact while
+the joint turns in one direction, and each step begins with what is remembered of the one before.
+"""
+
+from dataclasses import dataclass, field, fields, replace
+from math import inf, isfinite, prod
+from typing import Self
+
+import numpy as np
+
+from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
+from allocator.joint.antagonist import report_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from allocator.units import BAR, DEG
+from mpc.model.buffered import Buffered
+from mpc.model.compensation import Compensation
+from mpc.model.experiment import FINE
+from mpc.model.faults import Fault
+from mpc.model.friction import Contact, Friction
+from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.integration import integrated
+from mpc.model.plant import NU, NX, Plant
+
+
+@dataclass(frozen=True)
+class RealPlant:
+    """A nominal plant and what is added to it; immutable. SI units."""
+
+    nominal: Plant = field(default_factory=Plant)  # joint, link, gravity, lags
+    force_gains: tuple[float, float] = (1.0, 1.0)  # g1, g2 [-]; 0 of a broken cable
+    friction: Friction | MaxwellSlip = field(default_factory=Friction)
+    dead_time: float = 0.0  # t_dead of the commands [s]
+    dead_band: float = 0.0  # [Pa], total: a regulator rests within half of it on either side
+    flow: float = inf  # fastest change of a pressure [Pa/s]
+    encoder: float = 0.0  # [rad] a step
+    pressure_noise: float = 0.0  # standard deviation [Pa], white from sample to sample
+    torque_profile: tuple[tuple[float, float], ...] = ()  # (from time [s] on, external torque [N·m]), in order
+    faults: tuple[Fault, ...] = ()  # each in its window of time, the first is nearest to the plant
+
+    def __post_init__(self) -> None:
+        """Check the effects."""
+        for name in ("dead_time", "dead_band", "flow", "encoder", "pressure_noise"):
+            value = float(getattr(self, name))
+            if not value >= 0 or (name == "flow" and value == 0) or (name != "flow" and not isfinite(value)):
+                unit = next(u for n, u in _UNITS if n == name)
+                raise InvalidInput(
+                    f"{name} = {value:g} {unit} has to be 0 or more" + " (flow: above 0)" * (name == "flow")
+                )
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "force_gains", tuple(float(g) for g in self.force_gains))
+        if len(self.force_gains) != NU or not all(isfinite(g) and g >= 0 for g in self.force_gains):
+            raise InvalidInput(f"force_gains = {self.force_gains} have to be two numbers of 0 or more [-]")
+        times = [t for t, _ in self.torque_profile]
+        if not np.isfinite(np.array(self.torque_profile, float)).all() or times != sorted(times):
+            raise InvalidInput(
+                f"torque_profile = {self.torque_profile} has to be finite pairs (s, N·m), times in order"
+            )
+
+    @classmethod
+    def standard(
+        cls,
+        force_gains: tuple[float, float] = (1.1, 0.9),
+        torque_profile: tuple[tuple[float, float], ...] = (),
+        nominal: Plant | None = None,
+    ) -> Self:
+        """The plant of the closed-loop benchmark: all effects on `nominal`: the report's joint with Sarosi's muscles.
+
+        Its `nominal` plant is the controllers' model.
+        """
+        plant = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12) if nominal is None else nominal
+        return cls(
+            plant,
+            force_gains,
+            MaxwellSlip.of_width(plant, 5 * DEG),
+            dead_time=0.03,
+            dead_band=0.1 * BAR,
+            flow=5 * BAR,
+            encoder=0.02 * DEG,
+            pressure_noise=0.02 * BAR,
+            torque_profile=torque_profile,
+        )
+
+    def without(self, *effects: str) -> Self:
+        """The same with these effects (names of fields) off."""
+        off = type(self)()
+        known = {f.name for f in fields(self)} - {"nominal"}
+        if unknown := set(effects) - known:
+            raise InvalidInput(f"there is no effect {', '.join(sorted(unknown))}; there are {', '.join(sorted(known))}")
+        return replace(self, **{name: getattr(off, name) for name in effects})
+
+    def known(self, share: float = 0.75) -> Compensation:
+        """What a controller is told of this plant: dead time, dead band, and a `share` [-] of the friction, as Dahl's.
+
+        All of it would be best here and worst where it has vanished: the intended motion is then pushed by friction
+        that nobody sees. Too little is the safe side.
+        """
+        dahl = self.friction.as_dahl(self.nominal)
+        friction = replace(dahl, mu=share * dahl.mu, coulomb=share * dahl.coulomb)
+        return Compensation(friction, self.dead_time, self.dead_band)
+
+    # --- the equations ----------------------------------------------------------------------------------------------
+
+    def torque(self, x: Value) -> Value:
+        """T = g1 a1 F1 - g2 a2 F2 [N·m] in the state `x` [4, ...]."""
+        agonist, antagonist = self.nominal.joint.sides(x[0])
+        return self.force_gains[0] * agonist.torque(x[2]) + self.force_gains[1] * antagonist.torque(x[3])
+
+    def stiffness(self, x: Value) -> Value:
+        """Isobaric stiffness [N·m/rad] of the muscles as they are, without friction, in the state `x` [4, ...]."""
+        agonist, antagonist = self.nominal.joint.sides(x[0])
+        return self.force_gains[0] * agonist.stiffness(x[2]) + self.force_gains[1] * antagonist.stiffness(x[3])
+
+    def forces(self, x: Value) -> tuple[Value, Value]:
+        """Muscle forces (F1, F2) [N] as they are in the state `x` [4, ...]; negative means slack."""
+        F1, F2 = self.nominal.forces(x)
+        return self.force_gains[0] * F1, self.force_gains[1] * F2
+
+    def contact(self, x: Value) -> Contact:
+        """What presses on that which rubs in the state `x` [4, ...]; a slack cable rubs no more."""
+        agonist, antagonist = self.nominal.joint.sides(x[0])
+        pulls = self.force_gains[0] * agonist.torque(x[2]), -self.force_gains[1] * antagonist.torque(x[3])
+        return Contact(sum((pull + abs(pull)) / 2 for pull in pulls), x[2] + x[3])
+
+    def rate(self, x: Value, u: Value, d: Value, T_f: Value) -> tuple[Value, ...]:
+        """Derivative of (θ, ω, P1, P2), CasADi symbols; `u` what the regulators hear now, `d` [N·m] from outside."""
+        balance = self.torque(x) - self.nominal.torque_for(x[0], x[1], 0.0, d) - T_f
+        return x[1], balance / self.nominal.inertia, *self._pressure_rates(x, u)
+
+    def stepped(self, x: Value, memory: Value, u: Value, d: Value, h: Value) -> tuple[Value, Value]:
+        """`x` (4,) and friction's `memory` after a fine step of `h` [s], CasADi symbols."""
+        import casadi as ca
+
+        def remembered(now: Value) -> Value:
+            return self.friction.moved(memory, now[0] - x[0], self.contact(now))
+
+        def rate(now: Value) -> Value:
+            return ca.vertcat(*self.rate(now, u, d, self.friction.torque(remembered(now), self.contact(now))))
+
+        after = integrated(rate, x, h, 1)
+        return after, remembered(after)
+
+    def _pressure_rates(self, x: Value, u: Value) -> list[Value]:
+        import casadi as ca
+
+        rest = self.dead_band / 2
+        error = [u[i] - x[2 + i] for i in range(NU)]
+        heard = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]
+        return [
+            ca.fmin(ca.fmax(e / tau, -self.flow), self.flow) for e, tau in zip(heard, self.nominal.lags, strict=True)
+        ]
+
+    def at_rest(self, theta: float, K: float) -> Array:
+        """The nominal plant's rest (4,): where an experiment begins. This plant will drift from it and settle."""
+        return self.nominal.at_rest(theta, K)
+
+    def begin(self, dt: float, x0: Array, seed: int) -> "RealExperiment":
+        """An experiment from the state `x0` (4,) with commands every `dt` [s]; `seed` is that of the sensors' noise."""
+        return RealExperiment(self, dt, x0, seed)
+
+
+class RealExperiment:
+    """One experiment on a `RealPlant`: its state, what its sensors say, and time going on."""
+
+    def __init__(self, real: RealPlant, dt: float, x0: Array, seed: int) -> None:
+        self.real, self.dt = real, dt
+        self._noise = np.random.default_rng(seed)
+        self._full = np.append(x0, np.zeros(real.friction.size))  # with what friction remembers
+        self._sample = 0
+        self._said = np.full(NX, np.nan)  # by the sensors, a sample ago
+        whole = int(real.dead_time / dt * (1 + 1e-12))
+        late = real.dead_time - whole * dt  # rest of the dead time: the older command acts so long in each sample
+        self._pieces = [late, dt - late] if late > 1e-9 * dt else [dt]
+        self._waiting = [np.array(x0[2:])] * (whole + len(self._pieces) - 1)  # commands on their way, oldest first
+        self._integrators = {(1.0, 1.0): self._integrator(real)}  # by the shares of the forces that reach the joint
+
+    @property
+    def x(self) -> Array:
+        """The true state (4,)."""
+        return self._full[:NX].copy()
+
+    def measure(self) -> Array:
+        """The sensors' (4,): θ, NaN for the velocity that nobody measures, P1, P2. Every call draws new noise."""
+        return self.read(self._noise.standard_normal(NU))
+
+    def read(self, noise: Array) -> Array:
+        """The same with the `noise` (2,) of the pressure sensors in standard deviations."""
+        theta, _, *P = self.x
+        step = self.real.encoder
+        read = step * np.round(theta / step) if step else theta
+        y = np.array([read, np.nan, *(P + self.real.pressure_noise * noise)])
+        for fault in self._faults:
+            y = fault.read(y + fault.offset(self._sample * self.dt), self._said)
+        self._said = y
+        return y
+
+    @property
+    def _faults(self) -> list[Fault]:
+        t = self._sample * self.dt
+        return [fault for fault in self.real.faults if fault.active(t)]
+
+    @property
+    def memory(self) -> Array:
+        """All that the future depends on besides the time (n,): `x`, friction's memory, the commands on their way."""
+        return np.concatenate([self._full, *self._waiting])
+
+    def recall(self, memory: Array, sample: int) -> None:
+        """Go to a `memory` (n,), at the `sample` since the beginning."""
+        there = self._full.size
+        self._full, self._sample = np.array(memory[:there]), sample
+        self._waiting = list(np.reshape(memory[there:], (-1, NU)))
+
+    def advance(self, u: Array, d: float = 0.0) -> None:
+        """One sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] besides the plant's own."""
+        t = self._sample * self.dt
+        d += next((torque for start, torque in reversed(self.real.torque_profile) if t >= start - 1e-9), 0.0)
+        self._waiting.append(np.array(u))
+        for command, duration in zip(self._waiting, self._pieces, strict=False):
+            for fault in self._faults:
+                command = fault.heard(command, self._full[2:NX])
+            self._full = self._integrate(self._full, command, d, duration)[0][0]
+        self._waiting.pop(0)
+        self._sample += 1
+
+    @property
+    def _integrate(self) -> Buffered:
+        faults, (g1, g2) = self._faults, self.real.force_gains
+        pulling = prod(fault.pulling[0] for fault in faults), prod(fault.pulling[1] for fault in faults)
+        if pulling not in self._integrators:
+            broken = replace(self.real, force_gains=(g1 * pulling[0], g2 * pulling[1]))
+            self._integrators[pulling] = self._integrator(broken)
+        return self._integrators[pulling]
+
+    def _integrator(self, real: RealPlant) -> Buffered:
+        """(x, u, d, duration) ↦ x, for at most one sample, in steps as fine as `simulate` takes for a `Plant`."""
+        import casadi as ca
+
+        n = NX + real.friction.size
+        full, u, d, duration = ca.SX.sym("x", n), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("duration")
+        substeps = real.nominal.substeps(self.dt, FINE)
+        x, memory = full[:NX], full[NX:]
+        for _ in range(substeps):
+            x, memory = real.stepped(x, memory, u, d, duration / substeps)
+        return Buffered(ca.Function("real", [full, u, d, duration], [ca.vertcat(x, memory)]))
+
+
+_UNITS = (("dead_time", "s"), ("dead_band", "Pa"), ("flow", "Pa/s"), ("encoder", "rad"), ("pressure_noise", "Pa"))
+
+__all__ = ["RealExperiment", "RealPlant"]

@@ -1,0 +1,134 @@
+"""What may be broken in a joint, as `mpc.observer.diagnosis` reads it off what an observer sees, and what to do about
+it.
+
+| fault | what is seen | reaction |
+|---|---|---|
+| leak | pressure below what its command makes of it, and never rising | stiffen less |
+| stuck valve | pressure that does not move while its command does | hold |
+| supply drop | pressure that follows its command up to a ceiling common to both muscles | stiffen less |
+| drifting pressure sensor | departs slowly from its command, and d̂ takes back the torque of it | stiffen less |
+| broken cable | d̂ jumps to minus the muscle's torque, and follows it | vent |
+| silent, frozen or rejected sensor | the observer's own flags | none for a pressure, hold for the angle |
+| load or drift of the angle | d̂ larger than usual loads, whatever the pressures do | hold |
+
+Where several faults explain what is seen all of them are named: `docs/faults.md` says which, and until when.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from typing import NamedTuple
+
+
+class Reaction(IntEnum):
+    """What to do, the more urgent the larger."""
+
+    NONE = 0
+    STIFFEN_LESS = 1  # ask for less stiffness, that is for lower pressures
+    HOLD = 2  # stop, and keep the pressures
+    VENT = 3  # let both muscles empty
+
+    def __str__(self) -> str:
+        """In words."""
+        return self.name.lower().replace("_", " ")
+
+
+class FaultKind(StrEnum):
+    """The faults that are told apart."""
+
+    LEAK = "leak"
+    STUCK_VALVE = "stuck valve"
+    SUPPLY_DROP = "supply drop"
+    DRIFTING_SENSOR = "drifting sensor"
+    BROKEN_CABLE = "broken cable"
+    SILENT_SENSOR = "silent sensor"
+    FROZEN_SENSOR = "frozen sensor"
+    REJECTED_SENSOR = "rejected sensor"
+    LOAD = "load"
+
+
+class Part(StrEnum):
+    """What a fault is in."""
+
+    MUSCLE_1 = "muscle 1"
+    MUSCLE_2 = "muscle 2"
+    SUPPLY = "supply"
+    ANGLE = "angle"
+    P1 = "P1"
+    P2 = "P2"
+    JOINT = "joint"
+
+
+MUSCLES = Part.MUSCLE_1, Part.MUSCLE_2
+SENSORS = Part.ANGLE, Part.P1, Part.P2
+
+_REACTIONS = {
+    FaultKind.LEAK: Reaction.STIFFEN_LESS,
+    FaultKind.STUCK_VALVE: Reaction.HOLD,
+    FaultKind.SUPPLY_DROP: Reaction.STIFFEN_LESS,
+    FaultKind.DRIFTING_SENSOR: Reaction.STIFFEN_LESS,
+    FaultKind.BROKEN_CABLE: Reaction.VENT,
+    FaultKind.SILENT_SENSOR: Reaction.NONE,
+    FaultKind.FROZEN_SENSOR: Reaction.NONE,
+    FaultKind.REJECTED_SENSOR: Reaction.NONE,
+    FaultKind.LOAD: Reaction.HOLD,
+}
+
+
+class Suspect(NamedTuple):
+    """A fault, and what it is in."""
+
+    fault: FaultKind
+    part: Part
+
+    @property
+    def reaction(self) -> Reaction:
+        """What to do if it is this: without its angle a joint had better not move."""
+        return Reaction.HOLD if self.part is Part.ANGLE else _REACTIONS[self.fault]
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"{self.fault} ({self.part})"
+
+
+class Finding(NamedTuple):
+    """Something that is wrong: one of the `suspects`, which what was seen does not tell apart."""
+
+    suspects: tuple[Suspect, ...]
+    since: float  # [s] since the observer's reset
+
+    def __str__(self) -> str:
+        """In words."""
+        return " or ".join(map(str, self.suspects)) + f" since {self.since:.2f} s"
+
+
+@dataclass(frozen=True)
+class Health:
+    """What is wrong with a joint at one moment."""
+
+    findings: tuple[Finding, ...] = ()  # each with a cause of its own
+
+    @property
+    def well(self) -> bool:
+        """Whether nothing is suspected."""
+        return not self.findings
+
+    @property
+    def suspects(self) -> tuple[Suspect, ...]:
+        """All that is suspected."""
+        return tuple(suspect for finding in self.findings for suspect in finding.suspects)
+
+    @property
+    def reaction(self) -> Reaction:
+        """The most urgent one that a suspect asks for: what is not told apart is taken for the worse."""
+        return max((suspect.reaction for suspect in self.suspects), default=Reaction.NONE)
+
+    def __str__(self) -> str:
+        """One sentence."""
+        if self.well:
+            return "Nothing is suspected."
+        return "; ".join(map(str, self.findings)) + f": {self.reaction}."
+
+
+WELL = Health()
+
+__all__ = ["MUSCLES", "SENSORS", "WELL", "FaultKind", "Finding", "Health", "Part", "Reaction", "Suspect"]

@@ -1,0 +1,280 @@
+"""From measurements to what a controller needs: the state and the disturbance torque, whatever the sensors say.
+
+`KalmanObserver` is the extended Kalman filter of `mpc.observer.filter` behind the gates of `mpc.observer.gating`: what
+the joint cannot have done is not believed. The covariance begins at the stationary one (Riccati equation at rest in the
+middle of the range).
+
+A sensor that repeats its reading exactly may be frozen, or at rest: an encoder's steps hide small motions. So from the
+first repetition on a second belief is kept that does not use the readings of that sensor, nor of others that repeat or
+are not believed. If it expects another reading, with five standard deviations between, and this lasts, the sensor is
+frozen: the second belief takes over, and the sensor counts as silent until it says something new.
+
+While readings are rejected there is a rival belief that uses them. It begins anew whenever it cannot explain a reading;
+once it has explained all of them for long enough (`Gate.hesitation`, `Gate.patience`) it takes over. So a joint that
+was hit, and an encoder that has lost its zero, are found again, in motion too.
+"""
+
+from collections import deque
+from math import isfinite, nan, sqrt
+from typing import Protocol
+
+import numpy as np
+
+from allocator.calculus import Array, Mask
+from allocator.units import DEG
+from mpc.model.compensation import Compensation, FrictionState
+from mpc.model.plant import NX, Plant
+from mpc.observer.diagnosis import Diagnosis
+from mpc.observer.filter import MEASURED, Belief, Filter, Noise
+from mpc.observer.gating import ROUGH, Gate, SensorGate, Verdict
+from mpc.observer.health import Health
+
+DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
+FIRST = 3  # samples up to which what is rejected may as well be right: nothing has confirmed the first reading
+COARSEST = 1 * DEG  # step of an encoder
+_THETA, _PRESSURES = 0, (1, 2)  # sensors
+
+
+class Observer(Protocol):
+    """Makes a state of what the sensors say, sample by sample."""
+
+    def reset(self) -> None:
+        """Forget the past."""
+
+    def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
+        """State (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was sent last."""
+
+
+class Differentiator:
+    """No observer at all: a velocity that is not measured is the difference of the last two angles."""
+
+    def __init__(self, dt: float) -> None:
+        self.dt = dt
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._theta: float | None = None
+
+    def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
+        """`y` (4,) with the velocity filled in, and no disturbance torque."""
+        x = np.array(y)
+        if np.isnan(x[1]):
+            x[1] = 0.0 if self._theta is None else (x[0] - self._theta) / self.dt
+        self._theta = float(x[0])
+        return x, 0.0
+
+
+class KalmanObserver:
+    """Extended Kalman filter; `plant` is the model. A sensor may be silent or frozen for `tolerance` seconds.
+
+    Silent is one that says NaN or what is not believed (`gate`; by default what fits the plant). After that what it
+    should measure is answered as NaN until it speaks again: a controller then knows that it is blind, and
+    `TrackingMPC` says so in the status of its plans. Numbers never make it raise; before the first angle that can be
+    believed all that is answered is NaN, but for the pressures.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        dt: float,
+        noise: Noise | None = None,
+        compensation: Compensation | None = None,
+        tolerance: float = 0.1,
+        gate: Gate | None = None,
+    ) -> None:
+        self.plant, self.dt, self.tolerance = plant, dt, tolerance
+        self.noise = Noise() if noise is None else noise
+        self.compensation = Compensation() if compensation is None else compensation
+        self.gate = Gate.of(plant, dt, (self.noise.theta, self.noise.pressure)) if gate is None else gate
+        self.filter = Filter(plant, dt, self.noise, self.compensation, self.gate)
+        times = self.gate.hesitation, self.gate.patience, tolerance
+        self.hesitation, self.patience, self.crossing = (round(time / dt) for time in times)  # [samples]
+        self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(MEASURED.size)]
+        self._diagnosis = Diagnosis(plant, dt, self.noise.pressure, self.compensation, tolerance)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the next measurement is the state, and no torque disturbs."""
+        self.belief: Belief | None = None
+        self.verdicts = [Verdict.SILENT] * MEASURED.size  # on the last readings of θ, P1, P2
+        self.rebuilt = 0  # how often the state was not finite and had to be built anew
+        self._read = np.full(MEASURED.size, np.nan)  # what the sensors said a sample ago
+        self._silent = np.zeros(MEASURED.size)  # for how long [s]
+        self._repeating = np.zeros(MEASURED.size)  # for how long [s]
+        self._frozen = np.zeros(MEASURED.size, bool)
+        self._without: dict[int, Belief] = {}  # by sensor that repeats: what is thought without it
+        self._rival: Belief | None = None  # that believes what the gates reject
+        self._explained = 0  # samples for which it has explained all readings
+        self._doubted = 0  # for how many it has to
+        self._contested = np.zeros(MEASURED.size, bool)  # sensors that it is about
+        self._unrivalled = self.crossing  # samples since anything was rejected
+        self._samples = 0  # since the beginning, up to FIRST + 1
+        self._step = COARSEST  # the least change of the angle's reading so far [rad]
+        self._variances = np.diag(self.filter.R).copy()  # of the sensors
+        self._friction = FrictionState(self.compensation.friction)
+        self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + 1)
+        for gate in self._gates:
+            gate.reset()
+        self._gates[_THETA].floor = self.gate.floor[_THETA]
+        self._diagnosis.reset()
+
+    @property
+    def health(self) -> Health:
+        """What may be broken, as of the last estimate."""
+        return self._diagnosis.health
+
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
+    def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
+        """State (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was sent last."""
+        said, u = np.asarray(y, float)[MEASURED], np.asarray(u, float)
+        if self.belief is None:
+            self._begin(said, u)
+        else:
+            self._learn_step(abs(float(said[_THETA] - self._read[_THETA])))
+            self._commands.append(np.where(self.filter.can_be_sent(u), u, self._commands[-1]))
+            self._go_on(self.belief, said)
+        there = self._believed
+        self._silent = np.where(there, 0.0, np.maximum(self._silent, self._frozen * self._repeating) + self.dt)
+        self._read = said
+        if self.belief is not None:
+            self._diagnosis.follow(said, self.verdicts, self._commands[0], self.belief.xi)
+        return self._answer(said, there)
+
+    @property
+    def _believed(self) -> Mask:
+        """Which readings (3,) count."""
+        return np.array([verdict.counts for verdict in self.verdicts])
+
+    def _learn_step(self, change: float) -> None:
+        """An encoder's readings change by whole steps: the least `change` [rad] so far is its step, if it has one."""
+        if 0 < change < self._step:
+            self._step = change
+            rough = max(self.noise.theta, change / sqrt(12))
+            self._variances[_THETA], self._gates[_THETA].floor = rough**2, max(self.gate.floor[_THETA], ROUGH * rough)
+
+    # --- a sample ---------------------------------------------------------------------------------------------------
+
+    def _begin(self, said: Array, u: Array) -> None:
+        """The first angle that can be one begins; a pressure that is not measured is the one that was sent."""
+        gate, read = self.gate, said.copy()
+        read[_THETA] = gate.unwrapped(float(said[_THETA]), float(np.mean(self.plant.joint.angle_range)), within=np.pi)
+        self.verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
+        believed = self._believed
+        theta, *P = np.where(believed, read, [np.nan, *u]).tolist()
+        if believed[_THETA] and all(map(gate.possible, _PRESSURES, P)):
+            begun = Belief(np.array([theta, 0.0, *P, 0.0]), self.filter.stationary)
+            self.belief = self.filter.corrected(begun, read, believed, self._variances)
+            self._commands.extend([np.where(self.filter.can_be_sent(u), u, P)] * (self.compensation.delay(self.dt) + 1))
+
+    def _first_verdict(self, sensor: int, read: float) -> Verdict:
+        if not isfinite(read):
+            return Verdict.SILENT
+        return Verdict.BELIEVED if self.gate.possible(sensor, read) else Verdict.IMPOSSIBLE
+
+    def _go_on(self, before: Belief, said: Array) -> None:
+        """From what was thought a sample ago to what is thought now."""
+        z = self._friction.follow(float(before.xi[0]))
+        expected = self.filter.predicted(before, self._commands[0], z, self.filter.Q)
+        read = said.copy()
+        if not expected.sound:
+            self.verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
+            self.belief = self._rebuilt(before, read, self._believed)
+            return
+        read[_THETA] = self.gate.unwrapped(float(said[_THETA]), float(expected.xi[0]))
+        self.verdicts = self._judged(read, expected)
+        repeated = said == self._read
+        expected = self._without_frozen(before, expected, repeated, read, z)
+        expected = self._rival_or(expected, read, repeated, z)
+        believed = self._believed
+        found = self.filter.corrected(expected, read, believed, self._variances)
+        self._samples = min(self._samples + 1, FIRST + 1)
+        self.belief = found if found.sound else self._rebuilt(before, read, believed)
+
+    def _judged(self, read: Array, expected: Belief) -> list[Verdict]:
+        i = MEASURED
+        foreseen, variance = expected.xi[i].tolist(), (expected.covariance[i, i] + self._variances).tolist()
+        return [gate.judge(*one) for gate, *one in zip(self._gates, read.tolist(), foreseen, variance, strict=True)]
+
+    def _without_frozen(self, before: Belief, expected: Belief, repeated: Mask, read: Array, z: float) -> Belief:
+        """What is expected without the sensors that are frozen; notes which are."""
+        self._repeating = np.where(repeated, self._repeating + self.dt, 0.0)
+        self._frozen &= repeated
+        others = self._believed & ~repeated
+        begun = {i: self._without.get(i, before) for i in np.flatnonzero(repeated).tolist()}
+        self._without = {}
+        for i, without in begun.items():
+            foreseen = self.filter.predicted(without, self._commands[0], z, self.filter.Q_rest)
+            if not self._frozen[i] and self._repeating[i] > self.tolerance and self._doubtful(i, read[i], foreseen):
+                self._frozen[i] = True
+                expected = foreseen
+            if self._frozen[i]:
+                self._gates[i].frozen(float(read[i]))
+                self.verdicts[i] = Verdict.FROZEN
+            self._without[i] = self.filter.corrected(foreseen, read, others, self._variances)
+        return expected
+
+    def _doubtful(self, sensor: int, read: float, foreseen: Belief) -> bool:
+        i = MEASURED[sensor]
+        variance = foreseen.covariance[i, i] + self._variances[sensor]
+        return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
+
+    def _rival_or(self, expected: Belief, read: Array, repeated: Mask, z: float) -> Belief:
+        """`expected`, or what a rival belief expects that has explained the rejected readings for long enough."""
+        rejected = np.array([verdict is Verdict.REJECTED for verdict in self.verdicts])
+        self._unrivalled = 0 if rejected.any() else self._unrivalled + 1
+        if self._unrivalled > self.crossing:  # not at once: it is near by chance when two motions cross
+            self._end_rivalry()
+        if self._rival is None and not rejected.any():
+            return expected
+        used = self._believed | rejected
+        rival = self._rival and self.filter.predicted(self._rival, self._commands[0], z, self.filter.Q)
+        if rival is None or not self._explains(rival, read, used):
+            rival, self._explained = self.filter.unsure_at(expected, read, rejected), 0
+            near = np.abs(read - expected.xi[MEASURED]) <= self.gate.jump
+            self._doubted = self.hesitation if near[rejected].all() else self.patience
+        self._contested |= rejected
+        if (repeated & self._contested).any():  # as a blow does not, but a sensor that sticks
+            self._doubted = self.patience
+        self._explained += bool((used & self._contested).any())
+        if not rejected.any() or (self._explained <= self._doubted and self._samples > FIRST):
+            self._rival = self.filter.corrected(rival, read, used, self._variances)
+            return expected
+        for i in np.flatnonzero(rejected).tolist():
+            self.verdicts[i] = Verdict.ACCEPTED
+            self._gates[i].reset()
+        self._end_rivalry()
+        self._without = {}
+        return rival
+
+    def _end_rivalry(self) -> None:
+        self._rival, self._explained = None, 0
+        self._contested[:] = False
+
+    def _explains(self, belief: Belief, read: Array, used: Mask) -> bool:
+        """Whether the readings `used` (3,) are as near to what `belief` expects as true ones are."""
+        i = MEASURED
+        variance = (belief.covariance[i, i] + self._variances).tolist()
+        width = [max(gate.width(v), gate.jump) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]
+        return bool((np.abs(read - belief.xi[i]) <= width)[used].all())
+
+    def _rebuilt(self, before: Belief, read: Array, believed: Mask) -> Belief:
+        """A state from the readings, where the filter has none that is finite."""
+        self.rebuilt += 1
+        self._end_rivalry()
+        self._without = {}
+        xi = np.where(np.isfinite(before.xi), before.xi, 0.0)
+        xi[[1, NX]] = 0.0
+        return self.filter.unsure_at(Belief(self.filter.within(xi), before.covariance), read, believed)
+
+    def _answer(self, said: Array, there: Mask) -> tuple[Array, float]:
+        if self.belief is None:
+            x = np.full(NX, np.nan)
+            x[MEASURED[there]] = said[there]
+            return x, 0.0
+        x = self.belief.xi[:NX].copy()
+        x[MEASURED[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
+        return x, float(self.belief.xi[NX])
+
+
+__all__ = ["COARSEST", "DOUBT", "FIRST", "Differentiator", "KalmanObserver", "Noise", "Observer"]

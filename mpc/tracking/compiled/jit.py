@@ -1,0 +1,41 @@
+"""How functions are compiled: IEEE arithmetic, division by zero included, but products and sums may be fused."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from numba import config, njit
+
+from allocator.compilation.cache import keep
+
+if config.DISABLE_JIT:
+    raise ImportError("numba is told not to compile")
+
+KEPT = "antagonist_"  # begins the names of the modules whose compiled code is kept: hashes of all that it is made from
+F = TypeVar("F", bound=Callable[..., Any])
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
+_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # they take long to compile
+
+
+def compiled(function: F) -> F:
+    """Compile `function` when it is first called; an `OSError` if the result is to be kept on disk and cannot be.
+
+    numba sees when the file of a function changes, but not those of the functions that it calls: results are kept only
+    of modules that `mpc.tracking.compiled.module` names.
+    """
+    made: F = njit(**_OPTIONS)(function)
+    return keep(made) if function.__module__.startswith(KEPT) else made
+
+
+def inlined(function: F) -> F:
+    """Compile `function` as a part of compiled functions that call it; Python cannot."""
+    made: F = njit(**_INNER, **_OPTIONS)(function)
+    return made
+
+
+def merged(function: F) -> F:
+    """Compile `function` into its only caller, which then does not wait for a tuple to go through the memory."""
+    made: F = njit(forceinline=True, **_INNER, **_OPTIONS)(function)
+    return made
+
+
+__all__ = ["KEPT", "compiled", "inlined", "merged"]

@@ -1,0 +1,71 @@
+"""The commands that would follow a preview exactly, if the model were right and nothing limited: closed form.
+
+The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d, where d holds the friction of the intended motion too
+(`mpc.tracking.preview`); `allocate` turns (θ, K, T) at all N+1 samples into pressures in one call, bringing what cannot
+be reached to the nearest that can; and the lag over one sample of constant command, P_{k+1} = α_i P_k + (1 - α_i) u_k
+with α_i = exp(-dt/τ_i), is inverted for the commands.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from allocator import allocate, warm_up
+from allocator.calculus import Array
+from mpc.model.plant import Plant
+from mpc.tracking.plan import Moved
+
+
+@dataclass(frozen=True)
+class FeedForward:
+    """A preview and what it asks of the pressures; time runs along the first axis."""
+
+    theta: Array  # (N+1,) angle within the joint range [rad]
+    omega: Array  # (N+1,) its derivative [rad/s]
+    K: Array  # (N+1,) the reachable stiffness nearest to the asked one [N·m/rad]
+    P: Array  # (N+1, 2) pressures [Pa]
+    u: Array  # (N, 2) commands [Pa], unlimited
+    moved: Moved  # from what was asked
+
+
+class FeedForwardLaw:
+    """Feed-forward of `plant` for previews of N+1 samples, `dt` [s] apart, with muscles that pull `min_force` [N]."""
+
+    def __init__(self, plant: Plant, dt: float, N: int, min_force: float = 0.0) -> None:
+        from scipy.interpolate import CubicSpline
+
+        self.plant, self.min_force = plant, min_force
+        # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
+        spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))
+        self.slopes = spline(spline.x, 1), spline(spline.x, 2)
+        self.alpha = np.exp(-dt / np.array(plant.lags))  # (2,)
+
+    def ready(self) -> Self:
+        """Itself, with everything compiled that else would be in the first control step."""
+        warm_up(joint=self.plant.joint, min_force=self.min_force)
+        return self
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """In another process nothing may be compiled yet."""
+        self.__dict__.update(state)
+        self.ready()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Itself: nothing in it changes."""
+        return self
+
+    def __call__(self, theta: Array, K: Array, d: Array | float = 0.0) -> FeedForward:
+        """For the previews `theta` [rad] and `K` [N·m/rad], both (N+1,), and a torque `d` [N·m], (N+1,) or constant."""
+        asked = theta
+        theta = np.clip(asked, *self.plant.joint.angle_range)
+        omega, alpha = (D @ theta for D in self.slopes)
+        T = self.plant.torque_for(theta, omega, alpha, d)
+        held = allocate(theta, K, T, joint=self.plant.joint, min_force=self.min_force)
+        P = np.stack([held.P1, held.P2], axis=1)
+        u = (P[1:] - self.alpha * P[:-1]) / (1 - self.alpha)
+        moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - theta, held.K_error, held.T_error)))
+        return FeedForward(theta, omega, held.K, P, u, moved)
+
+
+__all__ = ["FeedForward", "FeedForwardLaw"]

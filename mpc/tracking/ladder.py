@@ -1,0 +1,126 @@
+"""The fallback ladder: what is commanded at a sample, best first.
+
+    QP          what the proved solution of the QP says
+    SOFTENED    the answer of `mpc.tracking.qp.softened`, where the QP has none that is proved
+    PREVIOUS    the last of these plans goes on where it was, at most to its end
+    ALLOCATION  the feed-forward, approached as the limits allow
+    HOLD        the commands stay where they are, and after a while both pressures are let out slowly
+
+A rung is stood on only if its commands and the motion that the model predicts for them are finite. Whoever does not
+know the angle any more stands on the last: a prediction without it drifts away. Where there is no finite prediction at
+all, the plan says that everything stays as it was last known. Letting out keeps the ratio of the two pressures, and
+with it about the angle. The next good sample leads back to the first rung.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.units import BAR
+from mpc.tracking.limits import Limits
+from mpc.tracking.linearise import Motion, Predictor
+from mpc.tracking.plan import PlanStatus, Rung
+
+
+@dataclass
+class Ladder:
+    """It remembers the commands of the last plan as they are to be heard."""
+
+    limits: Limits
+    predictor: Predictor
+    holding: float = 0.5  # how long pressures are held before they are let out [s]
+    venting: float = 0.5 * BAR  # how fast the higher of them then falls [Pa/s]
+
+    def __post_init__(self) -> None:
+        """Begin."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._motion: Motion | None = None  # of the last plan
+        self._left = 0  # samples to the end of the last plan that was optimised
+        self._held = 0  # samples spent on the last rung
+
+    def u_last(self, x: Array) -> Array:
+        """The command (2,) of the sample before; the pressures in `x` (4,) if there was none."""
+        return x[2:] if self._motion is None else self._motion.u[0]
+
+    def onward(self, u_star: Array) -> Array:
+        """The last plan moved on by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
+        if self._motion is None:
+            return u_star
+        u = self._motion.u
+        on = np.empty_like(u)
+        on[:-1], on[-1] = u[1:], u[-1]
+        turn = u_star[-1] - u_star[-2]
+        if isfinite(turn[0]) and isfinite(turn[1]):
+            on[-1] += turn
+        return on
+
+    def descend(
+        self, x: Array, best: tuple[Rung, Array] | None, blind: bool, u_star: Array, u_last: Array, d: Array
+    ) -> tuple[Rung, Motion]:
+        """The first rung that bears, and what its commands do from `x` (4,) under the torque `d` (N,) [N·m].
+
+        `best` is what optimisation gave, if anything; who is `blind` holds.
+        """
+        if not blind:
+            for rung, u in self.rungs(best, u_star, u_last):
+                motion = self.predictor.motion(x, u, d)
+                if motion.finite:
+                    return rung, motion
+        u = self.hold(u_last)
+        motion = self.predictor.motion(x, u, d)
+        if not motion.finite:
+            motion = _standing(x, u) if self._motion is None else self._motion.standing(u)
+        return Rung.HOLD, motion
+
+    def rungs(self, best: tuple[Rung, Array] | None, u_star: Array, u_last: Array) -> Iterator[tuple[Rung, Array]]:
+        """Commands (N, 2) to try, from what optimisation gave, if anything, down to `hold`, which is not among them."""
+        if best is not None:
+            yield best
+        if self._left > 1:
+            yield Rung.PREVIOUS, self.limits.limited(u_last, self.onward(u_star))
+        yield Rung.ALLOCATION, self.limits.limited(u_last, u_star)
+
+    def hold(self, u_last: Array) -> Array:
+        """The commands (N, 2) of the last rung."""
+        low, dt = self.limits.pressure[0], self.predictor.dt
+        u, wanted = u_last, np.empty((self.predictor.N, u_last.size))
+        for k in range(self.predictor.N):
+            if (self._held + k) * dt >= self.holding:
+                above = u - low
+                fall = self.venting * dt / max(float(above.max()), self.venting * dt)
+                u = u - fall * above
+            wanted[k] = u
+        return self.limits.limited(u_last, wanted)
+
+    def stand(self, rung: Rung, motion: Motion) -> None:
+        """Remember that the commands of `motion`, of `rung`, are given."""
+        self._motion = motion
+        if rung in (Rung.QP, Rung.SOFTENED):
+            self._left = len(motion.u)
+        else:
+            self._left = self._left - 1 if rung is Rung.PREVIOUS else 0
+        self._held = self._held + 1 if rung is Rung.HOLD else 0
+
+
+def _standing(x: Array, u: Array) -> Motion:
+    """No motion at all from `x` (4,) under the commands `u` (N, 2), where the model has none and none is known."""
+    n = len(u) + 1
+    return Motion(u, np.tile(x, (n, 1)), np.zeros(n), np.zeros((n, u.shape[1])))
+
+
+def honest(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
+    """What is to be said of a plan on `rung`, optimisation having ended with the status `optimised`."""
+    if optimised is not PlanStatus.OPTIMAL:
+        return optimised
+    if rung is not Rung.QP:
+        return PlanStatus.NOT_FINITE  # what the QP's commands would do
+    return PlanStatus.OPTIMAL if measured else PlanStatus.NO_MEASUREMENT
+
+
+__all__ = ["Ladder", "honest"]

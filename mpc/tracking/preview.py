@@ -1,0 +1,206 @@
+"""How a controller uses a `Compensation`: when its command is heard, against what friction, and how to say it.
+
+A command given now is heard after the dead time. Until then the joint follows the commands under way; their motion
+gives the state in which the new command begins to act. The torque on the way and beyond contains the friction of the
+intended motion. What is to be heard is spoken so that it passes the dead band, within the limits of what can be sent.
+
+Whatever numbers come, there is a task. What no joint can measure counts as not measured, and is what was predicted for
+it; before the angle has ever been measured the joint is taken to be where it is wanted, and whoever takes it for that
+is told that the angle is not known. References that cannot be meant are refused, with a warning once.
+"""
+
+import warnings
+from collections.abc import Callable
+from math import inf, isfinite, pi
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from mpc.model.compensation import Compensation, FrictionState
+from mpc.model.friction import pull
+from mpc.model.plant import NX, Plant
+from mpc.observer.gating import Gate
+from mpc.tracking.limits import Limits
+from mpc.tracking.linearise import Predictor
+from mpc.tracking.plan import PlanStatus
+
+_TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] what `checks` lets pass
+CORRECTED = 0.1  # [-] of an error of the angle counts as motion that friction opposes
+
+
+class _Meaningless(Exception):
+    """Numbers that cannot be meant."""
+
+
+class BadNumbers(UserWarning):
+    """A reference or a torque that cannot be meant: the controller holds the pressures."""
+
+
+class Task(NamedTuple):
+    """What a command given now has to deal with, from the moment on at which it is heard; N+1 samples."""
+
+    seen: Array  # (4,) what is measured of the state now; NaN for what is not
+    x: Array  # (4,) the state then
+    theta: Array  # (N+1,) reference [rad]
+    K: Array  # (N+1,) reference [N·m/rad]
+    d: Array  # (N+1,) torque from outside and of friction [N·m]
+    measured: bool  # whether all of the state was
+    blind: float  # for how long the angle has not been [s]; inf: never
+    refused: bool  # whether the references cannot be meant: those here are stand-ins
+    expected: float  # the angle that was predicted for now [rad]; NaN at first
+
+    def halted(self, patience: float) -> PlanStatus | None:
+        """Why the pressures have to be held, if they have to; the angle may be predicted for `patience` [s]."""
+        if self.refused:
+            return PlanStatus.BAD_INPUT
+        return PlanStatus.BLIND if self.blind > patience * (1 + 1e-9) else None
+
+
+class Foresight:
+    """Dead time, friction and dead band of `compensation` in a controller of `plant` with a preview of N samples."""
+
+    def __init__(self, plant: Plant, dt: float, N: int, compensation: Compensation, limits: Limits) -> None:
+        self.plant, self.dt, self.compensation, self.limits = plant, dt, compensation, limits
+        self.delay = compensation.delay(dt)
+        self.ahead = N + self.delay  # samples of preview wanted
+        self._under_way = Predictor(plant, dt, self.delay)
+        gate = Gate.of(plant, dt)
+        self._lower = np.array([gate.lower[0], -gate.max_speed, *gate.lower[1:]])
+        self._upper = np.array([gate.upper[0], gate.max_speed, *gate.upper[1:]])
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._waiting: list[Array] = []  # commands as they will be heard, oldest first
+        self._sent: Array | None = None  # (2,)
+        self._expected: Array | None = None  # the state that was predicted for the next sample (4,)
+        self._blind = inf  # samples since the angle was measured
+        self._warned = False
+        self._friction = FrictionState(self.compensation.friction)
+
+    def task(self, x: object, theta_ref: object, K_ref: object, d: object, ringing: bool = False) -> Task:
+        """Checks what `step` of a controller was given and looks ahead by the dead time.
+
+        Of a joint that is `ringing` no correction of the angle is foreseen to meet friction.
+        """
+        expected = np.nan if self._expected is None else float(self._expected[0])
+        x, seen = self._state(x)
+        measured = bool(np.isfinite(seen).all())
+        try:
+            theta = self._preview("theta_ref", theta_ref, checks.angle, (-_TURN, _TURN))
+            K = self._preview("K_ref", K_ref, checks.stiffness, (_LEAST, inf))
+            torque, refused = self._torque(d), False
+        except _Meaningless as meaningless:
+            self._warn(meaningless)
+            theta, K = np.full(self.ahead + 1, x[0]), np.ones(self.ahead + 1)
+            torque, refused = 0.0, True
+        if self._blind == inf and not refused:
+            x[0] = min(max(theta[0], self.limits.theta[0]), self.limits.theta[1])
+        torques = torque - self._friction_ahead(x, theta, 0.0 if ringing else CORRECTED)
+        if self._sent is None:
+            self._sent = x[2:]
+        if not (m := self.delay):
+            return Task(seen, x, theta, K, torques, measured, self._blind * self.dt, refused, expected)
+        self._waiting = self._waiting or [x[2:]] * m
+        path = self._under_way.motion(x, np.array(self._waiting), torques[:m]).x
+        self._expect(path[1])
+        return Task(seen, path[m], theta[m:], K[m:], torques[m:], measured, self._blind * self.dt, refused, expected)
+
+    def spoken(self, u: Array, x: Array, side: float = 0.0) -> Array:
+        """The commands (N, 2) to send for `u` (N, 2) to be heard in the states `x` (N+1, 4), as the limits allow.
+
+        A `side` of ±1 says on which edge of the dead band the regulators are to hold `u`, whatever the pressures are.
+        """
+        self._waiting = [*self._waiting[1:], u[0]] if self.delay else []
+        if not self.delay:
+            self._expect(x[1])
+        if self.compensation.dead_band:
+            assert self._sent is not None  # `task` comes first
+            edge = u + side * self.compensation.dead_band / 2
+            u = self.limits.limited(self._sent, edge if side else self.compensation.spoken(u, x[:-1, 2:]))
+        self._sent = u[0]
+        return u
+
+    # --- the pieces -------------------------------------------------------------------------------------------------
+
+    def _state(self, x: object) -> tuple[Array, Array]:
+        """The state to start from, and what of it is measured."""
+        array = np.array(x, float)
+        if array.shape != (NX,):
+            raise InvalidInput(f"x has the shape {array.shape}, not ({NX},): (theta [rad], omega [rad/s], P1, P2 [Pa])")
+        known = (self._lower <= array) & (array <= self._upper)  # NaN is not
+        if known[0]:
+            self._blind = 0
+        else:
+            self._blind += 1
+        if known.all():
+            return array, array
+        otherwise = self._unmeasured if self._expected is None else self._expected
+        return np.where(known, array, otherwise), np.where(known, array, np.nan)
+
+    @property
+    def _unmeasured(self) -> Array:
+        """A state (4,) without pressure in the middle of the joint range: nothing is known of the joint."""
+        low, _ = self.limits.pressure
+        return np.array([np.mean(self.limits.theta), 0.0, low, low])
+
+    def _torque(self, d: object) -> float:
+        """The torque from outside."""
+        if type(d) is float and isfinite(d):
+            return d
+        torque = checks.floats("d", d, "N·m")
+        if torque.shape != ():
+            raise InvalidInput(f"d has the shape {torque.shape}; give one torque [N·m]")
+        if not np.isfinite(torque):
+            raise _Meaningless(f"d = {float(torque)} N·m is not finite")
+        return float(torque)
+
+    def _warn(self, reason: Exception) -> None:
+        if not self._warned:
+            warnings.warn(f"{reason}; the pressures are held", BadNumbers, stacklevel=4)  # which is who calls `step`
+            self._warned = True
+
+    def _expect(self, x: Array) -> None:
+        if all(map(isfinite, x.tolist())):
+            self._expected = x
+
+    def _preview(
+        self, name: str, given: object, check: Callable[[str, Any], Array], usual: tuple[float, float]
+    ) -> Array:
+        """A preview (ahead + 1,) of its own; `check` is what finds out what is wrong with one that looks unusual."""
+        if type(given) is np.ndarray and given.dtype == np.float64 and given.shape == (self.ahead + 1,):
+            values = given.tolist()
+            if isfinite(sum(values)) and usual[0] <= min(values) and max(values) <= usual[1]:
+                return given.copy()
+        reference = checks.floats(name, given, "SI unit")
+        if reference.shape not in ((), (self.ahead + 1,)):
+            raise InvalidInput(
+                f"{name} has the shape {reference.shape}; give one value or a preview ({self.ahead + 1},)"
+            )
+        try:
+            check(name, given)
+        except InvalidInput as wrong:
+            raise _Meaningless(str(wrong)) from None
+        return np.full(self.ahead + 1, reference) if reference.shape == () else reference.copy()
+
+    def _friction_ahead(self, x: Array, theta: Array, corrected: float) -> Array:
+        """Friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does.
+
+        It has to come back to the preview first. At rest presliding friction makes the joint several times as stiff as
+        its muscles, and an error would hardly move a controller that does not count with it; one that counts with all
+        of it would shake a joint without friction.
+        """
+        if self.compensation.friction.absent:
+            return np.zeros(self.ahead + 1)
+        z = self._friction.follow(float(x[0]))
+        limit = self.compensation.friction.limit(float(pull(self.plant, x)))
+        if not isfinite(limit):  # nor will the motion from such a state be: the controller finds that out
+            return np.zeros(theta.shape)
+        back = theta[0] + corrected * (float(x[0]) - theta[0])
+        return np.asarray(limit * self.compensation.friction.along(z, np.append(back, theta[1:])))
+
+
+__all__ = ["CORRECTED", "BadNumbers", "Foresight", "Task"]

@@ -1,0 +1,137 @@
+"""From stage matrices to the dense QP: the states are eliminated, only the changes of the commands remain.
+
+The commands are u = ū + E z, where E (N, 2, n) says which decisions move which command; here z are the N changes
+Δu_k = u_k - u_{k-1} (less those of ū), so that every command carries the sum of the changes before it, followed by the
+slacks s of the joint range and s_F of the muscle forces. With blocked moves there are fewer: one pair of changes for
+every block, at its beginning, after which the commands move as ū does. With δx_0 = 0 the linear model gives
+
+    δx_{k+1} = A_k δx_k + B_k E_k z      so      x_k = x̄_k + G_k z,    G_0 = 0,    G_{k+1} = A_k G_k + B_k E_k
+
+and every term of the cost is a residual r̄ + M z: H = MᵀM, f = Mᵀr̄. Pressures count in bar within z, s in rad, s_F in N.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.units import BAR
+from mpc.model.plant import NU, NX
+from mpc.tracking.feedforward import FeedForward
+from mpc.tracking.limits import Limits
+from mpc.tracking.linearise import Linearisation
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.weights import Weights
+
+SLACKS = 2  # s and s_F, the last decisions
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What does not change from step to step of the problem in `mpc.tracking.controller`."""
+
+    weights: Weights
+    limits: Limits
+    L: Array  # (6, 6) terminal factor
+    blocks: tuple[int, ...]  # samples from one change of the commands to the next, N in all
+    dt: float  # [s]
+
+    @cached_property
+    def starts(self) -> Array:
+        """The samples at which the commands may leave ū, one for each block."""
+        return np.cumsum([0, *self.blocks[:-1]])
+
+    @cached_property
+    def curvature(self) -> float:
+        """c [cost]/[bar]²: every change of a command is charged ½ c of its square, so no eigenvalue of H is less."""
+        return self.weights.rate * BAR**2 / self.dt**2
+
+    @cached_property
+    def E(self) -> Array:
+        """(N, 2, n) [Pa] by which a unit of each decision moves the commands."""
+        return increments(self.blocks)
+
+
+def increments(blocks: Sequence[int]) -> Array:
+    """E (N, 2, 2 blocks + 2) [Pa/bar]: the change of block j moves all commands from there on; slacks move none."""
+    E = np.zeros((sum(blocks), NU, len(blocks) * NU + SLACKS))
+    for j, start in enumerate(np.cumsum([0, *blocks[:-1]])):
+        E[start:, :, j * NU : (j + 1) * NU] = BAR * np.eye(NU)
+    return E
+
+
+def sensitivity(A: Array, B: Array, E: Array) -> Array:
+    """G (N+1, 4, n) = ∂x/∂z: the linear model unrolled."""
+    N, _, n = E.shape
+    moves = B @ E  # (N, 4, n)
+    G = np.zeros((N + 1, NX, n))
+    for k in range(N):
+        G[k + 1] = A[k] @ G[k] + moves[k]
+    return G
+
+
+def condense(problem: Problem, model: Linearisation, feed: FeedForward, u_last: Array, u_star_last: Array) -> QP:
+    """The QP of one step about `model`. Of the sample before: command `u_last`, its feed-forward `u_star_last` (2,)."""
+    G = sensitivity(model.A, model.B, problem.E)
+    M, r = _residuals(problem, model, G, feed, u_last - u_star_last)
+    H, f = M.T @ M, M.T @ r
+    weights = problem.weights
+    H[-SLACKS:, -SLACKS:] = np.diag([weights.slack_square, weights.slack_force_square])
+    f[-SLACKS:] = weights.slack, weights.slack_force
+
+    changes = np.diff(model.u, axis=0, prepend=u_last[None])[problem.starts].ravel() / BAR
+    step = problem.limits.step / BAR
+    # z = 0 is allowed whatever rounding says
+    lower, upper = np.minimum(-step - changes, 0.0), np.maximum(step - changes, 0.0)
+    lower, upper = np.append(lower, SLACKS * [0.0]), np.append(upper, SLACKS * [np.inf])
+    return QP(H, f, lower, upper, *_rows(problem, model, G))
+
+
+def _residuals(
+    problem: Problem, model: Linearisation, G: Array, feed: FeedForward, e_last: Array
+) -> tuple[Array, Array]:
+    """M (m, n) and r̄ (m,) of the cost ½|r̄ + M z|²."""
+    weights, E, L = problem.weights, problem.E, problem.L
+    N, _, n = E.shape
+    e = model.u - feed.u  # (N, 2) [Pa]
+    rate = np.diff(e, axis=0, prepend=e_last[None]) / problem.dt
+    E_rate = np.diff(E, axis=0, prepend=np.zeros((1, NU, n))) / problem.dt
+    x_star = np.concatenate([[feed.theta[-1], feed.omega[-1]], feed.P[-1]])
+    xi = np.concatenate([model.x[-1] - x_star, e[-1]])
+    inner = slice(1, N)  # the states before the last, which the terminal cost takes
+    terms = [  # root of the weight, Jacobian, residual at z = 0
+        (weights.theta**0.5, G[inner, 0], model.x[inner, 0] - feed.theta[inner]),
+        (weights.omega**0.5, G[inner, 1], model.x[inner, 1] - feed.omega[inner]),
+        (weights.K**0.5, (model.C[inner, None] @ G[inner])[:, 0], model.K[inner] - feed.K[inner]),
+        (weights.u**0.5, E.reshape(-1, n), e.ravel()),
+        (weights.rate**0.5, E_rate.reshape(-1, n), rate.ravel()),
+        (1.0, L @ np.concatenate([G[-1], E[-1]]), L @ xi),
+    ]
+    M = np.concatenate([w * J for w, J, _ in terms])
+    return M, np.concatenate([w * r for w, _, r in terms])
+
+
+def _rows(problem: Problem, model: Linearisation, G: Array) -> tuple[Array, Array, Array]:
+    """Commands within the supply; θ - s at most its upper, θ + s at least its lower limit; F + s_F at least its own.
+
+    Pressures that start outside the supply come back no faster than the slew limit, as those of `model` do: up to
+    there z = 0 has to be allowed.
+    """
+    E, limits = problem.E, problem.limits
+    n = E.shape[-1]
+    s, s_F = np.eye(n)[-SLACKS:]
+    commands, angle = E.reshape(-1, n) / BAR, G[1:, 0]
+    force = (model.D[1:] @ G[1:]).reshape(-1, n)
+    u, theta, F = model.u.ravel() / BAR, model.x[1:, 0], model.F[1:].ravel()
+    (P_lo, P_hi), (left, right) = limits.pressure, limits.theta
+    never = np.full(theta.shape, np.inf)
+    return (
+        np.concatenate([commands, angle - s, angle + s, force + s_F]),
+        np.concatenate([np.minimum(P_lo / BAR - u, 0.0), -never, left - theta, limits.min_force - F]),
+        np.concatenate([np.maximum(P_hi / BAR - u, 0.0), right - theta, never, np.full(F.shape, np.inf)]),
+    )
+
+
+__all__ = ["SLACKS", "Problem", "condense", "increments", "sensitivity"]

@@ -1,0 +1,50 @@
+"""What the controller's cost charges for."""
+
+from dataclasses import dataclass, fields
+from math import isfinite
+from typing import Self
+
+from allocator.errors import InvalidInput
+from allocator.units import BAR, DEG
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the cost in `mpc.tracking.controller`; each is written as one over the square of an error that costs
+    ½.
+
+    The slacks' are exact penalties: some tens of times the largest sums of multipliers, 2e8/rad and 2e5/N, that the
+    hard limits have in 250 random states near them (`mpc.tracking.penalty`); far dearer ones would cost the QP solvers
+    digits. Who makes the other weights larger than these defaults makes them larger in proportion.
+    """
+
+    theta: float = 1 / (0.02 * DEG) ** 2  # w_θ [cost]/[rad]², angle
+    omega: float = 1 / (2 * DEG) ** 2  # w_ω [cost]/[rad/s]², velocity
+    K: float = 1 / 0.05**2  # w_K [cost]/[N·m/rad]², stiffness
+    u: float = 1 / (0.5 * BAR) ** 2  # w_u [cost]/[Pa]², command away from the feed-forward
+    rate: float = 1 / (10 * BAR) ** 2  # w_r [cost]/[Pa/s]², its rate away from the feed-forward's
+    terminal_rate: float = 1 / (0.05 * BAR) ** 2  # [cost]/[Pa/s]², beyond the horizon: see `mpc.tracking.terminal`
+    slack: float = 1e10  # ρ [cost]/[rad], joint range left
+    slack_square: float = 1e10  # ρ₂ [cost]/[rad]²
+    slack_force: float = 1e7  # ρ_F [cost]/[N], muscles less taut than they have to be
+    slack_force_square: float = 1e5  # ρ_F₂ [cost]/[N]²
+
+    def __post_init__(self) -> None:
+        """All of them have to be positive, or the QP has no single answer."""
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if not (isfinite(value) and value > 0):
+                raise InvalidInput(f"Weights: {entry.name} = {value!r} has to be positive and finite")
+
+    @classmethod
+    def calm(cls) -> Self:
+        """For a joint that is not what its model says: errors count less, and commands leave the feed-forward slowly.
+
+        The same for all trajectories of the closed-loop benchmark, chosen by hand after a numerical search on
+        seeds that it does not use. Angle and rate together keep a loop with dead time calm: with muscles
+        10 % stronger than the model's it hunts at an angle weight of 1/(0.1°)².
+        """
+        return cls(theta=1 / (0.16 * DEG) ** 2, omega=1 / (10 * DEG) ** 2, rate=1 / (0.5 * BAR) ** 2)
+
+
+__all__ = ["Weights"]

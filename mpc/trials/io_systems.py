@@ -1,0 +1,202 @@
+"""Plants and controllers as discrete-time I/O systems of python-control, to be connected with each other or others.
+
+    loop = closed_loop(plant, controller, reference)
+    control.input_output_response(loop, T, U=0, X0=...)      is what `simulate` does, to rounding
+
+python-control does not connect continuous with discrete systems, so a plant is sampled: its command is held over a
+sample, and it is integrated in fine steps. Signals go by their names, so that `control.interconnect` needs no list.
+
+A plant's memory is its state vector. A controller's is not: it sits in the controller, which python-control evaluates
+several times a sample, at first with inputs that are not there yet. Each evaluation begins with a copy of what was
+known before the sample, and the last one counts; so samples have to come one after the other, from t = 0 on, and
+linearising or looking for operating points is for plants only. The reference is the controller's own: a preview is not
+a signal.
+"""
+
+from copy import deepcopy
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from mpc.model.buffered import Buffered
+from mpc.model.experiment import FINE
+from mpc.model.plant import INPUTS, NU, NX, STATES, Plant
+from mpc.model.real_plant import RealExperiment, RealPlant
+from mpc.observer.kalman import Differentiator, Observer
+from mpc.trials.reference import Reference
+from mpc.trials.simulation import Controller
+
+_MEASURED = ("theta", "P1", "P2")  # of a real plant
+
+
+def sampled_plant(plant: Plant, dt: float) -> Any:
+    """`plant` every `dt` [s]: inputs (P1_command, P2_command, d), outputs (the states, K)."""
+    import control
+
+    step = Buffered(plant.discrete(dt, FINE))
+    return control.nlsys(
+        lambda t, x, u, params: step(x, u[:NU], u[NU])[0][0],
+        lambda t, x, u, params: np.array([*x, plant.stiffness(x)]),
+        states=list(STATES),
+        inputs=[*INPUTS, "d"],
+        outputs=[*STATES, "K"],
+        name="plant",
+        dt=dt,
+    )
+
+
+def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> Any:
+    """`real` every `dt` [s]: inputs (P1_command, P2_command, d), outputs (θ, P1, P2 as measured; the true states, K).
+
+    Its states are the true ones, what friction remembers and the commands on their way, oldest first; `at_rest` makes
+    one.
+    The noise of a sample depends on `seed` and time alone. Faults remember more than that and are not for here.
+    """
+    import control
+
+    if real.faults:
+        raise InvalidInput("a plant with faults is no I/O system: what faults remember is no state; use simulate")
+    experiment, noise = RealExperiment(real, dt, np.zeros(NX), seed), _Noise(seed)
+    waiting = experiment.memory.size - NX - real.friction.size
+
+    def next_memory(t: float, x: Array, u: Array, params: Any) -> Array:
+        experiment.recall(x, round(t / dt))
+        experiment.advance(u[:NU], float(u[NU]))
+        return experiment.memory
+
+    def outputs(t: float, x: Array, u: Array, params: Any) -> Array:
+        experiment.recall(x, round(t / dt))
+        read = experiment.read(noise.at(round(t / dt)))
+        return np.array([read[0], *read[2:], *x[:NX], real.stiffness(x[:NX])])
+
+    return control.nlsys(
+        next_memory,
+        outputs,
+        states=[
+            *STATES,
+            *(f"friction_{i}" for i in range(real.friction.size)),
+            *(f"waiting_{i}" for i in range(waiting)),
+        ],
+        inputs=[*INPUTS, "d"],
+        outputs=[*_MEASURED, *(f"true_{name}" for name in STATES), "K"],
+        name="plant",
+        dt=dt,
+    )
+
+
+def at_rest(plant: Plant | RealPlant, dt: float, reference: Reference) -> Array:
+    """The state of the sampled `plant` that `simulate` begins from: at rest on the reference's first point."""
+    x = plant.at_rest(float(reference.theta[0]), float(reference.K[0]))
+    return x if isinstance(plant, Plant) else RealExperiment(plant, dt, x, 0).memory
+
+
+def sampled_controller(
+    controller: Controller,
+    reference: Reference,
+    *,
+    observer: Observer | None = None,
+    velocity: bool = True,
+    u_before: Array | None = None,
+) -> Any:
+    """`controller` (any of them) on `reference`: inputs (θ, [ω,] P1, P2), outputs (P1_command, P2_command).
+
+    Without `velocity` the input ω is left out and the `observer` has to find it. `u_before` (2,) [Pa] are the commands
+    before the first sample, by default the first pressures measured.
+    """
+    import control
+
+    names = STATES if velocity else _MEASURED
+    memory = _Rewindable(
+        controller, reference, Differentiator(controller.dt) if observer is None else observer, u_before
+    )
+
+    def outputs(t: float, x: Array, y: Array, params: Any) -> Array:
+        return memory.command(round(t / controller.dt), y if velocity else np.insert(y, 1, np.nan))
+
+    return control.nlsys(None, outputs, inputs=list(names), outputs=list(INPUTS), name="controller", dt=controller.dt)
+
+
+def closed_loop(
+    plant: Plant | RealPlant,
+    controller: Controller,
+    reference: Reference,
+    *,
+    observer: Observer | None = None,
+    seed: int = 0,
+) -> Any:
+    """Both connected: input d [N·m], outputs those of the plant and the commands. `at_rest` is where it begins."""
+    import control
+
+    dt = controller.dt
+    process = sampled_plant(plant, dt) if isinstance(plant, Plant) else sampled_real_plant(plant, dt, seed)
+    u_before = at_rest(plant, dt, reference)[2:NX]
+    velocity = isinstance(plant, Plant)  # only there it is measured
+    driver = sampled_controller(controller, reference, observer=observer, velocity=velocity, u_before=u_before)
+    outputs = [*process.output_labels, *INPUTS]
+    return control.interconnect([process, driver], inputs=["d"], outputs=outputs, name="closed_loop")
+
+
+class _Noise:
+    """Standard normal numbers by sample: those that a `RealExperiment` with the same seed draws."""
+
+    def __init__(self, seed: int) -> None:
+        self._random, self._drawn = np.random.default_rng(seed), list[Array]()
+
+    def at(self, sample: int) -> Array:
+        while len(self._drawn) <= sample:
+            self._drawn.append(self._random.standard_normal(NU))
+        return self._drawn[sample]
+
+
+class _Moment(NamedTuple):
+    """Controller and observer after a sample, and the commands (2,) [Pa] given then."""
+
+    controller: Controller
+    observer: Observer
+    u: Array | None
+
+
+class _Rewindable:
+    """Controller and observer that can be asked again, and otherwise, for the sample that was answered last."""
+
+    def __init__(
+        self, controller: Controller, reference: Reference, observer: Observer, u_before: Array | None
+    ) -> None:
+        self._wanted = reference.resampled(controller.dt)
+        self._start = self._before = self._now = _Moment(controller, observer, u_before)
+        self._k = -1  # sample answered last
+        self._answers: dict[bytes, _Moment] = {}  # of this sample, by measurement
+
+    def command(self, k: int, y: Array) -> Array:
+        """The commands (2,) [Pa] for the measurement `y` (4,) at sample k."""
+        self._go_to(k)
+        asked = y.tobytes()
+        if asked not in self._answers:
+            self._answers[asked] = self._answer(k, y)
+        self._now = self._answers[asked]
+        assert self._now.u is not None  # it is an answer
+        return self._now.u
+
+    def _go_to(self, k: int) -> None:
+        if k == self._k:
+            return
+        if k == 0:
+            self._before = deepcopy(self._start)
+            self._before.controller.reset()
+            self._before.observer.reset()
+        elif k == self._k + 1:
+            self._before = self._now
+        else:
+            raise InvalidInput(f"sample {k} does not come after sample {self._k}: a controller's time runs forward")
+        self._k, self._answers = k, {}
+
+    def _answer(self, k: int, y: Array) -> _Moment:
+        controller, observer, u_last = deepcopy(self._before)
+        x, d = observer.estimate(y, y[2:] if u_last is None else u_last)
+        plan = controller.step(x, *self._wanted.preview(k, controller.ahead), d)
+        return _Moment(controller, observer, plan.u[0])
+
+
+__all__ = ["at_rest", "closed_loop", "sampled_controller", "sampled_plant", "sampled_real_plant"]

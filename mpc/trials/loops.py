@@ -1,0 +1,78 @@
+"""The control loops that can be compared, by name: a controller and what it looks at the joint with."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+from allocator.errors import InvalidInput, MissingBackend
+from mpc.model.compensation import Compensation
+from mpc.model.plant import Plant
+from mpc.observer.kalman import Differentiator, KalmanObserver, Observer
+from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.weights import Weights
+from mpc.trials.simulation import Controller
+from mpc.yardsticks.baselines import FeedForwardControl, LQRControl, PIDControl, PredictivePIDControl
+from mpc.yardsticks.nonlinear import NonlinearMPC
+
+
+class Settings(NamedTuple):
+    """What all of them are built from."""
+
+    plant: Plant  # the model
+    dt: float = 0.01  # [s]
+    N: int = 20  # horizon [samples]
+    compensation: Compensation = Compensation()
+    weights: Weights = Weights()
+    solver: str | None = None  # of the QPs or the NLPs; None: the controller's own choice
+
+
+def _mpc(s: Settings) -> Controller:
+    return TrackingMPC(s.plant, s.dt, s.N, s.weights, s.solver or "daqp", compensation=s.compensation)
+
+
+def _nmpc(s: Settings) -> Controller:
+    return NonlinearMPC(s.plant, s.dt, s.N, s.weights, s.solver or "ipopt", compensation=s.compensation)
+
+
+def _pid(s: Settings) -> Controller:
+    return PIDControl(s.plant, s.dt, s.compensation)
+
+
+def _predictive_pid(s: Settings) -> Controller:
+    return PredictivePIDControl(s.plant, s.dt, s.compensation)
+
+
+def _lqr(s: Settings) -> Controller:
+    # it does not foresee the slew limit, and at the MPC's own weight it would live on it
+    weights = replace(s.weights, rate=4 * s.weights.rate)
+    return LQRControl(s.plant, s.dt, s.compensation, weights)
+
+
+def _feed_forward(s: Settings) -> Controller:
+    return FeedForwardControl(s.plant, s.dt, s.compensation)
+
+
+CONTROLLERS: dict[str, tuple[Callable[[Settings], Controller], bool]] = {
+    "mpc": (_mpc, True),
+    "nmpc": (_nmpc, True),
+    "pid": (_pid, False),
+    "predictive-pid": (_predictive_pid, True),
+    "lqr": (_lqr, True),
+    "feedforward": (_feed_forward, False),
+}
+"""By name: how to build it, and whether it is used with an observer unless one says otherwise."""
+
+
+def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[Controller, Observer]:
+    """Controller and observer called `name`; `observer` says whether to have one (None: as it is used)."""
+    if name not in CONTROLLERS:
+        raise MissingBackend("controller", name, CONTROLLERS)
+    if settings.solver is not None and name not in ("mpc", "nmpc"):
+        raise InvalidInput(f"solver = {settings.solver!r} belongs to the controllers mpc and nmpc, not {name}")
+    build, watched = CONTROLLERS[name]
+    if watched if observer is None else observer:
+        return build(settings), KalmanObserver(settings.plant, settings.dt, compensation=settings.compensation)
+    return build(settings), Differentiator(settings.dt)
+
+
+__all__ = ["CONTROLLERS", "Settings", "loop"]

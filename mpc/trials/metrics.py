@@ -1,0 +1,129 @@
+"""How well a run went: errors, limits broken and by how much, time taken, rungs used."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator import allocate
+from allocator.calculus import Array, Mask
+from allocator.units import BAR, DEG, PERCENT
+from mpc.tracking.plan import Moved, PlanStatus, Rung
+from mpc.trials.simulation import Run
+
+_ROUNDING = 1e-9  # of the limit, or of what is constant: less is arithmetic
+
+
+class Errors(NamedTuple):
+    """How far angle and stiffness were from their references."""
+
+    theta_rms: float  # [°]
+    theta_worst: float  # [°]
+    K_rms: float  # [% of the reference]
+    K_worst: float  # [% of the reference]
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Figures of a run, in the units they are read in; over all samples from the first to the last.
+
+    A reference that begins with a rest gives a controller time to find out how far its model is off; `after_rest` are
+    the errors from the last sample on at which angle and stiffness were still those of the first one. A reference that
+    begins in motion, or never moves, has no first rest: then they are the errors over all samples.
+    """
+
+    theta_rms: float  # [°]
+    theta_worst: float  # [°]
+    K_rms: float  # [% of the reference]
+    K_worst: float  # [% of the reference]
+    rest: float  # [s], how long the first rest is
+    after_rest: Errors
+    violations: dict[str, tuple[float, str]]  # limit: greatest excess (0 where it was kept), unit
+    step_median: float  # [ms]
+    step_p99: float  # [ms]
+    rungs: dict[str, int]  # steps answered by each rung; REST: by constant commands, the joint being where it should
+    out_of_reach: float  # [% of the samples] whose reference the joint cannot follow, whatever the controller does
+    moved: dict[str, tuple[float, str]]  # what was asked: how far the controller moved it at worst (NaN: unsaid), unit
+
+    @property
+    def limits_kept(self) -> bool:
+        """Whether no limit was broken."""
+        return not any(excess for excess, _ in self.violations.values())
+
+
+def metrics(run: Run) -> Metrics:
+    """The figures of `run`."""
+    moves = _rested(run)
+    return Metrics(
+        **_errors(run, 0)._asdict(),
+        rest=moves * run.dt,
+        after_rest=_errors(run, moves),
+        violations=_violations(run),
+        step_median=float(np.median(run.step_time)) * 1e3,
+        step_p99=float(np.percentile(run.step_time, 99)) * 1e3,
+        rungs=_rungs(run),
+        out_of_reach=float(np.mean(~_reachable(run))) / PERCENT,
+        moved=_moved(run),
+    )
+
+
+def _errors(run: Run, begin: int) -> Errors:
+    """From the sample `begin` on."""
+    theta_error = ((run.theta - run.theta_ref) / DEG)[begin:]
+    K_error = ((run.K / run.K_ref - 1) / PERCENT)[begin:]
+    return Errors(_rms(theta_error), float(np.abs(theta_error).max()), _rms(K_error), float(np.abs(K_error).max()))
+
+
+def _rested(run: Run) -> int:
+    """The last sample of the first rest of the reference; 0 where there is none."""
+    moved = np.zeros(run.t.size, bool)
+    for wanted in (run.theta_ref, run.K_ref):
+        moved |= np.abs(wanted - wanted[0]) > _ROUNDING * np.abs(wanted).max()
+    return max(int(np.argmax(moved)) - 1, 0)
+
+
+def _rungs(run: Run) -> dict[str, int]:
+    """How many steps each rung answered; a joint at rest stands on none for want of a better."""
+    resting = run.status == PlanStatus.RESTING
+    counts = {rung.name: int(((run.rung == rung) & ~resting).sum()) for rung in Rung}
+    return counts | ({"REST": int(resting.sum())} if resting.any() else {})
+
+
+def _reachable(run: Run) -> Mask:
+    """Where some pressures give the reference's stiffness and the torque that its motion takes."""
+    omega = np.gradient(run.theta_ref, run.dt)
+    T = run.plant.torque_for(run.theta_ref, omega, np.gradient(omega, run.dt))
+    return np.asarray(allocate(run.theta_ref, run.K_ref, T, joint=run.plant.joint).success)
+
+
+def _moved(run: Run) -> dict[str, tuple[float, str]]:
+    worst = Moved(*run.moved.max(axis=0).tolist())
+    return {"angle": (worst.theta / DEG, "°"), "stiffness": (worst.K, "N·m/rad"), "torque": (worst.T, "N·m")}
+
+
+def _violations(run: Run) -> dict[str, tuple[float, str]]:
+    joint, allowed = run.plant.joint, run.plant.slew * run.dt
+    low, high = joint.pressure_limits
+    left, right = joint.angle_range
+    at_first = run.estimate[:1, 2:4]  # the pressures that the controller could know of
+    change = np.abs(np.diff(run.u, axis=0, prepend=at_first))
+    return {
+        "commanded pressure": (_excess(run.u, low, high, high) / BAR, "bar"),
+        "pressure": (_excess(run.P, low, high, high) / BAR, "bar"),
+        "pressure slew": (_excess(change, 0.0, allowed, allowed) / run.dt / BAR, "bar/s"),
+        "joint range": (_excess(run.theta, left, right, right - left) / DEG, "°"),
+        "slack muscle": (max(0.0, -float(run.forces.min())), "N"),
+    }
+
+
+def _excess(values: Array, low: float, high: float, scale: float) -> float:
+    """How far `values` leave [low, high] at worst; 0 within rounding."""
+    excess = float(max(low - values.min(), values.max() - high))
+    return excess if excess > _ROUNDING * scale else 0.0
+
+
+def _rms(error: Array) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+__all__ = ["Errors", "Metrics", "metrics"]

@@ -1,0 +1,91 @@
+"""The picture of a run: angle, stiffness and pressures against their references and limits."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.presentation.plotting import save_figure
+from allocator.units import BAR, DEG
+from mpc.trials.simulation import Run
+
+# Okabe & Ito's colours, told apart by colour-blind eyes
+_BLUE, _ORANGE, _BLACK, _GREY = "#0072B2", "#D55E00", "#000000", "#8c8c8c"
+
+
+def tracking_figure(run: Run) -> Any:
+    """A matplotlib figure of `run`; drawn without pyplot, so nothing global changes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 8.5), layout="constrained")
+    angle, angle_error, stiffness, pressure = figure.subplots(4, 1, sharex=True, height_ratios=[3, 1.3, 2.2, 3])
+    _angle(angle, angle_error, run)
+    _stiffness(stiffness, run)
+    _pressures(pressure, run)
+    pressure.set_xlabel("time [s]")
+    for axes in figure.axes:
+        axes.grid(alpha=0.25)
+        axes.margins(x=0.01)
+    return figure
+
+
+def save_tracking_figure(run: Run, path: str | Path) -> None:
+    """Write the figure as an image, whole or not at all."""
+    save_figure(tracking_figure(run), path)
+
+
+def _angle(axes: Any, errors: Any, run: Run) -> None:
+    axes.plot(run.t, run.theta / DEG, color=_BLUE, label="angle")
+    axes.plot(run.t, run.theta_ref / DEG, color=_BLACK, ls="--", lw=1, label="reference")
+    for limit in np.array(run.plant.joint.angle_range) / DEG:
+        if abs(limit) < 1.6 * np.abs(run.theta / DEG).max():  # a far limit would only flatten the curve
+            axes.axhline(limit, color=_GREY, ls="-.", lw=1, label="end of the joint range")
+    axes.set_ylabel("joint angle θ [°]")
+    _widen(axes, 2.0)
+    _legend(axes)
+    errors.plot(run.t, (run.theta - run.theta_ref) / DEG, color=_BLUE, lw=1)
+    errors.set_ylabel("error of θ [°]")
+
+
+def _stiffness(axes: Any, run: Run) -> None:
+    axes.plot(run.t, run.K, color=_BLUE, label="stiffness")
+    axes.plot(run.t, run.K_ref, color=_BLACK, ls="--", lw=1, label="reference")
+    axes.set_ylabel("stiffness K [N·m/rad]")
+    _widen(axes, 0.2)
+    _legend(axes)
+
+
+def _pressures(axes: Any, run: Run) -> None:
+    for i, (name, color) in enumerate((("P1", _BLUE), ("P2", _ORANGE))):
+        axes.plot(run.t, run.P[:, i] / BAR, color=color, label=name)
+        axes.step(run.t[:-1], run.u[:, i] / BAR, color=color, lw=0.7, alpha=0.6, where="post", label=f"{name} command")
+        axes.plot(run.t, _taut_limit(run)[i] / BAR, color=color, ls=":", lw=1.2, label=f"{name} slack below")
+    for limit in run.plant.joint.pressure_limits:
+        axes.axhline(limit / BAR, color=_GREY, ls="-.", lw=1, label="supply limits")
+    axes.set_ylabel("gauge pressure [bar]")
+    _legend(axes)
+
+
+def _taut_limit(run: Run) -> tuple[Array, Array]:
+    """The pressures (M+1,) below which agonist and antagonist go slack [Pa]."""
+    box = run.plant.joint.pressure_box(run.theta, min_force=0.0)
+    return box.agonist.lo, box.antagonist.lo
+
+
+def _widen(axes: Any, least: float) -> None:
+    """At least so high an axis: what should be constant shall look it."""
+    low, high = axes.get_ylim()
+    if high - low < least:
+        axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
+
+
+def _legend(axes: Any) -> None:
+    """To the right of the axes, where no data are; what is drawn twice is named once."""
+    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    axes.legend(
+        named.values(), named.keys(), loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize="small"
+    )
+
+
+__all__ = ["save_tracking_figure", "tracking_figure"]

@@ -1,0 +1,195 @@
+"""Stiffness as an experimenter finds it: settle the joint under control, freeze its pressures, push, see it give way.
+
+From the moment of freezing on both regulators hold the pressures that were there. Then a slow sine of external torque
+T_e pushes both ways, while the encoder is read. Friction opposes the motion, s = ±1: T_e = -T(θ) + s T_f(θ), so that
+the half sum of the two branches of a cycle is the elastic torque, and half their distance the friction. Both are
+fitted together, where the joint has turned by more than its presliding since the last reversal:
+
+    T_e = c_0 + K ψ + c_2 ψ² + c_3 ψ³ + s (f_0 + f_1 ψ + f_2 ψ²),      ψ = θ - θ_0
+
+K is the slope at the angle θ_0 at which the joint rested before it was pushed. What lies between the stiffness that was
+asked for and the one that was measured is told apart by cause; each step changes one thing, and they add up:
+
+    saturation    K_feasible - K_asked       the nearest that the model's joint can have under the estimated torque
+    dynamics      K_modelled - K_feasible    the model at the frozen state: pressures and angle are not (yet) as planned
+    mismatch      K_true - K_modelled        the joint's own law at the same state
+    measurement   K_measured - K_true        the experiment's own error
+"""
+
+from dataclasses import dataclass, replace
+from math import pi
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator import allocate
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.units import DEG
+from mpc.model.plant import NX, Plant
+from mpc.model.real_plant import RealPlant
+from mpc.observer.kalman import Observer
+from mpc.tracking.plan import Plan
+from mpc.trials.reference import Reference
+from mpc.trials.simulation import Controller, Run, simulate
+
+_REST = 1.0  # [s] between freezing and pushing, for the joint to come to rest
+_TURNED = 10 * DEG  # so far after a reversal friction has turned round, see `mpc.model.hysteresis`
+_LEAST = 2.4  # times that, the joint has to swing
+
+
+@dataclass(frozen=True)
+class Push:
+    """What an experiment found; stiffness in N·m/rad."""
+
+    theta: float  # θ_0, where all of them are taken [rad]
+    asked: float
+    feasible: float
+    modelled: float
+    estimated: float  # the model at the state that the observer saw
+    true: float
+    measured: float
+    friction: float  # f_0 [N·m]
+
+    @property
+    def causes(self) -> dict[str, float]:
+        """What separates the measured stiffness from the asked one [N·m/rad]; the sum is the whole distance."""
+        return {
+            "saturation": self.feasible - self.asked,
+            "dynamics": self.modelled - self.feasible,
+            "mismatch": self.true - self.modelled,
+            "measurement": self.measured - self.true,
+        }
+
+
+class Cycle(NamedTuple):
+    """How to push."""
+
+    torque: float = 2.0  # amplitude of T_e [N·m]: within the presliding of friction a joint seems stiffer than it is
+    period: float = 16.0  # [s]; inertia lets the joint seem softer by J (2π/period)²
+
+
+def push(
+    real: RealPlant,
+    model: Plant,
+    loop: tuple[Controller, Observer],
+    reference: Reference,
+    at: float,
+    cycle: Cycle | None = None,
+    seed: int = 0,
+) -> Push:
+    """Let `loop`, whose model is `model`, follow `reference` up to `at` [s] from its start; then freeze and push."""
+    cycle = Cycle() if cycle is None else cycle
+    controller, observer = loop
+    dt = controller.dt
+    freeze, begin = round(at / dt), round((at + _REST) / dt)
+    end = begin + round(1.25 * cycle.period / dt)
+    encoder = _Reading(observer)
+    run = simulate(
+        replace(real, torque_profile=_torques(real, cycle, begin, end, dt)),
+        _Freezing(controller, freeze),
+        _held(reference.resampled(dt), end),
+        observer=encoder,
+        seed=seed,
+    )
+    T_e = cycle.torque * np.sin(2 * pi / cycle.period * dt * np.arange(end - begin))
+    read = np.array(encoder.angles)[:end]
+    theta = float(read[begin - round(_REST / 2 / dt) : begin].mean())
+    K, friction = slope(read[begin:] - theta, T_e)
+    return _compared(real, model, run, freeze, np.array([theta, 0.0, *run.P[begin]]), K, friction)
+
+
+def slope(psi: Array, T_e: Array) -> tuple[float, float]:
+    """K [N·m/rad] and f_0 [N·m] from the angles ψ (n,) [rad] under the torque T_e (n,) [N·m] of a cycle and a quarter.
+
+    Raises InvalidInput where the joint moved too little for its friction to turn round.
+    """
+    top = int(np.argmax(T_e[: T_e.size // 2]))
+    bottom = top + int(np.argmin(T_e[top:]))
+    falling, rising = slice(top, bottom), slice(bottom, T_e.size)
+    down = np.flatnonzero(psi[top] - psi[falling] > _TURNED) + top
+    up = np.flatnonzero(psi[rising] - psi[bottom] > _TURNED) + bottom
+    if (swing := psi[top] - psi[bottom]) < _LEAST * _TURNED:
+        needed = f"it takes {_LEAST * _TURNED / DEG:g}° to tell elasticity from friction: push harder"
+        raise InvalidInput(f"pushed both ways the joint turned by {swing / DEG:.2g}° in all; {needed}")
+    kept = np.concatenate([down, up])
+    s, x = np.repeat([-1.0, 1.0], [down.size, up.size]), psi[kept]
+    terms = np.stack([np.ones_like(x), x, x**2, x**3, s, s * x, s * x**2], axis=1)
+    found = np.linalg.lstsq(terms, T_e[kept], rcond=None)[0]
+    return float(found[1]), float(found[4])
+
+
+def _compared(real: RealPlant, model: Plant, run: Run, freeze: int, x: Array, K: float, friction: float) -> Push:
+    """With the state `x` (4,) at which the joint rested, frozen at the sample `freeze`."""
+    theta_ref, asked = float(run.theta_ref[freeze]), float(run.K_ref[freeze])
+    seen, d = run.estimate[freeze, :NX], float(run.estimate[freeze, NX])
+    held = allocate(theta_ref, asked, model.torque_for(theta_ref, 0.0, 0.0, d), joint=model.joint)
+    return Push(
+        theta=float(x[0]),
+        asked=asked,
+        feasible=float(held.K),
+        modelled=float(model.stiffness(x)),
+        estimated=float(model.stiffness(seen)),
+        true=float(real.stiffness(x)),
+        measured=K,
+        friction=friction,
+    )
+
+
+def _torques(real: RealPlant, cycle: Cycle, begin: int, end: int, dt: float) -> tuple[tuple[float, float], ...]:
+    """The torques of the plant up to the sample `begin`; from then on the last of them and the cycle."""
+    before = tuple(entry for entry in real.torque_profile if entry[0] < begin * dt)
+    load = before[-1][1] if before else 0.0
+    k = np.arange(begin, end)
+    pushed = load + cycle.torque * np.sin(2 * pi / cycle.period * dt * (k - begin))
+    return before + tuple(zip((k * dt).tolist(), pushed.tolist(), strict=True))
+
+
+def _held(reference: Reference, steps: int) -> Reference:
+    """`reference` over `steps` samples; its last is held."""
+    there = np.minimum(np.arange(steps + 1), reference.t.size - 1)
+    dt = reference.t[1] - reference.t[0]
+    return Reference(reference.t[0] + dt * np.arange(steps + 1), reference.theta[there], reference.K[there])
+
+
+class _Freezing:
+    """`controller` up to the sample `after`; from then on the pressures measured there are commanded."""
+
+    def __init__(self, controller: Controller, after: int) -> None:
+        self.controller, self.after, self.dt = controller, after, controller.dt
+
+    @property
+    def ahead(self) -> int:
+        return self.controller.ahead
+
+    def reset(self) -> None:
+        self.controller.reset()
+        self._sample = 0
+        self._frozen: Plan | None = None
+
+    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
+        self._sample += 1
+        if self._frozen is None:
+            plan = self.controller.step(x, theta_ref, K_ref, d)
+            if self._sample <= self.after:
+                return plan
+            self._frozen = replace(plan, u=np.broadcast_to(np.array(x[2:]), plan.u.shape))
+        return self._frozen
+
+
+class _Reading:
+    """`observer`, and all that the encoder showed it."""
+
+    def __init__(self, observer: Observer) -> None:
+        self.observer = observer
+
+    def reset(self) -> None:
+        self.observer.reset()
+        self.angles: list[float] = []
+
+    def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
+        self.angles.append(float(y[0]))
+        return self.observer.estimate(y, u)
+
+
+__all__ = ["Cycle", "Push", "push", "slope"]

@@ -1,0 +1,71 @@
+"""Runs as NPZ: everything of a run in SI units, plant included, without pickle. NumPy alone opens it too."""
+
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+from zlib import error as Damaged  # noqa: N812  # it has no other name
+
+import numpy as np
+
+from allocator.errors import InvalidFile
+from allocator.files.atomic import replacing
+from allocator.joint import storage as joint_storage
+from mpc.model.plant import NU, NX, Plant
+from mpc.model.storage import NUMBERS
+from mpc.trials.simulation import Run
+
+_ARRAYS = tuple(f.name for f in fields(Run) if f.name != "plant")
+
+
+def save_recording(run: Run, path: str | Path) -> None:
+    """Write `run`: its arrays by the names they have in `Run`, and the plant as `joint` (TOML) and `plant_…`."""
+    values: dict[str, Any] = {name: getattr(run, name) for name in _ARRAYS}
+    values |= {f"plant_{name}": getattr(run.plant, name) for name in NUMBERS}
+    values["joint"] = joint_storage.dumps(run.plant.joint)
+    with replacing(path) as draft, draft.open("wb") as file:  # given a name, NumPy would add a suffix
+        np.savez_compressed(file, **values)
+
+
+def load_recording(path: str | Path) -> Run:
+    """Read what `save_recording` wrote. Raises `InvalidFile` if it is something else."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            stored = dict(archive)
+    except OSError as error:
+        raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
+    except (ValueError, BadZipFile, Damaged, EOFError, AttributeError, TypeError):
+        raise InvalidFile(path, "is not an NPZ file") from None
+    if missing := {*_ARRAYS, "joint", *(f"plant_{name}" for name in NUMBERS)} - stored.keys():
+        raise InvalidFile(path, f"is not the recording of a run: {', '.join(sorted(missing))} missing")
+    arrays: dict[str, Any] = {name: stored[name] for name in _ARRAYS}
+    steps = arrays["step_time"].size
+    for name, array in arrays.items():
+        if array.shape != (expected := _shape(name, steps)):
+            raise InvalidFile(
+                path, f"is not the recording of a run: {name} has the shape {array.shape}, not {expected}"
+            )
+    plain = {"dt": float(stored["dt"]), "implementation": str(stored["implementation"])}
+    return Run(_plant(path, stored), **(arrays | plain))
+
+
+def _shape(name: str, steps: int) -> tuple[int, ...]:
+    """What `Run` says of the array called `name`."""
+    if name in ("dt", "implementation"):
+        return ()
+    length = steps + 1 if name in ("t", "x", "theta_ref", "K_ref", "K", "forces") else steps
+    width = {"x": NX, "estimate": NX + 1, "u": NU, "forces": NU, "moved": 3}.get(name)
+    return (length,) if width is None else (length, width)
+
+
+def _plant(path: str | Path, stored: dict[str, Any]) -> Plant:
+    numbers: dict[str, Any] = {name: stored[f"plant_{name}"].tolist() for name in NUMBERS}
+    try:
+        joint = joint_storage.joint_from(f"{path} [joint]", tomllib.loads(str(stored["joint"])))
+        return Plant(joint, **(numbers | {"lag": tuple(numbers["lag"])}))
+    except (ValueError, TypeError) as error:  # of TOML or of ours
+        raise InvalidFile(path, f"does not hold a plant ({error})") from None
+
+
+__all__ = ["load_recording", "save_recording"]

@@ -1,0 +1,224 @@
+"""The closed loop: controller and plant against each other, sample by sample.
+
+The plant starts at rest, in equilibrium at the reference's first point with the stiffness asked there, unless another
+state is given: a reference that starts in motion has to be caught up with, and the errors of that count. Commands are
+held over each sample (zero-order hold) while the plant is integrated in fine steps. Between sensors and controller
+stands an observer, which makes a state and a disturbance torque of what is measured; the default one takes the
+difference of the angles where the velocity is not measured, and nothing else.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.presentation.tables import html_table, number
+from allocator.units import BAR, DEG
+from mpc.model.experiment import Experiment
+from mpc.model.plant import NU, NX, Plant
+from mpc.observer.kalman import Differentiator, Observer
+from mpc.tracking.plan import Moved, Plan
+from mpc.trials.reference import Reference
+
+
+class Controller(Protocol):
+    """What `simulate` asks of a controller."""
+
+    dt: float
+
+    @property
+    def ahead(self) -> int:
+        """Samples of preview that it wants after the present one."""
+
+    def reset(self) -> None:
+        """Forget the past."""
+
+    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
+        """The plan from the state `x` for the previews (ahead + 1,) under the disturbance torque `d` [N·m]."""
+
+
+class Process(Protocol):
+    """What `simulate` asks of a plant: `Plant` and `RealPlant` have it."""
+
+    @property
+    def nominal(self) -> Plant:
+        """The plant without the effects that its model does not know."""
+
+    def at_rest(self, theta: float, K: float) -> Array:
+        """The state (4,) to begin from."""
+
+    def begin(self, dt: float, x0: Array, seed: int) -> Experiment:
+        """An experiment from `x0` (4,)."""
+
+    def stiffness(self, x: Any) -> Any:
+        """True isobaric stiffness [N·m/rad] in the states `x` [4, ...]."""
+
+    def forces(self, x: Any) -> tuple[Any, Any]:
+        """True muscle forces [N] in the states `x` [4, ...]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What happened in M steps; time runs along the first axis."""
+
+    plant: Plant  # the nominal one
+    dt: float  # [s]
+    t: Array  # (M+1,) [s]
+    x: Array  # (M+1, 4) true states
+    estimate: Array  # (M, 5) what the controller was told: the state and the disturbance torque [N·m]
+    u: Array  # (M, 2) commands, u[k] sent at t[k] [Pa]
+    theta_ref: Array  # (M+1,) [rad]
+    K_ref: Array  # (M+1,) [N·m/rad]
+    K: Array  # (M+1,) isobaric stiffness of the plant [N·m/rad]
+    forces: Array  # (M+1, 2) muscle forces [N]; negative: slack
+    step_time: Array  # (M,) time that the controller took [s]
+    rung: NDArray[np.int64]  # (M,) Rung
+    status: NDArray[np.int64]  # (M,) PlanStatus
+    slack: Array  # (M,) predicted excursion from the joint range [rad]
+    slack_force: Array  # (M,) predicted lack of muscle force [N]
+    moved: Array  # (M, 3) how far what was asked was moved, a `Moved` per sample; NaN from a controller that is silent
+    implementation: str  # of the controller's step, "compiled" or "readable"; "" from a controller that has but one
+
+    @property
+    def theta(self) -> Array:
+        """Joint angle (M+1,) [rad]."""
+        return self.x[:, 0]
+
+    @property
+    def P(self) -> Array:
+        """Pressures (M+1, 2) [Pa]."""
+        return self.x[:, 2:]
+
+    def to_dict(self) -> dict[str, NDArray[Any]]:
+        """The run as columns (M+1,), those of the CSV that `track` writes: what `pandas.DataFrame` takes.
+
+        Time in s, stiffness in N·m/rad, forces in N; the other names carry their units. The commands and rungs of a
+        line hold until the next, the last line repeats them.
+        """
+        commands, rungs = np.vstack([self.u, self.u[-1:]]), np.append(self.rung, self.rung[-1:])
+        return {
+            "t": self.t,
+            "theta_deg": self.theta / DEG,
+            "theta_ref_deg": self.theta_ref / DEG,
+            "omega_deg_per_s": self.x[:, 1] / DEG,
+            "stiffness": self.K,
+            "stiffness_ref": self.K_ref,
+            "P1_bar": self.P[:, 0] / BAR,
+            "P2_bar": self.P[:, 1] / BAR,
+            "P1_command_bar": commands[:, 0] / BAR,
+            "P2_command_bar": commands[:, 1] / BAR,
+            "F1": self.forces[:, 0],
+            "F2": self.forces[:, 1],
+            "rung": rungs,
+        }
+
+    def __repr__(self) -> str:
+        """How well the reference was followed, whether the limits were kept, and how long the controller took."""
+        errors, *others = (f"{name} {value}" for name, value in self._figures().items())
+        return f"Run of {self._length()}: {errors}, {others[0]}\n  " + "; ".join(others[1:])
+
+    def _repr_html_(self) -> str:
+        """The same as a table, for notebooks."""
+        return html_table(f"Run of {self._length()}", self._figures().items())
+
+    def _length(self) -> str:
+        return f"{self.u.shape[0]} steps, {number(self.t[-1] - self.t[0])} s in steps of {number(1e3 * self.dt)} ms"
+
+    def _figures(self) -> dict[str, str]:
+        from mpc.trials.metrics import metrics
+
+        m = metrics(self)
+        broken = [f"{name} by {number(by, 2)} {unit}" for name, (by, unit) in m.violations.items() if by]
+        later = m.after_rest
+        rested = {
+            f"after the first rest of {number(m.rest)} s, angle error": _angle(later.theta_rms, later.theta_worst),
+            "stiffness error then": _stiffness(later.K_rms, later.K_worst),
+        }
+        return {
+            "angle error": _angle(m.theta_rms, m.theta_worst),
+            "stiffness error": _stiffness(m.K_rms, m.K_worst),
+            **(rested if m.rest else {}),
+            "limits broken": ", ".join(broken) or "none",
+            "steps answered by": ", ".join(f"{rung} {n}" for rung, n in m.rungs.items() if n),
+            "time of a step": f"{number(m.step_median, 2)} ms median, {number(m.step_p99, 2)} ms for 99 %",
+        }
+
+
+def _angle(rms: float, worst: float) -> str:
+    return f"{number(rms, 2)}° RMS, {number(worst, 2)}° at worst"
+
+
+def _stiffness(rms: float, worst: float) -> str:
+    return f"{number(rms, 2)} % RMS, {number(worst, 2)} % at worst"
+
+
+def simulate(
+    plant: Process,
+    controller: Controller,
+    reference: Reference,
+    *,
+    x0: Any = None,
+    observer: Observer | None = None,
+    seed: int = 0,
+    progress: bool = False,
+) -> Run:
+    """Let `controller` drive `plant` along `reference` from its first sample to its last; see the module's text."""
+    dt = controller.dt
+    wanted = reference.resampled(dt)
+    steps = wanted.t.size - 1
+    x, estimate = np.empty((steps + 1, NX)), np.empty((steps, NX + 1))
+    x[0] = plant.at_rest(float(wanted.theta[0]), float(wanted.K[0])) if x0 is None else _state(x0)
+    u, took, slack = np.empty((steps, NU)), np.empty(steps), np.empty(steps)
+    rung, status = np.empty(steps, int), np.empty(steps, int)
+    slack_force, moved = np.empty(steps), np.full((steps, len(Moved._fields)), np.nan)
+
+    experiment = plant.begin(dt, x[0], checks.count("seed", seed, least=0))
+    observer = Differentiator(dt) if observer is None else observer
+    observer.reset()
+    controller.reset()
+    for k in _counted(steps, progress):
+        measured = experiment.measure()
+        began = perf_counter()
+        estimated, d = observer.estimate(measured, u[k - 1] if k else x[0, 2:])
+        plan = controller.step(estimated, *wanted.preview(k, controller.ahead), d)
+        took[k] = perf_counter() - began
+        estimate[k] = *estimated, d
+        u[k], rung[k], status[k], slack[k] = plan.u[0], plan.rung, plan.status, plan.slack
+        slack_force[k] = plan.slack_force
+        if plan.moved is not None:
+            moved[k] = plan.moved
+        experiment.advance(u[k])
+        x[k + 1] = experiment.x
+
+    K, forces = plant.stiffness(x.T), np.stack(plant.forces(x.T), axis=1)
+    return Run(
+        plant.nominal, dt, wanted.t, x, estimate, u, wanted.theta, wanted.K, K, forces, took,
+        rung, status, slack, slack_force, moved, getattr(controller, "implementation", ""),
+    )  # fmt: skip
+
+
+def _state(x0: Any) -> Array:
+    x = np.asarray(x0, float)
+    if x.shape != (NX,) or not np.isfinite(x).all():
+        raise InvalidInput(f"x0 = {x0!r} has to be 4 finite numbers (theta [rad], omega [rad/s], P1 [Pa], P2 [Pa])")
+    return x
+
+
+def _counted(steps: int, progress: bool) -> Iterable[int]:
+    if not progress:
+        return range(steps)
+    from rich.console import Console
+    from rich.progress import track
+
+    console = Console(stderr=True)
+    hidden = not console.is_terminal
+    return track(range(steps), description="simulating", console=console, transient=True, disable=hidden)
+
+
+__all__ = ["Controller", "Process", "Run", "simulate"]

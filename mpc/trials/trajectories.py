@@ -1,0 +1,187 @@
+"""Standard trajectories of the closed-loop benchmark: each begins and ends with a rest, in which a loop settles.
+
+Angles in rad, stiffness in N·m/rad, times in s. The first rest is `LEAD` seconds long: a controller has to find out
+there how far its model is off.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator import allocate
+from allocator.calculus import Array
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.units import DEG
+from mpc.trials.reference import Reference, sine
+
+LEAD = 4.0  # [s] first rest
+_DT = 0.01  # [s] between samples
+_SAFE = 10.0  # [N·m/rad] about which every trajectory is positive
+
+
+def min_jerk(s: Array) -> Array:
+    """The shape of a movement of least jerk: from 0 to 1 as `s` goes from 0 to 1 (Flash & Hogan 1985)."""
+    s = np.clip(np.asarray(s, float), 0, 1)
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+def _times(duration: float) -> Array:
+    return np.asarray(_DT * np.arange(round(duration / _DT) + 1), float)
+
+
+def rested_sine(K: float = 5.5, duration: float = 10.0) -> Reference:
+    """±40° at 0.5 Hz with K ± 0.3 at 0.25 Hz."""
+    moving = sine(K=K, duration=duration, dt=_DT)
+    rest = _times(LEAD)[:-1]
+    still = np.zeros_like(rest)
+    return Reference(
+        np.concatenate([rest, LEAD + moving.t]),
+        np.concatenate([still, moving.theta]),
+        np.concatenate([still + K, moving.K]),
+    )
+
+
+def point_to_point(K: float = 5.5, angle: float = 60 * DEG, time: float = 1.0, rest: float = 2.0) -> Reference:
+    """From -angle/2 to angle/2 and back, each in `time`, along the path of least jerk, with a `rest` after each."""
+    t = _times(LEAD + 2 * (time + rest))
+    there, back = min_jerk((t - LEAD) / time), min_jerk((t - LEAD - time - rest) / time)
+    return Reference(t, angle * (there - back - 0.5), np.full_like(t, K))
+
+
+def chirp(
+    K: float = 5.5,
+    amplitude: float = 28 * DEG,
+    frequencies: tuple[float, float] = (0.15, 0.55),
+    duration: float = 10.0,
+) -> Reference:
+    """A sine of rising frequency [Hz], fading in and out over one second each."""
+    t = _times(LEAD + duration)
+    s = np.clip(t - LEAD, 0, duration)
+    low, high = frequencies
+    phase = 2 * np.pi * (low * s + (high - low) * s**2 / (2 * duration))
+    fade = min_jerk(s) * min_jerk(duration - s)
+    return Reference(t, amplitude * fade * np.sin(phase), np.full_like(t, K))
+
+
+def steps(K: float = 5.5, angle: float = 20 * DEG, time: float = 0.4, rest: float = 2.5) -> Reference:
+    """Steps to 20°, 40° and 20°, each shaped to least jerk over `time` so that every controller can follow."""
+    t = _times(LEAD + 3 * (time + rest))
+    edges = LEAD + (rest + time) * np.arange(3)
+    levels = sum(sign * min_jerk((t - edge) / time) for edge, sign in zip(edges, (1, 1, -1), strict=True))
+    return Reference(t, angle * np.asarray(levels), np.full_like(t, K))
+
+
+def stiffness_step(
+    K: tuple[float, float] = (5.0, 6.0), theta: float = 20 * DEG, time: float = 0.3, rest: float = 2.5
+) -> Reference:
+    """Stiffness from K[0] to K[1] and back at constant angle, each shaped to least jerk over `time`."""
+    t = _times(LEAD + 2 * (time + rest))
+    there, back = min_jerk((t - LEAD) / time), min_jerk((t - LEAD - time - rest) / time)
+    return Reference(t, np.full_like(t, theta), K[0] + (K[1] - K[0]) * (there - back))
+
+
+def stiffness_ramps(K: float = 5.5, height: float = 0.5, theta: float = 20 * DEG, rest: float = 1.5) -> Reference:
+    """At rest at `theta`, stiffness up by `height` in 2 s, down by twice as much in 1 s, and back in 0.5 s."""
+    stops = np.cumsum([LEAD, 2.0, rest, 1.0, rest, 0.5, rest])
+    levels = K + height * np.array([0.0, 1.0, 1.0, -1.0, -1.0, 0.0, 0.0])
+    t = _times(float(stops[-1]))
+    return Reference(t, np.full_like(t, theta), np.interp(t, stops, levels))
+
+
+def together(K: float = 5.5, height: float = 0.3, angle: float = 40 * DEG, time: float = 1.0) -> Reference:
+    """Angle and stiffness at once: to `angle` and K + `height` in `time`, to -`angle` and K - `height`, and back."""
+    rest = 1.5
+    t = _times(LEAD + 3 * (time + rest))
+    edges = LEAD + (rest + time) * np.arange(3)
+    moves = [turn * min_jerk((t - edge) / time) for edge, turn in zip(edges, (1, -2, 1), strict=True)]
+    shape = np.sum(moves, axis=0)
+    return Reference(t, angle * shape, K + height * shape)
+
+
+def jumps(K: float = 5.5, angle: float = 25 * DEG, rest: float = 1.5) -> Reference:
+    """Steps that no joint can follow, to `angle`, to -`angle` and back to 0: commands live on the slew limit."""
+    t = _times(LEAD + 3 * rest)
+    sample = np.round((t - LEAD) / _DT)  # whole numbers do not slip over the edge
+    per = round(rest / _DT)
+    levels = np.select([sample < 0, sample < per, sample < 2 * per], [0.0, 1.0, -1.0], 0.0)
+    return Reference(t, angle * levels, np.full_like(t, K))
+
+
+def usual_swing(joint: AntagonistJoint) -> float:
+    """40°, or nine tenths of what `joint` has to both sides of 0 if that is less [rad]; 40° where it never is at 0."""
+    left, right = joint.angle_range
+    return min(40 * DEG, 0.9 * min(-left, right)) if left < 0 < right else 40 * DEG
+
+
+def usual_stiffnesses(joint: AntagonistJoint) -> tuple[float, float]:
+    """Least and greatest stiffness [N·m/rad] that `joint` can have at rest everywhere within its usual swing."""
+    held = allocate(usual_swing(joint) * np.array([-1, -0.5, 0, 0.5, 1]), 1.0, 0.0, joint=joint)
+    low, high = held.stiffness_interval
+    return float(np.max(low)), float(np.min(high))
+
+
+def usual_stiffness(joint: AntagonistJoint) -> float:
+    """The middle [N·m/rad] of its usual stiffnesses."""
+    return sum(usual_stiffnesses(joint)) / 2
+
+
+def shrunk(about: Callable[[float], Reference], K: float, joint: AntagonistJoint) -> Reference:
+    """The trajectory `about` K [N·m/rad], with swings of angle and stiffness for which `joint` has room.
+
+    Angles stay within its usual swing, stiffness within half of what is left to the nearer end of its usual ones, as
+    motion takes some (half of a `K` that is beyond them); what is less stays as it is.
+    """
+    shape = about(_SAFE)
+    low, high = usual_stiffnesses(joint)
+    room = min(high - K, K - low) / 2
+    theta = _limited(shape.theta, usual_swing(joint))
+    return Reference(shape.t, theta, K + _limited(shape.K - _SAFE, room if room > 0 else K / 2))
+
+
+def _limited(values: Array, most: float) -> Array:
+    """`values`, in proportion smaller if their greatest magnitude is more than `most`."""
+    greatest = float(np.abs(values).max())
+    return values * (most / greatest) if greatest > most else values
+
+
+class Standard(NamedTuple):
+    """A trajectory that has a name."""
+
+    about: Callable[[float], Reference]  # the stiffness K [N·m/rad]
+    summary: str
+
+
+TRAJECTORIES = {
+    "sine": Standard(rested_sine, "±40° at 0.5 Hz, K ± 0.3"),
+    "min-jerk": Standard(point_to_point, "60° in 1 s, there and back"),
+    "chirp": Standard(chirp, "±28°, 0.15 to 0.55 Hz"),
+    "steps": Standard(steps, "of 20°, shaped"),
+    "stiffness-step": Standard(
+        lambda K: stiffness_step((K - 0.5, K + 0.5)), "from K - 0.5 to K + 0.5 and back, at 20°"
+    ),
+    "stiffness-ramps": Standard(stiffness_ramps, "K ± 0.5 at rest, at 20°"),
+    "together": Standard(together, "±40° and K ± 0.3 at once"),
+    "jumps": Standard(jumps, "±25° at once, more than a joint can"),
+}
+"""The standard trajectories by name."""
+
+
+__all__ = [
+    "LEAD",
+    "Standard",
+    "TRAJECTORIES",
+    "chirp",
+    "jumps",
+    "min_jerk",
+    "point_to_point",
+    "rested_sine",
+    "steps",
+    "stiffness_ramps",
+    "stiffness_step",
+    "together",
+    "shrunk",
+    "usual_stiffness",
+    "usual_stiffnesses",
+    "usual_swing",
+]

@@ -1,0 +1,216 @@
+"""The problem in `mpc.tracking.controller` as a nonlinear programme by multiple shooting, ordered as fatrop wants it.
+
+Stage k has the state χ_k = (x_k, u_{k-1}, s, s_F) and the control u_k. The last command is a state because the slew
+limit and the rate's cost couple two samples; the slacks are because all stages share them: χ_{k+1} repeats them.
+
+    z = (χ_0, u_0, χ_1, u_1, …, χ_N)
+    g = (χ_1 - f(χ_0, u_0), rows_0, χ_2 - f(χ_1, u_1), rows_1, …, rows_N),      lower ≤ g ≤ upper
+
+    rows_0 = (x_0, u_{-1}, s, s_F, u_0, u_0 - u_{-1})                            the first two are given
+    rows_k = (u_k, u_k - u_{k-1}, θ_k - s, θ_k + s, F(x_k) + s_F)                of the last without the first two
+
+A solver's word is not taken: `certify` computes from its multipliers what Karush, Kuhn and Tucker ask for. Units within
+z and g: pressures in bar, forces in 100 N, slacks in mrad and 0.1 N; the cost in 10 000.
+"""
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array, Mask
+from allocator.units import BAR
+from mpc.model.plant import NU, NX, Plant
+from mpc.tracking.feedforward import FeedForward
+from mpc.tracking.limits import Limits
+from mpc.tracking.linearise import Motion
+from mpc.tracking.weights import Weights
+
+_FORCE, _COST = 100.0, 1e4  # [N], [cost]
+_S, _S_F = 1e-3, 0.1  # slacks [rad], [N]
+_X = np.array([1.0, 1.0, BAR, BAR])  # units of x
+_CHI, _STAGE = NX + NU + 2, NX + 2 * NU + 2  # numbers in χ_k, in (χ_k, u_k)
+_PREVIEW = 4 + 2 * NU  # numbers given to a stage: d_k, θ*_k, θ*'_k, K*_k, u*_k, u*_{k-1}
+
+
+class Residuals(NamedTuple):
+    """How far a point is from optimal, in the units of z, g and the cost; NaN for what is not finite."""
+
+    primal: float  # greatest violation of a row
+    stationarity: float  # greatest entry of the Lagrangian's gradient
+    gap: float  # sum of the multipliers times the distances from their bounds; of the cost where that is above 1
+
+    def within(self, tolerance: float) -> bool:
+        """Whether all of them are below `tolerance`; no NaN."""
+        return all(value <= tolerance for value in self)
+
+
+class Given(NamedTuple):
+    """What one step adds to the programme."""
+
+    p: Array  # the parameters
+    lower: Array  # of g
+    upper: Array
+
+
+class Shooting:
+    """The programme of `plant` for N samples of `dt` [s]; `L` (6, 6) is the terminal factor. Public: look at it."""
+
+    def __init__(self, plant: Plant, dt: float, N: int, weights: Weights, limits: Limits, L: Array) -> None:
+        self.plant, self.dt, self.N, self.weights, self.limits = plant, dt, N, weights, limits
+        self._L = L * np.append(_X, np.full(NU, BAR))
+        self.equality = np.concatenate([[True] * self._gap(k) + list(self._fixed(k)) for k in range(N + 1)])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without CasADi's symbols, which cannot leave their process."""
+        return {name: value for name, value in self.__dict__.items() if name != "problem"}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Shooting":
+        """Itself: nothing in it changes."""
+        return self
+
+    # --- the programme ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def problem(self) -> dict[str, Any]:
+        """CasADi's dictionary x, p, f, g of the programme."""
+        import casadi as ca
+
+        N = self.N
+        z, preview, x_star = ca.SX.sym("z", self.size), ca.SX.sym("p", _PREVIEW, N + 1), ca.SX.sym("x_star", NX)
+        chi = [z[k * _STAGE : k * _STAGE + _CHI] for k in range(N + 1)]
+        u = [z[k * _STAGE + _CHI : (k + 1) * _STAGE] for k in range(N)]
+        cost, rows = self._end(chi[N], preview[:, N], x_star), []
+        for k in range(N):
+            cost += self._stage_cost(chi[k], u[k], preview[:, k], first=k == 0)
+            rows += [chi[k + 1] - self._next(chi[k], u[k], preview[0, k]), *self._rows(k, chi[k], u[k])]
+        rows += self._rows(N, chi[N], None)
+        return {"x": z, "p": ca.vertcat(ca.vec(preview), x_star), "f": cost / _COST, "g": ca.vertcat(*rows)}
+
+    @property
+    def size(self) -> int:
+        """How many numbers z has."""
+        return self.N * _STAGE + _CHI
+
+    def _next(self, chi: Any, u: Any, d: Any) -> Any:
+        import casadi as ca
+
+        return ca.vertcat(self._step(_state(chi), BAR * u, d) / ca.DM(_X), u, chi[NX + NU :])
+
+    @cached_property
+    def _step(self) -> Any:
+        return self.plant.discrete(self.dt)
+
+    def _stage_cost(self, chi: Any, u: Any, preview: Any, *, first: bool) -> Any:
+        import casadi as ca
+
+        w, (theta, omega, K), u_star, before = self.weights, ca.vertsplit(preview[1:4]), preview[4:6], preview[6:8]
+        e = BAR * (u - u_star)
+        rate = (e - BAR * (chi[NX : NX + NU] - before)) / self.dt
+        cost = w.u * ca.sumsqr(e) + w.rate * ca.sumsqr(rate)
+        if not first:  # the measured state cannot be changed any more
+            x = _state(chi)
+            cost += w.theta * (x[0] - theta) ** 2 + w.omega * (x[1] - omega) ** 2
+            cost += w.K * (self.plant.stiffness(x) - K) ** 2
+        return cost / 2
+
+    def _end(self, chi: Any, preview: Any, x_star: Any) -> Any:
+        """Terminal cost and the cost of the slacks."""
+        import casadi as ca
+
+        w, s, s_F = self.weights, _S * chi[NX + NU], _S_F * chi[NX + NU + 1]
+        xi = ca.vertcat(chi[:NX] - x_star, chi[NX : NX + NU] - preview[6:8])
+        slacks = w.slack * s + w.slack_square / 2 * s**2 + w.slack_force * s_F + w.slack_force_square / 2 * s_F**2
+        return ca.sumsqr(ca.mtimes(ca.DM(self._L), xi)) / 2 + slacks
+
+    def _rows(self, k: int, chi: Any, u: Any) -> list[Any]:
+        import casadi as ca
+
+        before, s, s_F = chi[NX : NX + NU], _S * chi[NX + NU], _S_F * chi[NX + NU + 1]
+        commands = [] if u is None else [u, u - before]
+        if k == 0:
+            return [chi, *commands]
+        F = ca.vertcat(*self.plant.forces(_state(chi)))
+        return [*commands, chi[0] - s, chi[0] + s, (F + s_F) / _FORCE]
+
+    def _gap(self, k: int) -> int:
+        return _CHI if k < self.N else 0
+
+    def _fixed(self, k: int) -> Mask:
+        """Which rows of stage k are equalities."""
+        count = 2 * NU + _CHI if k == 0 else 2 * NU * (k < self.N) + 2 + NU
+        return np.arange(count) < (NX + NU) * (k == 0)
+
+    # --- its numbers ------------------------------------------------------------------------------------------------
+
+    def given(self, x: Array, feed: FeedForward, d: Array, u_last: Array, u_star_last: Array) -> Given:
+        """For the measured state `x` (4,) and torques `d` (N,); of the sample before: command and feed-forward (2,)."""
+        u_star = np.vstack([u_star_last, feed.u, feed.u[-1:]]) / BAR  # (N+2, 2)
+        columns = [np.append(d, 0.0), feed.theta, feed.omega, feed.K, *u_star[1:].T, *u_star[:-1].T]
+        x_star = np.array([feed.theta[-1], feed.omega[-1], *feed.P[-1]]) / _X
+        bounds = [self._bounds(k, x, u_last / BAR) for k in range(self.N + 1)]
+        lower, upper = (np.concatenate(side) for side in zip(*bounds, strict=True))
+        return Given(np.append(np.stack(columns, axis=1).ravel(), x_star), lower, upper)
+
+    def _bounds(self, k: int, x: Array, u_last: Array) -> tuple[Array, Array]:
+        """Of all rows of stage k. Commands from outside the supply come back no faster than the slew limit."""
+        (P_lo, P_hi), (left, right), step = self.limits.pressure, self.limits.theta, self.limits.step / BAR
+        never, least = np.inf, self.limits.min_force / _FORCE
+        gap = np.zeros(self._gap(k))
+        lower: list[Any] = [gap]
+        upper: list[Any] = [gap]
+        if k == 0:
+            now = np.append(x / _X, u_last)
+            lower += [now, [0.0, 0.0]]
+            upper += [now, [never, never]]
+        if k < self.N:
+            lower += [np.minimum(P_lo / BAR, u_last + (k + 1) * step), [-step] * NU]
+            upper += [np.maximum(P_hi / BAR, u_last - (k + 1) * step), [step] * NU]
+        if k > 0:
+            lower += [[-never, left, least, least]]
+            upper += [[right, never, never, never]]
+        return np.concatenate(lower), np.concatenate(upper)
+
+    def point(self, motion: Motion, u_last: Array) -> Array:
+        """The z of a `motion`, with the slacks that it takes."""
+        slacks = self.limits.excursion(motion.x[1:, 0]) / _S, self.limits.slackening(motion.F[1:]) / _S_F
+        u = np.vstack([u_last, motion.u]) / BAR
+        chi = np.hstack([motion.x / _X, u, np.tile(slacks, (self.N + 1, 1))])
+        return np.append(np.hstack([chi[:-1], u[1:]]).ravel(), chi[-1])
+
+    def commands(self, z: Array) -> Array:
+        """u (N, 2) [Pa] of z."""
+        return BAR * z[:-_CHI].reshape(self.N, _STAGE)[:, _CHI:]
+
+    # --- its certificate --------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _conditions(self) -> Any:
+        """(z, p, λ) ↦ (f, g, gradient of f + λᵀg)."""
+        import casadi as ca
+
+        z, p, f, g = (self.problem[name] for name in "xpfg")
+        multipliers = ca.SX.sym("lambda", g.numel())
+        return ca.Function("conditions", [z, p, multipliers], [f, g, ca.gradient(f + ca.dot(multipliers, g), z)])
+
+    def certify(self, z: Array, multipliers: Array, given: Given) -> Residuals:
+        """The residuals of z with `multipliers` of g: positive at an upper, negative at a lower bound."""
+        f, g, gradient = (np.ravel(value.full()) for value in self._conditions(z, given.p, multipliers))
+        primal = np.maximum(given.lower - g, g - given.upper).max()
+        bound = np.where(multipliers > 0, given.upper, given.lower)
+        away = np.where(np.isfinite(bound), np.abs(bound - g), 1.0)  # there is nothing to push against at infinity
+        gap = np.abs(multipliers * away).sum() / max(1.0, abs(f.item()))
+        return Residuals(float(primal), float(np.abs(gradient).max()), float(gap))
+
+    def cost(self, z: Array, given: Given) -> float:
+        """The cost of z."""
+        return _COST * float(self._conditions(z, given.p, 0.0)[0])
+
+
+def _state(chi: Any) -> Any:
+    import casadi as ca
+
+    return chi[:NX] * ca.DM(_X)
+
+
+__all__ = ["Given", "Residuals", "Shooting"]

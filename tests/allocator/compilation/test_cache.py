@@ -1,0 +1,212 @@
+"""Compiled code that is kept on disk works whatever becomes of its files, and one line says so."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allocator.compilation import cache
+from allocator.compilation.cache import Refused, check_own
+from mpc import Plant, TrackingMPC
+from mpc.tracking.compiled import module
+
+ROOT = Path(__file__).parents[3]
+DOUBLE = "def double(x):\n    return 2.0 * x\n"
+CALL = """
+import sys, warnings
+sys.path.insert(0, sys.argv[1])
+from allocator import jit
+from doubling import double
+if "full" in sys.argv:
+    import resource, signal
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+with warnings.catch_warnings(record=True) as said:
+    warnings.simplefilter("always")
+    made = jit.compiled(double, (), inline=False, unaliased=False)
+    values = [made(x) for x in (1.5, 3, True)] if made else []
+print(values, sum(made.stats.cache_hits.values()) if made else 0)
+for w in said:
+    print(w.category.__name__, w.filename, w.message)
+"""
+
+
+def run(text, *arguments, **variables):
+    """A Python of its own; `lines` waits for what it prints."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": "", **variables}
+    return subprocess.Popen(
+        [sys.executable, "-c", text, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=environment, cwd=ROOT,
+    )  # fmt: skip
+
+
+def lines(process):
+    """What it prints; it must say nothing else."""
+    out, err = process.communicate(timeout=300)
+    assert (process.returncode, err) == (0, "")
+    return out.splitlines()
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    """A module, and what was kept of it."""
+    folder = tmp_path_factory.mktemp("filled")
+    (folder / "doubling.py").write_text(DOUBLE)
+    assert lines(run(CALL, str(folder))) == ["[3.0, 6.0, 2.0] 0"]
+    assert lines(run(CALL, str(folder))) == ["[3.0, 6.0, 2.0] 3"]
+    return folder
+
+
+def flipped(content):
+    return content[:2000] + bytes([content[2000] ^ 1]) + content[2001:]
+
+
+FAULTS = {
+    "truncated": lambda content: content[: len(content) // 2],
+    "empty": lambda content: b"",
+    "garbage": lambda content: np.random.default_rng(0).bytes(3000),
+    "a bit flipped": flipped,
+    "its hash alone": lambda content: content[:32],
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS.keys())
+def test_a_damaged_file_is_made_anew_and_one_line_says_so(filled, tmp_path, fault):
+    folder = shutil.copytree(filled, tmp_path / "copy")
+    files = [*folder.glob("__pycache__/*.kept")]
+    assert len(files) == 3
+    for file in files:
+        file.write_bytes(fault(file.read_bytes()))
+    first, *said = lines(run(CALL, str(folder)))
+    assert first == "[3.0, 6.0, 2.0] 0"
+    [line] = said
+    assert line.startswith("CacheFault <string> compiled code in ")  # the user's line
+    assert line.endswith(" is damaged and is made anew")
+    assert lines(run(CALL, str(folder))) == ["[3.0, 6.0, 2.0] 3"]
+
+
+def test_a_full_disk_is_said_once_and_leaves_nothing(tmp_path):
+    (tmp_path / "doubling.py").write_text(DOUBLE)
+    first, *said = lines(run(CALL, str(tmp_path), "full", PYTHONDONTWRITEBYTECODE="1"))
+    assert first == "[3.0, 6.0, 2.0] 0"
+    [line] = said
+    assert "cannot be kept" in line
+    assert "every new process compiles it again" in line
+    assert not [*tmp_path.glob("__pycache__/*")]
+
+
+def test_two_that_write_at_the_same_time_do_not_disturb_each_other(tmp_path):
+    (tmp_path / "doubling.py").write_text(DOUBLE)
+    for process in [run(CALL, str(tmp_path)) for _ in range(3)]:
+        assert lines(process)[0].startswith("[3.0, 6.0, 2.0]")
+    assert lines(run(CALL, str(tmp_path))) == ["[3.0, 6.0, 2.0] 3"]
+
+
+def test_a_directory_in_which_others_may_write_is_refused_and_one_line_says_what_to_do(tmp_path):
+    (tmp_path / "doubling.py").write_text(DOUBLE)
+    shared = tmp_path / "shared"
+    assert lines(run(CALL, str(tmp_path), NUMBA_CACHE_DIR=str(shared)))[0] == "[3.0, 6.0, 2.0] 0"
+    [below] = shared.iterdir()
+    below.chmod(0o777)
+    first, *said = lines(run(CALL, str(tmp_path), NUMBA_CACHE_DIR=str(shared)))
+    assert first == "[] 0"
+    [line] = said
+    assert line.startswith("CacheFault <string> allocate works without compiled code: others may write to")
+    assert line.endswith(f"chmod go-w {below}")
+
+
+@pytest.mark.parametrize(
+    ("mode", "uid", "gid", "refused"),
+    [
+        (0o700, 0, 0, False),
+        (0o755, 0, 0, False),
+        (0o775, 0, 0, False),  # a group of the user's own
+        (0o775, 0, 100, True),
+        (0o702, 0, 0, True),
+        (0o700, 1, 1, True),
+    ],
+)
+def test_who_may_write_decides(monkeypatch, tmp_path, mode, uid, gid, refused):
+    class Directory(type(tmp_path)):
+        def stat(self, **kwargs):
+            mine = cache.os.geteuid()
+            return os.stat_result((0o40000 | mode, 0, 0, 0, mine + uid, mine + uid + gid, 0, 0, 0, 0))
+
+    monkeypatch.setattr(cache.os, "geteuid", lambda: 1000)
+    if refused:
+        with pytest.raises(Refused, match=r"chmod go-w|another user"):
+            check_own(Directory(tmp_path))
+    else:
+        check_own(Directory(tmp_path))
+
+
+# --- of a controller --------------------------------------------------------------------------------------------------
+
+
+STEP = """
+import warnings
+with warnings.catch_warnings(record=True) as said:
+    warnings.simplefilter("always")
+    from mpc import Plant, TrackingMPC
+    mpc = TrackingMPC(Plant(), N=12)
+print(mpc.implementation, *mpc.step(Plant().at_rest(0.0, 7.6), 0.1, 7.61).u.ravel())
+for w in said:
+    print(w.category.__name__, w.filename, w.message)
+"""
+
+
+@pytest.fixture
+def home(tmp_path):
+    """A cache directory with all that a controller needs."""
+    law, there = module.law(Plant(), 0.01), tmp_path / "antagonist"
+    TrackingMPC(Plant(), N=12)
+    (there / "__pycache__").mkdir(parents=True, mode=0o700)
+    there.chmod(0o700)
+    for text in (law.module, law.answers):
+        file = Path(text.__file__)
+        shutil.copy2(file, there)
+        for one in file.parent.glob(f"__pycache__/{file.stem}.*"):
+            shutil.copy2(one, there / "__pycache__")
+    return tmp_path
+
+
+def answer():
+    return TrackingMPC(Plant(), N=12).step(Plant().at_rest(0.0, 7.6), 0.1, 7.61).u.ravel()
+
+
+def answered(home, implementation):
+    """The lines said beside the right answer."""
+    first, *said = lines(run(STEP, XDG_CACHE_HOME=str(home)))
+    how, *commands = first.split()
+    assert how == implementation
+    np.testing.assert_allclose(np.array(commands, float), answer(), atol=0.1)
+    return said
+
+
+def test_a_controller_with_damaged_files_is_compiled_and_one_line_says_so(home):
+    assert answered(home, "compiled") == []
+    files = {name: [*home.glob(f"antagonist/__pycache__/*.{name}-*.kept")] for name in ("rows", "pose", "follow")}
+    for fault, [file] in zip((FAULTS["truncated"], FAULTS["empty"], flipped), files.values(), strict=True):
+        file.write_bytes(fault(file.read_bytes()))
+    for text in home.glob("antagonist/*.py"):
+        text.write_text("raise SystemExit('this is not what was written')\n")
+    [line] = answered(home, "compiled")
+    assert line.startswith("CacheFault <string> compiled code in ")
+    assert answered(home, "compiled") == []
+
+
+def test_a_controller_s_directory_in_which_others_may_write_is_refused(home):
+    (home / "antagonist").chmod(0o777)
+    [line] = answered(home, "readable")
+    assert line.startswith("SlowStep <string> the controller's step is not compiled")
+    assert line.endswith(f"chmod go-w {home / 'antagonist'}")
+
+
+def test_a_controller_without_a_directory_to_write_to_is_readable_and_one_line_says_so(tmp_path):
+    (tmp_path / "antagonist").write_text("a file")
+    [line] = answered(tmp_path, "readable")
+    assert line.startswith("SlowStep <string> the controller's step is not compiled")

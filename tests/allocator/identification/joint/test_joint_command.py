@@ -1,0 +1,111 @@
+"""`antagonist fit-joint` as a person meets it."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from allocator import allocate
+from allocator.identification.joint.cli import fit_joint_command
+from allocator.identification.joint.reading import read_joint_log
+from allocator.joint.storage import load_joint
+from allocator.units import BAR, DEG
+
+mpl.use("Agg")
+app = typer.Typer(pretty_exceptions_enable=False)
+app.command("fit-joint")(fit_joint_command)
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [*map(str, arguments)])
+
+
+@pytest.fixture
+def table(all_twins, log_maker, tmp_path):
+    """A file of equilibria of the Martens pulley, with weights."""
+    log = log_maker(all_twins["martens-pulley"], 3)
+    columns = (log.theta / DEG, log.P1 / BAR, log.P2 / BAR, log.torque, log.direction)
+    path = tmp_path / "log.csv"
+    header = "theta_deg,pressure1_bar,pressure2_bar,torque_Nm,direction"
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.8g")
+    return path
+
+
+def test_a_log_becomes_a_joint_that_allocates(table, tmp_path, all_twins):
+    joint, picture = tmp_path / "joint.toml", tmp_path / "joint.png"
+    result = run(
+        table,
+        "--pulley",
+        "0.02,0.11",
+        "--rest-length",
+        300,
+        "--model",
+        "MartensBoblan2017",
+        "--out",
+        joint,
+        "--plot",
+        picture,
+    )
+    assert result.exit_code == 0, result.output
+    assert "stiffness: known to" in result.output
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    answer = allocate(0.2, 4.5, joint=load_joint(joint))
+    true = all_twins["martens-pulley"].stiffness(0.2, answer.P1, answer.P2)
+    assert answer.K == pytest.approx(true, rel=0.08)
+
+
+def test_without_a_weight_it_says_that_stiffness_is_relative(table, tmp_path):
+    rows = [row for row in table.read_text().splitlines() if row.split(",")[3] in ("torque_Nm", "0")]
+    table.write_text("\n".join(rows))
+    result = run(table, "--pulley", "0.02,0.11", "--rest-length", 300, "--model", "AffinePolynomial")
+    assert result.exit_code == 0, result.output
+    assert "relative only" in result.output
+    assert "all forces times one factor" in result.output
+
+
+def test_several_rest_lengths_in_one_file(all_twins, log_maker, tmp_path):
+    log = log_maker(all_twins["sarosi-pulley"], 0)
+    path = tmp_path / "log.csv"
+    lines = ["theta_rad;pressure1_kpa;pressure2_kpa;sweep;rest_length_mm"]
+    for theta, P1, P2, way in zip(log.theta, log.P1, log.P2, log.direction, strict=True):
+        lines += [f"{theta};{P1 / 1e3};{P2 / 1e3};{1 if way < 0 else 2};{mm}" for mm in (400, 401)]
+    path.write_text("\n".join(lines))
+    result = run(path, "--pulley", "0.02,0.1375", "--model", "AffinePolynomial", "--sweep", "1=-1", "--sweep", "2=1")
+    assert result.exit_code == 0, result.output
+    assert "groups left out in turn" in result.output
+
+
+def test_steady_samples_are_picked_from_a_raw_log(tmp_path):
+    """Three setpoints of 3 s with ramps of 2 s between, at 20 Hz: each rest gives one equilibrium."""
+    t = np.arange(0, 13, 0.05)
+    ramp = np.interp(t, [0, 3, 5, 8, 10, 13], [0, 0, 1, 1, 0.3, 0.3])
+    path = tmp_path / "raw.csv"
+    columns = np.column_stack([t, 20 * ramp, 2 + 2 * ramp, 3 + 0 * t])
+    np.savetxt(path, columns, delimiter=",", header="time_s,theta_deg,pressure1_bar,pressure2_bar", comments="")
+    log = read_joint_log(path)
+    assert log.theta == pytest.approx(np.array([0, 20, 6]) * DEG, abs=0.1 * DEG)
+    assert log.P1 == pytest.approx(np.array([2, 4, 2.6]) * BAR, rel=1e-2)
+    assert log.direction.tolist() == [0, 1, -1]
+    assert log.dropped_share == pytest.approx(1 - 3 * 21 / t.size, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--rest-length", 300), "either --lever"),
+        (("--pulley", "0.02,0.11"), "give the rest length once"),
+        (("--pulley", "0.02", "--rest-length", 300), "expected 2 numbers"),
+        (("--lever", "a,b", "--rest-length", 300), "expected 2 or 3 numbers"),
+        (("--pulley", "0.02,0.11", "--rest-length", 300, "--sweep", "1"), "expected NUMBER=DIRECTION"),
+    ],
+)
+def test_what_is_missing_on_the_command_line_is_said(table, arguments, sentence):
+    assert sentence in str(run(table, *arguments).exception)
+
+
+def test_a_missing_column_is_named(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("theta_deg,pressure1_bar\n1,2\n")
+    with pytest.raises(ValueError, match="no column for the pressure2"):
+        read_joint_log(path)

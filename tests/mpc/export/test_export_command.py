@@ -1,0 +1,141 @@
+"""`antagonist export` and `mpc.export.export` as a person meets them: what is made, and what is refused."""
+
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+from typer.testing import CliRunner
+
+from allocator import AntagonistError, report_joint, save_joint
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_LOPEZ_LAAS_ARM
+from allocator.units import BAR
+from mpc import Compensation, KalmanObserver, Plant, TrackingMPC
+from mpc.cli import app
+from mpc.export import export
+
+from ...rigs import toolchain as tools
+
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+needs_cmake = pytest.mark.skipif(
+    shutil.which("gcc") is None or shutil.which("cmake") is None, reason="no gcc and cmake on this machine"
+)
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, ["export", *map(str, arguments)])
+
+
+@needs_cmake
+def test_one_command_exports_one_builds_and_the_demonstration_prints_python_s_numbers(tmp_path):
+    out = tmp_path / "new" / "c"
+    result = invoke("--out", out, "--muscle", "sarosi-dmsp-20-400n")
+    assert result.exit_code == 0, result.output
+    assert "README.md" in result.output.replace("\n", "")
+    subprocess.run(["cmake", "-S", out, "-B", out / "build"], check=True, capture_output=True)
+    subprocess.run(["cmake", "--build", out / "build"], check=True, capture_output=True)
+    printed = tools.run(out / "build" / "demonstration")
+    assert printed in (out / "README.md").read_text()
+    assert len(printed.splitlines()) == 19
+
+
+@needs_gcc
+def test_the_plain_compiler_line_of_the_exported_readme_works(tmp_path):
+    invoke("--out", tmp_path / "c", "--what", "mpc", "--precision", "single", "--horizon", "5")
+    lines = (tmp_path / "c" / "README.md").read_text().splitlines()
+    line = next(line.strip() for line in lines if line.startswith("    cc "))
+    subprocess.run(line.replace("cc ", "gcc ", 1), shell=True, cwd=tmp_path / "c", check=True)
+    assert len(tools.run(tmp_path / "c" / "demonstration").splitlines()) == 10
+
+
+@needs_gcc
+def test_a_joint_from_a_file_brings_its_friction_into_the_c_code(tmp_path):
+    save_joint(replace(report_joint(SAROSI_DMSP_20_400N), friction=0.13), tmp_path / "joint.toml")
+    result = invoke("--out", tmp_path / "c", "--joint", tmp_path / "joint.toml")
+    assert result.exit_code == 0, result.output
+    assert "#define ANT_FRICTION (0.13)" in (tmp_path / "c" / "src" / "settings.h").read_text()
+
+
+@needs_gcc
+def test_every_joint_is_either_exported_as_clean_c_or_refused_in_a_sentence(joints, tmp_path):
+    exported, refused = [], {}
+    for name, joint in joints.items():
+        try:
+            made = export(tmp_path / name, joint=joint, what="allocate")
+        except InvalidInput as refusal:
+            refused[name] = str(refusal)
+            assert not (tmp_path / name).exists()
+        else:
+            sources = [str(path) for path in (made / "src").glob("*.c")]
+            command = ["gcc", *tools.STRICT, "-fsyntax-only", "main.c", *sources]
+            assert subprocess.run(command, cwd=made, capture_output=True).stderr == b""
+            exported.append(name)
+    assert {"report", "tondu-c-pulley", "sarosi-pulley", "sarosi-lever", "sarosi-table"} <= set(exported)
+    assert {"tondu-lever", "tondu-unequal-pulley"} <= set(refused)
+    assert all("cannot be exported" in sentence for sentence in refused.values())
+
+
+def test_the_files_of_the_same_joint_differ_by_precision_in_their_numbers_only(tmp_path):
+    for precision in ("double", "single"):
+        export(tmp_path / precision, what="allocate", precision=precision)
+    names = [{path.relative_to(made) for path in made.rglob("*")} for made in tmp_path.iterdir()]
+    assert names[0] == names[1]
+    same = [(tmp_path / p / "src" / "law.c").read_text() for p in ("double", "single")]
+    assert same[0] == same[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"joint": report_joint(TONDU_LOPEZ_LAAS_ARM)}, "TonduLopez2000 .* no closed form"),
+        ({"what": "everything"}, "'everything'.*all, allocate, mpc"),
+        ({"precision": "half"}, "'half'.*double, single"),
+        ({"controller": TrackingMPC(Plant(), N=5), "joint": report_joint(SAROSI_DMSP_20_400N)}, "not the one"),
+        ({"controller": TrackingMPC(Plant(), N=5, budget=0.005)}, "no clock"),
+        ({"controller": TrackingMPC(Plant(), N=5), "observer": KalmanObserver(Plant(), 0.02)}, "their dt"),
+        (
+            {
+                "controller": TrackingMPC(Plant(), N=5),
+                "observer": KalmanObserver(Plant(), 0.01, compensation=Compensation(dead_band=0.1 * BAR)),
+            },
+            "their compensation",
+        ),
+    ],
+)
+def test_what_cannot_be_exported_is_refused_and_nothing_is_written(arguments, words, tmp_path):
+    with pytest.raises((InvalidInput, MissingBackend), match=words):
+        export(tmp_path / "c", **arguments)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("options", [["--horizon", "0"], ["--horizon", "2"], ["--muscle", "tondu-lopez-laas-arm"]])
+def test_the_command_refuses_in_one_sentence_and_writes_nothing(options, tmp_path):
+    code = "import sys; from mpc.cli import main; sys.argv[0] = 'antagonist'; main()"
+    command = [sys.executable, "-c", code, "export", "--out", str(tmp_path / "c"), *options]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_directory_that_is_not_empty_is_left_as_it_is(tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(AntagonistError, match="not empty"):
+        export(tmp_path, what="allocate")
+    with pytest.raises(AntagonistError, match="is a file"):
+        export(tmp_path / "mine.txt", what="allocate")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+    (tmp_path / "empty").mkdir()
+    assert (export(tmp_path / "empty", what="allocate") / "antagonist.h").exists()
+
+
+def test_exporting_leaves_the_controller_s_memory_alone(tmp_path):
+    controller = TrackingMPC(Plant(), N=5)
+    first = controller.step([0.1, 0.0, 3e5, 2e5], 0.2, 7.6)
+    other = TrackingMPC(Plant(), N=5)
+    other.step([0.1, 0.0, 3e5, 2e5], 0.2, 7.6)
+    export(tmp_path / "c", controller=controller)
+    x = first.x[1]
+    assert (controller.step(x, 0.2, 7.6).u == other.step(x, 0.2, 7.6).u).all()

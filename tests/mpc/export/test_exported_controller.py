@@ -1,0 +1,209 @@
+"""The exported controller does what Python's does: the same statuses and rungs, the same commands."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allocator.units import BAR, DEG
+from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, sine
+from mpc.export import export
+from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
+from mpc.model.friction import Friction
+from mpc.tracking.qp.solvers import solver
+from mpc.trials.trajectories import point_to_point
+
+from ...rigs import toolchain as tools
+from ...rigs.replay import CONTROL, record, replayed
+
+SPAN = 5 * BAR
+U, STATUS, RUNG, EXCESS, MOVED = slice(0, 2), 2, 3, slice(4, 6), slice(6, 9)  # columns of the answers
+BAD_INPUT = -1
+FAULTS = (
+    SilentSensors(3.0, 3.05, (0,)),
+    SilentSensors(6.0, 6.5, (0,)),
+    FrozenSensors(8.0, 8.4, (2,)),
+    StuckValve(10.0, 10.5, 1),
+    SupplyDrop(12.0, 12.3),
+    Leak(13.0, 13.5, 2),
+    FrozenSensors(15.0, 15.6, (0,)),
+    SilentSensors(17.0, 18.2, (0, 2, 3)),
+)
+
+
+def needs(*programs):
+    missing = [program for program in programs if shutil.which(program) is None]
+    return pytest.mark.skipif(bool(missing), reason=f"no {' and no '.join(missing)} on this machine")
+
+
+needs_gcc = needs("gcc")
+needs_arm_gcc = needs(tools.ARM_GCC)
+needs_qemu = needs("gcc", tools.ARM_GCC, tools.QEMU)
+
+
+class Unreliable:
+    """DAQP, which sometimes gives up."""
+
+    def __init__(self):
+        self.fails, self._solve = False, solver("daqp")
+
+    def __call__(self, qp, limit=np.inf):
+        return None if self.fails else self._solve(qp, limit)
+
+
+def recorded(process, controller, observer, reference, failing=()):
+    """A record of the loop in which the controller's solver gives up at the steps `failing`."""
+
+    def fails(k):
+        controller.solver.fails = k in failing
+        return controller.solver.fails
+
+    done = record(process, controller, observer, reference, fails)
+    return done.samples, done.answers
+
+
+def pair(plant, N, compensation=None, **settings):
+    known = {} if compensation is None else {"compensation": compensation}
+    return (
+        TrackingMPC(plant, N=N, solver=Unreliable(), **known, **settings),
+        KalmanObserver(plant, 0.01, **known),
+    )
+
+
+@pytest.fixture(scope="module")
+def faulty_loop():
+    """2 000 steps on a real plant with faults, and a solver that gives up now and then."""
+    process = replace(RealPlant.standard(torque_profile=((9.0, 1.0),)), faults=FAULTS)
+    controller, observer = pair(process.nominal, 10, process.known(), weights=Weights.calm())
+    failing = {*range(300, 303), *range(1400, 1420), 1900}
+    reference = sine(K=5.5, duration=20.0)
+    return controller, observer, *recorded(process, controller, observer, reference, failing)
+
+
+@pytest.fixture(scope="module")
+def exported(faulty_loop, tmp_path_factory):
+    out = tmp_path_factory.mktemp("exported")
+    return {
+        precision: export(out / precision, controller=faulty_loop[0], observer=faulty_loop[1], precision=precision)
+        for precision in ("double", "single")
+    }
+
+
+@needs_gcc
+def test_two_thousand_steps_with_faults_have_python_s_statuses_rungs_and_commands(faulty_loop, exported):
+    _, _, samples, wanted = faulty_loop
+    got = replayed(tools.compiled(exported["double"], CONTROL, "vectors"), samples)
+    assert len(wanted) == 2000
+    assert {PlanStatus.UNSOLVED, PlanStatus.NO_MEASUREMENT, PlanStatus.BLIND} <= set(wanted[:, STATUS])
+    assert {Rung.QP, Rung.SOFTENED, Rung.HOLD} <= set(wanted[:, RUNG])
+    np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
+    assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-8 * SPAN
+    np.testing.assert_allclose(got[:, EXCESS], wanted[:, EXCESS], atol=1e-6)
+    np.testing.assert_allclose(got[:, MOVED], wanted[:, MOVED], atol=1e-9)
+
+
+@needs_gcc
+def test_single_precision_keeps_commands_to_a_thousandth_of_the_supply(faulty_loop, exported):
+    _, _, samples, wanted = faulty_loop
+    got = replayed(tools.compiled(exported["single"], CONTROL, "vectors"), samples)
+    np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
+    assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-3 * SPAN
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    ("settings", "angle", "K"),
+    [
+        ({}, 140 * DEG, 12.0),  # beyond the joint range, and stiffer than can be
+        ({"min_force": 60.0}, 60 * DEG, 1.0),  # less stiff than can be
+        ({"blocks": (1, 1, 2, 3, 5), "iterations": 2}, 100 * DEG, 9.5),
+    ],
+    ids=["joint range", "taut muscles", "blocked moves, two QPs"],
+)
+def test_limits_that_bind_bind_in_c_as_they_do_in_python(settings, angle, K, tmp_path):
+    plant = Plant()
+    controller, observer = pair(plant, 12, **settings)
+    reference = sine(amplitude=angle, K=K, K_amplitude=0.0, frequency=0.5, duration=1.4, ramp=0.3)
+    samples, wanted = recorded(plant, controller, observer, reference, failing={60, 61})
+    directory = export(tmp_path / "c", controller=controller, observer=observer)
+    got = replayed(tools.compiled(directory, CONTROL, "vectors"), samples)
+    assert wanted[:, MOVED].max() > 0.1
+    np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
+    assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-8 * SPAN
+
+
+@needs_gcc
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_no_sanitizer_finds_anything_and_all_commands_keep_supply_and_slew(precision, faulty_loop, exported):
+    samples = faulty_loop[2][290:420].copy()
+    rng = np.random.default_rng(0)
+    wild = rng.choice([0.0, np.nan, np.inf, -np.inf, 1e-300, 1e300, -1e300, 0.5, 3e5], (300, 3))
+    hit = rng.choice(len(samples), 300)
+    garbage = samples[hit]
+    garbage[:, :3] = np.where(rng.random((300, 3)) < 0.5, wild, garbage[:, :3])
+    garbage[::7, 4:] = rng.choice([np.nan, 0.1, 5.0, 1e9, -3.0], garbage[::7, 4:].shape)
+    program = tools.compiled(exported[precision], CONTROL, "vectors", *tools.SANITISED)
+    nothing = np.full((2, samples.shape[1]), np.nan)
+    got = replayed(program, np.concatenate([nothing, samples, garbage, samples]))
+    u = got[:, U]
+    assert (got[:2, STATUS] == BAD_INPUT).all()
+    assert ((u >= 0) & (u <= SPAN)).all()
+    assert np.abs(np.diff(u[2:], axis=0)).max() <= 5 * BAR * 0.01 * (1 + 1e-4)
+    assert (got[-50:, RUNG] == Rung.QP).all()  # good readings lead back
+
+
+@pytest.fixture(scope="module")
+def resting_loop():
+    """A joint that is moved, rests, is pushed and rests again, on the real plant without and with its friction."""
+    process = RealPlant.standard(torque_profile=((5.0, 1.0),))
+    controller, observer = pair(process.nominal, 10, process.known(), weights=Weights.calm())
+    move = point_to_point(rest=8.0).resampled(0.01)
+    move = Reference(move.t[: 10_00 + 1], move.theta[300 : 1300 + 1], move.K[: 10_00 + 1])
+    return (
+        controller,
+        observer,
+        [recorded(real, controller, observer, move) for real in (process, replace(process, friction=Friction()))],
+    )
+
+
+@needs_gcc
+@pytest.mark.parametrize(("precision", "near"), [("double", 1e-8), ("single", 1e-3)])
+def test_a_loop_that_rests_rests_in_c_at_the_same_samples_with_the_same_commands(
+    precision, near, resting_loop, tmp_path
+):
+    controller, observer, records = resting_loop
+    directory = export(tmp_path / "c", controller=controller, observer=observer, precision=precision)
+    program = tools.compiled(directory, CONTROL, "vectors", *tools.SANITISED)
+    for samples, wanted in records:
+        got = replayed(program, samples)
+        resting = wanted[:, STATUS] == PlanStatus.RESTING
+        assert 0.2 < resting.mean() < 0.9
+        assert (np.abs(np.diff(resting.astype(int))).sum()) > 2  # it comes to rest and leaves it again
+        np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
+        assert np.abs(got[:, U] - wanted[:, U]).max() < near * SPAN
+
+
+@needs_qemu
+def test_a_cortex_m4f_gives_the_pc_s_commands(faulty_loop, exported):
+    samples = faulty_loop[2][:150]
+    program = tools.compiled_for_cortex_m4f(exported["single"], CONTROL, "m4.elf")
+    there = replayed(program, samples, runner=tools.run_on_cortex_m4f)
+    here = replayed(tools.compiled(exported["single"], CONTROL, "vectors"), samples)
+    np.testing.assert_array_equal(there[:, [STATUS, RUNG]], here[:, [STATUS, RUNG]])
+    assert np.abs(there[:, U] - here[:, U]).max() < 1e-3 * SPAN
+
+
+@needs_arm_gcc
+def test_ten_samples_ahead_fit_into_128_kib_of_flash_and_64_kib_of_memory(exported):
+    size = tools.linked_size(exported["single"])
+    assert size.code <= 128 * 1024
+    assert size.memory <= 64 * 1024
+
+
+@needs_gcc
+def test_the_demonstration_prints_python_s_numbers(exported):
+    printed = tools.run(tools.compiled(exported["double"], Path("main.c"), "demonstration"))
+    assert printed in (exported["double"] / "README.md").read_text()
+    assert printed.count("rung 0") == 10

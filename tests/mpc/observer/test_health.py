@@ -1,0 +1,247 @@
+"""What is broken is named, soon; what is not broken is not; and what cannot be told apart is said to be so."""
+
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from allocator import BAR, DEG, AntagonistJoint, Lever, report_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
+from mpc import Compensation, KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, simulate, sine
+from mpc.model.faults import BrokenCable, DriftingSensor, FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
+from mpc.model.friction import Friction
+from mpc.observer.diagnosis import Diagnosis
+from mpc.observer.gating import Verdict
+from mpc.observer.health import MUSCLES, SENSORS, FaultKind, Finding, Health, Part, Reaction, Suspect
+from mpc.observer.pressure_diagnosis import PressureDiagnosis
+from mpc.observer.torque_diagnosis import TorqueDiagnosis
+from mpc.trials.trajectories import usual_stiffness
+
+DT, BEGIN = 0.01, 1.6  # [s]; there the joint moves
+THETA, P1, P2 = 0, 2, 3
+JOINTS = {
+    "Sarosi's muscles": report_joint(SAROSI_DMSP_20_400N),
+    "Tondu's muscles": report_joint(TONDU_DMSP_20_400N),
+    "levers": AntagonistJoint(
+        Lever(rest_length=0.40, anchor=0.30, lever=0.03, offset=0.0435), SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N
+    ),
+}
+ANGLE = Suspect(FaultKind.DRIFTING_SENSOR, Part.ANGLE)
+
+
+class Listener:
+    """An observer, and what it says of the joint's health."""
+
+    def __init__(self, observer):
+        self.observer, self.said = observer, []
+
+    def reset(self):
+        self.observer.reset()
+        self.said = []
+
+    def estimate(self, y, u):
+        answer = self.observer.estimate(y, u)
+        self.said.append(self.observer.health)
+        return answer
+
+
+class Loop(NamedTuple):
+    real: RealPlant
+    controller: TrackingMPC
+    listener: Listener
+
+
+@cache
+def loop(joint):
+    real = RealPlant.standard(nominal=Plant(JOINTS[joint], lag=0.12))
+    known, model = real.known(), real.nominal
+    controller = TrackingMPC(model, DT, weights=Weights.calm(), compensation=known)
+    return Loop(real, controller, Listener(KalmanObserver(model, DT, compensation=known)))
+
+
+def said(joint, *faults, seed=3, duration=4.0, **changes):
+    """What is said sample by sample on a joint that is moved, with a plant that has `faults` and other `changes`."""
+    real, controller, listener = loop(joint)
+    K = usual_stiffness(JOINTS[joint])
+    reference = sine(amplitude=30 * DEG, K=K, duration=duration, ramp=1.0, dt=DT)
+    simulate(replace(real, faults=faults, **changes), controller, reference, observer=listener, seed=seed)
+    return listener.said
+
+
+def alarm(healths):
+    return next((k for k, health in enumerate(healths) if not health.well), None)
+
+
+# --- in the closed loop -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+@pytest.mark.parametrize(
+    ("fault", "kind", "part", "within"),
+    [
+        (Leak(BEGIN, muscle=1), FaultKind.LEAK, Part.MUSCLE_1, 0.6),
+        (Leak(BEGIN, muscle=2), FaultKind.LEAK, Part.MUSCLE_2, 0.8),  # its command falls at first, as by a leak
+        (StuckValve(BEGIN, muscle=2), FaultKind.STUCK_VALVE, Part.MUSCLE_2, 0.6),
+        (BrokenCable(BEGIN, muscle=1), FaultKind.BROKEN_CABLE, Part.MUSCLE_1, 0.25),
+        (BrokenCable(BEGIN, muscle=2), FaultKind.BROKEN_CABLE, Part.MUSCLE_2, 0.25),
+        (DriftingSensor(BEGIN, sensor=P1, rate=0.3 * BAR), FaultKind.DRIFTING_SENSOR, Part.P1, 0.8),
+        (DriftingSensor(BEGIN, sensor=P2, rate=-0.3 * BAR), FaultKind.DRIFTING_SENSOR, Part.P2, 0.8),
+        (FrozenSensors(BEGIN, sensors=(THETA,)), FaultKind.FROZEN_SENSOR, Part.ANGLE, 0.3),
+        (SilentSensors(BEGIN, sensors=(P2,)), FaultKind.SILENT_SENSOR, Part.P2, 0.15),
+    ],
+)
+def test_a_fault_is_named_soon_and_alone_in_the_end(joint, fault, kind, part, within):
+    healths = said(joint, fault)
+    first = alarm(healths)
+    assert 0 <= (first - round(BEGIN / DT)) * DT <= within
+    assert Suspect(kind, part) in healths[first].suspects
+    assert healths[-1].suspects == (Suspect(kind, part),)
+    assert BEGIN <= healths[-1].findings[0].since <= first * DT + 1e-9
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_low_supply_is_among_the_suspects_at_once_and_the_only_one_when_both_muscles_lack_pressure(joint):
+    healths = said(joint, SupplyDrop(BEGIN, supply=1.5 * BAR))
+    first = alarm(healths)
+    assert (first - round(BEGIN / DT)) * DT <= 0.3
+    assert all(Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY) in health.suspects for health in healths[first:])
+    assert healths[-1].suspects == (Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY),)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+@pytest.mark.parametrize("load", [0.0, 3.0])
+def test_a_sound_joint_is_well_under_a_load_that_nobody_tells_of(joint, load):
+    assert alarm(said(joint, torque_profile=((BEGIN, load),))) is None
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"nominal": replace(RealPlant.standard().nominal, lag=0.10)},
+        {"nominal": replace(RealPlant.standard().nominal, lag=0.15)},
+        {"friction": Friction()},
+        {"force_gains": (0.9, 1.1)},
+        {"force_gains": (1.1, 1.1)},
+    ],
+    ids=["quicker", "slower", "without friction", "gains swapped", "both stronger"],
+)
+def test_a_joint_that_is_not_what_was_told_is_well(changes):
+    assert alarm(said("Sarosi's muscles", torque_profile=((BEGIN, -2.0),), **changes)) is None
+
+
+def test_a_fault_that_ends_is_forgotten():
+    healths = said("Sarosi's muscles", Leak(BEGIN, BEGIN + 0.3, muscle=2), duration=5.5)
+    assert not healths[round((BEGIN + 0.3) / DT)].well
+    assert healths[-1].well
+
+
+def test_a_new_run_begins_well():
+    assert not said("Sarosi's muscles", BrokenCable(1.5), duration=2.0)[-1].well
+    assert said("Sarosi's muscles", duration=2.0)[0].well
+
+
+# --- what cannot be told apart ----------------------------------------------------------------------------------------
+
+SIGMA, USUAL = 0.02 * BAR, 3.5
+GAIN = 3.5 / BAR  # [N·m/Pa]
+
+
+class Muscle:
+    """Two diagnoses, the course of whose pressures is given sample by sample; P2 follows its command of 1 bar."""
+
+    def __init__(self):
+        self.own, self.other = (PressureDiagnosis(0.12, DT, 0.0, SIGMA, USUAL) for _ in range(2))
+        self.random, self.t = np.random.default_rng(1), 0.0
+
+    def follow(self, course, command, d=lambda P: 0.0, other=1.0):
+        """Pressures `course` and `command`s [bar] of as many samples."""
+        for P, v in np.broadcast(course, command):
+            noise = SIGMA * self.random.standard_normal(2)
+            self.own.follow(self.t, P * BAR + noise[0], v * BAR, GAIN, d(P), self.other)
+            self.other.follow(self.t, other * BAR + noise[1], other * BAR, GAIN, d(P), self.own)
+            self.t += DT
+        return self.own.suspected
+
+
+LACKS = {FaultKind.STUCK_VALVE, FaultKind.LEAK, FaultKind.SUPPLY_DROP}
+
+
+def rises(P, rate, seconds):
+    return P + rate * DT * np.arange(round(seconds / DT))
+
+
+def test_a_pressure_that_stops_rising_may_be_a_stuck_valve_or_a_low_supply_until_the_command_falls():
+    muscle = Muscle()
+    muscle.follow(2.0, np.full(50, 2.0))
+    assert muscle.follow(2.0, rises(2.0, 1.5, 0.8)) == LACKS
+    assert muscle.follow(2.0, rises(3.2, -3.0, 0.8)) == {FaultKind.STUCK_VALVE}
+
+
+def test_a_pressure_that_stops_rising_is_no_low_supply_where_the_other_muscle_holds_more():
+    muscle = Muscle()
+    muscle.follow(2.0, np.full(50, 2.0), other=3.0)
+    assert muscle.follow(2.0, rises(2.0, 1.5, 0.8), other=3.0) == LACKS - {FaultKind.SUPPLY_DROP}
+
+
+def test_a_pressure_that_departs_slowly_is_a_leak_or_a_drift_as_the_torque_tells():
+    for answer, names in ((0.0, LACKS - {FaultKind.STUCK_VALVE}), (-GAIN * BAR, {FaultKind.DRIFTING_SENSOR})):
+        muscle = Muscle()
+        muscle.follow(2.0, np.full(300, 2.0))
+        found = muscle.follow(rises(2.0, -0.2, 4.0), np.full(400, 2.0), d=lambda P, a=answer: a * (P - 2.0))
+        assert found <= names
+        assert (FaultKind.DRIFTING_SENSOR in found) == (answer != 0.0)
+
+
+def test_a_torque_that_the_missing_muscle_explains_is_a_load_if_it_stays_and_a_broken_cable_if_it_follows():
+    for follows in (False, True):
+        torque = TorqueDiagnosis(DT, USUAL)
+        for k in range(250):
+            T1 = 4.0 + max(k - 200, 0) * 0.1  # the joint is thrown aside
+            d = -(T1 if follows else 4.0) if k >= 200 else 0.0
+            torque.follow(k * DT, d, T1, -4.0)
+        assert torque.broken == (0 if follows else None)
+
+
+def test_an_angle_that_drifts_far_is_not_told_apart_from_a_load():
+    healths = said("Sarosi's muscles", DriftingSensor(BEGIN, sensor=THETA, rate=40 * DEG))
+    load = said("Sarosi's muscles", torque_profile=((BEGIN, 8.0),), duration=2.2)
+    for health in (healths[-1], load[-1]):
+        assert health.suspects == (Suspect(FaultKind.LOAD, Part.JOINT), ANGLE)
+        assert health.reaction is Reaction.HOLD
+
+
+# --- numbers and words ------------------------------------------------------------------------------------------------
+
+PLANT = Plant(JOINTS["Sarosi's muscles"])
+REST = PLANT.at_rest(0.0, 5.5)
+XI = np.append(REST, 0.0)
+
+
+def test_lost_readings_are_suspicious_when_they_are_many():
+    """One in twenty is not, one in five is, and five hundred good ones excuse it."""
+    diagnosis = Diagnosis(PLANT, DT, SIGMA, Compensation(), tolerance=0.1)
+    for period, samples, well in ((20, 400, True), (5, 400, False), (1000, 500, True)):
+        for k in range(samples):
+            verdict = Verdict.REJECTED if k % period == period - 1 else Verdict.BELIEVED
+            noise = np.sin(k) * np.array([0.01 * DEG, SIGMA, SIGMA])
+            diagnosis.follow(REST[[0, 2, 3]] + noise, [verdict, *2 * [Verdict.BELIEVED]], REST[2:], XI)
+        assert diagnosis.health.well == well
+        assert well or diagnosis.health.suspects == (Suspect(FaultKind.REJECTED_SENSOR, Part.ANGLE),)
+
+
+def test_the_reaction_is_that_to_the_worst_suspect():
+    cable, drift = Suspect(FaultKind.BROKEN_CABLE, MUSCLES[0]), Suspect(FaultKind.DRIFTING_SENSOR, SENSORS[1])
+    assert Health().reaction is Reaction.NONE
+    assert Health((Finding((drift,), 1.0),)).reaction is Reaction.STIFFEN_LESS
+    assert Health((Finding((drift, ANGLE), 1.0),)).reaction is Reaction.HOLD
+    assert Health((Finding((drift,), 1.0), Finding((cable,), 2.0))).reaction is Reaction.VENT
+    assert all(Suspect(kind, part).reaction in Reaction for kind in FaultKind for part in Part)
+
+
+def test_health_says_itself_in_one_sentence():
+    cable, drift = Suspect(FaultKind.BROKEN_CABLE, MUSCLES[0]), Suspect(FaultKind.DRIFTING_SENSOR, SENSORS[1])
+    assert str(Health()) == "Nothing is suspected."
+    sentence = str(Health((Finding((cable, drift), 1.25),)))
+    assert sentence == "broken cable (muscle 1) or drifting sensor (P1) since 1.25 s: vent."

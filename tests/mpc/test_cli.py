@@ -1,0 +1,184 @@
+"""`antagonist track` as a person meets it."""
+
+import csv
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from allocator import BAR, DEG
+from mpc import sine
+from mpc.cli import app, main
+from mpc.trials.files import save_reference
+from mpc.trials.recordings import load_recording
+from mpc.trials.trajectories import TRAJECTORIES
+
+
+def antagonist(*arguments, cwd):
+    code = "import sys; from mpc.cli import main; sys.argv[0] = 'antagonist'; main()"
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
+
+
+@pytest.fixture
+def trajectory(tmp_path):
+    path = tmp_path / "short.csv"
+    save_reference(sine(duration=2, ramp=1), path)
+    return path
+
+
+def test_track_writes_picture_and_table_and_prints_the_figures(trajectory, tmp_path):
+    out = tmp_path / "new" / "directory"
+    result = CliRunner().invoke(app, ["track", str(trajectory), "--out", str(out), "--dt", "0.02", "--horizon", "12"])
+    assert result.exit_code == 0, result.output
+    assert (out / "tracking.png").read_bytes().startswith(b"\x89PNG")
+    with (out / "tracking.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 101
+    error = np.array([float(row["theta_deg"]) - float(row["theta_ref_deg"]) for row in rows])
+    printed = re.search(r"angle error \[°\]\D+([\d.e-]+)", result.output).group(1)
+    assert float(printed) == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.02, abs=1e-7)
+    for text in (
+        "stiffness error [%]",
+        "pressure slew",
+        "kept",
+        "slack muscle",
+        "time of a step [ms]",
+        "answered by QP",
+    ):
+        assert text in result.output
+
+
+def test_track_prints_the_errors_after_the_first_rest_as_well(tmp_path):
+    path = tmp_path / "run.csv"
+    result = CliRunner().invoke(app, ["track", "min-jerk", "--out", str(path), "--controller", "feedforward"])
+    assert result.exit_code == 0, result.output
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    t, theta, wanted = (np.array([float(row[name]) for row in rows]) for name in ("t", "theta_deg", "theta_ref_deg"))
+    later = (theta - wanted)[t >= 4 - 1e-9]
+    _, after = result.output.split("after the first rest of 4 s")
+    printed = re.search(r"angle error \[°\]\D+([\d.e-]+)\D+([\d.e-]+)", after).groups()
+    expected = np.sqrt(np.mean(later**2)), np.abs(later).max()
+    assert [float(p) for p in printed] == pytest.approx(expected, rel=0.01)
+
+
+def test_a_standard_trajectory_is_one_word_and_the_run_can_be_read_again(tmp_path):
+    files = [tmp_path / name for name in ("run.npz", "run.csv", "run.png")]
+    outs = [word for path in files for word in ("--out", str(path))]
+    result = CliRunner().invoke(app, ["track", "min-jerk", *outs, "--controller", "feedforward"])
+    assert result.exit_code == 0, result.output
+    assert sorted(tmp_path.iterdir()) == sorted(files)
+    run, table = load_recording(files[0]), np.genfromtxt(files[1], delimiter=",", names=True)
+    np.testing.assert_allclose(table["theta_deg"] * DEG, run.theta, atol=1e-9)
+    np.testing.assert_allclose(table["P1_bar"] * BAR, run.P[:, 0], rtol=1e-8)
+    assert run.theta_ref[0] == pytest.approx(-30 * DEG)
+    again = CliRunner().invoke(app, ["track", str(files[0])])
+    assert again.exit_code != 0  # a recording is no trajectory
+
+
+def test_without_a_trajectory_another_joint_moves_about_what_it_has(tmp_path):
+    out = tmp_path / "run.npz"
+    options = ["--radius", "10", "--rest-length", "180", "--stops=-20:20", "--controller", "feedforward"]
+    result = CliRunner().invoke(app, ["track", *options, "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    run = load_recording(out)
+    assert np.abs(run.theta_ref).max() <= 18.001 * DEG
+    assert "out of this joint's reach" not in result.output
+    assert "trajectory: angle -18 … 18°, stiffness " in result.output
+
+
+def test_the_stiffness_of_a_standard_trajectory_can_be_chosen(tmp_path):
+    out = tmp_path / "run.npz"
+    options = ["--stiffness", "8.2", "--dt", "0.02", "--controller", "feedforward", "--out", str(out)]
+    assert CliRunner().invoke(app, ["track", "steps", *options]).exit_code == 0
+    np.testing.assert_allclose(load_recording(out).K_ref, 8.2)
+
+
+def test_the_help_names_every_standard_trajectory(tmp_path):
+    shown = antagonist("track", "--help", cwd=tmp_path).stdout
+    assert all(name in shown for name in TRAJECTORIES)
+
+
+def tracked(trajectory, *options):
+    out = trajectory.parent / "-".join(options)
+    result = CliRunner().invoke(app, ["track", str(trajectory), "--out", str(out), *options])
+    assert result.exit_code == 0, result.output
+    return (out / "tracking.csv").read_text()
+
+
+@pytest.mark.parametrize("controller", ["nmpc", "pid", "lqr", "feedforward"])
+def test_every_controller_can_be_tried_on_the_real_plant(trajectory, controller):
+    assert tracked(trajectory, "--plant", "real", "--controller", controller).count("\n") == 202
+
+
+def test_the_seed_makes_a_run_on_the_real_plant_repeatable(trajectory):
+    first, again, other = (tracked(trajectory, "--plant", "real", "--seed", seed) for seed in ("1", "1", "2"))
+    assert first == again
+    assert first != other
+
+
+def test_a_payload_is_met_better_with_an_observer(trajectory):
+    def left(*options):
+        rows = [*csv.DictReader(tracked(trajectory, "--payload", "1", *options).splitlines())]
+        return abs(float(rows[-1]["theta_deg"]) - float(rows[-1]["theta_ref_deg"]))
+
+    assert left("--observer") < 0.2 * left("--no-observer")
+
+
+def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
+    done = antagonist("track", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["tracking.csv", "tracking.png"]
+    assert "steps answered by QP" in done.stdout
+    assert "1200" in done.stdout
+    assert "exceeded" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere.csv"], "nowhere.csv: does not exist"),
+        (["bad.csv"], "bad.csv, line 3, column 'theta_deg': 'up' is not a number"),
+        (["short.csv", "--solver", "magic"], "unknown QP solver 'magic'; available: "),
+        (["short.csv", "--dt", "-1"], "dt = -1 s has to be a sample time"),
+        (["short.csv", "--horizon", "1"], "N = 1 has to be"),
+        (["min-jork"], "neither a standard trajectory nor a file min-jork; there are sine, min-jerk, "),
+        (["sine", "--stiffness", "-3"], "stiffness"),
+        (["short.csv", "--stiffness", "7"], "--stiffness goes with a standard trajectory"),
+        (["short.csv", "--controller", "nmpc", "--solver", "daqp"], "unknown NLP solver 'daqp'; available: "),
+        (["short.csv", "--out", "run.xlsx"], "--out run.xlsx: a run is written as .png, "),
+        (["short.csv", "--out", "bad.csv/run.npz"], "bad.csv/run.npz cannot be written"),
+        (["short.csv", "--plant", "imaginary"], "unknown plant 'imaginary'; available: nominal, real"),
+        (["short.csv", "--seed", "-1"], "seed = -1 has to be a whole number, 0 or more"),
+        (["short.csv", "--controller", "pid", "--solver", "osqp"], "solver = 'osqp' belongs to the controllers mpc"),
+        (["short.csv", "--controller", "fuzzy"], "unknown controller 'fuzzy'; available: "),
+        (["short.csv", "--controller", "pid", "--dt", "-1"], "dt = -1 s has to be a sample time"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_no_traceback(trajectory, arguments, said, monkeypatch, capsys):
+    (trajectory.parent / "bad.csv").write_text("t,theta_deg,stiffness\n0,0,7\n1,up,7\n")
+    monkeypatch.chdir(trajectory.parent)
+    monkeypatch.setattr(sys, "argv", ["antagonist", "track", *arguments])
+    with pytest.raises(SystemExit) as left:
+        main()
+    shown = capsys.readouterr()
+    assert left.value.code == 2
+    assert shown.out == ""
+    assert shown.err.startswith("antagonist: ")
+    assert said in shown.err
+    assert len(shown.err.strip().splitlines()) == 1
+    assert not (trajectory.parent / "tracking.csv").exists()
+
+
+def test_help_is_given_before_anything_heavy_is_loaded(tmp_path):
+    code = (
+        "import sys, mpc.cli; "
+        "print([m for m in ('casadi', 'daqp', 'osqp', 'qpsolvers', 'control', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+    assert "track" in antagonist("--help", cwd=tmp_path).stdout

@@ -1,0 +1,443 @@
+"""The compiled step is the readable one: the same laws, the same QP, the same answer; and it is not needed."""
+
+import math
+from copy import deepcopy
+from dataclasses import replace
+from itertools import product
+from time import perf_counter
+
+import casadi as ca
+import numpy as np
+import pytest
+from numba import njit
+
+from allocator import BAR, DEG, Table
+from mpc import PlanStatus, Plant, SlowStep, TrackingMPC, Weights
+from mpc.codegen import python_text
+from mpc.codegen.python_text import _FORMULAS, Untranslatable, _formula, translated
+from mpc.tracking.compiled import module
+from mpc.tracking.compiled.jit import merged
+from mpc.tracking.compiled.qp_step import QuickFeedForward, QuickImprover, workings
+from mpc.tracking.feedforward import FeedForwardLaw
+from mpc.tracking.limits import Limits
+from mpc.tracking.linearise import Predictor
+from mpc.tracking.qp.certified import certified
+from mpc.tracking.qp.condense import Problem, condense
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import solver
+from mpc.tracking.qp_step import Before, ReadableImprover
+from mpc.tracking.terminal import terminal_factor
+
+RNG = np.random.default_rng(8)
+DAQP = solver("daqp")
+
+
+# --- translation ------------------------------------------------------------------------------------------------------
+
+
+def evaluated(function, *values):
+    """The outputs (n,) of the CasADi `function`, by CasADi and by its translation."""
+    source, names = translated("law", function), {"math": math, "np": np}
+    exec(source.text, names)
+    wanted = np.concatenate([np.ravel(v.full(), "F") for v in function.call([ca.DM(v) for v in values])])
+    return wanted, np.array(names["law"](*np.concatenate([np.ravel(v) for v in values]).tolist(), source.c))
+
+
+def test_every_joint_s_law_is_translated_to_the_last_digits(joint):
+    plant = Plant(joint=joint, gravity_torque=0.8, lag=(0.1, 0.07))
+    left, right = joint.angle_range
+    for name, function in module._functions(plant).items():
+        for _ in range(5):
+            x = np.array([RNG.uniform(left, right), RNG.normal(), *RNG.uniform(1 * BAR, 4 * BAR, 2)])
+            given = {1: (x,), 3: (x, RNG.uniform(1, 4, 2), RNG.normal())}[function.n_in()]
+            wanted, found = evaluated(function, *((x[0],) if name == "coefficients" else given))
+            np.testing.assert_allclose(found, wanted, rtol=1e-13, atol=1e-13)
+
+
+def unary(x):
+    """CasADi's operations of one number."""
+    return [
+        -x, 2 * x, x * x, 1 / x, x**2.5, x**-1.3, ca.exp(x), ca.expm1(x), ca.log(x), ca.log1p(x), ca.sqrt(x), ca.sin(x),
+        ca.cos(x), ca.tan(x), ca.asin(x), ca.acos(x), ca.atan(x), ca.sinh(x), ca.cosh(x), ca.tanh(x), ca.asinh(x),
+        ca.acosh(x), ca.atanh(x), ca.erf(x), ca.fabs(x), ca.floor(x), ca.ceil(x), ca.sign(x), ca.logic_not(x),
+        x + math.inf, ca.fmin(x, math.inf), x * -math.inf, x + ca.SX(math.nan), ca.SX(3.5) * x, ca.SX(-0.0) * x,
+    ]  # fmt: skip
+
+
+def binary(x, y):
+    """And of two."""
+    return [
+        x + y, x - y, x * y, x / y, x**y, ca.atan2(x, y), ca.hypot(x, y), ca.fmod(x, y), ca.copysign(x, y), x < y,
+        x <= y, x == y, x != y, ca.logic_and(x, y), ca.logic_or(x, y), ca.if_else(x, y, 7.0), ca.if_else(x < y, x, y),
+    ]  # fmt: skip
+
+
+ODD = (-math.inf, -710.5, -2.5, -1.0, -0.3, -0.0, 0.0, 1e-300, 0.3, 0.5, 1.0, 2.5, 710.5, math.inf, math.nan)
+
+
+def compiled_law(function):
+    """The translation of the CasADi `function`, compiled as in `mpc.tracking.compiled`."""
+    source, names = translated("law", function), {"math": math, "np": np}
+    exec(source.text, names)
+    law = merged(names["law"])
+    called = njit(lambda x, y, c: law(x, y, c), error_model="numpy")
+    return lambda x, y: called(x, y, source.c)
+
+
+@pytest.fixture(scope="module")
+def operations():
+    """All of them in CasADi, and compiled."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    function = ca.Function("all", [x, y], [ca.densify(ca.vertcat(*unary(x), *binary(x, y)))])
+    return function, compiled_law(function)
+
+
+@pytest.mark.parametrize("x", ODD)
+def test_every_operation_compiled_is_casadi_s(operations, x):
+    function, law = operations
+    for y in ODD:
+        wanted, found = function(x, y).full()[:, 0], np.array(law(x, y))
+        np.testing.assert_allclose(found, wanted, rtol=1e-14)
+        numbers = ~np.isnan(wanted)
+        np.testing.assert_array_equal(np.signbit(found[numbers]), np.signbit(wanted[numbers]))  # of zeros, too
+
+
+def test_the_lesser_and_the_greater_of_two_are_casadi_s():
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    function = ca.Function("both", [a, b], [ca.vertcat(ca.fmin(a, b), ca.fmax(a, b))])
+    law = compiled_law(function)
+    for x, y in product(ODD, ODD):  # of 0 and -0 either may be the lesser
+        np.testing.assert_array_equal(law(x, y), function(x, y).full()[:, 0])
+
+
+def test_the_table_of_operations_is_tried_whole(operations):
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    both = ca.Function("both", [x, y], [ca.fmin(x, y), ca.fmax(x, y)])
+    tried = {f.instruction_id(k) for f in (operations[0], both) for k in range(f.n_instructions())}
+    unseen = {name for name in _FORMULAS if getattr(ca, name) not in tried}
+    assert unseen == {"OP_ASSIGN"}  # CasADi does not leave it in a graph
+
+
+def test_an_operation_without_translation_is_said():
+    x = ca.SX.sym("x")
+    with pytest.raises(Untranslatable, match="OP_ERFINV"):
+        translated("law", ca.Function("error", [x], [ca.erfinv(x)]))
+
+
+def test_laws_too_long_to_compile_are_left_to_the_readable_step(joints):
+    angles = np.linspace(-1.5, 1.5, 120)
+    table = Table(0.40, angles, 0.13 + 0.04 * np.sin(angles), 0.13 - 0.04 * np.sin(angles))
+    plant = Plant(joint=replace(joints["sarosi-table"], geometry=table))
+    with pytest.warns(SlowStep, match=r"ten times as long: the law's function .* operations, more than"):
+        mpc = TrackingMPC(plant, N=4)
+    assert mpc.implementation == "readable"
+
+
+def test_what_the_compiler_fails_at_is_left_to_the_readable_step(monkeypatch):
+    wrong = {**_FORMULAS, "OP_SIN": "float({0} > 0.0)"}  # which numba does not take
+    monkeypatch.setattr(python_text, "_FORMULAS", wrong)
+    _formula.cache_clear()
+    try:
+        with pytest.warns(SlowStep, match="ten times as long: Failed in nopython mode") as said:
+            mpc = TrackingMPC(Plant(gravity_torque=0.5), N=4)
+    finally:
+        _formula.cache_clear()
+    assert (mpc.implementation, len(said), said[0].filename) == ("readable", 1, __file__)
+    assert "\n" not in str(said[0].message)
+    assert mpc.step(mpc.plant.at_rest(0.0, 7.6), 0.1, 7.8).status is PlanStatus.OPTIMAL
+
+
+def test_joints_that_differ_in_their_numbers_share_the_compiled_code():
+    one, two = (module.law(Plant(inertia=J, damping=b, lag=b), 0.01) for J, b in ((0.05, 0.1), (0.07, 0.13)))
+    assert one.module is two.module
+    assert (one.c != two.c).any()
+
+
+# --- the QP -----------------------------------------------------------------------------------------------------------
+
+CASES = {  # name of the joint, plant, dt, blocks, how far all is from rest: commands [bar] and the rest alike
+    "report": ("report", {}, 0.01, (1,) * 12, 0.5),
+    "report, within the limits": ("report", {}, 0.01, (1,) * 12, 0.02),
+    "substeps, gravity, blocks": (
+        "sarosi-lever",
+        {"lag": (0.1, 0.03), "gravity_torque": 0.8},
+        0.04,
+        (1, 1, 2, 4),
+        0.5,
+    ),
+    "no kernel": ("tondu-lever", {}, 0.01, (1,) * 8, 0.5),
+}
+
+
+class Case:
+    """One step, ready to be posed in both ways."""
+
+    def __init__(self, joint, options, dt, blocks, away):
+        self.plant, self.dt, N = Plant(joint=joint, **options), dt, sum(blocks)
+        weights = Weights()
+        L = terminal_factor(self.plant, dt, weights)
+        limits = Limits.of(self.plant, dt, 5.0)
+        self.problem = Problem(weights, limits, L, blocks, dt)
+        self.predictor, self.law = Predictor(self.plant, dt, N), FeedForwardLaw(self.plant, dt, N, 5.0)
+        self.improve, self.feed_forward = workings(self.plant, dt, self.problem, self.predictor, self.law)
+        self.readable = ReadableImprover(self.problem, self.predictor)
+        left, right = limits.theta
+        self.x = self.plant.at_rest(0.7 * left + 0.3 * right, 1.2 * self.plant.stiffness(self.plant.at_rest(0.0, 1.0)))
+        self.theta = self.x[0] + np.linspace(0.0, 4 * away * DEG, N + 1)
+        self.K = np.full(N + 1, float(self.plant.stiffness(self.x)))
+        self.d = 0.2 * away * RNG.normal(size=N + 1)
+        self.u = self.x[2:] + away * BAR * RNG.normal(size=(N, 2))
+
+    def arguments(self, solve=DAQP, x=None, deadline=math.inf):
+        feed = self.law(self.theta, self.K, self.d)
+        before = Before(self.x[2:], feed.u[0] - 1e3)
+        return self.x if x is None else x, self.u, self.d[:-1], feed, before, solve, deadline
+
+
+@pytest.fixture(scope="module", params=CASES.values(), ids=CASES.keys())
+def case(request, joints):
+    name, *rest = request.param
+    return Case(joints[name], *rest)
+
+
+def test_the_quick_workings_are_used_here(case):
+    assert isinstance(case.improve, QuickImprover)
+    assert isinstance(case.feed_forward, QuickFeedForward) == bool(module.law(case.plant, case.dt).p)
+
+
+def test_the_compiled_qp_is_the_readable_one(case):
+    qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
+    x, u, d, feed, before, *_ = case.arguments()
+    model = case.predictor.linearise(x, case.problem.limits.limited(before.u, u), d)
+    wanted = condense(case.problem, model, feed, *before)
+    for name in ("H", "f", "lower", "upper", "R", "rows_lower", "rows_upper"):
+        one, other = getattr(qp, name), getattr(wanted, name)
+        finite = np.isfinite(other)
+        np.testing.assert_array_equal(one[~finite], other[~finite])
+        np.testing.assert_allclose(one[finite], other[finite], rtol=1e-10, atol=1e-12 * np.abs(other[finite]).max())
+
+
+def test_the_compiled_step_comes_to_the_readable_one_s_commands_and_motion(case):
+    quick, readable = (improve(*case.arguments()) for improve in (case.improve, case.readable))
+    assert quick.status is readable.status is PlanStatus.OPTIMAL
+    np.testing.assert_allclose(quick.u, readable.u, atol=1e-6 * BAR)
+    assert quick.motion is not None
+    wanted = case.predictor.motion(case.x, quick.u, case.d[:-1])
+    for name in ("u", "x", "K", "F"):
+        np.testing.assert_allclose(getattr(quick.motion, name), getattr(wanted, name), rtol=1e-10, atol=1e-9)
+
+
+def test_rows_that_break_lead_to_the_whole_qp(case):
+    x = np.array([case.problem.limits.theta[1] - 0.01, 4.0, *case.x[2:]])
+    quick, readable = (improve(*case.arguments(x=x)) for improve in (case.improve, case.readable))
+    assert quick.motion is None
+    assert quick.qp.R.size
+    assert quick.status is readable.status is PlanStatus.OPTIMAL
+    np.testing.assert_allclose(quick.u, readable.u, atol=1e-5 * BAR)
+
+
+def test_no_eigenvalue_of_the_hessian_is_below_the_charge_for_changes(case):
+    qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
+    n, w = qp.f.size - 2, case.problem.weights
+    assert np.linalg.eigvalsh(qp.H[:n, :n]).min() >= w.rate * BAR**2 / case.dt**2 * (1 - 1e-9)
+
+
+LIES = {
+    "above": lambda z, push: (z + 0.1, push),
+    "below": lambda z, push: (z - 0.1, push),
+    "not a number": lambda z, push: (z + np.nan, push),
+    "nothing is a number": lambda z, push: (z + np.nan, push + np.nan),
+    "at the wrong bounds": lambda z, push: (-z, -push),
+    "nothing": lambda z, push: (0 * z, 0 * push),
+}
+
+
+@pytest.mark.parametrize("lie", LIES.values(), ids=LIES.keys())
+def test_a_wrong_answer_is_refused_or_put_right(case, lie):
+    wanted = case.readable(*case.arguments())
+    arguments = case.arguments(solve=lambda qp, limit: lie(*DAQP(qp, limit)))
+    case.improve.reset()
+    quick, readable = case.improve(*arguments), case.readable(*arguments)
+    assert quick.status in (PlanStatus.OPTIMAL, PlanStatus.REFUSED)
+    if quick.status is PlanStatus.OPTIMAL:  # the bounds that bind were told, or found from there
+        np.testing.assert_allclose(quick.u, wanted.u, atol=1e-6 * BAR)
+    assert readable.status is PlanStatus.REFUSED
+
+
+@pytest.mark.parametrize("away", [0.0, 0.3])
+@pytest.mark.parametrize("off", [0.028, 5.1e-3])
+def test_no_answer_passes_that_is_farther_from_the_solution_than_is_said(case, off, away):
+    case.theta += away
+    try:
+        qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
+    finally:
+        case.theta -= away
+    answer = certified(DAQP, qp, math.inf, case.problem.curvature)
+    assert answer.status is PlanStatus.OPTIMAL
+    solved = [qp.certify(answer.z, answer.multipliers).gap]
+    flattest = np.linalg.eigh(qp.H[:-2, :-2])[1][:, 0]  # where a step costs least
+    for direction in (flattest, -flattest, *RNG.normal(size=(5, flattest.size))):
+        away_from = answer.z.copy()
+        away_from[:-2] += off * direction / np.linalg.norm(direction)
+        found = certified(lambda some, limit, z=away_from: (z, DAQP(some)[1]), qp, math.inf, case.problem.curvature)
+        assert found.status is PlanStatus.REFUSED
+        solved.append(qp.certify(away_from, answer.multipliers).gap)
+    assert solved[0] < min(solved[1:]) / 2
+
+
+def test_an_answer_that_comes_late_is_not_used(case):
+    assert case.improve(*case.arguments(deadline=perf_counter() - 1.0)).status is PlanStatus.LATE
+
+
+def test_a_wrong_guess_does_not_change_the_answer(case):
+    first = case.improve(*case.arguments())
+    case.improve._guess[:] = RNG.integers(-1, 2, case.improve._guess.size)
+    np.testing.assert_allclose(case.improve(*case.arguments()).u, first.u, atol=1e-6 * BAR)
+
+
+def test_the_guess_is_the_last_sample_s_active_set_one_sample_earlier(case):
+    seen = []
+
+    def watched(qp, limit):
+        seen.append((qp.guess, DAQP(qp, limit)))
+        return seen[-1][1]
+
+    case.improve.reset()
+    for _ in range(2):
+        assert case.improve(*case.arguments(solve=watched)).motion is not None
+    (first, (_, multipliers)), (second, _) = seen
+    assert not first.any()
+    bound = np.sign(multipliers).reshape(-1, 2)
+    for start, guess in zip(case.problem.starts, second.reshape(-1, 2), strict=True):
+        block = sum(case.problem.starts <= start + 1) - 1  # in which that sample was
+        np.testing.assert_array_equal(guess, bound[block])
+
+
+def test_between_the_qps_of_one_sample_the_guess_stays_where_it_is(case):
+    case.improve.reset()
+    given = list(case.arguments(solve=lambda qp, limit: DAQP(qp, limit)))
+    first = case.improve(*given)
+    given[5] = DAQP
+    again = case.improve(*given)
+    assert again.qp is None  # no solver was asked
+    np.testing.assert_allclose(again.u, first.u, atol=1e-6 * BAR)
+
+
+def test_while_a_row_binds_the_guess_is_kept(case):
+    x = np.array([case.problem.limits.theta[1] - 0.01, 4.0, *case.x[2:]])
+    step = case.improve(*case.arguments(x=x))
+    assert step.qp.R.size
+    n, nothing = step.qp.f.size - 2, np.zeros(0)
+    qp = step.qp
+    _, multipliers = DAQP(QP(qp.H[:n, :n].copy(), qp.f[:n], qp.lower[:n], qp.upper[:n], qp.R[:0, :n], nothing, nothing))
+    assert multipliers.any()
+    np.testing.assert_array_equal(case.improve._guess, np.sign(multipliers))
+
+
+# --- the structured way -----------------------------------------------------------------------------------------------
+
+
+def settled(case, sweeps=30):
+    """What the Riccati recursions come to for the step that `case` has posed last."""
+    return case.improve._answers.settle(*case.improve._rest, case.improve._guess, sweeps)
+
+
+@pytest.mark.parametrize("away", [0.0, 0.02, 0.05, 0.3])  # [rad] of the reference from the state: the slew limit binds
+def test_riccati_recursions_and_daqp_come_to_the_same_point(case, away):
+    case.theta += away
+    try:
+        qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
+    finally:
+        case.theta -= away
+    n = qp.f.size - 2
+    nothing = np.zeros(0)
+    box = QP(qp.H[:n, :n].copy(), qp.f[:n], qp.lower[:n], qp.upper[:n], qp.R[:0, :n], nothing, nothing)
+    exact, multipliers = DAQP(box)
+    case.improve._guess[:] = np.sign(multipliers)  # from here they settle
+    outcome, z = settled(case)
+    assert outcome in (case.improve._answers.SOLVED, case.improve._answers.ROWS)
+    np.testing.assert_allclose(z, exact, atol=1e-8)
+    assert (case.improve._guess == np.sign(multipliers)).all()
+    case.improve.reset()
+
+
+def test_at_long_horizons_too_the_recursions_confirm_the_solver_s_set():
+    mpc, x, confirmed, bound = TrackingMPC(Plant(), N=80), Plant().at_rest(0.0, 7.6), 0, 0
+    answers, rest = mpc._improve._answers, mpc._improve._rest
+    for k in range(30):
+        plan = mpc.step(x, 0.5 * (-1) ** (k // 10), 7.6)
+        H, f, lower, upper = answers.pose(*rest)
+        box = QP(H.copy(), f, lower, upper, np.zeros((0, f.size)), np.zeros(0), np.zeros(0))
+        exact, multipliers = DAQP(box)
+        outcome, z = answers.settle(*rest, np.sign(multipliers).astype(np.int8), 1)
+        if outcome != answers.REFUSED:
+            confirmed += 1
+            np.testing.assert_allclose(z, exact, atol=1e-6)
+        bound += multipliers.any()
+        x = plan.x[1]
+    assert bound > 20
+    assert confirmed >= 29
+
+
+def test_what_does_not_settle_is_not_answered(case):
+    case.improve(*case.arguments(solve=lambda qp, limit: None))
+    outcome, z = settled(case, sweeps=0)
+    assert outcome == case.improve._answers.REFUSED
+    assert not z.any()
+
+
+@pytest.mark.parametrize("blocks", [(1,) * 20, (1,) * 10 + (2,) * 5], ids=["samples", "blocks"])
+def test_sample_after_sample_the_commands_are_those_of_a_solver(blocks):
+    quick = TrackingMPC(Plant(), N=20, blocks=blocks)
+    other = TrackingMPC(Plant(), N=20, blocks=blocks, solver=lambda qp, limit: DAQP(qp, limit))  # is always asked
+    x, K, settled, bound = Plant().at_rest(0.0, 7.6), np.full(21, 7.6), 0, 0
+    for k in range(60):
+        theta = 0.2 * np.sin(6.0 * 0.01 * (k + np.arange(21)))
+        plan, wanted = quick.step(x, theta, K, 0.1), other.step(x, theta, K, 0.1)
+        np.testing.assert_allclose(plan.u, wanted.u, atol=1e-5 * BAR)
+        settled += plan.times.condense == 0.0
+        bound += np.abs(np.diff(plan.u, axis=0)).max() >= quick.limits.step * (1 - 1e-6)
+        x = plan.x[1]
+    assert settled > 30
+    assert 5 < bound < 55
+
+
+def test_the_time_of_a_settled_step_is_that_of_its_solution():
+    mpc, x = TrackingMPC(Plant(), N=80), Plant().at_rest(0.0, 7.6)
+    steps = [mpc.step(x, 0.0, 7.6).times for _ in range(10)][5:]
+    assert all(times.condense == 0.0 for times in steps)
+    assert max(times.solve / times.total for times in steps) > 0.1  # the greatest: others want the processor, too
+
+
+# --- the feed-forward -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["report", "sarosi-lever"])
+def test_the_compiled_feed_forward_is_the_readable_one(name, joints):
+    plant = Plant(joint=joints[name], gravity_torque=0.8, lag=(0.1, 0.03))
+    readable = FeedForwardLaw(plant, 0.04, 8, 5.0)
+    quick = QuickFeedForward(module.law(plant, 0.04), readable)
+    far = 1.2 * joints[name].angle_range[1]
+    for theta in (np.linspace(-0.2, 0.3, 9), np.linspace(0.0, far, 9)):  # within reach, and beyond
+        for K in (np.linspace(5.0, 9.0, 9), np.full(9, 50.0)):
+            one, other = (law(theta, K, np.linspace(0.0, 1.0, 9)) for law in (quick, readable))
+            for field in ("theta", "omega", "K", "P", "u", "moved"):
+                wanted = np.asarray(getattr(other, field))
+                np.testing.assert_allclose(getattr(one, field), wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_a_copy_of_a_controller_goes_its_own_way(case):
+    mpc = TrackingMPC(case.plant, case.dt, N=sum(case.problem.blocks))
+    x, theta, K = case.x, float(case.theta[0]), float(case.K[0])
+    mpc.step(x, theta, K)
+    other = deepcopy(mpc)
+    wanted = mpc.step(x, theta + 0.05, K).u
+    other.step(x, theta, K)
+    mpc.reset()
+    mpc.step(x, theta, K)
+    np.testing.assert_allclose(mpc.step(x, theta + 0.05, K).u, wanted, atol=1e-6 * BAR)
+
+
+def test_the_readable_step_s_answer_is_certified_too(case):
+    step = case.readable(*case.arguments())
+    assert certified(DAQP, step.qp, math.inf, case.problem.curvature).status is PlanStatus.OPTIMAL

@@ -1,0 +1,183 @@
+"""Compiled code is kept until anything that it is made from changes; where there is none, the readable step answers."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allocator import BAR
+from allocator.files import atomic
+from mpc import PlanStatus, Plant, SlowStep, TrackingMPC
+from mpc.tracking.compiled import module
+
+ROOT = Path(__file__).parents[3]
+
+
+# --- without ----------------------------------------------------------------------------------------------------------
+
+
+STEP = """
+import sys, warnings
+sys.modules.update({"numba": None} if "without" in sys.argv else {})
+from allocator.allocation.kernels.compiled import kernel
+from mpc import Plant, TrackingMPC
+with warnings.catch_warnings(record=True) as said:
+    warnings.simplefilter("always")
+    mpc = TrackingMPC(Plant(), N=12)
+print(*(w.category.__name__ for w in said), mpc.implementation, kernel("tondu_exact"))
+print(*mpc.step(Plant().at_rest(0.0, 7.6), 0.0, 7.61).u.ravel())
+"""
+
+
+@pytest.mark.parametrize(
+    ("argument", "variables"),
+    [("without", {}), ("", {"NUMBA_DISABLE_JIT": "1"})],
+    ids=["not installed", "told not to compile"],
+)
+def test_without_numba_the_readable_step_answers_alike_and_says_so_once(argument, variables):
+    ran = python(STEP, argument, **variables)
+    said, implementation, kernel, *commands = ran.split()
+    assert (said, implementation, kernel) == ("SlowStep", "readable", "None")
+    mpc = TrackingMPC(Plant(), N=12)
+    wanted = mpc.step(Plant().at_rest(0.0, 7.6), 0.0, 7.61).u
+    assert np.abs(np.diff(wanted, axis=0)).max() < 0.9 * mpc.limits.step
+    np.testing.assert_allclose(np.array(commands, float).reshape(-1, 2), wanted, atol=1e-6 * BAR)
+
+
+def python(text, *arguments, folder=ROOT, **variables):
+    """What a Python of its own prints that works in `folder`; it must say nothing else."""
+    command = [sys.executable, "-W", "error", "-c", text, *arguments]
+    ran = subprocess.run(
+        command, capture_output=True, text=True, check=False, cwd=folder, env={**os.environ, **variables}
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert not ran.stderr
+    return ran.stdout
+
+
+def test_without_a_directory_to_write_to_the_readable_step_answers(monkeypatch, tmp_path):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(module, "_directory", lambda: tmp_path / "file" / "below")
+    module._imported.cache_clear()
+    with pytest.warns(SlowStep, match="ten times as long"):
+        mpc = TrackingMPC(Plant(), N=12)
+    assert mpc.implementation == "readable"
+    assert mpc.step(Plant().at_rest(0.0, 7.6), 0.1, 7.8).status is PlanStatus.OPTIMAL
+
+
+def test_the_law_is_written_where_the_user_s_caches_are(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert module._directory() == tmp_path / "antagonist"
+
+
+@pytest.mark.parametrize("relative", ["", "caches", "./caches"])
+def test_a_relative_directory_for_caches_is_ignored(monkeypatch, tmp_path, relative):
+    monkeypatch.setenv("XDG_CACHE_HOME", relative)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(module.Path, "home", lambda: tmp_path)
+    assert module._directory() == tmp_path / ".cache" / "antagonist"
+
+
+def test_without_a_home_the_readable_step_answers(monkeypatch):
+    def nowhere():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.delenv("LOCALAPPDATA", raising=False)
+    monkeypatch.setattr(module.Path, "home", nowhere)
+    module._imported.cache_clear()
+    with pytest.warns(SlowStep, match="no directory to keep compiled code in"):
+        assert TrackingMPC(Plant(), N=12).implementation == "readable"
+
+
+# --- what is kept on disk ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def caches(monkeypatch, tmp_path):
+    """An empty directory for modules, as long as the test runs."""
+    monkeypatch.setattr(module, "_directory", lambda: tmp_path)
+    module._imported.cache_clear()
+    yield tmp_path
+    module._imported.cache_clear()
+
+
+def test_a_module_that_was_cut_off_is_written_again(caches):
+    assert module._imported("value = 12\n").value == 12
+    [file] = caches.glob("*.py")
+    for rest in (b"", b"value = 1", b"\xff("):
+        file.write_bytes(rest)
+        module._imported.cache_clear()
+        assert module._imported("value = 12\n").value == 12
+        assert file.read_text(encoding="utf-8") == "value = 12\n"
+
+
+def test_nothing_is_left_of_a_module_that_could_not_be_written(caches, monkeypatch):
+    def full(new, file):
+        raise OSError("no space left on the device")
+
+    monkeypatch.setattr(atomic.os, "replace", full)
+    with pytest.raises(OSError, match="no space left"):
+        module._imported("value = 12\n")
+    assert not [*caches.iterdir()]
+
+
+def test_nothing_is_left_of_a_module_that_fails(caches):
+    before = set(sys.modules)
+    with pytest.raises(ZeroDivisionError):
+        module._imported("1 / 0\n")
+    assert set(sys.modules) == before
+
+
+def test_no_module_of_the_package_itself_keeps_compiled_code():
+    kept = module.law(Plant(), 0.01)
+    assert kept.answers.settle.stats.cache_path is not None  # where numba says so
+    functions = [
+        value
+        for name, loaded in sys.modules.items()
+        if name.startswith("mpc.tracking.compiled.")
+        for value in vars(loaded).values()
+        if hasattr(value, "py_func")
+    ]
+    assert len(functions) > 20
+    assert [f for f in functions if f.stats.cache_path is not None] == []
+    for function in functions:
+        assert Path(function.py_func.__code__.co_filename).read_text(encoding="utf-8") in module._surroundings()
+
+
+CHOOSE = """
+import numpy as np
+from mpc.tracking.compiled import module
+chosen = module._imported('''
+import numpy as np
+from mpc.tracking.compiled.jit import compiled
+from mpc.tracking.compiled.structured import choose
+
+@compiled
+def chosen(v):
+    law = np.zeros((2, 7))
+    choose(np.zeros((2, 6)), np.eye(2), np.zeros(2), v, np.array([-1, 0], np.int8), law)
+    return law[0, 6]
+''').chosen
+print(chosen(np.array([3.0, 0.0])), sum(chosen.stats.cache_hits.values()), module.__file__)
+"""
+
+
+def test_an_edit_in_what_compiled_code_calls_is_seen(tmp_path):
+    for package in ("allocator", "mpc"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    home = dict.fromkeys(("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"), str(tmp_path / "caches"))
+    places = {"folder": tmp_path, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": "", **home}
+    edited = tmp_path / "mpc" / "tracking" / "compiled" / "structured.py"
+    value, hits, file = python(CHOOSE, **places).split()
+    assert Path(file).parent == edited.parent
+    assert (float(value), int(hits)) == (3.0, 0)
+    assert python(CHOOSE, **places).split()[:2] == ["3.0", "1"]  # it was kept
+    before = edited.read_text(encoding="utf-8")
+    edited.write_text(before.replace("law[i, 6] = v[i]", "law[i, 6] = v[i] + 1.0"), encoding="utf-8")
+    assert python(CHOOSE, **places).split()[:2] == ["4.0", "0"]

@@ -1,0 +1,64 @@
+"""Runs survive as NPZ."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from allocator import DEG, InvalidFile
+from allocator.joint.antagonist import report_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from mpc import Plant, RealPlant, Run, TrackingMPC, simulate, sine
+from mpc.trials.metrics import metrics
+from mpc.trials.recordings import load_recording, save_recording
+
+MOVE = sine(amplitude=10 * DEG, K=5.5, duration=0.3, ramp=0.1)
+PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=(0.1, 0.12), gravity_torque=0.5)
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(RealPlant(PLANT, force_gains=(1.05, 0.95)), TrackingMPC(PLANT, N=5), MOVE)
+
+
+def test_a_recording_comes_back_to_the_last_bit_with_its_plant(run, tmp_path):
+    save_recording(run, tmp_path / "run.of.today.npz")
+    again = load_recording(tmp_path / "run.of.today.npz")
+    for entry in fields(Run):
+        if entry.name != "plant":
+            np.testing.assert_array_equal(getattr(again, entry.name), getattr(run, entry.name))
+    x = np.array([0.1, 0.2, 3e5, 2e5])
+    np.testing.assert_array_equal(again.plant.rate(x, x[2:]), PLANT.rate(x, x[2:]))
+    assert (again.plant.slew, again.dt) == (PLANT.slew, run.dt)
+    assert metrics(again) == metrics(run)
+
+
+def test_numpy_alone_opens_a_recording(run, tmp_path):
+    save_recording(run, tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as archive:
+        np.testing.assert_array_equal(archive["x"], run.x)
+        assert "Sarosi2012" in str(archive["joint"])
+
+
+def test_what_is_no_recording_is_refused_by_its_name(run, tmp_path):
+    (tmp_path / "text.npz").write_text("no")
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    save_recording(run, tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as archive:
+        np.savez(tmp_path / "broken.npz", **{**archive, "plant_inertia": -1.0})
+        np.savez(tmp_path / "short.npz", **{**archive, "x": np.zeros(3)})
+        np.savez(tmp_path / "many.npz", **{**archive, "dt": np.zeros(3)})
+    whole = bytearray((tmp_path / "run.npz").read_bytes())
+    whole[200:260] = bytes(60)
+    (tmp_path / "damaged.npz").write_bytes(whole)
+    for name, said in (
+        ("nowhere.npz", "cannot be read"),
+        ("text.npz", "is not an NPZ file"),
+        ("other.npz", "is not the recording of a run: K, "),
+        ("broken.npz", "does not hold a plant"),
+        ("short.npz", r"x has the shape \(3,\)"),
+        ("many.npz", r"dt has the shape \(3,\)"),
+        ("damaged.npz", "is not an NPZ file"),
+    ):
+        with pytest.raises(InvalidFile, match=said):
+            load_recording(tmp_path / name)

@@ -1,0 +1,83 @@
+"""A closed loop of Python's, recorded and replayed in the exported C: the same readings in, the same commands out?
+
+`record` lets Python's observer and controller drive a plant and writes down what they read and answered; the program
+made of `CONTROL` reads such a record from a file and writes its own answers to another, and that of `ALLOCATE` does the
+same with targets of the allocation. Both files hold rows of doubles.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from time import process_time
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.observer.kalman import KalmanObserver
+from mpc.tracking.controller import TrackingMPC
+from mpc.trials.reference import Reference
+from mpc.trials.simulation import Process
+
+from .toolchain import Runner, run
+
+_C = Path(__file__).parent / "c" / "replay"
+ALLOCATE, CONTROL = _C / "allocate.c", _C / "control.c"
+ALLOCATION_COLUMNS = ("P1", "P2", "T", "K", "status", "limits")
+PLAN_COLUMNS = ("u1", "u2", "status", "rung", "slack", "slack_force", "moved_theta", "moved_K", "moved_T")
+CONTROL_COLUMNS = (*PLAN_COLUMNS, "verdict_theta", "verdict_P1", "verdict_P2")
+
+
+class Record(NamedTuple):
+    """M steps of a loop."""
+
+    samples: Array  # (M, 4 + 2 (ahead + 1)): θ, P1, P2, whether the QP solver is to fail, previews of θ and K
+    answers: Array  # (M, 12), CONTROL_COLUMNS
+    seconds: Array  # (M,) processor time of Python's observer and controller
+
+
+def record(
+    process: Process,
+    controller: TrackingMPC,
+    observer: KalmanObserver,
+    reference: Reference,
+    fails: Callable[[int], bool] = lambda k: False,
+    seed: int = 0,
+) -> Record:
+    """Drive `process` along `reference`; `fails(k)` is asked at every step whether the QP solver fails there."""
+    wanted = reference.resampled(controller.dt)
+    experiment = process.begin(controller.dt, process.at_rest(float(wanted.theta[0]), float(wanted.K[0])), seed)
+    controller.reset()
+    observer.reset()
+    samples, answers, seconds = [], [], []
+    u = None
+    for k in range(wanted.t.size - 1):
+        y, preview, failing = experiment.measure(), wanted.preview(k, controller.ahead), fails(k)
+        began = process_time()
+        x, d = observer.estimate(y, y[2:] if u is None else u)
+        plan = controller.step(x, *preview, d)
+        seconds.append(process_time() - began)
+        u = plan.u[0]
+        moved = (0.0, 0.0, 0.0) if plan.moved is None else plan.moved
+        samples.append(np.concatenate([y[[0, 2, 3]], [failing], *preview]))
+        answers.append([*u, plan.status, plan.rung, plan.slack, plan.slack_force, *moved, *observer.verdicts])
+        experiment.advance(u)
+    return Record(np.array(samples), np.array(answers), np.array(seconds))
+
+
+def replayed(program: Path, rows: Array, columns: tuple[str, ...] = CONTROL_COLUMNS, runner: Runner = run) -> Array:
+    """What `program` answers to `rows`, (n, len(columns))."""
+    rows.tofile(program.parent / "in")
+    runner(program, "in", "out")
+    return np.fromfile(program.parent / "out").reshape(-1, len(columns))
+
+
+__all__ = [
+    "ALLOCATE",
+    "ALLOCATION_COLUMNS",
+    "CONTROL",
+    "CONTROL_COLUMNS",
+    "PLAN_COLUMNS",
+    "Record",
+    "record",
+    "replayed",
+]
