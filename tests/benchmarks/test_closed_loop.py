@@ -13,6 +13,8 @@ from allocator import BAR, DEG
 from mpc.trials.loops import loop
 from mpc.trials.trajectories import LEAD
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def bench():

@@ -10,6 +10,8 @@ from allocator import BAR
 from mpc.model.faults import BrokenCable, DriftingSensor, StuckValve
 from mpc.observer.health import WELL, FaultKind, Finding, Health, Part, Suspect
 
+pytestmark = pytest.mark.slow
+
 CABLE, LEAK = Suspect(FaultKind.BROKEN_CABLE, Part.MUSCLE_1), Suspect(FaultKind.LEAK, Part.MUSCLE_1)
 DT = 0.01
 

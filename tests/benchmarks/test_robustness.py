@@ -5,6 +5,8 @@ import shutil
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.slow
+
 SPAN = 5e5  # [Pa]
 
 

@@ -9,6 +9,8 @@ import pytest
 from mpc import Plant, TrackingMPC, Weights
 from mpc.tracking.plan import Plan
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 
 

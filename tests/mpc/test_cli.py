@@ -110,11 +110,13 @@ def tracked(trajectory, *options):
     return (out / "tracking.csv").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", ["nmpc", "pid", "lqr", "feedforward"])
 def test_every_controller_can_be_tried_on_the_real_plant(trajectory, controller):
     assert tracked(trajectory, "--plant", "real", "--controller", controller).count("\n") == 202
 
 
+@pytest.mark.slow
 def test_the_seed_makes_a_run_on_the_real_plant_repeatable(trajectory):
     first, again, other = (tracked(trajectory, "--plant", "real", "--seed", seed) for seed in ("1", "1", "2"))
     assert first == again
@@ -129,6 +131,7 @@ def test_a_payload_is_met_better_with_an_observer(trajectory):
     assert left("--observer") < 0.2 * left("--no-observer")
 
 
+@pytest.mark.slow
 def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
     done = antagonist("track", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

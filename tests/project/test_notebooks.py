@@ -18,6 +18,7 @@ def test_there_are_six_of_them():
     assert [path.name[:2] for path in NOTEBOOKS] == ["01", "02", "03", "04", "05", "06"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_it_runs_from_a_clean_kernel_without_warnings(path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(Path(allocator.__file__).parent.parent))  # the package under test

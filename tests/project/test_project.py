@@ -22,6 +22,7 @@ def test_importing_allocator_loads_numpy_and_nothing_heavy():
     assert done.stdout.strip() == "[] True"
 
 
+@pytest.mark.slow
 def test_importing_allocator_takes_at_most_four_times_as_long_as_numpy():
     def seconds(code):
         """Of the processor: other work on the machine does not count, but slows it down."""

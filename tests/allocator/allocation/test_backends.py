@@ -130,6 +130,7 @@ EXTRAS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("priority", PRIORITIES)
 @pytest.mark.parametrize("extra", EXTRAS.values(), ids=EXTRAS.keys())
 @pytest.mark.parametrize("backend", [BACKENDS["qp-daqp"], BACKENDS["nlp-ipopt"], BACKENDS["convex-clarabel"]])

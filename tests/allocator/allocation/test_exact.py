@@ -120,6 +120,7 @@ def scales(joint, theta):
     return sum(abs(s.torque(5 * BAR)) for s in sides), sum(abs(s.stiffness(5 * BAR)) for s in sides)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("priority", PRIORITIES)
 @given(share=shares, share_T=shares, share_K=shares)
 def test_no_point_of_a_fine_grid_over_the_box_is_better(joint, priority, share, share_T, share_K):
@@ -227,6 +228,7 @@ def test_the_analytic_method_leaves_nan_where_no_inverse_exists():
     assert "K_crit" in allocate(0.0, 16.0, method="analytic").message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("priority", PRIORITIES)
 @given(share=shares, share_T=shares, share_K=shares)
 @example(share=1.0, share_T=0.75, share_K=0.75)

@@ -115,6 +115,7 @@ def test_a_single_answer_is_the_reference_s(joint, priority, limits):
     assert seen == len(theta) or limits is LIMITS["slew from outside"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [JOINTS["report"], JOINTS["sarosi, unequal, lever"]], ids=["tondu", "affine"])
 @pytest.mark.parametrize("limits", [LIMITS["taut"], LIMITS["slew"]], ids=["taut", "slew"])
 @pytest.mark.parametrize("priority", ["torque", "stiffness"])
@@ -290,11 +291,13 @@ def test_few_targets_do_not_wait_for_a_compiler():
     assert (one, loaded) == (other, "False")
 
 
+@pytest.mark.slow
 def test_many_targets_are_compiled_for_without_a_word():
     one, other, loaded = silent(asked(calls._PAYS, "'numba' in sys.modules")).split()
     assert (one, loaded) == (other, "True")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "broken",
     [

@@ -57,6 +57,7 @@ def questions(joint, n, seed):
     return theta, K * rng.uniform(0.8, 1.3, n), T + rng.normal(0, 2, n), rng.uniform(0, 7 * BAR, (2, n))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("priority", ["torque", "stiffness"])
 @pytest.mark.parametrize("joint", JOINTS.values(), ids=JOINTS.keys())
 def test_what_binds_and_what_is_broken_is_named_and_has_its_status(joint, priority, monkeypatch):

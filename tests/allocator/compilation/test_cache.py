@@ -74,6 +74,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS.keys())
 def test_a_damaged_file_is_made_anew_and_one_line_says_so(filled, tmp_path, fault):
     folder = shutil.copytree(filled, tmp_path / "copy")
@@ -89,6 +90,7 @@ def test_a_damaged_file_is_made_anew_and_one_line_says_so(filled, tmp_path, faul
     assert lines(run(CALL, str(folder))) == ["[3.0, 6.0, 2.0] 3"]
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_said_once_and_leaves_nothing(tmp_path):
     (tmp_path / "doubling.py").write_text(DOUBLE)
     first, *said = lines(run(CALL, str(tmp_path), "full", PYTHONDONTWRITEBYTECODE="1"))
@@ -99,6 +101,7 @@ def test_a_full_disk_is_said_once_and_leaves_nothing(tmp_path):
     assert not [*tmp_path.glob("__pycache__/*")]
 
 
+@pytest.mark.slow
 def test_two_that_write_at_the_same_time_do_not_disturb_each_other(tmp_path):
     (tmp_path / "doubling.py").write_text(DOUBLE)
     for process in [run(CALL, str(tmp_path)) for _ in range(3)]:
@@ -106,6 +109,7 @@ def test_two_that_write_at_the_same_time_do_not_disturb_each_other(tmp_path):
     assert lines(run(CALL, str(tmp_path))) == ["[3.0, 6.0, 2.0] 3"]
 
 
+@pytest.mark.slow
 def test_a_directory_in_which_others_may_write_is_refused_and_one_line_says_what_to_do(tmp_path):
     (tmp_path / "doubling.py").write_text(DOUBLE)
     shared = tmp_path / "shared"
@@ -187,6 +191,7 @@ def answered(home, implementation):
     return said
 
 
+@pytest.mark.slow
 def test_a_controller_with_damaged_files_is_compiled_and_one_line_says_so(home):
     assert answered(home, "compiled") == []
     files = {name: [*home.glob(f"antagonist/__pycache__/*.{name}-*.kept")] for name in ("rows", "pose", "follow")}
@@ -199,6 +204,7 @@ def test_a_controller_with_damaged_files_is_compiled_and_one_line_says_so(home):
     assert answered(home, "compiled") == []
 
 
+@pytest.mark.slow
 def test_a_controller_s_directory_in_which_others_may_write_is_refused(home):
     (home / "antagonist").chmod(0o777)
     [line] = answered(home, "readable")
@@ -206,6 +212,7 @@ def test_a_controller_s_directory_in_which_others_may_write_is_refused(home):
     assert line.endswith(f"chmod go-w {home / 'antagonist'}")
 
 
+@pytest.mark.slow
 def test_a_controller_without_a_directory_to_write_to_is_readable_and_one_line_says_so(tmp_path):
     (tmp_path / "antagonist").write_text("a file")
     [line] = answered(tmp_path, "readable")

@@ -130,6 +130,7 @@ def test_the_joint_range_ends_at_the_threshold_without_stops():
     assert np.abs([wall.theta[0] for wall in walls]) / DEG == pytest.approx(128.9, abs=0.05)
 
 
+@pytest.mark.slow
 def test_without_ranges_the_map_shows_all_that_exists():
     for axes in ({}, {"theta": 0.5, "T": None}, {"K": 8.0, "T": None}, {"T": None}):
         found = feasibility_map(**axes) if len(axes) else feasibility_map(None, None)
@@ -141,6 +142,7 @@ def test_without_ranges_the_map_shows_all_that_exists():
             assert not (status[:, [0, -1]] == Status.EXACT).any()
 
 
+@pytest.mark.slow
 def test_a_map_with_three_axes_is_its_slices():
     T = np.array([0.0, 2.0, 4.0])
     whole = feasibility_map(np.linspace(-1, 1, 5), np.linspace(6, 10, 7), T)

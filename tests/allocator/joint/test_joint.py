@@ -61,6 +61,7 @@ def test_swapping_the_muscles_mirrors_the_joint(share, P1, P2):
     assert joint.stiffness(-theta, P2, P1) == pytest.approx(joint.stiffness(theta, P1, P2), rel=1e-12)
 
 
+@pytest.mark.slow
 @given(share=shares, P1=pressures, P2=pressures)
 def test_symbols_and_numbers_agree(joint, share, P1, P2):
     x = casadi.SX.sym("x", 3)

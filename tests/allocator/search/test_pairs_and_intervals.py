@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from tests.exact_everywhere.joints import joint_of
 
 from allocator import BAR, InvalidInput, allocate, feasibility_map, stiffness_interval, torque_intervals
+from tests.exact_everywhere.joints import joint_of
 
 SEVERAL = [("Tondu2021", "lever-A"), ("Andrikopoulos2016", "lever-B"), ("Tondu2021-report", "lever-B")]
 
@@ -66,6 +66,7 @@ def test_the_stiffnesses_at_a_torque_are_those_of_a_grid(muscle, geometry):
 FOLDED = [("Tondu2021", "lever-A", 0.1), ("Andrikopoulos2016", "lever-B", -0.2)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("muscle", "geometry", "theta"), FOLDED)
 def test_the_edges_at_an_angle_enclose_all_of_a_grid_and_nothing_else(muscle, geometry, theta):
     joint = joint_of(muscle, geometry)

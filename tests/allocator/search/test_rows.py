@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from tests.exact_everywhere.joints import GEOMETRIES, MUSCLES, joint_of, muscle_of
 
 from allocator import BAR, AntagonistJoint, InvalidInput, Lever, Muscle, Pulley, allocate, inverse
 from allocator.calculus import cos, exp, sin
@@ -15,6 +14,7 @@ from allocator.search.arcs import gradient
 from allocator.search.curves import K_T, T_K, T_P, at, pieces
 from allocator.search.pairs import nearest
 from allocator.search.rows import rows
+from tests.exact_everywhere.joints import GEOMETRIES, MUSCLES, joint_of, muscle_of
 
 SUPPLY = (0.0, 5 * BAR)
 LEVER = Lever(0.25, 0.1655, 0.05094, 0.051)
@@ -194,6 +194,7 @@ def test_a_stranger_s_inverse_is_found_on_a_pulley():
     assert np.array(found) == pytest.approx(np.array([P1, P2]), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_all_bends_of_a_wavy_law_are_found_with_few_evaluations(monkeypatch):
     side = joint_with(Wavy()).sides(np.array([0.2293]))[0]
     curve, calls, evaluate = rows(side, *SUPPLY)[0].tolist(), [], curves.polynomial_slope

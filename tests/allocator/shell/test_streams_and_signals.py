@@ -25,6 +25,7 @@ def shell(line, **variables):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_a_terminal_without_greek_letters_gets_question_marks(encoding):
     done = shell('"$@" && "$@" --help', PYTHONIOENCODING=encoding)
@@ -50,6 +51,7 @@ def test_who_stops_reading_is_not_bothered():
     assert done.stderr == "1\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.15, 0.3, 0.6])
 def test_an_interrupt_while_loading_is_one_word(delay, tmp_path):
     """Of 0.15 s and more: before that Python itself is starting. A shell shows both exit codes as 130."""

@@ -18,6 +18,8 @@ from mpc.export import export
 
 from ...rigs import toolchain as tools
 
+pytestmark = pytest.mark.tools
+
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
 needs_cmake = pytest.mark.skipif(
     shutil.which("gcc") is None or shutil.which("cmake") is None, reason="no gcc and cmake on this machine"

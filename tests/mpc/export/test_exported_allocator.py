@@ -16,6 +16,8 @@ from mpc.export.entry import export
 from ...rigs import toolchain as tools
 from ...rigs.replay import ALLOCATE, ALLOCATION_COLUMNS, replayed
 
+pytestmark = pytest.mark.tools
+
 LEVER = Lever(rest_length=0.40, anchor=0.30, lever=0.03, offset=0.0435)
 JOINTS = {
     "tondu": report_joint(),

@@ -18,6 +18,8 @@ from mpc.trials.trajectories import point_to_point
 from ...rigs import toolchain as tools
 from ...rigs.replay import CONTROL, record, replayed
 
+pytestmark = pytest.mark.tools
+
 SPAN = 5 * BAR
 U, STATUS, RUNG, EXCESS, MOVED = slice(0, 2), 2, 3, slice(4, 6), slice(6, 9)  # columns of the answers
 BAD_INPUT = -1

@@ -70,6 +70,7 @@ def test_a_greater_turn_wipes_out_what_lesser_ones_left(before, size, inner):
     np.testing.assert_allclose(along(between * DEG)[-1], along(a * DEG)[-1], atol=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(turns, turns, st.floats(-3, 3), st.floats(0.1, 5))
 def test_loops_between_the_same_turns_are_congruent_whatever_came_before(one, other, low, height):

@@ -170,6 +170,7 @@ def test_a_state_that_is_not_finite_is_built_anew_from_the_readings():
 # --- the loop ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "muscle",
     [SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N, TONDU_MCKIBBEN, MARTENS_DMSP_20_300],

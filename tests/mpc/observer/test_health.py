@@ -77,6 +77,7 @@ def alarm(healths):
 # --- in the closed loop -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", JOINTS)
 @pytest.mark.parametrize(
     ("fault", "kind", "part", "within"),
@@ -204,6 +205,7 @@ def test_a_torque_that_the_missing_muscle_explains_is_a_load_if_it_stays_and_a_b
         assert torque.broken == (0 if follows else None)
 
 
+@pytest.mark.slow
 def test_an_angle_that_drifts_far_is_not_told_apart_from_a_load():
     healths = said("Sarosi's muscles", DriftingSensor(BEGIN, sensor=THETA, rate=40 * DEG))
     load = said("Sarosi's muscles", torque_profile=((BEGIN, 8.0),), duration=2.2)

@@ -124,6 +124,7 @@ def test_an_operation_without_translation_is_said():
         translated("law", ca.Function("error", [x], [ca.erfinv(x)]))
 
 
+@pytest.mark.slow
 def test_laws_too_long_to_compile_are_left_to_the_readable_step(joints):
     angles = np.linspace(-1.5, 1.5, 120)
     table = Table(0.40, angles, 0.13 + 0.04 * np.sin(angles), 0.13 - 0.04 * np.sin(angles))
@@ -200,6 +201,7 @@ def case(request, joints):
     return Case(joints[name], *rest)
 
 
+@pytest.mark.slow
 def test_the_quick_workings_are_used_here(case):
     assert isinstance(case.improve, QuickImprover)
     assert isinstance(case.feed_forward, QuickFeedForward) == bool(module.law(case.plant, case.dt).p)
@@ -412,6 +414,7 @@ def test_the_time_of_a_settled_step_is_that_of_its_solution():
 # --- the feed-forward -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["report", "sarosi-lever"])
 def test_the_compiled_feed_forward_is_the_readable_one(name, joints):
     plant = Plant(joint=joints[name], gravity_torque=0.8, lag=(0.1, 0.03))
@@ -426,6 +429,7 @@ def test_the_compiled_feed_forward_is_the_readable_one(name, joints):
                 np.testing.assert_allclose(getattr(one, field), wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
 
 
+@pytest.mark.slow
 def test_a_copy_of_a_controller_goes_its_own_way(case):
     mpc = TrackingMPC(case.plant, case.dt, N=sum(case.problem.blocks))
     x, theta, K = case.x, float(case.theta[0]), float(case.K[0])

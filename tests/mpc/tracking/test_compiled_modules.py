@@ -33,6 +33,7 @@ print(*mpc.step(Plant().at_rest(0.0, 7.6), 0.0, 7.61).u.ravel())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("argument", "variables"),
     [("without", {}), ("", {"NUMBA_DISABLE_JIT": "1"})],
@@ -168,6 +169,7 @@ print(chosen(np.array([3.0, 0.0])), sum(chosen.stats.cache_hits.values()), modul
 """
 
 
+@pytest.mark.slow
 def test_an_edit_in_what_compiled_code_calls_is_seen(tmp_path):
     for package in ("allocator", "mpc"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))

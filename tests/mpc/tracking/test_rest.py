@@ -50,6 +50,7 @@ def resting(run):
     return run.status == PlanStatus.RESTING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "real",
     [
@@ -192,6 +193,7 @@ def test_a_loop_that_is_told_of_nothing_never_rests_and_settles_exactly():
         assert abs(run.theta[-1] - run.theta_ref[-1]) < 1e-6
 
 
+@pytest.mark.slow
 def test_what_the_loop_does_before_its_first_rest_does_not_depend_on_the_mode(driver):
     controller = TrackingMPC(REAL.nominal, weights=Weights.calm(), compensation=TOLD, rest=False)
     with_it, without = driven(driver, REAL), driven((controller, driver[1]), REAL)

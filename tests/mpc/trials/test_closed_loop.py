@@ -85,6 +85,7 @@ def test_the_same_tuning_bears_other_plants_and_horizons(real, N):
     assert rms(error) < 1.5 * 0.55
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pid", ["pid", "predictive-pid"])
 def test_the_mpc_beats_the_pids_that_know_the_same(pid):
     ours, theirs = (rms(tracked(rested_sine(), name=name)[1]) for name in ("mpc", pid))

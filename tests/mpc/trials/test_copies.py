@@ -68,6 +68,7 @@ sys.stdout.buffer.write(pickle.dumps(went_on(pair, 5, 12)[0]))
 """
 
 
+@pytest.mark.slow
 def test_in_a_fresh_process_it_goes_on_in_the_same_way(begun):
     pickled, _, wanted = begun
     command = [sys.executable, "-W", "error", "-c", ELSEWHERE, str(__file__).rpartition("/")[0]]

@@ -33,6 +33,7 @@ def responded(plant, controller, reference, d=0.0, **options):
     return answer.states.T, commands.T[:-1], loop
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("build", CONTROLLERS.values(), ids=CONTROLLERS)
 def test_python_control_runs_the_nominal_loop_as_simulate_does(build):
     run = simulate(PLANT, build(PLANT), MOVE)
@@ -41,6 +42,7 @@ def test_python_control_runs_the_nominal_loop_as_simulate_does(build):
     np.testing.assert_allclose(x, run.x, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("build", [TrackingMPC, PIDControl], ids=["mpc", "pid"])
 def test_python_control_runs_the_real_loop_as_simulate_does(build):
     """With dead time, noise of the same seed, friction and the observer's memory."""

@@ -21,6 +21,7 @@ def run():
     return simulate(RealPlant(PLANT, force_gains=(1.05, 0.95)), TrackingMPC(PLANT, N=5), MOVE)
 
 
+@pytest.mark.slow
 def test_a_recording_comes_back_to_the_last_bit_with_its_plant(run, tmp_path):
     save_recording(run, tmp_path / "run.of.today.npz")
     again = load_recording(tmp_path / "run.of.today.npz")

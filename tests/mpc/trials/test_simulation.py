@@ -85,6 +85,7 @@ def test_horizon_and_sample_time_hardly_matter_on_a_smooth_trajectory(dt, N):
     assert metrics(run).theta_rms < 0.01
 
 
+@pytest.mark.slow
 def test_every_joint_is_tracked(joint):
     K_min, K_max = allocate(np.array([-20, 0, 20]) * DEG, 1.0, 0.0, joint=joint).stiffness_interval
     K = 0.5 * (K_min.max() + K_max.min())

@@ -163,6 +163,7 @@ def test_one_qp_a_sample_costs_within_half_a_per_cent_of_the_nonlinear_mpc_in_cl
     assert abs(ours - best) < most / 100 * max(best, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("build", [TrackingMPC, NonlinearMPC], ids=["mpc", "nmpc"])
 def test_a_step_of_stiffness_under_a_known_load_moves_the_angle_by_less_than_a_tenth_of_a_degree(build):
     hanging = Plant(gravity_torque=3.0)  # 1 N·m at 20°

@@ -24,6 +24,7 @@ def repeated(all_twins, log_maker):
     return joint, data
 
 
+@pytest.mark.slow
 def test_tens_of_thousands_of_equilibria_are_fitted_in_little_memory_and_give_the_joint(repeated):
     joint, data = repeated
     assert data["theta"].size > 10_000

@@ -318,6 +318,7 @@ def test_every_model_is_ranked_on_every_table(name):
     assert ranking.best.closed_form
 
 
+@pytest.mark.slow
 def test_all_models_are_judged_as_if_there_were_only_the_samples_that_all_take(sheet):
     """The sheet has stretched samples, which Hildebrandt2005 cannot take. (The knots of a table follow the range.)"""
     models = [model for model in MODELS.values() if model is not TableMuscle]

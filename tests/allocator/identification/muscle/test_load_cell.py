@@ -31,12 +31,14 @@ def deviations(found):
     return np.array([abs(found.muscle.parameters[n] - v) / std[n] for n, v in SAROSI_DMSP_20_400N.parameters.items()])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", [False, True], ids=["both signs", "cut off at zero"])
 def test_every_parameter_is_within_three_standard_deviations(cut):
     inside = [(deviations(fit(Sarosi2012, EPS, P, readings(seed, cut=cut), folds=0)) <= 3).all() for seed in range(100)]
     assert sum(inside) >= 95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", [False, True], ids=["both signs", "cut off at zero"])
 def test_the_true_model_is_ranked_first_or_second_among_those_that_come_near(cut):
     rivals = (Sarosi2012, TableMuscle, MartensBoblan2017, Hildebrandt2005)

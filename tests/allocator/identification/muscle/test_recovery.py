@@ -73,6 +73,7 @@ def test_every_model_has_a_truth():
     assert {type(truth) for truth, _ in TRUTHS.values()} == set(MODELS.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRUTHS)
 def test_the_truth_is_inside_the_99_percent_region_and_its_stiffness_inside_the_band(name):
     truth, _ = TRUTHS[name]
