@@ -13,7 +13,7 @@ from allocator.units import BAR, DEG
 @pytest.mark.parametrize(
     ("degrees", "least", "greatest"),
     [(0, 6.486, 10.575), (60, 6.580, 8.982), (125, 7.027, 8.288)],
-    ids="issue 5: the report's muscle at {}°".format,
+    ids="the report's muscle at {}°".format,
 )
 def test_the_report_s_muscle_has_these_stiffnesses_without_torque(degrees, least, greatest):
     assert stiffness_interval(degrees * DEG) == pytest.approx((least, greatest), abs=1e-3)

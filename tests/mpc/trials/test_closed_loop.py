@@ -1,4 +1,4 @@
-"""The MPC on the standard real plant: what issue 7 asks for, and how it bears plants that it was not tuned for.
+"""The MPC on the standard real plant: how closely it tracks, and how it bears plants that it was not tuned for.
 
 On one seed each; `benchmarks/closed_loop.py` takes more of everything.
 """
@@ -43,7 +43,7 @@ def rms(error):
     ],
     ids=["sine", "sine, gains swapped", "least jerk, both gains high", "chirp"],
 )
-def test_the_angle_follows_as_closely_as_issue_7_asks(reference, gains, rms_asked, worst_asked):
+def test_the_angle_follows_each_trajectory_as_closely_as_asked(reference, gains, rms_asked, worst_asked):
     run, error = tracked(reference, replace(REAL, force_gains=gains))
     assert rms(error) < rms_asked
     assert np.abs(error).max() < worst_asked

@@ -61,7 +61,7 @@ def test_pressures_on_their_way_are_told_as_dynamics():
 
 
 def test_the_report_s_model_is_two_newton_metres_a_radian_off_on_this_plant():
-    """Issue 7: with the Tondu2021 model on this plant the true K is about 2 N·m/rad off."""
+    """With the Tondu2021 model on this plant the true K is about 2 N·m/rad off."""
     found = pushed(model=Plant(report_joint(), lag=0.12), K=7.6)
     assert found.causes["mismatch"] == pytest.approx(-2.0, abs=0.3)
     assert found.measured == pytest.approx(found.true, rel=0.02)

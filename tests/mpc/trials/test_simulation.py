@@ -49,8 +49,8 @@ def hard_limits_kept(run):
 
 def test_the_default_trajectory_is_tracked_within_the_required_errors(default_run):
     m = metrics(default_run)
-    assert m.theta_rms <= 0.05  # [°], issue 7; issue 2 asks for 0.1
-    assert m.K_rms <= 0.2  # [%], issue 7; issue 2 asks for 0.5
+    assert m.theta_rms <= 0.05  # [°]
+    assert m.K_rms <= 0.2  # [%]
 
 
 def test_on_the_default_trajectory_no_limit_is_exceeded_and_both_muscles_are_taut(default_run):
