@@ -19,7 +19,7 @@ DOUBLE = "def double(x):\n    return 2.0 * x\n"
 CALL = """
 import sys, warnings
 sys.path.insert(0, sys.argv[1])
-from allocator import jit
+from allocator.compilation import jit
 from doubling import double
 if "full" in sys.argv:
     import resource, signal
