@@ -1,6 +1,7 @@
 """The ideal McKibben muscle and the geometry of its braid."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import pi, sqrt
 from typing import Self
 
@@ -33,20 +34,26 @@ class Braided(Muscle):
                 f"{type(self).__name__}: alpha0 = {self.alpha0:g} rad is not between 0 and π/2; degrees?"
             )
 
-    @property
+    # computed once: a copy with other parameters (numbers or CasADi symbols) has constants of its own
+
+    @cached_property
     def S(self) -> float:
-        """Initial cross-section S = π r0² [m²]."""
+        """Return the initial cross-section S = π r0² [m²]."""
         return pi * self.r0**2
 
-    @property
-    def a(self) -> float:
-        """a = 3/tan²α0 [-]   (7)"""
-        return braid_constants(self.alpha0)[0]
+    @cached_property
+    def _constants(self) -> tuple[float, float]:
+        return braid_constants(self.alpha0)
 
-    @property
+    @cached_property
+    def a(self) -> float:
+        """Return a = 3/tan²α0 [-]   (7)"""
+        return self._constants[0]
+
+    @cached_property
     def b(self) -> float:
-        """b = 1/sin²α0 [-]   (7)"""
-        return braid_constants(self.alpha0)[1]
+        """Return b = 1/sin²α0 [-]   (7)"""
+        return self._constants[1]
 
 
 @dataclass(frozen=True)
