@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.limits import PressureBox
+from allocator.joint.limits import Limits, PressureBox
 from allocator.joint.torque_levels import Pair, Sides
 from allocator.search import Curves, all_pairs
 
@@ -51,7 +51,7 @@ def _highest_pair(sides: Sides, K: Array, T: Array) -> Pair:
     """Of all pairs that give (T, K) that with the highest pressures, where a model is most likely to hold; else NaN."""
     if not T.size:
         return T, T
-    one, two = (side.interval(_SEARCHED, min_force=None) for side in sides)
+    one, two = (side.interval(_SEARCHED, Limits(min_force=None)) for side in sides)
     highest = float(max(one.hi.max(), two.hi.max()))  # of a law that ends earlier
     _, found = all_pairs(Curves.of(sides, PressureBox(one, two), (_SEARCHED[0], highest)), T, K)
     found = np.concatenate([np.full((len(found), 1, 2), np.nan), found], axis=1)

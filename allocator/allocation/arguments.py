@@ -1,4 +1,4 @@
-"""From the arguments of `allocate` to a `Problem`: every check, one clear sentence for every wrong input."""
+"""`problem_from` turns the arguments of `allocate` into a `Problem`: every check, a clear sentence for wrong input."""
 
 from typing import Any
 
@@ -9,6 +9,7 @@ from allocator.allocation.problem import PRIORITIES, Priority, Problem
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.limits import TAUT, Limits
 
 
 def problem_from(
@@ -17,45 +18,57 @@ def problem_from(
     K: Any,
     T: Any,
     *,
-    priority: Any,
-    weights: Any,
-    min_force: Any,
-    max_force: Any,
-    min_cocontraction: Any,
-    stiffness_tolerance: Any,
-    pull: Any,
-    reference: Any,
-    previous: Any,
-    max_step: Any,
+    limits: Limits = TAUT,
+    priority: Any = "torque",
+    weights: Any = None,
+    stiffness_tolerance: Any = 0.0,
+    pull: Any = 0.0,
+    reference: Any = None,
 ) -> tuple[Problem, Array]:
-    """The flat problem, and the angles asked for in the common shape of all arguments."""
+    """Return the checked, flat problem, and the angles asked for in the common shape of all arguments.
+
+    Arguments are those of `allocate`, the limits as their value; angles are moved into the joint range. Raises
+    InvalidInput, as `allocate` says.
+    """
     named = {"theta": checks.angle("theta", theta), "K": checks.stiffness("K", K), "T": checks.real("T", T, "N·m")}
-    now = {} if previous is None else checks.pressure_pair("previous", previous, ("P1_now", "P2_now"))
-    if (previous is None) is not (max_step is None):
-        raise InvalidInput("previous and max_step go together; one came without the other")
-    step = {} if max_step is None else {"max_step": checks.positive_pressure("max_step", max_step)}
+    named |= _slew(limits)
     rho = checks.not_negative("pull", pull, "cost/Pa²")
     if (reference is not None) is not (rho > 0):
         raise InvalidInput("pull > 0 and reference = (P1, P2) go together; one came without the other")
-    towards = {} if reference is None else checks.pressure_pair("reference", reference, ("P1_ref", "P2_ref"))
-    names = [*named, *now, *step, *towards]
-    arrays = checks.broadcast(**named, **now, **step, **towards)
-    flat = {name: array.flatten() for name, array in zip(names, arrays, strict=True)}  # copies: they stay as they are
-    asked = flat["theta"].reshape(arrays[0].shape)
-    low, high = _force_limits(min_force, max_force)
+    if reference is not None:
+        named |= checks.pressure_pair("reference", reference, ("P1_ref", "P2_ref"))
+    arrays = checks.broadcast(**named)
+    flat = {name: array.flatten() for name, array in zip(named, arrays, strict=True)}  # copies: they stay as they are
+    low, high = _force_limits(limits)
+    slewed = "max_step" in flat
     problem = Problem(
         joint,
-        theta=np.clip(flat.pop("theta"), *joint.angle_range),
+        theta=np.clip(flat["theta"], *joint.angle_range),
+        K=flat["K"],
+        T=flat["T"],
         priority=_priority(priority),
         weights=_weights(priority, weights),
-        min_force=low,
-        max_force=high,
-        min_cocontraction=_cocontraction(joint, min_cocontraction),
+        limits=Limits(
+            low,
+            high,
+            _cocontraction(joint, limits.min_cocontraction),
+            (flat["P1_now"], flat["P2_now"]) if slewed else None,
+            flat["max_step"] if slewed else None,
+        ),
         stiffness_tolerance=_tolerance(priority, stiffness_tolerance),
         pull=rho,
-        **flat,
+        reference=None if reference is None else (flat["P1_ref"], flat["P2_ref"]),
     )
-    return problem, asked
+    return problem, flat["theta"].reshape(arrays[0].shape)
+
+
+def _slew(limits: Limits) -> dict[str, Array]:
+    """Return the checked arrays of the slew limit, none where there is no such limit."""
+    given = limits.previous is not None, limits.max_step is not None
+    now = checks.pressure_pair("previous", limits.previous, ("P1_now", "P2_now")) if given[0] else {}
+    if given[0] is not given[1]:
+        raise InvalidInput("previous and max_step go together; one came without the other")
+    return now | ({"max_step": checks.positive_pressure("max_step", limits.max_step)} if given[1] else {})
 
 
 def _priority(priority: Any) -> Priority:
@@ -75,9 +88,9 @@ def _weights(priority: Priority, weights: Any) -> tuple[float, float]:
     return float(array[0]), float(array[1])
 
 
-def _force_limits(min_force: Any, max_force: Any) -> tuple[float | None, float | None]:
-    low = None if min_force is None else checks.not_negative("min_force", min_force, "N")
-    high = None if max_force is None else checks.not_negative("max_force", max_force, "N")
+def _force_limits(limits: Limits) -> tuple[float | None, float | None]:
+    low = None if limits.min_force is None else checks.not_negative("min_force", limits.min_force, "N")
+    high = None if limits.max_force is None else checks.not_negative("max_force", limits.max_force, "N")
     if high is not None and high <= (low or 0.0):
         raise InvalidInput(f"max_force = {high:g} N contradicts min_force = {low or 0.0:g} N: it has to exceed it")
     return low, high

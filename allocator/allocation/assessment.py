@@ -1,4 +1,4 @@
-"""What pressures achieve and which limits they meet, computed from the pressures alone."""
+"""`assess` says what pressures achieve and which limits they meet, computed from the pressures alone."""
 
 from typing import NamedTuple
 
@@ -7,23 +7,12 @@ from numpy.typing import NDArray
 
 from allocator.allocation.problem import Problem
 from allocator.allocation.status import Status
+from allocator.allocation.tolerances import CLOSED_FORM, Tolerance
 from allocator.calculus import Array
-from allocator.joint.one_muscle import BINDS
-
-
-class Tolerance(NamedTuple):
-    """What counts as met and as binding."""
-
-    met: float  # of the torque or stiffness scale: a target missed by less is met
-    binds: float  # of the supply range: a pressure nearer to a bound lies on it
-
-
-CLOSED_FORM = Tolerance(met=1e-9, binds=BINDS)
-OPTIMISER = Tolerance(met=1e-6, binds=1e-7)
 
 
 class Assessment(NamedTuple):
-    """The facts about n answers, each (n,)."""
+    """An `Assessment` is the facts about n answers, each (n,)."""
 
     T: Array  # torque given [N·m]
     K: Array  # stiffness given [N·m/rad]
@@ -34,7 +23,7 @@ class Assessment(NamedTuple):
 def assess(
     problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32], tolerance: Tolerance = CLOSED_FORM
 ) -> Assessment:
-    """Judge feasible pressures; `outside` holds the Limit flag of angles that had to be moved into the joint range."""
+    """Assess feasible pressures; `outside` holds the Limit flag of angles that had to be moved into the joint range."""
     T, K = problem.given(P1, P2)
     T_scale, K_scale = problem.scales
     T_missed = np.abs(T - problem.T) > tolerance.met * T_scale
@@ -51,7 +40,7 @@ def assess(
 
 
 def assess_inverse(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32]) -> Assessment:
-    """Judge the bare inverse, which knows no limits: `limits` are the ones that it breaks or lies on."""
+    """Assess the bare inverse, which knows no limits: `limits` are the ones that it breaks or lies on."""
     found = assess(problem, P1, P2, outside)
     near = CLOSED_FORM.binds * problem.joint.pressure_span
     allowed = problem.box.contains(P1, P2, near) & ~problem.box.empty & (outside == 0)
@@ -60,4 +49,4 @@ def assess_inverse(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.i
     return found._replace(status=status.astype(np.int8))
 
 
-__all__ = ["CLOSED_FORM", "OPTIMISER", "Assessment", "Tolerance", "assess", "assess_inverse"]
+__all__ = ["Assessment", "assess", "assess_inverse"]

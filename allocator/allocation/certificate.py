@@ -1,31 +1,35 @@
-"""The library's own certificate: how far an answer is from satisfying the optimality conditions of its problem.
+"""Every answer is certified here from its pressures alone, whichever method gave them: by a residual and by a gap.
 
-The residual is the first-order (Gauss–Newton) step that would still improve the answer without leaving the feasible
-set, in fractions of the supply range. It vanishes exactly at the Karush–Kuhn–Tucker points: no step is left, because
-the gradient is zero or because the limits in the way have multipliers of the right sign. For the lexicographic
-priorities the first goal is tested with all of the feasible set, the second along the level of the first.
+The residual says how far an answer is from satisfying the optimality conditions of its problem. It is the first-order
+(Gauss–Newton) step that would still improve the answer without leaving the feasible set, in fractions of the supply
+range. It vanishes exactly at the Karush–Kuhn–Tucker points: no step is left, because the gradient is zero or because
+the limits in the way have multipliers of the right sign. For the lexicographic priorities the first goal is tested with
+all of the feasible set, the second along the level of the first.
+
+The gap says how far an answer is from the bound that the exact method proves for its problem.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator.allocation import exact
 from allocator.allocation.problem import Problem
+from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from allocator.joint.limits import PressureBox, PressureInterval
 from allocator.joint.one_muscle import Side
 from allocator.joint.torque_levels import Pair
 
 Flags = NDArray[np.bool_]
 
-_ON_LIMIT = 1e-9  # of the supply range: nearer to a limit is on it
 _ROUNDING = 1e-12  # of the scale of torque or stiffness: a first goal missed by less leaves no step
-MET = 1e-6  # of the scale: a first goal missed by more, and held, is at its limit: in one point, which leaves no choice
 _CANCELLED = 1e-6  # of two terms: their difference is rounding
 _HELD = 1e-3  # a step is held where the limits leave less than this of it
 
 
 def residual(problem: Problem, P1: Array, P2: Array) -> Array:
-    """Size of the step that would still improve (P1, P2), in fractions of the supply range; (n,), inf for NaN."""
+    """Return the step that would still improve (P1, P2), in fractions of the supply range; (n,), inf for NaN."""
     weigh = _weighted if problem.priority == "weighted" else _lexicographic
     with np.errstate(invalid="ignore", divide="ignore"):
         found = weigh(problem, P1, P2) / problem.joint.pressure_span
@@ -33,35 +37,35 @@ def residual(problem: Problem, P1: Array, P2: Array) -> Array:
 
 
 def _gradients(problem: Problem, P1: Array, P2: Array) -> tuple[Pair, Pair]:
-    """((∂T/∂P1, ∂T/∂P2), (∂K/∂P1, ∂K/∂P2))."""
+    """Return ((∂T/∂P1, ∂T/∂P2), (∂K/∂P1, ∂K/∂P2))."""
     one, two = problem.sides
     return (one.torque_gain(P1), two.torque_gain(P2)), (_stiffness_gain(one, P1), _stiffness_gain(two, P2))
 
 
 def _stiffness_gain(side: Side, P: Array) -> Array:
-    """dk/dP, 0 where the stiffness turns: there its two parts cancel."""
+    """Return dk/dP, 0 where the stiffness turns: there its two parts cancel."""
     force_gain = side.muscle.gain(P, side.contraction)
     elastic = -(side.arm**2) / side.rest_length * side.muscle.gain_slope(P, side.contraction)
     return _sum(elastic, -side.sign * side.arm_slope * force_gain)
 
 
 def _weighted(problem: Problem, P1: Array, P2: Array) -> Array:
-    """Gauss–Newton step of the pressures that no limit holds."""
+    """Return the Gauss–Newton step of the pressures that no limit holds."""
     (t1, t2), (k1, k2) = _gradients(problem, P1, P2)
     (e_T, e_K), (R1, R2), (w_T, w_K), rho = problem.errors(P1, P2), problem.P_ref, problem.weights, problem.pull
     g1, g2 = (_sum(w_T * t * e_T, w_K * k * e_K) for t, k in ((t1, k1), (t2, k2)))
     h11, h22 = (w_T * t**2 + w_K * k**2 + rho for t, k in ((t1, k1), (t2, k2)))
     h12 = w_T * t1 * t2 + w_K * k1 * k2
-    near = _ON_LIMIT * problem.joint.pressure_span
+    near = CLOSED_FORM.binds * problem.joint.pressure_span
     return newton_step(problem.box, P1, P2, (g1 + rho * (P1 - R1), g2 + rho * (P2 - R2)), (h11, h12, h22), near)
 
 
 def newton_step(
     box: PressureBox, P1: Array, P2: Array, gradient: Pair, hessian: tuple[Array, Array, Array], near: float
 ) -> Array:
-    """Size of the step to the minimum of a quadratic cost, of the pressures that no limit within `near` holds [Pa].
+    """Return the step [Pa] to the minimum of a quadratic cost, of the pressures that no limit within `near` holds.
 
-    On the co-contraction floor, whose corners two limits may hold in many ways, of a projected gradient step.
+    On the co-contraction floor, whose corners two limits may hold in many ways, that of a projected gradient step.
     """
     (g1, g2), (h11, h12, h22) = gradient, hessian
     held1, held2 = _held(box.agonist, P1, g1, near), _held(box.antagonist, P2, g2, near)
@@ -77,18 +81,18 @@ def newton_step(
 
 
 def _sum(one: Array, two: Array) -> Array:
-    """Their sum, 0 where nothing but rounding is left: on a fold both curves have the same slope, and they cancel."""
+    """Return the sum, 0 where nothing but rounding is left: on a fold both curves have one slope, and they cancel."""
     total = one + two
     return np.where(np.abs(total) <= _CANCELLED * (np.abs(one) + np.abs(two)), 0.0, total)
 
 
 def _held(interval: PressureInterval, P: Array, g: Array, near: float) -> Flags:
-    """Whether P lies on a limit against which the cost's descent -g pushes."""
+    """Return whether P lies on a limit against which the cost's descent -g pushes."""
     return np.asarray(((interval.lo + near >= P) & (g > 0)) | ((interval.hi - near <= P) & (g < 0)))
 
 
 def _lexicographic(problem: Problem, P1: Array, P2: Array) -> Array:
-    """The greater of the steps left to the first goal and, along its level, to the second."""
+    """Return the greater of the steps left to the first goal and, along its level, to the second."""
     gradients, errors = _gradients(problem, P1, P2), problem.errors(P1, P2)
     first, second = (0, 1) if problem.priority == "torque" else (1, 0)
     (a1, a2), (b1, b2) = gradients[first], gradients[second]
@@ -98,14 +102,15 @@ def _lexicographic(problem: Problem, P1: Array, P2: Array) -> Array:
     g1, g2 = (errors[second] * b + problem.pull * d for b, d in ((b1, P1 - R1), (b2, P2 - R2)))
     hessian = b1**2 + problem.pull, b1 * b2, b2**2 + problem.pull
     second_step = level_step(problem.box, P1, P2, (a1, a2), (g1, g2), hessian)
-    held = (first_step <= _HELD * wanted) & (missed > MET)
+    # a first goal that is missed, and held, is at its limit: in one point, which leaves no choice
+    held = (first_step <= _HELD * wanted) & (missed > OPTIMISER.met)
     free = problem.joint.affine & (a1 == 0) & (a2 == 0)  # the first goal is the same everywhere
     anywhere, _ = _goal_step(problem, P1, P2, errors[second], problem.scales[second], (b1, b2))
     return np.asarray(np.maximum(first_step, np.where(free, anywhere, np.where(held, 0.0, second_step))))
 
 
 def _goal_step(problem: Problem, P1: Array, P2: Array, error: Array, scale: Array, gradient: Pair) -> Pair:
-    """Size of the step to a goal that stays within the limits, and of the one that it would take without them."""
+    """Return the size of the step to a goal that stays within the limits, and of the one without them."""
     (g1, g2), steep = gradient, gradient[0] ** 2 + gradient[1] ** 2
     wanted = (np.abs(error) > _ROUNDING * scale) & (steep > 0)
     toward = np.where(wanted, -error, 0.0) / np.where(steep > 0, steep, 1.0)
@@ -116,17 +121,17 @@ def _goal_step(problem: Problem, P1: Array, P2: Array, error: Array, scale: Arra
 def level_step(
     box: PressureBox, P1: Array, P2: Array, kept: Pair, gradient: Pair, hessian: tuple[Array, Array, Array]
 ) -> Array:
-    """Size of the step to the minimum of a quadratic cost along the level of what has the gradient `kept` [Pa]."""
+    """Return the step [Pa] to the minimum of a quadratic cost along the level of what has the gradient `kept`."""
     (a1, a2), (g1, g2), (h11, h12, h22) = kept, gradient, hessian
     norm = np.hypot(a1, a2)
     v1, v2 = -a2 / norm, a1 / norm
     slope = _sum(g1 * v1, g2 * v2)
     step = np.where(slope == 0, 0.0, -slope / (h11 * v1**2 + 2 * h12 * v1 * v2 + h22 * v2**2))
-    return np.asarray(np.minimum(np.abs(step), _room(box, P1, P2, np.sign(step) * v1, np.sign(step) * v2)))
+    return np.asarray(np.minimum(np.abs(step), _distance_left(box, P1, P2, np.sign(step) * v1, np.sign(step) * v2)))
 
 
-def _room(box: PressureBox, P1: Array, P2: Array, v1: Array, v2: Array) -> Array:
-    """How far one can go from P along v within the feasible set."""
+def _distance_left(box: PressureBox, P1: Array, P2: Array, v1: Array, v2: Array) -> Array:
+    """Return how far one can go from P along v within the feasible set."""
 
     def distance(v: Array, P: Array, lo: Array, hi: Array) -> Array:
         return np.where(v > 0, hi - P, np.where(v < 0, P - lo, np.inf)) / np.where(v == 0, 1.0, np.abs(v))
@@ -137,4 +142,20 @@ def _room(box: PressureBox, P1: Array, P2: Array, v1: Array, v2: Array) -> Array
     return np.maximum(np.minimum(np.minimum(one, two), total), 0.0)
 
 
-__all__ = ["MET", "level_step", "newton_step", "residual"]
+def gap(problem: Problem, P1: Array, P2: Array) -> Array:
+    """Return how much worse (P1, P2) are than the proved bound (n,), as `Allocation.gap`; NaN where there is none."""
+    try:
+        best = exact.solve(problem)
+    except InvalidInput:  # a pull without a closed form
+        return np.full(P1.shape, np.nan)
+    costs = [exact.ranking(problem, *pair)[:2] for pair in ((P1, P2), (best.P1, best.P2))]
+    if problem.priority != "weighted":  # the second cost is a square
+        costs = [(first, np.sqrt(second)) for first, second in costs]
+    (first, second), (least_first, least_second) = costs
+    first_worse = (first - least_first) / exact.gap_units(problem)[0]
+    second_worse = (second - least_second) / exact.gap_units(problem)[1]
+    worse = np.where(first_worse > CLOSED_FORM.met, first_worse, second_worse)
+    return np.asarray(np.maximum(worse, 0.0) + best.gap)
+
+
+__all__ = ["gap", "level_step", "newton_step", "residual"]

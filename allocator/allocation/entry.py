@@ -1,4 +1,4 @@
-"""`allocate`: from torque and stiffness targets to the two pressures."""
+"""`allocate` turns torque and stiffness targets into the two pressures."""
 
 from typing import Any, Literal, get_args
 
@@ -8,20 +8,22 @@ from numpy.typing import ArrayLike, NDArray
 from allocator import checks
 from allocator.allocation import exact
 from allocator.allocation.arguments import problem_from
-from allocator.allocation.assessment import OPTIMISER, Assessment, assess, assess_inverse
+from allocator.allocation.assessment import Assessment, assess, assess_inverse
 from allocator.allocation.friction import checked_direction, with_friction
 from allocator.allocation.kernels import calls
-from allocator.allocation.kernels.question import number
+from allocator.allocation.kernels.scalars import number
 from allocator.allocation.optimisers import backends
 from allocator.allocation.planning import planned
 from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.result import Allocation, shaped
 from allocator.allocation.status import Status
+from allocator.allocation.tolerances import OPTIMISER
 from allocator.allocation.uncertain.covariance import with_covariance
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.inverse import solve_inverse
 from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.limits import TAUT, Limits
 
 Method = Literal["analytic", "exact", backends.Optimiser]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -108,12 +110,17 @@ def allocate(
     """
     joint = report_joint() if joint is None else joint
     if (
-        method == "exact"
-        and solver is weights is min_cocontraction is reference is uncertainty is along is None  # type: ignore[comparison-overlap]  # all None
-        and number(pull) == number(stiffness_tolerance) == 0
-        and (number(direction) == 0 or (joint.friction == 0 and abs(number(direction)) <= 1))
+        type(min_force) is float and min_force == 0 and max_force is min_cocontraction is previous is max_step is None  # type: ignore[comparison-overlap]  # all None
     ):
-        found = calls.answer(joint, theta, K, T, priority, min_force, max_force, previous, max_step)
+        limits = TAUT  # as mostly; to make them again takes 5 % of a call
+    else:
+        limits = Limits(min_force, max_force, min_cocontraction, previous, max_step)
+    if (
+        method == "exact"
+        and solver is weights is reference is uncertainty is along is None  # type: ignore[comparison-overlap]  # all None
+        and _ordinary(joint, direction, stiffness_tolerance, pull)
+    ):
+        found = calls.answer(joint, theta, K, T, priority, limits)
         if found is not None:
             return found
     if method not in METHODS:
@@ -132,16 +139,12 @@ def allocate(
         theta,
         K,
         checks.broadcast(T=checks.real("T", T, "N·m"), direction=s)[0] if s.ndim else T,
+        limits=limits,
         priority=priority,
         weights=weights,
-        min_force=min_force,
-        max_force=max_force,
-        min_cocontraction=min_cocontraction,
         stiffness_tolerance=stiffness_tolerance,
         pull=pull,
         reference=reference,
-        previous=previous,
-        max_step=max_step,
     )
 
     axis = _axis(along, asked.ndim, method, previous)
@@ -160,8 +163,18 @@ def allocate(
     return with_friction(answer, problem, np.broadcast_to(s, asked.shape).ravel())
 
 
+def _ordinary(joint: AntagonistJoint, direction: Any, stiffness_tolerance: Any, pull: Any) -> bool:
+    """Return whether friction takes nothing, and neither a tolerance nor a pull is asked for."""
+    floats = type(direction) is type(stiffness_tolerance) is type(pull) is float
+    if floats and direction == stiffness_tolerance == pull == 0:
+        return True
+    return number(pull) == number(stiffness_tolerance) == 0 and (
+        number(direction) == 0 or (joint.friction == 0 and abs(number(direction)) <= 1)
+    )
+
+
 def _axis(along: Any, ndim: int, method: str, previous: Any) -> int | None:
-    """The axis of time, counted from 0."""
+    """Return the axis of time, counted from 0."""
     if along is None:
         return None
     if method != "exact" or previous is not None:
@@ -176,29 +189,31 @@ def _axis(along: Any, ndim: int, method: str, previous: Any) -> int | None:
 def _exact(problem: Problem, asked: Array, along: int | None) -> Allocation:
     P1, P2, gap = exact.solve(problem)
     if along is not None:
-        met = assess(problem, P1, P2, _outside(problem.joint, asked.ravel())).status == Status.EXACT
+        met = assess(problem, P1, P2, problem.joint.outside_range(asked.ravel())).status == Status.EXACT
         P1, P2 = planned(problem, P1, P2, met, asked.shape, along)
-    found = assess(problem, P1, P2, _outside(problem.joint, asked.ravel()))
+    found = assess(problem, P1, P2, problem.joint.outside_range(asked.ravel()))
     return _allocation(problem, asked, P1, P2, found, "exact", gap=gap)
 
 
 def _inverted(problem: Problem, asked: Array) -> Allocation:
     problem = problem.at(asked.ravel())  # no limit, not even the joint's range
     P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K, problem.T)
-    found = assess_inverse(problem, P1, P2, _outside(problem.joint, problem.theta))
+    found = assess_inverse(problem, P1, P2, problem.joint.outside_range(problem.theta))
     return _allocation(problem, asked, P1, P2, found, "analytic", gap=np.full(P1.shape, np.nan))
 
 
 def _optimised(problem: Problem, asked: Array, method: str, solver: str | None, warm_start: bool) -> Allocation:
     P1, P2, iterations, failed = backends.optimise(problem, method, solver, warm_start)
-    found = assess(problem, P1, P2, _outside(problem.joint, asked.ravel()), OPTIMISER)
+    found = assess(problem, P1, P2, problem.joint.outside_range(asked.ravel()), OPTIMISER)
     found = found._replace(status=np.where(failed, np.int8(Status.SOLVER_FAILED), found.status))
     return _allocation(problem, asked, P1, P2, found, method, gap=None, iterations=iterations)
 
 
 def _uncertain(problem: Problem, asked: Array, risk: float) -> Allocation:
-    P1, P2, iterations, failed, box, infeasible = backends.optimise_under_uncertainty(problem, risk)
-    outside = _outside(problem.joint, asked.ravel())
+    from allocator.allocation.uncertain import chance
+
+    P1, P2, iterations, failed, box, infeasible = chance.optimise(problem, risk)
+    outside = problem.joint.outside_range(asked.ravel())
     found = assess(problem, P1, P2, outside, OPTIMISER)
     missed = np.isin(found.status, (Status.TORQUE_LIMITED, Status.STIFFNESS_LIMITED, Status.BOTH_LIMITED))
     status = np.where(missed, np.int8(Status.HEDGED), found.status)
@@ -238,16 +253,12 @@ def _allocation(
         _gap=None if gap is None else form(gap),
         method=method,
         iterations=None if iterations is None else form(iterations),
-        _source=problem,
+        joint=problem.joint,
+        priority=problem.priority,
+        _within=problem.limits,
+        _posed=problem,
         _shape=shape,
     )
-
-
-def _outside(joint: AntagonistJoint, theta: Array) -> NDArray[np.int32]:
-    """The Limit flag that ends the joint range where `theta` lies beyond it, else 0."""
-    left, right = joint.angle_range
-    below, above = (np.int32(joint.angle_limit(upper)) for upper in (False, True))
-    return np.where(theta < left, below, np.where(theta > right, above, np.int32(0)))
 
 
 __all__ = ["METHODS", "Method", "allocate"]

@@ -39,8 +39,8 @@ def solve(problem: Problem) -> Optimum:
     """The optimum of n problems. Raises InvalidInput for a pull on muscles for which there is no closed form."""
     if problem.joint.affine or problem.pull:
         return Optimum(*_closed(problem), np.zeros(problem.theta.shape))
-    now = None if problem.P1_now is None or problem.P2_now is None else (problem.P1_now, problem.P2_now)
-    P1, P2, gap = search.optima(problem.curves, problem.T_aim, problem.K_aim, problem.priority, problem.weights, now)
+    T, K, now = problem.T_aim, problem.K_aim, problem.limits.previous
+    P1, P2, gap = search.optima(problem.curves, T, K, problem.priority, problem.weights, now)
     return Optimum(P1, P2, gap / gap_units(problem)[1])
 
 

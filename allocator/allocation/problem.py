@@ -1,4 +1,4 @@
-"""The allocation problem.
+"""The allocation problem is stated here, and nowhere else.
 
 At a joint angle θ, with targets T* and K*, over the pressures P = (P1, P2):
 
@@ -8,7 +8,7 @@ At a joint angle θ, with targets T* and K*, over the pressures P = (P1, P2):
 
 Supply limits, min_force ≤ F_i ≤ max_force (bounds on P_i alone since force grows with pressure; min_force ≥ 0 keeps the
 cables taut), the validity of the muscle models and the slew limits all are bounds on a single pressure: the box, see
-`allocator.joint.antagonist.AntagonistJoint.pressure_box`. The co-contraction floor P_co, if any, cuts a corner off it.
+`allocator.joint.antagonist.AntagonistJoint.box`. The co-contraction floor P_co, if any, cuts a corner off it.
 Angles beyond the joint range are replaced by the nearest one inside.
 
 `priority` says what is given up where both targets cannot be met: "weighted" is [A] itself; "torque" is the limit
@@ -21,7 +21,7 @@ stiffness, so that it is the least stiffness: K* - tolerance is aimed at.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, Self, get_args
 
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.limits import PressureBox
+from allocator.joint.limits import TAUT, Limits, PressureBox
 from allocator.joint.torque_levels import Pair, Sides
 from allocator.search import Curves
 
@@ -46,7 +46,7 @@ PRIORITIES: tuple[Priority, ...] = get_args(Priority)
 
 @dataclass(frozen=True)
 class Problem:
-    """n allocation problems [A] of one joint. All arrays have the shape (n,)."""
+    """A `Problem` is n allocation problems [A] of one joint; all arrays have the shape (n,)."""
 
     joint: AntagonistJoint
     theta: Array  # joint angle within the joint range [rad]
@@ -54,55 +54,43 @@ class Problem:
     T: Array  # torque target [N·m]
     priority: Priority = "torque"
     weights: tuple[float, float] = (1.0, 1.0)  # (w_T [cost]/[N·m]², w_K [cost]/[N·m/rad]²), for "weighted"
-    min_force: float | None = 0.0  # least muscle force [N]; None: cables may be slack
-    max_force: float | None = None  # greatest muscle force [N]
-    min_cocontraction: float | None = None  # least (P1 + P2)/2 [Pa]
+    limits: Limits = TAUT  # min_force, max_force, P_co, slew
     stiffness_tolerance: float = 0.0  # stiffnesses this near to the target are as good [N·m/rad]
     pull: float = 0.0  # ρ [cost]/[Pa]²
-    P1_ref: Array | None = None  # reference pressures [Pa], where there is a pull
-    P2_ref: Array | None = None
-    P1_now: Array | None = None  # pressures from which a step is made [Pa], where there is a slew limit
-    P2_now: Array | None = None
-    max_step: Array | None = None  # greatest step [Pa]
+    reference: Pair | None = None  # P_ref [Pa], where there is a pull
 
     @cached_property
     def sides(self) -> Sides:
-        """The joint held at the angles."""
+        """Return both muscles, held at the angles."""
         return self.joint.sides(self.theta)
 
     @cached_property
     def box(self) -> PressureBox:
-        """All limits together."""
-        previous = None if self.P1_now is None or self.P2_now is None else (self.P1_now, self.P2_now)
-        box = self.joint.pressure_box(
-            self.theta, min_force=self.min_force, max_force=self.max_force, previous=previous, max_step=self.max_step
-        )
-        if self.min_cocontraction is None:
-            return box
-        return box.with_least_sum(np.full(self.theta.shape, 2 * self.min_cocontraction))
+        """Return the pressures that all limits together allow."""
+        return self.joint.box(self.theta, self.limits)
 
     @cached_property
     def curves(self) -> Curves:
-        """Both muscles at the angles, in the numbers that the complete search takes."""
+        """Return both muscles at the angles, in the numbers that the complete search takes."""
         return Curves.of(self.sides, self.box, self.joint.pressure_limits)
 
     @cached_property
     def box_without_forces(self) -> PressureBox:
-        """All limits but those on the forces."""
-        return replace(self, min_force=None, max_force=None).box
+        """Return the pressures that all limits but those on the forces allow."""
+        return self.joint.box(self.theta, self.limits.without_forces)
 
     @cached_property
     def T_aim(self) -> Array:
-        """The torque aimed at: the target, or where that is out of all proportion a nearer one with the same answer."""
+        """Return the torque aimed at: the target, or where it is out of all proportion a nearer one."""
         return self._near(self.T, [side.torque for side in self.sides])
 
     @cached_property
     def K_aim(self) -> Array:
-        """The stiffness aimed at: the least that is as good as the target, or a nearer one likewise."""
+        """Return the stiffness aimed at: the least that is as good as the target, or a nearer one likewise."""
         return self._near(self.K, [side.stiffness for side in self.sides]) - self.stiffness_tolerance
 
     def _near(self, target: Array, added: list[Callable[[Array], Array]]) -> Array:
-        """`target` within so many times what the muscles add at the greatest pressures that the joint ever has."""
+        """Clip `target` to so many times what the muscles add at the greatest pressures that the joint ever has."""
         supply, muscles = self.joint.pressure_limits[1], (self.joint.agonist, self.joint.antagonist)
         most = [np.full(self.theta.shape, min(supply, muscle.max_pressure)) for muscle in muscles]
         reach = _FAR[self.priority] * sum(np.abs(add(P)) for add, P in zip(added, most, strict=True))
@@ -110,28 +98,27 @@ class Problem:
 
     @property
     def P_ref(self) -> Pair:
-        """Reference pressures; without a pull they do not matter."""
-        none = np.zeros(())
-        return (none if self.P1_ref is None else self.P1_ref, none if self.P2_ref is None else self.P2_ref)
+        """Return the reference pressures; without a pull they do not matter."""
+        return (np.zeros(()), np.zeros(())) if self.reference is None else self.reference
 
     def errors(self, P1: Array, P2: Array) -> Pair:
-        """(T - T_aim, K - K_aim) at pressures (…, n)."""
+        """Return (T - T_aim, K - K_aim) at pressures (…, n)."""
         T, K = self.given(P1, P2)
         return T - self.T_aim, K - self.K_aim
 
     def given(self, P1: Array, P2: Array) -> Pair:
-        """(T, K) at pressures (…, n)."""
+        """Return the torque and the stiffness (T, K) at pressures (…, n)."""
         one, two = self.sides
         return one.torque(P1) + two.torque(P2), one.stiffness(P1) + two.stiffness(P2)
 
     def pull_cost(self, P1: Array, P2: Array) -> Array:
-        """ρ ‖P - P_ref‖² at pressures (…, n)."""
+        """Return ρ ‖P - P_ref‖² at pressures (…, n)."""
         R1, R2 = self.P_ref
         return np.asarray(self.pull * ((P1 - R1) ** 2 + (P2 - R2) ** 2))
 
     @cached_property
     def scales(self) -> Pair:
-        """What counts as large: both muscles' torque and stiffness at their upper bounds, in absolute value."""
+        """Return what counts as large: both muscles' torque and stiffness at their upper bounds, in absolute value."""
         one, two = self.sides
         hi1, hi2 = self.box.agonist.hi, self.box.antagonist.hi
         return (
@@ -140,12 +127,13 @@ class Problem:
         )
 
     def take(self, where: NDArray[Any]) -> Self:
-        """The problems at the mask or the indices `where`."""
-        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
-        return replace(self, **{name: array[where] for name, array in arrays.items() if isinstance(array, np.ndarray)})
+        """Return the problems at the mask or the indices `where`."""
+        reference = None if self.reference is None else (self.reference[0][where], self.reference[1][where])
+        theta, K, T = self.theta[where], self.K[where], self.T[where]
+        return replace(self, theta=theta, K=K, T=T, limits=self.limits.take(where), reference=reference)
 
     def at(self, theta: Array) -> Self:
-        """The same targets at other angles (n,)."""
+        """Return the problems with other angles `theta` (n,) [rad]."""
         return replace(self, theta=theta)
 
 

@@ -10,20 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation import certificate, kkt, reach, sensitivity
-from allocator.allocation.assessment import CLOSED_FORM, OPTIMISER
-from allocator.allocation.kernels.question import Question
+from allocator.allocation import certificate, reach, sensitivity
+from allocator.allocation.arguments import problem_from
 from allocator.allocation.message import sentence
 from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.status import Status
+from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
 from allocator.allocation.uncertain.spread import stiffness_std
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.limits import names
+from allocator.joint.limits import Limits, names
 from allocator.joint.torque_levels import Pair, torque_interval
 from allocator.presentation.tables import html_table, number, span
 from allocator.units import BAR, DEG
+
+_STATUS = tuple(Status)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,25 +41,21 @@ class Allocation:
     K: Any  # stiffness that these pressures give [N·m/rad]
     status: Any  # Status, or an array of its integers
     limits: Any  # combination of Limit flags that bind, as integers
-    _gap: Any = field(repr=False)  # `gap` where the method has proved one, else None
-    method: str
-    iterations: Any  # of an optimising method, else None
-    _source: Problem | tuple[Any, ...] = field(repr=False)  # or the fields of a `Question`, made a problem when asked
-    _shape: tuple[int, ...] = field(repr=False)
+    joint: AntagonistJoint = field(repr=False)
+    priority: Priority
+    _within: Limits = field(repr=False)  # the limits asked for
+    method: str = "exact"
+    iterations: Any = None  # of an optimising method
+    _gap: Any = field(default=0.0, repr=False)  # `gap` where the method has proved one, else None
+    _posed: Problem | None = field(default=None, repr=False)  # None: nothing else was asked, it is made when needed
+    _shape: tuple[int, ...] = field(default=(), repr=False)  # of the targets
 
     @cached_property
     def _problem(self) -> Problem:
-        return self._source if isinstance(self._source, Problem) else Question(*self._source).problem()
-
-    @property
-    def joint(self) -> AntagonistJoint:
-        """The joint asked."""
-        return self._problem.joint
-
-    @property
-    def priority(self) -> Priority:
-        """The priority asked."""
-        return self._problem.priority
+        if self._posed is not None:
+            return self._posed
+        targets = self.theta, self.K_target, self.T_target
+        return problem_from(self.joint, *targets, limits=self._within, priority=self.priority)[0]
 
     @property
     def success(self) -> Any:
@@ -143,8 +141,8 @@ class Allocation:
 
     @cached_property
     def kkt_residual(self) -> Any:
-        """Step that would still improve the answer, in fractions of the supply range: 0 is optimal, see `kkt`."""
-        return shaped(kkt.residual(self._problem, np.ravel(self.P1), np.ravel(self.P2)), self._shape)
+        """Return the step that would still improve the answer, in fractions of the supply range; 0 is optimal."""
+        return shaped(certificate.residual(self._problem, np.ravel(self.P1), np.ravel(self.P2)), self._shape)
 
     @cached_property
     def K_std(self) -> Any:
@@ -243,8 +241,32 @@ class Allocation:
         return shaped(first, self._shape), shaped(second, self._shape)
 
 
+def single(
+    joint: AntagonistJoint, priority: Priority, limits: Limits, theta: float, K: float, T: float, found: tuple[Any, ...]
+) -> Allocation:
+    """Return the answer to one target from what a kernel `found`: P1, P2, torque, stiffness, status, binding limits."""
+    P1, P2, T_given, K_given, status, flags, _ = found
+    allocation = object.__new__(Allocation)  # as `from_fields`, without the call
+    fields = {
+        "theta": theta,
+        "T_target": T,
+        "K_target": K,
+        "P1": P1,
+        "P2": P2,
+        "T": T_given,
+        "K": K_given,
+        "status": _STATUS[status],
+        "limits": flags,
+        "joint": joint,
+        "priority": priority,
+        "_within": limits,
+    }
+    object.__setattr__(allocation, "__dict__", fields)
+    return allocation
+
+
 def from_fields(fields: dict[str, Any]) -> Allocation:
-    """An `Allocation` from all its fields by name: the constructor of a frozen dataclass takes five times as long."""
+    """Make an `Allocation` from its fields by name: the constructor of a frozen dataclass takes five times as long."""
     allocation = object.__new__(Allocation)
     object.__setattr__(allocation, "__dict__", fields)
     return allocation
@@ -259,4 +281,4 @@ def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
     return view
 
 
-__all__ = ["Allocation", "from_fields", "shaped"]
+__all__ = ["Allocation", "from_fields", "shaped", "single"]

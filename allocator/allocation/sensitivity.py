@@ -10,12 +10,11 @@ from collections.abc import Callable
 import numpy as np
 
 from allocator.allocation.problem import Problem
+from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.joint.limits import Limit, PressureInterval
 from allocator.joint.torque_levels import Sides
 
-_ON_BOUND = 1e-9  # of the supply range
-_MET = 1e-9  # of the scale of torque or stiffness
 _BY_FORCE = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK | Limit.AGONIST_FORCE | Limit.ANTAGONIST_FORCE
 _SINGULAR = 1e-12  # of the rows' lengths: a determinant of no more is rounding
 _H = 1e-4  # step of the five-point difference, in rad or in supply ranges: error about 1e-11 of the slope
@@ -25,8 +24,8 @@ def jacobian(problem: Problem, P1: Array, P2: Array) -> Array:
     """dP/d(θ, K, T), (n, 2, 3); NaN where the equations are singular."""
     first, second = _free_rows(problem, P1, P2)
     e_T, e_K = np.abs(problem.errors(P1, P2))
-    missed = (e_T > _MET * problem.scales[0]) | (e_K > _MET * problem.scales[1])
-    near = _ON_BOUND * problem.joint.pressure_span
+    missed = (e_T > CLOSED_FORM.met * problem.scales[0]) | (e_K > CLOSED_FORM.met * problem.scales[1])
+    near = CLOSED_FORM.binds * problem.joint.pressure_span
     held1, held2 = (missed & _on_bound(i, P, near) for i, P in zip(problem.box, (P1, P2), strict=True))
     on_floor = missed & (problem.box.least_sum + near >= P1 + P2) & ~(held1 & held2)
     bound1, bound2 = (_bound_row(problem, i, P) for i, P in enumerate((P1, P2)))

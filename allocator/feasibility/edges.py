@@ -16,12 +16,11 @@ from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
-from allocator.joint.limits import names
+from allocator.joint.limits import BINDS, names
 from allocator.joint.torque_levels import Pair, stiffness, torque_interval
 
 _POINTS = 201  # of an edge over the joint range; more where limits hand over
 _HALVINGS = 40  # to find where they do
-_BINDS = 1e-9  # of the supply range, as in `allocate`
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +119,7 @@ def _chain(setting: Setting, ends: Ends, end: int, x: Array) -> list[Edge]:
 
     def flags(x: Array) -> NDArray[np.int32]:
         problem, pairs = ends(x)
-        return problem.box.binding(*pairs[end], _BINDS * setting.joint.pressure_span)
+        return problem.box.binding(*pairs[end], BINDS * setting.joint.pressure_span)
 
     middle = (x[1:] + x[:-1]) / 2
     change = np.nonzero(np.diff(flags(middle)))[0]

@@ -11,14 +11,13 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.allocation import reach
+from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.torque_levels import Pair, stiffness
 from allocator.joint.torque_levels import torque_interval as torque_interval_in
-
-_NEAR = 1e-9  # of the scale of torque or stiffness: less is rounding
 
 
 def torque_interval(
@@ -85,7 +84,7 @@ def torque_intervals(
     asked, K = checks.broadcast(theta=checks.angle("theta", theta), K=checks.stiffness("K", K))
     problem, _ = setting.problem(asked, 0.0, K)
     K_min, K_max = (stiffness(problem.sides, pair) for pair in reach.stiffness_range(problem))
-    beyond = np.maximum(K_min - problem.K, problem.K - K_max) > _NEAR * problem.scales[1]
+    beyond = np.maximum(K_min - problem.K, problem.K - K_max) > CLOSED_FORM.met * problem.scales[1]
     found = reach.torque_intervals(problem, problem.K)  # (n, m, 2)
     found[beyond | problem.box.empty | (problem.theta != asked.ravel())] = np.nan
     found = found[:, ~np.isnan(found[..., 0]).all(axis=0)]
@@ -146,7 +145,7 @@ def margin(setting: Setting, theta: Array, K: Array, T: Array) -> Array:
     found = setting.columns(theta, T)
     scale = found.problem.scales[1]
     inside = np.minimum(K.ravel() - found.K_min, found.K_max - K.ravel()) / scale
-    inside = np.minimum(inside, found.reach) + _NEAR
+    inside = np.minimum(inside, found.reach) + CLOSED_FORM.met
     return np.where(found.problem.box.empty, -1.0, inside).reshape(theta.shape)
 
 

@@ -14,12 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks, search
 from allocator.allocation import Status, allocate, exact
-from allocator.allocation.assessment import CLOSED_FORM, assess
+from allocator.allocation.assessment import assess
+from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.feasibility.axes import default_stiffnesses, default_torques, map_axis
 from allocator.feasibility.result import FeasibilityMap
-from allocator.feasibility.setting import Columns, Setting, columns, outside_range
+from allocator.feasibility.setting import Columns, Setting, columns
 from allocator.inverse import solve_inverse
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.torque_levels import Pair
@@ -149,7 +150,7 @@ def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
 
 def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
     """The cells (n, K.size) of n columns: at the ends of the column below and above it, the inverse between them."""
-    outside = outside_range(setting.joint, asked)
+    outside = setting.joint.outside_range(asked)
     low, high = (assess(found.problem, *pair, outside) for pair in (found.low, found.high))
     tolerance = CLOSED_FORM.met * found.problem.scales[1][:, None]
     K_min, K_max = found.K_min[:, None], found.K_max[:, None]
@@ -182,15 +183,7 @@ def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np
 
 def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Array, K: Array) -> None:
     """Columns in which several pairs may give the same are answered by `allocate` itself."""
-    a = allocate(
-        theta[where, None],
-        K,
-        T[where, None],
-        joint=setting.joint,
-        min_force=setting.min_force,
-        max_force=setting.max_force,
-        min_cocontraction=setting.min_cocontraction,
-    )
+    a = allocate(theta[where, None], K, T[where, None], joint=setting.joint, **setting.limits._asdict())
     for target, array in zip(cells.arrays, (a.status, a.limits, a.P1, a.P2), strict=True):
         target[where] = array
 

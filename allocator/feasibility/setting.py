@@ -1,4 +1,4 @@
-"""A joint together with what is asked of its muscle forces and pressures, held at angles and torques.
+"""A `Setting` is a joint with what is asked of its forces and pressures, which is held at angles and torques.
 
 At one angle and one torque the pairs of pressures that exist form a piece of a torque level
 (`allocator.joint.torque_levels`), and their stiffnesses an interval. This is a *column* of the feasible set; everything
@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allocator.allocation import exact, reach
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.problem import Problem
+from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask, Value
 from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.limits import TAUT, Limits
 from allocator.joint.torque_levels import Pair, stiffness, torque_interval
 
 _NO_TARGET = 1.0  # [N·m/rad] stands for the stiffness where none is asked for
-_REACHED = 1e-9  # of the torque scale: a torque missed by less is reached, as in `allocate`
 
 
 class Columns(NamedTuple):
@@ -36,41 +36,30 @@ class Columns(NamedTuple):
     @property
     def exists(self) -> Mask:
         """Where there are allowed pressures that give the torque."""
-        return np.asarray((self.reach >= -_REACHED) & ~self.problem.box.empty)
+        return np.asarray((self.reach >= -CLOSED_FORM.met) & ~self.problem.box.empty)
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A joint and the limits beyond its supply and its angles, as the arguments of `allocate` of these names."""
+    """A `Setting` is a joint and the limits asked for beyond its supply and its angles, without a slew limit."""
 
     joint: AntagonistJoint
-    min_force: float | None = 0.0  # [N]
-    max_force: float | None = None  # [N]
-    min_cocontraction: float | None = None  # [Pa]
+    limits: Limits = TAUT
 
     @classmethod
-    def of(cls, joint: AntagonistJoint | None, *limits: float | None) -> Self:
-        """With the report's joint where none is given."""
-        return cls(report_joint() if joint is None else joint, *limits)
+    def of(
+        cls,
+        joint: AntagonistJoint | None,
+        min_force: float | None = 0.0,
+        max_force: float | None = None,
+        min_cocontraction: float | None = None,
+    ) -> Self:
+        """Take the arguments of `allocate` of these names, and the report's joint where none is given."""
+        return cls(report_joint() if joint is None else joint, Limits(min_force, max_force, min_cocontraction))
 
     def problem(self, theta: Value, T: Value = 0.0, K: Value = _NO_TARGET) -> tuple[Problem, Array]:
-        """The checked, flat allocation problems (angles moved into the joint range), and the angles asked for."""
-        return problem_from(
-            self.joint,
-            theta,
-            K,
-            T,
-            priority="torque",
-            weights=None,
-            min_force=self.min_force,
-            max_force=self.max_force,
-            min_cocontraction=self.min_cocontraction,
-            stiffness_tolerance=0.0,
-            pull=0.0,
-            reference=None,
-            previous=None,
-            max_step=None,
-        )
+        """Return the checked, flat problems (angles moved into the joint range), and the angles asked for."""
+        return problem_from(self.joint, theta, K, T, limits=self.limits)
 
     def columns(self, theta: Value, T: Value) -> Columns:
         """The columns at angles in the joint range; where a torque is out of reach, at the nearest one in reach."""
@@ -102,11 +91,4 @@ def _inside(problem: Problem, pair: Pair) -> Pair:
     return P1, P2
 
 
-def outside_range(joint: AntagonistJoint, theta: Array) -> NDArray[np.int32]:
-    """The Limit flag that ends the joint range where `theta` lies beyond it, else 0."""
-    left, right = joint.angle_range
-    below, above = (np.int32(joint.angle_limit(upper)) for upper in (False, True))
-    return np.where(theta < left, below, np.where(theta > right, above, np.int32(0)))
-
-
-__all__ = ["Columns", "Setting", "columns", "outside_range"]
+__all__ = ["Columns", "Setting", "columns"]

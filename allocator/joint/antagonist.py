@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
 from allocator.calculus import Array, Value, rising_roots
 from allocator.errors import InvalidInput
 from allocator.joint.geometry import Geometry, Pulley
-from allocator.joint.limits import Limit, PressureBox
+from allocator.joint.limits import TAUT, Limit, Limits, PressureBox
 from allocator.joint.one_muscle import Side
 from allocator.joint.tondu_pulley import TonduPulley
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
@@ -142,6 +142,12 @@ class AntagonistJoint:
         binds = self.angle_range[upper] == self._threshold_angles[upper]
         return Limit.CONTRACTION_THRESHOLD if binds else Limit.JOINT_RANGE
 
+    def outside_range(self, theta: Array) -> NDArray[np.int32]:
+        """Return the `Limit` that ends the joint range where `theta` [rad] lies beyond it, else 0; its shape."""
+        left, right = self.angle_range
+        below, above = (np.int32(self.angle_limit(upper)) for upper in (False, True))
+        return np.where(theta < left, below, np.where(theta > right, above, np.int32(0)))
+
     @property
     def pressure_span(self) -> float:
         """Width of the supply range [Pa]; tolerances are given in fractions of it."""
@@ -162,12 +168,15 @@ class AntagonistJoint:
         and `max_step` [Pa] say from where and how far the pressures may move; moving is a hard limit, so that from
         outside the other limits the box shrinks to the nearest pressure that can be reached.
         """
-        P_prev = (None, None) if previous is None else previous
-        agonist, antagonist = self.sides(np.asarray(theta, float))
-        return PressureBox(
-            agonist.interval(self.pressure_limits, min_force, max_force, P_prev[0], max_step),
-            antagonist.interval(self.pressure_limits, min_force, max_force, P_prev[1], max_step),
-        )
+        return self.box(np.asarray(theta, float), Limits(min_force, max_force, previous=previous, max_step=max_step))
+
+    def box(self, theta: Array, limits: Limits = TAUT) -> PressureBox:
+        """Return the pressures allowed at `theta` (n,) by supply, model and `limits`, as `pressure_box` does."""
+        agonist, antagonist = (side.interval(self.pressure_limits, limits) for side in self.sides(theta))
+        box = PressureBox(agonist, antagonist)
+        if limits.min_cocontraction is None:
+            return box
+        return box.with_least_sum(np.full(theta.shape, 2 * limits.min_cocontraction))
 
     # --- equilibrium ------------------------------------------------------------------------------------------------
 

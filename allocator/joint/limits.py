@@ -1,19 +1,25 @@
-"""The limits of a joint by name, and the pressure interval that they leave to a muscle."""
+"""A joint's limits stand here: by name, as what is asked of the muscles, and as the pressures that they leave.
+
+`Limit` names what may bind, `Limits` is what a caller asks for beyond supply and joint range, `PressureBox` is what
+both leave at an angle.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from enum import IntFlag
 from functools import reduce
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
 
+BINDS = 1e-9  # of the supply range: a pressure nearer to a bound lies on it
+
 
 class Limit(IntFlag):
-    """A limit that may bind; combinations are kept as one integer per target, so that a million fit in 4 MB."""
+    """A `Limit` may bind; combinations are kept as one integer per target, so that a million fit in 4 MB."""
 
     P1_LOWER = 1
     P1_UPPER = 2
@@ -60,6 +66,38 @@ def names(limits: int) -> tuple[str, ...]:
     """The names of all limits in the combination `limits`."""
     return tuple(limit.text for limit in Limit(int(limits)))
 
+
+class Limits(NamedTuple):
+    """`Limits` are what is asked of muscle forces and pressures beyond what the joint has, supply and joint range.
+
+    The fields are the arguments of `allocate` of these names. A named tuple, as it is made in every call.
+    """
+
+    min_force: float | None = 0.0  # least muscle force [N]; 0 keeps cables taut, None lets them be slack
+    max_force: float | None = None  # greatest muscle force [N]
+    min_cocontraction: float | None = None  # least mean pressure (P1 + P2)/2 [Pa]
+    previous: tuple[Any, ...] | None = None  # slew limit: the pressure of each muscle now [Pa] …
+    max_step: Any = None  # … and how far each may move [Pa]; numbers, or arrays (n,) of n targets
+
+    @property
+    def without_forces(self) -> Self:
+        """Return the limits that are left without those on the forces."""
+        return self._replace(min_force=None, max_force=None)
+
+    def reach(self, muscle: int) -> tuple[Any, Any]:
+        """Return the pressures [Pa] between which `muscle` (0, 1, …) may move; infinite without a slew limit."""
+        if self.previous is None or self.max_step is None:
+            return -np.inf, np.inf
+        return self.previous[muscle] - self.max_step, self.previous[muscle] + self.max_step
+
+    def take(self, where: Any) -> Self:
+        """Return the limits of the targets at the mask, the indices or the slice `where`."""
+        if self.previous is None or self.max_step is None:
+            return self
+        return self._replace(previous=tuple(P[where] for P in self.previous), max_step=self.max_step[where])
+
+
+TAUT = Limits()  # the ordinary ones: nothing but taut cables
 
 Bound = tuple[Array, Limit]
 """A pressure [Pa] and the limit that lies there."""
@@ -216,4 +254,4 @@ class PressureBox:
         return np.where(cut, on_floor, Q1), np.where(cut, self.least_sum - on_floor, Q2)
 
 
-__all__ = ["Limit", "PressureBox", "PressureInterval", "names"]
+__all__ = ["BINDS", "TAUT", "Limit", "Limits", "PressureBox", "PressureInterval", "names"]

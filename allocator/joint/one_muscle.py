@@ -6,10 +6,8 @@ from typing import Self
 import numpy as np
 
 from allocator.calculus import Array, Value
-from allocator.joint.limits import Limit, PressureInterval
+from allocator.joint.limits import BINDS, Limit, Limits, PressureInterval
 from allocator.muscles import AffineMuscle, Muscle
-
-BINDS = 1e-9  # of the supply range: a pressure nearer to a bound lies on it
 
 
 @dataclass(frozen=True)
@@ -63,15 +61,8 @@ class Side:
         """The pressure [Pa] that makes this muscle add `torque`; ∓inf where it has none."""
         return self.muscle.pressure(self.sign * torque / self.arm, self.contraction)
 
-    def interval(
-        self,
-        supply: tuple[float, float],
-        min_force: float | None,
-        max_force: float | None = None,
-        previous: Array | None = None,
-        max_step: Array | float | None = None,
-    ) -> PressureInterval:
-        """Intersect the limits of this muscle, remembering which of them sets each end.
+    def interval(self, supply: tuple[float, float], limits: Limits) -> PressureInterval:
+        """Intersect supply [Pa], validity of the model and `limits`, remembering which of them sets each end.
 
         Every limit counts by itself: where two lie at the same pressure both set the end. Only supply and validity of
         the model count as one, the lower, and the supply where they are equal.
@@ -80,12 +71,12 @@ class Side:
         everywhere = np.ones(np.shape(self.contraction))
         most = (self.muscle.max_pressure, validity) if self.muscle.max_pressure < supply[1] else (supply[1], upper)
         floors, ceilings = [(supply[0] * everywhere, lower)], [(most[0] * everywhere, most[1])]
-        if min_force is not None:
-            floors.append((self.muscle.pressure(min_force, self.contraction), slack))
-        if max_force is not None:
-            ceilings.append((self.muscle.pressure(max_force, self.contraction), ceiling))
-        now, step = (0.0 * everywhere, np.inf) if previous is None or max_step is None else (previous, max_step)
-        reach = (now - step, rate), (now + step, rate)
+        if limits.min_force is not None:
+            floors.append((self.muscle.pressure(limits.min_force, self.contraction), slack))
+        if limits.max_force is not None:
+            ceilings.append((self.muscle.pressure(limits.max_force, self.contraction), ceiling))
+        nearest, farthest = limits.reach(0 if self.sign > 0 else 1)
+        reach = (nearest, rate), (farthest, rate)
         return PressureInterval.between(floors, ceilings, reach, BINDS * (supply[1] - supply[0]))
 
 
@@ -108,4 +99,4 @@ _FLAGS = {
     ),
 }
 
-__all__ = ["BINDS", "Side"]
+__all__ = ["Side"]

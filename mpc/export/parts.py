@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from allocator.allocation.assessment import CLOSED_FORM
+from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.codegen import c_text
 from mpc.export import text

@@ -1,4 +1,4 @@
-"""Arrays of targets through a kernel: memory bounded, in several threads where there are many."""
+"""Arrays of targets go through a kernel here: memory bounded, in several threads where there are many."""
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -8,16 +8,19 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from allocator.allocation.arguments import problem_from
 from allocator.allocation.assessment import assess
 from allocator.allocation.exact import solve
 from allocator.allocation.kernels import source as kernels
-from allocator.allocation.kernels.choice import Kernel, Law, arrays, coefficients
+from allocator.allocation.kernels.choice import JointKernel, Kernel, arrays, coefficients
 from allocator.allocation.kernels.compiled import threads
-from allocator.allocation.kernels.question import REAL, Question, number, pair
+from allocator.allocation.kernels.scalars import REAL, number, pair
+from allocator.allocation.problem import Priority
 from allocator.calculus import Array, Mask
 from allocator.checks import LOOKS_LIKE_BAR, real
 from allocator.errors import InvalidInput
-from allocator.joint.limits import Limit
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.limits import Limit, Limits
 
 _PARALLEL = 500_000  # targets from which on threads are started
 _PIECE = 50_000  # targets that a thread takes at a time
@@ -26,38 +29,39 @@ _OUTSIDE = int(Limit.JOINT_RANGE | Limit.CONTRACTION_THRESHOLD)
 
 
 class Targets(NamedTuple):
-    """n targets, each array (n,), copied, in the form that compiled loops take."""
+    """`Targets` are n targets with their limits, each array (n,), copied, in the form that compiled loops take."""
 
     theta: Array
     K: Array
     T: Array
-    P1_now: Array | None
-    P2_now: Array | None
-    max_step: Array | None
+    limits: Limits
     shape: tuple[int, ...]
 
     @classmethod
-    def of(cls, theta: Any, K: Any, T: Any, previous: Any, max_step: Any) -> Self | None:
-        """The targets in their common shape; None where some are no real numbers, or none of them is an array."""
+    def of(cls, theta: Any, K: Any, T: Any, limits: Limits) -> Self | None:
+        """Return the targets, flat; None where some are no real numbers, or none of them is an array."""
         given = [_array(x) for x in (theta, K, T)]
-        if previous is not None or max_step is not None:
-            given += _slew(previous, max_step)
+        slewed = limits.previous is not None or limits.max_step is not None
+        if slewed:
+            given += _slew(limits)
         arrays = [x for x in given if x is not None]
         if len(arrays) < len(given) or not (shape := _common_shape(arrays)):
             return None
         flat = [_flat(x, shape) for x in arrays]
-        P1_now, P2_now, step = flat[3:] or (None, None, None)
-        return cls(flat[0], flat[1], flat[2], P1_now, P2_now, step, shape) if flat[0].size else None
+        if slewed:
+            limits = limits._replace(previous=(flat[3], flat[4]), max_step=flat[5])
+        return cls(flat[0], flat[1], flat[2], limits, shape) if flat[0].size else None
 
-    def of_which(self, question: Question) -> Question:
-        """`question` about these targets, whatever becomes of the arrays it was asked with."""
-        previous = None if self.P1_now is None else (self.P1_now, self.P2_now)
-        return question._replace(theta=self.theta, K=self.K, T=self.T, previous=previous, max_step=self.max_step)
+    def take(self, part: slice) -> Self:
+        """Return some of the targets."""
+        return self._replace(
+            theta=self.theta[part], K=self.K[part], T=self.T[part], limits=self.limits.take(part), shape=()
+        )
 
 
-def _slew(previous: Any, max_step: Any) -> list[Array | None]:
-    """The slew limit's three arrays; None among them where they are not certainly pressures in Pa."""
-    found = [_array(x) for x in (*pair(previous), max_step)]
+def _slew(limits: Limits) -> list[Array | None]:
+    """Return the slew limit's three arrays, None among them where they are not certainly pressures in Pa."""
+    found = [_array(x) for x in (*pair(limits.previous), limits.max_step)]
     if any(x is None or not x.size or not np.isfinite(x).all() for x in found):
         return [None]
     P1, P2, step = (np.abs(x) if i < 2 else x for i, x in enumerate(found) if x is not None)
@@ -76,7 +80,7 @@ def _common_shape(arrays: list[Array]) -> tuple[int, ...] | None:
 
 
 def _array(x: Any) -> Array | None:
-    """`x` as an array of real numbers, None where it is none; the copy that `_flat` makes turns them into floats."""
+    """Return `x` as an array of real numbers, None where it is none; the copy that `_flat` makes has floats."""
     if type(x) in (list, tuple) and REAL.issuperset(map(type, x)):  # no masks and units to look for
         x = np.array(x)
     if type(x) is np.ndarray and x.dtype.type in REAL:
@@ -95,34 +99,32 @@ def _flat(x: Array, shape: tuple[int, ...]) -> Array:
     return copy.ravel()
 
 
-def run(
-    kernel: Kernel, question: Question, targets: Targets, law: Law, stiffness_first: bool | None
-) -> tuple[Any, ...] | None:
-    """(P1, P2, T, K, status, limits, gap), each (n,); None where a target is odd: not a target at all, or degrees."""
-    n = targets.theta.size
+def run(loop: Kernel, kernel: JointKernel, targets: Targets, priority: Priority) -> tuple[Any, ...] | None:
+    """Return (P1, P2, T, K, status, limits, gap), each (n,); None where a target makes no sense, or may be degrees."""
+    n, stiffness_first = targets.theta.size, True if priority == "stiffness" else None
     # one block of memory for four arrays: the larger, the sooner it comes in large pages
     out: tuple[Any, ...] = *np.empty((4, n)), np.empty(n, np.int8), np.empty(n, np.int32), np.empty(n, bool)
-    forces = tuple(None if F is None else float(F) for F in (question.min_force, question.max_force))
 
     def piece(i: int, j: int) -> tuple[int, int]:
-        parts = out if j - i == n else tuple(x[i:j] for x in out)
-        given: list[Any] = [x if x is None or j - i == n else x[i:j] for x in targets[:6]]
+        part, parts = (targets, out) if j - i == n else (targets.take(slice(i, j)), tuple(x[i:j] for x in out))
+        theta, K, T, (least, greatest, _, previous, max_step), _ = part
         sides: list[Any] = []
-        if law.name == "affine":
-            sides = [arrays(c, j - i) for c in coefficients(law.joint, np.clip(given[0], law.left, law.right))]
-        return kernel(*given[:3], *sides, law.p, *forces, *given[3:], stiffness_first, parts)  # type: ignore[no-any-return]  # compiled
+        if kernel.name == "affine":
+            sides = [arrays(c, j - i) for c in coefficients(kernel.joint, np.clip(theta, kernel.left, kernel.right))]
+        limits = least, greatest, *(previous or (None, None)), max_step
+        return loop(theta, K, T, *sides, kernel.p, *limits, stiffness_first, parts)  # type: ignore[no-any-return]  # compiled
 
-    counts = _pieces(piece, n, _CHUNK if law.name == "affine" else _PIECE)
+    counts = _pieces(piece, n, _CHUNK if kernel.name == "affine" else _PIECE)
     if any(strange for strange, _ in counts):
         return None
     gap = np.zeros(n)
     if any(unsure for _, unsure in counts):
-        _refer(question, ~out[6], out[:6], gap)
+        _refer(kernel.joint, targets, priority, ~out[6], out[:6], gap)
     return (*out[:6], gap)
 
 
 def one_by_one(exact: Kernel) -> Kernel:
-    """The kernel for arrays that calls `exact`, in plain Python, for one target after the other."""
+    """Return the kernel for arrays that calls `exact`, in plain Python, for one target after the other."""
 
     def batch(*arguments: Any) -> tuple[int, int]:
         *given, out = arguments
@@ -138,7 +140,7 @@ def one_by_one(exact: Kernel) -> Kernel:
 
 
 def _column(x: Any) -> Iterable[Any]:
-    """What `x` is for one target after the other: an array's numbers, the rows of a tuple of arrays, or itself."""
+    """Return what `x` is for one target after the other: an array's numbers, rows of a tuple of arrays, or itself."""
     if isinstance(x, np.ndarray):
         return x.tolist()  # type: ignore[no-any-return]  # a list, as x has one dimension
     if isinstance(x, tuple) and isinstance(x[0], np.ndarray):
@@ -147,7 +149,7 @@ def _column(x: Any) -> Iterable[Any]:
 
 
 def _pieces(work: Callable[[int, int], tuple[int, int]], n: int, size: int) -> list[tuple[int, int]]:
-    """`work` on all of 0 … n in pieces; where it pays other threads help, taking pieces as long as there are any."""
+    """Do `work` on all of 0 … n in pieces; where it pays other threads help, taking pieces as long as there are any."""
     starts = iter(range(0, n, size))
 
     def drain() -> list[tuple[int, int]]:
@@ -162,9 +164,12 @@ def _pieces(work: Callable[[int, int], tuple[int, int]], n: int, size: int) -> l
         return counts + [count for other in waiting if not other.cancel() for count in other.result()]
 
 
-def _refer(question: Question, where: Mask, found: tuple[Any, ...], gap: Array) -> None:
+def _refer(
+    joint: AntagonistJoint, targets: Targets, priority: Priority, where: Mask, found: tuple[Any, ...], gap: Array
+) -> None:
     """Let the readable implementation answer the targets for which a kernel is not proved."""
-    problem = question.problem().take(where)
+    problem, _ = problem_from(joint, *targets[:3], limits=targets.limits, priority=priority)
+    problem = problem.take(where)
     P1, P2, gap[where] = solve(problem)
     assessed = assess(problem, P1, P2, found[5][where] & _OUTSIDE)
     for array, values in zip(found, (P1, P2, *assessed), strict=True):

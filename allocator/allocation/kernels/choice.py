@@ -1,4 +1,4 @@
-"""Which kernel answers for a joint, and with which numbers; and for what kinds of arguments it is compiled."""
+"""`kernel_of` chooses the kernel that answers for a joint; a `Kind` is what a kernel is compiled for."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,8 +16,8 @@ Kernel = Callable[..., Any]
 _REMEMBERED = 64  # joints
 
 
-class Law(NamedTuple):
-    """The kernel of a joint."""
+class JointKernel(NamedTuple):
+    """A `JointKernel` is the kernel that answers for a joint, with the joint's numbers."""
 
     joint: AntagonistJoint
     name: str  # "tondu", "affine", or "" where there is none
@@ -27,35 +27,35 @@ class Law(NamedTuple):
 
 
 Kind = tuple[str, bool, bool, bool, bool | None]
-"""What a kernel is compiled for: the law; whether there is a least, a greatest force, a slew limit; priority."""
+"""What a kernel is compiled for: its name; whether there is a least, a greatest force, a slew limit; priority."""
 
-_laws: dict[int, Law] = {}  # by the joint's id; a Law holds its joint, so that the id stays taken
-
-
-def law_of(joint: AntagonistJoint) -> Law:
-    """The law of `joint`; made once."""
-    law = _laws.get(id(joint))
-    if law is None:
-        if len(_laws) >= _REMEMBERED:
-            _laws.clear()
-        law = _laws[id(joint)] = _law(joint)
-    return law
+_kernels: dict[int, JointKernel] = {}  # by the joint's id; the value holds its joint, so that the id stays taken
 
 
-def _law(joint: AntagonistJoint) -> Law:
+def kernel_of(joint: AntagonistJoint) -> JointKernel:
+    """Return the kernel of `joint`, made once."""
+    kernel = _kernels.get(id(joint))
+    if kernel is None:
+        if len(_kernels) >= _REMEMBERED:
+            _kernels.clear()
+        kernel = _kernels[id(joint)] = _chosen(joint)
+    return kernel
+
+
+def _chosen(joint: AntagonistJoint) -> JointKernel:
     for name, numbers in (("tondu", TonduNumbers.of(joint)), ("affine", AffineNumbers.of(joint))):
         if numbers is not None:
-            return Law(joint, name, tuple(numbers), *joint.angle_range)
-    return Law(joint, "", (), *joint.angle_range)
+            return JointKernel(joint, name, tuple(numbers), *joint.angle_range)
+    return JointKernel(joint, "", (), *joint.angle_range)
 
 
 def coefficients(joint: AntagonistJoint, theta: Value) -> list[tuple[Value, ...]]:
-    """(A, B, a, k', k0) of both affine muscles at angles in the joint range, as `kernels.affine_exact` takes them."""
+    """Return (A, B, a, k', k0) of both affine muscles at angles in the joint range, as `affine_exact` takes them."""
     return [_coefficients(side) for side in joint.sides(theta)]
 
 
 def _coefficients(side: Side) -> tuple[Value, ...]:
-    """As `side` has them, but A, B and their derivatives are evaluated once."""
+    """Return (A, B, a, k', k0) as `side` has them, but with A, B and their derivatives evaluated once."""
     muscle, eps = side.muscle, side.contraction
     assert isinstance(muscle, AffineMuscle)
     A, B = muscle.gain(0.0, eps), muscle.law(0.0, eps)
@@ -65,8 +65,8 @@ def _coefficients(side: Side) -> tuple[Value, ...]:
 
 
 def arrays(values: tuple[Value, ...], n: int) -> tuple[Array, ...]:
-    """Each value as an array (n,) that a compiled loop takes."""
+    """Return each value as an array (n,) that a compiled loop takes."""
     return tuple(np.ascontiguousarray(np.broadcast_to(value, n), dtype=float) for value in values)
 
 
-__all__ = ["Kernel", "Kind", "Law", "arrays", "coefficients", "law_of"]
+__all__ = ["JointKernel", "Kernel", "Kind", "arrays", "coefficients", "kernel_of"]

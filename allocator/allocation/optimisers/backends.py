@@ -5,14 +5,11 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation import exact, kkt
-from allocator.allocation.optimisers.common import Answer, start
+from allocator.allocation import certificate
+from allocator.allocation.optimisers.common import CERTIFIED, Answer, replacement
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
-from allocator.errors import InvalidInput
-from allocator.joint.limits import PressureBox
 
-CERTIFIED = 1e-5  # of the supply range: an answer with a greater residual is not passed on
 _SNAP = 1e-7  # of the supply range: an optimiser's pressure this near to a bound is meant to be on it
 
 Optimiser = Literal["convex", "nlp", "qp"]
@@ -32,35 +29,10 @@ def optimise(problem: Problem, method: str, solver: str | None, warm_start: bool
     """Run the back-end `method`, check every answer, and replace the ones that are not optimal."""
     answer = _run(problem, method, solver, warm_start)
     P1, P2 = _snapped(problem, answer)
-    failed = np.asarray(~(kkt.residual(problem, P1, P2) <= CERTIFIED))
+    failed = np.asarray(~(certificate.residual(problem, P1, P2) <= CERTIFIED))
     if failed.any():
-        P1[failed], P2[failed] = _replacement(problem.take(failed))
+        P1[failed], P2[failed] = replacement(problem.take(failed))
     return Solution(P1, P2, answer.iterations, failed)
-
-
-class RiskySolution(NamedTuple):
-    """A `Solution` under uncertainty, and where there is none."""
-
-    P1: Array
-    P2: Array
-    iterations: NDArray[np.int32]
-    failed: NDArray[np.bool_]
-    box: PressureBox  # the pressures that keep the force limits with the probability asked for
-    infeasible: NDArray[np.bool_]  # where there are none
-
-
-def optimise_under_uncertainty(problem: Problem, risk: float) -> RiskySolution:
-    """Solve problem [U] of `chance`, check every answer, and replace the failed ones by the nominal exact answer."""
-    from allocator.allocation.uncertain import chance
-    from allocator.allocation.uncertain.problem import chance_box
-
-    answer, box = chance.solve(problem, risk), chance_box(problem, risk)
-    infeasible = box.empty | (box.agonist.hi + box.antagonist.hi < box.least_sum)
-    P1, P2 = box.project(answer.P1, answer.P2)
-    failed = ~infeasible & ~(chance.residual(problem, risk, P1, P2) <= CERTIFIED)
-    if (replaced := failed | infeasible).any():
-        P1[replaced], P2[replaced] = _replacement(problem.take(replaced))
-    return RiskySolution(P1, P2, answer.iterations, failed, box, infeasible)
 
 
 def _run(problem: Problem, method: str, solver: str | None, warm_start: bool) -> Answer:
@@ -84,22 +56,4 @@ def _snapped(problem: Problem, answer: Answer) -> tuple[Array, Array]:
     return problem.box.project(P1, P2)
 
 
-def _replacement(problem: Problem) -> tuple[Array, Array]:
-    """The exact answer, or the projected inverse where there is no exact one."""
-    try:
-        P1, P2, _ = exact.solve(problem)
-        return P1, P2
-    except InvalidInput:  # a pull without a closed form
-        P1, P2 = start(problem, warm=True)
-        return P1, P2
-
-
-__all__ = [
-    "CERTIFIED",
-    "OPTIMISERS",
-    "Optimiser",
-    "RiskySolution",
-    "Solution",
-    "optimise",
-    "optimise_under_uncertainty",
-]
+__all__ = ["OPTIMISERS", "Optimiser", "Solution", "optimise"]

@@ -5,13 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation import kkt
+from allocator.allocation import exact
 from allocator.allocation.problem import Problem
+from allocator.allocation.tolerances import OPTIMISER
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from allocator.inverse import solve_inverse
 from allocator.units import BAR
 
-_MET = 1e-12  # of the scale of torque or stiffness: a target missed by less is met
+CERTIFIED = 1e-5  # of the supply range: an answer with a greater residual is not passed on
+_NOTHING = 1e-12  # of the scale of torque or stiffness: a goal missed by less leaves nothing to optimise
 _GRID = 7
 SCALE = BAR  # optimisers see pressures in bar: numbers of order one
 
@@ -50,10 +53,10 @@ def settled(problem: Problem, goal: Goal, P: Array) -> NDArray[np.bool_]:
     errors = np.abs(problem.errors(*P)) / problem.scales
     done = np.asarray(np.isnan(P).any(axis=0))
     if not goal.rho:
-        unmet = [e > _MET for e, w in zip(errors, (goal.w_T, goal.w_K), strict=True) if w]
+        unmet = [e > _NOTHING for e, w in zip(errors, (goal.w_T, goal.w_K), strict=True) if w]
         done |= ~np.any(unmet, axis=0)
     if goal.kept is not None:
-        done |= errors[0 if goal.kept == "torque" else 1] > kkt.MET
+        done |= errors[0 if goal.kept == "torque" else 1] > OPTIMISER.met
     return done
 
 
@@ -78,6 +81,16 @@ def start(problem: Problem, warm: bool) -> Array:
     return np.take_along_axis(candidates, best[None, None], axis=1)[:, 0]
 
 
+def replacement(problem: Problem) -> tuple[Array, Array]:
+    """Return the exact answer for what a back-end failed at, or the projected inverse where there is no exact one."""
+    try:
+        P1, P2, _ = exact.solve(problem)
+        return P1, P2
+    except InvalidInput:  # a pull without a closed form
+        P1, P2 = start(problem, warm=True)
+        return P1, P2
+
+
 def _grid(problem: Problem) -> Array:
     """Points (2, m², n) all over the feasible set."""
     share = np.linspace(0.0, 1.0, _GRID)[:, None]
@@ -87,4 +100,4 @@ def _grid(problem: Problem) -> Array:
     return np.stack(problem.box.project(*(P.reshape(-1, problem.theta.size) for P in corners)))
 
 
-__all__ = ["SCALE", "Answer", "Goal", "goals", "settled", "start"]
+__all__ = ["CERTIFIED", "SCALE", "Answer", "Goal", "goals", "replacement", "settled", "start"]

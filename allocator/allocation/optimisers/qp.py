@@ -33,7 +33,7 @@ def solve(problem: Problem, solver: str | None = None, warm_start: bool = True) 
         floor = (None, None) if np.isinf(qp.least_sum) else (form([[-1.0, -1.0]]), np.array([-qp.least_sum]))
         kept = (None, None) if qp.row is None else (form(qp.row[None]), np.array([qp.right]))
         small = qpsolvers.Problem(form(qp.H), qp.g, *floor, *kept, lb=qp.lo, ub=qp.hi)
-        with warnings.catch_warnings():  # "maximum iterations reached": every answer is checked by `kkt`
+        with warnings.catch_warnings():  # "maximum iterations reached": every answer is checked by `certificate`
             warnings.simplefilter("ignore", UserWarning)
             solution = qpsolvers.solve_problem(small, solver=solver, **_OPTIONS.get(solver, {}))
         return None if solution.x is None else np.asarray(np.clip(solution.x, qp.lo, qp.hi))

@@ -7,16 +7,40 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from allocator.allocation import kkt
+from allocator.allocation import certificate
 from allocator.allocation.optimisers import convex
-from allocator.allocation.optimisers.common import SCALE, Answer, Goal, goals
+from allocator.allocation.optimisers.common import CERTIFIED, SCALE, Answer, Goal, goals, replacement
 from allocator.allocation.problem import Problem
 from allocator.allocation.uncertain.problem import Affine, Uncertain, chance_box, uncertain
 from allocator.calculus import Array
+from allocator.joint.limits import PressureBox
 
 _FORCE = 1e3  # [N] forces are seen in kN
 _SIDES = (0, 1)
+
+
+class RiskySolution(NamedTuple):
+    """A `RiskySolution` is feasible pressures of n problems [U], and where there are none."""
+
+    P1: Array
+    P2: Array
+    iterations: NDArray[np.int32]
+    failed: NDArray[np.bool_]
+    box: PressureBox  # the pressures that keep the force limits with the probability asked for
+    infeasible: NDArray[np.bool_]  # where there are none
+
+
+def optimise(problem: Problem, risk: float) -> RiskySolution:
+    """Solve problem [U], check every answer, and replace the failed ones by the nominal exact answer."""
+    answer, box = solve(problem, risk), chance_box(problem, risk)
+    infeasible = box.empty | (box.agonist.hi + box.antagonist.hi < box.least_sum)
+    P1, P2 = box.project(answer.P1, answer.P2)
+    failed = ~infeasible & ~(residual(problem, risk, P1, P2) <= CERTIFIED)
+    if (replaced := failed | infeasible).any():
+        P1[replaced], P2[replaced] = replacement(problem.take(replaced))
+    return RiskySolution(P1, P2, answer.iterations, failed, box, infeasible)
 
 
 def solve(problem: Problem, risk: float) -> Answer:
@@ -69,7 +93,7 @@ def _solve_one(
     """Pressures (2,) [bar] of problem i, NaN where the solver finds none, and its iterations."""
     values = _values(problem, model, A, b, kept, i)
     shape = (len(b), *(model.force_spreads[j].offset.shape[1] for j in _SIDES))
-    limits = tuple(None if f is None else f / _FORCE for f in (problem.min_force, problem.max_force))
+    limits = tuple(None if f is None else f / _FORCE for f in (problem.limits.min_force, problem.limits.max_force))
     programme = _programme(shape, limits, bool(np.isfinite(values["least"])), kept is not None)
     for name, parameter in programme.parameters.items():
         parameter.value = values[name]
@@ -145,9 +169,9 @@ def residual(problem: Problem, risk: float, P1: Array, P2: Array) -> Array:
         gradient, hessian = (g[0], g[1]), (h[0, 0], h[0, 1], h[1, 1])
         if goal.kept is not None:
             kept = model.errors[0 if goal.kept == "torque" else 1].slope[:, 0]
-            steps.append(kkt.level_step(box, P1, P2, (kept[:, 0], kept[:, 1]), gradient, hessian))
+            steps.append(certificate.level_step(box, P1, P2, (kept[:, 0], kept[:, 1]), gradient, hessian))
         elif problem.priority == "weighted":
-            steps.append(kkt.newton_step(box, P1, P2, gradient, hessian, near=1e-6 * span))
+            steps.append(certificate.newton_step(box, P1, P2, gradient, hessian, near=1e-6 * span))
         else:
             toward = 1 / (hessian[0] + hessian[2])
             Q1, Q2 = box.project(P1 - toward * g[0], P2 - toward * g[1])
@@ -156,4 +180,4 @@ def residual(problem: Problem, risk: float, P1: Array, P2: Array) -> Array:
     return np.asarray(np.where(np.isnan(worst), np.inf, np.maximum(worst, 0.0)))
 
 
-__all__ = ["residual", "solve"]
+__all__ = ["RiskySolution", "optimise", "residual", "solve"]

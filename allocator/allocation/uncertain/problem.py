@@ -61,7 +61,7 @@ def uncertain(problem: Problem, risk: float) -> Uncertain:
     errors = [problem.errors(*P) for P in corners]
     forces = [[side.force(P[i]) for i, side in enumerate(problem.sides)] for P in corners]
     spreads = [spread(problem, *P) for P in corners]
-    limits = 2 * ((problem.min_force is not None) + (problem.max_force is not None))
+    limits = 2 * sum(force is not None for force in (problem.limits.min_force, problem.limits.max_force))
     return Uncertain(
         (affine([e[0] for e in errors]), affine([e[1] for e in errors])),
         (affine([s.torque for s in spreads]), affine([s.stiffness for s in spreads])),
@@ -92,13 +92,13 @@ def _narrowed(problem: Problem, side: Side, interval: PressureInterval, model: U
 
     given = mean.offset[:, 0], mean.slope[:, 0, j]
     index = np.arange(problem.theta.size, dtype=float)
-    if problem.min_force is not None:
-        low = increasing_root(worst, lo, hi, given[0] - problem.min_force, given[1], -np.ones_like(lo), index)
+    if (least := problem.limits.min_force) is not None:
+        low = increasing_root(worst, lo, hi, given[0] - least, given[1], -np.ones_like(lo), index)
         slack = Limit.AGONIST_SLACK if j == 0 else Limit.ANTAGONIST_SLACK
         lo_limit = np.where(np.isneginf(low), interval.lo_limit, np.int32(slack))
         lo = np.where(np.isneginf(low), lo, low)
-    if problem.max_force is not None:
-        high = increasing_root(worst, interval.lo, hi, given[0] - problem.max_force, given[1], np.ones_like(lo), index)
+    if (greatest := problem.limits.max_force) is not None:
+        high = increasing_root(worst, interval.lo, hi, given[0] - greatest, given[1], np.ones_like(lo), index)
         ceiling = Limit.AGONIST_FORCE if j == 0 else Limit.ANTAGONIST_FORCE
         hi_limit = np.where(np.isposinf(high), interval.hi_limit, np.int32(ceiling))
         hi = np.where(np.isposinf(high), hi, high)

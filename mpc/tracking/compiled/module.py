@@ -19,7 +19,7 @@ import numpy as np
 from allocator import AntagonistJoint, units
 from allocator.allocation.kernels import compiled
 from allocator.allocation.kernels import source as kernels
-from allocator.allocation.kernels.choice import coefficients, law_of
+from allocator.allocation.kernels.choice import coefficients, kernel_of
 from allocator.calculus import Array
 from allocator.compilation import jit
 from allocator.compilation.cache import check_own
@@ -58,7 +58,7 @@ def law(plant: Plant, dt: float) -> Law:
     for name, function in _functions(plant).items():
         source = translated(name, function, c.size)
         text, c = text + f"@merged\n{source.text}\n\n", np.concatenate([c, source.c])
-    kernel = law_of(plant.joint)
+    kernel = kernel_of(plant.joint)
     compiled.register()
     step = _imported(_with_law(text + _ALLOCATED[kernel.name]))
     return Law(step, _imported(_ANSWERS.read_text(encoding="utf-8")), c, kernel.p, dt / substeps, substeps)
@@ -105,7 +105,7 @@ def _coefficients(joint: AntagonistJoint) -> dict[str, Any]:
     """What the affine kernel wants to know of both muscles at an angle."""
     import casadi as ca
 
-    if law_of(joint).name != "affine":
+    if kernel_of(joint).name != "affine":
         return {}
     theta = ca.SX.sym("theta")
     sides: list[Any] = [ca.SX(value) for side in coefficients(joint, theta) for value in side]

@@ -11,14 +11,14 @@ from scipy.optimize import brentq
 import allocator
 from allocator import AntagonistJoint, InvalidInput, Lever, Pulley, Status, Table, allocate, report_joint, warm_up
 from allocator.allocation import exact
+from allocator.allocation.arguments import problem_from
 from allocator.allocation.assessment import assess
 from allocator.allocation.kernels import calls
 from allocator.allocation.kernels import source as kernels
 from allocator.allocation.kernels.choice import coefficients
 from allocator.allocation.kernels.compiled import kernel
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
-from allocator.allocation.kernels.question import Question
-from allocator.feasibility.setting import outside_range
+from allocator.joint.limits import Limits
 from allocator.muscles import Hogan1984, Tondu2021
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N, TONDU_MCKIBBEN
 from allocator.units import BAR, DEG
@@ -71,14 +71,14 @@ def mixed_targets(joint, n, seed):
 
 
 def question(joint, theta, K, T, priority="torque", **limits):
-    options = {"min_force": 0.0, "max_force": None, "previous": None, "max_step": None} | limits
-    return Question(joint, theta, K, T, priority, *options.values())
+    return joint, theta, K, T, priority, Limits(**limits)
 
 
 def reference(asked):
-    problem = asked.problem()
+    joint, theta, K, T, priority, limits = asked
+    problem, angles = problem_from(joint, theta, K, T, priority=priority, limits=limits)
     P1, P2, gap = exact.solve(problem)
-    found = assess(problem, P1, P2, outside_range(asked.joint, np.ravel(asked.theta)))
+    found = assess(problem, P1, P2, joint.outside_range(np.ravel(angles)))
     return P1, P2, *found, gap
 
 

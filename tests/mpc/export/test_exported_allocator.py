@@ -9,6 +9,7 @@ import pytest
 from allocator import AntagonistJoint, Lever, report_joint
 from allocator.allocation import Problem, exact
 from allocator.allocation.assessment import assess
+from allocator.joint.limits import Limits
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc.export.entry import export
@@ -49,10 +50,8 @@ needs_qemu = needs("gcc", tools.ARM_GCC, tools.QEMU)
 
 def readable(problem):
     """What the readable implementation, without compiled kernels, answers (n, 6)."""
-    left, right = problem.joint.angle_range
-    below, above = (int(problem.joint.angle_limit(upper)) for upper in (False, True))
-    outside = np.where(problem.theta < left, below, np.where(problem.theta > right, above, 0)).astype(np.int32)
-    problem = problem.at(np.clip(problem.theta, left, right))
+    outside = problem.joint.outside_range(problem.theta)
+    problem = problem.at(np.clip(problem.theta, *problem.joint.angle_range))
     P1, P2, _ = exact.solve(problem)
     found = assess(problem, P1, P2, outside)
     return np.stack([P1, P2, found.T, found.K, found.status, found.limits], axis=1)
@@ -73,8 +72,8 @@ def rows_and_answers(joint, n, seed, dtype=float):
         )
         K[-3:], T[-3:] = (1e-3, 50.0, 1e4), (1e6, -1e6, 0.0)  # absurd, but not senseless
         theta, K, T, P, step = (a.astype(dtype).astype(float) for a in (theta, K, T, P, step))
-        now = {"P1_now": P[0], "P2_now": P[1], "max_step": step} if slew else {}
-        answers.append(readable(Problem(joint, theta, K, T, priority, min_force=least, max_force=greatest, **now)))
+        limits = Limits(least, greatest, previous=(P[0], P[1]), max_step=step) if slew else Limits(least, greatest)
+        answers.append(readable(Problem(joint, theta, K, T, priority, limits=limits)))
         low, high = -np.inf if least is None else least, np.inf if greatest is None else greatest
         step = step if slew else np.full(n, np.inf)
         columns = theta, K, T, low + 0 * K, high + 0 * K, P[0], P[1], step, (priority == "stiffness") + 0 * K
