@@ -1,4 +1,4 @@
-"""Checks of what comes in from outside: one clear sentence for every wrong input."""
+"""What comes in from outside is checked here: one clear sentence for every wrong input."""
 
 import operator
 from typing import Any
@@ -13,7 +13,7 @@ LOOKS_LIKE_BAR = 0.1, 20.0  # [Pa] if the greatest of some pressures lies here, 
 
 
 def real(name: str, value: Any, unit: str) -> Array:
-    """`value` as an array of finite floats: a number, or anything that NumPy takes for an array of real ones."""
+    """Return `value` as an array of finite floats: a number, or anything that NumPy takes for an array of real ones."""
     array = floats(name, value, unit)
     if not np.isfinite(array).all():
         raise InvalidInput(f"{name}{at(array, ~np.isfinite(array))} is not finite [{unit}]")
@@ -21,7 +21,7 @@ def real(name: str, value: Any, unit: str) -> Array:
 
 
 def floats(name: str, value: Any, unit: str) -> Array:
-    """The same, but they need not be finite."""
+    """Return `value` as an array of floats, which need not be finite."""
     _refuse_masks_and_units(name, value, unit)
     try:
         array = np.asarray(value)
@@ -46,7 +46,7 @@ def _refuse_masks_and_units(name: str, value: Any, unit: str) -> None:
 
 
 def brief(value: Any) -> str:
-    """What `value` is, in one line: itself if it is short, else its type, shape and kind of elements."""
+    """Return what `value` is, in one line: itself if it is short, else its type, shape and kind of elements."""
     shown = repr(value)
     if len(shown) <= 60 and "\n" not in shown:
         return shown
@@ -55,7 +55,7 @@ def brief(value: Any) -> str:
 
 
 def count(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """A whole number, `least` or more, and not over `most`."""
+    """Return a whole number, `least` or more, and not over `most`."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -68,14 +68,14 @@ def count(name: str, value: Any, least: int, most: int | None = None) -> int:
 
 
 def at(array: Array, wrong: Any) -> str:
-    """'[3] = nan', the first element of `array` that is `wrong`; ' = nan' for a scalar."""
+    """Return '[3] = nan', the first element of `array` that is `wrong`; ' = nan' for a scalar."""
     index = tuple(int(i[0]) for i in np.nonzero(np.atleast_1d(wrong)))
     place = f"[{', '.join(map(str, index))}]" if array.ndim else ""
     return f"{place} = {np.atleast_1d(array)[index]:g}"
 
 
 def angle(name: str, value: Any) -> Array:
-    """An angle [rad]; more than a turn is taken for degrees and refused."""
+    """Return an angle [rad]; more than a turn is taken for degrees and refused."""
     array = real(name, value, "rad")
     if (wrong := np.abs(array) > 2 * np.pi).any():
         shown = at(array, wrong)
@@ -85,7 +85,7 @@ def angle(name: str, value: Any) -> Array:
 
 
 def contraction(name: str, value: Any) -> Array:
-    """A contraction ratio; more than 1 is taken for percent and refused."""
+    """Return a contraction ratio; more than 1 is taken for percent and refused."""
     array = real(name, value, "ratio")
     if (wrong := np.abs(array) > 1).any():
         raise InvalidInput(f"{name}{at(array, wrong)} is no contraction ratio; if percent was meant, divide by 100")
@@ -93,7 +93,7 @@ def contraction(name: str, value: Any) -> Array:
 
 
 def stiffness(name: str, value: Any) -> Array:
-    """A stiffness [N·m/rad], positive."""
+    """Return a stiffness [N·m/rad], positive."""
     array = real(name, value, "N·m/rad")
     if (wrong := array <= 0).any():
         raise InvalidInput(f"{name}{at(array, wrong)} N·m/rad has to be positive")
@@ -101,7 +101,7 @@ def stiffness(name: str, value: Any) -> Array:
 
 
 def pressure(name: str, value: Any) -> Array:
-    """Gauge pressure(s) [Pa]; values that can only be bar are refused."""
+    """Return gauge pressure(s) [Pa]; values that can only be bar are refused."""
     array = real(name, value, "Pa")
     greatest = float(np.abs(array).max(initial=0.0))
     if LOOKS_LIKE_BAR[0] <= greatest <= LOOKS_LIKE_BAR[1]:
@@ -110,7 +110,7 @@ def pressure(name: str, value: Any) -> Array:
 
 
 def pressure_and_contraction(P: Any, eps: Any) -> tuple[Any, Any]:
-    """The arguments of a force law, P [Pa] and ε [-]; CasADi symbols and complex numbers (of a complex step) pass."""
+    """Return the arguments of a force law, P [Pa] and ε [-]; CasADi symbols and complex numbers pass."""
     if any(is_symbol(x) or (isinstance(x, complex | np.ndarray) and np.iscomplexobj(x)) for x in (P, eps)):
         return P, eps
     ratio, greatest = real("eps", eps, "ratio"), np.abs(real("P", P, "Pa")).max(initial=0.0)
@@ -122,12 +122,12 @@ def pressure_and_contraction(P: Any, eps: Any) -> tuple[Any, Any]:
 
 
 def _as_number(value: Any, checked: Array) -> Any:
-    """`value` itself if it is a number, so that the answer is one too."""
+    """Return `value` itself if it is a number, so that the answer is one too."""
     return value if isinstance(value, float | int) else checked
 
 
 def positive_pressure(name: str, value: Any) -> Array:
-    """A pressure [Pa] above zero."""
+    """Return a pressure [Pa] above zero."""
     array = pressure(name, value)
     if (wrong := array <= 0).any():
         raise InvalidInput(f"{name}{at(array, wrong)} Pa has to be positive")
@@ -135,7 +135,7 @@ def positive_pressure(name: str, value: Any) -> Array:
 
 
 def pressure_pair(name: str, value: Any, labels: tuple[str, str]) -> dict[str, Array]:
-    """The pressures (P1, P2) [Pa], under the names `labels`."""
+    """Return the pressures (P1, P2) [Pa], under the names `labels`."""
     try:
         P1, P2 = value
     except (TypeError, ValueError):
@@ -146,7 +146,7 @@ def pressure_pair(name: str, value: Any, labels: tuple[str, str]) -> dict[str, A
 
 
 def number(name: str, value: Any, unit: str) -> float:
-    """One finite real number."""
+    """Return one finite real number."""
     array = real(name, value, unit)
     if array.ndim:
         raise InvalidInput(f"{name} = {brief(value)} has to be one number [{unit}]")
@@ -154,7 +154,7 @@ def number(name: str, value: Any, unit: str) -> float:
 
 
 def not_negative(name: str, value: Any, unit: str) -> float:
-    """One number that is zero or more."""
+    """Return one number that is zero or more."""
     found = number(name, value, unit)
     if found < 0:
         raise InvalidInput(f"{name} = {brief(value)} has to be one number that is not negative [{unit}]")
@@ -162,7 +162,7 @@ def not_negative(name: str, value: Any, unit: str) -> float:
 
 
 def limits(name: str, value: Any, unit: str) -> tuple[float, float]:
-    """A lower and an upper limit, two numbers."""
+    """Return a lower and an upper limit, two numbers."""
     array = real(name, value, unit)
     if array.shape != (2,):
         raise InvalidInput(f"{name} = {brief(value)} has to be two numbers (lower, upper) [{unit}]")
@@ -170,7 +170,7 @@ def limits(name: str, value: Any, unit: str) -> tuple[float, float]:
 
 
 def probability(name: str, value: Any) -> float:
-    """A number between 0 and 1/2, exclusive."""
+    """Return a number between 0 and 1/2, exclusive."""
     found = number(name, value, "probability")
     if not 0 < found < 0.5:
         raise InvalidInput(f"{name} = {value!r} has to be a probability between 0 and 0.5, such as 0.05")
@@ -178,7 +178,7 @@ def probability(name: str, value: Any) -> float:
 
 
 def covariance(name: str, value: Any, size: int | None = None) -> tuple[tuple[float, ...], ...]:
-    """The rows of a covariance matrix, of `size` parameters if that is given: symmetric, no variance negative."""
+    """Return the rows of a covariance matrix, of `size` parameters if given: symmetric, no variance negative."""
     expected = "a square matrix of finite numbers" if size is None else f"{size} rows of {size} finite numbers"
     try:
         C = real(name, value, "products of the parameters' units")
@@ -197,7 +197,7 @@ def covariance(name: str, value: Any, size: int | None = None) -> tuple[tuple[fl
 
 
 def pressures_or_symbols(P1: Any, P2: Any) -> tuple[Any, Any]:
-    """Gauge pressures [Pa] of both muscles, of which one may be next to nothing; CasADi symbols pass."""
+    """Return gauge pressures [Pa] of both muscles, of which one may be next to nothing; CasADi symbols pass."""
     if is_symbol(P1) or is_symbol(P2):
         return P1, P2
     pair = real("P1", P1, "Pa"), real("P2", P2, "Pa")
@@ -207,12 +207,12 @@ def pressures_or_symbols(P1: Any, P2: Any) -> tuple[Any, Any]:
 
 
 def angle_or_symbol(name: str, value: Any) -> Any:
-    """An angle, but CasADi symbols pass."""
+    """Return an angle [rad], but let CasADi symbols pass."""
     return value if is_symbol(value) else angle(name, value)
 
 
 def broadcast(**arrays: Array) -> tuple[Array, ...]:
-    """All arrays in their common shape; an error that names the shapes when there is none."""
+    """Return all arrays in their common shape; an error that names the shapes when there is none."""
     try:
         return np.broadcast_arrays(*arrays.values())
     except ValueError:

@@ -1,4 +1,4 @@
-"""The analytic inverse (θ, K, T) → (P1, P2), without limits.
+"""The analytic inverse leads from (θ, K, T) to (P1, P2), without limits.
 
 By [M] (see `allocator.muscles.base`) the Jacobian of (P1, P2) ↦ (T, K) on a pulley has positive principal minors up to
 the sign of P2: it is a P-matrix, and a map whose Jacobian is a P-matrix on a rectangle is injective there (Gale &
@@ -22,13 +22,13 @@ _SEARCHED = (0.0, 20e5)  # [Pa] where pressures are looked for when there is no 
 
 
 def inverse(theta: ArrayLike, K: ArrayLike, T: ArrayLike = 0.0, *, joint: AntagonistJoint | None = None) -> Pair:
-    """The pressures (P1, P2) [Pa] that give torque `T` [N·m] and stiffness `K` [N·m/rad] at `theta` [rad]; broadcasts.
+    """Find the pressures (P1, P2) [Pa] that give torque `T` [N·m] and stiffness `K` [N·m/rad] at `theta` [rad].
 
-    No limit is respected: the answer may be negative, beyond the supply or leave a cable slack; use `allocate` for
-    pressures to apply. NaN where no inverse exists. `joint` defaults to the report's. Closed form for affine muscles in
-    any geometry (the report's (9)–(10) is the McKibben case) and for two equal Tondu2021 on a pulley; otherwise all
-    pairs within 0 … 20 bar are found (`allocator.search`), and the highest is given. Raises InvalidInput for arguments
-    that make no sense.
+    Arguments broadcast. No limit is respected: the answer may be negative, beyond the supply or leave a cable slack;
+    use `allocate` for pressures to apply. NaN where no inverse exists. `joint` defaults to the report's. Closed form
+    for affine muscles in any geometry (the report's (9)–(10) is the McKibben case) and for two equal Tondu2021 on a
+    pulley; otherwise all pairs within 0 … 20 bar are found (`allocator.search`), and the highest is given. Raises
+    InvalidInput for arguments that make no sense.
     """
     joint = report_joint() if joint is None else joint
     theta, K, T = checks.broadcast(
@@ -38,7 +38,7 @@ def inverse(theta: ArrayLike, K: ArrayLike, T: ArrayLike = 0.0, *, joint: Antago
 
 
 def solve_inverse(joint: AntagonistJoint, theta: Array, K: Array, T: Array) -> Pair:
-    """`inverse` of checked arrays of one shape."""
+    """Find the `inverse` of checked arrays of one shape."""
     if joint.tondu_pulley:
         return joint.tondu_pulley.inverse(theta, K, T)
     if joint.affine:
@@ -48,7 +48,7 @@ def solve_inverse(joint: AntagonistJoint, theta: Array, K: Array, T: Array) -> P
 
 
 def _highest_pair(sides: Sides, K: Array, T: Array) -> Pair:
-    """Of all pairs that give (T, K) that with the highest pressures, where a model is most likely to hold; else NaN."""
+    """Return the pair with the highest pressures that gives (T, K), where a model is most likely to hold; else NaN."""
     if not T.size:
         return T, T
     one, two = (side.interval(_SEARCHED, Limits(min_force=None)) for side in sides)
@@ -73,7 +73,7 @@ def affine_inverse(sides: Sides, K: Array, T: Array) -> Pair:
 
 
 def why_no_inverse(joint: AntagonistJoint) -> str:
-    """One sentence on where the inverse of this joint fails to exist."""
+    """Return one sentence on where the inverse of this joint fails to exist."""
     if closed := joint.tondu_pulley:
         return f"with this muscle K has to lie between {closed.K_floor:.4g} and K_crit = {closed.K_crit:.4g} N·m/rad"
     if joint.affine:

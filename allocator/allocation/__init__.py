@@ -1,4 +1,4 @@
-"""From torque and stiffness targets to pressures: the problem, its solvers, and the answer."""
+"""`allocate` leads from torque and stiffness targets to pressures: the problem, its solvers, and the answer."""
 
 from allocator.allocation.entry import allocate
 from allocator.allocation.kernels.calls import warm_up

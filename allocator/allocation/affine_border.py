@@ -1,4 +1,4 @@
-"""Candidates for the optimum of affine muscles on the border of the feasible set.
+"""`border_points` lists candidates for the optimum of affine muscles on the border of the feasible set.
 
 Along a straight line P = start + s·direction torque and stiffness are affine in s: on an edge of the box, and on the
 co-contraction floor, where P1 + P2 is constant. The optimum on the line is where the torque or the stiffness is met, or
@@ -17,7 +17,7 @@ from allocator.joint.torque_levels import Pair
 
 
 def border_points(problem: Problem) -> Pair:
-    """All candidates (P1, P2), each (m, n), on the edges and at the corners."""
+    """Return all candidates (P1, P2), each (m, n), on the edges and at the corners."""
     P1, P2 = [], []
     for (start1, start2), (d1, d2), length in _lines(problem.box):
         found = (np.clip(s, 0.0, length) for s in _solutions(problem, start1, start2, d1, d2))
@@ -40,7 +40,7 @@ def _lines(box: PressureBox) -> Iterator[tuple[Pair, tuple[int, int], Array]]:
 
 
 def _solutions(problem: Problem, P1: Array, P2: Array, d1: int, d2: int) -> tuple[Array, ...]:
-    """How far from (P1, P2) in the direction (d1, d2) the optimum may lie; 0 where a goal is the same all along."""
+    """Return how far from (P1, P2) along (d1, d2) the optimum may lie; 0 where a goal is the same all along."""
     (one, two), (R1, R2), (w_T, w_K), rho = problem.sides, problem.P_ref, problem.weights, problem.pull
     e_T, e_K = problem.errors(P1, P2)
     t = d1 * one.torque_gain(0.0) + d2 * two.torque_gain(0.0)

@@ -256,7 +256,7 @@ def _allocation(
         joint=problem.joint,
         priority=problem.priority,
         _within=problem.limits,
-        _posed=problem,
+        _built=problem,
         _shape=shape,
     )
 

@@ -1,4 +1,4 @@
-"""The global optimum of the allocation problem: in closed form for affine muscles, by a complete search for others.
+"""`solve` finds the global optimum: in closed form for affine muscles, by a complete search for others.
 
 Without a pull (ρ = 0) an interior stationary point of [A] satisfies JᵀW r = 0 with the Jacobian J. Where that is
 invertible the residual r is zero: it is the analytic inverse. For affine muscles J is constant at an angle. Hence
@@ -28,7 +28,7 @@ _TIE = 1e-13  # torques or stiffnesses closer than this fraction of their scale 
 
 
 class Optimum(NamedTuple):
-    """Optimal pressures, each (n,), and how much is not proved."""
+    """An `Optimum` is the optimal pressures, each (n,), and how much is not proved."""
 
     P1: Array  # [Pa]
     P2: Array
@@ -36,7 +36,7 @@ class Optimum(NamedTuple):
 
 
 def solve(problem: Problem) -> Optimum:
-    """The optimum of n problems. Raises InvalidInput for a pull on muscles for which there is no closed form."""
+    """Return the optimum of n problems. Raises InvalidInput for a pull on muscles for which there is no closed form."""
     if problem.joint.affine or problem.pull:
         return Optimum(*_closed(problem), np.zeros(problem.theta.shape))
     T, K, now = problem.T_aim, problem.K_aim, problem.limits.previous
@@ -45,7 +45,7 @@ def solve(problem: Problem) -> Optimum:
 
 
 def gap_units(problem: Problem) -> Pair:
-    """What a gap of the first and of the second goal is a fraction of: their scales, or that of the weighted cost."""
+    """Return what a gap of either goal is a fraction of: their scales, or that of the weighted cost."""
     T_scale, K_scale = problem.scales
     if problem.priority == "weighted":
         w_T, w_K = problem.weights
@@ -55,7 +55,7 @@ def gap_units(problem: Problem) -> Pair:
 
 
 def determinant_signs(problem: Problem) -> Array:
-    """The sign of det ∂(T, K)/∂(P1, P2) where it is proved to be the same all over the box (n,), else 0.
+    """Return the sign of det ∂(T, K)/∂(P1, P2) where it is proved to be the same all over the box (n,), else 0.
 
     Where it is not 0 no two pairs of pressures give the same torque and stiffness (the columns of the Jacobian depend
     on one pressure each), and along a torque level the stiffness rises (1) or falls (-1). Affine muscles: the
@@ -74,7 +74,7 @@ def determinant_signs(problem: Problem) -> Array:
 
 
 def _closed(problem: Problem) -> Pair:
-    """The best of the inverse (or what takes its place) and the candidates on the border."""
+    """Return the best of the inverse (or what takes its place) and the candidates on the border."""
     P1, P2 = _pulled_optimum(problem) if problem.pull else affine_inverse(problem.sides, problem.K_aim, problem.T_aim)
     inside = problem.box.contains(P1, P2)
     P1, P2 = np.where(inside, P1, np.nan), np.where(inside, P2, np.nan)
@@ -84,7 +84,7 @@ def _closed(problem: Problem) -> Pair:
 
 
 def _pulled_optimum(problem: Problem) -> Pair:
-    """Where the quadratic cost is stationary, or, for priority "torque", its restriction to the torque level."""
+    """Return where the quadratic cost is stationary, or, for priority "torque", is so along the torque level."""
     if not problem.joint.affine or problem.priority == "stiffness":
         raise InvalidInput(
             "method='exact' has no closed form for a pull with these muscles and this priority; "
@@ -108,7 +108,7 @@ def _pulled_optimum(problem: Problem) -> Pair:
 
 
 def _best(problem: Problem) -> Pair:
-    """The best of all candidates on the border."""
+    """Return the best of all candidates on the border."""
     P1, P2 = border_points(problem)  # (m, n)
     first, second, tie = ranking(problem, P1, P2)
     infeasible = ~problem.box.contains(P1, P2, tolerance=_TIE * problem.joint.pressure_span)
@@ -119,7 +119,7 @@ def _best(problem: Problem) -> Pair:
 
 
 def ranking(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array, Array]:
-    """(first cost, second cost, what counts as a tie of the first) at pressures (…, n): lower is better."""
+    """Return (first cost, second cost, what counts as a tie of the first) at pressures (…, n): lower is better."""
     (e_T, e_K), pulled, (T_scale, K_scale) = problem.errors(P1, P2), problem.pull_cost(P1, P2), problem.scales
     if problem.priority == "weighted":
         w_T, w_K = problem.weights

@@ -1,4 +1,4 @@
-"""Torque that the muscles have to add to overcome their friction, for the intended direction of motion s.
+"""The muscles have to add torque to overcome their friction, for the intended direction of motion s.
 
 The link is to get T, so that the muscles have to give T + μ s (a1 F1 + a2 F2), which depends on the pressures that give
 it. Put in and allocated again, it changes by at most a share μ each time (its derivative along either pressure is
@@ -22,7 +22,7 @@ _ROUNDS = 60
 
 
 def checked_direction(direction: Any) -> Array:
-    """Directions of motion, between -1 and +1; what lies between is a share, for smooth changes."""
+    """Return directions of motion, between -1 and +1; what lies between is a share, for smooth changes."""
     s = checks.real("direction", direction, "-1 to +1")
     if (wrong := np.abs(s) > 1).any():
         raise InvalidInput(
@@ -32,7 +32,7 @@ def checked_direction(direction: Any) -> Array:
 
 
 def with_friction(solve: Callable[[Problem], Allocation], problem: Problem, s: Array) -> Allocation:
-    """The answer of `solve` that leaves the torque of `problem` for the link moving in the directions `s` (n,)."""
+    """Return the answer of `solve` that leaves the torque of `problem` for the link moving in directions `s` (n,)."""
     wanted, mu = problem.T, problem.joint.friction
     for _ in range(_ROUNDS):
         found = solve(problem)

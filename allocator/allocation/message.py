@@ -1,4 +1,4 @@
-"""What an answer says of itself, in one sentence."""
+"""`sentence` puts what an answer says of itself into words."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +12,7 @@ from allocator.units import BAR, DEG
 
 
 def sentence(a: Any) -> str:
-    """What was reached and what is in the way, of the `Allocation` of one target."""
+    """Return what was reached and what is in the way, of the `Allocation` of one target."""
     status = Status(a.status)
     detail = _DETAILS.get(status)
     return status.advice if detail is None else f"{status.advice} ({detail(a)}{_limits(a)})"
@@ -29,7 +29,7 @@ def _at(a: Any) -> str:
 
 
 def _torque(a: Any) -> str:
-    """The torques that exist: all, or those with the stiffness given where that is what is in the way."""
+    """Return the torques that exist: all, or those with the stiffness given where that is what is in the way."""
     T_min, T_max = a.torque_interval
     if a.priority != "stiffness" and not T_min <= a.T_target <= T_max:
         return f"torque at {_at(a)} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}"

@@ -1,4 +1,4 @@
-"""Pressures for a whole trajectory where several pairs give the same torque and stiffness.
+"""Pressures are planned here for a whole trajectory, where several pairs give the same torque and stiffness.
 
 Chosen one sample at a time, as the least or as the nearest to the last, a sheet of pairs may end at a limit, and the
 pressures have to jump to another one. Dynamic programming over the pairs of all samples jumps only where it must.
@@ -14,7 +14,7 @@ from allocator.joint.torque_levels import Pair
 
 
 def planned(problem: Problem, P1: Array, P2: Array, met: Mask, shape: tuple[int, ...], axis: int) -> Pair:
-    """The pairs, equal to (P1, P2) in what they give, with the least sum of squared steps along an axis of `shape`.
+    """Return the pairs that give what (P1, P2) give, with the least sum of squared steps along an axis of `shape`.
 
     Where the targets are not `met` the pressures stay as they are: what misses as little as possible is one pair.
     """
@@ -28,7 +28,7 @@ def planned(problem: Problem, P1: Array, P2: Array, met: Mask, shape: tuple[int,
 
 
 def _candidates(problem: Problem, P1: Array, P2: Array, met: Mask) -> Array:
-    """All pairs of each sample (n, m, 2) [Pa]: the first is (P1, P2), NaN where there are fewer than m."""
+    """Return all pairs of each sample (n, m, 2) [Pa]: the first is (P1, P2), NaN where there are fewer than m."""
     several = met & (exact.determinant_signs(problem) == 0)
     first = np.stack([P1, P2], 1)[:, None]
     if not several.any():
@@ -41,7 +41,7 @@ def _candidates(problem: Problem, P1: Array, P2: Array, met: Mask) -> Array:
 
 
 def _least_steps(pairs: Array) -> Array:
-    """The path through one pair a step with the least sum of squared steps: (steps, k, m, 2) → (steps, k, 2)."""
+    """Return the path through one pair a step with the least sum of squared steps, (steps, k, m, 2) → (steps, k, 2)."""
     steps, k, m, _ = pairs.shape
     came_from = np.zeros((steps, k, m), np.intp)
     cost = np.where(np.isnan(pairs[0, :, :, 0]), np.inf, 0.0)  # (k, m)

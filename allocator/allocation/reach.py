@@ -1,4 +1,4 @@
-"""What can be had in a box of pressures at an angle: stiffnesses at a torque, torques at a stiffness.
+"""What a box of pressures can give at an angle is found here: stiffnesses at a torque, torques at a stiffness.
 
 At a torque the stiffnesses are one interval, as the torque level is connected. At a stiffness the torques are a union
 of intervals, of up to three in all that was tried: the stiffness may turn, and its level fall apart.
@@ -17,7 +17,7 @@ _FAR = 1e3  # times all that there is: what is nearest to that is the extreme
 
 
 def stiffness_ends(problem: Problem, T: Array, signs: Array | None = None) -> tuple[Pair, Pair]:
-    """The pressures of the least and of the greatest stiffness at the torques T (n,) [N·m]; NaN out of reach.
+    """Return the pressures of the least and of the greatest stiffness at the torques T (n,) [N·m]; NaN out of reach.
 
     These are the ends of the torque level where the determinant keeps its sign, which `signs` are if they are known.
     """
@@ -38,33 +38,33 @@ def stiffness_ends(problem: Problem, T: Array, signs: Array | None = None) -> tu
 
 
 def stiffness_range(problem: Problem) -> tuple[Pair, Pair]:
-    """The pressures of the least and of the greatest stiffness at any torque."""
+    """Return the pressures of the least and of the greatest stiffness at any torque."""
     far = _FAR * problem.scales[1]
     (low1, low2, _), (high1, high2, _) = (search.optima(problem.curves, problem.T, K, "stiffness") for K in (-far, far))
     return (low1, low2), (high1, high2)
 
 
 def torque_ends(problem: Problem, K: Array) -> tuple[Pair, Pair]:
-    """The pressures of the least and of the greatest torque at the stiffnesses K (n,), brought within reach."""
+    """Return the pressures of the least and of the greatest torque at the stiffnesses K (n,), brought within reach."""
     far = _FAR * problem.scales[0]
     (low1, low2, _), (high1, high2, _) = (search.optima(problem.curves, T, K, "stiffness") for T in (-far, far))
     return (low1, low2), (high1, high2)
 
 
 def stiffness_interval(problem: Problem, T: Array) -> Pair:
-    """[K_min, K_max] [N·m/rad] at the torques T (n,), which are brought within reach; NaN for NaN."""
+    """Return [K_min, K_max] [N·m/rad] at the torques T (n,), which are brought within reach; NaN for NaN."""
     T_min, T_max = torque_interval(problem.sides, problem.box)
     low, high = stiffness_ends(problem, np.clip(T, T_min, T_max))
     return stiffness(problem.sides, low), stiffness(problem.sides, high)
 
 
 def torque_intervals(problem: Problem, K: Array) -> Array:
-    """The intervals of torques at the stiffnesses K (n,), brought within reach: (n, m, 2) [N·m], NaN where fewer."""
+    """Return the intervals of torques at the stiffnesses K (n,), brought within reach: (n, m, 2) [N·m] or NaN."""
     return search.torque_intervals(problem.curves, K)[1]
 
 
 def pairs(problem: Problem, T: Array, K: Array) -> NDArray[np.intp]:
-    """How many pairs of pressures within the limits give these torques and stiffnesses (n,)."""
+    """Return how many pairs of pressures within the limits give these torques and stiffnesses (n,)."""
     count = np.ones(T.shape, np.intp)
     several = exact.determinant_signs(problem) == 0
     if several.any():

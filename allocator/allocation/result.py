@@ -1,4 +1,4 @@
-"""What an allocation answers: pressures, what they achieve, and which limits bind.
+"""An `Allocation` is the answer: pressures, what they achieve, and which limits bind.
 
 Everything here is computed from the pressures themselves; nothing is taken from a back-end's word.
 """
@@ -30,7 +30,7 @@ _STATUS = tuple(Status)
 
 @dataclass(frozen=True, eq=False)
 class Allocation:
-    """The answer of `allocate`. A scalar call gives floats, otherwise arrays of the targets' broadcast shape."""
+    """An `Allocation` is the answer of `allocate`: floats for scalars, else arrays of the targets' broadcast shape."""
 
     theta: Any  # joint angle asked for [rad]
     T_target: Any  # torque asked for [N·m]
@@ -47,34 +47,34 @@ class Allocation:
     method: str = "exact"
     iterations: Any = None  # of an optimising method
     _gap: Any = field(default=0.0, repr=False)  # `gap` where the method has proved one, else None
-    _posed: Problem | None = field(default=None, repr=False)  # None: nothing else was asked, it is made when needed
+    _built: Problem | None = field(default=None, repr=False)  # None: nothing else was asked, it is made when needed
     _shape: tuple[int, ...] = field(default=(), repr=False)  # of the targets
 
     @cached_property
     def _problem(self) -> Problem:
-        if self._posed is not None:
-            return self._posed
+        if self._built is not None:
+            return self._built
         targets = self.theta, self.K_target, self.T_target
         return problem_from(self.joint, *targets, limits=self._within, priority=self.priority)[0]
 
     @property
     def success(self) -> Any:
-        """Whether both targets are met."""
+        """Return whether both targets are met."""
         return self.status == Status.EXACT
 
     @property
     def T_error(self) -> Any:
-        """Torque asked minus given [N·m]."""
+        """Return the torque asked minus given [N·m]."""
         return self.T_target - self.T
 
     @property
     def K_error(self) -> Any:
-        """Stiffness asked minus given [N·m/rad]."""
+        """Return the stiffness asked minus given [N·m/rad]."""
         return self.K_target - self.K
 
     @property
     def active(self) -> Any:
-        """Names of the limits that bind: "P1 upper", "agonist slack", …; a tuple, or an array of tuples.
+        """Return the names of the limits that bind: "P1 upper", "agonist slack", …; a tuple, or an array of tuples.
 
         A limit binds where the pressure lies on it, up to 1e-9 of the supply range; of limits that lie at one pressure
         all bind, since relieving one does not help. Supply and validity of the model count as one limit, the lower.
@@ -83,7 +83,7 @@ class Allocation:
 
     @property
     def broken(self) -> Any:
-        """Names of the limits that are not kept, since the slew limit or others allow no pressure that would keep them.
+        """Return the names of the limits that are not kept, since the slew limit or others allow no such pressure.
 
         Of method "analytic", which knows no limits, whatever it breaks. A tuple, or an array of tuples.
         """
@@ -100,17 +100,17 @@ class Allocation:
 
     @cached_property
     def torque_interval(self) -> Pair:
-        """[T_min, T_max] [N·m] that can be reached at the angle."""
+        """Return [T_min, T_max] [N·m] that can be reached at the angle."""
         return self._shaped(*torque_interval(self._problem.sides, self._problem.box))
 
     @cached_property
     def stiffness_interval(self) -> Pair:
-        """[K_min, K_max] [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer."""
+        """Return [K_min, K_max] [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer."""
         return self._shaped(*reach.stiffness_interval(self._problem, np.ravel(self.T)))
 
     @cached_property
     def torque_intervals(self) -> Array:
-        """The intervals [T_min, T_max] [N·m] that can be reached at the angle with the stiffness given: (…, m, 2).
+        """Return the intervals [T_min, T_max] [N·m] within reach at the angle with the stiffness given: (…, m, 2).
 
         A union of m intervals at most, NaN where a target has fewer; m is 1 for affine muscles and on the report's
         joint.
@@ -120,7 +120,7 @@ class Allocation:
 
     @cached_property
     def gap(self) -> Any:
-        """How much better an answer might be than this one, for all that is proved; 0 for closed forms.
+        """Return how much better an answer might be than this one, for all that is proved; 0 for closed forms.
 
         A fraction of the scale of the goal that is missed, or of the weighted cost with both at their scales. Searches
         (muscles that are not affine) prove some 1e-13, up to rounding. Of an optimising method it is how much worse
@@ -133,7 +133,7 @@ class Allocation:
 
     @cached_property
     def pairs(self) -> Any:
-        """How many pairs of pressures within the limits give this torque and this stiffness: 1, on levers also more.
+        """Return how many pairs of pressures within the limits give this torque and stiffness: 1, on levers also more.
 
         The least of them is answered, or with `previous` the nearest to these pressures; see `along` of `allocate`.
         """
@@ -146,7 +146,7 @@ class Allocation:
 
     @cached_property
     def K_std(self) -> Any:
-        """Standard deviation of K [N·m/rad] from the covariance of the fitted muscles; None if they have none.
+        """Return the standard deviation of K [N·m/rad] from the covariance of fitted muscles; None if they have none.
 
         The error of the muscle law itself is not in it: compare models to see that.
         """
@@ -155,18 +155,18 @@ class Allocation:
 
     @cached_property
     def forces(self) -> Pair:
-        """Muscle forces (F1, F2) [N] at these pressures."""
+        """Return the muscle forces (F1, F2) [N] at these pressures."""
         one, two = self._problem.sides
         return self._shaped(one.force(np.ravel(self.P1)), two.force(np.ravel(self.P2)))
 
     @property
     def torques(self) -> tuple[Array, Array]:
-        """What agonist (a1 F1) and antagonist (-a2 F2) add to the torque, in one row [N·m]."""
+        """Return what agonist (a1 F1) and antagonist (-a2 F2) add to the torque, in one row [N·m]."""
         one, two = self._problem.sides
         return one.torque(np.ravel(self.P1)), two.torque(np.ravel(self.P2))
 
     def jacobian(self) -> Array:
-        """dP/d(θ, K, T), shape (…, 2, 3) [Pa/rad, Pa·rad/(N·m), Pa/(N·m)], with the active set held.
+        """Return dP/d(θ, K, T), shape (…, 2, 3) [Pa/rad, Pa·rad/(N·m), Pa/(N·m)], with the active set held.
 
         One-sided where the active set is about to change; NaN where there is no answer, and where the stiffness turns
         (on some levers), so that the equations are singular. Raises InvalidInput for answers under uncertainty.
@@ -180,7 +180,7 @@ class Allocation:
 
     @property
     def message(self) -> str:
-        """One sentence: what was reached, what is in the way."""
+        """Return a sentence that says what was reached and what is in the way."""
         if self._shape:
             values, counts = np.unique(self.status, return_counts=True)
             listed = ", ".join(f"{n} {Status(v).name}" for v, n in zip(values, counts, strict=True))
@@ -188,7 +188,7 @@ class Allocation:
         return sentence(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """The answer in the columns of a table, units in their names: what `pandas.DataFrame` takes.
+        """Return the answer in the columns of a table, units in their names: what `pandas.DataFrame` takes.
 
         Of arrays every column is one row (n,), the targets in C order; of a single target every value is a scalar, and
         the dictionary one row: ``DataFrame([a.to_dict()])``. Status and binding limits are given by their names.
@@ -211,7 +211,7 @@ class Allocation:
         }
 
     def __repr__(self) -> str:
-        """The pressures, what they give and what is in the way; of arrays their ranges."""
+        """Show the pressures, what they give and what is in the way; of arrays their ranges."""
         P1, P2 = np.divide(self.P1, BAR), np.divide(self.P2, BAR)
         if self._shape:
             angles = span(np.divide(self.theta, DEG), "°")
@@ -225,7 +225,7 @@ class Allocation:
         return "\n".join([*lines, f"  {self.message}"] if self.status != Status.EXACT else lines)
 
     def _repr_html_(self) -> str:
-        """The same as a table, for notebooks."""
+        """Return the answer as a table, for notebooks."""
         quantities = (
             ("angle [°]", np.divide(self.theta, DEG), None),
             ("torque [N·m]", self.T, self.T_target),
@@ -273,7 +273,7 @@ def from_fields(fields: dict[str, Any]) -> Allocation:
 
 
 def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
-    """The flat array in the shape of the targets, read-only; a Python scalar for shape ()."""
+    """Return the flat array in the shape of the targets, read-only; a Python scalar for shape ()."""
     if not shape:
         return array.item()
     view = array.reshape(shape) if array.ndim != 1 or len(shape) != 1 else array.view()

@@ -1,4 +1,4 @@
-"""How the allocated pressures move with angle, stiffness and torque while the active set stays as it is.
+"""`jacobian` says how the allocated pressures move with angle, stiffness and torque while the active set is held.
 
 An answer is the solution of two equations G(P; θ, K*, T*) = 0, hence dP = -G_P⁻¹ G_x dx. Where both targets are met
 they are T = T* and K = K*. Otherwise every limit that is met takes an equation, P_i = b_i(θ) or P1 + P2 = 2 P_co, and
@@ -21,7 +21,7 @@ _H = 1e-4  # step of the five-point difference, in rad or in supply ranges: erro
 
 
 def jacobian(problem: Problem, P1: Array, P2: Array) -> Array:
-    """dP/d(θ, K, T), (n, 2, 3); NaN where the equations are singular."""
+    """Return dP/d(θ, K, T), (n, 2, 3); NaN where the equations are singular."""
     first, second = _free_rows(problem, P1, P2)
     e_T, e_K = np.abs(problem.errors(P1, P2))
     missed = (e_T > CLOSED_FORM.met * problem.scales[0]) | (e_K > CLOSED_FORM.met * problem.scales[1])
@@ -47,7 +47,7 @@ def jacobian(problem: Problem, P1: Array, P2: Array) -> Array:
 
 
 def _free_rows(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array]:
-    """The two equations where no limit holds."""
+    """Return the two equations where no limit holds."""
     torque, stiffness = _torque_row(problem, P1, P2), _stiffness_row(problem, P1, P2)
     if not problem.pull:
         return torque, stiffness
@@ -57,7 +57,7 @@ def _free_rows(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array]:
 
 
 def _rest_row(problem: Problem, P1: Array, P2: Array, direction: tuple[float, float]) -> Array:
-    """What is left to satisfy along the free direction."""
+    """Return what is left to satisfy along the free direction."""
     if problem.priority == "torque":
         return _torque_row(problem, P1, P2)
     if problem.priority == "stiffness":
@@ -66,21 +66,21 @@ def _rest_row(problem: Problem, P1: Array, P2: Array, direction: tuple[float, fl
 
 
 def _torque_row(problem: Problem, P1: Array, P2: Array) -> Array:
-    """T(θ, P) - T* = 0; ∂T/∂θ = -K by definition."""
+    """Return the row of T(θ, P) - T* = 0; ∂T/∂θ = -K by definition."""
     one, two = problem.sides
     K = one.stiffness(P1) + two.stiffness(P2)
     return _row(one.torque_gain(P1), two.torque_gain(P2), -K, 0.0, -1.0)
 
 
 def _stiffness_row(problem: Problem, P1: Array, P2: Array) -> Array:
-    """K(θ, P) - K* = 0."""
+    """Return the row of K(θ, P) - K* = 0."""
     one, two = problem.sides
     K_theta = _five_point(lambda h: _total_stiffness(problem.joint.sides(problem.theta + h), P1, P2), _H)
     return _row(one.stiffness_gain(P1), two.stiffness_gain(P2), K_theta, -1.0, 0.0)
 
 
 def _stationary_row(problem: Problem, P1: Array, P2: Array, direction: tuple[float, float] | None) -> Array:
-    """φ = ∇cost·v = 0 along the direction v of pressures; None: along the level of the target that has priority."""
+    """Return the row of φ = ∇cost·v = 0 along the direction v of pressures; None: along the level with priority."""
     (w_T, w_K), (R1, R2), step = _second_goal(problem), problem.P_ref, _H * problem.joint.pressure_span
 
     def phi(dP1: float, dP2: float, dtheta: float) -> Array:
@@ -108,12 +108,12 @@ def _stationary_row(problem: Problem, P1: Array, P2: Array, direction: tuple[flo
 
 
 def _second_goal(problem: Problem) -> tuple[float, float]:
-    """Weights of the cost that is left once the target with priority is kept."""
+    """Return the weights of the cost that is left once the target with priority is kept."""
     return {"torque": (0.0, 1.0), "stiffness": (1.0, 0.0)}.get(problem.priority, problem.weights)
 
 
 def _bound_row(problem: Problem, i: int, P: Array) -> Array:
-    """P_i - b_i(θ) = 0; a force limit F(b, ε) = F_min moves with ε' = ±a/l0, every other bound stays."""
+    """Return the row of P_i - b_i(θ) = 0; F(b, ε) = F_min moves with ε' = ±a/l0, every other bound stays."""
     side, interval = problem.sides[i], (problem.box.agonist, problem.box.antagonist)[i]
     row = np.zeros((P.size, 5))
     row[:, i] = 1.0
@@ -146,7 +146,7 @@ def _five_point(f: Callable[[float], Array], h: float) -> Array:
 
 
 def _solve(A: Array, B: Array) -> Array:
-    """A⁻¹B of stacked 2×2 systems by Cramer's rule, NaN where singular (NumPy's solve would refuse them all).
+    """Return A⁻¹B of stacked 2×2 systems by Cramer's rule, NaN where singular (NumPy's solve would refuse them all).
 
     So they are where the stiffness that has priority turns at the answer: its row is nothing but rounding.
     """

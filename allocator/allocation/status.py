@@ -1,10 +1,10 @@
-"""What an allocation can say of itself."""
+"""A `Status` says what became of an allocation."""
 
 from enum import IntEnum
 
 
 class Status(IntEnum):
-    """Outcome of one allocation; `.advice` is a sentence. Where several hold the last in this list is given."""
+    """A `Status` is the outcome of an allocation, of several that hold the last; `.advice` is a sentence on it."""
 
     EXACT = 0
     TORQUE_LIMITED = 1
@@ -22,7 +22,7 @@ class Status(IntEnum):
 
     @property
     def advice(self) -> str:
-        """One sentence on what it means and what to do."""
+        """Return a sentence on what it means and what to do."""
         return _ADVICE[self]
 
 

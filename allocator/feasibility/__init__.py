@@ -1,4 +1,4 @@
-"""What the joint can do: which angles, stiffnesses and torques exist, what ends them, and what a design is worth."""
+"""Feasibility is what the joint can do: which angles, stiffnesses and torques exist, what ends them, for any design."""
 
 from allocator.feasibility.design import Design, Performance, design_grid, performance
 from allocator.feasibility.edges import Edge

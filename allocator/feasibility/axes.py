@@ -1,4 +1,4 @@
-"""The axes of a map."""
+"""The axes of a map are checked here, or chosen."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ _NARROWEST = 1e-6  # range of an axis, in the unit of its user
 
 
 def map_axis(name: str, asked: Any, values: Array) -> Array:
-    """`values` as an axis: one number, or two or more that increase. `asked` is what the user passed."""
+    """Return `values` as an axis: one number, or two or more that increase. `asked` is what the user passed."""
     if values.ndim > 1:
         raise InvalidInput(f"{name} has the shape {values.shape}; an axis of a map is one number or an array (n,)")
     if values.ndim and values.size < 2:
@@ -30,21 +30,21 @@ def map_axis(name: str, asked: Any, values: Array) -> Array:
 
 
 def default_torques(setting: Setting, theta: Array) -> Array:
-    """Torques [N·m] from a little below to a little above those that exist at these angles."""
+    """Return torques [N·m] from a little below to a little above those that exist at these angles."""
     problem, _ = setting.problem(_few(theta))
     T_min, T_max = torque_interval(problem.sides, problem.box)
     return _around(T_min[~problem.box.empty], T_max[~problem.box.empty])
 
 
 def default_stiffnesses(setting: Setting, theta: Array, T: Array) -> Array:
-    """Stiffnesses [N·m/rad] from a little below to a little above those that exist at these angles and torques."""
+    """Return stiffnesses [N·m/rad] from a little below to a little above those that exist at angles and torques."""
     found = setting.columns(_few(theta)[..., None], _few(T))
     axis = _around(found.K_min[found.exists], found.K_max[found.exists])
     return axis[axis > 0]
 
 
 def _few(axis: Array) -> Array:
-    """About 41 of the values of an axis, its ends among them."""
+    """Return about 41 of the values of an axis, its ends among them."""
     return axis[np.linspace(0, axis.size - 1, min(axis.size, 41)).astype(int)] if axis.ndim else axis
 
 
@@ -56,7 +56,7 @@ def _around(low: Array, high: Array) -> Array:
 
 
 def steps(name: str, low: float, high: float, step: float, unit: str) -> Array:
-    """low, low + step, … up to high, or one clear sentence; the three are in `unit`."""
+    """Return low, low + step, … up to high, or one clear sentence; the three are in `unit`."""
     if not np.isfinite([low, high, step]).all():
         raise InvalidInput(f"{name} from {low:g} to {high:g} in steps of {step:g} {unit}: these have to be finite")
     if step <= 0:

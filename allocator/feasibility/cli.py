@@ -1,4 +1,4 @@
-"""`antagonist map`: which angles, stiffnesses and torques exist. Degrees, millimetres and bar here, SI behind."""
+"""`antagonist map` shows which angles, stiffnesses and torques exist; degrees, millimetres and bar here, SI behind."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -76,7 +76,7 @@ def map_command(
 
 
 def _axis(option: str, text: str, unit: str) -> "Array":
-    """One number (), or the steps of a range (n,)."""
+    """Return one number (), or the steps of a range (n,)."""
     import numpy as np
 
     from allocator.feasibility.axes import steps
@@ -89,7 +89,7 @@ def _axis(option: str, text: str, unit: str) -> "Array":
 
 
 def _torque(torque: str | None, *others: str | None) -> "Array | float | None":
-    """Unless asked for: 0, or all torques where the angle or the stiffness is a number."""
+    """Return the torque asked for; else 0, or None for all torques where the angle or the stiffness is a number."""
     if torque is not None:
         return _axis("--torque", torque, "N·m")
     return None if any(other is not None and ":" not in other for other in others) else 0.0
@@ -113,7 +113,7 @@ def _ended_by(found: "FeasibilityMap") -> list[str]:
 
 
 def _sentence(name: str, found: "FeasibilityMap") -> str:
-    """One line on what exists, one on what ends it."""
+    """Return one line on what exists, one on what ends it."""
     return (
         f"{name}: {100 * found.share:.1f} % of {found.status.size} combinations exist\n"
         f"  ended by: {', '.join(_ended_by(found)) or 'nothing exists'}"

@@ -1,4 +1,4 @@
-"""What joints of different designs can do: range, stiffness band, torque reserve.
+"""`performance` says what a design of joint can do: range, stiffness band, torque reserve.
 
 A design is good if the joint reaches far, if there is a band of stiffnesses that it can hold over its whole range, and
 if torque is left at every angle. Each is an extreme over the joint range of an end of `stiffness_interval` or
@@ -28,7 +28,7 @@ _PIECES = 64  # of the joint range in which extremes are looked for
 
 
 class Design(NamedTuple):
-    """A joint with two equal muscles on a pulley; the report's unless said otherwise."""
+    """A `Design` is a joint with two equal muscles on a pulley; the report's unless said otherwise."""
 
     radius: float = 0.02  # R [m]
     rest_length: float = 0.40  # l0 [m]
@@ -36,7 +36,7 @@ class Design(NamedTuple):
     supply_pressure: float = 5e5  # [Pa]
 
     def joint(self, muscle: Muscle = TONDU_DMSP_20_400N, stops: tuple[float, float] | None = None) -> AntagonistJoint:
-        """The joint of this design, with mechanical end stops [rad] if there are any."""
+        """Return the joint of this design, with mechanical end stops [rad] if there are any."""
         pulley = Pulley(self.rest_length, self.radius, self.initial_contraction)
         return AntagonistJoint(pulley, muscle, muscle, (0.0, self.supply_pressure), angle_limits=stops)
 
@@ -45,7 +45,7 @@ _REPORT = Design()
 
 
 class Performance(NamedTuple):
-    """What a design can do at no load; NaN where there is nothing."""
+    """A `Performance` is what a design can do at no load; NaN where there is nothing."""
 
     left: float  # joint range [rad]: the widest interval of angles that can be held without load
     right: float
@@ -55,12 +55,12 @@ class Performance(NamedTuple):
 
     @property
     def range(self) -> float:
-        """Width of the joint range [rad]."""
+        """Return the width of the joint range [rad]."""
         return self.right - self.left
 
     @property
     def band(self) -> float:
-        """Width of the band of stiffnesses that can be held over the whole range [N·m/rad]; 0 if there is none."""
+        """Return the width of the band of stiffnesses that hold over the whole range [N·m/rad]; 0 if there is none."""
         return max(self.K_high - self.K_low, 0.0)
 
 
@@ -73,7 +73,7 @@ def design_grid(
     initial_contraction: ArrayLike = _REPORT.initial_contraction,
     supply_pressure: ArrayLike = _REPORT.supply_pressure,
 ) -> tuple[Design, ...]:
-    """All combinations of these radii [m], rest lengths [m], contractions [-] and supply pressures [Pa]."""
+    """Return all combinations of these radii [m], rest lengths [m], contractions [-] and supply pressures [Pa]."""
     axes = (
         checks.real("radius", radius, "m"),
         checks.real("rest_length", rest_length, "m"),
@@ -89,7 +89,7 @@ def performance(
     stops: tuple[float, float] | None = None,
     min_force: float = 0.0,
 ) -> Performance:
-    """Joint range, stiffness band and torque reserve of one design; all NaN if no angle can be held without load.
+    """Return joint range, stiffness band and torque reserve of a design; all NaN if no angle can be held without load.
 
     Extremes over the range are found among 65 angles and refined. An initial contraction below the threshold leaves no
     angle at all and is answered so; other numbers that make no joint raise InvalidInput.
@@ -111,7 +111,7 @@ def performance(
 
 
 def _extremes(setting: Setting, left: float, right: float) -> Iterator[float]:
-    """Greatest K_min, least K_max and least torque reserve between the angles left and right."""
+    """Return greatest K_min, least K_max and least torque reserve between the angles left and right."""
 
     def negative_K_min(theta: Array) -> Array:
         return -setting.columns(theta, 0.0).K_min.reshape(theta.shape)
@@ -130,7 +130,7 @@ def _extremes(setting: Setting, left: float, right: float) -> Iterator[float]:
 
 
 def checked(designs: Iterable[Any]) -> tuple[Design, ...]:
-    """The designs, of which there has to be one at least."""
+    """Return the designs, of which there has to be one at least."""
     found = tuple(designs)
     if not found:
         raise InvalidInput("design_sweep got no designs")

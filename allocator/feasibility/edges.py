@@ -1,4 +1,4 @@
-"""The edges of the feasible set as curves in (θ, K, T), each labelled by the limit that binds along it.
+"""The edges of the feasible set are curves in (θ, K, T), each labelled by the limit that binds along it.
 
 Three ways to cut the set, by what is held: a torque (edges over θ are the ends of the stiffness interval), a stiffness
 (the ends of the torque interval at it) and an angle (edges over T are the ends of the stiffness interval).
@@ -25,7 +25,7 @@ _HALVINGS = 40  # to find where they do
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """A curve of n points on the border of the feasible set."""
+    """An `Edge` is a curve of n points on the border of the feasible set."""
 
     limits: int  # combination of Limit flags that bind along it
     theta: Array = field(repr=False)  # [rad] (n,)
@@ -37,7 +37,7 @@ class Edge:
 
     @property
     def active(self) -> tuple[str, ...]:
-        """The limits by name."""
+        """Return the limits by name."""
         return names(self.limits)
 
 
@@ -46,7 +46,7 @@ Ends = Callable[[Array], tuple[Problem, tuple[Pair, Pair]]]
 
 
 def edges_at_torque(setting: Setting, T: float, left: float, right: float) -> tuple[Edge, ...]:
-    """Edges over the angles from left to right [rad] of the stiffnesses that exist while the joint gives T [N·m]."""
+    """Return the edges over the angles from left to right [rad] of the stiffnesses that exist at the torque T [N·m]."""
 
     def ends(theta: Array) -> tuple[Problem, tuple[Pair, Pair]]:
         found = setting.columns(theta, T)
@@ -61,7 +61,7 @@ def edges_at_torque(setting: Setting, T: float, left: float, right: float) -> tu
 
 
 def edges_at_stiffness(setting: Setting, K: float, left: float, right: float) -> tuple[Edge, ...]:
-    """Edges over the angles from left to right [rad] of the torques that exist while the joint is as stiff as K.
+    """Return the edges over the angles from left to right [rad] of the torques that exist at the stiffness K.
 
     On a lever the torques may fall into several intervals (`torque_intervals`); the outermost ends are drawn.
     """
@@ -81,7 +81,7 @@ def edges_at_stiffness(setting: Setting, K: float, left: float, right: float) ->
 
 
 def edges_at_angle(setting: Setting, theta: float) -> tuple[Edge, ...]:
-    """Edges over the torques of the stiffnesses that exist at the angle theta [rad].
+    """Return the edges over the torques of the stiffnesses that exist at the angle theta [rad].
 
     Where the determinant keeps its sign these are the image of the border of the box. On a lever an edge may also be a
     fold, along which no limit binds: the stiffness turns there.
@@ -103,7 +103,7 @@ def edges_at_angle(setting: Setting, theta: float) -> tuple[Edge, ...]:
 
 
 def _edges(setting: Setting, ends: Ends, intervals: tuple[Array, Array]) -> tuple[Edge, ...]:
-    """The edges over the intervals of angles (m, 1) in which there is anything."""
+    """Return the edges over the intervals of angles (m, 1) in which there is anything."""
     found: list[Edge] = []
     for part, (a, b) in enumerate(zip(*intervals, strict=True)):
         left, right = float(a[0]), float(b[0])
@@ -115,7 +115,7 @@ def _edges(setting: Setting, ends: Ends, intervals: tuple[Array, Array]) -> tupl
 
 
 def _chain(setting: Setting, ends: Ends, end: int, x: Array) -> list[Edge]:
-    """One end of the interval over the angles or torques x, cut where another limit takes over."""
+    """Return one end of the interval over the angles or torques x, cut where another limit takes over."""
 
     def flags(x: Array) -> NDArray[np.int32]:
         problem, pairs = ends(x)
@@ -138,7 +138,7 @@ def _chain(setting: Setting, ends: Ends, end: int, x: Array) -> list[Edge]:
 
 
 def _handovers(flags: Callable[[Array], NDArray[np.int32]], left: Array, right: Array) -> Array:
-    """Where between left and right (n,) the flags change, by bisection."""
+    """Return where between left and right (n,) the flags change, by bisection."""
     before = flags(left)
     for _ in range(_HALVINGS):
         middle = (left + right) / 2
@@ -148,7 +148,7 @@ def _handovers(flags: Callable[[Array], NDArray[np.int32]], left: Array, right: 
 
 
 def _wall(setting: Setting, ends: Ends, theta: float) -> Edge | None:
-    """The edge at an end of the joint range, from one end of the interval to the other."""
+    """Return the edge at an end of the joint range, from one end of the interval to the other."""
     range_ends = setting.joint.angle_range
     if theta not in range_ends:
         return None
@@ -159,7 +159,7 @@ def _wall(setting: Setting, ends: Ends, theta: float) -> Edge | None:
 
 
 def _edge(setting: Setting, limits: int, theta: Array, pair: Pair) -> Edge:
-    """The edge through these pressures."""
+    """Return the edge through these pressures."""
     sides = setting.joint.sides(theta)
     one, two = sides
     return Edge(limits, theta, stiffness(sides, pair), one.torque(pair[0]) + two.torque(pair[1]), *pair)

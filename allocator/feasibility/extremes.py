@@ -1,4 +1,4 @@
-"""The least value of a function on an interval, found among pieces."""
+"""`lowest` finds the least value of a function on an interval, among pieces."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ _PIECES = 64  # a fall and its way back within one of them are missed
 
 
 def lowest(f: Callable[..., Array], start: Array, end: Array, *args: Array, pieces: int = _PIECES) -> Array:
-    """The x (n,) in [start, end] with the least f(x, *args), found among `pieces` and then refined."""
+    """Return the x (n,) in [start, end] with the least f(x, *args), found among `pieces` and then refined."""
     from scipy.optimize import elementwise
 
     grid = start + (end - start) * np.linspace(0, 1, pieces + 1)[:, None]

@@ -1,4 +1,4 @@
-"""Which torques, stiffnesses and angles exist.
+"""Intervals say which torques, stiffnesses and angles exist.
 
 At an angle the torques are an interval, [T(lo1, hi2), T(hi1, lo2)]; at an angle and a torque the stiffnesses are one,
 whose ends lie where the torque level leaves the box of pressures (`allocator.joint.torque_levels`) unless the stiffness
@@ -28,7 +28,7 @@ def torque_interval(
     max_force: float | None = None,
     min_cocontraction: float | None = None,
 ) -> Pair:
-    """[T_min, T_max] [N·m] that the joint can give at the angles `theta` [rad].
+    """Return [T_min, T_max] [N·m] that the joint can give at the angles `theta` [rad].
 
     Two arrays of the shape of `theta`; NaN beyond the joint range and where the limits contradict each other (no
     pressure keeps a cable taut). Closed form, or one root finding a muscle without one. The limits are those of
@@ -49,7 +49,7 @@ def stiffness_interval(
     max_force: float | None = None,
     min_cocontraction: float | None = None,
 ) -> Pair:
-    """[K_min, K_max] [N·m/rad] that exist at the angles `theta` [rad] while the joint gives the torques `T` [N·m].
+    """Return [K_min, K_max] [N·m/rad] that exist at the angles `theta` [rad] and the torques `T` [N·m].
 
     Broadcasts; every stiffness in between exists too. NaN where the torque is out of reach, beyond the joint range and
     where the limits contradict each other. Closed form, or root finding for muscles without one. The limits are those
@@ -71,7 +71,7 @@ def torque_intervals(
     max_force: float | None = None,
     min_cocontraction: float | None = None,
 ) -> Pair:
-    """All intervals of torques [N·m] that exist at the angles `theta` [rad] while the joint is as stiff as `K`.
+    """Return all intervals of torques [N·m] that exist at the angles `theta` [rad] while the joint is as stiff as `K`.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def angle_interval(
     max_force: float | None = None,
     min_cocontraction: float | None = None,
 ) -> Pair:
-    """The widest interval of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
+    """Return the widest interval of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
 
     Broadcasts; NaN where there is no such angle. On a pulley with two equal muscles it is the only one; a mechanism
     may have several, see `angle_intervals`, where the limits of accuracy are.
@@ -124,7 +124,7 @@ def angle_intervals(
     max_force: float | None = None,
     min_cocontraction: float | None = None,
 ) -> Pair:
-    """All intervals of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
+    """Return all intervals of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
 
     Returns
     -------
@@ -140,7 +140,7 @@ def angle_intervals(
 
 
 def margin(setting: Setting, theta: Array, K: Array, T: Array) -> Array:
-    """How far (K, T) is inside what exists at θ, as a fraction of the scales; negative outside. Continuous in θ."""
+    """Return how far (K, T) is inside what exists at θ, in fractions of the scales; negative outside, continuous."""
     theta, K, T = np.broadcast_arrays(theta, K, T)
     found = setting.columns(theta, T)
     scale = found.problem.scales[1]
@@ -150,7 +150,7 @@ def margin(setting: Setting, theta: Array, K: Array, T: Array) -> Array:
 
 
 def _shaped(shape: tuple[int, ...], none: Mask | bool, *ends: Array | float) -> Pair:
-    """The ends in the shape of the arguments, NaN where there is `none`; floats for a scalar call."""
+    """Return the ends in the shape of the arguments, NaN where there is `none`; floats for a scalar call."""
     size = int(np.prod(shape))
     low, high = (np.broadcast_to(np.where(none, np.nan, end).ravel(), size).reshape(shape)[()] for end in ends)
     return low, high

@@ -1,4 +1,4 @@
-"""Feasibility maps: what `allocate` answers, cell by cell, over any two or three of (θ, K, T).
+"""A feasibility map is what `allocate` answers, cell by cell, over any two or three of (θ, K, T).
 
 A map is made of columns (θ, T): the ends of the stiffness interval say for every K of the column whether it exists and
 which limits bind if it does not. Only where it exists are the pressures to be found, by the inverse: along the level of
@@ -45,7 +45,7 @@ def feasibility_map(
     max_bytes: float = 1e9,
     progress: Progress = iter,
 ) -> FeasibilityMap:
-    """Which of the combinations of angles, stiffnesses and torques exist, and what is in the way of the others.
+    """Map which combinations of angles, stiffnesses and torques exist, and what is in the way of the others.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _check_memory(axes: dict[str, Array], max_bytes: float) -> None:
 
 
 class Cells(NamedTuple):
-    """Answers in (θ, K, T) cells."""
+    """`Cells` are the answers in (θ, K, T) cells."""
 
     status: NDArray[np.int8]
     limits: NDArray[np.int32]
@@ -114,16 +114,16 @@ class Cells(NamedTuple):
 
     @property
     def arrays(self) -> tuple[NDArray[Any], ...]:
-        """All of them."""
+        """Return status, limits, P1 and P2."""
         return tuple(self)
 
     def formed(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "Cells":
-        """The same with `function` applied to every array."""
+        """Return a copy with `function` applied to every array."""
         return Cells(*map(function, self.arrays))
 
 
 def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progress) -> Cells:
-    """All cells, chunk after chunk of angles."""
+    """Return all cells, chunk after chunk of angles."""
     shape = theta.size, K.size, T.size
     out = Cells(np.empty(shape, np.int8), np.empty(shape, np.int32), np.empty(shape), np.empty(shape))
     closed = setting.joint.affine or setting.joint.tondu_pulley is not None
@@ -138,7 +138,7 @@ def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progres
 
 
 def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
-    """Cells (θ, K, T) of some angles."""
+    """Return the cells (θ, K, T) of some angles."""
     problem, asked = setting.problem(theta[:, None], T[None, :])
     signs = exact.determinant_signs(setting.problem(theta)[0])
     found = columns(problem, np.repeat(signs, T.size))
@@ -149,7 +149,7 @@ def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
 
 
 def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
-    """The cells (n, K.size) of n columns: at the ends of the column below and above it, the inverse between them."""
+    """Return the cells (n, K.size) of n columns: its ends below and above a column, the inverse between them."""
     outside = setting.joint.outside_range(asked)
     low, high = (assess(found.problem, *pair, outside) for pair in (found.low, found.high))
     tolerance = CLOSED_FORM.met * found.problem.scales[1][:, None]
@@ -169,7 +169,7 @@ def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
 
 
 def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np.intp]) -> Pair:
-    """The pressures of cells between the ends of their columns."""
+    """Return the pressures of cells between the ends of their columns."""
     if found.problem.joint.affine:  # the level is a straight line, and K linear along it
         share = (K[row] - found.K_min[column]) / (found.K_max - found.K_min)[column]
         P1, P2 = (lo[column] + share * (hi - lo)[column] for lo, hi in zip(found.low, found.high, strict=True))
@@ -182,7 +182,7 @@ def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np
 
 
 def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Array, K: Array) -> None:
-    """Columns in which several pairs may give the same are answered by `allocate` itself."""
+    """Answer columns in which several pairs may give the same by `allocate` itself."""
     a = allocate(theta[where, None], K, T[where, None], joint=setting.joint, **setting.limits._asdict())
     for target, array in zip(cells.arrays, (a.status, a.limits, a.P1, a.P2), strict=True):
         target[where] = array

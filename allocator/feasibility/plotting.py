@@ -1,4 +1,4 @@
-"""Pictures of feasible sets."""
+"""Feasible sets are drawn here."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -34,7 +34,7 @@ _DASH_OF = ((_SUPPLY, "-"), (_SLACK, (0, (5, 1.5))), (_ENDS, ":"), (Limit.COCONT
 
 
 def plot_map(feasible: FeasibilityMap, axes: Any = None) -> Any:
-    """The feasible set of a map with every edge labelled; with three axes the sets at up to seven of the torques."""
+    """Draw the feasible set of a map with every edge labelled; with three axes the sets at up to seven torques."""
     if len(feasible.varied) == 3:
         chosen = np.unique(np.linspace(0, feasible.T.size - 1, min(_MOST_SLICES, feasible.T.size)).astype(int))
         slices = feasible.slices
@@ -53,7 +53,7 @@ def plot_map(feasible: FeasibilityMap, axes: Any = None) -> Any:
 
 
 def plot_maps(maps: Mapping[str, FeasibilityMap], axes: Any = None, *, title: str | None = None) -> Any:
-    """Several feasible sets on one picture, by their names: torques, angles, muscles, models.
+    """Draw several feasible sets on one picture, by their names: torques, angles, muscles, models.
 
     The colour tells the set, the dashes the limit: solid where the supply or the model's validity binds, dashed where a
     cable goes slack, dotted at the ends of the joint range.
@@ -77,7 +77,7 @@ def plot_maps(maps: Mapping[str, FeasibilityMap], axes: Any = None, *, title: st
 
 
 def plot_pressures(feasible: FeasibilityMap, figure: Any = None) -> Any:
-    """Both pressures over the feasible cells of a map with two axes; returns the Matplotlib figure."""
+    """Draw both pressures over the feasible cells of a map with two axes; returns the Matplotlib figure."""
     x, y = _drawn(feasible)
     figure = new_figure(9.0, 3.9) if figure is None else figure
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -105,7 +105,7 @@ def plot_pressures(feasible: FeasibilityMap, figure: Any = None) -> Any:
 
 
 def outlines(feasible: FeasibilityMap) -> dict[int, Array]:
-    """The border of each connected part of the feasible set by its number: a closed curve (2, n) in the units
+    """Return the border of each connected part of the feasible set by its number: a closed curve (2, n) in the units
     of the picture.
     """
     x, y = _drawn(feasible)
@@ -132,7 +132,7 @@ def _curve(edge: Edge, x: str, y: str) -> tuple[Array, Array]:
 
 
 def _drawn(feasible: FeasibilityMap) -> tuple[str, str]:
-    """What goes to the right and what goes up."""
+    """Return the names of what goes to the right and of what goes up."""
     if len(feasible.varied) != 2:
         raise InvalidInput("a picture shows two quantities; take one of the map's slices")
     x, y = feasible.varied
@@ -144,19 +144,19 @@ def _shown(feasible: FeasibilityMap, name: str) -> Array:
 
 
 def _show_range(axes: Any, maps: Iterable[FeasibilityMap]) -> None:
-    """The whole grid that was asked for, with room for lines on its border."""
+    """Show the whole grid that was asked for, with a margin for lines on its border."""
     maps = list(maps)
     for name, setter in zip(_drawn(maps[0]), (axes.set_xlim, axes.set_ylim), strict=True):
         shown = np.concatenate([_shown(m, name) for m in maps])
-        room = 0.02 * np.ptp(shown)
-        setter(shown.min() - room, shown.max() + room)
+        margin = 0.02 * np.ptp(shown)
+        setter(shown.min() - margin, shown.max() + margin)
 
 
 # --- labels ---------------------------------------------------------------------------------------------------------
 
 
 def limit_text(limits: int) -> str:
-    """What binds, in two or three words: "P1 upper", "both slack", …"""
+    """Return what binds, in two or three words: "P1 upper", "both slack", …"""
     kinds = {
         Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK: "both slack",
         Limit.P1_UPPER | Limit.P2_UPPER: "supply pressure",
@@ -167,7 +167,7 @@ def limit_text(limits: int) -> str:
 
 
 def _held(feasible: FeasibilityMap) -> str:
-    """What is the same all over the map."""
+    """Return what is the same all over the map."""
     (name,) = {"theta", "K", "T"} - set(feasible.varied)
     symbol, unit = {"theta": ("θ", "°"), "K": ("K", " N·m/rad"), "T": ("T", " N·m")}[name]
     return f"at {symbol} = {float(_shown(feasible, name)):.4g}{unit}"
@@ -191,7 +191,7 @@ def _label_edges(axes: Any, feasible: FeasibilityMap, x: str, y: str) -> None:
     for edge in feasible.edges:
         curve = to_pixels(np.stack(_curve(edge, x, y), axis=1))
         if np.hypot(*np.ptp(curve, axis=0)) < _LETTER * len(limit_text(edge.limits)):
-            continue  # no room; the dashes tell it
+            continue  # no space; the dashes tell it
         middle, tangent = _halfway(curve)
         centre = to_pixels(np.mean(loops[edge.part], axis=1))
         normal = np.array([-tangent[1], tangent[0]])
@@ -211,7 +211,7 @@ def _label_edges(axes: Any, feasible: FeasibilityMap, x: str, y: str) -> None:
 
 
 def _halfway(curve: Array) -> tuple[Array, Array]:
-    """The point (2,) in the middle of the length of a curve (n, 2), and the direction of the curve there."""
+    """Return the point (2,) in the middle of the length of a curve (n, 2), and the direction of the curve there."""
     steps = np.diff(curve, axis=0)
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
     at = np.interp(lengths[-1] * np.array([0.4, 0.5, 0.6]), lengths, np.arange(len(curve)))

@@ -1,4 +1,4 @@
-"""What a feasibility map hands back."""
+"""A `FeasibilityMap` is what `feasibility_map` answers."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -24,7 +24,7 @@ _HEADER = "theta_deg,stiffness_Nm_per_rad,torque_Nm,status,limits,P1_bar,P2_bar"
 
 @dataclass(frozen=True, eq=False)
 class FeasibilityMap:
-    """What `allocate` answers over a grid: the arrays have one axis for each varied quantity, in the order θ, K, T."""
+    """A `FeasibilityMap` is what `allocate` answers over a grid: arrays with one axis a varied quantity, of θ, K, T."""
 
     setting: Setting = field(repr=False)
     theta: Array = field(repr=False)  # joint angles [rad], (n,) if varied, else ()
@@ -42,31 +42,31 @@ class FeasibilityMap:
 
     @property
     def joint(self) -> AntagonistJoint:
-        """Whose map it is."""
+        """Return the joint of the map."""
         return self.setting.joint
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """Names of the quantities along the axes of the arrays: two or three of "theta", "K", "T"."""
+        """Return the names of the quantities along the axes of the arrays: two or three of "theta", "K", "T"."""
         return tuple(name for name in ("theta", "K", "T") if getattr(self, name).ndim)
 
     @property
     def feasible(self) -> Mask:
-        """Where angle, stiffness and torque can be had together."""
+        """Return where angle, stiffness and torque can be had together."""
         return np.asarray(self.status == Status.EXACT)
 
     @property
     def share(self) -> float:
-        """The feasible part of the cells [-]."""
+        """Return the feasible part of the cells [-]."""
         return float(self.feasible.mean())
 
     def limit_names(self, *index: int) -> tuple[str, ...]:
-        """The limits that bind in a cell, by name."""
+        """Return the limits that bind in a cell, by name."""
         return names(int(self.limits[index]))
 
     @cached_property
     def edges(self) -> tuple[Edge, ...]:
-        """The edges of the feasible set as curves, each labelled by the limit that binds along it.
+        """Return the edges of the feasible set as curves, each labelled by the limit that binds along it.
 
         Computed from the closed forms, not from the cells. With three axes: those of all `slices`.
         """
@@ -84,7 +84,7 @@ class FeasibilityMap:
 
     @property
     def slices(self) -> tuple["FeasibilityMap", ...]:
-        """Maps with two axes: this one, or the one at every torque if there are three."""
+        """Return the maps with two axes: this one, or the one at every torque if there are three."""
         if len(self.varied) == 2:
             return (self,)
         return tuple(
@@ -102,7 +102,7 @@ class FeasibilityMap:
     # --- on disk ----------------------------------------------------------------------------------------------------
 
     def to_csv(self, path: str | PathLike[str]) -> None:
-        """One row a cell: degrees, N·m/rad, N·m, the status and the limits by name, bar."""
+        """Write one row a cell: degrees, N·m/rad, N·m, the status and the limits by name, bar."""
         with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
             file.write(f"{_HEADER}\n")
             file.writelines(self._rows())
@@ -116,7 +116,7 @@ class FeasibilityMap:
             yield f"{theta:.10g},{K:.10g},{T:.10g},{state[int(status)]},{text[limits]},{P1:.9g},{P2:.9g}\n"
 
     def to_npz(self, path: str | PathLike[str]) -> None:
-        """All arrays in SI units, the names of the statuses and the limits, and the edges, compressed.
+        """Write all arrays in SI units, the names of the statuses and the limits, and the edges, compressed.
 
         Edges are one array of points (n, 5), columns as in `edge_columns`, and (m,) where each begins and its flags.
         """

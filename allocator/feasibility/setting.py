@@ -23,7 +23,7 @@ _NO_TARGET = 1.0  # [N·m/rad] stands for the stiffness where none is asked for
 
 
 class Columns(NamedTuple):
-    """The feasible stiffnesses at n angles and torques, each array (n,)."""
+    """`Columns` are the feasible stiffnesses at n angles and torques, each array (n,)."""
 
     problem: Problem
     low: Pair  # pressures of the least stiffness [Pa]
@@ -35,7 +35,7 @@ class Columns(NamedTuple):
 
     @property
     def exists(self) -> Mask:
-        """Where there are allowed pressures that give the torque."""
+        """Return where there are allowed pressures that give the torque."""
         return np.asarray((self.reach >= -CLOSED_FORM.met) & ~self.problem.box.empty)
 
 
@@ -62,13 +62,13 @@ class Setting:
         return problem_from(self.joint, theta, K, T, limits=self.limits)
 
     def columns(self, theta: Value, T: Value) -> Columns:
-        """The columns at angles in the joint range; where a torque is out of reach, at the nearest one in reach."""
+        """Return the columns at angles in the joint range, and at torques brought within reach."""
         problem, _ = self.problem(theta, T)
         return columns(problem)
 
 
 def columns(problem: Problem, signs: Array | None = None) -> Columns:
-    """The ends of the stiffnesses, with what they mean; the determinant's signs if known (they depend on the angle)."""
+    """Return the ends of the stiffnesses with what they mean, by the determinant's `signs` if these are known."""
     T_min, T_max = torque_interval(problem.sides, problem.box)
     scale = problem.scales[0]
     T = np.clip(problem.T, T_min, T_max)
@@ -86,7 +86,7 @@ def columns(problem: Problem, signs: Array | None = None) -> Columns:
 
 
 def _inside(problem: Problem, pair: Pair) -> Pair:
-    """The pressures, within the box: where it is empty a muscle may have none for the torque (infinity)."""
+    """Return the pressures, within the box: where it is empty a muscle may have none for the torque (infinity)."""
     P1, P2 = (np.clip(P, side.lo, side.hi) for P, side in zip(pair, problem.box, strict=True))
     return P1, P2
 

@@ -1,4 +1,4 @@
-"""Intervals on which a function of the joint angle is not negative."""
+"""`spans` finds the intervals on which a function of the joint angle is not negative."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ PIECES = 128
 def spans(
     margin: Callable[..., Array], left: float, right: float, *args: Array, pieces: int = PIECES
 ) -> tuple[Array, Array]:
-    """Starts and ends (m, n) of the intervals in [left, right] with margin(x, *args (n,)) ≥ 0; NaN where fewer than m.
+    """Return starts and ends (m, n) of the intervals in [left, right] with margin(x, *args (n,)) ≥ 0, NaN where fewer.
 
     Exact where the intervals and the gaps between them are wider than one of the `pieces`. A single interval is found
     however narrow, if the margin rises towards it over more than a piece.
@@ -30,7 +30,7 @@ def spans(
 
 
 def _refined(margin: Callable[..., Array], x: Array, args: tuple[Array, ...]) -> Array:
-    """The margin at the nodes x (pieces+1, n); where it is negative at all of them the best one is moved to its top."""
+    """Return the margin at the nodes x (pieces+1, n); where all are negative the best is moved to the margin's top."""
     values = margin(x, *args)
     missed = np.nonzero((values < 0).all(axis=0))[0]
     if missed.size:
@@ -43,7 +43,7 @@ def _refined(margin: Callable[..., Array], x: Array, args: tuple[Array, ...]) ->
 
 
 def _crossings(margin: Callable[..., Array], x: Array, flags: Mask, step: int, args: tuple[Array, ...]) -> Array:
-    """Where the margin is zero between the flagged nodes of x (pieces+1, n) and their neighbours, NaN at others.
+    """Return where the margin is zero between the flagged nodes of x (pieces+1, n) and their neighbours, else NaN.
 
     At the border of x, where there is no neighbour, the node itself.
     """

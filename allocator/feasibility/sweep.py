@@ -1,4 +1,4 @@
-"""Many designs, on this machine, on an executor or on a cluster; interrupted sweeps go on where they stopped."""
+"""`design_sweep` runs many designs, here, on an executor or on a cluster; interrupted sweeps go on."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
@@ -26,13 +26,13 @@ Progress: TypeAlias = Callable[..., Iterable[Answer]]
 
 @dataclass(frozen=True)
 class Sweep:
-    """Designs and what each of them can do, in the order in which they were asked for."""
+    """A `Sweep` is designs and what each of them can do, in the order in which they were asked for."""
 
     designs: tuple[Design, ...]
     performances: tuple[Performance, ...]
 
     def column(self, name: str) -> Array:
-        """A column (n,) in SI units: a field of `Design` or `Performance`, or their "range" or "band"."""
+        """Return a column (n,) in SI units: a field of `Design` or `Performance`, or their "range" or "band"."""
         for rows, names in (
             (self.designs, Design._fields),
             (self.performances, (*Performance._fields, "range", "band")),
@@ -52,7 +52,7 @@ def design_sweep(
     out: str | PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> Sweep:
-    """Joint range, constant-stiffness band and torque reserve of every design (see `design_grid`).
+    """Return the joint range, constant-stiffness band and torque reserve of every design (see `design_grid`).
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def design_sweep(
 
 
 def _run(batches: Sequence[list[Design]], rules: tuple[Any, ...], executor: Executor | None) -> Iterator[Answer]:
-    """Answers as they come."""
+    """Run the batches and yield answers as they come."""
     if executor is None:
         for batch in batches:
             for design in batch:
@@ -109,7 +109,7 @@ def _batch(designs: list[Design], rules: tuple[Any, ...]) -> list[Answer]:
 
 
 def _read(path: Path, rules: str) -> dict[Design, Performance]:
-    """What the file holds; begins it if it does not exist. A last line without its end was cut off and is dropped."""
+    """Return what the file holds; begin it if it does not exist. A last line without its end is dropped."""
     head = f"{rules}\n{','.join(_COLUMNS)}\n"
     if not path.exists() or not path.stat().st_size:
         write_text(path, head)

@@ -1,4 +1,4 @@
-"""The antagonistic joint: two muscles on a geometry, its torque and stiffness, and the limits of its pressures."""
+"""An antagonistic joint has two muscles on a geometry, torque and stiffness, and limits of its pressures."""
 
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 

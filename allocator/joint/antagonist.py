@@ -1,4 +1,4 @@
-"""The antagonistic joint: a geometry and two muscles.
+"""The antagonistic joint is a geometry and two muscles.
 
 With moment arms a_i(θ) and contractions ε_i(θ) the joint's torque and isobaric stiffness are
 
@@ -32,7 +32,7 @@ _EQUILIBRIUM_PIECES = 64  # of the joint range, in each of which one equilibrium
 
 @dataclass(frozen=True)
 class AntagonistJoint:
-    """Geometry + agonist (muscle 1) + antagonist (muscle 2) + limits; immutable.
+    """An `AntagonistJoint` is geometry + agonist (muscle 1) + antagonist (muscle 2) + limits; immutable.
 
     The muscles need not be identical. Angles in rad, pressures in Pa (gauge), torque in N·m, stiffness in N·m/rad;
     numeric arguments broadcast, and `torque`, `stiffness` and `jacobian` also take CasADi symbols.
@@ -76,7 +76,7 @@ class AntagonistJoint:
     # --- at a fixed angle -------------------------------------------------------------------------------------------
 
     def sides(self, theta: Value) -> tuple[Side, Side]:
-        """The joint held at `theta` [rad]: agonist and antagonist side."""
+        """Return agonist and antagonist, held at the joint angle `theta` [rad]."""
         l0 = self.geometry.rest_length
         return (
             Side(self.agonist, +1, l0, *self.geometry.agonist(theta)),
@@ -84,19 +84,19 @@ class AntagonistJoint:
         )
 
     def torque(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Value:
-        """T = a1 F1 - a2 F2 [N·m]   (2). The model's value: where a force is negative the real cable is slack."""
+        """Return the model's torque T = a1 F1 - a2 F2 [N·m]   (2); with a negative force the real cable is slack."""
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         return agonist.torque(P1) + antagonist.torque(P2)
 
     def stiffness(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Value:
-        """Isobaric stiffness K = -∂T/∂θ at constant pressures [N·m/rad]   (5), [G]"""
+        """Return the isobaric stiffness K = -∂T/∂θ at constant pressures [N·m/rad]   (5), [G]"""
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         return agonist.stiffness(P1) + antagonist.stiffness(P2)
 
     def forces(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value]:
-        """Muscle forces (F1, F2) [N]; negative means slack."""
+        """Return the muscle forces (F1, F2) [N]; negative means slack."""
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         return agonist.force(P1), antagonist.force(P2)
@@ -104,7 +104,7 @@ class AntagonistJoint:
     def jacobian(
         self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike
     ) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
-        """((∂T/∂P1, ∂T/∂P2), (∂K/∂P1, ∂K/∂P2)) in [N·m/Pa] and [N·m/rad/Pa]."""
+        """Return ((∂T/∂P1, ∂T/∂P2), (∂K/∂P1, ∂K/∂P2)) in [N·m/Pa] and [N·m/rad/Pa]."""
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         return (
@@ -113,9 +113,9 @@ class AntagonistJoint:
         )
 
     def friction_torque(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, direction: Value) -> Value:
-        """μ (a1 F1 + a2 F2) sign [N·m]: what the muscles lose when θ rises (`direction` +1) or falls (-1); 0 at rest.
+        """Return μ (a1 F1 + a2 F2) sign [N·m], what the muscles lose when θ rises (`direction` +1) or falls (-1).
 
-        Quasi-static: it does not vanish at low speed. The link gets `torque` minus this.
+        0 at rest. Quasi-static: it does not vanish at low speed. The link gets `torque` minus this.
         """
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
@@ -128,17 +128,17 @@ class AntagonistJoint:
 
     @cached_property
     def angle_range(self) -> tuple[float, float]:
-        """Angles [rad] that end stops, mechanism and ε_i ≥ min_contraction leave; for a pulley equation (25)."""
+        """Return the angles [rad] that end stops, mechanism and ε_i ≥ min_contraction leave; of a pulley by (25)."""
         ends = self.geometry.reach, self._threshold_angles, *([self.angle_limits] if self.angle_limits else ())
         return max(left for left, _ in ends), min(right for _, right in ends)
 
     @cached_property
     def _threshold_angles(self) -> tuple[float, float]:
-        """Where a muscle is stretched to min_contraction: agonist left, antagonist right   (25)"""
+        """Return where a muscle is stretched to min_contraction: agonist left, antagonist right   (25)"""
         return self.geometry.angles_at(self.min_contraction)
 
     def angle_limit(self, upper: bool) -> Limit:
-        """Which limit ends the angle range on the upper or lower side."""
+        """Return which limit ends the angle range on the upper or lower side."""
         binds = self.angle_range[upper] == self._threshold_angles[upper]
         return Limit.CONTRACTION_THRESHOLD if binds else Limit.JOINT_RANGE
 
@@ -150,7 +150,7 @@ class AntagonistJoint:
 
     @property
     def pressure_span(self) -> float:
-        """Width of the supply range [Pa]; tolerances are given in fractions of it."""
+        """Return the width of the supply range [Pa]; tolerances are given in fractions of it."""
         return self.pressure_limits[1] - self.pressure_limits[0]
 
     def pressure_box(
@@ -162,16 +162,16 @@ class AntagonistJoint:
         previous: tuple[Array, ...] | None = None,
         max_step: Array | float | None = None,
     ) -> PressureBox:
-        """Pressures allowed at `theta`: supply ∩ `min_force` ≤ force ≤ `max_force` (or None) ∩ model validity ∩ slew.
+        """Return the pressures allowed at `theta` by supply, validity of the model, least and greatest force, and slew.
 
-        Since force grows with pressure every limit bounds one pressure: the feasible set is a box. `previous` (P1, P2)
-        and `max_step` [Pa] say from where and how far the pressures may move; moving is a hard limit, so that from
-        outside the other limits the box shrinks to the nearest pressure that can be reached.
+        Since force grows with pressure every limit bounds one pressure: the feasible set is a box. None lifts the limit
+        on a force. `previous` (P1, P2) and `max_step` [Pa] say from where and how far the pressures may move; moving is
+        a hard limit, so that from outside the other limits the box shrinks to the nearest pressure within reach.
         """
         return self.box(np.asarray(theta, float), Limits(min_force, max_force, previous=previous, max_step=max_step))
 
     def box(self, theta: Array, limits: Limits = TAUT) -> PressureBox:
-        """Return the pressures allowed at `theta` (n,) by supply, model and `limits`, as `pressure_box` does."""
+        """Return the pressures allowed at `theta` (n,) by supply, model and `limits`, see `pressure_box`."""
         agonist, antagonist = (side.interval(self.pressure_limits, limits) for side in self.sides(theta))
         box = PressureBox(agonist, antagonist)
         if limits.min_cocontraction is None:
@@ -181,7 +181,7 @@ class AntagonistJoint:
     # --- equilibrium ------------------------------------------------------------------------------------------------
 
     def equilibrium(self, P1: ArrayLike, P2: ArrayLike, T: ArrayLike = 0.0) -> Array:
-        """Angle [rad] at which the joint gives the torque `T` [N·m] at these pressures, and holds it (K > 0).
+        """Return the angle [rad] at which the joint gives and holds (K > 0) the torque `T` [N·m] at these pressures.
 
         NaN if there is none in the joint range; the one nearest to θ = 0 if a mechanism has several. Closed form (23),
         generalised to c ≠ 0 and T ≠ 0, for two equal Tondu2021 on a pulley; root finding otherwise.
@@ -204,12 +204,12 @@ class AntagonistJoint:
 
     @property
     def affine(self) -> bool:
-        """Whether both muscles are affine in pressure: torque and stiffness then are, in any geometry."""
+        """Return whether both muscles are affine in pressure: torque and stiffness then are, in any geometry."""
         return isinstance(self.agonist, AffineMuscle) and isinstance(self.antagonist, AffineMuscle)
 
     @cached_property
     def tondu_pulley(self) -> TonduPulley | None:
-        """The closed forms of the report's joint, two equal Tondu2021 on a pulley, if this is one."""
+        """Return the closed forms of the report's joint, two equal Tondu2021 on a pulley, if this is one."""
         muscle, geometry = self.agonist, self.geometry
         if not (isinstance(muscle, Tondu2021) and muscle == self.antagonist and isinstance(geometry, Pulley)):
             return None
@@ -218,7 +218,7 @@ class AntagonistJoint:
 
 @cache
 def report_joint(muscle: Muscle = TONDU_DMSP_20_400N) -> AntagonistJoint:
-    """The report's joint, or the same with two other muscles: R = 2 cm, l0 = 40 cm, ε0 = .1375, 0–5 bar, ±125°
+    """Return the report's joint, or one with other muscles: R = 2 cm, l0 = 40 cm, ε0 = .1375, 0–5 bar, ±125°
 
     Tondu 2021, (24) and (25); its muscles are Tondu2021 DMSP-20-400N.
     """

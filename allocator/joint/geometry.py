@@ -1,4 +1,4 @@
-"""How the joint angle moves the two muscles: contraction ratio, moment arm and its derivative.
+"""A `Geometry` says how the joint angle moves two muscles: contraction ratio, moment arm and its derivative.
 
 A geometry is described per muscle by its contraction ε(θ). The moment arm follows from it, since a muscle of rest
 length l0 that shortens by l0 dε does the work F l0 dε = F a dθ:
@@ -23,7 +23,7 @@ _LONGEST = 10.0  # [m] of what a joint has; more is millimetres
 
 
 class Routing(NamedTuple):
-    """Where one muscle is at a joint angle."""
+    """A `Routing` is where one muscle is at a joint angle."""
 
     contraction: Value  # ε [-]
     arm: Value  # a [m], positive
@@ -32,7 +32,7 @@ class Routing(NamedTuple):
 
 @dataclass(frozen=True)
 class Geometry(ABC):
-    """A mechanism between two muscles of the same rest length and one joint; immutable."""
+    """A `Geometry` is a mechanism between two muscles of the same rest length and one joint; immutable."""
 
     rest_length: float  # l0 [m], of both muscles
 
@@ -42,20 +42,20 @@ class Geometry(ABC):
 
     @abstractmethod
     def agonist(self, theta: Value) -> Routing:
-        """Muscle 1, which shortens as θ grows."""
+        """Route muscle 1, which shortens as θ grows."""
 
     def antagonist(self, theta: Value) -> Routing:
-        """Muscle 2, which lengthens as θ grows: the mirror image of muscle 1 unless the mechanism says otherwise."""
+        """Route muscle 2, which lengthens as θ grows: as the mirror image of muscle 1 unless overridden."""
         eps, arm, arm_slope = self.agonist(-theta)
         return Routing(eps, arm, -arm_slope)
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Angles [rad] between which the mechanism's formulas hold."""
+        """Return the angles [rad] between which the mechanism's formulas hold."""
         return (-2 * np.pi, 2 * np.pi)
 
     def angles_at(self, contraction: float) -> tuple[float, float]:
-        """Where the agonist (left) and the antagonist (right) have this contraction [rad]; infinite where not."""
+        """Return where agonist (left) and antagonist (right) have this contraction [rad]; infinite where not."""
         ends = np.asarray(self.reach)
         left = increasing_root(lambda x: self.agonist(x).contraction - contraction, *ends)
         right = increasing_root(lambda x: contraction - self.antagonist(x).contraction, *ends)
@@ -64,7 +64,7 @@ class Geometry(ABC):
 
 @dataclass(frozen=True)
 class Pulley(Geometry):
-    """The report's joint: two cables on a round pulley; ε1 = ε0 + Rθ/l0, ε2 = ε0 - Rθ/l0   (3)"""
+    """A `Pulley` is round, with two cables, as in the report: ε1 = ε0 + Rθ/l0, ε2 = ε0 - Rθ/l0   (3)"""
 
     radius: float  # R [m]
     initial_contraction: float  # ε0 [-], of both muscles at θ = 0
@@ -76,7 +76,7 @@ class Pulley(Geometry):
         fraction(self, "initial_contraction")
 
     def agonist(self, theta: Value) -> Routing:
-        """ε = ε0 + Rθ/l0, a = R   (3)"""
+        """Route muscle 1 round the pulley: ε = ε0 + Rθ/l0, a = R   (3)"""
         return Routing(
             self.initial_contraction + self.radius * theta / self.rest_length,
             self.radius + 0.0 * theta,
@@ -84,14 +84,14 @@ class Pulley(Geometry):
         )
 
     def angles_at(self, contraction: float) -> tuple[float, float]:
-        """θ = ∓(ε0 - ε) l0/R   (25)"""
+        """Return the angles θ = ∓(ε0 - ε) l0/R   (25)"""
         right = (self.initial_contraction - contraction) * self.rest_length / self.radius
         return -right, right
 
 
 @dataclass(frozen=True)
 class Lever(Geometry):
-    """Muscles between a lever of length r and anchors at the distance R from the axis.
+    """A `Lever` of length r has muscles that end at anchors at the distance R from the axis.
 
     Muscle length √(R² + r² - 2 R r sin θ) + offset (agonist; -θ for the antagonist), arm R r cos θ/√(…).
     """
@@ -109,7 +109,7 @@ class Lever(Geometry):
             raise InvalidInput(f"Lever: the anchor distance {self.anchor:g} m has to exceed the lever {self.lever:g} m")
 
     def agonist(self, theta: Value) -> Routing:
-        """ε = 1 - l(θ)/l0 and its arm."""
+        """Route muscle 1 to the lever: ε = 1 - l(θ)/l0 and its arm."""
         eps = 1 - (self._distance(theta) + self.offset) / self.rest_length
         return Routing(eps, self._arm(theta), derivative(self._arm, theta))
 
@@ -122,13 +122,13 @@ class Lever(Geometry):
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Short of the dead points at ±90°, where the arms vanish."""
+        """Return ±89°, short of the dead points at ±90°, where the arms vanish."""
         return (-89 * DEG, 89 * DEG)
 
 
 @dataclass(frozen=True)
 class Table(Geometry):
-    """A mechanism known by samples: contraction of both muscles at n angles, joined by cubic splines."""
+    """A `Table` is a mechanism known by samples: contraction of both muscles at n angles, joined by cubic splines."""
 
     theta: Array = field(repr=False)  # [rad], increasing, (n,)
     contraction1: Array = field(repr=False)  # ε1 [-], (n,)
@@ -157,7 +157,7 @@ class Table(Geometry):
                 )
 
     def __eq__(self, other: object) -> bool:
-        """Equal samples."""
+        """Compare the samples."""
         if not isinstance(other, Table):
             return NotImplemented
         return self.rest_length == other.rest_length and all(
@@ -166,15 +166,15 @@ class Table(Geometry):
         )
 
     def __hash__(self) -> int:
-        """By the samples."""
+        """Hash the samples."""
         return hash((self.rest_length, self.theta.tobytes(), self.contraction1.tobytes(), self.contraction2.tobytes()))
 
     def agonist(self, theta: Value) -> Routing:
-        """Muscle 1 by its spline."""
+        """Route muscle 1 by its spline."""
         return self._routing(theta, self._splines[0], +1)
 
     def antagonist(self, theta: Value) -> Routing:
-        """Muscle 2 by its spline."""
+        """Route muscle 2 by its spline."""
         return self._routing(theta, self._splines[1], -1)
 
     def _routing(self, theta: Value, spline: Spline, sign: int) -> Routing:
@@ -183,7 +183,7 @@ class Table(Geometry):
 
     @property
     def reach(self) -> tuple[float, float]:
-        """The sampled angles."""
+        """Return the sampled angles."""
         return (float(self.theta[0]), float(self.theta[-1]))
 
 

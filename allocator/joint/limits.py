@@ -39,7 +39,7 @@ class Limit(IntFlag):
 
     @property
     def text(self) -> str:
-        """Name as it is printed: "P1 upper", "agonist slack", …"""
+        """Return the name as it is printed: "P1 upper", "agonist slack", …"""
         return _TEXT[self]
 
 
@@ -63,7 +63,7 @@ _TEXT = {
 
 
 def names(limits: int) -> tuple[str, ...]:
-    """The names of all limits in the combination `limits`."""
+    """Return the names of all limits in the combination `limits`."""
     return tuple(limit.text for limit in Limit(int(limits)))
 
 
@@ -105,7 +105,7 @@ Bound = tuple[Array, Limit]
 
 @dataclass(frozen=True)
 class PressureInterval:
-    """The pressures [Pa] that one muscle may have, and which limits set each end. Arrays of one shape.
+    """A `PressureInterval` is the pressures [Pa] that one muscle may have, and which limits set each end, in arrays.
 
     Where no pressure satisfies all limits lo = hi is what is left, and `broken` tells which limits are not kept. Hard
     above all is the slew limit, then the supply's lower end, then the upper ends, then the least force.
@@ -121,7 +121,7 @@ class PressureInterval:
 
     @classmethod
     def between(cls, floors: list[Bound], ceilings: list[Bound], reach: tuple[Bound, Bound], near: float) -> Self:
-        """The pressures above all `floors`, of which the supply's is the first, and below all `ceilings`.
+        """Return the pressures above all `floors`, of which the supply's is the first, and below all `ceilings`.
 
         `reach` is what the slew limit leaves, infinite where there is none; limits within `near` [Pa] of each other
         lie at the same pressure.
@@ -145,44 +145,44 @@ class PressureInterval:
         )
 
     def map(self, function: Callable[[Any], Any]) -> "PressureInterval":
-        """The same with `function` applied to every array."""
+        """Return a copy with `function` applied to every array."""
         return PressureInterval(*(function(getattr(self, field.name)) for field in fields(self)))
 
     def contains(self, P: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
-        """Whether `P` lies inside, up to `tolerance` [Pa]; NaN does not."""
+        """Return whether `P` lies inside, up to `tolerance` [Pa]; NaN does not."""
         return (P >= self.lo - tolerance) & (P <= self.hi + tolerance)
 
     def binding(self, P: Array, tolerance: float) -> NDArray[np.int32]:
-        """Flags of the ends that `P` lies on or beyond, up to `tolerance` [Pa]."""
+        """Return the flags of the ends that `P` lies on or beyond, up to `tolerance` [Pa]."""
         low, high = self.lo + tolerance >= P, self.hi - tolerance <= P
         return np.asarray(np.where(low, self.lo_limit, 0) | np.where(high, self.hi_limit, 0), np.int32)
 
     def not_kept(self, P: Array, tolerance: float) -> NDArray[np.int32]:
-        """Flags of the limits that `P` is beyond by more than `tolerance` [Pa]."""
+        """Return the flags of the limits that `P` is beyond by more than `tolerance` [Pa]."""
         low, high = self.lo - tolerance > P, self.hi + tolerance < P
         left = np.where(self.contains(P, tolerance), self.broken, 0)
         return np.asarray(np.where(low, self.lo_limit, 0) | np.where(high, self.hi_limit, 0) | left, np.int32)
 
 
 def _flags(held: Iterable[tuple[Any, Limit]]) -> NDArray[np.int32]:
-    """The limits that hold, combined."""
+    """Return the limits that hold, combined."""
     return np.asarray(reduce(np.bitwise_or, [np.where(which, np.int32(limit), 0) for which, limit in held]), np.int32)
 
 
 @dataclass(frozen=True)
 class PressureBox:
-    """All pressure limits of the joint at an angle: one interval a muscle, and possibly a floor on their sum."""
+    """A `PressureBox` is the pressures allowed at an angle: one interval a muscle, and maybe a floor on their sum."""
 
     agonist: PressureInterval
     antagonist: PressureInterval
     least_sum: Array | float = -np.inf  # P1 + P2 ≥ this [Pa], the co-contraction floor, which cuts a corner off
 
     def __iter__(self) -> Iterator[PressureInterval]:
-        """Agonist, antagonist."""
+        """Yield agonist and antagonist."""
         return iter((self.agonist, self.antagonist))
 
     def map(self, function: Callable[[Any], Any]) -> "PressureBox":
-        """The same with `function` applied to every array."""
+        """Return a copy with `function` applied to every array."""
         least_sum = function(np.broadcast_to(self.least_sum, self.agonist.lo.shape))
         return PressureBox(self.agonist.map(function), self.antagonist.map(function), least_sum)
 
@@ -203,50 +203,50 @@ class PressureBox:
 
     @property
     def empty(self) -> NDArray[np.bool_]:
-        """Where limits contradict each other."""
+        """Return where limits contradict each other."""
         return self.agonist.empty | self.antagonist.empty
 
     @property
     def slack(self) -> NDArray[np.bool_]:
-        """Where no pressure left pulls a cable with the least force."""
+        """Return where no pressure left pulls a cable with the least force."""
         broken = self.agonist.broken | self.antagonist.broken
         return np.asarray(broken & (Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK) != 0)
 
     @property
     def unreachable(self) -> NDArray[np.bool_]:
-        """Where the slew limit allows no pressure within supply, model and greatest force."""
+        """Return where the slew limit allows no pressure within supply, model and greatest force."""
         return self.agonist.unreachable | self.antagonist.unreachable
 
     def contains(self, P1: Array, P2: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
-        """Whether (P1, P2) satisfies all limits, up to `tolerance` [Pa]."""
+        """Return whether (P1, P2) satisfies all limits, up to `tolerance` [Pa]."""
         inside = self.agonist.contains(P1, tolerance) & self.antagonist.contains(P2, tolerance)
         return inside & (P1 + P2 >= self.least_sum - tolerance)
 
     def binding(self, P1: Array, P2: Array, tolerance: float) -> NDArray[np.int32]:
-        """Flags of the limits that (P1, P2) lies on or beyond, up to `tolerance` [Pa]."""
+        """Return the flags of the limits that (P1, P2) lies on or beyond, up to `tolerance` [Pa]."""
         limits = self.agonist.binding(P1, tolerance) | self.antagonist.binding(P2, tolerance)
         on_floor = P1 + P2 <= self.least_sum + tolerance
         return limits | np.where(on_floor, np.int32(Limit.COCONTRACTION), np.int32(0))
 
     def not_kept(self, P1: Array, P2: Array, tolerance: float) -> NDArray[np.int32]:
-        """Flags of the limits that (P1, P2) is beyond by more than `tolerance` [Pa]."""
+        """Return the flags of the limits that (P1, P2) is beyond by more than `tolerance` [Pa]."""
         limits = self.agonist.not_kept(P1, tolerance) | self.antagonist.not_kept(P2, tolerance)
         under_floor = P1 + P2 < self.least_sum - tolerance
         return limits | np.where(under_floor, np.int32(Limit.COCONTRACTION), np.int32(0))
 
     @property
     def has_floor(self) -> bool:
-        """Whether there is a co-contraction floor."""
+        """Return whether there is a co-contraction floor."""
         return bool(np.isfinite(self.least_sum).any())
 
     @property
     def floor_segment(self) -> tuple[Array, Array]:
-        """P1 at both ends of the edge P1 + P2 = least_sum; where there is no such edge the first is the greater."""
+        """Return P1 at both ends of the edge P1 + P2 = least_sum; without such an edge the first is the greater."""
         (lo1, hi1), (lo2, hi2) = ((side.lo, side.hi) for side in self)
         return np.maximum(lo1, self.least_sum - hi2), np.minimum(hi1, self.least_sum - lo2)
 
     def project(self, P1: Array, P2: Array) -> tuple[Array, Array]:
-        """The nearest point that satisfies all limits."""
+        """Return the nearest point that satisfies all limits."""
         Q1, Q2 = np.clip(P1, self.agonist.lo, self.agonist.hi), np.clip(P2, self.antagonist.lo, self.antagonist.hi)
         left, right = self.floor_segment
         on_floor = np.clip((P1 - P2 + self.least_sum) / 2, left, np.maximum(left, right))

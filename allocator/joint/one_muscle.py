@@ -1,4 +1,4 @@
-"""One muscle at a fixed joint angle: the half of the joint that everything static is said in terms of."""
+"""One muscle at a fixed joint angle is half of the joint; everything static is said in terms of the two halves."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -12,7 +12,7 @@ from allocator.muscles import AffineMuscle, Muscle
 
 @dataclass(frozen=True)
 class Side:
-    """What one muscle adds to torque and stiffness, t(P) and k(P), as its pressure varies at a fixed joint angle."""
+    """A muscle held at a joint angle adds t(P) to the torque and k(P) to the stiffness as its pressure varies."""
 
     muscle: Muscle
     sign: int  # +1 agonist, -1 antagonist
@@ -23,42 +23,42 @@ class Side:
 
     @property
     def affine(self) -> bool:
-        """Whether t and k are affine in the pressure."""
+        """Return whether t and k are affine in the pressure."""
         return isinstance(self.muscle, AffineMuscle)
 
     @property
     def arrays(self) -> tuple[Array, Array, Array]:
-        """(contraction, arm, arm slope): what varies from angle to angle."""
+        """Return (contraction, arm, arm slope): what varies from angle to angle."""
         return self.contraction, self.arm, self.arm_slope
 
     def moved(self, contraction: Array, arm: Array, arm_slope: Array) -> Self:
-        """The same muscle at other angles, or at a selection of them."""
+        """Return the muscle at other angles, or at a selection of them."""
         return replace(self, contraction=contraction, arm=arm, arm_slope=arm_slope)
 
     def force(self, P: Value) -> Value:
-        """Muscle force [N]; negative where the cable would be slack."""
+        """Return the muscle's force [N]; negative where the cable would be slack."""
         return self.muscle.law(P, self.contraction)
 
     def torque(self, P: Value) -> Value:
-        """t = ±a F(P, ε) [N·m]."""
+        """Return the torque t = ±a F(P, ε) [N·m] that the muscle adds."""
         return self.sign * self.arm * self.force(P)
 
     def stiffness(self, P: Value) -> Value:
-        """k = -a² F_ε/l0 ∓ a' F [N·m/rad]."""
+        """Return the stiffness k = -a² F_ε/l0 ∓ a' F [N·m/rad] that the muscle adds."""
         elastic = -(self.arm**2) / self.rest_length * self.muscle.slope(P, self.contraction)
         return elastic - self.sign * self.arm_slope * self.force(P)
 
     def torque_gain(self, P: Value) -> Value:
-        """dt/dP = ±a F_P [N·m/Pa]."""
+        """Return dt/dP = ±a F_P [N·m/Pa]."""
         return self.sign * self.arm * self.muscle.gain(P, self.contraction)
 
     def stiffness_gain(self, P: Value) -> Value:
-        """dk/dP = -a² F_Pε/l0 ∓ a' F_P [N·m/rad/Pa]."""
+        """Return dk/dP = -a² F_Pε/l0 ∓ a' F_P [N·m/rad/Pa]."""
         elastic = -(self.arm**2) / self.rest_length * self.muscle.gain_slope(P, self.contraction)
         return elastic - self.sign * self.arm_slope * self.muscle.gain(P, self.contraction)
 
     def pressure_for_torque(self, torque: Array) -> Array:
-        """The pressure [Pa] that makes this muscle add `torque`; ∓inf where it has none."""
+        """Return the pressure [Pa] that makes this muscle add `torque`; ∓inf where it has none."""
         return self.muscle.pressure(self.sign * torque / self.arm, self.contraction)
 
     def interval(self, supply: tuple[float, float], limits: Limits) -> PressureInterval:

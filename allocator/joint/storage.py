@@ -1,4 +1,4 @@
-"""Joints as TOML files, for every command's --joint. What one looks like:
+"""Joints are saved as TOML files, which every command takes by --joint. What one looks like:
 
 [joint]                        # SI units
 pressure_limits = [0.0, 500000.0]
@@ -57,7 +57,7 @@ def save_joint(
 
 
 def dumps(joint: AntagonistJoint, *, scale_known: bool = True, source: Mapping[str, str | float] | None = None) -> str:
-    """The TOML text of `joint`."""
+    """Return the TOML text of `joint`."""
     lines = ["[joint]  # SI units: Pa, m, rad, N", f"pressure_limits = {_toml(joint.pressure_limits)}"]
     lines.append(f"min_contraction = {_toml(joint.min_contraction)}")
     if joint.angle_limits is not None:
@@ -80,7 +80,7 @@ def load_joint(path: FilePath, *, scale_needed: bool = True) -> AntagonistJoint:
 
 
 def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = True) -> AntagonistJoint:
-    """The joint in the parsed `content`; `path` is for the messages."""
+    """Return the joint in the parsed `content`; `path` is for the messages."""
     joint = _table(path, content, "joint")
     if surplus := content.keys() - _TABLES:
         what = f"is not a joint: it has no {', '.join(sorted(surplus))}; its tables are {', '.join(_TABLES)}"
@@ -115,7 +115,7 @@ def _geometry_lines(geometry: Geometry) -> list[str]:
 
 
 def _muscle_lines(name: str, muscle: Muscle) -> list[str]:
-    """The text of a muscle's file without its covariance, its tables moved below `name`."""
+    """Return the text of a muscle's file without its covariance, its tables moved below `name`."""
     text = storage.dumps(muscle, {}).partition("\n[covariance]")[0].rstrip("\n")
     return [f"[{name}]", *text.replace("[parameters]", f"[{name}.parameters]").splitlines()]
 

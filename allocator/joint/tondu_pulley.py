@@ -1,4 +1,4 @@
-"""The closed forms of the report's joint: two equal Tondu2021 muscles on a pulley.
+"""The report's joint, two equal Tondu2021 muscles on a pulley, has closed forms.
 
 In the reciprocals r_i = 1/(P_i+d), with their sum s and difference δ, torque and stiffness are (any c; g = e - cd)
 
@@ -26,26 +26,26 @@ _NEWTON_STEPS = 50  # bound; four or five are used
 
 @dataclass(frozen=True)
 class TonduPulley:
-    """Closed forms of two equal `muscle`s on a `pulley`. Arrays of one shape in, arrays out."""
+    """A `TonduPulley` has the closed forms of two equal `muscle`s on a `pulley`: arrays of one shape in, arrays out."""
 
     muscle: Tondu2021
     pulley: Pulley
 
     @property
     def K_crit(self) -> float:
-        """Stiffness [N·m/rad] up to which the inverse is unique: α = β."""
+        """Return the stiffness [N·m/rad] up to which the inverse is unique: α = β."""
         m, p = self.muscle, self.pulley
         s = -2 * sqrt((m.a - m.b) / (-m.g * p.initial_contraction))
         return m.S * p.radius**2 / p.rest_length * (2 * m.c + m.g * s)
 
     @property
     def K_floor(self) -> float:
-        """Stiffness [N·m/rad] that all pairs of pressures exceed: s = 0, pressures at minus infinity."""
+        """Return the stiffness [N·m/rad] that all pairs of pressures exceed: s = 0, pressures at minus infinity."""
         m, p = self.muscle, self.pulley
         return m.S * p.radius**2 / p.rest_length * 2 * m.c
 
     def inverse(self, theta: Array, K: Array, T: Array) -> tuple[Array, Array]:
-        """The pressures [Pa] that give (T, K) at θ by [C]; NaN unless K_floor < K <= K_crit."""
+        """Return the pressures [Pa] that give (T, K) at θ by [C]; NaN unless K_floor < K <= K_crit."""
         m, p = self.muscle, self.pulley
         X = p.radius * theta / p.rest_length
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -57,7 +57,7 @@ class TonduPulley:
             return 2 / (s * (1 + z)) - m.d, 2 / (s * (1 - z)) - m.d
 
     def equilibrium(self, P1: Array, P2: Array, T: Array) -> Array:
-        """Angle [rad] at which these pressures give the torque T; for c = 0 and T = 0 equation (23)."""
+        """Return the angle [rad] at which these pressures give the torque T; for c = 0 and T = 0 equation (23)."""
         m, p = self.muscle, self.pulley
         r1, r2 = 1 / (P1 + m.d), 1 / (P2 + m.d)
         push = (m.a - m.b) * (P1 - P2) - p.initial_contraction * m.g * (r1 - r2) - T / (m.S * p.radius)
@@ -65,7 +65,7 @@ class TonduPulley:
 
 
 def _root_of_f(tau: Array, alpha: Array, beta: Array) -> Array:
-    """The root z in (-1, 1) of f; arrays of one shape, NaN passes.
+    """Return the root z in (-1, 1) of f; arrays of one shape, NaN passes.
 
     f is odd in (τ, z), so take τ ≥ 0. Cleared of its denominator f is -p, p(z) = αz³ + τz² + (β-α)z - τ, convex on
     [0, 1] with p(0) ≤ 0 < β = p(1). Without the cubic term p has the root below, which is therefore an upper bound;

@@ -1,4 +1,4 @@
-"""Walking along a torque level: all pressure pairs of the box that give one torque.
+"""A torque level is all pressure pairs of the box that give one torque.
 
 Since T grows with P1 and falls with P2 the level T(P1, P2) = const is one curve that rises from the lower left to the
 upper right of the box. Along it
@@ -22,14 +22,14 @@ Sides = tuple[Side, Side]
 
 
 class Level(NamedTuple):
-    """Where a torque level enters and leaves the box."""
+    """A `Level` is where a torque level enters and leaves the box."""
 
     low: Pair  # least stiffness (P1, P2) [Pa]; NaN where the torque is out of reach
     high: Pair  # greatest stiffness
 
 
 def torque_interval(sides: Sides, box: PressureBox) -> Pair:
-    """[T_min, T_max] [N·m] in the box: one muscle at its least, the other at its greatest pressure."""
+    """Return [T_min, T_max] [N·m] in the box: one muscle at its least, the other at its greatest pressure."""
     agonist, antagonist = sides
     (lo1, hi1), (lo2, hi2), least_sum = (
         (box.agonist.lo, box.agonist.hi),
@@ -43,7 +43,7 @@ def torque_interval(sides: Sides, box: PressureBox) -> Pair:
 
 
 def torque_level(sides: Sides, box: PressureBox, T: Array) -> Level:
-    """The ends of the level T in the box."""
+    """Return the ends of the level T in the box."""
     agonist, antagonist = sides
     (lo1, hi1), (lo2, hi2) = ((side.lo, side.hi) for side in box)
     T_min, T_max = torque_interval(sides, box)
@@ -62,7 +62,7 @@ def torque_level(sides: Sides, box: PressureBox, T: Array) -> Level:
 
 
 def _lifted(sides: Sides, box: PressureBox, T: Array, low: Pair, high: Pair) -> Pair:
-    """The low end of the level moved up to the co-contraction floor: the sum of the pressures grows along the level."""
+    """Move the low end of the level up to the co-contraction floor: the sum of the pressures grows along the level."""
     agonist, antagonist = sides
     P1, *varying = np.broadcast_arrays(low[0], *agonist.arrays, *antagonist.arrays, T, box.least_sum)
 
@@ -76,7 +76,7 @@ def _lifted(sides: Sides, box: PressureBox, T: Array, low: Pair, high: Pair) -> 
 
 
 def stiffness(sides: Sides, pair: Pair) -> Array:
-    """K [N·m/rad] of a pressure pair."""
+    """Return the stiffness K [N·m/rad] of a pressure pair."""
     return np.asarray(sides[0].stiffness(pair[0]) + sides[1].stiffness(pair[1]))
 
 

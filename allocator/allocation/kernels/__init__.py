@@ -1,3 +1,3 @@
-"""The exact allocation in plain numbers: one text, called for one target, looped over arrays, compiled."""
+"""Kernels are the exact allocation in plain numbers: one text, called for a target, looped over arrays, compiled."""
 
 __all__: list[str] = []

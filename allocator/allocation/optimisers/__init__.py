@@ -1,3 +1,3 @@
-"""The back-ends that solve the allocation problem by general optimisation."""
+"""Back-ends solve the allocation problem by general optimisation."""
 
 __all__: list[str] = []

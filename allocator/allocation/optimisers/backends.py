@@ -1,4 +1,4 @@
-"""The solvers of the allocation problem by name, each imported only when it is used."""
+"""`optimise` calls a solver of the allocation problem by its name; each is imported only when it is used."""
 
 from typing import Literal, NamedTuple, get_args
 
@@ -17,7 +17,7 @@ OPTIMISERS: tuple[Optimiser, ...] = get_args(Optimiser)
 
 
 class Solution(NamedTuple):
-    """Feasible pressures of n problems, and what became of the back-end."""
+    """A `Solution` is feasible pressures of n problems, and what became of the back-end."""
 
     P1: Array
     P2: Array
@@ -46,7 +46,7 @@ def _run(problem: Problem, method: str, solver: str | None, warm_start: bool) ->
 
 
 def _snapped(problem: Problem, answer: Answer) -> tuple[Array, Array]:
-    """The answer made feasible to the last digit; pressures next to a bound are put on it."""
+    """Make the answer feasible to the last digit, with pressures next to a bound put on it."""
     near = _SNAP * problem.joint.pressure_span
     P1, P2 = problem.box.project(answer.P1, answer.P2)
     agonist, antagonist = problem.box

@@ -1,4 +1,4 @@
-"""The optimising back-ends' common ground: goals to minimise one after the other, where to start, what to hand back."""
+"""The optimising back-ends share goals to minimise one after the other, where to start, and what to hand back."""
 
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ SCALE = BAR  # optimisers see pressures in bar: numbers of order one
 
 
 class Goal(NamedTuple):
-    """Minimise w_T (T - T*)² + w_K (K - K*)² + ρ ‖P - P_ref‖², while `kept` stays at the value it has at the start."""
+    """A `Goal` is to minimise w_T (T - T*)² + w_K (K - K*)² + ρ ‖P - P_ref‖² while `kept` stays as at the start."""
 
     w_T: float
     w_K: float
@@ -29,7 +29,7 @@ class Goal(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What a back-end hands back for n problems; nothing in it is trusted."""
+    """An `Answer` is what a back-end hands back for n problems; nothing in it is trusted."""
 
     P1: Array  # [Pa], NaN where the solver failed
     P2: Array
@@ -37,7 +37,7 @@ class Answer(NamedTuple):
 
 
 def goals(problem: Problem) -> tuple[Goal, ...]:
-    """One weighted goal, or first one target and then, with it kept, the other: the lexicographic priorities."""
+    """Return one weighted goal, or first one target and then, with it kept, the other: the lexicographic priorities."""
     if problem.priority == "torque":
         return Goal(1.0, 0.0, 0.0), Goal(0.0, 1.0, problem.pull, kept="torque")
     if problem.priority == "stiffness":
@@ -46,7 +46,7 @@ def goals(problem: Problem) -> tuple[Goal, ...]:
 
 
 def settled(problem: Problem, goal: Goal, P: Array) -> NDArray[np.bool_]:
-    """Where a goal need not be pursued from P (2, n): a solver failed, the goal is met, or the kept one was missed.
+    """Return where a goal need not be pursued from P (2, n): a solver failed, it is met, or the kept one was missed.
 
     What is missed is so in a single point, which leaves no choice.
     """
@@ -61,7 +61,7 @@ def settled(problem: Problem, goal: Goal, P: Array) -> NDArray[np.bool_]:
 
 
 def start(problem: Problem, warm: bool) -> Array:
-    """Where optimisation begins, (2, n) [Pa]: the analytic inverse projected on the feasible set, or its middle.
+    """Return where optimisation begins, (2, n) [Pa]: at the projected analytic inverse, or in the middle of the box.
 
     The weighted cost of muscles that are not affine has local minima on the edges: there the start is the best of the
     projected inverse and a coarse grid of the box.
@@ -92,7 +92,7 @@ def replacement(problem: Problem) -> tuple[Array, Array]:
 
 
 def _grid(problem: Problem) -> Array:
-    """Points (2, m², n) all over the feasible set."""
+    """Return the points (2, m², n) all over the feasible set."""
     share = np.linspace(0.0, 1.0, _GRID)[:, None]
     P1, P2 = (side.lo + share * (side.hi - side.lo) for side in problem.box)  # (m, n)
     shape = (_GRID, _GRID, problem.theta.size)

@@ -1,4 +1,4 @@
-"""Back-end "convex": the allocation problem in cvxpy.
+"""Back-end "convex" solves the allocation problem in cvxpy.
 
 For affine muscles every goal is a convex quadratic programme and one solve is exact; other muscles are linearised again
 around the answer until it stays. The cvxpy problem is built once for each kind of goal, with everything that changes a
@@ -25,7 +25,7 @@ _SOLVERS = {
 
 
 class _Programme(NamedTuple):
-    """minimise ‖A d + b‖² over lo ≤ d ≤ hi, with or without floor and kept goal."""
+    """A programme is to minimise ‖A d + b‖² over lo ≤ d ≤ hi, with or without floor and kept goal."""
 
     problem: Any
     d: Any

@@ -1,4 +1,4 @@
-"""Back-end "nlp": the allocation problem as a nonlinear programme in CasADi, by IPOPT or CasADi's SQP method.
+"""Back-end "nlp" solves the allocation problem as a nonlinear programme in CasADi, by IPOPT or CasADi's SQP method.
 
 The programme is built once for a joint and a kind of goal; angle, targets, bounds and weights are its parameters.
 """
@@ -58,7 +58,7 @@ def solve(problem: Problem, solver: str | None = None, warm_start: bool = True) 
 
 
 def _numbers(problem: Problem, goal: Goal, P: Array) -> dict[str, Array]:
-    """Parameters (10, n), bounds (2, n) in bar and constraint bounds (2, n) of all programmes."""
+    """Return parameters (10, n), bounds (2, n) in bar and constraint bounds (2, n) of all programmes."""
     n, box = problem.theta.size, problem.box
     T_scale, K_scale = problem.scales
     weight = np.maximum(goal.w_T * T_scale**2, goal.w_K * K_scale**2)  # makes the cost of order one

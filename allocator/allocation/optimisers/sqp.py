@@ -1,4 +1,4 @@
-"""Sequential quadratic programming on the allocation problem: the loop that the QP and the convex back-end share.
+"""Sequential quadratic programming solves the allocation problem: the loop that "qp" and "convex" share.
 
 At pressures P each goal is replaced by its model in the step d,
 
@@ -30,7 +30,7 @@ _PENALTY = 10.0  # on the kept goal, in scaled units; above its multiplier, whic
 
 
 class SmallQP(NamedTuple):
-    """One (QP), in bar and scaled errors; the kept row is None where nothing is kept."""
+    """A `SmallQP` is one (QP), in bar and scaled errors; the kept row is None where nothing is kept."""
 
     H: Array  # (2, 2)
     g: Array  # (2,)
@@ -73,7 +73,7 @@ def _minimise(
 
 
 class _Model:
-    """Scaled errors, derivatives and merit of one goal for a set of problems; pressures (2, n) in bar."""
+    """A model has scaled errors, derivatives and merit of one goal for a set of problems; pressures (2, n) in bar."""
 
     def __init__(self, problem: Problem, goal: Goal, P_start: Array) -> None:
         self.problem, self.goal, self._P_start = problem, goal, P_start
@@ -94,7 +94,7 @@ class _Model:
         return {"torque": e_T, "stiffness": e_K}.get(self.goal.kept or "", 0.0 * e_T) / self.kept_scale
 
     def _gains(self, P: Array) -> tuple[Array, Array]:
-        """∂T/∂P and ∂K/∂P, (2, n) per bar."""
+        """Return ∂T/∂P and ∂K/∂P, (2, n) per bar."""
         t = np.stack([side.torque_gain(p * SCALE) for side, p in zip(self.problem.sides, P, strict=True)])
         k = np.stack([side.stiffness_gain(p * SCALE) for side, p in zip(self.problem.sides, P, strict=True)])
         return t * SCALE, k * SCALE
@@ -124,7 +124,7 @@ class _Model:
         return [SmallQP(*numbers) for numbers in zip(H, g, lo, hi, least, rows, right, strict=True)]
 
     def _curvature(self, P: Array, e_T: Array, e_K: Array) -> Array:
-        """Second-order part of the Hessian, diagonal (2, n): w_T e_T T_PP + w_K e_K K_PP; zero for affine muscles."""
+        """Return the Hessian's diagonal second-order part (2, n), w_T e_T T_PP + w_K e_K K_PP; 0 for affine muscles."""
         if self.problem.joint.affine:
             return np.zeros_like(P)
         h = 1e-4  # [bar]
@@ -132,7 +132,7 @@ class _Model:
         return np.asarray((self.w_T * e_T * (t_up - t_down) + self.w_K * e_K * (k_up - k_down)) / (2 * h))
 
     def searched(self, P: Array, d: Array, slow: bool) -> Array:
-        """P + d where the merit does not rise; else, or if progress is `slow`, the best step of a ladder."""
+        """Return P + d where the merit does not rise; else, or if progress is `slow`, the best step of a ladder."""
         start, best = self.merit(P), self._restored(P + d)
         best_merit = self.merit(best)
         if not slow and not (best_merit > start).any():
@@ -145,7 +145,7 @@ class _Model:
         return np.where(best_merit > start, P, best)
 
     def _restored(self, P: Array) -> Array:
-        """P moved back onto the curved level of the kept goal, without which the merit allows short steps only."""
+        """Move P back onto the curved level of the kept goal, without which the merit allows short steps only."""
         if self.goal.kept is not None:
             t, k = self._gains(P)
             row = (t if self.goal.kept == "torque" else k) / self.kept_scale
@@ -154,7 +154,7 @@ class _Model:
 
 
 def _convexified(H: Array, curvature: Array) -> Array:
-    """H + diag(curvature) where that is positive definite, else H; slightly damped, (2, 2, n)."""
+    """Return H + diag(curvature) where that is positive definite, else H; slightly damped, (2, 2, n)."""
     full = H + curvature[:, None] * np.eye(2)[:, :, None]
     trace, det = full[0, 0] + full[1, 1], full[0, 0] * full[1, 1] - full[0, 1] ** 2
     chosen = np.where((trace > 0) & (det > 1e-9 * trace**2), full, H)

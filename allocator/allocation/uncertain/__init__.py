@@ -1,3 +1,3 @@
-"""The allocation where the muscles' parameters are known with a covariance only."""
+"""Pressures are allocated here where the muscles' parameters are known with a covariance only."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""Back-end "convex" with `uncertainty`: problem [U] of `uncertain` as a second-order cone programme in cvxpy.
+"""Back-end "convex" with `uncertainty` solves problem [U] as a second-order cone programme in cvxpy.
 
 The certificate does not use the cones: bounds by root finding, optimality by the step that is left inside them.
 """
@@ -44,7 +44,7 @@ def optimise(problem: Problem, risk: float) -> RiskySolution:
 
 
 def solve(problem: Problem, risk: float) -> Answer:
-    """The pressures of [U], NaN where no pressures keep the limits with that probability."""
+    """Return the pressures of [U], NaN where no pressures keep the limits with that probability."""
     model, n = uncertain(problem, risk), problem.theta.size
     u, iterations = np.full((n, 2), np.nan), np.zeros(n, np.int32)
     for goal in goals(problem):
@@ -59,7 +59,7 @@ def solve(problem: Problem, risk: float) -> Answer:
 
 
 def _rows(problem: Problem, model: Uncertain, goal: Goal) -> tuple[Array, Array]:
-    """A (n, r, 2) and b (n, r) of the cost ‖A u + b‖²: mean errors, spreads, pull; scaled to order one."""
+    """Return A (n, r, 2) and b (n, r) of the cost ‖A u + b‖²: mean errors, spreads, pull; scaled to order one."""
     first_of_two = goal.kept is None and problem.priority != "weighted"  # the mean alone
     parts, T_scale, K_scale = [], *problem.scales
     weight = np.maximum(goal.w_T * T_scale**2, goal.w_K * K_scale**2)
@@ -90,7 +90,7 @@ class _Programme(NamedTuple):
 def _solve_one(
     problem: Problem, model: Uncertain, A: Array, b: Array, kept: tuple[Array, float] | None, i: int
 ) -> tuple[Array, int]:
-    """Pressures (2,) [bar] of problem i, NaN where the solver finds none, and its iterations."""
+    """Return the pressures (2,) [bar] of problem i, NaN where the solver finds none, and its iterations."""
     values = _values(problem, model, A, b, kept, i)
     shape = (len(b), *(model.force_spreads[j].offset.shape[1] for j in _SIDES))
     limits = tuple(None if f is None else f / _FORCE for f in (problem.limits.min_force, problem.limits.max_force))
@@ -105,7 +105,7 @@ def _solve_one(
 def _values(
     problem: Problem, model: Uncertain, A: Array, b: Array, kept: tuple[Array, float] | None, i: int
 ) -> dict[str, Any]:
-    """The parameters of the programme of problem i."""
+    """Return the parameters of the programme of problem i."""
     box = problem.box_without_forces
     values = {
         "A": A,
@@ -130,7 +130,7 @@ def _values(
 def _programme(
     shape: tuple[int, int, int], limits: tuple[float | None, float | None], floor: bool, kept: bool
 ) -> _Programme:
-    """The cone programme, built once for each shape; everything that changes is a parameter."""
+    """Return the cone programme, built once for each shape; everything that changes is a parameter."""
     import cvxpy as cp
 
     u, (r, *m) = cp.Variable(2), shape
@@ -157,7 +157,7 @@ def _programme(
 
 
 def residual(problem: Problem, risk: float, P1: Array, P2: Array) -> Array:
-    """Step that would still improve the answer within the chance box, in fractions of the supply range; (n,)."""
+    """Return the step that would improve the answer within the chance box, in fractions of the supply range (n,)."""
     model, box = uncertain(problem, risk), chance_box(problem, risk)
     u, span = np.stack([P1, P2], axis=1) / SCALE, problem.joint.pressure_span
     outside = [np.maximum(side.lo - P, P - side.hi) for side, P in zip(box, (P1, P2), strict=True)]

@@ -1,4 +1,4 @@
-"""The covariance that a user gives for the parameters of the muscles."""
+"""`with_covariance` takes the covariance that a user gives for the parameters of the muscles."""
 
 from dataclasses import replace
 from typing import Any
@@ -9,7 +9,7 @@ from allocator.joint.antagonist import AntagonistJoint
 
 
 def with_covariance(joint: AntagonistJoint, uncertainty: Any) -> AntagonistJoint:
-    """The joint with the covariance of its muscles' parameters: True takes their own, else one matrix or a pair."""
+    """Return the joint with the covariance of its muscles' parameters: their own (True), one matrix or a pair."""
     if not joint.affine:
         raise InvalidInput("uncertainty needs muscles affine in pressure: only then the problem is convex")
     if uncertainty is True:

@@ -1,4 +1,4 @@
-"""The allocation problem under uncertain muscle parameters.
+"""The allocation problem under uncertain muscle parameters is stated here.
 
 The parameters p of the (affine) muscles are normal with covariance C = L Lᵀ. To first order in p every force, torque
 and stiffness is normal, with a standard deviation that is the norm of an affine function of the pressures. So
@@ -29,18 +29,18 @@ from allocator.joint.one_muscle import Side
 
 
 class Affine(NamedTuple):
-    """A quantity y = y0 + Y u of the pressures u = (P1, P2) [bar] of n problems; y (n, m), Y (n, m, 2)."""
+    """A quantity is `Affine` in pressures u = (P1, P2) [bar] of n problems: y = y0 + Y u; y (n, m), Y (n, m, 2)."""
 
     offset: Array
     slope: Array
 
     def __call__(self, u: Array) -> Array:
-        """y (n, m) at u (n, 2)."""
+        """Return y (n, m) at u (n, 2)."""
         return np.asarray(self.offset + np.einsum("nmi,ni->nm", self.slope, u))
 
 
 class Uncertain(NamedTuple):
-    """Problem [U]: means (m = 1) and spreads of n problems as functions of the pressures, and the force limits' z."""
+    """An `Uncertain` is n problems [U]: means (m = 1) and spreads over the pressures, and the force limits' z."""
 
     errors: tuple[Affine, Affine]  # T̂ - T*, K̂ - K* [N·m], [N·m/rad]
     spreads: tuple[Affine, Affine]  # Lᵀ∂T/∂p, Lᵀ∂K/∂p
@@ -50,7 +50,7 @@ class Uncertain(NamedTuple):
 
 
 def uncertain(problem: Problem, risk: float) -> Uncertain:
-    """Means and spreads of the problem, affine in the pressures and therefore known from three of them."""
+    """Return the means and spreads of the problem, affine in the pressures and therefore known from three of them."""
     corners = [np.full((2, problem.theta.size), 0.0) for _ in range(3)]
     corners[1][0], corners[2][1] = SCALE, SCALE
 
@@ -72,7 +72,7 @@ def uncertain(problem: Problem, risk: float) -> Uncertain:
 
 
 def chance_box(problem: Problem, risk: float) -> PressureBox:
-    """The pressures that keep every force limit with its probability: again one interval a muscle."""
+    """Return the pressures that keep every force limit with its probability: again one interval a muscle."""
     model, box = uncertain(problem, risk), problem.box_without_forces
     intervals = [
         _narrowed(problem, side, interval, model, j)

@@ -1,4 +1,4 @@
-"""How far the parameters' uncertainty carries into force, torque and stiffness (delta method).
+"""The parameters' uncertainty is carried into force, torque and stiffness here (delta method).
 
 The muscles' parameters p have the covariance C = L Lᵀ. A quantity with the gradient g = ∂/∂p has the standard deviation
 ‖Lᵀ g‖. Two equal muscles are one law used twice: they share their parameters, and their gradients are added. A joint
@@ -17,7 +17,7 @@ from allocator.muscles import Muscle, parameter_sensitivities
 
 
 class Spread(NamedTuple):
-    """Lᵀ∂/∂p of n answers; the norm of a row is a standard deviation."""
+    """A `Spread` is Lᵀ∂/∂p of n answers; the norm of a row is a standard deviation."""
 
     torque: Array  # (n, m) [N·m]
     stiffness: Array  # (n, m) [N·m/rad]
@@ -25,7 +25,7 @@ class Spread(NamedTuple):
 
 
 def spread(problem: Problem, P1: Array, P2: Array) -> Spread:
-    """The spread of everything at the pressures; a muscle without covariance counts as exactly known."""
+    """Return the spread of everything at the pressures; a muscle without covariance counts as exactly known."""
     (one, two), joint = problem.sides, problem.joint
     root1, root2 = _roots(joint)
     torque1, stiffness1, force1 = _of_side(one, P1, root1)
@@ -36,7 +36,7 @@ def spread(problem: Problem, P1: Array, P2: Array) -> Spread:
 
 
 def stiffness_std(problem: Problem, P1: Array, P2: Array) -> Array | None:
-    """Standard deviation of K [N·m/rad] from the covariance of the fitted muscles; None if neither has one."""
+    """Return the standard deviation of K [N·m/rad] from the covariance of fitted muscles; None if neither has one."""
     joint = problem.joint
     if joint.covariance is None and joint.agonist.covariance is None and joint.antagonist.covariance is None:
         return None
@@ -44,7 +44,7 @@ def stiffness_std(problem: Problem, P1: Array, P2: Array) -> Array | None:
 
 
 def _of_side(side: Side, P: Array, root: Array) -> tuple[Array, Array, Array]:
-    """(torque, stiffness, force) of one muscle, each (n, m), by its `root` (parameters, m)."""
+    """Return (torque, stiffness, force) of one muscle, each (n, m), by its `root` (parameters, m)."""
     _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
     force, slope = force @ root, slope @ root
     sign, arm, arm_slope = side.sign, side.arm[:, None], side.arm_slope[:, None]
@@ -52,7 +52,7 @@ def _of_side(side: Side, P: Array, root: Array) -> tuple[Array, Array, Array]:
 
 
 def _roots(joint: AntagonistJoint) -> tuple[Array, Array]:
-    """The rows of L (parameters, m) that belong to the agonist and to the antagonist."""
+    """Return the rows of L (parameters, m) that belong to the agonist and to the antagonist."""
     if joint.covariance is None:
         return _root_of(joint.agonist), _root_of(joint.antagonist)
     root = _root(np.asarray(joint.covariance))
@@ -67,7 +67,7 @@ def _root_of(muscle: Muscle) -> Array:
 
 
 def _root(covariance: Array) -> Array:
-    """L with L Lᵀ = covariance, from its eigenvalues, since directions that the data left open have none."""
+    """Return L with L Lᵀ = covariance, from its eigenvalues, since directions that the data left open have none."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))  # parameters of very different size
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
