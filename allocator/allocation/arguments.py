@@ -10,6 +10,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.limits import TAUT, Limits
+from allocator.joint.torque_levels import Pair
 
 
 def problem_from(
@@ -40,7 +41,6 @@ def problem_from(
     arrays = checks.broadcast(**named)
     flat = {name: array.flatten() for name, array in zip(named, arrays, strict=True)}  # copies: they stay as they are
     low, high = _force_limits(limits)
-    slewed = "max_step" in flat
     problem = Problem(
         joint,
         theta=np.clip(flat["theta"], *joint.angle_range),
@@ -48,16 +48,10 @@ def problem_from(
         T=flat["T"],
         priority=_priority(priority),
         weights=_weights(priority, weights),
-        limits=Limits(
-            low,
-            high,
-            _cocontraction(joint, limits.min_cocontraction),
-            (flat["P1_now"], flat["P2_now"]) if slewed else None,
-            flat["max_step"] if slewed else None,
-        ),
+        limits=Limits(low, high, _cocontraction(joint, limits), _pair(flat, "P1_now", "P2_now"), flat.get("max_step")),
         stiffness_tolerance=_tolerance(priority, stiffness_tolerance),
         pull=rho,
-        reference=None if reference is None else (flat["P1_ref"], flat["P2_ref"]),
+        reference=_pair(flat, "P1_ref", "P2_ref"),
     )
     return problem, flat["theta"].reshape(arrays[0].shape)
 
@@ -69,6 +63,11 @@ def _slew(limits: Limits) -> dict[str, Array]:
     if given[0] is not given[1]:
         raise InvalidInput("previous and max_step go together; one came without the other")
     return now | ({"max_step": checks.positive_pressure("max_step", limits.max_step)} if given[1] else {})
+
+
+def _pair(flat: dict[str, Array], first: str, second: str) -> Pair | None:
+    """Return two of the arrays, None where they are not there."""
+    return (flat[first], flat[second]) if first in flat else None
 
 
 def _priority(priority: Any) -> Priority:
@@ -96,10 +95,11 @@ def _force_limits(limits: Limits) -> tuple[float | None, float | None]:
     return low, high
 
 
-def _cocontraction(joint: AntagonistJoint, floor: Any) -> float | None:
-    if floor is None:
+def _cocontraction(joint: AntagonistJoint, limits: Limits) -> float | None:
+    if limits.min_cocontraction is None:
         return None
-    value = checks.not_negative("min_cocontraction", checks.pressure("min_cocontraction", floor), "Pa")
+    pressure = checks.pressure("min_cocontraction", limits.min_cocontraction)
+    value = checks.not_negative("min_cocontraction", pressure, "Pa")
     if value > joint.pressure_limits[1]:
         raise InvalidInput(
             f"min_cocontraction = {value:g} Pa contradicts the supply pressure of {joint.pressure_limits[1]:g} Pa"

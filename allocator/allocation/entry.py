@@ -17,7 +17,7 @@ from allocator.allocation.planning import planned
 from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.result import Allocation, shaped
 from allocator.allocation.status import Status
-from allocator.allocation.tolerances import OPTIMISER
+from allocator.allocation.tolerances import OPTIMISER, UNCERTAIN
 from allocator.allocation.uncertain.covariance import with_covariance
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
@@ -109,11 +109,9 @@ def allocate(
         For an unknown method or solver; the message lists the ones there are.
     """
     joint = report_joint() if joint is None else joint
-    if (
-        type(min_force) is float and min_force == 0 and max_force is min_cocontraction is previous is max_step is None  # type: ignore[comparison-overlap]  # all None
-    ):
-        limits = TAUT  # as mostly; to make them again takes 5 % of a call
-    else:
+    limits = TAUT  # as mostly; to make them again takes 5 % of a call
+    taut = type(min_force) is float and min_force == 0
+    if not (taut and max_force is min_cocontraction is previous is max_step is None):  # type: ignore[comparison-overlap]  # all None
         limits = Limits(min_force, max_force, min_cocontraction, previous, max_step)
     if (
         method == "exact"
@@ -123,15 +121,8 @@ def allocate(
         found = calls.answer(joint, theta, K, T, priority, limits)
         if found is not None:
             return found
-    if method not in METHODS:
-        raise MissingBackend("method", method, METHODS)
-    if solver is not None and method not in backends.OPTIMISERS:
-        raise InvalidInput(
-            f"solver = {solver!r} belongs to the methods {', '.join(backends.OPTIMISERS)}, not {method!r}"
-        )
+    _check_method(method, solver, uncertainty)
     if uncertainty is not None:
-        if method != "convex" or solver is not None:
-            raise InvalidInput("uncertainty belongs to method='convex' with its default solver")
         joint, risk = with_covariance(joint, uncertainty), checks.probability("risk", risk)
     s = checked_direction(direction)
     problem, asked = problem_from(
@@ -146,7 +137,6 @@ def allocate(
         pull=pull,
         reference=reference,
     )
-
     axis = _axis(along, asked.ndim, method, previous)
 
     def answer(problem: Problem) -> Allocation:
@@ -171,6 +161,18 @@ def _ordinary(joint: AntagonistJoint, direction: Any, stiffness_tolerance: Any, 
     return number(pull) == number(stiffness_tolerance) == 0 and (
         number(direction) == 0 or (joint.friction == 0 and abs(number(direction)) <= 1)
     )
+
+
+def _check_method(method: Any, solver: Any, uncertainty: Any) -> None:
+    """Refuse methods that there are not, and options that belong to other methods."""
+    if method not in METHODS:
+        raise MissingBackend("method", method, METHODS)
+    if solver is not None and method not in backends.OPTIMISERS:
+        raise InvalidInput(
+            f"solver = {solver!r} belongs to the methods {', '.join(backends.OPTIMISERS)}, not {method!r}"
+        )
+    if uncertainty is not None and (method != "convex" or solver is not None):
+        raise InvalidInput("uncertainty belongs to method='convex' with its default solver")
 
 
 def _axis(along: Any, ndim: int, method: str, previous: Any) -> int | None:
@@ -218,7 +220,7 @@ def _uncertain(problem: Problem, asked: Array, risk: float) -> Allocation:
     missed = np.isin(found.status, (Status.TORQUE_LIMITED, Status.STIFFNESS_LIMITED, Status.BOTH_LIMITED))
     status = np.where(missed, np.int8(Status.HEDGED), found.status)
     status = np.where(failed, np.int8(Status.SOLVER_FAILED), status)
-    limits = box.binding(P1, P2, 10 * OPTIMISER.binds * problem.joint.pressure_span) | outside
+    limits = box.binding(P1, P2, UNCERTAIN.binds * problem.joint.pressure_span) | outside
     found = found._replace(status=np.where(infeasible, np.int8(Status.TOO_RISKY), status), limits=limits)
     gap = np.full(P1.shape, np.nan)
     return _allocation(problem, asked, P1, P2, found, "uncertain", gap=gap, iterations=iterations)

@@ -13,6 +13,7 @@ from allocator.allocation import certificate
 from allocator.allocation.optimisers import convex
 from allocator.allocation.optimisers.common import CERTIFIED, SCALE, Answer, Goal, goals, replacement
 from allocator.allocation.problem import Problem
+from allocator.allocation.tolerances import UNCERTAIN
 from allocator.allocation.uncertain.problem import Affine, Uncertain, chance_box, uncertain
 from allocator.calculus import Array
 from allocator.joint.limits import PressureBox
@@ -171,7 +172,7 @@ def residual(problem: Problem, risk: float, P1: Array, P2: Array) -> Array:
             kept = model.errors[0 if goal.kept == "torque" else 1].slope[:, 0]
             steps.append(certificate.level_step(box, P1, P2, (kept[:, 0], kept[:, 1]), gradient, hessian))
         elif problem.priority == "weighted":
-            steps.append(certificate.newton_step(box, P1, P2, gradient, hessian, near=1e-6 * span))
+            steps.append(certificate.newton_step(box, P1, P2, gradient, hessian, near=UNCERTAIN.binds * span))
         else:
             toward = 1 / (hessian[0] + hessian[2])
             Q1, Q2 = box.project(P1 - toward * g[0], P2 - toward * g[1])
