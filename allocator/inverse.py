@@ -14,7 +14,7 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.joint.limits import Limits, PressureBox
-from allocator.joint.torque_levels import Pair, Sides
+from allocator.joint.torque_levels import BothMuscles, Pair
 from allocator.search import Curves, all_pairs
 
 _SINGULAR = 1e-12  # of its terms: a determinant of no more is rounding
@@ -47,7 +47,7 @@ def solve_inverse(joint: AntagonistJoint, theta: Array, K: Array, T: Array) -> P
     return P1.reshape(T.shape), P2.reshape(T.shape)
 
 
-def _highest_pair(sides: Sides, K: Array, T: Array) -> Pair:
+def _highest_pair(sides: BothMuscles, K: Array, T: Array) -> Pair:
     """Return the pair with the highest pressures that gives (T, K), where a model is most likely to hold; else NaN."""
     if not T.size:
         return T, T
@@ -60,7 +60,7 @@ def _highest_pair(sides: Sides, K: Array, T: Array) -> Pair:
     return P1, P2
 
 
-def affine_inverse(sides: Sides, K: Array, T: Array) -> Pair:
+def affine_inverse(sides: BothMuscles, K: Array, T: Array) -> Pair:
     """Solve the 2×2 system of two affine muscles; NaN where it is singular."""
     one, two = sides
     T = T - one.torque(0.0) - two.torque(0.0)

@@ -18,7 +18,7 @@ from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.limits import PressureBox, PressureInterval
-from allocator.joint.one_muscle import Side
+from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.torque_levels import Pair
 
 Flags = NDArray[np.bool_]
@@ -42,7 +42,7 @@ def _gradients(problem: Problem, P1: Array, P2: Array) -> tuple[Pair, Pair]:
     return (one.torque_gain(P1), two.torque_gain(P2)), (_stiffness_gain(one, P1), _stiffness_gain(two, P2))
 
 
-def _stiffness_gain(side: Side, P: Array) -> Array:
+def _stiffness_gain(side: OneMuscle, P: Array) -> Array:
     """Return dk/dP, 0 where the stiffness turns: there its two parts cancel."""
     force_gain = side.muscle.gain(P, side.contraction)
     elastic = -(side.arm**2) / side.rest_length * side.muscle.gain_slope(P, side.contraction)

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.limits import TAUT, Limits, PressureBox
-from allocator.joint.torque_levels import Pair, Sides
+from allocator.joint.torque_levels import BothMuscles, Pair
 from allocator.search import Curves
 
 _FAR = {"torque": 1e3, "stiffness": 1e3, "weighted": 1e6}
@@ -60,7 +60,7 @@ class Problem:
     reference: Pair | None = None  # P_ref [Pa], where there is a pull
 
     @cached_property
-    def sides(self) -> Sides:
+    def sides(self) -> BothMuscles:
         """Return both muscles, held at the angles."""
         return self.joint.sides(self.theta)
 

@@ -13,7 +13,7 @@ from allocator.allocation.problem import Problem
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.joint.limits import Limit, PressureInterval
-from allocator.joint.torque_levels import Sides
+from allocator.joint.torque_levels import BothMuscles
 
 _BY_FORCE = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK | Limit.AGONIST_FORCE | Limit.ANTAGONIST_FORCE
 _SINGULAR = 1e-12  # of the rows' lengths: a determinant of no more is rounding
@@ -133,7 +133,7 @@ def _where(mask: Mask, row: Array, other: Array) -> Array:
     return np.where(mask[:, None], row, other)
 
 
-def _total_stiffness(sides: Sides, P1: Array, P2: Array) -> Array:
+def _total_stiffness(sides: BothMuscles, P1: Array, P2: Array) -> Array:
     return np.asarray(sides[0].stiffness(P1) + sides[1].stiffness(P2))
 
 

@@ -6,7 +6,7 @@ With moment arms a_i(θ) and contractions ε_i(θ) the joint's torque and isobar
     K = -∂T/∂θ |P = -(a1² F1_ε + a2² F2_ε)/l0 - (a1' F1 - a2' F2)                       (5), [G]
 
 At a fixed angle each muscle adds its own term, t(P) and k(P), to both: the joint is two curves in the (T, K) plane,
-and everything static in this package is said in terms of these two `Side`s.
+and everything static in this package is said in terms of the two, each `OneMuscle`.
 """
 
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ from allocator.calculus import Array, Value, rising_roots
 from allocator.errors import InvalidInput
 from allocator.joint.geometry import Geometry, Pulley
 from allocator.joint.limits import TAUT, Limit, Limits, PressureBox
-from allocator.joint.one_muscle import Side
+from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.tondu_pulley import TonduPulley
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
 from allocator.muscles.base import Covariance
@@ -75,12 +75,12 @@ class AntagonistJoint:
 
     # --- at a fixed angle -------------------------------------------------------------------------------------------
 
-    def sides(self, theta: Value) -> tuple[Side, Side]:
+    def sides(self, theta: Value) -> tuple[OneMuscle, OneMuscle]:
         """Return agonist and antagonist, held at the joint angle `theta` [rad]."""
         l0 = self.geometry.rest_length
         return (
-            Side(self.agonist, +1, l0, *self.geometry.agonist(theta)),
-            Side(self.antagonist, -1, l0, *self.geometry.antagonist(theta)),
+            OneMuscle(self.agonist, +1, l0, *self.geometry.agonist(theta)),
+            OneMuscle(self.antagonist, -1, l0, *self.geometry.antagonist(theta)),
         )
 
     def torque(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Value:

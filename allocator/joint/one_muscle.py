@@ -1,4 +1,4 @@
-"""One muscle at a fixed joint angle is half of the joint; everything static is said in terms of the two halves."""
+"""One muscle held at a joint angle is half of the joint; everything static is said in terms of the two halves."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -11,8 +11,8 @@ from allocator.muscles import AffineMuscle, Muscle
 
 
 @dataclass(frozen=True)
-class Side:
-    """A muscle held at a joint angle adds t(P) to the torque and k(P) to the stiffness as its pressure varies."""
+class OneMuscle:
+    """`OneMuscle` is a muscle held at a joint angle, which adds t(P) to the torque and k(P) to the stiffness."""
 
     muscle: Muscle
     sign: int  # +1 agonist, -1 antagonist
@@ -99,4 +99,4 @@ _FLAGS = {
     ),
 }
 
-__all__ = ["Side"]
+__all__ = ["OneMuscle"]

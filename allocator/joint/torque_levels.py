@@ -15,10 +15,10 @@ import numpy as np
 
 from allocator.calculus import Array, increasing_root
 from allocator.joint.limits import PressureBox
-from allocator.joint.one_muscle import Side
+from allocator.joint.one_muscle import OneMuscle
 
 Pair = tuple[Array, Array]
-Sides = tuple[Side, Side]
+BothMuscles = tuple[OneMuscle, OneMuscle]
 
 
 class Level(NamedTuple):
@@ -28,7 +28,7 @@ class Level(NamedTuple):
     high: Pair  # greatest stiffness
 
 
-def torque_interval(sides: Sides, box: PressureBox) -> Pair:
+def torque_interval(sides: BothMuscles, box: PressureBox) -> Pair:
     """Return [T_min, T_max] [N·m] in the box: one muscle at its least, the other at its greatest pressure."""
     agonist, antagonist = sides
     (lo1, hi1), (lo2, hi2), least_sum = (
@@ -42,7 +42,7 @@ def torque_interval(sides: Sides, box: PressureBox) -> Pair:
     )
 
 
-def torque_level(sides: Sides, box: PressureBox, T: Array) -> Level:
+def torque_level(sides: BothMuscles, box: PressureBox, T: Array) -> Level:
     """Return the ends of the level T in the box."""
     agonist, antagonist = sides
     (lo1, hi1), (lo2, hi2) = ((side.lo, side.hi) for side in box)
@@ -61,7 +61,7 @@ def torque_level(sides: Sides, box: PressureBox, T: Array) -> Level:
     return Level(*((np.where(reached, P1, np.nan), np.where(reached, P2, np.nan)) for P1, P2 in (low, high)))
 
 
-def _lifted(sides: Sides, box: PressureBox, T: Array, low: Pair, high: Pair) -> Pair:
+def _lifted(sides: BothMuscles, box: PressureBox, T: Array, low: Pair, high: Pair) -> Pair:
     """Move the low end of the level up to the co-contraction floor: the sum of the pressures grows along the level."""
     agonist, antagonist = sides
     P1, *varying = np.broadcast_arrays(low[0], *agonist.arrays, *antagonist.arrays, T, box.least_sum)
@@ -75,9 +75,9 @@ def _lifted(sides: Sides, box: PressureBox, T: Array, low: Pair, high: Pair) -> 
     return P1, np.maximum(low[1], antagonist.pressure_for_torque(T - agonist.torque(P1)))
 
 
-def stiffness(sides: Sides, pair: Pair) -> Array:
+def stiffness(sides: BothMuscles, pair: Pair) -> Array:
     """Return the stiffness K [N·m/rad] of a pressure pair."""
     return np.asarray(sides[0].stiffness(pair[0]) + sides[1].stiffness(pair[1]))
 
 
-__all__ = ["Level", "Pair", "Sides", "stiffness", "torque_interval", "torque_level"]
+__all__ = ["Level", "Pair", "BothMuscles", "stiffness", "torque_interval", "torque_level"]

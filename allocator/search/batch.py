@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.joint.limits import PressureBox
-from allocator.joint.torque_levels import Pair, Sides
+from allocator.joint.torque_levels import BothMuscles, Pair
 from allocator.search.compiled import compiled
 from allocator.search.curves import K_T
 from allocator.search.loops import LOOPS, MOST
@@ -37,7 +37,7 @@ class Curves(NamedTuple):
     box: Array
 
     @classmethod
-    def of(cls, sides: Sides, box: PressureBox, supply: tuple[float, float]) -> Self:
+    def of(cls, sides: BothMuscles, box: PressureBox, supply: tuple[float, float]) -> Self:
         """Those of both sides in a box. Raises InvalidInput for a law that is not smooth between its kinks."""
         (lo1, hi1), (lo2, hi2) = ((interval.lo, interval.hi) for interval in box)
         limits = np.stack(np.broadcast_arrays(lo1, hi1, lo2, hi2, box.least_sum), 1)

@@ -6,7 +6,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.joint.one_muscle import Side
+from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles.basis import Basis, sampling
 from allocator.search.curves import CHEBYSHEV, EXPONENTIAL, HEAD, QUADRATIC, RATIONAL
 
@@ -15,7 +15,7 @@ _SIZES = (9, 17, 33, 65)  # of a polynomial whose degree is to be found
 _TAIL = 1e-13  # of the greatest coefficient: smaller ones are rounding
 
 
-def rows(side: Side, lo: float, hi: float) -> Array:
+def rows(side: OneMuscle, lo: float, hi: float) -> Array:
     """The curve of one muscle at n angles between two pressures [Pa]: (n, segments, numbers).
 
     Raises InvalidInput for a law that is not smooth between its kinks.
@@ -27,7 +27,7 @@ def rows(side: Side, lo: float, hi: float) -> Array:
     return np.stack([np.pad(segment, ((0, 0), (0, width - segment.shape[1]))) for segment in segments], 1)
 
 
-def _segment(side: Side, basis: Basis, lo: float, hi: float) -> Array:
+def _segment(side: OneMuscle, basis: Basis, lo: float, hi: float) -> Array:
     """One segment at n angles: (n, numbers)."""
     force, slope = _coefficients(side, basis, lo, hi)
     arm, arm_slope = np.ravel(side.arm), np.ravel(side.arm_slope)
@@ -46,7 +46,7 @@ def _segment(side: Side, basis: Basis, lo: float, hi: float) -> Array:
     return np.concatenate([head, torque.T, stiffness.T], axis=1)
 
 
-def _coefficients(side: Side, basis: Basis, lo: float, hi: float) -> tuple[Array, Array]:
+def _coefficients(side: OneMuscle, basis: Basis, lo: float, hi: float) -> tuple[Array, Array]:
     """Those of F and of F_ε (size, n) in the functions of the basis."""
     if basis.kind != "smooth":
         return _sampled(side, basis, lo, hi, 3)
@@ -62,7 +62,7 @@ def _coefficients(side: Side, basis: Basis, lo: float, hi: float) -> tuple[Array
     )
 
 
-def _sampled(side: Side, basis: Basis, lo: float, hi: float, size: int) -> tuple[Array, Array]:
+def _sampled(side: OneMuscle, basis: Basis, lo: float, hi: float, size: int) -> tuple[Array, Array]:
     nodes, inverse, greatest = sampling(basis, lo, hi, size)
     P, eps = nodes[:, None], np.ravel(side.contraction)[None, :]
     force, slope = (np.broadcast_to(f(P, eps), (size, eps.size)) for f in (side.muscle.law, side.muscle.slope))

@@ -8,7 +8,7 @@ import numpy as np
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
 from allocator.calculus import Array, Value, derivative
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.one_muscle import Side
+from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import AffineMuscle
 
 Kernel = Callable[..., Any]
@@ -54,7 +54,7 @@ def coefficients(joint: AntagonistJoint, theta: Value) -> list[tuple[Value, ...]
     return [_coefficients(side) for side in joint.sides(theta)]
 
 
-def _coefficients(side: Side) -> tuple[Value, ...]:
+def _coefficients(side: OneMuscle) -> tuple[Value, ...]:
     """Return (A, B, a, k', k0) as `side` has them, but with A, B and their derivatives evaluated once."""
     muscle, eps = side.muscle, side.contraction
     assert isinstance(muscle, AffineMuscle)

@@ -25,7 +25,7 @@ from allocator.allocation.problem import Problem
 from allocator.allocation.uncertain.spread import spread
 from allocator.calculus import Array, increasing_root
 from allocator.joint.limits import Limit, PressureBox, PressureInterval
-from allocator.joint.one_muscle import Side
+from allocator.joint.one_muscle import OneMuscle
 
 
 class Affine(NamedTuple):
@@ -81,7 +81,9 @@ def chance_box(problem: Problem, risk: float) -> PressureBox:
     return replace(box, agonist=intervals[0], antagonist=intervals[1])
 
 
-def _narrowed(problem: Problem, side: Side, interval: PressureInterval, model: Uncertain, j: int) -> PressureInterval:
+def _narrowed(
+    problem: Problem, side: OneMuscle, interval: PressureInterval, model: Uncertain, j: int
+) -> PressureInterval:
     mean, deviation, lo, hi = model.forces[j], model.force_spreads[j], interval.lo, interval.hi
     lo_limit, hi_limit = interval.lo_limit, interval.hi_limit
 

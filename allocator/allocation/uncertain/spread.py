@@ -12,7 +12,7 @@ import numpy as np
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.one_muscle import Side
+from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle, parameter_sensitivities
 
 
@@ -43,7 +43,7 @@ def stiffness_std(problem: Problem, P1: Array, P2: Array) -> Array | None:
     return np.asarray(np.linalg.norm(spread(problem, P1, P2).stiffness, axis=1))
 
 
-def _of_side(side: Side, P: Array, root: Array) -> tuple[Array, Array, Array]:
+def _of_side(side: OneMuscle, P: Array, root: Array) -> tuple[Array, Array, Array]:
     """Return (torque, stiffness, force) of one muscle, each (n, m), by its `root` (parameters, m)."""
     _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
     force, slope = force @ root, slope @ root

@@ -10,7 +10,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.one_muscle import Side
+from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import parameter_sensitivities
 
 _STEP = 1e-30
@@ -48,7 +48,7 @@ def stiffness(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Qua
     return Quantity(K, np.hstack([_stiffness_gradient(one, P1), _stiffness_gradient(two, P2)]))
 
 
-def _stiffness_gradient(side: Side, P: Array) -> Array:
+def _stiffness_gradient(side: OneMuscle, P: Array) -> Array:
     _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
     arm, arm_slope = np.asarray(side.arm)[:, None], np.asarray(side.arm_slope)[:, None]
     return np.asarray(-(arm**2) / side.rest_length * slope - side.sign * arm_slope * force)
