@@ -7,6 +7,8 @@ from allocator import allocate
 from allocator.identification.joint.fit import fit_joint
 from allocator.units import DEG
 
+pytestmark = pytest.mark.slow  # fits forty logs
+
 SEEDS = range(10)
 
 
@@ -30,7 +32,6 @@ def recoveries(all_twins, log_maker, truth_of):
     }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("weights", "most"), [(3, 0.05), (1, 0.12)])
 def test_stiffness_is_known_to_5_percent_with_three_weights_a_side_and_12_with_one(
     recoveries, all_twins, weights, most
