@@ -3,20 +3,18 @@
 import math
 from copy import deepcopy
 from dataclasses import replace
-from itertools import product
 from time import perf_counter
 
 import casadi as ca
 import numpy as np
 import pytest
-from numba import njit
 
 from allocator import BAR, DEG, Table
 from mpc import PlanStatus, Plant, SlowStep, TrackingMPC, Weights
 from mpc.codegen import python_text
-from mpc.codegen.python_text import _FORMULAS, Untranslatable, _formula, translated
+from mpc.codegen.languages import PYTHON
+from mpc.codegen.python_text import translated
 from mpc.tracking.compiled import module
-from mpc.tracking.compiled.jit import merged
 from mpc.tracking.compiled.qp_step import QuickFeedForward, QuickImprover, workings
 from mpc.tracking.feedforward import FeedForwardLaw
 from mpc.tracking.limits import Limits
@@ -54,76 +52,6 @@ def test_every_joint_s_law_is_translated_to_the_last_digits(joint):
             np.testing.assert_allclose(found, wanted, rtol=1e-13, atol=1e-13)
 
 
-def unary(x):
-    """CasADi's operations of one number."""
-    return [
-        -x, 2 * x, x * x, 1 / x, x**2.5, x**-1.3, ca.exp(x), ca.expm1(x), ca.log(x), ca.log1p(x), ca.sqrt(x), ca.sin(x),
-        ca.cos(x), ca.tan(x), ca.asin(x), ca.acos(x), ca.atan(x), ca.sinh(x), ca.cosh(x), ca.tanh(x), ca.asinh(x),
-        ca.acosh(x), ca.atanh(x), ca.erf(x), ca.fabs(x), ca.floor(x), ca.ceil(x), ca.sign(x), ca.logic_not(x),
-        x + math.inf, ca.fmin(x, math.inf), x * -math.inf, x + ca.SX(math.nan), ca.SX(3.5) * x, ca.SX(-0.0) * x,
-    ]  # fmt: skip
-
-
-def binary(x, y):
-    """And of two."""
-    return [
-        x + y, x - y, x * y, x / y, x**y, ca.atan2(x, y), ca.hypot(x, y), ca.fmod(x, y), ca.copysign(x, y), x < y,
-        x <= y, x == y, x != y, ca.logic_and(x, y), ca.logic_or(x, y), ca.if_else(x, y, 7.0), ca.if_else(x < y, x, y),
-    ]  # fmt: skip
-
-
-ODD = (-math.inf, -710.5, -2.5, -1.0, -0.3, -0.0, 0.0, 1e-300, 0.3, 0.5, 1.0, 2.5, 710.5, math.inf, math.nan)
-
-
-def compiled_law(function):
-    """The translation of the CasADi `function`, compiled as in `mpc.tracking.compiled`."""
-    source, names = translated("law", function), {"math": math, "np": np}
-    exec(source.text, names)
-    law = merged(names["law"])
-    called = njit(lambda x, y, c: law(x, y, c), error_model="numpy")
-    return lambda x, y: called(x, y, source.c)
-
-
-@pytest.fixture(scope="module")
-def operations():
-    """All of them in CasADi, and compiled."""
-    x, y = ca.SX.sym("x"), ca.SX.sym("y")
-    function = ca.Function("all", [x, y], [ca.densify(ca.vertcat(*unary(x), *binary(x, y)))])
-    return function, compiled_law(function)
-
-
-@pytest.mark.parametrize("x", ODD)
-def test_every_operation_compiled_is_casadi_s(operations, x):
-    function, law = operations
-    for y in ODD:
-        wanted, found = function(x, y).full()[:, 0], np.array(law(x, y))
-        np.testing.assert_allclose(found, wanted, rtol=1e-14)
-        numbers = ~np.isnan(wanted)
-        np.testing.assert_array_equal(np.signbit(found[numbers]), np.signbit(wanted[numbers]))  # of zeros, too
-
-
-def test_the_lesser_and_the_greater_of_two_are_casadi_s():
-    a, b = ca.SX.sym("a"), ca.SX.sym("b")
-    function = ca.Function("both", [a, b], [ca.vertcat(ca.fmin(a, b), ca.fmax(a, b))])
-    law = compiled_law(function)
-    for x, y in product(ODD, ODD):  # of 0 and -0 either may be the lesser
-        np.testing.assert_array_equal(law(x, y), function(x, y).full()[:, 0])
-
-
-def test_the_table_of_operations_is_tried_whole(operations):
-    x, y = ca.SX.sym("x"), ca.SX.sym("y")
-    both = ca.Function("both", [x, y], [ca.fmin(x, y), ca.fmax(x, y)])
-    tried = {f.instruction_id(k) for f in (operations[0], both) for k in range(f.n_instructions())}
-    unseen = {name for name in _FORMULAS if getattr(ca, name) not in tried}
-    assert unseen == {"OP_ASSIGN"}  # CasADi does not leave it in a graph
-
-
-def test_an_operation_without_translation_is_said():
-    x = ca.SX.sym("x")
-    with pytest.raises(Untranslatable, match="OP_ERFINV"):
-        translated("law", ca.Function("error", [x], [ca.erfinv(x)]))
-
-
 @pytest.mark.slow
 def test_laws_too_long_to_compile_are_left_to_the_readable_step(joints):
     angles = np.linspace(-1.5, 1.5, 120)
@@ -135,14 +63,10 @@ def test_laws_too_long_to_compile_are_left_to_the_readable_step(joints):
 
 
 def test_what_the_compiler_fails_at_is_left_to_the_readable_step(monkeypatch):
-    wrong = {**_FORMULAS, "OP_SIN": "float({0} > 0.0)"}  # which numba does not take
-    monkeypatch.setattr(python_text, "_FORMULAS", wrong)
-    _formula.cache_clear()
-    try:
-        with pytest.warns(SlowStep, match="ten times as long: Failed in nopython mode") as said:
-            mpc = TrackingMPC(Plant(gravity_torque=0.5), N=4)
-    finally:
-        _formula.cache_clear()
+    wrong = {**PYTHON.operations, "OP_SIN": "float({0} > 0.0)"}  # which numba does not take
+    monkeypatch.setattr(python_text, "PYTHON", replace(PYTHON, operations=wrong))
+    with pytest.warns(SlowStep, match="ten times as long: Failed in nopython mode") as said:
+        mpc = TrackingMPC(Plant(gravity_torque=0.5), N=4)
     assert (mpc.implementation, len(said), said[0].filename) == ("readable", 1, __file__)
     assert "\n" not in str(said[0].message)
     assert mpc.step(mpc.plant.at_rest(0.0, 7.6), 0.1, 7.8).status is PlanStatus.OPTIMAL

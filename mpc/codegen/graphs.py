@@ -1,0 +1,97 @@
+"""A CasADi function becomes assignments, one an operation and in CasADi's order: one walk serves every language.
+
+The graph, its derivatives and the elimination of common terms are CasADi's; a `Language` says how an operation is
+written. Inputs, outputs and numbers look different in each text, so that whoever asks for the text writes those.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+from allocator.errors import InvalidInput
+
+
+class Untranslatable(InvalidInput):
+    """A CasADi function cannot be written in a language; the message says why."""
+
+
+@dataclass(frozen=True)
+class Language:
+    """A language is a table of how CasADi's operations are written in it."""
+
+    name: str
+    operations: Mapping[str, str]  # CasADi's name: an expression of the operands {0} and {1}, which are atoms
+    temporary: str  # the name of the n-th result {}
+
+
+class Temporary(NamedTuple):
+    """A temporary is a name for the result of an operation."""
+
+    name: str
+    expression: str
+
+
+class Output(NamedTuple):
+    """An output is set, entry by entry."""
+
+    output: int
+    entry: int  # among the nonzeros, columns first
+    expression: str
+
+
+def steps(
+    function: Any, language: Language, entry: Callable[[int, int], str], number: Callable[[float], str]
+) -> Iterator[Temporary | Output]:
+    """Yield the CasADi SX `function` in `language`, step by step.
+
+    `entry(i, j)` writes the nonzero j of input i. `number` writes a constant, and is asked at every place where one is
+    used. Raises `Untranslatable` for an operation that the language's table has not.
+    """
+    import casadi as ca
+
+    registers: dict[int, str | float] = {}  # what CasADi's work vector holds: an expression, or a number
+    used = 0
+
+    def operand(register: int) -> str:
+        value = registers[register]
+        text = value if isinstance(value, str) else number(value)
+        return f"({text})" if text.startswith("-") else text
+
+    for k in range(function.n_instructions()):
+        kind = function.instruction_id(k)
+        taken, given = function.instruction_input(k), function.instruction_output(k)
+        if kind == ca.OP_OUTPUT:
+            yield Output(given[0], given[1], operand(taken[0]))
+        elif kind == ca.OP_INPUT:
+            registers[given[0]] = entry(*taken)
+        elif kind == ca.OP_CONST:
+            registers[given[0]] = float(function.instruction_constant(k))
+        else:
+            expression = _form(kind, function, language).format(*map(operand, taken))
+            registers[given[0]] = name = language.temporary.format(used)
+            used += 1
+            yield Temporary(name, expression)
+
+
+def _form(kind: int, function: Any, language: Language) -> str:
+    """Return how `language` writes the operation that CasADi numbers `kind`."""
+    name = operation_names().get(kind, f"operation number {kind}")
+    form = language.operations.get(name)
+    if form is None:
+        raise Untranslatable(
+            f"the function {function.name()} uses CasADi's {name}, which the table of operations for {language.name} "
+            "has not"
+        )
+    return form
+
+
+@cache
+def operation_names() -> dict[int, str]:
+    """Return CasADi's operations by their numbers."""
+    import casadi as ca
+
+    return {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
+
+
+__all__ = ["Language", "Output", "Temporary", "Untranslatable", "operation_names", "steps"]
