@@ -41,10 +41,10 @@ class PlantOptions(JointOptions):
 
     def plant(self, **otherwise: Any) -> "Plant":
         """The plant; `otherwise` holds what is neither given nor in the file."""
-        from mpc.model.plant import Plant
+        from mpc.model.plant import NUMBERS, Plant
         from mpc.model.storage import stored_numbers
 
-        stored = {} if self.joint is None else stored_numbers(self.joint)
+        stored = {} if self.joint is None else stored_numbers(self.joint, NUMBERS)
         return Plant(self.build(), **(otherwise | stored | self._numbers()))
 
     def _numbers(self) -> dict[str, Any]:

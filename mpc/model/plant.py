@@ -10,7 +10,7 @@ to that is the controller's business. `Plant.rate` is the one place where this f
 CasADi symbols. The law of a slack muscle (F < 0) is kept as it is: the metrics say when it was used.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from math import ceil, sqrt
 from os import PathLike
 from typing import Any
@@ -19,11 +19,12 @@ import numpy as np
 
 from allocator import allocate, checks
 from allocator.calculus import Array, Value, sin
-from allocator.errors import InvalidInput
+from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.units import BAR
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment
 from mpc.model.integration import integrated
+from mpc.model.storage import load_plant, save_plant
 
 STATES = ("theta", "omega", "P1", "P2")
 INPUTS = ("P1_command", "P2_command")
@@ -116,16 +117,16 @@ class Plant:
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the plant, joint and muscles included, as a TOML file. Raises `CannotWrite`."""
-        from mpc.model.storage import save_plant
-
-        save_plant(self, path)
+        save_plant(path, self.joint, {name: getattr(self, name) for name in NUMBERS})
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "Plant":
         """Read a plant from TOML; a joint's file gives one with the numbers of `Plant()`. Raises `InvalidFile`."""
-        from mpc.model.storage import load_plant
-
-        return load_plant(path)
+        joint, numbers = load_plant(path, NUMBERS)
+        try:
+            return Plant(joint, **numbers)
+        except (InvalidInput, TypeError, OverflowError) as error:
+            raise InvalidFile(path, f"[plant]: {error}") from None
 
     # --- in discrete time, and for other tools ----------------------------------------------------------------------
 
@@ -177,6 +178,7 @@ class Plant:
         )
 
 
+NUMBERS = tuple(f.name for f in fields(Plant) if f.name != "joint")
 _POSITIVE = ("inertia", "slew")
 _MOST_SUBSTEPS = 10_000  # in a sample
 
@@ -188,4 +190,4 @@ def _number(name: str, value: Any, unit: str, *, positive: bool) -> float:
     return number
 
 
-__all__ = ["INPUTS", "NU", "NX", "STATES", "Plant"]
+__all__ = ["INPUTS", "NU", "NUMBERS", "NX", "STATES", "Plant"]

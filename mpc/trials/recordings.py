@@ -12,8 +12,7 @@ import numpy as np
 from allocator.errors import InvalidFile
 from allocator.files.atomic import replacing
 from allocator.joint import storage as joint_storage
-from mpc.model.plant import NU, NX, Plant
-from mpc.model.storage import NUMBERS
+from mpc.model.plant import NU, NUMBERS, NX, Plant
 from mpc.trials.simulation import Run
 
 _ARRAYS = tuple(f.name for f in fields(Run) if f.name != "plant")

@@ -18,6 +18,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.joint import gradients
 from allocator.identification.joint.problem import JointProblem
+from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import scaled
@@ -182,8 +183,6 @@ def _prior(problem: JointProblem, x: Array) -> Array:
 
 def _goal(joint: AntagonistJoint, problem: JointProblem, x: Array, angle: Array, unloaded: Array) -> Array:
     """∂(log K)/∂x (k, m) at the unloaded setpoints."""
-    from allocator.identification.joint.report import parameter_jacobian
-
     u, s = problem.unknowns(x), problem.samples
     here = np.concatenate([unloaded, np.zeros(unloaded.size, bool)])
     modelled = AntagonistJoint(

@@ -11,6 +11,7 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.identification.joint import gradients
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.storage import save_joint
 from allocator.muscles import scaled, strength_powers
 from allocator.units import BAR, DEG
 
@@ -75,8 +76,6 @@ class RelativeJoint:
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write it as TOML; commands that need stiffness will refuse it until it has a scale."""
-        from allocator.joint.storage import save_joint
-
         save_joint(self.shape, path, scale_known=False)
 
     def __getattr__(self, name: str) -> NoReturn:

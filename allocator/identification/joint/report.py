@@ -1,73 +1,36 @@
-"""Everything that is said about the solution of a joint's fit."""
+"""Everything that is said about the solution of a joint's fit is worked out here, number by number."""
 
-from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.identifiability import determine
+from allocator.identification.joint import gradients
 from allocator.identification.joint.problem import JointProblem, Unknowns
 from allocator.identification.joint.relative import with_joint_covariance
-from allocator.identification.joint.result import GroupError, JointFit
+from allocator.identification.joint.search import minimise
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.muscles import monotonicity_failure, scaled, strength_powers
+from allocator.muscles import scaled, strength_powers
 
-Minimise = Callable[[JointProblem, Array], tuple[Array, bool]]
 _DETERMINANT_GRID = 7
 _MOST_MISSED = 0.05  # of the samples for which the model may have no equilibrium
 _POOR_SCALE = 0.25
 
 
-def conclude(problem: JointProblem, x: Array, converged: bool, minimise: Minimise | None) -> JointFit:
-    """The report; `minimise` is used to leave out the groups in turn, or None."""
-    u = _checked(problem, x)
-    error = problem.angle_error(x)
-    at_bound = _at_bound(problem, x)
-    covariance = _covariance(problem, x, ~at_bound)
-    joints = _joints(problem, u, covariance)
-    scale_std = None if problem.conventional else _scale_std(problem, u, covariance)
-    scale = None if problem.conventional else problem.mean_area(u).real
-    failure = monotonicity_failure(u.muscle, *_domain(problem))
-    positive = all(_determinant_positive(joint) for joint in joints.values())
-    slack = int((problem.shares(u) < problem.taut_min).sum())
-    share = _hysteresis_share(problem, u)
-    return JointFit(
-        shapes=joints,
-        scale=scale,
-        scale_std=scale_std,
-        ratio=u.ratio,
-        zero=u.zero,
-        friction=u.friction,
-        rms=_rms(error),
-        groups=_groups(problem, x, error, minimise),
-        hysteresis_share=share,
-        standard_deviations=dict(zip(problem.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
-        unseen=_unseen(problem, x),
-        slack=slack,
-        monotone=not failure,
-        determinant_positive=positive,
-        warnings=(
-            *(() if converged else ("the search stopped before it converged",)),
-            *(f"{n} ended at the limit of its search" for n, b in zip(problem.names, at_bound, strict=True) if b),
-            *((f"[M] fails: {failure}",) if failure else ()),
-            *(() if positive else ("det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere",)),
-            *(
-                (f"{slack} of {2 * error.size} muscle forces are below {problem.taut_min:.0%} of the mean",)
-                if slack
-                else ()
-            ),
-            *_friction_warnings(problem, u, share),
-            *_scale_warning(problem, scale_std),
-        ),
-        problem=problem,
-        x=x,
-    )
+class GroupError(NamedTuple):
+    """A group's angle errors are summed up here."""
+
+    label: str
+    samples: int
+    rms: float  # [rad]
+    left_out: float  # RMS [rad] when the group was kept from the fit; NaN where that could not be
 
 
-def _checked(problem: JointProblem, x: Array) -> Unknowns:
-    """The unknowns, with the muscle checked; refused where most samples have no equilibrium."""
+def checked(problem: JointProblem, x: Array) -> Unknowns:
+    """Return the unknowns, with the muscle checked. Raises InvalidInput where many samples have no equilibrium."""
     u = problem.unknowns(x)
     _, reached = problem.equilibrium(u)
     name = type(problem.prototype).__name__
@@ -82,14 +45,16 @@ def _checked(problem: JointProblem, x: Array) -> Unknowns:
         raise InvalidInput(f"the best {name} makes no sense as a muscle: {error}") from None
 
 
-def _at_bound(problem: JointProblem, x: Array) -> Mask:
+def at_bound(problem: JointProblem, x: Array) -> Mask:
+    """Return which unknowns ended at a bound of the search (m,)."""
     width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
     near = 1e-5 * np.maximum(np.abs(x), 1e-2 * width)
     return np.asarray((x - problem.lower < near) | (problem.upper - x < near))
 
 
-def _covariance(problem: JointProblem, x: Array, inside: Mask) -> Array:
-    """Covariance (m, m) of the unknowns, 0 for those at a bound."""
+def covariance(problem: JointProblem, x: Array) -> Array:
+    """Return the covariance (m, m) of the unknowns, 0 for those at a bound."""
+    inside = ~at_bound(problem, x)
     r, J = problem.residual(x), problem.jacobian(x)
     names = tuple(n for n, i in zip(problem.names, inside, strict=True) if i)
     found = determine(J[:, inside], float(r @ r), names, x[inside])
@@ -98,8 +63,8 @@ def _covariance(problem: JointProblem, x: Array, inside: Mask) -> Array:
     return full
 
 
-def _unseen(problem: JointProblem, x: Array) -> tuple[str, ...]:
-    """Directions that move no angle, from the rows of the angles alone; the force scale by its name."""
+def unseen(problem: JointProblem, x: Array) -> tuple[str, ...]:
+    """Return the directions that move no angle, from the rows of the angles alone; the force scale by its name."""
     r, J = problem.residual(x)[: problem.samples.n], problem.jacobian(x)[: problem.samples.n]
     directions = determine(J, float(r @ r), problem.names, x).collinear
     if not problem.conventional:
@@ -109,7 +74,7 @@ def _unseen(problem: JointProblem, x: Array) -> tuple[str, ...]:
 
 
 def parameter_jacobian(problem: JointProblem, u: Unknowns) -> Array:
-    """∂q/∂x (2k, m): parameters q of agonist and antagonist; the antagonist's are scaled by the ratio."""
+    """Return ∂q/∂x (2k, m): parameters q of agonist and antagonist; the antagonist's are scaled by the ratio."""
     names = list(u.muscle.parameters)
     powers = strength_powers(u.muscle) if "log_ratio" in problem.extra else np.zeros(len(names))
     values = np.array(list(u.muscle.parameters.values()))
@@ -124,7 +89,8 @@ def parameter_jacobian(problem: JointProblem, u: Unknowns) -> Array:
     return J
 
 
-def _joints(problem: JointProblem, u: Unknowns, covariance: Array) -> dict[str, AntagonistJoint]:
+def joints(problem: JointProblem, u: Unknowns, covariance: Array) -> dict[str, AntagonistJoint]:
+    """Return the fitted joints by group, with the covariance of the parameters of both muscles."""
     J = parameter_jacobian(problem, u)
     C, samples = J @ covariance @ J.T, problem.samples
     antagonist = scaled(u.muscle, u.ratio)
@@ -148,10 +114,8 @@ def _joints(problem: JointProblem, u: Unknowns, covariance: Array) -> dict[str, 
     return joints
 
 
-def _scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
-    """Relative standard deviation of K at the samples, in the mean: dominated by that of the scale."""
-    from allocator.identification.joint import gradients
-
+def scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
+    """Return the relative standard deviation of K at the samples, in the mean: dominated by that of the scale."""
     J, s = parameter_jacobian(problem, u), problem.samples
     i = int(np.bincount(s.group).argmax())
     here = s.group == i
@@ -160,24 +124,26 @@ def _scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
     return float(np.median(K.relative_std(J @ covariance @ J.T)))
 
 
-def _groups(problem: JointProblem, x: Array, error: Array, minimise: Minimise | None) -> tuple[GroupError, ...]:
+def groups(problem: JointProblem, x: Array, error: Array, leave_one_out: bool) -> tuple[GroupError, ...]:
+    """Return the errors of each group; with `leave_one_out` also where it was kept from the fit."""
     s = problem.samples
     found = []
     for i, (label, _) in enumerate(s.groups):
         here = s.group == i
-        found.append(GroupError(label, int(here.sum()), _rms(error[here]), _left_out(problem, x, here, minimise)))
+        left_out = _left_out(problem, x, here) if leave_one_out else float("nan")
+        found.append(GroupError(label, int(here.sum()), rms(error[here]), left_out))
     return tuple(found)
 
 
-def _left_out(problem: JointProblem, x: Array, here: Mask, minimise: Minimise | None) -> float:
-    if minimise is None or here.all() or (~here).sum() < x.size + 1:
+def _left_out(problem: JointProblem, x: Array, here: Mask) -> float:
+    if here.all() or (~here).sum() < x.size + 1:
         return float("nan")
     others, _ = minimise(problem.on(~here), x)
-    return _rms(problem.on(here).angle_error(others))
+    return rms(problem.on(here).angle_error(others))
 
 
-def _hysteresis_share(problem: JointProblem, u: Unknowns) -> float:
-    """Σ h²/(Σ h² + Σ m²): h half the difference and m the mean of the errors of a rising and a falling sample."""
+def hysteresis_share(problem: JointProblem, u: Unknowns) -> float:
+    """Return Σ h²/(Σ h² + Σ m²): h half the difference, m the mean of the errors of a rising and a falling sample."""
     pairs = problem.samples.pairs()
     if not pairs:
         return float("nan")
@@ -188,8 +154,8 @@ def _hysteresis_share(problem: JointProblem, u: Unknowns) -> float:
     return float(h / (h + m))
 
 
-def _determinant_positive(joint: AntagonistJoint) -> bool:
-    """Whether det ∂(T, K)/∂(P1, -P2) > 0 wherever both muscles are taut, on a grid."""
+def determinant_positive(joint: AntagonistJoint) -> bool:
+    """Return whether det ∂(T, K)/∂(P1, -P2) > 0 wherever both muscles are taut, on a grid."""
     low, high = joint.pressure_limits
     angles = np.linspace(*joint.angle_range, _DETERMINANT_GRID)
     levels = np.linspace(low, high, _DETERMINANT_GRID)[1:]
@@ -200,11 +166,38 @@ def _determinant_positive(joint: AntagonistJoint) -> bool:
     return bool((det[taut] > 0).all())
 
 
-def _domain(problem: JointProblem) -> tuple[float, tuple[float, float]]:
+def domain(problem: JointProblem) -> tuple[float, tuple[float, float]]:
+    """Return the greatest pressure [Pa] and the contractions [-] of the data, on which [M] is checked."""
     s = problem.samples
     (eps1, *_), (eps2, *_), _ = s.routes(np.clip(s.theta, *s.reach()))
     eps = np.concatenate([eps1, eps2])
     return float(max(s.P1.max(), s.P2.max())), (max(0.0, float(eps.min())), float(eps.max()))
+
+
+def warnings(
+    problem: JointProblem,
+    x: Array,
+    u: Unknowns,
+    *,
+    converged: bool,
+    failure: str,
+    positive: bool,
+    slack: int,
+    share: float,
+    scale_std: float | None,
+) -> tuple[str, ...]:
+    """Return what is to be known before the fit is used: `failure` is of [M], `share` that of hysteresis."""
+    bounded = (n for n, b in zip(problem.names, at_bound(problem, x), strict=True) if b)
+    forces = 2 * problem.samples.n
+    return (
+        *(() if converged else ("the search stopped before it converged",)),
+        *(f"{name} ended at the limit of its search" for name in bounded),
+        *((f"[M] fails: {failure}",) if failure else ()),
+        *(() if positive else ("det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere",)),
+        *((f"{slack} of {forces} muscle forces are below {problem.taut_min:.0%} of the mean",) if slack else ()),
+        *_friction_warnings(problem, u, share),
+        *_scale_warning(problem, scale_std),
+    )
 
 
 def _friction_warnings(problem: JointProblem, u: Unknowns, share: float) -> tuple[str, ...]:
@@ -224,8 +217,24 @@ def _scale_warning(problem: JointProblem, std: float | None) -> tuple[str, ...]:
     return (f"K is known to {std:.0%} only: hang {W * std / 0.05:.2g} instead of {W:.2g} N·m for 5 %",)
 
 
-def _rms(error: Array) -> float:
+def rms(error: Array) -> float:
+    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(error**2)))
 
 
-__all__ = ["conclude", "parameter_jacobian"]
+__all__ = [
+    "GroupError",
+    "at_bound",
+    "checked",
+    "covariance",
+    "determinant_positive",
+    "domain",
+    "groups",
+    "hysteresis_share",
+    "joints",
+    "parameter_jacobian",
+    "rms",
+    "scale_std",
+    "unseen",
+    "warnings",
+]

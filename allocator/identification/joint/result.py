@@ -3,29 +3,23 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.identification.joint import gradients
-from allocator.identification.joint.problem import JointProblem
+from allocator.identification.joint import gradients, report
+from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
 from allocator.identification.joint.relative import WHY, RelativeJoint
+from allocator.identification.joint.report import GroupError
 from allocator.identification.joint.samples import JointSamples
+from allocator.identification.joint.search import minimise, scale_shape
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.muscles import Muscle
+from allocator.joint.storage import save_joint
+from allocator.muscles import Muscle, monotonicity_failure, strength_powers
 from allocator.presentation.tables import first_of, html_table, number
 from allocator.units import DEG, PERCENT
-
-
-class GroupError(NamedTuple):
-    """Angle errors of one group of samples."""
-
-    label: str
-    samples: int
-    rms: float  # [rad]
-    left_out: float  # RMS [rad] when the group was kept from the fit; NaN where that could not be
 
 
 @dataclass(frozen=True)
@@ -144,15 +138,27 @@ class JointFit:
         Either equilibria under a weight, as in `fit_joint` (everything is fitted again, with them), or `T_P` ± `std`
         [N·m/Pa], the torque per pressure P1 measured `at` (θ, P1, P2) [rad, Pa, Pa], at θ as the encoder shows it.
         """
-        from allocator.identification.joint.scale import from_gain, from_weights
-
         if T_P is not None and at is not None and torque is None:
-            return from_gain(self, T_P, at, std)
+            return self._with_gain(T_P, at, std)
         if T_P is None and torque is not None:
-            return from_weights(self, theta, P1, P2, torque, direction, group)
+            samples = self.samples.loaded_with(theta, P1, P2, torque, direction, group)
+            loaded = replace(self.problem, samples=samples, conventional=False)
+            return solved(loaded, scale_shape(loaded, self.x))
         raise InvalidInput(
             "with_scale takes either theta, P1, P2 and torque of a weight, or T_P and at=(theta, P1, P2)"
         )
+
+    def _with_gain(self, T_P: float, at: tuple[float, float, float], std: float) -> "JointFit":
+        if self.scale is not None:
+            raise InvalidInput("the force scale is known already, from the weight in the data")
+        if len(self.shapes) > 1:
+            raise InvalidInput("T_P belongs to one geometry; this fit is of several: complete it with weights")
+        (label, shape), (theta, P1, P2) = next(iter(self.shapes.items())), at
+        joint = RelativeJoint(shape).with_scale(T_P, (theta - self.zero, P1, P2), std)
+        names, powers = list(shape.agonist.parameters), strength_powers(shape.agonist)
+        name, power = next((n, p) for n, p in zip(names, powers, strict=True) if p)
+        factor = (joint.agonist.parameters[name] / shape.agonist.parameters[name]) ** (1 / power)
+        return self.replaced(shapes={label: joint}, scale=CONVENTIONAL_AREA * float(factor), scale_std=std / T_P)
 
     def to_dict(self) -> dict[str, Any]:
         """The fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``; parameters in SI units."""
@@ -196,8 +202,6 @@ class JointFit:
 
     def save(self, path: str | PathLike[str], group: Any = None) -> None:
         """Write the joint (of `group`) as TOML for `load_joint` and every command's --joint."""
-        from allocator.joint.storage import save_joint
-
         chosen = self.joint if group is None else self.joint_of(group)
         joint = chosen.shape if isinstance(chosen, RelativeJoint) else chosen
         source: dict[str, str | float] = {
@@ -208,4 +212,47 @@ class JointFit:
         save_joint(joint, path, scale_known=self.scale is not None, source=source)
 
 
-__all__ = ["GroupError", "JointFit"]
+def solved(problem: JointProblem, x: Array, leave_one_out: bool = True) -> JointFit:
+    """Return the fit, searched from `x`, and all that is to be said about it."""
+    x, converged = minimise(problem, x)
+    u = report.checked(problem, x)
+    error = problem.angle_error(x)
+    covariance = report.covariance(problem, x)
+    joints = report.joints(problem, u, covariance)
+    scale_std = None if problem.conventional else report.scale_std(problem, u, covariance)
+    failure = monotonicity_failure(u.muscle, *report.domain(problem))
+    positive = all(report.determinant_positive(joint) for joint in joints.values())
+    slack = int((problem.shares(u) < problem.taut_min).sum())
+    share = report.hysteresis_share(problem, u)
+    return JointFit(
+        shapes=joints,
+        scale=None if problem.conventional else problem.mean_area(u).real,
+        scale_std=scale_std,
+        ratio=u.ratio,
+        zero=u.zero,
+        friction=u.friction,
+        rms=report.rms(error),
+        groups=report.groups(problem, x, error, leave_one_out),
+        hysteresis_share=share,
+        standard_deviations=dict(zip(problem.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        unseen=report.unseen(problem, x),
+        slack=slack,
+        monotone=not failure,
+        determinant_positive=positive,
+        warnings=report.warnings(
+            problem,
+            x,
+            u,
+            converged=converged,
+            failure=failure,
+            positive=positive,
+            slack=slack,
+            share=share,
+            scale_std=scale_std,
+        ),
+        problem=problem,
+        x=x,
+    )
+
+
+__all__ = ["GroupError", "JointFit", "solved"]

@@ -92,6 +92,23 @@ class JointSamples:
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
 
+    def loaded_with(self, theta: Any, P1: Any, P2: Any, torque: Any, direction: Any, group: Any) -> Self:
+        """Return these samples and equilibria under a weight, as in `checked`; the mechanisms are known already."""
+        geometries = {g.label: g.geometry for g in self.groups}
+        one = len(geometries) == 1 and group is None
+        more = self.checked(
+            theta,
+            P1,
+            P2,
+            geometry=next(iter(geometries.values())) if one else geometries,
+            torque=torque,
+            direction=direction,
+            group=None if one else [str(g) for g in group],
+        )
+        labels = [g.label for g in self.groups]
+        index = more.group if one else [labels.index(more.groups[i].label) for i in more.group]
+        return self.joined(replace(more, group=np.asarray(index, np.intp), groups=self.groups))
+
     def joined(self, other: "JointSamples") -> Self:
         """These samples and others of the same groups."""
         if other.groups != self.groups:
