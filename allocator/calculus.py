@@ -1,4 +1,4 @@
-"""One formula for floats, arrays and CasADi symbols: elementary functions, derivatives, monotone root finding.
+"""One formula serves floats, arrays and CasADi symbols: elementary functions, derivatives, monotone root finding.
 
 A formula written with `+ - * / **` and the functions of this file can be evaluated with numbers and with symbols. Its
 derivative need not be written by hand: complex step for numbers (exact to rounding, Squire & Trapp 1998), algorithmic
@@ -41,7 +41,7 @@ exp, sqrt, sin, cos = map(_elementary, ("exp", "sqrt", "sin", "cos"))
 
 
 def derivative(formula: Callable[[Value], Value], x: Value) -> Value:
-    """`formula'(x)`, element by element; the formula must be analytic (no `abs`, no `where` on its value)."""
+    """Return `formula'(x)`, element by element; the formula must be analytic (no `abs`, no `where` on its value)."""
     if not is_symbol(x):
         return formula(x + _STEP * 1j).imag / _STEP
     import casadi
@@ -51,7 +51,7 @@ def derivative(formula: Callable[[Value], Value], x: Value) -> Value:
 
 
 def increasing_root(f: Callable[..., Array], lo: Array, hi: Array, *args: Array) -> Array:
-    """The x in [lo, hi] with f(x, *args) = 0, for f increasing in x; broadcasts.
+    """Return the x in [lo, hi] with f(x, *args) = 0, for f increasing in x; broadcasts.
 
     -inf where f is positive on all of [lo, hi], +inf where it is negative there, NaN where an argument is. Everything
     that varies from element to element has to come in through `args`: SciPy drops elements as they converge.

@@ -47,7 +47,7 @@ class Spline:
 
 
 def _staircase(values: list[float], passed: list[Value]) -> Value:
-    """The first of `values`, or the one after the last knot that is `passed` (casadi.pw_const takes no MX)."""
+    """Return the first of `values`, or the one after the last knot that is `passed` (casadi.pw_const takes no MX)."""
     return values[0] + sum((b - a) * step for a, b, step in zip(values, values[1:], passed, strict=False))
 
 

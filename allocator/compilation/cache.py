@@ -69,7 +69,7 @@ class _Files:
         self._directory, self._name, self._made_from = Path(directory), name, repr((numba.__version__, stamp))
 
     def load(self, key: object) -> Any:
-        """What is kept for `key`; None if nothing is."""
+        """Return what is kept for `key`; None if nothing is."""
         try:
             content = self._file(key).read_bytes()
         except FileNotFoundError:
@@ -100,7 +100,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
         self._cache_file = _Files(self.cache_path, self._impl.filename_base, locator.get_source_stamp())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What is kept for arguments of the types `sig`; None if nothing is, or nothing that could be used."""
+        """Return what is kept for arguments of the types `sig`; None if nothing is, or nothing that could be used."""
         try:
             return super().load_overload(sig, target_context)
         except Exception:  # whatever may come of reading what was not written like this

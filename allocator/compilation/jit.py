@@ -16,7 +16,7 @@ _OPTIONS = {"error_model": "numpy"}  # a division by zero is an infinity, not an
 
 
 def compiled(function: Function, callees: Iterable[Function], *, inline: bool, unaliased: bool) -> Function | None:
-    """`function`, compiled for each kind of arguments at its first call, or None if it cannot be.
+    """Return `function`, compiled for each kind of arguments at its first call, or None if it cannot be.
 
     The `callees` it may call by their plain names, inlined or not; `unaliased` promises that no two of its arrays
     overlap.
@@ -50,7 +50,9 @@ def register(callees: Iterable[Function], *, inline: bool) -> None:
 
 
 def _unaliased() -> type:
-    """A compiler that may assume that no two arrays overlap: without this loops over ten arrays do not vectorise."""
+    """Return a compiler that may assume that no two arrays overlap: without this loops over ten arrays do not
+    vectorise.
+    """
     from numba.core.compiler import Compiler
 
     class Unaliased(Compiler):  # type: ignore[misc]  # numba has no types

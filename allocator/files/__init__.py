@@ -1,3 +1,3 @@
-"""Reading CSV tables, and writing files that appear whole or not at all."""
+"""CSV tables are read here, and files written that appear whole or not at all."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: whoever reads while they are written sees the old one.
+"""Files are written whole or not at all: whoever reads while they are written sees the old one.
 
 What is written goes to a temporary file beside the target, which then takes the target's place.
 """

@@ -1,4 +1,4 @@
-"""The text of a CSV file, taken apart.
+"""The text of a CSV file is taken apart here.
 
 One line of column names, one sample a line. `#` starts a comment but among the names; the separator is a comma, a
 semicolon or a tab, and with the latter two numbers may have decimal commas. The text is UTF-8, UTF-16 with its mark, or
@@ -21,7 +21,7 @@ FilePath: TypeAlias = str | PathLike[str]
 
 
 class Table(NamedTuple):
-    """The cells of a file, not yet numbers."""
+    """A table holds the cells of a file, not yet numbers."""
 
     path: FilePath
     names: list[str]  # of the columns, as written
@@ -30,7 +30,7 @@ class Table(NamedTuple):
     decimal_comma: bool
 
     def numbers(self, index: int) -> Array:
-        """The column (n,) as floats. Raises `InvalidFile` with the line of a cell that is no finite number."""
+        """Return the column (n,) as floats. Raises `InvalidFile` with the line of a cell that is no finite number."""
         cells = [row[index] for row in self.rows]
         if self.decimal_comma:
             self._refuse_both_marks(index, cells)

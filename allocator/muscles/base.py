@@ -36,7 +36,7 @@ NOT_A_NUMBER = {"role": "other"}
 
 @dataclass(frozen=True)
 class Muscle(ABC):
-    """A static force law F(P, ε); immutable, its fields are the model's parameters in SI units.
+    """A muscle is a static force law F(P, ε); immutable, its fields are the model's parameters in SI units.
 
     A parameter is a number, or a row of numbers where the model leaves their count open; a field may be marked as
     `STRUCTURE` (the knots of a table) and is then no parameter. Every method takes floats,
@@ -102,7 +102,7 @@ class Muscle(ABC):
         return ""
 
     def force(self, P: ArrayLike, eps: ArrayLike) -> Value:
-        """Contraction force F(P, ε) [N]; negative where the cable would be slack.
+        """Return the contraction force F(P, ε) [N]; negative where the cable would be slack.
 
         `P` is the gauge pressure [Pa], `eps` the contraction ratio [-]; they broadcast. Raises InvalidInput for numbers
         that cannot be these: swapped, bar, percent, not finite. CasADi symbols and complex numbers pass unchecked.
@@ -115,14 +115,14 @@ class Muscle(ABC):
 
     @abstractmethod
     def gain(self, P: Value, eps: Value) -> Value:
-        """∂F/∂P [N/Pa], at constant contraction."""
+        """Return ∂F/∂P [N/Pa], at constant contraction."""
 
     def slope(self, P: Value, eps: Value) -> Value:
-        """∂F/∂ε [N], at constant pressure."""
+        """Return ∂F/∂ε [N], at constant pressure."""
         return derivative(lambda e: self.law(P, e), eps)
 
     def gain_slope(self, P: Value, eps: Value) -> Value:
-        """∂²F/∂P∂ε [N/Pa]."""
+        """Return ∂²F/∂P∂ε [N/Pa]."""
         return derivative(lambda e: self.gain(P, e), eps)
 
     def pressure(self, F: Value, eps: Value) -> Array:
@@ -154,7 +154,9 @@ class Muscle(ABC):
         return flat
 
     def with_parameters(self, values: Mapping[str, float]) -> Self:
-        """The same muscle with some parameters (by the names of `parameters`) changed, checked, without covariance."""
+        """Return the same muscle with some parameters (by the names of `parameters`) changed, checked, without
+        covariance.
+        """
         if unknown := values.keys() - self.parameters.keys():
             raise InvalidInput(
                 f"{type(self).__name__} has no parameter {', '.join(map(repr, sorted(unknown)))}; "
@@ -164,7 +166,9 @@ class Muscle(ABC):
         return replace(self, **changed, covariance=None)
 
     def unchecked(self, values: Sequence[Value]) -> Self:
-        """A copy with other values of all parameters, not checked: complex numbers (derivatives) or CasADi symbols."""
+        """Return a copy with other values of all parameters, not checked: complex numbers (derivatives) or CasADi
+        symbols.
+        """
         copy = object.__new__(type(self))
         unchanged = {f.name: getattr(self, f.name) for f in fields(self)}
         for name, value in (unchanged | self._grouped(values) | {"covariance": None}).items():
@@ -207,7 +211,7 @@ SEARCH_CEILING = 20e5  # [Pa] far above any pneumatic muscle's burst pressure
 
 
 class AffineMuscle(Muscle):
-    """A law affine in pressure, F(P, ε) = P·A(ε) + B(ε): two one-line functions make a model.
+    """An affine muscle has a law affine in pressure, F(P, ε) = P·A(ε) + B(ε): two one-line functions make a model.
 
     Most published laws are of this kind. Torque and stiffness are then affine in the two pressures, and every inverse
     is in closed form.
@@ -215,35 +219,35 @@ class AffineMuscle(Muscle):
 
     @abstractmethod
     def A(self, eps: Value) -> Value:
-        """Force per pressure A(ε) [N/Pa], the effective area."""
+        """Return the force per pressure A(ε) [N/Pa], the effective area."""
 
     def B(self, eps: Value) -> Value:
-        """Force at zero pressure B(ε) [N]; none unless the model has a passive part."""
+        """Return the force at zero pressure B(ε) [N]; none unless the model has a passive part."""
         return 0.0 * eps
 
     @property
     def basis(self) -> Basis:
-        """1 and P."""
+        """Return the basis functions of the pressure: 1 and P."""
         return Basis("quadratic")
 
     def law(self, P: Value, eps: Value) -> Value:
-        """F = P·A(ε) + B(ε) [N]."""
+        """Return F = P·A(ε) + B(ε) [N]."""
         return P * self.A(eps) + self.B(eps)
 
     def gain(self, P: Value, eps: Value) -> Value:
-        """∂F/∂P = A(ε) [N/Pa]."""
+        """Return ∂F/∂P = A(ε) [N/Pa]."""
         return self.A(eps) + 0.0 * P
 
     def slope(self, P: Value, eps: Value) -> Value:
-        """∂F/∂ε = P·A'(ε) + B'(ε) [N]."""
+        """Return ∂F/∂ε = P·A'(ε) + B'(ε) [N]."""
         return P * derivative(self.A, eps) + derivative(self.B, eps)
 
     def gain_slope(self, P: Value, eps: Value) -> Value:
-        """∂²F/∂P∂ε = A'(ε) [N/Pa]."""
+        """Return ∂²F/∂P∂ε = A'(ε) [N/Pa]."""
         return derivative(self.A, eps) + 0.0 * P
 
     def pressure(self, F: Value, eps: Value) -> Array:
-        """P = (F - B(ε))/A(ε) [Pa]."""
+        """Return P = (F - B(ε))/A(ε) [Pa]."""
         return np.asarray((F - self.B(eps)) / self.A(eps))
 
 

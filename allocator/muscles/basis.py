@@ -34,7 +34,7 @@ class Basis:
         return np.asarray(lo + (hi - lo) * (1 + z) / 2)
 
     def functions(self, P: Array, lo: float, hi: float, size: int) -> Array:
-        """φ_j at the pressures P (m,): (m, size); Chebyshev's are those of lo … hi."""
+        """Return φ_j at the pressures P (m,): (m, size); Chebyshev's are those of lo … hi."""
         if self.kind == "rational":
             return np.stack([np.ones_like(P), P, 1 / (P + self.shape)], 1)
         if self.kind == "exponential":
@@ -47,7 +47,9 @@ class Basis:
 
 @cache
 def sampling(basis: Basis, lo: float, hi: float, size: int) -> tuple[Array, Array, Array]:
-    """The nodes (size,) between lo and hi [Pa], the matrix from values to coefficients, and the greatest |φ_j|."""
+    """Return the nodes (size,) between lo and hi [Pa], the matrix from values to coefficients, and the greatest
+    |φ_j|.
+    """
     nodes = basis.nodes(lo, hi, size)
     values = basis.functions(nodes, lo, hi, size)
     scale = np.abs(values).max(axis=0)

@@ -1,4 +1,4 @@
-"""Named muscles: parameter sets, each with the place where its numbers were read."""
+"""Named muscles are parameter sets, each with the place where its numbers were read."""
 
 from allocator.errors import MissingBackend
 from allocator.muscles.base import Muscle
@@ -60,7 +60,7 @@ SOURCES = {
 
 
 def named_muscle(name: str) -> Muscle:
-    """The muscle of this name in the catalogue, or the one in the TOML file of this name."""
+    """Return the muscle of this name in the catalogue, or the one in the TOML file of this name."""
     if name in MUSCLES:
         return MUSCLES[name]
     if not name.endswith(".toml"):

@@ -1,4 +1,4 @@
-"""Muscles as small TOML files. What one looks like:
+"""Muscles are kept as small TOML files. What one looks like:
 
 model = "Hogan1984"
 
@@ -35,7 +35,7 @@ def save(muscle: Muscle, path: str | PathLike[str], source: Mapping[str, str | f
 
 
 def dumps(muscle: Muscle, source: Mapping[str, str | float]) -> str:
-    """The TOML text of `muscle`."""
+    """Return the TOML text of `muscle`."""
     fields = type(muscle).number_fields()
     if not fields:
         raise InvalidInput(
@@ -58,7 +58,7 @@ def load(cls: type[M], path: str | PathLike[str]) -> M:
 
 
 def muscle_from(cls: type[M], path: str | PathLike[str], content: dict[str, Any]) -> M:
-    """The muscle in the parsed `content`; `path` is for the messages."""
+    """Return the muscle in the parsed `content`; `path` is for the messages."""
     model = _model(cls, path, content)
     given = content.get("parameters")
     if not isinstance(given, dict):
@@ -76,7 +76,7 @@ def muscle_from(cls: type[M], path: str | PathLike[str], content: dict[str, Any]
 
 
 def read(path: str | PathLike[str]) -> dict[str, Any]:
-    """The tables of a TOML file."""
+    """Read the tables of a TOML file."""
     try:
         text = Path(path).read_text(encoding="utf-8-sig")  # some editors begin a file with a mark
     except FileNotFoundError:
@@ -94,7 +94,7 @@ def read(path: str | PathLike[str]) -> dict[str, Any]:
 
 
 def covariance_rows(path: str | PathLike[str], content: dict[str, Any]) -> Any:
-    """The entry `rows` of the table [covariance]; None if there is no such table."""
+    """Return the entry `rows` of the table [covariance]; None if there is no such table."""
     if "covariance" not in content:
         return None
     table = content["covariance"]
@@ -146,7 +146,7 @@ def _compare(path: str | PathLike[str], model: type[Muscle], given: dict[str, An
 
 
 def toml(value: object) -> str:
-    """A value in TOML."""
+    """Return a value in TOML."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)  # TOML's basic strings are written like JSON's
     if isinstance(value, tuple):

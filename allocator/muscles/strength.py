@@ -1,4 +1,4 @@
-"""The same muscle, stronger or weaker: which parameters scale the force of each law, and with which power.
+"""Which parameters scale the force of each law, and with which power, is listed here: a muscle, stronger or weaker.
 
 A law scales by s, F → s F, when each of these parameters x becomes x s^n, n the number beside its name. A joint without
 a force sensor needs this: its data say nothing about s, and two muscles of one kind differ by it.
@@ -36,7 +36,9 @@ _POWERS: Mapping[str, Mapping[str, float]] = {
 
 
 def strength_powers(muscle: Muscle) -> Array:
-    """The power n of every parameter (m,), in the order of `Muscle.parameters`; 0 for those that do not scale."""
+    """Return the power n of every parameter (m,), in the order of `Muscle.parameters`; 0 for those that do not
+    scale.
+    """
     name = type(muscle).__name__
     if name not in _POWERS:
         raise InvalidInput(f"how the force of a {name} scales is not known; models that can: {', '.join(_POWERS)}")
@@ -45,7 +47,7 @@ def strength_powers(muscle: Muscle) -> Array:
 
 
 def scaled(muscle: M, factor: float) -> M:
-    """The muscle that pulls `factor` times as hard everywhere, without covariance."""
+    """Return the muscle that pulls `factor` times as hard everywhere, without covariance."""
     if factor == 1.0:
         return muscle
     if not factor > 0:

@@ -28,7 +28,7 @@ class ParameterSensitivities(NamedTuple):
 
 
 def force_gradient(muscle: Muscle, P: Array, eps: Array, names: tuple[str, ...] | None = None) -> Array:
-    """∂F/∂p (…, m) for the parameters `names` (default: all), exact to rounding by complex steps."""
+    """Return ∂F/∂p (…, m) for the parameters `names` (default: all), exact to rounding by complex steps."""
     values = list(muscle.parameters.values())
     places = [i for i, name in enumerate(muscle.parameters) if names is None or name in names]
     P, eps = np.broadcast_arrays(np.asarray(P, float), np.asarray(eps, float))
@@ -50,7 +50,7 @@ def parameter_sensitivities(muscle: Muscle, P: Array, eps: Array) -> ParameterSe
 
 
 def standard_deviation(muscle: Muscle, gradient: Array) -> Array:
-    """√(g C gᵀ) (…) of a quantity with the `gradient` g (…, m) in the parameters of a fitted muscle.
+    """Return √(g C gᵀ) (…) of a quantity with the `gradient` g (…, m) in the parameters of a fitted muscle.
 
     Only what the samples did not determine is missing from it: the error of the law itself is not in the covariance.
     Raises `InvalidInput` if the muscle has no covariance.
@@ -62,12 +62,12 @@ def standard_deviation(muscle: Muscle, gradient: Array) -> Array:
 
 
 def force_std(muscle: Muscle, P: Array, eps: Array) -> Array:
-    """Standard deviation of F(P, ε) [N] from the covariance of the parameters."""
+    """Return the standard deviation of F(P, ε) [N] from the covariance of the parameters."""
     return standard_deviation(muscle, force_gradient(muscle, P, eps))
 
 
 def slope_std(muscle: Muscle, P: Array, eps: Array) -> Array:
-    """Standard deviation of F_ε(P, ε) [N] from the covariance of the parameters."""
+    """Return the standard deviation of F_ε(P, ε) [N] from the covariance of the parameters."""
     return standard_deviation(muscle, parameter_sensitivities(muscle, P, eps).slope)
 
 

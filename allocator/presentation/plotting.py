@@ -23,7 +23,7 @@ class Quantity(NamedTuple):
     unit: float  # SI value of the unit shown
 
     def shown(self, values: Array) -> Array:
-        """The values in the unit of the label."""
+        """Return the values in the unit of the label."""
         return values / self.unit
 
 
@@ -38,12 +38,12 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
 
 
 def new_axes(width: float = 7.0, height: float = 4.4) -> Any:
-    """Matplotlib axes in a new figure of this size [inch]."""
+    """Return Matplotlib axes in a new figure of this size [inch]."""
     return new_figure(width, height).subplots()
 
 
 def new_figure(width: float, height: float) -> Any:
-    """An empty Matplotlib figure."""
+    """Return an empty Matplotlib figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -62,7 +62,7 @@ def name_axes(axes: Any, x: str, y: str) -> None:
 
 
 def light(axes: Any) -> None:
-    """A light grid behind the data, no box."""
+    """Draw a light grid behind the data, no box."""
     axes.grid(color="#e6e6e6", linewidth=0.7)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
@@ -77,7 +77,7 @@ def degree_ticks(axes: Any) -> None:
 
 
 def legend_outside(axes: Any, title: str | None = None) -> None:
-    """A legend to the right of the axes, where no data are; what is drawn several times is named once."""
+    """Draw a legend to the right of the axes, where no data are; what is drawn several times is named once."""
     handles, labels = axes.get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))
     if named:

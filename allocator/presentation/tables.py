@@ -10,7 +10,7 @@ _ROUNDING = 1e-12  # numbers below it are rounding errors of something that is z
 
 
 def number(value: Any, digits: int = 4) -> str:
-    """`value` with so many significant digits; what differs from 0 by rounding only is 0."""
+    """Return `value` with so many significant digits; what differs from 0 by rounding only is 0."""
     return f"{0.0 if abs(value) < _ROUNDING else float(value):.{digits}g}"
 
 
@@ -22,12 +22,12 @@ def span(values: Any, unit: str = "") -> str:
 
 
 def first_of(warnings: Sequence[str]) -> str:
-    """The first warning in a line of its own, and how many there are; nothing without warnings."""
+    """Return the first warning in a line of its own, and how many there are; nothing without warnings."""
     return f"\n  warning 1 of {len(warnings)}: {warnings[0]}" if warnings else ""
 
 
 def html_table(title: str, rows: Iterable[Sequence[str]], header: Sequence[str] = ()) -> str:
-    """A small HTML table with a title, and names of the columns if they are given."""
+    """Return a small HTML table with a title, and names of the columns if they are given."""
 
     def line(tag: str, cells: Sequence[str]) -> str:
         return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"

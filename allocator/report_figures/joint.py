@@ -1,4 +1,4 @@
-"""Figures 3 and 8: difference and sum of the pressures over the angle, at constant stiffness and without torque."""
+"""Figures 3 and 8 show difference and sum of the pressures over the angle, at constant stiffness and without torque."""
 
 import numpy as np
 
@@ -19,13 +19,15 @@ FESTO_STIFFNESSES = np.arange(6.0, 9.1, 0.5)  # [N·m/rad]; the report gives the
 
 
 def mckibben_joint() -> AntagonistJoint:
-    """The report's joint of ideal McKibben muscles: ε0 = ε_max/2, ±145°."""
+    """Return the report's joint of ideal McKibben muscles: ε0 = ε_max/2, ±145°."""
     pulley = Pulley(0.40, 0.02, TONDU_MCKIBBEN.max_contraction / 2)
     return AntagonistJoint(pulley, TONDU_MCKIBBEN, TONDU_MCKIBBEN, angle_limits=(-145 * DEG, 145 * DEG))
 
 
 def figure_3() -> tuple[Panel, ...]:
-    """Ideal McKibben muscles (9), (10): the pressures within 0 … 5 bar for K = 1 … 6 N·m/rad over ±145°."""
+    """Compute figure 3, of ideal McKibben muscles (9), (10): pressures within 0 … 5 bar for K = 1 … 6 N·m/rad over
+    ±145°.
+    """
     return _panels("3", mckibben_joint(), MCKIBBEN_STIFFNESSES, slack_too=True)
 
 

@@ -1,4 +1,4 @@
-"""Figures 1(b), 5(b), 6 and 7: force and stiffness of one muscle.
+"""Figures 1(b), 5(b), 6 and 7 show force and stiffness of one muscle.
 
 The report's measured points (Sárosi et al. 2015, one DMSP-20-400N) are not printed in it. In their place stand the law
 that Sárosi et al. fitted to that muscle, and measured forces of a DMSP-20-300 that come with this package: another
@@ -34,14 +34,14 @@ def readings() -> dict[float, float]:
 
 
 def figure_1b() -> tuple[Panel, ...]:
-    """The ideal McKibben muscle (7): force over contraction at 1 … 5 bar."""
+    """Compute figure 1(b), of the ideal McKibben muscle (7): force over contraction at 1 … 5 bar."""
     eps = np.linspace(0.0, TONDU_MCKIBBEN.max_contraction, 201)
     curves = tuple(Curve(_bar(P), 100 * eps, TONDU_MCKIBBEN.force(P, eps)) for P in PRESSURES)
     return (Panel("1(b) ideal McKibben muscle (7)", _CONTRACTION, _FORCE, curves),)
 
 
 def figure_5b() -> tuple[Panel, ...]:
-    """The McKibben law with ε_max(P) (11) against what was measured."""
+    """Compute figure 5(b): the McKibben law with ε_max(P) (11) against what was measured."""
     curves = [_isobar(_law_11(P), P, "line") for P in PRESSURES]
     curves += [_isobar(SAROSI_DMSP_20_400N, P, "dashed") for P in PRESSURES]
     curves += [_measured(P) for P in PRESSURES]
@@ -54,7 +54,9 @@ def figure_5b() -> tuple[Panel, ...]:
 
 
 def figure_6() -> tuple[Panel, ...]:
-    """Polynomials through the readings ε_max (13)-(15): of fifth order, which wanders, and of third order."""
+    """Compute figure 6: polynomials through the readings ε_max (13)-(15), of fifth order, which wanders, and of third
+    order.
+    """
     read = readings()
     chosen = {"6(a) fifth order, 1 … 5 bar": PRESSURES, "6(b) third order, 3, 4, 5 bar": PRESSURES[2:]}
     panels = []
@@ -105,7 +107,7 @@ def _taut(muscle: Muscle, P: float) -> Array:
 
 
 def _measured(P: float) -> Curve:
-    """The measured points of the pressure nearest to P."""
+    """Return the measured points of the pressure nearest to P."""
     table = load_dataset("dmsp-20-300-map")
     near = np.isclose(table.pressure, _level(P)) & (table.force > 0)
     return Curve(_bar(P), 100 * table.contraction[near], table.force[near], "dots")

@@ -1,4 +1,4 @@
-"""A figure as data: panels with curves, and the one function that draws them."""
+"""A figure is data: panels with curves, and the one function that draws them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ STYLES: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """n points in the units of the panel; NaN is a gap."""
+    """A curve is n points in the units of the panel; NaN is a gap."""
 
     label: str  # curves of one label have one colour
     x: Array = field(repr=False)  # (n,)
@@ -27,7 +27,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One picture of a figure."""
+    """A panel is one picture of a figure."""
 
     title: str
     x: str  # what is on the axis, with its unit
@@ -36,12 +36,12 @@ class Panel:
     styles: tuple[tuple[str, str], ...] = ()  # (style, what it means), where there is more than one
 
     def curve(self, label: str, style: str = "line") -> Curve:
-        """The curve with this label in this style."""
+        """Return the curve with this label in this style."""
         return next(curve for curve in self.curves if (curve.label, curve.style) == (label, style))
 
 
 def draw(*panels: Panel) -> Any:
-    """A Matplotlib figure of the panels side by side, with one legend at the right."""
+    """Draw the panels side by side in a Matplotlib figure, with one legend at the right."""
     figure = new_figure(2.6 + 4.2 * len(panels), 4.2)
     for axes, panel in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
         labels = list(dict.fromkeys(curve.label for panel in panels for curve in panel.curves))
@@ -55,7 +55,7 @@ def draw(*panels: Panel) -> Any:
 
 
 def _legend(axes: Any, colours: Iterable[tuple[str, Any]], styles: Iterable[tuple[str, str]]) -> None:
-    """What the colours and the styles mean."""
+    """Draw what the colours and the styles mean."""
     for label, colour in colours:
         axes.plot([], [], color=colour, linewidth=3, label=label)
     for style, meaning in styles:

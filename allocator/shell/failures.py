@@ -36,7 +36,7 @@ def run(command: Callable[[], object]) -> int:
 
 
 def _told(command: Callable[[], object]) -> int:
-    """The exit code of `command`, which has said what went wrong."""
+    """Return the exit code of `command`, which has said what went wrong."""
     try:
         command()
     except SystemExit as left:

@@ -52,14 +52,14 @@ class JointOptions:
         within("--friction", self.friction, "", 0, 1)
 
     def build(self) -> "AntagonistJoint":
-        """The joint. Raises `InvalidInput` for several muscles."""
+        """Build the joint. Raises `InvalidInput` for several muscles."""
         joints = self.compared()
         if len(joints) > 1:
             raise InvalidInput("--muscle is given several times; for two different ones --agonist and --antagonist")
         return next(iter(joints.values()))
 
     def compared(self) -> dict[str, "AntagonistJoint"]:
-        """The joint with each of the muscles, by their names."""
+        """Return the joint with each of the muscles, by their names."""
         from allocator.joint.antagonist import report_joint
         from allocator.joint.storage import load_joint
 
@@ -79,7 +79,7 @@ class JointOptions:
         return " and ".join(given) or ("tondu-dmsp-20-400n" if self.joint is None else self.joint.stem)
 
     def _changed(self, base: "AntagonistJoint", muscle: str | None) -> "AntagonistJoint":
-        """`base` with everything that is given."""
+        """Return `base` with everything that is given."""
         changes: dict[str, Any] = self._muscles(muscle)
         if changes:
             changes["covariance"] = None  # it was of the muscles in the file

@@ -1,4 +1,4 @@
-"""Options that several commands share, declared once as the fields of a dataclass."""
+"""Options that several commands share are declared once, as the fields of a dataclass."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -67,7 +67,7 @@ def finite(option: str, value: float | None, unit: str) -> None:
 
 
 def numbers(option: str, text: str, fewest: int, most: int, example: str) -> list[float]:
-    """The `fewest` to `most` finite numbers of NUMBER, LOW:HIGH or LOW:HIGH:STEP."""
+    """Read the `fewest` to `most` finite numbers of NUMBER, LOW:HIGH or LOW:HIGH:STEP."""
     try:
         found = [float(part) for part in text.split(":")]
     except ValueError:

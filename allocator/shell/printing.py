@@ -26,7 +26,7 @@ def print_json(values: dict[str, Any]) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """The same for the standard library's JSON: NumPy's values turned into Python's."""
+    """Turn NumPy's values into Python's, for the standard library's JSON."""
     if isinstance(value, dict):
         return {str(name): _plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):

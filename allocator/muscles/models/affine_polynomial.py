@@ -1,4 +1,4 @@
-"""The plainest affine muscle: polynomials in the contraction."""
+"""The plainest affine muscle is made of polynomials in the contraction."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -11,7 +11,7 @@ from allocator.muscles.recipe import Recipe
 
 @dataclass(frozen=True)
 class AffinePolynomial(AffineMuscle):
-    """F = P (a0 + a1 ε + a2 ε² + …) + b0 + b1 ε + …
+    """The force is F = P (a0 + a1 ε + a2 ε² + …) + b0 + b1 ε + …
 
     Not from a paper. With a quadratic area and a linear passive force, the default of a fit, five numbers that have
     no bend to overfit: on a joint with three muscle lengths it predicts a length left out better than laws with more
@@ -30,16 +30,16 @@ class AffinePolynomial(AffineMuscle):
             raise InvalidInput("AffinePolynomial needs at least one coefficient of the area [N/Pa]")
 
     def A(self, eps: Value) -> Value:
-        """a0 + a1 ε + a2 ε² + …"""
+        """Return A(ε) = a0 + a1 ε + a2 ε² + …"""
         return _horner(self.area, eps)
 
     def B(self, eps: Value) -> Value:
-        """b0 + b1 ε + …"""
+        """Return B(ε) = b0 + b1 ε + …"""
         return _horner(self.passive, eps)
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """Quadratic area and linear passive force, all linear; pass `start` for other degrees."""
+        """Return a quadratic area and a linear passive force, all linear; pass `start` for other degrees."""
         return Recipe((cls((0.0,) * 3, (0.0,) * 2),), ("area", "passive"))
 
 

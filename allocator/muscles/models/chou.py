@@ -12,7 +12,7 @@ from allocator.muscles.recipe import Recipe
 
 @dataclass(frozen=True)
 class ChouHannaford1996(AffineMuscle):
-    """F = P π D0²/4 (3cos²θ - 1) + P π [D0 t (2 sin θ - 1/sin θ) - t²],  cos θ = L/b,  D0 = b/(nπ)
+    """The force is F = P π D0²/4 (3cos²θ - 1) + P π [D0 t (2 sin θ - 1/sin θ) - t²],  cos θ = L/b,  D0 = b/(nπ)
 
     C.-P. Chou and B. Hannaford, "Measurement and modeling of McKibben pneumatic artificial muscles", IEEE Trans.
     Robotics and Automation 12(1):90-102, 1996: virtual work -P dV/dL of the cylinder of length L = L0(1-ε) and outer
@@ -39,7 +39,7 @@ class ChouHannaford1996(AffineMuscle):
 
     @property
     def max_contraction(self) -> float:
-        """1 - b/(√3 L0) [-], where 3cos²θ = 1."""
+        """Return the contraction 1 - b/(√3 L0) [-] where 3cos²θ = 1."""
         return float(1 - self.b / (3**0.5 * self.rest_length))
 
     @property
@@ -49,11 +49,11 @@ class ChouHannaford1996(AffineMuscle):
 
     @property
     def D0(self) -> Value:
-        """Diameter b/(nπ) at θ = 90° [m]."""
+        """Return the diameter b/(nπ) at θ = 90° [m]."""
         return self.b / (self.n * pi)
 
     def A(self, eps: Value) -> Value:
-        """π D0²/4 (3cos²θ - 1) + π [D0 t (2 sin θ - 1/sin θ) - t²]"""
+        """Return A(ε) = π D0²/4 (3cos²θ - 1) + π [D0 t (2 sin θ - 1/sin θ) - t²]"""
         cosine = self.rest_length * (1 - eps) / self.b
         sine = sqrt(1 - cosine**2)
         wall = self.D0 * self.t * (2 * sine - 1 / sine) - self.t**2

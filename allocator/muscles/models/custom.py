@@ -1,4 +1,4 @@
-"""Affine muscles of one's own: from two functions, or from two tables."""
+"""Affine muscles of one's own are made from two functions, or from two tables."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from allocator.spline import Spline
 
 @dataclass(frozen=True)
 class FunctionMuscle(AffineMuscle):
-    """F = P A(ε) + B(ε) with `area` for A [N/Pa] and `passive` for B [N].
+    """The force is F = P A(ε) + B(ε) with `area` for A [N/Pa] and `passive` for B [N].
 
     The functions may use `+ - * / **` and those of `allocator.calculus`, so that they serve arrays, complex numbers
     (derivatives) and CasADi symbols. Such a muscle has no parameters: it cannot be fitted or written to a file; sample
@@ -29,17 +29,18 @@ class FunctionMuscle(AffineMuscle):
     passive: Callable[[Value], Value] | None = field(default=None, metadata=NOT_A_NUMBER)  # B(ε) [N]; None: none
 
     def A(self, eps: Value) -> Value:
-        """A(ε) = area(ε)"""
+        """Return A(ε) = area(ε)"""
         return self.area(eps)
 
     def B(self, eps: Value) -> Value:
-        """B(ε) = passive(ε)"""
+        """Return B(ε) = passive(ε)"""
         return 0.0 * eps if self.passive is None else self.passive(eps)
 
 
 @dataclass(frozen=True)
 class TableMuscle(AffineMuscle):
-    """F = P A(ε) + B(ε) with cubic splines A, B through `area` [N/Pa] and `passive` [N] at the knots `contraction`.
+    """The force is F = P A(ε) + B(ε) with cubic splines A, B through `area` [N/Pa] and `passive` [N] at the knots
+    `contraction`.
 
     Not-a-knot splines (SciPy), continued by their end pieces. The parameters are area and passive; the knots are not
     fitted, five of them over the taut samples unless `start` says otherwise. It can follow any measured muscle that is
@@ -65,12 +66,12 @@ class TableMuscle(AffineMuscle):
 
     @property
     def max_contraction(self) -> float:
-        """The last knot [-]."""
+        """Return the last knot [-]."""
         return self.contraction[-1]
 
     @property
     def min_contraction(self) -> float:
-        """The first knot [-]."""
+        """Return the first knot [-]."""
         return self.contraction[0]
 
     @cached_property
@@ -82,11 +83,11 @@ class TableMuscle(AffineMuscle):
         return Spline(self.contraction, self.passive, "TableMuscle passive")
 
     def A(self, eps: Value) -> Value:
-        """Spline through `area`."""
+        """Return the spline through `area`."""
         return self._area_spline(eps)
 
     def B(self, eps: Value) -> Value:
-        """Spline through `passive`."""
+        """Return the spline through `passive`."""
         return self._passive_spline(eps)
 
     @classmethod

@@ -1,4 +1,4 @@
-"""The polynomial force function of Festo's engineers."""
+"""The polynomial force function of Festo's engineers is affine in the pressure."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -10,7 +10,7 @@ from allocator.muscles.recipe import Recipe
 
 @dataclass(frozen=True)
 class Hildebrandt2005(AffineMuscle):
-    """F = (c0 + c1 ε + c2 ε²) P - (d0 + d1 ε + d2 ε² + d3 ε³ + d4 ε^{2/3})   (16)
+    """The force is F = (c0 + c1 ε + c2 ε²) P - (d0 + d1 ε + d2 ε² + d3 ε³ + d4 ε^{2/3})   (16)
 
     A. Hildebrandt, O. Sawodny, R. Neumann and A. Hartmann, "Cascaded control concept of a robot with two degrees of
     freedom driven by four artificial pneumatic muscle actuators", American Control Conference 2005; Tondu 2021,
@@ -31,15 +31,15 @@ class Hildebrandt2005(AffineMuscle):
 
     @property
     def min_contraction(self) -> float:
-        """0: ε^{2/3} has no slope there and no real value below."""
+        """Return 0: ε^{2/3} has no slope there and no real value below."""
         return 0.0
 
     def A(self, eps: Value) -> Value:
-        """c0 + c1 ε + c2 ε²   (16)"""
+        """Return A(ε) = c0 + c1 ε + c2 ε²   (16)"""
         return self.c0 + (self.c1 + self.c2 * eps) * eps
 
     def B(self, eps: Value) -> Value:
-        """-(d0 + d1 ε + d2 ε² + d3 ε³ + d4 ε^{2/3})   (16)"""
+        """Return B(ε) = -(d0 + d1 ε + d2 ε² + d3 ε³ + d4 ε^{2/3})   (16)"""
         return -(self.d0 + (self.d1 + (self.d2 + self.d3 * eps) * eps) * eps + self.d4 * eps ** (2 / 3))
 
     @classmethod

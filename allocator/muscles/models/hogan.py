@@ -1,4 +1,4 @@
-"""Hogan's simplified skeletal muscle."""
+"""Hogan's simplified skeletal muscle pulls in proportion to its activation and to the contraction that is left."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -12,7 +12,7 @@ from allocator.muscles.recipe import Recipe
 
 @dataclass(frozen=True)
 class Hogan1984(AffineMuscle):
-    """F = u F_max (1 - ε/ε_max), u = P/P_max ∈ [0, 1]   (1)
+    """The force is F = u F_max (1 - ε/ε_max), u = P/P_max ∈ [0, 1]   (1)
 
     N. Hogan, "Adaptive Control of Mechanical Impedance by Coactivation of Antagonist Muscles", IEEE Trans. Automatic
     Control 29(8), 1984; Tondu 2021, equation (1). Domain: 0 ≤ ε ≤ ε_max, 0 ≤ P ≤ P_max.
@@ -26,16 +26,16 @@ class Hogan1984(AffineMuscle):
 
     @property
     def max_contraction(self) -> float:
-        """ε_max [-]."""
+        """Return ε_max [-]."""
         return self.eps_max
 
     def A(self, eps: Value) -> Value:
-        """F_max/P_max (1 - ε/ε_max)   (1)"""
+        """Return A(ε) = F_max/P_max (1 - ε/ε_max)   (1)"""
         return self.F_max / self.P_max * (1 - eps / self.eps_max)
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """Linear in F_max; P_max only sets a scale and is held at the highest pressure of the data."""
+        """Return a recipe linear in F_max; P_max only sets a scale and is held at the highest pressure of the data."""
         start = cls(0.0, 0.25, float(np.max(pressure)))
         return Recipe((start,), ("F_max",), ("P_max",), {"eps_max": (0.01, 1.0)})
 

@@ -1,4 +1,4 @@
-"""A Padé force law shared by several kinds of artificial muscle."""
+"""A Padé force law is shared by several kinds of artificial muscle."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -13,7 +13,7 @@ from allocator.muscles.recipe import Recipe
 
 @dataclass(frozen=True)
 class KazemipourKatzschmann2025(AffineMuscle):
-    """F = u (c0 + c1 ε + c2 ε²)/(1 + d1 ε),  u = P/P_max
+    """The force is F = u (c0 + c1 ε + c2 ε²)/(1 + d1 ε),  u = P/P_max
 
     A. Kazemipour and R. Katzschmann, arXiv 2511.09104, 2025 (not in the report). The same law serves electrohydraulic
     and dielectric muscles with u = (V/V_max)²: write V² for P and V_max² for P_max. The coefficients depend on the
@@ -41,7 +41,7 @@ class KazemipourKatzschmann2025(AffineMuscle):
         return -1 / self.d1 if self.d1 > 0 else -np.inf
 
     def A(self, eps: Value) -> Value:
-        """(c0 + c1 ε + c2 ε²)/(1 + d1 ε)/P_max"""
+        """Return A(ε) = (c0 + c1 ε + c2 ε²)/(1 + d1 ε)/P_max"""
         return (self.c0 + (self.c1 + self.c2 * eps) * eps) / (1 + self.d1 * eps) / self.P_max
 
     @classmethod

@@ -1,4 +1,4 @@
-"""The energy-based model of a Festo muscle with a measured rubber law."""
+"""The energy-based model of a Festo muscle contains a measured rubber law."""
 
 from dataclasses import dataclass
 from math import pi
@@ -12,7 +12,7 @@ from allocator.muscles.recipe import Recipe
 
 @dataclass(frozen=True)
 class MartensBoblan2017(AffineMuscle):
-    """F = -P dV/dL + F_pe dD/dL - F_l: work of the gas, and of the rubber in circumference and length
+    """The force is F = -P dV/dL + F_pe dD/dL - F_l: work of the gas, and of the rubber in circumference and length
 
     M. Martens and I. Boblan, "Modeling the static force of a Festo pneumatic muscle actuator: a new approach and a
     comparison to existing models", Actuators 6(4):33, 2017, with the erratum 7(1):9, 2018. With L = L0(1-ε):
@@ -47,12 +47,12 @@ class MartensBoblan2017(AffineMuscle):
 
     @property
     def max_contraction(self) -> float:
-        """0.26, the shortest length measured [-]."""
+        """Return 0.26, the shortest length measured [-]."""
         return 0.26
 
     @property
     def fibre_length(self) -> Value:
-        """Lf = L0/cos θ0 [m]."""
+        """Return Lf = L0/cos θ0 [m]."""
         return self.L0 / cos(self.theta0)
 
     @property
@@ -61,12 +61,12 @@ class MartensBoblan2017(AffineMuscle):
         return self.L0 * sin(self.theta0) / cos(self.theta0) / (pi * self.D0)
 
     def A(self, eps: Value) -> Value:
-        """-dV/dL = (3L² - Lf²)/(4π n²) [m²]"""
+        """Return A(ε) = -dV/dL = (3L² - Lf²)/(4π n²) [m²]"""
         L = self.L0 * (1 - eps)
         return (3 * L**2 - self.fibre_length**2) / (4 * pi * self.turns**2)
 
     def B(self, eps: Value) -> Value:
-        """F_pe dD/dL - F_l [N]"""
+        """Return B(ε) = F_pe dD/dL - F_l [N]"""
         L, n = self.L0 * (1 - eps), self.turns
         width = sqrt(self.fibre_length**2 - L**2)  # of a fibre unrolled
         D = width / (n * pi)
@@ -77,7 +77,7 @@ class MartensBoblan2017(AffineMuscle):
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """Linear in the rubber law; the geometry is searched from the published one."""
+        """Return a recipe linear in the rubber law; the geometry is searched from the published one."""
         start = cls(0.300, 0.020, 0.0018, 0.42, 0.0, 0.0, 0.0, 0.0)
         bounds = {"D0": (1e-3, 0.5), "theta0": (0.1, 0.9)}
         return Recipe((start,), ("c0", "c1", "c2", "c3"), ("L0", "H0"), bounds)

@@ -1,4 +1,4 @@
-"""The ideal McKibben muscle and the geometry of its braid."""
+"""The ideal McKibben muscle is described by the geometry of its braid."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,13 +13,13 @@ from allocator.units import DEG
 
 
 def braid_constants(alpha0: float) -> tuple[float, float]:
-    """a = 3/tan²α0 and b = 1/sin²α0 of a braid with the initial angle `alpha0` [rad]   (7)"""
+    """Return a = 3/tan²α0 and b = 1/sin²α0 of a braid with the initial angle `alpha0` [rad]   (7)"""
     return 3 * (cos(alpha0) / sin(alpha0)) ** 2, 1 / sin(alpha0) ** 2
 
 
 @dataclass(frozen=True)
 class Braided(Muscle):
-    """A muscle described by its braid: radius r0 and braid angle α0 at rest. Not a law by itself."""
+    """A braided muscle is described by its braid: radius r0 and braid angle α0 at rest. Not a law by itself."""
 
     r0: float  # initial radius [m]
     alpha0: float  # initial braid angle [rad]
@@ -58,7 +58,7 @@ class Braided(Muscle):
 
 @dataclass(frozen=True)
 class TonduLopez1995(Braided, AffineMuscle):
-    """The ideal (cylindrical, frictionless) McKibben muscle: F = S P [a(1-ε)² - b]   (7)
+    """The ideal (cylindrical, frictionless) McKibben muscle pulls with F = S P [a(1-ε)² - b]   (7)
 
     B. Tondu and P. Lopez, "Theory of an artificial pneumatic muscle …", C. R. Acad. Sci. IIb 320, 1995; Tondu 2021,
     equation (7). Domain: 0 ≤ ε ≤ ε_max = 1 - √(b/a), whatever the pressure.
@@ -68,11 +68,11 @@ class TonduLopez1995(Braided, AffineMuscle):
 
     @property
     def max_contraction(self) -> float:
-        """ε_max = 1 - √(b/a) [-]   (7)"""
+        """Return ε_max = 1 - √(b/a) [-]   (7)"""
         return 1 - sqrt(self.b / self.a)
 
     def A(self, eps: Value) -> Value:
-        """S [a(1-ε)² - b]   (7)"""
+        """Return A(ε) = S [a(1-ε)² - b]   (7)"""
         return self.S * (self.a * (1 - eps) ** 2 - self.b)
 
     @classmethod

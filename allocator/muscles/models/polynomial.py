@@ -1,4 +1,4 @@
-"""The McKibben muscle with a polynomial counter-force."""
+"""The McKibben muscle is given a polynomial counter-force here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from allocator.units import BAR, DEG
 
 @dataclass(frozen=True)
 class PolynomialMcKibben(Braided, AffineMuscle):
-    """F = S [(a-b) P - ε (a0 + a1 ε + a2 ε² + …)]   (13), (14)
+    """The force is F = S [(a-b) P - ε (a0 + a1 ε + a2 ε² + …)]   (13), (14)
 
     Proposed and left aside in B. Tondu, arXiv 2104.13167, 2021, equations (13)-(15). Any number of coefficients
     [Pa]. The counter-force does not see the pressure: the force isobars are parallel, F_Pε = 0, and so [M] fails by
@@ -46,11 +46,11 @@ class PolynomialMcKibben(Braided, AffineMuscle):
         return "F_Pε = 0 everywhere: stiffness does not depend on pressure and cannot be commanded"
 
     def A(self, eps: Value) -> Value:
-        """S (a-b)   (13)"""
+        """Return A(ε) = S (a-b)   (13)"""
         return self.S * (self.a - self.b) + 0.0 * eps
 
     def B(self, eps: Value) -> Value:
-        """-S ε (a0 + a1 ε + …)   (14)"""
+        """Return B(ε) = -S ε (a0 + a1 ε + …)   (14)"""
         counter = 0.0 * eps
         for a_i in reversed(self.coefficients):
             counter = (counter + a_i) * eps

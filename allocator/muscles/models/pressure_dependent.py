@@ -19,7 +19,7 @@ from allocator.units import BAR, DEG
 
 @dataclass(frozen=True)
 class PressureDependent(Braided):
-    """F = S q P [a(1 - k(P)ε)² - b], k(P) = k_inf + k_1 e^{-P/P_k}. Not a law by itself.
+    """The force is F = S q P [a(1 - k(P)ε)² - b], k(P) = k_inf + k_1 e^{-P/P_k}. Not a law by itself.
 
     The papers read k(P) = (1-√(b/a))/ε_max(P) off measured curves and give no formula. Here it falls exponentially to
     k_inf: three numbers follow the readings of Festo muscles, k_1 = 0 is a constant k, and the formula is analytic.
@@ -47,11 +47,11 @@ class PressureDependent(Braided):
 
     @property
     def max_contraction(self) -> float:
-        """ε_max at infinite pressure, (1-√(b/a))/k_inf [-]."""
+        """Return ε_max at infinite pressure, (1-√(b/a))/k_inf [-]."""
         return float((1 - sqrt(self.b / self.a)) / self.k_inf)
 
     def k(self, P: Value) -> Value:
-        """k(P) = k_inf + k_1 e^{-P/P_k} [-]."""
+        """Return k(P) = k_inf + k_1 e^{-P/P_k} [-]."""
         return self.k_inf + self.k_1 * exp(-P / self.P_k)
 
     def contraction_limit(self, P: Value) -> Value:
@@ -64,15 +64,15 @@ class PressureDependent(Braided):
 
     @property
     def basis(self) -> Basis:
-        """P, P E and P E², E = e^{-P/P_k}; P alone where k is constant."""
+        """Return the basis functions P, P E and P E², E = e^{-P/P_k}; P alone where k is constant."""
         return Basis("exponential", shape=self.P_k) if self.k_1 else Basis("quadratic")
 
     def law(self, P: Value, eps: Value) -> Value:
-        """S q P [a(1 - k(P)ε)² - b]   (11), (12)"""
+        """Return F = S q P [a(1 - k(P)ε)² - b]   (11), (12)"""
         return self.efficiency * self.S * P * (self.a * (1 - self.k(P) * eps) ** 2 - self.b)
 
     def gain(self, P: Value, eps: Value) -> Value:
-        """S q [a(1-kε)² - b - 2a(1-kε) ε P k'(P)]"""
+        """Return ∂F/∂P = S q [a(1-kε)² - b - 2a(1-kε) ε P k'(P)]"""
         short = 1 - self.k(P) * eps
         fall = -self.k_1 / self.P_k * exp(-P / self.P_k)  # k'(P)
         return self.efficiency * self.S * (self.a * short**2 - self.b - 2 * self.a * short * eps * P * fall)
@@ -125,7 +125,7 @@ _STARTS = ((1.2, 0.5, 1 * BAR), (1.5, 2.0, 1 * BAR), (1.0, 2.0, 2 * BAR), (1.2, 
 
 @dataclass(frozen=True)
 class TonduLopez2000(PressureDependent):
-    """F = S P [a(1 - k(P)ε)² - b], k(P) = (1-√(b/a))/ε_max(P)   (11)
+    """The force is F = S P [a(1 - k(P)ε)² - b], k(P) = (1-√(b/a))/ε_max(P)   (11)
 
     B. Tondu and P. Lopez, "Modeling and control of McKibben artificial muscle robot actuators", IEEE Control Systems
     Magazine 20(2):15-38, 2000; Tondu 2021, equation (11). k(P) as in `PressureDependent`. k_1 = 0, k_inf = 1 is
@@ -136,19 +136,19 @@ class TonduLopez2000(PressureDependent):
 
     @property
     def efficiency(self) -> Value:
-        """1: nothing is lost."""
+        """Return 1: nothing is lost."""
         return 1.0
 
     @classmethod
     def with_constant_k(cls, r0: float, alpha0: float, k: float) -> Self:
-        """The model with the same k at every pressure, as for the LAAS arm."""
+        """Return the model with the same k at every pressure, as for the LAAS arm."""
         return cls(r0, alpha0, k_inf=k, k_1=0.0, P_k=BAR)
 
     @classmethod
     def from_readings(
         cls, r0: float, alpha0: float, pressure: Sequence[float], max_contraction: Sequence[float]
     ) -> Self:
-        """From three or more readings (P_i [Pa], ε_max(P_i) [-]), by least squares on k(P_i)."""
+        """Make the model from three or more readings (P_i [Pa], ε_max(P_i) [-]), by least squares on k(P_i)."""
         from scipy.optimize import minimize_scalar
 
         P, eps = np.asarray(pressure, float), np.asarray(max_contraction, float)
@@ -174,7 +174,7 @@ class TonduLopez2000(PressureDependent):
 
 @dataclass(frozen=True)
 class Andrikopoulos2016(PressureDependent):
-    """F = S q P [a(1 - k(P)ε)² - b], q ∈ (0, 1]   (12)
+    """The force is F = S q P [a(1 - k(P)ε)² - b], q ∈ (0, 1]   (12)
 
     G. Andrikopoulos, G. Nikolakopoulos and S. Manesis, "Novel considerations on static force modeling of pneumatic
     muscle actuators", IEEE/ASME Trans. Mechatronics 21, 2016; Tondu 2021, equation (12). q = 1 is TonduLopez2000. The
@@ -193,7 +193,7 @@ class Andrikopoulos2016(PressureDependent):
 
     @property
     def efficiency(self) -> Value:
-        """q   (12)"""
+        """Return q   (12)"""
         return self.q
 
     @classmethod

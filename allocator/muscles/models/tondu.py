@@ -16,7 +16,7 @@ from allocator.units import BAR, DEG
 
 @dataclass(frozen=True)
 class Tondu2021(Braided):
-    """F = S [(a-b) P - ε (cP+e)/(P+d)]   (13) with (18)
+    """The force is F = S [(a-b) P - ε (cP+e)/(P+d)]   (13) with (18)
 
     B. Tondu, "Towards an efficient inverse static model of a Festo actuator …", arXiv 2104.13167, 2021. Rational, not
     affine, in the pressure. Written with g = e - cd < 0 the braid's counter-force is ε (c + g/(P+d)), so that only the
@@ -53,7 +53,7 @@ class Tondu2021(Braided):
 
     @property
     def g(self) -> float:
-        """g = e - cd [Pa²]: (cP+e)/(P+d) = c + g/(P+d)."""
+        """Return g = e - cd [Pa²]: (cP+e)/(P+d) = c + g/(P+d)."""
         return self.e - self.c * self.d
 
     @property
@@ -63,27 +63,27 @@ class Tondu2021(Braided):
 
     @property
     def basis(self) -> Basis:
-        """1, P and 1/(P+d)."""
+        """Return the basis functions of the pressure: 1, P and 1/(P+d)."""
         return Basis("rational", shape=self.d)
 
     def law(self, P: Value, eps: Value) -> Value:
-        """S [(a-b) P - ε (cP+e)/(P+d)]   (13), (18)"""
+        """Return F = S [(a-b) P - ε (cP+e)/(P+d)]   (13), (18)"""
         return self.S * ((self.a - self.b) * P - eps * (self.c * P + self.e) / (P + self.d))
 
     def gain(self, P: Value, eps: Value) -> Value:
-        """S [(a-b) + ε g/(P+d)²]"""
+        """Return ∂F/∂P = S [(a-b) + ε g/(P+d)²]"""
         return self.S * (self.a - self.b + eps * self.g / (P + self.d) ** 2)
 
     def slope(self, P: Value, eps: Value) -> Value:
-        """-S (cP+e)/(P+d), the same at every contraction   (21)"""
+        """Return ∂F/∂ε = -S (cP+e)/(P+d), the same at every contraction   (21)"""
         return -self.S * (self.c * P + self.e) / (P + self.d) + 0.0 * eps
 
     def gain_slope(self, P: Value, eps: Value) -> Value:
-        """S g/(P+d)²"""
+        """Return ∂²F/∂P∂ε = S g/(P+d)²"""
         return self.S * self.g / (P + self.d) ** 2 + 0.0 * eps
 
     def pressure(self, F: Value, eps: Value) -> Array:
-        """Smaller root of (a-b)P² + ((a-b)d - cε - F/S)P - (eε + dF/S) = 0; inf above the greatest force."""
+        """Return the smaller root of (a-b)P² + ((a-b)d - cε - F/S)P - (eε + dF/S) = 0; inf above the greatest force."""
         F, eps = np.asarray(F, float), np.asarray(eps, float)
         q2 = self.a - self.b
         q1 = q2 * self.d - self.c * eps - F / self.S
@@ -96,7 +96,8 @@ class Tondu2021(Braided):
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """Linear in c and e; the pole -d is kept above the pressures measured, where it does not belong.
+        """Return a recipe linear in c and e; the pole -d is kept above the pressures measured, where it does not
+        belong.
 
         Forces show only S(a-b), Sc, Se and d: hold r0 or α0 to learn the others.
         """

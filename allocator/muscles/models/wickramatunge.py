@@ -15,7 +15,7 @@ from allocator.units import BAR
 
 @dataclass(frozen=True)
 class Wickramatunge2010(Muscle):
-    """F = K_M ls, K_M = c3 P² + c2 P ls + c1 ls² + c0, ls = l - l_min   (20)
+    """The force is F = K_M ls, K_M = c3 P² + c2 P ls + c1 ls² + c0, ls = l - l_min   (20)
 
     K. C. Wickramatunge and T. Leephakpreeda, "Study on mechanical behaviors of pneumatic artificial muscle", Int. J.
     Engineering Science 48:188-198, 2010; Tondu 2021, equation (20). Coefficients were not found in print for a muscle
@@ -51,26 +51,26 @@ class Wickramatunge2010(Muscle):
 
     @property
     def max_contraction(self) -> float:
-        """1 - l_min/l0 [-], where the stretched length vanishes."""
+        """Return the contraction 1 - l_min/l0 [-] where the stretched length vanishes."""
         return 1 - self.min_length / self.rest_length
 
     def stretched_length(self, eps: Value) -> Value:
-        """ls = l0(1-ε) - l_min [m]   (20)"""
+        """Return ls = l0(1-ε) - l_min [m]   (20)"""
         return self.rest_length * (1 - eps) - self.min_length
 
     @property
     def basis(self) -> Basis:
-        """Quadratics below and above P_switch."""
+        """Return the basis functions: quadratics below and above P_switch."""
         return Basis("quadratic", kinks=(self.P_switch,))
 
     def law(self, P: Value, eps: Value) -> Value:
-        """(c3 P² + c2 P ls + c1 ls² + c0) ls   (20), continuous at P_switch"""
+        """Return F = (c3 P² + c2 P ls + c1 ls² + c0) ls   (20), continuous at P_switch"""
         ls = self.stretched_length(eps)
         quadratic = self._low(P) * self.c3_low + self._high(P) * self.c3_high
         return (quadratic + self.c2 * P * ls + self.c1 * ls**2 + self.c0) * ls
 
     def gain(self, P: Value, eps: Value) -> Value:
-        """(2 c3 P + c2 ls) ls"""
+        """Return ∂F/∂P = (2 c3 P + c2 ls) ls"""
         ls = self.stretched_length(eps)
         c3 = _choose(P, self.P_switch, self.c3_low, self.c3_high)
         return (2 * c3 * P + self.c2 * ls) * ls
@@ -90,16 +90,16 @@ class Wickramatunge2010(Muscle):
         return np.where(beyond, np.where(c3 < 0, np.inf, -np.inf), P)
 
     def _low(self, P: Value) -> Value:
-        """The part of P² below P_switch."""
+        """Return the part of P² below P_switch."""
         return _choose(P, self.P_switch, P**2, self.P_switch**2)
 
     def _high(self, P: Value) -> Value:
-        """The part of P² above P_switch."""
+        """Return the part of P² above P_switch."""
         return P**2 - self._low(P)
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """Linear but for l_min; the rest length only scales, 2.5 bar is the paper's."""
+        """Return a recipe linear but for l_min; the rest length only scales, 2.5 bar is the paper's."""
         most = min(max(float(np.max(contraction)), 0.05), 0.6)
         starts = tuple(
             cls(0.3, 0.3 * (1 - reach), 0.0, 0.0, 0.0, 0.0, 0.0, 2.5 * BAR) for reach in (most + 0.02, most + 0.15)
