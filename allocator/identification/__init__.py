@@ -1,4 +1,4 @@
-"""A muscle from measured forces, a joint from measured angles: reading, least squares, covariance, ranking."""
+"""A muscle is found from measured forces, a joint from measured angles: reading, least squares, covariance, ranking."""
 
 from allocator.identification.joint.comparison import compare_joint_models
 from allocator.identification.joint.fit import fit_joint

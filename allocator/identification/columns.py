@@ -48,7 +48,7 @@ class Measured(NamedTuple):
     values: Mapping[str, Array]
 
     def mistake(self, quantity: str, sentence: str, row: int | None = None) -> InvalidFile:
-        """The error that says what is wrong with this quantity, in that row if one is given."""
+        """Return the error that says what is wrong with this quantity, in that row if one is given."""
         line = None if row is None else self.table.lines[row]
         return InvalidFile(self.table.path, sentence, line=line, column=self.columns[quantity].name)
 
@@ -73,7 +73,7 @@ def read_columns(
 
 
 def parse_columns(text: str | None) -> dict[str, str]:
-    """The mapping in `pressure=p:bar,force=F:N`, as the command line takes it."""
+    """Read the mapping in `pressure=p:bar,force=F:N`, as the command line takes it."""
     if not text:
         return {}
     parts = [part.partition("=") for part in re.split(r",(?=[^,=]+=)", text)]
@@ -91,7 +91,7 @@ def parse_columns(text: str | None) -> dict[str, str]:
 def _choose(
     table: Table, groups: Sequence[tuple[str, ...]], n_wanted: int, mapping: Mapping[str, str]
 ) -> dict[str, Column]:
-    """The column of every group, the first `n_wanted` of which have to be there."""
+    """Choose the column of every group, the first `n_wanted` of which have to be there."""
     if not mapping and all(_is_number(name) for name in table.names):
         raise InvalidFile(table.path, f"has no column names: name them, such as {_examples(groups[:n_wanted])}", line=1)
     chosen = dict(_mapped(table, quantity, text) for quantity, text in mapping.items())
@@ -118,7 +118,7 @@ def _choose(
 
 
 def _found(table: Table, named: list[tuple[int, str, Meaning]], wanted: bool) -> Column | tuple[str, str] | None:
-    """The one column among these; its name and quantity if it has no unit; None if there is none."""
+    """Return the one column among these; its name and quantity if it has no unit; None if there is none."""
     known = [each for each in named if each[2].unit in UNITS[each[2].quantity]]
     bare = [each for each in named if not each[2].unit]
     several = known or bare
@@ -143,7 +143,7 @@ def _found(table: Table, named: list[tuple[int, str, Meaning]], wanted: bool) ->
 
 
 def _mapped(table: Table, word: str, text: str) -> tuple[str, Column]:
-    """The quantity and the column that the caller gives it, as NAME:UNIT or NAME."""
+    """Return the quantity and the column that the caller gives it, as NAME:UNIT or NAME."""
     quantity = quantity_named(word)
     if quantity is None:
         raise InvalidInput(f"columns: {word!r} is no quantity; known are {', '.join(UNITS)}")
@@ -167,7 +167,7 @@ def _mapped(table: Table, word: str, text: str) -> tuple[str, Column]:
 
 
 def _without_brackets(name: str) -> str:
-    """The name `Load [gf]` as people say it, without its unit: `load`."""
+    """Return the name `Load [gf]` as people say it, without its unit: `load`."""
     return re.sub(r"\s*(\[[^]]*\]|\([^)]*\))$", "", name).casefold()
 
 
@@ -212,7 +212,7 @@ def _examples(groups: Sequence[tuple[str, ...]]) -> str:
 
 
 def _usual(quantity: str) -> str:
-    """The unit to name as an example."""
+    """Return the unit to name as an example."""
     return next(iter(UNITS[quantity]))
 
 

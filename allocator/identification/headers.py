@@ -77,7 +77,7 @@ class Meaning(NamedTuple):
 
 
 def meaning_of(name: str) -> Meaning | None:
-    """The meaning of a column's name, or None if it is no quantity that is known here."""
+    """Return the meaning of a column's name, or None if it is no quantity that is known here."""
     words, absolute = _words(name)
     if not words:
         return None
@@ -92,14 +92,16 @@ def meaning_of(name: str) -> Meaning | None:
 
 
 def unit_of(text: str) -> tuple[str, bool]:
-    """The unit in its usual spelling (as it is if not known), and whether it says absolute: `bar(abs)`, `psia`."""
+    """Return the unit in its usual spelling (as it is if not known), and whether it says absolute: `bar(abs)`,
+    `psia`.
+    """
     words, absolute = _words(text)
     unit, marked = _MARKED.get("".join(words), (_SPELLED.get("".join(words), text), False))
     return unit, absolute or marked
 
 
 def quantity_named(text: str) -> str | None:
-    """The quantity that a word stands for, None if it is not known."""
+    """Return the quantity that a word stands for, None if it is not known."""
     return _QUANTITIES.get("".join(_words(text)[0]))
 
 

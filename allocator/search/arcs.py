@@ -58,7 +58,7 @@ def weighted(T, K, weights, one, two, box, now1, now2):
 
 
 def edges(curve, arcs, others, first, least_sum):
-    """The edges along the pieces `arcs` of a curve, the other pressure at the ends and kinks of `others`."""
+    """Return the edges along the pieces `arcs` of a curve, the other pressure at the ends and kinks of `others`."""
     found = [(0.0,) * 18][:0]
     last = len(others) - 1
     for j in range(last + 1):
@@ -73,7 +73,7 @@ def edges(curve, arcs, others, first, least_sum):
 
 
 def edge(first, curve, arc, other, Q, tQ, kQ, least_sum):
-    """The edge along a piece with the other pressure at Q, as far as it lies above the floor."""
+    """Return the edge along a piece with the other pressure at Q, as far as it lies above the floor."""
     found = [(0.0,) * 18][:0]
     if arc[2] + Q < least_sum:
         return found
@@ -88,7 +88,9 @@ def edge(first, curve, arc, other, Q, tQ, kQ, least_sum):
 
 
 def fold(arc1, arc2, one, two):
-    """The fold of two pieces, or none; of the two the straighter one is varied, on which the slope changes less."""
+    """Return the fold of two pieces, or none; of the two the straighter one is varied, on which the slope changes
+    less.
+    """
     found = [(0.0,) * 18][:0]
     low1, high1 = slopes(arc1)
     low2, high2 = slopes(arc2)
@@ -111,7 +113,7 @@ def fold(arc1, arc2, one, two):
 
 
 def floor(one, two, arcs1, arcs2, least_sum):
-    """The floor P1 + P2 = least sum, cut where a piece of either curve ends."""
+    """Return the floor P1 + P2 = least sum, cut where a piece of either curve ends."""
     found = [(0.0,) * 18][:0]
     for arc1 in arcs1:
         for arc2 in arcs2:
@@ -124,20 +126,20 @@ def floor(one, two, arcs1, arcs2, least_sum):
 
 
 def slopes(arc):
-    """The least and the greatest slope of a piece."""
+    """Return the least and the greatest slope of a piece."""
     a, b = slope(arc[5], arc[6], arc), slope(arc[9], arc[10], arc)
     return min(a, b), max(a, b)
 
 
 def point(P, Q, m, P_segment, Q_segment):
-    """The point at two pressures."""
+    """Return the point at two pressures."""
     tP, kP, _, _ = at(P, P_segment, T_K)
     tQ, kQ, _, _ = at(Q, Q_segment, T_K)
     return P, Q, tP, kP, tQ, kQ, m
 
 
 def pressure_of_slope(m, segment, u, v):
-    """The pressure between u and v, on one piece, at which k' = m t'; the nearer of the two if there is none."""
+    """Return the pressure between u and v, on one piece, at which k' = m t'; the nearer of the two if there is none."""
     fu, fv, near = off_slope(m, segment, u), off_slope(m, segment, v), _NEAR * abs(v - u)
     if fu * fv >= 0:
         return u if abs(fu) < abs(fv) else v
@@ -150,7 +152,7 @@ def pressure_of_slope(m, segment, u, v):
 
 
 def off_slope(m, segment, P):
-    """k' - m t', or t' for an infinite slope."""
+    """Return k' - m t', or t' for an infinite slope."""
     _, _, t, k = at(P, segment, T_K)
     return t if abs(m) == inf else k - m * t
 
@@ -195,7 +197,7 @@ def least(goal, arcs, one, two, box):
 
 
 def better(goal, best, arc, A, least_sum):
-    """The better of (cost, P1, P2) and a point of an arc, if that lies above the floor."""
+    """Return the better of (cost, P1, P2) and a point of an arc, if that lies above the floor."""
     value = cost(goal, A[2] + A[4], A[3] + A[5])
     if value >= best[0] or A[0] + A[1] < least_sum - 1e-15 * abs(least_sum):
         return best
@@ -221,19 +223,19 @@ def foremost(queue):
 
 
 def both(arc, one, two):
-    """The segments of the varied curve and of the other one."""
+    """Return the segments of the varied curve and of the other one."""
     if arc[0] == 1:
         return one[int(arc[1])], two[int(arc[2])]
     return two[int(arc[1])], one[int(arc[2])]
 
 
 def cost(goal, T, K):
-    """w_T (T - T*)² + w_K (K - K*)²"""
+    """Return w_T (T - T*)² + w_K (K - K*)²."""
     return goal[2] * (T - goal[0]) * (T - goal[0]) + goal[3] * (K - goal[1]) * (K - goal[1])
 
 
 def moved(P, A, B, segments, kind):
-    """The point of the arc between A and B at the pressure P of the varied curve."""
+    """Return the point of the arc between A and B at the pressure P of the varied curve."""
     _, _, t, k = at(P, segments[0], T_K)
     m = k / t if t != 0 else inf
     if kind == _EDGE:
@@ -263,7 +265,7 @@ def gradient(goal, A, kind, segments):
 
 
 def descend(goal, A, B, segments, arc):
-    """The point between A and B at which the cost is stationary."""
+    """Return the point between A and B at which the cost is stationary."""
     u, v, M, near = A[0], B[0], B, _NEAR * abs(B[0] - A[0])
     fu, fv = gradient(goal, A, arc[3], segments), gradient(goal, B, arc[3], segments)
     for i in range(_STEPS):
@@ -286,7 +288,9 @@ def convex(goal, A, B, arc, least_sum):
 
 
 def bounded(goal, A, B):
-    """A lower bound on the cost of an edge or a fold from A to B: each curve lies between chord and end tangents."""
+    """Return a lower bound on the cost of an edge or a fold from A to B: each curve lies between chord and end
+    tangents.
+    """
     dT, dK = B[2] + B[4] - A[2] - A[4], B[3] + B[5] - A[3] - A[5]
     m = within(dK / dT if dT != 0 else 0.0, A[6], B[6])
     m = m if abs(m) < inf else 0.0
@@ -302,7 +306,7 @@ def bounded(goal, A, B):
 
 
 def floor_bound(goal, A, B, segments):
-    """The same of the floor: t and k of both curves lie between chords and end tangents over the pressure."""
+    """Return a lower bound on the cost of the floor: t and k of both curves lie between chord and end tangents."""
     t_sag = k_sag = 0.0
     for n in (0, 1):
         _, _, tA, kA = at(A[n], segments[n], T_K)
@@ -318,7 +322,7 @@ def floor_bound(goal, A, B, segments):
 
 
 def distance(goal, T_min, T_max, below, above, m):
-    """The least cost where T_min ≤ T ≤ T_max and below ≤ K - m T ≤ above."""
+    """Return the least cost where T_min ≤ T ≤ T_max and below ≤ K - m T ≤ above."""
     T, K, wT, wK = goal
     steep = wT + wK * m * m
     found = inf

@@ -27,7 +27,7 @@ _ready: dict[str, Callable[..., Any]] = {}
 
 
 class Curves(NamedTuple):
-    """The curves of both muscles at n angles, (n, segments, numbers), and the box (n, 5) [Pa].
+    """The curves of both muscles at n angles are (n, segments, numbers), and the box is (n, 5) [Pa].
 
     A box is (lo1, hi1, lo2, hi2, least sum), the last -inf where there is no co-contraction floor.
     """
@@ -38,7 +38,9 @@ class Curves(NamedTuple):
 
     @classmethod
     def of(cls, sides: BothMuscles, box: PressureBox, supply: tuple[float, float]) -> Self:
-        """Those of both sides in a box. Raises InvalidInput for a law that is not smooth between its kinks."""
+        """Return the curves of both sides in a box. Raises InvalidInput for a law that is not smooth between its
+        kinks.
+        """
         (lo1, hi1), (lo2, hi2) = ((interval.lo, interval.hi) for interval in box)
         limits = np.stack(np.broadcast_arrays(lo1, hi1, lo2, hi2, box.least_sum), 1)
         lo, hi = supply  # beyond which a slew limit may lead
@@ -55,7 +57,7 @@ def optima(
     weights: tuple[float, float] = (1.0, 1.0),
     now: Pair | None = None,
 ) -> tuple[Array, Array, Array]:
-    """(P1, P2 [Pa], gap), each (n,), for the priority "torque", "stiffness" or "weighted".
+    """Return (P1, P2 [Pa], gap), each (n,), for the priority "torque", "stiffness" or "weighted".
 
     Of several pairs that are as good it is the least, or the nearest to the pressures `now`. The gap is that of the
     second goal, or of the weighted cost, in its unit.
@@ -76,7 +78,7 @@ def torque_intervals(curves: Curves, K: Array) -> tuple[NDArray[np.intp], Array]
 
 
 def determinant_signs(curves: Curves) -> Array:
-    """The sign that det ∂(T, K)/∂(P1, P2) is proved to have all over the box (n,), 0 where it is not."""
+    """Return the sign that det ∂(T, K)/∂(P1, P2) is proved to have all over the box (n,), 0 where it is not."""
     return _run("signs", 1, (), curves)[:, 0]
 
 
@@ -94,7 +96,7 @@ def prepare(targets: int) -> None:
 
 
 def _run(name: str, width: int, given: tuple[Any, ...], curves: Curves, after: tuple[Array, ...] = ()) -> Array:
-    """The output (n, width) of a loop."""
+    """Return the output (n, width) of a loop."""
     n = len(curves.box)
     out = np.zeros((n, width))
     if not n:

@@ -12,7 +12,9 @@ _FILES = curves, stretches, pairs, arcs, loops
 
 @cache
 def compiled(name: str) -> jit.Function | None:
-    """The loop of this name, compiled for each kind of arguments at its first call (some fifteen seconds), or None."""
+    """Return the loop of this name, compiled for each kind of arguments at its first call (some fifteen seconds), or
+    None.
+    """
     callees = (function for file in _FILES for function in file.FUNCTIONS)
     return jit.compiled(_versioned(loops.LOOPS[name]), callees, inline=False, unaliased=False)
 

@@ -40,7 +40,7 @@ _NEAR = 1e-13  # of an interval: a root is not sought closer than this
 
 
 def at(P, segment, view):
-    """(x, y, x', y') at the pressure P in a view of the curve."""
+    """Return (x, y, x', y') at the pressure P in a view of the curve."""
     t, k, dt, dk = torque_and_stiffness(P, segment)
     if view == T_K:
         return t, k, dt, dk
@@ -52,7 +52,7 @@ def at(P, segment, view):
 
 
 def torque_and_stiffness(P, segment):
-    """(t, k, t', k') at the pressure P."""
+    """Return (t, k, t', k') at the pressure P."""
     if segment[0] == RATIONAL:
         r = 1 / (P + segment[1])
         square = r * r
@@ -77,7 +77,7 @@ def torque_and_stiffness(P, segment):
 
 
 def chebyshev(P, segment, which):
-    """A Chebyshev series and its first three derivatives by P; `which`: 0 torque, 1 stiffness."""
+    """Return a Chebyshev series and its first three derivatives by P; `which`: 0 torque, 1 stiffness."""
     h, n = segment[2], int(segment[5])
     z, first = (P - segment[1]) / h, HEAD + which * n
     T, D, S, R = 1.0, 0.0, 0.0, 0.0  # T_j and its derivatives by z
@@ -97,7 +97,7 @@ def chebyshev(P, segment, which):
 
 
 def pieces(curve, lo, hi, view):
-    """The pieces of a curve from lo to hi, in the order of the pressures."""
+    """Return the pieces of a curve from lo to hi, in the order of the pressures."""
     found: list[Any] = []
     for s in range(len(curve)):
         segment = curve[s]
@@ -112,12 +112,12 @@ def pieces(curve, lo, hi, view):
 
 
 def piece(s, segment, a, b, view):
-    """The piece of a segment between two of its pressures."""
+    """Return the piece of a segment between two of its pressures."""
     return (float(s), a, b, *at(a, segment, view), *at(b, segment, view))
 
 
 def cuts(segment, a, b, inflections):
-    """Pressures between a and b at which t' = 0, k' = 0 or W = 0, or with `inflections` t'' = 0 or k'' = 0."""
+    """Return the pressures between a and b at which t', k' or W vanishes, or with `inflections` t'' or k''."""
     if segment[0] == RATIONAL:
         turns = [turn(segment[7], segment[8], segment[1]), turn(segment[10], segment[11], segment[1])]
     elif segment[0] == EXPONENTIAL:
@@ -131,7 +131,7 @@ def cuts(segment, a, b, inflections):
 
 
 def turn(f1, f2, d):
-    """Where f1 - f2/(P + d)² = 0 left of the pole; W has no zeros there. -d, which is right of it, for none."""
+    """Return where f1 - f2/(P + d)² = 0 left of the pole; W has no zeros there. -d, which is right of it, for none."""
     return -d - sqrt(f2 / f1) if f1 * f2 > 0 else -d
 
 
@@ -139,7 +139,9 @@ def turn(f1, f2, d):
 
 
 def exponential_slopes(segment, inflections):
-    """t', k' and W/E (and t''/E, k''/E) as Σ_j E^j q_j(x), x = P/h: coefficients of the quadratics q_j in one row."""
+    """Return t', k' and W/E (and t''/E, k''/E) as Σ_j E^j q_j(x), x = P/h: coefficients of the quadratics q_j in one
+    row.
+    """
     p0, p1, p2, q0, q1, q2 = segment[6], segment[7], segment[8], segment[9], segment[10], segment[11]
     M01, M02, M12 = p0 * q1 - p1 * q0, p0 * q2 - p2 * q0, p1 * q2 - p2 * q1
     found = [
@@ -154,7 +156,8 @@ def exponential_slopes(segment, inflections):
 
 
 def exponential_zeros(f, a, b):
-    """All zeros of such a function between a and b: between two neighbours lies a zero of its derivative.
+    """Return all zeros of an exponential's function between a and b: between two neighbours lies a zero of its
+    derivative.
 
     The constant part vanishes after some derivatives and a factor E can then be left out, until a quadratic remains.
     """
@@ -172,7 +175,7 @@ def exponential_zeros(f, a, b):
 
 
 def exponential_derivative(f):
-    """d/dx Σ E^j q_j = Σ E^j (q_j' - j q_j)."""
+    """Return d/dx Σ E^j q_j = Σ E^j (q_j' - j q_j)."""
     return (
         *(f[1], 2 * f[2], 0.0),
         *(f[4] - f[3], 2 * f[5] - f[4], -f[5]),
@@ -181,14 +184,14 @@ def exponential_derivative(f):
 
 
 def exponential_value(f, x):
-    """Σ E^j q_j(x)."""
+    """Return Σ E^j q_j(x)."""
     E = exp(-x)
     q0, q1, q2 = (f[0] + x * (f[1] + x * f[2]), f[3] + x * (f[4] + x * f[5]), f[6] + x * (f[7] + x * f[8]))
     return q0 + E * (q1 + E * q2)
 
 
 def exponential_between(f, turns, a, b):
-    """The zeros of f between a and b, of which there is at most one between neighbours of `turns`."""
+    """Return the zeros of f between a and b, of which there is at most one between neighbours of `turns`."""
     zeros, left, f_left = turns[:0], a, exponential_value(f, a)
     for right in [*turns, b]:
         f_right = exponential_value(f, right)
@@ -205,7 +208,7 @@ def exponential_between(f, turns, a, b):
 
 
 def quadratic_zeros(c0, c1, c2, a, b):
-    """The zeros of c0 + c1 x + c2 x² between a and b, rising."""
+    """Return the zeros of c0 + c1 x + c2 x² between a and b, rising."""
     square = c1 * c1 - 4 * c0 * c2
     s = -(c1 + (sqrt(square) if c1 > 0 else -sqrt(square))) / 2 if square >= 0 else 0.0
     one, two = s / c2 if c2 != 0 else b, c0 / s if s != 0 else b
@@ -216,7 +219,8 @@ def quadratic_zeros(c0, c1, c2, a, b):
 
 
 def polynomial_zeros(segment, what, a, b):
-    """All zeros of t' (`what` = 0), k' (1), W (2), t'' (3) or k'' (4) of a Chebyshev segment, pressures from a to b.
+    """Return all zeros of t' (`what` = 0), k' (1), W (2), t'' (3) or k'' (4) of a Chebyshev segment, pressures from a
+    to b.
 
     An interval is dropped if the function is too large in its middle to vanish in it, and has at most one zero if its
     derivative is; else it is halved. Zeros nearer to each other than `_FINEST` of the segment may be seen as one, and
@@ -246,7 +250,7 @@ def polynomial_zeros(segment, what, a, b):
 
 
 def polynomial_zero(segment, what, u, fu, v, fv):
-    """The zero between u and v."""
+    """Return the zero between u and v."""
     near = _NEAR * abs(v - u)
     for i in range(_STEPS):
         x = next_guess(u, fu, v, fv, i)
@@ -257,7 +261,7 @@ def polynomial_zero(segment, what, u, fu, v, fv):
 
 
 def polynomial_slope(segment, what, P):
-    """(f, f') of f = t', k', W, t'' or k'' at P."""
+    """Return (f, f') of f = t', k', W, t'' or k'' at P."""
     _, t1, t2, t3 = chebyshev(P, segment, 0)
     _, k1, k2, k3 = chebyshev(P, segment, 1)
     if what == 2:
@@ -268,7 +272,7 @@ def polynomial_slope(segment, what, P):
 
 
 def polynomial_bound(segment, what, order, u, v):
-    """A bound between u and v on the derivative of an order (0: the function, 1, 2) of the same f."""
+    """Return a bound between u and v on the derivative of an order (0: the function, 1, 2) of the same f."""
     t1, t2, t3, t4 = derivative_bounds(segment, 0, u, v)
     k1, k2, k3, k4 = derivative_bounds(segment, 1, u, v)
     if what == 2:
@@ -309,14 +313,16 @@ def next_guess(u, fu, v, fv, i):
 
 
 def narrowed(u, fu, v, fv, x, fx):
-    """(u, f(u), v, f(v)) with the root still between, v = x the latest; the Illinois rule halves a value kept twice."""
+    """Return (u, f(u), v, f(v)) with the root still between, v = x the latest; the Illinois rule halves a value kept
+    twice.
+    """
     if fx == 0:
         return x, fx, x, fx
     return (v, fv, x, fx) if fx * fv < 0 else (u, fu / 2, x, fx)
 
 
 def pressure_at(X, arc, segment, view, P):
-    """The pressure of a piece at which x = X, from the guess P; the nearer end of the piece beyond them."""
+    """Return the pressure of a piece at which x = X, from the guess P; the nearer end of the piece beyond them."""
     a, b, xa, xb = arc[1], arc[2], arc[3], arc[7]
     rises = xb >= xa
     if (X <= xa) == rises or X == xa:

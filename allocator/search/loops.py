@@ -1,4 +1,4 @@
-"""`levels` and `arcs` for many targets: what is compiled, or called as it stands, plain Python without NumPy.
+"""`levels` and `arcs` run for many targets: compiled, or called as they stand, plain Python without NumPy.
 
 `one` and `two` are rows of segments (n, segments, numbers), `box` (lo1, hi1, lo2, hi2, least sum) a
 target, `now` the pressures from
@@ -18,7 +18,7 @@ MOST = 9  # pairs, and intervals, that are kept of a target
 
 
 def optima(T, K, priority, weights, one, two, box, now, out):
-    """(P1, P2, gap) of the optimum; `priority` 0: torque, 1: stiffness, 2: weighted."""
+    """Return (P1, P2, gap) of the optimum; `priority` 0: torque, 1: stiffness, 2: weighted."""
     for i in range(len(T)):
         if priority == 2:
             found = weighted(T[i], K[i], weights, one[i], two[i], box[i], now[i][0], now[i][1])
@@ -47,7 +47,9 @@ def pairs(T, K, one, two, box, out):
 
 
 def intervals(X, view, one, two, box, out):
-    """The number of intervals of what can be had at a torque (`view` T_K) or a stiffness (K_T), then their ends."""
+    """Return the number of intervals of what can be had at a torque (`view` T_K) or a stiffness (K_T), then their
+    ends.
+    """
     for i in range(len(X)):
         found = spans(X[i], one[i], two[i], box[i], view)
         out[i][0] = min(len(found), MOST)
@@ -56,7 +58,7 @@ def intervals(X, view, one, two, box, out):
 
 
 def signs(one, two, box, out):
-    """The proved sign of the determinant."""
+    """Return the proved sign of the determinant."""
     for i in range(len(box)):
         out[i][0] = determinant_sign(one[i], two[i], box[i])
 

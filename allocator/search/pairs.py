@@ -28,7 +28,7 @@ _SAME = 1e-9  # of the pressures: pairs this near to each other are one
 
 
 def nearest(X, Y, one, two, box, view, now1, now2):
-    """(P1, P2, gap): first x nearest to X, then y nearest to Y, in the view T_K or K_T.
+    """Return (P1, P2, gap): first x nearest to X, then y nearest to Y, in the view T_K or K_T.
 
     Of several pairs that give both it takes the one nearest to (now1, now2), or where these are NaN the least. `gap`:
     how much nearer to Y a point might be that the search has dropped.
@@ -57,7 +57,7 @@ def flat(arcs):
 
 
 def crossings(X, one, two, box, view):
-    """The pairs at which the level x = X crosses the floor P1 + P2 = least sum."""
+    """Return the pairs at which the level x = X crosses the floor P1 + P2 = least sum."""
     if box[4] == -inf:
         return [(0.0, 0.0)][:0]
     sums = T_P if view == T_K else K_P
@@ -88,7 +88,7 @@ def all_pairs(T, K, one, two, box):
 
 
 def determinant_sign(one, two, box):
-    """The sign of det ∂(T, K)/∂(P1, P2) all over the box, 0 where it is not proved to have one.
+    """Return the sign of det ∂(T, K)/∂(P1, P2) all over the box, 0 where it is not proved to have one.
 
     Not zero it proves that no two pairs give the same: the columns of the Jacobian depend on one pressure each.
     """
@@ -107,7 +107,9 @@ def determinant_sign(one, two, box):
 
 
 def spans(X, one, two, box, view):
-    """The intervals (least y, greatest y) of all that can be had at x = X in the view T_K or K_T, rising and apart."""
+    """Return the intervals (least y, greatest y) of all that can be had at x = X in the view T_K or K_T, rising and
+    apart.
+    """
     arcs1, arcs2 = pieces(one, box[0], box[1], view), pieces(two, box[2], box[3], view)
     X = min(max(X, corner(arcs1, arcs2, 1.0)[0]), corner(arcs1, arcs2, -1.0)[0])
     cuts = crossings(X, one, two, box, view)
@@ -138,7 +140,9 @@ def value_at(nearer, segments, view):
 
 
 def merged(found):
-    """The union of intervals in order; those that meet at a turning point do so up to the square root of rounding."""
+    """Return the union of intervals in order; those that meet at a turning point do so up to the square root of
+    rounding.
+    """
     apart = found[:0]
     for low, high in found:
         if len(apart) > 0 and low <= apart[-1][1] + _MEET * (abs(low) + abs(apart[-1][1])):
@@ -166,7 +170,7 @@ def extreme(arcs, sign):
 
 
 def chosen(roots, now1, now2):
-    """The pair nearest to the pressures now, or without them the one with the least sum."""
+    """Return the pair nearest to the pressures now, or without them the one with the least sum."""
     best, least = roots[0], inf
     for root in roots:
         far = root[0] + root[1] if isnan(now1) else max(abs(root[0] - now1), abs(root[1] - now2))
@@ -199,7 +203,7 @@ def level(X, Y, one, two, arcs1, arcs2, view, cuts, least_sum):
 
 
 def parts(X, met, A, B, free, other, segments, view, first, cuts, least_sum):
-    """The parts (state, state) of a stretch that lie above the floor; none where there is no stretch."""
+    """Return the parts (state, state) of a stretch that lie above the floor; none where there is no stretch."""
     if not met:
         return [(A, B)][:0]
     if least_sum == -inf:

@@ -16,7 +16,7 @@ _TAIL = 1e-13  # of the greatest coefficient: smaller ones are rounding
 
 
 def rows(side: OneMuscle, lo: float, hi: float) -> Array:
-    """The curve of one muscle at n angles between two pressures [Pa]: (n, segments, numbers).
+    """Return the curve of one muscle at n angles between two pressures [Pa]: (n, segments, numbers).
 
     Raises InvalidInput for a law that is not smooth between its kinks.
     """
@@ -70,7 +70,9 @@ def _sampled(side: OneMuscle, basis: Basis, lo: float, hi: float, size: int) -> 
 
 
 def _significant(coefficients: Array, greatest: Array) -> Array:
-    """The same without those that are rounding, so that what does not depend on the pressure is constant."""
+    """Return the coefficients without those that are rounding, so that what does not depend on the pressure is
+    constant.
+    """
     share = np.abs(coefficients) * greatest[:, None]
     return np.where(share > _TAIL * share.max(axis=0), coefficients, 0.0)
 

@@ -1,4 +1,4 @@
-"""One stretch of a level: all roots on it, and the nearest point, from the values at its two ends.
+"""One stretch of a level has all its roots and its nearest point found here, from the values at its two ends.
 
 Along the level x_1 + x_2 = X of two pieces the other quantity is y = y_1(x_1) + y_2(X - x_1), and both slopes dy_i/dx_i
 are monotone. So on any stretch the values at its ends alone say:
@@ -29,7 +29,7 @@ _NARROW = 1e-12  # of a piece: a stretch this short is not halved
 
 
 def state(P, Q, free, other, segments, view):
-    """The state at two pressures that belong together."""
+    """Return the state at two pressures that belong together."""
     x, yP, dx, dyP = at(P, segments[0], view)
     _, yQ, dxQ, dyQ = at(Q, segments[1], view)
     sign = (1.0 if free[7] >= free[3] else -1.0) * (1.0 if other[7] >= other[3] else -1.0)
@@ -37,7 +37,7 @@ def state(P, Q, free, other, segments, view):
 
 
 def follow(P, Q, X, free, other, segments, view):
-    """The state at P on the level X; Q is a guess."""
+    """Return the state at P on the level X; Q is a guess."""
     x, _, _, _ = at(P, segments[0], view)
     return state(P, pressure_at(X - x, other, segments[1], view, Q), free, other, segments, view)
 
@@ -94,7 +94,7 @@ def along(X, Y, A, B, free, other, segments, view, best):
 
 
 def halfway(X, A, B, free, other, segments, view):
-    """Where to halve a stretch: at a stationary point that is well inside, else in the middle."""
+    """Return where to halve a stretch: at a stationary point that is well inside, else in the middle."""
     if A[7] * B[7] < 0:
         M = stationary(X, A, B, free, other, segments, view)
         if min(abs(M[0] - A[0]), abs(M[0] - B[0])) > abs(B[0] - A[0]) / 16:
@@ -103,7 +103,7 @@ def halfway(X, A, B, free, other, segments, view):
 
 
 def bend(A, B):
-    """0: y is monotone from A to B; 1: convex in x; -1: concave; 2: it may be anything."""
+    """Return 0 where y is monotone from A to B, 1 where it is convex in x, -1 concave, 2 where it may be anything."""
     if A[2] == B[2]:
         return 0  # x of the varied piece stands still: y is that piece's
     least = min(A[5], B[5]) - max(A[6], B[6])
@@ -145,7 +145,7 @@ def sag(mA, mB, dx, dy):
 
 
 def within(m, mA, mB):
-    """A chord's slope between those at the ends, whatever rounding has made of it."""
+    """Return a chord's slope between those at the ends, whatever rounding has made of it."""
     return min(max(m, min(mA, mB)), max(mA, mB))
 
 
@@ -167,7 +167,7 @@ def root(X, Y, A, yA, B, yB, free, other, segments, view):
 
 
 def stationary(X, A, B, free, other, segments, view):
-    """The state between two at which m_P = m_Q."""
+    """Return the state between two at which m_P = m_Q."""
     u, fu, v, fv, S, near = A[0], A[7], B[0], B[7], B, _NEAR * (free[2] - free[1])
     for i in range(_STEPS):
         P = next_guess(u, fu, v, fv, i)

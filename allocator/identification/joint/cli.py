@@ -1,4 +1,4 @@
-"""`antagonist fit-joint`: a joint from a log of angles and pressures."""
+"""`antagonist fit-joint` finds a joint from a log of angles and pressures."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -111,7 +111,7 @@ def _sweeps(settings: list[str]) -> dict[float, float]:
 def _geometry(
     lever: str | None, pulley: str | None, rest_length: float | None, column: Any
 ) -> tuple[Geometry | dict[str, Geometry], Any]:
-    """The mechanism, or one for each rest length in the file with the label of each sample."""
+    """Return the mechanism, or one for each rest length in the file with the label of each sample."""
     if (lever is None) == (pulley is None):
         raise InvalidInput("give the mechanism, measured: either --lever R,r,offset [m] or --pulley R,ε0")
     if (rest_length is None) == (column is None):
@@ -168,7 +168,7 @@ def _report(comparison: JointComparison, console: Console) -> None:
 
 
 def _describe(fit: JointFit, console: Console) -> None:
-    """What was found, how far to trust it, and what the data do not tell."""
+    """Print what was found, how far to trust it, and what the data do not tell."""
     s = fit.samples
     means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
     lines = [
@@ -209,7 +209,7 @@ def _draw(fit: JointFit, path: Path) -> None:
 
 
 def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, Any]:
-    """What `--json` prints."""
+    """Return what `--json` prints."""
     values: dict[str, Any] = {
         "model": fit.model,
         "equilibria": fit.samples.n,

@@ -1,4 +1,4 @@
-"""All models on the same equilibria: the angle error of each, and the stiffness that it implies.
+"""All models are fitted to the same equilibria: the angle error of each, and the stiffness that it implies.
 
 A good angle fit does not select the stiffness: any rising transformation of the force law leaves the unloaded angles of
 a pulley as they are. So the models stay in the order they were given, never ranked on the angle alone, and pairs that

@@ -1,4 +1,4 @@
-"""A joint from measured equilibria."""
+"""A joint is fitted to measured equilibria here."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -109,7 +109,7 @@ def _prototype(
     hold: Mapping[str, float],
     start: Muscle | None,
 ) -> tuple[Muscle, Recipe[Any], frozenset[str]]:
-    """The muscle to start from, the model's recipe, and the names of the parameters that are held."""
+    """Return the muscle to start from, the model's recipe, and the names of the parameters that are held."""
     if isinstance(model, Muscle):
         return model, Recipe(), frozenset(model.parameters)
     if isinstance(model, str):
@@ -126,7 +126,7 @@ def _prototype(
 
 
 def _within(samples: JointSamples, muscle: Muscle) -> JointSamples:
-    """The samples at which the law has a force for both muscles; `fit` begins at the same least contraction."""
+    """Return the samples at which the law has a force for both muscles; `fit` begins at the same least contraction."""
     (eps1, *_), (eps2, *_), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
     name, least = type(muscle).__name__, muscle.min_contraction
     short = (eps1 < least) | (eps2 < least)

@@ -17,21 +17,21 @@ _STEP = 1e-30
 
 
 class Quantity(NamedTuple):
-    """Values and their gradients."""
+    """A quantity has values and their gradients."""
 
     value: Array  # (n,)
     gradient: Array  # (n, m) per parameter
 
     def std(self, covariance: Array) -> Array:
-        """Standard deviation (n,)."""
+        """Return the standard deviation (n,)."""
         return _std(self.gradient, covariance)
 
     def relative_std(self, covariance: Array) -> Array:
-        """Standard deviation of the logarithm (n,)."""
+        """Return the standard deviation of the logarithm (n,)."""
         return _std(self.gradient / self.value[:, None], covariance)
 
     def ratio(self, other: "Quantity") -> "Quantity":
-        """The value divided by the other, element by element or by one value for all."""
+        """Return the value divided by the other, element by element or by one value for all."""
         value = self.value / other.value
         logarithm = self.gradient / self.value[:, None] - other.gradient / other.value[:, None]
         return Quantity(value, value[:, None] * logarithm)
@@ -42,7 +42,7 @@ def _std(gradient: Array, covariance: Array) -> Array:
 
 
 def stiffness(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Quantity:
-    """K [N·m/rad] (n,) and ∂K/∂q."""
+    """Return K [N·m/rad] (n,) and ∂K/∂q."""
     one, two = joint.sides(theta)
     K = one.stiffness(P1) + two.stiffness(P2)
     return Quantity(K, np.hstack([_stiffness_gradient(one, P1), _stiffness_gradient(two, P2)]))
@@ -55,7 +55,7 @@ def _stiffness_gradient(side: OneMuscle, P: Array) -> Array:
 
 
 def torque_gain(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Quantity:
-    """∂T/∂P1 [N·m/Pa] (n,) and its gradient in q."""
+    """Return ∂T/∂P1 [N·m/Pa] (n,) and its gradient in q."""
     one, two = joint.sides(theta)
     values = list(one.muscle.parameters.values())
     gradient = np.zeros((theta.size, len(values) + len(two.muscle.parameters)))

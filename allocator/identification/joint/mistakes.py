@@ -13,7 +13,7 @@ _WANTED = 0.05  # relative accuracy of the deflection that a useful weight gives
 
 
 def check_data(samples: JointSamples, friction: bool) -> None:
-    """Slack joints, swapped muscles, one co-contraction only; with `friction` one direction of motion only."""
+    """Refuse slack joints, swapped muscles, one co-contraction only; with `friction` one direction of motion only."""
     if not samples.n:
         reasons = "; ".join(f"{n} with {reason}" for reason, n in samples.dropped.items())
         raise InvalidInput(f"no equilibrium is left in which both muscles can be taut ({reasons})")
@@ -54,7 +54,8 @@ def _check_signs(samples: JointSamples) -> None:
 
 
 def check_weight(samples: JointSamples, deflection: Array, expected: Array) -> float:
-    """The force scale [-] of a shape, from the `deflection` (n,) [rad] under weights and what it `expected` (n,) [rad].
+    """Return the force scale [-] of a shape, from the `deflection` (n,) [rad] under weights and what it `expected` (n,)
+    [rad].
 
     Refuses a weight that drowns in the scatter, and says which would not.
     """

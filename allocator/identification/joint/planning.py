@@ -43,7 +43,7 @@ class Setpoint(NamedTuple):
 
 @dataclass(frozen=True)
 class JointPlan:
-    """Setpoints in the order of the bench, and the accuracy to be expected."""
+    """A plan lists setpoints in the order of the bench, and the accuracy to be expected."""
 
     setpoints: tuple[Setpoint, ...]
     weight: float  # torque of the weight [N·m]
@@ -51,7 +51,7 @@ class JointPlan:
     reached: bool  # whether that is what was wanted
 
     def __str__(self) -> str:
-        """The table to follow."""
+        """Return the table to follow."""
         head = (
             f"{len(self.setpoints)} setpoints, each visited twice, with a weight of {self.weight:.3g} N·m; K will be "
             f"known to {self.accuracy:.1%}" + ("" if self.reached else ", which is less than was wanted")
@@ -140,7 +140,7 @@ def _plan(joint: AntagonistJoint, accuracy: float, sigma: float, levels: Array, 
 
 
 def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointProblem, Array, Array]:
-    """The problem of a fit to all candidates, falling first and then rising, its unknowns, and the angles."""
+    """Return the problem of a fit to all candidates, falling first and then rising, its unknowns, and the angles."""
     P1, P2, T = (a.ravel() for a in np.meshgrid(levels, levels, [0.0, -W, W]))
     n = P1.size
     direction = np.repeat([-1.0, 1.0], n)

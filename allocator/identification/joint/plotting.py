@@ -64,7 +64,7 @@ def _residuals(fit: JointFit, axes: Any) -> None:
 
 
 def _envelope(values: Any) -> tuple[Any, Any]:
-    """Running least and greatest of the neighbours, so that the band is smooth."""
+    """Return the running least and greatest of the neighbours, so that the band is smooth."""
     half = max(1, values.size // 12)
     padded = np.pad(values, half, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)

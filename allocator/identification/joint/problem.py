@@ -50,7 +50,9 @@ class Balance(NamedTuple):
 
 @dataclass(frozen=True)
 class JointProblem:
-    """Stated as above. x = (`free` parameters of the muscle, then `extra`: "log_ratio", "zero", "friction")."""
+    """The problem is that of the module. x = (`free` parameters of the muscle, then `extra`: "log_ratio", "zero",
+    "friction").
+    """
 
     prototype: Muscle
     free: tuple[str, ...]
@@ -63,11 +65,11 @@ class JointProblem:
     margin: float = _MARGIN  # beyond the measured angles, within which equilibria are looked for [rad]
 
     def on(self, keep: Mask) -> Self:
-        """The same problem on some of the samples."""
+        """Return this problem on some of the samples."""
         return replace(self, samples=self.samples.where(keep))
 
     def still(self) -> Self:
-        """The same problem with the direction of motion forgotten: predictions without friction."""
+        """Return this problem with the direction of motion forgotten: predictions without friction."""
         return replace(self, samples=replace(self.samples, direction=0 * self.samples.direction))
 
     @cached_property
@@ -76,7 +78,7 @@ class JointProblem:
         return (*self.free, *self.extra)
 
     def unknowns(self, x: Array) -> Unknowns:
-        """x by meaning."""
+        """Return x by meaning."""
         values = dict(zip(self.names, x.tolist(), strict=True))
         free = {name: values[name] for name in self.free}
         muscle = self.prototype.unchecked([*(self.prototype.parameters | free).values()])
@@ -86,7 +88,7 @@ class JointProblem:
     # --- equilibrium ------------------------------------------------------------------------------------------------
 
     def balance(self, u: Unknowns, theta: Array, routes: Routes | None = None) -> Balance:
-        """G at the true angles `theta` (n,)."""
+        """Return G at the true angles `theta` (n,)."""
         s = self.samples
         (eps1, a1, da1), (eps2, a2, da2), l0 = routes or s.routes(theta)
         w1, w2 = 1 - u.friction * s.direction, 1 + u.friction * s.direction
@@ -138,11 +140,12 @@ class JointProblem:
     # --- least squares ----------------------------------------------------------------------------------------------
 
     def angle_error(self, x: Array) -> Array:
-        """θ - z - θ_eq (n,) [rad], measured minus predicted."""
+        """Return θ - z - θ_eq (n,) [rad], measured minus predicted."""
         return np.asarray(self.samples.theta - self.predicted(self.unknowns(x)))
 
     def predicted(self, u: Unknowns) -> Array:
-        """z + θ_eq (n,) [rad]; where there is no θ_eq, by how much the torque is lacking at the end of the search.
+        """Return z + θ_eq (n,) [rad]; where there is no θ_eq, by how much the torque is lacking at the end of the
+        search.
 
         That leads the search back to where there is one.
         """
@@ -162,7 +165,7 @@ class JointProblem:
         return np.where(np.isfinite(r), r, _GREAT)
 
     def jacobian(self, x: Array) -> Array:
-        """∂residual/∂x (rows, m)."""
+        """Return ∂residual/∂x (rows, m)."""
         u = self.unknowns(x)
         rows = [-self._angle_gradient(u), self._taut_gradient(u)]
         if self.conventional:
@@ -201,12 +204,12 @@ class JointProblem:
         return self.samples.routes(np.clip(self.samples.theta, *self._searched))
 
     def shares(self, u: Unknowns) -> Array:
-        """F/F̄ (2n,) at the measured angles."""
+        """Return F/F̄ (2n,) at the measured angles."""
         F = self.measured_forces(u)
         return np.asarray(F / np.abs(F).mean())
 
     def measured_forces(self, u: Unknowns) -> Array:
-        """F1, F2 (2n,) [N] at the measured angles."""
+        """Return F1, F2 (2n,) [N] at the measured angles."""
         (eps1, *_), (eps2, *_), _ = self._measured
         with np.errstate(all="ignore"):
             F1, F2 = u.muscle.law(self.samples.P1, eps1), u.ratio * u.muscle.law(self.samples.P2, eps2)
@@ -245,7 +248,7 @@ class JointProblem:
 
 
 def _usual(K: Array, reached: Mask) -> float:
-    """A stiffness [N·m/rad] of the usual size."""
+    """Return a stiffness [N·m/rad] of the usual size."""
     known = K[reached & np.isfinite(K)]
     return float(np.median(known)) if known.size else 1.0
 

@@ -1,4 +1,4 @@
-"""Measured equilibria from a CSV file, or picked out of a raw time log.
+"""Measured equilibria are read from a CSV file, or picked out of a raw time log.
 
 Columns by name and unit as for `read_samples` (`phi [deg]`, `P1_bar`, …), in any order, others are ignored:
 

@@ -23,7 +23,7 @@ WHY = (
 
 @dataclass(frozen=True)
 class RelativeJoint:
-    """A fitted joint up to one common factor in all forces; angles are right, and ratios of stiffnesses.
+    """A relative joint is known up to one common factor in all forces; angles are right, and ratios of stiffnesses.
 
     Whatever else an `AntagonistJoint` offers is refused by a sentence.
     """
@@ -31,21 +31,23 @@ class RelativeJoint:
     shape: AntagonistJoint  # its forces are on a conventional scale and mean nothing by themselves
 
     def equilibrium(self, P1: Value, P2: Value) -> Array:
-        """Angle [rad] of the unloaded joint at these pressures; NaN if there is none in the joint range."""
+        """Return the angle [rad] of the unloaded joint at these pressures; NaN if there is none in the joint range."""
         return self.shape.equilibrium(P1, P2)
 
     def stiffness_per_gain(self, theta: Value, P1: Value, P2: Value) -> Array:
-        """K/T_P1 = 1/(∂θ/∂P1) [Pa/rad]: pressure P1 per angle at equilibrium, in which the scale cancels."""
+        """Return K/T_P1 = 1/(∂θ/∂P1) [Pa/rad]: pressure P1 per angle at equilibrium, in which the scale cancels."""
         theta, P1, P2 = _flat(theta, P1, P2)
         K = gradients.stiffness(self.shape, theta, P1, P2).value
         return np.asarray(K / self.shape.sides(theta)[0].torque_gain(P1))
 
     def relative_stiffness(self, theta: Value, P1: Value, P2: Value) -> Array:
-        """K/K_ref [-] with K_ref at `reference`."""
+        """Return K/K_ref [-] with K_ref at `reference`."""
         return self._ratio(theta, P1, P2).value
 
     def relative_stiffness_std(self, theta: Value, P1: Value, P2: Value) -> Array:
-        """Standard deviation of K/K_ref [-] from the covariance of the fit; the law's own error is not in it."""
+        """Return the standard deviation of K/K_ref [-] from the covariance of the fit; the law's own error is not in
+        it.
+        """
         if self.shape.covariance is None:
             raise InvalidInput("this joint has no covariance: it was not fitted")
         return self._ratio(theta, P1, P2).std(np.asarray(self.shape.covariance))
@@ -56,13 +58,15 @@ class RelativeJoint:
 
     @property
     def reference(self) -> tuple[float, float, float]:
-        """(θ, P1, P2) [rad, Pa, Pa] of K_ref: the middle of the joint, both pressures in the middle of the supply."""
+        """Return (θ, P1, P2) [rad, Pa, Pa] of K_ref: the middle of the joint, both pressures in the middle of the
+        supply.
+        """
         P = sum(self.shape.pressure_limits) / 2
         left, right = self.shape.angle_range
         return (0.0 if left < 0 < right else (left + right) / 2, P, P)
 
     def with_scale(self, T_P: float, at: tuple[float, float, float], std: float = 0.0) -> AntagonistJoint:
-        """The joint with its force scale, from a measured torque per pressure ∂T/∂P1 = `T_P` ± `std` [N·m/Pa].
+        """Return the joint with its force scale, from a measured torque per pressure ∂T/∂P1 = `T_P` ± `std` [N·m/Pa].
 
         `at` is (θ, P1, P2) [rad, Pa, Pa]. The uncertainty goes into the joint's covariance, hence into `K_std`.
         """
@@ -100,7 +104,7 @@ def _rescaled(joint: AntagonistJoint, factor: float, sensitivity: Array, error: 
 
 
 def with_joint_covariance(joint: AntagonistJoint, covariance: Array | None) -> AntagonistJoint:
-    """The joint with this covariance of the parameters of both muscles."""
+    """Return the joint with this covariance of the parameters of both muscles."""
     return joint if covariance is None else replace(joint, covariance=tuple(map(tuple, covariance.tolist())))
 
 

@@ -24,7 +24,7 @@ from allocator.units import DEG, PERCENT
 
 @dataclass(frozen=True)
 class JointFit:
-    """A fitted joint and how far to trust it. Angles in rad; errors are of the angle."""
+    """A fit is a joint and how far to trust it. Angles in rad; errors are of the angle."""
 
     shapes: Mapping[str, AntagonistJoint]  # by group; where `scale` is None their forces are right up to a factor
     scale: float | None  # mean ∂F/∂P of the agonist, its effective area [m²]; None: never seen
@@ -46,7 +46,7 @@ class JointFit:
 
     @property
     def samples(self) -> JointSamples:
-        """Those used; `dropped` says how many were left out and why."""
+        """Return the samples used; `dropped` says how many were left out and why."""
         return self.problem.samples
 
     @property
@@ -56,12 +56,12 @@ class JointFit:
 
     @property
     def muscle(self) -> Muscle:
-        """The agonist."""
+        """Return the agonist."""
         return next(iter(self.shapes.values())).agonist
 
     @property
     def joint(self) -> AntagonistJoint | RelativeJoint:
-        """The joint; one that refuses absolute stiffness where the scale is unknown."""
+        """Return the joint; one that refuses absolute stiffness where the scale is unknown."""
         if len(self.shapes) > 1:
             raise InvalidInput(
                 f"the fit is of several geometries: take joint_of({' or '.join(map(repr, self.shapes))})"
@@ -69,7 +69,7 @@ class JointFit:
         return self.joint_of(next(iter(self.shapes)))
 
     def joint_of(self, group: Any) -> AntagonistJoint | RelativeJoint:
-        """The joint of one group of samples."""
+        """Return the joint of one group of samples."""
         if str(group) not in self.shapes:
             raise InvalidInput(f"there is no group {group!r}; there are {', '.join(self.shapes)}")
         joint = self.shapes[str(group)]
@@ -82,7 +82,7 @@ class JointFit:
         return float(np.sqrt(sum(squares) / sum(g.samples for g in self.groups)))
 
     def errors(self) -> Array:
-        """Angle measured minus predicted (n,) [rad]."""
+        """Return the angle measured minus predicted (n,) [rad]."""
         return self.problem.angle_error(self.x)
 
     def predicted(self) -> Array:
@@ -96,7 +96,7 @@ class JointFit:
         return self._at_samples(gradients.stiffness)
 
     def stiffness_ratio_std(self) -> Array:
-        """Standard deviation of K/K_ref (n,) [-] at the samples, K_ref as in `RelativeJoint.reference`."""
+        """Return the standard deviation of K/K_ref (n,) [-] at the samples, K_ref as in `RelativeJoint.reference`."""
         std = np.empty(self.samples.n)
         for here, joint in self._by_group():
             s, relative = self.samples, RelativeJoint(joint)
@@ -104,7 +104,9 @@ class JointFit:
         return std
 
     def stiffness_std(self) -> Array:
-        """Standard deviation of K (n,) [N·m/rad] at the samples. Raises InvalidInput where the scale is unknown."""
+        """Return the standard deviation of K (n,) [N·m/rad] at the samples. Raises InvalidInput where the scale is
+        unknown.
+        """
         K, covariance = self.stiffness(), next(iter(self.shapes.values())).covariance
         if covariance is None:
             raise InvalidInput("this joint has no covariance: its muscles were not fitted")
@@ -161,7 +163,9 @@ class JointFit:
         return self.replaced(shapes={label: joint}, scale=CONVENTIONAL_AREA * float(factor), scale_std=std / T_P)
 
     def to_dict(self) -> dict[str, Any]:
-        """The fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``; parameters in SI units."""
+        """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``; parameters in SI
+        units.
+        """
         return {
             "model": self.model,
             "samples": self.samples.n,
@@ -180,7 +184,7 @@ class JointFit:
         return f"JointFit of {self.model}: {self._errors()}\n  {found}" + first_of(self.warnings)
 
     def _repr_html_(self) -> str:
-        """The same as a table, for notebooks."""
+        """Return how well the angles are predicted, and what was found, as a table for notebooks."""
         return html_table(f"{self.model}: {self._errors()}", self._found().items())
 
     def _errors(self) -> str:
@@ -197,7 +201,7 @@ class JointFit:
         }
 
     def replaced(self, **changes: Any) -> Self:
-        """The same with some fields changed."""
+        """Return this fit with some fields changed."""
         return replace(self, **changes)
 
     def save(self, path: str | PathLike[str], group: Any = None) -> None:

@@ -1,4 +1,4 @@
-"""Measured equilibria of a joint: angle, two pressures, the torque of a weight, and from where the joint came."""
+"""Measured equilibria of a joint are angle, two pressures, the torque of a weight, and from where the joint came."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -30,7 +30,9 @@ class Group(NamedTuple):
 
 @dataclass(frozen=True)
 class JointSamples:
-    """n equilibria; arrays [n]. The joint carries `torque`, i.e. it is what the muscles have to give."""
+    """The samples are n equilibria; arrays [n]. The joint carries `torque`, i.e. it is what the muscles have to
+    give.
+    """
 
     theta: Array  # as the encoder shows it [rad]
     P1: Array  # agonist, gauge [Pa]
@@ -55,7 +57,9 @@ class JointSamples:
         direction: Any = None,
         group: Any = None,
     ) -> Self:
-        """From anything array-like; raises `InvalidInput` at what cannot be measured equilibria in SI units."""
+        """Make samples of anything array-like; raises `InvalidInput` at what cannot be measured equilibria in SI
+        units.
+        """
         named = {
             "theta": checks.angle("theta", theta),
             "P1": checks.pressure("P1", P1),
@@ -82,12 +86,12 @@ class JointSamples:
         return bool((self.torque != 0).any())
 
     def where(self, keep: Mask) -> Self:
-        """The samples marked in `keep`."""
+        """Return the samples marked in `keep`."""
         arrays: dict[str, Any] = {name: getattr(self, name)[keep] for name in (*_ARRAYS, "group")}
         return replace(self, **arrays)
 
     def without(self, drop: Mask, reason: str) -> Self:
-        """The samples not in the mask `drop`, whose number is remembered under `reason`."""
+        """Return the samples not in the mask `drop`, whose number is remembered under `reason`."""
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
@@ -110,7 +114,7 @@ class JointSamples:
         return self.joined(replace(more, group=np.asarray(index, np.intp), groups=self.groups))
 
     def joined(self, other: "JointSamples") -> Self:
-        """These samples and others of the same groups."""
+        """Return these samples and others of the same groups."""
         if other.groups != self.groups:
             raise InvalidInput("the samples belong to other geometries than those of the fit")
         arrays: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in (*_ARRAYS, "group")}
@@ -143,7 +147,7 @@ class JointSamples:
         return [(up, down) for up, down in both if up.size and down.size]
 
     def averaged(self) -> Self:
-        """The mean of rising and falling samples at the same pressures; those without a partner are dropped."""
+        """Return the mean of rising and falling samples at the same pressures; those without a partner are dropped."""
         pairs = self.pairs()
         if not pairs:
             raise InvalidInput("average needs the same pressures visited with rising and with falling angle; none were")

@@ -15,7 +15,7 @@ _GAIN = 1e-3  # of the cost
 
 
 def first_guess(problem: JointProblem) -> Array:
-    """The prototype's parameters, and no ratio, zero or friction yet."""
+    """Return the prototype's parameters, and no ratio, zero or friction yet."""
     values = problem.prototype.parameters
     return np.array([values.get(name, 0.05 if name == "friction" else 0.0) for name in problem.names])
 
@@ -63,7 +63,9 @@ def scaled_guess(problem: JointProblem) -> Array:
 
 
 def scale_shape(problem: JointProblem, x: Array) -> Array:
-    """The unknowns `x` of a shape, on the force scale at which the weights in `problem` deflect it as measured."""
+    """Return the unknowns `x` of a shape, on the force scale at which the weights in `problem` deflect it as
+    measured.
+    """
     hung = problem.on(problem.samples.torque != 0)
     unloaded = replace(hung, samples=replace(hung.samples, torque=0 * hung.samples.torque))
     u = problem.unknowns(x)

@@ -31,7 +31,7 @@ class PseudoForces(NamedTuple):
 
 
 def pseudo_forces(samples: JointSamples) -> PseudoForces:
-    """Forces of both muscles at the samples."""
+    """Return the forces of both muscles at the samples."""
     (eps1, a1, _), (eps2, a2, _), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
     one, two = _basis(samples.P1, eps1), _basis(samples.P2, eps2)  # (n, 3)
     still = samples.torque == 0 if (samples.torque == 0).sum() > 3 else np.ones(samples.n, bool)
@@ -52,7 +52,7 @@ def _basis(P: Array | float, eps: Array) -> Array:
 
 
 def starting_muscle(model: type[Muscle], samples: JointSamples, hold: Mapping[str, float]) -> Muscle:
-    """The muscle of this model that comes nearest to the pseudo-forces."""
+    """Return the muscle of this model that comes nearest to the pseudo-forces."""
     eps, P, F = pseudo_forces(samples)
     every = max(1, eps.size // _MOST_SAMPLES)
     try:

@@ -1,3 +1,3 @@
-"""A muscle from measured forces."""
+"""A muscle is found from measured forces here."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""`antagonist fit`: a muscle from a table of measured forces."""
+"""`antagonist fit` finds a muscle from a table of measured forces."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -29,7 +29,7 @@ _DEFAULT = "dmsp-20-300-map"
 
 
 def columns_option(example: str) -> Any:
-    """The option --columns with an example of the command's own quantities."""
+    """Return the option --columns with an example of the command's own quantities."""
     return typer.Option(
         help=f"Which column is what, where the names do not tell: {example} (name and unit; :-N turns the sign round, "
         ":bar(abs) takes the atmosphere off)."
@@ -129,7 +129,7 @@ def _progress(models: Iterable[type[Muscle]], console: Console) -> Iterable[type
 
 
 def _report(ranking: Ranking, console: Console) -> None:
-    """The table of all fits, the best first."""
+    """Print the table of all fits, the best first."""
     caption = (
         f"samples the model takes, of {ranking.samples}; RMS error [N] of those fitted; RMS error of samples kept from "
         f"the fit (cross-validation in 5 parts, the same {ranking.judged} samples for all models, weighted as in the "
@@ -161,7 +161,7 @@ def _report(ranking: Ranking, console: Console) -> None:
 
 
 def _describe(fit: Fit[Any], console: Console) -> None:
-    """The chosen muscle: parameters with their standard deviations, and what to beware of."""
+    """Print the chosen muscle: parameters with their standard deviations, and what to beware of."""
     slack = int(fit.slack.sum())
     console.print(
         f"{fit.model}, {fit.n_taut} taut samples and {slack} slack ones: {fit.rms:.2f} N RMS, greatest error "
@@ -190,7 +190,7 @@ def _draw(fit: Fit[Any], path: Path) -> None:
 
 
 def _values(ranking: Ranking, best: Fit[Any]) -> dict[str, Any]:
-    """What `--json` prints; parameters are in SI units, as in the file that --out writes."""
+    """Return what `--json` prints; parameters are in SI units, as in the file that --out writes."""
     return {
         "ranking": [
             {

@@ -10,7 +10,7 @@ from allocator.identification.muscle.samples import Samples
 
 @dataclass(frozen=True)
 class Dataset:
-    """A table of measured forces in the package."""
+    """A data set is a table of measured forces in the package."""
 
     file: str
     about: str
@@ -32,7 +32,7 @@ DATASETS = {
 
 
 def load_dataset(name: str) -> Samples:
-    """The measured forces of the table `name` (see `DATASETS`)."""
+    """Load the measured forces of the table `name` (see `DATASETS`)."""
     if name not in DATASETS:
         raise MissingBackend("data set", name, DATASETS)
     return DATASETS[name].samples()

@@ -1,4 +1,4 @@
-"""A muscle from measured forces."""
+"""A muscle is fitted to measured forces here."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,7 +12,7 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.identifiability import Determination, determine
 from allocator.identification.muscle.load_cell import weighted, zeroed
-from allocator.identification.muscle.problem import Problem, Solution
+from allocator.identification.muscle.problem import MuscleProblem, Solution
 from allocator.identification.muscle.result import Fit, Level
 from allocator.identification.muscle.samples import Samples
 from allocator.identification.muscle.thinning import thinned
@@ -76,8 +76,8 @@ def fit(
     """
     samples = Samples.checked(contraction, pressure, force, weights)
     samples = prepared(samples, pressure_range, contraction_range, zero_noise, taut_only=taut_only)
-    posed = pose(model, samples, hold, start, taut_only=taut_only)
-    return conclude(model, posed.problem, folds, posed.starts)
+    built = build_problem(model, samples, hold, start, taut_only=taut_only)
+    return conclude(model, built.problem, folds, built.starts)
 
 
 def prepared(
@@ -88,7 +88,9 @@ def prepared(
     *,
     taut_only: bool = True,
 ) -> Samples:
-    """What every model is fitted to: the samples within the ranges, few enough, as a perfect load cell gives them."""
+    """Return what every model is fitted to: the samples within the ranges, few enough, as a perfect load cell gives
+    them.
+    """
     if zero_noise is not None:
         zero_noise = checks.not_negative("zero_noise", zero_noise, "N")
     samples = _within(samples, pressure_range, contraction_range)
@@ -97,30 +99,30 @@ def prepared(
     return weighted(thinned(zeroed(samples, zero_noise))) if taut_only else thinned(samples)
 
 
-class Posed(NamedTuple):
-    """The problem of fitting one model."""
+class BuiltProblem(NamedTuple):
+    """A built problem is that of fitting one model, with where to start."""
 
-    problem: Problem
+    problem: MuscleProblem
     starts: tuple[Muscle, ...]
     takes: Mask  # (n,) which of the samples are in the model's domain
 
 
-def pose(
+def build_problem(
     model: type[M],
     samples: Samples,
     hold: Mapping[str, float] | None = None,
     start: M | None = None,
     *,
     taut_only: bool = True,
-) -> Posed:
-    """The problem of fitting `model` to those of the prepared samples that are in its domain."""
+) -> BuiltProblem:
+    """Build the problem of fitting `model` to those of the prepared samples that are in its domain."""
     recipe = _recipe(model, samples, start, hold or {})
     least = max(s.min_contraction for s in recipe.starts)
     takes = samples.contraction >= least
     inside = samples.without(~takes, f"contraction below {least:g}, where {model.__name__} ends")
     problem = _problem(recipe, inside, hold or {}, taut_only)
     _check_sufficient(problem)
-    return Posed(problem, recipe.starts, takes)
+    return BuiltProblem(problem, recipe.starts, takes)
 
 
 def _within(samples: Samples, pressure: Range, contraction: Range) -> Samples:
@@ -131,7 +133,7 @@ def _within(samples: Samples, pressure: Range, contraction: Range) -> Samples:
 
 
 def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str, float]) -> Recipe[M]:
-    """The model's recipe, starting from `start` if given and at the values that are held."""
+    """Return the model's recipe, starting from `start` if given and at the values that are held."""
     recipe = model.recipe(samples.contraction, samples.pressure, np.where(samples.slack, 0.0, samples.force))
     if start is not None:
         recipe = replace(recipe, starts=(start,))
@@ -140,7 +142,7 @@ def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str
     return replace(recipe, starts=tuple(s.with_parameters(hold) for s in recipe.starts))
 
 
-def _problem(recipe: Recipe[M], samples: Samples, hold: Mapping[str, float], taut_only: bool) -> Problem:
+def _problem(recipe: Recipe[M], samples: Samples, hold: Mapping[str, float], taut_only: bool) -> MuscleProblem:
     prototype = recipe.starts[0]
 
     def among(name: str, group: tuple[str, ...]) -> bool:
@@ -150,10 +152,10 @@ def _problem(recipe: Recipe[M], samples: Samples, hold: Mapping[str, float], tau
     linear = tuple(n for n in free if among(n, recipe.linear))
     lower, upper = (np.array([recipe.bounds.get(n, _EVERYTHING)[end] for n in free]) for end in (0, 1))
     slack = samples.slack if taut_only else np.zeros(samples.n, bool)
-    return Problem(prototype, free, linear, lower, upper, samples, slack)
+    return MuscleProblem(prototype, free, linear, lower, upper, samples, slack)
 
 
-def _check_sufficient(problem: Problem) -> None:
+def _check_sufficient(problem: MuscleProblem) -> None:
     name, taut = type(problem.prototype).__name__, ~problem.slack
     n, m = int(taut.sum()), len(problem.free)
     if n < m:
@@ -167,9 +169,9 @@ def _check_sufficient(problem: Problem) -> None:
 
 
 def conclude(
-    model: type[M], problem: Problem, folds: int, starts: tuple[Muscle, ...], judged: Mask | None = None
+    model: type[M], problem: MuscleProblem, folds: int, starts: tuple[Muscle, ...], common: Mask | None = None
 ) -> Fit[M]:
-    """Solve, and say everything about the solution; it is cross-validated on the samples `judged` (default: all)."""
+    """Solve, and say everything about the solution; it is cross-validated on the samples `common` (default: all)."""
     solution = problem.solve(starts)
     samples, slack, x = problem.samples, problem.slack, solution.x
     bare = problem.muscle(x)
@@ -191,14 +193,14 @@ def conclude(
         *_slack_warning(pulls, samples.full_scale),
     )
     return Fit(
-        muscle=muscle,  # type: ignore[arg-type]  # the prototype is a `model`, which Problem does not say
+        muscle=muscle,  # type: ignore[arg-type]  # the prototype is a `model`, which MuscleProblem does not say
         samples=samples,
         slack=slack,
         free=problem.free,
         rank=determined.rank,
         rms=_rms(residual),
         max_error=float(np.abs(residual).max()),
-        cross_validated=_judged(problem, starts, muscle, folds, judged),
+        cross_validated=_cross_validated_on(problem, starts, muscle, folds, common),
         levels=_levels(samples.pressure[~slack], residual),
         collinear=determined.collinear,
         monotone=not failure,
@@ -206,18 +208,18 @@ def conclude(
     )
 
 
-def _at_bound(problem: Problem, x: Array) -> Mask:
+def _at_bound(problem: MuscleProblem, x: Array) -> Mask:
     """Which parameters the search left at a bound, which it only approaches from inside."""
     width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
     near = 1e-6 * np.maximum(np.abs(x), 1e-3 * width)
     return np.asarray((x - problem.lower < near) | (problem.upper - x < near))
 
 
-def _named(problem: Problem, x: Array, mask: Mask) -> list[tuple[str, float]]:
+def _named(problem: MuscleProblem, x: Array, mask: Mask) -> list[tuple[str, float]]:
     return [(name, float(v)) for name, v, m in zip(problem.free, x, mask, strict=True) if m]
 
 
-def _determination(problem: Problem, solution: Solution, inside: Mask) -> Determination:
+def _determination(problem: MuscleProblem, solution: Solution, inside: Mask) -> Determination:
     names = tuple(name for name, i in zip(problem.free, inside, strict=True) if i)
     J = problem.jacobian(solution.x)[:, inside]
     tell = (J != 0).any(axis=1)
@@ -227,8 +229,8 @@ def _determination(problem: Problem, solution: Solution, inside: Mask) -> Determ
     return determine(J, float(cost), names, solution.x[inside])
 
 
-def _embedded(problem: Problem, covariance: Array, inside: Mask) -> Covariance:
-    """The covariance among all parameters of the muscle, zero for those not fitted."""
+def _embedded(problem: MuscleProblem, covariance: Array, inside: Mask) -> Covariance:
+    """Return the covariance among all parameters of the muscle, zero for those not fitted."""
     every = [*problem.prototype.parameters]
     places = [every.index(name) for name, i in zip(problem.free, inside, strict=True) if i]
     full = np.zeros((len(every), len(every)))
@@ -242,20 +244,22 @@ def _domain(muscle: Muscle, samples: Samples) -> tuple[float, tuple[float, float
 
 
 def _slack_warning(pulls: Array, full_scale: float) -> tuple[str, ...]:
-    """A sentence if the model pulls with more than 2 % of full scale where the muscle was slack."""
+    """Return a sentence if the model pulls with more than 2 % of full scale where the muscle was slack."""
     wrong = pulls > 0.02 * full_scale
     return (f"pulls up to {pulls.max():.3g} N at {wrong.sum()} of the slack samples",) if wrong.any() else ()
 
 
-def _judged(problem: Problem, starts: tuple[Muscle, ...], muscle: Muscle, folds: int, judged: Mask | None) -> float:
-    """The cross-validated error within the samples `judged`, as if there were no others."""
-    if judged is None or judged.all():
+def _cross_validated_on(
+    problem: MuscleProblem, starts: tuple[Muscle, ...], muscle: Muscle, folds: int, common: Mask | None
+) -> float:
+    """Return the cross-validated error within the samples `common`, as if there were no others."""
+    if common is None or common.all():
         return _cross_validated(problem, muscle, folds)
-    part = problem.on(judged)
+    part = problem.on(common)
     return _cross_validated(part, part.muscle(part.solve(starts).x), folds)
 
 
-def _cross_validated(problem: Problem, muscle: Muscle, folds: int) -> float:
+def _cross_validated(problem: MuscleProblem, muscle: Muscle, folds: int) -> float:
     """Weighted RMS error of taut samples predicted from a fit to the others; NaN if there are not enough for that."""
     taut = np.flatnonzero(~problem.slack)
     if folds < 2 or taut.size - taut.size // folds < len(problem.free) + 1:
@@ -287,4 +291,4 @@ def _rms(error: Array) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-__all__ = ["Posed", "conclude", "fit", "pose", "prepared"]
+__all__ = ["BuiltProblem", "build_problem", "conclude", "fit", "prepared"]

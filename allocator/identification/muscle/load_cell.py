@@ -41,7 +41,7 @@ class Zero(NamedTuple):
 
 
 def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
-    """The samples with tension positive, without the cell's offset, and its zero noise; notes say what was done.
+    """Return the samples with tension positive, without the cell's offset, and its zero noise; notes say what was done.
 
     `zero_noise` [N] is estimated from the slack readings if it is not given.
     """
@@ -57,7 +57,9 @@ def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
 
 
 def _positive(samples: Samples) -> Samples:
-    """Forces whose greatest magnitude is negative, and which fall as pressure rises, have a load cell's other sign."""
+    """Turn the sign of forces whose greatest magnitude is negative and which fall as pressure rises, as of another load
+    cell.
+    """
     F = tension(samples.contraction, samples.pressure, samples.force)
     if F is samples.force:
         return samples
@@ -72,7 +74,7 @@ def _evenly(n: int) -> Mask:
 
 
 def find_zero(samples: Samples) -> Zero | None:
-    """The zero of the load cell; None if too few samples are slack to show one."""
+    """Return the zero of the load cell; None if too few samples are slack to show one."""
     further = _further(samples)
     level = np.inf
     while True:
@@ -97,7 +99,7 @@ def _further(samples: Samples) -> Mask:
 
 
 def _zero(samples: Samples, slack: Mask) -> Zero | None:
-    """The zero shown by the slack readings, unless they are no plateau: too scattered, or falling."""
+    """Return the zero shown by the slack readings, unless they are no plateau: too scattered, or falling."""
     y = samples.force[slack]
     cut = bool((y == 0).sum() > (y < 0).sum())
     offset = 0.0 if cut else float(np.median(y))
@@ -115,7 +117,7 @@ def _zero(samples: Samples, slack: Mask) -> Zero | None:
 
 
 def weighted(samples: Samples) -> Samples:
-    """The samples with their weights divided by the variance of the readings, and on average as they were."""
+    """Return the samples with their weights divided by the variance of the readings, and on average as they were."""
     if samples.zero_noise <= 0:
         return samples
     variance = reading_variance(samples)
@@ -125,7 +127,7 @@ def weighted(samples: Samples) -> Samples:
 
 
 def reading_variance(samples: Samples) -> Array | None:
-    """σ² (n,) [N²] of the readings by a two-component model; None if too few are taut to tell."""
+    """Return σ² (n,) [N²] of the readings by a two-component model; None if too few are taut to tell."""
     taut = ~samples.slack
     terms = _polynomial(samples, int(taut.sum()))
     if terms is None:
@@ -152,7 +154,7 @@ def _polynomial(samples: Samples, n: int) -> Array | None:
 
 
 def _most_likely(square: Array, F: Array, zero_noise: float) -> tuple[float, float]:
-    """(a [N], ρ [-]) of the greatest normal likelihood of squared residuals (n,), on a grid."""
+    """Return (a [N], ρ [-]) of the greatest normal likelihood of squared residuals (n,), on a grid."""
     most = max(np.sqrt(square.mean()), zero_noise)
     a = np.append(np.geomspace(zero_noise, most, 15), most)
     share = np.append(0.0, np.geomspace(1e-3, 0.5, 45))

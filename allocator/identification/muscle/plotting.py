@@ -1,4 +1,4 @@
-"""Isobars of a fitted muscle with the data."""
+"""Isobars of a fitted muscle are drawn with the data."""
 
 from typing import Any
 
@@ -41,7 +41,7 @@ def plot_isobars(fit: Fit[Any], axes: Any = None) -> Any:
 
 
 def _chosen(levels: tuple[Level, ...]) -> tuple[Level, ...]:
-    """A few levels, spread evenly over the pressures."""
+    """Return a few levels, spread evenly over the pressures."""
     P = np.array([level.pressure for level in levels])
     wanted = np.linspace(P.min(), P.max(), _MOST_ISOBARS)
     return tuple(levels[i] for i in np.unique(np.abs(P - wanted[:, None]).argmin(axis=1)))

@@ -33,8 +33,10 @@ class Solution(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Problem:
-    """Stated as above; `slack` [n] marks the inequalities, `free` and `linear` are parameter names."""
+class MuscleProblem:
+    """The problem is that of the module; `slack` [n] marks the inequalities, `free` and `linear` are parameter
+    names.
+    """
 
     prototype: Muscle
     free: tuple[str, ...]  # m names
@@ -45,15 +47,15 @@ class Problem:
     slack: Mask  # (n,)
 
     def on(self, keep: Mask) -> Self:
-        """The same problem on some of the samples."""
+        """Return this problem on some of the samples."""
         return replace(self, samples=self.samples.where(keep), slack=self.slack[keep])
 
     def values(self, muscle: Muscle) -> Array:
-        """Free parameters (m,) of a muscle."""
+        """Return the free parameters (m,) of a muscle."""
         return np.array([muscle.parameters[name] for name in self.free])
 
     def muscle(self, x: Array) -> Muscle:
-        """The muscle with the free parameters x, not checked."""
+        """Return the muscle with the free parameters x, not checked."""
         free = dict(zip(self.free, x.tolist(), strict=True))
         return self.prototype.unchecked([*(self.prototype.parameters | free).values()])
 
@@ -64,11 +66,11 @@ class Problem:
         return np.where(np.isfinite(F), F, _GREAT) + 0.0 * self.samples.force
 
     def residual(self, x: Array) -> Array:
-        """√w r (n,) [N]."""
+        """Return √w r (n,) [N]."""
         return np.asarray(np.sqrt(self.samples.weights) * self.samples.residual(self.force(x), self.slack))
 
     def jacobian(self, x: Array) -> Array:
-        """√w ∂r/∂p (n, m)."""
+        """Return √w ∂r/∂p (n, m)."""
         slope = self.samples.residual_slope(self.force(x), self.slack)
         return np.asarray((np.sqrt(self.samples.weights) * slope)[:, None] * self._gradient(x))
 
@@ -81,7 +83,9 @@ class Problem:
         return np.nan_to_num(J[..., [in_order.index(name) for name in self.free]])
 
     def solve(self, starts: tuple[Muscle, ...]) -> Solution:
-        """The best of the searches from all starts; only the one that leads after a while is followed to its end."""
+        """Return the best of the searches from all starts; only the one that leads after a while is followed to its
+        end.
+        """
         begun = [self._search(self.solve_linear(self.values(start)), _FIRST_EVALUATIONS) for start in starts]
         best = min(begun, key=lambda solution: solution.cost)
         return best if best.converged else self._search(best.x, _MAX_EVALUATIONS)
@@ -163,4 +167,4 @@ def _inside(x: Array, lower: Array, upper: Array) -> Array:
     return np.clip(x, lower + 1e-3 * width, upper - 1e-3 * width)
 
 
-__all__ = ["Problem", "Solution"]
+__all__ = ["MuscleProblem", "Solution"]

@@ -13,7 +13,7 @@ import numpy as np
 
 from allocator import checks
 from allocator.errors import InvalidInput
-from allocator.identification.muscle.fit import conclude, pose, prepared
+from allocator.identification.muscle.fit import build_problem, conclude, prepared
 from allocator.identification.muscle.result import Fit
 from allocator.identification.muscle.samples import Samples
 from allocator.muscles import MODELS, Muscle
@@ -59,18 +59,18 @@ def rank_models(
     models = tuple(models)
     _check_held(models, hold or {})
     samples = prepared(samples, taut_only=taut_only, **options)
-    posed, failures = {}, {}
+    built, failures = {}, {}
     for model in models:
         try:
-            posed[model] = pose(model, samples, _held(model, hold or {}), taut_only=taut_only)
+            built[model] = build_problem(model, samples, _held(model, hold or {}), taut_only=taut_only)
         except InvalidInput as error:
             failures[model.__name__] = str(error)
-    common = np.logical_and.reduce([np.ones(samples.n, bool), *(p.takes for p in posed.values())])
+    common = np.logical_and.reduce([np.ones(samples.n, bool), *(p.takes for p in built.values())])
     fits = []
     for model in progress(models):
-        if model not in posed:
+        if model not in built:
             continue
-        problem, starts, takes = posed[model]
+        problem, starts, takes = built[model]
         try:
             fits.append(conclude(model, problem, folds, starts, common[takes]))
         except InvalidInput as error:

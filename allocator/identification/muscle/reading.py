@@ -1,4 +1,4 @@
-"""Measured forces from a CSV file.
+"""Measured forces are read from a CSV file.
 
 One line of column names, one sample a line, `#` starts a comment; the separator is a comma, a semicolon or a tab, and
 with the latter two numbers may have decimal commas. Columns, in any order, others are ignored:

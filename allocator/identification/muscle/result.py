@@ -26,7 +26,7 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class Fit(Generic[M]):
-    """A fitted muscle and how far to trust it. Errors are over the taut samples."""
+    """A fit is a muscle and how far to trust it. Errors are over the taut samples."""
 
     muscle: M  # carries its covariance
     samples: Samples  # those used; `samples.dropped` says how many were left out and why
@@ -48,7 +48,7 @@ class Fit(Generic[M]):
 
     @property
     def covariance(self) -> Array:
-        """Covariance of all parameters (m, m) in the order of `muscle.parameters`; 0 for those held."""
+        """Return the covariance of all parameters (m, m) in the order of `muscle.parameters`; 0 for those held."""
         return np.array(self.muscle.covariance)
 
     @property
@@ -77,7 +77,7 @@ class Fit(Generic[M]):
         return int((~self.slack).sum())
 
     def residuals(self) -> Array:
-        """F_model - F_measured (n,) [N]; where the model and the muscle are slack, the cell's reading alone."""
+        """Return F_model - F_measured (n,) [N]; where the model and the muscle are slack, the cell's reading alone."""
         return self._residuals(self.muscle)
 
     def _residuals(self, muscle: Muscle) -> Array:
@@ -102,7 +102,9 @@ class Fit(Generic[M]):
         return float(self.samples.weights @ self._residuals(muscle) ** 2)
 
     def to_dict(self) -> dict[str, Any]:
-        """The fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``; parameters in SI units."""
+        """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``; parameters in SI
+        units.
+        """
         return {
             "model": self.model,
             "taut_samples": self.n_taut,
@@ -122,7 +124,9 @@ class Fit(Generic[M]):
         return f"Fit of {self.model}: {self._errors()}\n  {self._counts()}" + first_of(self.warnings)
 
     def _repr_html_(self) -> str:
-        """The same for notebooks, with a table of the parameters (SI units) and their standard deviations."""
+        """Return how good the fit is for notebooks, with a table of the parameters (SI units) and their standard
+        deviations.
+        """
         std, muscle = self.standard_deviations, self.muscle.parameters
         rows = [(name, f"{value:.5g}", f"{std[name]:.2g}") for name, value in muscle.items()]
         return html_table(f"{self.model}: {self._errors()}; {self._counts()}", rows, ("parameter", "value", "± std"))

@@ -23,7 +23,9 @@ _ATMOSPHERE = (0.95 * BAR, 1.10 * BAR)  # [Pa] what an absolute sensor shows on 
 
 @dataclass(frozen=True)
 class Samples:
-    """n measured forces; arrays [n], read-only. A force that is not distinguishable from zero means slack."""
+    """The samples are n measured forces; arrays [n], read-only. A force that is not distinguishable from zero means
+    slack.
+    """
 
     contraction: Array  # ε [-]
     pressure: Array  # P, gauge [Pa]
@@ -39,7 +41,7 @@ class Samples:
     def checked(
         cls, contraction: ArrayLike, pressure: ArrayLike, force: ArrayLike, weights: ArrayLike | None = None
     ) -> Self:
-        """From anything array-like; raises `InvalidInput` at what cannot be a muscle's force in SI units."""
+        """Make samples of anything array-like; raises `InvalidInput` at what cannot be a muscle's force in SI units."""
         eps, P = checks.real("contraction", contraction, "ratio"), checks.pressure("pressure", pressure)
         F = checks.real("force", force, "N")
         w = checks.real("weights", np.ones_like(F) if weights is None else weights, "relative")
@@ -58,7 +60,7 @@ class Samples:
 
     @property
     def full_scale(self) -> float:
-        """The greatest force [N]."""
+        """Return the greatest force [N]."""
         return float(self.force.max())
 
     @property
@@ -72,7 +74,7 @@ class Samples:
         return _SLACK * self.zero_noise
 
     def residual(self, F: Array, slack: Mask) -> Array:
-        """By how much the model's forces F (n,) [N] miss the readings y.
+        """Return by how much the model's forces F (n,) [N] miss the readings y.
 
         A taut sample is an equation, F - y. A slack one is one-sided: the cell shows max(F, 0) and noise, hence
         max(F, 0) - y, which asks nothing of a model that is slack there. The two differ only where F < 0: a line drawn
@@ -87,7 +89,7 @@ class Samples:
         return np.asarray(np.where(slack, pull - self.floored, F - self.force))
 
     def residual_slope(self, F: Array, slack: Mask) -> Array:
-        """Derivative (n,) of the residual with respect to F."""
+        """Return the derivative (n,) of the residual with respect to F."""
         pulls = np.asarray(F > 0, float)
         if self.censored:
             pulls *= _normal(np.minimum(F / self.zero_noise, _FAR))
@@ -95,7 +97,7 @@ class Samples:
 
     @property
     def floored(self) -> Array:
-        """Readings (n,) [N], at least three times the zero noise below zero."""
+        """Return the readings (n,) [N], at least three times the zero noise below zero."""
         return np.maximum(self.force, -self.slack_limit)
 
     @property
@@ -104,17 +106,17 @@ class Samples:
         return self.cut and self.zero_noise > 0
 
     def where(self, keep: Mask) -> Self:
-        """The samples marked in `keep`."""
+        """Return the samples marked in `keep`."""
         eps, P, F, w = (_frozen(array[keep]) for array in (self.contraction, self.pressure, self.force, self.weights))
         scatter = None if self.scatter is None else _frozen(self.scatter[keep])
         return replace(self, contraction=eps, pressure=P, force=F, weights=w, scatter=scatter)
 
     def noted(self, note: str) -> Self:
-        """The same samples with one more note."""
+        """Return these samples with one more note."""
         return replace(self, notes=(*self.notes, note))
 
     def without(self, drop: Mask, reason: str) -> Self:
-        """The samples not in the mask `drop`, whose number is remembered under `reason`."""
+        """Return the samples not in the mask `drop`, whose number is remembered under `reason`."""
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
@@ -128,7 +130,7 @@ def _normal(z: Array) -> Array:
 
 
 def _frozen(array: Array) -> Array:
-    """A read-only copy in one row."""
+    """Return a read-only copy in one row."""
     array = np.array(array).ravel()
     array.flags.writeable = False
     return array
@@ -143,7 +145,7 @@ class Mistake(NamedTuple):
 
 
 def find_mistake(contraction: Array, pressure: Array, force: Array) -> Mistake | None:
-    """The first sign of percent for ratio, of extension for contraction, or of absolute for gauge pressure.
+    """Return the first sign of percent for ratio, of extension for contraction, or of absolute for gauge pressure.
 
     The rules on pressure: a muscle without pressure pulls only when it is stretched. So the pressure is not gauge
 
@@ -163,7 +165,7 @@ def find_mistake(contraction: Array, pressure: Array, force: Array) -> Mistake |
 
 
 def tension(contraction: Array, pressure: Array, force: Array) -> Array:
-    """The forces with tension positive: the other sign if the greatest are negative and fall as pressure rises.
+    """Return the forces with tension positive: the other sign if the greatest are negative and fall as pressure rises.
 
     At one pressure it is the other sign if they rise with contraction.
     """
@@ -188,7 +190,7 @@ def _contraction_mistake(eps: Array) -> Mistake | None:
 
 
 def _extension_mistake(eps: Array, F: Array) -> Mistake | None:
-    """A muscle that is never contracted, often stretched far, and pulls the less the more it is stretched."""
+    """Return the mistake of readings never contracted, often stretched far, and weaker the more they are stretched."""
     if not eps.size or eps.max() > _NOT_CONTRACTED or eps.min() > _FAR_STRETCHED:
         return None
     if (F - F.mean()) @ (eps - eps.mean()) <= 0:

@@ -57,7 +57,9 @@ def _part(q: Array, parts: int) -> NDArray[np.intp]:
 
 
 def _scatter(moments: Array) -> Array:
-    """Standard deviation (cells,) of the last quantity about its plane over the others, from second moments."""
+    """Return the standard deviation (cells,) of the last quantity about its plane over the others, from second
+    moments.
+    """
     C, c = moments[:, :2, :2], moments[:, :2, 2]  # among the first two, and of them with the last
     explained = np.einsum("ki,kij,kj->k", c, np.linalg.pinv(C, rcond=1e-9, hermitian=True), c)
     return np.asarray(np.sqrt(np.maximum(moments[:, 2, 2] - explained, 0.0)))
