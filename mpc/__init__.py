@@ -40,13 +40,13 @@ else:
     }
 
     def __getattr__(name):
-        """The public name `name`, from the module that has it."""
+        """Return the public name `name`, from the module that has it."""
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
 
     def __dir__():
-        """The public names too."""
+        """Return the public names too."""
         return sorted({*globals(), *_HOMES})
 
 

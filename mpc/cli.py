@@ -1,4 +1,6 @@
-"""Commands about motion: `antagonist track`. Degrees and bar here, SI behind; heavy libraries load when it runs."""
+"""Commands about motion are here: `antagonist track`. Degrees and bar here, SI behind; heavy libraries load when it
+runs.
+"""
 
 import os
 import sys
@@ -119,7 +121,7 @@ def track(
 
 
 def _reference(name: str | None, K: float | None, plant: "Plant") -> "Reference":
-    """The trajectory of this name or in this file."""
+    """Return the trajectory of this name or in this file."""
     from allocator import checks
     from mpc.model.plant import Plant
     from mpc.trials.files import default_trajectory, load
@@ -139,7 +141,7 @@ def _reference(name: str | None, K: float | None, plant: "Plant") -> "Reference"
 
 
 def _files(out: list[Path]) -> list[Path]:
-    """The files to write."""
+    """Return the files to write."""
     files = []
     for path in out:
         if path.suffix and path.suffix not in _SUFFIXES:
@@ -163,7 +165,7 @@ def _write(run: "Run", path: Path, console: "Console") -> None:
 
 
 def _tested(kind: str, nominal: "Plant", torque: "tuple[tuple[float, float], ...]") -> "tuple[Process, Settings]":
-    """The plant of this kind under an unknown torque, and what its controller knows."""
+    """Return the plant of this kind under an unknown torque, and what its controller knows."""
     from mpc.model.real_plant import RealPlant
     from mpc.tracking.weights import Weights
     from mpc.trials.loops import Settings

@@ -40,7 +40,7 @@ class PlantOptions(JointOptions):
         within("--slew", self.slew, "bar/s", 1e-3, 1e5)
 
     def plant(self, **otherwise: Any) -> "Plant":
-        """The plant; `otherwise` holds what is neither given nor in the file."""
+        """Build the plant; `otherwise` holds what is neither given nor in the file."""
         from mpc.model.plant import NUMBERS, Plant
         from mpc.model.storage import stored_numbers
 
@@ -48,7 +48,7 @@ class PlantOptions(JointOptions):
         return Plant(self.build(), **(otherwise | stored | self._numbers()))
 
     def _numbers(self) -> dict[str, Any]:
-        """The numbers of `Plant` that are given."""
+        """Return the numbers of `Plant` that are given."""
         given: dict[str, Any] = {
             "inertia": self.inertia,
             "damping": self.damping,

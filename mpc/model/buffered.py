@@ -1,4 +1,4 @@
-"""CasADi functions called through buffers: microseconds instead of a tenth of a millisecond per call."""
+"""CasADi functions are called through buffers here: microseconds instead of a tenth of a millisecond per call."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from allocator.calculus import Array
 
 
 class Buffered:
-    """A CasADi function with dense inputs and outputs, called with arrays.
+    """A buffered function is a CasADi function with dense inputs and outputs, called with arrays.
 
     CasADi stores columns first. An output of c columns and r rows is therefore handed back as its transpose (c, r): one
     row per column, so that time, which runs along CasADi's columns, runs along the first axis here; inputs likewise.

@@ -35,20 +35,22 @@ class Compensation:
 
     @classmethod
     def of(cls, joint: AntagonistJoint) -> Self:
-        """What `allocator.fit_joint` found beyond the muscle laws: the joint's friction μ."""
+        """Return what `allocator.fit_joint` found beyond the muscle laws: the joint's friction μ."""
         return cls(Friction(mu=joint.friction))
 
     def delay(self, dt: float) -> int:
-        """The dead time in whole samples of `dt` [s]."""
+        """Return the dead time in whole samples of `dt` [s]."""
         return round(self.dead_time / dt)
 
     def heard(self, u: Array, P: Array) -> Array:
-        """The command [Pa] that moves a regulator without dead band as `u` moves this one, at the pressures P."""
+        """Return the command [Pa] that moves a regulator without dead band as `u` moves this one, at the pressures
+        P.
+        """
         rest, e = self.dead_band / 2, u - P
         return P + e - np.clip(e, -rest, rest)
 
     def spoken(self, v: Array, P: Array) -> Array:
-        """What to command [Pa] for `v` to be heard: the inverse of `heard`, smooth where v passes P."""
+        """Return what to command [Pa] for `v` to be heard: the inverse of `heard`, smooth where v passes P."""
         return np.asarray(v + self.dead_band / 2 * np.tanh((v - P) / SOFT))
 
 
@@ -61,7 +63,7 @@ class FrictionState:
         self._theta: float | None = None
 
     def follow(self, theta: float) -> float:
-        """The z [-] at the angle `theta` [rad], to which the joint has turned from that of the last call."""
+        """Return the z [-] at the angle `theta` [rad], to which the joint has turned from that of the last call."""
         if self._theta is None:
             self._theta = theta
         if abs(motion := theta - self._theta) > JITTER:

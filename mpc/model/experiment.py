@@ -10,14 +10,14 @@ RESOLUTION = 0.5  # of a controller's model
 
 
 class Experiment(Protocol):
-    """A plant under way."""
+    """An experiment is a plant under way."""
 
     @property
     def x(self) -> Array:
         """The true state (4,): θ [rad], ω [rad/s], P1, P2 [Pa]."""
 
     def measure(self) -> Array:
-        """What the sensors say of it (4,); NaN for what is not measured. To be called once a sample."""
+        """Return what the sensors say of it (4,); NaN for what is not measured. To be called once a sample."""
 
     def advance(self, u: Array) -> None:
         """One sample with the commands `u` (2,) [Pa]."""
@@ -31,7 +31,7 @@ class ExactExperiment:
         self.x = x0
 
     def measure(self) -> Array:
-        """The true state (4,)."""
+        """Return the true state (4,)."""
         return self.x.copy()
 
     def advance(self, u: Array) -> None:

@@ -33,15 +33,15 @@ class Fault:
         return self.begin - 1e-9 <= t < self.end - 1e-9
 
     def heard(self, u: Array, P: Array) -> Array:
-        """What the regulators (2,) do instead of the commands `u` [Pa] at the pressures `P` [Pa]."""
+        """Return what the regulators (2,) do instead of the commands `u` [Pa] at the pressures `P` [Pa]."""
         return u
 
     def read(self, y: Array, before: Array) -> Array:
-        """What the sensors (4,) say instead of `y`; they said `before` a sample ago."""
+        """Return what the sensors (4,) say instead of `y`; they said `before` a sample ago."""
         return y
 
     def offset(self, t: float) -> Array:
-        """What the sensors (4,) say too much at the time `t` [s], before `read`."""
+        """Return what the sensors (4,) say too much at the time `t` [s], before `read`."""
         return np.zeros(NX)
 
     @property
@@ -66,7 +66,7 @@ class _MuscleFault(Fault):
 
 @dataclass(frozen=True)
 class Leak(_MuscleFault):
-    """A muscle that leaks: its pressure cannot rise, and falls unless the rest of it can be kept."""
+    """A muscle that leaks has a pressure that cannot rise, and falls unless the rest of it can be kept."""
 
     kept: float = 0.9  # of the pressure that the regulator can at most aim for [-]
 
@@ -81,7 +81,7 @@ class StuckValve(_MuscleFault):
     """A valve that stays shut: the pressure stays as it is."""
 
     def heard(self, u: Array, P: Array) -> Array:
-        """The pressure that is there."""
+        """Return the pressure that is there."""
         return self._with(u, float(P[self.muscle - 1]))
 
 
@@ -91,7 +91,7 @@ class BrokenCable(_MuscleFault):
 
     @property
     def pulling(self) -> tuple[float, float]:
-        """Nothing of this muscle's force."""
+        """Return (0, 1) or (1, 0): nothing is left of this muscle's force."""
         return float(self.muscle != 1), float(self.muscle != 2)
 
 
@@ -128,7 +128,7 @@ class WrongReadings(_SensorFault):
     added: bool = False
 
     def read(self, y: Array, before: Array) -> Array:
-        """The wrong readings."""
+        """Return the wrong readings."""
         return self._of_ours(y + self.value if self.added else np.full(NX, self.value), y)
 
 
@@ -137,7 +137,7 @@ class SilentSensors(_SensorFault):
     """Sensors that say nothing."""
 
     def read(self, y: Array, before: Array) -> Array:
-        """NaN from the silent ones."""
+        """Return NaN from the silent ones."""
         return self._of_ours(np.full(NX, np.nan), y)
 
 
@@ -146,13 +146,13 @@ class FrozenSensors(_SensorFault):
     """Sensors that repeat what they said last."""
 
     def read(self, y: Array, before: Array) -> Array:
-        """The old readings from the frozen ones."""
+        """Return the old readings from the frozen ones."""
         return self._of_ours(np.where(np.isnan(before), y, before), y)  # the first reading is none to repeat
 
 
 @dataclass(frozen=True)
 class DriftingSensor(Fault):
-    """A sensor whose readings depart from the truth at a constant `rate`, from nothing at `begin` on."""
+    """A drifting sensor has readings that depart from the truth at a constant `rate`, from nothing at `begin` on."""
 
     sensor: int = 2  # of (θ, ω, P1, P2)
     rate: float = 0.1 * BAR  # [Pa/s], or [rad/s] of an angle
@@ -166,7 +166,7 @@ class DriftingSensor(Fault):
             raise InvalidInput(f"rate = {self.rate!r} has to be a finite number of Pa/s, or of rad/s for an angle")
 
     def offset(self, t: float) -> Array:
-        """The rate times the time since `begin`."""
+        """Return the rate times the time since `begin`."""
         return np.where(np.arange(NX) == self.sensor, self.rate * (t - self.begin), 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Hysteresis of the joint: friction that grows with the muscle forces, regularised by Dahl's model.
+"""Hysteresis of the joint is friction that grows with the muscle forces, regularised by Dahl's model.
 
     T_f = T_max z,   T_max = μ (a1 F1 + a2 F2) + T_c,   z' = (ω - |ω| z)/δ
 
@@ -24,7 +24,7 @@ WIDTH_AT = 2.5 * BAR  # both pressures, at θ = 0, for which the width of the lo
 
 
 class Contact(NamedTuple):
-    """What presses on that which rubs."""
+    """A contact is what presses on that which rubs."""
 
     pulled: Value  # a1 F1 + a2 F2 of the taut muscles [N·m]
     filled: Value  # P1 + P2 [Pa]
@@ -32,7 +32,7 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True)
 class Friction:
-    """Parameters of the friction torque."""
+    """Friction is described by the parameters of its torque."""
 
     mu: float = 0.0  # μ [-], share of the muscles' torques
     coulomb: float = 0.0  # T_c [N·m]
@@ -49,7 +49,9 @@ class Friction:
 
     @classmethod
     def of_width(cls, plant: Plant, width: float, coulomb: float = 0.0, presliding: float = 0.5 * DEG) -> "Friction":
-        """With a loop `width` [rad] wide between slow sweeps up and down at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width."""
+        """Make friction with a loop `width` [rad] wide between slow sweeps up and down at θ = 0, P1 + P2 = 5 bar: 2 T_f
+        = K width.
+        """
         x = np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])
         return cls(torque_of_width(plant, width) / float(pull(plant, x)), coulomb, presliding)
 
@@ -63,12 +65,12 @@ class Friction:
         return self.mu * pulled + self.coulomb
 
     def after(self, z: float, motion: float) -> float:
-        """z after turning by `motion` [rad] in one direction."""
+        """Return z after turning by `motion` [rad] in one direction."""
         s = copysign(1.0, motion)
         return s - (s - z) * exp(-abs(motion) / self.presliding)
 
     def along(self, z: float, theta: Array) -> Array:
-        """z (n,) at the angles `theta` (n,) [rad], from `z` at the first."""
+        """Return z (n,) at the angles `theta` (n,) [rad], from `z` at the first."""
         states = [z]
         for motion in np.diff(theta).tolist():
             states.append(self.after(states[-1], motion))
@@ -82,22 +84,22 @@ class Friction:
         return 1
 
     def most(self, contact: Contact) -> Value:
-        """T_max [N·m]."""
+        """Return T_max [N·m]."""
         return self.limit(contact.pulled)
 
     def moved(self, memory: Value, motion: Value, contact: Contact) -> Value:
-        """z (1,) after turning by `motion` [rad] in one direction, CasADi symbols."""
+        """Return z (1,) after turning by `motion` [rad] in one direction, CasADi symbols."""
         import casadi as ca
 
         s = ca.sign(motion)
         return s - (s - memory) * ca.exp(-ca.fabs(motion) / self.presliding)
 
     def torque(self, memory: Value, contact: Contact) -> Value:
-        """T_f [N·m] of z (1,), CasADi symbols."""
+        """Return T_f [N·m] of z (1,), CasADi symbols."""
         return self.most(contact) * memory
 
     def as_dahl(self, plant: Plant) -> "Friction":
-        """Itself: it is Dahl's."""
+        """Return itself: it is Dahl's."""
         return self
 
 

@@ -35,7 +35,7 @@ _BASE = 0.2  # s_0 [-]: as K is nearly proportional to P1 + P2, loops stay about
 
 @dataclass(frozen=True)
 class MaxwellSlip:
-    """Parameters of the elements."""
+    """Maxwell slip is described by the parameters of its elements."""
 
     springs: tuple[float, ...]  # k_i [N·m/rad]
     widths: tuple[float, ...]  # r_i, half widths of the plays where P1 + P2 = 5 bar [rad]
@@ -57,7 +57,8 @@ class MaxwellSlip:
     def of_width(
         cls, plant: Plant, width: float, presliding: tuple[float, ...] = _PRESLIDING, base: float = _BASE
     ) -> Self:
-        """With a loop `width` [rad] wide between slow sweeps up and down at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width.
+        """Make elements with a loop `width` [rad] wide between slow sweeps up and down at θ = 0, P1 + P2 = 5 bar: 2 T_f
+        = K width.
 
         The elements of half widths `presliding` [rad] carry equal shares of the torque there.
         """
@@ -70,7 +71,7 @@ class MaxwellSlip:
         return len(self.widths)
 
     def scale(self, filled: Value) -> Value:
-        """ρ_i/r_i [-] where P1 + P2 = `filled` [Pa]."""
+        """Return ρ_i/r_i [-] where P1 + P2 = `filled` [Pa]."""
         return self.base + (1 - self.base) * filled / (2 * WIDTH_AT)
 
     def most(self, contact: Contact) -> Value:
@@ -78,20 +79,22 @@ class MaxwellSlip:
         return sum(k * r for k, r in zip(self.springs, self.widths, strict=True)) * self.scale(contact.filled)
 
     def moved(self, memory: Value, motion: Value, contact: Contact) -> Value:
-        """The e_i (n,) [rad] after turning by `motion` [rad] in one direction, CasADi symbols."""
+        """Return the e_i (n,) [rad] after turning by `motion` [rad] in one direction, CasADi symbols."""
         import casadi as ca
 
         width = self.scale(contact.filled) * ca.DM(self.widths)
         return ca.fmin(ca.fmax(memory + motion, -width), width)
 
     def torque(self, memory: Value, contact: Contact) -> Value:
-        """T_f [N·m] of the e_i (n,), CasADi symbols."""
+        """Return T_f [N·m] of the e_i (n,), CasADi symbols."""
         import casadi as ca
 
         return ca.dot(ca.DM(self.springs), memory)
 
     def as_dahl(self, plant: Plant) -> Friction:
-        """Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar: what one finds who knows no other model."""
+        """Return Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar: what one finds who knows no other
+        model.
+        """
         x = np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])
         full = self.most(Contact(pulled=np.nan, filled=2 * WIDTH_AT))
         return Friction.of_width(plant, float(2 * full / plant.stiffness(x)))

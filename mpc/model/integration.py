@@ -1,4 +1,4 @@
-"""Classical Runge–Kutta for formulas of numbers or CasADi symbols."""
+"""The classical Runge–Kutta method serves formulas of numbers or CasADi symbols."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,7 @@ from allocator.calculus import Value
 
 
 def integrated(rate: Callable[[Value], Value], x: Value, duration: Value, substeps: int) -> Value:
-    """The state after `duration` [s] of x' = rate(x) from `x`, in `substeps` equal steps of fourth order."""
+    """Return the state after `duration` [s] of x' = rate(x) from `x`, in `substeps` equal steps of fourth order."""
     h = duration / substeps
     for _ in range(substeps):
         k1 = rate(x)

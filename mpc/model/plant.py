@@ -57,14 +57,14 @@ class Plant:
 
     @property
     def lags(self) -> tuple[float, float]:
-        """Time constants (τ1, τ2) of the pressures [s]."""
+        """Return the time constants (τ1, τ2) of the pressures [s]."""
         assert isinstance(self.lag, tuple)  # __post_init__ made it one
         return self.lag
 
     # --- the equations ----------------------------------------------------------------------------------------------
 
     def rate(self, x: Value, u: Value, d: Value = 0.0) -> tuple[Value, Value, Value, Value]:
-        """x' = f(x, u, d): `x` [4, ...], `u` [2, ...], numbers or CasADi columns."""
+        """Return x' = f(x, u, d): `x` [4, ...], `u` [2, ...], numbers or CasADi columns."""
         theta, omega, P1, P2 = x[0], x[1], x[2], x[3]
         tau1, tau2 = self.lags
         moment = self.torque(x) - self.damping * omega - self.gravity_torque * sin(theta) + d
@@ -86,29 +86,29 @@ class Plant:
         return agonist.force(x[2]), antagonist.force(x[3])
 
     def torque_for(self, theta: Value, omega: Value, alpha: Value, d: Value = 0.0) -> Value:
-        """Muscle torque [N·m] of the motion (θ, θ', θ''): T = J θ'' + b θ' + m g l sin θ - d."""
+        """Return the muscle torque [N·m] of the motion (θ, θ', θ''): T = J θ'' + b θ' + m g l sin θ - d."""
         return self.inertia * alpha + self.damping * omega + self.gravity_torque * sin(theta) - d
 
     def at_rest(self, theta: float, K: float) -> Array:
-        """The state (4,) in equilibrium at `theta` [rad], as stiff as `K` [N·m/rad] if the joint can be."""
+        """Return the state (4,) in equilibrium at `theta` [rad], as stiff as `K` [N·m/rad] if the joint can be."""
         theta = float(checks.angle("theta", checks.number("theta", theta, "rad")))
         held = allocate(theta, K, self.torque_for(theta, 0.0, 0.0), joint=self.joint)
         return np.array([theta, 0.0, held.P1, held.P2], float)
 
     @property
     def nominal(self) -> "Plant":
-        """Itself: what a controller may know of it."""
+        """Return itself: what a controller may know of it."""
         return self
 
     def begin(self, dt: float, x0: Array, seed: int) -> ExactExperiment:
-        """An experiment from the state `x0` (4,) with commands every `dt` [s]; no noise needs the `seed`."""
+        """Begin an experiment from the state `x0` (4,) with commands every `dt` [s]; no noise needs the `seed`."""
         return ExactExperiment(self.discrete(dt, FINE), x0)
 
     # --- in words and on disk ---------------------------------------------------------------------------------------
 
     @property
     def summary(self) -> str:
-        """Its numbers in a line, the joint's left out."""
+        """Return its numbers in a line, the joint's left out."""
         return (
             f"inertia {self.inertia:g} kg·m², damping {self.damping:g} N·m·s/rad, lag "
             f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s, gravity {self.gravity_torque:g} N·m, "
@@ -153,7 +153,7 @@ class Plant:
         return ceil(steps)
 
     def discrete(self, dt: float, resolution: float = RESOLUTION) -> Any:
-        """CasADi function (x, u, d) ↦ x after `dt` [s] of constant u and d: classical Runge–Kutta.
+        """Return the CasADi function (x, u, d) ↦ x after `dt` [s] of constant u and d: classical Runge–Kutta.
 
         Taken in equal substeps h with h · `fastest_rate` ≤ `resolution`. The error is about resolution⁴/120 of the
         change: 5e-4 at 0.5, 1e-9 at 0.02.
@@ -165,7 +165,9 @@ class Plant:
         return ca.Function("discrete", [x0, u, d], [x], ["x", "u", "d"], ["x_next"])
 
     def as_control_system(self) -> Any:
-        """The plant as a python-control I/O system: inputs (P1_command, P2_command, d), outputs (the states, K)."""
+        """Return the plant as a python-control I/O system: inputs (P1_command, P2_command, d), outputs (the states,
+        K).
+        """
         import control
 
         return control.nlsys(

@@ -1,4 +1,4 @@
-"""A plant to test controllers against: all that real joints do and the prediction model does not know.
+"""Controllers are tested against a plant that does all that real joints do and the prediction model does not know.
 
     θ' = ω,   J ω' = T - b ω - m g l sin θ - T_f + d(t),   T = g1 a1 F1 - g2 a2 F2
     P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow,   dz(e) = e less the dead band, 0 within it
@@ -74,7 +74,8 @@ class RealPlant:
         torque_profile: tuple[tuple[float, float], ...] = (),
         nominal: Plant | None = None,
     ) -> Self:
-        """The plant of the closed-loop benchmark: all effects on `nominal`: the report's joint with Sarosi's muscles.
+        """Return the plant of the closed-loop benchmark, with all effects on `nominal`: the report's joint with
+        Sarosi's muscles.
 
         Its `nominal` plant is the controllers' model.
         """
@@ -92,7 +93,7 @@ class RealPlant:
         )
 
     def without(self, *effects: str) -> Self:
-        """The same with these effects (names of fields) off."""
+        """Return this plant with these effects (names of fields) off."""
         off = type(self)()
         known = {f.name for f in fields(self)} - {"nominal"}
         if unknown := set(effects) - known:
@@ -100,7 +101,8 @@ class RealPlant:
         return replace(self, **{name: getattr(off, name) for name in effects})
 
     def known(self, share: float = 0.75) -> Compensation:
-        """What a controller is told of this plant: dead time, dead band, and a `share` [-] of the friction, as Dahl's.
+        """Return what a controller is told of this plant: dead time, dead band, and a `share` [-] of the friction, as
+        Dahl's.
 
         All of it would be best here and worst where it has vanished: the intended motion is then pushed by friction
         that nobody sees. Too little is the safe side.
@@ -127,13 +129,15 @@ class RealPlant:
         return self.force_gains[0] * F1, self.force_gains[1] * F2
 
     def contact(self, x: Value) -> Contact:
-        """What presses on that which rubs in the state `x` [4, ...]; a slack cable rubs no more."""
+        """Return what presses on that which rubs in the state `x` [4, ...]; a slack cable rubs no more."""
         agonist, antagonist = self.nominal.joint.sides(x[0])
         pulls = self.force_gains[0] * agonist.torque(x[2]), -self.force_gains[1] * antagonist.torque(x[3])
         return Contact(sum((pull + abs(pull)) / 2 for pull in pulls), x[2] + x[3])
 
     def rate(self, x: Value, u: Value, d: Value, T_f: Value) -> tuple[Value, ...]:
-        """Derivative of (θ, ω, P1, P2), CasADi symbols; `u` what the regulators hear now, `d` [N·m] from outside."""
+        """Return the derivative of (θ, ω, P1, P2), CasADi symbols; `u` what the regulators hear now, `d` [N·m] from
+        outside.
+        """
         balance = self.torque(x) - self.nominal.torque_for(x[0], x[1], 0.0, d) - T_f
         return x[1], balance / self.nominal.inertia, *self._pressure_rates(x, u)
 
@@ -161,16 +165,20 @@ class RealPlant:
         ]
 
     def at_rest(self, theta: float, K: float) -> Array:
-        """The nominal plant's rest (4,): where an experiment begins. This plant will drift from it and settle."""
+        """Return the nominal plant's rest (4,): where an experiment begins. This plant will drift from it and
+        settle.
+        """
         return self.nominal.at_rest(theta, K)
 
     def begin(self, dt: float, x0: Array, seed: int) -> "RealExperiment":
-        """An experiment from the state `x0` (4,) with commands every `dt` [s]; `seed` is that of the sensors' noise."""
+        """Begin an experiment from the state `x0` (4,) with commands every `dt` [s]; `seed` is that of the sensors'
+        noise.
+        """
         return RealExperiment(self, dt, x0, seed)
 
 
 class RealExperiment:
-    """One experiment on a `RealPlant`: its state, what its sensors say, and time going on."""
+    """A real experiment is one on a `RealPlant`: its state, what its sensors say, and time going on."""
 
     def __init__(self, real: RealPlant, dt: float, x0: Array, seed: int) -> None:
         self.real, self.dt = real, dt
@@ -190,11 +198,11 @@ class RealExperiment:
         return self._full[:NX].copy()
 
     def measure(self) -> Array:
-        """The sensors' (4,): θ, NaN for the velocity that nobody measures, P1, P2. Every call draws new noise."""
+        """Read the sensors (4,): θ, NaN for the velocity that nobody measures, P1, P2. Every call draws new noise."""
         return self.read(self._noise.standard_normal(NU))
 
     def read(self, noise: Array) -> Array:
-        """The same with the `noise` (2,) of the pressure sensors in standard deviations."""
+        """Read the sensors (4,) with the `noise` (2,) of the pressure sensors in standard deviations."""
         theta, _, *P = self.x
         step = self.real.encoder
         read = step * np.round(theta / step) if step else theta

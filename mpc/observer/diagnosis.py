@@ -64,7 +64,9 @@ class Diagnosis:
             pressure.reset()
 
     def follow(self, said: Array, verdicts: Sequence[Verdict], v: Array, xi: Array) -> None:
-        """The sensors have `said` (3,), which was judged; the commands `v` (2,) [Pa] act, and `xi` (5,) is thought."""
+        """Follow what the sensors have `said` (3,), which was checked; the commands `v` (2,) [Pa] act, and `xi` (5,) is
+        estimated.
+        """
         believed = [self._sensor(i, *one) for i, one in enumerate(zip(said.tolist(), verdicts, strict=True))]
         d, pulls = float(xi[NX]), self._pulls(xi[:NX])[0][0].tolist()
         if all(map(isfinite, (d, *pulls))):
@@ -83,7 +85,7 @@ class Diagnosis:
         self._theta = believed[0]
 
     def _sensor(self, i: int, said: float, verdict: Verdict) -> float:
-        """The reading, NaN if it is not believed; notes whether the sensor is suspected."""
+        """Return the reading, NaN if it is not believed; note whether the sensor is suspected."""
         lost = not verdict.counts
         if not lost and not self._lost[i]:
             return said
@@ -141,7 +143,7 @@ class Diagnosis:
 
 
 def _pulls(plant: Plant) -> Any:
-    """The state (4,) ↦ the muscles' torques [N·m] and their gains ∂T/∂P [N·m/Pa] (4,), a CasADi function."""
+    """Return the state (4,) ↦ the muscles' torques [N·m] and their gains ∂T/∂P [N·m/Pa] (4,), a CasADi function."""
     import casadi as ca
 
     x = ca.SX.sym("x", NX)

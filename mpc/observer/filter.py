@@ -1,4 +1,4 @@
-"""An extended Kalman filter for ξ = (θ, ω, P1, P2, d) from measured y = (θ, P1, P2).
+"""An extended Kalman filter is written here for ξ = (θ, ω, P1, P2, d) from measured y = (θ, P1, P2).
 
     ξ_{k+1} = (f_d(x_k, v_k, d_k - T_f), d_k) + w_k,    y_k = (θ, P1, P2)_k + n_k,    w ~ (0, Q),  n ~ (0, R)
 
@@ -29,7 +29,9 @@ _UNSURE = 4.0  # times the stationary variance, where little is known
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations: of the sensors per sample, of the model's errors per root of a second."""
+    """The noise is given by standard deviations: of the sensors per sample, of the model's errors per root of a
+    second.
+    """
 
     theta: float = 0.01 * DEG  # [rad]
     pressure: float = 0.02 * BAR  # [Pa]
@@ -38,12 +40,12 @@ class Noise:
     d_walk: float = 1.9  # [N·m/√s]
 
     def Q(self, dt: float) -> Array:
-        """Covariance (5, 5) of the model's errors over `dt` [s]."""
+        """Return the covariance (5, 5) of the model's errors over `dt` [s]."""
         return dt * np.diag([0.0, self.omega_walk, self.pressure_walk, self.pressure_walk, self.d_walk]) ** 2
 
     @property
     def R(self) -> Array:
-        """Covariance (3, 3) of the sensors."""
+        """Return the covariance (3, 3) of the sensors."""
         return np.diag([self.theta, self.pressure, self.pressure]) ** 2
 
 
@@ -62,7 +64,7 @@ class Belief(NamedTuple):
 
 
 class Filter:
-    """The equations; it remembers nothing."""
+    """The filter holds the equations; it remembers nothing."""
 
     def __init__(self, plant: Plant, dt: float, noise: Noise, compensation: Compensation, gate: Gate) -> None:
         self.plant, self.compensation, self.gate = plant, compensation, gate
@@ -111,7 +113,7 @@ class Filter:
         return np.asarray((self._outer[0][2:NX] <= u) & (u <= self._outer[1][2:NX]))
 
     def within(self, xi: Array) -> Array:
-        """The nearest ξ (5,) that the gate calls possible."""
+        """Return the nearest ξ (5,) that the gate calls possible."""
         return np.asarray(np.minimum(np.maximum(xi, self._outer[0]), self._outer[1]))
 
     # --- what does not change ---------------------------------------------------------------------------------------

@@ -39,7 +39,7 @@ ROUGH = 8.0  # standard deviations of the noise: floor, and more than two steps 
 
 
 class Verdict(IntEnum):
-    """What became of a reading."""
+    """A verdict is what became of a reading."""
 
     BELIEVED = 0
     ACCEPTED = 1
@@ -85,7 +85,9 @@ class Gate:
 
     @classmethod
     def of(cls, plant: Plant, dt: float, noise: tuple[float, float] = (0.0, 0.0)) -> Self:
-        """What fits `plant`, sampled every `dt` [s] with the standard deviations `noise` of θ [rad] and P [Pa]."""
+        """Return what fits `plant`, sampled every `dt` [s] with the standard deviations `noise` of θ [rad] and P
+        [Pa].
+        """
         (left, right), (low, high) = plant.joint.angle_range, plant.joint.pressure_limits
         (T, T_most), supply, span = _torque_range(plant), high - low, right - left
         margin = _NO_STOPS if plant.joint.angle_limits is None else _MARGIN
@@ -112,7 +114,7 @@ class Gate:
 
 
 def _torque_range(plant: Plant) -> tuple[float, float]:
-    """The greatest |T| [N·m] that the muscles have in the middle of the joint range, and anywhere in it."""
+    """Return the greatest |T| [N·m] that the muscles have in the middle of the joint range, and anywhere in it."""
     low, high = plant.joint.pressure_limits
     theta = np.linspace(*plant.joint.angle_range, 9)
     one, two = (np.full(theta.shape, P) for P in (low, high))
@@ -121,7 +123,7 @@ def _torque_range(plant: Plant) -> tuple[float, float]:
 
 
 class SensorGate:
-    """The gate of one sensor: it remembers since when it rejects, and what it rejected last."""
+    """A sensor's gate is its own: it remembers since when it rejects, and what it rejected last."""
 
     def __init__(self, gate: Gate, sensor: int, dt: float) -> None:
         self.sensor, self.gate, self.floor, self.jump = sensor, gate, gate.floor[sensor], gate.jump[sensor]
@@ -135,7 +137,7 @@ class SensorGate:
         self._refused = nan  # the last reading that was rejected or frozen
 
     def judge(self, read: float, expected: float, variance: float) -> Verdict:
-        """The verdict on `read` where `expected` is, `variance` being that of their difference."""
+        """Return the verdict on `read` where `expected` is, `variance` being that of their difference."""
         self._since += self._since > 0
         if not isfinite(read):
             return Verdict.SILENT

@@ -46,7 +46,9 @@ class Observer(Protocol):
 
 
 class Differentiator:
-    """No observer at all: a velocity that is not measured is the difference of the last two angles."""
+    """The differentiator is no observer at all: a velocity that is not measured is the difference of the last two
+    angles.
+    """
 
     def __init__(self, dt: float) -> None:
         self.dt = dt
@@ -57,7 +59,7 @@ class Differentiator:
         self._theta: float | None = None
 
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """`y` (4,) with the velocity filled in, and no disturbance torque."""
+        """Return `y` (4,) with the velocity filled in, and no disturbance torque."""
         x = np.array(y)
         if np.isnan(x[1]):
             x[1] = 0.0 if self._theta is None else (x[0] - self._theta) / self.dt
@@ -66,7 +68,8 @@ class Differentiator:
 
 
 class KalmanObserver:
-    """Extended Kalman filter; `plant` is the model. A sensor may be silent or frozen for `tolerance` seconds.
+    """The observer is an extended Kalman filter; `plant` is the model. A sensor may be silent or frozen for `tolerance`
+    seconds.
 
     Silent is one that says NaN or what is not believed (`gate`; by default what fits the plant). After that what it
     should measure is answered as NaN until it speaks again: a controller then knows that it is blind, and
@@ -147,7 +150,9 @@ class KalmanObserver:
         return np.array([verdict.counts for verdict in self.verdicts])
 
     def _learn_step(self, change: float) -> None:
-        """An encoder's readings change by whole steps: the least `change` [rad] so far is its step, if it has one."""
+        """Learn the step of an encoder, whose readings change by whole ones: the least `change` [rad] so far, if it has
+        one.
+        """
         if 0 < change < self._step:
             self._step = change
             rough = max(self.noise.theta, change / sqrt(12))
@@ -156,7 +161,7 @@ class KalmanObserver:
     # --- a sample ---------------------------------------------------------------------------------------------------
 
     def _begin(self, said: Array, u: Array) -> None:
-        """The first angle that can be one begins; a pressure that is not measured is the one that was sent."""
+        """Begin with the first angle that can be one; a pressure that is not measured is the one that was sent."""
         gate, read = self.gate, said.copy()
         read[_THETA] = gate.unwrapped(float(said[_THETA]), float(np.mean(self.plant.joint.angle_range)), within=np.pi)
         self.verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
@@ -197,7 +202,7 @@ class KalmanObserver:
         return [gate.judge(*one) for gate, *one in zip(self._gates, read.tolist(), foreseen, variance, strict=True)]
 
     def _without_frozen(self, before: Belief, expected: Belief, repeated: Mask, read: Array, z: float) -> Belief:
-        """What is expected without the sensors that are frozen; notes which are."""
+        """Return what is expected without the sensors that are frozen; note which are."""
         self._repeating = np.where(repeated, self._repeating + self.dt, 0.0)
         self._frozen &= repeated
         others = self._believed & ~repeated
@@ -220,7 +225,9 @@ class KalmanObserver:
         return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
 
     def _rival_or(self, expected: Belief, read: Array, repeated: Mask, z: float) -> Belief:
-        """`expected`, or what a rival belief expects that has explained the rejected readings for long enough."""
+        """Return `expected`, or what a rival belief expects that has explained the rejected readings for long
+        enough.
+        """
         rejected = np.array([verdict is Verdict.REJECTED for verdict in self.verdicts])
         self._unrivalled = 0 if rejected.any() else self._unrivalled + 1
         if self._unrivalled > self.crossing:  # not at once: it is near by chance when two motions cross
@@ -259,7 +266,7 @@ class KalmanObserver:
         return bool((np.abs(read - belief.xi[i]) <= width)[used].all())
 
     def _rebuilt(self, before: Belief, read: Array, believed: Mask) -> Belief:
-        """A state from the readings, where the filter has none that is finite."""
+        """Return a state from the readings, where the filter has none that is finite."""
         self.rebuilt += 1
         self._end_rivalry()
         self._without = {}

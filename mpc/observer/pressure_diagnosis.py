@@ -42,7 +42,9 @@ _DRIFTING = frozenset({FaultKind.DRIFTING_SENSOR})
 
 
 class PressureDiagnosis:
-    """Of one muscle with the time constant `lag` [s], the `dead_band` and the sensor's deviation `sigma` [Pa]."""
+    """The diagnosis is of one muscle with the time constant `lag` [s], the `dead_band` and the sensor's deviation
+    `sigma` [Pa].
+    """
 
     def __init__(self, lag: float, dt: float, dead_band: float, sigma: float, usual_torque: float) -> None:
         self._gains = 1 - exp(-dt * SPREAD / lag), 1 - exp(-dt / (SPREAD * lag))

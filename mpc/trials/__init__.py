@@ -1,3 +1,3 @@
-"""Closed loops on trial: references, simulation, metrics, files and pictures."""
+"""Closed loops are tried here: references, simulation, metrics, files and pictures."""
 
 __all__: list[str] = []

@@ -17,7 +17,7 @@ COLUMNS = ("t", "theta_deg", "stiffness")  # [s], [°], [N·m/rad]
 
 
 def load(path: str | Path) -> Reference:
-    """The trajectory in a CSV file with the columns t [s], theta_deg [°] and stiffness [N·m/rad], in any order.
+    """Load the trajectory in a CSV file with the columns t [s], theta_deg [°] and stiffness [N·m/rad], in any order.
 
     Raises `InvalidFile`, naming line and column, for whatever is not a trajectory.
     """
@@ -32,7 +32,7 @@ def load(path: str | Path) -> Reference:
 
 
 def default_trajectory() -> Reference:
-    """The trajectory that ships with the package: ±40° at 0.5 Hz with K = 7.6 ± 0.3 N·m/rad at 0.25 Hz."""
+    """Return the trajectory that ships with the package: ±40° at 0.5 Hz with K = 7.6 ± 0.3 N·m/rad at 0.25 Hz."""
     with resources.as_file(resources.files("mpc") / "data" / "default_trajectory.csv") as path:
         return load(path)
 

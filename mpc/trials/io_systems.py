@@ -32,7 +32,7 @@ _MEASURED = ("theta", "P1", "P2")  # of a real plant
 
 
 def sampled_plant(plant: Plant, dt: float) -> Any:
-    """`plant` every `dt` [s]: inputs (P1_command, P2_command, d), outputs (the states, K)."""
+    """Return `plant` every `dt` [s] as a system: inputs (P1_command, P2_command, d), outputs (the states, K)."""
     import control
 
     step = Buffered(plant.discrete(dt, FINE))
@@ -48,7 +48,8 @@ def sampled_plant(plant: Plant, dt: float) -> Any:
 
 
 def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> Any:
-    """`real` every `dt` [s]: inputs (P1_command, P2_command, d), outputs (θ, P1, P2 as measured; the true states, K).
+    """Return `real` every `dt` [s] as a system: inputs (P1_command, P2_command, d), outputs (θ, P1, P2 as measured; the
+    true states, K).
 
     Its states are the true ones, what friction remembers and the commands on their way, oldest first; `at_rest` makes
     one.
@@ -87,7 +88,7 @@ def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> Any:
 
 
 def at_rest(plant: Plant | RealPlant, dt: float, reference: Reference) -> Array:
-    """The state of the sampled `plant` that `simulate` begins from: at rest on the reference's first point."""
+    """Return the state of the sampled `plant` that `simulate` begins from: at rest on the reference's first point."""
     x = plant.at_rest(float(reference.theta[0]), float(reference.K[0]))
     return x if isinstance(plant, Plant) else RealExperiment(plant, dt, x, 0).memory
 
@@ -100,7 +101,7 @@ def sampled_controller(
     velocity: bool = True,
     u_before: Array | None = None,
 ) -> Any:
-    """`controller` (any of them) on `reference`: inputs (θ, [ω,] P1, P2), outputs (P1_command, P2_command).
+    """Return `controller` (any of them) on `reference`: inputs (θ, [ω,] P1, P2), outputs (P1_command, P2_command).
 
     Without `velocity` the input ω is left out and the `observer` has to find it. `u_before` (2,) [Pa] are the commands
     before the first sample, by default the first pressures measured.
@@ -126,7 +127,9 @@ def closed_loop(
     observer: Observer | None = None,
     seed: int = 0,
 ) -> Any:
-    """Both connected: input d [N·m], outputs those of the plant and the commands. `at_rest` is where it begins."""
+    """Connect plant and controller: input d [N·m], outputs those of the plant and the commands. `at_rest` is where it
+    begins.
+    """
     import control
 
     dt = controller.dt
@@ -170,7 +173,7 @@ class _Rewindable:
         self._answers: dict[bytes, _Moment] = {}  # of this sample, by measurement
 
     def command(self, k: int, y: Array) -> Array:
-        """The commands (2,) [Pa] for the measurement `y` (4,) at sample k."""
+        """Return the commands (2,) [Pa] for the measurement `y` (4,) at sample k."""
         self._go_to(k)
         asked = y.tobytes()
         if asked not in self._answers:

@@ -15,7 +15,7 @@ _ROUNDING = 1e-9  # of the limit, or of what is constant: less is arithmetic
 
 
 class Errors(NamedTuple):
-    """How far angle and stiffness were from their references."""
+    """Errors say how far angle and stiffness were from their references."""
 
     theta_rms: float  # [°]
     theta_worst: float  # [°]
@@ -52,7 +52,7 @@ class Metrics:
 
 
 def metrics(run: Run) -> Metrics:
-    """The figures of `run`."""
+    """Return the figures of `run`."""
     moves = _rested(run)
     return Metrics(
         **_errors(run, 0)._asdict(),
@@ -75,7 +75,7 @@ def _errors(run: Run, begin: int) -> Errors:
 
 
 def _rested(run: Run) -> int:
-    """The last sample of the first rest of the reference; 0 where there is none."""
+    """Return the last sample of the first rest of the reference; 0 where there is none."""
     moved = np.zeros(run.t.size, bool)
     for wanted in (run.theta_ref, run.K_ref):
         moved |= np.abs(wanted - wanted[0]) > _ROUNDING * np.abs(wanted).max()

@@ -15,7 +15,7 @@ _BLUE, _ORANGE, _BLACK, _GREY = "#0072B2", "#D55E00", "#000000", "#8c8c8c"
 
 
 def tracking_figure(run: Run) -> Any:
-    """A matplotlib figure of `run`; drawn without pyplot, so nothing global changes."""
+    """Draw a matplotlib figure of `run`, without pyplot, so that nothing global changes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 8.5), layout="constrained")
@@ -68,7 +68,7 @@ def _pressures(axes: Any, run: Run) -> None:
 
 
 def _taut_limit(run: Run) -> tuple[Array, Array]:
-    """The pressures (M+1,) below which agonist and antagonist go slack [Pa]."""
+    """Return the pressures (M+1,) below which agonist and antagonist go slack [Pa]."""
     box = run.plant.joint.pressure_box(run.theta, min_force=0.0)
     return box.agonist.lo, box.antagonist.lo
 

@@ -40,7 +40,7 @@ _LEAST = 2.4  # times that, the joint has to swing
 
 @dataclass(frozen=True)
 class Push:
-    """What an experiment found; stiffness in N·m/rad."""
+    """A push is what an experiment found; stiffness in N·m/rad."""
 
     theta: float  # θ_0, where all of them are taken [rad]
     asked: float
@@ -100,7 +100,8 @@ def push(
 
 
 def slope(psi: Array, T_e: Array) -> tuple[float, float]:
-    """K [N·m/rad] and f_0 [N·m] from the angles ψ (n,) [rad] under the torque T_e (n,) [N·m] of a cycle and a quarter.
+    """Return K [N·m/rad] and f_0 [N·m] from the angles ψ (n,) [rad] under the torque T_e (n,) [N·m] of a cycle and a
+    quarter.
 
     Raises InvalidInput where the joint moved too little for its friction to turn round.
     """
@@ -137,7 +138,7 @@ def _compared(real: RealPlant, model: Plant, run: Run, freeze: int, x: Array, K:
 
 
 def _torques(real: RealPlant, cycle: Cycle, begin: int, end: int, dt: float) -> tuple[tuple[float, float], ...]:
-    """The torques of the plant up to the sample `begin`; from then on the last of them and the cycle."""
+    """Return the torques of the plant up to the sample `begin`; from then on the last of them and the cycle."""
     before = tuple(entry for entry in real.torque_profile if entry[0] < begin * dt)
     load = before[-1][1] if before else 0.0
     k = np.arange(begin, end)
@@ -146,7 +147,7 @@ def _torques(real: RealPlant, cycle: Cycle, begin: int, end: int, dt: float) -> 
 
 
 def _held(reference: Reference, steps: int) -> Reference:
-    """`reference` over `steps` samples; its last is held."""
+    """Return `reference` over `steps` samples; its last is held."""
     there = np.minimum(np.arange(steps + 1), reference.t.size - 1)
     dt = reference.t[1] - reference.t[0]
     return Reference(reference.t[0] + dt * np.arange(steps + 1), reference.theta[there], reference.K[there])

@@ -50,7 +50,7 @@ def load_recording(path: str | Path) -> Run:
 
 
 def _shape(name: str, steps: int) -> tuple[int, ...]:
-    """What `Run` says of the array called `name`."""
+    """Return what `Run` says of the array called `name`."""
     if name in ("dt", "implementation"):
         return ()
     length = steps + 1 if name in ("t", "x", "theta_ref", "K_ref", "K", "forces") else steps

@@ -51,7 +51,7 @@ class Reference:
         return max(int(steps), 1)
 
     def resampled(self, dt: float) -> Self:
-        """The same every `dt` [s], from the first sample to the last one that fits; at least two samples.
+        """Return this reference every `dt` [s], from the first sample to the last one that fits; at least two samples.
 
         Raises `InvalidInput` for over a million of them.
         """
@@ -61,7 +61,7 @@ class Reference:
 
     @property
     def summary(self) -> str:
-        """The ranges of angle and stiffness and the duration, in a line."""
+        """Return the ranges of angle and stiffness and the duration, in a line."""
         angles, stiffnesses = (f"{min(a):.3g} … {max(a):.3g}" for a in (self.theta / DEG, self.K))
         return f"angle {angles}°, stiffness {stiffnesses} N·m/rad, {self.t[-1] - self.t[0]:.3g} s"
 
@@ -72,7 +72,7 @@ class Reference:
 
 
 def _smooth(t: Array, y: Array, at: Array) -> Array:
-    """A cubic spline through the samples; a monotone one if that swings far beyond the samples next to it.
+    """Return a cubic spline through the samples; a monotone one if that swings far beyond the samples next to it.
 
     The second is for steps in coarse samples, through which a cubic spline overshoots without bound.
     """
@@ -96,7 +96,7 @@ def sine(
     ramp: float = 2.0,
     dt: float = 0.02,
 ) -> Reference:
-    """Sines of angle [rad] and stiffness [N·m/rad] about 0 and `K`, frequencies in Hz, times in s.
+    """Return sines of angle [rad] and stiffness [N·m/rad] about 0 and `K`, frequencies in Hz, times in s.
 
     Both amplitudes rise smoothly (twice differentiable) during the first `ramp` seconds and fall during the last,
     so that the joint begins and ends at rest, as a real one has to. `ramp=0` starts and stops in full motion.

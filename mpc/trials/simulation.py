@@ -1,4 +1,4 @@
-"""The closed loop: controller and plant against each other, sample by sample.
+"""The closed loop is controller and plant against each other, sample by sample.
 
 The plant starts at rest, in equilibrium at the reference's first point with the stiffness asked there, unless another
 state is given: a reference that starts in motion has to be caught up with, and the errors of that count. Commands are
@@ -40,7 +40,7 @@ class Controller(Protocol):
         """Forget the past."""
 
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
-        """The plan from the state `x` for the previews (ahead + 1,) under the disturbance torque `d` [N·m]."""
+        """Return the plan from the state `x` for the previews (ahead + 1,) under the disturbance torque `d` [N·m]."""
 
 
 class Process(Protocol):
@@ -51,16 +51,16 @@ class Process(Protocol):
         """The plant without the effects that its model does not know."""
 
     def at_rest(self, theta: float, K: float) -> Array:
-        """The state (4,) to begin from."""
+        """Return the state (4,) to begin from."""
 
     def begin(self, dt: float, x0: Array, seed: int) -> Experiment:
-        """An experiment from `x0` (4,)."""
+        """Begin an experiment from `x0` (4,)."""
 
     def stiffness(self, x: Any) -> Any:
-        """True isobaric stiffness [N·m/rad] in the states `x` [4, ...]."""
+        """Return the true isobaric stiffness [N·m/rad] in the states `x` [4, ...]."""
 
     def forces(self, x: Any) -> tuple[Any, Any]:
-        """True muscle forces [N] in the states `x` [4, ...]."""
+        """Return the true muscle forces [N] in the states `x` [4, ...]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +87,16 @@ class Run:
 
     @property
     def theta(self) -> Array:
-        """Joint angle (M+1,) [rad]."""
+        """Return the joint angle (M+1,) [rad]."""
         return self.x[:, 0]
 
     @property
     def P(self) -> Array:
-        """Pressures (M+1, 2) [Pa]."""
+        """Return the pressures (M+1, 2) [Pa]."""
         return self.x[:, 2:]
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
-        """The run as columns (M+1,), those of the CSV that `track` writes: what `pandas.DataFrame` takes.
+        """Return the run as columns (M+1,), those of the CSV that `track` writes: what `pandas.DataFrame` takes.
 
         Time in s, stiffness in N·m/rad, forces in N; the other names carry their units. The commands and rungs of a
         line hold until the next, the last line repeats them.
@@ -124,7 +124,7 @@ class Run:
         return f"Run of {self._length()}: {errors}, {others[0]}\n  " + "; ".join(others[1:])
 
     def _repr_html_(self) -> str:
-        """The same as a table, for notebooks."""
+        """Return how well the reference was followed as a table for notebooks."""
         return html_table(f"Run of {self._length()}", self._figures().items())
 
     def _length(self) -> str:

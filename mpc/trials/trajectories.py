@@ -1,4 +1,4 @@
-"""Standard trajectories of the closed-loop benchmark: each begins and ends with a rest, in which a loop settles.
+"""Standard trajectories of the closed-loop benchmark begin and end with a rest, in which a loop settles.
 
 Angles in rad, stiffness in N·m/rad, times in s. The first rest is `LEAD` seconds long: a controller has to find out
 there how far its model is off.
@@ -21,7 +21,7 @@ _SAFE = 10.0  # [N·m/rad] about which every trajectory is positive
 
 
 def min_jerk(s: Array) -> Array:
-    """The shape of a movement of least jerk: from 0 to 1 as `s` goes from 0 to 1 (Flash & Hogan 1985)."""
+    """Return the shape of a movement of least jerk: from 0 to 1 as `s` goes from 0 to 1 (Flash & Hogan 1985)."""
     s = np.clip(np.asarray(s, float), 0, 1)
     return s**3 * (10 - 15 * s + 6 * s**2)
 
@@ -31,7 +31,7 @@ def _times(duration: float) -> Array:
 
 
 def rested_sine(K: float = 5.5, duration: float = 10.0) -> Reference:
-    """±40° at 0.5 Hz with K ± 0.3 at 0.25 Hz."""
+    """Return ±40° at 0.5 Hz with K ± 0.3 at 0.25 Hz."""
     moving = sine(K=K, duration=duration, dt=_DT)
     rest = _times(LEAD)[:-1]
     still = np.zeros_like(rest)
@@ -43,7 +43,7 @@ def rested_sine(K: float = 5.5, duration: float = 10.0) -> Reference:
 
 
 def point_to_point(K: float = 5.5, angle: float = 60 * DEG, time: float = 1.0, rest: float = 2.0) -> Reference:
-    """From -angle/2 to angle/2 and back, each in `time`, along the path of least jerk, with a `rest` after each."""
+    """Return a path from -angle/2 to angle/2 and back, each in `time`, of least jerk, with a `rest` after each."""
     t = _times(LEAD + 2 * (time + rest))
     there, back = min_jerk((t - LEAD) / time), min_jerk((t - LEAD - time - rest) / time)
     return Reference(t, angle * (there - back - 0.5), np.full_like(t, K))
@@ -55,7 +55,7 @@ def chirp(
     frequencies: tuple[float, float] = (0.15, 0.55),
     duration: float = 10.0,
 ) -> Reference:
-    """A sine of rising frequency [Hz], fading in and out over one second each."""
+    """Return a sine of rising frequency [Hz], fading in and out over one second each."""
     t = _times(LEAD + duration)
     s = np.clip(t - LEAD, 0, duration)
     low, high = frequencies
@@ -65,7 +65,7 @@ def chirp(
 
 
 def steps(K: float = 5.5, angle: float = 20 * DEG, time: float = 0.4, rest: float = 2.5) -> Reference:
-    """Steps to 20°, 40° and 20°, each shaped to least jerk over `time` so that every controller can follow."""
+    """Return steps to 20°, 40° and 20°, each shaped to least jerk over `time` so that every controller can follow."""
     t = _times(LEAD + 3 * (time + rest))
     edges = LEAD + (rest + time) * np.arange(3)
     levels = sum(sign * min_jerk((t - edge) / time) for edge, sign in zip(edges, (1, 1, -1), strict=True))
@@ -75,7 +75,7 @@ def steps(K: float = 5.5, angle: float = 20 * DEG, time: float = 0.4, rest: floa
 def stiffness_step(
     K: tuple[float, float] = (5.0, 6.0), theta: float = 20 * DEG, time: float = 0.3, rest: float = 2.5
 ) -> Reference:
-    """Stiffness from K[0] to K[1] and back at constant angle, each shaped to least jerk over `time`."""
+    """Return a stiffness step from K[0] to K[1] and back at constant angle, each shaped to least jerk over `time`."""
     t = _times(LEAD + 2 * (time + rest))
     there, back = min_jerk((t - LEAD) / time), min_jerk((t - LEAD - time - rest) / time)
     return Reference(t, np.full_like(t, theta), K[0] + (K[1] - K[0]) * (there - back))
@@ -90,7 +90,9 @@ def stiffness_ramps(K: float = 5.5, height: float = 0.5, theta: float = 20 * DEG
 
 
 def together(K: float = 5.5, height: float = 0.3, angle: float = 40 * DEG, time: float = 1.0) -> Reference:
-    """Angle and stiffness at once: to `angle` and K + `height` in `time`, to -`angle` and K - `height`, and back."""
+    """Return angle and stiffness that move at once: to `angle` and K + `height` in `time`, to -`angle` and K -
+    `height`, and back.
+    """
     rest = 1.5
     t = _times(LEAD + 3 * (time + rest))
     edges = LEAD + (rest + time) * np.arange(3)
@@ -100,7 +102,7 @@ def together(K: float = 5.5, height: float = 0.3, angle: float = 40 * DEG, time:
 
 
 def jumps(K: float = 5.5, angle: float = 25 * DEG, rest: float = 1.5) -> Reference:
-    """Steps that no joint can follow, to `angle`, to -`angle` and back to 0: commands live on the slew limit."""
+    """Return steps that no joint can follow, to `angle`, to -`angle` and back to 0: commands live on the slew limit."""
     t = _times(LEAD + 3 * rest)
     sample = np.round((t - LEAD) / _DT)  # whole numbers do not slip over the edge
     per = round(rest / _DT)
@@ -122,12 +124,12 @@ def usual_stiffnesses(joint: AntagonistJoint) -> tuple[float, float]:
 
 
 def usual_stiffness(joint: AntagonistJoint) -> float:
-    """The middle [N·m/rad] of its usual stiffnesses."""
+    """Return the middle [N·m/rad] of the usual stiffnesses of the joint."""
     return sum(usual_stiffnesses(joint)) / 2
 
 
 def shrunk(about: Callable[[float], Reference], K: float, joint: AntagonistJoint) -> Reference:
-    """The trajectory `about` K [N·m/rad], with swings of angle and stiffness for which `joint` has room.
+    """Return the trajectory `about` K [N·m/rad], with swings of angle and stiffness for which `joint` has room.
 
     Angles stay within its usual swing, stiffness within half of what is left to the nearer end of its usual ones, as
     motion takes some (half of a `K` that is beyond them); what is less stays as it is.
