@@ -105,8 +105,8 @@ def track(
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
-        driver, eyes = loop(controller, settings, observer)
-    done = simulate(tested, driver, reference, observer=eyes, seed=seed, progress=True)
+        driver, estimator = loop(controller, settings, observer)
+    done = simulate(tested, driver, reference, observer=estimator, seed=seed, progress=True)
 
     for path in files:
         _write(done, path, console)

@@ -145,8 +145,8 @@ def _matters(fault: Fault, run: Run, onset: int) -> int:
         if isinstance(fault, DriftingSensor):
             off = np.abs(fault.offset(k * run.dt)[2:]).max() if fault.sensor else np.inf
         else:
-            changed = np.abs(fault.heard(command, P) - command).max()
-            off = changed if type(fault).heard is not Fault.heard else np.inf
+            changed = np.abs(fault.effective(command, P) - command).max()
+            off = changed if type(fault).effective is not Fault.effective else np.inf
         if off > MATTERS:
             return k
     return len(run.u) - 1

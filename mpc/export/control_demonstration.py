@@ -51,7 +51,7 @@ def lines(controller: TrackingMPC, observer: KalmanObserver) -> Iterator[str]:
                 f"u1 {u[0]:8.1f} Pa, u2 {u[1]:8.1f} Pa, status {int(plan.status)}, rung {int(plan.rung)}"
             )
         waiting.append(u)
-        x = np.array(turned(x, known.heard(waiting.pop(0), x[2:]), 0.0)).ravel()
+        x = np.array(turned(x, known.after_dead_band(waiting.pop(0), x[2:]), 0.0)).ravel()
 
 
 __all__ = ["SAMPLES", "SHOWN", "lines", "numbers"]

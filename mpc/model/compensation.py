@@ -42,15 +42,13 @@ class Compensation:
         """Return the dead time in whole samples of `dt` [s]."""
         return round(self.dead_time / dt)
 
-    def heard(self, u: Array, P: Array) -> Array:
-        """Return the command [Pa] that moves a regulator without dead band as `u` moves this one, at the pressures
-        P.
-        """
+    def after_dead_band(self, u: Array, P: Array) -> Array:
+        """Return the command [Pa] that moves a regulator without dead band as `u` moves this one at pressures P."""
         rest, e = self.dead_band / 2, u - P
         return P + e - np.clip(e, -rest, rest)
 
-    def spoken(self, v: Array, P: Array) -> Array:
-        """Return what to command [Pa] for `v` to be heard: the inverse of `heard`, smooth where v passes P."""
+    def inverse_dead_band(self, v: Array, P: Array) -> Array:
+        """Return what to command [Pa] for `v` to act: the inverse of `after_dead_band`, smooth where v passes P."""
         return np.asarray(v + self.dead_band / 2 * np.tanh((v - P) / SOFT))
 
 

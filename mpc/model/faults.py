@@ -1,6 +1,6 @@
 """What breaks in real joints: faults to inject into a `RealPlant`, each from `begin` until just before `end`.
 
-A fault sees what passes by and changes it: the command that a regulator hears, what the sensors say, or which muscles
+A fault sees what passes by and changes it: the command that a regulator follows, what the sensors say, or which muscles
 still pull. What a fault does not touch goes through as it was. (A pay-load is no fault but a torque:
 `RealPlant.torque_profile`. `mpc.observer.health` names faults from what an observer sees.)
 """
@@ -32,12 +32,12 @@ class Fault:
         """Whether the fault is there at the time `t` [s]."""
         return self.begin - 1e-9 <= t < self.end - 1e-9
 
-    def heard(self, u: Array, P: Array) -> Array:
-        """Return what the regulators (2,) do instead of the commands `u` [Pa] at the pressures `P` [Pa]."""
+    def effective(self, u: Array, P: Array) -> Array:
+        """Return the commands (2,) [Pa] that the regulators follow instead of `u` [Pa] at the pressures `P` [Pa]."""
         return u
 
-    def read(self, y: Array, before: Array) -> Array:
-        """Return what the sensors (4,) say instead of `y`; they said `before` a sample ago."""
+    def read(self, y: Array, previous: Array) -> Array:
+        """Return what the sensors (4,) say instead of `y`; `previous` is what they said a sample ago."""
         return y
 
     def offset(self, t: float) -> Array:
@@ -70,7 +70,7 @@ class Leak(_MuscleFault):
 
     kept: float = 0.9  # of the pressure that the regulator can at most aim for [-]
 
-    def heard(self, u: Array, P: Array) -> Array:
+    def effective(self, u: Array, P: Array) -> Array:
         """At most the `kept` share of the pressure that is there."""
         own = self.muscle - 1
         return self._with(u, min(float(u[own]), self.kept * float(P[own])))
@@ -80,7 +80,7 @@ class Leak(_MuscleFault):
 class StuckValve(_MuscleFault):
     """A valve that stays shut: the pressure stays as it is."""
 
-    def heard(self, u: Array, P: Array) -> Array:
+    def effective(self, u: Array, P: Array) -> Array:
         """Return the pressure that is there."""
         return self._with(u, float(P[self.muscle - 1]))
 
@@ -101,7 +101,7 @@ class SupplyDrop(Fault):
 
     supply: float = 3 * BAR  # [Pa]
 
-    def heard(self, u: Array, P: Array) -> Array:
+    def effective(self, u: Array, P: Array) -> Array:
         """Commands up to the supply."""
         return np.minimum(u, self.supply)
 
@@ -127,7 +127,7 @@ class WrongReadings(_SensorFault):
     value: float = 0.0
     added: bool = False
 
-    def read(self, y: Array, before: Array) -> Array:
+    def read(self, y: Array, previous: Array) -> Array:
         """Return the wrong readings."""
         return self._of_ours(y + self.value if self.added else np.full(NX, self.value), y)
 
@@ -136,7 +136,7 @@ class WrongReadings(_SensorFault):
 class SilentSensors(_SensorFault):
     """Sensors that say nothing."""
 
-    def read(self, y: Array, before: Array) -> Array:
+    def read(self, y: Array, previous: Array) -> Array:
         """Return NaN from the silent ones."""
         return self._of_ours(np.full(NX, np.nan), y)
 
@@ -145,9 +145,9 @@ class SilentSensors(_SensorFault):
 class FrozenSensors(_SensorFault):
     """Sensors that repeat what they said last."""
 
-    def read(self, y: Array, before: Array) -> Array:
+    def read(self, y: Array, previous: Array) -> Array:
         """Return the old readings from the frozen ones."""
-        return self._of_ours(np.where(np.isnan(before), y, before), y)  # the first reading is none to repeat
+        return self._of_ours(np.where(np.isnan(previous), y, previous), y)  # the first reading is none to repeat
 
 
 @dataclass(frozen=True)

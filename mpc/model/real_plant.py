@@ -135,7 +135,7 @@ class RealPlant:
         return Contact(sum((pull + abs(pull)) / 2 for pull in pulls), x[2] + x[3])
 
     def rate(self, x: Value, u: Value, d: Value, T_f: Value) -> tuple[Value, ...]:
-        """Return the derivative of (θ, ω, P1, P2), CasADi symbols; `u` what the regulators hear now, `d` [N·m] from
+        """Return the derivative of (θ, ω, P1, P2), CasADi symbols; `u` the commands that act now, `d` [N·m] from
         outside.
         """
         balance = self.torque(x) - self.nominal.torque_for(x[0], x[1], 0.0, d) - T_f
@@ -159,9 +159,9 @@ class RealPlant:
 
         rest = self.dead_band / 2
         error = [u[i] - x[2 + i] for i in range(NU)]
-        heard = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]
+        passed = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]
         return [
-            ca.fmin(ca.fmax(e / tau, -self.flow), self.flow) for e, tau in zip(heard, self.nominal.lags, strict=True)
+            ca.fmin(ca.fmax(e / tau, -self.flow), self.flow) for e, tau in zip(passed, self.nominal.lags, strict=True)
         ]
 
     def at_rest(self, theta: float, K: float) -> Array:
@@ -235,7 +235,7 @@ class RealExperiment:
         self._waiting.append(np.array(u))
         for command, duration in zip(self._waiting, self._pieces, strict=False):
             for fault in self._faults:
-                command = fault.heard(command, self._full[2:NX])
+                command = fault.effective(command, self._full[2:NX])
             self._full = self._integrate(self._full, command, d, duration)[0][0]
         self._waiting.pop(0)
         self._sample += 1

@@ -82,12 +82,12 @@ class Filter:
         self.unsure[1, 1], self.unsure[NX, NX] = (gate.max_speed / 3) ** 2, (gate.max_torque / 9) ** 2
 
     def predicted(self, belief: Belief, v: Array, z: float, Q: Array) -> Belief:
-        """One sample on, the commands `v` (2,) [Pa] being heard and the friction's state being `z`."""
+        """One sample on, the commands `v` (2,) [Pa] acting and the friction's state being `z`."""
         xi = self.within(belief.xi)
         x, d = xi[:NX], float(xi[NX])
         near = np.minimum(np.maximum(x, self._inner[0]), self._inner[1])
         T_f = self.compensation.friction.limit(pull(self.plant, near)) * z
-        x_next, A = self._model(near, self.compensation.heard(v, x[2:]), d - T_f)
+        x_next, A = self._model(near, self.compensation.after_dead_band(v, x[2:]), d - T_f)
         A = _with_walk(A)
         later = np.append(x_next[0], d)
         later[:NX] += A[:NX, :NX] @ (x - near)

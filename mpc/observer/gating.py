@@ -136,7 +136,7 @@ class SensorGate:
         self._since = 0  # samples since that one, itself included; 0: there are none
         self._refused = nan  # the last reading that was rejected or frozen
 
-    def judge(self, read: float, expected: float, variance: float) -> Verdict:
+    def check(self, read: float, expected: float, variance: float) -> Verdict:
         """Return the verdict on `read` where `expected` is, `variance` being that of their difference."""
         self._since += self._since > 0
         if not isfinite(read):

@@ -177,36 +177,36 @@ class KalmanObserver:
             return Verdict.SILENT
         return Verdict.BELIEVED if self.gate.possible(sensor, read) else Verdict.IMPOSSIBLE
 
-    def _go_on(self, before: Belief, said: Array) -> None:
+    def _go_on(self, previous: Belief, said: Array) -> None:
         """From what was thought a sample ago to what is thought now."""
-        z = self._friction.follow(float(before.xi[0]))
-        expected = self.filter.predicted(before, self._commands[0], z, self.filter.Q)
+        z = self._friction.follow(float(previous.xi[0]))
+        expected = self.filter.predicted(previous, self._commands[0], z, self.filter.Q)
         read = said.copy()
         if not expected.sound:
             self.verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
-            self.belief = self._rebuilt(before, read, self._believed)
+            self.belief = self._rebuilt(previous, read, self._believed)
             return
         read[_THETA] = self.gate.unwrapped(float(said[_THETA]), float(expected.xi[0]))
         self.verdicts = self._judged(read, expected)
         repeated = said == self._read
-        expected = self._without_frozen(before, expected, repeated, read, z)
+        expected = self._without_frozen(previous, expected, repeated, read, z)
         expected = self._rival_or(expected, read, repeated, z)
         believed = self._believed
         found = self.filter.corrected(expected, read, believed, self._variances)
         self._samples = min(self._samples + 1, FIRST + 1)
-        self.belief = found if found.sound else self._rebuilt(before, read, believed)
+        self.belief = found if found.sound else self._rebuilt(previous, read, believed)
 
     def _judged(self, read: Array, expected: Belief) -> list[Verdict]:
         i = MEASURED
         foreseen, variance = expected.xi[i].tolist(), (expected.covariance[i, i] + self._variances).tolist()
-        return [gate.judge(*one) for gate, *one in zip(self._gates, read.tolist(), foreseen, variance, strict=True)]
+        return [gate.check(*one) for gate, *one in zip(self._gates, read.tolist(), foreseen, variance, strict=True)]
 
-    def _without_frozen(self, before: Belief, expected: Belief, repeated: Mask, read: Array, z: float) -> Belief:
+    def _without_frozen(self, previous: Belief, expected: Belief, repeated: Mask, read: Array, z: float) -> Belief:
         """Return what is expected without the sensors that are frozen; note which are."""
         self._repeating = np.where(repeated, self._repeating + self.dt, 0.0)
         self._frozen &= repeated
         others = self._believed & ~repeated
-        begun = {i: self._without.get(i, before) for i in np.flatnonzero(repeated).tolist()}
+        begun = {i: self._without.get(i, previous) for i in np.flatnonzero(repeated).tolist()}
         self._without = {}
         for i, without in begun.items():
             foreseen = self.filter.predicted(without, self._commands[0], z, self.filter.Q_rest)
@@ -265,14 +265,14 @@ class KalmanObserver:
         width = [max(gate.width(v), gate.jump) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]
         return bool((np.abs(read - belief.xi[i]) <= width)[used].all())
 
-    def _rebuilt(self, before: Belief, read: Array, believed: Mask) -> Belief:
+    def _rebuilt(self, previous: Belief, read: Array, believed: Mask) -> Belief:
         """Return a state from the readings, where the filter has none that is finite."""
         self.rebuilt += 1
         self._end_rivalry()
         self._without = {}
-        xi = np.where(np.isfinite(before.xi), before.xi, 0.0)
+        xi = np.where(np.isfinite(previous.xi), previous.xi, 0.0)
         xi[[1, NX]] = 0.0
-        return self.filter.unsure_at(Belief(self.filter.within(xi), before.covariance), read, believed)
+        return self.filter.unsure_at(Belief(self.filter.within(xi), previous.covariance), read, believed)
 
     def _answer(self, said: Array, there: Mask) -> tuple[Array, float]:
         if self.belief is None:

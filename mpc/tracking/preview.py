@@ -120,7 +120,7 @@ class Foresight:
         if self.compensation.dead_band:
             assert self._sent is not None  # `task` comes first
             edge = u + side * self.compensation.dead_band / 2
-            u = self.limits.limited(self._sent, edge if side else self.compensation.spoken(u, x[:-1, 2:]))
+            u = self.limits.limited(self._sent, edge if side else self.compensation.inverse_dead_band(u, x[:-1, 2:]))
         self._sent = u[0]
         return u
 

@@ -129,16 +129,16 @@ def usual_stiffness(joint: AntagonistJoint) -> float:
 
 
 def shrunk(about: Callable[[float], Reference], K: float, joint: AntagonistJoint) -> Reference:
-    """Return the trajectory `about` K [N·m/rad], with swings of angle and stiffness for which `joint` has room.
+    """Return the trajectory `about` K [N·m/rad], with swings of angle and stiffness that `joint` can follow.
 
     Angles stay within its usual swing, stiffness within half of what is left to the nearer end of its usual ones, as
     motion takes some (half of a `K` that is beyond them); what is less stays as it is.
     """
     shape = about(_SAFE)
     low, high = usual_stiffnesses(joint)
-    room = min(high - K, K - low) / 2
+    most = min(high - K, K - low) / 2
     theta = _limited(shape.theta, usual_swing(joint))
-    return Reference(shape.t, theta, K + _limited(shape.K - _SAFE, room if room > 0 else K / 2))
+    return Reference(shape.t, theta, K + _limited(shape.K - _SAFE, most if most > 0 else K / 2))
 
 
 def _limited(values: Array, most: float) -> Array:
