@@ -19,7 +19,7 @@ _STEP = 1e-30  # of the complex step; nothing is subtracted, so it may be as sma
 
 
 def is_symbol(x: Value) -> bool:
-    """Whether `x` is a CasADi expression (recognised without importing CasADi)."""
+    """Return whether `x` is a CasADi expression (recognised without importing CasADi)."""
     return type(x).__module__.partition(".")[0] == "casadi"
 
 
@@ -70,7 +70,9 @@ def increasing_root(f: Callable[..., Array], lo: Array, hi: Array, *args: Array)
 
 
 def rising_roots(f: Callable[..., Array], lo: Array, hi: Array, *args: Array, pieces: int) -> Array:
-    """Roots (pieces, …) of f(x, *args) through which f rises, one a piece of [lo, hi]; ±inf where there is none."""
+    """Return the roots (pieces, …) of f(x, *args) through which f rises, one a piece of [lo, hi]; ±inf where there is
+    none.
+    """
     lo, hi, *args = np.broadcast_arrays(lo, hi, *args)  # type: ignore[assignment]  # a list of arrays, not a tuple
     grid = lo + (hi - lo) * np.linspace(0.0, 1.0, pieces + 1).reshape(-1, *[1] * lo.ndim)
     return increasing_root(f, grid[:-1], grid[1:], *args)

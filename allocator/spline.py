@@ -29,7 +29,7 @@ class Spline:
         self.x, self._pieces = x, CubicSpline(x, y).c  # (n,), (4, n-1)
 
     def __call__(self, x: Value, order: int = 0) -> Value:
-        """y(x), or its derivative of the given order (0, 1, 2)."""
+        """Return y(x), or its derivative of the given order (0, 1, 2)."""
         start, c = self._piece_symbol(x) if is_symbol(x) else self._piece_number(x)
         h = x - start
         if order == 0:

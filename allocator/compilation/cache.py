@@ -30,7 +30,9 @@ class Refused(OSError):
 
 
 def keep(dispatcher: F) -> F:
-    """`dispatcher`, which numba has made and which now keeps what it compiles; an `OSError` where there is no place."""
+    """Return `dispatcher`, which numba has made and which now keeps what it compiles; an `OSError` where there is no
+    place.
+    """
     made: Any = dispatcher
     try:
         made._cache = _Cache(made.py_func)

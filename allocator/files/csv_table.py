@@ -115,7 +115,7 @@ def _text(path: FilePath) -> str:
 
 
 def _cells(path: FilePath, content: list[tuple[int, str]], separator: str) -> Iterator[tuple[int, list[str]]]:
-    """Line and cells of every row; a quoted cell may go over several lines, of which the last is counted."""
+    """Return the line and cells of every row; a quoted cell may go over several lines, of which the last is counted."""
     reader = csv.reader((line for _, line in content), delimiter=separator, strict=True)
     first = 0
     while True:

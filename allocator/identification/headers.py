@@ -106,7 +106,7 @@ def quantity_named(text: str) -> str | None:
 
 
 def _words(text: str) -> tuple[list[str], bool]:
-    """Words of a name in lower case, without "absolute" and "gauge"; whether it was absolute."""
+    """Return the words of a name in lower case, without "absolute" and "gauge"; whether it was absolute."""
     text = unicodedata.normalize("NFKC", text).casefold()
     text = re.sub(r"\bn\s*[·⋅*.\s-]\s*(c|m)?m\b", r"n\1m", text)  # N·m, N mm
     words = re.findall(r"[^\W_]+|[%°]", text)

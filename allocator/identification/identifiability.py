@@ -43,7 +43,7 @@ def determine(jacobian: Array, cost: float, names: tuple[str, ...], values: Arra
 
 
 def _in_words(direction: Array, names: tuple[str, ...], values: Array) -> str:
-    """'r0 +1.00 %, q -2.00 %': a change of the parameters that changes no force."""
+    """Return 'r0 +1.00 %, q -2.00 %': a change of the parameters that changes no force."""
     relative = direction / np.where(values == 0, 1.0, np.abs(values))
     relative = relative / relative[np.argmax(np.abs(relative))]
     parts = (f"{name} {r:+.2f} %" for name, r in zip(names, relative, strict=True) if abs(r) > 1e-3)

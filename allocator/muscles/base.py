@@ -71,26 +71,27 @@ class Muscle(ABC):
 
     @property
     def max_pressure(self) -> float:
-        """Gauge pressure [Pa] up to which the law satisfies [M] on its taut region."""
+        """Return the gauge pressure [Pa] up to which the law satisfies [M] on its taut region."""
         return np.inf
 
     @property
     def min_contraction(self) -> float:
-        """Contraction ratio [-] from which on the law can be evaluated; negative is stretched."""
+        """Return the contraction ratio [-] from which on the law can be evaluated; negative is stretched."""
         return -np.inf
 
     @property
     def max_contraction(self) -> float:
-        """Contraction ratio [-] up to which the law is meant to be used."""
+        """Return the contraction ratio [-] up to which the law is meant to be used."""
         return 0.35
 
     def covers(self, P: Array, eps: Array) -> Mask:
-        """Whether the law is meant for these contractions (at these pressures, if that matters) while F ≥ 0."""
+        """Return whether the law is meant for these contractions (at these pressures, if that matters) while F ≥ 0."""
         return np.asarray((eps >= self.min_contraction) & (eps <= self.max_contraction))
 
     @property
     def basis(self) -> Basis:
-        """The functions of the pressure that F is a combination of at a fixed contraction, and the kinks between them.
+        """Return the functions of the pressure that F is a combination of at a fixed contraction, and the kinks between
+        them.
 
         By default F is taken to be smooth in P on the whole range of pressures; a law with kinks has to declare them.
         """
@@ -98,7 +99,7 @@ class Muscle(ABC):
 
     @property
     def limitation(self) -> str:
-        """Where the law breaks [M] by its form, in a sentence; empty if it need not."""
+        """Return where the law breaks [M] by its form, in a sentence; empty if it need not."""
         return ""
 
     def force(self, P: ArrayLike, eps: ArrayLike) -> Value:
@@ -111,7 +112,9 @@ class Muscle(ABC):
 
     @abstractmethod
     def law(self, P: Value, eps: Value) -> Value:
-        """F(P, ε) [N] as the formula has it, of unchecked arguments: what a model defines, and what loops call."""
+        """Return F(P, ε) [N] as the formula has it, of unchecked arguments: what a model defines, and what loops
+        call.
+        """
 
     @abstractmethod
     def gain(self, P: Value, eps: Value) -> Value:
@@ -126,7 +129,9 @@ class Muscle(ABC):
         return derivative(lambda e: self.gain(P, e), eps)
 
     def pressure(self, F: Value, eps: Value) -> Array:
-        """Pressure [Pa] that gives the force `F` at `eps`; ∓inf where F is below or above all that the law can give."""
+        """Return the pressure [Pa] that gives the force `F` at `eps`; ∓inf where F is below or above all that the law
+        can give.
+        """
         ceiling = min(self.max_pressure, SEARCH_CEILING)
         F, eps = np.asarray(F, float), np.asarray(eps, float)
         return increasing_root(lambda P, F, e: self.law(P, e) - F, np.zeros(()), np.asarray(ceiling), F, eps)
@@ -135,18 +140,18 @@ class Muscle(ABC):
 
     @classmethod
     def number_fields(cls) -> dict[str, bool]:
-        """Every field that holds numbers of the law, and whether it is a row of them."""
+        """Return every field that holds numbers of the law, and whether it is a row of them."""
         return {f.name: f.type not in (float, "float") for f in fields(cls) if f.metadata.get("role") != "other"}
 
     @classmethod
     def parameter_fields(cls) -> dict[str, bool]:
-        """Those of them that are parameters."""
+        """Return those number fields that are parameters."""
         structure = {f.name for f in fields(cls) if f.metadata.get("role") == "structure"}
         return {name: is_row for name, is_row in cls.number_fields().items() if name not in structure}
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Every parameter by its name; the members of a row are called name[0], name[1], …"""
+        """Return every parameter by its name; the members of a row are called name[0], name[1], …"""
         flat: dict[str, float] = {}
         for name, is_row in self.parameter_fields().items():
             value = getattr(self, name)
@@ -176,7 +181,7 @@ class Muscle(ABC):
         return copy
 
     def _grouped(self, values: Sequence[Value]) -> dict[str, Value]:
-        """Field values from the flat list of all parameters."""
+        """Return the field values from the flat list of all parameters."""
         left = iter(values)
         return {
             name: tuple(next(left) for _ in getattr(self, name)) if is_row else next(left)
@@ -185,7 +190,9 @@ class Muscle(ABC):
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """How to fit this model to these measured forces [N] (≤ 0: slack), contractions [-] and pressures [Pa]."""
+        """Return how to fit this model to these measured forces [N] (≤ 0: slack), contractions [-] and pressures
+        [Pa].
+        """
         return Recipe()
 
     # --- on disk ----------------------------------------------------------------------------------------------------

@@ -26,7 +26,9 @@ class Basis:
     kinks: tuple[float, ...] = ()  # pressures at which ∂F/∂P may jump, rising [Pa]
 
     def nodes(self, lo: float, hi: float, size: int) -> Array:
-        """`size` pressures between lo and hi [Pa] to sample a law at: Chebyshev's nodes, of E if there is one."""
+        """Return `size` pressures between lo and hi [Pa] to sample a law at: Chebyshev's nodes, of E if there is
+        one.
+        """
         z = np.cos(np.pi * (np.arange(size) + 0.5) / size)
         if self.kind == "exponential":
             E = (1 + z) / 2 * (np.exp(-lo / self.shape) - np.exp(-hi / self.shape)) + np.exp(-hi / self.shape)

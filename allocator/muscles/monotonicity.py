@@ -11,7 +11,7 @@ _ROUNDING = 1e-9  # of the greatest force
 
 
 def monotonicity_failure(muscle: Muscle, max_pressure: float, contraction: tuple[float, float]) -> str:
-    """Where [M] fails for 0 < P ≤ `max_pressure` [Pa] and `contraction` between the two ratios, in a sentence.
+    """Return where [M] fails for 0 < P ≤ `max_pressure` [Pa] and `contraction` between the two ratios, in a sentence.
 
     Empty if it holds at every point of an 81 × 81 grid that the law covers and at which the muscle is taut (F > 0).
     """

@@ -40,7 +40,7 @@ def force_gradient(muscle: Muscle, P: Array, eps: Array, names: tuple[str, ...] 
 
 
 def parameter_sensitivities(muscle: Muscle, P: Array, eps: Array) -> ParameterSensitivities:
-    """∂F/∂p and ∂F_ε/∂p at pressure `P` [Pa] and contraction `eps` [-], which broadcast.
+    """Return ∂F/∂p and ∂F_ε/∂p at pressure `P` [Pa] and contraction `eps` [-], which broadcast.
 
     The first is exact; the second its central difference in ε with a step of 1e-5 (relative error about 1e-9).
     """

@@ -70,7 +70,7 @@ def light(axes: Any) -> None:
 
 
 def degree_ticks(axes: Any) -> None:
-    """Ticks at angles that people know."""
+    """Put ticks at angles that people know."""
     from matplotlib.ticker import MaxNLocator
 
     axes.xaxis.set_major_locator(MaxNLocator(nbins=9, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
@@ -94,7 +94,7 @@ def legend_outside(axes: Any, title: str | None = None) -> None:
 
 
 def shades(n: int) -> list[Any]:
-    """n colours from dark to light that are in order also in grey."""
+    """Return n colours from dark to light that are in order also in grey."""
     from matplotlib import colormaps
 
     return [colormaps["viridis"](0.85 * i / max(n - 1, 1)) for i in range(n)]

@@ -15,7 +15,7 @@ def number(value: Any, digits: int = 4) -> str:
 
 
 def span(values: Any, unit: str = "") -> str:
-    """'least … greatest unit' of the values that are numbers."""
+    """Return 'least … greatest unit' of the values that are numbers."""
     values = np.ravel(values)
     values = values[np.isfinite(values)]
     return f"{number(values.min())} … {number(values.max())} {unit}".rstrip() if values.size else "none"

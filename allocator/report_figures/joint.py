@@ -32,7 +32,7 @@ def figure_3() -> tuple[Panel, ...]:
 
 
 def figure_8() -> tuple[Panel, ...]:
-    """Festo muscles as in the report: the pressures within 0 … 5 bar for K = 6 … 9 N·m/rad over ±125°.
+    """Compute figure 8, of Festo muscles: the pressures within 0 … 5 bar for K = 6 … 9 N·m/rad over ±125°.
 
     Like the report it asks for the pressures alone; where a cable would be slack the curves mean nothing, see
     `figure_8_marked`.
@@ -41,7 +41,9 @@ def figure_8() -> tuple[Panel, ...]:
 
 
 def figure_8_marked() -> tuple[Panel, ...]:
-    """Figure 8 with what cannot exist marked: dashed where a cable is slack, dotted beyond the supply pressure."""
+    """Compute figure 8 with what cannot exist marked: dashed where a cable is slack, dotted beyond the supply
+    pressure.
+    """
     return _panels("8", report_joint(), FESTO_STIFFNESSES, slack_too=False)
 
 
@@ -63,7 +65,7 @@ def _panels(number: str, joint: AntagonistJoint, stiffnesses: Array, *, slack_to
 
 
 def _parts(joint: AntagonistJoint, theta: Array, pair: Pair, slack_too: bool) -> dict[str, Mask]:
-    """Where the curve is drawn, by style."""
+    """Return where the curve is drawn, by style."""
     low, high = joint.pressure_limits
     supplied = np.logical_and.reduce([(low <= P) & (P <= high) for P in pair])
     if slack_too:
@@ -73,7 +75,7 @@ def _parts(joint: AntagonistJoint, theta: Array, pair: Pair, slack_too: bool) ->
 
 
 def _grown(where: Mask) -> Mask:
-    """One point more at either end, so that differently drawn parts of a curve meet."""
+    """Return one point more at either end, so that differently drawn parts of a curve meet."""
     padded = np.pad(where, 1)
     return np.asarray(padded[:-2] | padded[1:-1] | padded[2:])
 

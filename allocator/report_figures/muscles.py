@@ -23,7 +23,7 @@ _CONTRACTION, _FORCE = "contraction ε [%]", "force F [N]"
 
 
 def readings() -> dict[float, float]:
-    """Contraction without load ε_max [-] by pressure [Pa]: the report's two, the others of Sárosi's law."""
+    """Return the contraction without load ε_max [-] by pressure [Pa]: the report's two, the others of Sárosi's law."""
     from scipy.optimize import brentq
 
     law = SAROSI_DMSP_20_400N
@@ -70,7 +70,9 @@ def figure_6() -> tuple[Panel, ...]:
 
 
 def figure_7() -> tuple[Panel, ...]:
-    """Force of law (11) and of the report's model (13), (18); stiffness of the model and of Sárosi's fit."""
+    """Compute figure 7: force of law (11) and of the report's model (13), (18); stiffness of the model and of Sárosi's
+    fit.
+    """
     force = [_isobar(_law_11(P), P, "line") for P in PRESSURES]
     force += [_isobar(TONDU_DMSP_20_400N, P, "dashed") for P in PRESSURES]
     stiffness = [_stiffness(SAROSI_DMSP_20_400N, P, "line") for P in PRESSURES]
@@ -85,24 +87,24 @@ def figure_7() -> tuple[Panel, ...]:
 
 
 def _law_11(P: float) -> Muscle:
-    """(11) with the k(P) that follows from the reading at this pressure."""
+    """Return (11) with the k(P) that follows from the reading at this pressure."""
     shape = TonduLopez2000.with_constant_k(R0, ALPHA0, 1.0)
     return TonduLopez2000.with_constant_k(R0, ALPHA0, shape.max_contraction / readings()[float(P)])
 
 
 def _isobar(muscle: Muscle, P: float, style: str) -> Curve:
-    """Force at one pressure while it is taut, from ε = 0 on."""
+    """Return the force at one pressure while it is taut, from ε = 0 on."""
     return Curve(_bar(P), 100 * _EPS, np.where(_taut(muscle, P), muscle.force(P, _EPS), np.nan), style)
 
 
 def _stiffness(muscle: Muscle, P: float, style: str) -> Curve:
-    """K_M = ∂F/∂l = -(1/l0) ∂F/∂ε [kN/m]   (21)"""
+    """Return K_M = ∂F/∂l = -(1/l0) ∂F/∂ε [kN/m]   (21)"""
     K = -muscle.slope(P, _EPS) / REST_LENGTH / 1e3
     return Curve(_bar(P), 100 * _EPS, np.where(_taut(muscle, P), K, np.nan), style)
 
 
 def _taut(muscle: Muscle, P: float) -> Array:
-    """Where on the axis the muscle pulls, up to the first contraction at which it does not."""
+    """Return where on the axis the muscle pulls, up to the first contraction at which it does not."""
     return np.logical_and.accumulate(muscle.force(P, _EPS) >= 0)
 
 

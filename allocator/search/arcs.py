@@ -32,7 +32,8 @@ _EDGE, _FOLD, _FLOOR = 0.0, 1.0, 2.0
 
 
 def weighted(T, K, weights, one, two, box, now1, now2):
-    """(P1, P2, gap) of the least cost w_T (T - T*)² + w_K (K - K*)²; `gap`: how much less the search may have missed.
+    """Return (P1, P2, gap) of the least cost w_T (T - T*)² + w_K (K - K*)²; `gap`: how much less the search may have
+    missed.
 
     Of several pairs that meet both targets it takes the one nearest to (now1, now2), or where these are NaN the least.
     """
@@ -161,7 +162,7 @@ def off_slope(m, segment, P):
 
 
 def least(goal, arcs, one, two, box):
-    """(P1, P2, gap) of the least cost on the arcs; of those left that with the least bound is halved first."""
+    """Return (P1, P2, gap) of the least cost on the arcs; of those left that with the least bound is halved first."""
     best, queue = (inf, 0.0, 0.0), [(0.0,) * 19][:0]
     for arc in arcs:
         best = better(goal, best, arc, arc[4:11], box[4])
@@ -246,14 +247,16 @@ def moved(P, A, B, segments, kind):
 
 
 def falls_and_rises(goal, A, B, arc, segments):
-    """Whether the cost falls from A and rises to B."""
+    """Return whether the cost falls from A and rises to B."""
     dP, dQ = B[2] - A[2], B[4] - A[4]
     forward = B[0] - A[0] if arc[3] == _FLOOR else dP + dQ
     return gradient(goal, A, arc[3], segments) * forward < 0 < gradient(goal, B, arc[3], segments) * forward
 
 
 def gradient(goal, A, kind, segments):
-    """Half of d(cost)/dT along an edge or a fold, over 1 + |m| to keep it bounded; of d(cost)/dP along the floor."""
+    """Return half of d(cost)/dT along an edge or a fold, over 1 + |m| to keep it bounded; of d(cost)/dP along the
+    floor.
+    """
     e_T, e_K = goal[2] * (A[2] + A[4] - goal[0]), goal[3] * (A[3] + A[5] - goal[1])
     if kind == _FLOOR:
         _, _, tP, kP = at(A[0], segments[0], T_K)
@@ -278,7 +281,7 @@ def descend(goal, A, B, segments, arc):
 
 
 def convex(goal, A, B, arc, least_sum):
-    """Whether the cost is convex in T: on an edge or a fold above the floor that bends away from the target."""
+    """Return whether the cost is convex in T: on an edge or a fold above the floor that bends away from the target."""
     dP, dQ = B[2] - A[2], B[4] - A[4]
     if arc[3] == _FLOOR or dP * dQ < 0 or min(A[0], B[0]) + min(A[1], B[1]) < least_sum:
         return False

@@ -68,12 +68,16 @@ def optima(
 
 
 def all_pairs(curves: Curves, T: Array, K: Array) -> tuple[NDArray[np.intp], Array]:
-    """How many pairs of pressures of the box give both targets (n,), and which: (n, m, 2) [Pa], NaN where fewer."""
+    """Return how many pairs of pressures of the box give both targets (n,), and which: (n, m, 2) [Pa], NaN where
+    fewer.
+    """
     return _several(_run("pairs", _ROOM, (T, K), curves))
 
 
 def torque_intervals(curves: Curves, K: Array) -> tuple[NDArray[np.intp], Array]:
-    """How many intervals the torques at a stiffness form (n,), and their ends: (n, m, 2) [N·m], NaN where fewer."""
+    """Return how many intervals the torques at a stiffness form (n,), and their ends: (n, m, 2) [N·m], NaN where
+    fewer.
+    """
     return _several(_run("intervals", _ROOM, (K, K_T), curves))
 
 
@@ -83,7 +87,7 @@ def determinant_signs(curves: Curves) -> Array:
 
 
 def ready(name: str = "optima") -> bool:
-    """Whether a loop is there compiled, or can be: then compile it, or load it, at its first call."""
+    """Return whether a loop is there compiled, or can be: then compile it, or load it, at its first call."""
     if name not in _ready and (function := compiled(name)) is not None:
         _ready[name] = function
     return name in _ready

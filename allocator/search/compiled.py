@@ -20,7 +20,7 @@ def compiled(name: str) -> jit.Function | None:
 
 
 def _versioned(loop: jit.Function) -> jit.Function:
-    """`loop` in a closure over a number that changes with the files that it is made of.
+    """Return `loop` in a closure over a number that changes with the files that it is made of.
 
     To see whether what it has on disk is out of date numba compares the date of one file, and what a closure holds.
     """

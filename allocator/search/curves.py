@@ -282,7 +282,7 @@ def polynomial_bound(segment, what, order, u, v):
 
 
 def derivative_bounds(segment, which, u, v):
-    """Bounds on the first four derivatives by P of a Chebyshev series between u and v: Σ |c_j| |T_j^(m)|.
+    """Return the bounds on the first four derivatives by P of a Chebyshev series between u and v: Σ |c_j| |T_j^(m)|.
 
     Those of T_j are V. A. Markov's, T_j^(m)(1), or away from the ends of the segment what follows from |T_j| ≤ 1,
     S. Bernstein's |T_j'| ≤ j/√(1 - z²) and the derivatives of (1 - z²)T_j'' = zT_j' - j²T_j.
@@ -305,7 +305,7 @@ def derivative_bounds(segment, which, u, v):
 
 
 def next_guess(u, fu, v, fv, i):
-    """Where to look next for the root between u and v: regula falsi, and sometimes the middle."""
+    """Return where to look next for the root between u and v: regula falsi, and sometimes the middle."""
     if i % 8 == 7 or fu == fv:
         return u + (v - u) / 2
     x = v - fv * (v - u) / (fv - fu)

@@ -32,13 +32,13 @@ def optima(T, K, priority, weights, one, two, box, now, out):
 
 
 def snapped(P, lo, hi):
-    """P within its bounds, and on one where only rounding keeps it off."""
+    """Return P within its bounds, and on one where only rounding keeps it off."""
     near = 1e-14 * (abs(lo) + abs(hi))
     return lo if lo + near >= P else (hi if hi - near <= P else P)
 
 
 def pairs(T, K, one, two, box, out):
-    """Their number, then P1, P2 of all pairs that give both targets."""
+    """Return the number of pairs that give both targets, then P1, P2 of all of them."""
     for i in range(len(T)):
         found = all_pairs(T[i], K[i], one[i], two[i], box[i])
         out[i][0] = min(len(found), MOST)

@@ -49,7 +49,7 @@ def nearest(X, Y, one, two, box, view, now1, now2):
 
 
 def flat(arcs):
-    """Whether x stands still along a piece."""
+    """Return whether x stands still along a piece."""
     least = inf
     for arc in arcs:
         least = min(least, abs(arc[7] - arc[3]) - _FLAT * (abs(arc[3]) + abs(arc[7])))
@@ -66,7 +66,7 @@ def crossings(X, one, two, box, view):
 
 
 def nearest_on_floor(X, one, two, arcs1, arcs2, box, view):
-    """((|x - X|, P1, P2), bound) of the x nearest to X on the floor and at the corners of the cells above it."""
+    """Return ((|x - X|, P1, P2), bound) of the x nearest to X on the floor and at the corners of the cells above it."""
     values = P_T if view == T_K else P_K
     floor1, floor2 = pieces(one, box[0], box[1], values), pieces(two, box[2], box[3], values)
     roots, found, _ = level(box[4], X, one, two, floor1, floor2, values, [(0.0, 0.0)][:0], -inf)
@@ -82,7 +82,7 @@ def nearest_on_floor(X, one, two, arcs1, arcs2, box, view):
 
 
 def all_pairs(T, K, one, two, box):
-    """All pairs of pressures (P1, P2) in the box that give both targets."""
+    """Return all pairs of pressures (P1, P2) in the box that give both targets."""
     arcs1, arcs2 = pieces(one, box[0], box[1], T_K), pieces(two, box[2], box[3], T_K)
     return level(T, K, one, two, arcs1, arcs2, T_K, crossings(T, one, two, box, T_K), box[4])[0]
 
@@ -128,14 +128,16 @@ def spans(X, one, two, box, view):
 
 
 def paired(arc1, arc2, one, two):
-    """(whether the agonist's piece is varied: that on which x varies less; the varied piece; the other; segments)."""
+    """Return (whether the agonist's piece is varied: that on which x varies less; the varied piece; the other;
+    segments).
+    """
     first = abs(arc1[7] - arc1[3]) <= abs(arc2[7] - arc2[3])
     s1, s2 = one[int(arc1[0])], two[int(arc2[0])]
     return first, arc1 if first else arc2, arc2 if first else arc1, (s1, s2) if first else (s2, s1)
 
 
 def value_at(nearer, segments, view):
-    """y of the pair that was nearest."""
+    """Return y of the pair that was nearest."""
     return at(nearer[1], segments[0], view)[1] + at(nearer[2], segments[1], view)[1]
 
 
@@ -153,13 +155,13 @@ def merged(found):
 
 
 def corner(arcs1, arcs2, sign):
-    """(x, P1, P2) where x is least (`sign` 1) or greatest (-1)."""
+    """Return (x, P1, P2) where x is least (`sign` 1) or greatest (-1)."""
     one, two = extreme(arcs1, sign), extreme(arcs2, sign)
     return one[0] + two[0], one[1], two[1]
 
 
 def extreme(arcs, sign):
-    """(x, P) of the end of a piece at which x is least (`sign` 1) or greatest (-1)."""
+    """Return (x, P) of the end of a piece at which x is least (`sign` 1) or greatest (-1)."""
     x, P = sign * inf, 0.0
     for arc in arcs:
         if sign * arc[3] < sign * x:
@@ -183,7 +185,7 @@ def chosen(roots, now1, now2):
 
 
 def level(X, Y, one, two, arcs1, arcs2, view, cuts, least_sum):
-    """(all pairs that give X and Y, the nearest (|y - Y|, P1, P2), a bound on |y - Y| of what was dropped).
+    """Return (all pairs that give X and Y, the nearest (|y - Y|, P1, P2), a bound on |y - Y| of what was dropped).
 
     Only pairs above the floor P1 + P2 = `least_sum`, which the level crosses at `cuts`.
     """
@@ -234,7 +236,7 @@ def add(roots, P1, P2, near):
 
 
 def stretch(X, free, other, segments, view):
-    """(whether the level X passes these two pieces, the states at both ends)."""
+    """Return (whether the level X passes these two pieces, the states at both ends)."""
     Pl, pl, Ph, ph = ordered(free)
     Ql, ql, Qh, qh = ordered(other)
     met = max(pl, X - qh) <= min(ph, X - ql) + _ROUNDING * (abs(X) + abs(pl) + abs(ph) + abs(ql) + abs(qh))
@@ -253,7 +255,7 @@ def stretch(X, free, other, segments, view):
 
 
 def ordered(arc):
-    """(pressure and x of the end with the lesser x, the same of the other end)."""
+    """Return (pressure and x of the end with the lesser x, the same of the other end)."""
     return (arc[1], arc[3], arc[2], arc[7]) if arc[3] <= arc[7] else (arc[2], arc[7], arc[1], arc[3])
 
 

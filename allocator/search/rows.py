@@ -28,7 +28,7 @@ def rows(side: OneMuscle, lo: float, hi: float) -> Array:
 
 
 def _segment(side: OneMuscle, basis: Basis, lo: float, hi: float) -> Array:
-    """One segment at n angles: (n, numbers)."""
+    """Return one segment at n angles: (n, numbers)."""
     force, slope = _coefficients(side, basis, lo, hi)
     arm, arm_slope = np.ravel(side.arm), np.ravel(side.arm_slope)
     torque = side.sign * arm * force
@@ -47,7 +47,7 @@ def _segment(side: OneMuscle, basis: Basis, lo: float, hi: float) -> Array:
 
 
 def _coefficients(side: OneMuscle, basis: Basis, lo: float, hi: float) -> tuple[Array, Array]:
-    """Those of F and of F_ε (size, n) in the functions of the basis."""
+    """Return the coefficients of F and of F_ε (size, n) in the functions of the basis."""
     if basis.kind != "smooth":
         return _sampled(side, basis, lo, hi, 3)
     for size in _SIZES:

@@ -43,7 +43,7 @@ def follow(P, Q, X, free, other, segments, view):
 
 
 def slope(dx, dy, arc):
-    """dy/dx with the sign of dx that the piece has, infinite where x turns."""
+    """Return dy/dx with the sign of dx that the piece has, infinite where x turns."""
     rises = arc[7] >= arc[3]
     if dx != 0 and (dx > 0) == rises:
         return dy / dx
@@ -51,7 +51,7 @@ def slope(dx, dy, arc):
 
 
 def along(X, Y, A, B, free, other, segments, view, best):
-    """(pairs (P, Q) with y = Y, the nearest (|y - Y|, P, Q), a bound on what was dropped) between two states.
+    """Return (pairs (P, Q) with y = Y, the nearest (|y - Y|, P, Q), a bound on what was dropped) between two states.
 
     Only points nearer than `best` are of interest where there is no root.
     """
@@ -119,7 +119,7 @@ def bend(A, B):
 
 
 def band(A, B):
-    """Between what values y stays from A to B: both summands between their chords and end tangents."""
+    """Return between what values y stays from A to B: both summands between their chords and end tangents."""
     dx = B[2] - A[2]
     P_sag, Q_sag = sag(A[5], B[5], dx, B[3] - A[3]), sag(A[6], B[6], -dx, B[4] - A[4])
     P_convex, Q_convex = B[5] > A[5], A[6] > B[6]
@@ -131,7 +131,7 @@ def band(A, B):
 
 
 def sag(mA, mB, dx, dy):
-    """How far an arc with these end slopes may be from its chord; both y and the slope are monotone along it."""
+    """Return how far an arc with these end slopes may be from its chord; both y and the slope are monotone along it."""
     if dx == 0 or mA == mB:
         return 0.0
     chord = within(dy / dx, mA, mB)
@@ -150,7 +150,7 @@ def within(m, mA, mB):
 
 
 def root(X, Y, A, yA, B, yB, free, other, segments, view):
-    """(P, Q) of the level at which y = Y, between two states with y - Y of different sign."""
+    """Return (P, Q) of the level at which y = Y, between two states with y - Y of different sign."""
     if yA == 0:
         return A[0], A[1]
     u, fu, v, fv, Q, near = A[0], yA, B[0], yB, B[1], _NEAR * (free[2] - free[1])

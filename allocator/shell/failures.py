@@ -76,7 +76,7 @@ def _silenced(code: int) -> int:
 
 
 def _tracker() -> str:
-    """Where to report, from the package's metadata."""
+    """Return where to report, from the package's metadata."""
     try:
         urls = metadata.metadata("antagonist").get_all("Project-URL") or []
     except metadata.PackageNotFoundError:

@@ -70,7 +70,7 @@ class JointOptions:
 
     @property
     def files(self) -> tuple[str | Path | None, ...]:
-        """Files that these options may name."""
+        """Return the files that these options may name."""
         return (self.joint, *(self.muscle or ()), self.agonist, self.antagonist)
 
     @property

@@ -36,11 +36,11 @@ class Buffered:
         return [array.copy() for array in self._outputs]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """By its function, which CasADi writes out and reads: buffers are places in memory."""
+        """Pickle by the function, which CasADi writes out and reads: buffers are places in memory."""
         return Buffered, (self._function,)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Buffered":
-        """Itself: it remembers nothing from call to call."""
+        """Return itself: it remembers nothing from call to call."""
         return self
 
 

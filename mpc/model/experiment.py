@@ -14,13 +14,13 @@ class Experiment(Protocol):
 
     @property
     def x(self) -> Array:
-        """The true state (4,): θ [rad], ω [rad/s], P1, P2 [Pa]."""
+        """Return the true state (4,): θ [rad], ω [rad/s], P1, P2 [Pa]."""
 
     def measure(self) -> Array:
         """Return what the sensors say of it (4,); NaN for what is not measured. To be called once a sample."""
 
     def advance(self, u: Array) -> None:
-        """One sample with the commands `u` (2,) [Pa]."""
+        """Advance by one sample with the commands `u` (2,) [Pa]."""
 
 
 class ExactExperiment:
@@ -35,7 +35,7 @@ class ExactExperiment:
         return self.x.copy()
 
     def advance(self, u: Array) -> None:
-        """One sample with the commands `u` (2,) [Pa]."""
+        """Advance by one sample with the commands `u` (2,) [Pa]."""
         self.x = self._integrate(self.x, u, 0.0)[0][0]
 
 

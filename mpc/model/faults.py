@@ -29,7 +29,7 @@ class Fault:
             raise InvalidInput(f"begin = {self.begin!r} s, end = {self.end!r} s: a fault ends after it has begun")
 
     def active(self, t: float) -> bool:
-        """Whether the fault is there at the time `t` [s]."""
+        """Return whether the fault is there at the time `t` [s]."""
         return self.begin - 1e-9 <= t < self.end - 1e-9
 
     def effective(self, u: Array, P: Array) -> Array:
@@ -46,7 +46,7 @@ class Fault:
 
     @property
     def pulling(self) -> tuple[float, float]:
-        """Shares of the muscles' forces that reach the joint."""
+        """Return the shares of the muscles' forces that reach the joint."""
         return 1.0, 1.0
 
 
@@ -71,7 +71,7 @@ class Leak(_MuscleFault):
     kept: float = 0.9  # of the pressure that the regulator can at most aim for [-]
 
     def effective(self, u: Array, P: Array) -> Array:
-        """At most the `kept` share of the pressure that is there."""
+        """Return at most the `kept` share of the pressure that is there."""
         own = self.muscle - 1
         return self._with(u, min(float(u[own]), self.kept * float(P[own])))
 
@@ -102,7 +102,7 @@ class SupplyDrop(Fault):
     supply: float = 3 * BAR  # [Pa]
 
     def effective(self, u: Array, P: Array) -> Array:
-        """Commands up to the supply."""
+        """Return the commands up to the supply."""
         return np.minimum(u, self.supply)
 
 

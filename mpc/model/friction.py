@@ -57,11 +57,11 @@ class Friction:
 
     @property
     def absent(self) -> bool:
-        """Whether there is none."""
+        """Return whether there is none."""
         return self.mu == 0 and self.coulomb == 0
 
     def limit(self, pulled: Value) -> Value:
-        """T_max [N·m] when the muscles pull with the torques a1 F1 + a2 F2 = `pulled` [N·m]."""
+        """Return T_max [N·m] when the muscles pull with the torques a1 F1 + a2 F2 = `pulled` [N·m]."""
         return self.mu * pulled + self.coulomb
 
     def after(self, z: float, motion: float) -> float:
@@ -80,7 +80,7 @@ class Friction:
 
     @property
     def size(self) -> int:
-        """How many numbers it remembers: z [-]."""
+        """Return how many numbers it remembers: z [-]."""
         return 1
 
     def most(self, contact: Contact) -> Value:
@@ -104,12 +104,12 @@ class Friction:
 
 
 def torque_of_width(plant: Plant, width: float) -> float:
-    """T_f [N·m] of which a loop is `width` [rad] wide at θ = 0, P1 + P2 = 5 bar: K width/2."""
+    """Return T_f [N·m] of which a loop is `width` [rad] wide at θ = 0, P1 + P2 = 5 bar: K width/2."""
     return float(plant.stiffness(np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])) * width / 2)
 
 
 def pull(plant: Plant, x: Value) -> Value:
-    """a1 F1 + a2 F2 [N·m] in the state `x` [4, ...]: both torques against each other."""
+    """Return a1 F1 + a2 F2 [N·m] in the state `x` [4, ...]: both torques against each other."""
     agonist, antagonist = plant.joint.sides(x[0])
     return agonist.torque(x[2]) - antagonist.torque(x[3])
 

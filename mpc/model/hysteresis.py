@@ -67,7 +67,7 @@ class MaxwellSlip:
 
     @property
     def size(self) -> int:
-        """How many numbers it remembers: e_i [rad] of each element."""
+        """Return how many numbers it remembers: e_i [rad] of each element."""
         return len(self.widths)
 
     def scale(self, filled: Value) -> Value:
@@ -75,7 +75,7 @@ class MaxwellSlip:
         return self.base + (1 - self.base) * filled / (2 * WIDTH_AT)
 
     def most(self, contact: Contact) -> Value:
-        """Σ k_i ρ_i [N·m], the torque when all elements slip."""
+        """Return Σ k_i ρ_i [N·m], the torque when all elements slip."""
         return sum(k * r for k, r in zip(self.springs, self.widths, strict=True)) * self.scale(contact.filled)
 
     def moved(self, memory: Value, motion: Value, contact: Contact) -> Value:

@@ -71,17 +71,17 @@ class Plant:
         return omega, moment / self.inertia, (u[0] - P1) / tau1, (u[1] - P2) / tau2
 
     def torque(self, x: Value) -> Value:
-        """T(θ, P1, P2) [N·m] of the muscles in the state `x` [4, ...]."""
+        """Return T(θ, P1, P2) [N·m] of the muscles in the state `x` [4, ...]."""
         agonist, antagonist = self.joint.sides(x[0])
         return agonist.torque(x[2]) + antagonist.torque(x[3])
 
     def stiffness(self, x: Value) -> Value:
-        """Isobaric stiffness K(θ, P1, P2) [N·m/rad] in the state `x` [4, ...]."""
+        """Return the isobaric stiffness K(θ, P1, P2) [N·m/rad] in the state `x` [4, ...]."""
         agonist, antagonist = self.joint.sides(x[0])
         return agonist.stiffness(x[2]) + antagonist.stiffness(x[3])
 
     def forces(self, x: Value) -> tuple[Value, Value]:
-        """Muscle forces (F1, F2) [N] in the state `x` [4, ...]; negative means slack."""
+        """Return the muscle forces (F1, F2) [N] in the state `x` [4, ...]; negative means slack."""
         agonist, antagonist = self.joint.sides(x[0])
         return agonist.force(x[2]), antagonist.force(x[3])
 
@@ -132,7 +132,7 @@ class Plant:
 
     @property
     def fastest_rate(self) -> float:
-        """An upper estimate of the fastest eigenvalue [1/s]; integration steps are chosen by it."""
+        """Return an upper estimate of the fastest eigenvalue [1/s]; integration steps are chosen by it."""
         P = self.joint.pressure_limits[1]
         angles = np.linspace(*self.joint.angle_range, 9)
         K = float(np.max(self.stiffness((angles, 0 * angles, P + 0 * angles, P + 0 * angles))))
@@ -140,7 +140,7 @@ class Plant:
         return max(swing, self.damping / self.inertia, *(1 / tau for tau in self.lags))
 
     def substeps(self, dt: float, resolution: float) -> int:
-        """How many equal steps h over `dt` [s] it takes for h · `fastest_rate` ≤ `resolution`.
+        """Return how many equal steps h over `dt` [s] it takes for h · `fastest_rate` ≤ `resolution`.
 
         Raises `InvalidInput` where there are more than 10 000: nobody means such a plant.
         """

@@ -114,17 +114,19 @@ class RealPlant:
     # --- the equations ----------------------------------------------------------------------------------------------
 
     def torque(self, x: Value) -> Value:
-        """T = g1 a1 F1 - g2 a2 F2 [N·m] in the state `x` [4, ...]."""
+        """Return T = g1 a1 F1 - g2 a2 F2 [N·m] in the state `x` [4, ...]."""
         agonist, antagonist = self.nominal.joint.sides(x[0])
         return self.force_gains[0] * agonist.torque(x[2]) + self.force_gains[1] * antagonist.torque(x[3])
 
     def stiffness(self, x: Value) -> Value:
-        """Isobaric stiffness [N·m/rad] of the muscles as they are, without friction, in the state `x` [4, ...]."""
+        """Return the isobaric stiffness [N·m/rad] of the muscles as they are, without friction, in the state `x` [4,
+        ...].
+        """
         agonist, antagonist = self.nominal.joint.sides(x[0])
         return self.force_gains[0] * agonist.stiffness(x[2]) + self.force_gains[1] * antagonist.stiffness(x[3])
 
     def forces(self, x: Value) -> tuple[Value, Value]:
-        """Muscle forces (F1, F2) [N] as they are in the state `x` [4, ...]; negative means slack."""
+        """Return the muscle forces (F1, F2) [N] as they are in the state `x` [4, ...]; negative means slack."""
         F1, F2 = self.nominal.forces(x)
         return self.force_gains[0] * F1, self.force_gains[1] * F2
 
@@ -142,7 +144,7 @@ class RealPlant:
         return x[1], balance / self.nominal.inertia, *self._pressure_rates(x, u)
 
     def stepped(self, x: Value, memory: Value, u: Value, d: Value, h: Value) -> tuple[Value, Value]:
-        """`x` (4,) and friction's `memory` after a fine step of `h` [s], CasADi symbols."""
+        """Return `x` (4,) and friction's `memory` after a fine step of `h` [s], CasADi symbols."""
         import casadi as ca
 
         def remembered(now: Value) -> Value:
@@ -194,7 +196,7 @@ class RealExperiment:
 
     @property
     def x(self) -> Array:
-        """The true state (4,)."""
+        """Return the true state (4,)."""
         return self._full[:NX].copy()
 
     def measure(self) -> Array:
@@ -219,7 +221,9 @@ class RealExperiment:
 
     @property
     def memory(self) -> Array:
-        """All that the future depends on besides the time (n,): `x`, friction's memory, the commands on their way."""
+        """Return all that the future depends on besides the time (n,): `x`, friction's memory, the commands on their
+        way.
+        """
         return np.concatenate([self._full, *self._waiting])
 
     def recall(self, memory: Array, sample: int) -> None:
@@ -229,7 +233,9 @@ class RealExperiment:
         self._waiting = list(np.reshape(memory[there:], (-1, NU)))
 
     def advance(self, u: Array, d: float = 0.0) -> None:
-        """One sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] besides the plant's own."""
+        """Advance by one sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] besides the plant's
+        own.
+        """
         t = self._sample * self.dt
         d += next((torque for start, torque in reversed(self.real.torque_profile) if t >= start - 1e-9), 0.0)
         self._waiting.append(np.array(u))
@@ -250,7 +256,9 @@ class RealExperiment:
         return self._integrators[pulling]
 
     def _integrator(self, real: RealPlant) -> Buffered:
-        """(x, u, d, duration) ↦ x, for at most one sample, in steps as fine as `simulate` takes for a `Plant`."""
+        """Return (x, u, d, duration) ↦ x, for at most one sample, in steps as fine as `simulate` takes for a
+        `Plant`.
+        """
         import casadi as ca
 
         n = NX + real.friction.size

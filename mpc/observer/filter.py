@@ -57,7 +57,7 @@ class Belief(NamedTuple):
 
     @property
     def sound(self) -> bool:
-        """Whether all of it is finite, and no variance negative."""
+        """Return whether all of it is finite, and no variance negative."""
         return bool(np.isfinite(self.xi).all() and np.isfinite(self.covariance).all()) and bool(
             (np.diag(self.covariance) > 0).all()
         )
@@ -82,7 +82,7 @@ class Filter:
         self.unsure[1, 1], self.unsure[NX, NX] = (gate.max_speed / 3) ** 2, (gate.max_torque / 9) ** 2
 
     def predicted(self, belief: Belief, v: Array, z: float, Q: Array) -> Belief:
-        """One sample on, the commands `v` (2,) [Pa] acting and the friction's state being `z`."""
+        """Predict one sample on, the commands `v` (2,) [Pa] acting and the friction's state being `z`."""
         xi = self.within(belief.xi)
         x, d = xi[:NX], float(xi[NX])
         near = np.minimum(np.maximum(x, self._inner[0]), self._inner[1])
@@ -94,7 +94,7 @@ class Filter:
         return Belief(later, A @ belief.covariance @ A.T + Q)
 
     def corrected(self, belief: Belief, read: Array, there: Mask, variances: Array) -> Belief:
-        """After the readings `there` (3,) of `read` (3,), which have the `variances` (3,)."""
+        """Correct by the readings `there` (3,) of `read` (3,), which have the `variances` (3,)."""
         C, R = np.eye(NX + 1)[MEASURED[there]], np.diag(variances[there])
         S = C @ belief.covariance @ C.T + R
         gain = np.linalg.solve(S, C @ belief.covariance).T
@@ -103,13 +103,13 @@ class Filter:
         return Belief(belief.xi + gain @ (read[there] - C @ belief.xi), covariance)
 
     def unsure_at(self, belief: Belief, read: Array, there: Mask) -> Belief:
-        """As the readings `there` (3,) of `read` (3,) say and else as in `belief`, with little certainty."""
+        """Believe the readings `there` (3,) of `read` (3,) and else `belief`, with little certainty."""
         xi = belief.xi.copy()
         xi[MEASURED[there]] = read[there]
         return Belief(xi, self.unsure)
 
     def can_be_sent(self, u: Array) -> Mask:
-        """Whether commands `u` (2,) [Pa] are numbers that a regulator was given."""
+        """Return whether commands `u` (2,) [Pa] are numbers that a regulator was given."""
         return np.asarray((self._outer[0][2:NX] <= u) & (u <= self._outer[1][2:NX]))
 
     def within(self, xi: Array) -> Array:
@@ -129,7 +129,7 @@ class Filter:
         return np.asarray(scale * solve_discrete_are(A.T, C.T, self.Q / scale, self.R / np.outer(c_scale, c_scale)))
 
     def _discrete(self, dt: float) -> Any:
-        """(x, v, d) ↦ x and its derivative by (x, d), transposed because `Buffered` hands back transposes."""
+        """Return (x, v, d) ↦ x and its derivative by (x, d), transposed because `Buffered` hands back transposes."""
         import casadi as ca
 
         x, v, d = ca.SX.sym("x", NX), ca.SX.sym("v", NU), ca.SX.sym("d")
@@ -139,7 +139,7 @@ class Filter:
 
 
 def _with_walk(A: Array) -> Array:
-    """(5, 5) from the plant's derivative (4, 5): d stays."""
+    """Return (5, 5) from the plant's derivative (4, 5): d stays."""
     return np.vstack([A, np.eye(NX + 1)[-1:]])
 
 

@@ -50,12 +50,12 @@ class Verdict(IntEnum):
 
     @property
     def text(self) -> str:
-        """What it says of the sensor."""
+        """Return what it says of the sensor."""
         return _VERDICTS[self]
 
     @property
     def counts(self) -> bool:
-        """Whether the reading was used."""
+        """Return whether the reading was used."""
         return self <= Verdict.ACCEPTED
 
 
@@ -103,13 +103,13 @@ class Gate:
         )
 
     def unwrapped(self, theta: float, expected: float, within: float = NEAR_A_TURN) -> float:
-        """`theta` [rad] less whole turns, if that is `within` [rad] of the `expected` angle."""
+        """Return `theta` [rad] less whole turns, if that is `within` [rad] of the `expected` angle."""
         turns = round((expected - theta) / TURN) if abs(theta) < MOST_TURNS * TURN else 0
         near = theta + TURN * turns
         return near if abs(near - expected) < within else theta
 
     def possible(self, sensor: int, read: float) -> bool:
-        """Whether the `sensor` can say `read`."""
+        """Return whether the `sensor` can say `read`."""
         return self.lower[sensor] <= read <= self.upper[sensor]
 
 
@@ -154,7 +154,7 @@ class SensorGate:
         return Verdict.REJECTED
 
     def width(self, variance: float) -> float:
-        """How far a reading may be from what is expected, `variance` being that of their difference."""
+        """Return how far a reading may be from what is expected, `variance` being that of their difference."""
         return max(SIGMAS * sqrt(variance), self.floor)
 
     def frozen(self, read: float) -> None:

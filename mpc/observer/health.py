@@ -28,7 +28,7 @@ class Reaction(IntEnum):
     VENT = 3  # let both muscles empty
 
     def __str__(self) -> str:
-        """In words."""
+        """Say it in words."""
         return self.name.lower().replace("_", " ")
 
 
@@ -82,11 +82,11 @@ class Suspect(NamedTuple):
 
     @property
     def reaction(self) -> Reaction:
-        """What to do if it is this: without its angle a joint had better not move."""
+        """Return what to do if it is this: without its angle a joint had better not move."""
         return Reaction.HOLD if self.part is Part.ANGLE else _REACTIONS[self.fault]
 
     def __str__(self) -> str:
-        """In words."""
+        """Say it in words."""
         return f"{self.fault} ({self.part})"
 
 
@@ -97,7 +97,7 @@ class Finding(NamedTuple):
     since: float  # [s] since the observer's reset
 
     def __str__(self) -> str:
-        """In words."""
+        """Say it in words."""
         return " or ".join(map(str, self.suspects)) + f" since {self.since:.2f} s"
 
 
@@ -109,21 +109,21 @@ class Health:
 
     @property
     def well(self) -> bool:
-        """Whether nothing is suspected."""
+        """Return whether nothing is suspected."""
         return not self.findings
 
     @property
     def suspects(self) -> tuple[Suspect, ...]:
-        """All that is suspected."""
+        """Return all that is suspected."""
         return tuple(suspect for finding in self.findings for suspect in finding.suspects)
 
     @property
     def reaction(self) -> Reaction:
-        """The most urgent one that a suspect asks for: what is not told apart is taken for the worse."""
+        """Return the most urgent one that a suspect asks for: what is not told apart is taken for the worse."""
         return max((suspect.reaction for suspect in self.suspects), default=Reaction.NONE)
 
     def __str__(self) -> str:
-        """One sentence."""
+        """Say it in one sentence."""
         if self.well:
             return "Nothing is suspected."
         return "; ".join(map(str, self.findings)) + f": {self.reaction}."

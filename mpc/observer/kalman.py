@@ -42,7 +42,9 @@ class Observer(Protocol):
         """Forget the past."""
 
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """State (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was sent last."""
+        """Return the state (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was
+        sent last.
+        """
 
 
 class Differentiator:
@@ -124,12 +126,14 @@ class KalmanObserver:
 
     @property
     def health(self) -> Health:
-        """What may be broken, as of the last estimate."""
+        """Return what may be broken, as of the last estimate."""
         return self._diagnosis.health
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """State (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was sent last."""
+        """Return the state (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was
+        sent last.
+        """
         said, u = np.asarray(y, float)[MEASURED], np.asarray(u, float)
         if self.belief is None:
             self._begin(said, u)
@@ -146,7 +150,7 @@ class KalmanObserver:
 
     @property
     def _believed(self) -> Mask:
-        """Which readings (3,) count."""
+        """Return which readings (3,) count."""
         return np.array([verdict.counts for verdict in self.verdicts])
 
     def _learn_step(self, change: float) -> None:
@@ -178,7 +182,7 @@ class KalmanObserver:
         return Verdict.BELIEVED if self.gate.possible(sensor, read) else Verdict.IMPOSSIBLE
 
     def _go_on(self, previous: Belief, said: Array) -> None:
-        """From what was thought a sample ago to what is thought now."""
+        """Go on from what was estimated a sample ago to what is estimated now."""
         z = self._friction.follow(float(previous.xi[0]))
         expected = self.filter.predicted(previous, self._commands[0], z, self.filter.Q)
         read = said.copy()
@@ -259,7 +263,7 @@ class KalmanObserver:
         self._contested[:] = False
 
     def _explains(self, belief: Belief, read: Array, used: Mask) -> bool:
-        """Whether the readings `used` (3,) are as near to what `belief` expects as true ones are."""
+        """Return whether the readings `used` (3,) are as near to what `belief` expects as true ones are."""
         i = MEASURED
         variance = (belief.covariance[i, i] + self._variances).tolist()
         width = [max(gate.width(v), gate.jump) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]

@@ -66,7 +66,7 @@ class PressureDiagnosis:
         self._ill = 0.0  # [s] when it last was
 
     def follow(self, t: float, P: float, v: float, gain: float, d: float, other: "PressureDiagnosis") -> None:
-        """At the time `t` [s] the sensor says `P` [Pa], NaN where it is not believed, while the command `v` [Pa] acts.
+        """Follow the sensor, which says `P` [Pa] at `t` [s], NaN if not believed, while the command `v` [Pa] acts.
 
         `gain` is ∂T/∂P [N·m/Pa], `d` the observer's disturbance torque [N·m]. A repeated reading says nothing.
         """

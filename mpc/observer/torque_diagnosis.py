@@ -49,7 +49,9 @@ class TorqueDiagnosis:
         self._missing = [-inf, -inf]  # [s] when d̂ last was where a broken cable would put it
 
     def follow(self, t: float, d: float, T1: float, T2: float) -> None:
-        """At the time `t` [s] the observer finds `d` while the muscles of its model pull with `T1` and `T2` [N·m]."""
+        """Follow the observer, which finds `d` at `t` [s] while the muscles of its model pull with `T1` and `T2`
+        [N·m].
+        """
         now = d, T1, T2
         self._mean = d if self._mean is None else self._mean
         self._compare(t, now, self._mean)

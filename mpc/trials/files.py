@@ -55,7 +55,7 @@ def _write(path: str | Path, names: tuple[str, ...], table: Array, form: str) ->
 
 
 def _place(table: Table, column: str) -> int:
-    """Which column has this name."""
+    """Return which column has this name."""
     if column not in table.names:
         found = ",".join(table.names)
         raise InvalidFile(table.path, f"this column is missing; found: {found}", line=1, column=column)

@@ -47,7 +47,7 @@ class Metrics:
 
     @property
     def limits_kept(self) -> bool:
-        """Whether no limit was broken."""
+        """Return whether no limit was broken."""
         return not any(excess for excess, _ in self.violations.values())
 
 
@@ -68,7 +68,7 @@ def metrics(run: Run) -> Metrics:
 
 
 def _errors(run: Run, begin: int) -> Errors:
-    """From the sample `begin` on."""
+    """Return the errors from the sample `begin` on."""
     theta_error = ((run.theta - run.theta_ref) / DEG)[begin:]
     K_error = ((run.K / run.K_ref - 1) / PERCENT)[begin:]
     return Errors(_rms(theta_error), float(np.abs(theta_error).max()), _rms(K_error), float(np.abs(K_error).max()))
@@ -83,14 +83,14 @@ def _rested(run: Run) -> int:
 
 
 def _rungs(run: Run) -> dict[str, int]:
-    """How many steps each rung answered; a joint at rest stands on none for want of a better."""
+    """Return how many steps each rung answered; a joint at rest stands on none for want of a better."""
     resting = run.status == PlanStatus.RESTING
     counts = {rung.name: int(((run.rung == rung) & ~resting).sum()) for rung in Rung}
     return counts | ({"REST": int(resting.sum())} if resting.any() else {})
 
 
 def _reachable(run: Run) -> Mask:
-    """Where some pressures give the reference's stiffness and the torque that its motion takes."""
+    """Return where some pressures give the reference's stiffness and the torque that its motion takes."""
     omega = np.gradient(run.theta_ref, run.dt)
     T = run.plant.torque_for(run.theta_ref, omega, np.gradient(omega, run.dt))
     return np.asarray(allocate(run.theta_ref, run.K_ref, T, joint=run.plant.joint).success)
@@ -117,7 +117,7 @@ def _violations(run: Run) -> dict[str, tuple[float, str]]:
 
 
 def _excess(values: Array, low: float, high: float, scale: float) -> float:
-    """How far `values` leave [low, high] at worst; 0 within rounding."""
+    """Return how far `values` leave [low, high] at worst; 0 within rounding."""
     excess = float(max(low - values.min(), values.max() - high))
     return excess if excess > _ROUNDING * scale else 0.0
 

@@ -74,14 +74,14 @@ def _taut_limit(run: Run) -> tuple[Array, Array]:
 
 
 def _widen(axes: Any, least: float) -> None:
-    """At least so high an axis: what should be constant shall look it."""
+    """Make the axis at least so high: what should be constant shall look it."""
     low, high = axes.get_ylim()
     if high - low < least:
         axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
 
 
 def _legend(axes: Any) -> None:
-    """To the right of the axes, where no data are; what is drawn twice is named once."""
+    """Draw the legend to the right of the axes, where no data are; what is drawn twice is named once."""
     named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     axes.legend(
         named.values(), named.keys(), loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize="small"

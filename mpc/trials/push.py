@@ -53,7 +53,7 @@ class Push:
 
     @property
     def causes(self) -> dict[str, float]:
-        """What separates the measured stiffness from the asked one [N·m/rad]; the sum is the whole distance."""
+        """Return what separates the measured stiffness from the asked one [N·m/rad]; the sum is the whole distance."""
         return {
             "saturation": self.feasible - self.asked,
             "dynamics": self.modelled - self.feasible,
@@ -121,7 +121,7 @@ def slope(psi: Array, T_e: Array) -> tuple[float, float]:
 
 
 def _compared(real: RealPlant, model: Plant, run: Run, freeze: int, x: Array, K: float, friction: float) -> Push:
-    """With the state `x` (4,) at which the joint rested, frozen at the sample `freeze`."""
+    """Compare with the state `x` (4,) at which the joint rested, frozen at the sample `freeze`."""
     theta_ref, asked = float(run.theta_ref[freeze]), float(run.K_ref[freeze])
     seen, d = run.estimate[freeze, :NX], float(run.estimate[freeze, NX])
     held = allocate(theta_ref, asked, model.torque_for(theta_ref, 0.0, 0.0, d), joint=model.joint)

@@ -38,7 +38,7 @@ class Reference:
             object.__setattr__(self, name, array)
 
     def samples(self, dt: float) -> int:
-        """How many samples of `dt` [s] come after the first one. Raises `InvalidInput` for over a million."""
+        """Return how many samples of `dt` [s] come after the first one. Raises `InvalidInput` for over a million."""
         if not checks.number("dt", dt, "s") > 0:
             raise InvalidInput(f"dt = {dt:g} s has to be a sample time above 0 s")
         span = float(self.t[-1] - self.t[0])
@@ -66,7 +66,7 @@ class Reference:
         return f"angle {angles}°, stiffness {stiffnesses} N·m/rad, {self.t[-1] - self.t[0]:.3g} s"
 
     def preview(self, k: int, N: int) -> tuple[Array, Array]:
-        """Angle and stiffness (N+1,) from sample `k` on; the last one is held."""
+        """Return the angle and stiffness (N+1,) from sample `k` on; the last one is held."""
         ahead = np.minimum(np.arange(k, k + N + 1), self.t.size - 1)
         return self.theta[ahead], self.K[ahead]
 

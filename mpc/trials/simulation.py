@@ -34,7 +34,7 @@ class Controller(Protocol):
 
     @property
     def ahead(self) -> int:
-        """Samples of preview that it wants after the present one."""
+        """Return the samples of preview that it wants after the present one."""
 
     def reset(self) -> None:
         """Forget the past."""
@@ -48,7 +48,7 @@ class Process(Protocol):
 
     @property
     def nominal(self) -> Plant:
-        """The plant without the effects that its model does not know."""
+        """Return the plant without the effects that its model does not know."""
 
     def at_rest(self, theta: float, K: float) -> Array:
         """Return the state (4,) to begin from."""
@@ -119,7 +119,7 @@ class Run:
         }
 
     def __repr__(self) -> str:
-        """How well the reference was followed, whether the limits were kept, and how long the controller took."""
+        """Say how well the reference was followed, whether the limits were kept, and how long the controller took."""
         errors, *others = (f"{name} {value}" for name, value in self._figures().items())
         return f"Run of {self._length()}: {errors}, {others[0]}\n  " + "; ".join(others[1:])
 

@@ -82,7 +82,7 @@ def stiffness_step(
 
 
 def stiffness_ramps(K: float = 5.5, height: float = 0.5, theta: float = 20 * DEG, rest: float = 1.5) -> Reference:
-    """At rest at `theta`, stiffness up by `height` in 2 s, down by twice as much in 1 s, and back in 0.5 s."""
+    """Return stiffness ramps at `theta`: up by `height` in 2 s, down by twice as much in 1 s, and back in 0.5 s."""
     stops = np.cumsum([LEAD, 2.0, rest, 1.0, rest, 0.5, rest])
     levels = K + height * np.array([0.0, 1.0, 1.0, -1.0, -1.0, 0.0, 0.0])
     t = _times(float(stops[-1]))
@@ -111,13 +111,17 @@ def jumps(K: float = 5.5, angle: float = 25 * DEG, rest: float = 1.5) -> Referen
 
 
 def usual_swing(joint: AntagonistJoint) -> float:
-    """40°, or nine tenths of what `joint` has to both sides of 0 if that is less [rad]; 40° where it never is at 0."""
+    """Return 40°, or nine tenths of what `joint` has to both sides of 0 if that is less [rad]; 40° where it never is at
+    0.
+    """
     left, right = joint.angle_range
     return min(40 * DEG, 0.9 * min(-left, right)) if left < 0 < right else 40 * DEG
 
 
 def usual_stiffnesses(joint: AntagonistJoint) -> tuple[float, float]:
-    """Least and greatest stiffness [N·m/rad] that `joint` can have at rest everywhere within its usual swing."""
+    """Return the least and greatest stiffness [N·m/rad] that `joint` can have at rest everywhere within its usual
+    swing.
+    """
     held = allocate(usual_swing(joint) * np.array([-1, -0.5, 0, 0.5, 1]), 1.0, 0.0, joint=joint)
     low, high = held.stiffness_interval
     return float(np.max(low)), float(np.min(high))
@@ -142,7 +146,7 @@ def shrunk(about: Callable[[float], Reference], K: float, joint: AntagonistJoint
 
 
 def _limited(values: Array, most: float) -> Array:
-    """`values`, in proportion smaller if their greatest magnitude is more than `most`."""
+    """Return `values`, in proportion smaller if their greatest magnitude is more than `most`."""
     greatest = float(np.abs(values).max())
     return values * (most / greatest) if greatest > most else values
 

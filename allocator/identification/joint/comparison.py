@@ -47,7 +47,7 @@ class JointComparison:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What the angles leave open."""
+        """Return what the angles leave open."""
         return tuple(
             f"{t.first} and {t.second} cannot be told apart by these angles (predictions {np.degrees(t.angle):.2g}° "
             f"apart), but their stiffness relative to the reference differs by {t.stiffness:.0%}"
@@ -114,12 +114,12 @@ def _twins(fits: Mapping[str, JointFit]) -> tuple[Twins, ...]:
 
 
 def _predicted(fit: JointFit, samples: JointSamples) -> Array:
-    """Angles (n,) [rad] that the fit predicts at these samples."""
+    """Return the angles (n,) [rad] that the fit predicts at these samples."""
     return samples.theta - replace(fit.problem, samples=samples).angle_error(fit.x)
 
 
 def _ratios(fit: JointFit, samples: JointSamples) -> Array:
-    """K/K_ref at the samples of the first geometry."""
+    """Return K/K_ref at the samples of the first geometry."""
     joint, here = RelativeJoint(_first(fit)), samples.group == 0
     return joint.relative_stiffness(samples.theta[here] - fit.zero, samples.P1[here], samples.P2[here])
 

@@ -34,7 +34,7 @@ def check_data(samples: JointSamples, friction: bool) -> None:
 
 
 def _check_signs(samples: JointSamples) -> None:
-    """P1 has to raise θ and P2 to lower it."""
+    """Refuse data in which P1 does not raise θ or P2 does not lower it."""
     groups = np.eye(len(samples.groups))[samples.group]
     columns = np.column_stack([samples.P1 / BAR, samples.P2 / BAR, samples.torque, groups])
     if np.ptp(samples.P1) == 0 or np.ptp(samples.P2) == 0:

@@ -171,7 +171,9 @@ def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointP
 
 
 def _ratio(joint: AntagonistJoint) -> float:
-    """Strength of the antagonist in that of the agonist, if it is of the same kind; by its force at half the supply."""
+    """Return the strength of the antagonist in that of the agonist, if it is of the same kind; by its force at half the
+    supply.
+    """
     P, eps = joint.pressure_limits[1] / 2, 0.1
     return float(joint.antagonist.force(P, eps) / joint.agonist.force(P, eps))
 
@@ -182,7 +184,7 @@ def _prior(problem: JointProblem, x: Array) -> Array:
 
 
 def _goal(joint: AntagonistJoint, problem: JointProblem, x: Array, angle: Array, unloaded: Array) -> Array:
-    """∂(log K)/∂x (k, m) at the unloaded setpoints."""
+    """Return ∂(log K)/∂x (k, m) at the unloaded setpoints."""
     u, s = problem.unknowns(x), problem.samples
     here = np.concatenate([unloaded, np.zeros(unloaded.size, bool)])
     modelled = AntagonistJoint(

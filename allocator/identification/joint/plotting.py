@@ -40,7 +40,7 @@ def _angles(fit: JointFit, axes: Any) -> None:
 
 
 def _residuals(fit: JointFit, axes: Any) -> None:
-    """Errors of the prediction without friction; the band is what the fitted friction explains."""
+    """Draw the errors of the prediction without friction; the band is what the fitted friction explains."""
     problem, u = fit.problem, fit.problem.unknowns(fit.x)
     still, _ = problem.still().equilibrium(u)
     moving, _ = problem.equilibrium(u)
@@ -72,7 +72,7 @@ def _envelope(values: Any) -> tuple[Any, Any]:
 
 
 def _stiffness(fit: JointFit, axes: Any) -> None:
-    """K or K/K_ref over the angle at three co-contractions, ± 2 standard deviations."""
+    """Draw K or K/K_ref over the angle at three co-contractions, ± 2 standard deviations."""
     label, joint = next(iter(fit.shapes.items()))
     theta = np.linspace(*joint.angle_range, 61)
     relative = RelativeJoint(joint)

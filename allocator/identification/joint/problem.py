@@ -74,7 +74,7 @@ class JointProblem:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of the unknowns x."""
+        """Return the names of the unknowns x."""
         return (*self.free, *self.extra)
 
     def unknowns(self, x: Array) -> Unknowns:
@@ -99,7 +99,7 @@ class JointProblem:
         return Balance(w1 * a1 * F1 - w2 * a2 * F2 - s.torque, elastic - (w1 * da1 * F1 - w2 * da2 * F2), (F1, F2))
 
     def equilibrium(self, u: Unknowns) -> tuple[Array, Mask]:
-        """θ_eq (n,) [rad], and where there is one.
+        """Return θ_eq (n,) [rad], and where there is one.
 
         Newton's method for all samples at once from the measured angles, each kept inside a bracket with
         G(low) > 0 > G(high) that shrinks with every step and is halved where Newton leaves it.
@@ -122,7 +122,9 @@ class JointProblem:
         return np.clip(theta, first, last), reached
 
     def _bracket(self, u: Unknowns, start: Array) -> tuple[Array, Array, Mask]:
-        """Angles with G(low) > 0 > G(high), nearer to `start` where the law bends back further out; where they are."""
+        """Return the angles with G(low) > 0 > G(high), nearer to `start` where the law bends back further out; where
+        they are.
+        """
         low, high = self._searched
         for _ in range(_HALVINGS):
             below, above = self.balance(u, low).lacking > 0, self.balance(u, high).lacking < 0
@@ -156,7 +158,7 @@ class JointProblem:
         return np.asarray(u.zero + theta + np.where(reached, 0.0, G / _usual(K, reached)))
 
     def residual(self, x: Array) -> Array:
-        """Angle errors (n,), tautness (2n,), and the convention (1,) where it is needed."""
+        """Return the angle errors (n,), tautness (2n,), and the convention (1,) where it is needed."""
         u = self.unknowns(x)
         rows = [self.angle_error(x), _TAUT_WEIGHT * np.maximum(self.taut_min - self.shares(u), 0.0)]
         if self.conventional:
@@ -173,7 +175,7 @@ class JointProblem:
         return np.nan_to_num(np.vstack(rows))
 
     def _angle_gradient(self, u: Unknowns) -> Array:
-        """∂(z + θ_eq)/∂x (n, m)."""
+        """Return ∂(z + θ_eq)/∂x (n, m)."""
         s = self.samples
         theta, reached = self.equilibrium(u)
         routes = s.routes(theta)
@@ -191,7 +193,7 @@ class JointProblem:
         return np.asarray(gradient)
 
     def _force_gradient(self, u: Unknowns, P: Array, eps: Array) -> Array:
-        """∂F/∂(free) (n, …) of the agonist's law."""
+        """Return ∂F/∂(free) (n, …) of the agonist's law."""
         if not self.free:
             return np.zeros((P.size, 0))
         with np.errstate(all="ignore"):
@@ -231,13 +233,13 @@ class JointProblem:
         return np.asarray(-_TAUT_WEIGHT * slack[:, None] * (dF / mean - np.outer(F, dmean) / mean**2))
 
     def mean_area(self, u: Unknowns) -> complex:
-        """Mean ∂F/∂P of the agonist [m²]; complex if a parameter is."""
+        """Return the mean ∂F/∂P of the agonist [m²]; complex if a parameter is."""
         (eps1, *_), _, _ = self._measured
         with np.errstate(all="ignore"):
             return np.mean(u.muscle.gain(self.samples.P1, eps1)).item()
 
     def _area_gradient(self, u: Unknowns) -> Array:
-        """∂(mean ∂F/∂P)/∂x (1, m) in units of the convention, by complex steps."""
+        """Return ∂(mean ∂F/∂P)/∂x (1, m) in units of the convention, by complex steps."""
         gradient = np.zeros((1, len(self.names)))
         values, places = list(u.muscle.parameters.values()), [*u.muscle.parameters]
         for column, name in enumerate(self.free):

@@ -48,7 +48,7 @@ class JointLog(NamedTuple):
 
     @property
     def dropped_share(self) -> float:
-        """Share of the rows that was not steady."""
+        """Return the share of the rows that was not steady."""
         return 1 - self.used / self.rows
 
 
@@ -86,7 +86,7 @@ def read_joint_log(
 
 
 def steady_runs(time: Array, theta: Array, P1: Array, P2: Array) -> list[NDArray[np.intp]]:
-    """Row indices of the last second of every steady run."""
+    """Return the row indices of the last second of every steady run."""
     step = float(np.median(np.diff(time))) if time.size > 1 else _WINDOW
     width = max(2, round(_WINDOW / step) + 1)
     if not step > 0 or time.size < width:

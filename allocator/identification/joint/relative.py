@@ -90,7 +90,7 @@ class RelativeJoint:
 
 
 def _rescaled(joint: AntagonistJoint, factor: float, sensitivity: Array, error: float) -> AntagonistJoint:
-    """All forces times `factor`; `sensitivity` is ∂(log factor)/∂q, `error` the standard deviation of its own."""
+    """Return the joint with all forces times `factor`; `sensitivity` is ∂(log factor)/∂q, `error` its own deviation."""
     powers = np.concatenate([strength_powers(joint.agonist), strength_powers(joint.antagonist)])
     q = np.array([*joint.agonist.parameters.values(), *joint.antagonist.parameters.values()])
     along = powers * q  # ∂q/∂(log factor)
@@ -116,7 +116,7 @@ def _flat(theta: Value, P1: Value, P2: Value) -> tuple[Array, Array, Array]:
 
 
 def describe_reference(joint: RelativeJoint) -> str:
-    """Where K_ref is, in words."""
+    """Return where K_ref is, in words."""
     theta, P1, P2 = joint.reference
     return f"θ = {theta / DEG:.3g}°, P1 = {P1 / BAR:.3g} bar, P2 = {P2 / BAR:.3g} bar"
 

@@ -77,7 +77,7 @@ class JointFit:
 
     @property
     def left_out(self) -> float:
-        """RMS angle error [rad] of groups that were kept from the fit in turn; NaN with one group."""
+        """Return the RMS angle error [rad] of groups that were kept from the fit in turn; NaN with one group."""
         squares = [g.left_out**2 * g.samples for g in self.groups]
         return float(np.sqrt(sum(squares) / sum(g.samples for g in self.groups)))
 
@@ -86,11 +86,13 @@ class JointFit:
         return self.problem.angle_error(self.x)
 
     def predicted(self) -> Array:
-        """Angle predicted (n,) [rad], as the encoder would show it."""
+        """Return the angle predicted (n,) [rad], as the encoder would show it."""
         return self.samples.theta - self.errors()
 
     def stiffness(self) -> gradients.Quantity:
-        """K (n,) [N·m/rad] at the samples and its gradient. Raises InvalidInput where the force scale is unknown."""
+        """Return K (n,) [N·m/rad] at the samples and its gradient. Raises InvalidInput where the force scale is
+        unknown.
+        """
         if self.scale is None:
             raise InvalidInput(f"stiffness of this joint {WHY}")
         return self._at_samples(gradients.stiffness)
@@ -179,7 +181,9 @@ class JointFit:
         }
 
     def __repr__(self) -> str:
-        """How well the angles are predicted, what was found beside the muscle, and what is to be known before use."""
+        """Say how well the angles are predicted, what was found beside the muscle, and what is to be known before
+        use.
+        """
         found = "; ".join(f"{name} {value}" for name, value in self._found().items())
         return f"JointFit of {self.model}: {self._errors()}\n  {found}" + first_of(self.warnings)
 

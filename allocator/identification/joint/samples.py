@@ -77,12 +77,12 @@ class JointSamples:
 
     @property
     def n(self) -> int:
-        """Number of samples."""
+        """Return the number of samples."""
         return self.theta.size
 
     @property
     def loaded(self) -> bool:
-        """Whether any torque is not zero: only then the data know forces."""
+        """Return whether any torque is not zero: only then the data know forces."""
         return bool((self.torque != 0).any())
 
     def where(self, keep: Mask) -> Self:
@@ -121,7 +121,7 @@ class JointSamples:
         return replace(self, **arrays)
 
     def routes(self, theta: Array) -> Routes:
-        """(ε, a, a') of agonist and antagonist at the true angles `theta` (n,), and the rest lengths (n,)."""
+        """Return (ε, a, a') of agonist and antagonist at the true angles `theta` (n,), and the rest lengths (n,)."""
         columns = np.empty((7, self.n))
         for i, (_, geometry) in enumerate(self.groups):
             here = self.group == i
@@ -132,12 +132,14 @@ class JointSamples:
         return (one[0], one[1], one[2]), (two[0], two[1], two[2]), columns[6]
 
     def reach(self) -> tuple[Array, Array]:
-        """Angles (n,), (n,) [rad] between which each sample's mechanism can be."""
+        """Return the angles (n,), (n,) [rad] between which each sample's mechanism can be."""
         ends = np.array([geometry.reach for _, geometry in self.groups])
         return ends[self.group, 0], ends[self.group, 1]
 
     def pairs(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-        """Index arrays (rising, falling) of samples at the same pressures (in one `cell`), torque and group."""
+        """Return the index arrays (rising, falling) of samples at the same pressures (in one `cell`), torque and
+        group.
+        """
         P1, P2 = np.round(self.P1 / self.cell), np.round(self.P2 / self.cell)
         key = np.stack([self.group, P1, P2, np.round(self.torque, 6)])
         _, place = np.unique(key, axis=1, return_inverse=True)
@@ -165,7 +167,7 @@ class JointSamples:
         return replace(self, **means, group=group, dropped=dropped)
 
     def binned(self, most: int) -> Self:
-        """At most about `most` samples: if there are more, the means of those in the same cell.
+        """Return at most about `most` samples: if there are more, the means of those in the same cell.
 
         A cell holds one group, one direction and one torque, to 1 % of the greatest; it is 0.05 bar wide in either
         pressure, or wider by as little as needed. Every mean counts once, however many samples it is of: those that
@@ -208,7 +210,7 @@ _CONTRACTIONS = -0.25, 0.6  # [-] what no muscle of this family goes beyond
 
 
 def _combined(*columns: NDArray[Any]) -> NDArray[np.int64]:
-    """One number (n,) for each combination of the values in the columns (n,)."""
+    """Return one number (n,) for each combination of the values in the columns (n,)."""
     key = np.zeros(columns[0].size, np.int64)
     for column in columns:
         found, place = np.unique(column, return_inverse=True)
@@ -219,7 +221,7 @@ def _combined(*columns: NDArray[Any]) -> NDArray[np.int64]:
 def _grouped(
     geometry: Geometry | Mapping[Any, Geometry], group: Any, n: int
 ) -> tuple[NDArray[np.intp], tuple[Group, ...]]:
-    """Index (n,) of each sample's group, and the groups that occur."""
+    """Return the index (n,) of each sample's group, and the groups that occur."""
     labels = np.full(n, "all") if group is None else np.asarray(group).ravel()
     if labels.size != n:
         raise InvalidInput(f"group has {labels.size} labels for {n} samples")

@@ -21,7 +21,7 @@ def first_guess(problem: JointProblem) -> Array:
 
 
 def minimise(problem: JointProblem, x: Array) -> tuple[Array, bool]:
-    """x at the least cost that the search finds from `x`, and whether it converged."""
+    """Return x at the least cost that the search finds from `x`, and whether it converged."""
     from scipy.optimize import least_squares
 
     if not x.size:
@@ -45,7 +45,9 @@ def minimise(problem: JointProblem, x: Array) -> tuple[Array, bool]:
 
 
 def _settled(r: Array, J: Array) -> bool:
-    """Whether a full Gauss–Newton step would gain next to nothing: the search creeps along a valley without relief."""
+    """Return whether a full Gauss–Newton step would gain next to nothing: the search creeps along a valley without
+    relief.
+    """
     size = np.linalg.norm(J, axis=0)
     J = J / np.where(size > 0, size, 1.0)
     gain = J @ np.linalg.lstsq(J, r, rcond=1e-8)[0]
@@ -53,7 +55,9 @@ def _settled(r: Array, J: Array) -> bool:
 
 
 def scaled_guess(problem: JointProblem) -> Array:
-    """Where to start under a weight: the shape fitted to the samples without it, scaled by what the weight shows."""
+    """Return where to start under a weight: the shape fitted to the samples without it, scaled by what the weight
+    shows.
+    """
     guess, still = first_guess(problem), problem.samples.torque == 0
     if not problem.free or still.all() or still.sum() < guess.size + 1:
         return guess

@@ -209,7 +209,7 @@ def conclude(
 
 
 def _at_bound(problem: MuscleProblem, x: Array) -> Mask:
-    """Which parameters the search left at a bound, which it only approaches from inside."""
+    """Return which parameters the search left at a bound, which it only approaches from inside."""
     width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
     near = 1e-6 * np.maximum(np.abs(x), 1e-3 * width)
     return np.asarray((x - problem.lower < near) | (problem.upper - x < near))
@@ -239,7 +239,7 @@ def _embedded(problem: MuscleProblem, covariance: Array, inside: Mask) -> Covari
 
 
 def _domain(muscle: Muscle, samples: Samples) -> tuple[float, tuple[float, float]]:
-    """Highest pressure, and contractions, between which [M] is looked at."""
+    """Return the highest pressure, and contractions, between which [M] is looked at."""
     return float(samples.pressure.max()), (max(0.0, float(samples.contraction.min())), float(samples.contraction.max()))
 
 
@@ -260,7 +260,9 @@ def _cross_validated_on(
 
 
 def _cross_validated(problem: MuscleProblem, muscle: Muscle, folds: int) -> float:
-    """Weighted RMS error of taut samples predicted from a fit to the others; NaN if there are not enough for that."""
+    """Return the weighted RMS error of taut samples predicted from a fit to the others; NaN if there are not enough for
+    that.
+    """
     taut = np.flatnonzero(~problem.slack)
     if folds < 2 or taut.size - taut.size // folds < len(problem.free) + 1:
         return float("nan")

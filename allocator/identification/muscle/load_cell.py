@@ -67,7 +67,7 @@ def _positive(samples: Samples) -> Samples:
 
 
 def _evenly(n: int) -> Mask:
-    """At most 2000 of n, evenly spread."""
+    """Return at most 2000 of n, evenly spread."""
     chosen = np.zeros(n, bool)
     chosen[:: -(-n // _MOST_READINGS)] = True
     return chosen
@@ -88,7 +88,7 @@ def find_zero(samples: Samples) -> Zero | None:
 
 
 def _further(samples: Samples) -> Mask:
-    """Whether sample i (rows) is certainly slack if sample j (columns) is."""
+    """Return whether sample i (rows) is certainly slack if sample j (columns) is."""
     eps, P = samples.contraction, samples.pressure
     contracted, emptied = eps[:, None] - eps, P - P[:, None]
     least_eps, least_P = _BEYOND * np.ptp(eps), _BEYOND * np.ptp(P)
@@ -145,7 +145,7 @@ def reading_variance(samples: Samples) -> Array | None:
 
 
 def _polynomial(samples: Samples, n: int) -> Array | None:
-    """Chebyshev polynomials (n, terms) in contraction and pressure, as many as `n` samples can determine."""
+    """Return the Chebyshev polynomials (n, terms) in contraction and pressure, as many as `n` samples can determine."""
     x, y = (2 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1 for q in (samples.contraction, samples.pressure))
     for degrees in _DEGREES:
         if n >= _SAMPLES_PER_TERM * (degrees[0] + 1) * (degrees[1] + 1):

@@ -60,7 +60,7 @@ class MuscleProblem:
         return self.prototype.unchecked([*(self.prototype.parameters | free).values()])
 
     def force(self, x: Array) -> Array:
-        """F (n,) at the samples [N]; a huge number where the law gives none, so that the search turns back."""
+        """Return F (n,) at the samples [N]; a huge number where the law gives none, so that the search turns back."""
         with np.errstate(all="ignore"):
             F = self.muscle(x).law(self.samples.pressure, self.samples.contraction)
         return np.where(np.isfinite(F), F, _GREAT) + 0.0 * self.samples.force
@@ -75,7 +75,7 @@ class MuscleProblem:
         return np.asarray((np.sqrt(self.samples.weights) * slope)[:, None] * self._gradient(x))
 
     def _gradient(self, x: Array) -> Array:
-        """∂F/∂p (n, m), in the order of `free`."""
+        """Return ∂F/∂p (n, m), in the order of `free`."""
         muscle = self.muscle(x)
         with np.errstate(all="ignore"):
             J = force_gradient(muscle, self.samples.pressure, self.samples.contraction, self.free)
@@ -91,7 +91,7 @@ class MuscleProblem:
         return best if best.converged else self._search(best.x, _MAX_EVALUATIONS)
 
     def solve_linear(self, x: Array) -> Array:
-        """`x` with its linear part replaced by the least-squares solution, the rest held.
+        """Return `x` with its linear part replaced by the least-squares solution, the rest held.
 
         With inequalities the cost is convex and piecewise quadratic; the set of violated ones is updated until it
         stays the same (Newton's method).
@@ -155,14 +155,14 @@ def _zeroed(x: Array, places: Array) -> Array:
 
 
 def _least_squares(A: Array, b: Array) -> Array:
-    """argmin |A p - b| with the columns of A scaled to unit length; the shortest where it is not unique."""
+    """Return argmin |A p - b| with the columns of A scaled to unit length; the shortest where it is not unique."""
     length = np.linalg.norm(A, axis=0)
     length[length == 0] = 1.0
     return np.asarray(np.linalg.lstsq(A / length, b, rcond=1e-12)[0] / length)
 
 
 def _inside(x: Array, lower: Array, upper: Array) -> Array:
-    """`x` moved strictly between the bounds, as SciPy wants its start."""
+    """Return `x` moved strictly between the bounds, as SciPy wants its start."""
     width = np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(x), 1.0))
     return np.clip(x, lower + 1e-3 * width, upper - 1e-3 * width)
 

@@ -32,7 +32,7 @@ class Ranking:
 
     @property
     def best(self) -> Fit[Any] | None:
-        """The best of those that keep [M] and have a closed-form inverse; else that keep [M]; else of all.
+        """Return the best of those that keep [M] and have a closed-form inverse; else that keep [M]; else of all.
 
         Only those are considered that leave out at most a tenth of the samples, if there are any.
         """
@@ -92,7 +92,7 @@ def _held(model: type[Muscle], hold: Mapping[str, float]) -> dict[str, float]:
 
 
 def _sorted(fits: list[Fit[Any]], common: Samples) -> tuple[Fit[Any], ...]:
-    """By cross-validated errors; by the errors at the `common` samples if any fit has no cross-validated one."""
+    """Sort by cross-validated errors; by the errors at the `common` samples if any fit has no cross-validated one."""
     errors = np.array([fit.cross_validated for fit in fits])
     if np.isnan(errors).any():
         errors = np.array([_error(fit.muscle, common) for fit in fits])
@@ -100,7 +100,7 @@ def _sorted(fits: list[Fit[Any]], common: Samples) -> tuple[Fit[Any], ...]:
 
 
 def _error(muscle: Muscle, samples: Samples) -> float:
-    """Weighted sum of squared errors [N²] at the taut samples."""
+    """Return the weighted sum of squared errors [N²] at the taut samples."""
     error = muscle.law(samples.pressure, samples.contraction) - samples.force
     return float(samples.weights @ np.where(samples.slack, 0.0, error) ** 2)
 

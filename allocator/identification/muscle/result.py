@@ -53,27 +53,27 @@ class Fit(Generic[M]):
 
     @property
     def standard_deviations(self) -> dict[str, float]:
-        """Standard deviation of every parameter, of its determined part if it is collinear with others."""
+        """Return the standard deviation of every parameter, of its determined part if it is collinear with others."""
         return dict(zip(self.muscle.parameters, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     @property
     def rms_percent(self) -> float:
-        """RMS error in percent of full scale, the greatest force measured."""
+        """Return the RMS error in percent of full scale, the greatest force measured."""
         return 100 * self.rms / self.samples.full_scale
 
     @property
     def max_error_percent(self) -> float:
-        """Greatest error in percent of full scale."""
+        """Return the greatest error in percent of full scale."""
         return 100 * self.max_error / self.samples.full_scale
 
     @property
     def closed_form(self) -> bool:
-        """Whether a joint with this muscle has a closed-form inverse."""
+        """Return whether a joint with this muscle has a closed-form inverse."""
         return has_closed_form_inverse(self.muscle)
 
     @property
     def n_taut(self) -> int:
-        """How many samples are equations."""
+        """Return how many samples are equations."""
         return int((~self.slack).sum())
 
     def residuals(self) -> Array:
@@ -85,7 +85,8 @@ class Fit(Generic[M]):
         return self.samples.residual(F, self.slack)
 
     def in_confidence_region(self, muscle: Muscle, level: float = 0.99) -> bool:
-        """Whether the samples are compatible with another `muscle`, of the same kind, at this level of confidence.
+        """Return whether the samples are compatible with another `muscle`, of the same kind, at this level of
+        confidence.
 
         The region {p: (S(p) - S_min)/r ≤ s² F_level(r, n - r)}, S the sum of weighted squares, r the rank, s² the
         variance of the residuals (Bates & Watts 1988, section 6.1). Unlike the ellipsoid of the covariance it does
@@ -120,7 +121,7 @@ class Fit(Generic[M]):
         }
 
     def __repr__(self) -> str:
-        """How well the law follows the samples, and what is to be known before it is used."""
+        """Say how well the law follows the samples, and what is to be known before it is used."""
         return f"Fit of {self.model}: {self._errors()}\n  {self._counts()}" + first_of(self.warnings)
 
     def _repr_html_(self) -> str:
@@ -151,7 +152,7 @@ class Fit(Generic[M]):
 
 
 def has_closed_form_inverse(muscle: Muscle) -> bool:
-    """Whether (T, K) → (P1, P2) is in closed form: affine muscles that stiffen with pressure, and Tondu2021."""
+    """Return whether (T, K) → (P1, P2) is in closed form: affine muscles that stiffen with pressure, and Tondu2021."""
     return isinstance(muscle, AffineMuscle | Tondu2021) and not muscle.limitation
 
 

@@ -55,7 +55,7 @@ class Samples:
 
     @property
     def n(self) -> int:
-        """Number of samples."""
+        """Return the number of samples."""
         return self.force.size
 
     @property
@@ -65,12 +65,12 @@ class Samples:
 
     @property
     def slack(self) -> Mask:
-        """Which forces (n,) are not distinguishable from zero."""
+        """Return which forces (n,) are not distinguishable from zero."""
         return np.asarray(self.force <= self.slack_limit)
 
     @property
     def slack_limit(self) -> float:
-        """Three times the zero noise [N], the greatest force that is not distinguishable from zero."""
+        """Return three times the zero noise [N], the greatest force that is not distinguishable from zero."""
         return _SLACK * self.zero_noise
 
     def residual(self, F: Array, slack: Mask) -> Array:
@@ -102,7 +102,7 @@ class Samples:
 
     @property
     def censored(self) -> bool:
-        """Whether the zero noise is cut off at zero."""
+        """Return whether the zero noise is cut off at zero."""
         return self.cut and self.zero_noise > 0
 
     def where(self, keep: Mask) -> Self:
@@ -123,7 +123,7 @@ class Samples:
 
 
 def _normal(z: Array) -> Array:
-    """Φ(z), the normal distribution."""
+    """Return Φ(z), the normal distribution."""
     from scipy.special import ndtr
 
     return np.asarray(ndtr(z))

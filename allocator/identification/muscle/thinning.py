@@ -20,7 +20,7 @@ _CELLS = (64, 32)  # of contraction, of pressure
 
 
 def thinned(samples: Samples) -> Samples:
-    """Means over cells where there are more than 2000 rows; a note says so."""
+    """Return the means over cells where there are more than 2000 rows; a note says so."""
     if samples.n <= MOST_ROWS:
         return samples
     rows = samples.where(samples.weights > 0)
@@ -51,7 +51,7 @@ def thinned(samples: Samples) -> Samples:
 
 
 def _part(q: Array, parts: int) -> NDArray[np.intp]:
-    """Which of the equal parts of its range each number is in."""
+    """Return which of the equal parts of its range each number is in."""
     width = max(float(np.ptp(q)), 1e-300)
     return np.asarray(np.minimum((q - q.min()) / width * parts, parts - 1), np.intp)
 

@@ -44,7 +44,7 @@ class ChouHannaford1996(AffineMuscle):
 
     @property
     def min_contraction(self) -> float:
-        """1 - b/L0 [-], where the threads are straight."""
+        """Return 1 - b/L0 [-], where the threads are straight."""
         return 1 - self.b / self.rest_length
 
     @property

@@ -44,7 +44,7 @@ class Hildebrandt2005(AffineMuscle):
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """All eight are linear."""
+        """Return a recipe in which all eight are linear."""
         start = cls(*[0.0] * 8)
         return Recipe((start,), tuple(start.parameters))
 

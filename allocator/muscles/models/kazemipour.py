@@ -37,7 +37,7 @@ class KazemipourKatzschmann2025(AffineMuscle):
 
     @property
     def min_contraction(self) -> float:
-        """Where the denominator vanishes, if that is on the stretched side [-]."""
+        """Return where the denominator vanishes, if that is on the stretched side [-]."""
         return -1 / self.d1 if self.d1 > 0 else -np.inf
 
     def A(self, eps: Value) -> Value:
@@ -46,7 +46,7 @@ class KazemipourKatzschmann2025(AffineMuscle):
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """Linear but for d1, whose pole is kept out of the data."""
+        """Return a recipe linear but for d1, whose pole is kept out of the data."""
         P_max = float(np.max(pressure))
         starts = tuple(cls(0.0, 0.0, 0.0, d1, P_max) for d1 in (2.0, 20.0))
         most, least = max(float(np.max(contraction)), 0.01), min(float(np.min(contraction)), 0.0)

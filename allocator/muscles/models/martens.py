@@ -57,7 +57,7 @@ class MartensBoblan2017(AffineMuscle):
 
     @property
     def turns(self) -> Value:
-        """n = L0 tan θ0/(π D0), turns of a fibre [-]."""
+        """Return n = L0 tan θ0/(π D0), turns of a fibre [-]."""
         return self.L0 * sin(self.theta0) / cos(self.theta0) / (pi * self.D0)
 
     def A(self, eps: Value) -> Value:

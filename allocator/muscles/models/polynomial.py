@@ -30,7 +30,7 @@ class PolynomialMcKibben(Braided, AffineMuscle):
 
     @classmethod
     def identify(cls, r0: float, alpha0: float, pressure: Sequence[float], max_contraction: Sequence[float]) -> Self:
-        """Through n readings (P_i [Pa], ε_max(P_i) [-]) of the contraction without load, by (15)."""
+        """Fit the model through n readings (P_i [Pa], ε_max(P_i) [-]) of the contraction without load, by (15)."""
         P, eps = np.asarray(pressure, float), np.asarray(max_contraction, float)
         if P.ndim != 1 or P.shape != eps.shape or P.size < 1:
             raise InvalidInput(f"pressure and max_contraction need one shape (n,), got {P.shape} and {eps.shape}")
@@ -58,7 +58,7 @@ class PolynomialMcKibben(Braided, AffineMuscle):
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """Three coefficients, which the report found best; pass `start` for another number."""
+        """Return a recipe of three coefficients, which the report found best; pass `start` for another number."""
         start = cls(0.01, 25 * DEG, (10 * BAR, 0.0, 0.0))
         return Recipe((start,), ("coefficients",), bounds={"r0": (1e-4, 0.5), "alpha0": (5 * DEG, 54 * DEG)})
 

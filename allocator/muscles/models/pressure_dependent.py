@@ -43,7 +43,7 @@ class PressureDependent(Braided):
     @property
     @abstractmethod
     def efficiency(self) -> Value:
-        """Share q of the ideal force that is left [-]."""
+        """Return the share q of the ideal force that is left [-]."""
 
     @property
     def max_contraction(self) -> float:
@@ -55,11 +55,11 @@ class PressureDependent(Braided):
         return self.k_inf + self.k_1 * exp(-P / self.P_k)
 
     def contraction_limit(self, P: Value) -> Value:
-        """Contraction ratio ε_max(P) = (1-√(b/a))/k(P) at which the force is zero [-]."""
+        """Return the contraction ratio ε_max(P) = (1-√(b/a))/k(P) at which the force is zero [-]."""
         return (1 - sqrt(self.b / self.a)) / self.k(P)
 
     def covers(self, P: Array, eps: Array) -> Mask:
-        """Up to k(P) ε = 1, where the parabola turns."""
+        """Return whether k(P) ε is below 1, where the parabola turns."""
         return np.asarray(super().covers(P, eps) & (self.k(P) * eps <= 1))
 
     @property
@@ -78,20 +78,21 @@ class PressureDependent(Braided):
         return self.efficiency * self.S * (self.a * short**2 - self.b - 2 * self.a * short * eps * P * fall)
 
     def taut_pressure(self, eps: Value) -> Array:
-        """Pressure [Pa] from which on the muscle pulls at `eps`: ε_max(P) = ε; inf if it never does."""
+        """Return the pressure [Pa] from which on the muscle pulls at `eps`: ε_max(P) = ε; inf if it never does."""
         eps = np.asarray(eps, float)
         k = (1 - sqrt(self.b / self.a)) / np.maximum(eps, 1e-9)  # k(P) has to fall to this
         return np.asarray(np.maximum(self._pressure_for_k(k), 0.0))
 
     def _pressure_for_k(self, k: Array) -> Array:
-        """Where k(P) falls to `k` [Pa]: -inf where it always is below, inf where it never is."""
+        """Return where k(P) falls to `k` [Pa]: -inf where it always is below, inf where it never is."""
         if self.k_1 == 0:
             return np.where(k >= self.k_inf, -np.inf, np.inf)
         rest = np.maximum(k - self.k_inf, 1e-300) / self.k_1
         return np.where(k <= self.k_inf, np.inf, -self.P_k * np.log(rest))
 
     def pressure(self, F: Value, eps: Value) -> Array:
-        """Pressure [Pa] at which the force, rising with it, is `F`; ∓inf where F is below or above all such forces.
+        """Return the pressure [Pa] at which the force, rising with it, is `F`; ∓inf where F is below or above all such
+        forces.
 
         Below `taut_pressure` the law first falls and then rises to zero; the rising part alone is searched.
         """

@@ -36,7 +36,7 @@ class Sarosi2012(AffineMuscle):
 
     @property
     def max_contraction(self) -> float:
-        """Contraction ratio up to which the published curves go [-]."""
+        """Return the contraction ratio up to which the published curves go [-]."""
         return 0.30
 
     def A(self, eps: Value) -> Value:
@@ -49,7 +49,7 @@ class Sarosi2012(AffineMuscle):
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """Linear but for c6, which falls over a few to a few tens of percent of contraction."""
+        """Return a recipe linear but for c6, which falls over a few to a few tens of percent of contraction."""
         starts = tuple(cls(0.0, 0.0, 0.0, 0.0, 0.0, c6) for c6 in (-60.0, -30.0, -12.0))
         return Recipe(starts, ("c1", "c2", "c3", "c4", "c5"), bounds={"c6": (-300.0, -0.5)})
 

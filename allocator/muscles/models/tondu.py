@@ -42,7 +42,7 @@ class Tondu2021(Braided):
     def identify(
         cls, r0: float, alpha0: float, low: tuple[float, float], high: tuple[float, float], c: float = 0.0
     ) -> Self:
-        """From two readings (P [Pa], ε_max(P) [-]) of the contraction without load, by (19)."""
+        """Fit the model to two readings (P [Pa], ε_max(P) [-]) of the contraction without load, by (19)."""
         a, b = braid_constants(alpha0)
         (P1, eps1), (P2, eps2) = low, high
         ratio = eps2 / eps1
@@ -58,7 +58,9 @@ class Tondu2021(Braided):
 
     @property
     def max_pressure(self) -> float:
-        """Where ε_max(P) turns back and [M] ends on the taut region: cP² + 2eP + ed = 0, i.e. -d/2 for c = 0 [Pa]."""
+        """Return where ε_max(P) turns back and [M] ends on the taut region: cP² + 2eP + ed = 0, i.e. -d/2 for c = 0
+        [Pa].
+        """
         return self.e * self.d / (-self.e + sqrt(self.e * self.g))
 
     @property
