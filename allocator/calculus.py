@@ -70,8 +70,9 @@ def increasing_root(f: Callable[..., Array], lo: Array, hi: Array, *args: Array)
 
 
 def rising_roots(f: Callable[..., Array], lo: Array, hi: Array, *args: Array, pieces: int) -> Array:
-    """Return the roots (pieces, …) of f(x, *args) through which f rises, one a piece of [lo, hi]; ±inf where there is
-    none.
+    """Return the roots (pieces, …) of f(x, *args) through which f rises, one a piece of [lo, hi].
+
+    They are ±inf where there is none.
     """
     lo, hi, *args = np.broadcast_arrays(lo, hi, *args)  # type: ignore[assignment]  # a list of arrays, not a tuple
     grid = lo + (hi - lo) * np.linspace(0.0, 1.0, pieces + 1).reshape(-1, *[1] * lo.ndim)

@@ -1,5 +1,6 @@
-"""Commands about motion are here: `antagonist track`. Degrees and bar here, SI behind; heavy libraries load when it
-runs.
+"""Commands about motion are here: `antagonist track`.
+
+Degrees and bar here, SI behind; heavy libraries load when it runs.
 """
 
 import os

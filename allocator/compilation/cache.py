@@ -30,8 +30,9 @@ class Refused(OSError):
 
 
 def keep(dispatcher: F) -> F:
-    """Return `dispatcher`, which numba has made and which now keeps what it compiles; an `OSError` where there is no
-    place.
+    """Return `dispatcher`, which numba has made and which now keeps what it compiles.
+
+    Raises an `OSError` where there is no place.
     """
     made: Any = dispatcher
     try:

@@ -129,8 +129,9 @@ class Muscle(ABC):
         return derivative(lambda e: self.gain(P, e), eps)
 
     def pressure(self, F: Value, eps: Value) -> Array:
-        """Return the pressure [Pa] that gives the force `F` at `eps`; ∓inf where F is below or above all that the law
-        can give.
+        """Return the pressure [Pa] that gives the force `F` at `eps`.
+
+        It is ∓inf where F is below or above all that the law can give.
         """
         ceiling = min(self.max_pressure, SEARCH_CEILING)
         F, eps = np.asarray(F, float), np.asarray(eps, float)

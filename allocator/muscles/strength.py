@@ -36,8 +36,9 @@ _POWERS: Mapping[str, Mapping[str, float]] = {
 
 
 def strength_powers(muscle: Muscle) -> Array:
-    """Return the power n of every parameter (m,), in the order of `Muscle.parameters`; 0 for those that do not
-    scale.
+    """Return the power n of every parameter (m,), in the order of `Muscle.parameters`.
+
+    It is 0 for those that do not scale.
     """
     name = type(muscle).__name__
     if name not in _POWERS:

@@ -70,8 +70,9 @@ def figure_6() -> tuple[Panel, ...]:
 
 
 def figure_7() -> tuple[Panel, ...]:
-    """Compute figure 7: force of law (11) and of the report's model (13), (18); stiffness of the model and of Sárosi's
-    fit.
+    """Compute figure 7: force of law (11) and of the report's model (13), (18), stiffness of the model and of a fit.
+
+    The fit is Sárosi's.
     """
     force = [_isobar(_law_11(P), P, "line") for P in PRESSURES]
     force += [_isobar(TONDU_DMSP_20_400N, P, "dashed") for P in PRESSURES]

@@ -32,8 +32,9 @@ _EDGE, _FOLD, _FLOOR = 0.0, 1.0, 2.0
 
 
 def weighted(T, K, weights, one, two, box, now1, now2):
-    """Return (P1, P2, gap) of the least cost w_T (T - T*)² + w_K (K - K*)²; `gap`: how much less the search may have
-    missed.
+    """Return (P1, P2, gap) of the least cost w_T (T - T*)² + w_K (K - K*)².
+
+    `gap` is how much less the search may have missed.
 
     Of several pairs that meet both targets it takes the one nearest to (now1, now2), or where these are NaN the least.
     """
@@ -89,8 +90,9 @@ def edge(first, curve, arc, other, Q, tQ, kQ, least_sum):
 
 
 def fold(arc1, arc2, one, two):
-    """Return the fold of two pieces, or none; of the two the straighter one is varied, on which the slope changes
-    less.
+    """Return the fold of two pieces, or none.
+
+    Of the two the straighter one is varied, on which the slope changes less.
     """
     found = [(0.0,) * 18][:0]
     low1, high1 = slopes(arc1)
@@ -254,8 +256,9 @@ def falls_and_rises(goal, A, B, arc, segments):
 
 
 def gradient(goal, A, kind, segments):
-    """Return half of d(cost)/dT along an edge or a fold, over 1 + |m| to keep it bounded; of d(cost)/dP along the
-    floor.
+    """Return half of d(cost)/dT along an edge or a fold, over 1 + |m| to keep it bounded.
+
+    Along the floor it is half of d(cost)/dP.
     """
     e_T, e_K = goal[2] * (A[2] + A[4] - goal[0]), goal[3] * (A[3] + A[5] - goal[1])
     if kind == _FLOOR:

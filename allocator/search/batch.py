@@ -38,8 +38,9 @@ class Curves(NamedTuple):
 
     @classmethod
     def of(cls, sides: BothMuscles, box: PressureBox, supply: tuple[float, float]) -> Self:
-        """Return the curves of both sides in a box. Raises InvalidInput for a law that is not smooth between its
-        kinks.
+        """Return the curves of both sides in a box.
+
+        Raises InvalidInput for a law that is not smooth between its kinks.
         """
         (lo1, hi1), (lo2, hi2) = ((interval.lo, interval.hi) for interval in box)
         limits = np.stack(np.broadcast_arrays(lo1, hi1, lo2, hi2, box.least_sum), 1)

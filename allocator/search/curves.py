@@ -313,8 +313,9 @@ def next_guess(u, fu, v, fv, i):
 
 
 def narrowed(u, fu, v, fv, x, fx):
-    """Return (u, f(u), v, f(v)) with the root still between, v = x the latest; the Illinois rule halves a value kept
-    twice.
+    """Return (u, f(u), v, f(v)) with the root still between, v = x the latest.
+
+    The Illinois rule halves a value kept twice.
     """
     if fx == 0:
         return x, fx, x, fx

@@ -142,8 +142,9 @@ def value_at(nearer, segments, view):
 
 
 def merged(found):
-    """Return the union of intervals in order; those that meet at a turning point do so up to the square root of
-    rounding.
+    """Return the union of intervals in order.
+
+    Those that meet at a turning point do so up to the square root of rounding.
     """
     apart = found[:0]
     for low, high in found:

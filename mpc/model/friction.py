@@ -49,9 +49,7 @@ class Friction:
 
     @classmethod
     def of_width(cls, plant: Plant, width: float, coulomb: float = 0.0, presliding: float = 0.5 * DEG) -> "Friction":
-        """Make friction with a loop `width` [rad] wide between slow sweeps up and down at θ = 0, P1 + P2 = 5 bar: 2 T_f
-        = K width.
-        """
+        """Make friction with a loop `width` [rad] wide in slow sweeps at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width."""
         x = np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])
         return cls(torque_of_width(plant, width) / float(pull(plant, x)), coulomb, presliding)
 

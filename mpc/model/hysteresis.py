@@ -57,8 +57,7 @@ class MaxwellSlip:
     def of_width(
         cls, plant: Plant, width: float, presliding: tuple[float, ...] = _PRESLIDING, base: float = _BASE
     ) -> Self:
-        """Make elements with a loop `width` [rad] wide between slow sweeps up and down at θ = 0, P1 + P2 = 5 bar: 2 T_f
-        = K width.
+        """Make elements with a loop `width` [rad] wide in slow sweeps at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width.
 
         The elements of half widths `presliding` [rad] carry equal shares of the torque there.
         """
@@ -92,9 +91,7 @@ class MaxwellSlip:
         return ca.dot(ca.DM(self.springs), memory)
 
     def as_dahl(self, plant: Plant) -> Friction:
-        """Return Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar: what one finds who knows no other
-        model.
-        """
+        """Return Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar: all that is found without this one."""
         x = np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])
         full = self.most(Contact(pulled=np.nan, filled=2 * WIDTH_AT))
         return Friction.of_width(plant, float(2 * full / plant.stiffness(x)))

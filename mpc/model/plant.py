@@ -165,9 +165,7 @@ class Plant:
         return ca.Function("discrete", [x0, u, d], [x], ["x", "u", "d"], ["x_next"])
 
     def as_control_system(self) -> Any:
-        """Return the plant as a python-control I/O system: inputs (P1_command, P2_command, d), outputs (the states,
-        K).
-        """
+        """Return the plant for python-control: inputs (P1_command, P2_command, d), outputs (the states, K)."""
         import control
 
         return control.nlsys(

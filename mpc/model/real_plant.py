@@ -137,8 +137,9 @@ class RealPlant:
         return Contact(sum((pull + abs(pull)) / 2 for pull in pulls), x[2] + x[3])
 
     def rate(self, x: Value, u: Value, d: Value, T_f: Value) -> tuple[Value, ...]:
-        """Return the derivative of (θ, ω, P1, P2), CasADi symbols; `u` the commands that act now, `d` [N·m] from
-        outside.
+        """Return the derivative of (θ, ω, P1, P2), CasADi symbols.
+
+        `u` are the commands that act now, `d` is the torque [N·m] from outside.
         """
         balance = self.torque(x) - self.nominal.torque_for(x[0], x[1], 0.0, d) - T_f
         return x[1], balance / self.nominal.inertia, *self._pressure_rates(x, u)
@@ -167,14 +168,16 @@ class RealPlant:
         ]
 
     def at_rest(self, theta: float, K: float) -> Array:
-        """Return the nominal plant's rest (4,): where an experiment begins. This plant will drift from it and
-        settle.
+        """Return the nominal plant's rest (4,): where an experiment begins.
+
+        This plant will drift from it and settle.
         """
         return self.nominal.at_rest(theta, K)
 
     def begin(self, dt: float, x0: Array, seed: int) -> "RealExperiment":
-        """Begin an experiment from the state `x0` (4,) with commands every `dt` [s]; `seed` is that of the sensors'
-        noise.
+        """Begin an experiment from the state `x0` (4,) with commands every `dt` [s].
+
+        `seed` is that of the sensors' noise.
         """
         return RealExperiment(self, dt, x0, seed)
 

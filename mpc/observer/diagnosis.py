@@ -64,8 +64,9 @@ class Diagnosis:
             pressure.reset()
 
     def follow(self, said: Array, verdicts: Sequence[Verdict], v: Array, xi: Array) -> None:
-        """Follow what the sensors have `said` (3,), which was checked; the commands `v` (2,) [Pa] act, and `xi` (5,) is
-        estimated.
+        """Follow what the sensors have `said` (3,), which was checked.
+
+        The commands `v` (2,) [Pa] act, and `xi` (5,) is estimated.
         """
         believed = [self._sensor(i, *one) for i, one in enumerate(zip(said.tolist(), verdicts, strict=True))]
         d, pulls = float(xi[NX]), self._pulls(xi[:NX])[0][0].tolist()

@@ -42,8 +42,9 @@ class Observer(Protocol):
         """Forget the past."""
 
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """Return the state (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was
-        sent last.
+        """Return the state (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured.
+
+        `u` (2,) [Pa] was sent last.
         """
 
 
@@ -70,8 +71,9 @@ class Differentiator:
 
 
 class KalmanObserver:
-    """The observer is an extended Kalman filter; `plant` is the model. A sensor may be silent or frozen for `tolerance`
-    seconds.
+    """The observer is an extended Kalman filter; `plant` is the model.
+
+    A sensor may be silent or frozen for `tolerance` seconds.
 
     Silent is one that says NaN or what is not believed (`gate`; by default what fits the plant). After that what it
     should measure is answered as NaN until it speaks again: a controller then knows that it is blind, and
@@ -131,8 +133,9 @@ class KalmanObserver:
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """Return the state (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured; `u` (2,) [Pa] was
-        sent last.
+        """Return the state (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured.
+
+        `u` (2,) [Pa] was sent last.
         """
         said, u = np.asarray(y, float)[MEASURED], np.asarray(u, float)
         if self.belief is None:

@@ -111,8 +111,9 @@ def jumps(K: float = 5.5, angle: float = 25 * DEG, rest: float = 1.5) -> Referen
 
 
 def usual_swing(joint: AntagonistJoint) -> float:
-    """Return 40°, or nine tenths of what `joint` has to both sides of 0 if that is less [rad]; 40° where it never is at
-    0.
+    """Return 40°, or nine tenths of what `joint` has to both sides of 0 if that is less [rad].
+
+    It is 40° where the joint never is at 0.
     """
     left, right = joint.angle_range
     return min(40 * DEG, 0.9 * min(-left, right)) if left < 0 < right else 40 * DEG

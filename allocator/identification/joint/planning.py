@@ -171,8 +171,9 @@ def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointP
 
 
 def _ratio(joint: AntagonistJoint) -> float:
-    """Return the strength of the antagonist in that of the agonist, if it is of the same kind; by its force at half the
-    supply.
+    """Return the strength of the antagonist in that of the agonist, if it is of the same kind.
+
+    It is told by the forces at half the supply.
     """
     P, eps = joint.pressure_limits[1] / 2, 0.1
     return float(joint.antagonist.force(P, eps) / joint.agonist.force(P, eps))

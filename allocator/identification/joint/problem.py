@@ -122,8 +122,9 @@ class JointProblem:
         return np.clip(theta, first, last), reached
 
     def _bracket(self, u: Unknowns, start: Array) -> tuple[Array, Array, Mask]:
-        """Return the angles with G(low) > 0 > G(high), nearer to `start` where the law bends back further out; where
-        they are.
+        """Return angles with G(low) > 0 > G(high), and where there are any.
+
+        They lie nearer to `start` where the law bends back further out.
         """
         low, high = self._searched
         for _ in range(_HALVINGS):
@@ -146,8 +147,9 @@ class JointProblem:
         return np.asarray(self.samples.theta - self.predicted(self.unknowns(x)))
 
     def predicted(self, u: Unknowns) -> Array:
-        """Return z + θ_eq (n,) [rad]; where there is no θ_eq, by how much the torque is lacking at the end of the
-        search.
+        """Return z + θ_eq (n,) [rad].
+
+        Where there is no θ_eq, by how much the torque is lacking at the end of the search.
 
         That leads the search back to where there is one.
         """

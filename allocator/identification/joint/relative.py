@@ -45,8 +45,9 @@ class RelativeJoint:
         return self._ratio(theta, P1, P2).value
 
     def relative_stiffness_std(self, theta: Value, P1: Value, P2: Value) -> Array:
-        """Return the standard deviation of K/K_ref [-] from the covariance of the fit; the law's own error is not in
-        it.
+        """Return the standard deviation of K/K_ref [-] from the covariance of the fit.
+
+        The law's own error is not in it.
         """
         if self.shape.covariance is None:
             raise InvalidInput("this joint has no covariance: it was not fitted")

@@ -90,8 +90,9 @@ class JointFit:
         return self.samples.theta - self.errors()
 
     def stiffness(self) -> gradients.Quantity:
-        """Return K (n,) [N·m/rad] at the samples and its gradient. Raises InvalidInput where the force scale is
-        unknown.
+        """Return K (n,) [N·m/rad] at the samples and its gradient.
+
+        Raises InvalidInput where the force scale is unknown.
         """
         if self.scale is None:
             raise InvalidInput(f"stiffness of this joint {WHY}")
@@ -106,8 +107,9 @@ class JointFit:
         return std
 
     def stiffness_std(self) -> Array:
-        """Return the standard deviation of K (n,) [N·m/rad] at the samples. Raises InvalidInput where the scale is
-        unknown.
+        """Return the standard deviation of K (n,) [N·m/rad] at the samples.
+
+        Raises InvalidInput where the scale is unknown.
         """
         K, covariance = self.stiffness(), next(iter(self.shapes.values())).covariance
         if covariance is None:
@@ -165,8 +167,9 @@ class JointFit:
         return self.replaced(shapes={label: joint}, scale=CONVENTIONAL_AREA * float(factor), scale_std=std / T_P)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``; parameters in SI
-        units.
+        """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``.
+
+        Parameters are in SI units.
         """
         return {
             "model": self.model,

@@ -30,8 +30,9 @@ class Group(NamedTuple):
 
 @dataclass(frozen=True)
 class JointSamples:
-    """The samples are n equilibria; arrays [n]. The joint carries `torque`, i.e. it is what the muscles have to
-    give.
+    """The samples are n equilibria; arrays [n].
+
+    The joint carries `torque`, i.e. it is what the muscles have to give.
     """
 
     theta: Array  # as the encoder shows it [rad]
@@ -57,8 +58,9 @@ class JointSamples:
         direction: Any = None,
         group: Any = None,
     ) -> Self:
-        """Make samples of anything array-like; raises `InvalidInput` at what cannot be measured equilibria in SI
-        units.
+        """Make samples of anything array-like.
+
+        Raises `InvalidInput` at what cannot be measured equilibria in SI units.
         """
         named = {
             "theta": checks.angle("theta", theta),

@@ -260,8 +260,9 @@ def _cross_validated_on(
 
 
 def _cross_validated(problem: MuscleProblem, muscle: Muscle, folds: int) -> float:
-    """Return the weighted RMS error of taut samples predicted from a fit to the others; NaN if there are not enough for
-    that.
+    """Return the weighted RMS error of taut samples predicted from a fit to the others.
+
+    It is NaN if there are not enough for that.
     """
     taut = np.flatnonzero(~problem.slack)
     if folds < 2 or taut.size - taut.size // folds < len(problem.free) + 1:

@@ -34,8 +34,9 @@ class Solution(NamedTuple):
 
 @dataclass(frozen=True)
 class MuscleProblem:
-    """The problem is that of the module; `slack` [n] marks the inequalities, `free` and `linear` are parameter
-    names.
+    """The problem is that of the module.
+
+    `slack` [n] marks the inequalities, `free` and `linear` are parameter names.
     """
 
     prototype: Muscle
@@ -83,8 +84,9 @@ class MuscleProblem:
         return np.nan_to_num(J[..., [in_order.index(name) for name in self.free]])
 
     def solve(self, starts: tuple[Muscle, ...]) -> Solution:
-        """Return the best of the searches from all starts; only the one that leads after a while is followed to its
-        end.
+        """Return the best of the searches from all starts.
+
+        Only the one that leads after a while is followed to its end.
         """
         begun = [self._search(self.solve_linear(self.values(start)), _FIRST_EVALUATIONS) for start in starts]
         best = min(begun, key=lambda solution: solution.cost)

@@ -103,8 +103,9 @@ class Fit(Generic[M]):
         return float(self.samples.weights @ self._residuals(muscle) ** 2)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``; parameters in SI
-        units.
+        """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``.
+
+        Parameters are in SI units.
         """
         return {
             "model": self.model,

@@ -23,8 +23,9 @@ _ATMOSPHERE = (0.95 * BAR, 1.10 * BAR)  # [Pa] what an absolute sensor shows on 
 
 @dataclass(frozen=True)
 class Samples:
-    """The samples are n measured forces; arrays [n], read-only. A force that is not distinguishable from zero means
-    slack.
+    """The samples are n measured forces; arrays [n], read-only.
+
+    A force that is not distinguishable from zero means slack.
     """
 
     contraction: Array  # ε [-]

@@ -91,8 +91,9 @@ class PressureDependent(Braided):
         return np.where(k <= self.k_inf, np.inf, -self.P_k * np.log(rest))
 
     def pressure(self, F: Value, eps: Value) -> Array:
-        """Return the pressure [Pa] at which the force, rising with it, is `F`; ∓inf where F is below or above all such
-        forces.
+        """Return the pressure [Pa] at which the force, rising with it, is `F`.
+
+        It is ∓inf where F is below or above all such forces.
 
         Below `taut_pressure` the law first falls and then rises to zero; the rising part alone is searched.
         """

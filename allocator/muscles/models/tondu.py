@@ -98,8 +98,9 @@ class Tondu2021(Braided):
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """Return a recipe linear in c and e; the pole -d is kept above the pressures measured, where it does not
-        belong.
+        """Return a recipe linear in c and e.
+
+        The pole -d is kept above the pressures measured, where it does not belong.
 
         Forces show only S(a-b), Sc, Se and d: hold r0 or α0 to learn the others.
         """

@@ -76,8 +76,9 @@ class Wickramatunge2010(Muscle):
         return (2 * c3 * P + self.c2 * ls) * ls
 
     def pressure(self, F: Value, eps: Value) -> Array:
-        """Return the rising root of the quadratic (20) in the range that F falls into; inf where c3 < 0 and F is out of
-        reach.
+        """Return the rising root of the quadratic (20) in the range that F falls into.
+
+        It is inf where c3 < 0 and F is out of reach.
         """
         F, eps = np.broadcast_arrays(np.asarray(F, float), np.asarray(eps, float))
         ls = self.stretched_length(eps)
