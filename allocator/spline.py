@@ -1,4 +1,4 @@
-"""A cubic spline through samples that numbers and CasADi symbols evaluate by the same formula."""
+"""A cubic spline through samples is evaluated by the same formula for numbers and CasADi symbols."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,9 @@ from allocator.errors import InvalidInput
 
 
 class Spline:
-    """Not-a-knot cubic spline y(x) (coefficients from SciPy), continued by its end pieces outside the samples."""
+    """The spline y(x) is cubic and not-a-knot (coefficients from SciPy), continued by its end pieces outside the
+    samples.
+    """
 
     def __init__(self, x: Sequence[float] | Array, y: Sequence[float] | Array, name: str = "table") -> None:
         """Interpolate the samples `y` [n] at the increasing `x` [n], three (a parabola) or more.

@@ -1,4 +1,5 @@
-"""Dynamics and control of the antagonistic joint: plants, linear time-varying MPC, observer, closed-loop simulation.
+"""The package is about dynamics and control of the antagonistic joint: plants, linear time-varying MPC, observer,
+closed-loop simulation.
 
 The names load when they are first used, so that the command line begins at once.
 """

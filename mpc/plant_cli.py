@@ -1,4 +1,4 @@
-"""`antagonist init`, and the options that describe a plant; degrees and bar here, SI behind."""
+"""`antagonist init` is here, and the options that describe a plant; degrees and bar here, SI behind."""
 
 from dataclasses import dataclass
 from importlib import resources
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlantOptions(JointOptions):
-    """What the user says of the plant; the rest is as in the file, or as in `Plant()`."""
+    """The options are what the user says of the plant; the rest is as in the file, or as in `Plant()`."""
 
     inertia: Annotated[float | None, typer.Option(help="moment of inertia of the link [kg·m²]; else 0.05")] = None
     damping: Annotated[float | None, typer.Option(help="viscous damping [N·m·s/rad]; else 0.1")] = None

@@ -1,3 +1,3 @@
-"""Compiling functions with numba, and keeping what has been compiled."""
+"""Functions are compiled with numba here, and what has been compiled is kept."""
 
 __all__: list[str] = []

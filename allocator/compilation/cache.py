@@ -1,4 +1,4 @@
-"""What numba has compiled, kept in files that are looked at before they are believed.
+"""What numba has compiled is kept in files that are looked at before they are believed.
 
 numba's own cache believes its files. One that a power failure has cut short makes every call of the function fail, in
 every process, and a flipped bit is executed. Here each file, one for every kind of arguments, begins with the hash of
@@ -26,7 +26,7 @@ _HASH = 32  # bytes of SHA-256
 
 
 class Refused(OSError):
-    """A directory that others may write to."""
+    """A directory was refused, because others may write to it."""
 
 
 def keep(dispatcher: F) -> F:
@@ -66,7 +66,7 @@ def check_own(directory: Path) -> None:
 
 
 class _Files:
-    """In the place of `numba.core.caching.IndexDataCacheFile`."""
+    """These files are in the place of `numba.core.caching.IndexDataCacheFile`."""
 
     def __init__(self, directory: str, name: str, stamp: object) -> None:
         self._directory, self._name, self._made_from = Path(directory), name, repr((numba.__version__, stamp))
@@ -93,7 +93,7 @@ class _Files:
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
-    """numba's, over such files."""
+    """The cache is numba's, over such files."""
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)

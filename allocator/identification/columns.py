@@ -1,4 +1,4 @@
-"""Which column of a file holds which quantity, and its numbers in SI units.
+"""It is decided here which column of a file holds which quantity, with its numbers in SI units.
 
 The names tell (see `headers`), or the caller: `columns={"pressure": "p:bar", "force": "F:-N"}`, quantity, name of the
 column and unit, is on the command line `--columns pressure=p:bar,force=F:-N`. A minus sign before the unit turns the
@@ -29,7 +29,7 @@ _PLAUSIBLE = {  # between which the greatest magnitude of a quantity lies, in SI
 
 
 class Column(NamedTuple):
-    """A column of a file and what it holds."""
+    """A match is a column of a file and what it holds."""
 
     place: int  # counted from 0
     name: str
@@ -41,7 +41,7 @@ class Column(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """The quantities of a file by name: their columns, and their values (n,) in SI units."""
+    """The quantities of a file are kept by name: their columns, and their values (n,) in SI units."""
 
     table: Table
     columns: Mapping[str, Column]

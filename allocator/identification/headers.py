@@ -1,4 +1,4 @@
-"""What the name of a column says: a quantity and its unit, in the words of several languages.
+"""The name of a column says what it holds: a quantity and its unit, in the words of several languages.
 
 `eps [%]`, `Pressure (kPa)`, `Kraft in N`, `P1_bar` and `p/bar` are all read: the last word is the unit, in brackets or
 not, and the words before it are the quantity; case, spaces and underscores do not count. A name that has further words
@@ -69,7 +69,7 @@ _MARKED = {f"{unit.lower()}{mark}": (unit, mark == "a") for unit in _PRESSURE fo
 
 
 class Meaning(NamedTuple):
-    """What a name says; a `unit` that is not in `UNITS[quantity]` was not understood."""
+    """A meaning is what a name says; a `unit` that is not in `UNITS[quantity]` was not understood."""
 
     quantity: str
     unit: str  # "" if the name gives none

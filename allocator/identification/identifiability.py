@@ -1,4 +1,4 @@
-"""Which parameters the samples determine, and how well.
+"""The samples tell which parameters they determine, and how well.
 
 With the columns of the weighted Jacobian J scaled to unit length, its singular values tell: a direction whose value is
 zero (to 1e-9 of the greatest) changes no force at any sample. Such parameters are collinear: only a combination of
@@ -16,7 +16,7 @@ _RANK_TOLERANCE = 1e-9
 
 
 class Determination(NamedTuple):
-    """What the Jacobian tells about the parameters."""
+    """A determination is what the Jacobian tells about the parameters."""
 
     rank: int
     covariance: Array  # (m, m)

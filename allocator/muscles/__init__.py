@@ -1,4 +1,4 @@
-"""Published static models of pneumatic muscles, each named AuthorYear, and a catalogue of named parameter sets.
+"""Published static models of pneumatic muscles are here, each named AuthorYear, and a catalogue of parameter sets.
 
 `MODELS` lists them all; `allocator.muscles.catalogue.MUSCLES` the named parameter sets. Takosoglu et al. 2016
 (exponential in pressure) is missing: its formula was not found.

@@ -1,4 +1,4 @@
-"""The functions of the pressure that a force law is a combination of at a fixed contraction."""
+"""A force law at a fixed contraction is a combination of functions of the pressure, its basis."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -13,7 +13,7 @@ Kind = Literal["rational", "exponential", "quadratic", "smooth"]
 
 @dataclass(frozen=True)
 class Basis:
-    """F(P, ε) = Σ f_j(ε) φ_j(P) with functions φ_j that are known, between two kinks of the law.
+    """A basis is the functions φ_j of F(P, ε) = Σ f_j(ε) φ_j(P) that are known, between two kinks of the law.
 
     "rational": 1, P, 1/(P + shape); "exponential": P, P E, P E² with E = exp(-P/shape); "quadratic": 1, P, P²;
     "smooth": Chebyshev polynomials, of which it takes as many as leave nothing but rounding.

@@ -1,4 +1,4 @@
-"""What a model tells the least squares about itself."""
+"""A recipe is what a model tells the least squares about itself."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ M = TypeVar("M")
 
 @dataclass(frozen=True)
 class Recipe(Generic[M]):
-    """How a model is fitted. A parameter that is a row may be meant as a whole by its bare name."""
+    """A recipe says how a model is fitted. A parameter that is a row may be meant as a whole by its bare name."""
 
     starts: tuple[M, ...] = ()
     """Muscles to start from; the values of `linear` parameters do not matter."""

@@ -1,3 +1,3 @@
-"""How results show themselves to a person: tables, pictures, sliders."""
+"""Results are shown to a person here: tables, pictures, sliders."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""How the project's pictures look: light, told apart by colour-blind eyes, readable in grey, units on every axis.
+"""The project's pictures look alike: light, told apart by colour-blind eyes, readable in grey, units on every axis.
 
 Figures are made without pyplot, so that nothing global changes and nothing has to be closed; a notebook shows them as
 they are. Every function loads Matplotlib when it is called.
@@ -17,7 +17,7 @@ FILL = "#dbe7f1"
 
 
 class Quantity(NamedTuple):
-    """What stands on an axis."""
+    """A quantity is what stands on an axis."""
 
     label: str
     unit: float  # SI value of the unit shown

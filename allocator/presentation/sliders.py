@@ -1,11 +1,11 @@
-"""Sliders over a picture in a notebook, and the picture alone where nothing is alive to move them."""
+"""Sliders are put over a picture in a notebook, and the picture is alone where nothing is alive to move them."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 
 class Range(NamedTuple):
-    """What a slider runs over."""
+    """A range is what a slider runs over."""
 
     label: str
     low: float

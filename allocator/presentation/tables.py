@@ -1,4 +1,4 @@
-"""How results show themselves to a person: numbers, ranges and small tables for consoles and notebooks."""
+"""Results are shown to a person here: numbers, ranges and small tables for consoles and notebooks."""
 
 from collections.abc import Iterable, Sequence
 from html import escape

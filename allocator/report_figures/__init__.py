@@ -1,4 +1,5 @@
-"""The figures of Tondu's report (arXiv 2104.13167) from its parameters: `figure_*` are the curves, `draw` the picture.
+"""The figures of Tondu's report (arXiv 2104.13167) are drawn from its parameters: `figure_*` are the curves, `draw` the
+picture.
 
 >>> draw(*figure_8()).savefig("figure_8.png")  # doctest: +SKIP
 """

@@ -1,4 +1,5 @@
-"""The complete search: all pairs of pressures and all optima of two muscles at an angle, whatever law and geometry.
+"""The complete search is here: all pairs of pressures and all optima of two muscles at an angle, whatever law and
+geometry.
 
 `rows` turns muscles into numbers, `curves` cuts their curves into pieces, `levels` finds all roots and the nearest
 points stretch by stretch (`stretches`), `arcs` the weighted optimum; `loops` does it for arrays, compiled by `compiled`

@@ -1,4 +1,4 @@
-"""The loops of the search compiled by numba."""
+"""The loops of the search are compiled by numba here."""
 
 from functools import cache
 from hashlib import sha256

@@ -1,4 +1,4 @@
-"""From a muscle at angles to the rows of numbers in which `allocator.search.curves` takes its curve."""
+"""A muscle at angles becomes the rows of numbers in which `allocator.search.curves` takes its curve."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""What a user reads when a command fails: one sentence on stderr, and an exit code.
+"""A user reads this when a command fails: one sentence on stderr, and an exit code.
 
 0    done
 1    standard output is gone, or something nobody foresaw

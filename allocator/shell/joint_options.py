@@ -1,4 +1,4 @@
-"""The options that describe a joint, the same for every command; millimetres, degrees and bar here, SI behind."""
+"""The options that describe a joint are the same for every command; millimetres, degrees and bar here, SI behind."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +20,7 @@ _MUSCLE = "a name that `antagonist muscles` lists, or a TOML file written by `an
 
 @dataclass(frozen=True)
 class JointOptions:
-    """What the user says of the joint; the rest is as in the file, or as in the report's joint."""
+    """The options are what the user says of the joint; the rest is as in the file, or as in the report's joint."""
 
     joint: Annotated[
         Path | None,

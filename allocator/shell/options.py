@@ -43,7 +43,7 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
 
 
 class Command(TyperCommand):
-    """A command that refuses an option given twice, of which the first would be ignored silently."""
+    """The command refuses an option given twice, of which the first would be ignored silently."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse as usual. Raises `InvalidInput` for an option given twice."""

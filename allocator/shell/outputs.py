@@ -1,4 +1,4 @@
-"""What a command may write: never over what it reads, and over other files only if its user says so."""
+"""A command may write files: never over what it reads, and over other files only if its user says so."""
 
 import os
 from collections.abc import Iterable

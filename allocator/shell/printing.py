@@ -1,4 +1,4 @@
-"""What commands print: sentences, and JSON for other programs."""
+"""Commands print in one way: sentences, and JSON for other programs."""
 
 import json
 import math

@@ -1,3 +1,3 @@
-"""What a joint does and what is known of it: plants, friction, compensation, faults."""
+"""What a joint does and what is known of it is modelled here: plants, friction, compensation, faults."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""What is known of a joint beyond the nominal model, and taken account of by observer and controllers alike.
+"""What is known of a joint beyond the nominal model is taken account of by observer and controllers alike.
 
 The disturbance torque d is what remains besides. Observer and controller have to be given the same `Compensation`.
 """
@@ -20,7 +20,7 @@ JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
 
 @dataclass(frozen=True)
 class Compensation:
-    """Friction, dead time and dead band as far as they are known; by default there are none."""
+    """A compensation holds friction, dead time and dead band as far as they are known; by default there are none."""
 
     friction: Friction = field(default_factory=Friction)
     dead_time: float = 0.0  # of the commands [s]
@@ -53,7 +53,7 @@ class Compensation:
 
 
 class FrictionState:
-    """The friction's z as the angle tells it."""
+    """A friction state is the friction's z as the angle tells it."""
 
     def __init__(self, friction: Friction) -> None:
         self.friction = friction

@@ -1,4 +1,6 @@
-"""What a closed loop is run against: an experiment is a plant in some state, its sensors, and time going on."""
+"""A closed loop is run against an experiment: an experiment is a plant in some state, its sensors, and time going
+on.
+"""
 
 from typing import Any, Protocol
 
@@ -24,7 +26,7 @@ class Experiment(Protocol):
 
 
 class ExactExperiment:
-    """A plant that is its model, (x, u, d) ↦ x, and whose whole state is measured."""
+    """An exact experiment is a plant that is its model, (x, u, d) ↦ x, and whose whole state is measured."""
 
     def __init__(self, discrete: Any, x0: Array) -> None:
         self._integrate = Buffered(discrete)

@@ -1,4 +1,5 @@
-"""What breaks in real joints: faults to inject into a `RealPlant`, each from `begin` until just before `end`.
+"""What breaks in real joints is listed here: faults to inject into a `RealPlant`, each from `begin` until just before
+`end`.
 
 A fault sees what passes by and changes it: the command that a regulator follows, what the sensors say, or which muscles
 still pull. What a fault does not touch goes through as it was. (A pay-load is no fault but a torque:
@@ -18,7 +19,7 @@ from mpc.model.plant import NU, NX
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault that does nothing; its members do one thing each. Muscles count from 1, as in the report."""
+    """The base of all faults does nothing; its members do one thing each. Muscles count from 1, as in the report."""
 
     begin: float = 0.0  # [s]
     end: float = inf  # [s]
@@ -78,7 +79,7 @@ class Leak(_MuscleFault):
 
 @dataclass(frozen=True)
 class StuckValve(_MuscleFault):
-    """A valve that stays shut: the pressure stays as it is."""
+    """A stuck valve stays shut: the pressure stays as it is."""
 
     def effective(self, u: Array, P: Array) -> Array:
         """Return the pressure that is there."""
@@ -87,7 +88,7 @@ class StuckValve(_MuscleFault):
 
 @dataclass(frozen=True)
 class BrokenCable(_MuscleFault):
-    """A cable that is broken: its muscle fills and empties as before, but pulls no more."""
+    """A cable is broken: its muscle fills and empties as before, but pulls no more."""
 
     @property
     def pulling(self) -> tuple[float, float]:
@@ -97,7 +98,7 @@ class BrokenCable(_MuscleFault):
 
 @dataclass(frozen=True)
 class SupplyDrop(Fault):
-    """A supply that gives less than it should: no muscle gets more."""
+    """A supply that drops gives less than it should: no muscle gets more."""
 
     supply: float = 3 * BAR  # [Pa]
 
@@ -122,7 +123,7 @@ class _SensorFault(Fault):
 
 @dataclass(frozen=True)
 class WrongReadings(_SensorFault):
-    """Sensors that say `value` [rad], [Pa], or the truth and `value`."""
+    """Wrong sensors say `value` [rad], [Pa], or the truth and `value`."""
 
     value: float = 0.0
     added: bool = False
@@ -134,7 +135,7 @@ class WrongReadings(_SensorFault):
 
 @dataclass(frozen=True)
 class SilentSensors(_SensorFault):
-    """Sensors that say nothing."""
+    """Silent sensors say nothing."""
 
     def read(self, y: Array, previous: Array) -> Array:
         """Return NaN from the silent ones."""
@@ -143,7 +144,7 @@ class SilentSensors(_SensorFault):
 
 @dataclass(frozen=True)
 class FrozenSensors(_SensorFault):
-    """Sensors that repeat what they said last."""
+    """Frozen sensors repeat what they said last."""
 
     def read(self, y: Array, previous: Array) -> Array:
         """Return the old readings from the frozen ones."""

@@ -1,4 +1,5 @@
-"""Hysteresis of the joint by Maxwell slip: friction of another structure than what controllers are told, Dahl's.
+"""Hysteresis of the joint is modelled by Maxwell slip: friction of another structure than what controllers are told,
+Dahl's.
 
     T_f = Σ k_i e_i,   de_i = dθ while |e_i| < ρ_i, 0 while it slips,   ρ_i = r_i (s_0 + (1 - s_0) (P1 + P2)/5 bar)
 

@@ -1,4 +1,4 @@
-"""The plant that the controller predicts with, and that it is nominally tested on: joint, link, two pressure lags.
+"""The controller predicts with this plant, and is nominally tested on it: joint, link, two pressure lags.
 
     θ' = ω
     J ω' = T(θ, P1, P2) - b ω - m g l sin θ + d
@@ -33,7 +33,7 @@ NX, NU = len(STATES), len(INPUTS)
 
 @dataclass(frozen=True)
 class Plant:
-    """A link on an `AntagonistJoint`, its pressures behind first-order lags; immutable. SI units."""
+    """A plant is a link on an `AntagonistJoint`, its pressures behind first-order lags; immutable. SI units."""
 
     joint: AntagonistJoint = field(default_factory=report_joint)
     inertia: float = 0.05  # J [kg·m²]

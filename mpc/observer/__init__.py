@@ -1,3 +1,3 @@
-"""What a joint is doing, from its sensors: the state, the load, and what may be broken."""
+"""What a joint is doing is estimated from its sensors: the state, the load, and what may be broken."""
 
 __all__: list[str] = []

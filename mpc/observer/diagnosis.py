@@ -1,4 +1,4 @@
-"""What an observer has anyway, sample by sample, turned into the `Health` of the joint.
+"""What an observer has anyway is turned into the `Health` of the joint, sample by sample.
 
 Three parts look for what they understand: `mpc.observer.pressure_diagnosis` at each muscle's pressure against its
 command, `mpc.observer.torque_diagnosis` at the disturbance torque, and this file at the observer's own flags. One cause
@@ -35,7 +35,8 @@ _LOW_SUPPLY = (Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY),)
 
 
 class Diagnosis:
-    """Fed once a sample by the observer of `plant`, whose sensors deviate by `sigma` [Pa] in the pressures.
+    """A diagnosis is fed once a sample by the observer of `plant`, whose sensors deviate by `sigma` [Pa] in the
+    pressures.
 
     A sensor is suspected that has lost `tolerance` seconds of readings lately, or at once when it is frozen.
     """

@@ -50,7 +50,7 @@ class Noise:
 
 
 class Belief(NamedTuple):
-    """What is thought of ξ."""
+    """A belief is what is thought of ξ."""
 
     xi: Array  # (5,)
     covariance: Array  # (5, 5)

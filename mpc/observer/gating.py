@@ -1,4 +1,4 @@
-"""Which readings an observer believes: innovation gating within physical bounds.
+"""A gate decides which readings an observer believes: innovation gating within physical bounds.
 
 A reading y of a sensor that should say ŷ, with the variance S of what lies between, is rejected where
 
@@ -71,7 +71,7 @@ _VERDICTS = {
 
 @dataclass(frozen=True)
 class Gate:
-    """The numbers of the gate, which follow from a plant and may be replaced; SI units."""
+    """The gate's numbers follow from a plant and may be replaced; SI units."""
 
     lower: Triple  # readings below or above say nothing
     upper: Triple

@@ -1,5 +1,5 @@
-"""What may be broken in a joint, as `mpc.observer.diagnosis` reads it off what an observer sees, and what to do about
-it.
+"""Health is what may be broken in a joint, as `mpc.observer.diagnosis` reads it off what an observer sees, and what to
+do about it.
 
 | fault | what is seen | reaction |
 |---|---|---|
@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 
 class Reaction(IntEnum):
-    """What to do, the more urgent the larger."""
+    """A reaction says what to do, the more urgent the larger."""
 
     NONE = 0
     STIFFEN_LESS = 1  # ask for less stiffness, that is for lower pressures
@@ -33,7 +33,7 @@ class Reaction(IntEnum):
 
 
 class FaultKind(StrEnum):
-    """The faults that are told apart."""
+    """These are the kinds of faults that are told apart."""
 
     LEAK = "leak"
     STUCK_VALVE = "stuck valve"
@@ -47,7 +47,7 @@ class FaultKind(StrEnum):
 
 
 class Part(StrEnum):
-    """What a fault is in."""
+    """A part is what a fault is in."""
 
     MUSCLE_1 = "muscle 1"
     MUSCLE_2 = "muscle 2"
@@ -75,7 +75,7 @@ _REACTIONS = {
 
 
 class Suspect(NamedTuple):
-    """A fault, and what it is in."""
+    """A suspect is a fault, and what it is in."""
 
     fault: FaultKind
     part: Part
@@ -91,7 +91,7 @@ class Suspect(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """Something that is wrong: one of the `suspects`, which what was seen does not tell apart."""
+    """A finding is something that is wrong: one of the `suspects`, which what was seen does not tell apart."""
 
     suspects: tuple[Suspect, ...]
     since: float  # [s] since the observer's reset
@@ -103,7 +103,7 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True)
 class Health:
-    """What is wrong with a joint at one moment."""
+    """Health says what is wrong with a joint at one moment."""
 
     findings: tuple[Finding, ...] = ()  # each with a cause of its own
 

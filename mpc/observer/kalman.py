@@ -1,4 +1,4 @@
-"""From measurements to what a controller needs: the state and the disturbance torque, whatever the sensors say.
+"""Measurements are turned into what a controller needs: the state and the disturbance torque, whatever the sensors say.
 
 `KalmanObserver` is the extended Kalman filter of `mpc.observer.filter` behind the gates of `mpc.observer.gating`: what
 the joint cannot have done is not believed. The covariance begins at the stationary one (Riccati equation at rest in the
@@ -36,7 +36,7 @@ _THETA, _PRESSURES = 0, (1, 2)  # sensors
 
 
 class Observer(Protocol):
-    """Makes a state of what the sensors say, sample by sample."""
+    """An observer makes a state of what the sensors say, sample by sample."""
 
     def reset(self) -> None:
         """Forget the past."""

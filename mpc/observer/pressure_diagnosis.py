@@ -1,4 +1,5 @@
-"""What may be wrong with a muscle's pressure: its course strikes out explanations, until the right ones are left.
+"""What may be wrong with a muscle's pressure is found here: its course strikes out explanations, until the right ones
+are left.
 
 A sound regulator makes of the commands v that act a pressure between those of a quick and of a slow one,
 

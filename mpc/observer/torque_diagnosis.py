@@ -1,4 +1,5 @@
-"""What may be wrong with a joint's torque: the disturbance d̂ of the observer as a broken cable or as a load.
+"""What may be wrong with a joint's torque is found here: the disturbance d̂ of the observer as a broken cable or as a
+load.
 
 Without muscle i the torque -T_i(θ, P_i) is missing: d̂ is at b - T_i, b being its mean over the last MEMORY seconds, and
 follows T_i; that of a load stays. The increments Δ over LATELY seconds tell the two apart, by the likelihood ratio
@@ -31,7 +32,7 @@ _PULLS = 0.4  # [T_usual]
 
 
 class TorqueDiagnosis:
-    """Of one joint whose muscles usually pull with `usual` [N·m] each."""
+    """The diagnosis is of one joint whose muscles usually pull with `usual` [N·m] each."""
 
     def __init__(self, dt: float, usual: float) -> None:
         self.dt, self.usual = dt, usual

@@ -1,4 +1,4 @@
-"""Trajectories and runs as CSV: degrees, bar and N·m/rad here, SI in the program."""
+"""Trajectories and runs are kept as CSV: degrees, bar and N·m/rad here, SI in the program."""
 
 from importlib import resources
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Plants and controllers as discrete-time I/O systems of python-control, to be connected with each other or others.
+"""Plants and controllers become discrete-time I/O systems of python-control here, to be connected with others.
 
     loop = closed_loop(plant, controller, reference)
     control.input_output_response(loop, T, U=0, X0=...)      is what `simulate` does, to rounding
@@ -142,7 +142,7 @@ def closed_loop(
 
 
 class _Noise:
-    """Standard normal numbers by sample: those that a `RealExperiment` with the same seed draws."""
+    """The noise is standard normal numbers by sample: those that a `RealExperiment` with the same seed draws."""
 
     def __init__(self, seed: int) -> None:
         self._random, self._drawn = np.random.default_rng(seed), list[Array]()
@@ -154,7 +154,7 @@ class _Noise:
 
 
 class _Moment(NamedTuple):
-    """Controller and observer after a sample, and the commands (2,) [Pa] given then."""
+    """A moment is controller and observer after a sample, and the commands (2,) [Pa] given then."""
 
     controller: Controller
     observer: Observer
@@ -162,7 +162,9 @@ class _Moment(NamedTuple):
 
 
 class _Rewindable:
-    """Controller and observer that can be asked again, and otherwise, for the sample that was answered last."""
+    """A rewindable one is controller and observer that can be asked again, and otherwise, for the sample that was
+    answered last.
+    """
 
     def __init__(
         self, controller: Controller, reference: Reference, observer: Observer, u_before: Array | None

@@ -1,4 +1,4 @@
-"""How well a run went: errors, limits broken and by how much, time taken, rungs used."""
+"""Metrics say how well a run went: errors, limits broken and by how much, time taken, rungs used."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -25,7 +25,7 @@ class Errors(NamedTuple):
 
 @dataclass(frozen=True)
 class Metrics:
-    """Figures of a run, in the units they are read in; over all samples from the first to the last.
+    """Metrics are figures of a run, in the units they are read in; over all samples from the first to the last.
 
     A reference that begins with a rest gives a controller time to find out how far its model is off; `after_rest` are
     the errors from the last sample on at which angle and stiffness were still those of the first one. A reference that

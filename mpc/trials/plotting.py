@@ -1,4 +1,4 @@
-"""The picture of a run: angle, stiffness and pressures against their references and limits."""
+"""The picture of a run is drawn here: angle, stiffness and pressures against their references and limits."""
 
 from pathlib import Path
 from typing import Any

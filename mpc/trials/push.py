@@ -1,4 +1,5 @@
-"""Stiffness as an experimenter finds it: settle the joint under control, freeze its pressures, push, see it give way.
+"""Stiffness is found here as an experimenter finds it: settle the joint under control, freeze its pressures, push, see
+it give way.
 
 From the moment of freezing on both regulators hold the pressures that were there. Then a slow sine of external torque
 T_e pushes both ways, while the encoder is read. Friction opposes the motion, s = ±1: T_e = -T(θ) + s T_f(θ), so that
@@ -63,7 +64,7 @@ class Push:
 
 
 class Cycle(NamedTuple):
-    """How to push."""
+    """A cycle says how to push."""
 
     torque: float = 2.0  # amplitude of T_e [N·m]: within the presliding of friction a joint seems stiffer than it is
     period: float = 16.0  # [s]; inertia lets the joint seem softer by J (2π/period)²
@@ -154,7 +155,9 @@ def _held(reference: Reference, steps: int) -> Reference:
 
 
 class _Freezing:
-    """`controller` up to the sample `after`; from then on the pressures measured there are commanded."""
+    """A freezing controller is `controller` up to the sample `after`; from then on the pressures measured there are
+    commanded.
+    """
 
     def __init__(self, controller: Controller, after: int) -> None:
         self.controller, self.after, self.dt = controller, after, controller.dt
@@ -179,7 +182,7 @@ class _Freezing:
 
 
 class _Reading:
-    """`observer`, and all that the encoder showed it."""
+    """A reading observer is `observer`, and all that the encoder showed it."""
 
     def __init__(self, observer: Observer) -> None:
         self.observer = observer

@@ -1,4 +1,4 @@
-"""Runs as NPZ: everything of a run in SI units, plant included, without pickle. NumPy alone opens it too."""
+"""Runs are kept as NPZ: everything of a run in SI units, plant included, without pickle. NumPy alone opens it too."""
 
 import tomllib
 from dataclasses import fields

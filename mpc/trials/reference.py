@@ -1,4 +1,4 @@
-"""What is to be followed: joint angle and stiffness over time."""
+"""A reference is what is to be followed: joint angle and stiffness over time."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -16,7 +16,9 @@ _SWING = 0.05  # of the range of all samples
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A trajectory by its samples; between them a smooth curve, after the last it stands still. Read-only."""
+    """A reference is a trajectory by its samples; between them a smooth curve, after the last it stands still.
+    Read-only.
+    """
 
     t: Array  # (n,) increasing [s]
     theta: Array  # (n,) [rad]

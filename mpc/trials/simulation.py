@@ -28,7 +28,7 @@ from mpc.trials.reference import Reference
 
 
 class Controller(Protocol):
-    """What `simulate` asks of a controller."""
+    """A controller has what `simulate` asks of it."""
 
     dt: float
 
@@ -44,7 +44,7 @@ class Controller(Protocol):
 
 
 class Process(Protocol):
-    """What `simulate` asks of a plant: `Plant` and `RealPlant` have it."""
+    """A process has what `simulate` asks of a plant: `Plant` and `RealPlant` have it."""
 
     @property
     def nominal(self) -> Plant:
@@ -65,7 +65,7 @@ class Process(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What happened in M steps; time runs along the first axis."""
+    """A run is what happened in M steps; time runs along the first axis."""
 
     plant: Plant  # the nominal one
     dt: float  # [s]

@@ -153,7 +153,7 @@ def _limited(values: Array, most: float) -> Array:
 
 
 class Standard(NamedTuple):
-    """A trajectory that has a name."""
+    """A standard trajectory is one that has a name."""
 
     about: Callable[[float], Reference]  # the stiffness K [N·m/rad]
     summary: str

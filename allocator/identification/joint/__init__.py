@@ -1,3 +1,3 @@
-"""A joint from measured angles at rest."""
+"""A joint is found from measured angles at rest here."""
 
 __all__: list[str] = []

@@ -28,7 +28,7 @@ _LEVELS = (0.5, 1.0, 1.5)  # of the pressure of K_ref
 
 
 class Twins(NamedTuple):
-    """Two models that the angles cannot tell apart."""
+    """Twins are two models that the angles cannot tell apart."""
 
     first: str
     second: str
@@ -38,7 +38,7 @@ class Twins(NamedTuple):
 
 @dataclass(frozen=True)
 class JointComparison:
-    """Fits by name in the order given, and why other models have none."""
+    """A comparison holds fits by name in the order given, and why other models have none."""
 
     fits: Mapping[str, JointFit]
     failures: Mapping[str, str]

@@ -1,4 +1,4 @@
-"""Stiffness and torque per pressure of a joint, and how they depend on the parameters of both its muscles.
+"""Stiffness and torque per pressure of a joint depend on the parameters of both its muscles as worked out here.
 
 Gradients are with respect to q = (parameters of the agonist, parameters of the antagonist), the order of
 `AntagonistJoint.covariance`.

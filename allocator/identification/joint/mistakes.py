@@ -1,4 +1,4 @@
-"""What can be seen to be wrong with measured equilibria before anything is fitted: one sentence each."""
+"""Measured equilibria are searched for what is wrong with them before anything is fitted: one sentence each."""
 
 import numpy as np
 

@@ -1,4 +1,5 @@
-"""Which pressures to visit and which weight to hang so that K is known to a wanted accuracy: a D-optimal plan.
+"""A plan says which pressures to visit and which weight to hang so that K is known to a wanted accuracy: a D-optimal
+plan.
 
 The unknowns x of the fit have the information matrix M = M0 + Σ Bᵀ B/σ², B the two rows ∂θ_eq/∂x of a setpoint that is
 visited from above and from below, M0 a loose prior (a parameter is known to five times itself, the zero to 10°, μ to
@@ -32,7 +33,7 @@ _LOWEST = 1.5 * BAR  # of the default candidates
 
 
 class Setpoint(NamedTuple):
-    """One line of the plan, visited twice."""
+    """A setpoint is one line of the plan, visited twice."""
 
     torque: float  # of the weight [N·m], positive where it pulls θ down
     P1: float  # [Pa]

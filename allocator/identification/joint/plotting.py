@@ -1,4 +1,6 @@
-"""Pictures of a joint's fit: angle against prediction, the residual with its hysteresis, stiffness with its band."""
+"""Pictures of a joint's fit are drawn here: angle against prediction, the residual with its hysteresis, stiffness with
+its band.
+"""
 
 from typing import Any
 

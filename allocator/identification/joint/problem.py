@@ -1,4 +1,4 @@
-"""The least-squares problem of a joint's fit: an output error in the angle.
+"""The least-squares problem of a joint's fit is an output error in the angle.
 
 The muscles F1 = F(P1, ε1; p) and F2 = ρ F(P2, ε2; p) hold the torque T and lose friction in the direction of motion s:
 
@@ -32,7 +32,7 @@ _GREAT = 10.0  # stands for a residual that the law cannot evaluate [rad]
 
 
 class Unknowns(NamedTuple):
-    """What x stands for."""
+    """The unknowns are what x stands for."""
 
     muscle: Muscle  # agonist, not checked
     ratio: float  # strength of the antagonist in that of the agonist, ρ [-]
@@ -41,7 +41,7 @@ class Unknowns(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """G(θ) and what it is made of, each (n,)."""
+    """A balance is G(θ) and what it is made of, each (n,)."""
 
     lacking: Array  # G [N·m]
     stiffness: Array  # K_s = -∂G/∂θ [N·m/rad]

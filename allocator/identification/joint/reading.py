@@ -35,7 +35,7 @@ _OPTIONAL = ("torque", "direction", "sweep", "rest_length", "time")
 
 
 class JointLog(NamedTuple):
-    """Equilibria in SI units, arrays (n,), and what was left out of the file."""
+    """A log holds equilibria in SI units, arrays (n,), and what was left out of the file."""
 
     theta: Array
     P1: Array

@@ -1,4 +1,4 @@
-"""A joint whose force scale is unknown: what equilibria without a weight can tell, and nothing else."""
+"""A joint may be known but for its force scale: what equilibria without a weight can tell, and nothing else."""
 
 from dataclasses import dataclass, replace
 from os import PathLike

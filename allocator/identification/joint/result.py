@@ -1,4 +1,4 @@
-"""What the fit of a joint gives back."""
+"""The fit of a joint gives this back."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

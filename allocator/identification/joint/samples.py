@@ -22,7 +22,7 @@ _WIDEST = 2 * BAR  # what does not go into so few cells has many torques or grou
 
 
 class Group(NamedTuple):
-    """Samples of one mechanism, e.g. of one muscle length."""
+    """A group is samples of one mechanism, e.g. of one muscle length."""
 
     label: str
     geometry: Geometry

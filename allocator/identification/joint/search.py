@@ -1,4 +1,4 @@
-"""The search for the unknowns of a joint's fit: where it starts, and least squares from there."""
+"""The unknowns of a joint's fit are searched here: where to start, and least squares from there."""
 
 from dataclasses import replace
 

@@ -23,7 +23,7 @@ _MOST_SAMPLES = 300  # of the pseudo-measurement
 
 
 class PseudoForces(NamedTuple):
-    """Forces that explain the equilibria roughly."""
+    """Pseudo-forces are those that explain the equilibria roughly."""
 
     contraction: Array  # (k,) [-]
     pressure: Array  # (k,) [Pa]

@@ -1,4 +1,4 @@
-"""The measured force tables that come with the package; their sources stand at the top of each file."""
+"""The measured force tables come with the package; their sources stand at the top of each file."""
 
 from dataclasses import dataclass
 from importlib.resources import as_file, files

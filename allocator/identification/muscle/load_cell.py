@@ -1,4 +1,4 @@
-"""What a load cell adds to a force: a sign, an offset, noise at no force, and noise in proportion to the force.
+"""A load cell adds something to a force: a sign, an offset, noise at no force, and noise in proportion to the force.
 
 Where a muscle must be slack is seen without any model, since its force falls with contraction and rises with pressure:
 one sample is beyond another if it is contracted further at no higher pressure, or is at lower pressure and contracted
@@ -33,7 +33,7 @@ _PASSES = 4  # of weighting and fitting the polynomial
 
 
 class Zero(NamedTuple):
-    """What a load cell shows at no force."""
+    """The zero is what a load cell shows at no force."""
 
     offset: float  # [N]
     noise: float  # standard deviation [N]

@@ -1,4 +1,4 @@
-"""The least-squares problem of a muscle's fit.
+"""The least-squares problem of a muscle's fit is stated here.
 
     minimise  Σ w_i r_i²,   r_i = F(P_i, ε_i; p) - y_i           where the muscle was measured taut
                             r_i = max(0, F(P_i, ε_i; p)) - y_i   where it was slack: the true force is "≤ 0", not y_i
@@ -25,7 +25,7 @@ _GREAT = 1e100  # stands for a force that the law cannot evaluate
 
 
 class Solution(NamedTuple):
-    """Where the search ended."""
+    """A solution is where the search ended."""
 
     x: Array  # values of the free parameters
     cost: float  # Σ w r²

@@ -1,4 +1,4 @@
-"""All models side by side on the same samples.
+"""All models are compared side by side on the same samples.
 
 The law of some models ends where a muscle is stretched, and such a model leaves those samples out. Each model is fitted
 to all it takes, but all are judged alike: by cross-validation within the samples that every model takes, in the same
@@ -23,7 +23,7 @@ _MOST_LEFT_OUT = 0.1  # of the samples, by the best model
 
 @dataclass(frozen=True)
 class Ranking:
-    """Fits from the best to the worst error on the same samples, and why other models have none."""
+    """A ranking holds fits from the best to the worst error on the same samples, and why other models have none."""
 
     fits: tuple[Fit[Any], ...]
     failures: Mapping[str, str]  # model name → sentence

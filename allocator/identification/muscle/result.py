@@ -1,4 +1,4 @@
-"""What a fit gives back."""
+"""The fit of a muscle gives this back."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,9 @@ M = TypeVar("M", bound=Muscle)
 
 
 class Level(NamedTuple):
-    """Residuals F_model - F_measured of the taut samples in a range of pressures (one level where there are few)."""
+    """A level is the residuals F_model - F_measured of the taut samples in a range of pressures (one level where there
+    are few).
+    """
 
     pressure: float  # mean [Pa]
     samples: int  # how many

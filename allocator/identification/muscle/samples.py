@@ -1,4 +1,4 @@
-"""Measured forces, and the mistakes that can be seen in them."""
+"""Measured forces are kept here, and the mistakes found that can be seen in them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -138,7 +138,7 @@ def _frozen(array: Array) -> Array:
 
 
 class Mistake(NamedTuple):
-    """A sample that cannot be right."""
+    """A mistake is a sample that cannot be right."""
 
     place: int  # index of the sample
     quantity: str  # "contraction", "pressure" or "force"

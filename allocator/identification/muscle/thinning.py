@@ -1,4 +1,4 @@
-"""A raw force log, put together into few samples.
+"""A raw force log is put together into few samples.
 
 A log of more than 2000 rows is averaged over cells of 1/64 of its range of contractions × 1/32 of its range of
 pressures, loading and unloading together. A cell is one sample: the means of contraction, pressure and force, weighted

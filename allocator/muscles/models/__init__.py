@@ -1,4 +1,4 @@
-"""The one list of all models."""
+"""The one list of all models is here."""
 
 from allocator.muscles.base import Muscle
 from allocator.muscles.models.affine_polynomial import AffinePolynomial

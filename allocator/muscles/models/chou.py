@@ -1,4 +1,4 @@
-"""The McKibben muscle by virtual work, with the thickness of its wall."""
+"""The McKibben muscle is described by virtual work, with the thickness of its wall."""
 
 from dataclasses import dataclass
 from math import pi

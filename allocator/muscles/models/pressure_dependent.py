@@ -1,4 +1,4 @@
-"""McKibben muscles whose greatest contraction depends on the pressure."""
+"""These McKibben muscles have a greatest contraction that depends on the pressure."""
 
 from abc import abstractmethod
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The muscle model that Tondu's report proposes."""
+"""Tondu's report proposes this muscle model."""
 
 from dataclasses import dataclass
 from math import sqrt

@@ -1,4 +1,4 @@
-"""The muscle as a spring whose stiffness depends on pressure and stretch."""
+"""The muscle is a spring whose stiffness depends on pressure and stretch."""
 
 from dataclasses import dataclass
 from typing import Self
