@@ -1,7 +1,6 @@
-"""The complete search is here: all pairs of pressures and all optima of two muscles at an angle, whatever law and
-geometry.
+"""The complete search finds all pairs of pressures and all optima of two muscles at an angle, for any law and geometry.
 
-`rows` turns muscles into numbers, `curves` cuts their curves into pieces, `levels` finds all roots and the nearest
+`rows` turns muscles into numbers, `curves` cuts their curves into pieces, `pairs` finds all roots and the nearest
 points stretch by stretch (`stretches`), `arcs` the weighted optimum; `loops` does it for arrays, compiled by `compiled`
 or as plain Python, and `batch` is what the rest of the library calls.
 """

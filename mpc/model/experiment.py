@@ -1,6 +1,4 @@
-"""A closed loop is run against an experiment: an experiment is a plant in some state, its sensors, and time going
-on.
-"""
+"""An experiment is what a closed loop is run against: a plant in some state, its sensors, and time going on."""
 
 from typing import Any, Protocol
 

@@ -13,19 +13,22 @@ import numpy as np
 import pytest
 from numba import njit
 
-import mpc.export
+from allocator import report_joint
+from allocator.calculus import is_symbol
 from allocator.errors import InvalidInput
+from allocator.muscles import FunctionMuscle
 from mpc.codegen import c_text, python_text
 from mpc.codegen.graphs import Untranslatable, operation_names
 from mpc.codegen.languages import PYTHON, C
 from mpc.codegen.python_text import translated
+from mpc.export import entry, export
 from mpc.tracking.compiled.jit import merged
 
-from ...rigs.toolchain import STRICT
+from ...rigs import toolchain as tools
 
 RNG = np.random.default_rng(8)
 ODD = (-math.inf, -710.5, -2.5, -1.0, -0.3, -0.0, 0.0, 1e-300, 0.3, 0.5, 1.0, 2.5, 710.5, math.inf, math.nan)
-SOURCES = Path(mpc.export.__file__).parent / "c"
+SOURCES = Path(entry.__file__).parent / "c"
 MOST = 60  # outputs of a function that is compiled here
 
 
@@ -73,7 +76,7 @@ def by_gcc(function, folder, single):
     text = c_text.function(function, "all of them", single)
     (folder / "antagonist_config.h").write_text("#define ANT_SINGLE\n" if single else "\n")
     (folder / "model.c").write_text(f'#include "real.h"\n\n{c_text.prototype(function)};\n\n{text}\n')
-    flags = *STRICT, "-Wdouble-promotion", "-O2", "-shared", "-fPIC", f"-I{SOURCES}", f"-I{SOURCES / 'allocate'}"
+    flags = *tools.STRICT, "-Wdouble-promotion", "-O2", "-shared", "-fPIC", f"-I{SOURCES}", f"-I{SOURCES / 'allocate'}"
     command = ["gcc", *flags, "model.c", "-lm", "-o", "model.so"]
     subprocess.run(command, cwd=folder, check=True)
     real = ctypes.c_float if single else ctypes.c_double
@@ -184,3 +187,16 @@ def test_the_printer_follows_the_table(monkeypatch):
     monkeypatch.setattr(python_text, "PYTHON", replace(PYTHON, operations={"OP_SIN": "float({0} > 0.0)"}))
     function = ca.Function("one", ARGUMENTS, [ca.sin(ARGUMENTS[0])], ["x", "y"], ["out"])
     assert "v0 = float(i0_0 > 0.0)" in translated("law", function).text
+
+
+@needs_gcc
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_muscle_is_exported_whatever_functions_its_law_takes(precision, tmp_path):
+    # `arctan` was in the table for Python only: this muscle could be tracked, and not exported
+    muscle = FunctionMuscle(
+        lambda eps: 3e-4 * (1 - 1.6 * (ca.atan(eps) if is_symbol(eps) else np.arctan(eps))), lambda eps: -40 * eps
+    )
+    out = export(tmp_path / "c", joint=report_joint(muscle), what="allocate", precision=precision)
+    printed = tools.run(tools.compiled(out, out / "main.c", "demonstration"))
+    assert "atan" in (out / "src" / "model.c").read_text()
+    assert "status 0" in printed
