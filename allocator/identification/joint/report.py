@@ -1,5 +1,6 @@
 """Everything that is said about the solution of a joint's fit is worked out here, number by number."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from allocator.identification.joint.problem import JointProblem, Unknowns
 from allocator.identification.joint.relative import with_joint_covariance
 from allocator.identification.joint.search import minimise
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.muscles import scaled, strength_powers
+from allocator.muscles import monotonicity_failure, scaled, strength_powers
 
 _DETERMINANT_GRID = 7
 _MOST_MISSED = 0.05  # of the samples for which the model may have no equilibrium
@@ -27,6 +28,17 @@ class GroupError(NamedTuple):
     samples: int
     rms: float  # [rad]
     left_out: float  # RMS [rad] when the group was kept from the fit; NaN where that could not be
+
+
+class Findings(NamedTuple):
+    """The findings are what a fit may have to be warned of."""
+
+    converged: bool
+    failure: str  # where [M] fails; empty if it does not
+    determinant_positive: bool
+    slack: int  # forces below `taut_min`
+    hysteresis_share: float
+    scale_std: float | None
 
 
 def checked(problem: JointProblem, x: Array) -> Unknowns:
@@ -114,7 +126,7 @@ def joints(problem: JointProblem, u: Unknowns, covariance: Array) -> dict[str, A
     return joints
 
 
-def scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
+def _scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
     """Return the relative standard deviation of K at the samples, in the mean: dominated by that of the scale."""
     J, s = parameter_jacobian(problem, u), problem.samples
     i = int(np.bincount(s.group).argmax())
@@ -142,7 +154,7 @@ def _left_out(problem: JointProblem, x: Array, here: Mask) -> float:
     return rms(problem.on(here).angle_error(others))
 
 
-def hysteresis_share(problem: JointProblem, u: Unknowns) -> float:
+def _hysteresis_share(problem: JointProblem, u: Unknowns) -> float:
     """Return Σ h²/(Σ h² + Σ m²): h half the difference, m the mean of the errors of a rising and a falling sample."""
     pairs = problem.samples.pairs()
     if not pairs:
@@ -154,7 +166,7 @@ def hysteresis_share(problem: JointProblem, u: Unknowns) -> float:
     return float(h / (h + m))
 
 
-def determinant_positive(joint: AntagonistJoint) -> bool:
+def _determinant_positive(joint: AntagonistJoint) -> bool:
     """Return whether det ∂(T, K)/∂(P1, -P2) > 0 wherever both muscles are taut, on a grid."""
     low, high = joint.pressure_limits
     angles = np.linspace(*joint.angle_range, _DETERMINANT_GRID)
@@ -166,7 +178,7 @@ def determinant_positive(joint: AntagonistJoint) -> bool:
     return bool((det[taut] > 0).all())
 
 
-def domain(problem: JointProblem) -> tuple[float, tuple[float, float]]:
+def _domain(problem: JointProblem) -> tuple[float, tuple[float, float]]:
     """Return the greatest pressure [Pa] and the contractions [-] of the data, on which [M] is checked."""
     s = problem.samples
     (eps1, *_), (eps2, *_), _ = s.routes(np.clip(s.theta, *s.reach()))
@@ -174,29 +186,32 @@ def domain(problem: JointProblem) -> tuple[float, tuple[float, float]]:
     return float(max(s.P1.max(), s.P2.max())), (max(0.0, float(eps.min())), float(eps.max()))
 
 
-def warnings(
-    problem: JointProblem,
-    x: Array,
-    u: Unknowns,
-    *,
-    converged: bool,
-    failure: str,
-    positive: bool,
-    slack: int,
-    share: float,
-    scale_std: float | None,
-) -> tuple[str, ...]:
-    """Return what is to be known before the fit is used: `failure` is of [M], `share` that of hysteresis."""
+def findings(
+    problem: JointProblem, u: Unknowns, joints: Iterable[AntagonistJoint], covariance: Array, converged: bool
+) -> Findings:
+    """Return what is to be warned of; `covariance` is that of the unknowns."""
+    return Findings(
+        converged=converged,
+        failure=monotonicity_failure(u.muscle, *_domain(problem)),
+        determinant_positive=all(_determinant_positive(joint) for joint in joints),
+        slack=int((problem.shares(u) < problem.taut_min).sum()),
+        hysteresis_share=_hysteresis_share(problem, u),
+        scale_std=None if problem.conventional else _scale_std(problem, u, covariance),
+    )
+
+
+def warnings(problem: JointProblem, x: Array, u: Unknowns, found: Findings) -> tuple[str, ...]:
+    """Return what is to be known before the fit is used."""
     bounded = (n for n, b in zip(problem.names, at_bound(problem, x), strict=True) if b)
-    forces = 2 * problem.samples.n
+    forces, slack, positive = 2 * problem.samples.n, found.slack, found.determinant_positive
     return (
-        *(() if converged else ("the search stopped before it converged",)),
+        *(() if found.converged else ("the search stopped before it converged",)),
         *(f"{name} ended at the limit of its search" for name in bounded),
-        *((f"[M] fails: {failure}",) if failure else ()),
+        *((f"[M] fails: {found.failure}",) if found.failure else ()),
         *(() if positive else ("det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere",)),
         *((f"{slack} of {forces} muscle forces are below {problem.taut_min:.0%} of the mean",) if slack else ()),
-        *_friction_warnings(problem, u, share),
-        *_scale_warning(problem, scale_std),
+        *_friction_warnings(problem, u, found.hysteresis_share),
+        *_scale_warning(problem, found.scale_std),
     )
 
 
@@ -223,18 +238,16 @@ def rms(error: Array) -> float:
 
 
 __all__ = [
+    "Findings",
     "GroupError",
     "at_bound",
     "checked",
     "covariance",
-    "determinant_positive",
-    "domain",
+    "findings",
     "groups",
-    "hysteresis_share",
     "joints",
     "parameter_jacobian",
     "rms",
-    "scale_std",
     "unseen",
     "warnings",
 ]

@@ -17,7 +17,7 @@ from allocator.identification.joint.samples import JointSamples
 from allocator.identification.joint.search import minimise, scale_shape
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.storage import save_joint
-from allocator.muscles import Muscle, monotonicity_failure, strength_powers
+from allocator.muscles import Muscle, strength_powers
 from allocator.presentation.tables import first_of, html_table, number
 from allocator.units import DEG, PERCENT
 
@@ -230,37 +230,23 @@ def solved(problem: JointProblem, x: Array, leave_one_out: bool = True) -> Joint
     error = problem.angle_error(x)
     covariance = report.covariance(problem, x)
     joints = report.joints(problem, u, covariance)
-    scale_std = None if problem.conventional else report.scale_std(problem, u, covariance)
-    failure = monotonicity_failure(u.muscle, *report.domain(problem))
-    positive = all(report.determinant_positive(joint) for joint in joints.values())
-    slack = int((problem.shares(u) < problem.taut_min).sum())
-    share = report.hysteresis_share(problem, u)
+    found = report.findings(problem, u, joints.values(), covariance, converged)
     return JointFit(
         shapes=joints,
         scale=None if problem.conventional else problem.mean_area(u).real,
-        scale_std=scale_std,
+        scale_std=found.scale_std,
         ratio=u.ratio,
         zero=u.zero,
         friction=u.friction,
         rms=report.rms(error),
         groups=report.groups(problem, x, error, leave_one_out),
-        hysteresis_share=share,
+        hysteresis_share=found.hysteresis_share,
         standard_deviations=dict(zip(problem.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         unseen=report.unseen(problem, x),
-        slack=slack,
-        monotone=not failure,
-        determinant_positive=positive,
-        warnings=report.warnings(
-            problem,
-            x,
-            u,
-            converged=converged,
-            failure=failure,
-            positive=positive,
-            slack=slack,
-            share=share,
-            scale_std=scale_std,
-        ),
+        slack=found.slack,
+        monotone=not found.failure,
+        determinant_positive=found.determinant_positive,
+        warnings=report.warnings(problem, x, u, found),
         problem=problem,
         x=x,
     )
