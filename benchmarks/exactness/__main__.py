@@ -4,11 +4,11 @@ import argparse
 from pathlib import Path
 
 from rich.progress import Progress
-from tests.exact_everywhere.joints import GEOMETRIES, MUSCLES
 
 from benchmarks.exactness import report
 from benchmarks.exactness.accuracy import Score, scores
 from benchmarks.exactness.timing import Time, times
+from tests.exact_everywhere.joints import GEOMETRIES, MUSCLES
 
 RESULTS = Path(__file__).parents[1] / "results"
 

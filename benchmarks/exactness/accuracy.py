@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from allocator import Allocation
 from tests.exact_everywhere.curves import Image, image
 from tests.exact_everywhere.dense_search import Targets
 from tests.exact_everywhere.joints import joint_of
 from tests.exact_everywhere.judge import PRIORITIES, Verdict, asked, false_intervals, judged
 from tests.exact_everywhere.targets import made_targets, random_targets
-
-from allocator import Allocation
 
 ANGLES = 200  # at each of which there are many targets, so that the reachable set is sampled once for all of them
 INTERVALS = 20  # every so many answers' intervals are searched for, too

@@ -8,12 +8,11 @@ from math import isnan
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tests.exact_everywhere.judge import FIRST, FLAT, SECOND, WEIGHTS
-
 from benchmarks.allocators.machine import machine
 from benchmarks.allocators.report import table, write_csv
 from benchmarks.exactness.accuracy import INTERVALS, Score
 from benchmarks.exactness.timing import BATCH, Time
+from tests.exact_everywhere.judge import FIRST, FLAT, SECOND, WEIGHTS
 
 NAME = "exactness"
 Record = TypeVar("Record", Score, Time)

@@ -12,12 +12,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+
+from allocator import allocate, warm_up
 from tests.exact_everywhere.curves import image
 from tests.exact_everywhere.joints import joint_of
 from tests.exact_everywhere.judge import PRIORITIES, WEIGHTS
 from tests.exact_everywhere.targets import random_targets
-
-from allocator import allocate, warm_up
 
 BATCH, ROUNDS = 10_000, 3
 PATIENCE = 0.3  # [s] after which nothing is measured again, and no more single calls are

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from tests.exact_everywhere.joints import joint_of
 
 from allocator import allocate
+from tests.exact_everywhere.joints import joint_of
 
 JOINTS = [
     ("Tondu2021", "lever-A"),
