@@ -39,7 +39,7 @@ def law_of(joint: AntagonistJoint) -> Law:
             f"the joint cannot be exported: its supply ({_bar(joint)}) begins above the pressures of its muscle models"
         )
     _check_affine(joint)
-    return Law("affine", _limits(joint, affine.hi1, affine.hi2, affine))
+    return Law("affine", _limits(joint, affine.most1, affine.most2, affine))
 
 
 def _limits(joint: AntagonistJoint, hi1: float, hi2: float, numbers: TonduNumbers | AffineNumbers) -> Numbers:
@@ -52,8 +52,8 @@ def _limits(joint: AntagonistJoint, hi1: float, hi2: float, numbers: TonduNumber
         "HI2_LIMIT": (numbers.hi_limit2, ""),
         "LEFT": (numbers.left, "joint range [rad]"),
         "RIGHT": (numbers.right, "[rad]"),
-        "LEFT_LIMIT": (numbers.left_limit, "what ends it"),
-        "RIGHT_LIMIT": (numbers.right_limit, ""),
+        "LEFT_LIMIT": (numbers.below, "what ends it"),
+        "RIGHT_LIMIT": (numbers.above, ""),
     }
 
 

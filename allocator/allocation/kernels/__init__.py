@@ -1,3 +1,3 @@
-"""Kernels are the exact allocation in plain numbers: one text, called for a target, looped over arrays, compiled."""
+"""The kernels are one text, the exact allocation in plain numbers: it is called, looped over, compiled and printed."""
 
 __all__: list[str] = []

@@ -1,9 +1,9 @@
-"""The functions of `kernels` compiled by numba: when they are used, once, and kept on disk.
+"""This module compiles the functions of `source` by numba: when they are used, once, and kept on disk.
 
 Where they cannot be compiled (`allocator.compilation.jit`) `kernel` answers None and the readable implementation does
 the work.
 
-In other compiled code a law is called like any compiled function:
+In other compiled code a kernel is called like any compiled function:
 
     tondu_exact = kernel("tondu_exact")         # θ, K, T, p → P1, P2, T, K, status, limits, sure
     p = tuple(TonduNumbers.of(joint))           # `joint_numbers`; of(joint) is None: not of this kind
@@ -13,27 +13,27 @@ In other compiled code a law is called like any compiled function:
 
 from functools import cache
 
-from allocator.allocation.kernels import source as kernels
+from allocator.allocation.kernels import source
 from allocator.compilation import jit
 
 
 @cache
 def kernel(name: str) -> jit.Function | None:
-    """The function `name` of `kernels`, compiled (for each kind of arguments at its first call); None if it cannot be.
+    """Return `source`'s function `name`, compiled for each kind of arguments at its first call; None if it cannot be.
 
     A compilation takes about a second.
     """
-    return jit.compiled(getattr(kernels, name), kernels.LAWS, inline=True, unaliased=True)
+    return jit.compiled(getattr(source, name), source.FUNCTIONS, inline=True, unaliased=True)
 
 
 @cache
 def register() -> None:
-    """Teach numba the laws, so that compiled functions can call each other by their plain names."""
-    jit.register(kernels.LAWS, inline=True)
+    """Teach numba the functions of `source`, so that compiled functions can call each other by their plain names."""
+    jit.register(source.FUNCTIONS, inline=True)
 
 
 def threads() -> int:
-    """How many threads compiled loops may use: numba's own number, by default that of the processors."""
+    """Return how many threads compiled loops may use: numba's own number, by default that of the processors."""
     import numba
 
     return int(numba.config.NUMBA_NUM_THREADS)

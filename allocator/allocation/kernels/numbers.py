@@ -1,7 +1,8 @@
-"""The numbers of a joint in the form in which the `kernels` take them: tuples of plain numbers, made once."""
+"""This module puts the numbers of a joint into the tuples of plain numbers that the `kernels` take, made once."""
 
 from typing import NamedTuple
 
+from allocator.allocation.assessment import CLOSED_FORM
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.limits import Limit
 
@@ -10,7 +11,7 @@ _MOST_KAPPA = 0.8
 
 
 class TonduNumbers(NamedTuple):
-    """The numbers `p` of a joint of two equal Tondu2021 on a pulley; pass `tuple(numbers)`, which is quicker."""
+    """The `TonduNumbers` are `p` of a joint of two equal Tondu2021 on a pulley; pass `tuple(numbers)`: it is quicker."""
 
     S: float  # [m²]
     R: float  # [m]
@@ -23,22 +24,25 @@ class TonduNumbers(NamedTuple):
     g: float  # e - c d [Pa²]
     lo: float  # supply [Pa]
     hi: float  # supply or validity [Pa]
+    least: float  # the formulas are proved from here [Pa]
+    most: float  # up to here
     left: float  # joint range [rad]
     right: float
     near: float  # a pressure this near to a bound lies on it [Pa]
     hi_limit1: int  # Limit flags: what `hi` is for the agonist
     hi_limit2: int
-    left_limit: int  # and what ends the joint range
-    right_limit: int
+    below: int  # what ends the joint range on the left
+    above: int  # and on the right
 
     @classmethod
     def of(cls, joint: AntagonistJoint) -> "TonduNumbers | None":
-        """The numbers of `joint`, None if it is not of this kind or the fixed number of steps is not proved for it."""
+        """Return the numbers of `joint`, None if it is of another kind or the number of steps is not proved for it."""
         closed = joint.tondu_pulley
         if closed is None:
             return None
         m, pulley = closed.muscle, closed.pulley
         valid = m.max_pressure < joint.pressure_limits[1]
+        lo, hi = joint.pressure_limits[0], min(m.max_pressure, joint.pressure_limits[1])
         numbers = cls(
             S=m.S,
             R=pulley.radius,
@@ -49,15 +53,17 @@ class TonduNumbers(NamedTuple):
             d=m.d,
             e=m.e,
             g=m.g,
-            lo=joint.pressure_limits[0],
-            hi=min(m.max_pressure, joint.pressure_limits[1]),
+            lo=lo,
+            hi=hi,
+            least=lo,
+            most=hi,
             left=joint.angle_range[0],
             right=joint.angle_range[1],
-            near=1e-9 * joint.pressure_span,
+            near=CLOSED_FORM.binds * joint.pressure_span,
             hi_limit1=int(Limit.AGONIST_VALIDITY if valid else Limit.P1_UPPER),
             hi_limit2=int(Limit.ANTAGONIST_VALIDITY if valid else Limit.P2_UPPER),
-            left_limit=int(joint.angle_limit(False)),
-            right_limit=int(joint.angle_limit(True)),
+            below=int(joint.angle_limit(False)),
+            above=int(joint.angle_limit(True)),
         )
         return numbers if numbers.settles else None
 
@@ -72,37 +78,37 @@ class TonduNumbers(NamedTuple):
 
 
 class AffineNumbers(NamedTuple):
-    """The numbers `p` of a joint of two affine muscles; pass `tuple(numbers)`."""
+    """The `AffineNumbers` are `p` of a joint of two affine muscles; pass `tuple(numbers)`."""
 
     lo: float  # supply [Pa]
-    hi1: float  # supply or validity [Pa]
-    hi2: float
+    most1: float  # supply or validity [Pa]
+    most2: float
     left: float  # joint range [rad]
     right: float
     near: float  # a pressure this near to a bound lies on it [Pa]
-    hi_limit1: int  # Limit flags: what `hi1` is
+    hi_limit1: int  # Limit flags: what `most1` is
     hi_limit2: int
-    left_limit: int  # and what ends the joint range
-    right_limit: int
+    below: int  # what ends the joint range on the left
+    above: int  # and on the right
 
     @classmethod
     def of(cls, joint: AntagonistJoint) -> "AffineNumbers | None":
-        """The numbers of `joint`, None if a muscle is not affine."""
+        """Return the numbers of `joint`, None if a muscle is not affine."""
         lo, supply = joint.pressure_limits
         valid1, valid2 = joint.agonist.max_pressure, joint.antagonist.max_pressure
         numbers = cls(
             lo=lo,
-            hi1=min(valid1, supply),
-            hi2=min(valid2, supply),
+            most1=min(valid1, supply),
+            most2=min(valid2, supply),
             left=joint.angle_range[0],
             right=joint.angle_range[1],
-            near=1e-9 * joint.pressure_span,
+            near=CLOSED_FORM.binds * joint.pressure_span,
             hi_limit1=int(Limit.AGONIST_VALIDITY if valid1 < supply else Limit.P1_UPPER),
             hi_limit2=int(Limit.ANTAGONIST_VALIDITY if valid2 < supply else Limit.P2_UPPER),
-            left_limit=int(joint.angle_limit(False)),
-            right_limit=int(joint.angle_limit(True)),
+            below=int(joint.angle_limit(False)),
+            above=int(joint.angle_limit(True)),
         )
-        return numbers if joint.affine and lo < min(numbers.hi1, numbers.hi2) else None
+        return numbers if joint.affine and lo < min(numbers.most1, numbers.most2) else None
 
 
 __all__ = ["AffineNumbers", "TonduNumbers"]

@@ -1,6 +1,6 @@
-"""The exact allocation of one target, written so that it can be compiled: plain numbers in, plain numbers out.
+"""This module is the exact allocation of one target as plain Python, the one text that everything else is made from.
 
-Two laws: `tondu_exact` for two equal Tondu2021 on a pulley, `affine_exact` for muscles affine in the pressure in any
+`tondu_exact` answers for two equal Tondu2021 on a pulley, `affine_exact` for muscles affine in the pressure in any
 geometry. They give, to rounding, what the readable `allocator.allocation.exact` and `assessment` give, for the
 lexicographic priorities without a pull. Nothing here is searched, and no step depends on the data: bring the first
 target into its interval, find both ends of its level in the box, bring the second target between them, invert.
@@ -17,11 +17,17 @@ so that K fixes s = r1 + r2, and T leaves the cubic [C] of `allocator.joint.tond
 Within the box |z| ≤ 1/2 and κ ≤ 0.8 (`TonduNumbers.settles` makes sure of it), where Halley's step from z = 0 and
 `_NEWTON_STEPS` of Newton's leave an error of 2e-14 at most.
 
-This file is plain Python without NumPy: called as it stands it takes some µs a target, and so it answers scalar calls
-until `allocator.allocation.kernels.compiled` has compiled it. That file is where compiled functions come from, also for
-calls from other compiled code. Both give the same digits. Arguments that are None (a limit that is not there) are
-compiled away, and there are only conditional expressions and `sqrt`, so that the loops over arrays vectorise. It is one
-file because numba looks at one file only to see whether what it has on disk is out of date.
+Four readers share the text, and all give the same digits:
+
+* Python, as it stands, in some µs a target: scalar calls until `warm_up`;
+* numba (`compiled`), also for calls from other compiled code. Arguments that are None (a limit that is not there) are
+  compiled away, and there are only conditional expressions and `sqrt`, so that the loops over arrays vectorise. It is
+  one file because numba looks at one file only to see whether what it has on disk is out of date;
+* NumPy (`printed.array_form`), for arrays until `warm_up`;
+* C (`printed.c_form`), for the export and as the benchmark's limit.
+
+The printer asks for a plain style: a tuple is unpacked into names or returned as names, and a name is first assigned
+outside of branches.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -30,58 +36,66 @@ from collections.abc import Callable
 from math import inf, pi, sqrt
 from typing import Any
 
+from allocator.allocation.status import Status
 from allocator.joint.limits import Limit
 
+MET = 1e-9  # of the torque or stiffness scale: a target missed by less is met
 _NEWTON_STEPS = 4
 _TURN = 2 * pi
-_MET = 1e-9  # of the torque or stiffness scale: a target missed by less is met; as `assessment.CLOSED_FORM`
 _RISES = 1e-6  # of q: where the force gains less from pressure the reference answers
+
+# Statuses as plain numbers
+EXACT, TORQUE_LIMITED, STIFFNESS_LIMITED = int(Status.EXACT), int(Status.TORQUE_LIMITED), int(Status.STIFFNESS_LIMITED)
+CONFLICT, SLACK = int(Status.CONFLICT), int(Status.SLACK)
+OUTSIDE_JOINT_RANGE, OUTSIDE_LIMITS = int(Status.OUTSIDE_JOINT_RANGE), int(Status.OUTSIDE_LIMITS)
 
 # Limit flags of a muscle: lower bound, least force, greatest force, slew
 AGONIST = tuple(map(int, (Limit.P1_LOWER, Limit.AGONIST_SLACK, Limit.AGONIST_FORCE, Limit.P1_RATE)))
 ANTAGONIST = tuple(map(int, (Limit.P2_LOWER, Limit.ANTAGONIST_SLACK, Limit.ANTAGONIST_FORCE, Limit.P2_RATE)))
 
 
-# --- both laws: the box and the judgement ---------------------------------------------------------------------------
+# --- both kernels: the box and the verdict --------------------------------------------------------------------------
 
 
 def interval(bounds, near):
-    """(lo, hi, status) of one muscle's pressure [Pa], as `allocator.joint.limits.PressureInterval`.
+    """Return (low, high, status) of one muscle's pressure [Pa], as `allocator.joint.limits.PressureInterval`.
 
     `bounds`: supply, supply or validity, least force, greatest force, both ends of what the slew limit leaves [Pa];
-    ±inf where there is none. The `Status` is 0, or 5 conflict, 6 slack, 9 outside the limits.
+    ±inf where there is none. The `Status` is exact, conflict, slack or outside the limits.
     """
     lo, hi, taut, ceiling, nearest, farthest = bounds
     most = hi if ceiling >= hi else clip(ceiling, lo, hi)
     low, high = clip(taut, lo, most), most
     if nearest > low or farthest < high:
         low, high = clip(low, nearest, farthest), clip(high, nearest, farthest)
-    status = 5 if taut > most + near or ceiling < lo - near else 0
-    status = 6 if taut > high + near else status
-    status = 9 if nearest > most + near or farthest < lo - near else status
+    status = CONFLICT if taut > most + near or ceiling < lo - near else EXACT
+    status = SLACK if taut > high + near else status
+    status = OUTSIDE_LIMITS if nearest > most + near or farthest < lo - near else status
     return low, high, status
 
 
 def clip(x, lo, hi):
-    """`x` within [lo, hi]."""
+    """Return `x` within [lo, hi]."""
     x = x if x > lo else lo
     return x if x < hi else hi
 
 
 def binding(P, low, high, bounds, near, hi_limit, flags):
-    """The flags of the limits that `P` in [low, high] lies on."""
+    """Return the flags of the limits that `P` in [low, high] lies on."""
     if low + near < P < high - near:
         return 0
     lo, hi, taut, ceiling, nearest, farthest = bounds
-    limits = (flags[0] if -near <= P - lo <= near else 0) | (hi_limit if -near <= P - hi <= near else 0)
-    limits = limits | (flags[1] if -near <= P - taut <= near else 0) | (flags[2] if -near <= P - ceiling <= near else 0)
-    return limits | (flags[3] if P - nearest <= near or farthest - P <= near else 0)
+    lower, slack, force, rate = flags
+    limits = (lower if -near <= P - lo <= near else 0) | (hi_limit if -near <= P - hi <= near else 0)
+    limits = limits | (slack if -near <= P - taut <= near else 0) | (force if -near <= P - ceiling <= near else 0)
+    return limits | (rate if P - nearest <= near or farthest - P <= near else 0)
 
 
 def verdict(e_T, e_K, T_scale, K_scale, outside, status1, status2):
-    """The `Status`: 1 torque missed, 2 stiffness missed, 7 outside the joint range, or a muscle's; the last of them."""
-    status = (1 if abs(e_T) > _MET * T_scale else 0) + (2 if abs(e_K) > _MET * K_scale else 0)
-    status = status if outside == 0 else 7
+    """Return the `Status`: what is missed, or outside the joint range, or a muscle's; the last of them in its list."""
+    missed_T = TORQUE_LIMITED if abs(e_T) > MET * T_scale else EXACT
+    status = missed_T | (STIFFNESS_LIMITED if abs(e_K) > MET * K_scale else EXACT)
+    status = status if outside == 0 else OUTSIDE_JOINT_RANGE
     status = status if status > status1 else status1
     return status if status > status2 else status2
 
@@ -92,14 +106,14 @@ def verdict(e_T, e_K, T_scale, K_scale, outside, status1, status2):
 def tondu_exact(
     theta, K, T, p, min_force=0.0, max_force=None, P1_now=None, P2_now=None, max_step=None, stiffness_first=None
 ):
-    """One target: (P1, P2 [Pa], T [N·m] and K [N·m/rad] given, status, limits, sure); `p` from `TonduNumbers`.
+    """Answer one target: (P1, P2 [Pa], T [N·m] and K [N·m/rad] given, status, limits, sure); `p` from `TonduNumbers`.
 
     θ [rad], K [N·m/rad], T [N·m]; `min_force`, `max_force` [N], pressures now and `max_step` [Pa], or None;
     `stiffness_first`: None for priority "torque", True for "stiffness". `sure` is False where these formulas are not
-    proved, beyond the fold of a muscle or outside the supply range: there the reference has to answer.
+    proved, beyond the fold of a muscle or outside the pressures for which they are: there the reference has to answer.
     """
-    S, R, l0, eps0, q, c, d, e, g, lo, hi, left, right, near, hi_limit1, hi_limit2, left_limit, right_limit = p
-    outside = left_limit if theta < left else (right_limit if theta > right else 0)
+    S, R, l0, eps0, q, c, d, e, g, lo, hi, least, most, left, right, near, hi_limit1, hi_limit2, below, above = p
+    outside = below if theta < left else (above if theta > right else 0)
     X = R * clip(theta, left, right) / l0
     eps1, eps2 = eps0 + X, eps0 - X
     taut1 = -inf if min_force is None else tondu_pressure(min_force, eps1, S, q, c, d, e)
@@ -111,17 +125,18 @@ def tondu_exact(
     bounds1 = (lo, hi, taut1, ceiling1, nearest1, farthest1)
     bounds2 = (lo, hi, taut2, ceiling2, nearest2, farthest2)
     (lo1, hi1, status1), (lo2, hi2, status2) = interval(bounds1, near), interval(bounds2, near)
-    sure = lo1 >= lo and lo2 >= lo and hi1 <= hi and hi2 <= hi
-    lo1, hi1, lo2, hi2 = clip(lo1, lo, hi), clip(hi1, lo, hi), clip(lo2, lo, hi), clip(hi2, lo, hi)
+    sure = lo1 >= least and lo2 >= least and hi1 <= most and hi2 <= most
+    lo1, hi1, lo2, hi2 = clip(lo1, least, most), clip(hi1, least, most), clip(lo2, least, most), clip(hi2, least, most)
     rl1, rl2, rh1, rh2 = 1 / (lo1 + d), 1 / (lo2 + d), 1 / (hi1 + d), 1 / (hi2 + d)
     sure = sure and q + g * eps1 * rh1 * rh1 > _RISES * q and q + g * eps2 * rh2 * rh2 > _RISES * q
-    box, law = (lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2), (eps1, eps2, q, c, d, g)
+    box, muscles = (lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2), (eps1, eps2, q, c, d, g)
     T_unit, K_unit = S * R, S * R * R / l0
     tau, s = T / T_unit, (K / K_unit - 2 * c) / g
-    if stiffness_first is None:
-        P1, P2 = tondu_torque_first(tau, s, box, law)
-    else:
-        P1, P2 = tondu_stiffness_first(tau, s, box, law)
+    P1, P2 = (
+        tondu_torque_first(tau, s, box, muscles)
+        if stiffness_first is None
+        else tondu_stiffness_first(tau, s, box, muscles)
+    )
     f1, f2 = tondu_f(P1, 1 / (P1 + d), eps1, q, c, g), tondu_f(P2, 1 / (P2 + d), eps2, q, c, g)
     T_given, K_given = T_unit * (f1 - f2), K_unit * (2 * c + g * (1 / (P1 + d) + 1 / (P2 + d)))
     T_scale = T_unit * (abs(tondu_f(hi1, rh1, eps1, q, c, g)) + abs(tondu_f(hi2, rh2, eps2, q, c, g))) + abs(T)
@@ -129,13 +144,14 @@ def tondu_exact(
     status = verdict(T_given - T, K_given - K, T_scale, K_scale, outside, status1, status2)
     limits1 = binding(P1, lo1, hi1, bounds1, near, hi_limit1, AGONIST)
     limits2 = binding(P2, lo2, hi2, bounds2, near, hi_limit2, ANTAGONIST)
-    return P1, P2, T_given, K_given, status, limits1 | limits2 | outside, sure
+    limits = limits1 | limits2 | outside
+    return P1, P2, T_given, K_given, status, limits, sure
 
 
-def tondu_torque_first(tau, s, box, law):
-    """The pressures for τ = T/(S R), brought within reach, and then for s, brought within the torque level."""
+def tondu_torque_first(tau, s, box, muscles):
+    """Return the pressures for τ = T/(S R), brought within reach, and then for s, brought within the torque level."""
     lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2 = box
-    eps1, eps2, q, c, d, g = law
+    eps1, eps2, q, c, d, g = muscles
     fl1, fl2 = tondu_f(lo1, rl1, eps1, q, c, g), tondu_f(lo2, rl2, eps2, q, c, g)
     fh1, fh2 = tondu_f(hi1, rh1, eps1, q, c, g), tondu_f(hi2, rh2, eps2, q, c, g)
     too_low, too_high = tau <= fl1 - fh2, tau >= fh1 - fl2
@@ -150,17 +166,18 @@ def tondu_torque_first(tau, s, box, law):
     b1, b2 = hi1 if at1 else clip(u - d, lo1, hi1), clip(u - d, lo2, hi2) if at1 else hi2
     # K grows as s falls
     at_a, at_b = s >= 1 / (a1 + d) + 1 / (a2 + d), s <= 1 / (b1 + d) + 1 / (b2 + d)
-    P1, P2 = tondu_inverse(tau, s, box, law)
+    P1, P2 = tondu_inverse(tau, s, box, muscles)
     P1, P2 = b1 if at_b else P1, b2 if at_b else P2
     P1, P2 = a1 if at_a else P1, a2 if at_a else P2
     P1, P2 = lo1 if too_low else P1, hi2 if too_low else P2
-    return hi1 if too_high else P1, lo2 if too_high else P2
+    P1, P2 = hi1 if too_high else P1, lo2 if too_high else P2
+    return P1, P2
 
 
-def tondu_stiffness_first(tau, s, box, law):
-    """The same with the goals exchanged: s within [K(lo, lo), K(hi, hi)], then τ within the stiffness level."""
+def tondu_stiffness_first(tau, s, box, muscles):
+    """Return the pressures for s, brought within [K(lo, lo), K(hi, hi)], and then for τ, within the stiffness level."""
     lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2 = box
-    eps1, eps2, q, c, d, g = law
+    eps1, eps2, q, c, d, g = muscles
     too_low, too_high = s >= rl1 + rl2, s <= rh1 + rh2
     s = clip(s, rh1 + rh2, rl1 + rl2)
     at1 = s - rl1 >= rh2  # the least torque: P1 at its lower bound, unless P2 would leave its upper one
@@ -169,17 +186,18 @@ def tondu_stiffness_first(tau, s, box, law):
     b1, b2 = hi1 if at1 else clip(1 / (s - rl2) - d, lo1, hi1), clip(1 / (s - rh1) - d, lo2, hi2) if at1 else lo2
     at_a = tau <= tondu_f(a1, 1 / (a1 + d), eps1, q, c, g) - tondu_f(a2, 1 / (a2 + d), eps2, q, c, g)
     at_b = tau >= tondu_f(b1, 1 / (b1 + d), eps1, q, c, g) - tondu_f(b2, 1 / (b2 + d), eps2, q, c, g)
-    P1, P2 = tondu_inverse(tau, s, box, law)
+    P1, P2 = tondu_inverse(tau, s, box, muscles)
     P1, P2 = b1 if at_b else P1, b2 if at_b else P2
     P1, P2 = a1 if at_a else P1, a2 if at_a else P2
     P1, P2 = lo1 if too_low else P1, lo2 if too_low else P2
-    return hi1 if too_high else P1, hi2 if too_high else P2
+    P1, P2 = hi1 if too_high else P1, hi2 if too_high else P2
+    return P1, P2
 
 
-def tondu_inverse(tau, s, box, law):
-    """The pressures that give τ and s, by the cubic at the top of this file; in the box also where there are none."""
+def tondu_inverse(tau, s, box, muscles):
+    """Return the pressures that give τ and s, by the cubic of (22), brought into the box where they are not in it."""
     lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2 = box
-    eps1, eps2, q, c, _, g = law
+    eps1, eps2, q, c, d, g = muscles
     s = clip(s, rh1 + rh2, rl1 + rl2)
     kappa = -g * (eps1 + eps2) * s * s / (8 * q)
     t = -(tau + (c + g * s / 2) * (eps1 - eps2)) * s / (4 * q)
@@ -187,16 +205,17 @@ def tondu_inverse(tau, s, box, law):
     z = t * rest / (rest * rest + t * t)  # Halley's step from z = 0
     for _ in range(_NEWTON_STEPS):
         z = z - (((kappa * z + t) * z + rest) * z - t) / ((3 * kappa * z + 2 * t) * z + rest)
-    return clip(2 / (s * (1 + z)) - law[4], lo1, hi1), clip(2 / (s * (1 - z)) - law[4], lo2, hi2)
+    P1, P2 = clip(2 / (s * (1 + z)) - d, lo1, hi1), clip(2 / (s * (1 - z)) - d, lo2, hi2)
+    return P1, P2
 
 
 def tondu_f(P, r, eps, q, c, g):
-    """Force per area f = q P - ε (c + g r) [Pa], r = 1/(P + d)."""
+    """Return the force per area f = q P - ε (c + g r) [Pa], r = 1/(P + d)."""
     return q * P - eps * (c + g * r)
 
 
 def tondu_pressure(F, eps, S, q, c, d, e):
-    """`Tondu2021.pressure`, to the last digit, so that the box is the reference's."""
+    """Compute `Tondu2021.pressure`, to the last digit, so that the box is the reference's."""
     q1 = q * d - c * eps - F / S
     q0 = -(e * eps + d * F / S)
     square = q1 * q1 - 4 * q * q0
@@ -204,7 +223,7 @@ def tondu_pressure(F, eps, S, q, c, d, e):
 
 
 def tondu_u(f, eps, q, c, d, g):
-    """u = P + d of the pressure with the force `f` per area: the smaller root of q u² - h u - ε g = 0, or inf."""
+    """Return u = P + d for the force `f` per area: the smaller root of q u² - h u - ε g = 0, or inf."""
     h = q * d + c * eps + f
     square = h * h + 4 * q * eps * g
     return (h - sqrt(square)) / (2 * q) if square >= 0 else inf
@@ -227,13 +246,14 @@ def affine_exact(
     max_step=None,
     stiffness_first=None,
 ):
-    """As `tondu_exact`; `one` and `two` are (A, B, a, k', k0) of the muscles at θ brought into the joint range.
+    """Answer one target as `tondu_exact` does; `one` and `two` are the muscles at θ brought into the joint range.
 
-    F = A P + B [N], moment arm a [m], stiffness that the muscle adds k0 + k' P [N·m/rad]; `p` from `AffineNumbers`.
+    They are (A, B, a, k', k0): F = A P + B [N], moment arm a [m], stiffness that the muscle adds k0 + k' P [N·m/rad];
+    `p` comes from `AffineNumbers`.
     """
-    lo, most1, most2, left, right, near, hi_limit1, hi_limit2, left_limit, right_limit = p
+    lo, most1, most2, left, right, near, hi_limit1, hi_limit2, below, above = p
     (A1, B1, arm1, k1, k01), (A2, B2, arm2, k2, k02) = one, two
-    outside = left_limit if theta < left else (right_limit if theta > right else 0)
+    outside = below if theta < left else (above if theta > right else 0)
     rises = A1 > 0 and A2 > 0
     A1, A2 = A1 if rises else 1.0, A2 if rises else 1.0
     taut1 = -inf if min_force is None else (min_force - B1) / A1
@@ -248,10 +268,11 @@ def affine_exact(
     box, t1, t2 = (lo1, hi1, lo2, hi2), arm1 * A1, -arm2 * A2
     T0, K0 = arm1 * B1 - arm2 * B2, k01 + k02
     sure = rises and t1 * k2 - t2 * k1 > 0 and k1 != 0 and k2 != 0
-    if stiffness_first is None:
-        P1, P2 = affine_lexicographic(T - T0, t1, t2, K - K0, k1, k2, box)
-    else:
-        P1, P2 = affine_lexicographic(K - K0, k1, k2, T - T0, t1, t2, box)
+    P1, P2 = (
+        affine_lexicographic(T - T0, t1, t2, K - K0, k1, k2, box)
+        if stiffness_first is None
+        else affine_lexicographic(K - K0, k1, k2, T - T0, t1, t2, box)
+    )
     F1, F2 = A1 * P1 + B1, A2 * P2 + B2
     T_given, K_given = arm1 * F1 - arm2 * F2, K0 + k1 * P1 + k2 * P2
     T_scale = arm1 * abs(A1 * hi1 + B1) + arm2 * abs(A2 * hi2 + B2) + abs(T)
@@ -259,11 +280,12 @@ def affine_exact(
     status = verdict(T_given - T, K_given - K, T_scale, K_scale, outside, status1, status2)
     limits1 = binding(P1, lo1, hi1, bounds1, near, hi_limit1, AGONIST)
     limits2 = binding(P2, lo2, hi2, bounds2, near, hi_limit2, ANTAGONIST)
-    return P1, P2, T_given, K_given, status, limits1 | limits2 | outside, sure
+    limits = limits1 | limits2 | outside
+    return P1, P2, T_given, K_given, status, limits, sure
 
 
 def affine_lexicographic(X, x1, x2, Y, y1, y2, box):
-    """The pressures with x1 P1 + x2 P2 nearest to X, and of them those with y1 P1 + y2 P2 nearest to Y.
+    """Return the pressures with x1 P1 + x2 P2 nearest to X, and of them those with y1 P1 + y2 P2 nearest to Y.
 
     A level of the first is a straight line, on which the second is affine. From m_i to M_i the first grows.
     """
@@ -283,19 +305,20 @@ def affine_lexicographic(X, x1, x2, Y, y1, y2, box):
     P1, P2 = b1 if share >= 1 else P1, b2 if share >= 1 else P2
     P1, P2 = a1 if share <= 0 else P1, a2 if share <= 0 else P2
     P1, P2 = m1 if too_low else P1, m2 if too_low else P2
-    return M1 if too_high else P1, M2 if too_high else P2
+    P1, P2 = M1 if too_high else P1, M2 if too_high else P2
+    return P1, P2
 
 
 # --- arrays ---------------------------------------------------------------------------------------------------------
 
 
 def odd(theta, K, T):
-    """1 for an angle of more than a turn, a stiffness that is not positive, or what is not finite; else 0."""
+    """Return 1 for an angle of more than a turn, a stiffness that is not positive, or what is not finite; else 0."""
     return 0 if abs(theta) <= _TURN and 0 < K < inf and abs(T) < inf else 1
 
 
 def tondu_batch(theta, K, T, p, min_force, max_force, P1_now, P2_now, max_step, stiffness_first, out):
-    """Fill `out`, arrays (n,) for what `tondu_exact` gives; (number of odd targets, number of unsure answers)."""
+    """Fill `out`, arrays (n,) for what `tondu_exact` gives; return how many targets are odd, and answers unsure."""
     P1, P2, T_given, K_given, status, limits, sure = out
     strange = unsure = 0
     for i in range(theta.size):
@@ -310,7 +333,7 @@ def tondu_batch(theta, K, T, p, min_force, max_force, P1_now, P2_now, max_step, 
 
 
 def affine_batch(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now, max_step, stiffness_first, out):
-    """The same with `affine_exact`; `one` and `two` are tuples of arrays (n,)."""
+    """Fill `out` as `tondu_batch` does, by `affine_exact`; `one` and `two` are tuples of arrays (n,)."""
     P1, P2, T_given, K_given, status, limits, sure = out
     strange = unsure = 0
     (A1, B1, arm1, k1, k01), (A2, B2, arm2, k2, k02) = one, two
@@ -326,14 +349,15 @@ def affine_batch(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now,
     return strange, unsure
 
 
-LAWS: tuple[Callable[..., Any], ...] = (
+FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *(interval, clip, binding, verdict),
     *(tondu_exact, tondu_torque_first, tondu_stiffness_first, tondu_inverse, tondu_f, tondu_u, tondu_pressure),
     *(affine_exact, affine_lexicographic, odd),
 )
 
 __all__ = [
-    "LAWS",
+    "FUNCTIONS",
+    "MET",
     "affine_batch",
     "affine_exact",
     "tondu_batch",
