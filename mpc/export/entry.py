@@ -9,8 +9,8 @@ from mpc.export import text
 from mpc.export.allocation_demonstration import allocation_lines, allocation_table
 from mpc.export.control import check_pair, control_files, model_functions, sizes_of
 from mpc.export.control_demonstration import lines as control_lines
-from mpc.export.joint import law_of
-from mpc.export.parts import Files, allocation_files, copied, law_functions, model_files
+from mpc.export.joint import kernel_of
+from mpc.export.parts import Files, allocation_files, copied, kernel_functions, model_files
 from mpc.export.readme import readme
 from mpc.export.writing import check, write
 from mpc.model.compensation import Compensation
@@ -72,7 +72,7 @@ def default_controller(plant: Plant, horizon: int = 10) -> TrackingMPC:
 
     Raises InvalidInput for a joint that cannot be exported, before anything is compiled for it.
     """
-    law_of(plant.joint)
+    kernel_of(plant.joint)
     return TrackingMPC(plant, N=horizon, weights=Weights.calm(), compensation=Compensation.of(plant.joint))
 
 
@@ -95,29 +95,29 @@ def _pair(
 
 
 def _allocation(joint: AntagonistJoint, single: bool) -> Files:
-    law = law_of(joint)
+    kernel = kernel_of(joint)
     return {
         **dict(copied(".", "")),
-        **allocation_files(joint, law, single),
-        **model_files(law_functions(joint, law), single),
+        **allocation_files(joint, kernel, single),
+        **model_files(kernel_functions(joint, kernel), single),
         "antagonist_config.h": _config(single, {}),
         "src/demonstration.h": allocation_table(joint, single),
-        "README.md": readme(joint, law.directory, single, list(allocation_lines(joint))),
+        "README.md": readme(joint, kernel.name, single, list(allocation_lines(joint))),
     }
 
 
 def _control(controller: TrackingMPC, observer: KalmanObserver, single: bool, alone: bool) -> Files:
     joint = controller.plant.joint
-    law = law_of(joint)
+    kernel = kernel_of(joint)
     printed = ([] if alone else list(allocation_lines(joint))) + list(control_lines(controller, observer))
-    functions = law_functions(joint, law) + model_functions(controller.plant, controller.dt)
+    functions = kernel_functions(joint, kernel) + model_functions(controller.plant, controller.dt)
     return {
         **_allocation(joint, single),
         **control_files(controller, observer, single),
         **model_files(functions, single),
         "antagonist_config.h": _config(single, sizes_of(controller)),
         "src/demonstration.h": allocation_table(joint, single, alone),
-        "README.md": readme(joint, law.directory, single, printed, controller),
+        "README.md": readme(joint, kernel.name, single, printed, controller),
     }
 
 

@@ -1,4 +1,4 @@
-"""What of a joint the exported allocation needs: its law and its numbers, or why it cannot be exported."""
+"""The kernel and the numbers of a joint are found here, or why it cannot be exported."""
 
 from typing import Any, NamedTuple
 
@@ -9,25 +9,26 @@ from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 
 Numbers = dict[str, tuple[float | int, str]]  # name: value, what it is
-_GRID = 181  # angles at which the law is checked
+_BELOW_POLE = 1 - 1e-6  # of the pole: pressures up to there have a force in either precision
+_GRID = 181  # angles at which affine muscles are checked
 
 
-class Law(NamedTuple):
-    """One of the two laws there is C code for."""
+class Kernel(NamedTuple):
+    """The kernel of a joint is one of the two that are printed as C; the numbers are the joint's."""
 
-    directory: str  # of its files
+    name: str  # "tondu" or "affine", also the directory of the file that calls it
     numbers: Numbers
 
 
-def law_of(joint: AntagonistJoint) -> Law:
-    """The law of `joint`. Raises InvalidInput for a joint whose allocation has no closed form that is proved."""
+def kernel_of(joint: AntagonistJoint) -> Kernel:
+    """Return the kernel of `joint`. Raises InvalidInput for a joint without a closed-form allocation that is proved."""
     if joint.tondu_pulley:
         if (tondu := TonduNumbers.of(joint)) is None:
             raise InvalidInput(
                 f"the joint cannot be exported: its supply ({_bar(joint)}) comes so near to the pole of its Tondu2021 "
                 f"muscles ({-joint.tondu_pulley.muscle.d / 1e5:.3g} bar) that a few steps of Newton's method may not do"
             )
-        return Law("tondu", _limits(joint, tondu.hi, tondu.hi, tondu) | _tondu(tondu))
+        return Kernel("tondu", _limits(joint, tondu.hi, tondu.hi, tondu) | _tondu(tondu))
     if not joint.affine:
         raise InvalidInput(
             f"a joint with {type(joint.agonist).__name__} and {type(joint.antagonist).__name__} cannot be exported: "
@@ -39,7 +40,7 @@ def law_of(joint: AntagonistJoint) -> Law:
             f"the joint cannot be exported: its supply ({_bar(joint)}) begins above the pressures of its muscle models"
         )
     _check_affine(joint)
-    return Law("affine", _limits(joint, affine.most1, affine.most2, affine))
+    return Kernel("affine", _limits(joint, affine.most1, affine.most2, affine))
 
 
 def _limits(joint: AntagonistJoint, hi1: float, hi2: float, numbers: TonduNumbers | AffineNumbers) -> Numbers:
@@ -66,12 +67,14 @@ def _tondu(numbers: TonduNumbers) -> Numbers:
         "Q": (numbers.q, "q = a - b [-]"),
         "C": (numbers.c, "c [Pa]"),
         "D": (numbers.d, "d [Pa]"),
+        "E": (numbers.e, "e [Pa^2]"),
         "G": (numbers.g, "g = e - c d [Pa^2]"),
+        "MOST": (-_BELOW_POLE * numbers.d, "up to here: below the pole -d [Pa]"),
     }
 
 
 def _check_affine(joint: AntagonistJoint) -> None:
-    """Insist on what the exported code presumes all over the joint range."""
+    """Check what the exported code presumes all over the joint range."""
     theta = np.linspace(*joint.angle_range, _GRID)
     (t1, t2), (k1, k2) = joint.jacobian(theta, 0.0 * theta, 0.0 * theta)
     wrong = ~((t1 > 0) & (t2 < 0) & (t1 * k2 - t2 * k1 > 0) & (k1 != 0) & (k2 != 0))
@@ -88,7 +91,7 @@ def _bar(joint: AntagonistJoint) -> str:
 
 
 def sides_function(joint: AntagonistJoint) -> Any:
-    """CasADi function θ ↦ (A, B, a, k', k0) of the agonist and of the antagonist, as in affine/law_state.h."""
+    """Return the CasADi function θ ↦ (A, B, a, k', k0), (…) of both muscles, as `affine_exact` takes them."""
     import casadi as ca
 
     theta = ca.SX.sym("theta")
@@ -105,4 +108,4 @@ def sides_function(joint: AntagonistJoint) -> Any:
     return ca.Function("sides", [theta], [ca.densify(ca.cse(row)) for row in rows], ["theta"], ["one", "two"])
 
 
-__all__ = ["Law", "Numbers", "law_of", "sides_function"]
+__all__ = ["Kernel", "Numbers", "kernel_of", "sides_function"]

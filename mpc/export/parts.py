@@ -1,4 +1,4 @@
-"""The exported files: those of this package as they are, and those that are written for the joint."""
+"""The exported files are those of this package as they are, and those that are written for the joint."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,7 +8,8 @@ from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.codegen import c_text
 from mpc.export import text
-from mpc.export.joint import Law, Numbers, sides_function
+from mpc.export.joint import Kernel, Numbers, sides_function
+from mpc.export.kernel import kernel_files
 
 Files = dict[str, str]  # path within the exported directory: content
 
@@ -16,38 +17,38 @@ _C = Path(__file__).parent / "c"
 
 
 def copied(directory: str, to: str) -> Iterator[tuple[str, str]]:
-    """The C files of `directory` of this package, to be put into `to`."""
+    """Yield the C files of `directory` of this package, to be put into `to`."""
     for path in sorted((_C / directory).iterdir()):
         if path.is_file() and not path.name.startswith("."):
             yield f"{to}{path.name}", path.read_text(encoding="utf-8")
 
 
-def allocation_files(joint: AntagonistJoint, law: Law, single: bool) -> Files:
-    """All that the allocation takes, without the demonstration."""
-    files = dict(copied("allocate", "src/")) | dict(copied(law.directory, "src/"))
-    numbers = text.defines({**law.numbers, **_tolerances(single)}, single)
+def allocation_files(joint: AntagonistJoint, kernel: Kernel, single: bool) -> Files:
+    """Return all that the allocation takes, without the demonstration."""
+    files = dict(copied("allocate", "src/")) | dict(copied(kernel.name, "src/")) | kernel_files(kernel.name)
+    numbers = text.defines({**kernel.numbers, **_tolerances(joint, single)}, single)
     files["src/joint.h"] = text.header("ANT_JOINT_H", "The joint's numbers, in SI units.", numbers)
     return files
 
 
-def _tolerances(single: bool) -> Numbers:
-    """What rounding leaves of "equal"."""
+def _tolerances(joint: AntagonistJoint, single: bool) -> Numbers:
+    """Return what rounding leaves of "equal"."""
     met, near = (4e-6, 1e-6) if single else CLOSED_FORM
     return {
         "MET": (met, "of the torque or stiffness scale: a target missed by less is met [-]"),
-        "NEAR": (near, "of the supply: a pressure this near to a bound lies on it [-]"),
+        "NEAR": (near * joint.pressure_span, "a pressure this near to a bound lies on it [Pa]"),
     }
 
 
-def law_functions(joint: AntagonistJoint, law: Law) -> list[tuple[Any, str]]:
-    """The CasADi functions that the law takes, and what each computes."""
-    if law.directory == "tondu":
+def kernel_functions(joint: AntagonistJoint, kernel: Kernel) -> list[tuple[Any, str]]:
+    """Return the CasADi functions that the kernel takes, and what each computes."""
+    if kernel.name == "tondu":
         return []
-    return [(sides_function(joint), "theta [rad] to what the muscles are there, see law_state.h")]
+    return [(sides_function(joint), "theta [rad] to what the muscles are there, see kernel.c")]
 
 
 def model_files(functions: list[tuple[Any, str]], single: bool) -> Files:
-    """model.h and model.c with these CasADi functions, if there are any."""
+    """Return model.h and model.c with these CasADi functions, if there are any."""
     if not functions:
         return {}
     heads = "\n".join(f"{c_text.prototype(f)}; /* {about} */" for f, about in functions)
@@ -59,4 +60,4 @@ def model_files(functions: list[tuple[Any, str]], single: bool) -> Files:
     }
 
 
-__all__ = ["Files", "allocation_files", "copied", "law_functions", "model_files"]
+__all__ = ["Files", "allocation_files", "copied", "kernel_functions", "model_files"]

@@ -78,12 +78,12 @@ in double precision; the softened QP then answers, with nearly the same commands
 
 
 def readme(
-    joint: AntagonistJoint, law: str, single: bool, printed: list[str], controller: TrackingMPC | None = None
+    joint: AntagonistJoint, kernel: str, single: bool, printed: list[str], controller: TrackingMPC | None = None
 ) -> str:
     """Its text; `printed` is what the demonstration prints according to Python."""
     muscles = " and ".join(type(muscle).__name__ for muscle in (joint.agonist, joint.antagonist))
     written = ["antagonist_config.h", "src/joint.h", "src/demonstration.h"]
-    written += ["src/model.c"] if law == "affine" or controller else []
+    written += ["src/model.c"] if kernel == "affine" or controller else []
     written += ["src/settings.h", "src/tables.c"] if controller else []
     head = _HEAD.format(
         precision="single" if single else "double",
@@ -92,7 +92,7 @@ def readme(
         single=_SINGLE if single else "",
         rounded=" (single precision differs in the last digits)" if single else "",
         printed="\n".join(printed),
-        cost=_COST[law],
+        cost=_COST[kernel],
     )
     return head if controller is None else head + _control(controller, single)
 

@@ -1,4 +1,4 @@
-"""This module puts the numbers of a joint into the tuples of plain numbers that the `kernels` take, made once."""
+"""The numbers of a joint, as the kernels take them, are tuples of plain numbers, made once."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ _MOST_KAPPA = 0.8
 
 
 class TonduNumbers(NamedTuple):
-    """The `TonduNumbers` are `p` of a joint of two equal Tondu2021 on a pulley; pass `tuple(numbers)`: it is quicker."""
+    """The numbers `p` are those of two equal Tondu2021 on a pulley; pass `tuple(numbers)`, which is quicker."""
 
     S: float  # [m²]
     R: float  # [m]
@@ -78,7 +78,7 @@ class TonduNumbers(NamedTuple):
 
 
 class AffineNumbers(NamedTuple):
-    """The `AffineNumbers` are `p` of a joint of two affine muscles; pass `tuple(numbers)`."""
+    """The numbers `p` are those of a joint of two affine muscles; pass `tuple(numbers)`."""
 
     lo: float  # supply [Pa]
     most1: float  # supply or validity [Pa]

@@ -1,21 +1,9 @@
-"""This module is the exact allocation of one target as plain Python, the one text that everything else is made from.
+"""The exact allocation of one target as plain Python is the one text that everything else is made from.
 
 `tondu_exact` answers for two equal Tondu2021 on a pulley, `affine_exact` for muscles affine in the pressure in any
 geometry. They give, to rounding, what the readable `allocator.allocation.exact` and `assessment` give, for the
 lexicographic priorities without a pull. Nothing here is searched, and no step depends on the data: bring the first
 target into its interval, find both ends of its level in the box, bring the second target between them, invert.
-
-With the reciprocals r_i = 1/(P_i + d), q = a - b and g = e - cd, two Tondu2021 on a pulley give
-
-    T/(S R) = q (P1 - P2) - 2 c X - g (ε1 r1 - ε2 r2),    K l0/(S R²) = 2 c + g (r1 + r2),    X = R θ/l0        (22)
-
-so that K fixes s = r1 + r2, and T leaves the cubic [C] of `allocator.joint.tondu_pulley` in z = (r1 - r2)/s. Over its
-β:
-
-    κ z³ + t z² + (1 - κ) z - t = 0,    κ = -g ε0 s²/4q ≥ 0,    t = -(T/(S R) + 2 c X + g X s) s/4q
-
-Within the box |z| ≤ 1/2 and κ ≤ 0.8 (`TonduNumbers.settles` makes sure of it), where Halley's step from z = 0 and
-`_NEWTON_STEPS` of Newton's leave an error of 2e-14 at most.
 
 Four readers share the text, and all give the same digits:
 
@@ -195,7 +183,19 @@ def tondu_stiffness_first(tau, s, box, muscles):
 
 
 def tondu_inverse(tau, s, box, muscles):
-    """Return the pressures that give τ and s, by the cubic of (22), brought into the box where they are not in it."""
+    """Return the pressures that give τ and s, brought into the box where they are not in it.
+
+    With the reciprocals r_i = 1/(P_i + d), q = a - b and g = e - cd, two Tondu2021 on a pulley give
+
+        T/(S R) = q (P1 - P2) - 2 c X - g (ε1 r1 - ε2 r2),    K l0/(S R²) = 2 c + g (r1 + r2),    X = R θ/l0      (22)
+
+    so that K fixes s = r1 + r2, and τ = T/(S R) leaves the cubic [C] of the report in z = (r1 - r2)/s. Over its β:
+
+        κ z³ + t z² + (1 - κ) z - t = 0,    κ = -g ε0 s²/4q ≥ 0,    t = -(T/(S R) + 2 c X + g X s) s/4q
+
+    Where |z| ≤ 1/2 and κ ≤ 0.8 (`TonduNumbers.settles`) a fixed number of steps leaves an error of 2e-14 at most:
+    Halley's from z = 0, and then Newton's.
+    """
     lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2 = box
     eps1, eps2, q, c, d, g = muscles
     s = clip(s, rh1 + rh2, rl1 + rl2)

@@ -84,7 +84,7 @@ def test_the_files_of_the_same_joint_differ_by_precision_in_their_numbers_only(t
         export(tmp_path / precision, what="allocate", precision=precision)
     names = [{path.relative_to(made) for path in made.rglob("*")} for made in tmp_path.iterdir()]
     assert names[0] == names[1]
-    same = [(tmp_path / p / "src" / "law.c").read_text() for p in ("double", "single")]
+    same = [(tmp_path / p / "src" / "kernel.c").read_text() for p in ("double", "single")]
     assert same[0] == same[1]
 
 

@@ -1,0 +1,9 @@
+/* The kernel (kernel.c) asked about a target that makes sense. */
+#ifndef ANT_EXACT_H
+#define ANT_EXACT_H
+
+#include "kernel.h"
+
+ant_answer ant_exact(const ant_target *target);
+
+#endif /* ANT_EXACT_H */
