@@ -1,3 +1,3 @@
-"""The room of the exact allocation in plain numbers holds one text, which is called, looped over, compiled and printed."""
+"""The kernels are one text, the exact allocation in plain numbers: it is called, looped over, compiled and printed."""
 
 __all__: list[str] = []

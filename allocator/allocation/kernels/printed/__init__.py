@@ -1,0 +1,28 @@
+"""The printer takes functions of plain Python, such as the kernels of `source`, and prints them for NumPy and as C99.
+
+Such functions know numbers and tuples of numbers, and what numba compiles into code without branches:
+
+    Python                              NumPy                           C
+    + - * / and | of flags              as it stands                    as it stands
+    a if test else b                    np.where(test, a, b)            test ? a : b
+    not a, a and b, a or b              np.logical_not(a), …            !a, a && b, a || b
+    a < b < c                           np.logical_and(a < b, b < c)    a < b && b < c
+    a if x is None else b               as it stands                    the test that stands for it, or a or b alone
+    if test: x = a                      x = np.where(test, a, x)        as it stands
+    if test: return a                   the rest, where it is not so    as it stands
+    x, y, z = box                       as it stands                    fields of a struct, which has these names
+    return x, y                         as it stands                    a struct of x and y
+    for _ in range(4): …                as it stands                    a loop
+    abs(x), sqrt(x), f(x)               np.abs(x), np.sqrt(x), f(x)     what C calls them
+
+Whatever else there is raises `Unprintable`, whichever form is asked for.
+
+In C a variable is real, an int (flags and truth values) or a struct: what is assigned to it decides.
+"""
+
+from allocator.allocation.kernels.printed.c_form import Printed, c_form
+from allocator.allocation.kernels.printed.c_unit import INT, REAL, Outside
+from allocator.allocation.kernels.printed.numpy_form import array_form, array_function
+from allocator.allocation.kernels.printed.text import Source, Unprintable
+
+__all__ = ["INT", "REAL", "Outside", "Printed", "Source", "Unprintable", "array_form", "array_function", "c_form"]

@@ -1,0 +1,45 @@
+"""The layout of C's text: lines of bounded width, and comments in ASCII."""
+
+import textwrap
+from collections.abc import Iterator
+from itertools import groupby
+from typing import Any
+
+WIDTH = 120
+_ASCII = str.maketrans(
+    {"θ": "theta", "ε": "eps", "τ": "tau", "κ": "kappa", "β": "beta", "·": "*", "²": "^2", "³": "^3", "±": "+-"}
+    | {"≤": "<=", "≥": ">=", "`": ""}
+)
+
+
+def runs(pairs: Any) -> Iterator[tuple[str, list[str]]]:
+    """Yield (key, values of all pairs in a row that begin with it)."""
+    for key, group in groupby(pairs, key=lambda pair: pair[0]):
+        yield key, [value for _, value in group]
+
+
+def whole(text: str) -> str:
+    """Return `text` so that `_wrapped` keeps it in a line, if it fits into one."""
+    return text.replace(" ", "\0") if len(text) < WIDTH - 12 else text
+
+
+def wrapped(line: str, depth: int) -> list[str]:
+    """Return `line` in as many lines as it takes."""
+    first, later = "    " * depth, "    " * (depth + 1)
+    width, options = WIDTH, {"break_long_words": False, "break_on_hyphens": False}
+    lines = textwrap.wrap(line, width, initial_indent=first, subsequent_indent=later, **options)  # type: ignore[arg-type]  # both are bool
+    return [line.replace("\0", " ") for line in lines]
+
+
+def comment(text: str, depth: int) -> str:
+    """Return `text` as a comment, of which what is indented stays as it is."""
+    indent = "    " * depth
+    lines: list[str] = []
+    for paragraph in text.translate(_ASCII).split("\n\n"):
+        kept = paragraph.startswith(" ")
+        lines += ["", *(paragraph.split("\n") if kept else textwrap.wrap(paragraph, WIDTH - 6 - len(indent)))]
+    between = f"\n{indent} * "
+    return f"{indent}/* {between.join(lines[1:])} */".replace(" \n", "\n")
+
+
+__all__ = ["comment", "runs", "whole", "wrapped"]

@@ -1,0 +1,139 @@
+"""What a C file has besides functions is kept here while they are printed: structs, constants, and who returns what."""
+
+import ast
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from allocator.allocation.kernels.printed.c_layout import runs
+from allocator.allocation.kernels.printed.text import Source, Unprintable, assignments, refuse
+
+REAL, INT = "ant_real", "int"
+ATOM = 16  # how strongly what is no operator binds in C
+MADE = {"inf": "ANT_INFINITY", "sqrt": "ANT_F(sqrt)", "abs": "ant_abs"}  # names that C has anyway
+
+
+class Outside(NamedTuple):
+    """What C has in the place of what Python has: names, and arguments of the function that is printed for others."""
+
+    names: Mapping[str, str] = {}  # of functions that C has and of constants, by Python's name
+    functions: Mapping[str, str] = {}  # what printed functions are called, where it is not as in Python
+    structs: Mapping[tuple[str, ...], str] = {}  # what structs with these fields are called
+    numbers: Mapping[str, Mapping[str, tuple[str, str]]] = {}  # a tuple's name: each element's type, and its text
+    arrays: frozenset[str] = frozenset()  # tuples of `entry` that C has as arrays of real numbers
+    flags: frozenset[str] = frozenset()  # arguments of `entry` that are ints
+    absent: Mapping[str, str] = {}  # when an argument counts as None
+    none: frozenset[str] = frozenset()  # arguments of `entry` that always are
+    inner: str = "static"  # how functions other than `entry` begin
+
+
+class Text(NamedTuple):
+    """An expression is its text, what kind of value it has, and how strongly its operator binds."""
+
+    text: str
+    kind: str
+    level: int = ATOM
+
+    def above(self, level: int) -> str:
+        """Return it in parentheses unless its operator binds at least as strongly as `level`."""
+        return self.text if self.level >= level else f"({self.text})"
+
+
+def arguments_of(function: ast.FunctionDef) -> list[str]:
+    """Return the names of the arguments of `function`."""
+    return [argument.arg for argument in function.args.args]
+
+
+def literal(value: float) -> Text:
+    """Return the number `value`: of an int without a point, of a truth value 0 or 1."""
+    if isinstance(value, int):
+        return Text(str(int(value)), INT)
+    return Text(f"ANT_R({value!r})", REAL)
+
+
+class Unit:
+    """A unit is the text under way: its structs, constants and functions by name."""
+
+    def __init__(
+        self,
+        source: Source,
+        outside: Outside,
+        entry: str,
+        write: Callable[["Unit", ast.FunctionDef, list[str]], None],
+        printed: Sequence[str],
+    ) -> None:
+        self.source, self.outside, self.entry, self.printed = source, outside, entry, frozenset(printed)
+        self.write = write  # prints a function into the unit
+        self.comments = source.comments()
+        self.fields = dict(self._unpacked(printed))  # of the struct that an argument of this name is
+        self.names: dict[str, list[str]] = {}  # of a struct's fields
+        self.kinds: dict[str, list[str]] = {}  # of a struct's fields
+        self.structs: dict[str, str] = {}
+        self.constants: dict[str, str] = {}
+        self.heads: dict[str, str] = {}
+        self.bodies: dict[str, str] = {}
+        self.returns: dict[str, str] = {}
+        self.taken: dict[str, list[str]] = {}  # kinds of a function's arguments
+
+    def _unpacked(self, names: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
+        for name in names:
+            function = self.source.functions[name]
+            for statement in ast.walk(function):
+                if isinstance(statement, ast.Assign):
+                    for target, value in assignments(statement):
+                        if isinstance(target, ast.Tuple) and isinstance(value, ast.Name):
+                            yield value.id, [e.id for e in target.elts if isinstance(e, ast.Name)]
+
+    def given(self, name: str) -> str:
+        """Return the kind of the argument `name` of the entry; "" for one that C has no need of."""
+        if name in self.outside.none or name in self.outside.numbers:
+            return ""
+        if name in self.outside.arrays:
+            return f"const {REAL} *"
+        return INT if name in self.outside.flags else REAL
+
+    def struct(self, name: str, fields: Sequence[str], kinds: Sequence[str], about: str) -> str:
+        """Return the name of the struct with these fields, which is made where there is none."""
+        name = self.outside.structs.get(tuple(fields), name)
+        if self.kinds.setdefault(name, list(kinds)) != list(kinds):
+            raise Unprintable(f"{name} holds {kinds}, and {self.kinds[name]} elsewhere")
+        self.names.setdefault(name, list(fields))
+        lines = [f"    {kind} {', '.join(names)};" for kind, names in runs(zip(kinds, fields, strict=True))]
+        self.structs.setdefault(name, "\n".join([f"/* {about} */", "typedef struct {", *lines, f"}} {name};"]))
+        return name
+
+    def function(self, name: str, kinds: list[str]) -> str:
+        """Print the function `name` for arguments of these kinds, unless it is there; return what it returns."""
+        if self.taken.setdefault(name, kinds) != kinds:
+            refuse(self.source.functions[name], f"called with {kinds} and with {self.taken[name]}")
+        if name not in self.returns:
+            self.write(self, self.source.functions[name], kinds)
+        return self.returns[name]
+
+    def constant(self, node: ast.Name) -> Text:
+        """Return what the global number `node` stands for, or C's name for it."""
+        value, known = self.source.names.get(node.id), {**MADE, **self.outside.names}
+        if not isinstance(value, int | float):
+            refuse(node, "no number")
+        return literal(value)._replace(text=known[node.id]) if node.id in known else literal(value)
+
+    def constant_struct(self, node: ast.Name, name: str) -> Text:
+        """Return the global tuple of numbers `node` as a constant struct, called as the argument `name`."""
+        values = [literal(value) for value in self.source.names[node.id]]
+        text = self.outside.names.get(node.id, f"{{{', '.join(value.text for value in values)}}}")
+        kind = self.struct_of(node, name, values)
+        self.constants[node.id] = f"static const {kind} {node.id} = {text};"
+        return Text(node.id, kind)
+
+    def struct_of(self, node: ast.expr, name: str, values: Sequence[Text]) -> str:
+        """Return the struct that holds `values`, called as the argument `name`."""
+        fields = self.fields.get(name, [])
+        if len(fields) != len(values):
+            refuse(node, f"{name} is not unpacked into as many names")
+        return self.struct(f"ant_{name}", fields, [value.kind for value in values], f"What is called {name} below.")
+
+    def called(self, name: str) -> str:
+        """Return what C calls the function `name`."""
+        return self.outside.functions.get(name, name)
+
+
+__all__ = ["ATOM", "INT", "MADE", "REAL", "Outside", "Text", "Unit", "arguments_of", "literal"]

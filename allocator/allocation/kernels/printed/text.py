@@ -1,0 +1,126 @@
+"""The text to be printed is read here: functions of a module, checked for what the printer knows.
+
+Such functions know numbers, tuples of numbers and each other; the table of `printed` lists all that they may contain.
+"""
+
+import ast
+import inspect
+import io
+import tokenize
+from collections.abc import Iterator, Mapping
+from types import ModuleType
+from typing import Any, NamedTuple, NoReturn
+
+from allocator.errors import AntagonistError
+
+_KNOWN = (
+    *(ast.Assign, ast.If, ast.For, ast.Return, ast.Name, ast.Constant, ast.Tuple, ast.IfExp, ast.Call),
+    *(ast.BinOp, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.BitOr, ast.UnaryOp, ast.USub, ast.Not),
+    *(ast.BoolOp, ast.And, ast.Or, ast.Compare, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq, ast.Is),
+    *(ast.Load, ast.Store),
+)
+
+
+class Unprintable(AntagonistError):
+    """A construct that the printer does not know; the message shows it and tells its line."""
+
+
+class Source(NamedTuple):
+    """The text to be printed is that of a module: its functions, and what its names stand for."""
+
+    text: str
+    functions: dict[str, ast.FunctionDef]
+    names: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, module: ModuleType) -> "Source":
+        """Return the text of `module`."""
+        return cls.parsed(inspect.getsource(module), vars(module))
+
+    @classmethod
+    def parsed(cls, text: str, names: Mapping[str, Any]) -> "Source":
+        """Return `text`, in which global names stand for `names`."""
+        functions = {node.name: node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)}
+        return cls(text, functions, names)
+
+    def comments(self) -> dict[int, str]:
+        """Return what is said behind `#`, by line."""
+        tokens = tokenize.generate_tokens(io.StringIO(self.text).readline)
+        return {t.start[0]: t.string.lstrip("# ") for t in tokens if t.type == tokenize.COMMENT}
+
+    def reached(self, entry: str) -> list[str]:
+        """Return all functions that `entry` calls, each behind those that it calls itself, and `entry`.
+
+        Raises Unprintable for what none of the forms has.
+        """
+        found: list[str] = []
+        for call in self._checked(entry):
+            found += [name for name in self.reached(call) if name not in found]
+        return [*found, entry]
+
+    def _checked(self, name: str) -> Iterator[str]:
+        """Check the function `name`, and yield those that it calls."""
+        for node in (inner for statement in statements(self.functions[name]) for inner in ast.walk(statement)):
+            if not all(isinstance(part, _KNOWN) for part in (node, *ast.iter_child_nodes(node))):
+                refuse(node)
+            if isinstance(node, ast.Call):
+                if not isinstance(node.func, ast.Name) or node.keywords:
+                    refuse(node)
+                if node.func.id in self.functions:
+                    yield node.func.id
+
+
+def refuse(node: ast.AST, why: str = "") -> NoReturn:
+    """Raise Unprintable for `node`."""
+    reason = f" ({why})" if why else ""
+    raise Unprintable(f"line {getattr(node, 'lineno', '?')} cannot be printed{reason}: {ast.unparse(node)}")
+
+
+def statements(function: ast.FunctionDef) -> list[ast.stmt]:
+    """Return the statements of `function` without its docstring."""
+    return function.body[1:] if ast.get_docstring(function) is not None else function.body
+
+
+def asks_for_none(test: ast.expr) -> str | None:
+    """Return the name that `test` asks whether it is None; None if it asks anything else."""
+    match test:
+        case ast.Compare(ast.Name(name), [ast.Is()], [ast.Constant(None)]):
+            return name
+    return None
+
+
+def assignments(statement: ast.Assign) -> list[tuple[ast.expr, ast.expr]]:
+    """Return (target, value) of what `statement` assigns, one by one where a tuple is assigned to a tuple.
+
+    `x, y = (a, b) if test else (c, d)` assigns a or c to x. One by one means one after the other: no value may ask for
+    a name that has just been assigned.
+    """
+    if len(statement.targets) != 1:
+        refuse(statement, "two targets")
+    found = list(_pairs(statement.targets[0], statement.value))
+    new: set[str] = set()
+    for target, value in found:
+        if new & names_in(value):
+            refuse(statement, "a value asks for a name that has just been assigned")
+        new |= names_in(target)
+    return found
+
+
+def _pairs(target: ast.expr, value: ast.expr) -> Iterator[tuple[ast.expr, ast.expr]]:
+    match target, value:
+        case ast.Tuple(names), ast.Tuple(values) if len(names) == len(values):
+            for one, its in zip(names, values, strict=True):
+                yield from _pairs(one, its)
+        case ast.Tuple(names), ast.IfExp(test, ast.Tuple(yes), ast.Tuple(no)) if len(names) == len(yes) == len(no):
+            for one, a, b in zip(names, yes, no, strict=True):
+                yield from _pairs(one, ast.copy_location(ast.IfExp(test, a, b), value))
+        case _:
+            yield target, value
+
+
+def names_in(node: ast.AST) -> set[str]:
+    """Return all names in `node`."""
+    return {inner.id for inner in ast.walk(node) if isinstance(inner, ast.Name) and inner.id != "_"}
+
+
+__all__ = ["Source", "Unprintable", "asks_for_none", "assignments", "names_in", "refuse", "statements"]

@@ -1,0 +1,429 @@
+"""Printed functions compute what Python computes: every construct is run as it stands, for NumPy and, by gcc, as C."""
+
+import ctypes
+import math
+import shutil
+import subprocess
+from itertools import product
+
+import numpy as np
+import pytest
+
+from allocator import AntagonistError
+from allocator.allocation.kernels import source
+from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
+from allocator.allocation.kernels.printed import Outside, Source, Unprintable, array_form, array_function, c_form
+
+from .test_kernels import JOINTS, coefficients, mixed_targets
+
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion", "-ffp-contract=off")
+PREAMBLE = """#include <math.h>
+#ifdef SINGLE
+typedef float ant_real;
+#define ANT_R(number) number##f
+#define ANT_F(function) function##f
+#else
+typedef double ant_real;
+#define ANT_R(number) number
+#define ANT_F(function) function
+#endif
+#define ANT_INFINITY ((ant_real)INFINITY)
+static inline ant_real ant_abs(ant_real x) { return x < 0 ? -x : x; }
+ant_real c_has_it(ant_real x);
+ant_real c_has_it(ant_real x) { return ant_abs(x); }
+"""
+
+
+def cases(text):
+    """The functions behind each `### name`."""
+    return dict(part.split("\n", 1) for part in text.split("### ")[1:])
+
+
+CONSTRUCTS = cases("""
+### sums
+def f(x, y):
+    return x + y - (x - (y - 2.5)) + -x - -(-y)
+### products
+def f(x, y):
+    return 3 * x * (y * x) / (x / (y + 4)) / 2
+### a division of whole numbers
+def f(x, y):
+    return (1 if x > 0 else 2) / 4 + 1 / 3 * y
+### conditional expressions
+def f(x, y):
+    return (x if x > y else 2 * y) + (1 if x < 0 else (2 if y < 0 else 3.5))
+### comparisons
+def f(x, y):
+    return (1 if x < y else 2) + (4 if x <= 0 else 0) + (8 if x == 1 else 0) + (16 if y != 1 else 0) + (32 if x >= y else 0)
+### a chain of comparisons
+def f(x, y):
+    return 1.5 if -1 < x <= y < 2.5 else y
+### not, and, or
+def f(x, y):
+    a, b = x > 0, y > 0
+    return 1 if not a and (b or x < y) or not (b and a) else 2
+### truth values
+def f(x, y):
+    sure = True
+    sure = sure and x > y
+    return 1.0 if sure else False
+### flags
+def f(x, y):
+    return (1 if x > 0 else 0) | (2 if y > 0 else 0) | (4 if x > y else 0) | 8
+### an early return
+def f(x, y):
+    if x > 1:
+        return y
+    y = y + 1
+    return x + y
+### assignments in a branch
+def f(x, y):
+    a, b = x, y
+    if x > y:
+        a, b = 2 * x, 3 * y
+    return a - b
+### and in the other
+def f(x, y):
+    a = 0.5
+    if x > y:
+        a = x
+    else:
+        a = -y
+    return a
+### a loop
+N = 3
+def f(x, y):
+    for _ in range(N):
+        x = x / 2 + y
+    return x
+### a loop with its count
+def f(x, y):
+    for k in range(2 + 1):
+        x = x * y + k
+    return x
+### calls
+def g(x):
+    return 2 * x
+def f(x, y):
+    return h(x, y) + g(g(y))
+def h(x, y):
+    return x - g(y)
+### abs and sqrt
+from math import sqrt
+def f(x, y):
+    return sqrt(abs(x)) - abs(y)
+### infinity
+from math import inf
+def f(x, y):
+    top = inf if x > 0 else -inf
+    return y if y < top else 1.0
+### global numbers
+SMALL, FLAG = 1e-3, 4
+def f(x, y):
+    return SMALL * x + (FLAG if y > 0 else 0)
+### a tuple passed on
+def g(box, k):
+    lo, hi, n = box
+    return (lo + k * hi) * n
+def f(x, y):
+    box = (x, 2 * y, 3)
+    return g(box, y) - g((y, x, 2), 1.0)
+### a tuple handed through
+def h(box):
+    lo, hi = box
+    return lo - hi
+def g(box):
+    lo, _ = box
+    return h(box) + lo
+def f(x, y):
+    return g((x, y))
+### a global tuple
+FLAGS = (1, 2)
+def g(x, flags):
+    low, high = flags
+    return low if x < 0 else high
+def f(x, y):
+    return g(x, FLAGS) | 4
+### a tuple returned
+def g(x, y):
+    low = x if x < y else y
+    high, sure = x + y - low, x != y
+    return low, high, sure
+def f(x, y):
+    low, high, sure = g(x, y)
+    return high - 2 * low if sure else 0.25
+### nested unpacking
+def g(x):
+    a, b = x + 1, x - 1
+    return a, b
+def f(x, y):
+    (a, b), (c, d) = g(x), g(y)
+    return a * b + c / (d * d + 1)
+### tuples chosen
+def f(x, y):
+    a, b = (x, 1.0) if x > y else (y, -1.0)
+    return a * b
+### a choice between calls
+def g(x):
+    a, b = x + 1, x - 1
+    return a, b
+def f(x, y, which=None):
+    a, b = g(x) if which is None else g(y)
+    return a * b
+### an argument that may be None
+def f(x, y, which=None):
+    return x if which is None else x * which
+### a statement on None
+def f(x, y, which=None):
+    z = y
+    if which is None:
+        z = x
+    else:
+        z = x - which
+    return z
+### unused names and comments
+def f(x, y):
+    '''Return θ² ≤ `y`.'''
+    # to be found again
+    return x + y  # at the end
+""")
+NUMBERS = (-2.0, -0.75, 0.0, 1.0, 2.25)
+C = {"which": "which == 0"}
+
+
+def parsed(text):
+    space = {}
+    exec(text, space)
+    return Source.parsed(text, space), space["f"]
+
+
+def both(text):
+    """The function in Python, and the rows of arguments to run it with."""
+    text_of, f = parsed(text)
+    more = [()] if f.__code__.co_argcount == 2 else [(0.0,), (2.0,)]
+    return text_of, f, [(*pair, *which) for pair in product(NUMBERS, NUMBERS) for which in more]
+
+
+def python_answers(f, rows):
+    answers = []
+    for row in rows:
+        given = [None if i == 2 and x == 0 else x for i, x in enumerate(row)]
+        try:
+            answers.append(float(f(*given)))
+        except ZeroDivisionError:
+            answers.append(math.nan)  # C and NumPy have numbers for it
+    return np.array(answers)
+
+
+@pytest.mark.parametrize("text", CONSTRUCTS.values(), ids=CONSTRUCTS)
+def test_every_construct_gives_an_array_what_it_gives_its_numbers(text):
+    text_of, f, rows = both(text)
+    wanted = python_answers(f, rows)
+    for which in {row[2:] for row in rows}:
+        chosen = np.array([row[2:] == which for row in rows])
+        x, y = np.array(rows)[chosen, :2].T
+        with np.errstate(all="ignore"):
+            got = array_function(text_of, "f")(x, y, *(w or None for w in which)) + 0 * x
+        fine = ~np.isnan(wanted[chosen])
+        np.testing.assert_array_equal(got[fine], wanted[chosen][fine])
+
+
+@needs_gcc
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_every_construct_is_clean_c_and_computes_the_same(precision, tmp_path):
+    sources, made = [PREAMBLE], []
+    for k, text in enumerate(CONSTRUCTS.values()):
+        text_of, f, rows = both(text)
+        functions = {name: f"{name}_{k}" for name in text_of.functions}
+        structs = {("lo", "hi"): f"pair_{k}", ("a", "b"): f"two_{k}", ("lo", "hi", "n"): f"three_{k}"}
+        printed = c_form(text_of, "f", Outside(functions=functions, structs=structs, absent=C))
+        sources.append(f"{printed.head}\n{printed.body}")
+        made.append((f"f_{k}", " int f" in f" {printed.head}", python_answers(f, rows), rows))
+    (tmp_path / "all.c").write_text("\n\n".join(sources))
+    flags = [*STRICT, *(["-DSINGLE"] if precision == "single" else []), "-O1", "-shared", "-fPIC"]
+    subprocess.run(["gcc", *flags, "all.c", "-o", "all.so", "-lm"], cwd=tmp_path, check=True)
+    library, real = ctypes.CDLL(str(tmp_path / "all.so")), ctypes.c_double if precision == "double" else ctypes.c_float
+    for name, whole, wanted, rows in made:
+        function = library[name]
+        function.restype, function.argtypes = ctypes.c_int if whole else real, [real] * len(rows[0])
+        got, fine = np.array([function(*row) for row in rows]), ~np.isnan(wanted)
+        assert got[fine] == pytest.approx(wanted[fine], rel=0 if precision == "double" else 1e-6, abs=0), name
+
+
+def test_what_is_said_in_python_is_said_in_c():
+    printed = c_form(parsed(CONSTRUCTS["unused names and comments"])[0], "f").body
+    assert "/* Return theta^2 <= y. */" in printed
+    assert printed.index("/* to be found again */") < printed.index("/* at the end */") < printed.index("return x + y;")
+
+
+def test_an_argument_that_is_always_none_is_compiled_away():
+    text_of, _ = parsed(CONSTRUCTS["an argument that may be None"])
+    printed = c_form(text_of, "f", Outside(none=frozenset({"which"})))
+    assert printed.head == "ant_real f(ant_real x, ant_real y);"
+    assert "?" not in printed.body
+    text_of, _ = parsed(CONSTRUCTS["a statement on None"])
+    assert "if" not in c_form(text_of, "f", Outside(none=frozenset({"which"}))).body
+
+
+def test_names_numbers_and_arrays_can_be_c_s_own():
+    text = "MET = 1e-9\ndef has(x): return x\n"
+    text += "def f(x, p, one):\n    q, c = p\n    a, b = one\n    return has(q * x) + a * b + MET"
+    numbers = {"p": {"q": ("ant_real", "ANT_Q"), "c": ("int", "ANT_C")}}
+    outside = Outside({"has": "c_has_it", "MET": "ANT_MET"}, {"f": "g"}, numbers=numbers, arrays=frozenset({"one"}))
+    printed = c_form(parsed(text)[0], "f", outside)
+    assert printed.head == "ant_real g(ant_real x, const ant_real *one);"
+    assert "const ant_real q = ANT_Q;" in printed.body
+    assert "const ant_real a = one[0], b = one[1];" in printed.body
+    assert "return c_has_it(q * x) + a * b + ANT_MET;" in printed.body
+
+
+BOTH_REFUSE = cases("""
+### a power
+def f(x):
+    return x**2
+### a remainder
+def f(x):
+    return x % 2
+### a while loop
+def f(x):
+    while x > 1:
+        x = x / 2
+    return x
+### an element
+def f(x):
+    return x[0]
+### an attribute
+def f(x):
+    return x.real
+### a named argument
+def g(x):
+    return x
+def f(x):
+    return g(x=x)
+### an assignment with a sum
+def f(x):
+    x += 1
+    return x
+### two targets
+def f(x):
+    y = z = x
+    return y + z
+### a value that asks for a new name
+def f(x, y):
+    x, y = y, x
+    return x - y
+### a name first assigned in a branch
+def f(x):
+    if x > 0:
+        y = x
+    return y
+### a loop over something
+def f(x):
+    for y in x:
+        x = y
+    return x
+### a nested function
+def f(x):
+    def g(y):
+        return y
+    return g(x)
+""")
+C_REFUSES = cases("""
+### None
+def f(x):
+    return 1.0 if x is None else 2.0
+### a function that C has not
+from math import exp
+def f(x):
+    return exp(x)
+### a text
+NAME = 'x'
+def f(x):
+    return NAME
+### a number that becomes a tuple
+def g(x):
+    a, b = x, x
+    return a, b
+def f(x):
+    y = 1.0
+    y = g(x)
+    return x
+### a flag that becomes a number
+def f(x):
+    y = 1
+    y = x
+    return y
+### flags of a number
+def f(x):
+    return x | 1
+### a tuple of more than names
+def g(x):
+    return x, 2 * x
+def f(x):
+    a, b = g(x)
+    return a + b
+### a tuple that nobody unpacks
+def g(x):
+    return 1.0
+def f(x):
+    return g((x, x))
+### arguments that are missing
+def g(x, y=None):
+    return x
+def f(x):
+    return g(x)
+### arguments of two kinds
+def g(x):
+    return x
+def f(x):
+    return g(x) + g(1)
+### results of two kinds
+def f(x):
+    if x > 0:
+        return 1
+    return x
+""")
+
+
+@pytest.mark.parametrize("text", BOTH_REFUSE.values(), ids=BOTH_REFUSE)
+def test_what_cannot_be_printed_is_refused_with_its_line(text):
+    for form in array_form, c_form:
+        with pytest.raises(Unprintable, match=r"line \d+ cannot be printed"):
+            form(parsed(text)[0], "f")
+    assert issubclass(Unprintable, AntagonistError)
+
+
+@pytest.mark.parametrize("text", C_REFUSES.values(), ids=C_REFUSES)
+def test_what_c_has_not_is_refused_with_its_line(text):
+    with pytest.raises(Unprintable, match=r"line \d+ cannot be printed"):
+        c_form(parsed(text)[0], "f")
+
+
+@pytest.mark.parametrize("limits", [(None, None), (0.0, None), (40.0, 400.0)], ids=str)
+@pytest.mark.parametrize("slew", [(None, None, None), (2e5, 2.5e5, 4e4)], ids=["anywhere", "slew"])
+@pytest.mark.parametrize("first", [None, True], ids=["torque", "stiffness"])
+@pytest.mark.parametrize("joint", [JOINTS["report"], JOINTS["sarosi, unequal, lever"]], ids=["tondu", "affine"])
+def test_the_kernels_for_arrays_give_the_digits_of_the_kernels(joint, first, slew, limits):
+    theta, K, T = mixed_targets(joint, 400, seed=7)
+    name = "tondu" if joint.tondu_pulley else "affine"
+    numbers, sides = TonduNumbers.of(joint), []
+    if name == "affine":
+        numbers = AffineNumbers.of(joint)
+        sides = [
+            tuple(np.broadcast_to(c, theta.shape) for c in side)
+            for side in coefficients(joint, np.clip(theta, *joint.angle_range))
+        ]
+    options = tuple(numbers), *limits, *slew, first
+    with np.errstate(all="ignore"):
+        found = array_function(Source.of(source), f"{name}_exact")(theta, K, T, *sides, *options)
+    plain = getattr(source, f"{name}_exact")
+    rows = zip(
+        theta.tolist(),
+        K.tolist(),
+        T.tolist(),
+        *(zip(*(c.tolist() for c in s), strict=True) for s in sides),
+        strict=True,
+    )
+    for array, one_by_one in zip(found, zip(*(plain(*row, *options) for row in rows), strict=True), strict=True):
+        np.testing.assert_array_equal(np.broadcast_to(array, theta.shape), one_by_one)
