@@ -11,6 +11,7 @@ In other compiled code a kernel is called like any compiled function:
     def plan(theta, K, T, p): P1, P2, *_ = tondu_exact(theta, K, T, p)
 """
 
+import sys
 from functools import cache
 
 from allocator.allocation.kernels import source
@@ -33,10 +34,9 @@ def register() -> None:
 
 
 def threads() -> int:
-    """Return how many threads compiled loops may use: numba's own number, by default that of the processors."""
-    import numba
-
-    return int(numba.config.NUMBA_NUM_THREADS)
+    """Return how many threads compiled loops may use: numba's own number, by default that of the processors; 1 without it."""
+    numba = sys.modules.get("numba")
+    return int(numba.config.NUMBA_NUM_THREADS) if numba else 1
 
 
 __all__ = ["kernel", "register", "threads"]

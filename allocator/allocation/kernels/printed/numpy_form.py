@@ -10,7 +10,7 @@ from allocator.allocation.kernels.printed.text import Source, asks_for_none, ass
 
 def array_form(source: Source, entry: str) -> str:
     """Return Python's text of `entry`, and of what it calls, for arrays in the place of numbers."""
-    return "\n\n".join(_array_function(source.functions[name]) for name in source.reached(entry))
+    return ast.unparse(_array_module(source, entry))
 
 
 def array_function(source: Source, entry: str) -> Callable[..., Any]:
@@ -18,16 +18,20 @@ def array_function(source: Source, entry: str) -> Callable[..., Any]:
     import numpy as np
 
     space: dict[str, Any] = {**source.names, "np": np, "abs": np.abs, "sqrt": np.sqrt}
-    exec(compile(array_form(source, entry), f"<{entry} for arrays>", "exec"), space)
+    exec(compile(_array_module(source, entry), f"<{entry} for arrays>", "exec"), space)
     made: Callable[..., Any] = space[entry]
     return made
 
 
-def _array_function(function: ast.FunctionDef) -> str:
+def _array_module(source: Source, entry: str) -> ast.Module:
+    made = [_array_function(source.functions[name]) for name in source.reached(entry)]
+    return ast.fix_missing_locations(ast.Module([*made], []))
+
+
+def _array_function(function: ast.FunctionDef) -> ast.FunctionDef:
     known = {argument.arg for argument in function.args.args}
     body = _array_block(deepcopy(statements(function)), known)
-    made = ast.FunctionDef(function.name, function.args, body, [], None)
-    return ast.unparse(ast.fix_missing_locations(made))
+    return ast.FunctionDef(function.name, function.args, body, [], None)
 
 
 def _array_block(block: list[ast.stmt], known: set[str]) -> list[ast.stmt]:

@@ -54,8 +54,9 @@ class Source(NamedTuple):
         Raises Unprintable for what none of the forms has.
         """
         found: list[str] = []
-        for call in self._checked(entry):
-            found += [name for name in self.reached(call) if name not in found]
+        for called in dict.fromkeys(self._checked(entry)):
+            if called not in found:
+                found += [name for name in self.reached(called) if name not in found]
         return [*found, entry]
 
     def _checked(self, name: str) -> Iterator[str]:
