@@ -34,7 +34,7 @@ def register() -> None:
 
 
 def threads() -> int:
-    """Return how many threads compiled loops may use: numba's own number, by default that of the processors; 1 without it."""
+    """Return how many threads compiled loops may use: numba's own number, by default that of processors; else 1."""
     numba = sys.modules.get("numba")
     return int(numba.config.NUMBA_NUM_THREADS) if numba else 1
 

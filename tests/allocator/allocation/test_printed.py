@@ -12,7 +12,7 @@ import pytest
 from allocator import AntagonistError
 from allocator.allocation.kernels import source
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
-from allocator.allocation.kernels.printed import Outside, Source, Unprintable, array_form, array_function, c_form
+from allocator.allocation.kernels.printed import Outside, Source, Unprintable, array_form, array_functions, c_form
 
 from .constructs import BOTH_REFUSE, C_REFUSES, CONSTRUCTS
 from .test_kernels import JOINTS, coefficients, mixed_targets
@@ -72,7 +72,7 @@ def test_every_construct_gives_an_array_what_it_gives_its_numbers(text):
         chosen = np.array([row[2:] == which for row in rows])
         x, y = np.array(rows)[chosen, :2].T
         with np.errstate(all="ignore"):
-            got = array_function(text_of, "f")(x, y, *(w or None for w in which)) + 0 * x
+            got = array_functions(text_of, "f")[0](x, y, *(w or None for w in which)) + 0 * x
         fine = ~np.isnan(wanted[chosen])
         np.testing.assert_array_equal(got[fine], wanted[chosen][fine])
 
@@ -155,8 +155,9 @@ def test_the_kernels_for_arrays_give_the_digits_of_the_kernels(joint, first, sle
             for side in coefficients(joint, np.clip(theta, *joint.angle_range))
         ]
     options = tuple(numbers), *limits, *slew, first
+    exact = array_functions(Source.of(source), f"{name}_exact")[0]
     with np.errstate(all="ignore"):
-        found = array_function(Source.of(source), f"{name}_exact")(theta, K, T, *sides, *options)
+        found = exact(theta, K, T, *sides, *options)
     plain = getattr(source, f"{name}_exact")
     rows = zip(
         theta.tolist(),

@@ -22,7 +22,7 @@ In C a variable is real, an int (flags and truth values) or a struct: what is as
 
 from allocator.allocation.kernels.printed.c_form import Printed, c_form
 from allocator.allocation.kernels.printed.c_unit import INT, REAL, Outside
-from allocator.allocation.kernels.printed.numpy_form import array_form, array_function
+from allocator.allocation.kernels.printed.numpy_form import array_form, array_functions
 from allocator.allocation.kernels.printed.text import Source, Unprintable
 
-__all__ = ["INT", "REAL", "Outside", "Printed", "Source", "Unprintable", "array_form", "array_function", "c_form"]
+__all__ = ["INT", "REAL", "Outside", "Printed", "Source", "Unprintable", "array_form", "array_functions", "c_form"]

@@ -2,7 +2,6 @@
 
 import ast
 from collections.abc import Callable, Iterable, Iterator
-from copy import deepcopy
 from typing import Any
 
 from allocator.allocation.kernels.printed.text import Source, asks_for_none, assignments, names_in, refuse, statements
@@ -13,24 +12,25 @@ def array_form(source: Source, entry: str) -> str:
     return ast.unparse(_array_module(source, entry))
 
 
-def array_function(source: Source, entry: str) -> Callable[..., Any]:
-    """Return `entry` for arrays; it is called as it was, and warns of what lies in the branches not taken."""
+def array_functions(source: Source, *entries: str) -> list[Callable[..., Any]]:
+    """Return `entries` for arrays; they are called as they were, and warn of what lies in the branches not taken."""
     import numpy as np
 
     space: dict[str, Any] = {**source.names, "np": np, "abs": np.abs, "sqrt": np.sqrt}
-    exec(compile(_array_module(source, entry), f"<{entry} for arrays>", "exec"), space)
-    made: Callable[..., Any] = space[entry]
-    return made
+    exec(compile(_array_module(source, *entries), f"<{entries} for arrays>", "exec"), space)
+    return [space[entry] for entry in entries]
 
 
-def _array_module(source: Source, entry: str) -> ast.Module:
-    made = [_array_function(source.functions[name]) for name in source.reached(entry)]
+def _array_module(source: Source, *entries: str) -> ast.Module:
+    names = dict.fromkeys(name for entry in entries for name in source.reached(entry))
+    again = Source.parsed(source.text, source.names)  # as the nodes are changed; copies of them take longer
+    made = [_array_function(again.functions[name]) for name in names]
     return ast.fix_missing_locations(ast.Module([*made], []))
 
 
 def _array_function(function: ast.FunctionDef) -> ast.FunctionDef:
     known = {argument.arg for argument in function.args.args}
-    body = _array_block(deepcopy(statements(function)), known)
+    body = _array_block(statements(function), known)
     return ast.FunctionDef(function.name, function.args, body, [], None)
 
 
@@ -125,4 +125,4 @@ class _Arrays(ast.NodeTransformer):
         return first
 
 
-__all__ = ["array_form", "array_function"]
+__all__ = ["array_form", "array_functions"]

@@ -54,16 +54,21 @@ class Source(NamedTuple):
         Raises Unprintable for what none of the forms has.
         """
         found: list[str] = []
+        self._reach(entry, found)
+        return found
+
+    def _reach(self, entry: str, found: list[str]) -> None:
         for called in dict.fromkeys(self._checked(entry)):
             if called not in found:
-                found += [name for name in self.reached(called) if name not in found]
-        return [*found, entry]
+                self._reach(called, found)
+        found.append(entry)
 
     def _checked(self, name: str) -> Iterator[str]:
         """Check the function `name`, and yield those that it calls."""
-        for node in (inner for statement in statements(self.functions[name]) for inner in ast.walk(statement)):
-            if not all(isinstance(part, _KNOWN) for part in (node, *ast.iter_child_nodes(node))):
-                refuse(node)
+        nodes = [inner for statement in statements(self.functions[name]) for inner in ast.walk(statement)]
+        if strange := next((node for node in nodes if not isinstance(node, _KNOWN)), None):
+            refuse(next(node for node in reversed(nodes) if strange in ast.walk(node) and hasattr(node, "lineno")))
+        for node in nodes:
             if isinstance(node, ast.Call):
                 if not isinstance(node.func, ast.Name) or node.keywords:
                     refuse(node)
