@@ -107,7 +107,7 @@ def _m4f(made: Path, samples: Array) -> tuple[float, float, int, int, int]:
     if not shutil.which(tools.ARM_GCC):
         return np.nan, np.nan, 0, 0, 0
     sizes, whole = tools.sizes(made), tools.linked_size(made)
-    alone = sum(sizes[name].code for name in ("allocate.c", "law.c"))
+    alone = sum(sizes[name].code for name in ("allocate.c", "exact.c", "kernel.c"))
     if not shutil.which(tools.QEMU):
         return np.nan, np.nan, *whole, alone
     program = tools.compiled_for_cortex_m4f(made, _TIMES, "times.elf")
