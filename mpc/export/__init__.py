@@ -1,12 +1,13 @@
-"""From Python to the microcontroller: allocator and controller as plain C99.
+"""The room of the export takes allocator and controller from Python to the microcontroller, as plain C99.
 
     from mpc.export import export
     export("joint_in_c", controller=TrackingMPC(plant, N=10), precision="single")
 
 Nothing is linked but math.h, nothing allocated, every loop bounded. The C files of this package (in `c/`) are exported
-as they are; tables of constants and the model, from CasADi's graph, are written beside them. The QP is solved by the
-core of DAQP: exact after finitely many iterations, and it says when it fails. OSQP's generated code would have served,
-but it stops at a tolerance, which in a loop of milliseconds costs hundreds of iterations or digits of the command.
+as they are; beside them are written tables of constants, the model, from CasADi's graph, and the allocation kernel,
+from the text that Python itself runs. The QP is solved by the core of DAQP: exact after finitely many iterations, and
+it says when it fails. OSQP's generated code would have served, but it stops at a tolerance, which in a loop of
+milliseconds costs hundreds of iterations or digits of the command.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -14,7 +14,7 @@ _SHARES = ((0.0, 0.3), (0.1, 0.7), (50.0, 0.4))  # torque [N·m], the last too m
 
 
 def targets(joint: AntagonistJoint) -> Array:
-    """Rows (θ, K, T) of targets to demonstrate the allocation with."""
+    """Return rows (θ, K, T) of targets to demonstrate the allocation with."""
     left, right = joint.angle_range
     rows = []
     for place in _PLACES:
@@ -25,7 +25,7 @@ def targets(joint: AntagonistJoint) -> Array:
 
 
 def allocation_table(joint: AntagonistJoint, single: bool, skipped: bool = False) -> str:
-    """The header with those targets."""
+    """Return the header with the targets of the demonstration, with none of them if it is `skipped`."""
     rows = targets(joint)
     body = (
         f"enum {{ ANT_DEMONSTRATIONS = {0 if skipped else len(rows)} }};\n\n/* theta [rad], K [N*m/rad], T [N*m] */\n"
@@ -35,7 +35,7 @@ def allocation_table(joint: AntagonistJoint, single: bool, skipped: bool = False
 
 
 def allocation_lines(joint: AntagonistJoint) -> Iterator[str]:
-    """What main.c prints about them."""
+    """Yield the lines that main.c prints about the targets of the demonstration."""
     for theta, K, T in targets(joint).tolist():
         a = allocate(theta, K, T, joint=joint)
         yield (

@@ -1,4 +1,4 @@
-"""`antagonist export`: allocator and controller as C. Heavy libraries load when it runs."""
+"""`antagonist export` writes allocator and controller as C. Heavy libraries load when it runs."""
 
 from pathlib import Path
 from typing import Annotated

@@ -24,20 +24,20 @@ from mpc.tracking.qp import certified, softened
 _GAP = 1e-3  # in single precision it cannot be bounded as closely as in `mpc.tracking.qp.certified`
 
 
-def check_pair(controller: TrackingMPC, eyes: KalmanObserver) -> None:
-    """Insist that controller and observer belong together, and that nothing is asked that C cannot do."""
+def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
+    """Check that controller and observer belong together, and that nothing is asked that C cannot do."""
     if controller.budget is not None:
         raise InvalidInput(
             f"a controller with a budget of {controller.budget:g} s cannot be exported: the exported one has no clock; "
             "leave the budget away and bound the iterations of its QP solver instead"
         )
     for name in ("plant", "dt", "compensation"):
-        if getattr(controller, name) != getattr(eyes, name):
+        if getattr(controller, name) != getattr(observer, name):
             raise InvalidInput(f"controller and observer cannot be exported together: their {name} is not the same")
 
 
 def sizes_of(controller: TrackingMPC) -> Numbers:
-    """For antagonist_config.h."""
+    """Return the sizes that antagonist_config.h defines."""
     blocks, delay = len(controller.problem.blocks), controller.compensation.delay(controller.dt)
     limits = 2 * blocks + 2 + 6 * controller.N
     return {
@@ -49,16 +49,16 @@ def sizes_of(controller: TrackingMPC) -> Numbers:
     }
 
 
-def control_files(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Files:
-    """All files beyond the allocation's but the model."""
+def control_files(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:
+    """Return all files beyond the allocation's but the model."""
     files = dict(copied("mpc", "src/")) | dict(copied("daqp", "src/daqp/"))
     files["antagonist_controller.h"] = files.pop("src/antagonist_controller.h")
-    numbers = text.defines(_numbers(controller, eyes, single), single)
+    numbers = text.defines(_numbers(controller, observer, single), single)
     files["src/settings.h"] = text.header(
         "ANT_SETTINGS_H", "The controller's numbers, in SI units.", numbers, ["joint.h"]
     )
     heads, bodies = [], []
-    for name, meaning, values in _tables(controller, eyes):
+    for name, meaning, values in _tables(controller, observer):
         heads.append(text.table_head(name, meaning, values))
         bodies.append(text.table(name, values, single))
     about = "The controller's tables."
@@ -68,7 +68,7 @@ def control_files(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -
 
 
 def model_functions(plant: Plant, dt: float) -> list[tuple[Any, str]]:
-    """The CasADi functions of the plant, and what each computes."""
+    """Return the CasADi functions of the plant, and what each computes."""
     import casadi as ca
 
     x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
@@ -94,7 +94,7 @@ def model_functions(plant: Plant, dt: float) -> list[tuple[Any, str]]:
     ]
 
 
-def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Numbers:
+def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Numbers:
     plant, known, ladder = controller.plant, controller.compensation, controller.ladder
     late = 1 + (1e-4 if single else 1e-9)  # of a time that is summed from samples
     limits, dt = controller.limits, controller.dt
@@ -134,21 +134,24 @@ def _numbers(controller: TrackingMPC, eyes: KalmanObserver, single: bool) -> Num
             "CORRECTED": (preview.CORRECTED, "share of an angle's error that counts as motion [-]"),
             "DEAD_BAND": (known.dead_band, "of the regulators, total [Pa]"),
             "SOFT": (compensation.SOFT, "over which the inverse of the dead band changes sides [Pa]"),
-            "TOLERANCE": (eyes.tolerance, "for which a sensor may be silent or frozen [s]"),
-            "TOLERANCE_END": (eyes.tolerance * late, "the same, rounded up [s]"),
+            "TOLERANCE": (observer.tolerance, "for which a sensor may be silent or frozen [s]"),
+            "TOLERANCE_END": (observer.tolerance * late, "the same, rounded up [s]"),
             "SIGMAS": (gating.SIGMAS, "standard deviations beyond which a reading is rejected"),
             "ROUGH": (gating.ROUGH, "standard deviations of the noise within which none is"),
             "MOST_TURNS": (gating.MOST_TURNS, "by which an encoder may be off"),
             "NEAR_A_TURN": (gating.NEAR_A_TURN, "what is off by whole turns is that near without them [rad]"),
-            "GATE_GROWTH": (eyes.dt / eyes.gate.widening, "of the width of a gate that rejects, in a sample [-]"),
-            "MAX_SPEED": (eyes.gate.max_speed, "that an estimate may have [rad/s]"),
-            "MAX_TORQUE": (eyes.gate.max_torque, "and from outside [N*m]"),
-            "HESITATION": (eyes.hesitation, "samples for which a rival has to explain what is rejected"),
-            "GATE_PATIENCE": (eyes.patience, "the same after a jump"),
-            "CROSSING": (eyes.crossing, "samples without a rejection after which there is no rival"),
+            "GATE_GROWTH": (
+                observer.dt / observer.gate.widening,
+                "of the width of a gate that rejects, in a sample [-]",
+            ),
+            "MAX_SPEED": (observer.gate.max_speed, "that an estimate may have [rad/s]"),
+            "MAX_TORQUE": (observer.gate.max_torque, "and from outside [N*m]"),
+            "HESITATION": (observer.hesitation, "samples for which a rival has to explain what is rejected"),
+            "GATE_PATIENCE": (observer.patience, "the same after a jump"),
+            "CROSSING": (observer.crossing, "samples without a rejection after which there is no rival"),
             "FIRST": (kalman.FIRST, "samples in which what is rejected may as well be right"),
             "COARSEST": (kalman.COARSEST, "step of an encoder at most [rad]"),
-            "ENCODER_NOISE": (eyes.noise.theta, "standard deviation of the angle's noise at least [rad]"),
+            "ENCODER_NOISE": (observer.noise.theta, "standard deviation of the angle's noise at least [rad]"),
             "DOUBT": (kalman.DOUBT, "standard deviations at which a repeated reading is not believed"),
         }
     )
@@ -202,7 +205,7 @@ def _rest(controller: TrackingMPC) -> Numbers:
     }
 
 
-def _tables(controller: TrackingMPC, eyes: KalmanObserver) -> list[tuple[str, str, Array]]:
+def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str, str, Array]]:
     plant, dt, starts = controller.plant, controller.dt, np.asarray(controller.problem.starts)
     law = FeedForwardLaw(plant, dt, controller.N)
     acting = np.searchsorted(starts, np.arange(controller.N), side="right")
@@ -213,15 +216,15 @@ def _tables(controller: TrackingMPC, eyes: KalmanObserver) -> list[tuple[str, st
         ("ANT_TERMINAL", "L, the terminal cost is |L xi|^2/2", controller.problem.L),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),
-        ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(eyes.filter.Q)),
-        ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(eyes.filter.Q_rest)),
-        ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(eyes.filter.R)),
-        ("ANT_GATE_LOWER", "least of theta, P1, P2 that a sensor can say", np.array(eyes.gate.lower)),
-        ("ANT_GATE_UPPER", "and the greatest", np.array(eyes.gate.upper)),
-        ("ANT_GATE_FLOOR", "readings this near to what is expected are believed", np.array(eyes.gate.floor)),
-        ("ANT_GATE_JUMP", "those farther off only after a jump's patience", np.array(eyes.gate.jump)),
-        ("ANT_UNSURE", "variance of a belief that knows little but the readings", np.diag(eyes.filter.unsure)),
-        ("ANT_COVARIANCE", "of the observer's first belief", eyes.filter.stationary),
+        ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(observer.filter.Q)),
+        ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(observer.filter.Q_rest)),
+        ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(observer.filter.R)),
+        ("ANT_GATE_LOWER", "least of theta, P1, P2 that a sensor can say", np.array(observer.gate.lower)),
+        ("ANT_GATE_UPPER", "and the greatest", np.array(observer.gate.upper)),
+        ("ANT_GATE_FLOOR", "readings this near to what is expected are believed", np.array(observer.gate.floor)),
+        ("ANT_GATE_JUMP", "those farther off only after a jump's patience", np.array(observer.gate.jump)),
+        ("ANT_UNSURE", "variance of a belief that knows little but the readings", np.diag(observer.filter.unsure)),
+        ("ANT_COVARIANCE", "of the observer's first belief", observer.filter.stationary),
     ]
 
 

@@ -1,4 +1,4 @@
-"""The exported controller with its own model as the joint: what the demonstration does and prints, in Python."""
+"""The demonstration drives the exported controller with its own model as the joint; here it is done in Python."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,7 +16,7 @@ _SWING = 0.15  # of the joint range
 
 
 def numbers(plant: Plant) -> dict[str, tuple[float | int, str]]:
-    """For settings.h."""
+    """Return what settings.h defines for the demonstration."""
     left, right = plant.joint.angle_range
     middle = round((left + right) / 2, 6)
     K = round(float(np.mean(stiffness_interval(middle, 0.0, joint=plant.joint))), 4)
@@ -31,10 +31,10 @@ def numbers(plant: Plant) -> dict[str, tuple[float | int, str]]:
 
 
 def lines(controller: TrackingMPC, observer: KalmanObserver) -> Iterator[str]:
-    """What the demonstration prints."""
+    """Yield the lines that the demonstration prints."""
     plant, dt, known = controller.plant, controller.dt, controller.compensation
     driver = replace(controller)  # the same anew: the one that was given keeps its memory
-    eyes = KalmanObserver(plant, dt, observer.noise, known, observer.tolerance)
+    own = KalmanObserver(plant, dt, observer.noise, known, observer.tolerance)
     turned = plant.discrete(dt)
     middle, swing, K, *P = (float(value) for value, _ in numbers(plant).values())
     x, u = np.array([middle, 0.0, *P]), np.array(P)
@@ -42,7 +42,7 @@ def lines(controller: TrackingMPC, observer: KalmanObserver) -> Iterator[str]:
     samples = [min(k, SAMPLES) for k in range(SAMPLES + driver.ahead)]
     theta = np.array([middle + swing * (1 - cos(2 * pi * k / SAMPLES)) / 2 for k in samples])
     for k in range(SAMPLES):
-        estimated, d = eyes.estimate(np.array([x[0], np.nan, x[2], x[3]]), u)
+        estimated, d = own.estimate(np.array([x[0], np.nan, x[2], x[3]]), u)
         plan = driver.step(estimated, theta[k : k + driver.ahead + 1], np.full(driver.ahead + 1, K), d)
         u = plan.u[0]
         if k % SHOWN == 0:

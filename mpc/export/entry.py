@@ -1,4 +1,4 @@
-"""`export`: a joint's allocation and controller as a directory of C files."""
+"""`export` writes a joint's allocation and controller as a directory of C files."""
 
 from os import PathLike
 from pathlib import Path
@@ -68,7 +68,7 @@ def export(
 
 
 def default_controller(plant: Plant, horizon: int = 10) -> TrackingMPC:
-    """The controller exported for `plant` where nothing else is said has weights for joints unlike their model.
+    """Return the controller for `plant` where none is given; its weights are for joints unlike their model.
 
     Raises InvalidInput for a joint that cannot be exported, before anything is compiled for it.
     """

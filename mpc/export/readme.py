@@ -1,4 +1,4 @@
-"""The README of the exported files."""
+"""The README of the exported files is written here."""
 
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.tracking.controller import TrackingMPC
@@ -80,7 +80,7 @@ in double precision; the softened QP then answers, with nearly the same commands
 def readme(
     joint: AntagonistJoint, kernel: str, single: bool, printed: list[str], controller: TrackingMPC | None = None
 ) -> str:
-    """Its text; `printed` is what the demonstration prints according to Python."""
+    """Return the README; `printed` is what the demonstration prints according to Python."""
     muscles = " and ".join(type(muscle).__name__ for muscle in (joint.agonist, joint.antagonist))
     written = ["antagonist_config.h", "src/joint.h", "src/demonstration.h"]
     written += ["src/model.c"] if kernel == "affine" or controller else []

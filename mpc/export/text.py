@@ -1,4 +1,4 @@
-"""C text for numbers and tables."""
+"""Numbers and tables are written as C here."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -12,14 +12,14 @@ Table = NDArray[Any]  # of floats or of integers, in one or two dimensions
 
 
 def header(guard: str, about: str, body: str, includes: Iterable[str] = ()) -> str:
-    """A header file."""
+    """Return a header file; `about` says what is in it."""
     included = "".join(f'#include "{name}"\n' for name in includes)
     pieces = [f"/* {about} */\n#ifndef {guard}\n#define {guard}\n", included, f"{body}\n", f"#endif /* {guard} */\n"]
     return "\n".join(piece for piece in pieces if piece)
 
 
 def defines(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str:
-    """A line `#define ANT_NAME value` for each of `numbers`, with what it is behind it."""
+    """Return a line `#define ANT_NAME value` for each of `numbers`, with what it is behind it."""
     rows = []
     for name, (value, meaning) in numbers.items():
         literal = str(value) if isinstance(value, int) else f"({number(value, single)})"
@@ -28,12 +28,12 @@ def defines(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str
 
 
 def table_head(name: str, meaning: str, values: Table) -> str:
-    """The declaration of a constant array."""
+    """Return the declaration of a constant array, and its meaning."""
     return f"extern {_declarator(name, values)}; /* {meaning} */"
 
 
 def table(name: str, values: Table, single: bool) -> str:
-    """The array itself."""
+    """Return the definition of a constant array."""
     if values.ndim == 1:
         return f"{_declarator(name, values)} = {{{_row(values, single)}}};"
     rows = ",\n".join(f"    {{{_row(row, single)}}}" for row in values)

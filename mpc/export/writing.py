@@ -1,4 +1,4 @@
-"""Files into a new directory, all or none."""
+"""Files are written to a new directory here, all or none."""
 
 import shutil
 import tempfile
@@ -30,7 +30,7 @@ def write(files: Files, out: str | PathLike[str]) -> Path:
 
 
 def check(directory: Path) -> None:
-    """Insist that `directory` is free."""
+    """Check that `directory` is free."""
     if directory.exists() and not directory.is_dir():
         raise InvalidInput(f"out = {directory} is a file; give a directory that does not exist or is empty")
     if directory.is_dir() and any(directory.iterdir()):

@@ -1,4 +1,4 @@
-"""The printer's expressions: C's text of what stands on the right of an assignment."""
+"""Expressions, what stands on the right of an assignment, are turned into C here."""
 
 import ast
 
@@ -11,7 +11,7 @@ _CHOICE, _OR, _AND, _FLAGS, _LINK, _SUM, _UNARY = 3, 4, 5, 6, 10, 12, 14  # how 
 
 
 class Expressions:
-    """The expressions of one function, whose variables are of known kinds."""
+    """The printer has the expressions of one function, whose variables are of known kinds."""
 
     def __init__(self, unit: Unit, kinds: dict[str, str]) -> None:
         self.unit, self.kinds = unit, kinds

@@ -42,7 +42,7 @@ def _print(unit: Unit, function: ast.FunctionDef, kinds: list[str]) -> None:
 
 
 class _Function:
-    """The printer of one function."""
+    """The printer of one function puts it into its unit, line by line."""
 
     def __init__(self, unit: Unit, function: ast.FunctionDef, kinds: list[str]) -> None:
         names = arguments_of(function)

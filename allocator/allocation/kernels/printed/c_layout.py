@@ -1,4 +1,4 @@
-"""The layout of C's text: lines of bounded width, and comments in ASCII."""
+"""C's text is laid out here, in lines of bounded width, with comments in ASCII."""
 
 import textwrap
 from collections.abc import Iterator
