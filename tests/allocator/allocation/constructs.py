@@ -44,6 +44,26 @@ def f(x, y):
         return y
     y = y + 1
     return x + y
+### early returns
+def f(x, y):
+    if x > 1:
+        return y
+    if y > 1:
+        return 2 * x
+    if x > y:
+        return 3 * y
+    return x - y
+### a loop in a loop
+def f(x, y):
+    for _ in range(2):
+        x = x + 1
+        for _ in range(3):
+            x = x / 2 + y
+    return x
+### infinite constants
+BOTTOM = -float("inf")
+def f(x, y):
+    return x if y > BOTTOM else -BOTTOM
 ### assignments in a branch
 def f(x, y):
     a, b = x, y
@@ -201,6 +221,9 @@ def f(x):
     for y in x:
         x = y
     return x
+### an identity
+def f(x):
+    return 1.0 if x is True else 2.0
 ### a nested function
 def f(x):
     def g(y):
@@ -233,6 +256,27 @@ def f(x):
     y = 1
     y = x
     return y
+### a tuple assigned again
+def g(box):
+    a, b = box
+    return a + b
+def f(x):
+    box = (x, 1.0)
+    box = (1.0, x)
+    return g(box)
+### a loop's variable assigned
+def f(x):
+    for k in range(3):
+        k = x
+    return x
+### a loop's variable behind its loop
+def f(x):
+    for k in range(3):
+        x = x + k
+    return x * k
+### a number that is no truth value
+def f(x):
+    return 1.0 if x and x > 1 else 2.0
 ### flags of a number
 def f(x):
     return x | 1

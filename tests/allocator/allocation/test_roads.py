@@ -173,3 +173,13 @@ def test_short_arrays_are_answered_one_by_one(joint, options, priority, compiler
         assert fields(one)[:3] == list(target)
         assert fields(one)[3:] == pytest.approx([x[i] for x in fields(many)[3:]], rel=1e-12)
     assert not compiler.called
+
+
+@pytest.mark.parametrize("joint", JOINTS.values(), ids=JOINTS.keys())
+def test_arrays_below_what_pays_are_answered_by_the_kernels_without_a_compiler(joint, no_readable, compiler):
+    theta = np.linspace(-1.3, 1.3, calls._FEW + 1)
+    a = allocate(theta, 8.0, np.linspace(-3, 3, theta.size), joint=joint)
+    assert compiler.call_count == 0
+    one_by_one = [allocate(t, 8.0, T, joint=joint) for t, T in zip(theta.tolist(), a.T_target.tolist(), strict=True)]
+    for name in ("P1", "P2", "T", "K", "status", "limits"):
+        assert getattr(a, name) == pytest.approx([getattr(one, name) for one in one_by_one], rel=1e-12, abs=1e-12)

@@ -28,12 +28,12 @@ class Expressions:
                 inner = self.text(operand)
                 return Text(f"-{inner.above(_UNARY + inner.text.startswith('-') * ATOM)}", inner.kind, _UNARY)
             case ast.UnaryOp(ast.Not(), operand):
-                return Text(f"!{self.text(operand).above(_UNARY)}", INT, _UNARY)
+                return Text(f"!{self.truth(operand).above(_UNARY)}", INT, _UNARY)
             case ast.BinOp(left, op, right):
                 return self.binary(node, self.text(left), op, self.text(right))
             case ast.BoolOp(op, values):
                 sign, level = (" && ", _AND) if isinstance(op, ast.And) else (" || ", _OR)
-                return Text(sign.join(self.text(value).above(_LINK) for value in values), INT, level)
+                return Text(sign.join(self.truth(value).above(_LINK) for value in values), INT, level)
             case ast.Compare():
                 return self.comparison(node)
             case ast.IfExp(test, body, orelse):
@@ -41,6 +41,13 @@ class Expressions:
             case ast.Call(ast.Name(name), arguments):
                 return self.call(node, name, arguments)
         refuse(node)
+
+    def truth(self, node: ast.expr) -> Text:
+        """Return a truth value."""
+        made = self.text(node)
+        if made.kind != INT:
+            refuse(node, "no truth value")
+        return made
 
     def binary(self, node: ast.BinOp, left: Text, op: ast.operator, right: Text) -> Text:
         """Return a sum, a product or a combination of flags."""

@@ -51,8 +51,7 @@ class _Function:
         self.say = Expressions(unit, self.kinds)
         nodes = [node for node in ast.walk(function) if isinstance(node, ast.Name)]
         self.read = {node.id for node in nodes if isinstance(node.ctx, ast.Load)}
-        stored = [node.id for node in nodes if isinstance(node.ctx, ast.Store)]
-        self.constant = {name for name in stored if stored.count(name) == 1}
+        self.stored = [node.id for node in nodes if isinstance(node.ctx, ast.Store)]
         self.returned = ""
         self.line = function.lineno  # up to which comments have been printed
         self.results = 0
@@ -85,15 +84,20 @@ class _Function:
                 case ast.If(test, body, orelse):
                     yield from self.branch(test, body, orelse, depth)
                 case ast.For(ast.Name(name), ast.Call(ast.Name("range"), [count]), body, []):
-                    name = "i" if name == "_" else name
-                    self.kinds[name] = INT
-                    yield from wrapped(
-                        f"for (int {name} = 0; {name} < {self.say.text(count).above(_SUM)}; {name}++) {{", depth
-                    )
-                    yield from self.block(body, depth + 1)
-                    yield "    " * depth + "}"
+                    yield from self.loop(statement, name, self.say.text(count).above(_SUM), body, depth)
                 case _:
                     refuse(statement)
+
+    def loop(self, node: ast.stmt, name: str, count: str, body: list[ast.stmt], depth: int) -> Iterator[str]:
+        """Yield the lines of a loop, whose variable is known in it only."""
+        name = f"i{depth}" if name == "_" else name
+        if name in self.kinds or self.stored.count(name) > 1:
+            refuse(node, f"{name} is assigned elsewhere, too")
+        self.kinds[name] = INT
+        yield from wrapped(f"for (int {name} = 0; {name} < {count}; {name}++) {{", depth)
+        yield from self.block(body, depth + 1)
+        yield "    " * depth + "}"
+        del self.kinds[name]
 
     def branch(self, test: ast.expr, body: list[ast.stmt], orelse: list[ast.stmt], depth: int) -> Iterator[str]:
         """Yield the lines of an `if`; of one side only if it is known which."""
@@ -121,7 +125,7 @@ class _Function:
         for target, value in assignments(statement):
             for name, made in self.parts(target, value, fresh):
                 if name in self.kinds:
-                    if made.kind != self.kinds[name] and (made.kind, self.kinds[name]) != (INT, REAL):
+                    if (made.kind, self.kinds[name]) not in ((REAL, REAL), (INT, INT), (INT, REAL)):
                         refuse(statement, f"{name} is {self.kinds[name]}, not {made.kind}")
                     yield from self.declared(fresh, depth)
                     yield from wrapped(f"{name} = {made.text};", depth)
@@ -129,7 +133,7 @@ class _Function:
                 if depth > 1:
                     refuse(statement, "first assigned in a branch or loop")
                 self.kinds[name] = made.kind
-                const = "const " if name in self.constant else ""
+                const = "const " if self.stored.count(name) == 1 else ""
                 fresh.append((const + made.kind, f"{name} = {made.text}"))
         yield from self.declared(fresh, depth)
 
@@ -193,7 +197,8 @@ class _Function:
             if len(names) != len(value.elts):
                 refuse(value, "only names can be returned in a tuple")
             kinds = [self.say.text(e).kind for e in value.elts]
-            kind = self.unit.struct(f"ant_{self.function.name}", names, kinds, f"What {self.function.name} returns.")
+            about = f"What {self.function.name} returns."
+            kind = self.unit.struct(value, f"ant_{self.function.name}", names, kinds, about)
             made = Text(f"({kind}){{{', '.join(names)}}}", kind)
         else:
             made = self.say.text(value)

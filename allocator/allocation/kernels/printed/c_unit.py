@@ -2,10 +2,11 @@
 
 import ast
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import isinf
 from typing import NamedTuple
 
 from allocator.allocation.kernels.printed.c_layout import runs
-from allocator.allocation.kernels.printed.text import Source, Unprintable, assignments, refuse
+from allocator.allocation.kernels.printed.text import Source, assignments, refuse
 
 REAL, INT = "ant_real", "int"
 ATOM = 16  # how strongly what is no operator binds in C
@@ -15,7 +16,7 @@ MADE = {"inf": "ANT_INFINITY", "sqrt": "ANT_F(sqrt)", "abs": "ant_abs"}  # names
 class Outside(NamedTuple):
     """What C has in the place of what Python has: names, and arguments of the function that is printed for others."""
 
-    names: Mapping[str, str] = {}  # of functions that C has and of constants, by Python's name
+    names: Mapping[str, str] = {}  # of constants, and of functions of real numbers that C has, by Python's name
     functions: Mapping[str, str] = {}  # what printed functions are called, where it is not as in Python
     structs: Mapping[tuple[str, ...], str] = {}  # what structs with these fields are called
     numbers: Mapping[str, Mapping[str, tuple[str, str]]] = {}  # a tuple's name: each element's type, and its text
@@ -47,6 +48,8 @@ def literal(value: float) -> Text:
     """Return the number `value`: of an int without a point, of a truth value 0 or 1."""
     if isinstance(value, int):
         return Text(str(int(value)), INT)
+    if isinf(value):
+        return Text("ANT_INFINITY" if value > 0 else "(-ANT_INFINITY)", REAL)
     return Text(f"ANT_R({value!r})", REAL)
 
 
@@ -65,8 +68,8 @@ class Unit:
         self.write = write  # prints a function into the unit
         self.comments = source.comments()
         self.fields = dict(self._unpacked(printed))  # of the struct that an argument of this name is
-        self.names: dict[str, list[str]] = {}  # of a struct's fields
-        self.kinds: dict[str, list[str]] = {}  # of a struct's fields
+        self.names: dict[str, list[str]] = {}  # of each struct's fields
+        self.kinds: dict[str, list[str]] = {}  # and of what kinds they are
         self.structs: dict[str, str] = {}
         self.constants: dict[str, str] = {}
         self.heads: dict[str, str] = {}
@@ -91,11 +94,11 @@ class Unit:
             return f"const {REAL} *"
         return INT if name in self.outside.flags else REAL
 
-    def struct(self, name: str, fields: Sequence[str], kinds: Sequence[str], about: str) -> str:
+    def struct(self, node: ast.expr, name: str, fields: Sequence[str], kinds: Sequence[str], about: str) -> str:
         """Return the name of the struct with these fields, which is made where there is none."""
         name = self.outside.structs.get(tuple(fields), name)
         if self.kinds.setdefault(name, list(kinds)) != list(kinds):
-            raise Unprintable(f"{name} holds {kinds}, and {self.kinds[name]} elsewhere")
+            refuse(node, f"{name} holds {kinds}, and {self.kinds[name]} elsewhere")
         self.names.setdefault(name, list(fields))
         lines = [f"    {kind} {', '.join(names)};" for kind, names in runs(zip(kinds, fields, strict=True))]
         self.structs.setdefault(name, "\n".join([f"/* {about} */", "typedef struct {", *lines, f"}} {name};"]))
@@ -129,7 +132,8 @@ class Unit:
         fields = self.fields.get(name, [])
         if len(fields) != len(values):
             refuse(node, f"{name} is not unpacked into as many names")
-        return self.struct(f"ant_{name}", fields, [value.kind for value in values], f"What is called {name} below.")
+        kinds = [value.kind for value in values]
+        return self.struct(node, f"ant_{name}", fields, kinds, f"What is called {name} below.")
 
     def called(self, name: str) -> str:
         """Return what C calls the function `name`."""

@@ -37,16 +37,17 @@ def _array_function(function: ast.FunctionDef) -> ast.FunctionDef:
 def _array_block(block: list[ast.stmt], known: set[str]) -> list[ast.stmt]:
     done: list[ast.stmt] = []
     for i, statement in enumerate(block):
+        name = f"_test{statement.lineno}_{statement.col_offset}"
         match statement:
             case ast.If(test, [ast.Return(ast.expr() as early)], []) if not asks_for_none(test):
                 rest = _array_block(block[i + 1 :], known)
                 if not rest or not isinstance(last := rest[-1], ast.Return) or last.value is None:
                     refuse(statement, "nothing is returned otherwise")
-                before = [_stored(f"_test{i}", _Arrays().visit(test)), _stored(f"_early{i}", _Arrays().visit(early))]
-                return [*done, *before, *rest[:-1], ast.Return(_where(f"_test{i}", _load(f"_early{i}"), last.value))]
+                done += [_stored(name, _Arrays().visit(test)), _stored(f"{name}_so", _Arrays().visit(early))]
+                return [*done, *rest[:-1], ast.Return(_where(name, _load(f"{name}_so"), last.value))]
             case ast.If(test, body, orelse) if not asks_for_none(test):
-                done.append(_stored(f"_test{i}", _Arrays().visit(test)))
-                done += _chosen(f"_test{i}", body, orelse, known)
+                done.append(_stored(name, _Arrays().visit(test)))
+                done += _chosen(name, body, orelse, known)
             case ast.If(test, body, orelse):
                 done.append(ast.If(test, _array_block(body, known), _array_block(orelse, known)))
             case ast.For(target, ast.Call(ast.Name("range"), [_]) as count, body, []):

@@ -69,6 +69,8 @@ class Source(NamedTuple):
         if strange := next((node for node in nodes if not isinstance(node, _KNOWN)), None):
             refuse(next(node for node in reversed(nodes) if strange in ast.walk(node) and hasattr(node, "lineno")))
         for node in nodes:
+            if isinstance(node, ast.Compare) and ast.Is in map(type, node.ops) and not asks_for_none(node):
+                refuse(node)
             if isinstance(node, ast.Call):
                 if not isinstance(node.func, ast.Name) or node.keywords:
                     refuse(node)
