@@ -6,7 +6,7 @@ the work.
 In other compiled code a kernel is called like any compiled function:
 
     tondu_exact = kernel("tondu_exact")         # θ, K, T, p → P1, P2, T, K, status, limits, sure
-    p = tuple(TonduNumbers.of(joint))           # `joint_numbers`; of(joint) is None: not of this kind
+    p = tuple(TonduNumbers.of(joint))           # `of` is None: not of this kind
     @numba.njit(error_model="numpy")
     def plan(theta, K, T, p): P1, P2, *_ = tondu_exact(theta, K, T, p)
 """

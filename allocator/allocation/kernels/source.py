@@ -12,7 +12,7 @@ Four readers share the text, and all give the same digits:
   compiled away, and there are only conditional expressions and `sqrt`, so that the loops over arrays vectorise. It is
   one file because numba looks at one file only to see whether what it has on disk is out of date;
 * NumPy (`printed.array_form`), for arrays until `warm_up`;
-* C (`printed.c_form`), for the export and as the benchmark's limit.
+* C (`printed.c_form`), for the export.
 
 The printer asks for a plain style: a tuple is unpacked into names or returned as names, and a name is first assigned
 outside of branches.
