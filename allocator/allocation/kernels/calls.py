@@ -123,7 +123,7 @@ def _batch(
 
 
 def _loop(kind: Kind, n: int) -> Kernel:
-    """Return the compiled loop where it is there or pays for `n` targets; else plain Python for few of them, or NumPy."""
+    """Return the compiled loop where it is there or pays for `n` targets; else plain Python for a few, or NumPy."""
     if (compiled := _batches.get(kind)) is not None:
         return compiled
     if n >= _PAYS and (compiled := kernel(f"{kind[0]}_batch")) is not None:

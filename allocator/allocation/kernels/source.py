@@ -25,9 +25,11 @@ from math import inf, pi, sqrt
 from typing import Any
 
 from allocator.allocation.status import Status
+from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.joint.limits import Limit
 
-MET = 1e-9  # of the torque or stiffness scale: a target missed by less is met
+# Whoever changes one of these elsewhere touches this file, too: numba keeps the old ones otherwise
+MET = CLOSED_FORM.met  # of the torque or stiffness scale: a target missed by less is met
 _NEWTON_STEPS = 4
 _TURN = 2 * pi
 _RISES = 1e-6  # of q: where the force gains less from pressure the reference answers
