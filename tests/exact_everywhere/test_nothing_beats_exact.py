@@ -45,6 +45,7 @@ def priority(request):
     return request.param
 
 
+@pytest.mark.slow
 def test_no_answer_is_beaten_and_no_status_is_false(case, priority):
     joint, reach, *both = case
     targets = Targets(*map(np.concatenate, zip(*both, strict=True)))
@@ -71,6 +72,7 @@ def test_what_pressures_in_the_box_made_is_met(case, priority):
     assert asked(joint, reach, made, priority).success.all()
 
 
+@pytest.mark.slow
 def test_the_intervals_are_those_of_the_dense_search(case, priority):
     joint, reach, *both = case
     targets = Targets(*map(np.concatenate, zip(*both, strict=True)))

@@ -123,6 +123,7 @@ def test_the_seed_makes_a_run_on_the_real_plant_repeatable(trajectory):
     assert first != other
 
 
+@pytest.mark.slow
 def test_a_payload_is_met_better_with_an_observer(trajectory):
     def left(*options):
         rows = [*csv.DictReader(tracked(trajectory, "--payload", "1", *options).splitlines())]

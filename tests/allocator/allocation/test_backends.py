@@ -40,6 +40,7 @@ def targets(joint, n, seed):
     return theta, np.maximum(K, 0.5), T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("priority", PRIORITIES)
 @pytest.mark.parametrize("backend", BACKENDS.values(), ids=BACKENDS.keys())
 def test_a_back_end_agrees_with_the_exact_answer(joint, backend, priority):
@@ -66,6 +67,7 @@ def cost(a, priority):
     return pair if priority == "torque" else pair[::-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("priority", PRIORITIES)
 @pytest.mark.parametrize("backend", BACKENDS.values(), ids=BACKENDS.keys())
 def test_no_back_end_beats_the_exact_answer(joint, backend, priority):

@@ -133,6 +133,7 @@ def test_no_point_of_a_fine_grid_over_the_box_is_better(joint, priority, share, 
     assert not beats(e_T, e_K, a, priority, scales(joint, theta)).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("priority", ["torque", "stiffness"])
 @given(share=shares, share_T=shares, share_K=shares)
 def test_nothing_on_the_level_of_the_first_target_is_better(joint, priority, share, share_T, share_K):
@@ -157,6 +158,7 @@ def test_nothing_on_the_level_of_the_first_target_is_better(joint, priority, sha
     assert (np.abs(other) >= abs(mine) - 1e-8 * max(scales(joint, theta))).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("priority", PRIORITIES)
 @given(share=shares, share_T=shares, share_K=shares, direction=st.floats(0, 2 * np.pi), size=st.floats(1.0, 1e4))
 def test_nudging_the_pressures_never_helps(joint, priority, share, share_T, share_K, direction, size):

@@ -312,6 +312,7 @@ def test_without_compiled_code_the_reference_answers_without_a_word(broken):
     assert (one, warm) == (other, "False")
 
 
+@pytest.mark.slow
 def test_warming_up_says_whether_it_could():
     assert warm_up()
     assert warm_up(joint=AFFINE["mckibben"])

@@ -90,6 +90,7 @@ def test_along_every_edge_its_limit_binds_and_no_other(joint):
             assert box.contains(edge.P1[middle], edge.P2[middle], 1.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", [{"T": 0.0}, {"T": 5.0}, {"K": 8.0}, {"theta": 0.6}], ids=str)
 def test_edges_meet_where_one_limit_hands_over_to_another(joint, held):
     """Every end of an edge is an end of another, or of the feasible set as a whole."""

@@ -122,6 +122,7 @@ def test_on_a_piece_torque_stiffness_and_slope_are_monotone(joint):
                     assert (rises >= -noise).all() or (rises <= noise).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lever-a stranger's", "lever-kinked", "lever-wavy"])
 @pytest.mark.parametrize("priority", ["torque", "stiffness"])
 def test_what_a_stranger_s_law_gives_is_met(name, priority):

@@ -139,6 +139,7 @@ def name(arguments):
     return " ".join(arguments)[:60]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", CASES, ids=name)
 def test_nonsense_is_one_sentence_and_exit_code_2(arguments, answers):
     answer = answers[arguments]

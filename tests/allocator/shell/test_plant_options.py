@@ -91,6 +91,7 @@ def test_two_different_muscles_pull_on_the_joint_that_allocate_answers_for():
     assert json.loads(said)["P1_bar"] * BAR == pytest.approx(allocate(10 * DEG, 6.0, joint=joint).P1)
 
 
+@pytest.mark.slow
 def test_every_command_takes_the_plant_s_file(tmp_path):
     path = tmp_path / "plant.toml"
     PLANT.save(path)

@@ -19,6 +19,8 @@ from mpc.model.faults import (
 )
 from mpc.tracking.qp.solvers import solver
 
+pytestmark = pytest.mark.slow
+
 REAL = RealPlant.standard()
 DAHL = replace(REAL, friction=REAL.friction.as_dahl(REAL.nominal))
 DT, BEGIN, END = 0.01, 2.0, 3.0  # [s]

@@ -103,6 +103,7 @@ def test_a_spike_leaves_no_trace():
     np.testing.assert_array_less(np.abs(got[-1] - usual[-1]), [1e-6, 1e-5, 1.0, 1.0, 1e-4])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [-20, 3, 10])
 def test_an_encoder_that_has_lost_its_zero_is_followed_after_half_a_second_and_once(offset):
     real = RealPlant.standard()

@@ -102,6 +102,7 @@ def test_a_fault_is_named_soon_and_alone_in_the_end(joint, fault, kind, part, wi
     assert BEGIN <= healths[-1].findings[0].since <= first * DT + 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", JOINTS)
 def test_a_low_supply_is_among_the_suspects_at_once_and_the_only_one_when_both_muscles_lack_pressure(joint):
     healths = said(joint, SupplyDrop(BEGIN, supply=1.5 * BAR))

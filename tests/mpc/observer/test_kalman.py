@@ -174,6 +174,7 @@ def swinging(k):
     return REST[2:] + 0.8 * BAR * np.sin(k / 15) * np.array([1, -1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "real",
     [

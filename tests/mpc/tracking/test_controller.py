@@ -65,6 +65,7 @@ def test_the_second_step_starts_from_the_first_one_s_command_and_feed_forward(ip
     np.testing.assert_allclose(mpc.step(first.x[1], theta, K + 0.1).u, u, atol=2e-3 * BAR)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_one_qp_a_sample_costs_what_the_nonlinear_mpc_costs_in_closed_loop(case, ipopt_mpc):
     N, steps = 12, 25

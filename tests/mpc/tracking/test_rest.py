@@ -71,6 +71,7 @@ def test_angle_and_commands_are_still_six_seconds_after_a_load(real, driver):
     assert metrics(run).limits_kept
 
 
+@pytest.mark.slow
 def test_a_joint_without_the_friction_that_it_should_have_comes_to_rest(driver):
     run = driven(driver, replace(REAL, friction=Friction()))
     assert (rates(run, QUIET) <= 0.02).all()
@@ -78,6 +79,7 @@ def test_a_joint_without_the_friction_that_it_should_have_comes_to_rest(driver):
     assert metrics(run).limits_kept
 
 
+@pytest.mark.slow
 def test_without_a_rest_mode_the_same_loop_chatters(driver):
     controller = TrackingMPC(REAL.nominal, weights=Weights.calm(), compensation=TOLD, rest=False)
     run = driven((controller, driver[1]), REAL)

@@ -16,6 +16,8 @@ from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics
 from mpc.trials.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step
 
+pytestmark = pytest.mark.slow
+
 REAL = RealPlant.standard()
 SETTINGS = Settings(REAL.nominal, compensation=REAL.known(), weights=Weights.calm())
 DT = SETTINGS.dt
@@ -85,7 +87,6 @@ def test_the_same_tuning_bears_other_plants_and_horizons(real, N):
     assert rms(error) < 1.5 * 0.55
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("pid", ["pid", "predictive-pid"])
 def test_the_mpc_beats_the_pids_that_know_the_same(pid):
     ours, theirs = (rms(tracked(rested_sine(), name=name)[1]) for name in ("mpc", pid))

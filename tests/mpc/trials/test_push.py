@@ -13,6 +13,8 @@ from mpc.model.hysteresis import MaxwellSlip
 from mpc.trials.loops import Settings, loop
 from mpc.trials.push import Cycle, push, slope
 
+pytestmark = pytest.mark.slow
+
 REAL = RealPlant.standard()
 MODEL = REAL.nominal
 

@@ -12,6 +12,8 @@ from mpc import Plant, RealPlant, Run, TrackingMPC, simulate, sine
 from mpc.trials.metrics import metrics
 from mpc.trials.recordings import load_recording, save_recording
 
+pytestmark = pytest.mark.slow
+
 MOVE = sine(amplitude=10 * DEG, K=5.5, duration=0.3, ramp=0.1)
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=(0.1, 0.12), gravity_torque=0.5)
 
@@ -21,7 +23,6 @@ def run():
     return simulate(RealPlant(PLANT, force_gains=(1.05, 0.95)), TrackingMPC(PLANT, N=5), MOVE)
 
 
-@pytest.mark.slow
 def test_a_recording_comes_back_to_the_last_bit_with_its_plant(run, tmp_path):
     save_recording(run, tmp_path / "run.of.today.npz")
     again = load_recording(tmp_path / "run.of.today.npz")

@@ -114,6 +114,7 @@ def test_the_loop_is_stable_on_a_plant_that_the_model_does_not_know(plant, theta
     assert abs(run.theta[-1]) < 0.01 * DEG
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", [Plant(lag=(0.05, 0.2)), Plant(gravity_torque=-4.0), Plant(inertia=5e-4, lag=0.02)])
 def test_other_plants_are_tracked_as_well(plant):
     run = simulate(plant, TrackingMPC(plant), sine(duration=4))

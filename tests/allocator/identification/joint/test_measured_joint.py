@@ -14,6 +14,8 @@ from allocator import Lever
 from allocator.identification.joint.fit import fit_joint
 from allocator.units import BAR, DEG
 
+pytestmark = pytest.mark.slow
+
 DATA = Path("data") / "joint_angle_grid.csv"
 LENGTHS = ("240", "250", "260")
 
@@ -44,14 +46,12 @@ def fitted(measured):
     return fitted
 
 
-@pytest.mark.slow
 def test_the_mean_of_both_sweeps_is_met_to_1_1_degrees_by_the_sarosi_form(fitted):
     fit = fitted("Sarosi2012", average=True)
     assert fit.rms < 1.1 * DEG
     assert fit.samples.n == 420
 
 
-@pytest.mark.slow
 def test_both_sweeps_are_met_to_1_3_degrees_with_friction_and_to_4_4_without(fitted):
     moving = fitted("Sarosi2012")
     still = fitted("Sarosi2012", friction=False, leave_one_out=False)
