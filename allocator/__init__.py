@@ -1,4 +1,4 @@
-"""Pressures of an antagonistic pneumatic-muscle joint from torque and stiffness targets.
+"""The allocator finds the pressures of a pneumatic-muscle joint that give a torque and a stiffness.
 
 >>> from allocator import allocate
 >>> a = allocate(theta=0.5, K=7.5, T=1.0)  # rad, N·m/rad, N·m

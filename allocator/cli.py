@@ -1,4 +1,4 @@
-"""Commands about statics: `antagonist allocate` and `muscles`. Degrees and bar here, SI behind."""
+"""The commands about statics are `antagonist allocate` and `muscles`, in degrees and bar; behind them all is SI."""
 
 from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any
@@ -90,7 +90,7 @@ def allocate(
 
 
 def _values(a: "Allocation") -> dict[str, Any]:
-    """What `--json` prints."""
+    """Return what `--json` prints."""
     return a.to_dict() | {
         "limits": a.active,
         "met": bool(a.success),

@@ -20,7 +20,7 @@ def notice(message: str, category: type[Warning]) -> None:
 
 
 def notice_once(message: str, category: type[Warning]) -> None:
-    """The same, if it has not been said in this process: whatever filters there are, a fault met ten times is one."""
+    """Warn as `notice` does, unless it has been said in this process: whatever filters there are, once is enough."""
     if message not in _said:
         _said.add(message)
         notice(message, category)

@@ -1,5 +1,4 @@
-"""The package is about dynamics and control of the antagonistic joint: plants, linear time-varying MPC, observer,
-closed-loop simulation.
+"""The dynamics and the control of a joint live here: plants, linear time-varying MPC, observer, simulated loops.
 
 The names load when they are first used, so that the command line begins at once.
 """

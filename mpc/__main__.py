@@ -1,4 +1,4 @@
-"""The command `antagonist`, also `python -m mpc`."""
+"""The command `antagonist` runs from here, as `python -m mpc` too."""
 
 import sys
 
