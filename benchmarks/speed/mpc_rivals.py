@@ -10,7 +10,7 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from benchmarks.speed.truth import BenchmarkFailure
 from mpc import Plan, PlanStatus, Plant, Rung, Weights
-from mpc.tracking.feedforward import FeedForward, FeedForwardLaw
+from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.plan import Times
 from mpc.tracking.qp.programme import QP
@@ -31,7 +31,7 @@ class DoMPC:
 
     def __init__(self, plant: Plant, dt: float, N: int) -> None:
         self.dt, self.ahead, self.weights = dt, N, Weights()
-        self.limits, self.law = Limits.of(plant, dt), FeedForwardLaw(plant, dt, N)
+        self.limits, self.law = Limits.of(plant, dt), InverseDynamics(plant, dt, N)
         self._mpc = self._build(plant, N)
         self.reset()
 

@@ -18,7 +18,7 @@ from mpc.observer import gating, kalman
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking import preview, rest
 from mpc.tracking.controller import TrackingMPC
-from mpc.tracking.feedforward import FeedForwardLaw
+from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.qp import certified, softened
 
 _GAP = 1e-3  # in single precision it cannot be bounded as closely as in `mpc.tracking.qp.certified`
@@ -160,11 +160,6 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
 def _weights(controller: TrackingMPC) -> Numbers:
     w = controller.weights
     return {
-        "ROOT_THETA": (w.theta**0.5, "roots of the weights"),
-        "ROOT_OMEGA": (w.omega**0.5, ""),
-        "ROOT_K": (w.K**0.5, ""),
-        "ROOT_U": (w.u**0.5, ""),
-        "ROOT_RATE": (w.rate**0.5, ""),
         "SLACK": (w.slack, "price of the joint range's slack [1/rad]"),
         "SLACK_SQUARE": (w.slack_square, "[1/rad^2]"),
         "ROOT_SLACK": (w.slack_square**0.5, ""),
@@ -207,12 +202,17 @@ def _rest(controller: TrackingMPC) -> Numbers:
 
 def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str, str, Array]]:
     plant, dt, starts = controller.plant, controller.dt, np.asarray(controller.problem.starts)
-    law = FeedForwardLaw(plant, dt, controller.N)
+    inverse = InverseDynamics(plant, dt, controller.N)
     acting = np.searchsorted(starts, np.arange(controller.N), side="right")
+    roots = [np.sqrt(weights) for weights in controller.problem.rows]
     return [
-        ("ANT_D1", "derivative of a spline through the samples of a preview [1/s]", law.slopes[0]),
-        ("ANT_D2", "and its second derivative [1/s^2]", law.slopes[1]),
-        ("ANT_LAG", "what is left of a pressure's error after a sample [-]", law.alpha),
+        ("ANT_ROOT_X", "roots of the weights of theta, its rate, P1, P2", roots[0]),
+        ("ANT_ROOT_Y", "of the outputs K, F1, F2", roots[1]),
+        ("ANT_ROOT_E", "of the commands away from the feed-forward", roots[2]),
+        ("ANT_ROOT_RATE", "and of their rate", roots[3]),
+        ("ANT_D1", "derivative of a spline through the samples of a preview [1/s]", inverse.slopes[0]),
+        ("ANT_D2", "and its second derivative [1/s^2]", inverse.slopes[1]),
+        ("ANT_LAG", "what is left of a pressure's error after a sample [-]", inverse.alpha),
         ("ANT_TERMINAL", "L, the terminal cost is |L xi|^2/2", controller.problem.L),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),

@@ -1,15 +1,15 @@
-"""The tracking controller: a linear time-varying MPC. This is the problem it solves at every sample:
+"""The tracking controller is a linear time-varying MPC. This is the problem it solves at every sample:
 
-    minimise  ½ Σ_{k=1…N-1} [w_θ (θ_k - θ*_k)² + w_ω (ω_k - θ*'_k)² + w_K (K_k - K*_k)²]
-            + ½ Σ_{k=0…N-1} [w_u |e_k|² + w_r |e_k - e_{k-1}|²/dt²]                        e_k = u_k - u*_k
-            + ½ |L ξ|²  +  ρ s + ½ ρ₂ s²  +  ρ_F s_F + ½ ρ_F₂ s_F²,                        ξ = (x_N - x*_N, e_{N-1})
+    minimise  ½ Σ_{k=1…N-1} [|x_k - x*_k|² + |y_k - y*_k|²] + ½ Σ_{k=0…N-1} [|e_k|² + |e_k - e_{k-1}|²/dt²]
+            + ½ |L ξ|²  +  ρ s + ½ ρ₂ s²  +  ρ_F s_F + ½ ρ_F₂ s_F²,       e_k = u_k - u*_k,  ξ = (x_N - x*_N, e_{N-1})
     over      u_0 … u_{N-1},  s ≥ 0,  s_F ≥ 0
     subject to  x_{k+1} = f_d(x_k, u_k, d_k),  K_k = K(x_k),  x_0 = the measured state
                 P_min ≤ u_k ≤ P_max,   |u_k - u_{k-1}| ≤ slew · dt                             (hard)
                 θ_min - s ≤ θ_k ≤ θ_max + s,   F_i(x_k) ≥ F_min - s_F,   k = 1…N, i = 1, 2     (soft)
 
-θ* and K* are the references, brought to the nearest that the joint can reach, u* and the pressures in x* = (θ*, θ*',
-P1*, P2*) what follows them by the closed-form allocation (`mpc.tracking.feedforward`); L is the terminal cost
+The squares of the first line are weighted, entry by entry, as `mpc.tracking.cost` states; y = (K, F1, F2). θ* and K*
+are the references, brought to the nearest that the joint can reach, u* and the pressures in x* = (θ*, θ*', P1*, P2*)
+what follows them by the closed-form allocation (`mpc.tracking.feedforward`); L is the terminal cost
 (`mpc.tracking.terminal`), and ρ, ρ_F are so dear that a slack is used only where it has to be (`mpc.tracking.penalty`).
 f_d, K and F are linearised along the previous plan, moved on by one sample (`mpc.tracking.linearise`), which makes the
 problem a QP in the changes of the commands (`mpc.tracking.qp.condense`); one such QP is solved per sample, or
@@ -41,19 +41,19 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
-from mpc.tracking.compiled.qp_step import workings
-from mpc.tracking.feedforward import FeedForward, FeedForwardLaw
+from mpc.tracking.compiled.factory import factory
+from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.ladder import Ladder, honest
 from mpc.tracking.limits import LONGEST_HORIZON, Limits
 from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.pace import check_pace
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times
 from mpc.tracking.preview import Foresight
-from mpc.tracking.qp.condense import Problem
+from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.softened import softened
 from mpc.tracking.qp.solvers import Solver, guarded
 from mpc.tracking.qp.solvers import solver as solver_by_name
-from mpc.tracking.qp_step import Before, Improvement
+from mpc.tracking.qp_step import PreviousSample, QPAnswer
 from mpc.tracking.rest import RestMode
 from mpc.tracking.terminal import terminal_factor
 from mpc.tracking.weights import Weights
@@ -105,7 +105,7 @@ class TrackingMPC:
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self.rest_mode = RestMode(self.plant, self.dt, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
-        self.problem = Problem(self.weights, self.limits, L, self.blocks, self.dt)
+        self.problem = TrackingProblem(self.weights, self.limits, L, self.blocks, self.dt)
         self._work()
         check_pace(self._rehearse, self.plant, self.dt, self.N)
         self.reset()
@@ -115,13 +115,13 @@ class TrackingMPC:
         self._foresight.reset()
         self.rest_mode.reset()
         self.ladder.reset()
-        self._improve.reset()
+        self._qp_step.reset()
         self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
 
     @property
     def implementation(self) -> str:
         """How a step is computed: "compiled", or "readable", about ten times as slowly (then `SlowStep` has warned)."""
-        return self._improve.implementation
+        return self._qp_step.implementation
 
     @property
     def rests(self) -> bool:
@@ -184,20 +184,20 @@ class TrackingMPC:
     def _work(self) -> None:
         """Make or load what does the work of a step: the solver, and compiled code."""
         self._solve = solver_by_name(self.solver) if isinstance(self.solver, str) else guarded(self.solver)
-        feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.limits.min_force)
-        self._improve, self._feed_forward = workings(self.plant, self.dt, self.problem, self._predictor, feed_forward)
+        feed_forward = InverseDynamics(self.plant, self.dt, self.N, self.limits.min_force)
+        self._qp_step, self._feed_forward = factory(self.plant, self.dt, self.problem, self._predictor, feed_forward)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what does the work, which each process makes for itself."""
         kept = {name: value for name, value in self.__dict__.items() if name not in _WORKERS}
-        return kept | {"memory": self._improve.memory}
+        return kept | {"active_set": self._qp_step.active_set}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Go on where the copied one was."""
-        memory = state.pop("memory")
+        active_set = state.pop("active_set")
         self.__dict__.update(state)
         self._work()
-        self._improve.memory = memory
+        self._qp_step.active_set = active_set
         deepcopy(self)._rehearse()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
@@ -220,13 +220,13 @@ class TrackingMPC:
     def _optimise(self, x: Array, feed: FeedForward, u_last: Array, d: Array, deadline: float) -> _Optimised:
         """The commands after `iterations` QPs, or up to one that failed; the softened QP's if it was the first."""
         u = self.ladder.onward(feed.u)
-        before = Before(u_last, feed.u[0] if self._u_star is None else self._u_star)
+        previous = PreviousSample(u_last, feed.u[0] if self._u_star is None else self._u_star)
         best, motion, status, spent = None, None, PlanStatus.OPTIMAL, (0.0, 0.0, 0.0)
         for _ in range(self.iterations):
             if perf_counter() > deadline:
                 status = status if best else PlanStatus.LATE
                 break
-            step = self._improve(x, u, d, feed, before, self._solve, deadline)
+            step = self._qp_step(x, u, d, feed, previous, self._solve, deadline)
             spent = spent[0] + step.times[0], spent[1] + step.times[1], spent[2] + step.times[2]
             if step.status is not PlanStatus.OPTIMAL:
                 if best is None:
@@ -236,7 +236,7 @@ class TrackingMPC:
             best = Rung.QP, u
         return _Optimised(best, motion, status, spent)
 
-    def _softened(self, step: Improvement, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
+    def _softened(self, step: QPAnswer, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
         """The next rung, if there is time for it and numbers to work with."""
         if step.qp is None or step.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE):
             return None
@@ -245,7 +245,7 @@ class TrackingMPC:
         return Rung.SOFTENED, self.limits.limited(u_last, step.u + self.problem.E @ z)
 
 
-_WORKERS = ("_solve", "_improve", "_feed_forward")
+_WORKERS = ("_solve", "_qp_step", "_feed_forward")
 
 
 def _blocks(blocks: Sequence[int] | None, N: int) -> tuple[int, ...]:

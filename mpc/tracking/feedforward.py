@@ -19,18 +19,39 @@ from mpc.tracking.plan import Moved
 
 @dataclass(frozen=True)
 class FeedForward:
-    """A preview and what it asks of the pressures; time runs along the first axis."""
+    """A feed-forward is a preview and what it asks of state, outputs and commands; time runs along the first axis."""
 
-    theta: Array  # (N+1,) angle within the joint range [rad]
-    omega: Array  # (N+1,) its derivative [rad/s]
-    K: Array  # (N+1,) the reachable stiffness nearest to the asked one [N·m/rad]
-    P: Array  # (N+1, 2) pressures [Pa]
-    u: Array  # (N, 2) commands [Pa], unlimited
+    x: Array  # (N+1, 4) x* = (θ*, θ*', P1*, P2*): angle within the joint range, its derivative, pressures
+    y: Array  # (N+1, 3) y* = (K*, 0, 0): the reachable stiffness nearest to the asked one [N·m/rad], no force
+    u: Array  # (N, 2) u*, commands [Pa], unlimited
     moved: Moved  # from what was asked
 
+    @property
+    def theta(self) -> Array:
+        """The angle (N+1,) [rad]."""
+        return self.x[:, 0]
 
-class FeedForwardLaw:
-    """Feed-forward of `plant` for previews of N+1 samples, `dt` [s] apart, with muscles that pull `min_force` [N]."""
+    @property
+    def omega(self) -> Array:
+        """The velocity (N+1,) [rad/s]."""
+        return self.x[:, 1]
+
+    @property
+    def P(self) -> Array:
+        """The pressures (N+1, 2) [Pa]."""
+        return self.x[:, 2:]
+
+    @property
+    def K(self) -> Array:
+        """The stiffness (N+1,) [N·m/rad]."""
+        return self.y[:, 0]
+
+
+class InverseDynamics:
+    """The inverse dynamics of `plant` are its feed-forward, for previews of N+1 samples, `dt` [s] apart.
+
+    Its muscles pull `min_force` [N] at least.
+    """
 
     def __init__(self, plant: Plant, dt: float, N: int, min_force: float = 0.0) -> None:
         from scipy.interpolate import CubicSpline
@@ -62,10 +83,11 @@ class FeedForwardLaw:
         omega, alpha = (D @ theta for D in self.slopes)
         T = self.plant.torque_for(theta, omega, alpha, d)
         held = allocate(theta, K, T, joint=self.plant.joint, min_force=self.min_force)
-        P = np.stack([held.P1, held.P2], axis=1)
+        x = np.stack([theta, omega, held.P1, held.P2], axis=1)
+        P, y = x[:, 2:], np.stack([held.K, 0 * theta, 0 * theta], axis=1)
         u = (P[1:] - self.alpha * P[:-1]) / (1 - self.alpha)
         moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - theta, held.K_error, held.T_error)))
-        return FeedForward(theta, omega, held.K, P, u, moved)
+        return FeedForward(x, y, u, moved)
 
 
-__all__ = ["FeedForward", "FeedForwardLaw"]
+__all__ = ["FeedForward", "InverseDynamics"]

@@ -50,6 +50,16 @@ class Linearisation(Motion):
     D: Array  # (N+1, 2, 4), gradients of F
 
     @property
+    def y(self) -> Array:
+        """The outputs (K, F1, F2), (N+1, 3)."""
+        return np.column_stack([self.K, self.F])
+
+    @property
+    def slope(self) -> Array:
+        """The gradients of the outputs, (N+1, 3, 4)."""
+        return np.concatenate([self.C[:, None], self.D], axis=1)
+
+    @property
     def c(self) -> Array:
         """c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k, (N, 4)."""
         return np.asarray(

@@ -16,7 +16,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.model.plant import NU
 from mpc.tracking.controller import TrackingMPC
-from mpc.tracking.feedforward import FeedForwardLaw
+from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.certified import certified
@@ -53,7 +53,7 @@ def hard_solutions(controller: TrackingMPC, states: int, seed: int = 0) -> Itera
 
 def _near_limits(controller: TrackingMPC, states: int, rng: np.random.Generator) -> Iterator[QP]:
     plant, dt, N = controller.plant, controller.dt, controller.N
-    law, predictor = FeedForwardLaw(plant, dt, N, controller.min_force), Predictor(plant, dt, N)
+    law, predictor = InverseDynamics(plant, dt, N, controller.min_force), Predictor(plant, dt, N)
     left, right = plant.joint.angle_range
     low, high = plant.joint.pressure_limits
     for _ in range(states):

@@ -4,7 +4,9 @@ After the last sample no limit is foreseen and the plant is linear about the mid
 ξ = (x_N - x*_N, e_{N-1}) from the reference is then brought to zero at the least cost ½ ξᵀ S ξ, with S the solution of
 the discrete algebraic Riccati equation of
 
-    ξ⁺ = [A 0; 0 0] ξ + [B; I] e,    cost  ½ (w_θ θ² + w_ω ω² + w_K (C x)² + w_u |e|² + w_t |e - e_before|²/dt²)
+    ξ⁺ = [A 0; 0 0] ξ + [B; I] e,    cost  ½ (xᵀ W_x x + (C x)ᵀ W_y (C x) + w_u |e|² + w_t |e - e_before|²/dt²)
+
+with the weights W_x, W_y and w_u of `mpc.tracking.cost`, and C the gradients of the outputs.
 
 The rate weight w_t = `Weights.terminal_rate` is far above that within the horizon: w_θ (1°)² = w_t (2.5 bar/s)², so
 that the regulator assumed beyond the horizon seldom asks for more than the slew limit gives. Without this care a
@@ -19,6 +21,7 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
+from mpc.tracking.cost import charged, diagonal
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.weights import Weights
 
@@ -38,11 +41,11 @@ class Regulator(NamedTuple):
 def regulator(plant: Plant, dt: float, weights: Weights, rate: float) -> Regulator:
     """With the rate weight `rate` [cost]/[Pa/s]² in place of w_t."""
     A, B, C = _middle(plant, dt)
-    n, du = NX + NU, rate / dt**2  # [cost]/[Pa]² per sample
+    W, n, du = diagonal(weights), NX + NU, rate / dt**2  # [cost]/[Pa]² per sample
     A_aug, B_aug = np.zeros((n, n)), np.vstack([B, np.eye(NU)])
     A_aug[:NX, :NX] = A
-    Q, R = np.zeros((n, n)), (weights.u + du) * np.eye(NU)
-    Q[:NX, :NX] = np.diag([weights.theta, weights.omega, 0, 0]) + weights.K * np.outer(C, C)
+    Q, R = np.zeros((n, n)), np.diag(W.e) + du * np.eye(NU)
+    Q[:NX, :NX] = np.diag(W.x) + sum(w * np.outer(C[i], C[i]) for i, w in charged(W.y))
     Q[NX:, NX:] = du * np.eye(NU)
     cross = np.vstack([np.zeros((NX, NU)), -du * np.eye(NU)])
 
@@ -65,7 +68,7 @@ def terminal_factor(plant: Plant, dt: float, weights: Weights) -> Array:
 
 
 def _middle(plant: Plant, dt: float) -> tuple[Array, Array, Array]:
-    """A (4, 4), B (4, 2), C (4,) about rest in the middle of the joint's range and of the supply."""
+    """Return A (4, 4), B (4, 2), C (3, 4) about rest in the middle of the joint's range and of the supply."""
     P = np.full(NU, np.mean(plant.joint.pressure_limits))
     x = np.array([np.mean(plant.joint.angle_range), 0.0, *P])
     n = plant.substeps(dt, RESOLUTION)  # one by one: the formula of all of them would have as many times the length
@@ -73,7 +76,7 @@ def _middle(plant: Plant, dt: float) -> tuple[Array, Array, Array]:
     A, B = model.A[0], model.B[0]
     for A_k, B_k in zip(model.A[1:], model.B[1:], strict=True):
         A, B = A_k @ A, A_k @ B + B_k
-    return A, B, model.C[0]
+    return A, B, model.slope[0]
 
 
 __all__ = ["UNITS", "Regulator", "regulator", "terminal_factor"]

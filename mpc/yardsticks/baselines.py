@@ -23,7 +23,7 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
-from mpc.tracking.feedforward import FeedForward, FeedForwardLaw
+from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times
@@ -41,7 +41,7 @@ class Baseline(ABC):
     def __init__(self, plant: Plant, dt: float = 0.01, compensation: Compensation | None = None) -> None:
         self.plant, self.dt, self.limits = plant, dt, Limits.of(plant, dt)
         self.compensation = Compensation() if compensation is None else compensation
-        self._feed_forward = FeedForwardLaw(plant, dt, _PREVIEW).ready()
+        self._feed_forward = InverseDynamics(plant, dt, _PREVIEW).ready()
         self._predictor = Predictor(plant, dt, _PREVIEW)
         self._foresight = Foresight(plant, dt, _PREVIEW, self.compensation, self.limits)
         self.reset()

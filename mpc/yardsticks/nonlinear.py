@@ -18,7 +18,7 @@ from allocator import checks
 from allocator.calculus import Array
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
-from mpc.tracking.feedforward import FeedForward, FeedForwardLaw
+from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.ladder import Ladder, honest
 from mpc.tracking.limits import LONGEST_HORIZON, Limits
 from mpc.tracking.linearise import Predictor
@@ -54,7 +54,7 @@ class NonlinearMPC:
         self.problem = Shooting(self.plant, self.dt, self.N, self.weights, self.limits, L)
         self._solve = NLPSolver(self.solver, self.problem)
         self._predictor = Predictor(self.plant, self.dt, self.N)
-        self._feed_forward = FeedForwardLaw(self.plant, self.dt, self.N, self.limits.min_force).ready()
+        self._feed_forward = InverseDynamics(self.plant, self.dt, self.N, self.limits.min_force).ready()
         self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
         self.reset()

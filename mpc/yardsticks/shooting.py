@@ -21,6 +21,7 @@ import numpy as np
 from allocator.calculus import Array, Mask
 from allocator.units import BAR
 from mpc.model.plant import NU, NX, Plant
+from mpc.tracking.cost import COMMANDS, NY, Rows, charges
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion
@@ -30,7 +31,7 @@ _FORCE, _COST = 100.0, 1e4  # [N], [cost]
 _S, _S_F = 1e-3, 0.1  # slacks [rad], [N]
 _X = np.array([1.0, 1.0, BAR, BAR])  # units of x
 _CHI, _STAGE = NX + NU + 2, NX + 2 * NU + 2  # numbers in χ_k, in (χ_k, u_k)
-_PREVIEW = 4 + 2 * NU  # numbers given to a stage: d_k, θ*_k, θ*'_k, K*_k, u*_k, u*_{k-1}
+_PREVIEW = 1 + NX + NY + 2 * NU  # numbers given to a stage: d_k, x*_k, y*_k, u*_k, u*_{k-1}
 
 
 class Residuals(NamedTuple):
@@ -77,15 +78,15 @@ class Shooting:
         import casadi as ca
 
         N = self.N
-        z, preview, x_star = ca.SX.sym("z", self.size), ca.SX.sym("p", _PREVIEW, N + 1), ca.SX.sym("x_star", NX)
+        z, preview = ca.SX.sym("z", self.size), ca.SX.sym("p", _PREVIEW, N + 1)
         chi = [z[k * _STAGE : k * _STAGE + _CHI] for k in range(N + 1)]
         u = [z[k * _STAGE + _CHI : (k + 1) * _STAGE] for k in range(N)]
-        cost, rows = self._end(chi[N], preview[:, N], x_star), []
+        cost, rows = self._end(chi[N], preview[:, N]), []
         for k in range(N):
             cost += self._stage_cost(chi[k], u[k], preview[:, k], first=k == 0)
             rows += [chi[k + 1] - self._next(chi[k], u[k], preview[0, k]), *self._rows(k, chi[k], u[k])]
         rows += self._rows(N, chi[N], None)
-        return {"x": z, "p": ca.vertcat(ca.vec(preview), x_star), "f": cost / _COST, "g": ca.vertcat(*rows)}
+        return {"x": z, "p": ca.vec(preview), "f": cost / _COST, "g": ca.vertcat(*rows)}
 
     @property
     def size(self) -> int:
@@ -102,24 +103,23 @@ class Shooting:
         return self.plant.discrete(self.dt)
 
     def _stage_cost(self, chi: Any, u: Any, preview: Any, *, first: bool) -> Any:
+        """Return the cost of `mpc.tracking.cost`, without the measured state's, which cannot be changed any more."""
         import casadi as ca
 
-        w, (theta, omega, K), u_star, before = self.weights, ca.vertsplit(preview[1:4]), preview[4:6], preview[6:8]
-        e = BAR * (u - u_star)
-        rate = (e - BAR * (chi[NX : NX + NU] - before)) / self.dt
-        cost = w.u * ca.sumsqr(e) + w.rate * ca.sumsqr(rate)
-        if not first:  # the measured state cannot be changed any more
-            x = _state(chi)
-            cost += w.theta * (x[0] - theta) ** 2 + w.omega * (x[1] - omega) ** 2
-            cost += w.K * (self.plant.stiffness(x) - K) ** 2
-        return cost / 2
+        _, x_star, y_star, u_star, u_star_last = _given_to_stage(preview)
+        x, e = _state(chi), BAR * (u - u_star)
+        y = ca.vertcat(self.plant.stiffness(x), *self.plant.forces(x))
+        rate = (e - BAR * (chi[NX : NX + NU] - u_star_last)) / self.dt
+        rows = Rows(*(ca.vertsplit(row) for row in (x - x_star, y - y_star, e, rate)))
+        return sum(charges(self.weights, rows, COMMANDS if first else Rows._fields).values())
 
-    def _end(self, chi: Any, preview: Any, x_star: Any) -> Any:
-        """Terminal cost and the cost of the slacks."""
+    def _end(self, chi: Any, preview: Any) -> Any:
+        """Return the terminal cost and the cost of the slacks."""
         import casadi as ca
 
+        _, x_star, _, _, u_star_last = _given_to_stage(preview)
         w, s, s_F = self.weights, _S * chi[NX + NU], _S_F * chi[NX + NU + 1]
-        xi = ca.vertcat(chi[:NX] - x_star, chi[NX : NX + NU] - preview[6:8])
+        xi = ca.vertcat(chi[:NX] - x_star / ca.DM(_X), chi[NX : NX + NU] - u_star_last)
         slacks = w.slack * s + w.slack_square / 2 * s**2 + w.slack_force * s_F + w.slack_force_square / 2 * s_F**2
         return ca.sumsqr(ca.mtimes(ca.DM(self._L), xi)) / 2 + slacks
 
@@ -146,11 +146,10 @@ class Shooting:
     def given(self, x: Array, feed: FeedForward, d: Array, u_last: Array, u_star_last: Array) -> Given:
         """For the measured state `x` (4,) and torques `d` (N,); of the sample before: command and feed-forward (2,)."""
         u_star = np.vstack([u_star_last, feed.u, feed.u[-1:]]) / BAR  # (N+2, 2)
-        columns = [np.append(d, 0.0), feed.theta, feed.omega, feed.K, *u_star[1:].T, *u_star[:-1].T]
-        x_star = np.array([feed.theta[-1], feed.omega[-1], *feed.P[-1]]) / _X
+        stages = np.hstack([np.append(d, 0.0)[:, None], feed.x, feed.y, u_star[1:], u_star[:-1]])
         bounds = [self._bounds(k, x, u_last / BAR) for k in range(self.N + 1)]
         lower, upper = (np.concatenate(side) for side in zip(*bounds, strict=True))
-        return Given(np.append(np.stack(columns, axis=1).ravel(), x_star), lower, upper)
+        return Given(stages.ravel(), lower, upper)
 
     def _bounds(self, k: int, x: Array, u_last: Array) -> tuple[Array, Array]:
         """Of all rows of stage k. Commands from outside the supply come back no faster than the slew limit."""
@@ -205,6 +204,14 @@ class Shooting:
     def cost(self, z: Array, given: Given) -> float:
         """The cost of z."""
         return _COST * float(self._conditions(z, given.p, 0.0)[0])
+
+
+def _given_to_stage(preview: Any) -> list[Any]:
+    """Return d_k, x*_k, y*_k, u*_k and u*_{k-1} of a column of the previews."""
+    import casadi as ca
+
+    parts: list[Any] = ca.vertsplit(preview, np.cumsum([0, 1, NX, NY, NU, NU]).tolist())
+    return parts
 
 
 def _state(chi: Any) -> Any:

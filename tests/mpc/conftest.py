@@ -8,7 +8,7 @@ import pytest
 
 from allocator import BAR
 from mpc import Plant, Weights
-from mpc.tracking.feedforward import FeedForwardLaw
+from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.terminal import terminal_factor
 
 DEFAULT = Weights()
@@ -19,7 +19,7 @@ class IpoptMPC:
 
     def __init__(self, plant, dt, N, weights):
         self.plant, self.dt, self.N, self.w = plant, dt, N, weights
-        self.feed_forward = FeedForwardLaw(plant, dt, N)
+        self.feed_forward = InverseDynamics(plant, dt, N)
         self.L = terminal_factor(plant, dt, weights)
         step = plant.discrete(dt)
         x0, u, s, s_F = ca.MX.sym("x0", 4), ca.MX.sym("u", 2, N), ca.MX.sym("s"), ca.MX.sym("s_F")

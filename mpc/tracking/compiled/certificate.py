@@ -11,9 +11,9 @@ is used where no soft limit is broken without it.
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.commands import carried
+from mpc.tracking.compiled.commands import advance
 from mpc.tracking.compiled.jit import inlined
-from mpc.tracking.compiled.records import Path, Room, Setting
+from mpc.tracking.compiled.records import Bounds, Path, Setting
 
 
 @inlined
@@ -28,13 +28,13 @@ def proved(gradient: Array, lower: Array, upper: Array, z: Array, setting: Setti
             return False
         pushes = (z[i] == lower[i] and gradient[i] >= 0.0) or (z[i] == upper[i] and gradient[i] <= 0.0)
         square += 0.0 if pushes else gradient[i] * gradient[i]
-    return square <= (setting.accuracy * setting.cost.change) ** 2
+    return square <= (setting.accuracy * setting.curvature) ** 2
 
 
 @inlined
 def keeps_rows(path: Path, setting: Setting, u: Array, z: Array) -> bool:
     """Whether the linear model under u + E z keeps supply, joint range and least forces, from ū's (N, 2) [bar]."""
-    room, starts, tolerance = setting.room, setting.starts, setting.tolerance
+    bounds, starts, tolerance = setting.bounds, setting.starts, setting.tolerance
     dx, after, du = np.zeros(4), np.empty(4), np.zeros(2)
     block = 0
     for k in range(u.shape[0]):
@@ -43,24 +43,24 @@ def keeps_rows(path: Path, setting: Setting, u: Array, z: Array) -> bool:
             du[1] += z[2 * block + 1]
             block += 1
         for i in range(2):  # what is outside already need not come back at once
-            if not min(room.low - u[k, i], 0.0) - tolerance <= du[i] <= max(room.high - u[k, i], 0.0) + tolerance:
+            if not min(bounds.low - u[k, i], 0.0) - tolerance <= du[i] <= max(bounds.high - u[k, i], 0.0) + tolerance:
                 return False
-        carried(path.A[k], path.B[k], dx, du, after)
-        if not soft_kept(path.x[k + 1], path.y[k + 1], path.slope[k + 1], dx, room, tolerance):
+        advance(path.A[k], path.B[k], dx, du, after)
+        if not soft_kept(path.x[k + 1], path.y[k + 1], path.slope[k + 1], dx, bounds, tolerance):
             return False
     return True
 
 
 @inlined
-def soft_kept(x: Array, y: Array, slope: Array, dx: Array, room: Room, tolerance: float) -> bool:
+def soft_kept(x: Array, y: Array, slope: Array, dx: Array, bounds: Bounds, tolerance: float) -> bool:
     """Joint range and least forces in the state x + dx."""
-    if not room.left - tolerance <= x[0] + dx[0] <= room.right + tolerance:
+    if not bounds.left - tolerance <= x[0] + dx[0] <= bounds.right + tolerance:
         return False
     for i in range(1, 3):
         F = y[i]
         for j in range(4):
             F += slope[i, j] * dx[j]
-        if not F >= room.min_force - tolerance:
+        if not F >= bounds.min_force - tolerance:
             return False
     return True
 

@@ -1,4 +1,4 @@
-"""Commands and what they may do: within their limits, away from what is wished, moved by decisions."""
+"""Commands keep their limits, leave their reference and are moved by decisions: this is how."""
 
 from typing import Any
 
@@ -7,26 +7,26 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.tracking.compiled.jit import inlined
-from mpc.tracking.compiled.records import Errors, Path, Room, Setting, Wish
+from mpc.tracking.compiled.records import Bounds, Errors, Path, Reference, Setting
 
 
 @inlined
-def limit(room: Room, last1: float, last2: float, u: Array) -> None:
+def limit(bounds: Bounds, last1: float, last2: float, u: Array) -> None:
     """Move the commands `u` (N, 2) as `mpc.tracking.limits.Limits.limited` does, all in bar; the last one was (last1,
     last2).
     """
     for i in range(2):
-        before = last1 if i == 0 else last2
+        previous = last1 if i == 0 else last2
         for k in range(u.shape[0]):
-            wanted = min(max(u[k, i], room.low), room.high)
-            before = min(max(wanted, before - room.step), before + room.step)
-            u[k, i] = before
+            wanted = min(max(u[k, i], bounds.low), bounds.high)
+            previous = min(max(wanted, previous - bounds.step), previous + bounds.step)
+            u[k, i] = previous
 
 
 @inlined
-def bounds(setting: Setting, u: Array, last: Array) -> tuple[Array, Array]:
-    """What slew leaves to the changes (n,); z = 0 is allowed whatever rounding says."""
-    starts, step = setting.starts, setting.room.step
+def slew_bounds(setting: Setting, u: Array, last: Array) -> tuple[Array, Array]:
+    """Return what slew leaves to the changes (n,); z = 0 is allowed whatever rounding says."""
+    starts, step = setting.starts, setting.bounds.step
     lower, upper = np.empty(2 * starts.size), np.empty(2 * starts.size)
     for block in range(starts.size):
         k = starts[block]
@@ -38,8 +38,8 @@ def bounds(setting: Setting, u: Array, last: Array) -> tuple[Array, Array]:
 
 
 @inlined
-def cumulated(starts: Any, z: Array, du: Array) -> None:
-    """Sets `du` (N, 2) to E z: the sum of the changes up to each command."""
+def cumulative(starts: Any, z: Array, du: Array) -> None:
+    """Set `du` (N, 2) to E z, the sum of the changes up to each command."""
     block, d0, d1 = 0, 0.0, 0.0
     for k in range(du.shape[0]):
         if block < starts.size and starts[block] == k:
@@ -50,8 +50,8 @@ def cumulated(starts: Any, z: Array, du: Array) -> None:
 
 
 @inlined
-def carried(A: Array, B: Array, dx: Array, du: Array, after: Array) -> None:
-    """One sample of the linear model: dx ← A dx + B du; `after` (4,) is room to work in."""
+def advance(A: Array, B: Array, dx: Array, du: Array, after: Array) -> None:
+    """Go on by a sample of the linear model, dx ← A dx + B du; `after` (4,) is there to work in."""
     for i in range(4):
         after[i] = B[i, 0] * du[0] + B[i, 1] * du[1]
         for j in range(4):
@@ -61,23 +61,23 @@ def carried(A: Array, B: Array, dx: Array, du: Array, after: Array) -> None:
 
 
 @inlined
-def deviations(path: Path, u: Array, wish: Wish, last: Array) -> Errors:
-    """Of a path with the commands `u` (N, 2) [bar]; `last` (2, 2) [Pa]: command and feed-forward before."""
-    N, x = u.shape[0], path.x
-    theta, omega, K = np.empty(N + 1), np.empty(N + 1), np.empty(N + 1)
-    for k in range(N + 1):
-        theta[k], omega[k], K[k] = x[k, 0] - wish.theta[k], x[k, 1] - wish.omega[k], path.y[k, 0] - wish.K[k]
+def deviations(path: Path, u: Array, reference: Reference, last: Array) -> Errors:
+    """Return the errors of a path with the commands `u` (N, 2) [bar]; `last` (2, 2) [Pa]: previous command and
+    feed-forward.
+    """
+    N = u.shape[0]
+    x, y = path.x - reference.x, path.y - reference.y
     e, change, end = np.empty((N, 2)), np.empty((N, 2)), np.empty(6)
     for i in range(2):
-        before = (last[0, i] - last[1, i]) / BAR
+        previous = (last[0, i] - last[1, i]) / BAR
         for k in range(N):
-            e[k, i] = u[k, i] - wish.u[k, i] / BAR
-            change[k, i] = e[k, i] - before
-            before = e[k, i]
-        end[i] = theta[N] if i == 0 else omega[N]
-        end[2 + i] = x[N, 2 + i] - wish.P[N, i]
-        end[4 + i] = before
-    return Errors(theta, omega, K, e, change, end)
+            e[k, i] = u[k, i] - reference.u[k, i] / BAR
+            change[k, i] = e[k, i] - previous
+            previous = e[k, i]
+        end[4 + i] = previous
+    for i in range(4):
+        end[i] = x[N, i]
+    return Errors(x, y, e, change, end)
 
 
-__all__ = ["bounds", "carried", "cumulated", "deviations", "limit"]
+__all__ = ["advance", "cumulative", "deviations", "limit", "slew_bounds"]

@@ -1,8 +1,8 @@
-"""From a plant to compiled functions: its law as a Python module of its own, written once and found again.
+"""The module turns a plant into compiled functions: its formulas as a Python module, written once and found again.
 
 numba keeps compiled code next to the file that it came from, and looks at no other when it decides whether that code is
 up to date. So all that is kept comes from modules in the user's cache directory whose names are the hash of everything
-that they are made from: one with the law, which joints share that differ in their numbers only, and one without. The
+that they are made from: one with the formulas, which joints share that differ in their numbers only, one without. The
 files are written for numba, and for whoever wants to read them; what runs is the text that they should contain.
 """
 
@@ -37,22 +37,22 @@ from allocator.allocation.kernels.source import affine_exact, tondu_exact
 
 """
 _TEMPLATE = Path(__file__).with_name("step.py")
-_ANSWERS = Path(__file__).with_name("solve.py")
+_SOLVE = Path(__file__).with_name("solve.py")
 
 
-class Law(NamedTuple):
-    """What is compiled for a family of plants, and the numbers of the plant."""
+class CompiledPlant(NamedTuple):
+    """A compiled plant is what is compiled for a family of plants, and the numbers of the plant."""
 
-    module: ModuleType  # `mpc.tracking.compiled.step` with the law
-    answers: ModuleType  # `mpc.tracking.compiled.solve`
+    step: ModuleType  # `mpc.tracking.compiled.step` with the formulas
+    solve: ModuleType  # `mpc.tracking.compiled.solve`
     c: Array
     p: tuple[Any, ...]  # of the kernel; empty if there is none
     h: float  # step of the integration [s]
     substeps: int  # a sample
 
 
-def law(plant: Plant, dt: float) -> Law:
-    """The compiled functions for `plant` at the sample time `dt` [s]."""
+def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
+    """Return the compiled functions for `plant` at the sample time `dt` [s]."""
     substeps = plant.substeps(dt, RESOLUTION)
     text, c = "", np.zeros(0)
     for name, function in _functions(plant).items():
@@ -60,8 +60,8 @@ def law(plant: Plant, dt: float) -> Law:
         text, c = text + f"@merged\n{source.text}\n\n", np.concatenate([c, source.c])
     kernel = kernel_of(plant.joint)
     compiled.register()
-    step = _imported(_with_law(text + _ALLOCATED[kernel.name]))
-    return Law(step, _imported(_ANSWERS.read_text(encoding="utf-8")), c, kernel.p, dt / substeps, substeps)
+    step = _imported(_with_formulas(text + _ALLOCATED[kernel.name]))
+    return CompiledPlant(step, _imported(_SOLVE.read_text(encoding="utf-8")), c, kernel.p, dt / substeps, substeps)
 
 
 _ALLOCATED = {
@@ -85,7 +85,7 @@ def allocated(theta, K, T, p, left, right, min_force, c):
 
 
 def _functions(plant: Plant) -> dict[str, Any]:
-    """CasADi functions of the rate of change x' and of the outputs (K, F1, F2), with and without derivatives."""
+    """Return CasADi functions of the rate of change x' and of the outputs (K, F1, F2), without and with derivatives."""
     import casadi as ca
 
     x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
@@ -94,15 +94,15 @@ def _functions(plant: Plant) -> dict[str, Any]:
     slopes = [ca.densify(ca.jacobian(rate, v)) for v in (x, u)]
     return {
         "rate": ca.Function("rate", [x, u, d], ca.cse([rate])),
-        "slopes": ca.Function("slopes", [x, u, d], ca.cse([rate, *slopes])),
-        "look": ca.Function("look", [x], ca.cse([y])),
-        "outputs": ca.Function("outputs", [x], ca.cse([y, ca.densify(ca.jacobian(y, x))])),
+        "rate_slopes": ca.Function("rate_slopes", [x, u, d], ca.cse([rate, *slopes])),
+        "outputs": ca.Function("outputs", [x], ca.cse([y])),
+        "output_slopes": ca.Function("output_slopes", [x], ca.cse([y, ca.densify(ca.jacobian(y, x))])),
         **_coefficients(plant.joint),
     }
 
 
 def _coefficients(joint: AntagonistJoint) -> dict[str, Any]:
-    """What the affine kernel wants to know of both muscles at an angle."""
+    """Return what the affine kernel takes of both muscles at an angle, a CasADi function, if it is the joint's."""
     import casadi as ca
 
     if kernel_of(joint).name != "affine":
@@ -113,16 +113,16 @@ def _coefficients(joint: AntagonistJoint) -> dict[str, Any]:
     return {"coefficients": ca.Function("coefficients", [theta], both)}
 
 
-def _with_law(law: str) -> str:
-    """The template with the law in its place."""
+def _with_formulas(formulas: str) -> str:
+    """Return the template with the formulas in their place."""
     lines = _TEMPLATE.read_text(encoding="utf-8").splitlines(keepends=True)
-    start = next(i for i, line in enumerate(lines) if line.startswith("LAW"))
-    return "".join([*lines[:start], _IMPORTS, law, *lines[start + 2 :]])
+    start = next(i for i, line in enumerate(lines) if line.startswith("FORMULAS"))
+    return "".join([*lines[:start], _IMPORTS, formulas, *lines[start + 2 :]])
 
 
 @cache
 def _imported(text: str) -> ModuleType:
-    """The module of this text, from the cache directory if it is there."""
+    """Return the module of this text, from the cache directory if it is there."""
     name = f"{KEPT}{sha256((text + _surroundings()).encode()).hexdigest()[:24]}"
     directory = _directory()
     directory.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -142,7 +142,7 @@ def _imported(text: str) -> ModuleType:
 
 
 def _holds(file: Path, text: str) -> bool:
-    """Whether `file` is there and whole."""
+    """Return whether `file` is there and whole."""
     try:
         return file.read_bytes() == text.encode()
     except OSError:
@@ -151,7 +151,7 @@ def _holds(file: Path, text: str) -> bool:
 
 @cache
 def _surroundings() -> str:
-    """All the project's code that may be compiled into a module."""
+    """Return all the project's code that may be compiled into a module."""
     files = [
         *sorted(Path(__file__).parent.glob("*.py")),
         *(Path(str(m.__file__)) for m in (kernels, compiled, jit, units)),
@@ -160,7 +160,7 @@ def _surroundings() -> str:
 
 
 def _directory() -> Path:
-    """Where the user's programs keep what they can make again; an `OSError` if there is no such place.
+    """Return where the user's programs keep what they can make again, or raise an `OSError` if there is no such place.
 
     A relative XDG_CACHE_HOME counts as none, as the XDG Base Directory Specification asks.
     """
@@ -173,4 +173,4 @@ def _directory() -> Path:
         raise FileNotFoundError(f"no directory to keep compiled code in: {error}") from None
 
 
-__all__ = ["Law", "law"]
+__all__ = ["CompiledPlant", "compiled_plant"]

@@ -1,4 +1,4 @@
-"""What the compiled functions hand to each other. Commands count in bar here, as the decisions do."""
+"""These are the values that the compiled functions hand to each other. Commands count in bar here, as decisions do."""
 
 from typing import NamedTuple
 
@@ -9,18 +9,17 @@ from allocator.calculus import Array
 
 
 class Cost(NamedTuple):
-    """The weights."""
+    """The cost is a weight for every entry of every kind of rows of `mpc.tracking.cost`, and the terminal cost."""
 
-    theta: float
-    omega: float
-    K: float
-    u: float  # [cost]/[bar]²
-    change: float  # of e_k - e_{k-1} [cost]/[bar]²
+    x: Array  # (4,)
+    y: Array  # (3,)
+    e: Array  # (2,) [cost]/[bar]²
+    change: Array  # (2,) of e_k - e_{k-1} [cost]/[bar]²
     end: Array  # (6, 6) of ξ = (x_N - x*_N, e_{N-1})
 
 
-class Room(NamedTuple):
-    """The limits, as `mpc.tracking.limits.Limits`."""
+class Bounds(NamedTuple):
+    """The bounds are the limits of `mpc.tracking.limits.Limits`."""
 
     low: float  # supply [bar]
     high: float  # [bar]
@@ -31,17 +30,18 @@ class Room(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """What does not change from step to step."""
+    """A setting is what does not change from step to step."""
 
     cost: Cost
-    room: Room
+    bounds: Bounds
+    curvature: float  # c [cost]/[bar]²: no eigenvalue of the Hessian is less
     tolerance: float  # of rows left out [bar], [rad], [N]
     accuracy: float  # of an answer [bar]
     starts: NDArray[np.int64]  # samples at which the commands may leave ū
 
 
 class Path(NamedTuple):
-    """A motion and the linear model about it."""
+    """A path is a motion and the linear model about it."""
 
     x: Array  # (N+1, 4)
     y: Array  # (N+1, 3): K, F1, F2
@@ -50,25 +50,22 @@ class Path(NamedTuple):
     slope: Array  # (N+1, 3, 4) of y
 
 
-class Wish(NamedTuple):
-    """What is to be followed, as `mpc.tracking.feedforward.FeedForward`; time runs along the first axis."""
+class Reference(NamedTuple):
+    """The reference is what `mpc.tracking.feedforward.FeedForward` holds; time runs along the first axis."""
 
-    theta: Array  # (N+1,)
-    omega: Array  # (N+1,)
-    K: Array  # (N+1,)
-    P: Array  # (N+1, 2) [Pa]
+    x: Array  # (N+1, 4) [Pa]
+    y: Array  # (N+1, 3)
     u: Array  # (N, 2) [Pa]
 
 
 class Errors(NamedTuple):
-    """What the cost charges for: deviations from the wish along a path."""
+    """The errors are what the cost charges for: the rows along a path less their reference."""
 
-    theta: Array  # (N+1,)
-    omega: Array  # (N+1,)
-    K: Array  # (N+1,)
+    x: Array  # (N+1, 4)
+    y: Array  # (N+1, 3)
     e: Array  # (N, 2) of the commands [bar]
     change: Array  # (N, 2) e_k - e_{k-1} [bar]
     end: Array  # (6,) ξ
 
 
-__all__ = ["Cost", "Errors", "Path", "Room", "Setting", "Wish"]
+__all__ = ["Bounds", "Cost", "Errors", "Path", "Reference", "Setting"]

@@ -19,6 +19,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.model.plant import NU, NX
+from mpc.tracking.cost import Rows, charged, diagonal
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Linearisation
@@ -29,7 +30,7 @@ SLACKS = 2  # s and s_F, the last decisions
 
 
 @dataclass(frozen=True)
-class Problem:
+class TrackingProblem:
     """What does not change from step to step of the problem in `mpc.tracking.controller`."""
 
     weights: Weights
@@ -44,9 +45,14 @@ class Problem:
         return np.cumsum([0, *self.blocks[:-1]])
 
     @cached_property
+    def rows(self) -> Rows:
+        """The weights of the stage cost by rows."""
+        return diagonal(self.weights)
+
+    @cached_property
     def curvature(self) -> float:
         """c [cost]/[bar]²: every change of a command is charged ½ c of its square, so no eigenvalue of H is less."""
-        return self.weights.rate * BAR**2 / self.dt**2
+        return float(self.rows.rate.min()) * BAR**2 / self.dt**2
 
     @cached_property
     def E(self) -> Array:
@@ -72,8 +78,10 @@ def sensitivity(A: Array, B: Array, E: Array) -> Array:
     return G
 
 
-def condense(problem: Problem, model: Linearisation, feed: FeedForward, u_last: Array, u_star_last: Array) -> QP:
-    """The QP of one step about `model`. Of the sample before: command `u_last`, its feed-forward `u_star_last` (2,)."""
+def condense(
+    problem: TrackingProblem, model: Linearisation, feed: FeedForward, u_last: Array, u_star_last: Array
+) -> QP:
+    """Return the QP of a step about `model`; `u_last` and `u_star_last` (2,) are the previous command and feed-forward."""
     G = sensitivity(model.A, model.B, problem.E)
     M, r = _residuals(problem, model, G, feed, u_last - u_star_last)
     H, f = M.T @ M, M.T @ r
@@ -90,30 +98,29 @@ def condense(problem: Problem, model: Linearisation, feed: FeedForward, u_last: 
 
 
 def _residuals(
-    problem: Problem, model: Linearisation, G: Array, feed: FeedForward, e_last: Array
+    problem: TrackingProblem, model: Linearisation, G: Array, feed: FeedForward, e_last: Array
 ) -> tuple[Array, Array]:
     """M (m, n) and r̄ (m,) of the cost ½|r̄ + M z|²."""
-    weights, E, L = problem.weights, problem.E, problem.L
+    E, L, W = problem.E, problem.L, problem.rows
     N, _, n = E.shape
     e = model.u - feed.u  # (N, 2) [Pa]
     rate = np.diff(e, axis=0, prepend=e_last[None]) / problem.dt
     E_rate = np.diff(E, axis=0, prepend=np.zeros((1, NU, n))) / problem.dt
-    x_star = np.concatenate([[feed.theta[-1], feed.omega[-1]], feed.P[-1]])
-    xi = np.concatenate([model.x[-1] - x_star, e[-1]])
+    x, y = model.x - feed.x, model.y - feed.y
+    xi = np.concatenate([x[-1], e[-1]])
     inner = slice(1, N)  # the states before the last, which the terminal cost takes
-    terms = [  # root of the weight, Jacobian, residual at z = 0
-        (weights.theta**0.5, G[inner, 0], model.x[inner, 0] - feed.theta[inner]),
-        (weights.omega**0.5, G[inner, 1], model.x[inner, 1] - feed.omega[inner]),
-        (weights.K**0.5, (model.C[inner, None] @ G[inner])[:, 0], model.K[inner] - feed.K[inner]),
-        (weights.u**0.5, E.reshape(-1, n), e.ravel()),
-        (weights.rate**0.5, E_rate.reshape(-1, n), rate.ravel()),
+    terms = [  # weight, Jacobian, residual at z = 0
+        *((w, G[inner, i], x[inner, i]) for i, w in charged(W.x)),
+        *((w, (model.slope[inner, None, i] @ G[inner])[:, 0], y[inner, i]) for i, w in charged(W.y)),
+        *((w, E[:, i], e[:, i]) for i, w in charged(W.e)),
+        *((w, E_rate[:, i], rate[:, i]) for i, w in charged(W.rate)),
         (1.0, L @ np.concatenate([G[-1], E[-1]]), L @ xi),
     ]
-    M = np.concatenate([w * J for w, J, _ in terms])
-    return M, np.concatenate([w * r for w, _, r in terms])
+    M = np.concatenate([w**0.5 * J for w, J, _ in terms])
+    return M, np.concatenate([w**0.5 * r for w, _, r in terms])
 
 
-def _rows(problem: Problem, model: Linearisation, G: Array) -> tuple[Array, Array, Array]:
+def _rows(problem: TrackingProblem, model: Linearisation, G: Array) -> tuple[Array, Array, Array]:
     """Commands within the supply; θ - s at most its upper, θ + s at least its lower limit; F + s_F at least its own.
 
     Pressures that start outside the supply come back no faster than the slew limit, as those of `model` do: up to
@@ -134,4 +141,4 @@ def _rows(problem: Problem, model: Linearisation, G: Array) -> tuple[Array, Arra
     )
 
 
-__all__ = ["SLACKS", "Problem", "condense", "increments", "sensitivity"]
+__all__ = ["SLACKS", "TrackingProblem", "condense", "increments", "sensitivity"]

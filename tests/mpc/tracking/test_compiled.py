@@ -15,15 +15,16 @@ from mpc.codegen import python_text
 from mpc.codegen.languages import PYTHON
 from mpc.codegen.python_text import translated
 from mpc.tracking.compiled import module
-from mpc.tracking.compiled.qp_step import QuickFeedForward, QuickImprover, workings
-from mpc.tracking.feedforward import FeedForwardLaw
+from mpc.tracking.compiled.factory import factory
+from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
+from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.certified import certified
-from mpc.tracking.qp.condense import Problem, condense
+from mpc.tracking.qp.condense import TrackingProblem, condense
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import solver
-from mpc.tracking.qp_step import Before, ReadableImprover
+from mpc.tracking.qp_step import PreviousSample, ReadableQPStep
 from mpc.tracking.terminal import terminal_factor
 
 RNG = np.random.default_rng(8)
@@ -73,8 +74,8 @@ def test_what_the_compiler_fails_at_is_left_to_the_readable_step(monkeypatch):
 
 
 def test_joints_that_differ_in_their_numbers_share_the_compiled_code():
-    one, two = (module.law(Plant(inertia=J, damping=b, lag=b), 0.01) for J, b in ((0.05, 0.1), (0.07, 0.13)))
-    assert one.module is two.module
+    one, two = (module.compiled_plant(Plant(inertia=J, damping=b, lag=b), 0.01) for J, b in ((0.05, 0.1), (0.07, 0.13)))
+    assert one.step is two.step
     assert (one.c != two.c).any()
 
 
@@ -102,10 +103,10 @@ class Case:
         weights = Weights()
         L = terminal_factor(self.plant, dt, weights)
         limits = Limits.of(self.plant, dt, 5.0)
-        self.problem = Problem(weights, limits, L, blocks, dt)
-        self.predictor, self.law = Predictor(self.plant, dt, N), FeedForwardLaw(self.plant, dt, N, 5.0)
-        self.improve, self.feed_forward = workings(self.plant, dt, self.problem, self.predictor, self.law)
-        self.readable = ReadableImprover(self.problem, self.predictor)
+        self.problem = TrackingProblem(weights, limits, L, blocks, dt)
+        self.predictor, self.law = Predictor(self.plant, dt, N), InverseDynamics(self.plant, dt, N, 5.0)
+        self.improve, self.feed_forward = factory(self.plant, dt, self.problem, self.predictor, self.law)
+        self.readable = ReadableQPStep(self.problem, self.predictor)
         left, right = limits.theta
         self.x = self.plant.at_rest(0.7 * left + 0.3 * right, 1.2 * self.plant.stiffness(self.plant.at_rest(0.0, 1.0)))
         self.theta = self.x[0] + np.linspace(0.0, 4 * away * DEG, N + 1)
@@ -115,7 +116,7 @@ class Case:
 
     def arguments(self, solve=DAQP, x=None, deadline=math.inf):
         feed = self.law(self.theta, self.K, self.d)
-        before = Before(self.x[2:], feed.u[0] - 1e3)
+        before = PreviousSample(self.x[2:], feed.u[0] - 1e3)
         return self.x if x is None else x, self.u, self.d[:-1], feed, before, solve, deadline
 
 
@@ -127,8 +128,8 @@ def case(request, joints):
 
 @pytest.mark.slow
 def test_the_quick_workings_are_used_here(case):
-    assert isinstance(case.improve, QuickImprover)
-    assert isinstance(case.feed_forward, QuickFeedForward) == bool(module.law(case.plant, case.dt).p)
+    assert isinstance(case.improve, CompiledQPStep)
+    assert isinstance(case.feed_forward, CompiledFeedForward) == bool(module.compiled_plant(case.plant, case.dt).p)
 
 
 def test_the_compiled_qp_is_the_readable_one(case):
@@ -265,7 +266,7 @@ def test_while_a_row_binds_the_guess_is_kept(case):
 
 def settled(case, sweeps=30):
     """What the Riccati recursions come to for the step that `case` has posed last."""
-    return case.improve._answers.settle(*case.improve._rest, case.improve._guess, sweeps)
+    return case.improve._solve.settle(*case.improve._rest, case.improve._guess, sweeps)
 
 
 @pytest.mark.parametrize("away", [0.0, 0.02, 0.05, 0.3])  # [rad] of the reference from the state: the slew limit binds
@@ -281,7 +282,7 @@ def test_riccati_recursions_and_daqp_come_to_the_same_point(case, away):
     exact, multipliers = DAQP(box)
     case.improve._guess[:] = np.sign(multipliers)  # from here they settle
     outcome, z = settled(case)
-    assert outcome in (case.improve._answers.SOLVED, case.improve._answers.ROWS)
+    assert outcome in (case.improve._solve.SOLVED, case.improve._solve.ROWS)
     np.testing.assert_allclose(z, exact, atol=1e-8)
     assert (case.improve._guess == np.sign(multipliers)).all()
     case.improve.reset()
@@ -289,10 +290,10 @@ def test_riccati_recursions_and_daqp_come_to_the_same_point(case, away):
 
 def test_at_long_horizons_too_the_recursions_confirm_the_solver_s_set():
     mpc, x, confirmed, bound = TrackingMPC(Plant(), N=80), Plant().at_rest(0.0, 7.6), 0, 0
-    answers, rest = mpc._improve._answers, mpc._improve._rest
+    answers, rest = mpc._qp_step._solve, mpc._qp_step._rest
     for k in range(30):
         plan = mpc.step(x, 0.5 * (-1) ** (k // 10), 7.6)
-        H, f, lower, upper = answers.pose(*rest)
+        H, f, lower, upper = answers.build(*rest)
         box = QP(H.copy(), f, lower, upper, np.zeros((0, f.size)), np.zeros(0), np.zeros(0))
         exact, multipliers = DAQP(box)
         outcome, z = answers.settle(*rest, np.sign(multipliers).astype(np.int8), 1)
@@ -308,7 +309,7 @@ def test_at_long_horizons_too_the_recursions_confirm_the_solver_s_set():
 def test_what_does_not_settle_is_not_answered(case):
     case.improve(*case.arguments(solve=lambda qp, limit: None))
     outcome, z = settled(case, sweeps=0)
-    assert outcome == case.improve._answers.REFUSED
+    assert outcome == case.improve._solve.REFUSED
     assert not z.any()
 
 
@@ -342,8 +343,8 @@ def test_the_time_of_a_settled_step_is_that_of_its_solution():
 @pytest.mark.parametrize("name", ["report", "sarosi-lever"])
 def test_the_compiled_feed_forward_is_the_readable_one(name, joints):
     plant = Plant(joint=joints[name], gravity_torque=0.8, lag=(0.1, 0.03))
-    readable = FeedForwardLaw(plant, 0.04, 8, 5.0)
-    quick = QuickFeedForward(module.law(plant, 0.04), readable)
+    readable = InverseDynamics(plant, 0.04, 8, 5.0)
+    quick = CompiledFeedForward(module.compiled_plant(plant, 0.04), readable)
     far = 1.2 * joints[name].angle_range[1]
     for theta in (np.linspace(-0.2, 0.3, 9), np.linspace(0.0, far, 9)):  # within reach, and beyond
         for K in (np.linspace(5.0, 9.0, 9), np.full(9, 50.0)):

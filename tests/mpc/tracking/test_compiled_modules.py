@@ -136,8 +136,8 @@ def test_nothing_is_left_of_a_module_that_fails(caches):
 
 
 def test_no_module_of_the_package_itself_keeps_compiled_code():
-    kept = module.law(Plant(), 0.01)
-    assert kept.answers.settle.stats.cache_path is not None  # where numba says so
+    kept = module.compiled_plant(Plant(), 0.01)
+    assert kept.solve.settle.stats.cache_path is not None  # where numba says so
     functions = [
         value
         for name, loaded in sys.modules.items()
@@ -157,13 +157,13 @@ from mpc.tracking.compiled import module
 chosen = module._imported('''
 import numpy as np
 from mpc.tracking.compiled.jit import compiled
-from mpc.tracking.compiled.structured import choose
+from mpc.tracking.compiled.riccati import choose
 
 @compiled
 def chosen(v):
-    law = np.zeros((2, 7))
-    choose(np.zeros((2, 6)), np.eye(2), np.zeros(2), v, np.array([-1, 0], np.int8), law)
-    return law[0, 6]
+    feedback = np.zeros((2, 7))
+    choose(np.zeros((2, 6)), np.eye(2), np.zeros(2), v, np.array([-1, 0], np.int8), feedback)
+    return feedback[0, 6]
 ''').chosen
 print(chosen(np.array([3.0, 0.0])), sum(chosen.stats.cache_hits.values()), module.__file__)
 """
@@ -175,11 +175,11 @@ def test_an_edit_in_what_compiled_code_calls_is_seen(tmp_path):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     home = dict.fromkeys(("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"), str(tmp_path / "caches"))
     places = {"folder": tmp_path, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": "", **home}
-    edited = tmp_path / "mpc" / "tracking" / "compiled" / "structured.py"
+    edited = tmp_path / "mpc" / "tracking" / "compiled" / "riccati.py"
     value, hits, file = python(CHOOSE, **places).split()
     assert Path(file).parent == edited.parent
     assert (float(value), int(hits)) == (3.0, 0)
     assert python(CHOOSE, **places).split()[:2] == ["3.0", "1"]  # it was kept
     before = edited.read_text(encoding="utf-8")
-    edited.write_text(before.replace("law[i, 6] = v[i]", "law[i, 6] = v[i] + 1.0"), encoding="utf-8")
+    edited.write_text(before.replace("feedback[i, 6] = v[i]", "feedback[i, 6] = v[i] + 1.0"), encoding="utf-8")
     assert python(CHOOSE, **places).split()[:2] == ["4.0", "0"]

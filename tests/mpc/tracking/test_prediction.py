@@ -7,10 +7,10 @@ import pytest
 from allocator import BAR
 from mpc import Plant, Weights
 from mpc.model.buffered import Buffered
-from mpc.tracking.feedforward import FeedForwardLaw
+from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
-from mpc.tracking.qp.condense import Problem, condense, increments, sensitivity
+from mpc.tracking.qp.condense import TrackingProblem, condense, increments, sensitivity
 from mpc.tracking.terminal import terminal_factor
 
 DT, N = 0.01, 6
@@ -82,10 +82,10 @@ def test_each_increment_moves_all_later_commands_by_one_bar():
 def test_the_qp_s_cost_is_the_cost_in_the_controller_s_docstring(u):
     plant, weights = Plant(), Weights(theta=2e5, omega=300.0, K=70.0, u=1e-9, rate=1e-11, slack=50.0, slack_square=20.0)
     limits, L, E = Limits.of(plant, DT), terminal_factor(plant, DT, weights), increments([1] * N)
-    feed = FeedForwardLaw(plant, DT, N)(0.2 + 0.05 * np.arange(N + 1) / N, np.full(N + 1, 7.6))
+    feed = InverseDynamics(plant, DT, N)(0.2 + 0.05 * np.arange(N + 1) / N, np.full(N + 1, 7.6))
     model = Predictor(plant, DT, N).linearise(X0, u)
     u_last, u_star_last = u[0] - 1e3, feed.u[0] + 2e3
-    qp = condense(Problem(weights, limits, L, (1,) * N, DT), model, feed, u_last, u_star_last)
+    qp = condense(TrackingProblem(weights, limits, L, (1,) * N, DT), model, feed, u_last, u_star_last)
 
     def cost(z):
         commands = u + E @ z
@@ -114,10 +114,10 @@ def test_the_qp_s_cost_is_the_cost_in_the_controller_s_docstring(u):
 def test_the_qp_s_bounds_are_the_slew_limit_and_its_rows_supply_joint_range_and_forces(u):
     plant = Plant()
     limits, E = Limits.of(plant, DT, min_force=5.0), increments([1] * N)
-    problem = Problem(Weights(), limits, terminal_factor(plant, DT, Weights()), (1,) * N, DT)
+    problem = TrackingProblem(Weights(), limits, terminal_factor(plant, DT, Weights()), (1,) * N, DT)
     u = u[0] + 0.5 * (limits.limited(u[0], u) - u[0])  # changes that are not yet at the limit
     model = Predictor(plant, DT, N).linearise(X0, u)
-    feed = FeedForwardLaw(plant, DT, N)(np.full(N + 1, 0.2), np.full(N + 1, 7.6))
+    feed = InverseDynamics(plant, DT, N)(np.full(N + 1, 0.2), np.full(N + 1, 7.6))
     qp = condense(problem, model, feed, u[0], feed.u[0])
     rng = np.random.default_rng(4)
     seen = set()
@@ -164,7 +164,7 @@ def test_the_terminal_cost_is_the_cost_of_the_unlimited_future(joint):
 def test_feed_forward_commands_drive_the_lagged_pressures_through_the_allocation():
     plant = Plant(lag=(0.05, 0.2))
     t = DT * np.arange(N + 1)
-    feed = FeedForwardLaw(plant, DT, N)(0.3 * np.sin(3 * t), 7.6 + 0.2 * t)
+    feed = InverseDynamics(plant, DT, N)(0.3 * np.sin(3 * t), 7.6 + 0.2 * t)
     P = feed.P[0]
     for k in range(N):
         P = feed.u[k] + (P - feed.u[k]) * np.exp(-DT / np.array(plant.lags))
@@ -177,7 +177,7 @@ def test_feed_forward_commands_drive_the_lagged_pressures_through_the_allocation
 
 def test_what_cannot_be_reached_is_brought_to_the_nearest_that_can():
     plant = Plant()
-    feed = FeedForwardLaw(plant, DT, N)(np.full(N + 1, 2.5), np.full(N + 1, 12.0))
+    feed = InverseDynamics(plant, DT, N)(np.full(N + 1, 2.5), np.full(N + 1, 12.0))
     assert feed.theta == pytest.approx(plant.joint.angle_range[1])
     assert (feed.P <= plant.joint.pressure_limits[1]).all()
     assert (feed.K < 12).all()

@@ -90,11 +90,9 @@ typedef struct {
 
 /* A preview and what it asks of the pressures. */
 typedef struct {
-    ant_real theta[ANT_HORIZON + 1]; /* within the joint range [rad] */
-    ant_real omega[ANT_HORIZON + 1]; /* [rad/s] */
-    ant_real K[ANT_HORIZON + 1];     /* the reachable stiffness nearest to the asked one [N*m/rad] */
-    ant_real P[ANT_HORIZON + 1][2];  /* [Pa] */
-    ant_real u[ANT_HORIZON][2];      /* commands, unlimited [Pa] */
+    ant_real x[ANT_HORIZON + 1][4]; /* theta within the joint range [rad], its rate, the pressures [Pa] */
+    ant_real y[ANT_HORIZON + 1][3]; /* the reachable stiffness nearest to the asked one [N*m/rad], no force */
+    ant_real u[ANT_HORIZON][2];     /* commands, unlimited [Pa] */
     ant_real moved[3];
     int finite;
 } ant_feed;

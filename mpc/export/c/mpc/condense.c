@@ -2,7 +2,8 @@
  *
  *     dx_{k+1} = A_k dx_k + B_k E_k z      so      x_k = x'_k + G_k z,   G_0 = 0,   G_{k+1} = A_k G_k + B_k E_k
  *
- * where E_k z [Pa] is the sum of the changes up to sample k, and every term of the cost is |row z + r|^2/2. */
+ * where E_k z [Pa] is the sum of the changes up to sample k, and every entry of the rows x, y, e and rate that the cost
+ * charges for is |root (row z + r)|^2/2, their roots being those of the weights. */
 #include <string.h>
 
 #include "control.h"
@@ -45,33 +46,37 @@ static void through(const ant_real gradient[4], const ant_real (*G)[ANT_MOVES], 
         row[j] = gradient[0] * G[0][j] + gradient[1] * G[1][j] + gradient[2] * G[2][j] + gradient[3] * G[3][j];
 }
 
-/* Angle, velocity and stiffness at sample k + 1, and the forces' sensitivity there. */
-static void add_outputs(ant_qp *qp, const ant_feed *feed, int k) {
-    ant_real row[ANT_MOVES], of_K[4], of_F[2][4];
-    const ant_real *x = qp->motion.x[k + 1];
+/* The rows of state and outputs at sample k + 1, and the forces' sensitivity there. */
+static void add_state(ant_qp *qp, const ant_feed *feed, int k) {
+    ant_real row[ANT_MOVES], slope[3][4]; /* of y = (K, F1, F2) */
+    const ant_motion *m = &qp->motion;
+    const ant_real *x = m->x[k + 1], y[3] = {m->K[k + 1], m->F[k + 1][0], m->F[k + 1][1]};
     const ant_real(*G)[ANT_MOVES] = (const ant_real(*)[ANT_MOVES])qp->G[k];
-    ant_model_gradients(x, of_K, of_F[0]);
-    for (int i = 0; i < 2; i++) through(of_F[i], G, qp->GF[k][i]);
+    ant_model_gradients(x, slope[0], slope[1]);
+    for (int i = 0; i < 2; i++) through(slope[1 + i], G, qp->GF[k][i]);
     if (k + 1 == ANT_HORIZON) return; /* the last state is the terminal cost's */
-    memcpy(row, G[0], sizeof row);
-    add(qp, acting(k), ANT_ROOT_THETA, row, x[0] - feed->theta[k + 1]);
-    memcpy(row, G[1], sizeof row);
-    add(qp, acting(k), ANT_ROOT_OMEGA, row, x[1] - feed->omega[k + 1]);
-    through(of_K, G, row);
-    add(qp, acting(k), ANT_ROOT_K, row, qp->motion.K[k + 1] - feed->K[k + 1]);
+    for (int i = 0; i < 4; i++) {
+        if (!(ANT_ROOT_X[i] > 0)) continue;
+        memcpy(row, G[i], sizeof row);
+        add(qp, acting(k), ANT_ROOT_X[i], row, x[i] - feed->x[k + 1][i]);
+    }
+    for (int i = 0; i < 3; i++) {
+        if (!(ANT_ROOT_Y[i] > 0)) continue;
+        through(slope[i], G, row);
+        add(qp, acting(k), ANT_ROOT_Y[i], row, y[i] - feed->y[k + 1][i]);
+    }
 }
 
 /* The rates of the commands away from the feed-forward: of what begins at sample k only its own move changes them. */
 static void begin_with_rates(ant_qp *qp, const ant_feed *feed, const ant_real e_last[2]) {
-    const ant_real root = ANT_ROOT_RATE / ANT_DT;
     memset(qp->R, 0, sizeof qp->R);
     for (int b = 0; b < ANT_BLOCKS; b++)
         for (int i = 0; i < 2; i++) {
             const int k = ANT_STARTS[b], j = 2 * b + i;
-            const ant_real e = qp->motion.u[k][i] - feed->u[k][i];
-            const ant_real before = k > 0 ? qp->motion.u[k - 1][i] - feed->u[k - 1][i] : e_last[i];
+            const ant_real root = ANT_ROOT_RATE[i] / ANT_DT, e = qp->motion.u[k][i] - feed->u[k][i];
+            const ant_real previous = k > 0 ? qp->motion.u[k - 1][i] - feed->u[k - 1][i] : e_last[i];
             qp->R[ant_at(ANT_MOVES, j) + j] = root * ANT_BAR;
-            qp->v[j] = root * (e - before);
+            qp->v[j] = root * (e - previous);
         }
 }
 
@@ -80,20 +85,16 @@ static void add_commands(ant_qp *qp, const ant_feed *feed, int k) {
     for (int i = 0; i < 2; i++) {
         ant_real row[ANT_MOVES];
         for (int j = 0; j < acting(k); j++) row[j] = j % 2 == i ? ANT_BAR : 0;
-        add(qp, acting(k), ANT_ROOT_U, row, qp->motion.u[k][i] - feed->u[k][i]);
+        add(qp, acting(k), ANT_ROOT_E[i], row, qp->motion.u[k][i] - feed->u[k][i]);
     }
 }
 
 /* |L xi|^2/2, xi = (x_N - x*_N, e_{N-1}). */
 static void add_terminal(ant_qp *qp, const ant_feed *feed) {
     enum { last = ANT_HORIZON };
-    const ant_real *x = qp->motion.x[last];
-    const ant_real xi[6] = {x[0] - feed->theta[last],
-                            x[1] - feed->omega[last],
-                            x[2] - feed->P[last][0],
-                            x[3] - feed->P[last][1],
-                            qp->motion.u[last - 1][0] - feed->u[last - 1][0],
-                            qp->motion.u[last - 1][1] - feed->u[last - 1][1]};
+    ant_real xi[6];
+    for (int i = 0; i < 4; i++) xi[i] = qp->motion.x[last][i] - feed->x[last][i];
+    for (int i = 0; i < 2; i++) xi[4 + i] = qp->motion.u[last - 1][i] - feed->u[last - 1][i];
     for (int m = 0; m < 6; m++) {
         ant_real row[ANT_MOVES], r = 0;
         for (int l = 0; l < 6; l++) r += ANT_TERMINAL[m][l] * xi[l];
@@ -125,7 +126,7 @@ int ant_condense(ant_controller *c, const ant_task *task, const ant_real u_last[
     linearise(qp, task->d);
     begin_with_rates(qp, &c->feed, e_last);
     for (int k = 0; k < ANT_HORIZON; k++) {
-        add_outputs(qp, &c->feed, k);
+        add_state(qp, &c->feed, k);
         add_commands(qp, &c->feed, k);
     }
     add_terminal(qp, &c->feed);

@@ -4,9 +4,10 @@
 #include "control.h"
 #include "tables.h"
 
-static ant_real dot(const ant_real *a, const ant_real *b, int n) {
+/* A derivative of the angle. */
+static ant_real derivative(const ant_real *row, const ant_feed *feed) {
     ant_real sum = 0;
-    for (int i = 0; i < n; i++) sum += a[i] * b[i];
+    for (int k = 0; k <= ANT_HORIZON; k++) sum += row[k] * feed->x[k][0];
     return sum;
 }
 
@@ -19,24 +20,23 @@ void ant_feed_forward(const ant_task *task, ant_feed *feed) {
     feed->finite = 1;
     for (int i = 0; i < 3; i++) feed->moved[i] = 0;
     for (int k = 0; k < n; k++) {
-        feed->theta[k] = ant_clip(task->theta[k], ANT_LEFT, ANT_RIGHT);
-        worst(&feed->moved[0], task->theta[k] - feed->theta[k]);
+        feed->x[k][0] = ant_clip(task->theta[k], ANT_LEFT, ANT_RIGHT);
+        worst(&feed->moved[0], task->theta[k] - feed->x[k][0]);
     }
     for (int k = 0; k < n; k++) {
-        const ant_real theta = feed->theta[k], omega = dot(ANT_D1[k], feed->theta, n),
-                       alpha = dot(ANT_D2[k], feed->theta, n);
+        ant_real *x = feed->x[k], *y = feed->y[k];
+        const ant_real theta = x[0], omega = derivative(ANT_D1[k], feed), alpha = derivative(ANT_D2[k], feed);
         const ant_real T = ANT_INERTIA * alpha + ANT_DAMPING * omega + ANT_GRAVITY * ANT_F(sin)(theta) - task->d[k];
         ant_target target = ant_target_of(theta, task->K[k], T);
         target.min_force = ANT_MIN_FORCE;
         const ant_allocation held = ant_allocate(&target);
-        feed->omega[k] = omega;
-        feed->K[k] = held.K;
-        feed->P[k][0] = held.P1;
-        feed->P[k][1] = held.P2;
+        x[1] = omega, x[2] = held.P1, x[3] = held.P2;
+        y[0] = held.K, y[1] = y[2] = 0;
         feed->finite = feed->finite && held.status >= 0;
         worst(&feed->moved[1], task->K[k] - held.K);
         worst(&feed->moved[2], T - held.T);
     }
     for (int k = 0; k < ANT_HORIZON; k++)
-        for (int i = 0; i < 2; i++) feed->u[k][i] = (feed->P[k + 1][i] - ANT_LAG[i] * feed->P[k][i]) / (1 - ANT_LAG[i]);
+        for (int i = 0; i < 2; i++)
+            feed->u[k][i] = (feed->x[k + 1][2 + i] - ANT_LAG[i] * feed->x[k][2 + i]) / (1 - ANT_LAG[i]);
 }

@@ -18,7 +18,7 @@ from allocator.muscles.base import NOT_A_NUMBER
 from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N, TONDU_MCKIBBEN
 from allocator.units import BAR, DEG
 from mpc import Compensation, Plant
-from mpc.tracking.feedforward import FeedForwardLaw
+from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.preview import Foresight
 
@@ -213,7 +213,7 @@ def test_the_mpc_s_feed_forward_adds_what_the_fitted_friction_takes(all_twins):
         Foresight(plant, 0.02, 20, known, Limits.of(plant, 0.02)).task(x, rising, 5.0, 0.0)
         for known in (Compensation(), Compensation.of(joint))
     ]
-    plain, helped = (FeedForwardLaw(plant, 0.02, 20)(task.theta, task.K, task.d) for task in tasks)
+    plain, helped = (InverseDynamics(plant, 0.02, 20)(task.theta, task.K, task.d) for task in tasks)
     more = joint.torque(rising, *helped.P.T) - joint.torque(rising, *plain.P.T)
     taken = joint.friction_torque(0.0, x[2], x[3], 1.0)  # as at present; Dahl: all of it after a few degrees
     assert more[0] == pytest.approx(0.0, abs=1e-6)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.commands import carried
+from mpc.tracking.compiled.commands import advance
 from mpc.tracking.compiled.jit import inlined
 from mpc.tracking.compiled.records import Cost, Errors, Path
 
@@ -39,13 +39,13 @@ def settled(
         for i in range(2):
             at, k = 2 * block + i, starts[block]
             low[k, i], high[k, i], held[k, i] = lower[at], upper[at], guess[at]
-    rows, D, g, law = np.empty((N, 2, 6)), np.empty((N, 2, 2)), np.empty((N, 2)), np.empty((N, 2, 7))
+    rows, D, g, feedback = np.empty((N, 2, 6)), np.empty((N, 2, 2)), np.empty((N, 2)), np.empty((N, 2, 7))
     for _ in range(sweeps):
         for k in range(N):
             for i in range(2):
                 v[k, i] = low[k, i] if held[k, i] == LOWER else high[k, i]  # of those held
-        backward(path, errors, cost, v, held, rows, D, g, law)
-        if not forward(path, v, low, high, held, rows, D, g, law):
+        backward(path, errors, cost, v, held, rows, D, g, feedback)
+        if not forward(path, v, low, high, held, rows, D, g, feedback):
             for block in range(starts.size):
                 for i in range(2):
                     at = 2 * block + i
@@ -59,7 +59,7 @@ def settled(
 def moved(path: Path, errors: Errors, starts: Any, z: Array) -> Errors:
     """The errors that the linear model has under the decisions `z`."""
     N, block = path.A.shape[0], 0
-    theta, omega, K, end = errors.theta.copy(), errors.omega.copy(), errors.K.copy(), errors.end.copy()
+    x, y, end = errors.x.copy(), errors.y.copy(), errors.end.copy()
     e, change = errors.e.copy(), errors.change.copy()
     dx, after, du = np.zeros(4), np.empty(4), np.zeros(2)
     for k in range(N):
@@ -68,25 +68,25 @@ def moved(path: Path, errors: Errors, starts: Any, z: Array) -> Errors:
                 du[i] += z[2 * block + i]
                 change[k, i] += z[2 * block + i]
             block += 1
-        carried(path.A[k], path.B[k], dx, du, after)
+        advance(path.A[k], path.B[k], dx, du, after)
         for i in range(4):
-            K[k + 1] += path.slope[k + 1, 0, i] * dx[i]
-        theta[k + 1] += dx[0]
-        omega[k + 1] += dx[1]
+            x[k + 1, i] += dx[i]
+            for m in range(3):
+                y[k + 1, m] += path.slope[k + 1, m, i] * dx[i]
         e[k, 0] += du[0]
         e[k, 1] += du[1]
     for i in range(4):
         end[i] += dx[i]
     end[4] += du[0]
     end[5] += du[1]
-    return Errors(theta, omega, K, e, change, end)
+    return Errors(x, y, e, change, end)
 
 
 @inlined
 def backward(
-    path: Path, errors: Errors, cost: Cost, v: Array, held: Any, rows: Array, D: Array, g: Array, law: Array
+    path: Path, errors: Errors, cost: Cost, v: Array, held: Any, rows: Array, D: Array, g: Array, feedback: Array
 ) -> None:
-    """For each k: `rows` = [W_wx W_ww], D, g, and the law v = law (ξ, 1) of the optimal changes."""
+    """For each k: `rows` = [W_wx W_ww], D, g, and the feedback v = feedback (ξ, 1) of the optimal changes."""
     S, s, M, m = cost.end.copy(), np.zeros(6), np.empty((6, 6)), np.empty(6)  # of V_{k+1}, of W_k
     for i in range(6):
         for j in range(6):
@@ -94,23 +94,23 @@ def backward(
     for k in range(v.shape[0] - 1, -1, -1):
         after_command(S, s, path.A[k], path.B[k], M, m)
         for i in range(2):
-            m[4 + i] += cost.u * errors.e[k, i]
-            M[4 + i, 4 + i] += cost.u
+            m[4 + i] += cost.e[i] * errors.e[k, i]
+            M[4 + i, 4 + i] += cost.e[i]
         for i in range(2):
             for j in range(6):
                 rows[k, i, j] = M[4 + i, j]
             for j in range(2):
                 D[k, i, j] = M[4 + i, 4 + j]
-            D[k, i, i] += cost.change
-            g[k, i] = m[4 + i] + cost.change * errors.change[k, i]
-        choose(rows[k], D[k], g[k], v[k], held[k], law[k])
+            D[k, i, i] += cost.change[i]
+            g[k, i] = m[4 + i] + cost.change[i] * errors.change[k, i]
+        choose(rows[k], D[k], g[k], v[k], held[k], feedback[k])
         for i in range(6):
             for j in range(i, 6):  # rounding that is not symmetric would grow from sample to sample
-                S[i, j] = M[i, j] + rows[k, 0, i] * law[k, 0, j] + rows[k, 1, i] * law[k, 1, j]
+                S[i, j] = M[i, j] + rows[k, 0, i] * feedback[k, 0, j] + rows[k, 1, i] * feedback[k, 1, j]
                 S[j, i] = S[i, j]
-            s[i] = m[i] + rows[k, 0, i] * law[k, 0, 6] + rows[k, 1, i] * law[k, 1, 6]
+            s[i] = m[i] + rows[k, 0, i] * feedback[k, 0, 6] + rows[k, 1, i] * feedback[k, 1, 6]
         if k > 0:
-            charge_state(S, s, path.slope[k, 0], cost, errors.theta[k], errors.omega[k], errors.K[k])
+            charge_state(S, s, path.slope[k], cost, errors.x[k], errors.y[k])
 
 
 @inlined
@@ -138,55 +138,58 @@ def after_command(S: Array, s: Array, A: Array, B: Array, M: Array, m: Array) ->
 
 
 @inlined
-def charge_state(S: Array, s: Array, C: Array, cost: Cost, theta: float, omega: float, K: float) -> None:
-    """Add what the errors of a state cost."""
+def charge_state(S: Array, s: Array, slope: Array, cost: Cost, x: Array, y: Array) -> None:
+    """Add what the errors `x` (4,) and `y` (3,) of a state cost."""
     for i in range(4):
-        for j in range(4):
-            S[i, j] += cost.K * C[i] * C[j]
-        s[i] += cost.K * K * C[i]
-    S[0, 0] += cost.theta
-    S[1, 1] += cost.omega
-    s[0] += cost.theta * theta
-    s[1] += cost.omega * omega
+        S[i, i] += cost.x[i]
+        s[i] += cost.x[i] * x[i]
+    for m in range(3):
+        w = cost.y[m]
+        if w == 0.0:
+            continue
+        for i in range(4):
+            for j in range(4):
+                S[i, j] += w * slope[m, i] * slope[m, j]
+            s[i] += w * y[m] * slope[m, i]
 
 
 @inlined
-def choose(rows: Array, D: Array, g: Array, v: Array, held: Any, law: Array) -> None:
-    """The law (2, 7) of one stage: D v + rows ξ + g = 0 for the free inputs, v for those held."""
+def choose(rows: Array, D: Array, g: Array, v: Array, held: Any, feedback: Array) -> None:
+    """The feedback (2, 7) of one stage: D v + rows ξ + g = 0 for the free inputs, v for those held."""
     free0, free1 = held[0] == FREE, held[1] == FREE
     if free0 and free1:
         det = D[0, 0] * D[1, 1] - D[0, 1] * D[1, 0]
         for j in range(7):
             a = rows[0, j] if j < 6 else g[0]
             b = rows[1, j] if j < 6 else g[1]
-            law[0, j] = (D[0, 1] * b - D[1, 1] * a) / det
-            law[1, j] = (D[1, 0] * a - D[0, 0] * b) / det
+            feedback[0, j] = (D[0, 1] * b - D[1, 1] * a) / det
+            feedback[1, j] = (D[1, 0] * a - D[0, 0] * b) / det
         return
     for i in range(2):
         for j in range(7):
-            law[i, j] = 0.0
+            feedback[i, j] = 0.0
     for i in range(2):
         other = 1 - i
         if held[i] != FREE:
-            law[i, 6] = v[i]
+            feedback[i, 6] = v[i]
         elif held[other] != FREE:
             for j in range(6):
-                law[i, j] = -rows[i, j] / D[i, i]
-            law[i, 6] = -(g[i] + D[i, other] * v[other]) / D[i, i]
+                feedback[i, j] = -rows[i, j] / D[i, i]
+            feedback[i, 6] = -(g[i] + D[i, other] * v[other]) / D[i, i]
 
 
 @inlined
 def forward(
-    path: Path, v: Array, lower: Array, upper: Array, held: Any, rows: Array, D: Array, g: Array, law: Array
+    path: Path, v: Array, lower: Array, upper: Array, held: Any, rows: Array, D: Array, g: Array, feedback: Array
 ) -> bool:
-    """Sets `v` (N, 2) by the laws and guesses `held` anew; returns whether the guess has changed."""
+    """Sets `v` (N, 2) by the feedback and guesses `held` anew; returns whether the guess has changed."""
     xi, after = np.zeros(6), np.zeros(4)
     changed = False
     for k in range(v.shape[0]):
         for i in range(2):
-            v[k, i] = law[k, i, 6]
+            v[k, i] = feedback[k, i, 6]
             for j in range(6):
-                v[k, i] += law[k, i, j] * xi[j]
+                v[k, i] += feedback[k, i, j] * xi[j]
         for i in range(2):
             if held[k, i] == FREE:
                 guess = LOWER if v[k, i] < lower[k, i] else UPPER if v[k, i] > upper[k, i] else FREE
@@ -200,7 +203,7 @@ def forward(
             held[k, i] = guess
         xi[4] += v[k, 0]
         xi[5] += v[k, 1]
-        carried(path.A[k], path.B[k], xi[:4], xi[4:], after)
+        advance(path.A[k], path.B[k], xi[:4], xi[4:], after)
     return changed
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined
-from mpc.tracking.compiled.records import Cost, Errors, Path, Room
+from mpc.tracking.compiled.records import Bounds, Cost, Errors, Path
 
 
 @inlined
@@ -69,30 +69,38 @@ def hessian(path: Path, G: Array, cost: Cost, starts: Any, columns: Any) -> Arra
             for j in range(columns[k]):
                 row[i, j] += B[0, i] * W[0, j] + B[1, i] * W[1, j] + B[2, i] * W[2, j] + B[3, i] * W[3, j]
             for j in range(i, columns[k], 2):
-                row[i, j] += cost.u
+                row[i, j] += cost.e[i]
         if starts[block] == k:
             for i in range(2):
                 at = 2 * block + i
                 for j in range(columns[k]):
                     H[at, j], H[j, at] = row[i, j], row[i, j]
-            H[2 * block, 2 * block] += cost.change
-            H[2 * block + 1, 2 * block + 1] += cost.change
+            H[2 * block, 2 * block] += cost.change[0]
+            H[2 * block + 1, 2 * block + 1] += cost.change[1]
             block -= 1
         if k > 0:
-            earlier(W, path.A[k], path.slope[k, 0], G[k], cost, columns[k - 1])
+            earlier(W, path.A[k], path.slope[k], G[k], cost, columns[k - 1])
     return H
 
 
 @inlined
-def earlier(W: Array, A: Array, C: Array, g: Array, cost: Cost, columns: int) -> None:
-    """From W_{k+1} to W_k = Q_k G_k + A_kᵀ W_{k+1}, Q_k the cost of the state's errors."""
+def earlier(W: Array, A: Array, slope: Array, g: Array, cost: Cost, columns: int) -> None:
+    """Go from W_{k+1} to W_k = Q_k G_k + A_kᵀ W_{k+1}, Q_k the cost of the state's errors."""
+    q0, q1, q2, q3 = cost.x[0], cost.x[1], cost.x[2], cost.x[3]
     for j in range(columns):
         w0, w1, w2, w3 = W[0, j], W[1, j], W[2, j], W[3, j]
-        K = cost.K * (C[0] * g[0, j] + C[1] * g[1, j] + C[2] * g[2, j] + C[3] * g[3, j])
-        W[0, j] = A[0, 0] * w0 + A[1, 0] * w1 + A[2, 0] * w2 + A[3, 0] * w3 + cost.theta * g[0, j] + K * C[0]
-        W[1, j] = A[0, 1] * w0 + A[1, 1] * w1 + A[2, 1] * w2 + A[3, 1] * w3 + cost.omega * g[1, j] + K * C[1]
-        W[2, j] = A[0, 2] * w0 + A[1, 2] * w1 + A[2, 2] * w2 + A[3, 2] * w3 + K * C[2]
-        W[3, j] = A[0, 3] * w0 + A[1, 3] * w1 + A[2, 3] * w2 + A[3, 3] * w3 + K * C[3]
+        W[0, j] = A[0, 0] * w0 + A[1, 0] * w1 + A[2, 0] * w2 + A[3, 0] * w3 + q0 * g[0, j]
+        W[1, j] = A[0, 1] * w0 + A[1, 1] * w1 + A[2, 1] * w2 + A[3, 1] * w3 + q1 * g[1, j]
+        W[2, j] = A[0, 2] * w0 + A[1, 2] * w1 + A[2, 2] * w2 + A[3, 2] * w3 + q2 * g[2, j]
+        W[3, j] = A[0, 3] * w0 + A[1, 3] * w1 + A[2, 3] * w2 + A[3, 3] * w3 + q3 * g[3, j]
+    for m in range(3):
+        C, w = slope[m], cost.y[m]
+        if w == 0.0:
+            continue
+        for j in range(columns):
+            y = w * (C[0] * g[0, j] + C[1] * g[1, j] + C[2] * g[2, j] + C[3] * g[3, j])
+            for i in range(4):
+                W[i, j] += y * C[i]
 
 
 @inlined
@@ -108,24 +116,25 @@ def gradient(path: Path, errors: Errors, cost: Cost, starts: Any) -> Array:
             push[i] += cost.end[4 + i, j] * errors.end[j]
     block = starts.size - 1
     for k in range(N - 1, -1, -1):
-        A, B, C = path.A[k], path.B[k], path.slope[k, 0]
+        A, B = path.A[k], path.B[k]
         for i in range(2):
-            push[i] += B[0, i] * p[0] + B[1, i] * p[1] + B[2, i] * p[2] + B[3, i] * p[3] + cost.u * errors.e[k, i]
+            push[i] += B[0, i] * p[0] + B[1, i] * p[1] + B[2, i] * p[2] + B[3, i] * p[3] + cost.e[i] * errors.e[k, i]
         if starts[block] == k:
             for i in range(2):
-                f[2 * block + i] = push[i] + cost.change * errors.change[k, i]
+                f[2 * block + i] = push[i] + cost.change[i] * errors.change[k, i]
             block -= 1
         p0, p1, p2, p3 = p[0], p[1], p[2], p[3]
-        K = cost.K * errors.K[k]
         for i in range(4):
-            p[i] = A[0, i] * p0 + A[1, i] * p1 + A[2, i] * p2 + A[3, i] * p3 + K * C[i]
-        p[0] += cost.theta * errors.theta[k]
-        p[1] += cost.omega * errors.omega[k]
+            p[i] = A[0, i] * p0 + A[1, i] * p1 + A[2, i] * p2 + A[3, i] * p3 + cost.x[i] * errors.x[k, i]
+        for m in range(3):
+            if cost.y[m] != 0.0:
+                for i in range(4):
+                    p[i] += cost.y[m] * errors.y[k, m] * path.slope[k, m, i]
     return f
 
 
 @inlined
-def rows_of(path: Path, u: Array, room: Room, starts: Any) -> tuple[Array, Array, Array]:
+def rows_of(path: Path, u: Array, bounds: Bounds, starts: Any) -> tuple[Array, Array, Array]:
     """R (6N, n + 2), lower and upper (6N,): the rows of `mpc.tracking.qp.condense` for the decisions (z, s, s_F)."""
     N = u.shape[0]
     columns, n = moved_columns(starts, N), 2 * starts.size
@@ -133,14 +142,14 @@ def rows_of(path: Path, u: Array, room: Room, starts: Any) -> tuple[Array, Array
     R, lower, upper = np.zeros((6 * N, n + 2)), np.full(6 * N, -np.inf), np.full(6 * N, np.inf)
     for k in range(N):
         command, right, left, force = 2 * k, 2 * N + k, 3 * N + k, 4 * N + 2 * k
-        upper[right] = room.right - path.x[k + 1, 0]
-        lower[left] = room.left - path.x[k + 1, 0]
+        upper[right] = bounds.right - path.x[k + 1, 0]
+        lower[left] = bounds.left - path.x[k + 1, 0]
         R[right, n] = -1.0
         R[left, n] = 1.0
         for i in range(2):
-            lower[command + i] = min(room.low - u[k, i], 0.0)
-            upper[command + i] = max(room.high - u[k, i], 0.0)
-            lower[force + i] = room.min_force - path.y[k + 1, 1 + i]
+            lower[command + i] = min(bounds.low - u[k, i], 0.0)
+            upper[command + i] = max(bounds.high - u[k, i], 0.0)
+            lower[force + i] = bounds.min_force - path.y[k + 1, 1 + i]
             R[force + i, n + 1] = 1.0
         for j in range(columns[k]):
             g0, g1, g2, g3 = G[k + 1, 0, j], G[k + 1, 1, j], G[k + 1, 2, j], G[k + 1, 3, j]

@@ -1,0 +1,55 @@
+"""The factory makes what a controller works with: compiled where that can be had, and else readable."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator.notices import notice
+from allocator.units import BAR
+from mpc.model.plant import Plant
+from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
+from mpc.tracking.feedforward import InverseDynamics
+from mpc.tracking.linearise import Predictor
+from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE
+from mpc.tracking.qp.condense import TrackingProblem
+from mpc.tracking.qp_step import QPStep, ReadableQPStep, SlowStep
+
+
+class Parts(NamedTuple):
+    """The parts are what a `TrackingMPC` works with."""
+
+    qp_step: QPStep
+    feed_forward: InverseDynamics | CompiledFeedForward
+
+
+def factory(
+    plant: Plant, dt: float, problem: TrackingProblem, predictor: Predictor, feed_forward: InverseDynamics
+) -> Parts:
+    """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails."""
+    try:
+        from mpc.tracking.compiled.module import compiled_plant
+
+        made = compiled_plant(plant, dt)
+        quick = CompiledFeedForward(made, feed_forward) if made.p else feed_forward.ready()
+        return Parts(CompiledQPStep(made, problem, setting(problem)), quick)
+    except Exception as failure:  # no compiler, no place for its work, a law too long, or a fault of the compiler's own
+        reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
+    said = f"the controller's step is not compiled and takes about ten times as long: {reason}"
+    notice(said, SlowStep)
+    return Parts(ReadableQPStep(problem, predictor), feed_forward.ready())
+
+
+def setting(problem: TrackingProblem) -> Any:
+    """Return what the compiled functions have to know of `problem`, a `records.Setting`."""
+    from mpc.tracking.compiled.records import Bounds, Cost, Setting
+
+    rows, limits, L = problem.rows, problem.limits, problem.L
+    units = np.array([1, 1, 1, 1, BAR, BAR])
+    end = (L.T @ L) * np.outer(units, units)
+    cost = Cost(rows.x, rows.y, rows.e * BAR**2, rows.rate * BAR**2 / problem.dt**2, end)
+    low, high = limits.pressure
+    bounds = Bounds(low / BAR, high / BAR, limits.step / BAR, *limits.theta, limits.min_force)
+    return Setting(cost, bounds, problem.curvature, LAZY_TOLERANCE, ACCURACY, problem.starts.astype(np.int64))
+
+
+__all__ = ["Parts", "factory", "setting"]

@@ -1,0 +1,84 @@
+"""The tracking cost of a sample, stated once: a table of residuals, each charged with one of the `Weights`.
+
+    ½ Σ_{k=1…N-1} [w_θ (θ_k - θ*_k)² + w_ω (ω_k - θ*'_k)² + w_K (K_k - K*_k)²]
+  + ½ Σ_{k=0…N-1} [w_u |e_k|² + w_r |e_k - e_{k-1}|²/dt²]                              e_k = u_k - u*_k
+
+A residual is an entry of one of four kinds of rows, which is a quantity of the sample less its reference in the
+`FeedForward`:
+
+    x     x_k - x*_k           state (θ, ω, P1, P2)               k = 1 … N-1, the last state is the terminal cost's
+    y     y_k - y*_k           outputs (K, F1, F2)                k = 1 … N-1
+    e     u_k - u*_k           commands                           k = 0 … N-1
+    rate  (e_k - e_{k-1})/dt   their rate                         k = 0 … N-1
+
+Who adds a weight adds a field to `Weights` and a line to `RESIDUALS`. All else follows from here: `charges` is the cost
+itself, of numbers (`mpc.trials.objective`) and of CasADi's symbols (`mpc.yardsticks.shooting`); `diagonal` are the
+weights by rows, with which the QP is condensed (`mpc.tracking.qp.condense`, `mpc.tracking.compiled`, the exported C)
+and the terminal cost is made (`mpc.tracking.terminal`).
+"""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.model.plant import NU, NX
+from mpc.tracking.weights import Weights
+
+NY = 1 + NU  # outputs: stiffness and both forces
+
+
+class Residual(NamedTuple):
+    """A residual is what one weight charges for: half its square, summed over its entries and over the samples."""
+
+    weight: str  # field of `Weights`
+    rows: str  # field of `Rows`
+    entries: tuple[int, ...]  # of the row
+
+
+RESIDUALS = (
+    Residual("theta", "x", (0,)),  # θ_k - θ*_k
+    Residual("omega", "x", (1,)),  # ω_k - θ*'_k
+    Residual("K", "y", (0,)),  # K_k - K*_k
+    Residual("u", "e", (0, 1)),  # e_k
+    Residual("rate", "rate", (0, 1)),  # (e_k - e_{k-1})/dt
+)
+
+
+class Rows(NamedTuple):
+    """The rows of a sample, by kind: residuals (numbers, arrays [size, ...] or symbols) or their weights (size,)."""
+
+    x: Any  # 4
+    y: Any  # 3
+    e: Any  # 2
+    rate: Any  # 2
+
+
+SIZES = Rows(NX, NY, NU, NU)
+STATES, COMMANDS = ("x", "y"), ("e", "rate")  # kinds of rows that the state and the commands have
+
+
+def charges(weights: Weights, rows: Rows, kinds: Iterable[str] = Rows._fields) -> dict[str, Any]:
+    """Return what each weight charges for the residuals `rows`, as far as these are of the `kinds`."""
+    return {
+        r.weight: getattr(weights, r.weight) / 2 * sum(getattr(rows, r.rows)[i] ** 2 for i in r.entries)
+        for r in RESIDUALS
+        if r.rows in kinds
+    }
+
+
+def diagonal(weights: Weights) -> Rows:
+    """Return the weight of every entry of every kind of rows, 0 for what is not charged: the cost is ½ Σ w r²."""
+    made = Rows(*(np.zeros(size) for size in SIZES))
+    for r in RESIDUALS:
+        getattr(made, r.rows)[list(r.entries)] += getattr(weights, r.weight)
+    return made
+
+
+def charged(weights: Array) -> list[tuple[int, float]]:
+    """Return the entries (index, weight) of a diagonal that are charged for, to leave out the others."""
+    return [(i, w) for i, w in enumerate(weights.tolist()) if w]
+
+
+__all__ = ["COMMANDS", "NY", "RESIDUALS", "SIZES", "STATES", "Residual", "Rows", "charged", "charges", "diagonal"]
