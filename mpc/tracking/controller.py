@@ -30,9 +30,8 @@ is sent keeps the hard limits exactly.
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
-from math import inf, isfinite
 from time import perf_counter
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -41,38 +40,30 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
+from mpc.tracking.base import BaseController, Held, Optimised, Situation
 from mpc.tracking.compiled.factory import factory
-from mpc.tracking.feedforward import FeedForward, InverseDynamics
-from mpc.tracking.ladder import Ladder, honest
-from mpc.tracking.limits import LONGEST_HORIZON, Limits
-from mpc.tracking.linearise import Motion, Predictor
+from mpc.tracking.feedforward import InverseDynamics
+from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.pace import check_pace
-from mpc.tracking.plan import Plan, PlanStatus, Rung, Times
-from mpc.tracking.preview import Foresight
+from mpc.tracking.plan import PlanStatus, Rung
+from mpc.tracking.preview import Task
 from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.softened import softened
 from mpc.tracking.qp.solvers import Solver, guarded
 from mpc.tracking.qp.solvers import solver as solver_by_name
-from mpc.tracking.qp_step import PreviousSample, QPAnswer
+from mpc.tracking.qp_step import QPAnswer
 from mpc.tracking.rest import RestMode
 from mpc.tracking.terminal import terminal_factor
 from mpc.tracking.weights import Weights
 
-_THINKING = 0.9  # share of the time budget for optimising; the rest predicts what the commands will do
-
-
-class _Optimised(NamedTuple):
-    """What optimisation came to."""
-
-    best: tuple[Rung, Array] | None  # commands (N, 2) and the rung that they are worth
-    motion: Motion | None  # under them, finite, where it is known already
-    status: PlanStatus
-    times: tuple[float, float, float]  # of linearising, condensing, solving [s]
-
 
 @dataclass
-class TrackingMPC:
-    """Tracks references of angle and stiffness with `plant` as its model. It remembers its last plan.
+class TrackingMPC(BaseController):
+    """The tracking MPC follows references of angle and stiffness with `plant` as its model. It remembers its last plan.
+
+    Its step is that of `BaseController`: `Task` → `FeedForward` → `Optimised` → `Motion` → `Plan`. To optimise is to
+    solve `iterations` QPs (`mpc.tracking.qp_step`), or the softened one; where the reference stands still the commands
+    rest (`mpc.tracking.rest`). `qp` shows the QP of a step.
 
     A time `budget` is for work in real time, where dt or less of it is there; without one a step takes what it takes.
     Without the angle it goes on from its own prediction for `patience` seconds, and then stands still (`Rung.HOLD`).
@@ -94,29 +85,22 @@ class TrackingMPC:
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
         self.dt = float(checks.real("dt", self.dt, "s"))
-        self.limits = Limits.of(self.plant, self.dt, self.min_force)
         self.N = checks.count("N", self.N, least=3, most=LONGEST_HORIZON)
         self.iterations = checks.count("iterations", self.iterations, least=1)
         self.blocks = _blocks(self.blocks, self.N)
         self.patience = checks.not_negative("patience", self.patience, "s")
         self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
-        self._predictor = Predictor(self.plant, self.dt, self.N)
-        L = terminal_factor(self.plant, self.dt, self.weights)
-        self._foresight = Foresight(self.plant, self.dt, self.N, self.compensation, self.limits)
+        self._build(self.N, self.min_force)
         self.rest_mode = RestMode(self.plant, self.dt, self.compensation, self.limits)
-        self.ladder = Ladder(self.limits, self._predictor)
+        L = terminal_factor(self.plant, self.dt, self.weights)
         self.problem = TrackingProblem(self.weights, self.limits, L, self.blocks, self.dt)
         self._work()
         check_pace(self._rehearse, self.plant, self.dt, self.N)
         self.reset()
 
-    def reset(self) -> None:
-        """Forget the past: the next step begins from the pressures it measures."""
-        self._foresight.reset()
+    def _forget(self) -> None:
         self.rest_mode.reset()
-        self.ladder.reset()
         self._qp_step.reset()
-        self._u_star: Array | None = None  # the feed-forward of the last sample (2,)
 
     @property
     def implementation(self) -> str:
@@ -128,56 +112,6 @@ class TrackingMPC:
         """Whether its commands come to rest at a constant reference."""
         known = self.compensation
         return self.rest and not (known.friction.absent and known.dead_band == 0)
-
-    @property
-    def ahead(self) -> int:
-        """Samples of preview that `step` takes after the present one."""
-        return self._foresight.ahead
-
-    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: the ladder looks for them
-    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
-        """The plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad].
-
-        A reference is a value, held for the whole horizon, or a preview (ahead + 1,) that begins now. `d` is the
-        disturbance torque [N·m] known to act. What is NaN in `x`, or beyond what the joint can do, is replaced by what
-        the last plan predicted. Numbers never make it raise: where they cannot be meant the status says so. Raises
-        `InvalidInput` for shapes and kinds that are wrong.
-        """
-        clock = [perf_counter()]
-        deadline = clock[0] + (inf if self.budget is None else _THINKING * self.budget)
-        task = self._foresight.task(x, theta_ref, K_ref, d, self.rest_mode.ringing)
-        held = self.rest_mode.pressures(task) if self.rests else None
-        x, torques = task.x, task.d[:-1]
-        feed = self._feed_forward(task.theta, task.K, task.d)
-        u_last = self.ladder.u_last(x)
-        clock.append(perf_counter())
-
-        if halted := task.halted(self.patience):
-            found = _Optimised(None, None, halted, (0.0, 0.0, 0.0))
-        elif held is not None:
-            u = self.limits.limited(u_last, np.tile(held, (self.N, 1)))
-            found = _Optimised((Rung.ALLOCATION, u), None, PlanStatus.RESTING, (0.0, 0.0, 0.0))
-        else:
-            found = self._optimise(x, feed, u_last, torques, deadline)
-        if found.motion is not None:
-            rung, motion = Rung.QP, found.motion
-        else:
-            rung, motion = self.ladder.descend(x, found.best, halted is not None, feed.u, u_last, torques)
-        clock.append(perf_counter())
-        self.ladder.stand(rung, motion)
-        if not task.refused and isfinite(feed.u[0, 0]) and isfinite(feed.u[0, 1]):
-            self._u_star = feed.u[0]
-        return Plan(
-            self._foresight.spoken(motion.u, motion.x, self.rest_mode.side if self.rest_mode.resting else 0.0),
-            motion.x,
-            motion.K,
-            honest(found.status, rung, task.measured),
-            rung,
-            self.limits.excursion(motion.x[:, 0]),
-            Times(clock[1] - clock[0], *found.times, clock[2] - clock[0]),
-            self.limits.slackening(motion.F[1:]),
-            None if task.refused else feed.moved,
-        )
 
     # --- copies -----------------------------------------------------------------------------------------------------
 
@@ -217,32 +151,40 @@ class TrackingMPC:
         self.step(x, float(np.quantile(self.limits.theta, 0.6)), float(self.plant.stiffness(x)))
         self.budget = budget
 
-    def _optimise(self, x: Array, feed: FeedForward, u_last: Array, d: Array, deadline: float) -> _Optimised:
-        """The commands after `iterations` QPs, or up to one that failed; the softened QP's if it was the first."""
-        u = self.ladder.onward(feed.u)
-        previous = PreviousSample(u_last, feed.u[0] if self._u_star is None else self._u_star)
+    @property
+    def _ringing(self) -> bool:
+        return self.rest_mode.ringing
+
+    def _held(self, task: Task) -> Held | None:
+        held = self.rest_mode.pressures(task) if self.rests else None
+        return None if held is None else Held(held, self.rest_mode.side)
+
+    def _optimise(self, situation: Situation) -> Optimised:
+        """Return the commands after `iterations` QPs, or up to one that failed: then the softened one's."""
+        task, feed, previous, deadline = situation
+        x, d, u = task.x, task.d[:-1], self.ladder.shift(feed.u)
         best, motion, status, spent = None, None, PlanStatus.OPTIMAL, (0.0, 0.0, 0.0)
         for _ in range(self.iterations):
             if perf_counter() > deadline:
                 status = status if best else PlanStatus.LATE
                 break
-            step = self._qp_step(x, u, d, feed, previous, self._solve, deadline)
-            spent = spent[0] + step.times[0], spent[1] + step.times[1], spent[2] + step.times[2]
-            if step.status is not PlanStatus.OPTIMAL:
+            answer = self._qp_step(x, u, d, feed, previous, self._solve, deadline)
+            spent = spent[0] + answer.times[0], spent[1] + answer.times[1], spent[2] + answer.times[2]
+            if answer.status is not PlanStatus.OPTIMAL:
                 if best is None:
-                    best, status = self._softened(step, u_last, deadline), step.status
+                    best, status = self._softened(answer, previous.u, deadline), answer.status
                 break
-            u, motion = step.u, step.motion
+            u, motion = answer.u, answer.motion
             best = Rung.QP, u
-        return _Optimised(best, motion, status, spent)
+        return Optimised(status, best, motion, spent)
 
-    def _softened(self, step: QPAnswer, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
-        """The next rung, if there is time for it and numbers to work with."""
-        if step.qp is None or step.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE):
+    def _softened(self, answer: QPAnswer, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
+        """Return the next rung, if there is time for it and numbers to work with."""
+        if answer.qp is None or answer.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE):
             return None
-        if (z := softened(step.qp, deadline)) is None:
+        if (z := softened(answer.qp, deadline)) is None:
             return None
-        return Rung.SOFTENED, self.limits.limited(u_last, step.u + self.problem.E @ z)
+        return Rung.SOFTENED, self.limits.limited(u_last, answer.u + self.problem.E @ z)
 
 
 _WORKERS = ("_solve", "_qp_step", "_feed_forward")

@@ -48,7 +48,7 @@ class Ladder:
         """The command (2,) of the sample before; the pressures in `x` (4,) if there was none."""
         return x[2:] if self._motion is None else self._motion.u[0]
 
-    def onward(self, u_star: Array) -> Array:
+    def shift(self, u_star: Array) -> Array:
         """The last plan moved on by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
         if self._motion is None:
             return u_star
@@ -75,7 +75,7 @@ class Ladder:
         u = self.hold(u_last)
         motion = self.predictor.motion(x, u, d)
         if not motion.finite:
-            motion = _standing(x, u) if self._motion is None else self._motion.standing(u)
+            motion = _stationary(x, u) if self._motion is None else self._motion.stationary(u)
         return Rung.HOLD, motion
 
     def rungs(self, best: tuple[Rung, Array] | None, u_star: Array, u_last: Array) -> Iterator[tuple[Rung, Array]]:
@@ -83,7 +83,7 @@ class Ladder:
         if best is not None:
             yield best
         if self._left > 1:
-            yield Rung.PREVIOUS, self.limits.limited(u_last, self.onward(u_star))
+            yield Rung.PREVIOUS, self.limits.limited(u_last, self.shift(u_star))
         yield Rung.ALLOCATION, self.limits.limited(u_last, u_star)
 
     def hold(self, u_last: Array) -> Array:
@@ -98,7 +98,7 @@ class Ladder:
             wanted[k] = u
         return self.limits.limited(u_last, wanted)
 
-    def stand(self, rung: Rung, motion: Motion) -> None:
+    def remember(self, rung: Rung, motion: Motion) -> None:
         """Remember that the commands of `motion`, of `rung`, are given."""
         self._motion = motion
         if rung in (Rung.QP, Rung.SOFTENED):
@@ -108,13 +108,13 @@ class Ladder:
         self._held = self._held + 1 if rung is Rung.HOLD else 0
 
 
-def _standing(x: Array, u: Array) -> Motion:
+def _stationary(x: Array, u: Array) -> Motion:
     """No motion at all from `x` (4,) under the commands `u` (N, 2), where the model has none and none is known."""
     n = len(u) + 1
     return Motion(u, np.tile(x, (n, 1)), np.zeros(n), np.zeros((n, u.shape[1])))
 
 
-def honest(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
+def status_of(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
     """What is to be said of a plan on `rung`, optimisation having ended with the status `optimised`."""
     if optimised is not PlanStatus.OPTIMAL:
         return optimised
@@ -123,4 +123,4 @@ def honest(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
     return PlanStatus.OPTIMAL if measured else PlanStatus.NO_MEASUREMENT
 
 
-__all__ = ["Ladder", "honest"]
+__all__ = ["Ladder", "status_of"]

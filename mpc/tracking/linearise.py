@@ -35,7 +35,7 @@ class Motion:
         """Whether the prediction stayed within the range of numbers."""
         return all(bool(np.isfinite(array).all()) for array in (self.u, self.x, self.K, self.F))
 
-    def standing(self, u: Array) -> "Motion":
+    def stationary(self, u: Array) -> "Motion":
         """No motion at all under the commands `u` (N, 2): as everything is at the second sample of this one."""
         return Motion(u, *(np.tile(a[1], (len(u) + 1,) + a[1].ndim * (1,)) for a in (self.x, self.K, self.F)))
 

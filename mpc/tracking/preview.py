@@ -51,6 +51,8 @@ class Task(NamedTuple):
     blind: float  # for how long the angle has not been [s]; inf: never
     refused: bool  # whether the references cannot be meant: those here are stand-ins
     expected: float  # the angle that was predicted for now [rad]; NaN at first
+    now: float  # the reference of the angle now [rad]
+    known: float  # the torque from outside that is known to act [N·m]
 
     def halted(self, patience: float) -> PlanStatus | None:
         """Why the pressures have to be held, if they have to; the angle may be predicted for `patience` [s]."""
@@ -59,7 +61,7 @@ class Task(NamedTuple):
         return PlanStatus.BLIND if self.blind > patience * (1 + 1e-9) else None
 
 
-class Foresight:
+class Preview:
     """Dead time, friction and dead band of `compensation` in a controller of `plant` with a preview of N samples."""
 
     def __init__(self, plant: Plant, dt: float, N: int, compensation: Compensation, limits: Limits) -> None:
@@ -90,8 +92,8 @@ class Foresight:
         x, seen = self._state(x)
         measured = bool(np.isfinite(seen).all())
         try:
-            theta = self._preview("theta_ref", theta_ref, checks.angle, (-_TURN, _TURN))
-            K = self._preview("K_ref", K_ref, checks.stiffness, (_LEAST, inf))
+            theta = self._reference("theta_ref", theta_ref, checks.angle, (-_TURN, _TURN))
+            K = self._reference("K_ref", K_ref, checks.stiffness, (_LEAST, inf))
             torque, refused = self._torque(d), False
         except _Meaningless as meaningless:
             self._warn(meaningless)
@@ -102,14 +104,16 @@ class Foresight:
         torques = torque - self._friction_ahead(x, theta, 0.0 if ringing else CORRECTED)
         if self._sent is None:
             self._sent = x[2:]
-        if not (m := self.delay):
-            return Task(seen, x, theta, K, torques, measured, self._blind * self.dt, refused, expected)
-        self._waiting = self._waiting or [x[2:]] * m
-        path = self._under_way.motion(x, np.array(self._waiting), torques[:m]).x
-        self._expect(path[1])
-        return Task(seen, path[m], theta[m:], K[m:], torques[m:], measured, self._blind * self.dt, refused, expected)
+        m, then = self.delay, x
+        if m:
+            self._waiting = self._waiting or [x[2:]] * m
+            path = self._under_way.motion(x, np.array(self._waiting), torques[:m]).x
+            self._expect(path[1])
+            then = path[m]
+        blind, now = self._blind * self.dt, float(theta[0])
+        return Task(seen, then, theta[m:], K[m:], torques[m:], measured, blind, refused, expected, now, torque)
 
-    def spoken(self, u: Array, x: Array, side: float = 0.0) -> Array:
+    def sent(self, u: Array, x: Array, side: float = 0.0) -> Array:
         """The commands (N, 2) to send for `u` (N, 2) to be heard in the states `x` (N+1, 4), as the limits allow.
 
         A `side` of ±1 says on which edge of the dead band the regulators are to hold `u`, whatever the pressures are.
@@ -167,7 +171,7 @@ class Foresight:
         if all(map(isfinite, x.tolist())):
             self._expected = x
 
-    def _preview(
+    def _reference(
         self, name: str, given: object, check: Callable[[str, Any], Array], usual: tuple[float, float]
     ) -> Array:
         """A preview (ahead + 1,) of its own; `check` is what finds out what is wrong with one that looks unusual."""
@@ -203,4 +207,4 @@ class Foresight:
         return np.asarray(limit * self.compensation.friction.along(z, np.append(back, theta[1:])))
 
 
-__all__ = ["CORRECTED", "BadNumbers", "Foresight", "Task"]
+__all__ = ["CORRECTED", "BadNumbers", "Preview", "Task"]

@@ -10,11 +10,9 @@ of the lag (`mpc.tracking.feedforward`). All of them get the same previews, the 
 as the MPC. The PID's integral stands for the disturbance torque, so that it ignores an observer's; the others take it.
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from math import isfinite
-from time import perf_counter
-from typing import Any, ClassVar, NamedTuple
+from math import inf, isfinite
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -23,81 +21,51 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
+from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
-from mpc.tracking.limits import Limits
-from mpc.tracking.linearise import Predictor
-from mpc.tracking.plan import Plan, PlanStatus, Rung, Times
-from mpc.tracking.preview import Foresight, Task
+from mpc.tracking.plan import PlanStatus, Rung
+from mpc.tracking.preview import Task
 from mpc.tracking.terminal import UNITS, regulator
 from mpc.tracking.weights import Weights
 
 _PREVIEW = 10  # samples, enough for the derivatives of the reference
-_PATIENCE = 0.2  # for which the angle is predicted where it is not measured; then the commands stay [s]
 
 
-class Baseline(ABC):
-    """What they have in common; a member says which commands are to be heard."""
+class Baseline(BaseController):
+    """A baseline is a controller in closed form: a member says which commands should act."""
+
+    says_moved = False
+    patience = 0.2  # for which the angle is predicted where it is not measured; then the commands stay [s]
 
     def __init__(self, plant: Plant, dt: float = 0.01, compensation: Compensation | None = None) -> None:
-        self.plant, self.dt, self.limits = plant, dt, Limits.of(plant, dt)
+        self.plant, self.dt = plant, dt
         self.compensation = Compensation() if compensation is None else compensation
         self._feed_forward = InverseDynamics(plant, dt, _PREVIEW).ready()
-        self._predictor = Predictor(plant, dt, _PREVIEW)
-        self._foresight = Foresight(plant, dt, _PREVIEW, self.compensation, self.limits)
+        self._build(_PREVIEW)
+        self.ladder.holding = inf  # pressures are never let out
         self.reset()
 
-    def reset(self) -> None:
-        """Forget the past."""
-        self._foresight.reset()
-        self._u: Array | None = None  # the last command as it is to be heard (2,)
-
-    @property
-    def ahead(self) -> int:
-        """Samples of preview that `step` takes after the present one."""
-        return self._foresight.ahead
-
-    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
-        """Commands for the state `x` (4,) and references θ [rad], K [N·m/rad]: values or previews (ahead + 1,)."""
-        began = perf_counter()
-        task = self._foresight.task(x, theta_ref, K_ref, d)
-        u_last = task.x[2:] if self._u is None else self._u
-        halted = task.halted(_PATIENCE)
-        u = self._halt(u_last) if halted else self._commands(task, float(np.ravel(theta_ref)[0]), float(d), u_last)
-        self._u = u[0]
-        motion = self._predictor.motion(task.x, u, task.d[:-1])
-        sent, slack = self._foresight.spoken(u, motion.x), self.limits.excursion(motion.x[:, 0])
-        took = perf_counter() - began
-        times, slack_force = Times(took, 0.0, 0.0, 0.0, took), self.limits.slackening(motion.F[1:])
-        usual = PlanStatus.CLOSED_FORM if task.measured else PlanStatus.NO_MEASUREMENT
-        rung = Rung.HOLD if halted else Rung.ALLOCATION
-        return Plan(sent, motion.x, motion.K, halted or usual, rung, slack, times, slack_force)
-
-    def _commands(self, task: Task, theta: float, d: float, u_last: Array) -> Array:
-        """What is wanted, as the limits allow; where that is no number the commands stay."""
-        wanted = self._wanted(task, theta, d)
+    def _optimise(self, situation: Situation) -> Optimised:
+        """Return what is wanted, as the limits allow; where that is no number the commands stay."""
+        task, u_last = situation.task, situation.previous.u
+        wanted = self._wanted(task, situation.feed)
         wanted = np.where(np.isfinite(wanted), wanted, u_last)
         u = self.limits.limited(u_last, wanted)
         self._given(u[0], wanted[0])
-        return u
+        status = PlanStatus.CLOSED_FORM if task.measured else PlanStatus.NO_MEASUREMENT
+        return Optimised(status, (Rung.ALLOCATION, u), self._predictor.motion(task.x, u, task.d[:-1]))
 
-    def _halt(self, u_last: Array) -> Array:
-        """The commands (N, 2) stay."""
-        return self.limits.limited(u_last, np.tile(u_last, (_PREVIEW, 1)))
-
-    @abstractmethod
-    def _wanted(self, task: Task, theta: float, d: float) -> Array:
-        """Commands (N, 2) [Pa] to be heard, unlimited; the joint should be at `theta` [rad] now."""
+    def _wanted(self, task: Task, feed: FeedForward) -> Array:
+        """Return the commands (N, 2) [Pa] that should act, unlimited."""
+        return feed.u
 
     def _given(self, u: Array, wanted: Array) -> None:
-        """Told after every step what the limits left of the first command that was `wanted` (2,)."""
+        """Take note, after every step, of what the limits left of the first command that was `wanted` (2,)."""
         return None
 
 
 class FeedForwardControl(Baseline):
-    """The analytic inverse alone: of what is measured it uses the direction of the friction and nothing else."""
-
-    def _wanted(self, task: Task, theta: float, d: float) -> Array:
-        return self._feed_forward(task.theta, task.K, task.d).u
+    """The feed-forward control is the analytic inverse alone; of what is measured it uses the friction's direction."""
 
 
 @dataclass(frozen=True)
@@ -139,33 +107,32 @@ class PIDControl(Baseline):
         self.gains = self.GAINS if gains is None else gains
         super().__init__(plant, dt, compensation)
 
-    def reset(self) -> None:
-        """Forget the past."""
-        super().reset()
+    def _forget(self) -> None:
         self._integral = 0.0  # [rad·s]
         self._slope = 0.0  # [rad/s] filtered derivative of the error
         self._error: float | None = None  # [rad] of the last sample
-        self._resting = False
+        self._saturated = False
 
-    def _wanted(self, task: Task, theta: float, d: float) -> Array:
-        error = theta - float(task.seen[0]) if isfinite(task.seen[0]) else self._error or 0.0
-        if not self._resting:
+    def _torques(self, task: Task) -> Array:
+        """Return those of the intended motion and of the feedback, without the torque that is known to act."""
+        error = task.now - float(task.seen[0]) if isfinite(task.seen[0]) else self._error or 0.0
+        if not self._saturated:
             self._integral += self.dt * error
         fed_back = self._errors(task, error)
         self._error = error
         k = self.gains
         T = k.proportional * fed_back.error + k.integral * self._integral + k.derivative * fed_back.slope
-        return self._feed_forward(task.theta, task.K, task.d - d - T).u
+        return task.d - task.known - T
 
     def _errors(self, task: Task, error: float) -> Errors:
         """For the proportional and the derivative part, from the `error` [rad] of this sample."""
-        before = error if self._error is None else self._error
+        previous = error if self._error is None else self._error
         share = self.dt / (self.dt + self.gains.filter_time)
-        self._slope += share * ((error - before) / self.dt - self._slope)
+        self._slope += share * ((error - previous) / self.dt - self._slope)
         return Errors(error, self._slope)
 
     def _given(self, u: Array, wanted: Array) -> None:
-        self._resting = bool((u != wanted).any())
+        self._saturated = bool((u != wanted).any())
 
 
 class PredictivePIDControl(PIDControl):
@@ -198,21 +165,16 @@ class LQRControl(Baseline):
         self._gain = np.asarray(gain) * BAR / UNITS  # G (2, 6) in SI units
         super().__init__(plant, dt, compensation)
 
-    def reset(self) -> None:
-        """Forget the past."""
-        super().reset()
-        self._e = np.zeros(NU)  # the last command less its feed-forward, both as they are to be heard [Pa]
-        self._u_star = np.zeros(NU)
+    def _forget(self) -> None:
+        self._e = np.zeros(NU)  # the last command less its feed-forward, both as they should act [Pa]
 
-    def _wanted(self, task: Task, theta: float, d: float) -> Array:
-        feed: FeedForward = self._feed_forward(task.theta, task.K, task.d)
-        x_star = np.array([feed.theta[0], feed.omega[0], *feed.P[0]])
-        e = -self._gain @ np.concatenate([task.x - x_star, self._e])
-        self._u_star = feed.u[0]
+    def _wanted(self, task: Task, feed: FeedForward) -> Array:
+        e = -self._gain @ np.concatenate([task.x - feed.x[0], self._e])
+        self._star = feed.u[0]
         return np.asarray(feed.u + e)
 
     def _given(self, u: Array, wanted: Array) -> None:
-        self._e = u - self._u_star
+        self._e = u - self._star
 
 
 __all__ = ["Baseline", "FeedForwardControl", "LQRControl", "PIDControl", "PIDGains", "PredictivePIDControl"]

@@ -217,7 +217,7 @@ class CompiledFeedForward:
         return self
 
     def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:
-        """Return the feed-forward for `theta` [rad] and `K` [N·m/rad] under the torques `d` [N·m], writable rows (N+1,)."""
+        """Return the feed-forward for `theta` [rad] and `K` [N·m/rad] under torques `d` [N·m], writable (N+1,)."""
         sure, x, y, u, moved = self._feed_forward(*self._fixed, theta, K, d)
         return FeedForward(x, y, u, Moved(*moved.tolist())) if sure else self._readable(theta, K, d)
 

@@ -81,7 +81,7 @@ def sensitivity(A: Array, B: Array, E: Array) -> Array:
 def condense(
     problem: TrackingProblem, model: Linearisation, feed: FeedForward, u_last: Array, u_star_last: Array
 ) -> QP:
-    """Return the QP of a step about `model`; `u_last` and `u_star_last` (2,) are the previous command and feed-forward."""
+    """Return the QP of a step about `model`; `u_last`, `u_star_last` (2,) are the previous command and feed-forward."""
     G = sensitivity(model.A, model.B, problem.E)
     M, r = _residuals(problem, model, G, feed, u_last - u_star_last)
     H, f = M.T @ M, M.T @ r

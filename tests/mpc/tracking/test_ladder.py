@@ -198,7 +198,7 @@ def test_what_is_held_long_is_let_out_slowly_and_in_proportion():
     u, seen = np.array([3.0, 1.5]) * BAR, []
     for _ in range(700):
         plan = ladder.hold(u)
-        ladder.stand(Rung.HOLD, predictor.motion(REST, plan))
+        ladder.remember(Rung.HOLD, predictor.motion(REST, plan))
         u = plan[0]
         seen.append(u)
     seen = np.array(seen)
