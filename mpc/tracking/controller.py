@@ -27,7 +27,7 @@ No step is without an answer. If the QP has none that passes the check of its op
 is sent keeps the hard limits exactly.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -47,10 +47,11 @@ from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.pace import check_pace
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.preview import Task
-from mpc.tracking.qp.condense import TrackingProblem
+from mpc.tracking.qp.condense import TrackingProblem, condense
+from mpc.tracking.qp.named import NamedQP, named
 from mpc.tracking.qp.softened import softened
-from mpc.tracking.qp.solvers import Solver, guarded
-from mpc.tracking.qp.solvers import solver as solver_by_name
+from mpc.tracking.qp.solvers import Solver
+from mpc.tracking.qp.solvers import solver as solver_of
 from mpc.tracking.qp_step import QPAnswer
 from mpc.tracking.rest import RestMode
 from mpc.tracking.terminal import terminal_factor
@@ -73,7 +74,9 @@ class TrackingMPC(BaseController):
     dt: float = 0.01  # sample time [s]
     N: int = 20  # horizon [samples]
     weights: Weights = field(default_factory=Weights)
-    solver: str | Solver = "daqp"  # or a name of qpsolvers
+    solver: str | Mapping[str, Any] | Solver = (
+        "daqp"  # a name, options, a value (`mpc.tracking.qp.solvers`), a function
+    )
     iterations: int = 1  # QPs per step
     compensation: Compensation = field(default_factory=Compensation)  # what is known beyond the plant
     min_force: float = 0.0  # F_min [N]
@@ -113,11 +116,25 @@ class TrackingMPC(BaseController):
         known = self.compensation
         return self.rest and not (known.friction.absent and known.dead_band == 0)
 
+    def qp(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> NamedQP:
+        """Return the QP that `step` would solve for these arguments, the first one if it solves `iterations` of them.
+
+        It is not solved, and the controller does not change. A step that rests or cannot see the angle does not come to
+        solve it. Raises `InvalidInput` for arguments that cannot be meant.
+        """
+        preview = deepcopy(self._preview)
+        preview.strict = True
+        task = preview.task(x, theta_ref, K_ref, d, self._ringing)
+        _, feed, previous, _ = self._situation(task, halts=False, began=0.0)
+        u = self.limits.limited(previous.u, self.ladder.shift(feed.u))
+        model = self._predictor.linearise(task.x, u, task.d[:-1])
+        return named(self.problem, condense(self.problem, model, feed, *previous), u, previous.u)
+
     # --- copies -----------------------------------------------------------------------------------------------------
 
     def _work(self) -> None:
         """Make or load what does the work of a step: the solver, and compiled code."""
-        self._solve = solver_by_name(self.solver) if isinstance(self.solver, str) else guarded(self.solver)
+        self._solve = solver_of(self.solver)
         feed_forward = InverseDynamics(self.plant, self.dt, self.N, self.limits.min_force)
         self._qp_step, self._feed_forward = factory(self.plant, self.dt, self.problem, self._predictor, feed_forward)
 

@@ -70,6 +70,7 @@ class Preview:
         self.ahead = N + self.delay  # samples of preview wanted
         self._under_way = Predictor(plant, dt, self.delay)
         gate = Gate.of(plant, dt)
+        self.strict = False  # raises `InvalidInput` for references that cannot be meant, instead of warning
         self._lower = np.array([gate.lower[0], -gate.max_speed, *gate.lower[1:]])
         self._upper = np.array([gate.upper[0], gate.max_speed, *gate.upper[1:]])
         self.reset()
@@ -163,6 +164,8 @@ class Preview:
         return float(torque)
 
     def _warn(self, reason: Exception) -> None:
+        if self.strict:
+            raise InvalidInput(str(reason))
         if not self._warned:
             warnings.warn(f"{reason}; the pressures are held", BadNumbers, stacklevel=4)  # which is who calls `step`
             self._warned = True

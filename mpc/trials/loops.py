@@ -1,8 +1,8 @@
-"""The control loops that can be compared, by name: a controller and what it looks at the joint with."""
+"""The control loops that can be compared have names: each is a controller and its observer."""
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.model.compensation import Compensation
@@ -16,14 +16,14 @@ from mpc.yardsticks.nonlinear import NonlinearMPC
 
 
 class Settings(NamedTuple):
-    """What all of them are built from."""
+    """The settings are what all of them are built from."""
 
     plant: Plant  # the model
     dt: float = 0.01  # [s]
     N: int = 20  # horizon [samples]
     compensation: Compensation = Compensation()
     weights: Weights = Weights()
-    solver: str | None = None  # of the QPs or the NLPs; None: the controller's own choice
+    solver: Any = None  # of the QPs or the NLPs: a name, options or a value; None: the controller's own choice
 
 
 def _mpc(s: Settings) -> Controller:
@@ -43,7 +43,7 @@ def _predictive_pid(s: Settings) -> Controller:
 
 
 def _lqr(s: Settings) -> Controller:
-    # it does not foresee the slew limit, and at the MPC's own weight it would live on it
+    # it does not look ahead to the slew limit, and at the MPC's own weight it would live on it
     weights = replace(s.weights, rate=4 * s.weights.rate)
     return LQRControl(s.plant, s.dt, s.compensation, weights)
 
@@ -64,7 +64,7 @@ CONTROLLERS: dict[str, tuple[Callable[[Settings], Controller], bool]] = {
 
 
 def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[Controller, Observer]:
-    """Controller and observer called `name`; `observer` says whether to have one (None: as it is used)."""
+    """Return controller and observer called `name`; `observer` says whether to have one (None: as it is used)."""
     if name not in CONTROLLERS:
         raise MissingBackend("controller", name, CONTROLLERS)
     if settings.solver is not None and name not in ("mpc", "nmpc"):

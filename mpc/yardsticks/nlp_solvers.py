@@ -1,25 +1,59 @@
-"""Solvers of the nonlinear programme in `mpc.yardsticks.shooting`, by name. What they return is a proposal, to be
-certified.
+"""Solvers of the nonlinear programme in `mpc.yardsticks.shooting` are values with their options.
+
+What they return is a proposal, to be certified.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.errors import MissingBackend
+from mpc.tracking.solver_options import SolverOptions, with_options
 from mpc.yardsticks.shooting import Given, Shooting
 
-_OPTIONS: dict[str, dict[str, Any]] = {
-    "ipopt": {
-        "ipopt.print_level": 0,
-        "ipopt.sb": "yes",
-        "ipopt.tol": 1e-9,
-        "ipopt.bound_relax_factor": 0.0,  # a slack of -1e-8 would earn its penalty
-        "ipopt.max_iter": 200,
-    },
-    "fatrop": {"structure_detection": "auto", "fatrop.print_level": 0, "fatrop.tolerance": 1e-9},
-}
+
+class NLPOptions(SolverOptions):
+    """The options of a solver of nonlinear programmes, and what CasADi is told for it besides."""
+
+    fixed: ClassVar[dict[str, Any]]
+
+    @property
+    def casadi(self) -> dict[str, Any]:
+        """The options as CasADi takes them."""
+        return self.fixed | {f"{self.name}.{option}": value for option, value in self.given.items()}
+
+
+@dataclass(frozen=True)
+class IPOPT(NLPOptions):
+    """IPOPT is an interior-point method with a line search."""
+
+    name: ClassVar[str] = "ipopt"
+    fixed: ClassVar[dict[str, Any]] = {"ipopt.sb": "yes"}
+    tol: float = 1e-9
+    max_iter: int = 200
+    bound_relax_factor: float = 0.0  # a slack of -1e-8 would earn its penalty
+    print_level: int = 0
+    linear_solver: str | None = None
+    mu_strategy: str | None = None
+    acceptable_tol: float | None = None
+    max_cpu_time: float | None = None  # [s]
+
+
+@dataclass(frozen=True)
+class Fatrop(NLPOptions):
+    """Fatrop is an interior-point method that knows the structure of optimal control."""
+
+    name: ClassVar[str] = "fatrop"
+    fixed: ClassVar[dict[str, Any]] = {"structure_detection": "auto"}
+    tolerance: float = 1e-9
+    max_iter: int | None = None
+    print_level: int = 0
+    mu_init: float | None = None
+
+
+_SOLVERS: dict[str, type[NLPOptions]] = {kind.name: kind for kind in (IPOPT, Fatrop)}
 _WIDENING = 1e-8  # of a bound's size: so much fatrop widens it, without an option; hence bounds are narrowed before
 
 
@@ -36,23 +70,24 @@ class Proposal(NamedTuple):
 
 
 class NLPSolver:
-    """IPOPT or fatrop, as CasADi's wheel brings them, for one `Shooting`."""
+    """An NLP solver is IPOPT or fatrop, as CasADi's wheel brings them, for one `Shooting`."""
 
-    def __init__(self, name: str, shooting: Shooting) -> None:
+    def __init__(self, solver: str | Mapping[str, Any] | NLPOptions, shooting: Shooting) -> None:
         import casadi as ca
 
-        if name not in _OPTIONS:
-            raise MissingBackend("NLP solver", name, _OPTIONS)
-        self.name, self._free = name, ~shooting.equality
-        options = {"print_time": False, **_OPTIONS[name]}
-        if name == "fatrop":
+        chosen = solver
+        if not isinstance(chosen, NLPOptions):
+            chosen = with_options("NLP solver", chosen, _SOLVERS, IPOPT.name)
+        self.name, self._free = chosen.name, ~shooting.equality
+        options = {"print_time": False, **chosen.casadi}
+        if self.name == Fatrop.name:
             options["equality"] = shooting.equality.tolist()
-        self._nlp = ca.nlpsol("tracking", name, shooting.problem, options)
+        self._nlp = ca.nlpsol("tracking", self.name, shooting.problem, options)
 
     def __call__(self, begun: Array, given: Given) -> Proposal:
         """The answer for the programme of this step, `begun` at a point z."""
         lower, upper = given.lower, given.upper
-        if self.name == "fatrop":
+        if self.name == Fatrop.name:
             lower, upper = lower + self._widening(lower), upper - self._widening(upper)
         answer, said = self._solved(x0=begun, p=given.p, lbg=lower, ubg=upper)
         z, multipliers = (np.ravel(answer[part].full()) for part in ("x", "lam_g"))
@@ -80,4 +115,4 @@ class NLPSolver:
         return np.asarray(self._free * _WIDENING * size)
 
 
-__all__ = ["NLPSolver", "Proposal"]
+__all__ = ["IPOPT", "Fatrop", "NLPOptions", "NLPSolver", "Proposal"]

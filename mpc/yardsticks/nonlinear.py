@@ -7,9 +7,10 @@ if it satisfies the conditions of Karush, Kuhn and Tucker, computed here; of a p
 local minimum from no minimum, not from a better one elsewhere. `Rung.QP` is the rung of such a solution.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.terminal import terminal_factor
 from mpc.tracking.weights import Weights
-from mpc.yardsticks.nlp_solvers import NLPSolver
+from mpc.yardsticks.nlp_solvers import NLPOptions, NLPSolver
 from mpc.yardsticks.shooting import Shooting
 
 _TOLERANCE = 1e-6  # of the conditions, in the units of `mpc.yardsticks.shooting`
@@ -41,7 +42,7 @@ class NonlinearMPC(BaseController):
     dt: float = 0.01  # sample time [s]
     N: int = 20  # horizon [samples]
     weights: Weights = field(default_factory=Weights)
-    solver: str = "ipopt"  # or "fatrop"
+    solver: str | Mapping[str, Any] | NLPOptions = "ipopt"  # or "fatrop", or options, or `IPOPT(…)`, `Fatrop(…)`
     compensation: Compensation = field(default_factory=Compensation)  # what is known beyond the plant
     min_force: float = 0.0  # F_min [N]
     patience: float = 0.2  # for how long the angle may be missing [s]

@@ -21,7 +21,7 @@ from mpc.tracking.plan import Moved, PlanStatus
 from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import SLACKS, TrackingProblem
 from mpc.tracking.qp.programme import QP
-from mpc.tracking.qp.solvers import Solver, daqp
+from mpc.tracking.qp.solvers import DAQP, Solver
 from mpc.tracking.qp_step import PreviousSample, QPAnswer
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ class CompiledQPStep:
         self._step.linearise(*self._all)
         watch.book(_LINEARISING)
         outcome, z, found, box = self._solve.REFUSED, None, None, None
-        if solve is daqp:
+        if isinstance(solve, DAQP):
             outcome, z = self._solve.settle(*self._rest, self._guess, _SWEEPS)
             watch.book(_SOLVING)
         if outcome != self._solve.SOLVED:

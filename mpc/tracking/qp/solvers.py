@@ -1,4 +1,4 @@
-"""QP solvers by name: DAQP directly (the default), and whatever qpsolvers finds installed.
+"""QP solvers are values with their options: DAQP (the default), and whatever qpsolvers finds installed.
 
 A solver is a function from a `QP` and the time it may take to a point and its multipliers, or None when it gives up.
 What it returns is only a proposal: `mpc.tracking.qp.certified` checks it, and looks at the clock. Of an exception
@@ -7,8 +7,12 @@ joint. MemoryError is such an exception; KeyboardInterrupt and SystemExit, which
 """
 
 import warnings
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from math import inf, isfinite
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,40 +20,152 @@ from numpy.typing import NDArray
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
 from mpc.tracking.qp.programme import QP
+from mpc.tracking.solver_options import SolverOptions, with_options
 
 
 class Solver(Protocol):
-    """See above."""
+    """A solver proposes a solution of a QP, or gives up with None."""
 
     def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
-        """Point (n,) and multipliers (n + m,) of `qp` within `limit` [s]."""
+        """Propose point (n,) and multipliers (n + m,) of `qp` within `limit` [s]."""
 
 
-_SETTINGS: dict[str, dict[str, Any]] = {
-    # OSQP's own 1e-3 calls "solved" what is off by up to 8 % of the range
-    "osqp": {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iter": 50_000, "polishing": True, "raise_error": False},
-    "clarabel": {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12},  # 1e-8 of the cost is 0.4 bar
-    "scs": {"eps_abs": 1e-8, "eps_rel": 1e-8},
-}
-_TIME_LIMITS = {"osqp": "time_limit", "clarabel": "time_limit", "scs": "time_limit_secs"}  # settings [s]
+class QPSolver(SolverOptions):
+    """A QP solver is a value with its options that can be called: see `Solver`."""
+
+    @abstractmethod
+    def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
+        """Propose point (n,) and multipliers (n + m,) of `qp` within `limit` [s]."""
 
 
-def solver(name: str) -> Solver:
-    """The solver called `name`; `MissingBackend` lists the names there are."""
-    if name == "daqp":
-        return daqp
+@dataclass(frozen=True)
+class DAQP(QPSolver):
+    """DAQP is an active-set method for small dense QPs."""
+
+    name: ClassVar[str] = "daqp"
+    primal_tol: float | None = None
+    dual_tol: float | None = None
+    zero_tol: float | None = None
+    pivot_tol: float | None = None
+    progress_tol: float | None = None
+    iter_limit: int | None = None
+
+    def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
+        """Propose point (n,) and multipliers (n + m,) of `qp` within `limit` [s]."""
+        from daqp import solve
+
+        upper, lower = qp.upper, qp.lower
+        if len(qp.R):
+            upper, lower = np.concatenate([upper, qp.rows_upper]), np.concatenate([lower, qp.rows_lower])
+        marks = None if qp.guess is None else _marks(qp.guess)
+        seconds = limit if isfinite(limit) else 0.0  # 0: as long as it takes
+        z, _, flag, info = solve(qp.H, qp.f, qp.R, upper, lower, marks, time_limit=seconds, **self.given)
+        return (z, info["lam"]) if flag > 0 else None
+
+
+_ACTIVE, _AT_LOWER = 1, 2  # bits of DAQP's marks
+
+
+def _marks(guess: NDArray[Any]) -> NDArray[np.intc]:
+    """Return DAQP's marks of the limits that are guessed to bind: those with multipliers."""
+    marks: NDArray[np.intc] = _ACTIVE * (guess != 0).astype(np.intc) + _AT_LOWER * (guess < 0).astype(np.intc)
+    return marks
+
+
+class ThroughQpsolvers(QPSolver):
+    """A solver that qpsolvers brings."""
+
+    time_limit: ClassVar[str] = ""  # the option that bounds its time [s], if it has one
+
+    def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
+        """Propose point (n,) and multipliers (n + m,) of `qp` within `limit` [s]."""
+        timed = {self.time_limit: limit} if self.time_limit and isfinite(limit) else {}
+        return _through_qpsolvers(self.name, qp, {**self.given, **timed})
+
+
+@dataclass(frozen=True)
+class OSQP(ThroughQpsolvers):
+    """OSQP is an operator-splitting method; its own 1e-3 calls "solved" what is off by up to 8 % of the range."""
+
+    name: ClassVar[str] = "osqp"
+    time_limit: ClassVar[str] = "time_limit"
+    eps_abs: float = 1e-7
+    eps_rel: float = 1e-7
+    max_iter: int = 50_000
+    polishing: bool = True
+    rho: float | None = None
+    raise_error: bool = False
+
+
+@dataclass(frozen=True)
+class Clarabel(ThroughQpsolvers):
+    """Clarabel is an interior-point method; its own 1e-8 of the cost is 0.4 bar."""
+
+    name: ClassVar[str] = "clarabel"
+    time_limit: ClassVar[str] = "time_limit"
+    tol_gap_abs: float = 1e-12
+    tol_gap_rel: float = 1e-12
+    tol_feas: float = 1e-12
+    max_iter: int | None = None
+
+
+@dataclass(frozen=True)
+class SCS(ThroughQpsolvers):
+    """SCS is an operator-splitting method for cones."""
+
+    name: ClassVar[str] = "scs"
+    time_limit: ClassVar[str] = "time_limit_secs"
+    eps_abs: float = 1e-8
+    eps_rel: float = 1e-8
+    max_iters: int | None = None
+
+
+@dataclass(frozen=True)
+class Installed(ThroughQpsolvers):
+    """Any other solver is known to qpsolvers by its name; its options are passed on as they are."""
+
+    name: str  # type: ignore[misc]  # a field here
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def given(self) -> dict[str, Any]:
+        """The options that are not left to the solver."""
+        return dict(self.options)
+
+
+_KNOWN: dict[str, type[QPSolver]] = {kind.name: kind for kind in (DAQP, OSQP, Clarabel, SCS)}
+
+
+def solver(given: "str | Mapping[str, Any] | Solver") -> Solver:
+    """Return the solver that a name, a dict of options or a value stands for; what fails gives up.
+
+    In a dict "name" says whose options they are, by default DAQP's. `MissingBackend` lists the names there are,
+    `InvalidInput` the options.
+    """
+    if not isinstance(given, str | Mapping):
+        return guarded(given)
+    name = given if isinstance(given, str) else given.get("name", DAQP.name)
+    if name == DAQP.name:
+        return with_options("QP solver", given, _KNOWN, DAQP.name)
     import qpsolvers
 
-    if name not in qpsolvers.available_solvers:
-        raise MissingBackend("QP solver", name, {"daqp", *qpsolvers.available_solvers})
-    return guarded(_through_qpsolvers(name))
+    there = set(qpsolvers.available_solvers)
+    if name in there and name not in _KNOWN:
+        return guarded(
+            Installed(name, {} if isinstance(given, str) else {k: v for k, v in given.items() if k != "name"})
+        )
+    known = {kind: member for kind, member in _KNOWN.items() if kind in {DAQP.name, *there}}
+    if name not in known:
+        raise MissingBackend("QP solver", name, {DAQP.name, *there})
+    return guarded(with_options("QP solver", given, known, DAQP.name))
 
 
 def guarded(solve: Solver) -> Solver:
-    """`solve`, giving up where it would fail; `daqp`, which does not raise, stays itself
-    (`mpc.tracking.compiled.qp_step` looks for it).
+    """Return `solve`, giving up where it would fail.
+
+    `DAQP`, which does not raise, stays itself (`mpc.tracking.compiled.qp_step` looks for it).
     """
-    if solve is daqp:
+    if isinstance(solve, DAQP):
         return solve
 
     def proposed(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
@@ -63,52 +179,24 @@ def guarded(solve: Solver) -> Solver:
     return proposed
 
 
-def daqp(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
-    """By DAQP, an active-set method for small dense QPs."""
-    from daqp import solve
-
-    upper, lower = qp.upper, qp.lower
-    if len(qp.R):
-        upper, lower = np.concatenate([upper, qp.rows_upper]), np.concatenate([lower, qp.rows_lower])
-    marks = None if qp.guess is None else _marks(qp.guess)
-    seconds = limit if isfinite(limit) else 0.0  # 0: as long as it takes
-    z, _, flag, info = solve(qp.H, qp.f, qp.R, upper, lower, marks, time_limit=seconds)
-    return (z, info["lam"]) if flag > 0 else None
-
-
-_ACTIVE, _AT_LOWER = 1, 2  # bits of DAQP's marks
-
-
-def _marks(guess: NDArray[Any]) -> NDArray[np.intc]:
-    """DAQP's marks of the limits that are guessed to bind: those with multipliers."""
-    marks: NDArray[np.intc] = _ACTIVE * (guess != 0).astype(np.intc) + _AT_LOWER * (guess < 0).astype(np.intc)
-    return marks
-
-
-def _through_qpsolvers(name: str) -> Solver:
+def _through_qpsolvers(name: str, qp: QP, settings: dict[str, Any]) -> tuple[Array, Array] | None:
+    """Propose a solution of `qp` by the solver that qpsolvers calls `name`."""
     import qpsolvers
     from scipy.sparse import csc_matrix
 
     matrix = np.asarray if name in qpsolvers.dense_solvers else csc_matrix
-
-    def solve(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
-        rows, bounds = np.concatenate([qp.R, -qp.R]), np.concatenate([qp.rows_upper, -qp.rows_lower])
-        used = np.isfinite(bounds)
-        problem = qpsolvers.Problem(matrix(qp.H), qp.f, matrix(rows[used]), bounds[used], lb=qp.lower, ub=qp.upper)
-        settings = dict(_SETTINGS.get(name, {}))
-        if name in _TIME_LIMITS and isfinite(limit):
-            settings[_TIME_LIMITS[name]] = limit
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a failure is seen from the answer, no need to be told twice
-            found = qpsolvers.solve_problem(problem, name, **settings)
-        if found.x is None or found.z is None or found.z_box is None:
-            return None
-        pushes = np.zeros(bounds.size)
-        pushes[used] = found.z
-        above, below = np.split(pushes, 2)
-        return found.x, np.concatenate([found.z_box, above - below])
-
-    return solve
+    rows, bounds = np.concatenate([qp.R, -qp.R]), np.concatenate([qp.rows_upper, -qp.rows_lower])
+    used = np.isfinite(bounds)
+    problem = qpsolvers.Problem(matrix(qp.H), qp.f, matrix(rows[used]), bounds[used], lb=qp.lower, ub=qp.upper)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a failure is seen from the answer, no need to be told twice
+        found = qpsolvers.solve_problem(problem, name, **settings)
+    if found.x is None or found.z is None or found.z_box is None:
+        return None
+    multipliers = np.zeros(bounds.size)
+    multipliers[used] = found.z
+    above, below = np.split(multipliers, 2)
+    return found.x, np.concatenate([found.z_box, above - below])
 
 
-__all__ = ["Solver", "daqp", "guarded", "solver"]
+__all__ = ["DAQP", "OSQP", "SCS", "Clarabel", "Installed", "QPSolver", "Solver", "guarded", "solver"]
