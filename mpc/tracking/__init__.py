@@ -1,3 +1,3 @@
-"""The tracking controller: a linear time-varying MPC of angle and stiffness."""
+"""The tracking controller is built here: a linear time-varying MPC of angle and stiffness."""
 
 __all__: list[str] = []

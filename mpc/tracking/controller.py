@@ -11,14 +11,14 @@ The squares of the first line are weighted, entry by entry, as `mpc.tracking.cos
 are the references, brought to the nearest that the joint can reach, u* and the pressures in x* = (θ*, θ*', P1*, P2*)
 what follows them by the closed-form allocation (`mpc.tracking.feedforward`); L is the terminal cost
 (`mpc.tracking.terminal`), and ρ, ρ_F are so dear that a slack is used only where it has to be (`mpc.tracking.penalty`).
-f_d, K and F are linearised along the previous plan, moved on by one sample (`mpc.tracking.linearise`), which makes the
+f_d, K and F are linearised along the previous plan, shifted by one sample (`mpc.tracking.linearise`), which makes the
 problem a QP in the changes of the commands (`mpc.tracking.qp.condense`); one such QP is solved per sample, or
 `iterations` of them, which converge to the nonlinear problem's solution. With `blocks` the commands leave the previous
 plan only where a block begins.
 
 What a `Compensation` knows of the real joint is taken account of: the problem begins where the commands under way will
 have brought the joint at the end of the dead time, the torque d_k contains the friction of the intended motion θ*, and
-the commands that are sent are those that regulators with a dead band hear as u.
+the commands that are sent are the inverse of the regulators' dead band at u.
 
 One QP about a plan is `mpc.tracking.qp_step`, in compiled code where that can be had (`mpc.tracking.compiled.qp_step`).
 
@@ -63,11 +63,12 @@ class TrackingMPC(BaseController):
     """The tracking MPC follows references of angle and stiffness with `plant` as its model. It remembers its last plan.
 
     Its step is that of `BaseController`: `Task` → `FeedForward` → `Optimised` → `Motion` → `Plan`. To optimise is to
-    solve `iterations` QPs (`mpc.tracking.qp_step`), or the softened one; where the reference stands still the commands
+    solve `iterations` QPs (`mpc.tracking.qp_step`), or the softened one; where the reference is constant the commands
     rest (`mpc.tracking.rest`). `qp` shows the QP of a step.
 
     A time `budget` is for work in real time, where dt or less of it is there; without one a step takes what it takes.
-    Without the angle it goes on from its own prediction for `patience` seconds, and then stands still (`Rung.HOLD`).
+    Without the angle it goes on from its own prediction for `patience` seconds, and then holds the pressures
+    (`Rung.HOLD`).
     """
 
     plant: Plant
@@ -107,12 +108,14 @@ class TrackingMPC(BaseController):
 
     @property
     def implementation(self) -> str:
-        """How a step is computed: "compiled", or "readable", about ten times as slowly (then `SlowStep` has warned)."""
+        """The implementation of a step is "compiled", or "readable", about ten times as slowly (then `SlowStep` has
+        warned).
+        """
         return self._qp_step.implementation
 
     @property
     def rests(self) -> bool:
-        """Whether its commands come to rest at a constant reference."""
+        """It rests if its commands come to rest at a constant reference."""
         known = self.compensation
         return self.rest and not (known.friction.absent and known.dead_band == 0)
 
@@ -139,7 +142,7 @@ class TrackingMPC(BaseController):
         self._qp_step, self._feed_forward = factory(self.plant, self.dt, self.problem, self._predictor, feed_forward)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what does the work, which each process makes for itself."""
+        """Leave out what does the work, which each process makes for itself."""
         kept = {name: value for name, value in self.__dict__.items() if name not in _WORKERS}
         return kept | {"active_set": self._qp_step.active_set}
 
@@ -152,7 +155,7 @@ class TrackingMPC(BaseController):
         deepcopy(self)._rehearse()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """Of the memory: in the same process the work can be done as before."""
+        """Copy all but what does the work, which both use in the same process."""
         other = object.__new__(type(self))
         other.__dict__.update({name: deepcopy(value, memo) for name, value in self.__dict__.items()})
         return other
@@ -160,7 +163,7 @@ class TrackingMPC(BaseController):
     # --- the pieces of a step ---------------------------------------------------------------------------------------
 
     def _rehearse(self) -> None:
-        """A step from the middle of all ranges away, so that slew binds; what the first use loads is loaded now."""
+        """Step from the middle of all ranges away, so that slew binds; what the first use loads is loaded now."""
         self.reset()
         budget, self.budget = self.budget, None
         P = np.full(NU, np.mean(self.limits.pressure))

@@ -1,4 +1,4 @@
-"""The commands that would follow a preview exactly, if the model were right and nothing limited: closed form.
+"""The feed-forward would follow a preview exactly, if the model were right and nothing limited: closed form.
 
 The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d, where d holds the friction of the intended motion too
 (`mpc.tracking.preview`); `allocate` turns (θ, K, T) at all N+1 samples into pressures in one call, bringing what cannot
@@ -28,22 +28,22 @@ class FeedForward:
 
     @property
     def theta(self) -> Array:
-        """The angle (N+1,) [rad]."""
+        """The angle is θ* (N+1,) [rad]."""
         return self.x[:, 0]
 
     @property
     def omega(self) -> Array:
-        """The velocity (N+1,) [rad/s]."""
+        """The velocity is θ*' (N+1,) [rad/s]."""
         return self.x[:, 1]
 
     @property
     def P(self) -> Array:
-        """The pressures (N+1, 2) [Pa]."""
+        """The pressures are P* (N+1, 2) [Pa]."""
         return self.x[:, 2:]
 
     @property
     def K(self) -> Array:
-        """The stiffness (N+1,) [N·m/rad]."""
+        """The stiffness is K* (N+1,) [N·m/rad]."""
         return self.y[:, 0]
 
 
@@ -63,21 +63,23 @@ class InverseDynamics:
         self.alpha = np.exp(-dt / np.array(plant.lags))  # (2,)
 
     def ready(self) -> Self:
-        """Itself, with everything compiled that else would be in the first control step."""
+        """Return itself, with everything compiled that else would be in the first control step."""
         warm_up(joint=self.plant.joint, min_force=self.min_force)
         return self
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """In another process nothing may be compiled yet."""
+        """Compile again: in another process nothing may be compiled yet."""
         self.__dict__.update(state)
         self.ready()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """Itself: nothing in it changes."""
+        """Return itself: nothing in it changes."""
         return self
 
     def __call__(self, theta: Array, K: Array, d: Array | float = 0.0) -> FeedForward:
-        """For the previews `theta` [rad] and `K` [N·m/rad], both (N+1,), and a torque `d` [N·m], (N+1,) or constant."""
+        """Return the feed-forward for the previews `theta` [rad] and `K` [N·m/rad], both (N+1,), and a torque `d`
+        [N·m], (N+1,) or constant.
+        """
         asked = theta
         theta = np.clip(asked, *self.plant.joint.angle_range)
         omega, alpha = (D @ theta for D in self.slopes)

@@ -1,4 +1,4 @@
-"""The fallback ladder: what is commanded at a sample, best first.
+"""The fallback ladder says what is commanded at a sample, best first.
 
     QP          what the proved solution of the QP says
     SOFTENED    the answer of `mpc.tracking.qp.softened`, where the QP has none that is proved
@@ -6,8 +6,8 @@
     ALLOCATION  the feed-forward, approached as the limits allow
     HOLD        the commands stay where they are, and after a while both pressures are let out slowly
 
-A rung is stood on only if its commands and the motion that the model predicts for them are finite. Whoever does not
-know the angle any more stands on the last: a prediction without it drifts away. Where there is no finite prediction at
+A rung is taken only if its commands and the motion that the model predicts for them are finite. Without the angle it is
+the last: a prediction that does not know it drifts away. Where there is no finite prediction at
 all, the plan says that everything stays as it was last known. Letting out keeps the ratio of the two pressures, and
 with it about the angle. The next good sample leads back to the first rung.
 """
@@ -27,7 +27,7 @@ from mpc.tracking.plan import PlanStatus, Rung
 
 @dataclass
 class Ladder:
-    """It remembers the commands of the last plan as they are to be heard."""
+    """A ladder remembers the commands of the last plan as they should act on the muscles."""
 
     limits: Limits
     predictor: Predictor
@@ -45,27 +45,27 @@ class Ladder:
         self._held = 0  # samples spent on the last rung
 
     def u_last(self, x: Array) -> Array:
-        """The command (2,) of the sample before; the pressures in `x` (4,) if there was none."""
+        """Return the command (2,) of the previous sample; the pressures in `x` (4,) if there was none."""
         return x[2:] if self._motion is None else self._motion.u[0]
 
     def shift(self, u_star: Array) -> Array:
-        """The last plan moved on by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
+        """Return the last plan shifted by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
         if self._motion is None:
             return u_star
         u = self._motion.u
-        on = np.empty_like(u)
-        on[:-1], on[-1] = u[1:], u[-1]
+        shifted = np.empty_like(u)
+        shifted[:-1], shifted[-1] = u[1:], u[-1]
         turn = u_star[-1] - u_star[-2]
         if isfinite(turn[0]) and isfinite(turn[1]):
-            on[-1] += turn
-        return on
+            shifted[-1] += turn
+        return shifted
 
     def descend(
         self, x: Array, best: tuple[Rung, Array] | None, blind: bool, u_star: Array, u_last: Array, d: Array
     ) -> tuple[Rung, Motion]:
-        """The first rung that bears, and what its commands do from `x` (4,) under the torque `d` (N,) [N·m].
+        """Return the first rung that bears, and what its commands do from `x` (4,) under the torque `d` (N,) [N·m].
 
-        `best` is what optimisation gave, if anything; who is `blind` holds.
+        `best` is what optimisation gave, if anything; `blind` means to hold.
         """
         if not blind:
             for rung, u in self.rungs(best, u_star, u_last):
@@ -79,7 +79,7 @@ class Ladder:
         return Rung.HOLD, motion
 
     def rungs(self, best: tuple[Rung, Array] | None, u_star: Array, u_last: Array) -> Iterator[tuple[Rung, Array]]:
-        """Commands (N, 2) to try, from what optimisation gave, if anything, down to `hold`, which is not among them."""
+        """Yield commands (N, 2) to try, from what optimisation gave, if anything, down to but without `hold`."""
         if best is not None:
             yield best
         if self._left > 1:
@@ -87,7 +87,7 @@ class Ladder:
         yield Rung.ALLOCATION, self.limits.limited(u_last, u_star)
 
     def hold(self, u_last: Array) -> Array:
-        """The commands (N, 2) of the last rung."""
+        """Return the commands (N, 2) of the last rung."""
         low, dt = self.limits.pressure[0], self.predictor.dt
         u, wanted = u_last, np.empty((self.predictor.N, u_last.size))
         for k in range(self.predictor.N):
@@ -109,13 +109,13 @@ class Ladder:
 
 
 def _stationary(x: Array, u: Array) -> Motion:
-    """No motion at all from `x` (4,) under the commands `u` (N, 2), where the model has none and none is known."""
+    """Return no motion at all from `x` (4,) under the commands `u` (N, 2), where the model has none."""
     n = len(u) + 1
     return Motion(u, np.tile(x, (n, 1)), np.zeros(n), np.zeros((n, u.shape[1])))
 
 
 def status_of(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
-    """What is to be said of a plan on `rung`, optimisation having ended with the status `optimised`."""
+    """Return the status of a plan on `rung`, optimisation having ended with the status `optimised`."""
     if optimised is not PlanStatus.OPTIMAL:
         return optimised
     if rung is not Rung.QP:

@@ -1,4 +1,4 @@
-"""What commands, angle and muscle forces have to keep to."""
+"""The limits are what commands, angle and muscle forces have to keep to."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -16,7 +16,7 @@ _SHORTEST = 1e-5  # sample time [s]
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a plant, for commands that change once a sample."""
+    """The limits of a plant are for commands that change once a sample."""
 
     pressure: tuple[float, float]  # of every command [Pa], hard
     step: float  # greatest |u_k - u_{k-1}| [Pa], hard
@@ -25,33 +25,33 @@ class Limits:
 
     @classmethod
     def of(cls, plant: Plant, dt: float, min_force: float = 0.0) -> Self:
-        """The limits of `plant` at the sample time `dt` [s], and the least force [N] of its muscles."""
+        """Return the limits of `plant` at the sample time `dt` [s], and the least force [N] of its muscles."""
         if not _SHORTEST <= dt < 1:
             raise InvalidInput(f"dt = {dt:g} s has to be a sample time between {_SHORTEST:g} and 1 s")
         least = float(checks.not_negative("min_force", min_force, "N"))
         return cls(plant.joint.pressure_limits, plant.slew * dt, plant.joint.angle_range, least)
 
     def limited(self, u_last: Array, u: Array) -> Array:
-        """The commands `u` (N, 2) after `u_last` (2,), each moved to the nearest that slew and supply allow.
+        """Return the commands `u` (N, 2) after `u_last` (2,), each moved to the nearest that slew and supply allow.
 
         The slew limit comes first: from outside the supply's range commands return as fast as it lets them.
         """
         (low, high), step = self.pressure, self.step
         kept = np.empty_like(u)
-        for i, before in enumerate(u_last.tolist()):
+        for i, last in enumerate(u_last.tolist()):
             for k, wanted in enumerate(u[:, i].tolist()):
-                before = min(max(min(max(wanted, low), high), before - step), before + step)
-                kept[k, i] = before
+                last = min(max(min(max(wanted, low), high), last - step), last + step)
+                kept[k, i] = last
         return kept
 
     def excursion(self, theta: Array) -> float:
-        """How far `theta` leaves its range at worst [rad]."""
+        """Return how far `theta` leaves its range at worst [rad]."""
         left, right = self.theta
         angles = theta.tolist()  # Python is faster than NumPy on so few
         return float(max(0.0, left - min(angles), max(angles) - right))
 
     def slackening(self, F: Array) -> float:
-        """How far the forces `F` fall below the least one at worst [N]."""
+        """Return how far the forces `F` fall below the least one at worst [N]."""
         return max(0.0, self.min_force - min(F.ravel().tolist()))
 
 

@@ -1,4 +1,4 @@
-"""The plant along a horizon: its motion under a sequence of commands, and the exact derivatives of that motion.
+"""Along a horizon the plant has a motion under a sequence of commands, and that motion has exact derivatives.
 
 From the measured x_0 and commands ū_0 … ū_{N-1} (the previous plan), with f_d the plant over one sample,
 
@@ -23,7 +23,7 @@ from mpc.model.plant import NU, NX, Plant
 
 @dataclass(frozen=True)
 class Motion:
-    """What the plant does under given commands; time runs along the first axis."""
+    """A motion is what the plant does under given commands; time runs along the first axis."""
 
     u: Array  # (N, 2) commanded pressures [Pa]
     x: Array  # (N+1, 4) states
@@ -32,17 +32,17 @@ class Motion:
 
     @property
     def finite(self) -> bool:
-        """Whether the prediction stayed within the range of numbers."""
+        """The motion is finite if the prediction stayed within the range of numbers."""
         return all(bool(np.isfinite(array).all()) for array in (self.u, self.x, self.K, self.F))
 
     def stationary(self, u: Array) -> "Motion":
-        """No motion at all under the commands `u` (N, 2): as everything is at the second sample of this one."""
+        """Return no motion at all under the commands `u` (N, 2): all is as at the second sample of this one."""
         return Motion(u, *(np.tile(a[1], (len(u) + 1,) + a[1].ndim * (1,)) for a in (self.x, self.K, self.F)))
 
 
 @dataclass(frozen=True)
 class Linearisation(Motion):
-    """A motion and the linear time-varying model about it."""
+    """A linearisation is a motion and the linear time-varying model about it."""
 
     A: Array  # (N, 4, 4)
     B: Array  # (N, 4, 2), per Pa
@@ -51,35 +51,35 @@ class Linearisation(Motion):
 
     @property
     def y(self) -> Array:
-        """The outputs (K, F1, F2), (N+1, 3)."""
+        """The outputs are (K, F1, F2), (N+1, 3)."""
         return np.column_stack([self.K, self.F])
 
     @property
     def slope(self) -> Array:
-        """The gradients of the outputs, (N+1, 3, 4)."""
+        """The slope is the gradients of the outputs, (N+1, 3, 4)."""
         return np.concatenate([self.C[:, None], self.D], axis=1)
 
     @property
     def c(self) -> Array:
-        """c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k, (N, 4)."""
+        """The constants are c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k, (N, 4)."""
         return np.asarray(
             self.x[1:] - np.einsum("kij,kj->ki", self.A, self.x[:-1]) - np.einsum("kij,kj->ki", self.B, self.u)
         )
 
 
 class Predictor:
-    """Motions and linearisations of `plant` over `N` samples of `dt` [s]."""
+    """A predictor makes motions and linearisations of `plant` over `N` samples of `dt` [s]."""
 
     def __init__(self, plant: Plant, dt: float, N: int) -> None:
         self.plant, self.dt, self.N = plant, dt, N
 
     def motion(self, x0: Array, u: Array, d: Array | float = 0.0) -> Motion:
-        """The motion from `x0` (4,) under the commands `u` (N, 2) and the torque `d` [N·m], (N,) or constant."""
+        """Return the motion from `x0` (4,) under the commands `u` (N, 2) and the torque `d` [N·m], (N,) or constant."""
         x, K, F = self._motion(x0, u, np.reshape(d, (-1, 1)))
         return Motion(u, x, K[:, 0], F)
 
     def linearise(self, x0: Array, u: Array, d: Array | float = 0.0) -> Linearisation:
-        """The same with its derivatives."""
+        """Return the motion of `motion` with its derivatives."""
         x, K, F, A, B, C, D = self._linearise(x0, u, np.reshape(d, (-1, 1)))
         A, B, D = A.reshape(self.N, NX, NX), B.reshape(self.N, NX, NU), D.reshape(self.N + 1, NU, NX)
         return Linearisation(u, x, K[:, 0], F, A, B, C, D)
@@ -113,7 +113,7 @@ class Predictor:
         return ca.MX.sym("x0", NX), ca.MX.sym("u", NU, self.N), ca.MX.sym("d", 1, self.N)
 
     def _symbolic_motion(self, x0: Any, u: Any, d: Any) -> tuple[Any, list[Any]]:
-        """States (4, N+1); stiffness (1, N+1), forces (2, N+1) and the gradients of both (4, N+1), (4, 2 (N+1))."""
+        """Return states (4, N+1); stiffness (1, N+1), forces (2, N+1) and both gradients (4, N+1), (4, 2 (N+1))."""
         import casadi as ca
 
         later = self.plant.discrete(self.dt).mapaccum(self.N)(x0, u, d)

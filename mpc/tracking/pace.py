@@ -1,4 +1,4 @@
-"""Whether a controller can keep the pace of its samples, measured when it is built."""
+"""A controller has to keep the pace of its samples, which is measured when it is built."""
 
 from collections.abc import Callable
 from math import inf

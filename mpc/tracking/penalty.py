@@ -1,4 +1,4 @@
-"""How dear the slacks have to be for the soft limits of `mpc.tracking.controller` to be as good as hard ones.
+"""The slacks have to be so dear that the soft limits of `mpc.tracking.controller` are as good as hard ones.
 
 A penalty ρ s is exact, that is the soft problem has the hard one's solution and s = 0, when ρ is no less than the sum
 of the multipliers of the rows that share s (Nocedal & Wright, Numerical Optimization, 2006, section 17.2). These grow
@@ -32,7 +32,7 @@ _STIFFNESS = (1.0, 12.0)  # asked, beyond what joints have on either side [N·m/
 
 
 class Hard(NamedTuple):
-    """A QP of the controller, and its solution where no slack may be used."""
+    """A hard solution is that of a QP of the controller where no slack may be used."""
 
     qp: QP
     z: Array  # (n,)
@@ -41,7 +41,7 @@ class Hard(NamedTuple):
 
 
 def hard_solutions(controller: TrackingMPC, states: int, seed: int = 0) -> Iterator[Hard]:
-    """What `controller` would do with hard limits in `states` random states near them, where that is possible."""
+    """Yield what `controller` would do with hard limits in `states` random states near them, where that is possible."""
     for qp in _near_limits(controller, states, np.random.default_rng(seed)):
         hard = replace(qp, upper=np.append(qp.upper[:-SLACKS], SLACKS * [0.0]))
         answer = certified(solver("daqp"), hard, inf, controller.problem.curvature)
@@ -53,7 +53,7 @@ def hard_solutions(controller: TrackingMPC, states: int, seed: int = 0) -> Itera
 
 def _near_limits(controller: TrackingMPC, states: int, rng: np.random.Generator) -> Iterator[QP]:
     plant, dt, N = controller.plant, controller.dt, controller.N
-    law, predictor = InverseDynamics(plant, dt, N, controller.min_force), Predictor(plant, dt, N)
+    inverse, predictor = InverseDynamics(plant, dt, N, controller.min_force), Predictor(plant, dt, N)
     left, right = plant.joint.angle_range
     low, high = plant.joint.pressure_limits
     for _ in range(states):
@@ -62,7 +62,7 @@ def _near_limits(controller: TrackingMPC, states: int, rng: np.random.Generator)
         x[1] = _SPEED * rng.normal()
         x[2:] = np.clip(x[2:] + _SPREAD * (high - low) * rng.normal(size=NU), low, high)
         ones = np.ones(N + 1)
-        feed = law((theta + _STEP * rng.normal()) * ones, rng.uniform(*_STIFFNESS) * ones)
+        feed = inverse((theta + _STEP * rng.normal()) * ones, rng.uniform(*_STIFFNESS) * ones)
         model = predictor.linearise(x, controller.limits.limited(x[2:], feed.u))
         yield condense(controller.problem, model, feed, x[2:], feed.u[0])
 

@@ -1,4 +1,4 @@
-"""What the controller answers at every sample."""
+"""The plan is what the controller answers at every sample."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -8,7 +8,7 @@ from allocator.calculus import Array
 
 
 class Rung(IntEnum):
-    """Which step of the fallback ladder gave the plan, best first."""
+    """The rung is the step of the fallback ladder that gave the plan, best first."""
 
     QP = 0
     SOFTENED = 1
@@ -18,7 +18,7 @@ class Rung(IntEnum):
 
     @property
     def text(self) -> str:
-        """What this rung does."""
+        """The text says what this rung does."""
         return _RUNGS[self]
 
 
@@ -32,7 +32,7 @@ _RUNGS = {
 
 
 class PlanStatus(IntEnum):
-    """How the plan came about."""
+    """The status says how the plan came about."""
 
     BAD_INPUT = -1
     OPTIMAL = 0
@@ -47,7 +47,7 @@ class PlanStatus(IntEnum):
 
     @property
     def text(self) -> str:
-        """One sentence, with advice."""
+        """The text is one sentence, with advice."""
         return _STATUSES[self]
 
 
@@ -66,7 +66,7 @@ _STATUSES = {
 
 
 class Moved(NamedTuple):
-    """How far what is asked had to be moved to what the joint can do, at worst over the horizon."""
+    """What is asked had to be moved so far to what the joint can do, at worst over the horizon."""
 
     theta: float  # [rad]
     K: float  # [N·m/rad]
@@ -74,7 +74,7 @@ class Moved(NamedTuple):
 
 
 class Times(NamedTuple):
-    """Where the time of a step went [s]; 0.0 for what was not needed."""
+    """The times say where that of a step went [s]; 0.0 for what was not needed."""
 
     feed_forward: float
     linearise: float
@@ -85,10 +85,12 @@ class Times(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The commands for the horizon and what they are expected to do; time runs along the first axis. Read-only."""
+    """A plan has the commands for the horizon and what they are expected to do; time runs along the first axis.
+    Read-only.
+    """
 
     u: Array  # (N, 2) commanded pressures [Pa], within the supply and the slew limit; u[0] is the one to send now
-    x: Array  # (N+1, 4) states that the plant model has from when u[0] is heard
+    x: Array  # (N+1, 4) states that the plant model has from when u[0] acts
     K: Array  # (N+1,) stiffness along x [N·m/rad]
     status: PlanStatus
     rung: Rung
@@ -98,7 +100,7 @@ class Plan:
     moved: Moved | None = None  # None from a controller that does not say
 
     def __post_init__(self) -> None:
-        """The controller goes on from these arrays: nobody may write into them."""
+        """Let nobody write into the arrays: the controller goes on from them."""
         for array in (self.u, self.x, self.K):
             array.setflags(write=False)
 

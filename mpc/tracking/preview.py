@@ -1,11 +1,11 @@
-"""How a controller uses a `Compensation`: when its command is heard, against what friction, and how to say it.
+"""The preview is what a controller sees of the future by a `Compensation`: dead time, friction, dead band.
 
-A command given now is heard after the dead time. Until then the joint follows the commands under way; their motion
+A command given now acts after the dead time. Until then the joint follows the commands under way; their motion
 gives the state in which the new command begins to act. The torque on the way and beyond contains the friction of the
-intended motion. What is to be heard is spoken so that it passes the dead band, within the limits of what can be sent.
+intended motion. What is sent is the inverse of the dead band at what should act, within the limits of commands.
 
 Whatever numbers come, there is a task. What no joint can measure counts as not measured, and is what was predicted for
-it; before the angle has ever been measured the joint is taken to be where it is wanted, and whoever takes it for that
+it; before the angle has ever been measured the joint is taken to be at its reference, and whoever takes it for that
 is told that the angle is not known. References that cannot be meant are refused, with a warning once.
 """
 
@@ -32,15 +32,15 @@ CORRECTED = 0.1  # [-] of an error of the angle counts as motion that friction o
 
 
 class _Meaningless(Exception):
-    """Numbers that cannot be meant."""
+    """The numbers cannot be meant."""
 
 
 class BadNumbers(UserWarning):
-    """A reference or a torque that cannot be meant: the controller holds the pressures."""
+    """A reference or a torque cannot be meant: the controller holds the pressures."""
 
 
 class Task(NamedTuple):
-    """What a command given now has to deal with, from the moment on at which it is heard; N+1 samples."""
+    """A task is what a command given now has to deal with, from the moment on at which it acts; N+1 samples."""
 
     seen: Array  # (4,) what is measured of the state now; NaN for what is not
     x: Array  # (4,) the state then
@@ -49,20 +49,20 @@ class Task(NamedTuple):
     d: Array  # (N+1,) torque from outside and of friction [N·m]
     measured: bool  # whether all of the state was
     blind: float  # for how long the angle has not been [s]; inf: never
-    refused: bool  # whether the references cannot be meant: those here are stand-ins
+    refused: bool  # whether the references cannot be meant: those here are substitutes
     expected: float  # the angle that was predicted for now [rad]; NaN at first
     now: float  # the reference of the angle now [rad]
     known: float  # the torque from outside that is known to act [N·m]
 
     def halted(self, patience: float) -> PlanStatus | None:
-        """Why the pressures have to be held, if they have to; the angle may be predicted for `patience` [s]."""
+        """Return why the pressures have to be held, if they have to; the angle may be predicted for `patience` [s]."""
         if self.refused:
             return PlanStatus.BAD_INPUT
         return PlanStatus.BLIND if self.blind > patience * (1 + 1e-9) else None
 
 
 class Preview:
-    """Dead time, friction and dead band of `compensation` in a controller of `plant` with a preview of N samples."""
+    """A preview of N samples knows dead time, friction and dead band of `compensation` for a controller of `plant`."""
 
     def __init__(self, plant: Plant, dt: float, N: int, compensation: Compensation, limits: Limits) -> None:
         self.plant, self.dt, self.compensation, self.limits = plant, dt, compensation, limits
@@ -77,7 +77,7 @@ class Preview:
 
     def reset(self) -> None:
         """Forget the past."""
-        self._waiting: list[Array] = []  # commands as they will be heard, oldest first
+        self._waiting: list[Array] = []  # commands as they will act, oldest first
         self._sent: Array | None = None  # (2,)
         self._expected: Array | None = None  # the state that was predicted for the next sample (4,)
         self._blind = inf  # samples since the angle was measured
@@ -85,9 +85,9 @@ class Preview:
         self._friction = FrictionState(self.compensation.friction)
 
     def task(self, x: object, theta_ref: object, K_ref: object, d: object, ringing: bool = False) -> Task:
-        """Checks what `step` of a controller was given and looks ahead by the dead time.
+        """Check what `step` of a controller was given and look ahead by the dead time.
 
-        Of a joint that is `ringing` no correction of the angle is foreseen to meet friction.
+        Of a joint that is `ringing` no correction of the angle is expected to meet friction.
         """
         expected = np.nan if self._expected is None else float(self._expected[0])
         x, seen = self._state(x)
@@ -115,7 +115,7 @@ class Preview:
         return Task(seen, then, theta[m:], K[m:], torques[m:], measured, blind, refused, expected, now, torque)
 
     def sent(self, u: Array, x: Array, side: float = 0.0) -> Array:
-        """The commands (N, 2) to send for `u` (N, 2) to be heard in the states `x` (N+1, 4), as the limits allow.
+        """Return the commands (N, 2) to send for `u` (N, 2) to act in the states `x` (N+1, 4), as the limits allow.
 
         A `side` of ±1 says on which edge of the dead band the regulators are to hold `u`, whatever the pressures are.
         """
@@ -132,7 +132,7 @@ class Preview:
     # --- the pieces -------------------------------------------------------------------------------------------------
 
     def _state(self, x: object) -> tuple[Array, Array]:
-        """The state to start from, and what of it is measured."""
+        """Return the state to start from, and what of it is measured."""
         array = np.array(x, float)
         if array.shape != (NX,):
             raise InvalidInput(f"x has the shape {array.shape}, not ({NX},): (theta [rad], omega [rad/s], P1, P2 [Pa])")
@@ -148,12 +148,12 @@ class Preview:
 
     @property
     def _unmeasured(self) -> Array:
-        """A state (4,) without pressure in the middle of the joint range: nothing is known of the joint."""
+        """An unmeasured state (4,) is without pressure in the middle of the joint range: nothing is known."""
         low, _ = self.limits.pressure
         return np.array([np.mean(self.limits.theta), 0.0, low, low])
 
     def _torque(self, d: object) -> float:
-        """The torque from outside."""
+        """Return the torque from outside."""
         if type(d) is float and isfinite(d):
             return d
         torque = checks.floats("d", d, "N·m")
@@ -177,7 +177,9 @@ class Preview:
     def _reference(
         self, name: str, given: object, check: Callable[[str, Any], Array], usual: tuple[float, float]
     ) -> Array:
-        """A preview (ahead + 1,) of its own; `check` is what finds out what is wrong with one that looks unusual."""
+        """Return a preview (ahead + 1,) of its own; `check` is what finds out what is wrong with one that looks
+        unusual.
+        """
         if type(given) is np.ndarray and given.dtype == np.float64 and given.shape == (self.ahead + 1,):
             values = given.tolist()
             if isfinite(sum(values)) and usual[0] <= min(values) and max(values) <= usual[1]:
@@ -194,7 +196,7 @@ class Preview:
         return np.full(self.ahead + 1, reference) if reference.shape == () else reference.copy()
 
     def _friction_ahead(self, x: Array, theta: Array, corrected: float) -> Array:
-        """Friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does.
+        """Return the friction torque (ahead + 1,) [N·m] if the joint moves on from `x` as the preview `theta` does.
 
         It has to come back to the preview first. At rest presliding friction makes the joint several times as stiff as
         its muscles, and an error would hardly move a controller that does not count with it; one that counts with all

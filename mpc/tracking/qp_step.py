@@ -1,4 +1,4 @@
-"""One QP about a sequence of commands: what the controller does once a sample, or several times.
+"""A QP step builds and solves one QP about a sequence of commands: once a sample, or several times.
 
 This is the readable way, `mpc.tracking.linearise`, `mpc.tracking.qp.condense` and `mpc.tracking.qp.certified` one after
 the other; `mpc.tracking.compiled.qp_step` has the same in compiled code.

@@ -1,4 +1,4 @@
-"""Rest mode: where the reference stands still the commands come to rest, instead of hunting.
+"""In rest mode, where the reference is constant, the commands come to rest, instead of hunting.
 
 A loop that knows friction, dead time and dead band makes valves chatter at rest out of nothing but sensor noise, and
 where the friction that it was told of is not there, it swings for ever. But with friction of Dahl's kind, which has no
@@ -56,7 +56,7 @@ _E, _P, _LOW, _HIGH = 0, slice(1, 3), 3, 4  # columns
 
 
 class RestMode:
-    """Decides when a controller of `plant` rests, and which pressures are held then."""
+    """Rest mode decides when a controller of `plant` rests, and which pressures are held then."""
 
     def __init__(self, plant: Plant, dt: float, compensation: Compensation, limits: Limits) -> None:
         self.plant, self.dt, self.compensation, self.limits = plant, dt, compensation, limits
@@ -87,7 +87,9 @@ class RestMode:
         self._low, self._high = np.inf, -np.inf  # e there [rad]
 
     def pressures(self, task: Task) -> Array | None:
-        """The pressures (2,) [Pa] to hold in the situation of `task`, to be called at every sample; None: no rest."""
+        """Return the pressures (2,) [Pa] to hold in the situation of `task`, to be called at every sample; None: no
+        rest.
+        """
         known = task.measured and not task.refused
         if not (known and self._constant(task.theta, task.K)) or self._pushed(task):
             self.begin()
@@ -97,7 +99,7 @@ class RestMode:
             if self.resting:
                 self._correct()
             elif self._counted == _QUARTERS:
-                self._judge()
+                self._check()
         return self._p if self.resting else None
 
     # --- to be quiet or not -----------------------------------------------------------------------------------------
@@ -120,7 +122,7 @@ class RestMode:
         jolt = JOLT * (2 if self.ringing else 1)  # friction that is not there is predicted, too
         return bool(abs(task.seen[0] - task.expected) > jolt or away > PUSH + swing + self._free)
 
-    def _judge(self) -> None:
+    def _check(self) -> None:
         mean, swing = self._swing(_QUARTERS)
         beyond = min(self._quarters[:, _HIGH].max(), -self._quarters[:, _LOW].min())
         self._swings = self._swings + 1 if beyond > RINGING else 0
@@ -133,14 +135,14 @@ class RestMode:
 
     def _rest_at(self, p: Array) -> None:
         self.resting = True
-        room = self.compensation.dead_band / 2 + LEAK
-        self._p, self.side = p, 1.0 if p.max() + room < self.limits.pressure[1] else -1.0
+        margin = self.compensation.dead_band / 2 + LEAK
+        self._p, self.side = p, 1.0 if p.max() + margin < self.limits.pressure[1] else -1.0
         self._since, self._torque, self._error, self._free = 0, 0.0, 0.0, 0.0
 
     # --- what is seen -----------------------------------------------------------------------------------------------
 
     def _quarter_ended(self, seen: Array) -> bool:
-        """Whether a quarter of a period ends with this sample."""
+        """Return whether a quarter of a period ends with this sample."""
         e = float(seen[0] - self._reference[0])
         self._sum += (e, *seen[NX - NU :])
         self._in_sum += 1
@@ -155,7 +157,7 @@ class RestMode:
         return True
 
     def _swing(self, quarters: int) -> tuple[float, float]:
-        """Mean of e, and how far it goes from peak to peak, over the last `quarters` [rad]."""
+        """Return the mean of e, and how far it goes from peak to peak, over the last `quarters` [rad]."""
         last = self._quarters[-quarters:]
         return float(last[:, _E].mean()), float(last[:, _HIGH].max() - last[:, _LOW].min())
 
@@ -189,7 +191,7 @@ class RestMode:
         self._since, self._torque, self._error, self._free = 0, torque, m, abs(torque) / K
 
     def _gain(self, m: float, K: float) -> float:
-        """g [N·m/rad] of a joint that stands."""
+        """Return g [N·m/rad] of a joint that does not move."""
         g = FIRST * K
         if self._torque:
             moved = (m - self._error) * np.sign(self._torque)

@@ -1,4 +1,4 @@
-"""Solvers are values that hold their options: `OSQP(eps_abs=1e-8)`; a name or a dict of options stands for one, too."""
+"""Solvers are values that hold their options: `OSQP(eps_abs=1e-8)`; a name or a dict of options does as well."""
 
 from collections.abc import Mapping
 from dataclasses import fields

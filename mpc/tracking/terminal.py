@@ -1,10 +1,10 @@
-"""What the future beyond the horizon costs: the value function of the linear-quadratic regulator.
+"""The terminal cost is that of the future beyond the horizon: the linear-quadratic regulator's value function.
 
-After the last sample no limit is foreseen and the plant is linear about the middle of its range; the deviation
+After the last sample there is no limit and the plant is linear about the middle of its range; the deviation
 ξ = (x_N - x*_N, e_{N-1}) from the reference is then brought to zero at the least cost ½ ξᵀ S ξ, with S the solution of
 the discrete algebraic Riccati equation of
 
-    ξ⁺ = [A 0; 0 0] ξ + [B; I] e,    cost  ½ (xᵀ W_x x + (C x)ᵀ W_y (C x) + w_u |e|² + w_t |e - e_before|²/dt²)
+    ξ⁺ = [A 0; 0 0] ξ + [B; I] e,    cost  ½ (xᵀ W_x x + (C x)ᵀ W_y (C x) + w_u |e|² + w_t |e - e_last|²/dt²)
 
 with the weights W_x, W_y and w_u of `mpc.tracking.cost`, and C the gradients of the outputs.
 
@@ -29,7 +29,9 @@ UNITS = np.array([1, 1, BAR, BAR, BAR, BAR])  # of ξ in the Riccati equation, f
 
 
 class Regulator(NamedTuple):
-    """The linear-quadratic problem of ξ = (x - x*, e_before) about the middle of the range, in units of bar for Pa."""
+    """A regulator is the linear-quadratic problem of ξ = (x - x*, e_last) about the middle of the range, in units of
+    bar for Pa.
+    """
 
     A: Array  # (6, 6)
     B: Array  # (6, 2)
@@ -39,7 +41,7 @@ class Regulator(NamedTuple):
 
 
 def regulator(plant: Plant, dt: float, weights: Weights, rate: float) -> Regulator:
-    """With the rate weight `rate` [cost]/[Pa/s]² in place of w_t."""
+    """Return the regulator with the rate weight `rate` [cost]/[Pa/s]² in place of w_t."""
     A, B, C = _middle(plant, dt)
     W, n, du = diagonal(weights), NX + NU, rate / dt**2  # [cost]/[Pa]² per sample
     A_aug, B_aug = np.zeros((n, n)), np.vstack([B, np.eye(NU)])
@@ -60,7 +62,7 @@ def regulator(plant: Plant, dt: float, weights: Weights, rate: float) -> Regulat
 
 
 def terminal_factor(plant: Plant, dt: float, weights: Weights) -> Array:
-    """L (6, 6) with LᵀL = S: the terminal cost is ½|L ξ|². SI units."""
+    """Return L (6, 6) with LᵀL = S: the terminal cost is ½|L ξ|². SI units."""
     from scipy.linalg import cholesky, solve_discrete_are
 
     A, B, Q, R, cross = regulator(plant, dt, weights, weights.terminal_rate)

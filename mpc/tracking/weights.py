@@ -1,4 +1,4 @@
-"""What the controller's cost charges for."""
+"""Weights are what the controller's cost charges."""
 
 from dataclasses import dataclass, fields
 from math import isfinite
@@ -10,8 +10,9 @@ from allocator.units import BAR, DEG
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of the cost in `mpc.tracking.controller`; each is written as one over the square of an error that costs
-    ½.
+    """The weights are those of the cost in `mpc.tracking.cost` and of the slacks.
+
+    Each is written as one over the square of an error that costs ½.
 
     The slacks' are exact penalties: some tens of times the largest sums of multipliers, 2e8/rad and 2e5/N, that the
     hard limits have in 250 random states near them (`mpc.tracking.penalty`); far dearer ones would cost the QP solvers
@@ -30,7 +31,7 @@ class Weights:
     slack_force_square: float = 1e5  # ρ_F₂ [cost]/[N]²
 
     def __post_init__(self) -> None:
-        """All of them have to be positive, or the QP has no single answer."""
+        """Insist that all are positive, or the QP has no single answer."""
         for entry in fields(self):
             value = getattr(self, entry.name)
             if not (isfinite(value) and value > 0):
@@ -38,7 +39,8 @@ class Weights:
 
     @classmethod
     def calm(cls) -> Self:
-        """For a joint that is not what its model says: errors count less, and commands leave the feed-forward slowly.
+        """Return weights for a joint that is not what its model says: errors count less, and commands leave the
+        feed-forward slowly.
 
         The same for all trajectories of the closed-loop benchmark, chosen by hand after a numerical search on
         seeds that it does not use. Angle and rate together keep a loop with dead time calm: with muscles

@@ -1,9 +1,9 @@
-"""What people do today: controllers without optimisation in the loop, to measure the MPC against.
+"""The baselines are what people do today: controllers without optimisation in the loop.
 
     FeedForwardControl   T = T*                                           the analytic inverse alone
     PIDControl           T = T* + k_p e + k_i ∫e + k_d e',  e = θ* - θ    feedback through the analytic inverse
     PredictivePIDControl the same, with e and e' predicted by the model for the end of the dead time
-    LQRControl           u = u* - G (x - x*, e_before)                    state feedback about the feed-forward
+    LQRControl           u = u* - G (x - x*, e_last)                    state feedback about the feed-forward
 
 T* is the torque of the intended motion, and (θ*, K*, T) becomes commands by the closed-form allocation and the inverse
 of the lag (`mpc.tracking.feedforward`). All of them get the same previews, the same `Compensation` and the same limits
@@ -70,7 +70,7 @@ class FeedForwardControl(Baseline):
 
 @dataclass(frozen=True)
 class PIDGains:
-    """Gains of the torque; found with `benchmarks/closed_loop/tuning.py`, compared on two further seeds."""
+    """The gains are what `benchmarks/closed_loop/tuning.py` found; they were compared on two more seeds."""
 
     proportional: float = 2.26  # k_p [N·m/rad]
     integral: float = 37.4  # k_i [N·m/rad/s]
@@ -86,14 +86,14 @@ class PIDGains:
 
 
 class Errors(NamedTuple):
-    """What a PID feeds back."""
+    """The errors are what a PID feeds back."""
 
     error: float  # e = θ* - θ [rad]
     slope: float  # e' [rad/s]
 
 
 class PIDControl(Baseline):
-    """PID feedback of the encoder's angle, and feed-forward. The integral rests while a limit binds."""
+    """The control is PID feedback of the encoder's angle, and feed-forward. The integral rests while a limit binds."""
 
     GAINS: ClassVar[PIDGains] = PIDGains()
 
@@ -125,7 +125,7 @@ class PIDControl(Baseline):
         return task.d - task.known - T
 
     def _errors(self, task: Task, error: float) -> Errors:
-        """For the proportional and the derivative part, from the `error` [rad] of this sample."""
+        """Return the errors for the proportional and the derivative part, from the `error` [rad] of this sample."""
         previous = error if self._error is None else self._error
         share = self.dt / (self.dt + self.gains.filter_time)
         self._slope += share * ((error - previous) / self.dt - self._slope)
@@ -136,7 +136,7 @@ class PIDControl(Baseline):
 
 
 class PredictivePIDControl(PIDControl):
-    """The same on the angle and velocity predicted for when its command is heard: a PID that is given an observer.
+    """This PID works on angle and velocity predicted for when its command acts: one that is given an observer.
 
     The integral stays one of the measured error. What the gains allow grows with what the dead time no longer costs.
     """
@@ -149,7 +149,9 @@ class PredictivePIDControl(PIDControl):
 
 
 class LQRControl(Baseline):
-    """State feedback of the linear-quadratic regulator for the MPC's cost, about the middle of the joint's range."""
+    """The control is state feedback of the linear-quadratic regulator for the MPC's cost, about the middle of the
+    joint's range.
+    """
 
     def __init__(
         self,

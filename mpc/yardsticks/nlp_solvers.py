@@ -62,7 +62,7 @@ _INTERRUPTED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
 
 
 class Proposal(NamedTuple):
-    """What a solver says."""
+    """A proposal is what a solver says."""
 
     z: Array
     multipliers: Array  # of g; positive at an upper, negative at a lower bound
@@ -85,7 +85,7 @@ class NLPSolver:
         self._nlp = ca.nlpsol("tracking", self.name, shooting.problem, options)
 
     def __call__(self, begun: Array, given: Given) -> Proposal:
-        """The answer for the programme of this step, `begun` at a point z."""
+        """Return the answer for the programme of this step, `begun` at a point z."""
         lower, upper = given.lower, given.upper
         if self.name == Fatrop.name:
             lower, upper = lower + self._widening(lower), upper - self._widening(upper)
@@ -94,7 +94,9 @@ class NLPSolver:
         return Proposal(z, multipliers, bool(said["success"]))
 
     def _solved(self, **programme: Any) -> tuple[Any, Any]:
-        """CasADi's answer and what it says of it. Raises `KeyboardInterrupt`, which CasADi turns into other things."""
+        """Return CasADi's answer and what it says of it. Raises `KeyboardInterrupt`, which CasADi turns into other
+        things.
+        """
         try:
             answer = self._nlp(**programme)
         except RuntimeError as error:
@@ -107,7 +109,7 @@ class NLPSolver:
         return answer, said
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "NLPSolver":
-        """Itself: it remembers nothing from call to call."""
+        """Return itself: it remembers nothing from call to call."""
         return self
 
     def _widening(self, bound: Array) -> Array:

@@ -1,7 +1,8 @@
-"""The same problem as in `mpc.tracking.controller`, not linearised: the yardstick of `TrackingMPC`.
+"""The nonlinear MPC solves the problem in `mpc.tracking.controller` without linearising it: the yardstick of
+`TrackingMPC`.
 
 At every sample the nonlinear programme of `mpc.yardsticks.shooting` is solved to the end by IPOPT or by fatrop, begun
-at the previous plan moved on by one sample. It has what `TrackingMPC` has besides: the same look ahead by the dead
+at the previous plan shifted by one sample. It has what `TrackingMPC` has besides: the same look ahead by the dead
 time, the same feed-forward, and the fallback ladder (`mpc.tracking.ladder`) without its second rung. A solution is one
 if it satisfies the conditions of Karush, Kuhn and Tucker, computed here; of a problem that is not convex these tell a
 local minimum from no minimum, not from a better one elsewhere. `Rung.QP` is the rung of such a solution.
@@ -75,7 +76,7 @@ class NonlinearMPC(BaseController):
         return Optimised(status, best, times=(0.0, 0.0, perf_counter() - began))
 
     def _starts(self, situation: Situation) -> Iterator[Array]:
-        """Yield where to begin: the previous plan moved on, the feed-forward, standing commands."""
+        """Yield where to begin: the previous plan shifted, the feed-forward, standing commands."""
         task, feed, u_last = situation.task, situation.feed, situation.previous.u
         for u in (
             self.limits.limited(u_last, self.ladder.shift(feed.u)),

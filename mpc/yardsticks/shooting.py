@@ -1,4 +1,4 @@
-"""The problem in `mpc.tracking.controller` as a nonlinear programme by multiple shooting, ordered as fatrop wants it.
+"""Multiple shooting makes a nonlinear programme of the problem in `mpc.tracking.controller`, ordered for fatrop.
 
 Stage k has the state χ_k = (x_k, u_{k-1}, s, s_F) and the control u_k. The last command is a state because the slew
 limit and the rate's cost couple two samples; the slacks are because all stages share them: χ_{k+1} repeats them.
@@ -35,19 +35,19 @@ _PREVIEW = 1 + NX + NY + 2 * NU  # numbers given to a stage: d_k, x*_k, y*_k, u*
 
 
 class Residuals(NamedTuple):
-    """How far a point is from optimal, in the units of z, g and the cost; NaN for what is not finite."""
+    """The residuals say how far a point is from optimal, in units of z, g and the cost; NaN: not finite."""
 
     primal: float  # greatest violation of a row
     stationarity: float  # greatest entry of the Lagrangian's gradient
     gap: float  # sum of the multipliers times the distances from their bounds; of the cost where that is above 1
 
     def within(self, tolerance: float) -> bool:
-        """Whether all of them are below `tolerance`; no NaN."""
+        """Return whether all of them are below `tolerance`; no NaN."""
         return all(value <= tolerance for value in self)
 
 
 class Given(NamedTuple):
-    """What one step adds to the programme."""
+    """The given is what one step adds to the programme."""
 
     p: Array  # the parameters
     lower: Array  # of g
@@ -55,7 +55,7 @@ class Given(NamedTuple):
 
 
 class Shooting:
-    """The programme of `plant` for N samples of `dt` [s]; `L` (6, 6) is the terminal factor. Public: look at it."""
+    """Shooting is the programme of `plant` for N samples of `dt` [s], to look at; `L` (6, 6) is the terminal factor."""
 
     def __init__(self, plant: Plant, dt: float, N: int, weights: Weights, limits: Limits, L: Array) -> None:
         self.plant, self.dt, self.N, self.weights, self.limits = plant, dt, N, weights, limits
@@ -63,18 +63,18 @@ class Shooting:
         self.equality = np.concatenate([[True] * self._gap(k) + list(self._fixed(k)) for k in range(N + 1)])
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without CasADi's symbols, which cannot leave their process."""
+        """Leave out CasADi's symbols, which cannot leave their process."""
         return {name: value for name, value in self.__dict__.items() if name != "problem"}
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Shooting":
-        """Itself: nothing in it changes."""
+        """Return itself: nothing in it changes."""
         return self
 
     # --- the programme ----------------------------------------------------------------------------------------------
 
     @cached_property
     def problem(self) -> dict[str, Any]:
-        """CasADi's dictionary x, p, f, g of the programme."""
+        """The problem is CasADi's dictionary x, p, f, g of the programme."""
         import casadi as ca
 
         N = self.N
@@ -90,7 +90,7 @@ class Shooting:
 
     @property
     def size(self) -> int:
-        """How many numbers z has."""
+        """The size is how many numbers z has."""
         return self.N * _STAGE + _CHI
 
     def _next(self, chi: Any, u: Any, d: Any) -> Any:
@@ -126,8 +126,8 @@ class Shooting:
     def _rows(self, k: int, chi: Any, u: Any) -> list[Any]:
         import casadi as ca
 
-        before, s, s_F = chi[NX : NX + NU], _S * chi[NX + NU], _S_F * chi[NX + NU + 1]
-        commands = [] if u is None else [u, u - before]
+        u_last, s, s_F = chi[NX : NX + NU], _S * chi[NX + NU], _S_F * chi[NX + NU + 1]
+        commands = [] if u is None else [u, u - u_last]
         if k == 0:
             return [chi, *commands]
         F = ca.vertcat(*self.plant.forces(_state(chi)))
@@ -137,14 +137,14 @@ class Shooting:
         return _CHI if k < self.N else 0
 
     def _fixed(self, k: int) -> Mask:
-        """Which rows of stage k are equalities."""
+        """Return which rows of stage k are equalities."""
         count = 2 * NU + _CHI if k == 0 else 2 * NU * (k < self.N) + 2 + NU
         return np.arange(count) < (NX + NU) * (k == 0)
 
     # --- its numbers ------------------------------------------------------------------------------------------------
 
     def given(self, x: Array, feed: FeedForward, d: Array, u_last: Array, u_star_last: Array) -> Given:
-        """For the measured state `x` (4,) and torques `d` (N,); of the sample before: command and feed-forward (2,)."""
+        """Return what a step adds: the state `x` (4,), torques `d` (N,), previous command and feed-forward (2,)."""
         u_star = np.vstack([u_star_last, feed.u, feed.u[-1:]]) / BAR  # (N+2, 2)
         stages = np.hstack([np.append(d, 0.0)[:, None], feed.x, feed.y, u_star[1:], u_star[:-1]])
         bounds = [self._bounds(k, x, u_last / BAR) for k in range(self.N + 1)]
@@ -152,7 +152,7 @@ class Shooting:
         return Given(stages.ravel(), lower, upper)
 
     def _bounds(self, k: int, x: Array, u_last: Array) -> tuple[Array, Array]:
-        """Of all rows of stage k. Commands from outside the supply come back no faster than the slew limit."""
+        """Return the bounds of all rows of stage k. Commands from outside the supply come back as slew allows."""
         (P_lo, P_hi), (left, right), step = self.limits.pressure, self.limits.theta, self.limits.step / BAR
         never, least = np.inf, self.limits.min_force / _FORCE
         gap = np.zeros(self._gap(k))
@@ -171,21 +171,21 @@ class Shooting:
         return np.concatenate(lower), np.concatenate(upper)
 
     def point(self, motion: Motion, u_last: Array) -> Array:
-        """The z of a `motion`, with the slacks that it takes."""
+        """Return the z of a `motion`, with the slacks that it takes."""
         slacks = self.limits.excursion(motion.x[1:, 0]) / _S, self.limits.slackening(motion.F[1:]) / _S_F
         u = np.vstack([u_last, motion.u]) / BAR
         chi = np.hstack([motion.x / _X, u, np.tile(slacks, (self.N + 1, 1))])
         return np.append(np.hstack([chi[:-1], u[1:]]).ravel(), chi[-1])
 
     def commands(self, z: Array) -> Array:
-        """u (N, 2) [Pa] of z."""
+        """Return u (N, 2) [Pa] of z."""
         return BAR * z[:-_CHI].reshape(self.N, _STAGE)[:, _CHI:]
 
     # --- its certificate --------------------------------------------------------------------------------------------
 
     @cached_property
     def _conditions(self) -> Any:
-        """(z, p, λ) ↦ (f, g, gradient of f + λᵀg)."""
+        """The conditions are (z, p, λ) ↦ (f, g, gradient of f + λᵀg)."""
         import casadi as ca
 
         z, p, f, g = (self.problem[name] for name in "xpfg")
@@ -193,7 +193,7 @@ class Shooting:
         return ca.Function("conditions", [z, p, multipliers], [f, g, ca.gradient(f + ca.dot(multipliers, g), z)])
 
     def certify(self, z: Array, multipliers: Array, given: Given) -> Residuals:
-        """The residuals of z with `multipliers` of g: positive at an upper, negative at a lower bound."""
+        """Return the residuals of z with `multipliers` of g: positive at an upper, negative at a lower bound."""
         f, g, gradient = (np.ravel(value.full()) for value in self._conditions(z, given.p, multipliers))
         primal = np.maximum(given.lower - g, g - given.upper).max()
         bound = np.where(multipliers > 0, given.upper, given.lower)
@@ -202,7 +202,7 @@ class Shooting:
         return Residuals(float(primal), float(np.abs(gradient).max()), float(gap))
 
     def cost(self, z: Array, given: Given) -> float:
-        """The cost of z."""
+        """Return the cost of z."""
         return _COST * float(self._conditions(z, given.p, 0.0)[0])
 
 

@@ -1,3 +1,3 @@
-"""The controller's step compiled by numba; nothing here is imported before it is wanted, nor numba with it."""
+"""The controller's step is compiled here by numba; nothing of it is imported before it is needed, nor numba with it."""
 
 __all__: list[str] = []

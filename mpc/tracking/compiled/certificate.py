@@ -1,5 +1,4 @@
-"""The proof that an answer to the QP without its rows solves the whole one: what `mpc.tracking.qp.certified` asks, in
-one pass.
+"""The certificate proves that an answer to the QP without its rows solves the whole one, in one pass.
 
 With λ the gradient's own pushes at the bounds that bind, exactly, all that is left of the gap is ½ rᵀH⁻¹r, r being the
 gradient by what is free. Every change of a command is charged for by itself, so that no eigenvalue of H is below that
@@ -18,7 +17,7 @@ from mpc.tracking.compiled.records import Bounds, Path, Setting
 
 @inlined
 def proved(gradient: Array, lower: Array, upper: Array, z: Array, setting: Setting) -> bool:
-    """Whether `z` is within its bounds and near enough to the solution, from the cost's `gradient` there; no NaN.
+    """Return whether `z` is within its bounds and near enough to the solution, from the cost's `gradient` there.
 
     Those push at a bound that want to leave through it.
     """
@@ -33,7 +32,7 @@ def proved(gradient: Array, lower: Array, upper: Array, z: Array, setting: Setti
 
 @inlined
 def keeps_rows(path: Path, setting: Setting, u: Array, z: Array) -> bool:
-    """Whether the linear model under u + E z keeps supply, joint range and least forces, from ū's (N, 2) [bar]."""
+    """Return whether the linear model under u + E z keeps supply, joint range and least forces; `u` (N, 2) [bar]."""
     bounds, starts, tolerance = setting.bounds, setting.starts, setting.tolerance
     dx, after, du = np.zeros(4), np.empty(4), np.zeros(2)
     block = 0
@@ -53,7 +52,7 @@ def keeps_rows(path: Path, setting: Setting, u: Array, z: Array) -> bool:
 
 @inlined
 def soft_kept(x: Array, y: Array, slope: Array, dx: Array, bounds: Bounds, tolerance: float) -> bool:
-    """Joint range and least forces in the state x + dx."""
+    """Return whether the state x + dx keeps joint range and least forces."""
     if not bounds.left - tolerance <= x[0] + dx[0] <= bounds.right + tolerance:
         return False
     for i in range(1, 3):
@@ -67,7 +66,7 @@ def soft_kept(x: Array, y: Array, slope: Array, dx: Array, bounds: Bounds, toler
 
 @inlined
 def finite(array: Array) -> bool:
-    """Whether all numbers of `array` (m, n) are finite."""
+    """Return whether all numbers of `array` (m, n) are finite."""
     for row in array:
         for value in row:
             if not np.isfinite(value):

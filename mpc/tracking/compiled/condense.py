@@ -1,4 +1,4 @@
-"""Condensing in O(N²): the Hessian's columns by adjoints, as `mpc.tracking.qp.condense` states it.
+"""Condensing takes O(N²): the Hessian's columns by adjoints, as `mpc.tracking.qp.condense` states it.
 
 Decisions are the changes of the commands at the samples `starts`, each of which moves all commands from there on.
 """
@@ -14,7 +14,7 @@ from mpc.tracking.compiled.records import Bounds, Cost, Errors, Path
 
 @inlined
 def condensed(path: Path, errors: Errors, cost: Cost, starts: Any) -> tuple[Array, Array]:
-    """H (n, n) and f (n,) of the cost ½ zᵀH z + fᵀz; z: changes of the commands at `starts` [bar]."""
+    """Return H (n, n) and f (n,) of the cost ½ zᵀH z + fᵀz; z: changes of the commands at `starts` [bar]."""
     columns = moved_columns(starts, path.A.shape[0])
     G = unrolled(path, columns, 2 * starts.size)
     return hessian(path, G, cost, starts, columns), gradient(path, errors, cost, starts)
@@ -22,7 +22,7 @@ def condensed(path: Path, errors: Errors, cost: Cost, starts: Any) -> tuple[Arra
 
 @inlined
 def moved_columns(starts: Any, N: int) -> Any:
-    """How many decisions move the commands u_k, k = 0 … N-1."""
+    """Return how many decisions move the commands u_k, k = 0 … N-1."""
     columns = np.zeros(N, np.int64)
     moving = 0
     for k in range(N):
@@ -34,13 +34,13 @@ def moved_columns(starts: Any, N: int) -> Any:
 
 @inlined
 def unrolled(path: Path, columns: Any, n: int) -> Array:
-    """G (N+1, 4, n) = ∂x/∂z: the linear model unrolled; only the columns that have begun to move are filled."""
+    """Return G (N+1, 4, n) = ∂x/∂z, the linear model unrolled; only the columns that have begun to move are filled."""
     N = columns.size
     G = np.zeros((N + 1, 4, n))
     for k in range(N):
         A, B, now, after = path.A[k], path.B[k], G[k], G[k + 1]
         for i in range(4):
-            for j in range(columns[k]):  # before they move, columns of G are 0
+            for j in range(columns[k]):  # columns of G that do not move yet are 0
                 after[i, j] = A[i, 0] * now[0, j] + A[i, 1] * now[1, j] + A[i, 2] * now[2, j] + A[i, 3] * now[3, j]
             for j in range(0, columns[k], 2):
                 after[i, j] += B[i, 0]
@@ -50,7 +50,7 @@ def unrolled(path: Path, columns: Any, n: int) -> Array:
 
 @inlined
 def hessian(path: Path, G: Array, cost: Cost, starts: Any, columns: Any) -> Array:
-    """H by adjoints: W_k = ∂²(cost from k on)/∂x_k∂z, and a change counts in all commands from its own on."""
+    """Return H by adjoints, W_k = ∂²(cost from k on)/∂x_k∂z, and a change counts in all commands from its own on."""
     N, n = columns.size, G.shape[2]
     H, row, W = np.empty((n, n)), np.empty((2, n)), np.empty((4, n))
     for j in range(n):
@@ -105,7 +105,7 @@ def earlier(W: Array, A: Array, slope: Array, g: Array, cost: Cost, columns: int
 
 @inlined
 def gradient(path: Path, errors: Errors, cost: Cost, starts: Any) -> Array:
-    """f by the adjoint p_k = ∂(cost from k on)/∂x_k."""
+    """Return f by the adjoint p_k = ∂(cost from k on)/∂x_k."""
     N = path.A.shape[0]
     f, push = np.empty(2 * starts.size), np.zeros(2)
     p = np.zeros(4)
@@ -135,7 +135,7 @@ def gradient(path: Path, errors: Errors, cost: Cost, starts: Any) -> Array:
 
 @inlined
 def rows_of(path: Path, u: Array, bounds: Bounds, starts: Any) -> tuple[Array, Array, Array]:
-    """R (6N, n + 2), lower and upper (6N,): the rows of `mpc.tracking.qp.condense` for the decisions (z, s, s_F)."""
+    """Return R (6N, n + 2), lower and upper (6N,), the rows of `mpc.tracking.qp.condense` for (z, s, s_F)."""
     N = u.shape[0]
     columns, n = moved_columns(starts, N), 2 * starts.size
     G = unrolled(path, columns, n)

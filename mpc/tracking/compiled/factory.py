@@ -30,9 +30,11 @@ def factory(
         from mpc.tracking.compiled.module import compiled_plant
 
         made = compiled_plant(plant, dt)
-        quick = CompiledFeedForward(made, feed_forward) if made.p else feed_forward.ready()
-        return Parts(CompiledQPStep(made, problem, setting(problem)), quick)
-    except Exception as failure:  # no compiler, no place for its work, a law too long, or a fault of the compiler's own
+        inverse = CompiledFeedForward(made, feed_forward) if made.p else feed_forward.ready()
+        return Parts(CompiledQPStep(made, problem, setting(problem)), inverse)
+    except (
+        Exception
+    ) as failure:  # no compiler, no place for its work, a formula too long, or a fault of the compiler's own
         reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
     said = f"the controller's step is not compiled and takes about ten times as long: {reason}"
     notice(said, SlowStep)

@@ -1,4 +1,4 @@
-"""How the records of the compiled functions lie in flat arrays, which Python hands over in a fraction of the time.
+"""The records of the compiled functions lie in flat arrays, which Python hands over in a fraction of the time.
 
 numba opens a record argument field by field; at some dozens of arrays that takes longer than the step itself.
 """

@@ -1,4 +1,4 @@
-"""How functions are compiled: IEEE arithmetic, division by zero included, but products and sums may be fused."""
+"""Functions are compiled alike: IEEE arithmetic, division by zero included, but products and sums may be fused."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar

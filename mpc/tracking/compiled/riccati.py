@@ -1,4 +1,4 @@
-"""The QP of a step without its rows, solved by Riccati recursions: O(N) instead of O(N³), in one compiled call.
+"""The QP of a step without its rows is solved by Riccati recursions: O(N) instead of O(N³), in one compiled call.
 
 The same problem as `mpc.tracking.qp.condense` states, with the state ξ_k = (δx_k, w_k), w_k the deviation of u_{k-1}
 from ū_{k-1}, and the change v_k of that deviation as input: w_{k+1} = w_k + v_k, δx_{k+1} = A_k δx_k + B_k w_{k+1}.
@@ -29,7 +29,7 @@ FREE, LOWER, UPPER = 0, -1, 1
 def settled(
     path: Path, errors: Errors, cost: Cost, starts: Any, lower: Array, upper: Array, guess: Any, sweeps: int, z: Array
 ) -> bool:
-    """Whether a guess repeated itself within so many sweeps; then `z` (n,) is the solution, within its bounds.
+    """Return whether a guess repeated itself within so many sweeps; then `z` (n,) is the solution, within its bounds.
 
     `guess` (n,) becomes the set found. Between the `starts` nothing may change: all is held there, at 0.
     """
@@ -57,7 +57,7 @@ def settled(
 
 @inlined
 def moved(path: Path, errors: Errors, starts: Any, z: Array) -> Errors:
-    """The errors that the linear model has under the decisions `z`."""
+    """Return the errors that the linear model has under the decisions `z`."""
     N, block = path.A.shape[0], 0
     x, y, end = errors.x.copy(), errors.y.copy(), errors.end.copy()
     e, change = errors.e.copy(), errors.change.copy()
@@ -86,7 +86,7 @@ def moved(path: Path, errors: Errors, starts: Any, z: Array) -> Errors:
 def backward(
     path: Path, errors: Errors, cost: Cost, v: Array, held: Any, rows: Array, D: Array, g: Array, feedback: Array
 ) -> None:
-    """For each k: `rows` = [W_wx W_ww], D, g, and the feedback v = feedback (ξ, 1) of the optimal changes."""
+    """Fill in, for each k, `rows` = [W_wx W_ww], D, g, and the feedback v = feedback (ξ, 1) of the optimal changes."""
     S, s, M, m = cost.end.copy(), np.zeros(6), np.empty((6, 6)), np.empty(6)  # of V_{k+1}, of W_k
     for i in range(6):
         for j in range(6):
@@ -115,7 +115,7 @@ def backward(
 
 @inlined
 def after_command(S: Array, s: Array, A: Array, B: Array, M: Array, m: Array) -> None:
-    """M = [A B; 0 I]ᵀ S [A B; 0 I] and m = [A B; 0 I]ᵀ s."""
+    """Set M = [A B; 0 I]ᵀ S [A B; 0 I] and m = [A B; 0 I]ᵀ s."""
     SA = np.empty((6, 6))
     for i in range(6):
         for j in range(4):
@@ -155,7 +155,7 @@ def charge_state(S: Array, s: Array, slope: Array, cost: Cost, x: Array, y: Arra
 
 @inlined
 def choose(rows: Array, D: Array, g: Array, v: Array, held: Any, feedback: Array) -> None:
-    """The feedback (2, 7) of one stage: D v + rows ξ + g = 0 for the free inputs, v for those held."""
+    """Set the feedback (2, 7) of one stage, D v + rows ξ + g = 0 for the free inputs, v for those held."""
     free0, free1 = held[0] == FREE, held[1] == FREE
     if free0 and free1:
         det = D[0, 0] * D[1, 1] - D[0, 1] * D[1, 0]
@@ -182,7 +182,7 @@ def choose(rows: Array, D: Array, g: Array, v: Array, held: Any, feedback: Array
 def forward(
     path: Path, v: Array, lower: Array, upper: Array, held: Any, rows: Array, D: Array, g: Array, feedback: Array
 ) -> bool:
-    """Sets `v` (N, 2) by the feedback and guesses `held` anew; returns whether the guess has changed."""
+    """Set `v` (N, 2) by the feedback and guess `held` anew; return whether the guess has changed."""
     xi, after = np.zeros(6), np.zeros(4)
     changed = False
     for k in range(v.shape[0]):

@@ -1,4 +1,4 @@
-"""From a path to the best decisions, proved, and the condensed QP for a solver where these do not come about.
+"""A path leads to the best decisions, proved, or to the condensed QP for a solver where these do not come about.
 
 `buffer` holds the path, `given` what is new in the step (`mpc.tracking.compiled.flat_records`). This file is used by
 way of a copy, `mpc.tracking.compiled.module` says why.
@@ -21,7 +21,7 @@ SOLVED, ROWS, REFUSED = 0, 1, 2
 
 @compiled
 def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any, sweeps: int) -> tuple[int, Array]:
-    """SOLVED or why not, and z (n,); `guess` (n,) of the bounds that bind becomes the set found."""
+    """Return SOLVED or why not, and z (n,); `guess` (n,) of the bounds that bind becomes the set found."""
     setting, path, u = setting_in(numbers, starts), *path_in(buffer)
     _, _, _, reference, last = given_in(given)
     errors = deviations(path, u, reference, last)
@@ -37,7 +37,7 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
 
 @compiled
 def build(numbers: Array, starts: Any, given: Array, buffer: Array) -> tuple[Array, Array, Array, Array]:
-    """H (n, n), f, lower and upper (n,) of the QP of the path without its rows."""
+    """Return H (n, n), f, lower and upper (n,) of the QP of the path without its rows."""
     setting, path, u = setting_in(numbers, starts), *path_in(buffer)
     _, _, _, reference, last = given_in(given)
     H, f = condensed(path, deviations(path, u, reference, last), setting.cost, starts)
@@ -47,7 +47,7 @@ def build(numbers: Array, starts: Any, given: Array, buffer: Array) -> tuple[Arr
 
 @compiled
 def rows(numbers: Array, starts: Any, buffer: Array) -> tuple[Array, Array, Array]:
-    """R, lower and upper of the whole QP."""
+    """Return R, lower and upper of the whole QP."""
     path, u = path_in(buffer)
     return rows_of(path, u, setting_in(numbers, starts).bounds, starts)
 

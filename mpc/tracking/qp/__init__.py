@@ -1,3 +1,3 @@
-"""The QP of a step: condensed, solved, and its solution proved."""
+"""The QP of a step is condensed and solved here, and its solution is proved."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""The solution of a QP with many rows of which few bind, proved before it is believed.
+"""The solution of a QP with many rows of which few bind is proved before it is believed.
 
 Rows are left out until a solution breaks them, which is faster than to give a solver all of them and leads to the same
 point: what solves the problem with fewer rows and breaks none of the others solves the whole. The last word has the
@@ -22,7 +22,7 @@ LAZY_TOLERANCE = 1e-6  # [bar], [rad], [N] below which a row that was left out c
 
 
 class Answer(NamedTuple):
-    """A point and what is known of it; it is worth something only if the status is OPTIMAL."""
+    """An answer is a point and what is known of it; it is worth something only if the status is OPTIMAL."""
 
     z: Array  # (n,)
     multipliers: Array  # (n + m,)
@@ -30,7 +30,7 @@ class Answer(NamedTuple):
 
 
 def certified(solve: Solver, qp: QP, deadline: float, curvature: float) -> Answer:
-    """The proved solution of `qp`, or why there is none by `deadline` [s] on the clock of `perf_counter`.
+    """Return the proved solution of `qp`, or why there is none by `deadline` [s] on the clock of `perf_counter`.
 
     `curvature` [cost]/[bar]²: no eigenvalue of H is less, slacks left out
     (`mpc.tracking.qp.condense.Problem.curvature`).

@@ -1,7 +1,7 @@
-"""From stage matrices to the dense QP: the states are eliminated, only the changes of the commands remain.
+"""Condensing makes a dense QP of stage matrices: states are eliminated, only the changes of the commands remain.
 
 The commands are u = ū + E z, where E (N, 2, n) says which decisions move which command; here z are the N changes
-Δu_k = u_k - u_{k-1} (less those of ū), so that every command carries the sum of the changes before it, followed by the
+Δu_k = u_k - u_{k-1} (less those of ū), so that every command carries the sum of the changes up to it, followed by the
 slacks s of the joint range and s_F of the muscle forces. With blocked moves there are fewer: one pair of changes for
 every block, at its beginning, after which the commands move as ū does. With δx_0 = 0 the linear model gives
 
@@ -31,7 +31,7 @@ SLACKS = 2  # s and s_F, the last decisions
 
 @dataclass(frozen=True)
 class TrackingProblem:
-    """What does not change from step to step of the problem in `mpc.tracking.controller`."""
+    """A tracking problem is what does not change from step to step of the problem in `mpc.tracking.controller`."""
 
     weights: Weights
     limits: Limits
@@ -41,27 +41,27 @@ class TrackingProblem:
 
     @cached_property
     def starts(self) -> Array:
-        """The samples at which the commands may leave ū, one for each block."""
+        """The starts are the samples at which the commands may leave ū, one for each block."""
         return np.cumsum([0, *self.blocks[:-1]])
 
     @cached_property
     def rows(self) -> Rows:
-        """The weights of the stage cost by rows."""
+        """The rows are the weights of the stage cost by kinds of rows."""
         return diagonal(self.weights)
 
     @cached_property
     def curvature(self) -> float:
-        """c [cost]/[bar]²: every change of a command is charged ½ c of its square, so no eigenvalue of H is less."""
+        """The curvature is c [cost]/[bar]²: no eigenvalue of H is less, because every change is charged so much."""
         return float(self.rows.rate.min()) * BAR**2 / self.dt**2
 
     @cached_property
     def E(self) -> Array:
-        """(N, 2, n) [Pa] by which a unit of each decision moves the commands."""
+        """E (N, 2, n) [Pa] is by how much a unit of each decision moves the commands."""
         return increments(self.blocks)
 
 
 def increments(blocks: Sequence[int]) -> Array:
-    """E (N, 2, 2 blocks + 2) [Pa/bar]: the change of block j moves all commands from there on; slacks move none."""
+    """Return E (N, 2, 2 blocks + 2) [Pa/bar]: a block's change moves all commands from there on; slacks move none."""
     E = np.zeros((sum(blocks), NU, len(blocks) * NU + SLACKS))
     for j, start in enumerate(np.cumsum([0, *blocks[:-1]])):
         E[start:, :, j * NU : (j + 1) * NU] = BAR * np.eye(NU)
@@ -69,7 +69,7 @@ def increments(blocks: Sequence[int]) -> Array:
 
 
 def sensitivity(A: Array, B: Array, E: Array) -> Array:
-    """G (N+1, 4, n) = ∂x/∂z: the linear model unrolled."""
+    """Return G (N+1, 4, n) = ∂x/∂z, the linear model unrolled."""
     N, _, n = E.shape
     moves = B @ E  # (N, 4, n)
     G = np.zeros((N + 1, NX, n))
@@ -100,7 +100,7 @@ def condense(
 def _residuals(
     problem: TrackingProblem, model: Linearisation, G: Array, feed: FeedForward, e_last: Array
 ) -> tuple[Array, Array]:
-    """M (m, n) and r̄ (m,) of the cost ½|r̄ + M z|²."""
+    """Return M (m, n) and r̄ (m,) of the cost ½|r̄ + M z|²."""
     E, L, W = problem.E, problem.L, problem.rows
     N, _, n = E.shape
     e = model.u - feed.u  # (N, 2) [Pa]
@@ -121,7 +121,8 @@ def _residuals(
 
 
 def _rows(problem: TrackingProblem, model: Linearisation, G: Array) -> tuple[Array, Array, Array]:
-    """Commands within the supply; θ - s at most its upper, θ + s at least its lower limit; F + s_F at least its own.
+    """Return the rows: commands within the supply; θ - s at most its upper, θ + s at least its lower limit; F + s_F at
+    least its own.
 
     Pressures that start outside the supply come back no faster than the slew limit, as those of `model` do: up to
     there z = 0 has to be allowed.

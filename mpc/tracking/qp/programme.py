@@ -1,4 +1,4 @@
-"""A dense quadratic programme and the certificate of a solution.
+"""A dense quadratic programme has a certificate of its solution.
 
     minimise ½ zᵀ H z + fᵀ z   subject to   lower ≤ z ≤ upper,   rows_lower ≤ R z ≤ rows_upper                  [QP]
 
@@ -21,19 +21,19 @@ from allocator.calculus import Array, Mask
 
 
 class Residuals(NamedTuple):
-    """How far a point is from optimal; NaN for what is not finite."""
+    """The residuals say how far a point is from optimal; NaN for what is not finite."""
 
     primal: float  # greatest violation of a bound or row [z], [R z]
     gap: float  # [cost] above the least cost, at most
 
     def within(self, primal: float, gap: float) -> bool:
-        """Whether no limit is broken by more than `primal`, and the gap [cost] is no more than `gap`; no NaN."""
+        """Return whether no limit is broken by more than `primal`, and the gap [cost] is no more than `gap`; no NaN."""
         return self.primal <= primal and self.gap <= gap
 
 
 @dataclass(frozen=True)
 class QP:
-    """The data of [QP]."""
+    """A QP is the data of [QP]."""
 
     H: Array  # (n, n), positive definite
     f: Array  # (n,)
@@ -45,26 +45,26 @@ class QP:
     guess: NDArray[Any] | None = None  # (n + m,) multipliers for a solver to begin with: their signs count
 
     def with_rows(self, chosen: Mask) -> "QP":
-        """The same with only the rows `chosen` (m,), and all of its simple bounds."""
+        """Return the QP with only the rows `chosen` (m,), and all of its simple bounds."""
         return QP(
             self.H, self.f, self.lower, self.upper, self.R[chosen], self.rows_lower[chosen], self.rows_upper[chosen]
         )
 
     def cost(self, z: Array) -> float:
-        """½ zᵀ H z + fᵀ z."""
+        """Return ½ zᵀ H z + fᵀ z."""
         return float(0.5 * z @ self.H @ z + self.f @ z)
 
     def violation(self, z: Array) -> float:
-        """Greatest violation of a bound or row at `z`; 0 inside, NaN for a point that is not finite."""
+        """Return the greatest violation of a bound or row at `z`; 0 inside, NaN for a point that is not finite."""
         return float(np.concatenate([self.lower - z, z - self.upper, self.breaches(z)]).max(initial=0.0))
 
     def breaches(self, z: Array) -> Array:
-        """By how much each row is violated at `z`, (m,); negative inside."""
+        """Return by how much each row is violated at `z`, (m,); negative inside."""
         Rz = self.R @ z
         return np.maximum(self.rows_lower - Rz, Rz - self.rows_upper)
 
     def certify(self, z: Array, multipliers: Array) -> Residuals:
-        """The residuals of `z` (n,) with `multipliers` (n + m,)."""
+        """Return the residuals of `z` (n,) with `multipliers` (n + m,)."""
         n = self.f.size
         upper, lower = np.append(self.upper, self.rows_upper), np.append(self.lower, self.rows_lower)
         bounds = np.where(multipliers > 0, upper, lower)

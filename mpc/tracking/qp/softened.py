@@ -1,9 +1,9 @@
-"""A step of the MPC that always has an answer, found in another way than the QP's.
+"""The softened QP always has an answer, found in another way than the QP's.
 
     minimise   ½ zᵀ H z + fᵀ z + ½ Σ_i w_i max(0, breach_i(z))²      over      lower ≤ z ≤ upper
 
 Of the limits only the bounds on z are hard, the slew; every other row is charged for the square of its breach, the
-slacks are left out. It is solved by bounded least squares (SciPy's BVLS), each charging the rows that the one before
+slacks are left out. It is solved by bounded least squares (SciPy's BVLS), each charging the rows that the last one
 broke: a Newton method for a convex cost that is quadratic piece by piece, which has arrived when the rows repeat. What
 counts is the best point that it has met when its time is over: it is allowed, and better than to go on with z = 0.
 """
@@ -22,7 +22,7 @@ ROUNDS = 10
 
 
 def softened(qp: QP, deadline: float) -> Array | None:
-    """Decisions z (n,) for that problem, the slacks zero, found by `deadline` [s]; None if z = 0 is the best met."""
+    """Return decisions z (n,), the slacks zero, found by `deadline` [s]; None if z = 0 is the best that was met."""
     hard, w = _without_slacks(qp), _charges(qp)
     best, least = None, cost(hard, w, np.zeros_like(hard.f))
     z, charged = np.zeros_like(hard.f), np.zeros(len(w), bool)
@@ -45,7 +45,7 @@ def softened(qp: QP, deadline: float) -> Array | None:
 
 
 def cost(qp: QP, w: Array, z: Array) -> float:
-    """What is minimised, `qp` being without its slacks."""
+    """Return what is minimised, `qp` being without its slacks."""
     return qp.cost(z) + 0.5 * float(w @ np.maximum(qp.breaches(z), 0.0) ** 2)
 
 
@@ -55,13 +55,15 @@ def _without_slacks(qp: QP) -> QP:
 
 
 def _charges(qp: QP) -> Array:
-    """w (m,): what the QP charges for the square of the row's slack; the commands have none."""
+    """Return w (m,): what the QP charges for the square of the row's slack; the commands have none."""
     w = np.square(qp.R[:, -SLACKS:]) @ np.diag(qp.H)[-SLACKS:]
     return np.where(w > 0, w, COMMAND)
 
 
 def _charging(qp: QP, w: Array, charged: Mask, z: Array) -> QP:
-    """`qp` without rows, ½ w (R z' - b)² in its cost for each of those `charged`; b is the bound that `z` breaks."""
+    """Return `qp` without rows, ½ w (R z' - b)² in its cost for each of those `charged`; b is the bound that `z`
+    breaks.
+    """
     R, w = qp.R[charged], w[charged]
     b = np.clip(R @ z, qp.rows_lower[charged], qp.rows_upper[charged])
     H, f = qp.H + R.T @ (w[:, None] * R), qp.f - R.T @ (w * b)
@@ -69,7 +71,7 @@ def _charging(qp: QP, w: Array, charged: Mask, z: Array) -> QP:
 
 
 def _bounded_least_squares(qp: QP) -> Array:
-    """The minimum within the bounds, of ½ |Lᵀ z + L⁻¹ f|² with H = L Lᵀ."""
+    """Return the minimum within the bounds, of ½ |Lᵀ z + L⁻¹ f|² with H = L Lᵀ."""
     from scipy.linalg import solve_triangular
     from scipy.optimize import lsq_linear
 
