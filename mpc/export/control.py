@@ -1,4 +1,4 @@
-"""What of a controller and its observer the exported code needs: sizes, numbers, tables and the model."""
+"""The exported code needs of a controller and its observer sizes, numbers, tables and the model."""
 
 from typing import Any
 
@@ -184,7 +184,7 @@ def _rest(controller: TrackingMPC) -> Numbers:
         "REST_FAR": (rest.FAR, "errors from where on the time counts anew [rad]"),
         "REST_RINGING": (rest.RINGING, "to both sides, of a joint without the friction that it should have [rad]"),
         "REST_DEAD_ZONE": (rest.DEAD_ZONE, "errors below are left [rad]"),
-        "REST_STILL": (rest.STILL, "peak to peak over half a period of a joint that stands [rad]"),
+        "REST_STILL": (rest.STILL, "peak to peak over half a period of a joint that does not move [rad]"),
         "REST_FIRST": (rest.FIRST, "gain of the first correction, of the stiffness [-]"),
         "REST_STIFFEST": (rest.STIFFEST, "the greatest one [-]"),
         "REST_RESOLUTION": (rest.RESOLUTION, "to which the effect of a correction is known [rad]"),

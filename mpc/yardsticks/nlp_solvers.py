@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.solver_options import SolverOptions, with_options
+from mpc.tracking.qp.options import SolverOptions, with_options
 from mpc.yardsticks.shooting import Given, Shooting
 
 

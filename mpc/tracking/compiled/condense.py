@@ -15,13 +15,13 @@ from mpc.tracking.compiled.records import Bounds, Cost, Errors, Path
 @inlined
 def condensed(path: Path, errors: Errors, cost: Cost, starts: Any) -> tuple[Array, Array]:
     """Return H (n, n) and f (n,) of the cost ½ zᵀH z + fᵀz; z: changes of the commands at `starts` [bar]."""
-    columns = moved_columns(starts, path.A.shape[0])
-    G = unrolled(path, columns, 2 * starts.size)
+    columns = acting(starts, path.A.shape[0])
+    G = unroll(path, columns, 2 * starts.size)
     return hessian(path, G, cost, starts, columns), gradient(path, errors, cost, starts)
 
 
 @inlined
-def moved_columns(starts: Any, N: int) -> Any:
+def acting(starts: Any, N: int) -> Any:
     """Return how many decisions move the commands u_k, k = 0 … N-1."""
     columns = np.zeros(N, np.int64)
     moving = 0
@@ -33,7 +33,7 @@ def moved_columns(starts: Any, N: int) -> Any:
 
 
 @inlined
-def unrolled(path: Path, columns: Any, n: int) -> Array:
+def unroll(path: Path, columns: Any, n: int) -> Array:
     """Return G (N+1, 4, n) = ∂x/∂z, the linear model unrolled; only the columns that have begun to move are filled."""
     N = columns.size
     G = np.zeros((N + 1, 4, n))
@@ -137,8 +137,8 @@ def gradient(path: Path, errors: Errors, cost: Cost, starts: Any) -> Array:
 def rows_of(path: Path, u: Array, bounds: Bounds, starts: Any) -> tuple[Array, Array, Array]:
     """Return R (6N, n + 2), lower and upper (6N,), the rows of `mpc.tracking.qp.condense` for (z, s, s_F)."""
     N = u.shape[0]
-    columns, n = moved_columns(starts, N), 2 * starts.size
-    G = unrolled(path, columns, n)
+    columns, n = acting(starts, N), 2 * starts.size
+    G = unroll(path, columns, n)
     R, lower, upper = np.zeros((6 * N, n + 2)), np.full(6 * N, -np.inf), np.full(6 * N, np.inf)
     for k in range(N):
         command, right, left, force = 2 * k, 2 * N + k, 3 * N + k, 4 * N + 2 * k

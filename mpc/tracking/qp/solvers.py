@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
+from mpc.tracking.qp.options import SolverOptions, with_options
 from mpc.tracking.qp.programme import QP
-from mpc.tracking.solver_options import SolverOptions, with_options
 
 
 class Solver(Protocol):

@@ -96,7 +96,7 @@ CASES = {  # name of the joint, plant, dt, blocks, how far all is from rest: com
 
 
 class Case:
-    """One step, ready to be posed in both ways."""
+    """One step, ready to be built in both ways."""
 
     def __init__(self, joint, options, dt, blocks, away):
         self.plant, self.dt, N = Plant(joint=joint, **options), dt, sum(blocks)
@@ -104,8 +104,8 @@ class Case:
         L = terminal_factor(self.plant, dt, weights)
         limits = Limits.of(self.plant, dt, 5.0)
         self.problem = TrackingProblem(weights, limits, L, blocks, dt)
-        self.predictor, self.law = Predictor(self.plant, dt, N), InverseDynamics(self.plant, dt, N, 5.0)
-        self.improve, self.feed_forward = factory(self.plant, dt, self.problem, self.predictor, self.law)
+        self.predictor, self.inverse = Predictor(self.plant, dt, N), InverseDynamics(self.plant, dt, N, 5.0)
+        self.qp_step, self.feed_forward = factory(self.plant, dt, self.problem, self.predictor, self.inverse)
         self.readable = ReadableQPStep(self.problem, self.predictor)
         left, right = limits.theta
         self.x = self.plant.at_rest(0.7 * left + 0.3 * right, 1.2 * self.plant.stiffness(self.plant.at_rest(0.0, 1.0)))
@@ -115,9 +115,9 @@ class Case:
         self.u = self.x[2:] + away * BAR * RNG.normal(size=(N, 2))
 
     def arguments(self, solve=DAQP, x=None, deadline=math.inf):
-        feed = self.law(self.theta, self.K, self.d)
-        before = PreviousSample(self.x[2:], feed.u[0] - 1e3)
-        return self.x if x is None else x, self.u, self.d[:-1], feed, before, solve, deadline
+        feed = self.inverse(self.theta, self.K, self.d)
+        previous = PreviousSample(self.x[2:], feed.u[0] - 1e3)
+        return self.x if x is None else x, self.u, self.d[:-1], feed, previous, solve, deadline
 
 
 @pytest.fixture(scope="module", params=CASES.values(), ids=CASES.keys())
@@ -127,16 +127,16 @@ def case(request, joints):
 
 
 @pytest.mark.slow
-def test_the_quick_workings_are_used_here(case):
-    assert isinstance(case.improve, CompiledQPStep)
+def test_the_compiled_step_is_used_here(case):
+    assert isinstance(case.qp_step, CompiledQPStep)
     assert isinstance(case.feed_forward, CompiledFeedForward) == bool(module.compiled_plant(case.plant, case.dt).p)
 
 
 def test_the_compiled_qp_is_the_readable_one(case):
-    qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
-    x, u, d, feed, before, *_ = case.arguments()
-    model = case.predictor.linearise(x, case.problem.limits.limited(before.u, u), d)
-    wanted = condense(case.problem, model, feed, *before)
+    qp = case.qp_step(*case.arguments(solve=lambda qp, limit: None)).qp
+    x, u, d, feed, previous, *_ = case.arguments()
+    model = case.predictor.linearise(x, case.problem.limits.limited(previous.u, u), d)
+    wanted = condense(case.problem, model, feed, *previous)
     for name in ("H", "f", "lower", "upper", "R", "rows_lower", "rows_upper"):
         one, other = getattr(qp, name), getattr(wanted, name)
         finite = np.isfinite(other)
@@ -145,26 +145,26 @@ def test_the_compiled_qp_is_the_readable_one(case):
 
 
 def test_the_compiled_step_comes_to_the_readable_one_s_commands_and_motion(case):
-    quick, readable = (improve(*case.arguments()) for improve in (case.improve, case.readable))
-    assert quick.status is readable.status is PlanStatus.OPTIMAL
-    np.testing.assert_allclose(quick.u, readable.u, atol=1e-6 * BAR)
-    assert quick.motion is not None
-    wanted = case.predictor.motion(case.x, quick.u, case.d[:-1])
+    compiled, readable = (step(*case.arguments()) for step in (case.qp_step, case.readable))
+    assert compiled.status is readable.status is PlanStatus.OPTIMAL
+    np.testing.assert_allclose(compiled.u, readable.u, atol=1e-6 * BAR)
+    assert compiled.motion is not None
+    wanted = case.predictor.motion(case.x, compiled.u, case.d[:-1])
     for name in ("u", "x", "K", "F"):
-        np.testing.assert_allclose(getattr(quick.motion, name), getattr(wanted, name), rtol=1e-10, atol=1e-9)
+        np.testing.assert_allclose(getattr(compiled.motion, name), getattr(wanted, name), rtol=1e-10, atol=1e-9)
 
 
 def test_rows_that_break_lead_to_the_whole_qp(case):
     x = np.array([case.problem.limits.theta[1] - 0.01, 4.0, *case.x[2:]])
-    quick, readable = (improve(*case.arguments(x=x)) for improve in (case.improve, case.readable))
-    assert quick.motion is None
-    assert quick.qp.R.size
-    assert quick.status is readable.status is PlanStatus.OPTIMAL
-    np.testing.assert_allclose(quick.u, readable.u, atol=1e-5 * BAR)
+    compiled, readable = (step(*case.arguments(x=x)) for step in (case.qp_step, case.readable))
+    assert compiled.motion is None
+    assert compiled.qp.R.size
+    assert compiled.status is readable.status is PlanStatus.OPTIMAL
+    np.testing.assert_allclose(compiled.u, readable.u, atol=1e-5 * BAR)
 
 
 def test_no_eigenvalue_of_the_hessian_is_below_the_charge_for_changes(case):
-    qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
+    qp = case.qp_step(*case.arguments(solve=lambda qp, limit: None)).qp
     n, w = qp.f.size - 2, case.problem.weights
     assert np.linalg.eigvalsh(qp.H[:n, :n]).min() >= w.rate * BAR**2 / case.dt**2 * (1 - 1e-9)
 
@@ -183,11 +183,11 @@ LIES = {
 def test_a_wrong_answer_is_refused_or_put_right(case, lie):
     wanted = case.readable(*case.arguments())
     arguments = case.arguments(solve=lambda qp, limit: lie(*DAQP(qp, limit)))
-    case.improve.reset()
-    quick, readable = case.improve(*arguments), case.readable(*arguments)
-    assert quick.status in (PlanStatus.OPTIMAL, PlanStatus.REFUSED)
-    if quick.status is PlanStatus.OPTIMAL:  # the bounds that bind were told, or found from there
-        np.testing.assert_allclose(quick.u, wanted.u, atol=1e-6 * BAR)
+    case.qp_step.reset()
+    compiled, readable = case.qp_step(*arguments), case.readable(*arguments)
+    assert compiled.status in (PlanStatus.OPTIMAL, PlanStatus.REFUSED)
+    if compiled.status is PlanStatus.OPTIMAL:  # the bounds that bind were told, or found from there
+        np.testing.assert_allclose(compiled.u, wanted.u, atol=1e-6 * BAR)
     assert readable.status is PlanStatus.REFUSED
 
 
@@ -196,7 +196,7 @@ def test_a_wrong_answer_is_refused_or_put_right(case, lie):
 def test_no_answer_passes_that_is_farther_from_the_solution_than_is_said(case, off, away):
     case.theta += away
     try:
-        qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
+        qp = case.qp_step(*case.arguments(solve=lambda qp, limit: None)).qp
     finally:
         case.theta -= away
     answer = certified(DAQP, qp, math.inf, case.problem.curvature)
@@ -213,13 +213,13 @@ def test_no_answer_passes_that_is_farther_from_the_solution_than_is_said(case, o
 
 
 def test_an_answer_that_comes_late_is_not_used(case):
-    assert case.improve(*case.arguments(deadline=perf_counter() - 1.0)).status is PlanStatus.LATE
+    assert case.qp_step(*case.arguments(deadline=perf_counter() - 1.0)).status is PlanStatus.LATE
 
 
 def test_a_wrong_guess_does_not_change_the_answer(case):
-    first = case.improve(*case.arguments())
-    case.improve._guess[:] = RNG.integers(-1, 2, case.improve._guess.size)
-    np.testing.assert_allclose(case.improve(*case.arguments()).u, first.u, atol=1e-6 * BAR)
+    first = case.qp_step(*case.arguments())
+    case.qp_step._guess[:] = RNG.integers(-1, 2, case.qp_step._guess.size)
+    np.testing.assert_allclose(case.qp_step(*case.arguments()).u, first.u, atol=1e-6 * BAR)
 
 
 def test_the_guess_is_the_last_sample_s_active_set_one_sample_earlier(case):
@@ -229,9 +229,9 @@ def test_the_guess_is_the_last_sample_s_active_set_one_sample_earlier(case):
         seen.append((qp.guess, DAQP(qp, limit)))
         return seen[-1][1]
 
-    case.improve.reset()
+    case.qp_step.reset()
     for _ in range(2):
-        assert case.improve(*case.arguments(solve=watched)).motion is not None
+        assert case.qp_step(*case.arguments(solve=watched)).motion is not None
     (first, (_, multipliers)), (second, _) = seen
     assert not first.any()
     bound = np.sign(multipliers).reshape(-1, 2)
@@ -241,51 +241,51 @@ def test_the_guess_is_the_last_sample_s_active_set_one_sample_earlier(case):
 
 
 def test_between_the_qps_of_one_sample_the_guess_stays_where_it_is(case):
-    case.improve.reset()
+    case.qp_step.reset()
     given = list(case.arguments(solve=lambda qp, limit: DAQP(qp, limit)))
-    first = case.improve(*given)
+    first = case.qp_step(*given)
     given[5] = DAQP
-    again = case.improve(*given)
+    again = case.qp_step(*given)
     assert again.qp is None  # no solver was asked
     np.testing.assert_allclose(again.u, first.u, atol=1e-6 * BAR)
 
 
 def test_while_a_row_binds_the_guess_is_kept(case):
     x = np.array([case.problem.limits.theta[1] - 0.01, 4.0, *case.x[2:]])
-    step = case.improve(*case.arguments(x=x))
+    step = case.qp_step(*case.arguments(x=x))
     assert step.qp.R.size
     n, nothing = step.qp.f.size - 2, np.zeros(0)
     qp = step.qp
     _, multipliers = DAQP(QP(qp.H[:n, :n].copy(), qp.f[:n], qp.lower[:n], qp.upper[:n], qp.R[:0, :n], nothing, nothing))
     assert multipliers.any()
-    np.testing.assert_array_equal(case.improve._guess, np.sign(multipliers))
+    np.testing.assert_array_equal(case.qp_step._guess, np.sign(multipliers))
 
 
 # --- the structured way -----------------------------------------------------------------------------------------------
 
 
 def settled(case, sweeps=30):
-    """What the Riccati recursions come to for the step that `case` has posed last."""
-    return case.improve._solve.settle(*case.improve._rest, case.improve._guess, sweeps)
+    """What the Riccati recursions come to for the step that `case` has built last."""
+    return case.qp_step._solve.settle(*case.qp_step._rest, case.qp_step._guess, sweeps)
 
 
 @pytest.mark.parametrize("away", [0.0, 0.02, 0.05, 0.3])  # [rad] of the reference from the state: the slew limit binds
 def test_riccati_recursions_and_daqp_come_to_the_same_point(case, away):
     case.theta += away
     try:
-        qp = case.improve(*case.arguments(solve=lambda qp, limit: None)).qp
+        qp = case.qp_step(*case.arguments(solve=lambda qp, limit: None)).qp
     finally:
         case.theta -= away
     n = qp.f.size - 2
     nothing = np.zeros(0)
     box = QP(qp.H[:n, :n].copy(), qp.f[:n], qp.lower[:n], qp.upper[:n], qp.R[:0, :n], nothing, nothing)
     exact, multipliers = DAQP(box)
-    case.improve._guess[:] = np.sign(multipliers)  # from here they settle
+    case.qp_step._guess[:] = np.sign(multipliers)  # from here they settle
     outcome, z = settled(case)
-    assert outcome in (case.improve._solve.SOLVED, case.improve._solve.ROWS)
+    assert outcome in (case.qp_step._solve.SOLVED, case.qp_step._solve.ROWS)
     np.testing.assert_allclose(z, exact, atol=1e-8)
-    assert (case.improve._guess == np.sign(multipliers)).all()
-    case.improve.reset()
+    assert (case.qp_step._guess == np.sign(multipliers)).all()
+    case.qp_step.reset()
 
 
 def test_at_long_horizons_too_the_recursions_confirm_the_solver_s_set():
@@ -307,23 +307,23 @@ def test_at_long_horizons_too_the_recursions_confirm_the_solver_s_set():
 
 
 def test_what_does_not_settle_is_not_answered(case):
-    case.improve(*case.arguments(solve=lambda qp, limit: None))
+    case.qp_step(*case.arguments(solve=lambda qp, limit: None))
     outcome, z = settled(case, sweeps=0)
-    assert outcome == case.improve._solve.REFUSED
+    assert outcome == case.qp_step._solve.REFUSED
     assert not z.any()
 
 
 @pytest.mark.parametrize("blocks", [(1,) * 20, (1,) * 10 + (2,) * 5], ids=["samples", "blocks"])
 def test_sample_after_sample_the_commands_are_those_of_a_solver(blocks):
-    quick = TrackingMPC(Plant(), N=20, blocks=blocks)
+    compiled = TrackingMPC(Plant(), N=20, blocks=blocks)
     other = TrackingMPC(Plant(), N=20, blocks=blocks, solver=lambda qp, limit: DAQP(qp, limit))  # is always asked
     x, K, settled, bound = Plant().at_rest(0.0, 7.6), np.full(21, 7.6), 0, 0
     for k in range(60):
         theta = 0.2 * np.sin(6.0 * 0.01 * (k + np.arange(21)))
-        plan, wanted = quick.step(x, theta, K, 0.1), other.step(x, theta, K, 0.1)
+        plan, wanted = compiled.step(x, theta, K, 0.1), other.step(x, theta, K, 0.1)
         np.testing.assert_allclose(plan.u, wanted.u, atol=1e-5 * BAR)
         settled += plan.times.condense == 0.0
-        bound += np.abs(np.diff(plan.u, axis=0)).max() >= quick.limits.step * (1 - 1e-6)
+        bound += np.abs(np.diff(plan.u, axis=0)).max() >= compiled.limits.step * (1 - 1e-6)
         x = plan.x[1]
     assert settled > 30
     assert 5 < bound < 55
@@ -344,11 +344,11 @@ def test_the_time_of_a_settled_step_is_that_of_its_solution():
 def test_the_compiled_feed_forward_is_the_readable_one(name, joints):
     plant = Plant(joint=joints[name], gravity_torque=0.8, lag=(0.1, 0.03))
     readable = InverseDynamics(plant, 0.04, 8, 5.0)
-    quick = CompiledFeedForward(module.compiled_plant(plant, 0.04), readable)
+    compiled = CompiledFeedForward(module.compiled_plant(plant, 0.04), readable)
     far = 1.2 * joints[name].angle_range[1]
     for theta in (np.linspace(-0.2, 0.3, 9), np.linspace(0.0, far, 9)):  # within reach, and beyond
         for K in (np.linspace(5.0, 9.0, 9), np.full(9, 50.0)):
-            one, other = (law(theta, K, np.linspace(0.0, 1.0, 9)) for law in (quick, readable))
+            one, other = (inverse(theta, K, np.linspace(0.0, 1.0, 9)) for inverse in (compiled, readable))
             for field in ("theta", "omega", "K", "P", "u", "moved"):
                 wanted = np.asarray(getattr(other, field))
                 np.testing.assert_allclose(getattr(one, field), wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())

@@ -219,10 +219,10 @@ def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(
 ):
     monkeypatch.setattr("mpc.tracking.controller.softened", softened)
     controller = TrackingMPC(PLANT, N=5)
-    honest = controller._solve
+    good = controller._solve
     x, u_last, rungs = PLANT.at_rest(0.0, 7.6), PLANT.at_rest(0.0, 7.6)[2:], []
     for k in range(10):
-        controller._solve = sabotage if 1 <= k < 8 else honest
+        controller._solve = sabotage if 1 <= k < 8 else good
         plan = controller.step(x, 0.1, 7.7)
         assert not broken_limits(plan, u_last)
         assert (plan.status is PlanStatus.OPTIMAL) == (plan.rung is Rung.QP)

@@ -77,7 +77,7 @@ typedef struct {
 
 /* Rest mode: what is known of the last quarters of the joint's free period, and the pressures that are held. */
 typedef struct {
-    ant_real reference[2];               /* theta [rad] and K [N*m/rad] while they stand still */
+    ant_real reference[2];               /* theta [rad] and K [N*m/rad] while they are constant */
     ant_real quarters[4][5];             /* means of the angle's error e [rad], P1, P2 [Pa], least and greatest e */
     ant_real sum[3], low, high;          /* of the quarter that runs */
     ant_real p[2];                       /* pressures that are held [Pa] */
@@ -132,13 +132,13 @@ typedef struct {
     ant_observer observer;
     ant_friction friction;
     ant_rest rest;
-    ant_real waiting[ANT_DELAY + 1][2]; /* commands as they will be heard, oldest first [Pa] */
+    ant_real waiting[ANT_DELAY + 1][2]; /* commands as they will act, oldest first [Pa] */
     ant_real sent[2];                   /* [Pa] */
     ant_real expected[4];               /* the state predicted for the next sample */
     ant_real u_star[2];                 /* feed-forward of the last sample [Pa] */
-    ant_motion last;                    /* the last plan, its commands as they are to be heard */
+    ant_motion last;                    /* the last plan, its commands as they should act */
     int begun;                          /* there is a last plan */
-    int foreseen;                       /* there is an expected state */
+    int predicted;                      /* there is an expected state */
     int starred;                        /* there is a u_star */
     int seen;                           /* the angle has been measured */
     int blind;                          /* samples since it was */
@@ -148,7 +148,7 @@ typedef struct {
     ant_feed feed;
     ant_motion motion;         /* of the commands that are tried */
     ant_real d[ANT_AHEAD + 1]; /* torque from outside and of friction [N*m] */
-    ant_real stay[ANT_AHEAD + 1]; /* the angle that stands in for references that make no sense [rad] */
+    ant_real stay[ANT_AHEAD + 1]; /* the angle in place of references that make no sense [rad] */
     ant_qp qp;
     union {
         ant_solver solver;

@@ -23,14 +23,14 @@ typedef struct {
     ant_real violation;
 } account;
 
-static void add(account *a, const ant_look *look, ant_real push) {
-    if (!(look->lower - look->value <= a->violation)) a->violation = look->lower - look->value;
-    if (!(look->value - look->upper <= a->violation)) a->violation = look->value - look->upper;
-    const ant_real limit = push > 0 ? look->upper : look->lower;
+static void add(account *a, const ant_valued_row *at, ant_real push) {
+    if (!(at->lower - at->value <= a->violation)) a->violation = at->lower - at->value;
+    if (!(at->value - at->upper <= a->violation)) a->violation = at->value - at->upper;
+    const ant_real limit = push > 0 ? at->upper : at->lower;
     if (push == 0 || !isfinite(limit)) return; /* there is nothing to push against at infinity */
-    a->gap += ant_abs(push * (limit - look->value));
-    a->rounding += LAST_DIGITS * ant_abs(push) * (ant_abs(limit) + look->size);
-    for (int j = 0; j < ANT_DECISIONS; j++) a->pushes[j] += push * look->row[j];
+    a->gap += ant_abs(push * (limit - at->value));
+    a->rounding += LAST_DIGITS * ant_abs(push) * (ant_abs(limit) + at->size);
+    for (int j = 0; j < ANT_DECISIONS; j++) a->pushes[j] += push * at->row[j];
 }
 
 /* |R^-T r|^2/2 = |R z + v + R^-T pushes|^2/2, slacks included. */
@@ -53,8 +53,8 @@ static ant_real stationarity(const ant_qp *qp, const ant_real *z, ant_real *push
 int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_real multipliers[ANT_LIMITS]) {
     account a = {0};
     for (int limit = 0; limit < ANT_LIMITS; limit++) {
-        const ant_look look = ant_look_at(qp, limit, z);
-        add(&a, &look, multipliers[limit]);
+        const ant_valued_row at = ant_row_at(qp, limit, z);
+        add(&a, &at, multipliers[limit]);
     }
     a.gap += stationarity(qp, z, a.pushes);
     const ant_real gain = ant_abs(ant_cost(ANT_MOVES, qp->R, qp->v, z));

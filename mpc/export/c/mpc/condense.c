@@ -107,7 +107,7 @@ static void add_terminal(ant_qp *qp, const ant_feed *feed) {
 }
 
 /* The slew: each move is at most a step, and z = 0 is allowed whatever rounding says. */
-static void bound(ant_qp *qp, const ant_real u_last[2]) {
+static void slew_bounds(ant_qp *qp, const ant_real u_last[2]) {
     for (int b = 0; b < ANT_BLOCKS; b++)
         for (int i = 0; i < 2; i++) {
             const int k = ANT_STARTS[b];
@@ -122,7 +122,7 @@ int ant_condense(ant_controller *c, const ant_task *task, const ant_real u_last[
     ant_qp *qp = &c->qp;
     const ant_real *star = c->starred ? c->u_star : c->feed.u[0];
     const ant_real e_last[2] = {u_last[0] - star[0], u_last[1] - star[1]};
-    if (!ant_predict(task->x, task->d, &qp->motion) || !c->feed.finite) return 0;
+    if (!ant_rollout(task->x, task->d, &qp->motion) || !c->feed.finite) return 0;
     linearise(qp, task->d);
     begin_with_rates(qp, &c->feed, e_last);
     for (int k = 0; k < ANT_HORIZON; k++) {
@@ -130,6 +130,6 @@ int ant_condense(ant_controller *c, const ant_task *task, const ant_real u_last[
         add_commands(qp, &c->feed, k);
     }
     add_terminal(qp, &c->feed);
-    bound(qp, u_last);
+    slew_bounds(qp, u_last);
     return ant_finite(qp->R, ANT_TRIANGLE(ANT_MOVES)) && ant_finite(qp->v, ANT_MOVES);
 }

@@ -10,14 +10,14 @@
 ant_real ant_friction_follow(ant_friction *f, ant_real theta); /* z at theta */
 ant_real ant_friction_after(ant_real z, ant_real motion);      /* z after turning by motion [rad] */
 ant_real ant_friction_limit(const ant_real x[4]);              /* greatest friction torque [N*m] */
-ant_real ant_heard(ant_real u, ant_real P);                    /* command less the dead band [Pa] */
-ant_real ant_spoken(ant_real v, ant_real P);                   /* its inverse, smooth [Pa] */
+ant_real ant_dead_band(ant_real u, ant_real P);                    /* command less the dead band [Pa] */
+ant_real ant_dead_band_inverse(ant_real v, ant_real P);                   /* its inverse, smooth [Pa] */
 
 /* gating.c: which readings are believed */
 void ant_gate_reset(ant_gate *g);
 void ant_gate_frozen(ant_gate *g, ant_real read); /* the sensor is frozen and says that */
 ant_verdict ant_first_verdict(int sensor, ant_real read); /* by what the sensor can say alone */
-ant_verdict ant_judge(ant_gate *g, int sensor, ant_real read, ant_real expected, ant_real variance);
+ant_verdict ant_check_reading(ant_gate *g, int sensor, ant_real read, ant_real expected, ant_real variance);
 ant_real ant_gate_width(const ant_gate *g, ant_real variance);                       /* how far off a reading may be */
 ant_real ant_unwrapped(ant_real theta, ant_real expected, ant_real within); /* less whole turns, if that is near */
 
@@ -31,15 +31,15 @@ int ant_sound(const ant_belief *b); /* finite, and no variance negative */
 void ant_unsure(ant_belief *b, const ant_real read[3], const int there[3]); /* at the readings, little certain */
 
 /* limits.c */
-void ant_limit(const ant_real before[2], ant_real u[ANT_HORIZON][2]); /* slew and supply, in place */
+void ant_limit(const ant_real u_last[2], ant_real u[ANT_HORIZON][2]); /* slew and supply, in place */
 ant_real ant_excursion(const ant_motion *m);                          /* from the joint range [rad] */
 ant_real ant_slackening(const ant_motion *m);                         /* below the least force [N] */
 
-/* predict.c */
+/* rollout.c */
 int ant_finite(const ant_real *numbers, int n);
-int ant_predict(const ant_real x0[4], const ant_real *d, ant_motion *m); /* under m->u; whether all is finite */
+int ant_rollout(const ant_real x0[4], const ant_real *d, ant_motion *m); /* under m->u; whether all is finite */
 
-/* foresight.c: when a command is heard, and against what friction */
+/* preview.c: when a command acts, and against what friction */
 typedef struct {
     ant_real x[4];                 /* the state then */
     const ant_real *theta, *K, *d; /* ANT_HORIZON + 1 samples from then on */
@@ -47,10 +47,10 @@ typedef struct {
     ant_real seen[4];              /* the state now, where it was */
     ant_real expected;             /* the angle that was predicted for now [rad]; NaN at first */
     int lost;                      /* whether the angle has not been for too long */
-    int refused;                   /* whether the references cannot be meant: those here are stand-ins */
+    int refused;                   /* whether the references cannot be meant: those here are substitutes */
 } ant_task;
-void ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task);
-void ant_speak(ant_controller *c, ant_plan *plan, ant_real side); /* side: of the dead band, 0 if it is not known */
+void ant_preview(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task);
+void ant_send(ant_controller *c, ant_plan *plan, ant_real side); /* side: of the dead band, 0 if it is not known */
 
 /* rest.c */
 int ant_rest_follow(ant_rest *r, const ant_task *task); /* at every sample: whether to rest, at r->p */
@@ -73,8 +73,8 @@ typedef struct {
     ant_real lower, upper;
     ant_real value; /* row z */
     ant_real size;  /* of what the value is summed from */
-} ant_look;
-ant_look ant_look_at(const ant_qp *qp, int limit, const ant_real z[ANT_DECISIONS]);
+} ant_valued_row;
+ant_valued_row ant_row_at(const ant_qp *qp, int limit, const ant_real z[ANT_DECISIONS]);
 void ant_row(const ant_qp *qp, int i, ant_real row[ANT_DECISIONS]);
 ant_real ant_breach(const ant_qp *qp, int i, const ant_real z[ANT_DECISIONS]); /* of row i; negative inside */
 ant_real ant_charge(int i); /* for the square of a breach when softened [cost] */
@@ -87,8 +87,8 @@ int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_r
 int ant_soften(ant_controller *c, ant_real z[ANT_DECISIONS]); /* whether something better than z = 0 was found */
 
 /* ladder.c */
-void ant_onward(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]);
+void ant_shift(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]);
 void ant_hold(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]);
-void ant_stand(ant_controller *c, ant_rung rung);
+void ant_remember(ant_controller *c, ant_rung rung);
 
 #endif /* ANT_CONTROL_H */

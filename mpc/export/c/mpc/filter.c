@@ -1,6 +1,6 @@
 /* An extended Kalman filter for xi = (theta, rate, P1, P2, d) from theta, P1, P2:
  *
- *     xi_{k+1} = (f_d(x_k, heard commands, d_k - T_f), d_k) + w_k,    w ~ (0, Q),      sensors' noise ~ (0, R)
+ *     xi_{k+1} = (f_d(x_k, commands that act, d_k - T_f), d_k) + w_k,    w ~ (0, Q),      sensors' noise ~ (0, R)
  *
  * d is a random walk, so that nothing of a constant torque is left in the end. The plant is evaluated only within the
  * joint range and the supply; beyond, its slope there is continued. */
@@ -42,9 +42,9 @@ void ant_predict_belief(const ant_observer *o, ant_belief *b, ant_real z, const 
     near[0] = ant_clip(xi[0], ANT_LEFT, ANT_RIGHT);
     near[1] = xi[1];
     for (int i = 2; i < 4; i++) near[i] = ant_clip(xi[i], ANT_SUPPLY_LO, ANT_SUPPLY_HI);
-    const ant_real heard[2] = {ant_heard(o->commands[0][0], xi[2]), ant_heard(o->commands[0][1], xi[3])};
+    const ant_real acting[2] = {ant_dead_band(o->commands[0][0], xi[2]), ant_dead_band(o->commands[0][1], xi[3])};
     const ant_real torque = xi[4] - ant_friction_limit(near) * z;
-    ant_model_observed(near, heard, &torque, later, A[0], by_d);
+    ant_model_observed(near, acting, &torque, later, A[0], by_d);
     for (int i = 0; i < 4; i++)
         for (int j = 0; j < 4; j++) later[i] += A[i][j] * (xi[j] - near[j]);
     memcpy(xi, later, sizeof later);

@@ -31,7 +31,7 @@ ant_real ant_gate_width(const ant_gate *g, ant_real variance) {
     return width > g->floor ? width : g->floor;
 }
 
-ant_verdict ant_judge(ant_gate *g, int sensor, ant_real read, ant_real expected, ant_real variance) {
+ant_verdict ant_check_reading(ant_gate *g, int sensor, ant_real read, ant_real expected, ant_real variance) {
     const ant_verdict first = ant_first_verdict(sensor, read);
     if (g->since > 0 && g->since < ANT_LONG) g->since++;
     if (first != ANT_BELIEVED) return first;

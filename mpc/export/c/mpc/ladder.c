@@ -5,7 +5,7 @@
 #include "control.h"
 
 /* The last plan moved on by one sample, its new end moving as the feed-forward does. */
-void ant_onward(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
+void ant_shift(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
     enum { last = ANT_HORIZON - 1 };
     memcpy(u, c->feed.u, sizeof c->feed.u);
     if (c->begun) {
@@ -32,7 +32,7 @@ void ant_hold(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_
     ant_limit(u_last, u);
 }
 
-void ant_stand(ant_controller *c, ant_rung rung) {
+void ant_remember(ant_controller *c, ant_rung rung) {
     memcpy(&c->last, &c->motion, sizeof c->last);
     c->begun = 1;
     if (rung == ANT_RUNG_QP || rung == ANT_RUNG_SOFTENED)

@@ -1,10 +1,10 @@
-/* What commands, angle and muscle forces have to keep to. */
+/* The limits are what commands, angle and muscle forces have to keep to. */
 #include "control.h"
 
 /* The slew limit comes first: from outside the supply's range commands return as fast as it lets them. */
-void ant_limit(const ant_real before[2], ant_real u[ANT_HORIZON][2]) {
+void ant_limit(const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
     for (int i = 0; i < 2; i++) {
-        ant_real last = before[i];
+        ant_real last = u_last[i];
         for (int k = 0; k < ANT_HORIZON; k++) {
             last = ant_clip(ant_clip(u[k][i], ANT_SUPPLY_LO, ANT_SUPPLY_HI), last - ANT_STEP, last + ANT_STEP);
             u[k][i] = last;

@@ -47,16 +47,16 @@ static void remember(ant_observer *o, const ant_real sent[2]) {
         if (can_be_sent(i, sent[i])) o->commands[ANT_DELAY][i] = sent[i];
 }
 
-/* Whether a reading is too far from what is foreseen without it. */
-static int doubtful(const ant_observer *o, const ant_belief *foreseen, int sensor, ant_real read) {
-    const ant_real error = read - foreseen->xi[ANT_MEASURED[sensor]];
-    return error * error > ANT_DOUBT * ANT_DOUBT * ant_innovation_variance(o, foreseen, sensor);
+/* Whether a reading is too far from what is predicted without it. */
+static int doubtful(const ant_observer *o, const ant_belief *predicted, int sensor, ant_real read) {
+    const ant_real error = read - predicted->xi[ANT_MEASURED[sensor]];
+    return error * error > ANT_DOUBT * ANT_DOUBT * ant_innovation_variance(o, predicted, sensor);
 }
 
 /* What is thought without a sensor that repeats itself; if that contradicts it for long enough, it is frozen. */
-static void suspect(ant_observer *o, int i, ant_real z, const ant_belief *before, ant_belief *expected,
+static void suspect(ant_observer *o, int i, ant_real z, const ant_belief *previous, ant_belief *expected,
                     const ant_real read[3], const int others[3]) {
-    if (!o->repeats[i]) o->without[i] = *before;
+    if (!o->repeats[i]) o->without[i] = *previous;
     o->repeats[i] = 1;
     ant_predict_belief(o, &o->without[i], z, ANT_Q_REST);
     if (!o->frozen[i] && o->repeating[i] > ANT_TOLERANCE && doubtful(o, &o->without[i], i, read[i])) {
@@ -71,7 +71,7 @@ static void suspect(ant_observer *o, int i, ant_real z, const ant_belief *before
 }
 
 /* What is expected without the sensors that are frozen; notes which are. */
-static void without_frozen(ant_observer *o, const ant_belief *before, ant_belief *expected, const ant_real said[3],
+static void without_frozen(ant_observer *o, const ant_belief *previous, ant_belief *expected, const ant_real said[3],
                            const ant_real read[3], ant_real z) {
     int others[3], repeated[3];
     believed(o, others);
@@ -83,7 +83,7 @@ static void without_frozen(ant_observer *o, const ant_belief *before, ant_belief
     }
     for (int i = 0; i < 3; i++) {
         if (repeated[i])
-            suspect(o, i, z, before, expected, read, others);
+            suspect(o, i, z, previous, expected, read, others);
         else
             o->repeats[i] = 0;
     }
@@ -154,13 +154,13 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
 }
 
 /* A state from the readings, where the filter has none that is finite. */
-static void rebuild(ant_observer *o, const ant_belief *before, const ant_real read[3], const int there[3]) {
+static void rebuild(ant_observer *o, const ant_belief *previous, const ant_real read[3], const int there[3]) {
     if (o->rebuilt < ANT_LONG) o->rebuilt++;
     end_rivalry(o);
     memset(o->repeats, 0, sizeof o->repeats);
     for (int i = 0; i < 5; i++) {
-        const int kept = i != 1 && i != 4 && isfinite(before->xi[i]);
-        o->belief.xi[i] = kept ? before->xi[i] : 0;
+        const int kept = i != 1 && i != 4 && isfinite(previous->xi[i]);
+        o->belief.xi[i] = kept ? previous->xi[i] : 0;
     }
     ant_within(o->belief.xi);
     ant_unsure(&o->belief, read, there);
@@ -168,28 +168,28 @@ static void rebuild(ant_observer *o, const ant_belief *before, const ant_real re
 
 /* From what was thought a sample ago to what is thought now. */
 static void go_on(ant_observer *o, const ant_real said[3]) {
-    const ant_belief before = o->belief;
+    const ant_belief previous = o->belief;
     ant_belief expected = o->belief;
-    const ant_real z = ant_friction_follow(&o->friction, before.xi[0]);
+    const ant_real z = ant_friction_follow(&o->friction, previous.xi[0]);
     ant_predict_belief(o, &expected, z, ANT_Q_NOISE);
     const ant_real read[3] = {ant_unwrapped(said[0], expected.xi[0], ANT_NEAR_A_TURN), said[1], said[2]};
     int there[3];
     if (!ant_sound(&expected)) {
         for (int i = 0; i < 3; i++) o->verdicts[i] = ant_first_verdict(i, said[i]);
         believed(o, there);
-        rebuild(o, &before, said, there);
+        rebuild(o, &previous, said, there);
         return;
     }
     for (int i = 0; i < 3; i++)
-        o->verdicts[i] = ant_judge(&o->gates[i], i, read[i], expected.xi[ANT_MEASURED[i]],
+        o->verdicts[i] = ant_check_reading(&o->gates[i], i, read[i], expected.xi[ANT_MEASURED[i]],
                                    ant_innovation_variance(o, &expected, i));
-    without_frozen(o, &before, &expected, said, read, z);
+    without_frozen(o, &previous, &expected, said, read, z);
     rival_or(o, &expected, read, z);
     believed(o, there);
     ant_correct(o, &expected, read, there);
     if (o->samples <= ANT_FIRST) o->samples++;
     o->belief = expected;
-    if (!ant_sound(&o->belief)) rebuild(o, &before, read, there);
+    if (!ant_sound(&o->belief)) rebuild(o, &previous, read, there);
 }
 
 static void answer(const ant_observer *o, const ant_real said[3], ant_real x[4], ant_real *d) {

@@ -65,12 +65,12 @@ static void set_limit(ant_solver *s, int id, ant_real *m, int first, ant_real lo
 /* Row i joins: its m is the row times R^-1, whose rows have been scaled. */
 static void let_in(const ant_qp *qp, ant_solver *s, int i) {
     const ant_real none[ANT_DECISIONS] = {0};
-    const ant_look look = ant_look_at(qp, ANT_DECISIONS + i, none);
+    const ant_valued_row at = ant_row_at(qp, ANT_DECISIONS + i, none);
     for (int j = 0; j < ANT_DECISIONS; j++) {
         s->M[i][j] = 0;
-        for (int l = 0; l <= j; l++) s->M[i][j] += look.row[l] / s->scaling[l] * s->Rinv[ant_at(ANT_DECISIONS, l) + j];
+        for (int l = 0; l <= j; l++) s->M[i][j] += at.row[l] / s->scaling[l] * s->Rinv[ant_at(ANT_DECISIONS, l) + j];
     }
-    set_limit(s, ANT_DECISIONS + i, s->M[i], 0, look.lower, look.upper);
+    set_limit(s, ANT_DECISIONS + i, s->M[i], 0, at.lower, at.upper);
     s->sense[ANT_DECISIONS + i] = 0;
 }
 
@@ -97,8 +97,8 @@ static void begin(const ant_qp *qp, ant_solver *s, DAQPWorkspace *w, DAQPSetting
 
 /* By how much active limit `id` is missed at z. */
 static ant_real residual(const ant_qp *qp, const DAQPWorkspace *work, int id, const ant_real z[ANT_DECISIONS]) {
-    const ant_look look = ant_look_at(qp, id, z);
-    return look.value - (DAQP_IS_LOWER(id) ? look.lower : look.upper);
+    const ant_valued_row at = ant_row_at(qp, id, z);
+    return at.value - (DAQP_IS_LOWER(id) ? at.lower : at.upper);
 }
 
 /* The z at which the cost's gradient and the multipliers balance: R^T (R z + v) = -pushes, without the inverse of R. */
@@ -106,8 +106,8 @@ static void balance(const ant_qp *qp, const DAQPWorkspace *work, const ant_real 
     enum { n = ANT_MOVES };
     ant_real pushes[ANT_DECISIONS] = {0};
     for (int i = 0; i < work->n_active; i++) {
-        const ant_look look = ant_look_at(qp, work->WS[i], z);
-        for (int j = 0; j < ANT_DECISIONS; j++) pushes[j] += multipliers[work->WS[i]] * look.row[j];
+        const ant_valued_row at = ant_row_at(qp, work->WS[i], z);
+        for (int j = 0; j < ANT_DECISIONS; j++) pushes[j] += multipliers[work->WS[i]] * at.row[j];
     }
     for (int i = 0; i < n; i++) {
         const ant_real *Ri = qp->R + ant_at(n, i);

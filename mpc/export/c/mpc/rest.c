@@ -1,4 +1,4 @@
-/* Rest mode: where the reference stands still the commands come to rest. The pressures are held at the mean of the
+/* Rest mode: where the reference is constant the commands come to rest. The pressures are held at the mean of the
  * hunting, both regulators on the same edge of their dead bands; an angle that is left over is corrected by a sampled
  * integral with a dead zone; a preview that changes, a sensor that is silent, or a push ends the rest. */
 #include <string.h>
@@ -55,21 +55,21 @@ static int pushed(const ant_rest *r, const ant_real seen[4], ant_real expected) 
 }
 
 static void rest(ant_rest *r) {
-    const ant_real room = ANT_DEAD_BAND / 2 + ANT_REST_LEAK;
+    const ant_real margin = ANT_DEAD_BAND / 2 + ANT_REST_LEAK;
     const int quarters = r->ringing ? QUARTERS : HALF;
     r->side = 1;
     for (int i = 0; i < 2; i++) {
         ant_real sum = 0;
         for (int k = QUARTERS - quarters; k < QUARTERS; k++) sum += r->quarters[k][P1 + i];
         r->p[i] = sum / (ant_real)quarters;
-        if (!(r->p[i] + room < ANT_SUPPLY_HI)) r->side = -1;
+        if (!(r->p[i] + margin < ANT_SUPPLY_HI)) r->side = -1;
     }
     r->resting = 1;
     r->since = 0;
     r->torque = r->error = r->free = 0;
 }
 
-static void judge(ant_rest *r) {
+static void check(ant_rest *r) {
     const summary all = summed(r, QUARTERS);
     const ant_real *last = r->quarters[QUARTERS - 1];
     const int rings = all.high > ANT_REST_RINGING && -all.low > ANT_REST_RINGING;
@@ -102,7 +102,7 @@ static int quarter_ended(ant_rest *r, const ant_real seen[4]) {
     return 1;
 }
 
-/* Gain [N*m/rad] of a joint that stands: half the secant. */
+/* Gain [N*m/rad] of a joint that does not move: half the secant. */
 static ant_real gain(const ant_rest *r, ant_real m, ant_real K) {
     ant_real g = ANT_REST_FIRST * K;
     if (r->torque != 0) {
@@ -163,7 +163,7 @@ int ant_rest_follow(ant_rest *r, const ant_task *task) {
         if (r->resting)
             correct(r);
         else if (r->counted == QUARTERS)
-            judge(r);
+            check(r);
     }
     return r->resting;
 }

@@ -45,25 +45,25 @@ static void bounds(const ant_qp *qp, int decision, ant_real *lower, ant_real *up
     *upper = decision < ANT_MOVES ? qp->upper[decision] : ANT_INFINITY;
 }
 
-ant_look ant_look_at(const ant_qp *qp, int limit, const ant_real z[ANT_DECISIONS]) {
-    ant_look look = {0};
+ant_valued_row ant_row_at(const ant_qp *qp, int limit, const ant_real z[ANT_DECISIONS]) {
+    ant_valued_row at = {0};
     if (limit < ANT_DECISIONS) {
-        look.row[limit] = 1;
-        bounds(qp, limit, &look.lower, &look.upper);
+        at.row[limit] = 1;
+        bounds(qp, limit, &at.lower, &at.upper);
     } else {
-        ant_row(qp, limit - ANT_DECISIONS, look.row);
-        row_bounds(qp, limit - ANT_DECISIONS, &look.lower, &look.upper);
+        ant_row(qp, limit - ANT_DECISIONS, at.row);
+        row_bounds(qp, limit - ANT_DECISIONS, &at.lower, &at.upper);
     }
     for (int j = 0; j < ANT_DECISIONS; j++) {
-        look.value += look.row[j] * z[j];
-        look.size += ant_abs(look.row[j] * z[j]);
+        at.value += at.row[j] * z[j];
+        at.size += ant_abs(at.row[j] * z[j]);
     }
-    return look;
+    return at;
 }
 
 ant_real ant_breach(const ant_qp *qp, int i, const ant_real z[ANT_DECISIONS]) {
-    const ant_look look = ant_look_at(qp, ANT_DECISIONS + i, z);
-    const ant_real below = look.lower - look.value, above = look.value - look.upper;
+    const ant_valued_row at = ant_row_at(qp, ANT_DECISIONS + i, z);
+    const ant_real below = at.lower - at.value, above = at.value - at.upper;
     return below > above ? below : above;
 }
 

@@ -2,7 +2,7 @@
  *
  *     minimise   |R z + v|^2/2 + sum of charge_i max(0, breach_i(z))^2/2     over    lower <= z <= upper
  *
- * Of the limits only the slew is hard. Bounded least squares, each charging the rows that the one before broke, until
+ * Of the limits only the slew is hard. Bounded least squares, each charging the rows that the last one broke, until
  * they repeat. What counts is the best point met: it is allowed, and better than to go on with z = 0. */
 #include <string.h>
 
@@ -25,10 +25,10 @@ static void charge(const ant_qp *qp, ant_softened *s, const ant_real z[ANT_DECIS
     memcpy(s->v, qp->v, sizeof s->v);
     for (int i = 0; i < ANT_ROWS; i++) {
         if (!s->charged[i]) continue;
-        ant_look look = ant_look_at(qp, ANT_DECISIONS + i, z); /* z has no slacks */
+        ant_valued_row at = ant_row_at(qp, ANT_DECISIONS + i, z); /* z has no slacks */
         const ant_real root = ANT_F(sqrt)(ant_charge(i));
-        for (int j = 0; j < n; j++) look.row[j] *= root;
-        ant_rotate_in(n, n, s->R, s->v, look.row, -root * ant_clip(look.value, look.lower, look.upper));
+        for (int j = 0; j < n; j++) at.row[j] *= root;
+        ant_rotate_in(n, n, s->R, s->v, at.row, -root * ant_clip(at.value, at.lower, at.upper));
     }
 }
 

@@ -1,4 +1,4 @@
-/* The motion that the model foresees. */
+/* The rollout is the motion that the model expects. */
 #include <string.h>
 
 #include "control.h"
@@ -10,7 +10,7 @@ int ant_finite(const ant_real *numbers, int n) {
     return 1;
 }
 
-int ant_predict(const ant_real x0[4], const ant_real *d, ant_motion *m) {
+int ant_rollout(const ant_real x0[4], const ant_real *d, ant_motion *m) {
     memcpy(m->x[0], x0, sizeof m->x[0]);
     for (int k = 0; k < ANT_HORIZON; k++) ant_model_stage(m->x[k], m->u[k], &d[k], m->x[k + 1]);
     for (int k = 0; k <= ANT_HORIZON; k++) ant_model_outputs(m->x[k], &m->K[k], m->F[k]);

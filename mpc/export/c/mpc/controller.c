@@ -1,4 +1,4 @@
-/* A step: look ahead, feed forward, optimise unless the joint rests, go down the ladder as far as needed, speak. */
+/* A step, with the stages of mpc/tracking/base.py: inputs checked, feed-forward, optimise, ladder, plan. */
 #include <string.h>
 
 #include "control.h"
@@ -27,7 +27,7 @@ static void move(ant_real u[ANT_HORIZON][2], const ant_qp *qp, const ant_real z[
 static outcome optimise(ant_controller *c, const ant_task *task, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
     outcome o = {ANT_PLAN_OPTIMAL, 0, ANT_RUNG_QP, 0};
     ant_real z[ANT_DECISIONS] = {0};
-    ant_onward(c, u_last, u);
+    ant_shift(c, u_last, u);
     for (int round = 0; round < ANT_ITERATIONS; round++) {
         int iterations = 0;
         memcpy(c->qp.motion.u, u, sizeof c->qp.motion.u);
@@ -49,14 +49,14 @@ static outcome optimise(ant_controller *c, const ant_task *task, const ant_real 
 }
 
 /* The pressures of a rest, approached as the limits allow. */
-static outcome hold_still(const ant_rest *rest, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
+static outcome resting_at(const ant_rest *rest, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
     for (int k = 0; k < ANT_HORIZON; k++) memcpy(u[k], rest->p, sizeof u[k]);
     ant_limit(u_last, u);
     return (outcome){ANT_PLAN_RESTING, 1, ANT_RUNG_ALLOCATION, 0};
 }
 
 /* Commands of this rung, which nothing was optimised for, into c->motion, and what they do; whether it bears. */
-static int stand_on(ant_controller *c, ant_rung rung, const ant_task *task, const outcome *o, const ant_real u_last[2]) {
+static int try_rung(ant_controller *c, ant_rung rung, const ant_task *task, const outcome *o, const ant_real u_last[2]) {
     ant_motion *m = &c->motion;
     if (rung == ANT_RUNG_HOLD)
         ant_hold(c, u_last, m->u);
@@ -64,18 +64,18 @@ static int stand_on(ant_controller *c, ant_rung rung, const ant_task *task, cons
         return 0;
     else if (rung == ANT_RUNG_PREVIOUS) {
         if (c->left <= 1) return 0;
-        ant_onward(c, u_last, m->u);
+        ant_shift(c, u_last, m->u);
     } else if (rung == ANT_RUNG_ALLOCATION) {
         if (!c->feed.finite) return 0;
         memcpy(m->u, c->feed.u, sizeof m->u);
         ant_limit(u_last, m->u);
     } else
         return 0;
-    return ant_predict(task->x, task->d, m);
+    return ant_rollout(task->x, task->d, m);
 }
 
 /* No motion at all, as everything was at the second sample of the last plan, or where there is none from the state. */
-static void stand_still(ant_controller *c, const ant_task *task) {
+static void stationary(ant_controller *c, const ant_task *task) {
     for (int k = 0; k <= ANT_HORIZON; k++) {
         memcpy(c->motion.x[k], c->begun ? c->last.x[1] : task->x, sizeof c->motion.x[k]);
         for (int i = 0; i < 2; i++) c->motion.F[k][i] = c->begun ? c->last.F[1][i] : 0;
@@ -87,15 +87,15 @@ static ant_rung descend(ant_controller *c, const ant_task *task, const outcome *
                         ant_real best[ANT_HORIZON][2]) {
     if (o->found) {
         memcpy(c->motion.u, best, sizeof c->motion.u);
-        if (ant_predict(task->x, task->d, &c->motion)) return o->rung;
+        if (ant_rollout(task->x, task->d, &c->motion)) return o->rung;
     }
     for (int rung = ANT_RUNG_PREVIOUS; rung <= ANT_RUNG_HOLD; rung++)
-        if (stand_on(c, (ant_rung)rung, task, o, u_last)) return (ant_rung)rung;
-    stand_still(c, task);
+        if (try_rung(c, (ant_rung)rung, task, o, u_last)) return (ant_rung)rung;
+    stationary(c, task);
     return ANT_RUNG_HOLD;
 }
 
-static void tell(ant_controller *c, ant_plan *plan) {
+static void report(ant_controller *c, ant_plan *plan) {
     memcpy(plan->x, c->last.x, sizeof plan->x);
     memcpy(plan->K, c->last.K, sizeof plan->K);
     plan->slack = ant_excursion(&c->last);
@@ -111,7 +111,7 @@ static ant_plan_status status_of(const outcome *o, ant_rung rung, int measured) 
 
 void ant_control(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *reference, ant_plan *plan) {
     ant_task task;
-    ant_foresee(c, x, d, reference, &task);
+    ant_preview(c, x, d, reference, &task);
     const ant_real u_last[2] = {c->begun ? c->last.u[0][0] : task.x[2], c->begun ? c->last.u[0][1] : task.x[3]};
     if (task.refused)
         memset(c->feed.moved, 0, sizeof c->feed.moved);
@@ -121,18 +121,18 @@ void ant_control(ant_controller *c, const ant_real x[4], ant_real d, const ant_r
     const outcome halted = {task.refused ? ANT_PLAN_BAD_INPUT : ANT_PLAN_BLIND, 0, ANT_RUNG_QP, 0};
     const int rests = ANT_RESTS && ant_rest_follow(&c->rest, &task), halts = task.refused || task.lost;
     const outcome o = halts   ? halted
-                      : rests ? hold_still(&c->rest, u_last, best)
+                      : rests ? resting_at(&c->rest, u_last, best)
                               : optimise(c, &task, u_last, best);
     plan->rung = descend(c, &task, &o, u_last, best);
-    ant_stand(c, plan->rung);
+    ant_remember(c, plan->rung);
     if (!task.refused && c->feed.finite) {
         memcpy(c->u_star, c->feed.u[0], sizeof c->u_star);
         c->starred = 1;
     }
     plan->status = status_of(&o, plan->rung, task.measured);
     plan->iterations = o.iterations;
-    tell(c, plan);
-    ant_speak(c, plan, rests ? c->rest.side : 0);
+    report(c, plan);
+    ant_send(c, plan, rests ? c->rest.side : 0);
 }
 
 void ant_step(ant_controller *c, const ant_reading *reading, const ant_reference *reference, ant_plan *plan) {

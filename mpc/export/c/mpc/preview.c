@@ -1,6 +1,6 @@
-/* A command given now is heard after the dead time. Until then the joint follows the commands under way; their motion
+/* A command given now acts after the dead time. Until then the joint follows the commands under way; their motion
  * gives the state in which the new command begins to act. The torque on the way and beyond contains the friction of the
- * intended motion. What is to be heard is spoken so that it passes the dead band, within what can be sent. */
+ * intended motion. What is sent is the inverse of the dead band at what should act, within its limits. */
 #include <string.h>
 
 #include "control.h"
@@ -16,7 +16,7 @@ static int sensible(const ant_reference *r, ant_real d) {
 static void expect(ant_controller *c, const ant_real x[4]) {
     if (!ant_finite(x, 4)) return;
     memcpy(c->expected, x, sizeof c->expected);
-    c->foreseen = 1;
+    c->predicted = 1;
 }
 
 /* The state to start from: what is missing, or no joint can have, is what was expected. */
@@ -27,7 +27,7 @@ static void state(ant_controller *c, const ant_real measured[4], ant_task *task)
         const ant_real low = i == 1 ? -ANT_MAX_SPEED : ANT_GATE_LOWER[i == 0 ? 0 : i - 1];
         const ant_real high = i == 1 ? ANT_MAX_SPEED : ANT_GATE_UPPER[i == 0 ? 0 : i - 1];
         const int known = low <= measured[i] && measured[i] <= high;
-        task->x[i] = known ? measured[i] : c->foreseen ? c->expected[i] : otherwise[i];
+        task->x[i] = known ? measured[i] : c->predicted ? c->expected[i] : otherwise[i];
         task->measured = task->measured && known;
         if (i == 0) c->blind = known ? 0 : c->blind < ANT_LONG ? c->blind + 1 : c->blind;
         if (i == 0 && known) c->seen = 1;
@@ -35,24 +35,24 @@ static void state(ant_controller *c, const ant_real measured[4], ant_task *task)
 }
 
 /* References that cannot be meant: to stay. */
-static void stand_in(ant_controller *c, const ant_real x[4]) {
+static void substitute(ant_controller *c, const ant_real x[4]) {
     for (int k = 0; k <= ANT_AHEAD; k++) c->stay[k] = x[0];
 }
 
 /* Torque from outside less the friction of a joint that moves on from x as the preview does. */
 static void torques(ant_controller *c, const ant_real x[4], ant_real d, const ant_real *theta) {
     const ant_real corrected = c->rest.ringing ? 0 : ANT_CORRECTED;
-    ant_real z = ant_friction_follow(&c->friction, x[0]), before = theta[0] + corrected * (x[0] - theta[0]);
+    ant_real z = ant_friction_follow(&c->friction, x[0]), previous = theta[0] + corrected * (x[0] - theta[0]);
     const ant_real most = ant_friction_limit(x), limit = isfinite(most) ? most : 0; /* the motion will not be, either */
     c->d[0] = d - limit * z;
     for (int k = 1; k <= ANT_AHEAD; k++) {
-        z = ant_friction_after(z, theta[k] - before);
-        before = theta[k];
+        z = ant_friction_after(z, theta[k] - previous);
+        previous = theta[k];
         c->d[k] = d - limit * z;
     }
 }
 
-/* Moves the state on to when a command given now is heard. */
+/* Moves the state on to when a command given now acts. */
 static void wait(ant_controller *c, ant_real x[4]) {
     for (int k = 0; k < ANT_DELAY; k++) {
         ant_real later[4];
@@ -62,12 +62,12 @@ static void wait(ant_controller *c, ant_real x[4]) {
     }
 }
 
-void ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task) {
+void ant_preview(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task) {
     task->refused = !sensible(r, d);
-    task->expected = c->foreseen ? c->expected[0] : ANT_NAN;
+    task->expected = c->predicted ? c->expected[0] : ANT_NAN;
     state(c, x, task);
     memcpy(task->seen, task->x, sizeof task->seen);
-    if (task->refused) stand_in(c, task->x);
+    if (task->refused) substitute(c, task->x);
     if (!c->seen && !task->refused) task->x[0] = ant_clip(r->theta[0], ANT_LEFT, ANT_RIGHT);
     torques(c, task->x, task->refused ? 0 : d, task->refused ? c->stay : r->theta);
     if (!c->begun) {
@@ -81,7 +81,7 @@ void ant_foresee(ant_controller *c, const ant_real x[4], ant_real d, const ant_r
     task->lost = !c->seen || (ant_real)c->blind * ANT_DT > ANT_PATIENCE;
 }
 
-void ant_speak(ant_controller *c, ant_plan *plan, ant_real side) {
+void ant_send(ant_controller *c, ant_plan *plan, ant_real side) {
     const ant_motion *m = &c->last;
     if (ANT_DELAY == 0) expect(c, m->x[1]);
     memcpy(c->waiting[ANT_DELAY], m->u[0], sizeof m->u[0]);
@@ -91,7 +91,7 @@ void ant_speak(ant_controller *c, ant_plan *plan, ant_real side) {
         for (int k = 0; k < ANT_HORIZON; k++)
             for (int i = 0; i < 2; i++) {
                 const ant_real u = m->u[k][i];
-                plan->u[k][i] = side != 0 ? u + side * ANT_DEAD_BAND / 2 : ant_spoken(u, m->x[k][2 + i]);
+                plan->u[k][i] = side != 0 ? u + side * ANT_DEAD_BAND / 2 : ant_dead_band_inverse(u, m->x[k][2 + i]);
             }
         ant_limit(c->sent, plan->u);
     }
