@@ -14,17 +14,24 @@ if TYPE_CHECKING:
     from mpc.tracking.controller import TrackingMPC
     from mpc.tracking.pace import LongStep
     from mpc.tracking.plan import Plan, PlanStatus, Rung
+    from mpc.tracking.qp.solvers import DAQP, OSQP, SCS, Clarabel
     from mpc.tracking.qp_step import SlowStep
     from mpc.tracking.weights import Weights
     from mpc.trials.reference import Reference, sine
     from mpc.trials.simulation import Run, simulate
+    from mpc.yardsticks.nlp_solvers import IPOPT, Fatrop
     from mpc.yardsticks.nonlinear import NonlinearMPC
 else:
     _HOMES = {
+        "Clarabel": "tracking.qp.solvers",
         "Compensation": "model.compensation",
+        "DAQP": "tracking.qp.solvers",
+        "Fatrop": "yardsticks.nlp_solvers",
+        "IPOPT": "yardsticks.nlp_solvers",
         "KalmanObserver": "observer.kalman",
         "LongStep": "tracking.pace",
         "NonlinearMPC": "yardsticks.nonlinear",
+        "OSQP": "tracking.qp.solvers",
         "Plan": "tracking.plan",
         "PlanStatus": "tracking.plan",
         "Plant": "model.plant",
@@ -32,6 +39,7 @@ else:
         "Reference": "trials.reference",
         "Rung": "tracking.plan",
         "Run": "trials.simulation",
+        "SCS": "tracking.qp.solvers",
         "SlowStep": "tracking.qp_step",
         "TrackingMPC": "tracking.controller",
         "Weights": "tracking.weights",
@@ -51,10 +59,15 @@ else:
 
 
 __all__ = [
+    "Clarabel",
     "Compensation",
+    "DAQP",
+    "Fatrop",
+    "IPOPT",
     "KalmanObserver",
     "LongStep",
     "NonlinearMPC",
+    "OSQP",
     "Plan",
     "PlanStatus",
     "Plant",
@@ -62,6 +75,7 @@ __all__ = [
     "Reference",
     "Rung",
     "Run",
+    "SCS",
     "SlowStep",
     "TrackingMPC",
     "Weights",

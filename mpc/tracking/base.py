@@ -1,7 +1,7 @@
 """A controller's step has one skeleton, whatever optimises: the stages that `BaseController` names, in that order."""
 
 from abc import ABC, abstractmethod
-from math import inf, isfinite
+from math import inf
 from time import perf_counter
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -17,15 +17,9 @@ from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times
 from mpc.tracking.preview import Preview, Task
 from mpc.tracking.qp_step import PreviousSample
+from mpc.tracking.rest import RestMode
 
 _SHARE = 0.9  # of the time budget for optimising; the rest predicts what the commands will do
-
-
-class Held(NamedTuple):
-    """The pressures of a rest, and the edge of the dead band on which the regulators hold them."""
-
-    P: Array  # (2,) [Pa]
-    side: float  # 1 or -1
 
 
 class Situation(NamedTuple):
@@ -68,6 +62,7 @@ class BaseController(ABC):
     compensation: Compensation
     patience: float  # for how long the angle may be missing [s]
     budget: float | None = None  # time for a step [s]
+    rest: bool = False  # whether commands come to rest at a constant reference, if the compensation knows anything
     says_moved: ClassVar[bool] = True  # whether its plans say how far the references were moved
     _feed_forward: _FeedForwardOf
 
@@ -75,13 +70,14 @@ class BaseController(ABC):
         self.limits = Limits.of(self.plant, self.dt, min_force)
         self._predictor = Predictor(self.plant, self.dt, N)
         self._preview = Preview(self.plant, self.dt, N, self.compensation, self.limits)
+        self.rest_mode = RestMode(self.plant, self.dt, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
 
     def reset(self) -> None:
         """Forget the past: the next step begins from the pressures it measures."""
         self._preview.reset()
+        self.rest_mode.reset()
         self.ladder.reset()
-        self._u_star: Array | None = None  # the feed-forward of the previous sample (2,)
         self._forget()
 
     @property
@@ -89,6 +85,7 @@ class BaseController(ABC):
         """The samples of preview that `step` takes after the present one."""
         return self._preview.ahead
 
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # the ladder finds what is not finite
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
         """Return the plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad].
 
@@ -98,21 +95,25 @@ class BaseController(ABC):
         `InvalidInput` for shapes and kinds that are wrong.
         """
         began = perf_counter()
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # the ladder looks for what is not finite
-            task = self._preview.task(x, theta_ref, K_ref, d, self._ringing)
-            held, halted = self._held(task), task.halted(self.patience)
-            situation = self._situation(task, halted is not None, began)
-            fed = perf_counter()
-            if halted:
-                found = Optimised(halted)
-            elif held is not None:
-                found = self._resting_at(situation, held)
-            else:
-                found = self._optimise(situation)
-            rung, motion = self._descended(situation, found, halted is not None)
-            times = Times(fed - began, *found.times, perf_counter() - began)
-            self._remember(situation, rung, motion)
-            return self._plan(situation, found.status, rung, motion, held, times)
+        task = self._preview.task(x, theta_ref, K_ref, d, self.rest_mode.ringing)
+        held = self.rest_mode.pressures(task) if self.rest and self.rest_mode.worthwhile else None
+        halted = task.halted(self.patience)
+        situation = self._situation(task, halted is not None, began)
+        fed = perf_counter()
+        if halted:
+            found = Optimised(halted)
+        elif held is not None:
+            found = self._approach(held, situation)
+        else:
+            found = self._optimise(situation)
+        feed, u_last = situation.feed, situation.previous.u
+        if found.best is not None and found.motion is not None:
+            rung, motion = found.best[0], found.motion
+        else:
+            rung, motion = self.ladder.descend(task.x, found.best, halted is not None, feed.u, u_last, task.d[:-1])
+        times = Times(fed - began, *found.times, perf_counter() - began)
+        self.ladder.remember(rung, motion, None if task.refused else feed.u[0])
+        return self._plan(situation, found.status, rung, motion, 0.0 if held is None else self.rest_mode.side, times)
 
     # --- what a member may fill in ----------------------------------------------------------------------------------
 
@@ -128,50 +129,26 @@ class BaseController(ABC):
         """Return the torques (N+1,) [N·m] that the feed-forward reckons with."""
         return task.d
 
-    def _held(self, task: Task) -> Held | None:
-        """Return what to rest at; None: no rest. It is asked at every sample."""
-        return None
-
-    @property
-    def _ringing(self) -> bool:
-        """The joint swings by itself: see `mpc.tracking.rest`."""
-        return False
-
     # --- the stages -------------------------------------------------------------------------------------------------
 
     def _situation(self, task: Task, halts: bool, began: float) -> Situation:
         """Return the situation of `task`, with its feed-forward."""
         feed = self._feed_forward(task.theta, task.K, task.d if halts else self._torques(task))
-        u_star = feed.u[0] if self._u_star is None else self._u_star
         deadline = inf if self.budget is None else began + _SHARE * self.budget
-        return Situation(task, feed, PreviousSample(self.ladder.u_last(task.x), u_star), deadline)
+        return Situation(task, feed, self.ladder.previous(task.x, feed.u[0]), deadline)
 
-    def _resting_at(self, situation: Situation, held: Held) -> Optimised:
-        """Return the approach to the pressures of a rest."""
-        u = self.limits.limited(situation.previous.u, np.tile(held.P, (self._predictor.N, 1)))
+    def _approach(self, P: Array, situation: Situation) -> Optimised:
+        """Return the approach to the pressures `P` (2,) of a rest."""
+        u = self.limits.limited(situation.previous.u, np.tile(P, (self._predictor.N, 1)))
         return Optimised(PlanStatus.RESTING, (Rung.ALLOCATION, u))
 
-    def _descended(self, situation: Situation, found: Optimised, blind: bool) -> tuple[Rung, Motion]:
-        """Return the rung that bears, and the motion under its commands."""
-        if found.best is not None and found.motion is not None:
-            return found.best[0], found.motion
-        task, feed, previous, _ = situation
-        return self.ladder.descend(task.x, found.best, blind, feed.u, previous.u, task.d[:-1])
-
-    def _remember(self, situation: Situation, rung: Rung, motion: Motion) -> None:
-        """Remember for the next sample what is commanded at this one."""
-        self.ladder.remember(rung, motion)
-        u_star = situation.feed.u[0]
-        if not situation.task.refused and isfinite(u_star[0]) and isfinite(u_star[1]):
-            self._u_star = u_star
-
     def _plan(
-        self, situation: Situation, status: PlanStatus, rung: Rung, motion: Motion, held: Held | None, times: Times
+        self, situation: Situation, status: PlanStatus, rung: Rung, motion: Motion, side: float, times: Times
     ) -> Plan:
-        """Return what is sent for `motion`, and what is said of it."""
+        """Return what is sent for `motion`, and what is said of it; `side` is the edge of the dead band to keep to."""
         task, feed = situation.task, situation.feed
         return Plan(
-            self._preview.sent(motion.u, motion.x, 0.0 if held is None else held.side),
+            self._preview.sent(motion.u, motion.x, side),
             motion.x,
             motion.K,
             status_of(status, rung, task.measured),
@@ -183,4 +160,4 @@ class BaseController(ABC):
         )
 
 
-__all__ = ["BaseController", "Held", "Optimised", "Situation"]
+__all__ = ["BaseController", "Optimised", "Situation"]

@@ -40,20 +40,18 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
-from mpc.tracking.base import BaseController, Held, Optimised, Situation
+from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.pace import check_pace
 from mpc.tracking.plan import PlanStatus, Rung
-from mpc.tracking.preview import Task
 from mpc.tracking.qp.condense import TrackingProblem, condense
 from mpc.tracking.qp.named import NamedQP, named
 from mpc.tracking.qp.softened import softened
 from mpc.tracking.qp.solvers import Solver
 from mpc.tracking.qp.solvers import solver as solver_of
 from mpc.tracking.qp_step import QPAnswer
-from mpc.tracking.rest import RestMode
 from mpc.tracking.terminal import terminal_factor
 from mpc.tracking.weights import Weights
 
@@ -95,7 +93,6 @@ class TrackingMPC(BaseController):
         self.patience = checks.not_negative("patience", self.patience, "s")
         self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
         self._build(self.N, self.min_force)
-        self.rest_mode = RestMode(self.plant, self.dt, self.compensation, self.limits)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self.problem = TrackingProblem(self.weights, self.limits, L, self.blocks, self.dt)
         self._work()
@@ -103,7 +100,6 @@ class TrackingMPC(BaseController):
         self.reset()
 
     def _forget(self) -> None:
-        self.rest_mode.reset()
         self._qp_step.reset()
 
     @property
@@ -116,8 +112,7 @@ class TrackingMPC(BaseController):
     @property
     def rests(self) -> bool:
         """It rests if its commands come to rest at a constant reference."""
-        known = self.compensation
-        return self.rest and not (known.friction.absent and known.dead_band == 0)
+        return self.rest and self.rest_mode.worthwhile
 
     def qp(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> NamedQP:
         """Return the QP that `step` would solve for these arguments, the first one if it solves `iterations` of them.
@@ -127,7 +122,7 @@ class TrackingMPC(BaseController):
         """
         preview = deepcopy(self._preview)
         preview.strict = True
-        task = preview.task(x, theta_ref, K_ref, d, self._ringing)
+        task = preview.task(x, theta_ref, K_ref, d, self.rest_mode.ringing)
         _, feed, previous, _ = self._situation(task, halts=False, began=0.0)
         u = self.limits.limited(previous.u, self.ladder.shift(feed.u))
         model = self._predictor.linearise(task.x, u, task.d[:-1])
@@ -170,14 +165,6 @@ class TrackingMPC(BaseController):
         x = np.array([np.mean(self.limits.theta), 0.0, *P])
         self.step(x, float(np.quantile(self.limits.theta, 0.6)), float(self.plant.stiffness(x)))
         self.budget = budget
-
-    @property
-    def _ringing(self) -> bool:
-        return self.rest_mode.ringing
-
-    def _held(self, task: Task) -> Held | None:
-        held = self.rest_mode.pressures(task) if self.rests else None
-        return None if held is None else Held(held, self.rest_mode.side)
 
     def _optimise(self, situation: Situation) -> Optimised:
         """Return the commands after `iterations` QPs, or up to one that failed: then the softened one's."""

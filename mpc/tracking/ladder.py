@@ -23,6 +23,7 @@ from allocator.units import BAR
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import PlanStatus, Rung
+from mpc.tracking.qp_step import PreviousSample
 
 
 @dataclass
@@ -43,10 +44,12 @@ class Ladder:
         self._motion: Motion | None = None  # of the last plan
         self._left = 0  # samples to the end of the last plan that was optimised
         self._held = 0  # samples spent on the last rung
+        self._u_star: Array | None = None  # the feed-forward of the previous sample (2,)
 
-    def u_last(self, x: Array) -> Array:
-        """Return the command (2,) of the previous sample; the pressures in `x` (4,) if there was none."""
-        return x[2:] if self._motion is None else self._motion.u[0]
+    def previous(self, x: Array, u_star: Array) -> PreviousSample:
+        """Return the previous sample; if there was none, the pressures in `x` (4,) and feed-forward `u_star` (2,)."""
+        u_last = x[2:] if self._motion is None else self._motion.u[0]
+        return PreviousSample(u_last, u_star if self._u_star is None else self._u_star)
 
     def shift(self, u_star: Array) -> Array:
         """Return the last plan shifted by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
@@ -98,14 +101,16 @@ class Ladder:
             wanted[k] = u
         return self.limits.limited(u_last, wanted)
 
-    def remember(self, rung: Rung, motion: Motion) -> None:
-        """Remember that the commands of `motion`, of `rung`, are given."""
+    def remember(self, rung: Rung, motion: Motion, u_star: Array | None = None) -> None:
+        """Remember that commands of `motion`, of `rung`, are given, and their feed-forward `u_star` (2,), if finite."""
         self._motion = motion
         if rung in (Rung.QP, Rung.SOFTENED):
             self._left = len(motion.u)
         else:
             self._left = self._left - 1 if rung is Rung.PREVIOUS else 0
         self._held = self._held + 1 if rung is Rung.HOLD else 0
+        if u_star is not None and isfinite(u_star[0]) and isfinite(u_star[1]):
+            self._u_star = u_star
 
 
 def _stationary(x: Array, u: Array) -> Motion:

@@ -68,6 +68,7 @@ class Preview:
         self.plant, self.dt, self.compensation, self.limits = plant, dt, compensation, limits
         self.delay = compensation.delay(dt)
         self.ahead = N + self.delay  # samples of preview wanted
+        self._frictionless = compensation.friction.absent
         self._under_way = Predictor(plant, dt, self.delay)
         gate = Gate.of(plant, dt)
         self.strict = False  # raises `InvalidInput` for references that cannot be meant, instead of warning
@@ -167,7 +168,9 @@ class Preview:
         if self.strict:
             raise InvalidInput(str(reason))
         if not self._warned:
-            warnings.warn(f"{reason}; the pressures are held", BadNumbers, stacklevel=4)  # which is who calls `step`
+            warnings.warn(
+                f"{reason}; the pressures are held", BadNumbers, stacklevel=5
+            )  # which is who calls `step`, beyond np.errstate
             self._warned = True
 
     def _expect(self, x: Array) -> None:
@@ -202,7 +205,7 @@ class Preview:
         its muscles, and an error would hardly move a controller that does not count with it; one that counts with all
         of it would shake a joint without friction.
         """
-        if self.compensation.friction.absent:
+        if self._frictionless:
             return np.zeros(self.ahead + 1)
         z = self._friction.follow(float(x[0]))
         limit = self.compensation.friction.limit(float(pull(self.plant, x)))

@@ -66,8 +66,13 @@ def deviations(path: Path, u: Array, reference: Reference, last: Array) -> Error
     feed-forward.
     """
     N = u.shape[0]
-    x, y = path.x - reference.x, path.y - reference.y
+    x, y = np.empty((N + 1, 4)), np.empty((N + 1, 3))
     e, change, end = np.empty((N, 2)), np.empty((N, 2)), np.empty(6)
+    for k in range(N + 1):
+        for i in range(4):
+            x[k, i] = path.x[k, i] - reference.x[k, i]
+        for i in range(3):
+            y[k, i] = path.y[k, i] - reference.y[k, i]
     for i in range(2):
         previous = (last[0, i] - last[1, i]) / BAR
         for k in range(N):

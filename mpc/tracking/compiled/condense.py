@@ -124,12 +124,11 @@ def gradient(path: Path, errors: Errors, cost: Cost, starts: Any) -> Array:
                 f[2 * block + i] = push[i] + cost.change[i] * errors.change[k, i]
             block -= 1
         p0, p1, p2, p3 = p[0], p[1], p[2], p[3]
+        y, C = errors.y[k], path.slope[k]
+        K, F1, F2 = cost.y[0] * y[0], cost.y[1] * y[1], cost.y[2] * y[2]
         for i in range(4):
             p[i] = A[0, i] * p0 + A[1, i] * p1 + A[2, i] * p2 + A[3, i] * p3 + cost.x[i] * errors.x[k, i]
-        for m in range(3):
-            if cost.y[m] != 0.0:
-                for i in range(4):
-                    p[i] += cost.y[m] * errors.y[k, m] * path.slope[k, m, i]
+            p[i] += K * C[0, i] + F1 * C[1, i] + F2 * C[2, i]
     return f
 
 

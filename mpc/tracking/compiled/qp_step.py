@@ -89,7 +89,8 @@ class CompiledQPStep:
     ) -> QPAnswer:
         """Answer as `mpc.tracking.qp_step.QPStep` says."""
         watch = _Stopwatch()
-        self._begin(previous)
+        if previous is not self._previous:  # at a new sample the same commands bind, one sample earlier
+            self._previous, self._guess[:] = previous, self._guess[self._shifted]
         self._take(x, u, d, feed, previous)
         self._step.linearise(*self._all)
         watch.book(_LINEARISING)
@@ -110,11 +111,6 @@ class CompiledQPStep:
                 self.reset()
             return self._whole(box or self._built(), previous, found or solve, deadline, watch)
         return QPAnswer(PlanStatus.OPTIMAL, motion.u, motion, box, watch.times)
-
-    def _begin(self, previous: PreviousSample) -> None:
-        """At a new sample the same commands bind as at the last, one sample earlier."""
-        if previous is not self._previous:
-            self._previous, self._guess[:] = previous, self._guess[self._shifted]
 
     def _take(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
         given, reference = self._given, self._given.reference

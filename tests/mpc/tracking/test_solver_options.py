@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG, InvalidInput, MissingBackend
-from mpc import NonlinearMPC, PlanStatus, Plant, TrackingMPC
+from mpc import DAQP, IPOPT, OSQP, SCS, Clarabel, Fatrop, NonlinearMPC, PlanStatus, Plant, TrackingMPC
 from mpc.tracking.qp.programme import QP
-from mpc.tracking.qp.solvers import DAQP, OSQP, SCS, Clarabel, solver
-from mpc.yardsticks.nlp_solvers import IPOPT, Fatrop
+from mpc.tracking.qp.solvers import solver
 
 PLANT, REST = Plant(), Plant().at_rest(0.0, 7.6)
 TIGHT = {"name": "osqp", "eps_abs": 1e-9}
