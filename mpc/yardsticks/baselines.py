@@ -136,7 +136,7 @@ class PIDControl(Baseline):
 
 
 class PredictivePIDControl(PIDControl):
-    """This PID works on angle and velocity predicted for when its command acts: one that is given an observer.
+    """The predictive PID works on angle and velocity predicted for when its command acts: it has an observer.
 
     The integral stays one of the measured error. What the gains allow grows with what the dead time no longer costs.
     """

@@ -7,7 +7,7 @@ import pytest
 
 from mpc import Plant, TrackingMPC
 from mpc.tracking.pace import LongStep, check_pace
-from mpc.tracking.qp.solvers import daqp
+from mpc.tracking.qp.solvers import DAQP
 
 
 @pytest.mark.parametrize("stiff", [{"inertia": 1e-6}, {"lag": 5e-6}], ids=["inertia", "lag"])
@@ -56,7 +56,7 @@ def test_the_quickest_of_some_calls_counts_and_one_that_is_quick_is_enough():
 
 def test_building_leaves_nothing_behind():
     seen = []
-    controller = TrackingMPC(Plant(), N=5, solver=lambda qp, limit: (seen.append(qp), daqp(qp, limit))[1])
+    controller = TrackingMPC(Plant(), N=5, solver=lambda qp, limit: (seen.append(qp), DAQP()(qp, limit))[1])
     assert seen
     first = controller.step(Plant().at_rest(0.0, 7.6), 0.0, 7.6)
     assert (first.u[0] == controller.limits.limited(Plant().at_rest(0.0, 7.6)[2:], first.u)[0]).all()
