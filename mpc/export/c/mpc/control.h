@@ -10,8 +10,8 @@
 ant_real ant_friction_follow(ant_friction *f, ant_real theta); /* z at theta */
 ant_real ant_friction_after(ant_real z, ant_real motion);      /* z after turning by motion [rad] */
 ant_real ant_friction_limit(const ant_real x[4]);              /* greatest friction torque [N*m] */
-ant_real ant_dead_band(ant_real u, ant_real P);                    /* command less the dead band [Pa] */
-ant_real ant_dead_band_inverse(ant_real v, ant_real P);                   /* its inverse, smooth [Pa] */
+ant_real ant_after_dead_band(ant_real u, ant_real P);          /* command less the dead band [Pa] */
+ant_real ant_inverse_dead_band(ant_real v, ant_real P);        /* its inverse, smooth [Pa] */
 
 /* gating.c: which readings are believed */
 void ant_gate_reset(ant_gate *g);

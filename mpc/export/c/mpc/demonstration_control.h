@@ -25,7 +25,7 @@ static void turn(ant_real x[4], ant_real waiting[ANT_DELAY + 1][2], const ant_re
     ant_real later[4], acting[2];
     const ant_real none = 0;
     memcpy(waiting[ANT_DELAY], u, sizeof waiting[0]);
-    for (int i = 0; i < 2; i++) acting[i] = ant_dead_band(waiting[0][i], x[2 + i]);
+    for (int i = 0; i < 2; i++) acting[i] = ant_after_dead_band(waiting[0][i], x[2 + i]);
     ant_model_stage(x, acting, &none, later);
     for (int k = 0; k < ANT_DELAY; k++) memcpy(waiting[k], waiting[k + 1], sizeof waiting[k]);
     memcpy(x, later, sizeof later);

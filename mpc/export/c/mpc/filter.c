@@ -42,7 +42,8 @@ void ant_predict_belief(const ant_observer *o, ant_belief *b, ant_real z, const 
     near[0] = ant_clip(xi[0], ANT_LEFT, ANT_RIGHT);
     near[1] = xi[1];
     for (int i = 2; i < 4; i++) near[i] = ant_clip(xi[i], ANT_SUPPLY_LO, ANT_SUPPLY_HI);
-    const ant_real acting[2] = {ant_dead_band(o->commands[0][0], xi[2]), ant_dead_band(o->commands[0][1], xi[3])};
+    const ant_real acting[2] = {ant_after_dead_band(o->commands[0][0], xi[2]),
+                                ant_after_dead_band(o->commands[0][1], xi[3])};
     const ant_real torque = xi[4] - ant_friction_limit(near) * z;
     ant_model_observed(near, acting, &torque, later, A[0], by_d);
     for (int i = 0; i < 4; i++)

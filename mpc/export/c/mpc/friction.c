@@ -26,9 +26,11 @@ ant_real ant_friction_limit(const ant_real x[4]) {
     return ANT_FRICTION * pull + ANT_COULOMB;
 }
 
-ant_real ant_dead_band(ant_real u, ant_real P) {
+ant_real ant_after_dead_band(ant_real u, ant_real P) {
     const ant_real rest = ANT_DEAD_BAND / 2;
     return u - ant_clip(u - P, -rest, rest);
 }
 
-ant_real ant_dead_band_inverse(ant_real v, ant_real P) { return v + ANT_DEAD_BAND / 2 * ANT_F(tanh)((v - P) / ANT_SOFT); }
+ant_real ant_inverse_dead_band(ant_real v, ant_real P) {
+    return v + ANT_DEAD_BAND / 2 * ANT_F(tanh)((v - P) / ANT_SOFT);
+}

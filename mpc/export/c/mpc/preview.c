@@ -91,7 +91,7 @@ void ant_send(ant_controller *c, ant_plan *plan, ant_real side) {
         for (int k = 0; k < ANT_HORIZON; k++)
             for (int i = 0; i < 2; i++) {
                 const ant_real u = m->u[k][i];
-                plan->u[k][i] = side != 0 ? u + side * ANT_DEAD_BAND / 2 : ant_dead_band_inverse(u, m->x[k][2 + i]);
+                plan->u[k][i] = side != 0 ? u + side * ANT_DEAD_BAND / 2 : ant_inverse_dead_band(u, m->x[k][2 + i]);
             }
         ant_limit(c->sent, plan->u);
     }
