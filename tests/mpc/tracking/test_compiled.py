@@ -120,7 +120,13 @@ class Case:
         return self.x if x is None else x, self.u, self.d[:-1], feed, previous, solve, deadline
 
 
-@pytest.fixture(scope="module", params=CASES.values(), ids=CASES.keys())
+def long_to_compile(name):
+    return [pytest.mark.slow] if name in ("no kernel", "substeps, gravity, blocks") else []
+
+
+@pytest.fixture(
+    scope="module", params=[pytest.param(c, id=name, marks=long_to_compile(name)) for name, c in CASES.items()]
+)
 def case(request, joints):
     name, *rest = request.param
     return Case(joints[name], *rest)
