@@ -194,7 +194,7 @@ class KalmanObserver:
             self.belief = self._rebuilt(previous, read, self._believed)
             return
         read[_THETA] = self.gate.unwrapped(float(said[_THETA]), float(expected.xi[0]))
-        self.verdicts = self._judged(read, expected)
+        self.verdicts = self._checked(read, expected)
         repeated = said == self._read
         expected = self._without_frozen(previous, expected, repeated, read, z)
         expected = self._rival_or(expected, read, repeated, z)
@@ -203,7 +203,7 @@ class KalmanObserver:
         self._samples = min(self._samples + 1, FIRST + 1)
         self.belief = found if found.sound else self._rebuilt(previous, read, believed)
 
-    def _judged(self, read: Array, expected: Belief) -> list[Verdict]:
+    def _checked(self, read: Array, expected: Belief) -> list[Verdict]:
         i = MEASURED
         foreseen, variance = expected.xi[i].tolist(), (expected.covariance[i, i] + self._variances).tolist()
         return [gate.check(*one) for gate, *one in zip(self._gates, read.tolist(), foreseen, variance, strict=True)]

@@ -84,7 +84,7 @@ class PressureDiagnosis:
         most, margin = 2 * LIMIT * self.sigma, MARGIN * self.sigma
         self.low = min(max(self.low - r - margin, 0.0), most)
         self.high = min(max(self.high + r - margin, 0.0), most)
-        self._judge(t, v, other)
+        self._check(t, v, other)
         self._past.append((self.P, self._r))
 
     def _dead(self, e: float) -> float:
@@ -97,7 +97,7 @@ class PressureDiagnosis:
         self._variance = (1 - weight) * (self._variance + weight * dx * dx)
         self._covariance = (1 - weight) * (self._covariance + weight * dx * dy)
 
-    def _judge(self, t: float, v: float, other: "PressureDiagnosis") -> None:
+    def _check(self, t: float, v: float, other: "PressureDiagnosis") -> None:
         wrong = self.low > 0 or self.high > 0
         if wrong and not self._open:
             self._open, self._possible, self._onset, self._begun = True, _ANY, self.P, t

@@ -28,8 +28,8 @@ def spread(problem: Problem, P1: Array, P2: Array) -> Spread:
     """Return the spread of everything at the pressures; a muscle without covariance counts as exactly known."""
     (one, two), joint = problem.sides, problem.joint
     root1, root2 = _roots(joint)
-    torque1, stiffness1, force1 = _of_side(one, P1, root1)
-    torque2, stiffness2, force2 = _of_side(two, P2, root2)
+    torque1, stiffness1, force1 = _of_muscle(one, P1, root1)
+    torque2, stiffness2, force2 = _of_muscle(two, P2, root2)
     if joint.covariance is not None or joint.agonist == joint.antagonist:
         return Spread(torque1 + torque2, stiffness1 + stiffness2, (force1, force2))
     return Spread(np.hstack([torque1, torque2]), np.hstack([stiffness1, stiffness2]), (force1, force2))
@@ -43,7 +43,7 @@ def stiffness_std(problem: Problem, P1: Array, P2: Array) -> Array | None:
     return np.asarray(np.linalg.norm(spread(problem, P1, P2).stiffness, axis=1))
 
 
-def _of_side(side: OneMuscle, P: Array, root: Array) -> tuple[Array, Array, Array]:
+def _of_muscle(side: OneMuscle, P: Array, root: Array) -> tuple[Array, Array, Array]:
     """Return (torque, stiffness, force) of one muscle, each (n, m), by its `root` (parameters, m)."""
     _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
     force, slope = force @ root, slope @ root
