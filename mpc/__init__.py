@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from mpc.tracking.pace import LongStep
     from mpc.tracking.plan import Plan, PlanStatus, Rung
     from mpc.tracking.qp.solvers import DAQP, OSQP, SCS, Clarabel
-    from mpc.tracking.qp_step import SlowStep
+    from mpc.tracking.qp.step import SlowStep
     from mpc.tracking.weights import Weights
     from mpc.trials.reference import Reference, sine
     from mpc.trials.simulation import Run, simulate

@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 from allocator import checks
 from allocator.allocation import exact
 from allocator.allocation.arguments import problem_from
-from allocator.allocation.assessment import Assessment, assess, assess_inverse
 from allocator.allocation.friction import checked_direction, with_friction
 from allocator.allocation.kernels import calls
 from allocator.allocation.kernels.scalars import number
@@ -16,7 +15,7 @@ from allocator.allocation.optimisers import backends
 from allocator.allocation.planning import planned
 from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.result import Allocation, shaped
-from allocator.allocation.status import Status
+from allocator.allocation.status import Assessment, Status, assess, assess_inverse
 from allocator.allocation.tolerances import OPTIMISER, UNCERTAIN
 from allocator.allocation.uncertain.covariance import with_covariance
 from allocator.calculus import Array, Value

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks, search
 from allocator.allocation import Status, allocate, exact
-from allocator.allocation.assessment import assess
+from allocator.allocation.status import assess
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput

@@ -9,10 +9,10 @@ from mpc.export import text
 from mpc.export.allocation_demonstration import allocation_lines, allocation_table
 from mpc.export.control import check_pair, control_files, model_functions, sizes_of
 from mpc.export.control_demonstration import lines as control_lines
+from mpc.export.directory import check, write
 from mpc.export.joint import kernel_of
 from mpc.export.parts import Files, allocation_files, copied, kernel_functions, model_files
 from mpc.export.readme import readme
-from mpc.export.writing import check, write
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.observer.kalman import KalmanObserver

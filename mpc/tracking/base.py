@@ -10,13 +10,13 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
+from mpc.tracking.fallback import Ladder
 from mpc.tracking.feedforward import FeedForward
-from mpc.tracking.ladder import Ladder, status_of
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion, Predictor
-from mpc.tracking.plan import Plan, PlanStatus, Rung, Times
+from mpc.tracking.plan import Plan, PlanStatus, Rung, Times, status_of
 from mpc.tracking.preview import Preview, Task
-from mpc.tracking.qp_step import PreviousSample
+from mpc.tracking.qp.step import PreviousSample
 from mpc.tracking.rest import RestMode
 
 _SHARE = 0.9  # of the time budget for optimising; the rest predicts what the commands will do
@@ -51,7 +51,7 @@ class BaseController(ABC):
         inputs checked    `Task`         what can be meant, from when a command acts on    `mpc.tracking.preview`
         feed-forward      `FeedForward`  state, outputs, commands that would follow it      `mpc.tracking.feedforward`
         optimise          `Optimised`    commands and their status: what a member fills in  `_optimise`
-        ladder            `Motion`       of the best commands whose prediction is finite    `mpc.tracking.ladder`
+        ladder            `Motion`       of the best commands whose prediction is finite    `mpc.tracking.fallback`
         plan              `Plan`         what is sent, how it came about, where it leads    `mpc.tracking.plan`
 
     A member has the attributes below; `_build` makes those that all of them have in common.

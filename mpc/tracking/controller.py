@@ -20,10 +20,10 @@ What a `Compensation` knows of the real joint is taken account of: the problem b
 have brought the joint at the end of the dead time, the torque d_k contains the friction of the intended motion θ*, and
 the commands that are sent are the inverse of the regulators' dead band at u.
 
-One QP about a plan is `mpc.tracking.qp_step`, in compiled code where that can be had (`mpc.tracking.compiled.qp_step`).
+One QP about a plan is `mpc.tracking.qp.step`, in compiled code where that can be had (`mpc.tracking.compiled.qp_step`).
 
 No step is without an answer. If the QP has none that passes the check of its optimality conditions
-(`mpc.tracking.qp.certified`) within the time budget, the fallback ladder leads down (`mpc.tracking.ladder`). Whatever
+(`mpc.tracking.qp.certified`) within the time budget, the fallback ladder leads down (`mpc.tracking.fallback`). Whatever
 is sent keeps the hard limits exactly.
 """
 
@@ -51,7 +51,7 @@ from mpc.tracking.qp.named import NamedQP, named
 from mpc.tracking.qp.softened import softened
 from mpc.tracking.qp.solvers import Solver
 from mpc.tracking.qp.solvers import solver as solver_of
-from mpc.tracking.qp_step import QPAnswer
+from mpc.tracking.qp.step import QPAnswer
 from mpc.tracking.terminal import terminal_factor
 from mpc.tracking.weights import Weights
 
@@ -61,7 +61,7 @@ class TrackingMPC(BaseController):
     """The tracking MPC follows references of angle and stiffness with `plant` as its model. It remembers its last plan.
 
     Its step is that of `BaseController`: `Task` → `FeedForward` → `Optimised` → `Motion` → `Plan`. To optimise is to
-    solve `iterations` QPs (`mpc.tracking.qp_step`), or the softened one; where the reference is constant the commands
+    solve `iterations` QPs (`mpc.tracking.qp.step`), or the softened one; where the reference is constant the commands
     rest (`mpc.tracking.rest`). `qp` shows the QP of a step.
 
     A time `budget` is for work in real time, where dt or less of it is there; without one a step takes what it takes.

@@ -1,4 +1,9 @@
-"""The plan is what the controller answers at every sample."""
+"""The plan is what the controller answers at every sample.
+
+Its status comes from whoever knows: `BAD_INPUT` and `BLIND` from the inputs (`mpc.tracking.preview.Task.halted`),
+`RESTING` from the rest mode (`mpc.tracking.rest`), `OPTIMAL`, `UNSOLVED` and `REFUSED` from the QP's proof
+(`mpc.tracking.qp.certified`), `LATE` from the clock; `status_of` has the last word.
+"""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -105,4 +110,13 @@ class Plan:
             array.setflags(write=False)
 
 
-__all__ = ["Moved", "Plan", "PlanStatus", "Rung", "Times"]
+def status_of(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
+    """Return the status of a plan on `rung`, optimisation having ended with the status `optimised`."""
+    if optimised is not PlanStatus.OPTIMAL:
+        return optimised
+    if rung is not Rung.QP:
+        return PlanStatus.NOT_FINITE  # what the QP's commands would do
+    return PlanStatus.OPTIMAL if measured else PlanStatus.NO_MEASUREMENT
+
+
+__all__ = ["Moved", "Plan", "PlanStatus", "Rung", "Times", "status_of"]

@@ -2,9 +2,9 @@
 `TrackingMPC`.
 
 At every sample the nonlinear programme of `mpc.yardsticks.shooting` is solved to the end by IPOPT or by fatrop, begun
-at the previous plan shifted by one sample. It has what `TrackingMPC` has besides: the same look ahead by the dead
-time, the same feed-forward, and the fallback ladder (`mpc.tracking.ladder`) without its second rung. A solution is one
-if it satisfies the conditions of Karush, Kuhn and Tucker, computed here; of a problem that is not convex these tell a
+at the previous plan shifted by one sample. It has what `TrackingMPC` has besides: the same look ahead by the dead time,
+the same feed-forward, and the fallback ladder (`mpc.tracking.fallback`) without its second rung. A solution is one if
+it satisfies the conditions of Karush, Kuhn and Tucker, computed here; of a problem that is not convex these tell a
 local minimum from no minimum, not from a better one elsewhere. `Rung.QP` is the rung of such a solution.
 """
 

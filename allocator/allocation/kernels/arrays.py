@@ -9,13 +9,13 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from allocator.allocation.arguments import problem_from
-from allocator.allocation.assessment import assess
 from allocator.allocation.exact import solve
 from allocator.allocation.kernels import source as kernels
 from allocator.allocation.kernels.choice import JointKernel, Kernel, arrays, coefficients
 from allocator.allocation.kernels.compiled import threads
 from allocator.allocation.kernels.scalars import REAL, number, pair
 from allocator.allocation.problem import Priority
+from allocator.allocation.status import assess
 from allocator.calculus import Array, Mask
 from allocator.checks import LOOKS_LIKE_BAR, real
 from allocator.errors import InvalidInput

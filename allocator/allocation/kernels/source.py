@@ -1,7 +1,7 @@
 """The exact allocation of one target as plain Python is the one text that everything else is made from.
 
 `tondu_exact` answers for two equal Tondu2021 on a pulley, `affine_exact` for muscles affine in the pressure in any
-geometry. They give, to rounding, what the readable `allocator.allocation.exact` and `assessment` give, for the
+geometry. They give, to rounding, what the readable `allocator.allocation.exact` and `status` give, for the
 lexicographic priorities without a pull. Nothing here is searched, and no step depends on the data: bring the first
 target into its interval, find both ends of its level in the box, bring the second target between them, invert.
 

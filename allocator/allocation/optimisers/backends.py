@@ -1,5 +1,6 @@
 """`optimise` calls a solver of the allocation problem by its name; each is imported only when it is used."""
 
+from importlib import import_module
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -36,13 +37,10 @@ def optimise(problem: Problem, method: str, solver: str | None, warm_start: bool
 
 
 def _run(problem: Problem, method: str, solver: str | None, warm_start: bool) -> Answer:
-    if method == "qp":
-        from allocator.allocation.optimisers import qp as backend
-    elif method == "nlp":
-        from allocator.allocation.optimisers import nlp as backend  # type: ignore[no-redef]
-    else:
-        from allocator.allocation.optimisers import convex as backend  # type: ignore[no-redef]
-    return backend.solve(problem, solver, warm_start)
+    """Call `solve` of the file in this folder that is called as the back-end."""
+    backend = import_module(f"allocator.allocation.optimisers.{method}")
+    answer: Answer = backend.solve(problem, solver, warm_start)
+    return answer
 
 
 def _snapped(problem: Problem, answer: Answer) -> tuple[Array, Array]:

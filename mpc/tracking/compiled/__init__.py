@@ -7,7 +7,7 @@ What has to be written in C, too, has the same names there (`mpc/export/c/mpc`):
     step.rollout             rollout.c, ant_rollout
     commands                 limits.c, ant_limit; slew_bounds in condense.c
     certificate              certificate.c
-    mpc.tracking.base        controller.c; preview, ladder, rest, softened have files of their names
+    mpc.tracking.base        controller.c; preview, fallback, rest, softened have files of their names
 
 C has no recursions (`riccati`): it gives the least-squares form of the QP to DAQP (qp.c).
 """

@@ -12,7 +12,7 @@ from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE
 from mpc.tracking.qp.condense import TrackingProblem
-from mpc.tracking.qp_step import QPStep, ReadableQPStep, SlowStep
+from mpc.tracking.qp.step import QPStep, ReadableQPStep, SlowStep
 
 
 class Parts(NamedTuple):

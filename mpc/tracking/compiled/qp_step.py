@@ -1,4 +1,4 @@
-"""The compiled step is `mpc.tracking.qp_step` in compiled code: tens of microseconds where that takes hundreds.
+"""The compiled step is `mpc.tracking.qp.step` in compiled code: tens of microseconds where that takes hundreds.
 
 The QP is solved with its simple bounds only, from the guess that those bind which bound in the last one, by Riccati
 recursions (`mpc.tracking.compiled.riccati`); where these do not settle, the solver says which bounds bind. If the
@@ -22,7 +22,7 @@ from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import SLACKS, TrackingProblem
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import DAQP, Solver
-from mpc.tracking.qp_step import PreviousSample, QPAnswer
+from mpc.tracking.qp.step import PreviousSample, QPAnswer
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.module import CompiledPlant  # which imports numba
@@ -87,7 +87,7 @@ class CompiledQPStep:
     def __call__(
         self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample, solve: Solver, deadline: float
     ) -> QPAnswer:
-        """Answer as `mpc.tracking.qp_step.QPStep` says."""
+        """Answer as `mpc.tracking.qp.step.QPStep` says."""
         watch = _Stopwatch()
         if previous is not self._previous:  # at a new sample the same commands bind, one sample earlier
             self._previous, self._guess[:] = previous, self._guess[self._shifted]

@@ -12,12 +12,12 @@ import allocator
 from allocator import AntagonistJoint, InvalidInput, Lever, Pulley, Status, Table, allocate, report_joint, warm_up
 from allocator.allocation import exact
 from allocator.allocation.arguments import problem_from
-from allocator.allocation.assessment import assess
 from allocator.allocation.kernels import calls
 from allocator.allocation.kernels import source as kernels
 from allocator.allocation.kernels.choice import coefficients
 from allocator.allocation.kernels.compiled import kernel
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
+from allocator.allocation.status import assess
 from allocator.joint.limits import Limits
 from allocator.muscles import Hogan1984, Tondu2021
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N, TONDU_MCKIBBEN

@@ -8,7 +8,7 @@ import pytest
 
 from allocator import AntagonistJoint, Lever, report_joint
 from allocator.allocation import Problem, exact
-from allocator.allocation.assessment import assess
+from allocator.allocation.status import assess
 from allocator.joint.limits import Limits
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG

@@ -24,7 +24,7 @@ from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import TrackingProblem, condense
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import solver
-from mpc.tracking.qp_step import PreviousSample, ReadableQPStep
+from mpc.tracking.qp.step import PreviousSample, ReadableQPStep
 from mpc.tracking.terminal import terminal_factor
 
 RNG = np.random.default_rng(8)

@@ -12,7 +12,7 @@ import pytest
 from allocator import AntagonistError
 from allocator.allocation.kernels import source
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
-from allocator.allocation.kernels.printed import Outside, Source, Unprintable, array_form, array_functions, c_form
+from allocator.allocation.kernels.printer import Outside, Source, Unprintable, array_form, array_functions, c_form
 
 from .constructs import BOTH_REFUSE, C_REFUSES, CONSTRUCTS
 from .test_kernels import JOINTS, coefficients, mixed_targets

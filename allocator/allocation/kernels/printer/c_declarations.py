@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isinf
 from typing import NamedTuple
 
-from allocator.allocation.kernels.printed.c_layout import runs
-from allocator.allocation.kernels.printed.text import Source, assignments, refuse
+from allocator.allocation.kernels.printer.c_layout import runs
+from allocator.allocation.kernels.printer.python_text import Source, assignments, refuse
 
 REAL, INT = "ant_real", "int"
 ATOM = 16  # how strongly what is no operator binds in C

@@ -4,7 +4,14 @@ import ast
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from allocator.allocation.kernels.printed.text import Source, asks_for_none, assignments, names_in, refuse, statements
+from allocator.allocation.kernels.printer.python_text import (
+    Source,
+    asks_for_none,
+    assignments,
+    names_in,
+    refuse,
+    statements,
+)
 
 
 def array_form(source: Source, entry: str) -> str:

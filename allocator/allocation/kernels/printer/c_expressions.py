@@ -2,8 +2,8 @@
 
 import ast
 
-from allocator.allocation.kernels.printed.c_unit import ATOM, INT, MADE, REAL, Text, Unit, arguments_of, literal
-from allocator.allocation.kernels.printed.text import asks_for_none, refuse
+from allocator.allocation.kernels.printer.c_declarations import ATOM, INT, MADE, REAL, Text, Unit, arguments_of, literal
+from allocator.allocation.kernels.printer.python_text import asks_for_none, refuse
 
 _LINKS = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
 _SIGNS = {ast.Add: ("+", 12), ast.Sub: ("-", 12), ast.Mult: ("*", 13), ast.Div: ("/", 13)}

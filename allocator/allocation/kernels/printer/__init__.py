@@ -20,9 +20,9 @@ Whatever else there is raises `Unprintable`, whichever form is asked for.
 In C a variable is real, an int (flags and truth values) or a struct: what is assigned to it decides.
 """
 
-from allocator.allocation.kernels.printed.c_form import Printed, c_form
-from allocator.allocation.kernels.printed.c_unit import INT, REAL, Outside
-from allocator.allocation.kernels.printed.numpy_form import array_form, array_functions
-from allocator.allocation.kernels.printed.text import Source, Unprintable
+from allocator.allocation.kernels.printer.c_declarations import INT, REAL, Outside
+from allocator.allocation.kernels.printer.python_text import Source, Unprintable
+from allocator.allocation.kernels.printer.to_c import Printed, c_form
+from allocator.allocation.kernels.printer.to_numpy import array_form, array_functions
 
 __all__ = ["INT", "REAL", "Outside", "Printed", "Source", "Unprintable", "array_form", "array_functions", "c_form"]

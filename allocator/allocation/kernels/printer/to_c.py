@@ -9,10 +9,10 @@ import ast
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from allocator.allocation.kernels.printed.c_expressions import Expressions
-from allocator.allocation.kernels.printed.c_layout import comment, runs, whole, wrapped
-from allocator.allocation.kernels.printed.c_unit import INT, REAL, Outside, Text, Unit, arguments_of
-from allocator.allocation.kernels.printed.text import Source, asks_for_none, assignments, refuse, statements
+from allocator.allocation.kernels.printer.c_declarations import INT, REAL, Outside, Text, Unit, arguments_of
+from allocator.allocation.kernels.printer.c_expressions import Expressions
+from allocator.allocation.kernels.printer.c_layout import comment, runs, whole, wrapped
+from allocator.allocation.kernels.printer.python_text import Source, asks_for_none, assignments, refuse, statements
 
 _SUM = 12  # how strongly C's + binds
 

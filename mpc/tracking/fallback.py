@@ -7,9 +7,9 @@
     HOLD        the commands stay where they are, and after a while both pressures are let out slowly
 
 A rung is taken only if its commands and the motion that the model predicts for them are finite. Without the angle it is
-the last: a prediction that does not know it drifts away. Where there is no finite prediction at
-all, the plan says that everything stays as it was last known. Letting out keeps the ratio of the two pressures, and
-with it about the angle. The next good sample leads back to the first rung.
+the last: a prediction that does not know it drifts away. Where there is no finite prediction at all, the plan says that
+everything stays as it was last known. Letting out keeps the ratio of the two pressures, and with it about the angle.
+The next good sample leads back to the first rung.
 """
 
 from collections.abc import Iterator
@@ -22,8 +22,8 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion, Predictor
-from mpc.tracking.plan import PlanStatus, Rung
-from mpc.tracking.qp_step import PreviousSample
+from mpc.tracking.plan import Rung
+from mpc.tracking.qp.step import PreviousSample
 
 
 @dataclass
@@ -119,13 +119,4 @@ def _stationary(x: Array, u: Array) -> Motion:
     return Motion(u, np.tile(x, (n, 1)), np.zeros(n), np.zeros((n, u.shape[1])))
 
 
-def status_of(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
-    """Return the status of a plan on `rung`, optimisation having ended with the status `optimised`."""
-    if optimised is not PlanStatus.OPTIMAL:
-        return optimised
-    if rung is not Rung.QP:
-        return PlanStatus.NOT_FINITE  # what the QP's commands would do
-    return PlanStatus.OPTIMAL if measured else PlanStatus.NO_MEASUREMENT
-
-
-__all__ = ["Ladder", "status_of"]
+__all__ = ["Ladder"]
