@@ -40,7 +40,7 @@ else:
         "Rung": "tracking.plan",
         "Run": "trials.simulation",
         "SCS": "tracking.qp.solvers",
-        "SlowStep": "tracking.qp_step",
+        "SlowStep": "tracking.qp.step",
         "TrackingMPC": "tracking.controller",
         "Weights": "tracking.weights",
         "simulate": "trials.simulation",
