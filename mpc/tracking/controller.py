@@ -112,11 +112,12 @@ class TrackingMPC(BaseController):
         """It rests if its commands come to rest at a constant reference."""
         return self.rest and self.rest_mode.worthwhile
 
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what is not finite is refused below
     def qp(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> NamedQP:
         """Return the QP that `step` would solve for these arguments, the first one if it solves `iterations` of them.
 
         It is not solved, and the controller does not change. A step that rests or cannot see the angle does not come to
-        solve it. Raises `InvalidInput` for arguments that cannot be meant.
+        solve it. Raises `InvalidInput` for arguments that cannot be meant, or that lead beyond the range of numbers.
         """
         preview = deepcopy(self._preview)
         preview.strict = True
@@ -124,7 +125,10 @@ class TrackingMPC(BaseController):
         _, feed, previous, _ = self._situation(task, halts=False, began=0.0)
         u = self.limits.limited(previous.u, self.ladder.shift(feed.u))
         model = self._predictor.linearise(task.x, u, task.d[:-1])
-        return named(self.problem, condense(self.problem, model, feed, *previous), u, previous.u)
+        made = condense(self.problem, model, feed, *previous)
+        if not (np.isfinite(made.H).all() and np.isfinite(made.f).all()):
+            raise InvalidInput(f"the prediction from x = {x!r} under d = {d!r} N·m leaves the range of numbers")
+        return named(self.problem, made, u, previous.u)
 
     # --- copies -----------------------------------------------------------------------------------------------------
 

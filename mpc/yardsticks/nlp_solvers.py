@@ -10,6 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.errors import InvalidInput, MissingBackend
 from mpc.tracking.qp.options import SolverOptions, with_options
 from mpc.yardsticks.shooting import Given, Shooting
 
@@ -69,20 +70,29 @@ class Proposal(NamedTuple):
     success: bool  # in its own opinion
 
 
+def _chosen(solver: str | Mapping[str, Any] | NLPOptions) -> NLPOptions:
+    if isinstance(solver, NLPOptions):
+        return solver
+    if not isinstance(solver, str | Mapping):
+        raise MissingBackend("NLP solver", solver, _SOLVERS)
+    return with_options("NLP solver", solver, _SOLVERS, IPOPT.name)
+
+
 class NLPSolver:
     """An NLP solver is IPOPT or fatrop, as CasADi's wheel brings them, for one `Shooting`."""
 
     def __init__(self, solver: str | Mapping[str, Any] | NLPOptions, shooting: Shooting) -> None:
         import casadi as ca
 
-        chosen = solver
-        if not isinstance(chosen, NLPOptions):
-            chosen = with_options("NLP solver", chosen, _SOLVERS, IPOPT.name)
+        chosen = _chosen(solver)
         self.name, self._free = chosen.name, ~shooting.equality
         options = {"print_time": False, **chosen.casadi}
         if self.name == Fatrop.name:
             options["equality"] = shooting.equality.tolist()
-        self._nlp = ca.nlpsol("tracking", self.name, shooting.problem, options)
+        try:
+            self._nlp = ca.nlpsol("tracking", self.name, shooting.problem, options)
+        except RuntimeError as error:
+            raise InvalidInput(f"CasADi refuses {chosen!r}: {str(error).strip().splitlines()[-1]}") from None
 
     def __call__(self, begun: Array, given: Given) -> Proposal:
         """Return the answer for the programme of this step, `begun` at a point z."""

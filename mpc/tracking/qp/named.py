@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,11 @@ class NamedQP:
         """Let nobody write into the arrays."""
         for array in (self.H, self.f, self.lower, self.upper, self.rows, self.rows_lower, self.rows_upper, self.u):
             array.setflags(write=False)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Keep the arrays of a copy read-only, too."""
+        self.__dict__.update(state)
+        self.__post_init__()
 
     def commands(self, z: Array) -> Array:
         """Return the commands (N, 2) [Pa] of the decisions `z` (n,), within the hard limits as a plan's are."""

@@ -3,15 +3,23 @@
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import cached_property
-from typing import Any, ClassVar, Self, TypeVar
+from math import inf
+from numbers import Integral, Real
+from types import UnionType
+from typing import Any, ClassVar, Self, TypeVar, get_args
+
+import numpy as np
 
 from allocator.errors import InvalidInput, MissingBackend
+
+_MOST = 2**31 - 1  # what a C int holds
 
 
 class SolverOptions:
     """The options of a solver are a frozen dataclass, its fields named as the solver names them.
 
-    None leaves the solver its own default. `InvalidInput` for an option that does not exist.
+    None leaves the solver its own default. `InvalidInput` for an option that does not exist, or a value that it cannot
+    have.
     """
 
     name: ClassVar[str]
@@ -23,12 +31,36 @@ class SolverOptions:
             raise InvalidInput(f"{cls.__name__} has no option {unknown[0]!r}; its options are {', '.join(names)}")
         return super().__new__(cls)
 
+    def __post_init__(self) -> None:
+        """Insist on values of the kinds that the fields are declared with."""
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            kinds = get_args(field.type) if isinstance(field.type, UnionType) else (field.type,)
+            wanted = next((says for kind, says, holds in _KINDS if kind in kinds and not holds(value)), None)
+            if wanted and not (value is None and type(None) in kinds):
+                raise InvalidInput(f"{type(self).__name__}: {field.name} = {value!r} has to be {wanted}")
+
     @cached_property
     def given(self) -> dict[str, Any]:
         """The options that are not left to the solver."""
         pairs = ((field.name, getattr(self, field.name)) for field in fields(self))  # type: ignore[arg-type]
         return {name: value for name, value in pairs if value is not None}
 
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and value is not True and value is not False and 0 <= float(value) < inf
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, Integral) and value is not True and value is not False and 0 <= int(value) <= _MOST
+
+
+_KINDS = (  # kind of a field, what its values have to be
+    (float, "a number of at least 0", _is_number),
+    (int, "a whole number of at least 0", _is_count),
+    (bool, "True or False", lambda value: isinstance(value, bool | np.bool_)),
+    (str, "a name", lambda value: isinstance(value, str)),
+)
 
 S = TypeVar("S", bound=SolverOptions)
 
@@ -39,6 +71,8 @@ def with_options(kind: str, solver: str | Mapping[str, Any], members: Mapping[st
     In a dict "name" says which solver it is about. `MissingBackend` lists the names there are of this `kind`.
     """
     options = {"name": solver} if isinstance(solver, str) else dict(solver)
+    if odd := [key for key in options if not isinstance(key, str)]:
+        raise InvalidInput(f"solver = {solver!r}: {odd[0]!r} is no name of an option")
     name = options.pop("name", default)
     if name not in members:
         raise MissingBackend(kind, name, members)

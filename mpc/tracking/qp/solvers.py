@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from allocator.errors import MissingBackend
+from allocator.errors import InvalidInput, MissingBackend
 from mpc.tracking.qp.options import SolverOptions, with_options
 from mpc.tracking.qp.programme import QP
 
@@ -125,7 +125,7 @@ class Installed(ThroughQpsolvers):
     """Any other solver is known to qpsolvers by its name; its options are passed on as they are."""
 
     name: str  # type: ignore[misc]  # a field here
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     @cached_property
     def given(self) -> dict[str, Any]:
@@ -142,7 +142,13 @@ def solver(given: "str | Mapping[str, Any] | Solver") -> Solver:
     In a dict "name" says whose options they are, by default DAQP's. `MissingBackend` lists the names there are,
     `InvalidInput` the options.
     """
+    if isinstance(given, type) or not (isinstance(given, str | Mapping) or callable(given)):
+        raise InvalidInput(
+            f"solver = {given!r} is no QP solver: give a name, a dict of options, a value such as OSQP(eps_abs=1e-9), "
+            "or a function of a QP and the seconds that it may take"
+        )
     if not isinstance(given, str | Mapping):
+        _check_installed(given)
         return guarded(given)
     name = given if isinstance(given, str) else given.get("name", DAQP.name)
     if name == DAQP.name:
@@ -158,6 +164,15 @@ def solver(given: "str | Mapping[str, Any] | Solver") -> Solver:
     if name not in known:
         raise MissingBackend("QP solver", name, {DAQP.name, *there})
     return guarded(with_options("QP solver", given, known, DAQP.name))
+
+
+def _check_installed(value: Solver) -> None:
+    """Insist that qpsolvers has the solver which `value` calls. Raises `MissingBackend`."""
+    if isinstance(value, ThroughQpsolvers):
+        import qpsolvers
+
+        if value.name not in qpsolvers.available_solvers:
+            raise MissingBackend("QP solver", value.name, {DAQP.name, *qpsolvers.available_solvers})
 
 
 def guarded(solve: Solver) -> Solver:

@@ -166,11 +166,11 @@ for w in said:
 @pytest.fixture
 def home(tmp_path):
     """A cache directory with all that a controller needs."""
-    law, there = module.law(Plant(), 0.01), tmp_path / "antagonist"
+    compiled, there = module.compiled_plant(Plant(), 0.01), tmp_path / "antagonist"
     TrackingMPC(Plant(), N=12)
     (there / "__pycache__").mkdir(parents=True, mode=0o700)
     there.chmod(0o700)
-    for text in (law.module, law.answers):
+    for text in (compiled.step, compiled.solve):
         file = Path(text.__file__)
         shutil.copy2(file, there)
         for one in file.parent.glob(f"__pycache__/{file.stem}.*"):

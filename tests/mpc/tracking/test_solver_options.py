@@ -1,5 +1,6 @@
 """Solvers are values with their options; names and dicts stand for them; wrong options are named in one sentence."""
 
+from copy import deepcopy
 from dataclasses import FrozenInstanceError, replace
 from pickle import dumps, loads
 
@@ -9,7 +10,7 @@ import pytest
 from allocator import BAR, DEG, InvalidInput, MissingBackend
 from mpc import DAQP, IPOPT, OSQP, SCS, Clarabel, Fatrop, NonlinearMPC, PlanStatus, Plant, TrackingMPC
 from mpc.tracking.qp.programme import QP
-from mpc.tracking.qp.solvers import solver
+from mpc.tracking.qp.solvers import Installed, solver
 
 PLANT, REST = Plant(), Plant().at_rest(0.0, 7.6)
 TIGHT = {"name": "osqp", "eps_abs": 1e-9}
@@ -74,3 +75,59 @@ def test_values_are_frozen_and_travel(kind):
         value.name = "other"
     assert loads(dumps(value)) == value == replace(value)
     assert hash(value) == hash(kind())
+
+
+@pytest.mark.parametrize("given", [OSQP, DAQP, IPOPT, IPOPT(), None, 5, ("osqp",), b"osqp", {5: 6}])
+def test_what_is_no_qp_solver_is_refused_when_the_controller_is_built(given):
+    with pytest.raises(InvalidInput, match="solver = "):
+        TrackingMPC(PLANT, N=3, solver=given)
+
+
+@pytest.mark.parametrize("given", [IPOPT, DAQP(), None, 5, ["ipopt"]])
+def test_what_is_no_nlp_solver_is_refused_when_the_controller_is_built(given):
+    with pytest.raises(MissingBackend, match="unknown NLP solver"):
+        NonlinearMPC(PLANT, N=3, solver=given)
+
+
+@pytest.mark.parametrize(
+    ("kind", "option", "value"),
+    [
+        (OSQP, "eps_abs", "x"), (OSQP, "eps_abs", -1.0), (OSQP, "polishing", 1), (DAQP, "primal_tol", np.nan),
+        (DAQP, "iter_limit", 1.5), (DAQP, "iter_limit", 10**12), (Clarabel, "max_iter", "x"),
+        (Clarabel, "tol_feas", None),
+        (IPOPT, "max_iter", 1.5), (IPOPT, "max_iter", -4), (IPOPT, "tol", True), (IPOPT, "mu_strategy", 3),
+    ],
+)  # fmt: skip
+def test_an_option_of_the_wrong_kind_is_one_sentence(kind, option, value):
+    with pytest.raises(InvalidInput, match=f"{kind.__name__}: {option} = .* has to be "):
+        kind(**{option: value})
+
+
+def test_numbers_of_numpy_are_numbers():
+    assert DAQP(primal_tol=np.float32(0.5), iter_limit=np.int64(3)).given == {"primal_tol": 0.5, "iter_limit": 3}
+    assert OSQP(polishing=np.True_).given["polishing"]
+
+
+def test_an_option_that_casadi_refuses_is_one_sentence():
+    with pytest.raises(InvalidInput, match="CasADi refuses IPOPT"):
+        NonlinearMPC(PLANT, N=3, solver=IPOPT(mu_strategy="nope"))
+
+
+def test_a_value_of_a_solver_that_is_not_installed_is_refused(monkeypatch):
+    monkeypatch.setattr("qpsolvers.available_solvers", ["clarabel"])
+    with pytest.raises(MissingBackend, match="unknown QP solver 'osqp'; available: clarabel, daqp"):
+        TrackingMPC(PLANT, N=3, solver=OSQP(eps_abs=1e-9))
+    with pytest.raises(MissingBackend, match="unknown QP solver 'nope'"):
+        solver(Installed("nope"))
+    assert hash(Installed("highs")) == hash(Installed("highs"))
+
+
+def test_a_copy_of_a_qp_cannot_be_written_into_either():
+    for copied in (loads(dumps(qp := TrackingMPC(PLANT, N=3).qp(REST, 0.1, 7.6))), deepcopy(qp)):
+        assert not copied.H.flags.writeable
+        np.testing.assert_array_equal(copied.H, qp.H)
+
+
+def test_a_qp_beyond_the_range_of_numbers_is_one_sentence():
+    with pytest.raises(InvalidInput, match="leaves the range of numbers"):
+        TrackingMPC(PLANT, N=3).qp(REST, 0.1, 7.6, 1e300)
