@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow  # 70 commands are run for it
+
 BIG = "9" * 400
 LONG = "1" * 140_000  # over the 131 072 characters that Python's csv takes
 FILES = {
@@ -139,7 +141,6 @@ def name(arguments):
     return " ".join(arguments)[:60]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("arguments", CASES, ids=name)
 def test_nonsense_is_one_sentence_and_exit_code_2(arguments, answers):
     answer = answers[arguments]
