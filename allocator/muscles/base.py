@@ -46,6 +46,9 @@ class Muscle(ABC):
     citation: ClassVar[str]
     """Where the formula was published."""
 
+    strength: ClassVar[Mapping[str, float]] = {}
+    """The powers of s by which parameters grow for a muscle that pulls s times as hard; empty where not known."""
+
     covariance: Covariance | None = field(default=None, kw_only=True, repr=False, metadata=NOT_A_NUMBER)
     """Covariance of the parameters of a fitted muscle; None: no uncertainty is known."""
 

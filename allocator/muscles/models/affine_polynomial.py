@@ -1,7 +1,8 @@
 """The plainest affine muscle is made of polynomials in the contraction."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
@@ -19,6 +20,7 @@ class AffinePolynomial(AffineMuscle):
     """
 
     citation = "polynomials in the contraction, of the user's degrees"
+    strength: ClassVar[Mapping[str, float]] = {"area": 1.0, "passive": 1.0}
 
     area: tuple[float, ...]  # a_i, rising powers of ε [N/Pa]
     passive: tuple[float, ...]  # b_i, rising powers of ε [N]

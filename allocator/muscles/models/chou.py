@@ -1,8 +1,9 @@
 """The McKibben muscle is described by virtual work, with the thickness of its wall."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
-from typing import Self
+from typing import ClassVar, Self
 
 from allocator.calculus import Array, Value, sqrt
 from allocator.errors import InvalidInput
@@ -22,6 +23,7 @@ class ChouHannaford1996(AffineMuscle):
     """
 
     citation = "Chou & Hannaford, IEEE Trans. Robotics and Automation 12(1):90-102, 1996"
+    strength: ClassVar[Mapping[str, float]] = {"n": -0.5, "t": 0.5}  # D0 = b/(nπ) and t are the lengths across
 
     rest_length: float  # L0 [m]
     b: float  # length of a thread [m]

@@ -1,9 +1,9 @@
 """Affine muscles of one's own are made from two functions, or from two tables."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -49,6 +49,7 @@ class TableMuscle(AffineMuscle):
     """
 
     citation = "splines through a table of the user"
+    strength: ClassVar[Mapping[str, float]] = {"area": 1.0, "passive": 1.0}
 
     contraction: tuple[float, ...] = field(metadata=STRUCTURE)  # knots ε_i, increasing, 3 or more [-]
     area: tuple[float, ...]  # A(ε_i) [N/Pa]

@@ -1,7 +1,8 @@
 """The polynomial force function of Festo's engineers is affine in the pressure."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 from allocator.calculus import Array, Value
 from allocator.muscles.base import AffineMuscle
@@ -19,6 +20,7 @@ class Hildebrandt2005(AffineMuscle):
     """
 
     citation = "Hildebrandt, Sawodny, Neumann & Hartmann, American Control Conference, 680-685, 2005"
+    strength: ClassVar[Mapping[str, float]] = dict.fromkeys(("c0", "c1", "c2", "d0", "d1", "d2", "d3", "d4"), 1.0)
 
     c0: float  # [N/Pa]
     c1: float  # [N/Pa]

@@ -1,7 +1,8 @@
 """Hogan's simplified skeletal muscle pulls in proportion to its activation and to the contraction that is left."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -19,6 +20,7 @@ class Hogan1984(AffineMuscle):
     """
 
     citation = "Hogan, IEEE Trans. Automatic Control 29(8):681-690, 1984"
+    strength: ClassVar[Mapping[str, float]] = {"F_max": 1.0}
 
     F_max: float  # greatest isometric force [N]
     eps_max: float  # contraction ratio without load [-]

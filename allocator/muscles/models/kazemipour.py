@@ -1,7 +1,8 @@
 """A Padé force law is shared by several kinds of artificial muscle."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -22,6 +23,7 @@ class KazemipourKatzschmann2025(AffineMuscle):
     """
 
     citation = "Kazemipour & Katzschmann, arXiv 2511.09104, 2025"
+    strength: ClassVar[Mapping[str, float]] = dict.fromkeys(("c0", "c1", "c2"), 1.0)
 
     c0: float  # force at u = 1 without contraction [N]
     c1: float  # [N]

@@ -1,8 +1,9 @@
 """The energy-based model of a Festo muscle contains a measured rubber law."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
-from typing import Self
+from typing import ClassVar, Self
 
 from allocator.calculus import Array, Value, cos, sin, sqrt
 from allocator.errors import InvalidInput
@@ -26,6 +27,7 @@ class MartensBoblan2017(AffineMuscle):
     """
 
     citation = "Martens & Boblan, Actuators 6(4):33, 2017; erratum 7(1):9, 2018"
+    strength: ClassVar[Mapping[str, float]] = dict.fromkeys(("D0", "c0", "c1", "c2", "c3"), 0.5)  # A ~ D0², B ~ D0 E
 
     L0: float  # rest length [m]
     D0: float  # diameter at rest [m]

@@ -1,15 +1,19 @@
 """The ideal McKibben muscle is described by the geometry of its braid."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi, sqrt
-from typing import Self
+from typing import ClassVar, Self
 
 from allocator.calculus import Array, Value, cos, sin
 from allocator.errors import InvalidInput
 from allocator.muscles.base import AffineMuscle, Muscle
 from allocator.muscles.recipe import Recipe
 from allocator.units import DEG
+
+BRAID: Mapping[str, float] = {"r0": 0.5}
+"""`Muscle.strength` of braided muscles: S = π r0² stands before everything."""
 
 
 def braid_constants(alpha0: float) -> tuple[float, float]:
@@ -65,6 +69,7 @@ class TonduLopez1995(Braided, AffineMuscle):
     """
 
     citation = "Tondu & Lopez, C. R. Acad. Sci. Paris IIb 320:105-114, 1995"
+    strength: ClassVar[Mapping[str, float]] = BRAID
 
     @property
     def max_contraction(self) -> float:
@@ -81,4 +86,4 @@ class TonduLopez1995(Braided, AffineMuscle):
         return Recipe((cls(0.01, 25 * DEG),), bounds={"r0": (1e-4, 0.5), "alpha0": (5 * DEG, 54 * DEG)})
 
 
-__all__ = ["Braided", "TonduLopez1995", "braid_constants"]
+__all__ = ["BRAID", "Braided", "TonduLopez1995", "braid_constants"]

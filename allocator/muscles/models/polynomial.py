@@ -1,15 +1,15 @@
 """The McKibben muscle is given a polynomial counter-force here."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.muscles.base import AffineMuscle
-from allocator.muscles.models.mckibben import Braided, braid_constants
+from allocator.muscles.models.mckibben import BRAID, Braided, braid_constants
 from allocator.muscles.recipe import Recipe
 from allocator.units import BAR, DEG
 
@@ -25,6 +25,7 @@ class PolynomialMcKibben(Braided, AffineMuscle):
     """
 
     citation = "Tondu, arXiv 2104.13167, 2021"
+    strength: ClassVar[Mapping[str, float]] = BRAID
 
     coefficients: tuple[float, ...]  # a_i, rising powers of ε [Pa]
 

@@ -1,10 +1,10 @@
 """These McKibben muscles have a greatest contraction that depends on the pressure."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from allocator.calculus import Array, Mask, Value, exp, increasing_root
 from allocator.errors import InvalidInput
 from allocator.muscles.base import SEARCH_CEILING
 from allocator.muscles.basis import Basis
-from allocator.muscles.models.mckibben import Braided, braid_constants
+from allocator.muscles.models.mckibben import BRAID, Braided, braid_constants
 from allocator.muscles.recipe import Recipe
 from allocator.units import BAR, DEG
 
@@ -135,6 +135,7 @@ class TonduLopez2000(PressureDependent):
     """
 
     citation = "Tondu & Lopez, IEEE Control Systems Magazine 20(2):15-38, 2000"
+    strength: ClassVar[Mapping[str, float]] = BRAID
 
     @property
     def efficiency(self) -> Value:
@@ -184,6 +185,7 @@ class Andrikopoulos2016(PressureDependent):
     """
 
     citation = "Andrikopoulos, Nikolakopoulos & Manesis, IEEE/ASME Trans. Mechatronics 21:2647-2659, 2016"
+    strength: ClassVar[Mapping[str, float]] = BRAID
 
     q: float  # share of the ideal force that is left [-]
 

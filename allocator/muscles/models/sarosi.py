@@ -1,7 +1,8 @@
 """Sárosi's exponential force function describes Festo muscles."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 from allocator.calculus import Array, Value, exp
 from allocator.muscles.base import AffineMuscle
@@ -19,6 +20,7 @@ class Sarosi2012(AffineMuscle):
     """
 
     citation = "Sárosi & Fabulya, Trans. on Mechanics, Timisoara, 57(71):59-64, 2012"
+    strength: ClassVar[Mapping[str, float]] = dict.fromkeys(("c1", "c2", "c3", "c4", "c5"), 1.0)
 
     c1: float  # [N/Pa]
     c2: float  # [N/Pa]

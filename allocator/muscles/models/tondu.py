@@ -1,15 +1,16 @@
 """Tondu's report proposes this muscle model."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import sqrt
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.muscles.basis import Basis
-from allocator.muscles.models.mckibben import Braided, braid_constants
+from allocator.muscles.models.mckibben import BRAID, Braided, braid_constants
 from allocator.muscles.recipe import Recipe
 from allocator.units import BAR, DEG
 
@@ -24,6 +25,7 @@ class Tondu2021(Braided):
     """
 
     citation = "Tondu, arXiv 2104.13167, 2021"
+    strength: ClassVar[Mapping[str, float]] = BRAID
 
     c: float  # [Pa]
     d: float  # [Pa]

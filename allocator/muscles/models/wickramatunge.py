@@ -1,7 +1,8 @@
 """The muscle is a spring whose stiffness depends on pressure and stretch."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -30,6 +31,7 @@ class Wickramatunge2010(Muscle):
     """
 
     citation = "Wickramatunge & Leephakpreeda, Int. J. Engineering Science 48:188-198, 2010"
+    strength: ClassVar[Mapping[str, float]] = dict.fromkeys(("c0", "c1", "c2", "c3_low", "c3_high"), 1.0)
 
     rest_length: float  # l0 [m]
     min_length: float  # l_min, at which no pressure gives a force [m]

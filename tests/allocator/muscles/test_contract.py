@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.muscles import MODELS, FunctionMuscle, Muscle, monotonicity_failure
+from allocator.muscles import MODELS, FunctionMuscle, Hogan1984, Muscle, monotonicity_failure, scaled
 from allocator.units import BAR
 
 METHODS = ("force", "gain", "slope", "gain_slope")
@@ -176,3 +176,16 @@ def test_the_list_of_models_names_them_all():
     in_package = {cls for cls in final(Muscle) if cls.__module__.startswith("allocator.")}
     assert in_package - set(MODELS.values()) == {FunctionMuscle}
     assert all(name == model.__name__ for name, model in MODELS.items())
+
+
+def test_a_model_of_one_s_own_scales_as_its_class_says():
+    class Twice(Hogan1984):
+        pass
+
+    class Silent(FunctionMuscle):
+        pass
+
+    pull = Twice(1000.0, 0.3, 5 * BAR)
+    assert scaled(pull, 1.5).force(2 * BAR, 0.1) == pytest.approx(1.5 * pull.force(2 * BAR, 0.1), rel=1e-12)
+    with pytest.raises(InvalidInput, match="how the force of a Silent scales is not known"):
+        scaled(Silent(lambda eps: 0.01 * (1 - eps), lambda eps: 0 * eps), 1.5)
