@@ -47,7 +47,7 @@ class Targets(NamedTuple):
         arrays = [x for x in given if x is not None]
         if len(arrays) < len(given) or not (shape := _common_shape(arrays)):
             return None
-        flat = [_flat(x, shape) for x in arrays]
+        flat = _flat(arrays, shape)
         if slewed:
             limits = limits._replace(previous=(flat[3], flat[4]), max_step=flat[5])
         return cls(flat[0], flat[1], flat[2], limits, shape) if flat[0].size else None
@@ -93,10 +93,12 @@ def _array(x: Any) -> Array | None:
         return None
 
 
-def _flat(x: Array, shape: tuple[int, ...]) -> Array:
-    copy = np.empty(shape)  # the caller may change his own
-    copy[...] = x
-    return copy.ravel()
+def _flat(arrays: list[Array], shape: tuple[int, ...]) -> Array:
+    """Return copies of the arrays as rows, since the caller may change his own; one block comes in large pages."""
+    copies = np.empty((len(arrays), *shape))
+    for copy, x in zip(copies, arrays, strict=True):
+        copy[...] = x
+    return copies.reshape(len(arrays), -1)
 
 
 def run(loop: Kernel, kernel: JointKernel, targets: Targets, priority: Priority) -> tuple[Any, ...] | None:
