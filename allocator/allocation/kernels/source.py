@@ -116,7 +116,8 @@ def tondu_exact(
     bounds2 = (lo, hi, taut2, ceiling2, nearest2, farthest2)
     (lo1, hi1, status1), (lo2, hi2, status2) = interval(bounds1, near), interval(bounds2, near)
     sure = lo1 >= least and lo2 >= least and hi1 <= most and hi2 <= most
-    lo1, hi1, lo2, hi2 = clip(lo1, least, most), clip(hi1, least, most), clip(lo2, least, most), clip(hi2, least, most)
+    lo1, hi1 = (lo1, hi1) if sure else (clip(lo1, least, most), clip(hi1, least, most))
+    lo2, hi2 = (lo2, hi2) if sure else (clip(lo2, least, most), clip(hi2, least, most))
     rl1, rl2, rh1, rh2 = 1 / (lo1 + d), 1 / (lo2 + d), 1 / (hi1 + d), 1 / (hi2 + d)
     sure = sure and q + g * eps1 * rh1 * rh1 > _RISES * q and q + g * eps2 * rh2 * rh2 > _RISES * q
     box, muscles = (lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2), (eps1, eps2, q, c, d, g)
