@@ -1,17 +1,56 @@
 """The command `antagonist` runs from here, as `python -m mpc` too."""
 
+import _thread
+import os
+import signal
 import sys
+import threading
+from types import FrameType
+
+_INTERRUPTED = "antagonist: interrupted\n"
 
 
 def main() -> None:
     """Run the command; who interrupts it while it still loads reads one word too."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored, as in a background job
+        signal.signal(signal.SIGINT, _interrupt)
     try:
         from mpc.cli import main as run
 
         run()
     except KeyboardInterrupt:
-        print("antagonist: interrupted", file=sys.stderr)
+        sys.stderr.write(_INTERRUPTED)
         sys.exit(130)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, unless what runs at this moment would lose it.
+
+    Callbacks of Python's import locks and the initialisation of some compiled modules do, but loading holds nothing
+    that needs care: leave. CasADi does where it converts its arguments: ask again a moment later.
+    """
+    if _loading(frame):
+        os.write(2, _INTERRUPTED.encode())
+        os._exit(130)
+    if frame is not None and _in_casadi(frame) and frame.f_code.co_name not in ("call", "__call__"):
+        again = threading.Timer(0.02, _thread.interrupt_main)
+        again.daemon = True
+        again.start()
+        return
+    raise KeyboardInterrupt
+
+
+def _loading(frame: FrameType | None) -> bool:
+    """Return whether a module is being imported."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _in_casadi(frame: FrameType) -> bool:
+    return os.path.basename(frame.f_code.co_filename) == "casadi.py"
 
 
 if __name__ == "__main__":
