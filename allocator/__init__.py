@@ -36,6 +36,7 @@ from allocator.identification import (
 from allocator.inverse import inverse
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.joint.geometry import Geometry, Lever, Pulley, Table
+from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.joint.limits import Limit
 from allocator.joint.storage import load_joint, save_joint
 from allocator.muscles import MODELS, AffineMuscle, Muscle
@@ -63,6 +64,7 @@ __all__ = [
     "Limit",
     "MissingBackend",
     "Muscle",
+    "PrandtlIshlinskii",
     "Pulley",
     "Status",
     "Table",

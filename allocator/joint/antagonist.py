@@ -19,6 +19,7 @@ from allocator import checks
 from allocator.calculus import Array, Value, rising_roots
 from allocator.errors import InvalidInput
 from allocator.joint.geometry import Geometry, Pulley
+from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.joint.limits import TAUT, Limit, Limits, PressureBox
 from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.tondu_pulley import TonduPulley
@@ -45,6 +46,7 @@ class AntagonistJoint:
     min_contraction: float = 0.025  # ε_threshold [-], below it no model is valid   (25)
     angle_limits: tuple[float, float] | None = None  # mechanical end stops [rad]
     friction: float = field(default=0.0, kw_only=True)  # μ of `friction_torque` [-]
+    hysteresis: PrandtlIshlinskii | None = field(default=None, kw_only=True)  # of the angle, if it was identified
     covariance: Covariance | None = field(default=None, kw_only=True, repr=False)
     """Of all parameters of agonist and antagonist together, in this order, if the joint was fitted as a whole."""
 
@@ -63,6 +65,8 @@ class AntagonistJoint:
                 raise InvalidInput(f"angle_limits = ({left:g}, {right:g}) rad have to increase")
             object.__setattr__(self, "angle_limits", (left, right))
         object.__setattr__(self, "friction", checks.not_negative("friction", self.friction, "share of the forces"))
+        if not isinstance(self.hysteresis, PrandtlIshlinskii | None):
+            raise InvalidInput(f"hysteresis = {checks.brief(self.hysteresis)} has to be a PrandtlIshlinskii, or None")
         if self.covariance is not None:
             n = len(self.agonist.parameters) + len(self.antagonist.parameters)
             object.__setattr__(self, "covariance", checks.covariance("covariance of a joint", self.covariance, n))

@@ -22,7 +22,14 @@ model = "Sarosi2012"
 [covariance]                   # of the parameters of agonist and antagonist together
 rows = [[…], …]
 
-[plant]                        # what `mpc.Plant` adds; ignored here
+[hysteresis]                   # `PrandtlIshlinskii` of the angle, or without this table
+weights = [0.6, 0.2, 0.2]      # w_0, …, w_n [-]
+thresholds = [0.02, 0.06]      # r_1, …, r_n [rad]
+base = 0.2                     # share of the widths that is left without pressure [-]
+
+[plant]                        # what `mpc.Plant` adds, and what its regulators do; ignored here
+…
+[regulators]
 …
 """
 
@@ -37,12 +44,13 @@ from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry, Lever, Pulley, Table
+from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles import Muscle, storage
 
 FilePath = str | PathLike[str]
 
 _GEOMETRIES: Mapping[str, type[Geometry]] = {"Pulley": Pulley, "Lever": Lever, "Table": Table}
-_TABLES = ("joint", "geometry", "agonist", "antagonist", "source", "covariance", "plant")
+_TABLES = ("joint", "geometry", "agonist", "antagonist", "source", "covariance", "hysteresis", "plant", "regulators")
 
 
 def save_joint(
@@ -71,6 +79,9 @@ def dumps(joint: AntagonistJoint, *, scale_known: bool = True, source: Mapping[s
     if joint.covariance is not None:
         rows = (f"    {_toml(row)}," for row in joint.covariance)
         lines += ["", "[covariance]  # of the agonist's and then the antagonist's parameters", "rows = [", *rows, "]"]
+    if joint.hysteresis is not None:
+        lines += ["", "[hysteresis]  # Prandtl–Ishlinskii operator of the angle; rad, at P1 + P2 = 5 bar"]
+        lines += [f"{f.name} = {_toml(getattr(joint.hysteresis, f.name))}" for f in fields(joint.hysteresis)]
     return "\n".join(lines) + "\n"
 
 
@@ -99,9 +110,9 @@ def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = 
     }
     agonist, antagonist = (_muscle(path, content, name) for name in ("agonist", "antagonist"))
     rows = storage.covariance_rows(path, content)
-    geometry = _geometry(path, content)
+    geometry, hysteresis = _geometry(path, content), _hysteresis(path, content)
     try:
-        return AntagonistJoint(geometry, agonist, antagonist, covariance=rows, **limits)
+        return AntagonistJoint(geometry, agonist, antagonist, covariance=rows, hysteresis=hysteresis, **limits)
     except (InvalidInput, TypeError, ValueError, OverflowError) as error:
         raise InvalidFile(path, str(error)) from None
 
@@ -148,6 +159,18 @@ def _geometry(path: FilePath, content: dict[str, Any]) -> Geometry:
         return _GEOMETRIES[kind](**table)
     except (InvalidInput, TypeError, ValueError, OverflowError) as error:
         raise InvalidFile(path, f"[geometry] does not describe a {kind} ({error})") from None
+
+
+def _hysteresis(path: FilePath, content: dict[str, Any]) -> PrandtlIshlinskii | None:
+    if "hysteresis" not in content:
+        return None
+    table, names = _table(path, content, "hysteresis"), [f.name for f in fields(PrandtlIshlinskii)]
+    if surplus := table.keys() - set(names):
+        raise InvalidFile(path, f"[hysteresis] has no {', '.join(sorted(surplus))}; it has {', '.join(names)}")
+    try:
+        return PrandtlIshlinskii(**table)
+    except (InvalidInput, TypeError, OverflowError) as error:
+        raise InvalidFile(path, f"[hysteresis]: {error}") from None
 
 
 def _muscle(path: FilePath, content: dict[str, Any], name: str) -> Muscle:

@@ -1,0 +1,200 @@
+"""The hysteresis of a joint is a Prandtl–Ishlinskii operator of the angle that its muscles would hold without it.
+
+    θ = H[u] = w_0 u + Σ w_i p_i,    p_i(k) = max(u_k - ρ_i, min(u_k + ρ_i, p_i(k-1)))       u: static angle, p_i: plays
+    ρ_i = r_i s(P1 + P2),            s = s_0 + (1 - s_0) (P1 + P2)/5 bar
+
+Where all partial sums W_j = w_0 + … + w_j are positive, H is invertible, and its inverse is such an operator too
+(Krejčí & Kuhnen 2001; Kuhnen 2003), so that feed-forward through hysteresis needs no iteration:
+
+    r'_j = Σ_{i≤j} w_i (r_j - r_i),   w'_0 = 1/w_0,   w'_j = -w_j/(W_j W_{j-1})                               [PI]
+
+its plays p'_j = W_j p_j + Σ_{i>j} w_i p_i, whose neighbours differ by p'_j - p'_{j-1} = W_{j-1} (p_j - p_{j-1}).
+
+Plays of constant widths are never further apart than their widths differ: |p_j - p_{j-1}| ≤ ρ_j - ρ_{j-1}. Where the
+widths shrink with P1 + P2, the differences are cut to this and the widest play stays: of p and of p' alike, whose
+differences are proportional, so that the inverse is exact for widths that vary too.
+
+P. Krejčí & K. Kuhnen, "Inverse control of systems with hysteresis and creep", IEE Proc. Control Theory Appl. 148
+(2001) 185–192; K. Kuhnen, "Modeling, identification and compensation of complex hysteretic nonlinearities", European
+Journal of Control 9 (2003) 407–418.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.calculus import Array, Value, is_symbol
+from allocator.errors import InvalidInput
+from allocator.units import BAR
+
+FILLED = 5 * BAR  # P1 + P2 [Pa] for which widths are given
+
+
+class Slip(NamedTuple):
+    """A slip is hysteresis as friction of the joint: Maxwell's springs in series with sliders, see
+    `PrandtlIshlinskii.slip`.
+    """
+
+    springs: tuple[float, ...]  # κ_i [-], shares of the isobaric stiffness K(θ, P1, P2)
+    widths: tuple[float, ...]  # r'_i, half widths of the plays where P1 + P2 = 5 bar [rad]
+    base: float  # s_0 [-], share of the widths that is left without pressure
+    gain: float  # W_n [-], of wide motions
+
+
+@dataclass(frozen=True)
+class PrandtlIshlinskii:
+    """The operator H is described by its weights and thresholds; its plays are the memory, which callers keep.
+
+    Angles in rad, pressures in Pa. Everything takes floats or arrays (the plays are rows: (n,) or (n, …)), and `moved`
+    and `output` CasADi symbols too (plays: a column).
+    """
+
+    weights: tuple[float, ...] = (1.0,)  # w_0, …, w_n [-]
+    thresholds: tuple[float, ...] = ()  # r_1 < … < r_n, half widths of the plays where P1 + P2 = 5 bar [rad]
+    base: float = field(default=1.0, kw_only=True)  # s_0 [-], share of the widths that is left without pressure
+
+    def __post_init__(self) -> None:
+        """Check that the operator can be inverted."""
+        for name, unit in (("weights", "-"), ("thresholds", "rad")):
+            values = checks.real(name, getattr(self, name), unit)
+            if values.ndim != 1:
+                raise InvalidInput(f"{name} = {checks.brief(getattr(self, name))} have to be a row of numbers [{unit}]")
+            object.__setattr__(self, name, tuple(values.tolist()))
+        object.__setattr__(self, "base", checks.number("base", self.base, "share of the widths"))
+        if len(self.weights) != len(self.thresholds) + 1:
+            raise InvalidInput(
+                f"{len(self.weights)} weights for {len(self.thresholds)} thresholds: there is one weight more, w_0"
+            )
+        if not all(a < b for a, b in pairwise((0.0, *self.thresholds))):
+            raise InvalidInput(f"thresholds = {self.thresholds} rad have to be positive and to increase")
+        if not all(slope > 0 for slope in self.slopes):
+            raise InvalidInput(f"weights = {self.weights}: w_0 and all sums w_0 + … + w_i have to be positive")
+        if not 0 < self.base <= 1:
+            raise InvalidInput(f"base = {self.base!r} has to be above 0, and 1 at most")
+
+    @property
+    def size(self) -> int:
+        """Return n, how many plays it remembers."""
+        return len(self.thresholds)
+
+    @cached_property
+    def slopes(self) -> tuple[float, ...]:
+        """Return W_0, …, W_n [-]: dθ/du while the first j plays slide."""
+        return tuple(np.cumsum(self.weights).tolist())
+
+    @property
+    def gain(self) -> float:
+        """Return W_n [-], dθ/du of wide motions."""
+        return self.slopes[-1]
+
+    def scale(self, filled: Value) -> Value:
+        """Return s [-], the widths in those at 5 bar, where P1 + P2 = `filled` [Pa]."""
+        return self.base + (1 - self.base) * filled / FILLED
+
+    # --- forwards ---------------------------------------------------------------------------------------------------
+
+    def at_rest(self, u: Value) -> Value:
+        """Return the plays of a joint that never turned before it came to the static angle `u` [rad]: all there."""
+        if is_symbol(u):
+            import casadi as ca
+
+            return ca.repmat(u, self.size, 1)
+        u = np.asarray(u, float)
+        return np.repeat(u[None], self.size, axis=0)
+
+    def moved(self, plays: Value, u: Value, filled: Value = FILLED) -> Value:
+        """Return the `plays` [rad] after the static angle has moved in one direction to `u` [rad], P1 + P2 = `filled`
+        [Pa].
+        """
+        s = self.scale(filled)
+        known = [plays[i] for i in range(self.size)]
+        for i in range(self.size - 2, -1, -1):
+            gap = s * (self.thresholds[i + 1] - self.thresholds[i])
+            known[i] = known[i + 1] + _clipped(plays[i] - plays[i + 1], -gap, gap)
+        moved = [_clipped(p, u - s * r, u + s * r) for p, r in zip(known, self.thresholds, strict=True)]
+        if any(is_symbol(p) for p in moved):
+            import casadi as ca
+
+            return ca.vertcat(*moved)
+        return np.array(moved) if moved else np.zeros((0, *np.shape(u)))
+
+    def output(self, plays: Value, u: Value) -> Value:
+        """Return θ = w_0 u + Σ w_i p_i [rad]."""
+        return self.weights[0] * u + sum(w * plays[i] for i, w in enumerate(self.weights[1:]))
+
+    def step(self, plays: Value, u: Value, filled: Value = FILLED) -> tuple[Value, Value]:
+        """Return θ [rad] and the plays after the static angle has moved to `u` [rad]."""
+        plays = self.moved(plays, u, filled)
+        return self.output(plays, u), plays
+
+    def run(self, u: ArrayLike, filled: ArrayLike = FILLED, plays: Array | None = None) -> Array:
+        """Return θ (m,) [rad] as the static angle goes through `u` (m,) [rad] with P1 + P2 = `filled` (m,) [Pa].
+
+        It begins with `plays` (n,) [rad], by default at rest at the first angle. Raises `InvalidInput` at what is no
+        row of finite angles and pressures.
+        """
+        u, filled = checks.broadcast(u=checks.real("u", u, "rad"), filled=checks.real("filled", filled, "Pa"))
+        if u.ndim != 1:
+            raise InvalidInput(f"u has the shape {u.shape}: it has to be a row of angles [rad], one after the other")
+        if not u.size:
+            return np.zeros(0)
+        plays = self.at_rest(u[0]) if plays is None else plays
+        theta = np.empty(u.size)
+        for k, (now, pressed) in enumerate(zip(u.tolist(), filled.tolist(), strict=True)):
+            theta[k], plays = self.step(plays, now, pressed)
+        return theta
+
+    # --- backwards --------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def inverse(self) -> "PrandtlIshlinskii":
+        """Return H⁻¹, which takes the angle θ to the static angle u   [PI]. The inverse of it is H again."""
+        r, w, W = (0.0, *self.thresholds), self.weights, self.slopes
+        thresholds = tuple(sum(w[i] * (r[j] - r[i]) for i in range(j)) for j in range(1, len(r)))
+        weights = tuple(-w[j] / (W[j] * W[j - 1]) for j in range(1, len(r)))
+        return PrandtlIshlinskii((1 / w[0], *weights), thresholds, base=self.base)
+
+    def plays_of_inverse(self, plays: Value) -> Value:
+        """Return the plays p' [rad] of `inverse` in the state in which those of this operator are `plays` [rad]."""
+        later = [sum(w * plays[i] for i, w in enumerate(self.weights[1:]) if i > j) for j in range(self.size)]
+        found = [self.slopes[j + 1] * plays[j] + later[j] for j in range(self.size)]
+        if any(is_symbol(p) for p in found):
+            import casadi as ca
+
+            return ca.vertcat(*found)
+        return np.array(found) if found else np.asarray(plays)
+
+    @cached_property
+    def slip(self) -> Slip:
+        """Return the hysteresis as friction: Maxwell slip with springs in proportion to the stiffness K.
+
+        The muscles hold a load where T(u, P) = load at u = H⁻¹[θ]. Seen from the angle, friction takes the torque
+
+            T_f = T(θ, P) - T(u, P) ≈ K (u - θ) = K [(1/W_n - 1) θ + Σ κ_i e_i],     κ_i = -w'_i,   e_i = θ - p'_i
+
+        in which the stops e_i = clip(e_i + dθ, ±ρ'_i) are those of Maxwell slip (`mpc.model.hysteresis.MaxwellSlip`),
+        with springs κ_i K [N·m/rad] and half widths r'_i s(P1 + P2). The gain W_n is no friction but belongs to the
+        static joint: where it is 1, nothing else is left. Raises `InvalidInput` where a weight w_i is negative: such
+        elements would push.
+        """
+        if any(w < 0 for w in self.weights[1:]):
+            raise InvalidInput(f"weights = {self.weights}: hysteresis with a negative weight is no friction")
+        back = self.inverse
+        return Slip(tuple(-w for w in back.weights[1:]), back.thresholds, self.base, self.gain)
+
+
+def _clipped(x: Value, low: Value, high: Value) -> Value:
+    """Return max(low, min(high, x)) of numbers, arrays or CasADi symbols."""
+    if any(is_symbol(value) for value in (x, low, high)):
+        import casadi as ca
+
+        return ca.fmax(low, ca.fmin(high, x))
+    return np.maximum(low, np.minimum(high, x))
+
+
+__all__ = ["FILLED", "PrandtlIshlinskii", "Slip"]
