@@ -27,10 +27,13 @@ weights = [0.6, 0.2, 0.2]      # w_0, …, w_n [-]
 thresholds = [0.02, 0.06]      # r_1, …, r_n [rad]
 base = 0.2                     # share of the widths that is left without pressure [-]
 
-[plant]                        # what `mpc.Plant` adds, and what its regulators do; ignored here
+[plant]                        # what `mpc.Plant` adds; ignored here
 …
-[regulators]
-…
+[regulators]                   # what the pressures do besides the lag of [plant]; ignored here
+dead_time = 0.12               # [s]
+dead_band = 0.0                # [Pa], total
+lag_up = 0.17                  # [s] while a pressure rises, and
+lag_down = 0.28                # [s] while it falls
 """
 
 from collections.abc import Mapping
