@@ -22,7 +22,7 @@ Journal of Control 9 (2003) 407–418.
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -143,11 +143,10 @@ class PrandtlIshlinskii:
             raise InvalidInput(f"u has the shape {u.shape}: it has to be a row of angles [rad], one after the other")
         if not u.size:
             return np.zeros(0)
-        plays = self.at_rest(u[0]) if plays is None else plays
-        theta = np.empty(u.size)
-        for k, (now, pressed) in enumerate(zip(u.tolist(), filled.tolist(), strict=True)):
-            theta[k], plays = self.step(plays, now, pressed)
-        return theta
+        start = self.at_rest(u[0]) if plays is None else np.asarray(plays, float)
+        passed = np.empty((self.size, u.size))
+        pass_plays(u.tolist(), self.scale(filled).tolist(), self.thresholds, start.tolist(), passed)
+        return np.asarray(self.output(passed, u))
 
     # --- backwards --------------------------------------------------------------------------------------------------
 
@@ -188,6 +187,26 @@ class PrandtlIshlinskii:
         return Slip(tuple(-w for w in back.weights[1:]), back.thresholds, self.base, self.gain)
 
 
+def pass_plays(u: Any, s: Any, r: Any, plays: Any, out: Any) -> None:
+    """Fill `out` (n, m) with the plays [rad] of half widths r (n,) [rad] while the static angle goes through u (m,)
+    [rad] and the widths are s (m,) times as wide: `PrandtlIshlinskii.moved` sample by sample, in plain Python, which
+    identification compiles. `plays` (n,) are those before, and afterwards the last ones.
+    """
+    n = len(r)
+    for k in range(len(u)):
+        at, scale, deeper, narrower = u[k], s[k], 0.0, 0.0
+        for i in range(n - 1, -1, -1):
+            known = plays[i]
+            if i < n - 1:
+                gap = scale * (r[i + 1] - r[i])
+                narrower = deeper + max(-gap, min(gap, known - narrower))
+            else:
+                narrower = known
+            deeper, narrower = narrower, known  # this play as cut, and as it was
+            plays[i] = max(at - scale * r[i], min(at + scale * r[i], deeper))
+            out[i, k] = plays[i]
+
+
 def _clipped(x: Value, low: Value, high: Value) -> Value:
     """Return max(low, min(high, x)) of numbers, arrays or CasADi symbols."""
     if any(is_symbol(value) for value in (x, low, high)):
@@ -197,4 +216,4 @@ def _clipped(x: Value, low: Value, high: Value) -> Value:
     return np.maximum(low, np.minimum(high, x))
 
 
-__all__ = ["FILLED", "PrandtlIshlinskii", "Slip"]
+__all__ = ["FILLED", "PrandtlIshlinskii", "Slip", "pass_plays"]

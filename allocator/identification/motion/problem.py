@@ -1,0 +1,202 @@
+"""The least-squares problem of a moving joint is the output error of a free run: no measured angle is fed back.
+
+    P_i = regulator(u_i; τ_up, τ_down, t_dead, dead band)                       `loops.follow`
+    u   = Σ c_j φ_j(P1, P2)                                                     static angle
+    θ   = F H[u],   H = 1 - Σ w_i (1 - play_{r_i s(P1 + P2)})                   `PrandtlIshlinskii` of gain 1
+    F:    a2 θ'' + a1 θ' + θ = H[u]                                             inertia and damping over stiffness
+
+    minimise  Σ_k (θ_k - θ̂_k)²     over τ_up, τ_down, t_dead, dead band, s_0, a1, a2, c,   w_i ≥ 0,  Σ w_i ≤ 1 - w_min
+
+For given nonlinear unknowns the weights are a problem of nonnegative least squares, convex with one optimum, and are
+eliminated (variable projection). The gain of H is 1: what is left belongs to the static angle. φ are monomials in s and q,
+q the equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array, Mask
+from allocator.identification.motion import loops
+from allocator.identification.motion.samples import TAUT_FROM, MotionLog
+from allocator.joint.hysteresis import FILLED, PrandtlIshlinskii
+from allocator.units import BAR, DEG
+
+Static = Callable[[Array, Array], Array]  # (P1, P2) [Pa] ↦ q [-] or [rad]
+
+STIFFEST = 0.1  # w_min: the least weight without play, that H can be inverted and a stuck joint is not rigid
+_WIDTHS = np.geomspace(0.004, 0.16, 8)  # r_i in the range of the angle
+_POWERS = ((0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 1))  # of q and s
+_RIDGE = 1e-4 * DEG  # per unit of a coefficient: decides what the log leaves open
+
+NONLINEAR = ("lag_up", "lag_down", "dead_time", "dead_band", "base", "damping", "inertia")
+LOWER = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0), strict=True))
+UPPER = dict(zip(NONLINEAR, (3.0, 3.0, 0.5, 1 * BAR, 1.0, 1.0, 0.1), strict=True))
+STEP = dict(zip(NONLINEAR, (0.1, 0.1, 0.05, 0.2 * BAR, 0.3, 0.05, 2e-3), strict=True))  # usual size of a change
+ABSENT = {"lag_up": 0.0, "lag_down": 0.0, "dead_time": 0.0, "dead_band": 0.0, "base": 1.0, "damping": 0.0, "inertia": 0}
+
+
+class Prediction(NamedTuple):
+    """A prediction is a free run over the whole log; arrays (n,)."""
+
+    theta: Array  # [rad]
+    static: Array  # u [rad]
+    P1: Array  # after the regulators [Pa]
+    P2: Array
+    weights: Array  # w_1 … of the plays (widths,)
+
+
+@dataclass(frozen=True)
+class MotionProblem:
+    """The problem is that of the module. Unknowns x: those of `free` in this order, then the coefficients c."""
+
+    log: MotionLog
+    static: Static = field(repr=False)  # q(P1, P2)
+    free: tuple[str, ...] = ("lag_up", "lag_down", "dead_time", "dead_band", "base")
+    _last: dict[tuple[float, ...], tuple[Array, Array, Array]] = field(default_factory=dict, repr=False, compare=False)
+
+    @cached_property
+    def widths(self) -> Array:
+        """Return r_i [rad], half widths of the plays where P1 + P2 = 5 bar."""
+        return _WIDTHS * self.log.swing
+
+    @cached_property
+    def powers(self) -> tuple[tuple[int, int], ...]:
+        """Return the powers of q and s of the monomials: those of s only where the log varies it."""
+        return _POWERS if self.log.varies_sum else tuple(p for p in _POWERS if not p[1])
+
+    def basis(self, P1: Array, P2: Array) -> Array:
+        """Return φ_j (monomials, …) at the pressures [Pa]."""
+        q, s = self.static(P1, P2), (P1 + P2) / self.log.greatest_pressure - 1
+        qs, ss = (1 + 0 * q, q, q * q, q * q * q), (1 + 0 * s, s, s * s)
+        return np.stack([qs[i] * ss[j] for i, j in self.powers])
+
+    def values(self, x: Array) -> dict[str, float]:
+        """Return the nonlinear unknowns by name; those that are not free are absent."""
+        return ABSENT | dict(zip(self.free, x.tolist(), strict=False))
+
+    def coefficients(self, x: Array) -> Array:
+        """Return c (monomials,) [rad]."""
+        return x[len(self.free) :]
+
+    # --- the free run -----------------------------------------------------------------------------------------------
+
+    def regulated(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return the pressures P1, P2 (n,) [Pa] that the muscles have, and φ (monomials, n) there.
+
+        The last answer is remembered: most differences of a Jacobian are about other unknowns.
+        """
+        log, lags = self.log, self._lags(x)
+        if lags not in self._last:
+            P1, P2 = (loops.pressures(log.t, u, *lags) for u in (log.P1, log.P2))
+            self._last.clear()
+            self._last[lags] = P1, P2, self.basis(P1, P2)
+        return self._last[lags]
+
+    def _lags(self, x: Array) -> tuple[float, float, float, float]:
+        v = self.values(x)
+        return v["lag_up"], v["lag_down"], v["dead_time"], v["dead_band"]
+
+    def run(self, x: Array, used: Mask) -> Prediction:
+        """Run freely over the whole log, with the best weights on the rows `used` (n,)."""
+        P1, P2, phi = self.regulated(x)
+        u = np.einsum("j,jn", self.coefficients(x), phi)
+        return self.hysteretic(u, P1, P2, x, used)
+
+    def hysteretic(self, u: Array, P1: Array, P2: Array, x: Array, used: Mask) -> Prediction:
+        """Return the prediction from the static angle u (n,) [rad] on, with the best weights on the rows `used`."""
+        base, behind = self.parts(u, P1, P2, x, self.log.step)
+        weights = best_weights(behind[:, used], (self.log.theta - base)[used], 1 - STIFFEST)
+        return Prediction(base + np.einsum("i,in", weights, behind), u, P1, P2, weights)
+
+    def parts(self, u: Array, P1: Array, P2: Array, x: Array, step: float) -> tuple[Array, Array]:
+        """Return F u (n,) and F (p_i - u) (widths, n) [rad] for rows that are `step` [s] apart."""
+        v = self.values(x)
+        behind = loops.plays(u, v["base"] + (1 - v["base"]) * (P1 + P2) / FILLED, self.widths) - u
+        return _filtered(u, v, step), _filtered(behind, v, step)
+
+    def elsewhere(self, t: Array, commands: tuple[Array, Array], x: Array, weights: Array) -> Array:
+        """Return the angle (m,) [rad] of a free run over other rows: times [s], commands (m,) [Pa] of both muscles."""
+        P1, P2 = (loops.pressures(t, command, *self._lags(x)) for command in commands)
+        u = np.einsum("j,jn", self.coefficients(x), self.basis(P1, P2))
+        base, behind = self.parts(u, P1, P2, x, float(np.median(np.diff(t))))
+        return np.asarray(base + np.einsum("i,in", weights, behind))
+
+    # --- least squares ----------------------------------------------------------------------------------------------
+
+    def residual(self, x: Array, used: Mask) -> Array:
+        """Return the errors (used,) [°] and the ridge of the coefficients."""
+        error = self.log.theta - self.run(x, used).theta
+        return np.concatenate([error[used], _RIDGE * np.sqrt(used.sum()) * self.coefficients(x)]) / DEG
+
+    def start(self, lag: float, used: Mask) -> Array:
+        """Return x with both lags `lag` [s]: c by linear least squares, without hysteresis."""
+        usual = {"lag_up": lag, "lag_down": lag, "dead_time": 0.02, "dead_band": 0.0, "base": 0.7}
+        dynamic = {"damping": 0.02, "inertia": 1e-3}
+        head = np.array([(usual | dynamic)[name] for name in self.free])
+        phi = self.regulated(head)[2][:, used]
+        c, *_ = np.linalg.lstsq(phi.T, self.log.theta[used], rcond=1e-8)
+        return np.concatenate([head, c])
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the least and the greatest x."""
+        m = np.full(len(self.powers), np.inf)
+        low, high = (np.array([end[name] for name in self.free]) for end in (LOWER, UPPER))
+        return np.concatenate([low, -m]), np.concatenate([high, m])
+
+    def sizes(self) -> Array:
+        """Return by how much each of x usually changes."""
+        return np.concatenate([[STEP[name] for name in self.free], np.full(len(self.powers), 0.2)])
+
+    # --- what comes out ---------------------------------------------------------------------------------------------
+
+    def operator(self, x: Array, weights: Array) -> PrandtlIshlinskii:
+        """Return H, without the plays that have no weight."""
+        there = weights > 0
+        first = 1 - float(weights.sum())
+        return PrandtlIshlinskii((first, *weights[there]), tuple(self.widths[there]), base=self.values(x)["base"])
+
+    def taut(self, run: Prediction) -> Mask:
+        """Return in which rows both muscles have a pressure at which they are taut (n,)."""
+        return np.asarray((run.P1 >= TAUT_FROM) & (run.P2 >= TAUT_FROM))
+
+
+def _filtered(y: Array, v: dict[str, float], step: float) -> Array:
+    """Return F y (…, n): second order, by the bilinear transform, at rest at the first row."""
+    if not (v["damping"] or v["inertia"]):
+        return y
+    from scipy.signal import lfilter
+
+    c, first = 2 / step, y[..., :1]
+    a1, a2 = v["damping"] * c, v["inertia"] * c**2
+    poles = np.array([1 + a1 + a2, 2 - 2 * a2, 1 - a1 + a2])
+    return np.asarray(lfilter([1.0, 2.0, 1.0], poles, y - first, axis=-1)) + first
+
+
+def best_weights(D: Array, y: Array, most: float) -> Array:
+    """Return w ≥ 0 (n,) with Σ w ≤ `most` that minimises |y - wᵀ D|², D (n, rows): one convex problem.
+
+    By Lawson & Hanson's nonnegative least squares (SciPy) of the square roots of D Dᵀ: |y - wᵀ D|² = |b - A w|² + …;
+    where the sum binds, it is one row more of great weight. (einsum, since BLAS would wake its threads for so little.)
+    """
+    from scipy.optimize import nnls
+
+    n = D.shape[0]
+    values, vectors = np.linalg.eigh(np.einsum("ik,jk", D, D))
+    there = values > 1e-13 * values[-1]
+    A = np.sqrt(values[there])[:, None] * vectors[:, there].T
+    b = (vectors[:, there].T @ np.einsum("ik,k", D, y)) / np.sqrt(values[there])
+    if not there.any():
+        return np.zeros(n)
+    w = nnls(A, b)[0]
+    if w.sum() > most:
+        heavy = 1e5 * max(float(np.abs(A).max()), 1e-12)
+        w = nnls(np.vstack([A, np.full(n, heavy)]), np.append(b, heavy * most))[0]
+        w *= most / w.sum()
+    return np.asarray(w)
+
+
+__all__ = ["ABSENT", "LOWER", "NONLINEAR", "STEP", "STIFFEST", "UPPER", "MotionProblem", "Prediction", "best_weights"]

@@ -1,0 +1,126 @@
+"""The log of a moving joint is checked here: rows in time, and whether they move enough to tell anything."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.units import BAR, DEG
+
+TAUT_FROM = 1.5 * BAR  # both pressures, above which muscles of this kind are taut
+_LEAST_ROWS = 200
+_LEAST_TIME = 10.0  # [s]
+_LONGEST_STEP = 0.2  # [s] between rows
+_LEAST_SWING = 2 * DEG  # from the least to the greatest angle
+_LEAST_MOVE = 0.1 * BAR  # of a pressure
+_LEAST_TURNS = 4
+_MOST_ROWS = 12_000  # of more, every second, third … is used
+
+
+@dataclass(frozen=True)
+class MotionLog:
+    """A log is n rows of a moving joint without load, in the order of time; arrays (n,)."""
+
+    t: Array  # [s], increasing
+    theta: Array  # as the encoder shows it [rad]
+    P1: Array  # agonist, commanded or measured, gauge [Pa]
+    P2: Array  # antagonist [Pa]
+    every: int = 1  # each of so many rows is used
+
+    @classmethod
+    def checked(cls, t: Any, theta: Any, P1: Any, P2: Any) -> Self:
+        """Make a log of anything array-like.
+
+        Raises `InvalidInput` at what is no log in SI units, and at one that moves too little to tell anything, with
+        what to measure instead.
+        """
+        named = {
+            "t": checks.real("t", t, "s"),
+            "theta": checks.angle("theta", theta),
+            "P1": checks.pressure("P1", P1),
+            "P2": checks.pressure("P2", P2),
+        }
+        if any(values.ndim != 1 for values in named.values()):
+            raise InvalidInput("t, theta, P1 and P2 have to be rows of numbers, one of each for every sample")
+        log = cls(*(np.array(a, float) for a in checks.broadcast(**named)))
+        log._check_time()
+        log._check_excitation()
+        every = -(-log.n // _MOST_ROWS)
+        return cls(*(a[::every].copy() for a in (log.t, log.theta, log.P1, log.P2)), every) if every > 1 else log
+
+    @property
+    def n(self) -> int:
+        """Return the number of rows."""
+        return self.t.size
+
+    @property
+    def step(self) -> float:
+        """Return the median time between rows [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def swing(self) -> float:
+        """Return the greatest angle less the least [rad]."""
+        return float(np.ptp(self.theta))
+
+    @property
+    def greatest_pressure(self) -> float:
+        """Return the greatest pressure [Pa]."""
+        return float(max(self.P1.max(), self.P2.max()))
+
+    @property
+    def varies_sum(self) -> bool:
+        """Return whether P1 + P2 varies enough to tell what depends on it."""
+        total = self.P1 + self.P2
+        return float(total.std()) > 0.05 * float(total.mean())
+
+    def _check_time(self) -> None:
+        if self.n < 2 or not (np.diff(self.t) > 0).all():
+            i = int(np.argmax(np.diff(self.t) <= 0)) + 1 if self.n > 1 else 0
+            raise InvalidInput(f"t[{i}] is not later than the row before it: a log is in the order of time [s]")
+        if self.step > _LONGEST_STEP:
+            raise InvalidInput(
+                f"rows are {self.step:g} s apart, too far to see how the joint moves: record at 20 Hz or more; ms for s?"
+            )
+
+    def _check_excitation(self) -> None:
+        """Refuse a log that cannot tell lags from hysteresis, and say which experiment would."""
+        duration = float(self.t[-1] - self.t[0])
+        if self.n < _LEAST_ROWS or duration < _LEAST_TIME:
+            raise InvalidInput(
+                f"{self.n} rows over {duration:.3g} s are too few: record a minute or more of random steps of both "
+                "pressures"
+            )
+        if self.swing < _LEAST_SWING:
+            raise InvalidInput(
+                f"theta stays within {self.swing / DEG:.2g}°: the log shows no motion; step the pressures against "
+                "each other through the range that the joint is used in"
+            )
+        for name, P in (("P1", self.P1), ("P2", self.P2)):
+            if np.ptp(P) < _LEAST_MOVE:
+                raise InvalidInput(
+                    f"{name} stays within {np.ptp(P) / BAR:.2g} bar, so that the log says nothing of its muscle: step "
+                    "both pressures, not always together"
+                )
+        if (turns := self.turns) < _LEAST_TURNS:
+            raise InvalidInput(
+                f"theta turns round {turns} times by more than a tenth of its range: lag and hysteresis cannot be told "
+                f"apart; move to and fro at least {_LEAST_TURNS} times, with steps of different heights"
+            )
+
+    @property
+    def turns(self) -> int:
+        """Return how often the angle turns round by more than a tenth of its range."""
+        least, turns, way, end = self.swing / 10, 0, 0, float(self.theta[0])
+        for theta in self.theta.tolist():
+            if way * (theta - end) >= 0 and way:
+                end = theta
+            elif abs(theta - end) > least:
+                turns, way, end = turns + (way != 0), 1 if theta > end else -1, theta
+        return turns
+
+
+__all__ = ["TAUT_FROM", "MotionLog"]

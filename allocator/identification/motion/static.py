@@ -1,0 +1,60 @@
+"""What the static angle is a polynomial of: the equilibrium of a known joint, or the difference of both pressures."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.joint.antagonist import AntagonistJoint
+
+_GRID = 36  # pressures a muscle
+_LEAST_CONTRACTION = -0.2  # [-]: where the muscles would be longer than at rest the law is still asked
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Without a joint q = (P1 - P2)/(P1 + P2 + P_max/2) [-]: as pressures set the angle of all joints of this kind."""
+
+    greatest: float  # P_max [Pa]
+
+    def __call__(self, P1: Array, P2: Array) -> Array:
+        """Return q (…) [-]."""
+        return (P1 - P2) / (P1 + P2 + self.greatest / 2)
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """With a joint q is the angle [rad] at which it rests without load, interpolated between pressures of a grid."""
+
+    joint: AntagonistJoint
+    greatest: float  # P_max [Pa]
+
+    def __call__(self, P1: Array, P2: Array) -> Array:
+        """Return q (…) [rad]."""
+        return np.asarray(self._spline.ev(P1, P2))
+
+    @cached_property
+    def _spline(self) -> Any:
+        from scipy.interpolate import NearestNDInterpolator, RectBivariateSpline
+
+        wide = replace(self.joint, angle_limits=None, covariance=None)
+        low = min(self.joint.min_contraction, _LEAST_CONTRACTION)
+        if all(muscle.min_contraction <= low for muscle in (self.joint.agonist, self.joint.antagonist)):
+            wide = replace(wide, min_contraction=low)
+        P = np.linspace(0.0, self.greatest, _GRID)
+        P1, P2 = np.meshgrid(P, P, indexing="ij")
+        theta = wide.equilibrium(P1, P2)
+        known = np.isfinite(theta)
+        if known.mean() < 0.5:
+            raise InvalidInput(
+                f"joint rests nowhere at {1 - known.mean():.0%} of the pressures up to {self.greatest:.3g} Pa: it is "
+                "not the joint of this log"
+            )
+        nearest = NearestNDInterpolator(np.stack([P1[known], P2[known]], axis=1), theta[known])
+        return RectBivariateSpline(P, P, np.where(known, theta, nearest(P1, P2)), kx=1, ky=1)
+
+
+__all__ = ["Difference", "Equilibrium"]
