@@ -8,6 +8,7 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.feasibility.cli import map_command
 from allocator.identification.joint.cli import fit_joint_command
+from allocator.identification.motion.cli import fit_motion_command
 from allocator.identification.muscle.cli import fit_command
 from allocator.presentation.tables import number
 from allocator.shell.joint_options import JointOptions
@@ -154,6 +155,9 @@ def muscles() -> None:
 
 app.command("fit", cls=Command, short_help="a muscle from measured forces (CSV)")(fit_command)
 app.command("fit-joint", cls=Command, short_help="a joint from angles at pressures (CSV)")(fit_joint_command)
+app.command("fit-motion", cls=Command, short_help="lags and hysteresis from a log of a moving joint (CSV)")(
+    fit_motion_command
+)
 app.command("map", cls=Command, short_help="which angles, stiffnesses and torques exist")(map_command)
 
 __all__ = ["app"]

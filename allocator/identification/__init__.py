@@ -1,4 +1,4 @@
-"""A muscle is found from measured forces, a joint from measured angles: reading, least squares, covariance, ranking."""
+"""A muscle is found from measured forces, a joint from measured angles at rest, and what moves it from a log."""
 
 from allocator.identification.joint.comparison import compare_joint_models
 from allocator.identification.joint.fit import fit_joint
@@ -6,6 +6,9 @@ from allocator.identification.joint.planning import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.joint.relative import RelativeJoint
 from allocator.identification.joint.result import JointFit
+from allocator.identification.motion.fit import fit_motion
+from allocator.identification.motion.reading import read_motion_log
+from allocator.identification.motion.result import MotionFit
 from allocator.identification.muscle.datasets import DATASETS, Dataset, load_dataset
 from allocator.identification.muscle.fit import fit
 from allocator.identification.muscle.ranking import rank_models
@@ -19,15 +22,18 @@ __all__ = [
     "Fit",
     "JointFit",
     "Level",
+    "MotionFit",
     "RelativeJoint",
     "Samples",
     "compare_joint_models",
     "fit",
     "fit_joint",
+    "fit_motion",
     "has_closed_form_inverse",
     "load_dataset",
     "plan_joint_experiment",
     "rank_models",
     "read_joint_log",
+    "read_motion_log",
     "read_samples",
 ]

@@ -99,7 +99,7 @@ def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = 
     if surplus := content.keys() - _TABLES:
         what = f"is not a joint: it has no {', '.join(sorted(surplus))}; its tables are {', '.join(_TABLES)}"
         raise InvalidFile(path, what)
-    if scale_needed and joint.get("scale_known") is not True:
+    if scale_needed and not scale_known_in(content):
         raise InvalidFile(
             path,
             "holds a joint whose force scale is unknown, since it was fitted without a weight: it has no stiffness to "
@@ -118,6 +118,12 @@ def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = 
         return AntagonistJoint(geometry, agonist, antagonist, covariance=rows, hysteresis=hysteresis, **limits)
     except (InvalidInput, TypeError, ValueError, OverflowError) as error:
         raise InvalidFile(path, str(error)) from None
+
+
+def scale_known_in(content: dict[str, Any]) -> bool:
+    """Return whether the joint in the parsed `content` was fitted with a weight, so that its forces are right."""
+    table = content.get("joint")
+    return isinstance(table, dict) and table.get("scale_known") is True
 
 
 def _geometry_lines(geometry: Geometry) -> list[str]:
@@ -182,4 +188,4 @@ def _muscle(path: FilePath, content: dict[str, Any], name: str) -> Muscle:
     return muscle
 
 
-__all__ = ["dumps", "joint_from", "load_joint", "save_joint"]
+__all__ = ["dumps", "joint_from", "load_joint", "save_joint", "scale_known_in"]

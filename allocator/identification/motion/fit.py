@@ -1,16 +1,17 @@
 """A moving joint is fitted to its log here: the search, what is left out in turn, and what the log does not show."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
-from allocator.identification.motion.problem import UPPER, MotionProblem, Prediction
+from allocator.identification.motion.problem import STIFFEST, UPPER, MotionProblem, Prediction
 from allocator.identification.motion.result import Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
-from allocator.identification.motion.search import Found, extended, search, without
+from allocator.identification.motion.search import extended, search, without
 from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import BAR
@@ -18,16 +19,17 @@ from allocator.units import BAR
 TRAINED = 0.6  # the share of the log that the held-out rest is predicted from
 LEFT_OUT = 5  # contiguous blocks, left out in turn to be predicted
 _JACKKNIFE = 10  # contiguous blocks, left out in turn for the intervals
-_WORSE = 1.01  # by which the error grows at least without something that the log shows
+_WORSE = 1.02  # by which the error grows at least without something that the log shows,
+_MUCH_WORSE = 1.05  # and without inertia and damping, of which a little can always pass for lag
 _UNITS = {"lag_up": "s", "lag_down": "s", "dead_time": "s", "dead_band": "Pa", "base": "-", "damping": "s"}
 _UNITS |= {"inertia": "s²", "loop_width": "rad", "stuck_slope": "-", "gain": "-"}
-_SIGNS = {  # what is told together, and the sentence if it is not
-    ("lag_up", "lag_down"): "the lags: steps of the pressures would show them",
-    ("dead_time",): "the dead time: steps of the pressures, at a higher sample rate, would show it",
+_SIGNS = {  # what is told together, and the sentence if it is not; what may pass for something else comes first
     ("dead_band",): "the dead band: small steps up and down about one pressure would show it",
     ("base",): "that the hysteresis grows with P1 + P2: sweeps at several co-contractions would show it",
+    ("dead_time",): "the dead time: steps of the pressures, at a higher sample rate, would show it",
+    ("lag_up", "lag_down"): "the lags: steps of the pressures would show them",
 }
-_DYNAMIC = ("damping", "inertia")
+_DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
 STEPS = 4 + LEFT_OUT + _JACKKNIFE + len(_SIGNS)  # of `progress`
 
 
@@ -77,24 +79,21 @@ def fit_motion(
     greatest = log.greatest_pressure
     static = Difference(greatest) if joint is None else Equilibrium(joint, greatest)
     every, early = np.ones(log.n, bool), np.arange(log.n) < TRAINED * log.n
-    tell("first rows")
-    trained = _fitted(MotionProblem(log, static), early)
+    trained, unseen = _seen(MotionProblem.of(log, static), early, tell)
     tell("all rows")
-    task, found = _with_dynamics(_fitted(trained.problem, every, trained.x), every, tell)
-    tell("held out")
-    held = _fitted(*_like(task.problem, trained), early)
-    errors = {"all": _errors(task.problem, task.x, every, every), "held": _held(held, early)}
+    found = search(trained.problem, every, trained.x)
+    task = _Task(trained.problem, found.x)
     blocks = [_left_out(task, rows, tell) for rows in _blocks(log.n, LEFT_OUT)]
-    estimates = _estimates(task, [_fit_without(task, rows, tell) for rows in _blocks(log.n, _JACKKNIFE)])
-    unseen = _unseen(task, found, every, tell)
+    jackknife = [_fit_without(task, rows, tell) for rows in _blocks(log.n, _JACKKNIFE)]
+    choices = _other_choices(task, MotionLog.checked(t, theta, P1, P2, medians=False), found.rms, tell)
     run = task.problem.run(task.x, every)
     return MotionFit(
         operator=task.problem.operator(task.x, run.weights),
-        parameters={name: e._replace(seen=not any(name in names for names in unseen)) for name, e in estimates.items()},
-        error=errors["all"],
-        held_out=errors["held"],
+        parameters=_estimates(_named(task, every), jackknife, choices),
+        error=_errors(task, every, every),
+        held_out=_errors(trained, early, ~early),
         blocks=tuple(blocks),
-        unseen=tuple(unseen.values()),
+        unseen=(*unseen, *_taken(task, run)),
         converged=found.converged,
         given=joint,
         scale_known=scale_known,
@@ -103,26 +102,39 @@ def fit_motion(
     )
 
 
-def _fitted(problem: MotionProblem, used: Mask, x: Array | None = None) -> _Task:
-    return _Task(problem, search(problem, used, x).x)
-
-
-def _with_dynamics(task: _Task, used: Mask, tell: Callable[[str], Any]) -> tuple[_Task, Found]:
-    """Return the fit with inertia and damping if they better it, else without."""
-    plain = search(task.problem, used, task.x)
+def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], Any]) -> tuple[_Task, list[str]]:
+    """Return the fit with what the rows `used` show, and the sentences about what they do not."""
+    tell("first rows")
+    found = search(problem, used)
+    best, unseen = found.rms, []
+    for names, sentence in _SIGNS.items():
+        tell("what is seen")
+        if not any(name in problem.free for name in names):
+            unseen.append(sentence)
+            continue
+        less, x = without(problem, found.x, *names)
+        other = search(less, used, x)
+        if other.rms < _WORSE * best:
+            unseen.append(sentence)
+            problem, found = less, other
     tell("inertia and damping")
-    more, x = extended(task.problem, plain.x, damping=0.02, inertia=1e-3)
-    found = search(more, used, x)
-    if found.rms * _WORSE**2 < plain.rms:
-        return _Task(more, found.x), found
-    return _Task(task.problem, plain.x), plain
+    if "lag_up" in problem.free:
+        more, x = extended(problem, found.x, **_DYNAMIC)
+        other = search(more, used, x)
+        if other.rms * _MUCH_WORSE < found.rms:
+            return _Task(more, other.x), unseen
+    return _Task(problem, found.x), [*unseen, "inertia and damping: faster steps, of a joint that swings, show them"]
 
 
-def _like(problem: MotionProblem, task: _Task) -> tuple[MotionProblem, Mask, Array]:
-    """Return what searches the unknowns of `problem` on the rows of the first search, from what that has found."""
-    more = {name: 0.02 if name == "damping" else 1e-3 for name in _DYNAMIC if name in problem.free}
-    extended_problem, x = extended(task.problem, task.x, **more)
-    return extended_problem, np.arange(problem.log.n) < TRAINED * problem.log.n, x
+def _taken(task: _Task, run: Prediction) -> list[str]:
+    """Return the sentences about what was taken for granted."""
+    sentences = []
+    if float(run.weights.sum()) >= (1 - STIFFEST) * (1 - 1e-6):
+        sentences.append(f"how far a stuck joint gives: taken as {STIFFEST:g} of its usual way")
+    if not task.problem.log.varies_sum:
+        total = float(np.mean(task.problem.log.P1 + task.problem.log.P2))
+        sentences.append(f"what depends on P1 + P2, which stays at {total / BAR:.3g} bar")
+    return sentences
 
 
 def _blocks(n: int, count: int) -> list[Mask]:
@@ -131,73 +143,74 @@ def _blocks(n: int, count: int) -> list[Mask]:
     return [place != block for block in range(count)]
 
 
+def _fitted(task: _Task, used: Mask) -> _Task:
+    return _Task(task.problem, search(task.problem, used, task.x).x)
+
+
 def _fit_without(task: _Task, rows: Mask, tell: Callable[[str], Any]) -> dict[str, float]:
     tell("intervals")
-    x = search(task.problem, rows, task.x).x
-    return _named(task.problem, x, task.problem.run(x, rows))
+    return _named(_fitted(task, rows), rows)
 
 
 def _left_out(task: _Task, rows: Mask, tell: Callable[[str], Any]) -> Errors:
     tell("left-out blocks")
-    return _errors(task.problem, search(task.problem, rows, task.x).x, rows, ~rows)
+    return _errors(_fitted(task, rows), rows, ~rows)
 
 
-def _held(task: _Task, early: Mask) -> Errors:
-    return _errors(task.problem, task.x, early, ~early)
-
-
-def _errors(problem: MotionProblem, x: Array, used: Mask, judged: Mask) -> Errors:
-    run = problem.run(x, used)
-    return Errors.of(problem.log.theta - run.theta, judged, problem.taut(run))
+def _errors(task: _Task, used: Mask, judged: Mask) -> Errors:
+    run = task.problem.run(task.x, used)
+    return Errors.of(task.problem.log.theta - run.theta, judged, task.problem.taut(run))
 
 
 # --- parameters and their intervals ---------------------------------------------------------------------------------
 
 
-def _named(problem: MotionProblem, x: Array, run: Prediction) -> dict[str, float]:
+def _named(task: _Task, used: Mask) -> dict[str, float]:
     """Return all that is told about the motion, by name."""
-    H, values = problem.operator(x, run.weights), problem.values(x)
+    problem, run = task.problem, task.problem.run(task.x, used)
+    H, values = problem.operator(task.x, run.weights), problem.values(task.x)
     named = {name: values[name] for name in problem.free}
     named["loop_width"] = 2 * sum(w * r for w, r in zip(H.weights[1:], H.thresholds, strict=True))
     named["stuck_slope"] = H.weights[0]
     if isinstance(problem.static, Equilibrium):
-        q = problem.static(run.P1, run.P2)
-        named["gain"] = float(np.polyfit(q, run.static, 1)[0])
+        named["gain"] = float(np.polyfit(problem.static(run.P1, run.P2), run.static, 1)[0])
     return named
 
 
-def _estimates(task: _Task, others: list[dict[str, float]]) -> dict[str, Estimate]:
-    """Return values and 95 % intervals by the jackknife over contiguous blocks: errors are correlated within them."""
+def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[str], Any]) -> list[dict[str, float]]:
+    """Return what is found with other choices: other half widths, the pressures with their noise, one lag for both
+    directions if it explains the log as well.
+    """
+    tell("other choices")
+    problem, every = task.problem, np.ones(task.problem.log.n, bool)
+    others = [_fitted(_Task(replace(problem, finest=problem.finest * 1.3), task.x), every)]
+    if not (np.array_equal(noisy.P1, problem.log.P1) and np.array_equal(noisy.P2, problem.log.P2)):
+        others.append(_fitted(_Task(replace(problem, log=noisy), task.x), every))
+    if "lag_up" in problem.free:
+        found = search(replace(problem, one_lag=True), every, task.x)
+        if found.rms < _WORSE * rms:
+            others.append(_Task(replace(problem, one_lag=True), found.x))
+    return [_named(other, every) for other in others]
+
+
+def _estimates(
+    here: dict[str, float], jackknife: list[dict[str, float]], choices: list[dict[str, float]]
+) -> dict[str, Estimate]:
+    """Return values and 95 % intervals by the jackknife over contiguous blocks, since errors are correlated within
+    them; by how much other choices move a value counts as one standard deviation more each.
+    """
     from scipy.stats import t as student
 
-    n, here = len(others), _named(task.problem, task.x, task.problem.run(task.x, np.ones(task.problem.log.n, bool)))
+    n = len(jackknife)
     factor = float(student.ppf(0.975, n - 1))
     found = {}
     for name, value in here.items():
-        spread = np.array([other[name] for other in others])
-        std = float(np.sqrt((n - 1) / n * np.sum((spread - spread.mean()) ** 2)))
+        left_out, chosen = (np.array([other[name] for other in others]) for others in (jackknife, choices))
+        variance = (n - 1) / n * np.sum((left_out - left_out.mean()) ** 2) + np.sum((chosen - value) ** 2)
+        std = float(np.sqrt(variance))
         low, high = max(value - factor * std, 0.0), min(value + factor * std, UPPER.get(name, np.inf))
-        found[name] = Estimate(value, std, low, high, _UNITS[name], True)
+        found[name] = Estimate(value, std, low, high, _UNITS[name])
     return found
-
-
-def _unseen(task: _Task, found: Found, used: Mask, tell: Callable[[str], Any]) -> dict[tuple[str, ...], str]:
-    """Return the sentences about what the log does not show: without it the rest explains the angle as well."""
-    unseen = {}
-    for names, sentence in _SIGNS.items():
-        tell("what is seen")
-        problem, x = without(task.problem, task.x, *names)
-        if search(problem, used, x).rms < _WORSE * found.rms:
-            unseen[names] = sentence
-    if "inertia" not in task.problem.free:
-        unseen[_DYNAMIC] = "inertia and damping: faster steps, of a joint that swings, would show them"
-    if not task.problem.log.varies_sum:
-        unseen[("sum",)] = f"what depends on P1 + P2, which stays at {_mean_sum(task.problem.log) / BAR:.3g} bar"
-    return unseen
-
-
-def _mean_sum(log: MotionLog) -> float:
-    return float(np.mean(log.P1 + log.P2))
 
 
 __all__ = ["LEFT_OUT", "STEPS", "TRAINED", "fit_motion"]

@@ -37,10 +37,12 @@ def follow(t: Any, u: Any, up: float, down: float, dead: float, rest: float, out
         out[k] = pressure
 
 
+_LOOPS: dict[str, jit.Function] = {"follow": follow, "pass_plays": pass_plays}
+
+
 @cache
-def _compiled(name: str) -> Any:
-    loop = {"follow": follow, "pass_plays": pass_plays}[name]
-    return jit.compiled(loop, (), inline=False, unaliased=False) or loop
+def _compiled(name: str) -> jit.Function:
+    return jit.compiled(_LOOPS[name], (), inline=False, unaliased=False) or _LOOPS[name]
 
 
 def pressures(t: Array, u: Array, up: float, down: float, dead: float, band: float) -> Array:

@@ -8,14 +8,14 @@
     minimise  Σ_k (θ_k - θ̂_k)²     over τ_up, τ_down, t_dead, dead band, s_0, a1, a2, c,   w_i ≥ 0,  Σ w_i ≤ 1 - w_min
 
 For given nonlinear unknowns the weights are a problem of nonnegative least squares, convex with one optimum, and are
-eliminated (variable projection). The gain of H is 1: what is left belongs to the static angle. φ are monomials in s and q,
-q the equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
+eliminated (variable projection). The gain of H is 1: what is left belongs to the static angle. φ are monomials in s and
+q, q the equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -28,7 +28,8 @@ from allocator.units import BAR, DEG
 Static = Callable[[Array, Array], Array]  # (P1, P2) [Pa] ↦ q [-] or [rad]
 
 STIFFEST = 0.1  # w_min: the least weight without play, that H can be inverted and a stuck joint is not rigid
-_WIDTHS = np.geomspace(0.004, 0.16, 8)  # r_i in the range of the angle
+_FINEST = 0.004  # least half width r_1, in the range of the angle
+_WIDTHS = np.geomspace(1, 40, 8)  # r_i in the least
 _POWERS = ((0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 1))  # of q and s
 _RIDGE = 1e-4 * DEG  # per unit of a coefficient: decides what the log leaves open
 
@@ -55,13 +56,21 @@ class MotionProblem:
 
     log: MotionLog
     static: Static = field(repr=False)  # q(P1, P2)
-    free: tuple[str, ...] = ("lag_up", "lag_down", "dead_time", "dead_band", "base")
-    _last: dict[tuple[float, ...], tuple[Array, Array, Array]] = field(default_factory=dict, repr=False, compare=False)
+    free: tuple[str, ...]
+    finest: float = _FINEST  # least half width in the range of the angle
+    one_lag: bool = False  # whether pressures rise and fall with the lag of rising ones
+    _last: dict[Any, tuple[Array, Array, Array]] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @classmethod
+    def of(cls, log: MotionLog, static: Static) -> Self:
+        """Return the problem of what this log can tell, without inertia and damping."""
+        delays = ("lag_up", "lag_down", "dead_time", "dead_band") if log.varies_speed else ()
+        return cls(log, static, delays + (("base",) if log.varies_sum else ()))
 
     @cached_property
     def widths(self) -> Array:
         """Return r_i [rad], half widths of the plays where P1 + P2 = 5 bar."""
-        return _WIDTHS * self.log.swing
+        return self.finest * _WIDTHS * self.log.swing
 
     @cached_property
     def powers(self) -> tuple[tuple[int, int], ...]:
@@ -76,7 +85,8 @@ class MotionProblem:
 
     def values(self, x: Array) -> dict[str, float]:
         """Return the nonlinear unknowns by name; those that are not free are absent."""
-        return ABSENT | dict(zip(self.free, x.tolist(), strict=False))
+        values = ABSENT | dict(zip(self.free, x.tolist(), strict=False))
+        return values | {"lag_down": values["lag_up"]} if self.one_lag else values
 
     def coefficients(self, x: Array) -> Array:
         """Return c (monomials,) [rad]."""

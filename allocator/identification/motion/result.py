@@ -24,18 +24,18 @@ from allocator.muscles.storage import toml
 from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 
+_LEAST_LAG = 1e-3  # [s] a plant has
 _MUSCLE_ROWS = 400  # of the log, at which the muscles are fitted to the static angle
 
 
 class Estimate(NamedTuple):
-    """An estimate is a value with its 95 % interval; not `seen`: the log is explained as well without it."""
+    """An estimate is a value with its 95 % interval."""
 
     value: float
     std: float
     low: float
     high: float
     unit: str
-    seen: bool
 
 
 class Errors(NamedTuple):
@@ -65,8 +65,8 @@ class MotionFit:
     operator: PrandtlIshlinskii  # hysteresis of the angle, gain 1
     parameters: Mapping[str, Estimate]
     """`lag_up`, `lag_down`, `dead_time` [s], `dead_band` [Pa], `base` [-] of the widths, `loop_width` [rad] of a wide
-    sweep at P1 + P2 = 5 bar, `stuck_slope` w_0 [-]; `damping` [s] and `inertia` [s²] over stiffness where they are
-    seen; `gain` [-] of the static angle over that of the given joint."""
+    sweep at P1 + P2 = 5 bar, `stuck_slope` w_0 [-]; `damping` [s] and `inertia` [s²] over stiffness; `gain` [-] of the
+    static angle over that of the given joint. What the log does not show is left out."""
     error: Errors  # of the log that was fitted
     held_out: Errors  # of the last 40 %, predicted from the first 60 %
     blocks: tuple[Errors, ...]  # of five contiguous blocks, each predicted from the others
@@ -147,13 +147,12 @@ class MotionFit:
             leave_one_out=False,
         )
         found = next(iter(fit.shapes.values()))
-        factor = _mean_gain(given, run.static[rows] - fit.zero, P1) / _mean_gain(
-            found, run.static[rows] - fit.zero, P1
-        )
+        factor = _mean_gain(given, run.static[rows] - fit.zero, P1) / _mean_gain(found, run.static[rows] - fit.zero, P1)
         agonist, antagonist = (replace(scaled(m, factor), covariance=None) for m in (found.agonist, found.antagonist))
         low, high = given.pressure_limits
         joint = replace(
             given,
+            **_reaching(given, log.theta - fit.zero),
             agonist=agonist,
             antagonist=antagonist,
             pressure_limits=(low, max(high, log.greatest_pressure)),
@@ -174,7 +173,7 @@ class MotionFit:
 
     def dumps(self) -> str:
         """Return the text of the plant's file."""
-        p, joint = self.parameters, self.joint
+        values, joint = self.problem.values(self.x), self.joint
         source: dict[str, str | float] = {
             "rows": self.log.n,
             "free_run_rms_deg": round(self._muscles.rms / DEG, 4),
@@ -186,14 +185,15 @@ class MotionFit:
         lines += ["[plant]  # SI units: kg·m², N·m·s/rad, s, N·m, Pa/s; what was not seen is as in `Plant()`"]
         lines += [f"{name} = {toml(value)}" for name, value in self._plant().items()]
         lines += ["", "[regulators]  # s, Pa"]
-        lines += [f"{name} = {toml(p[name].value)}" for name in ("dead_time", "dead_band", "lag_up", "lag_down")]
+        lines += [f"{name} = {toml(values[name])}" for name in ("dead_time", "dead_band", "lag_up", "lag_down")]
         return "\n".join(lines) + "\n"
 
     def _plant(self) -> dict[str, float | tuple[float, float]]:
         """Return what [plant] takes: one lag for both pressures, and inertia and damping where they were seen."""
-        p = self.parameters
-        lag = max((p["lag_up"].value + p["lag_down"].value) / 2, 1e-3)
-        numbers: dict[str, float | tuple[float, float]] = {"lag": (lag, lag)}
+        p, numbers = self.parameters, dict[str, float | tuple[float, float]]()
+        if "lag_up" in p:
+            lag = max((p["lag_up"].value + p["lag_down"].value) / 2, _LEAST_LAG)
+            numbers["lag"] = (lag, lag)
         if self.scale_known and "inertia" in p:
             P1, P2 = float(self.run.P1.mean()), float(self.run.P2.mean())
             K = float(np.median(self.joint.stiffness(self.joint.equilibrium(P1, P2), P1, P2)))
@@ -216,7 +216,6 @@ class MotionFit:
         for name, e in self.parameters.items():
             label, unit = LABELS[name]
             row |= {label: e.value / unit, f"{label}_low": e.low / unit, f"{label}_high": e.high / unit}
-            row[f"{label}_seen"] = e.seen
         return row
 
     def __repr__(self) -> str:
@@ -237,7 +236,6 @@ class MotionFit:
     def _found(self) -> dict[str, str]:
         return {
             LABELS[name][0]: f"{number(e.value / LABELS[name][1], 3)} ± {number(e.std / LABELS[name][1], 2)}"
-            + ("" if e.seen else " (not seen)")
             for name, e in self.parameters.items()
         }
 
@@ -254,6 +252,14 @@ LABELS = {  # names of parameters for tables, and their units in SI
     "damping": ("damping_over_stiffness_s", 1.0),
     "inertia": ("inertia_over_stiffness_s2", 1.0),
 }
+
+
+def _reaching(given: AntagonistJoint, theta: Array) -> dict[str, Any]:
+    """Return the limits of the `given` joint, widened to the angles (n,) [rad] at which it was seen."""
+    ends = float(theta.min()), float(theta.max())
+    eps = min(float(given.geometry.agonist(ends[0]).contraction), float(given.geometry.antagonist(ends[1]).contraction))
+    limits = given.angle_limits and (min(given.angle_limits[0], ends[0]), max(given.angle_limits[1], ends[1]))
+    return {"min_contraction": min(given.min_contraction, eps), "angle_limits": limits}
 
 
 def _mean_gain(joint: AntagonistJoint, theta: Array, P1: Array) -> float:

@@ -1,6 +1,6 @@
 """The log of a moving joint is checked here: rows in time, and whether they move enough to tell anything."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -16,7 +16,10 @@ _LEAST_TIME = 10.0  # [s]
 _LONGEST_STEP = 0.2  # [s] between rows
 _LEAST_SWING = 2 * DEG  # from the least to the greatest angle
 _LEAST_MOVE = 0.1 * BAR  # of a pressure
-_LEAST_TURNS = 4
+_LEAST_TURNS = 3
+_SPEED_OVER = 0.3  # [s] over which a speed is measured
+_SAME_SPEED = 0.9  # squared cosine between v and sign(v); 1 on ramps, 0.81 on a sine, less with steps
+_MEDIAN_OVER = 0.25  # [s]
 _MOST_ROWS = 12_000  # of more, every second, third … is used
 
 
@@ -31,8 +34,8 @@ class MotionLog:
     every: int = 1  # each of so many rows is used
 
     @classmethod
-    def checked(cls, t: Any, theta: Any, P1: Any, P2: Any) -> Self:
-        """Make a log of anything array-like.
+    def checked(cls, t: Any, theta: Any, P1: Any, P2: Any, *, medians: bool = True) -> Self:
+        """Make a log of anything array-like, with `medians` of noisy pressures.
 
         Raises `InvalidInput` at what is no log in SI units, and at one that moves too little to tell anything, with
         what to measure instead.
@@ -45,11 +48,18 @@ class MotionLog:
         }
         if any(values.ndim != 1 for values in named.values()):
             raise InvalidInput("t, theta, P1 and P2 have to be rows of numbers, one of each for every sample")
-        log = cls(*(np.array(a, float) for a in checks.broadcast(**named)))
+        rows = [np.array(a, float) for a in checks.broadcast(**named)]
+        log = cls(rows[0], rows[1], rows[2], rows[3])
         log._check_time()
         log._check_excitation()
+        log = log._without_noise() if medians else log
         every = -(-log.n // _MOST_ROWS)
-        return cls(*(a[::every].copy() for a in (log.t, log.theta, log.P1, log.P2)), every) if every > 1 else log
+        return log if every == 1 else log.thinned(every)
+
+    def thinned(self, every: int) -> Self:
+        """Return each of so many rows."""
+        t, theta, P1, P2 = (a[::every].copy() for a in (self.t, self.theta, self.P1, self.P2))
+        return replace(self, t=t, theta=theta, P1=P1, P2=P2, every=every)
 
     @property
     def n(self) -> int:
@@ -77,13 +87,37 @@ class MotionLog:
         total = self.P1 + self.P2
         return float(total.std()) > 0.05 * float(total.mean())
 
+    @property
+    def varies_speed(self) -> bool:
+        """Return whether the speed of the angle varies enough to tell delays, which grow with it, from hysteresis.
+
+        A delay τ moves the angle by -τ v, hysteresis by a share of -sign(v): on ramps of one speed both are the same.
+        """
+        window = max(1, round(_SPEED_OVER / self.step))
+        v = self.theta[window:] - self.theta[:-window]
+        return float(np.abs(v).sum() ** 2) < _SAME_SPEED * v.size * float((v**2).sum())
+
+    def _without_noise(self) -> Self:
+        """Return the log with medians of the pressures where sensors add noise to them.
+
+        A play follows the peaks of noise, which makes hysteresis look wider; a median keeps steps and ramps in place.
+        """
+        from scipy.ndimage import median_filter
+
+        width = 2 * round(_MEDIAN_OVER / 2 / self.step) + 1
+        P1, P2 = (
+            median_filter(P, width, mode="nearest") if np.median(np.abs(np.diff(P, 2))) > 0 else P
+            for P in (self.P1, self.P2)
+        )
+        return replace(self, P1=P1, P2=P2)
+
     def _check_time(self) -> None:
         if self.n < 2 or not (np.diff(self.t) > 0).all():
             i = int(np.argmax(np.diff(self.t) <= 0)) + 1 if self.n > 1 else 0
             raise InvalidInput(f"t[{i}] is not later than the row before it: a log is in the order of time [s]")
         if self.step > _LONGEST_STEP:
             raise InvalidInput(
-                f"rows are {self.step:g} s apart, too far to see how the joint moves: record at 20 Hz or more; ms for s?"
+                f"rows are {self.step:g} s apart, too far to see how the joint moves: record at 20 Hz; ms for s?"
             )
 
     def _check_excitation(self) -> None:

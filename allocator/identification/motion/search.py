@@ -28,7 +28,8 @@ def search(problem: MotionProblem, used: Mask, x: Array | None = None) -> Found:
     """Minimise over the rows `used` (n,), from `x` or from the better of two lags."""
     if x is not None:
         return _descend(problem, used, x, _MOST)
-    first = [_descend(problem, used, problem.start(lag, used), _FIRST) for lag in _LAGS]
+    lags = _LAGS if "lag_up" in problem.free else _LAGS[:1]
+    first = [_descend(problem, used, problem.start(lag, used), _FIRST) for lag in lags]
     return _descend(problem, used, min(first, key=lambda found: found.rms).x, _MOST)
 
 
@@ -67,9 +68,8 @@ def _descend(problem: MotionProblem, used: Mask, x: Array, most: int) -> Found:
         return columns
 
     start = np.clip(x, low, high)
-    done = least_squares(
-        residual, start, jacobian, (low, high), x_scale=sizes, tr_solver="lsmr", ftol=_CLOSE, xtol=_CLOSE, gtol=1e-12, max_nfev=most
-    )
+    options = {"x_scale": sizes, "tr_solver": "lsmr", "ftol": _CLOSE, "xtol": _CLOSE, "gtol": 1e-12, "max_nfev": most}
+    done = least_squares(residual, start, jacobian, (low, high), **options)  # lsmr: no threads for small matrices
     return Found(np.asarray(done.x), bool(done.status > 0), float(np.sqrt(2 * done.cost / used.sum())))
 
 

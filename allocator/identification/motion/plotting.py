@@ -1,0 +1,71 @@
+"""Pictures of a moving joint's fit are drawn here: the free run, its error over time and angle, and the hysteresis."""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.identification.motion.result import MotionFit
+from allocator.units import DEG
+
+_SHOWN = 30.0  # [s] of the log
+_HELD = 0.6
+
+
+def plot_motion_fit(fit: MotionFit, figure: Any = None) -> Any:
+    """Draw the four pictures; returns the Matplotlib figure, a new one unless `figure` is given."""
+    import matplotlib.pyplot as plt
+
+    if figure is None:
+        figure = plt.figure(figsize=(13, 8), layout="constrained")
+    (top_left, top_right), (left, right) = figure.subplots(2, 2)
+    _angles(fit, top_left)
+    _errors(fit, top_right)
+    _residuals(fit, left)
+    _loops(fit, right)
+    return figure
+
+
+def _angles(fit: MotionFit, axes: Any) -> None:
+    t = fit.log.t - fit.log.t[0]
+    shown = t <= _SHOWN
+    axes.plot(t[shown], fit.log.theta[shown] / DEG, color="0.3", label="measured")
+    axes.plot(t[shown], fit.run.theta[shown] / DEG, color="C3", linewidth=1, label="free run")
+    axes.plot(t[shown], fit.run.static[shown] / DEG, color="C0", linewidth=0.7, label="static angle")
+    axes.set(xlabel="time [s]", ylabel="angle [°]", title=f"free run: {fit.error.every / DEG:.2f}° RMS")
+    axes.legend(frameon=False, fontsize="small")
+
+
+def _errors(fit: MotionFit, axes: Any) -> None:
+    t = fit.log.t - fit.log.t[0]
+    axes.plot(t, fit.errors() / DEG, color="C3", linewidth=0.6)
+    axes.axhline(0, color="0.6", linewidth=1)
+    axes.axvspan(_HELD * t[-1], t[-1], color="0.92", zorder=0)
+    held, left_out = fit.held_out.every / DEG, fit.left_out.every / DEG
+    axes.set(xlabel="time [s]", ylabel="measured minus free run [°]")
+    axes.set_title(f"held out (grey) {held:.2f}°, five blocks left out {left_out:.2f}° RMS")
+
+
+def _residuals(fit: MotionFit, axes: Any) -> None:
+    taut = fit.problem.taut(fit.run)
+    for rows, colour, label in ((~taut, "C1", "a pressure below 1.5 bar"), (taut, "C0", "taut")):
+        if rows.any():
+            axes.plot(
+                fit.run.theta[rows] / DEG, fit.errors()[rows] / DEG, ".", color=colour, markersize=1.5, label=label
+            )
+    axes.axhline(0, color="0.6", linewidth=1)
+    axes.set(xlabel="angle of the free run [°]", ylabel="measured minus free run [°]")
+    axes.legend(frameon=False, fontsize="small", markerscale=5)
+
+
+def _loops(fit: MotionFit, axes: Any) -> None:
+    """Draw the operator over sweeps of several heights."""
+    for share in (1.0, 0.5, 0.2):
+        height = share * fit.log.swing / 2
+        to, fro = np.linspace(-height, height, 200), np.linspace(height, -height, 200)
+        u = np.concatenate([to, fro, to])
+        axes.plot(u[200:] / DEG, (fit.operator.run(u) - u)[200:] / DEG, label=f"± {height / DEG:.3g}°")
+    axes.set(xlabel="static angle [°]", ylabel="angle minus static angle [°]", title="hysteresis at P1 + P2 = 5 bar")
+    axes.legend(frameon=False, fontsize="small")
+
+
+__all__ = ["plot_motion_fit"]
