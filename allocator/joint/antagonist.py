@@ -10,7 +10,7 @@ and everything static in this package is said in terms of the two, each `OneMusc
 """
 
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from allocator import checks
 from allocator.calculus import Array, Value, rising_roots
 from allocator.errors import InvalidInput
 from allocator.joint.geometry import Geometry, Pulley
+from allocator.joint.history import through_friction, through_plays
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.joint.limits import TAUT, Limit, Limits, PressureBox
 from allocator.joint.one_muscle import OneMuscle
@@ -184,17 +185,55 @@ class AntagonistJoint:
 
     # --- equilibrium ------------------------------------------------------------------------------------------------
 
-    def equilibrium(self, P1: ArrayLike, P2: ArrayLike, T: ArrayLike = 0.0) -> Array:
+    def equilibrium(
+        self,
+        P1: ArrayLike,
+        P2: ArrayLike,
+        T: ArrayLike = 0.0,
+        *,
+        history: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> Array:
         """Return the angle [rad] at which the joint gives and holds (K > 0) the torque `T` [N·m] at these pressures.
 
         NaN if there is none in the joint range; the one nearest to θ = 0 if a mechanism has several. Closed form (23),
         generalised to c ≠ 0 and T ≠ 0, for two equal Tondu2021 on a pulley; root finding otherwise.
+
+        With a `history`, the pressures (P1, P2) [Pa] that the joint came through before, rows (n,) in their order, it
+        is the angle after them, with the joint's `hysteresis`, or without one its `friction` μ (Dahl's, see
+        `allocator.joint.history`). It began at rest, with no memory, at the first of them; P1 and P2, numbers or rows
+        (m,), go on from the last, one after the other; `T` is one number. Empty rows: the history begins with P1, P2.
         """
+        if history is not None:
+            return self._after(history, P1, P2, checks.number("T", T, "N·m"))
         one, two = checks.pressures_or_symbols(P1, P2)
         flat = checks.broadcast(P1=one, P2=two, T=checks.real("T", T, "N·m"))
         theta = self.tondu_pulley.equilibrium(*flat) if self.tondu_pulley else self._equilibrium(*flat)
         left, right = self.angle_range
         return np.asarray(np.where((theta >= left) & (theta <= right), theta, np.nan))
+
+    def _after(self, history: tuple[ArrayLike, ArrayLike], P1: ArrayLike, P2: ArrayLike, T: float) -> Array:
+        """Return the angles [rad] after the `history`, see `equilibrium`."""
+        before = checks.broadcast(**checks.pressure_pair("history", history, ("history[0]", "history[1]")))
+        now = checks.broadcast(P1=checks.pressure("P1", P1), P2=checks.pressure("P2", P2))
+        if before[0].ndim > 1 or now[0].ndim > 1:
+            raise InvalidInput("a history, and the pressures after it, have to be numbers or rows, in their order")
+        one, two = (np.concatenate([np.atleast_1d(b), np.atleast_1d(n)]) for b, n in zip(before, now, strict=True))
+        u = self.equilibrium(one, two, T) if self.hysteresis else self.equilibrium(one[:1], two[:1], T)
+        if self.hysteresis:
+            theta = through_plays(self.hysteresis, u, one + two)
+        elif np.isnan(u[0]):
+            raise InvalidInput("at the first pressures of the history the joint rests at no angle of its range")
+        else:
+            theta = through_friction(partial(self._exceeding, T), float(u[0]), one, two, self.angle_range)
+        left, right = self.angle_range
+        theta = np.where((theta >= left) & (theta <= right), theta, np.nan)[-now[0].size :]
+        return np.asarray(theta.reshape(now[0].shape))
+
+    def _exceeding(self, T: float, theta: float, P1: float, P2: float, z: float) -> float:
+        """Return the torque [N·m] less friction in the state `z` [-] and less the load `T` [N·m]."""
+        agonist, antagonist = self.sides(theta)
+        t1, t2 = agonist.torque(P1), antagonist.torque(P2)
+        return float(t1 + t2 - self.friction * z * (t1 - t2) - T)
 
     def _equilibrium(self, P1: Array, P2: Array, T: Array) -> Array:
         def lacking(theta: Array, P1: Array, P2: Array, T: Array) -> Array:
