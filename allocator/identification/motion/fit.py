@@ -89,7 +89,7 @@ def fit_motion(
     run = task.problem.run(task.x, every)
     return MotionFit(
         operator=task.problem.operator(task.x, run.weights),
-        parameters=_estimates(_named(task, every), jackknife, choices),
+        parameters=_estimates(_named(task, every), jackknife, choices, log),
         error=_errors(task, every, every),
         held_out=_errors(trained, early, ~early),
         blocks=tuple(blocks),
@@ -129,6 +129,8 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], Any]) -> tup
 def _taken(task: _Task, run: Prediction) -> list[str]:
     """Return the sentences about what was taken for granted."""
     sentences = []
+    if _swings(task):
+        sentences.append("the width of the hysteresis, which looks like damping where the joint swings: sweep slowly")
     if float(run.weights.sum()) >= (1 - STIFFEST) * (1 - 1e-6):
         sentences.append(f"how far a stuck joint gives: taken as {STIFFEST:g} of its usual way")
     if not task.problem.log.varies_sum:
@@ -170,16 +172,23 @@ def _named(task: _Task, used: Mask) -> dict[str, float]:
     problem, run = task.problem, task.problem.run(task.x, used)
     H, values = problem.operator(task.x, run.weights), problem.values(task.x)
     named = {name: values[name] for name in problem.free}
-    named["loop_width"] = 2 * sum(w * r for w, r in zip(H.weights[1:], H.thresholds, strict=True))
-    named["stuck_slope"] = H.weights[0]
+    if not _swings(task):
+        named["loop_width"] = 2 * sum(w * r for w, r in zip(H.weights[1:], H.thresholds, strict=True))
+        named["stuck_slope"] = H.weights[0]
     if isinstance(problem.static, Equilibrium):
         named["gain"] = float(np.polyfit(problem.static(run.P1, run.P2), run.static, 1)[0])
     return named
 
 
+def _swings(task: _Task) -> bool:
+    """Return whether the joint overshoots: hysteresis that it swings through looks like damping."""
+    v = task.problem.values(task.x)
+    return bool(v["damping"] ** 2 < 2 * v["inertia"])  # damping ratio below 0.7
+
+
 def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[str], Any]) -> list[dict[str, float]]:
     """Return what is found with other choices: other half widths, the pressures with their noise, one lag for both
-    directions if it explains the log as well.
+    directions if it explains the log as well, and no inertia, since its stiffness is taken as constant.
     """
     tell("other choices")
     problem, every = task.problem, np.ones(task.problem.log.n, bool)
@@ -190,23 +199,58 @@ def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[st
         found = search(replace(problem, one_lag=True), every, task.x)
         if found.rms < _WORSE * rms:
             others.append(_Task(replace(problem, one_lag=True), found.x))
+    if "inertia" in problem.free:
+        others.append(_fitted(_Task(*without(problem, task.x, *_DYNAMIC)), every))
     return [_named(other, every) for other in others]
 
 
+def _swings(task: _Task) -> bool:
+    """Return whether the joint overshoots: hysteresis that it swings through looks like damping."""
+    v = task.problem.values(task.x)
+    return bool(v["damping"] ** 2 < 2 * v["inertia"])  # damping ratio below 0.7
+
+
+def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[str], Any]) -> list[dict[str, float]]:
+    """Return what is found with other choices: other half widths, the pressures with their noise, one lag for both
+    directions if it explains the log as well, and no inertia, since its stiffness is taken as constant.
+    """
+    tell("other choices")
+    problem, every = task.problem, np.ones(task.problem.log.n, bool)
+    others = [_fitted(_Task(replace(problem, finest=problem.finest * 1.3), task.x), every)]
+    if not (np.array_equal(noisy.P1, problem.log.P1) and np.array_equal(noisy.P2, problem.log.P2)):
+        others.append(_fitted(_Task(replace(problem, log=noisy), task.x), every))
+    if "lag_up" in problem.free:
+        found = search(replace(problem, one_lag=True), every, task.x)
+        if found.rms < _WORSE * rms:
+            others.append(_Task(replace(problem, one_lag=True), found.x))
+    if "inertia" in problem.free:
+        plain = _Task(*without(problem, task.x, *_DYNAMIC))
+        others.append(_like(_fitted(plain, every), problem))
+    return [_named(other, every) for other in others]
+
+
+def _like(task: _Task, problem: MotionProblem) -> _Task:
+    """Return `task` with the inertia and damping that `problem` has besides, at nothing."""
+    return _Task(*extended(task.problem, task.x, **{name: 0.0 for name in _DYNAMIC if name in problem.free}))
+
+
 def _estimates(
-    here: dict[str, float], jackknife: list[dict[str, float]], choices: list[dict[str, float]]
+    here: dict[str, float], jackknife: list[dict[str, float]], choices: list[dict[str, float]], log: MotionLog
 ) -> dict[str, Estimate]:
     """Return values and 95 % intervals by the jackknife over contiguous blocks, since errors are correlated within
-    them; by how much other choices move a value counts as one standard deviation more each.
+    them. By how much another choice moves a value counts as one standard deviation more; so does what is not known:
+    when within a sample a command began to act, and what the stiffness was, which goes about as P1 + P2.
     """
     from scipy.stats import t as student
 
-    n = len(jackknife)
-    factor = float(student.ppf(0.975, n - 1))
     found = {}
     for name, value in here.items():
-        left_out, chosen = (np.array([other[name] for other in others]) for others in (jackknife, choices))
+        n = sum(name in other for other in jackknife)
+        factor = float(student.ppf(0.975, n - 1))
+        left_out, chosen = (np.array([o[name] for o in others if name in o]) for others in (jackknife, choices))
         variance = (n - 1) / n * np.sum((left_out - left_out.mean()) ** 2) + np.sum((chosen - value) ** 2)
+        variance += log.step**2 / 12 if name == "dead_time" else 0.0
+        variance += (value * log.relative_spread) ** 2 if name in _DYNAMIC else 0.0
         std = float(np.sqrt(variance))
         low, high = max(value - factor * std, 0.0), min(value + factor * std, UPPER.get(name, np.inf))
         found[name] = Estimate(value, std, low, high, _UNITS[name])

@@ -84,8 +84,13 @@ class MotionLog:
     @property
     def varies_sum(self) -> bool:
         """Return whether P1 + P2 varies enough to tell what depends on it."""
+        return self.relative_spread > 0.05
+
+    @property
+    def relative_spread(self) -> float:
+        """Return the standard deviation of P1 + P2 over its mean [-]."""
         total = self.P1 + self.P2
-        return float(total.std()) > 0.05 * float(total.mean())
+        return float(total.std() / total.mean())
 
     @property
     def varies_speed(self) -> bool:

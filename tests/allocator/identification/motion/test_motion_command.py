@@ -1,0 +1,75 @@
+"""`antagonist fit-motion` as a person meets it."""
+
+import json
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from allocator.joint.storage import load_joint, save_joint
+from allocator.units import BAR, DEG
+from mpc.cli import app
+
+from .conftest import JOINT  # isort: skip
+
+mpl.use("Agg")
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["fit-motion", *map(str, arguments)])
+
+
+def write(path, header, log, rows=None):
+    table = np.column_stack([log.t, log.theta / DEG, log.P1 / BAR, log.P2 / BAR])[:rows]
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.6g")
+    return path
+
+
+@pytest.mark.slow
+def test_a_log_becomes_a_plant_a_picture_and_json(slow_joint, tmp_path):
+    log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],P2_bar", slow_joint)
+    save_joint(JOINT, tmp_path / "joint.toml")
+    out, picture = tmp_path / "plant.toml", tmp_path / "fit.png"
+    result = run(log, "--joint", tmp_path / "joint.toml", "--out", out, "--plot", picture, "--json")
+    assert result.exit_code == 0, result.output
+    said = json.loads(result.stdout)
+    assert said["lag_up_s_low"] < said["lag_up_s"] < said["lag_up_s_high"]
+    assert said["held_out_deg"] < 1.5
+    assert len(said["hysteresis"]["weights"]) == len(said["hysteresis"]["thresholds_deg"]) + 1
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert load_joint(out).hysteresis is not None
+    text = out.read_text(encoding="utf-8")
+    assert "[regulators]" in text
+    assert "[plant]" in text
+
+
+@pytest.mark.slow
+def test_without_a_joint_it_says_what_was_found_and_that_there_is_no_plant(slow_joint, tmp_path):
+    result = run(write(tmp_path / "log.csv", "t [s],theta [deg],P1 [bar],P2 [bar]", slow_joint))
+    assert result.exit_code == 0, result.output
+    for text in ("five blocks", "lag_up_s", "loop_width_deg", "not seen by this log", "there is no plant"):
+        assert text in result.output
+
+
+def test_units_that_are_not_said_are_asked_for_in_one_sentence(slow_joint, tmp_path):
+    result = run(write(tmp_path / "log.csv", "t,phi,p1,p2", slow_joint, 300))
+    assert result.exit_code != 0
+    assert '--columns "theta=phi:deg,pressure1=p1:bar,pressure2=p2:bar"' in str(result.exception)
+
+
+def test_a_log_that_tells_too_little_is_refused_with_the_experiment_that_would_help(slow_joint, tmp_path):
+    result = run(write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],p2 [bar]", slow_joint, 300))
+    assert result.exit_code != 0
+    assert "300 rows over 5.98 s are too few: record a minute or more of random steps" in str(result.exception)
+
+
+def test_nothing_is_written_over_and_no_plant_without_a_joint(slow_joint, tmp_path):
+    log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],p2 [bar]", slow_joint)
+    result = run(log, "--out", tmp_path / "plant.toml")
+    assert "--out writes a plant with muscles: give --joint" in str(result.exception)
+    (tmp_path / "plant.toml").write_text("mine")
+    save_joint(JOINT, tmp_path / "joint.toml")
+    result = run(log, "--joint", tmp_path / "joint.toml", "--out", tmp_path / "plant.toml")
+    assert "exists; give another name, or --force" in str(result.exception)
+    assert (tmp_path / "plant.toml").read_text() == "mine"

@@ -1,0 +1,128 @@
+"""A moving joint is recovered from its log, of plants whose truth is known and of measured ones."""
+
+import csv
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allocator import BAR, DEG, fit_motion, load_joint
+from allocator.errors import InvalidInput
+from allocator.identification.motion.reading import read_motion_log
+from mpc import Plant
+
+from .conftest import DEAD_TIME, JOINT, LAG, WIDTH  # isort: skip
+
+pytestmark = pytest.mark.slow
+
+
+def inside(estimate, truth):
+    return estimate.low <= truth <= estimate.high
+
+
+@pytest.fixture(scope="module")
+def fit(slow_joint):
+    return fit_motion(*slow_joint.rows, joint=JOINT)
+
+
+def test_lags_and_hysteresis_of_a_plant_of_another_structure_lie_in_the_intervals(fit):
+    found = fit.parameters
+    assert inside(found["lag_up"], LAG)
+    assert inside(found["lag_down"], LAG)
+    assert inside(found["dead_time"], DEAD_TIME + 0.05 / 4.83)  # and b/K, which does not show otherwise
+    assert inside(found["loop_width"], WIDTH)
+    assert found["loop_width"].low > 2 * DEG
+    assert inside(found["gain"], 1.0)
+
+
+def test_what_the_log_does_not_show_is_left_out_and_named(fit):
+    assert {"inertia", "damping", "dead_band"}.isdisjoint(fit.parameters)
+    said = " ".join(fit.unseen)
+    assert "the dead band" in said
+    assert "inertia and damping" in said
+
+
+def test_the_rest_of_the_log_is_predicted_without_any_measured_angle(fit, slow_joint):
+    assert fit.held_out.every < 1.5 * DEG < 0.1 * slow_joint.theta.std()
+    half = slice(0, 1500)
+    again = fit.predicted(slow_joint.t[half], slow_joint.P1[half], slow_joint.P2[half])
+    np.testing.assert_allclose(again, fit.run.theta[half], rtol=0, atol=1e-9)
+
+
+def test_the_plant_that_is_written_is_one_that_mpc_takes(fit, tmp_path):
+    fit.save(tmp_path / "plant.toml")
+    plant, joint = Plant.load(tmp_path / "plant.toml"), load_joint(tmp_path / "plant.toml")
+    assert joint == plant.joint
+    assert joint.hysteresis == fit.operator
+    assert plant.lags[0] == pytest.approx(LAG, rel=0.1)
+    assert plant.inertia == Plant().inertia  # not seen
+    K = JOINT.stiffness(0.0, 2.5 * BAR, 2.5 * BAR)
+    assert joint.stiffness(0.0, 2.5 * BAR, 2.5 * BAR) == pytest.approx(K, rel=0.15)
+    assert fit.joint_rms < 1.2 * fit.error.every + 0.2 * DEG
+
+
+def test_where_no_joint_is_given_there_is_no_plant(slow_joint):
+    fit = fit_motion(*slow_joint.rows)
+    assert "gain" not in fit.parameters
+    assert fit.held_out.every < 1.5 * DEG
+    with pytest.raises(InvalidInput, match="no joint was given"):
+        _ = fit.joint
+
+
+def test_a_joint_that_swings_shows_its_inertia_and_hides_its_hysteresis(swinging_joint):
+    plant, log = swinging_joint
+    fit = fit_motion(*log.rows, joint=JOINT)
+    K = float(plant.stiffness((0.0, 0.0, 2.7 * BAR, 2.7 * BAR)))
+    assert inside(fit.parameters["inertia"], plant.inertia / K)
+    assert fit.parameters["inertia"].low > 0
+    assert "loop_width" not in fit.parameters
+    assert any("looks like damping" in sentence for sentence in fit.unseen)
+    assert inside(fit.parameters["lag_up"], LAG)
+    assert inside(fit.parameters["lag_down"], LAG)
+    assert f"inertia = {fit.parameters['inertia'].value:.2g}"[:5] in fit.dumps()
+
+
+# --- measured logs, and those of the strangers ----------------------------------------------------------------------
+
+
+def test_a_measured_joint_is_predicted_within_4_1_degrees_and_3_3_where_taut_in_less_than_a_minute(shared):
+    lines = shared(Path("data") / "joint_log_40hz.csv").read_text(encoding="utf-8").splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    column = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    begin = time.perf_counter()
+    fit = fit_motion(
+        column["time_s"], column["theta_rad"], column["pressure1_mpa"] * 10 * BAR, column["pressure2_mpa"] * 10 * BAR
+    )
+    assert time.perf_counter() - begin < 60
+    for errors in (fit.held_out, fit.left_out):
+        assert errors.every < 4.1 * DEG
+        assert errors.taut < 3.3 * DEG
+    assert len(fit.blocks) == 5
+    assert fit.parameters["lag_up"].high < fit.parameters["lag_down"].high
+    assert fit.converged
+
+
+COLUMNS = {"theta": "phi:deg", "pressure1": "p1:bar", "pressure2": "p2:bar"}
+
+
+@pytest.mark.parametrize("kind", ["ramp", "stair"])
+def test_the_truth_of_a_strangers_log_lies_in_the_intervals_or_is_named_as_unseen(shared, kind):
+    log = read_motion_log(shared(Path("data") / "stranger" / f"log_{kind}.csv"), COLUMNS)
+    fit = fit_motion(log.t, log.theta, log.P1, log.P2)
+    assert inside(fit.parameters["loop_width"], 3 * DEG)
+    assert fit.parameters["loop_width"].low > 1 * DEG
+    if kind == "stair":
+        assert inside(fit.parameters["lag_up"], 0.2)
+        assert inside(fit.parameters["lag_down"], 0.2)
+    else:
+        assert "lag_up" not in fit.parameters
+        assert any(sentence.startswith("the lags") for sentence in fit.unseen)
+    assert any("P1 + P2, which stays at 5 bar" in sentence for sentence in fit.unseen)
+
+
+def test_another_joint_is_refused(slow_joint):
+    small = replace(JOINT, geometry=replace(JOINT.geometry, initial_contraction=0.02), min_contraction=0.0)
+    with pytest.raises(InvalidInput, match="it is not the joint of this log"):
+        fit_motion(*slow_joint.rows, joint=small)

@@ -1,0 +1,132 @@
+"""The parts of the fit of a moving joint: regulators, plays, weights and the free run."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from allocator import BAR, DEG, PrandtlIshlinskii
+from allocator.errors import InvalidInput
+from allocator.identification.motion import loops
+from allocator.identification.motion.problem import STIFFEST, MotionProblem, best_weights
+from allocator.identification.motion.samples import MotionLog
+from allocator.identification.motion.static import Difference
+from allocator.joint.hysteresis import FILLED
+
+
+def some_log(n=600, seed=0):
+    rng = np.random.default_rng(seed)
+    t = 0.05 * np.arange(n)
+    P1, P2 = (np.repeat(rng.uniform(1, 4, n // 20), 20) * BAR for _ in range(2))
+    return MotionLog(t, 0.6 * (P1 - P2) / (P1 + P2), P1, P2)
+
+
+def test_a_regulator_follows_as_its_differential_equation_says():
+    t, u = np.array([0.0, 0.3, 1.0, 1.1, 2.0]), np.array([2.0, 4.0, 1.5, 3.0, 3.0]) * BAR
+    found = loops.pressures(t, u, 0.2, 0.35, 0.12, 0.3 * BAR)
+
+    def rate(at, P):
+        error = u[max(np.searchsorted(t, at - 0.12, side="right") - 1, 0)] - P[0]
+        error = np.sign(error) * max(abs(error) - 0.15 * BAR, 0.0)
+        return [error / (0.2 if error > 0 else 0.35)]
+
+    solved = solve_ivp(rate, (0, 2), u[:1], t_eval=t, rtol=1e-8, max_step=1e-3)
+    np.testing.assert_allclose(found, solved.y[0], rtol=0, atol=2e-3 * BAR)
+
+
+@pytest.mark.parametrize("name", ["follow", "pass_plays"])
+def test_the_loops_do_compiled_what_they_do_as_they_stand(name):
+    log, r = some_log(), np.array([0.01, 0.03, 0.1])
+    s = 0.3 + 0.7 * (log.P1 + log.P2) / FILLED
+    if name == "follow":
+        out = np.empty(log.n)
+        loops.follow(log.t, log.P1, 0.1, 0.2, 0.07, 0.02 * BAR, out)
+        found = loops.pressures(log.t, log.P1, 0.1, 0.2, 0.07, 0.04 * BAR)
+    else:
+        out = PrandtlIshlinskii((0.4, 0.1, 0.2, 0.3), tuple(r), base=0.3).run(log.theta, log.P1 + log.P2)
+        found = np.array([0.1, 0.2, 0.3]) @ loops.plays(log.theta, s, r) + 0.4 * log.theta
+    np.testing.assert_allclose(found, out, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("most", [0.3, 0.9, 5.0])
+def test_the_weights_satisfy_the_conditions_of_karush_kuhn_and_tucker(seed, most):
+    rng = np.random.default_rng(seed)
+    D = np.cumsum(rng.normal(size=(6, 200)), axis=1)
+    y = rng.normal(size=6) @ D + 5 * rng.normal(size=200)
+    w = best_weights(D, y, most)
+    gradient = D @ (w @ D - y)  # of half the sum of squares
+    scale = np.abs(D @ y).max()
+    bound = w.sum() >= most * (1 - 1e-9)
+    multiplier = max(-gradient[w > 0].mean(), 0.0) if bound and (w > 0).any() else 0.0
+    assert (w >= 0).all()
+    assert w.sum() <= most * (1 + 1e-12)
+    assert (gradient + multiplier >= -1e-6 * scale).all()  # dual feasible
+    np.testing.assert_allclose((gradient + multiplier)[w > 0], 0.0, atol=1e-6 * scale)  # complementary
+
+
+def test_inertia_and_damping_filter_as_their_differential_equation_says():
+    log = some_log(2000)
+    log = MotionLog(log.t / 10, log.theta, log.P1, log.P2)  # 5 ms
+    problem = MotionProblem(log, Difference(4 * BAR), ("damping", "inertia"))
+    x = np.array([0.05, 0.01, *problem.start(0.1, np.ones(log.n, bool))[2:]])
+    u, _ = problem.parts(log.theta, log.P1, log.P2, x, log.step)
+
+    def rate(t, y):
+        return [y[1], (np.interp(t, log.t, log.theta) - y[0] - 0.05 * y[1]) / 0.01]
+
+    solved = solve_ivp(rate, (0, log.t[-1]), [log.theta[0], 0], t_eval=log.t, rtol=1e-8, max_step=2e-3)
+    np.testing.assert_allclose(u, solved.y[0], rtol=0, atol=0.01)
+
+
+def test_a_stuck_joint_always_gives_a_little_so_that_the_operator_can_be_inverted():
+    log = some_log()
+    problem = MotionProblem.of(log, Difference(4 * BAR))
+    run = problem.run(problem.start(0.1, np.ones(log.n, bool)), np.ones(log.n, bool))
+    H = problem.operator(problem.start(0.1, np.ones(log.n, bool)), run.weights)
+    assert H.weights[0] >= STIFFEST * (1 - 1e-9)
+    assert H.gain == pytest.approx(1.0, abs=1e-12)
+
+
+def rows(**changed):
+    log = some_log(1000)
+    given = {"t": log.t, "theta": log.theta, "P1": log.P1, "P2": log.P2}
+    return {**given, **changed}
+
+
+T = 0.05 * np.arange(1000)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"t": T[::-1]}, r"t\[1\] is not later"),
+        ({"t": 20 * T}, "rows are 1 s apart"),
+        ({"theta": 0.01 * np.sin(T)}, "theta stays within 1.15°.*step the pressures against each other"),
+        ({"P2": np.full(1000, 2 * BAR)}, "P2 stays within 0 bar.*step both pressures"),
+        ({"theta": 0.01 * T}, "theta turns round 0 times.*to and fro"),
+        ({"t": 0.005 * np.arange(1000)}, "1000 rows over 5 s are too few"),
+        ({"theta": 30 * np.sin(T)}, "over a turn; if degrees were meant"),
+        ({"P1": 1 + np.sin(T) ** 2}, "if bar was meant"),
+    ],
+)
+def test_a_log_that_tells_too_little_is_refused_with_what_would(changed, said):
+    with pytest.raises(InvalidInput, match=said):
+        MotionLog.checked(**rows(**changed))
+
+
+def test_medians_take_noise_off_pressures_and_leave_steps_and_commands_where_they_are():
+    given = rows()
+    clean = MotionLog.checked(**given)
+    np.testing.assert_array_equal(clean.P1, given["P1"])
+    noise = 0.01 * BAR * np.random.default_rng(1).normal(size=1000)
+    noisy = MotionLog.checked(**{**given, "P1": given["P1"] + noise})
+    assert np.abs(noisy.P1 - given["P1"]).max() < 0.03 * BAR
+    assert np.abs(noisy.P1 - given["P1"]).mean() < 0.7 * np.abs(noise).mean()
+
+
+def test_ramps_of_one_speed_cannot_tell_lag_from_hysteresis_and_steps_can():
+    triangle = 0.8 * np.abs((T / 10) % 2 - 1)
+    assert not MotionLog.checked(**rows(theta=triangle)).varies_speed
+    assert MotionLog.checked(**rows(theta=np.sin(T))).varies_speed
+    assert some_log().varies_speed
+    assert MotionLog.checked(**rows(theta=15 * DEG * np.sign(np.sin(T)))).varies_speed
