@@ -204,36 +204,6 @@ def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[st
     return [_named(other, every) for other in others]
 
 
-def _swings(task: _Task) -> bool:
-    """Return whether the joint overshoots: hysteresis that it swings through looks like damping."""
-    v = task.problem.values(task.x)
-    return bool(v["damping"] ** 2 < 2 * v["inertia"])  # damping ratio below 0.7
-
-
-def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[str], Any]) -> list[dict[str, float]]:
-    """Return what is found with other choices: other half widths, the pressures with their noise, one lag for both
-    directions if it explains the log as well, and no inertia, since its stiffness is taken as constant.
-    """
-    tell("other choices")
-    problem, every = task.problem, np.ones(task.problem.log.n, bool)
-    others = [_fitted(_Task(replace(problem, finest=problem.finest * 1.3), task.x), every)]
-    if not (np.array_equal(noisy.P1, problem.log.P1) and np.array_equal(noisy.P2, problem.log.P2)):
-        others.append(_fitted(_Task(replace(problem, log=noisy), task.x), every))
-    if "lag_up" in problem.free:
-        found = search(replace(problem, one_lag=True), every, task.x)
-        if found.rms < _WORSE * rms:
-            others.append(_Task(replace(problem, one_lag=True), found.x))
-    if "inertia" in problem.free:
-        plain = _Task(*without(problem, task.x, *_DYNAMIC))
-        others.append(_like(_fitted(plain, every), problem))
-    return [_named(other, every) for other in others]
-
-
-def _like(task: _Task, problem: MotionProblem) -> _Task:
-    """Return `task` with the inertia and damping that `problem` has besides, at nothing."""
-    return _Task(*extended(task.problem, task.x, **{name: 0.0 for name in _DYNAMIC if name in problem.free}))
-
-
 def _estimates(
     here: dict[str, float], jackknife: list[dict[str, float]], choices: list[dict[str, float]], log: MotionLog
 ) -> dict[str, Estimate]:
@@ -245,7 +215,7 @@ def _estimates(
 
     found = {}
     for name, value in here.items():
-        n = sum(name in other for other in jackknife)
+        n = max(sum(name in other for other in jackknife), 2)
         factor = float(student.ppf(0.975, n - 1))
         left_out, chosen = (np.array([o[name] for o in others if name in o]) for others in (jackknife, choices))
         variance = (n - 1) / n * np.sum((left_out - left_out.mean()) ** 2) + np.sum((chosen - value) ** 2)

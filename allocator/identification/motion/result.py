@@ -12,14 +12,13 @@ from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
-from allocator.identification.joint.fit import fit_joint
+from allocator.identification.motion.muscles import fit_muscles
 from allocator.identification.motion.problem import MotionProblem, Prediction
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.static import Equilibrium
 from allocator.joint import storage
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.hysteresis import PrandtlIshlinskii
-from allocator.muscles import Muscle, scaled
 from allocator.muscles.storage import toml
 from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
@@ -115,7 +114,7 @@ class MotionFit:
     def joint(self) -> AntagonistJoint:
         """Return the joint whose muscles hold the static angles of this log, with the hysteresis.
 
-        Its muscles are fitted by `fit_joint`, of the model of the joint that was given, and as strong on average.
+        Its muscles are those of the joint that was given, changed as little as the angles need: see `fit_muscles`.
         Raises `InvalidInput` where no joint was given.
         """
         return self._muscles.joint
@@ -134,25 +133,11 @@ class MotionFit:
             )
         run, given, log = self.run, self.given, self.log
         rows = np.linspace(0, log.n - 1, min(log.n, _MUSCLE_ROWS)).astype(int)
-        P1, P2 = run.P1[rows], run.P2[rows]
-        fit = fit_joint(
-            run.static[rows],
-            P1,
-            P2,
-            geometry=given.geometry,
-            model=type(given.agonist),
-            start=given.agonist,
-            friction=False,
-            dead_band=0.0,
-            leave_one_out=False,
-        )
-        found = next(iter(fit.shapes.values()))
-        factor = _mean_gain(given, run.static[rows] - fit.zero, P1) / _mean_gain(found, run.static[rows] - fit.zero, P1)
-        agonist, antagonist = (replace(scaled(m, factor), covariance=None) for m in (found.agonist, found.antagonist))
+        agonist, antagonist, zero = fit_muscles(given, run.static[rows], run.P1[rows], run.P2[rows])
         low, high = given.pressure_limits
         joint = replace(
             given,
-            **_reaching(given, log.theta - fit.zero),
+            **_reaching(given, log.theta - zero),
             agonist=agonist,
             antagonist=antagonist,
             pressure_limits=(low, max(high, log.greatest_pressure)),
@@ -160,9 +145,9 @@ class MotionFit:
             covariance=None,
             hysteresis=self.operator,
         )
-        u = fit.zero + Equilibrium(joint, log.greatest_pressure)(run.P1, run.P2)
+        u = zero + Equilibrium(joint, log.greatest_pressure)(run.P1, run.P2)
         moved = self.problem.hysteretic(u, run.P1, run.P2, self.x, np.ones(log.n, bool))
-        return _Muscles(joint, fit.zero, _rms(log.theta - moved.theta))
+        return _Muscles(joint, zero, _rms(log.theta - moved.theta))
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the plant as TOML: joint, hysteresis, [plant] and [regulators], for every command's --joint.
@@ -260,13 +245,6 @@ def _reaching(given: AntagonistJoint, theta: Array) -> dict[str, Any]:
     eps = min(float(given.geometry.agonist(ends[0]).contraction), float(given.geometry.antagonist(ends[1]).contraction))
     limits = given.angle_limits and (min(given.angle_limits[0], ends[0]), max(given.angle_limits[1], ends[1]))
     return {"min_contraction": min(given.min_contraction, eps), "angle_limits": limits}
-
-
-def _mean_gain(joint: AntagonistJoint, theta: Array, P1: Array) -> float:
-    """Return the agonist's mean ∂F/∂P [m²]."""
-    muscle: Muscle = joint.agonist
-    left, right = joint.geometry.reach
-    return float(np.mean(muscle.gain(P1, joint.geometry.agonist(np.clip(theta, left, right)).contraction)))
 
 
 def _rms(error: Array) -> float:

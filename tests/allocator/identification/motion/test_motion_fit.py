@@ -71,7 +71,7 @@ def test_where_no_joint_is_given_there_is_no_plant(slow_joint):
         _ = fit.joint
 
 
-def test_a_joint_that_swings_shows_its_inertia_and_hides_its_hysteresis(swinging_joint):
+def test_a_joint_that_swings_shows_its_inertia_and_hides_its_hysteresis(swinging_joint, tmp_path):
     plant, log = swinging_joint
     fit = fit_motion(*log.rows, joint=JOINT)
     K = float(plant.stiffness((0.0, 0.0, 2.7 * BAR, 2.7 * BAR)))
@@ -81,7 +81,8 @@ def test_a_joint_that_swings_shows_its_inertia_and_hides_its_hysteresis(swinging
     assert any("looks like damping" in sentence for sentence in fit.unseen)
     assert inside(fit.parameters["lag_up"], LAG)
     assert inside(fit.parameters["lag_down"], LAG)
-    assert f"inertia = {fit.parameters['inertia'].value:.2g}"[:5] in fit.dumps()
+    fit.save(tmp_path / "plant.toml")
+    assert Plant.load(tmp_path / "plant.toml").inertia == pytest.approx(plant.inertia, rel=0.3)
 
 
 # --- measured logs, and those of the strangers ----------------------------------------------------------------------
@@ -123,6 +124,6 @@ def test_the_truth_of_a_strangers_log_lies_in_the_intervals_or_is_named_as_unsee
 
 
 def test_another_joint_is_refused(slow_joint):
-    small = replace(JOINT, geometry=replace(JOINT.geometry, initial_contraction=0.02), min_contraction=0.0)
+    small = replace(JOINT, geometry=replace(JOINT.geometry, initial_contraction=-0.15), min_contraction=-0.3)
     with pytest.raises(InvalidInput, match="it is not the joint of this log"):
         fit_motion(*slow_joint.rows, joint=small)

@@ -101,7 +101,7 @@ T = 0.05 * np.arange(1000)
     [
         ({"t": T[::-1]}, r"t\[1\] is not later"),
         ({"t": 20 * T}, "rows are 1 s apart"),
-        ({"theta": 0.01 * np.sin(T)}, "theta stays within 1.15°.*step the pressures against each other"),
+        ({"theta": 0.01 * np.sin(T)}, "theta stays within 1.1°.*step the pressures against each other"),
         ({"P2": np.full(1000, 2 * BAR)}, "P2 stays within 0 bar.*step both pressures"),
         ({"theta": 0.01 * T}, "theta turns round 0 times.*to and fro"),
         ({"t": 0.005 * np.arange(1000)}, "1000 rows over 5 s are too few"),
@@ -120,7 +120,7 @@ def test_medians_take_noise_off_pressures_and_leave_steps_and_commands_where_the
     np.testing.assert_array_equal(clean.P1, given["P1"])
     noise = 0.01 * BAR * np.random.default_rng(1).normal(size=1000)
     noisy = MotionLog.checked(**{**given, "P1": given["P1"] + noise})
-    assert np.abs(noisy.P1 - given["P1"]).max() < 0.03 * BAR
+    assert np.abs(noisy.P1 - given["P1"]).max() < 4 * 0.01 * BAR  # no step has moved
     assert np.abs(noisy.P1 - given["P1"]).mean() < 0.7 * np.abs(noise).mean()
 
 
