@@ -1,4 +1,4 @@
-"""The angle after a history of pressures: quasi-static, so that only their order counts and not their times.
+"""The angle after a history of pressures is found here: quasi-static, so that only their order counts, not their times.
 
 With a Prandtl–Ishlinskii operator H the static angles go through it, θ = H[u(P1, P2)]. With friction μ alone each angle
 is the root of

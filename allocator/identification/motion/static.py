@@ -16,7 +16,7 @@ _LEAST_CONTRACTION = -0.2  # [-]: where the muscles would be longer than at rest
 
 @dataclass(frozen=True)
 class Difference:
-    """Without a joint q = (P1 - P2)/(P1 + P2 + P_max/2) [-]: as pressures set the angle of all joints of this kind."""
+    """The difference is q = (P1 - P2)/(P1 + P2 + P_max/2) [-], as pressures set the angle of all joints of this kind."""
 
     greatest: float  # P_max [Pa]
 
@@ -27,7 +27,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """With a joint q is the angle [rad] at which it rests without load, interpolated between pressures of a grid."""
+    """The equilibrium of a joint is the angle q [rad] at which it rests without load, interpolated between pressures of a grid."""
 
     joint: AntagonistJoint
     greatest: float  # P_max [Pa]

@@ -11,6 +11,7 @@ import pytest
 from allocator import BAR, DEG, fit_motion, load_joint
 from allocator.errors import InvalidInput
 from allocator.identification.motion.reading import read_motion_log
+from allocator.muscles import scaled
 from mpc import Plant
 
 from .conftest import DEAD_TIME, JOINT, LAG, WIDTH  # isort: skip
@@ -123,7 +124,7 @@ def test_the_truth_of_a_strangers_log_lies_in_the_intervals_or_is_named_as_unsee
     assert any("P1 + P2, which stays at 5 bar" in sentence for sentence in fit.unseen)
 
 
-def test_another_joint_is_refused(slow_joint):
-    small = replace(JOINT, geometry=replace(JOINT.geometry, initial_contraction=-0.15), min_contraction=-0.3)
+def test_a_joint_that_rests_nowhere_at_these_pressures_is_not_the_joint_of_the_log(slow_joint):
+    uneven = replace(JOINT, agonist=scaled(JOINT.agonist, 100.0))
     with pytest.raises(InvalidInput, match="it is not the joint of this log"):
-        fit_motion(*slow_joint.rows, joint=small)
+        fit_motion(*slow_joint.rows, joint=uneven)
