@@ -16,7 +16,7 @@ _LEAST_CONTRACTION = -0.2  # [-]: where the muscles would be longer than at rest
 
 @dataclass(frozen=True)
 class Difference:
-    """The difference is q = (P1 - P2)/(P1 + P2 + P_max/2) [-], as pressures set the angle of all joints of this kind."""
+    """The difference is q = (P1 - P2)/(P1 + P2 + P_max/2) [-], as pressures set the angle of joints of this kind."""
 
     greatest: float  # P_max [Pa]
 
@@ -27,7 +27,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """The equilibrium of a joint is the angle q [rad] at which it rests without load, interpolated between pressures of a grid."""
+    """The equilibrium is the angle q [rad] at which a joint rests without load, interpolated on a grid of pressures."""
 
     joint: AntagonistJoint
     greatest: float  # P_max [Pa]

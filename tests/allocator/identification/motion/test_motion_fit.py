@@ -2,7 +2,6 @@
 
 import csv
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 from allocator import BAR, DEG, fit_motion, load_joint
 from allocator.errors import InvalidInput
 from allocator.identification.motion.reading import read_motion_log
-from allocator.muscles import scaled
 from mpc import Plant
 
 from .conftest import DEAD_TIME, JOINT, LAG, WIDTH  # isort: skip
@@ -122,9 +120,3 @@ def test_the_truth_of_a_strangers_log_lies_in_the_intervals_or_is_named_as_unsee
         assert "lag_up" not in fit.parameters
         assert any(sentence.startswith("the lags") for sentence in fit.unseen)
     assert any("P1 + P2, which stays at 5 bar" in sentence for sentence in fit.unseen)
-
-
-def test_a_joint_that_rests_nowhere_at_these_pressures_is_not_the_joint_of_the_log(slow_joint):
-    uneven = replace(JOINT, agonist=scaled(JOINT.agonist, 100.0))
-    with pytest.raises(InvalidInput, match="it is not the joint of this log"):
-        fit_motion(*slow_joint.rows, joint=uneven)

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from allocator import BAR, DEG, PrandtlIshlinskii
+from allocator import BAR, DEG, AntagonistJoint, PrandtlIshlinskii, Table
 from allocator.errors import InvalidInput
 from allocator.identification.motion import loops
 from allocator.identification.motion.problem import STIFFEST, MotionProblem, best_weights
 from allocator.identification.motion.samples import MotionLog
-from allocator.identification.motion.static import Difference
+from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.hysteresis import FILLED
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 
 
 def some_log(n=600, seed=0):
@@ -130,3 +131,11 @@ def test_ramps_of_one_speed_cannot_tell_lag_from_hysteresis_and_steps_can():
     assert MotionLog.checked(**rows(theta=np.sin(T))).varies_speed
     assert some_log().varies_speed
     assert MotionLog.checked(**rows(theta=15 * DEG * np.sign(np.sin(T)))).varies_speed
+
+
+def test_a_joint_that_rests_nowhere_at_these_pressures_is_not_the_joint_of_the_log():
+    angles = np.linspace(-0.05, 0.05, 11)  # rad, as far as this mechanism was measured
+    table = Table(0.40, angles, 0.13 + 0.04 * angles, 0.13 - 0.04 * angles)
+    joint = AntagonistJoint(table, SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N)
+    with pytest.raises(InvalidInput, match="it is not the joint of this log"):
+        Equilibrium(joint, 5 * BAR)(np.array([2 * BAR]), np.array([3 * BAR]))
