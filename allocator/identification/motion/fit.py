@@ -131,12 +131,17 @@ def _taken(task: _Task, run: Prediction) -> list[str]:
     sentences = []
     if _swings(task):
         sentences.append("the width of the hysteresis, which looks like damping where the joint swings: sweep slowly")
-    if float(run.weights.sum()) >= (1 - STIFFEST) * (1 - 1e-6):
+    if _at_most(run):
         sentences.append(f"how far a stuck joint gives: taken as {STIFFEST:g} of its usual way")
     if not task.problem.log.varies_sum:
         total = float(np.mean(task.problem.log.P1 + task.problem.log.P2))
         sentences.append(f"what depends on P1 + P2, which stays at {total / BAR:.3g} bar")
     return sentences
+
+
+def _at_most(run: Prediction) -> bool:
+    """Return whether the plays have all the weight that they may have."""
+    return float(run.weights.sum()) >= (1 - STIFFEST) * (1 - 1e-6)
 
 
 def _blocks(n: int, count: int) -> list[Mask]:
@@ -174,7 +179,8 @@ def _named(task: _Task, used: Mask) -> dict[str, float]:
     named = {name: values[name] for name in problem.free}
     if not _swings(task):
         named["loop_width"] = 2 * sum(w * r for w, r in zip(H.weights[1:], H.thresholds, strict=True))
-        named["stuck_slope"] = H.weights[0]
+        if not _at_most(run):
+            named["stuck_slope"] = H.weights[0]
     if isinstance(problem.static, Equilibrium):
         named["gain"] = float(np.polyfit(problem.static(run.P1, run.P2), run.static, 1)[0])
     return named

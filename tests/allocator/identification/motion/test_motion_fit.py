@@ -91,17 +91,19 @@ def test_a_measured_joint_is_predicted_within_4_1_degrees_and_3_3_where_taut_in_
     lines = shared(Path("data") / "joint_log_40hz.csv").read_text(encoding="utf-8").splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     column = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
-    begin = time.perf_counter()
+    begin = time.process_time()
     fit = fit_motion(
         column["time_s"], column["theta_rad"], column["pressure1_mpa"] * 10 * BAR, column["pressure2_mpa"] * 10 * BAR
     )
-    assert time.perf_counter() - begin < 60
+    assert time.process_time() - begin < 60  # of this process: others may be at work
     for errors in (fit.held_out, fit.left_out):
         assert errors.every < 4.1 * DEG
         assert errors.taut < 3.3 * DEG
     assert len(fit.blocks) == 5
     assert fit.parameters["lag_up"].high < fit.parameters["lag_down"].high
     assert fit.converged
+    assert "stuck_slope" not in fit.parameters  # at its bound: no interval is claimed
+    assert any("how far a stuck joint gives" in sentence for sentence in fit.unseen)
 
 
 COLUMNS = {"theta": "phi:deg", "pressure1": "p1:bar", "pressure2": "p2:bar"}
