@@ -9,11 +9,17 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.export import text
 from mpc.export.control_demonstration import numbers as demonstrated
+from mpc.export.friction import (
+    check_friction,
+    friction_function,
+    friction_numbers,
+    friction_sizes,
+    friction_tables,
+)
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied
 from mpc.model import compensation
-from mpc.model.friction import pull
-from mpc.model.plant import NU, NX, Plant
+from mpc.model.plant import NU, NX
 from mpc.observer import gating, kalman
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking import preview, rest
@@ -34,6 +40,7 @@ def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
     for name in ("plant", "dt", "compensation"):
         if getattr(controller, name) != getattr(observer, name):
             raise InvalidInput(f"controller and observer cannot be exported together: their {name} is not the same")
+    check_friction(controller.compensation.friction)
 
 
 def sizes_of(controller: TrackingMPC) -> Numbers:
@@ -46,7 +53,7 @@ def sizes_of(controller: TrackingMPC) -> Numbers:
         "DELAY": (delay, "dead time in samples"),
         "AHEAD": (controller.ahead, "samples of reference wanted after the present one"),
         "QP_ITERATIONS": (5 * limits, "most iterations of the QP solver in a step"),
-    }
+    } | friction_sizes(controller.compensation.friction)
 
 
 def control_files(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:
@@ -67,10 +74,11 @@ def control_files(controller: TrackingMPC, observer: KalmanObserver, single: boo
     return files
 
 
-def model_functions(plant: Plant, dt: float) -> list[tuple[Any, str]]:
-    """Return the CasADi functions of the plant, and what each computes."""
+def model_functions(controller: TrackingMPC) -> list[tuple[Any, str]]:
+    """Return the CasADi functions of the plant and its friction, and what each computes."""
     import casadi as ca
 
+    plant, dt = controller.plant, controller.dt
     x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
     later = plant.discrete(dt)(x, u, d)
     A, B, by_d = (ca.jacobian(later, v).T for v in (x, u, d))  # CasADi stores columns, C rows
@@ -90,7 +98,7 @@ def model_functions(plant: Plant, dt: float) -> list[tuple[Any, str]]:
         (function("outputs", state, {"K": K, "F": F}), "stiffness and both forces"),
         (function("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),
         (function("gains", state, {"gains": ca.vertcat(*gains)}), "derivatives of both torques by the pressures"),
-        (function("pull", state, {"pulled": ca.SX(pull(plant, x))}), "both torques against each other [N*m]"),
+        friction_function(controller.compensation.friction, plant),
     ]
 
 
@@ -100,6 +108,7 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
     limits, dt = controller.limits, controller.dt
     return (
         _weights(controller)
+        | friction_numbers(known.friction)
         | _rest(controller)
         | demonstrated(plant)
         | {
@@ -127,9 +136,6 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
             "INERTIA": (plant.inertia, "[kg*m^2]"),
             "DAMPING": (plant.damping, "[N*m*s/rad]"),
             "GRAVITY": (plant.gravity_torque, "m g l [N*m]"),
-            "FRICTION": (known.friction.mu, "mu [-]"),
-            "COULOMB": (known.friction.coulomb, "[N*m]"),
-            "PRESLIDING": (known.friction.presliding, "[rad]"),
             "JITTER": (compensation.JITTER, "motions below are noise of the angle [rad]"),
             "CORRECTED": (preview.CORRECTED, "share of an angle's error that counts as motion [-]"),
             "DEAD_BAND": (known.dead_band, "of the regulators, total [Pa]"),
@@ -225,6 +231,7 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
         ("ANT_GATE_JUMP", "those farther off only after a jump's patience", np.array(observer.gate.jump)),
         ("ANT_UNSURE", "variance of a belief that knows little but the readings", np.diag(observer.filter.unsure)),
         ("ANT_COVARIANCE", "of the observer's first belief", observer.filter.stationary),
+        *friction_tables(controller.compensation.friction),
     ]
 
 

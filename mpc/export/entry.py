@@ -110,7 +110,7 @@ def _control(controller: TrackingMPC, observer: KalmanObserver, single: bool, al
     joint = controller.plant.joint
     kernel = kernel_of(joint)
     printed = ([] if alone else list(allocation_lines(joint))) + list(control_lines(controller, observer))
-    functions = kernel_functions(joint, kernel) + model_functions(controller.plant, controller.dt)
+    functions = kernel_functions(joint, kernel) + model_functions(controller)
     return {
         **_allocation(joint, single),
         **control_files(controller, observer, single),

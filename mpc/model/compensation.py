@@ -9,9 +9,10 @@ from typing import Self
 import numpy as np
 
 from allocator import AntagonistJoint
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
+from mpc.model.contact import Contact, Hysteresis
 from mpc.model.friction import Friction
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump
@@ -22,7 +23,7 @@ JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
 class Compensation:
     """A compensation holds friction, dead time and dead band as far as they are known; by default there are none."""
 
-    friction: Friction = field(default_factory=Friction)
+    friction: Hysteresis = field(default_factory=Friction)
     dead_time: float = 0.0  # of the commands [s]
     dead_band: float = 0.0  # [Pa], total
 
@@ -53,21 +54,26 @@ class Compensation:
 
 
 class FrictionState:
-    """A friction state is the friction's z as the angle tells it."""
+    """A friction state is what friction remembers of the way of the angle."""
 
-    def __init__(self, friction: Friction) -> None:
+    def __init__(self, friction: Hysteresis) -> None:
         self.friction = friction
-        self.z = 0.0  # [-]
+        self.memory: Value = friction.begun(0.0)
         self._theta: float | None = None
 
-    def follow(self, theta: float) -> float:
-        """Return the z [-] at the angle `theta` [rad], to which the joint has turned from that of the last call."""
+    def follow(self, theta: float, contact: Contact) -> Value:
+        """Return the memory at the angle `theta` [rad], to which the joint has turned from that of the last call, and
+        in `contact`.
+        """
         if self._theta is None:
+            self._theta, self.memory = theta, self.friction.begun(theta)
+        motion = theta - self._theta
+        if abs(motion) > JITTER:
             self._theta = theta
-        if abs(motion := theta - self._theta) > JITTER:
-            self.z = self.friction.after(self.z, motion)
-            self._theta = theta
-        return self.z
+        else:
+            motion = 0.0
+        self.memory = self.friction.moved(self.memory, motion, contact)
+        return self.memory
 
 
 __all__ = ["JITTER", "SOFT", "Compensation", "FrictionState"]

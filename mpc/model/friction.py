@@ -9,25 +9,19 @@ what explains the difference between up and down sweeps of measured joints; T_c 
 P. Dahl, "A solid friction model", Aerospace Corp. TOR-0158(3107-18), 1968; it is the Bouc–Wen model with n = 1, β = γ.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import copysign, exp
-from typing import NamedTuple
+from typing import Self
 
 import numpy as np
 
-from allocator.calculus import Array, Value
+from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
+from mpc.model.contact import Contact
 from mpc.model.plant import Plant
 
 WIDTH_AT = 2.5 * BAR  # both pressures, at θ = 0, for which the width of the loop is given
-
-
-class Contact(NamedTuple):
-    """A contact is what presses on that which rubs."""
-
-    pulled: Value  # a1 F1 + a2 F2 of the taut muscles [N·m]
-    filled: Value  # P1 + P2 [Pa]
 
 
 @dataclass(frozen=True)
@@ -51,50 +45,53 @@ class Friction:
     def of_width(cls, plant: Plant, width: float, coulomb: float = 0.0, presliding: float = 0.5 * DEG) -> "Friction":
         """Make friction with a loop `width` [rad] wide in slow sweeps at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width."""
         x = np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])
-        return cls(torque_of_width(plant, width) / float(pull(plant, x)), coulomb, presliding)
+        return cls(torque_of_width(plant, width) / float(plant.pull(x)), coulomb, presliding)
 
     @property
     def absent(self) -> bool:
         """Return whether there is none."""
         return self.mu == 0 and self.coulomb == 0
 
-    def limit(self, pulled: Value) -> Value:
-        """Return T_max [N·m] when the muscles pull with the torques a1 F1 + a2 F2 = `pulled` [N·m]."""
-        return self.mu * pulled + self.coulomb
-
-    def after(self, z: float, motion: float) -> float:
-        """Return z after turning by `motion` [rad] in one direction."""
-        s = copysign(1.0, motion)
-        return s - (s - z) * exp(-abs(motion) / self.presliding)
-
-    def along(self, z: float, theta: Array) -> Array:
-        """Return z (n,) at the angles `theta` (n,) [rad], from `z` at the first."""
-        states = [z]
-        for motion in np.diff(theta).tolist():
-            states.append(self.after(states[-1], motion))
-        return np.array(states)
-
-    # --- of a plant under test, as `mpc.model.hysteresis` has it too -------------------------------------------------
-
     @property
     def size(self) -> int:
         """Return how many numbers it remembers: z [-]."""
         return 1
 
+    def begun(self, theta: float) -> float:
+        """Return z = 0 [-] of a joint that has not moved yet."""
+        return 0.0
+
     def most(self, contact: Contact) -> Value:
         """Return T_max [N·m]."""
-        return self.limit(contact.pulled)
+        return self.mu * contact.pulled + self.coulomb
 
-    def moved(self, memory: Value, motion: Value, contact: Contact) -> Value:
-        """Return z (1,) after turning by `motion` [rad] in one direction, CasADi symbols."""
-        import casadi as ca
+    def moved(self, memory: Value, motion: Value, contact: Contact | None = None) -> Value:
+        """Return z after turning by `motion` [rad] in one direction, a number or a CasADi symbol."""
+        if is_symbol(motion):
+            import casadi as ca
 
-        s = ca.sign(motion)
-        return s - (s - memory) * ca.exp(-ca.fabs(motion) / self.presliding)
+            s = ca.sign(motion)
+            return s - (s - memory) * ca.exp(-ca.fabs(motion) / self.presliding)
+        return self._turned(memory, motion) if motion else memory
+
+    def along(self, memory: float, theta: Array, contact: Contact | None = None) -> Array:
+        """Return z (n,) at the angles `theta` (n,) [rad], from z = `memory` at the first."""
+        states = [memory]
+        for motion in np.diff(theta).tolist():
+            states.append(self._turned(states[-1], motion))
+        return np.array(states)
+
+    def _turned(self, z: float, motion: float) -> float:
+        s = copysign(1.0, motion)
+        return s - (s - z) * exp(-abs(motion) / self.presliding)
 
     def torque(self, memory: Value, contact: Contact) -> Value:
-        """Return T_f [N·m] of z (1,), CasADi symbols."""
+        """Return T_f [N·m] of z, a number, an array or a CasADi symbol."""
         return self.most(contact) * memory
+
+    def share(self, share: float) -> Self:
+        """Return the same with a `share` [-] of its torque."""
+        return replace(self, mu=share * self.mu, coulomb=share * self.coulomb)
 
     def as_dahl(self, plant: Plant) -> "Friction":
         """Return itself: it is Dahl's."""
@@ -106,10 +103,4 @@ def torque_of_width(plant: Plant, width: float) -> float:
     return float(plant.stiffness(np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])) * width / 2)
 
 
-def pull(plant: Plant, x: Value) -> Value:
-    """Return a1 F1 + a2 F2 [N·m] in the state `x` [4, ...]: both torques against each other."""
-    agonist, antagonist = plant.joint.sides(x[0])
-    return agonist.torque(x[2]) - antagonist.torque(x[3])
-
-
-__all__ = ["WIDTH_AT", "Contact", "Friction", "pull", "torque_of_width"]
+__all__ = ["WIDTH_AT", "Friction", "torque_of_width"]

@@ -1,13 +1,20 @@
-"""Hysteresis of the joint is modelled by Maxwell slip: friction of another structure than what controllers are told,
-Dahl's.
+"""Hysteresis of the joint is modelled by Maxwell slip: friction that remembers where the joint turned round.
 
-    T_f = Σ k_i e_i,   de_i = dθ while |e_i| < ρ_i, 0 while it slips,   ρ_i = r_i (s_0 + (1 - s_0) (P1 + P2)/5 bar)
+    T_f = s Σ k_i e_i,   de_i = dθ while |e_i| < ρ_i, 0 while it slips,   ρ_i = r_i (s_0 + (1 - s_0) (P1 + P2)/5 bar)
 
 Each element is a spring k_i in series with a slider: a stop operator of the angle (θ - e_i is a play operator), so that
-T_f is a Prandtl–Ishlinskii operator. It depends on where the joint turned round, not on time, and remembers every turn
-that no greater one has wiped out; Dahl's single state remembers none. The widths are affine in the co-contraction
-P1 + P2, which presses on what rubs, also where a muscle is slack; they do not know the pull of the muscles. As the k_i
-are constant, no change of pressure feeds energy into the joint: T_f is passive.
+Σ k_i e_i is a Prandtl–Ishlinskii operator. It depends on where the joint turned round, not on time, and remembers every
+turn that no greater one has wiped out; Dahl's single state remembers none. The widths are affine in the co-contraction
+P1 + P2, which presses on what rubs, also where a muscle is slack; they do not know the pull of the muscles.
+
+With springs of their own, s = 1, no change of pressure feeds energy into the joint: T_f is passive. With springs that
+are shares of the muscles' stiffness, s = K(θ, P1, P2), it is hysteresis of the *angle* to first order: a joint at rest
+at θ = H[θ_s], θ_s being where its muscles alone would hold it, has the torque T(θ) = T_f with
+
+    T_f = T(θ) - T(H⁻¹[θ]) ≈ K (H⁻¹[θ] - θ),   H⁻¹[θ] = θ + Σ k_i e_i
+
+for the inverse of a Prandtl–Ishlinskii operator H is such a sum of stops, in closed form. An element of infinite width
+never slips; it is a gain, e = θ.
 
 While θ turns in one direction, e_i = clip(e_i + Δθ, ±ρ_i) exactly, however long the way: no differential equation has
 to be integrated, and a simulation errs only by what the joint moves on in the fine step in which it turns round.
@@ -17,15 +24,17 @@ P. Krejčí & K. Kuhnen, "Inverse control of systems with hysteresis and creep",
 simulation and compensation", IEEE Trans. Autom. Control 50 (2005) 1883–1887, here without what depends on speed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf, isfinite
 from typing import Self
 
 import numpy as np
 
-from allocator.calculus import Value
+from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.units import DEG
-from mpc.model.friction import WIDTH_AT, Contact, Friction, torque_of_width
+from mpc.model.contact import Contact
+from mpc.model.friction import WIDTH_AT, Friction, torque_of_width
 from mpc.model.plant import Plant
 
 _PRESLIDING = tuple(r * DEG for r in (0.5, 1.0, 2.0, 4.0))  # r_i [rad], of elements that carry the same torque: they
@@ -38,19 +47,22 @@ _BASE = 0.2  # s_0 [-]: as K is nearly proportional to P1 + P2, loops stay about
 class MaxwellSlip:
     """Maxwell slip is described by the parameters of its elements."""
 
-    springs: tuple[float, ...]  # k_i [N·m/rad]
-    widths: tuple[float, ...]  # r_i, half widths of the plays where P1 + P2 = 5 bar [rad]
+    springs: tuple[float, ...]  # k_i [N·m/rad]; `elastic`: [-] of the stiffness K
+    widths: tuple[float, ...]  # r_i, half widths of the plays where P1 + P2 = 5 bar [rad]; inf: it never slips
     base: float = _BASE  # s_0 [-], share of the widths that is left without pressure
+    elastic: bool = False  # whether the springs are shares of the muscles' stiffness
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        for name, unit in (("springs", "N·m/rad"), ("widths", "rad")):
-            values = tuple(float(v) for v in getattr(self, name))
-            if not (values and all(np.isfinite(v) and v > 0 for v in values)):
-                raise InvalidInput(f"{name} = {values} {unit} have to be positive and finite, one for each element")
-            object.__setattr__(self, name, values)
+        for name in ("springs", "widths"):
+            object.__setattr__(self, name, tuple(float(v) for v in getattr(self, name)))
         if len(self.springs) != len(self.widths):
             raise InvalidInput(f"{len(self.springs)} springs and {len(self.widths)} widths: an element has one of each")
+        if not (self.springs and all(isfinite(k) and k > (-1 if r == inf else 0) for k, r in self._elements)):
+            unit = "-" if self.elastic else "N·m/rad"
+            raise InvalidInput(f"springs = {self.springs} {unit} have to be positive and finite, one for each element")
+        if not all(r > 0 and (r < inf or self.elastic) for r in self.widths):
+            raise InvalidInput(f"widths = {self.widths} rad have to be positive and finite, one for each element")
         if not 0 < self.base <= 1:
             raise InvalidInput(f"base = {self.base!r} has to be above 0, and 1 at most")
 
@@ -70,32 +82,70 @@ class MaxwellSlip:
         """Return how many numbers it remembers: e_i [rad] of each element."""
         return len(self.widths)
 
+    @property
+    def _elements(self) -> list[tuple[float, float]]:
+        return list(zip(self.springs, self.widths, strict=True))
+
+    @property
+    def absent(self) -> bool:
+        """Return whether there is none, which `Friction()` says."""
+        return False
+
+    def begun(self, theta: float) -> Array:
+        """Return the e_i (n,) [rad] of a joint that has not moved from `theta` [rad] yet."""
+        return np.where(np.isinf(self.widths), theta, 0.0)
+
     def scale(self, filled: Value) -> Value:
         """Return ρ_i/r_i [-] where P1 + P2 = `filled` [Pa]."""
         return self.base + (1 - self.base) * filled / (2 * WIDTH_AT)
 
     def most(self, contact: Contact) -> Value:
-        """Return Σ k_i ρ_i [N·m], the torque when all elements slip."""
-        return sum(k * r for k, r in zip(self.springs, self.widths, strict=True)) * self.scale(contact.filled)
+        """Return s Σ k_i ρ_i [N·m], the torque when all elements slip that can."""
+        slips = sum(k * r for k, r in self._elements if r < inf)
+        return self.strength(contact) * slips * self.scale(contact.filled)
 
     def moved(self, memory: Value, motion: Value, contact: Contact) -> Value:
-        """Return the e_i (n,) [rad] after turning by `motion` [rad] in one direction, CasADi symbols."""
-        import casadi as ca
+        """Return the e_i (n,) [rad] after turning by `motion` [rad] in one direction, numbers or CasADi symbols."""
+        if is_symbol(motion):
+            import casadi as ca
 
-        width = self.scale(contact.filled) * ca.DM(self.widths)
-        return ca.fmin(ca.fmax(memory + motion, -width), width)
+            width = self.scale(contact.filled) * ca.DM(self.widths)
+            return ca.fmin(ca.fmax(memory + motion, -width), width)
+        width = self.scale(contact.filled) * np.array(self.widths)
+        return np.minimum(np.maximum(memory + motion, -width), width)
+
+    def along(self, memory: Array, theta: Array, contact: Contact) -> Array:
+        """Return the e_i (n, elements) [rad] at the angles `theta` (n,) [rad], from `memory` at the first."""
+        motions = np.diff(theta).tolist()  # plain numbers: a preview is too short for arrays to pay
+        states = []
+        for e, width in zip(memory.tolist(), (self.scale(contact.filled) * r for r in self.widths), strict=True):
+            way = [e]
+            for motion in motions:
+                e = min(max(e + motion, -width), width)
+                way.append(e)
+            states.append(way)
+        return np.array(states).T
 
     def torque(self, memory: Value, contact: Contact) -> Value:
-        """Return T_f [N·m] of the e_i (n,), CasADi symbols."""
-        import casadi as ca
+        """Return T_f [N·m] of the e_i, numbers (..., n) or CasADi symbols (n,)."""
+        if is_symbol(memory):
+            import casadi as ca
 
-        return ca.dot(ca.DM(self.springs), memory)
+            return self.strength(contact) * ca.dot(ca.DM(self.springs), memory)
+        return self.strength(contact) * (memory @ np.array(self.springs))
+
+    def share(self, share: float) -> Self:
+        """Return the same with a `share` [-] of its torque."""
+        return replace(self, springs=tuple(share * k for k in self.springs))
+
+    def strength(self, contact: Contact) -> Value:
+        """Return s [N·m/rad] or [-], by which Σ k_i e_i is multiplied."""
+        return contact.stiffness if self.elastic else 1.0
 
     def as_dahl(self, plant: Plant) -> Friction:
         """Return Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar: all that is found without this one."""
-        x = np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])
-        full = self.most(Contact(pulled=np.nan, filled=2 * WIDTH_AT))
-        return Friction.of_width(plant, float(2 * full / plant.stiffness(x)))
+        contact = Contact(plant, np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT]))
+        return Friction.of_width(plant, float(2 * self.most(contact) / contact.stiffness))
 
 
 __all__ = ["MaxwellSlip"]

@@ -75,6 +75,11 @@ class Plant:
         agonist, antagonist = self.joint.sides(x[0])
         return agonist.torque(x[2]) + antagonist.torque(x[3])
 
+    def pull(self, x: Value) -> Value:
+        """Return a1 F1 + a2 F2 [N·m] in the state `x` [4, ...]: both torques against each other."""
+        agonist, antagonist = self.joint.sides(x[0])
+        return agonist.torque(x[2]) - antagonist.torque(x[3])
+
     def stiffness(self, x: Value) -> Value:
         """Return the isobaric stiffness K(θ, P1, P2) [N·m/rad] in the state `x` [4, ...]."""
         agonist, antagonist = self.joint.sides(x[0])

@@ -4,8 +4,8 @@
     P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow,   dz(e) = e less the dead band, 0 within it
     measured: θ rounded to the encoder's step, P_i + noise; not ω
 
-with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.model.hysteresis`, or of
-`mpc.model.friction`, which is what controllers are told. Every effect has a value at which it is off, the default of
+with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.model.hysteresis` or of
+`mpc.model.friction`. Every effect has a value at which it is off, the default of
 its field; with all of them off this is the nominal `Plant`.
 
 T_f depends on where the joint turned round. Within a step of integration it is a function of the angle, exact while
@@ -25,9 +25,10 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc.model.buffered import Buffered
 from mpc.model.compensation import Compensation
+from mpc.model.contact import Contact, Hysteresis
 from mpc.model.experiment import FINE
 from mpc.model.faults import Fault
-from mpc.model.friction import Contact, Friction
+from mpc.model.friction import Friction
 from mpc.model.hysteresis import MaxwellSlip
 from mpc.model.integration import integrated
 from mpc.model.plant import NU, NX, Plant
@@ -39,7 +40,7 @@ class RealPlant:
 
     nominal: Plant = field(default_factory=Plant)  # joint, link, gravity, lags
     force_gains: tuple[float, float] = (1.0, 1.0)  # g1, g2 [-]; 0 of a broken cable
-    friction: Friction | MaxwellSlip = field(default_factory=Friction)
+    friction: Hysteresis = field(default_factory=Friction)
     dead_time: float = 0.0  # t_dead of the commands [s]
     dead_band: float = 0.0  # [Pa], total: a regulator rests within half of it on either side
     flow: float = inf  # fastest change of a pressure [Pa/s]
@@ -107,9 +108,7 @@ class RealPlant:
         All of it would be best here and worst where it has vanished: the intended motion is then pushed by friction
         that nobody sees. Too little is the safe side.
         """
-        dahl = self.friction.as_dahl(self.nominal)
-        friction = replace(dahl, mu=share * dahl.mu, coulomb=share * dahl.coulomb)
-        return Compensation(friction, self.dead_time, self.dead_band)
+        return Compensation(self.friction.as_dahl(self.nominal).share(share), self.dead_time, self.dead_band)
 
     # --- the equations ----------------------------------------------------------------------------------------------
 
@@ -130,11 +129,13 @@ class RealPlant:
         F1, F2 = self.nominal.forces(x)
         return self.force_gains[0] * F1, self.force_gains[1] * F2
 
-    def contact(self, x: Value) -> Contact:
-        """Return what presses on that which rubs in the state `x` [4, ...]; a slack cable rubs no more."""
+    def pull(self, x: Value) -> Value:
+        """Return a1 F1 + a2 F2 [N·m] of what presses on that which rubs in the state `x` [4, ...]; a slack cable rubs
+        no more.
+        """
         agonist, antagonist = self.nominal.joint.sides(x[0])
         pulls = self.force_gains[0] * agonist.torque(x[2]), -self.force_gains[1] * antagonist.torque(x[3])
-        return Contact(sum((pull + abs(pull)) / 2 for pull in pulls), x[2] + x[3])
+        return sum((pull + abs(pull)) / 2 for pull in pulls)
 
     def rate(self, x: Value, u: Value, d: Value, T_f: Value) -> tuple[Value, ...]:
         """Return the derivative of (θ, ω, P1, P2), CasADi symbols.
@@ -149,10 +150,10 @@ class RealPlant:
         import casadi as ca
 
         def remembered(now: Value) -> Value:
-            return self.friction.moved(memory, now[0] - x[0], self.contact(now))
+            return self.friction.moved(memory, now[0] - x[0], Contact(self, now))
 
         def rate(now: Value) -> Value:
-            return ca.vertcat(*self.rate(now, u, d, self.friction.torque(remembered(now), self.contact(now))))
+            return ca.vertcat(*self.rate(now, u, d, self.friction.torque(remembered(now), Contact(self, now))))
 
         after = integrated(rate, x, h, 1)
         return after, remembered(after)
@@ -188,7 +189,7 @@ class RealExperiment:
     def __init__(self, real: RealPlant, dt: float, x0: Array, seed: int) -> None:
         self.real, self.dt = real, dt
         self._noise = np.random.default_rng(seed)
-        self._full = np.append(x0, np.zeros(real.friction.size))  # with what friction remembers
+        self._full = np.append(x0, real.friction.begun(float(x0[0])))  # with what friction remembers
         self._sample = 0
         self._said = np.full(NX, np.nan)  # by the sensors, a sample ago
         whole = int(real.dead_time / dt * (1 + 1e-12))

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array, Mask
+from allocator.calculus import Array, Mask, Value
 from allocator.units import BAR, DEG
 from mpc.model.buffered import Buffered
 from mpc.model.compensation import Compensation
-from mpc.model.friction import pull
+from mpc.model.contact import Contact
 from mpc.model.plant import NU, NX, Plant
 from mpc.observer.gating import Gate
 
@@ -81,12 +81,17 @@ class Filter:
         self.unsure = np.diag(_UNSURE * np.diag(self.stationary))  # where nothing but the readings is known
         self.unsure[1, 1], self.unsure[NX, NX] = (gate.max_speed / 3) ** 2, (gate.max_torque / 9) ** 2
 
-    def predicted(self, belief: Belief, v: Array, z: float, Q: Array) -> Belief:
-        """Predict one sample on, the commands `v` (2,) [Pa] acting and the friction's state being `z`."""
+    def contact(self, belief: Belief) -> Contact:
+        """Return what presses on that which rubs, in the nearest state for which the muscles' laws are made."""
+        x = self.within(belief.xi)[:NX]
+        return Contact(self.plant, np.minimum(np.maximum(x, self._inner[0]), self._inner[1]))
+
+    def predicted(self, belief: Belief, v: Array, memory: Value, Q: Array) -> Belief:
+        """Predict one sample on, the commands `v` (2,) [Pa] acting and what friction remembers being `memory`."""
         xi = self.within(belief.xi)
         x, d = xi[:NX], float(xi[NX])
         near = np.minimum(np.maximum(x, self._inner[0]), self._inner[1])
-        T_f = self.compensation.friction.limit(pull(self.plant, near)) * z
+        T_f = self.compensation.friction.torque(memory, Contact(self.plant, near))
         x_next, A = self._model(near, self.compensation.after_dead_band(v, x[2:]), d - T_f)
         A = _with_walk(A)
         later = np.append(x_next[0], d)

@@ -20,7 +20,7 @@ from typing import Protocol
 
 import numpy as np
 
-from allocator.calculus import Array, Mask
+from allocator.calculus import Array, Mask, Value
 from allocator.units import DEG
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.plant import NX, Plant
@@ -186,8 +186,8 @@ class KalmanObserver:
 
     def _go_on(self, previous: Belief, said: Array) -> None:
         """Go on from what was estimated a sample ago to what is estimated now."""
-        z = self._friction.follow(float(previous.xi[0]))
-        expected = self.filter.predicted(previous, self._commands[0], z, self.filter.Q)
+        memory = self._friction.follow(float(previous.xi[0]), self.filter.contact(previous))
+        expected = self.filter.predicted(previous, self._commands[0], memory, self.filter.Q)
         read = said.copy()
         if not expected.sound:
             self.verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
@@ -196,8 +196,8 @@ class KalmanObserver:
         read[_THETA] = self.gate.unwrapped(float(said[_THETA]), float(expected.xi[0]))
         self.verdicts = self._checked(read, expected)
         repeated = said == self._read
-        expected = self._without_frozen(previous, expected, repeated, read, z)
-        expected = self._rival_or(expected, read, repeated, z)
+        expected = self._without_frozen(previous, expected, repeated, read, memory)
+        expected = self._rival_or(expected, read, repeated, memory)
         believed = self._believed
         found = self.filter.corrected(expected, read, believed, self._variances)
         self._samples = min(self._samples + 1, FIRST + 1)
@@ -208,7 +208,7 @@ class KalmanObserver:
         foreseen, variance = expected.xi[i].tolist(), (expected.covariance[i, i] + self._variances).tolist()
         return [gate.check(*one) for gate, *one in zip(self._gates, read.tolist(), foreseen, variance, strict=True)]
 
-    def _without_frozen(self, previous: Belief, expected: Belief, repeated: Mask, read: Array, z: float) -> Belief:
+    def _without_frozen(self, previous: Belief, expected: Belief, repeated: Mask, read: Array, memory: Value) -> Belief:
         """Return what is expected without the sensors that are frozen; note which are."""
         self._repeating = np.where(repeated, self._repeating + self.dt, 0.0)
         self._frozen &= repeated
@@ -216,7 +216,7 @@ class KalmanObserver:
         begun = {i: self._without.get(i, previous) for i in np.flatnonzero(repeated).tolist()}
         self._without = {}
         for i, without in begun.items():
-            foreseen = self.filter.predicted(without, self._commands[0], z, self.filter.Q_rest)
+            foreseen = self.filter.predicted(without, self._commands[0], memory, self.filter.Q_rest)
             if not self._frozen[i] and self._repeating[i] > self.tolerance and self._doubtful(i, read[i], foreseen):
                 self._frozen[i] = True
                 expected = foreseen
@@ -231,7 +231,7 @@ class KalmanObserver:
         variance = foreseen.covariance[i, i] + self._variances[sensor]
         return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
 
-    def _rival_or(self, expected: Belief, read: Array, repeated: Mask, z: float) -> Belief:
+    def _rival_or(self, expected: Belief, read: Array, repeated: Mask, memory: Value) -> Belief:
         """Return `expected`, or what a rival belief expects that has explained the rejected readings for long
         enough.
         """
@@ -242,7 +242,7 @@ class KalmanObserver:
         if self._rival is None and not rejected.any():
             return expected
         used = self._believed | rejected
-        rival = self._rival and self.filter.predicted(self._rival, self._commands[0], z, self.filter.Q)
+        rival = self._rival and self.filter.predicted(self._rival, self._commands[0], memory, self.filter.Q)
         if rival is None or not self._explains(rival, read, used):
             rival, self._explained = self.filter.unsure_at(expected, read, rejected), 0
             near = np.abs(read - expected.xi[MEASURED]) <= self.gate.jump

@@ -20,7 +20,7 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation, FrictionState
-from mpc.model.friction import pull
+from mpc.model.contact import Contact
 from mpc.model.plant import NX, Plant
 from mpc.observer.gating import Gate
 from mpc.tracking.limits import Limits
@@ -207,12 +207,12 @@ class Preview:
         """
         if self._frictionless:
             return np.zeros(self.ahead + 1)
-        z = self._friction.follow(float(x[0]))
-        limit = self.compensation.friction.limit(float(pull(self.plant, x)))
-        if not isfinite(limit):  # nor will the motion from such a state be: the controller finds that out
-            return np.zeros(theta.shape)
+        contact, friction = Contact(self.plant, x), self.compensation.friction
+        memory = self._friction.follow(float(x[0]), contact)
         back = theta[0] + corrected * (float(x[0]) - theta[0])
-        return np.asarray(limit * self.compensation.friction.along(z, np.append(back, theta[1:])))
+        torques = friction.torque(friction.along(memory, np.append(back, theta[1:]), contact), contact)
+        # the motion from a state without a finite torque will not be, either: the controller finds that out
+        return np.asarray(torques) if np.isfinite(torques).all() else np.zeros(theta.shape)
 
 
 __all__ = ["CORRECTED", "BadNumbers", "Preview", "Task"]

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from allocator import InvalidInput
 from allocator.units import BAR, DEG
-from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, sine
+from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, sine
 from mpc.export import export
 from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.model.friction import Friction
+from mpc.model.hysteresis import MaxwellSlip
 from mpc.tracking.qp.solvers import solver
 from mpc.trials.trajectories import point_to_point
 
@@ -21,6 +23,8 @@ from ...rigs.replay import CONTROL, record, replayed
 pytestmark = pytest.mark.tools
 
 SPAN = 5 * BAR
+STANDARD = RealPlant.standard()
+ELASTIC = MaxwellSlip((0.3, 0.2, -0.1), (0.01, 0.04, np.inf), 0.5, elastic=True)
 U, STATUS, RUNG, EXCESS, MOVED = slice(0, 2), 2, 3, slice(4, 6), slice(6, 9)  # columns of the answers
 BAD_INPUT = -1
 FAULTS = (
@@ -185,6 +189,41 @@ def test_a_loop_that_rests_rests_in_c_at_the_same_samples_with_the_same_commands
         assert (np.abs(np.diff(resting.astype(int))).sum()) > 2  # it comes to rest and leaves it again
         np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
         assert np.abs(got[:, U] - wanted[:, U]).max() < near * SPAN
+
+
+@needs_gcc
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("friction", "precision", "near"),
+    [
+        (STANDARD.friction, "double", 1e-8),
+        (ELASTIC, "double", 1e-8),
+        (ELASTIC, "single", 1e-3),
+        (Friction(), "double", 1e-8),
+    ],
+    ids=["springs of their own", "shares of the stiffness and a gain", "the same in single precision", "none"],
+)
+def test_the_memory_of_maxwell_slip_is_python_s_in_c(friction, precision, near, tmp_path):
+    known = replace(STANDARD.known(), friction=friction)
+    controller, observer = pair(STANDARD.nominal, 10, known, weights=Weights.calm())
+    process = replace(STANDARD, faults=(SilentSensors(1.0, 1.05, (0,)), FrozenSensors(1.5, 1.9, (2,))))
+    samples, wanted = recorded(process, controller, observer, sine(K=5.5, K_amplitude=0.5, duration=3.0, ramp=1.0))
+    directory = export(tmp_path / "c", controller=controller, observer=observer, precision=precision)
+    got = replayed(tools.compiled(directory, CONTROL, "vectors", *tools.SANITISED), samples)
+    np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
+    assert np.abs(got[:, U] - wanted[:, U]).max() < near * SPAN
+
+
+def test_friction_that_c_does_not_know_is_refused_by_its_name(tmp_path):
+    class Unknown:
+        def __getattr__(self, name):
+            return getattr(Friction(), name)
+
+    plant = Plant()
+    controller, observer = pair(plant, 10, Compensation(Unknown()))
+    with pytest.raises(InvalidInput, match="Unknown cannot be exported"):
+        export(tmp_path / "c", controller=controller, observer=observer)
+    assert not (tmp_path / "c").exists()
 
 
 @needs_qemu

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from allocator import BAR, DEG, InvalidInput
 from mpc import Rung, TrackingMPC, Weights, simulate, sine
 from mpc.model.compensation import Compensation, FrictionState
+from mpc.model.contact import Contact
 from mpc.model.friction import Friction
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
@@ -70,11 +71,12 @@ def test_far_from_the_command_the_inverse_of_the_dead_band_is_exact(v, P):
 
 def test_jitter_of_the_angle_does_not_wear_the_friction_off():
     state = FrictionState(Friction(0.1))
+    contact = Contact(PLANT, PLANT.at_rest(0.0, 5.5))
     for theta in (0.0, 5 * DEG):
-        state.follow(theta)
+        state.follow(theta, contact)
     for theta in 5 * DEG + 0.02 * DEG * np.random.default_rng(0).choice([-1, 1], 1000):
-        state.follow(float(theta))
-    assert state.z == pytest.approx(1.0, abs=1e-3)
+        state.follow(float(theta), contact)
+    assert state.memory == pytest.approx(1.0, abs=1e-3)
 
 
 def test_without_compensation_nothing_changes_for_a_nominal_plant():

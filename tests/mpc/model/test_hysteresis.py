@@ -14,7 +14,8 @@ from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant
-from mpc.model.friction import Contact, Friction
+from mpc.model.contact import Contact
+from mpc.model.friction import Friction
 from mpc.model.hysteresis import MaxwellSlip
 from mpc.model.real_plant import RealPlant
 
@@ -22,7 +23,7 @@ PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
 SLIP = MaxwellSlip.of_width(PLANT, 5 * DEG)
 K = np.array(SLIP.springs)
 _e, _motion, _filled = ca.SX.sym("e", SLIP.size), ca.SX.sym("m"), ca.SX.sym("c")
-_contact = Contact(np.nan, _filled)
+_contact = Contact(PLANT, (0.0, 0.0, _filled / 2, _filled / 2))
 _after = ca.Function("after", [_e, _motion, _filled], [SLIP.moved(_e, _motion, _contact), SLIP.torque(_e, _contact)])
 
 turns = st.lists(st.floats(-6, 6), min_size=1, max_size=12)  # [°]
@@ -106,7 +107,7 @@ def test_a_great_loop_costs_its_width_times_its_height_less_the_corners():
 def test_widths_grow_with_co_contraction_and_not_with_the_pull():
     for c, share in ((0.0, SLIP.base), (5 * BAR, 1.0), (10 * BAR, 2 - SLIP.base)):
         np.testing.assert_allclose(along([20 * DEG], filled=c)[-1], share * np.array(SLIP.widths), rtol=1e-12)
-        assert SLIP.most(Contact(np.nan, c)) == pytest.approx(share * (K * SLIP.widths).sum())
+        assert SLIP.most(Contact(PLANT, (0.0, 0.0, c / 2, c / 2))) == pytest.approx(share * (K * SLIP.widths).sum())
 
 
 def test_the_simulated_joint_moves_as_the_differential_inclusion_says():
@@ -166,6 +167,9 @@ def test_what_is_told_of_it_is_a_share_of_dahl_s_friction_with_a_loop_as_wide():
         ({"springs": (1.0, -1.0)}, "springs"),
         ({"widths": (0.1, np.nan)}, "widths"),
         ({"springs": (), "widths": ()}, "springs"),
+        ({"springs": (np.inf, 1.0)}, "springs"),
+        ({"widths": (np.inf, 1.0)}, "widths"),
+        ({"springs": (-0.5, 1.0), "elastic": True}, "springs"),
         ({"springs": (1.0,)}, "1 springs and 2 widths"),
         ({"base": 0.0}, "base"),
         ({"base": np.nan}, "base"),

@@ -10,10 +10,10 @@ enum {
 };
 #define ANT_TRIANGLE(n) ((n) * ((n) + 1) / 2) /* elements of a triangular matrix */
 
-/* Friction by Dahl's model, as the angle tells it. */
+/* What friction remembers of the way of the angle. */
 typedef struct {
-    ant_real z;     /* [-] */
-    ant_real theta; /* up to which the joint's motion is in z [rad] */
+    ant_real memory[ANT_ELEMENTS]; /* z [-] of Dahl's model, or the elements' springs [rad] of Maxwell slip */
+    ant_real theta;                /* up to which the joint's motion is in it [rad] */
     int known;
 } ant_friction;
 

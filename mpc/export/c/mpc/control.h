@@ -7,11 +7,15 @@
 #include "settings.h"
 
 /* friction.c */
-ant_real ant_friction_follow(ant_friction *f, ant_real theta); /* z at theta */
-ant_real ant_friction_after(ant_real z, ant_real motion);      /* z after turning by motion [rad] */
-ant_real ant_friction_limit(const ant_real x[4]);              /* greatest friction torque [N*m] */
-ant_real ant_after_dead_band(ant_real u, ant_real P);          /* command less the dead band [Pa] */
-ant_real ant_inverse_dead_band(ant_real v, ant_real P);        /* its inverse, smooth [Pa] */
+typedef struct {
+    ant_real strength, scale; /* what multiplies the torque of the memory, and its widths */
+} ant_contact;
+ant_contact ant_contact_at(const ant_real x[4]);
+void ant_friction_follow(ant_friction *f, ant_real theta, ant_contact c);                  /* to theta */
+void ant_friction_move(ant_real memory[ANT_ELEMENTS], ant_real motion, ant_contact c);     /* motion [rad] */
+ant_real ant_friction_torque(const ant_real memory[ANT_ELEMENTS], ant_contact c);          /* [N*m] */
+ant_real ant_after_dead_band(ant_real u, ant_real P);   /* command less the dead band [Pa] */
+ant_real ant_inverse_dead_band(ant_real v, ant_real P); /* its inverse, smooth [Pa] */
 
 /* gating.c: which readings are believed */
 void ant_gate_reset(ant_gate *g);
@@ -24,7 +28,8 @@ ant_real ant_unwrapped(ant_real theta, ant_real expected, ant_real within); /* l
 /* filter.c: xi = (theta, rate, P1, P2, d) */
 extern const int ANT_MEASURED[3]; /* places of the sensors in xi */
 void ant_within(ant_real xi[5]);  /* to the nearest that is possible */
-void ant_predict_belief(const ant_observer *o, ant_belief *b, ant_real z, const ant_real Q[5]); /* one sample on */
+ant_contact ant_contact_of(const ant_belief *b); /* in the nearest state that the muscles' formulas are made for */
+void ant_predict_belief(const ant_observer *o, ant_belief *b, const ant_real Q[5]); /* one sample on */
 void ant_correct(const ant_observer *o, ant_belief *b, const ant_real read[3], const int there[3]);
 ant_real ant_innovation_variance(const ant_observer *o, const ant_belief *b, int sensor);
 int ant_sound(const ant_belief *b); /* finite, and no variance negative */

@@ -35,16 +35,29 @@ void ant_within(ant_real xi[5]) {
     xi[4] = ant_clip(xi[4], -ANT_MAX_TORQUE, ANT_MAX_TORQUE);
 }
 
-void ant_predict_belief(const ant_observer *o, ant_belief *b, ant_real z, const ant_real Q[5]) {
-    ant_real A[4][4], by_d[4], later[4], near[4];
-    ant_real *xi = b->xi;
-    ant_within(xi);
+/* The nearest state to xi within the joint range and the supply. */
+static void nearest(const ant_real xi[5], ant_real near[4]) {
     near[0] = ant_clip(xi[0], ANT_LEFT, ANT_RIGHT);
     near[1] = xi[1];
     for (int i = 2; i < 4; i++) near[i] = ant_clip(xi[i], ANT_SUPPLY_LO, ANT_SUPPLY_HI);
+}
+
+ant_contact ant_contact_of(const ant_belief *b) {
+    ant_real xi[5], near[4];
+    memcpy(xi, b->xi, sizeof xi);
+    ant_within(xi);
+    nearest(xi, near);
+    return ant_contact_at(near);
+}
+
+void ant_predict_belief(const ant_observer *o, ant_belief *b, const ant_real Q[5]) {
+    ant_real A[4][4], by_d[4], later[4], near[4];
+    ant_real *xi = b->xi;
+    ant_within(xi);
+    nearest(xi, near);
     const ant_real acting[2] = {ant_after_dead_band(o->commands[0][0], xi[2]),
                                 ant_after_dead_band(o->commands[0][1], xi[3])};
-    const ant_real torque = xi[4] - ant_friction_limit(near) * z;
+    const ant_real torque = xi[4] - ant_friction_torque(o->friction.memory, ant_contact_at(near));
     ant_model_observed(near, acting, &torque, later, A[0], by_d);
     for (int i = 0; i < 4; i++)
         for (int j = 0; j < 4; j++) later[i] += A[i][j] * (xi[j] - near[j]);

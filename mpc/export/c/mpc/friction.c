@@ -1,29 +1,61 @@
-/* Friction that grows with the muscle forces, by Dahl's model: T_f = T_max z, z' = (omega - |omega| z)/presliding; and
- * the dead band of the pressure regulators. */
+/* What rubs remembers the way of the angle: T_f = strength * sum of k_i m_i, where strength comes from the state.
+ * By Dahl's model there is one m' = (omega - |omega| m)/presliding; by Maxwell slip each m_i follows the angle within
+ * a width, which grows with P1 + P2. And the dead band of the pressure regulators. */
 #include "control.h"
 #include "model.h"
+#include "tables.h"
 
-ant_real ant_friction_after(ant_real z, ant_real motion) {
-    const ant_real s = motion > 0 ? 1 : motion < 0 ? -1 : 0;
-    return s - (s - z) * ANT_F(exp)(-ant_abs(motion) / ANT_PRESLIDING);
+ant_contact ant_contact_at(const ant_real x[4]) {
+    ant_contact c;
+    ant_model_friction(x, &c.strength, &c.scale);
+    return c;
 }
 
-ant_real ant_friction_follow(ant_friction *f, ant_real theta) {
+#if ANT_SLIPS
+
+static void begin(ant_real m[ANT_ELEMENTS], ant_real theta) {
+    for (int i = 0; i < ANT_ELEMENTS; i++) m[i] = ANT_WIDTHS[i] < ANT_NEVER ? 0 : theta;
+}
+
+void ant_friction_move(ant_real m[ANT_ELEMENTS], ant_real motion, ant_contact c) {
+    for (int i = 0; i < ANT_ELEMENTS; i++) {
+        const ant_real width = c.scale * ANT_WIDTHS[i];
+        m[i] = ant_clip(m[i] + motion, -width, width);
+    }
+}
+
+ant_real ant_friction_torque(const ant_real m[ANT_ELEMENTS], ant_contact c) {
+    ant_real sum = 0;
+    for (int i = 0; i < ANT_ELEMENTS; i++) sum += ANT_SPRINGS[i] * m[i];
+    return c.strength * sum;
+}
+
+#else
+
+static void begin(ant_real m[ANT_ELEMENTS], ant_real theta) {
+    (void)theta;
+    m[0] = 0;
+}
+
+void ant_friction_move(ant_real m[ANT_ELEMENTS], ant_real motion, ant_contact c) {
+    (void)c;
+    const ant_real s = motion > 0 ? 1 : motion < 0 ? -1 : 0;
+    m[0] = s - (s - m[0]) * ANT_F(exp)(-ant_abs(motion) / ANT_PRESLIDING);
+}
+
+ant_real ant_friction_torque(const ant_real m[ANT_ELEMENTS], ant_contact c) { return c.strength * m[0]; }
+
+#endif
+
+void ant_friction_follow(ant_friction *f, ant_real theta, ant_contact c) {
     if (!f->known) {
+        begin(f->memory, theta);
         f->theta = theta;
         f->known = 1;
     }
-    if (ant_abs(theta - f->theta) > ANT_JITTER) {
-        f->z = ant_friction_after(f->z, theta - f->theta);
-        f->theta = theta;
-    }
-    return f->z;
-}
-
-ant_real ant_friction_limit(const ant_real x[4]) {
-    ant_real pull;
-    ant_model_pull(x, &pull);
-    return ANT_FRICTION * pull + ANT_COULOMB;
+    const ant_real motion = ant_abs(theta - f->theta) > ANT_JITTER ? theta - f->theta : 0;
+    if (motion != 0) f->theta = theta;
+    ant_friction_move(f->memory, motion, c);
 }
 
 ant_real ant_after_dead_band(ant_real u, ant_real P) {

@@ -54,11 +54,11 @@ static int doubtful(const ant_observer *o, const ant_belief *predicted, int sens
 }
 
 /* What is thought without a sensor that repeats itself; if that contradicts it for long enough, it is frozen. */
-static void suspect(ant_observer *o, int i, ant_real z, const ant_belief *previous, ant_belief *expected,
+static void suspect(ant_observer *o, int i, const ant_belief *previous, ant_belief *expected,
                     const ant_real read[3], const int others[3]) {
     if (!o->repeats[i]) o->without[i] = *previous;
     o->repeats[i] = 1;
-    ant_predict_belief(o, &o->without[i], z, ANT_Q_REST);
+    ant_predict_belief(o, &o->without[i], ANT_Q_REST);
     if (!o->frozen[i] && o->repeating[i] > ANT_TOLERANCE && doubtful(o, &o->without[i], i, read[i])) {
         o->frozen[i] = 1;
         *expected = o->without[i];
@@ -72,7 +72,7 @@ static void suspect(ant_observer *o, int i, ant_real z, const ant_belief *previo
 
 /* What is expected without the sensors that are frozen; notes which are. */
 static void without_frozen(ant_observer *o, const ant_belief *previous, ant_belief *expected, const ant_real said[3],
-                           const ant_real read[3], ant_real z) {
+                           const ant_real read[3]) {
     int others[3], repeated[3];
     believed(o, others);
     for (int i = 0; i < 3; i++) {
@@ -83,7 +83,7 @@ static void without_frozen(ant_observer *o, const ant_belief *previous, ant_beli
     }
     for (int i = 0; i < 3; i++) {
         if (repeated[i])
-            suspect(o, i, z, previous, expected, read, others);
+            suspect(o, i, previous, expected, read, others);
         else
             o->repeats[i] = 0;
     }
@@ -120,7 +120,7 @@ static void challenge(ant_observer *o, const ant_belief *expected, const ant_rea
 }
 
 /* Leaves in `expected` what a rival expects that has explained the rejected readings for long enough. */
-static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[3], ant_real z) {
+static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[3]) {
     int rejected[3], used[3], any = 0, contested = 0;
     believed(o, used);
     for (int i = 0; i < 3; i++) {
@@ -131,7 +131,7 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
     o->unrivalled = any ? 0 : o->unrivalled < ANT_LONG ? o->unrivalled + 1 : ANT_LONG;
     if (o->unrivalled > ANT_CROSSING) end_rivalry(o); /* not at once: it is near by chance when two motions cross */
     if (!o->rivalled && !any) return;
-    if (o->rivalled) ant_predict_belief(o, &o->rival, z, ANT_Q_NOISE);
+    if (o->rivalled) ant_predict_belief(o, &o->rival, ANT_Q_NOISE);
     if (!o->rivalled || !explains(o, read, used)) challenge(o, expected, read, rejected);
     for (int i = 0; i < 3; i++) {
         o->contested[i] = o->contested[i] || rejected[i];
@@ -170,8 +170,8 @@ static void rebuild(ant_observer *o, const ant_belief *previous, const ant_real 
 static void go_on(ant_observer *o, const ant_real said[3]) {
     const ant_belief previous = o->belief;
     ant_belief expected = o->belief;
-    const ant_real z = ant_friction_follow(&o->friction, previous.xi[0]);
-    ant_predict_belief(o, &expected, z, ANT_Q_NOISE);
+    ant_friction_follow(&o->friction, previous.xi[0], ant_contact_of(&previous));
+    ant_predict_belief(o, &expected, ANT_Q_NOISE);
     const ant_real read[3] = {ant_unwrapped(said[0], expected.xi[0], ANT_NEAR_A_TURN), said[1], said[2]};
     int there[3];
     if (!ant_sound(&expected)) {
@@ -183,8 +183,8 @@ static void go_on(ant_observer *o, const ant_real said[3]) {
     for (int i = 0; i < 3; i++)
         o->verdicts[i] = ant_check_reading(&o->gates[i], i, read[i], expected.xi[ANT_MEASURED[i]],
                                    ant_innovation_variance(o, &expected, i));
-    without_frozen(o, &previous, &expected, said, read, z);
-    rival_or(o, &expected, read, z);
+    without_frozen(o, &previous, &expected, said, read);
+    rival_or(o, &expected, read);
     believed(o, there);
     ant_correct(o, &expected, read, there);
     if (o->samples <= ANT_FIRST) o->samples++;

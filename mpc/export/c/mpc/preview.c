@@ -42,13 +42,16 @@ static void substitute(ant_controller *c, const ant_real x[4]) {
 /* Torque from outside less the friction of a joint that moves on from x as the preview does. */
 static void torques(ant_controller *c, const ant_real x[4], ant_real d, const ant_real *theta) {
     const ant_real corrected = c->rest.ringing ? 0 : ANT_CORRECTED;
-    ant_real z = ant_friction_follow(&c->friction, x[0]), previous = theta[0] + corrected * (x[0] - theta[0]);
-    const ant_real most = ant_friction_limit(x), limit = isfinite(most) ? most : 0; /* the motion will not be, either */
-    c->d[0] = d - limit * z;
+    ant_contact contact = ant_contact_at(x);
+    ant_real memory[ANT_ELEMENTS], previous = theta[0] + corrected * (x[0] - theta[0]);
+    if (!isfinite(contact.strength)) contact.strength = 0; /* the motion will not be finite, either */
+    ant_friction_follow(&c->friction, x[0], contact);
+    memcpy(memory, c->friction.memory, sizeof memory);
+    c->d[0] = d - ant_friction_torque(memory, contact);
     for (int k = 1; k <= ANT_AHEAD; k++) {
-        z = ant_friction_after(z, theta[k] - previous);
+        ant_friction_move(memory, theta[k] - previous, contact);
         previous = theta[k];
-        c->d[k] = d - limit * z;
+        c->d[k] = d - ant_friction_torque(memory, contact);
     }
 }
 

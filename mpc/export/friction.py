@@ -1,0 +1,73 @@
+"""The exported code needs of what rubs: which model it is, its elements, and what the state makes of them.
+
+Every model that C knows is T_f = strength · Σ k_i m_i, its memories m_i moved by the angle within limits that `scale`
+widens; `mpc/export/c/mpc/friction.c` moves them.
+"""
+
+from collections.abc import Iterator
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
+from mpc.export.joint import Numbers
+from mpc.model.contact import Contact, Hysteresis
+from mpc.model.friction import Friction
+from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.plant import NX, Plant
+
+_NEVER = 1e30  # [rad], in place of an infinite width
+
+
+def check_friction(friction: Hysteresis) -> None:
+    """Raise `InvalidInput` for a model of friction that C does not know."""
+    if not isinstance(friction, Friction | MaxwellSlip):
+        raise InvalidInput(
+            f"a controller that is told of {type(friction).__name__} cannot be exported: the exported one knows Dahl's "
+            "Friction and MaxwellSlip"
+        )
+
+
+def friction_sizes(friction: Hysteresis) -> Numbers:
+    """Return the sizes of what friction remembers."""
+    return {
+        "SLIPS": (int(isinstance(friction, MaxwellSlip)), "whether friction is Maxwell slip; else it is Dahl's"),
+        "ELEMENTS": (friction.size, "numbers that friction remembers"),
+    }
+
+
+def friction_numbers(friction: Hysteresis) -> Numbers:
+    """Return the numbers of the model."""
+    if isinstance(friction, Friction):
+        return {"PRESLIDING": (friction.presliding, "[rad]")}
+    return {"NEVER": (_NEVER, "half width of an element that never slips [rad]")}
+
+
+def friction_tables(friction: Hysteresis) -> Iterator[tuple[str, str, Array]]:
+    """Yield the elements of Maxwell slip: name, meaning, values."""
+    if isinstance(friction, MaxwellSlip):
+        widths = np.array([_NEVER if r == inf else r for r in friction.widths])
+        unit = "-" if friction.elastic else "N*m/rad"
+        yield "ANT_SPRINGS", f"of the elements of Maxwell slip [{unit}]", np.array(friction.springs)
+        yield "ANT_WIDTHS", "their half widths where P1 + P2 = 5 bar [rad]", widths
+
+
+def friction_function(friction: Hysteresis, plant: Plant) -> tuple[Any, str]:
+    """Return the CasADi function from the state to strength and scale, and what it computes."""
+    import casadi as ca
+
+    x = ca.SX.sym("x", NX)
+    strength, scale = (ca.densify(ca.SX(value)) for value in _of_state(friction, Contact(plant, x)))
+    function = ca.Function("friction", [x], [strength, scale], ["x"], ["strength", "scale"])
+    return function, "what the torque of friction's memory is multiplied by, and its widths"
+
+
+def _of_state(friction: Hysteresis, contact: Contact) -> tuple[Value, Value]:
+    if isinstance(friction, MaxwellSlip):
+        return friction.strength(contact), friction.scale(contact.filled)
+    return friction.most(contact), 1.0
+
+
+__all__ = ["check_friction", "friction_function", "friction_numbers", "friction_sizes", "friction_tables"]

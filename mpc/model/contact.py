@@ -1,0 +1,84 @@
+"""What rubs in a joint is told by two things: what presses on it, and the interface of all models of the torque that it
+takes.
+
+A model remembers how the joint came to where it is, by the angle and not by time. `Friction` (Dahl) and `MaxwellSlip`
+have the same interface, so that each of them may be in the plant under test and be told to observer and controllers.
+"""
+
+from typing import NamedTuple, Protocol, Self, runtime_checkable
+
+from allocator.calculus import Array, Value
+from mpc.model.plant import Plant
+
+
+class Pressing(Protocol):
+    """A plant presses on what rubs by the pulls of its muscles, their stiffness and their pressures."""
+
+    def pull(self, x: Value) -> Value:
+        """Return a1 F1 + a2 F2 [N·m] in the state `x` [4, ...]."""
+
+    def stiffness(self, x: Value) -> Value:
+        """Return K [N·m/rad] in the state `x` [4, ...]."""
+
+
+class Contact(NamedTuple):
+    """A contact is a plant in a state, of which a model of friction takes what presses on that which rubs."""
+
+    plant: Pressing
+    x: Value  # (4, ...)
+
+    @property
+    def pulled(self) -> Value:
+        """Return a1 F1 + a2 F2 [N·m]."""
+        return self.plant.pull(self.x)
+
+    @property
+    def filled(self) -> Value:
+        """Return P1 + P2 [Pa]."""
+        return self.x[2] + self.x[3]
+
+    @property
+    def stiffness(self) -> Value:
+        """Return K [N·m/rad]."""
+        return self.plant.stiffness(self.x)
+
+
+@runtime_checkable
+class Hysteresis(Protocol):
+    """A hysteresis is a torque T_f against the motion that depends on the way by which the joint came.
+
+    Its memory is a number, or some, for the observer and for controllers, and CasADi symbols (size,) in a plant under
+    test.
+    """
+
+    @property
+    def size(self) -> int:
+        """Return how many numbers it remembers."""
+
+    @property
+    def absent(self) -> bool:
+        """Return whether there is none."""
+
+    def begun(self, theta: float) -> Value:
+        """Return the memory of a joint that has not moved from `theta` [rad] yet."""
+
+    def moved(self, memory: Value, motion: Value, contact: Contact) -> Value:
+        """Return the memory after turning by `motion` [rad] in one direction; numbers or CasADi symbols."""
+
+    def along(self, memory: Value, theta: Array, contact: Contact) -> Array:
+        """Return the memories (n, ...) at the angles `theta` (n,) [rad], from `memory` at the first."""
+
+    def torque(self, memory: Value, contact: Contact) -> Value:
+        """Return T_f [N·m] of a memory, or (n,) of memories (n, ...)."""
+
+    def most(self, contact: Contact) -> Value:
+        """Return the greatest T_f [N·m]."""
+
+    def share(self, share: float) -> Self:
+        """Return the same with a `share` [-] of its torque."""
+
+    def as_dahl(self, plant: Plant) -> "Hysteresis":
+        """Return Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar."""
+
+
+__all__ = ["Contact", "Hysteresis", "Pressing"]
