@@ -6,6 +6,7 @@ Degrees and bar here, SI behind; heavy libraries load when it runs.
 import os
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
     from mpc.trials.loops import Settings
     from mpc.trials.metrics import Metrics
@@ -101,7 +103,8 @@ def track(
     reference = _reference(trajectory, stiffness, nominal)
     reference.samples(dt)  # before anything is built
     half_way = float(reference.t[-1] - reference.t[0]) / 2
-    tested, settings = _tested(plant, nominal, ((half_way, payload),) if payload else ())
+    known = options.compensation()
+    tested, settings = _tested(plant, nominal, known, ((half_way, payload),) if payload else ())
     settings = settings._replace(dt=dt, N=horizon, solver=solver)
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
@@ -113,6 +116,8 @@ def track(
         _write(done, path, console)
     figures = metrics(done)
     say(console, f"plant: {nominal.summary}")
+    if known.summary:
+        say(console, f"told to the controller: {known.summary}")
     say(console, f"trajectory: {reference.summary}")
     console.print(_summary(figures, done.implementation))
     if figures.out_of_reach:
@@ -165,18 +170,29 @@ def _write(run: "Run", path: Path, console: "Console") -> None:
         save_tracking_figure(run, path)
 
 
-def _tested(kind: str, nominal: "Plant", torque: "tuple[tuple[float, float], ...]") -> "tuple[Process, Settings]":
-    """Return the plant of this kind under an unknown torque, and what its controller knows."""
+def _tested(
+    kind: str, nominal: "Plant", known: "Compensation", torque: "tuple[tuple[float, float], ...]"
+) -> "tuple[Process, Settings]":
+    """Return the plant of this kind under an unknown torque, and what its controller knows.
+
+    It has what the plant's file tells of friction and regulators, and the controller is told so.
+    """
+    from mpc.model.compensation import Compensation
     from mpc.model.real_plant import RealPlant
     from mpc.tracking.weights import Weights
     from mpc.trials.loops import Settings
 
     if kind == _REAL:
         real = RealPlant.standard(torque_profile=torque, nominal=nominal)
-        return real, Settings(real.nominal, compensation=real.known(), weights=Weights.calm())
+        told = {name: value for name, value in vars(known).items() if value != vars(Compensation())[name]}
+        known = replace(real.known(), **told)
+        return replace(real, **told), Settings(real.nominal, compensation=known, weights=Weights.calm())
     if kind != _NOMINAL:
         raise MissingBackend("plant", kind, [_NOMINAL, _REAL])
-    return (RealPlant(nominal, torque_profile=torque) if torque else nominal), Settings(nominal)
+    if known == Compensation():
+        return (RealPlant(nominal, torque_profile=torque) if torque else nominal), Settings(nominal)
+    tested = RealPlant(nominal, torque_profile=torque, **vars(known))
+    return tested, Settings(nominal, compensation=known, weights=Weights.calm())
 
 
 def _summary(m: "Metrics", implementation: str) -> "Table":

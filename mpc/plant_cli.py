@@ -1,6 +1,6 @@
 """`antagonist init` is here, and the options that describe a plant; degrees and bar here, SI behind."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,6 +13,7 @@ from allocator.shell.outputs import Force, claim
 from allocator.units import BAR
 
 if TYPE_CHECKING:
+    from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
 
 
@@ -46,6 +47,14 @@ class PlantOptions(JointOptions):
 
         stored = {} if self.joint is None else stored_numbers(self.joint, NUMBERS)
         return Plant(self.build(), **(otherwise | stored | self._numbers()))
+
+    def compensation(self) -> "Compensation":
+        """Return what the file tells beyond the plant: hysteresis or friction, dead time and dead band."""
+        from mpc.model.compensation import Compensation
+        from mpc.model.storage import stored_regulators
+
+        known = Compensation.of(self.build())
+        return known if self.joint is None else replace(known, **stored_regulators(self.joint))
 
     def _numbers(self) -> dict[str, Any]:
         """Return the numbers of `Plant` that are given."""

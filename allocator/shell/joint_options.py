@@ -93,7 +93,7 @@ class JointOptions:
                 within("--stops", angle, "degrees", -360, 360)
             changes["angle_limits"] = (left * DEG, right * DEG)
         if self.friction is not None:
-            changes["friction"] = self.friction
+            changes |= {"friction": self.friction, "hysteresis": None}  # one says all that the other would
         return replace(base, **changes) if changes else base
 
     def _muscles(self, both: str | None) -> dict[str, "Muscle"]:

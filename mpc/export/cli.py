@@ -25,10 +25,13 @@ def export_command(
 
     console = Console()
     plant = options.plant()
-    controller = None if what == "allocate" else default_controller(plant, horizon)
+    known = options.compensation()
+    controller = None if what == "allocate" else default_controller(plant, horizon, known)
     made = export(out, joint=plant.joint, controller=controller, what=what, precision=precision)
     if controller is not None:
         say(console, f"plant: {plant.summary}")
+        if known.summary:
+            say(console, f"told to the controller: {known.summary}")
     files = sum(path.is_file() for path in made.rglob("*"))
     say(console, f"written: {files} files in {made}; {made / 'README.md'} says how to build them")
 

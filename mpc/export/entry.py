@@ -40,7 +40,7 @@ def export(
         For its allocation; by default that of the controller, or the report's.
     controller, observer
         For "mpc": the controller with its plant, settings and compensation, and the observer that belongs to it; by
-        default those for `Plant(joint)` with N = 10, the joint's own friction and `Weights.calm()`.
+        default those for `Plant(joint)` with N = 10, the joint's own hysteresis or friction and `Weights.calm()`.
     what
         "allocate", "mpc" or "all"; the controller needs the allocator, so that "mpc" only leaves its demonstration out.
     precision
@@ -67,13 +67,15 @@ def export(
     return write(_control(controller, observer, single, alone=what == "mpc"), out)
 
 
-def default_controller(plant: Plant, horizon: int = 10) -> TrackingMPC:
+def default_controller(plant: Plant, horizon: int = 10, compensation: Compensation | None = None) -> TrackingMPC:
     """Return the controller for `plant` where none is given; its weights are for joints unlike their model.
 
+    It is told the joint's own hysteresis or friction, or `compensation`.
     Raises InvalidInput for a joint that cannot be exported, before anything is compiled for it.
     """
     kernel_of(plant.joint)
-    return TrackingMPC(plant, N=horizon, weights=Weights.calm(), compensation=Compensation.of(plant.joint))
+    known = Compensation.of(plant.joint) if compensation is None else compensation
+    return TrackingMPC(plant, N=horizon, weights=Weights.calm(), compensation=known)
 
 
 def _joint(given: AntagonistJoint | None, own: AntagonistJoint | None) -> AntagonistJoint:

@@ -3,17 +3,21 @@
 The disturbance torque d is what remains besides. Observer and controller have to be given the same `Compensation`.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from os import PathLike
 from typing import Self
 
 import numpy as np
 
 from allocator import AntagonistJoint
 from allocator.calculus import Array, Value
-from allocator.errors import InvalidInput
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.joint.storage import load_joint
 from allocator.units import BAR, DEG
 from mpc.model.contact import Contact, Hysteresis
 from mpc.model.friction import Friction
+from mpc.model.hysteresis import friction_of
+from mpc.model.storage import stored_regulators
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump
 JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
@@ -23,12 +27,13 @@ JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
 class Compensation:
     """A compensation holds friction, dead time and dead band as far as they are known; by default there are none."""
 
-    friction: Hysteresis = field(default_factory=Friction)
+    friction: Hysteresis = field(default_factory=Friction)  # a `PrandtlIshlinskii` becomes `MaxwellSlip.of` it
     dead_time: float = 0.0  # of the commands [s]
     dead_band: float = 0.0  # [Pa], total
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        object.__setattr__(self, "friction", friction_of(self.friction))
         for name, unit in (("dead_time", "s"), ("dead_band", "Pa")):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
@@ -36,8 +41,30 @@ class Compensation:
 
     @classmethod
     def of(cls, joint: AntagonistJoint) -> Self:
-        """Return what `allocator.fit_joint` found beyond the muscle laws: the joint's friction μ."""
-        return cls(Friction(mu=joint.friction))
+        """Return what was found of a joint beyond its muscles' laws: the hysteresis of its angle, or else friction μ.
+
+        The operator takes all of the hysteresis of the joint it was fitted to, so that its μ does not count besides.
+        """
+        return cls(Friction(mu=joint.friction) if joint.hysteresis is None else friction_of(joint.hysteresis))
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read what a plant's file tells beyond `Plant`: the joint's hysteresis or friction, dead time and dead band.
+
+        Raises `InvalidFile`.
+        """
+        known = cls.of(load_joint(path))
+        try:
+            return replace(known, **stored_regulators(path))
+        except (InvalidInput, TypeError) as error:
+            raise InvalidFile(path, f"[regulators]: {error}") from None
+
+    @property
+    def summary(self) -> str:
+        """Return what is known in a line, which is empty if nothing is."""
+        parts = [] if self.friction.absent else [self.friction.summary]
+        parts += [f"dead time {self.dead_time:g} s"] * bool(self.dead_time)
+        return ", ".join(parts + [f"dead band {self.dead_band / BAR:g} bar"] * bool(self.dead_band))
 
     def delay(self, dt: float) -> int:
         """Return the dead time in whole samples of `dt` [s]."""

@@ -59,6 +59,10 @@ class Hysteresis(Protocol):
     def absent(self) -> bool:
         """Return whether there is none."""
 
+    @property
+    def summary(self) -> str:
+        """Return what it is in some words."""
+
     def begun(self, theta: float) -> Value:
         """Return the memory of a joint that has not moved from `theta` [rad] yet."""
 

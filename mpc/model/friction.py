@@ -57,6 +57,11 @@ class Friction:
         """Return how many numbers it remembers: z [-]."""
         return 1
 
+    @property
+    def summary(self) -> str:
+        """Return what it is in some words."""
+        return f"Dahl's friction μ = {self.mu:.3g}" + f" and {self.coulomb:.3g} N·m" * bool(self.coulomb)
+
     def begun(self, theta: float) -> float:
         """Return z = 0 [-] of a joint that has not moved yet."""
         return 0.0

@@ -32,8 +32,9 @@ import numpy as np
 
 from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
+from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.units import DEG
-from mpc.model.contact import Contact
+from mpc.model.contact import Contact, Hysteresis
 from mpc.model.friction import WIDTH_AT, Friction, torque_of_width
 from mpc.model.plant import Plant
 
@@ -41,6 +42,8 @@ _PRESLIDING = tuple(r * DEG for r in (0.5, 1.0, 2.0, 4.0))  # r_i [rad], of elem
 # turn round on average within r_i as Dahl's model does within δ, which a measured lever joint of McKibben muscles puts
 # at 0.5° in slow sweeps and at 3.2° in a log of random steps
 _BASE = 0.2  # s_0 [-]: as K is nearly proportional to P1 + P2, loops stay about as wide in degrees, as measured ones do
+
+_NO_GAIN = 1e-12  # by which a gain differs from 1 by rounding
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,22 @@ class MaxwellSlip:
         share = torque_of_width(plant, width) / len(presliding)
         return cls(tuple(share / r for r in presliding), presliding, base)
 
+    @classmethod
+    def of(cls, operator: PrandtlIshlinskii) -> Self:
+        """Make the elements of a joint whose hysteresis is `operator`, with springs in proportion to the stiffness.
+
+        A gain of the operator other than 1 becomes an element that never slips. Raises `InvalidInput` where nothing is
+        left, or where a weight is negative.
+        """
+        slip = operator.slip
+        elements = [*zip(slip.springs, slip.widths, strict=True)]
+        if abs(slip.gain - 1) > _NO_GAIN:
+            elements.append((1 / slip.gain - 1, inf))
+        if not elements:
+            raise InvalidInput("this PrandtlIshlinskii has neither plays nor a gain: say `Friction()`, which is none")
+        springs, widths = zip(*elements, strict=True)
+        return cls(springs, widths, slip.base, elastic=True)
+
     @property
     def size(self) -> int:
         """Return how many numbers it remembers: e_i [rad] of each element."""
@@ -90,6 +109,12 @@ class MaxwellSlip:
     def absent(self) -> bool:
         """Return whether there is none, which `Friction()` says."""
         return False
+
+    @property
+    def summary(self) -> str:
+        """Return what it is in some words."""
+        what = "hysteresis of the angle" if self.elastic else "Maxwell slip"
+        return f"{what} with {self.size} element{'s' * (self.size > 1)}"
 
     def begun(self, theta: float) -> Array:
         """Return the e_i (n,) [rad] of a joint that has not moved from `theta` [rad] yet."""
@@ -148,4 +173,16 @@ class MaxwellSlip:
         return Friction.of_width(plant, float(2 * self.most(contact) / contact.stiffness))
 
 
-__all__ = ["MaxwellSlip"]
+def friction_of(given: object) -> Hysteresis:
+    """Return the model of friction that is `given`; of a `PrandtlIshlinskii`, `MaxwellSlip.of` it, or none.
+
+    Raises `InvalidInput` for anything else.
+    """
+    if isinstance(given, PrandtlIshlinskii):
+        return MaxwellSlip.of(given) if given.size or given.gain != 1 else Friction()
+    if not isinstance(given, Hysteresis):
+        raise InvalidInput(f"friction = {given!r} has to be a Friction, a MaxwellSlip or a PrandtlIshlinskii")
+    return given
+
+
+__all__ = ["MaxwellSlip", "friction_of"]

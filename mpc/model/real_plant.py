@@ -29,7 +29,7 @@ from mpc.model.contact import Contact, Hysteresis
 from mpc.model.experiment import FINE
 from mpc.model.faults import Fault
 from mpc.model.friction import Friction
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.hysteresis import MaxwellSlip, friction_of
 from mpc.model.integration import integrated
 from mpc.model.plant import NU, NX, Plant
 
@@ -59,6 +59,7 @@ class RealPlant:
                     f"{name} = {value:g} {unit} has to be 0 or more" + " (flow: above 0)" * (name == "flow")
                 )
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "friction", friction_of(self.friction))
         object.__setattr__(self, "force_gains", tuple(float(g) for g in self.force_gains))
         if len(self.force_gains) != NU or not all(isfinite(g) and g >= 0 for g in self.force_gains):
             raise InvalidInput(f"force_gains = {self.force_gains} have to be two numbers of 0 or more [-]")

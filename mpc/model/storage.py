@@ -6,6 +6,15 @@ damping = 0.1                  # [N·m·s/rad]
 lag = [0.1, 0.1]               # [s], or one number for both pressures
 gravity_torque = 0.0           # m g l [N·m]
 slew = 500000.0                # [Pa/s]
+
+and another one of what the pressures do besides, which is read by `Compensation.load` and commands. The joint's own
+[hysteresis] counts, too.
+
+[regulators]
+dead_time = 0.0                # of the commands [s]
+dead_band = 0.0                # [Pa], total
+lag_up = 0.1                   # [s] of a pressure that rises, and
+lag_down = 0.1                 # of one that falls, for the reader: the models have the lag of [plant] for both
 """
 
 from collections.abc import Collection, Mapping
@@ -19,6 +28,8 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import storage
 
 FilePath = str | PathLike[str]
+
+_TOLD, _FOR_THE_READER = ("dead_time", "dead_band"), ("lag_up", "lag_down")
 
 
 def save_plant(path: FilePath, joint: AntagonistJoint, numbers: Mapping[str, Any]) -> None:
@@ -39,13 +50,19 @@ def stored_numbers(path: FilePath, names: Collection[str]) -> dict[str, Any]:
     return _numbers(path, storage.read(path), names)
 
 
-def _numbers(path: FilePath, content: dict[str, Any], names: Collection[str]) -> dict[str, Any]:
-    table = content.get("plant", {})
+def stored_regulators(path: FilePath) -> dict[str, Any]:
+    """Read dead time [s] and dead band [Pa], those that the file gives, whatever its joint. Raises `InvalidFile`."""
+    table = _numbers(path, storage.read(path), (*_TOLD, *_FOR_THE_READER), "regulators")
+    return {name: table[name] for name in _TOLD if name in table}
+
+
+def _numbers(path: FilePath, content: dict[str, Any], names: Collection[str], where: str = "plant") -> dict[str, Any]:
+    table = content.get(where, {})
     if not isinstance(table, dict):
-        raise InvalidFile(path, "[plant] has to be a table")
+        raise InvalidFile(path, f"[{where}] has to be a table")
     if surplus := table.keys() - set(names):
-        raise InvalidFile(path, f"[plant] has no {', '.join(sorted(surplus))}; it has {', '.join(names)}")
+        raise InvalidFile(path, f"[{where}] has no {', '.join(sorted(surplus))}; it has {', '.join(names)}")
     return {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
 
 
-__all__ = ["load_plant", "save_plant", "stored_numbers"]
+__all__ = ["load_plant", "save_plant", "stored_numbers", "stored_regulators"]

@@ -1,0 +1,230 @@
+"""What is it worth to tell controllers the hysteresis that was identified?
+
+`python -m benchmarks.closed_loop.hysteresis` lets the MPC follow three trajectories on two plants: the standard one,
+whose hysteresis is Maxwell slip with springs of its own and widths that grow with P1 + P2, and one that differs in that
+its hysteresis is a Prandtl–Ishlinskii operator of the angle. What is told comes from a log of slow sweeps of the plant,
+read by its sensors: pressures that go against each other in ever smaller turns about three co-contractions. On it the
+torque that the model's muscles would have at the measured angles and pressures is
+
+    T(θ, P) = K(θ, P) Σ κ_i e_i(θ; r_i s(P1 + P2)) + what the model's muscles are wrong by,   κ_i ≥ 0
+
+with stops e_i on a fixed grid of widths: nonnegative least squares, with one search for the share s_0 of the widths
+that is left without pressure. The muscles' error counts as one muscle stronger than the other and a constant torque;
+nobody is told of these. Dahl's friction is told three quarters or all of with a loop as wide, as in the closed-loop
+benchmark, and with its μ and δ fitted to the same log: so good can one memory be.
+
+RMS error of the angle [°] before the load comes, and to the end with it, mean over the seeds; in brackets the standard
+deviation.
+"""
+
+import argparse
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar, nnls
+
+from allocator.calculus import Array
+from allocator.joint.hysteresis import PrandtlIshlinskii
+from allocator.units import BAR, DEG
+from benchmarks.closed_loop.cases import CASES, MODEL, SETTINGS, STANDARD, TOLD
+from benchmarks.closed_loop.runs import figures, run_case
+from mpc import RealPlant
+from mpc.model.compensation import Compensation
+from mpc.model.contact import Contact, Hysteresis
+from mpc.model.friction import Friction
+from mpc.model.hysteresis import MaxwellSlip
+from mpc.trials.loops import loop
+
+TRAJECTORIES = ("sine", "min-jerk", "chirp")
+FIRST_SEED, SEEDS = 5001, 10
+RESULT = Path(__file__).parents[1] / "results" / "hysteresis.md"
+GRID = tuple(np.geomspace(0.25, 8.0, 11) * DEG)  # r_i [rad]
+SWEEP = 8.0  # [s] from turn to turn
+FILLED = (4.0, 5.0, 6.0)  # P1 + P2 [bar]
+AVERAGED = 5  # samples of the log
+_LEAST = 0.01  # of the torque, an element that carries less is left out
+_DT = 0.02  # [s]
+_OPERATOR = PrandtlIshlinskii((0.4, 0.2, 0.2, 0.2), (1.5 * DEG, 3.5 * DEG, 7.0 * DEG), base=0.4)  # loops of 5°
+
+PLANTS = {"Maxwell slip": STANDARD, "operator of the angle": replace(STANDARD, friction=_OPERATOR)}
+DAHL, FITTED, OPERATOR = "Dahl", "Dahl, fitted", "operator"
+SHARES = (0.75, 1.0)
+
+
+class Log(NamedTuple):
+    """A log of slow sweeps, from sensors, averaged."""
+
+    theta: Array  # (n,) [rad]
+    P: Array  # (n, 2) [Pa]
+
+    @property
+    def x(self) -> Array:
+        """The states (4, n), as at rest."""
+        return np.stack([self.theta, 0 * self.theta, *self.P.T])
+
+
+def swept(real: RealPlant, seed: int = 0) -> Log:
+    """The log of a plant whose pressures go against each other in ever smaller turns."""
+    depths = np.array([0.0, 1.2, -1.2, 0.9, -0.8, 0.6, -0.5, 0.35, -0.25, 0.15, -0.1, 0.0])  # [bar]
+    turns = SWEEP * np.arange(depths.size)
+    t = np.arange(0.0, turns[-1], _DT)
+    apart = np.interp(t, turns, depths)
+    u = np.concatenate([np.stack([c / 2 + apart, c / 2 - apart], axis=1) for c in FILLED]) * BAR
+    experiment = real.begin(_DT, real.at_rest(0.0, 5.5), seed)
+    read = np.empty((len(u), 4))
+    for k, command in enumerate(u):
+        experiment.advance(command)
+        read[k] = experiment.measure()
+    settled = read[len(read) % AVERAGED :].reshape(-1, AVERAGED, 4).mean(axis=1)[round(2 / _DT / AVERAGED) :]
+    return Log(settled[:, 0], settled[:, 2:])
+
+
+def identified(log: Log) -> PrandtlIshlinskii:
+    """The operator of the angle whose inverse explains the log best."""
+    base = minimize_scalar(lambda base: _explained(log, base)[1], bounds=(0.05, 1.0), method="bounded").x
+    springs, _ = _explained(log, float(base))
+    taken = [(k, r) for k, r in zip(springs, GRID, strict=True) if k * r > _LEAST * (springs @ GRID)]
+    kappa, widths = (tuple(map(float, column)) for column in zip(*taken, strict=True))
+    return PrandtlIshlinskii((1 + sum(kappa), *(-k for k in kappa)), widths, base=float(base)).inverse
+
+
+def _explained(log: Log, base: float) -> tuple[Array, float]:
+    """The springs κ (elements,) of stops with these widths, and what they leave of the torque [(N·m)²]."""
+    slip = MaxwellSlip((1.0,) * len(GRID), GRID, base, elastic=True)
+    stops = followed(slip, log) * MODEL.stiffness(log.x)[:, None]
+    left, wanted = _without_muscles_error(log, stops), _without_muscles_error(log, MODEL.torque(log.x)[:, None])
+    springs, rest = nnls(left, wanted[:, 0])
+    return springs, rest**2
+
+
+def followed(friction: Hysteresis, log: Log) -> Array:
+    """What `friction` remembers along the log (n, ...)."""
+    memory, states = friction.begun(float(log.theta[0])), []
+    for k, motion in enumerate(np.diff(log.theta, prepend=log.theta[:1]).tolist()):
+        memory = friction.moved(memory, motion, Contact(MODEL, log.x[:, k]))
+        states.append(memory)
+    return np.array(states)
+
+
+def _without_muscles_error(log: Log, columns: Array) -> Array:
+    """What is left of `columns` (n, …) beside one muscle that is stronger than the other, and a constant torque."""
+    error = np.column_stack([MODEL.pull(log.x), np.ones_like(log.theta)])
+    return np.asarray(columns - error @ np.linalg.lstsq(error, columns, rcond=None)[0])
+
+
+def fitted_dahl(log: Log) -> Friction:
+    """Dahl's friction with the μ and δ that explain the log best."""
+    wanted = _without_muscles_error(log, MODEL.torque(log.x)[:, None])
+
+    def explained(presliding: float) -> tuple[float, float]:
+        z = followed(Friction(1.0, 0.0, presliding), log)
+        column = _without_muscles_error(log, (MODEL.pull(log.x) * z)[:, None])
+        mu = max(float(np.vdot(column, wanted) / np.vdot(column, column)), 0.0)
+        return mu, float(((wanted - mu * column) ** 2).sum())
+
+    best = minimize_scalar(lambda delta: explained(delta)[1], bounds=(0.1 * DEG, 10 * DEG), method="bounded").x
+    return Friction(explained(float(best))[0], 0.0, float(best))
+
+
+@cache
+def told(plant: str) -> dict[tuple[str, float], Compensation]:
+    """What controllers are told, by what it is and the share of it."""
+    log = swept(PLANTS[plant])
+    models: dict[str, Hysteresis] = {
+        DAHL: PLANTS[plant].friction.as_dahl(MODEL),
+        FITTED: fitted_dahl(log),
+        OPERATOR: MaxwellSlip.of(identified(log)),
+    }
+    shares = {(name, share): model.share(share) for name, model in models.items() for share in SHARES}
+    shares |= {("nothing", 0.0): Friction()}
+    return {key: replace(TOLD, friction=model) for key, model in shares.items()}
+
+
+class Tracked(NamedTuple):
+    """The RMS errors [°] of a controller told so, by trajectory (trajectories, seeds)."""
+
+    plant: str
+    what: str
+    share: float
+    rms: Array
+    loaded: Array
+
+
+def tracked(plant: str, what: str, share: float, seeds: int = SEEDS, names: tuple[str, ...] = TRAJECTORIES) -> Tracked:
+    """The runs of the MPC on one plant, told one thing."""
+    driver = loop("mpc", SETTINGS._replace(compensation=told(plant)[what, share]))
+    found = [
+        [
+            figures(name, run_case(PLANTS[plant], CASES[name], *driver, seed))
+            for seed in range(FIRST_SEED, FIRST_SEED + seeds)
+        ]
+        for name in names
+    ]
+    rms, loaded = (np.array([[getattr(f, field) for f in row] for row in found]) for field in ("rms", "rms_with_load"))
+    return Tracked(plant, what, share, rms, loaded)
+
+
+def markdown(found: list[Tracked]) -> Iterator[str]:
+    """The report."""
+    yield "# Hysteresis that is told\n\n" + (__doc__ or "").partition("\n\n")[2]
+    for plant in dict.fromkeys(row.plant for row in found):
+        yield f"\n## {plant}\n"
+        models = told(plant)
+        yield f"Told are {models[FITTED, 1.0].friction.summary}, δ = {_delta(models):.2g}°, where it is fitted, and"
+        yield f"{models[OPERATOR, 1.0].friction.summary}: springs {_elements(models)}.\n"
+        yield f"| told | {' | '.join(TRAJECTORIES)} | with load: {' | '.join(TRAJECTORIES)} |"
+        yield "|---|" + "--:|" * 2 * len(TRAJECTORIES)
+        rows = {(row.what, row.share): row for row in found if row.plant == plant}
+        for (what, share), row in rows.items():
+            cells = [f"{np.mean(r):.3f} ({np.std(r):.3f})" for r in (*row.rms, *row.loaded)]
+            yield f"| {what}{f', {share:.0%}' if share else ''} | {' | '.join(cells)} |"
+        for share in SHARES:
+            gains = 1 - rows[OPERATOR, share].rms.mean(axis=1) / rows[DAHL, share].rms.mean(axis=1)
+            yield f"\nThe operator against Dahl as wide, {share:.0%} of each: {_gains(gains)} less error."
+
+
+def _gains(gains: Array) -> str:
+    return ", ".join(f"{name} {gain:.0%}" for name, gain in zip(TRAJECTORIES, gains, strict=True))
+
+
+def _delta(models: dict[tuple[str, float], Compensation]) -> float:
+    friction = models[FITTED, 1.0].friction
+    assert isinstance(friction, Friction)
+    return friction.presliding / DEG
+
+
+def _elements(models: dict[tuple[str, float], Compensation]) -> str:
+    slip = models[OPERATOR, 1.0].friction
+    assert isinstance(slip, MaxwellSlip)
+    pairs = (f"{k:.2f} K of {r / DEG:.2g}°" for k, r in zip(slip.springs, slip.widths, strict=True))
+    return f"{', '.join(pairs)}, {slip.base:.0%} of the widths without pressure"
+
+
+def _job(job: tuple[str, str, float, int]) -> Tracked:
+    return tracked(*job)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.closed_loop.hysteresis")
+    parser.add_argument("--out", type=Path, default=RESULT)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    given = parser.parse_args()
+    jobs = [(plant, *key, given.seeds) for plant in PLANTS for key in told(plant)]
+    found = []
+    with ProcessPoolExecutor(given.processes) as pool:
+        for row in pool.map(_job, jobs):
+            found.append(row)
+            print(f"{row.plant}, {row.what} {row.share:.0%}: {row.rms.mean(axis=1)}", flush=True)
+    text = "\n".join(markdown(found)) + "\n"
+    given.out.write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
