@@ -180,7 +180,7 @@ def friction_of(given: object) -> Hysteresis:
     """
     if isinstance(given, PrandtlIshlinskii):
         return MaxwellSlip.of(given) if given.size or given.gain != 1 else Friction()
-    if not isinstance(given, Hysteresis):
+    if isinstance(given, type) or not isinstance(given, Hysteresis):
         raise InvalidInput(f"friction = {given!r} has to be a Friction, a MaxwellSlip or a PrandtlIshlinskii")
     return given
 
