@@ -105,8 +105,8 @@ def _explained(log: Log, base: float) -> tuple[Array, float]:
 def followed(friction: Hysteresis, log: Log) -> Array:
     """What `friction` remembers along the log (n, ...)."""
     memory, states = friction.begun(float(log.theta[0])), []
-    for k, motion in enumerate(np.diff(log.theta, prepend=log.theta[:1]).tolist()):
-        memory = friction.moved(memory, motion, Contact(MODEL, log.x[:, k]))
+    for motion, x in zip(np.diff(log.theta, prepend=log.theta[:1]).tolist(), log.x.T.tolist(), strict=True):
+        memory = friction.moved(memory, motion, Contact(MODEL, x))
         states.append(memory)
     return np.array(states)
 

@@ -1,7 +1,7 @@
 """The exported code needs of what rubs: which model it is, its elements, and what the state makes of them.
 
-Every model that C knows is T_f = strength · Σ k_i m_i, its memories m_i moved by the angle within limits that `scale`
-widens; `mpc/export/c/mpc/friction.c` moves them.
+Every model that C knows is T_f = strength · Σ k_i m_i, its memories m_i moved by the angle, in springs within widths
+that `scale` widens; `mpc/export/c/mpc/friction.c` moves them.
 """
 
 from collections.abc import Iterator
@@ -41,7 +41,11 @@ def friction_sizes(friction: Hysteresis) -> Numbers:
 def friction_numbers(friction: Hysteresis) -> Numbers:
     """Return the numbers of the model."""
     if isinstance(friction, Friction):
-        return {"PRESLIDING": (friction.presliding, "[rad]")}
+        return {
+            "FRICTION": (friction.mu, "mu [-]"),
+            "COULOMB": (friction.coulomb, "[N*m]"),
+            "PRESLIDING": (friction.presliding, "[rad]"),
+        }
     return {"NEVER": (_NEVER, "half width of an element that never slips [rad]")}
 
 
@@ -55,19 +59,19 @@ def friction_tables(friction: Hysteresis) -> Iterator[tuple[str, str, Array]]:
 
 
 def friction_function(friction: Hysteresis, plant: Plant) -> tuple[Any, str]:
-    """Return the CasADi function from the state to strength and scale, and what it computes."""
+    """Return the CasADi function from the state to the two numbers that press, and what it computes."""
     import casadi as ca
 
     x = ca.SX.sym("x", NX)
-    strength, scale = (ca.densify(ca.SX(value)) for value in _of_state(friction, Contact(plant, x)))
-    function = ca.Function("friction", [x], [strength, scale], ["x"], ["strength", "scale"])
-    return function, "what the torque of friction's memory is multiplied by, and its widths"
+    press, scale = (ca.densify(ca.SX(value)) for value in _of_state(friction, Contact(plant, x)))
+    function = ca.Function("friction", [x], [press, scale], ["x"], ["press", "scale"])
+    return function, "pull [N*m] for Dahl's friction, or what springs are multiplied by; scale of their widths"
 
 
 def _of_state(friction: Hysteresis, contact: Contact) -> tuple[Value, Value]:
     if isinstance(friction, MaxwellSlip):
         return friction.strength(contact), friction.scale(contact.filled)
-    return friction.most(contact), 1.0
+    return contact.pulled, 1.0
 
 
 __all__ = ["check_friction", "friction_function", "friction_numbers", "friction_sizes", "friction_tables"]

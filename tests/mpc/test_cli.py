@@ -4,13 +4,16 @@ import csv
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import BAR, DEG
-from mpc import sine
+from allocator import BAR, DEG, PrandtlIshlinskii
+from allocator.joint.antagonist import report_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from mpc import Plant, sine
 from mpc.cli import app, main
 from mpc.trials.files import save_reference
 from mpc.trials.recordings import load_recording
@@ -64,6 +67,32 @@ def test_track_prints_the_errors_after_the_first_rest_as_well(tmp_path):
     printed = re.search(r"angle error \[°\]\D+([\d.e-]+)\D+([\d.e-]+)", after).groups()
     expected = np.sqrt(np.mean(later**2)), np.abs(later).max()
     assert [float(p) for p in printed] == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["nominal", "real"])
+def test_track_tells_the_controller_what_the_plant_s_file_says_and_simulates_it(plant, tmp_path):
+    operator = PrandtlIshlinskii((0.4, 0.2, 0.2, 0.2), (1.5 * DEG, 3.5 * DEG, 7.0 * DEG), base=0.4)
+    joint = report_joint(SAROSI_DMSP_20_400N)
+    path, silent, move = (tmp_path / name for name in ("plant.toml", "silent.toml", "move.csv"))
+    Plant(replace(joint, hysteresis=operator)).save(path)
+    with path.open("a", encoding="utf-8") as file:
+        file.write("\n[regulators]\ndead_time = 0.04\n")
+    Plant(joint).save(silent)
+    save_reference(sine(amplitude=15 * DEG, K=5.5, K_amplitude=0.0, duration=3, ramp=1), move)
+    runs = {}
+    for name in (path, silent):
+        out = tmp_path / f"{name.stem}.npz"
+        command = ["track", str(move), "--joint", str(name), "--plant", plant, "--out", str(out)]
+        result = CliRunner().invoke(app, [*command, "--controller", "predictive-pid"])
+        assert result.exit_code == 0, result.output
+        told = "told to the controller: hysteresis of the angle with 3 elements, dead time 0.04 s"
+        assert (told in " ".join(result.output.split())) is (name is path)
+        runs[name] = load_recording(out)
+    told, plain = runs[path], runs[silent]
+    assert np.abs(told.u - plain.u).max() > 0.05 * BAR  # the controller pulls harder
+    error = np.sqrt(np.mean((told.theta - told.theta_ref) ** 2))
+    assert error < (0.05 if plant == "nominal" else 2.5) * DEG  # as it should, on the plant that has what it is told
 
 
 def test_a_standard_trajectory_is_one_word_and_the_run_can_be_read_again(tmp_path):

@@ -4,11 +4,12 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from allocator import AntagonistError, report_joint, save_joint
+from allocator import AntagonistError, PrandtlIshlinskii, report_joint, save_joint
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_LOPEZ_LAAS_ARM
 from allocator.units import BAR
@@ -58,6 +59,21 @@ def test_a_joint_from_a_file_brings_its_friction_into_the_c_code(tmp_path):
     result = invoke("--out", tmp_path / "c", "--joint", tmp_path / "joint.toml")
     assert result.exit_code == 0, result.output
     assert "#define ANT_FRICTION (0.13)" in (tmp_path / "c" / "src" / "settings.h").read_text()
+
+
+@needs_gcc
+def test_a_plant_s_file_brings_hysteresis_and_dead_time_into_the_c_code(tmp_path):
+    operator = PrandtlIshlinskii((0.6, 0.2, 0.2), (0.02, 0.06), base=0.3)
+    save_joint(replace(report_joint(SAROSI_DMSP_20_400N), hysteresis=operator), tmp_path / "joint.toml")
+    with (tmp_path / "joint.toml").open("a") as file:
+        file.write("\n[regulators]\ndead_time = 0.03\n")
+    result = invoke("--out", tmp_path / "c", "--joint", tmp_path / "joint.toml", "--what", "mpc", "--horizon", "5")
+    assert result.exit_code == 0, result.output
+    assert "hysteresis of the angle with 2 elements, dead time 0.03 s" in result.output
+    config = (tmp_path / "c" / "antagonist_config.h").read_text()
+    assert all(f"#define ANT_{line}" in config for line in ("SLIPS 1", "ELEMENTS 2", "DELAY 3"))
+    printed = tools.run(tools.compiled(tmp_path / "c", Path("main.c"), "demonstration"))
+    assert printed in (tmp_path / "c" / "README.md").read_text()
 
 
 @needs_gcc

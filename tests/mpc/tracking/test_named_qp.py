@@ -9,14 +9,17 @@ from scipy.sparse import csc_matrix
 from allocator import BAR, DEG, InvalidInput
 from mpc import Compensation, Plant, Rung, TrackingMPC
 from mpc.model.friction import Friction
+from mpc.model.hysteresis import MaxwellSlip
 
 PLANT = Plant()
 KNOWN = Compensation(Friction(mu=0.05), dead_time=0.02, dead_band=0.05 * BAR)
+SLIP = MaxwellSlip((0.3, 0.2), (0.5 * DEG, 2 * DEG), elastic=True)
 CASES = {  # controller, reference of the angle [rad], of the stiffness [N·m/rad]
     "free": (TrackingMPC(PLANT, N=8), 0.5 * DEG, 7.62),
     "slew": (TrackingMPC(PLANT, N=8), 20 * DEG, 7.6),
     "blocks": (TrackingMPC(PLANT, N=8, blocks=(1, 1, 2, 4)), 2 * DEG, 7.7),
     "dead time": (TrackingMPC(PLANT, N=8, compensation=KNOWN), 1 * DEG, 7.6),
+    "hysteresis": (TrackingMPC(PLANT, N=8, compensation=Compensation(SLIP)), 1 * DEG, 7.6),
     "taut": (TrackingMPC(PLANT, N=8, min_force=40.0), 20 * DEG, 5.0),
 }
 

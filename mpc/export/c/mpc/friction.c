@@ -8,6 +8,9 @@
 ant_contact ant_contact_at(const ant_real x[4]) {
     ant_contact c;
     ant_model_friction(x, &c.strength, &c.scale);
+#if !ANT_SLIPS
+    c.strength = ANT_FRICTION * c.strength + ANT_COULOMB; /* of the muscles' pull */
+#endif
     return c;
 }
 
