@@ -1,10 +1,10 @@
 """What is it worth to tell controllers the hysteresis that was identified?
 
-`python -m benchmarks.closed_loop.hysteresis` lets the MPC follow three trajectories on two plants: the standard one,
-whose hysteresis is Maxwell slip with springs of its own and widths that grow with P1 + P2, and one that differs in that
-its hysteresis is a Prandtl–Ishlinskii operator of the angle. What is told comes from a log of slow sweeps of the plant,
-read by its sensors: pressures that go against each other in ever smaller turns about three co-contractions. On it the
-torque that the model's muscles would have at the measured angles and pressures is
+`python -m benchmarks.closed_loop.hysteresis` lets the MPC follow three trajectories on three plants: the standard one,
+whose hysteresis is Maxwell slip with springs of its own and widths that grow with P1 + P2; one that differs in that its
+hysteresis is a Prandtl–Ishlinskii operator of the angle; and the standard one that has lost what is told. That comes
+from a log of slow sweeps of the plant, read by its sensors: pressures that go against each other in ever smaller turns
+about three co-contractions. On it the torque of the model's muscles at the measured angles and pressures is
 
     T(θ, P) = K(θ, P) Σ κ_i e_i(θ; r_i s(P1 + P2)) + what the model's muscles are wrong by,   κ_i ≥ 0
 
@@ -31,7 +31,7 @@ from scipy.optimize import minimize_scalar, nnls
 from allocator.calculus import Array
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.units import BAR, DEG
-from benchmarks.closed_loop.cases import CASES, MODEL, SETTINGS, STANDARD, TOLD
+from benchmarks.closed_loop.cases import CASES, FREE, MODEL, SETTINGS, STANDARD, TOLD
 from benchmarks.closed_loop.runs import figures, run_case
 from mpc import RealPlant
 from mpc.model.compensation import Compensation
@@ -52,6 +52,8 @@ _DT = 0.02  # [s]
 _OPERATOR = PrandtlIshlinskii((0.4, 0.2, 0.2, 0.2), (1.5 * DEG, 3.5 * DEG, 7.0 * DEG), base=0.4)  # loops of 5°
 
 PLANTS = {"Maxwell slip": STANDARD, "operator of the angle": replace(STANDARD, friction=_OPERATOR)}
+VANISHED = "friction removed, told of Maxwell slip"
+TRACKED = PLANTS | {VANISHED: FREE}
 DAHL, FITTED, OPERATOR = "Dahl", "Dahl, fitted", "operator"
 SHARES = (0.75, 1.0)
 
@@ -134,9 +136,10 @@ def fitted_dahl(log: Log) -> Friction:
 @cache
 def told(plant: str) -> dict[tuple[str, float], Compensation]:
     """What controllers are told, by what it is and the share of it."""
-    log = swept(PLANTS[plant])
+    logged = PLANTS["Maxwell slip" if plant == VANISHED else plant]
+    log = swept(logged)
     models: dict[str, Hysteresis] = {
-        DAHL: PLANTS[plant].friction.as_dahl(MODEL),
+        DAHL: logged.friction.as_dahl(MODEL),
         FITTED: fitted_dahl(log),
         OPERATOR: MaxwellSlip.of(identified(log)),
     }
@@ -160,7 +163,7 @@ def tracked(plant: str, what: str, share: float, seeds: int = SEEDS, names: tupl
     driver = loop("mpc", SETTINGS._replace(compensation=told(plant)[what, share]))
     found = [
         [
-            figures(name, run_case(PLANTS[plant], CASES[name], *driver, seed))
+            figures(name, run_case(TRACKED[plant], CASES[name], *driver, seed))
             for seed in range(FIRST_SEED, FIRST_SEED + seeds)
         ]
         for name in names
@@ -215,7 +218,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--seeds", type=int, default=SEEDS)
     given = parser.parse_args()
-    jobs = [(plant, *key, given.seeds) for plant in PLANTS for key in told(plant)]
+    jobs = [(plant, *key, given.seeds) for plant in TRACKED for key in told(plant)]
     found = []
     with ProcessPoolExecutor(given.processes) as pool:
         for row in pool.map(_job, jobs):

@@ -1,6 +1,9 @@
 """What is known of a joint beyond the nominal model is taken account of by observer and controllers alike.
 
 The disturbance torque d is what remains besides. Observer and controller have to be given the same `Compensation`.
+Its friction is anything with the interface of `mpc.model.contact.Hysteresis`: what it remembers follows the estimated
+angle, and its torque along the intended motion is in the feed-forward and in the prediction. So the feed-forward goes
+through the inverse of a `PrandtlIshlinskii`, to first order, without an iteration.
 """
 
 from dataclasses import dataclass, field, replace

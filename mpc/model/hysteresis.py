@@ -179,7 +179,7 @@ def friction_of(given: object) -> Hysteresis:
     Raises `InvalidInput` for anything else.
     """
     if isinstance(given, PrandtlIshlinskii):
-        return MaxwellSlip.of(given) if given.size or given.gain != 1 else Friction()
+        return MaxwellSlip.of(given) if given.size or abs(given.gain - 1) > _NO_GAIN else Friction()
     if isinstance(given, type) or not isinstance(given, Hysteresis):
         raise InvalidInput(f"friction = {given!r} has to be a Friction, a MaxwellSlip or a PrandtlIshlinskii")
     return given
