@@ -10,14 +10,14 @@ P. Dahl, "A solid friction model", Aerospace Corp. TOR-0158(3107-18), 1968; it i
 """
 
 from dataclasses import dataclass, replace
-from math import copysign, exp
 from typing import Self
 
 import numpy as np
 
 from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
-from allocator.units import BAR, DEG
+from allocator.joint.history import PRESLIDING, dahl
+from allocator.units import BAR
 from mpc.model.contact import Contact
 from mpc.model.plant import Plant
 
@@ -30,7 +30,7 @@ class Friction:
 
     mu: float = 0.0  # μ [-], share of the muscles' torques
     coulomb: float = 0.0  # T_c [N·m]
-    presliding: float = 0.5 * DEG  # δ [rad]
+    presliding: float = PRESLIDING  # δ [rad]
 
     def __post_init__(self) -> None:
         """Check the parameters."""
@@ -42,7 +42,7 @@ class Friction:
             raise InvalidInput(f"presliding = {self.presliding!r} rad has to be positive and finite")
 
     @classmethod
-    def of_width(cls, plant: Plant, width: float, coulomb: float = 0.0, presliding: float = 0.5 * DEG) -> "Friction":
+    def of_width(cls, plant: Plant, width: float, coulomb: float = 0.0, presliding: float = PRESLIDING) -> "Friction":
         """Make friction with a loop `width` [rad] wide in slow sweeps at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width."""
         x = np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])
         return cls(torque_of_width(plant, width) / float(plant.pull(x)), coulomb, presliding)
@@ -77,18 +77,14 @@ class Friction:
 
             s = ca.sign(motion)
             return s - (s - memory) * ca.exp(-ca.fabs(motion) / self.presliding)
-        return self._turned(memory, motion) if motion else memory
+        return dahl(memory, motion, self.presliding) if motion else memory
 
     def along(self, memory: float, theta: Array, contact: Contact | None = None) -> Array:
         """Return z (n,) at the angles `theta` (n,) [rad], from z = `memory` at the first."""
         states = [memory]
         for motion in np.diff(theta).tolist():
-            states.append(self._turned(states[-1], motion))
+            states.append(dahl(states[-1], motion, self.presliding))
         return np.array(states)
-
-    def _turned(self, z: float, motion: float) -> float:
-        s = copysign(1.0, motion)
-        return s - (s - z) * exp(-abs(motion) / self.presliding)
 
     def torque(self, memory: Value, contact: Contact) -> Value:
         """Return T_f [N·m] of z, a number, an array or a CasADi symbol."""
