@@ -21,7 +21,7 @@ from allocator.errors import InvalidInput
 from allocator.joint.geometry import Geometry, Pulley
 from allocator.joint.history import through_friction, through_plays
 from allocator.joint.hysteresis import PrandtlIshlinskii
-from allocator.joint.limits import TAUT, Limit, Limits, PressureBox
+from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE, TAUT, UNSEEN, Limit, Limits, PressureBox
 from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.tondu_pulley import TonduPulley
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
@@ -50,6 +50,8 @@ class AntagonistJoint:
     hysteresis: PrandtlIshlinskii | None = field(default=None, kw_only=True)  # of the angle, if it was identified
     covariance: Covariance | None = field(default=None, kw_only=True, repr=False)
     """Of all parameters of agonist and antagonist together, in this order, if the joint was fitted as a whole."""
+    unseen: tuple[str, ...] = field(default=(), kw_only=True)
+    """What the data of its fit leave open, in words fit for a sentence, each one of `allocator.joint.limits.UNSEEN`."""
 
     def __post_init__(self) -> None:
         """Check the limits against each other."""
@@ -71,6 +73,7 @@ class AntagonistJoint:
         if self.covariance is not None:
             n = len(self.agonist.parameters) + len(self.antagonist.parameters)
             object.__setattr__(self, "covariance", checks.covariance("covariance of a joint", self.covariance, n))
+        object.__setattr__(self, "unseen", _known(self.unseen))
         left, right = self.angle_range
         if not left < right:
             raise InvalidInput(
@@ -152,6 +155,14 @@ class AntagonistJoint:
         left, right = self.angle_range
         below, above = (np.int32(self.angle_limit(upper)) for upper in (False, True))
         return np.where(theta < left, below, np.where(theta > right, above, np.int32(0)))
+
+    @property
+    def slack_assumed(self) -> bool:
+        """Return whether the forces, hence the pressures at which cables go slack, are assumed rather than seen.
+
+        What equilibria do not see changes no torque at any angle, hence no stiffness either.
+        """
+        return bool({COMMON_FORCE, PRIOR_FORCE} & set(self.unseen))
 
     @property
     def pressure_span(self) -> float:
@@ -257,6 +268,14 @@ class AntagonistJoint:
         if not (isinstance(muscle, Tondu2021) and muscle == self.antagonist and isinstance(geometry, Pulley)):
             return None
         return TonduPulley(muscle, geometry) if geometry.initial_contraction > 0 else None
+
+
+def _known(unseen: object) -> tuple[str, ...]:
+    """Return what is not seen as a tuple. Raises InvalidInput where it is not of the words in `UNSEEN`."""
+    entries = tuple(unseen) if isinstance(unseen, tuple | list) else (unseen,)
+    if wrong := [entry for entry in entries if entry not in UNSEEN]:
+        raise InvalidInput(f"unseen has no {wrong[0]!r}; it may have {' or '.join(map(repr, UNSEEN))}")
+    return entries
 
 
 @cache

@@ -15,6 +15,11 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 
+COMMON_FORCE = "a force common to both muscles"
+PRIOR_FORCE = f"{COMMON_FORCE}, which is that of a prior"
+UNSEEN = (COMMON_FORCE, PRIOR_FORCE)
+"""What the data of a joint's fit may leave open: while it is, the pressures at which cables go slack are assumed."""
+
 BINDS = 1e-9  # of the supply range: a pressure nearer to a bound lies on it
 
 
@@ -254,4 +259,15 @@ class PressureBox:
         return np.where(cut, on_floor, Q1), np.where(cut, self.least_sum - on_floor, Q2)
 
 
-__all__ = ["BINDS", "TAUT", "Limit", "Limits", "PressureBox", "PressureInterval", "names"]
+__all__ = [
+    "BINDS",
+    "COMMON_FORCE",
+    "PRIOR_FORCE",
+    "TAUT",
+    "UNSEEN",
+    "Limit",
+    "Limits",
+    "PressureBox",
+    "PressureInterval",
+    "names",
+]

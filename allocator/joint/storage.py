@@ -6,6 +6,7 @@ min_contraction = 0.025
 angle_limits = [-0.8, 0.8]     # or without this line
 friction = 0.13
 scale_known = true             # false: fitted without a weight, no torque and no stiffness
+unseen = ["a force common to both muscles"]  # by the data of its fit; or without this line
 
 [geometry]
 kind = "Lever"
@@ -74,6 +75,8 @@ def dumps(joint: AntagonistJoint, *, scale_known: bool = True, source: Mapping[s
     if joint.angle_limits is not None:
         lines.append(f"angle_limits = {_toml(joint.angle_limits)}")
     lines += [f"friction = {_toml(joint.friction)}", f"scale_known = {'true' if scale_known else 'false'}"]
+    if joint.unseen:
+        lines.append(f"unseen = {_toml(joint.unseen)}")
     lines += ["", *_geometry_lines(joint.geometry)]
     for name, muscle in (("agonist", joint.agonist), ("antagonist", joint.antagonist)):
         lines += ["", *_muscle_lines(name, muscle)]
@@ -105,7 +108,7 @@ def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = 
             "holds a joint whose force scale is unknown, since it was fitted without a weight: it has no stiffness to "
             "command; fit again with a torque column, or complete the fit by with_scale",
         )
-    known = {"pressure_limits", "min_contraction", "angle_limits", "friction"}
+    known = {"pressure_limits", "min_contraction", "angle_limits", "friction", "unseen"}
     if surplus := joint.keys() - known - {"scale_known"}:
         raise InvalidFile(path, f"[joint] has no {', '.join(sorted(surplus))}; it has {', '.join(sorted(known))}")
     limits: dict[str, Any] = {

@@ -58,6 +58,16 @@ class RelativeJoint:
         return K.ratio(gradients.stiffness(self.shape, *_flat(*self.reference)))
 
     @property
+    def unseen(self) -> tuple[str, ...]:
+        """Return what the data of the fit leave open, beside the force scale."""
+        return self.shape.unseen
+
+    @property
+    def slack_assumed(self) -> bool:
+        """Return whether the pressures at which cables go slack are assumed rather than seen."""
+        return self.shape.slack_assumed
+
+    @property
     def reference(self) -> tuple[float, float, float]:
         """Return (θ, P1, P2) [rad, Pa, Pa] of K_ref: the middle of the joint, both pressures in the middle of the
         supply.
