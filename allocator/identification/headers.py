@@ -27,6 +27,7 @@ UNITS: dict[str, dict[str, float]] = {  # by quantity, the usual unit first; "" 
     "time": {"s": 1.0, "ms": 1e-3, "": 1.0},
     "direction": {"": 1.0},
     "sweep": {"": 1.0},
+    "slack": {"": 1.0},
     "rest_length": _LENGTH,
 }
 
@@ -43,6 +44,7 @@ _NAMES = {
     "time": "time t zeit temps",
     "direction": "direction richtung",
     "sweep": "sweep",
+    "slack": "slack schlaff",
     "rest_length": "restlength l0 initiallength nominallength ruhelänge",
 }
 _QUANTITIES = {name: quantity for quantity, names in _NAMES.items() for name in names.split()}

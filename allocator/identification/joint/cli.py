@@ -72,6 +72,7 @@ def fit_joint_command(
         "torque": data.torque,
         "direction": data.direction,
         "group": groups,
+        "slack": data.slack,
         "average": average,
         "friction": friction,
         "dead_band": dead_band * BAR,

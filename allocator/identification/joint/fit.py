@@ -11,15 +11,15 @@ from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.identification.joint.mistakes import check_data
 from allocator.identification.joint.problem import JointProblem
-from allocator.identification.joint.result import JointFit, solved
-from allocator.identification.joint.samples import JointSamples
-from allocator.identification.joint.search import scaled_guess
+from allocator.identification.joint.result import JointFit, first_search, solved
+from allocator.identification.joint.samples import JointSamples, SlackReadings
 from allocator.identification.joint.start import starting_muscle
 from allocator.joint.geometry import Geometry
 from allocator.muscles import MODELS, Muscle, Recipe
 from allocator.units import BAR
 
 DEAD_BAND = 0.5 * BAR  # below it a muscle hardly acts [Pa]
+SLACK_NOISE = 0.1 * BAR  # standard deviation of the pressures of a sag test [Pa]
 _EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-0.6, 0.6), "friction": (-0.5, 0.8)}
 _MOST_SAMPLES = 1000  # more are put into cells
 _UNBOUNDED = (-np.inf, np.inf)
@@ -43,6 +43,9 @@ def fit_joint(
     taut_min: float = 0.02,
     hold: Mapping[str, float] | None = None,
     start: Muscle | None = None,
+    slack: ArrayLike | None = None,
+    slack_noise: float = SLACK_NOISE,
+    prior: Muscle | None = None,
     leave_one_out: bool = True,
 ) -> JointFit:
     """Fit the muscles of a joint to equilibria: angles [rad] at pressures (P1, P2) [Pa, gauge], arrays that broadcast.
@@ -74,6 +77,15 @@ def fit_joint(
         Least force of both muscles, as a share of the mean: what no taut equilibrium tells on a pulley.
     hold, start
         As for `fit`: parameters of the muscle not to be fitted, a muscle to start from.
+    slack
+        Rows of a sag test: 1 where P1 was lowered until the cable of the agonist just went slack, 2 where P2 was
+        until that of the antagonist did, 3 both, 0 an equilibrium. Such a row says F_i = 0 at its angle and pressure,
+        the joint held or at rest, and nothing else; it shows the force common to both muscles, which equilibria do not.
+    slack_noise
+        Standard deviation of the pressures at which a cable was found to go slack [Pa].
+    prior
+        A muscle of the same type, from the catalogue or fitted to forces (`fit(…).muscle`), that tells the common
+        force, with its covariance, where the data do not. Its strength does not matter.
     leave_one_out
         Whether each group is also predicted from the others.
 
@@ -83,9 +95,10 @@ def fit_joint(
         For data that cannot be what they should be, or that cannot tell what is asked, each in a sentence.
     """
     samples = JointSamples.checked(theta, P1, P2, geometry=geometry, torque=torque, direction=direction, group=group)
+    samples, sag = _parted(samples, slack, slack_noise)
     dead = checks.not_negative("dead_band", checks.pressure("dead_band", dead_band), "Pa")
-    slack = (samples.P1 < dead) | (samples.P2 < dead)
-    samples = samples.without(slack, f"a pressure below the dead band of {dead / BAR:g} bar")
+    slack_by_pressure = (samples.P1 < dead) | (samples.P2 < dead)
+    samples = samples.without(slack_by_pressure, f"a pressure below the dead band of {dead / BAR:g} bar")
     check_data(samples, friction and not average)
     samples = samples.binned(_MOST_SAMPLES)
     if average:
@@ -93,8 +106,25 @@ def fit_joint(
     extra = _extra(samples, friction=friction, ratio=ratio, zero=zero)
     prototype, recipe, fixed = _prototype(model, samples, hold or {}, start)
     samples = _within(samples, prototype)
-    problem = _problem(prototype, recipe, samples, fixed, extra, taut_min)
-    return solved(problem, scaled_guess(problem), leave_one_out)
+    problem = replace(_problem(prototype, recipe, samples, fixed, extra, taut_min), sag=sag)
+    return solved(problem, first_search(problem, recipe), leave_one_out, prior)
+
+
+def _parted(samples: JointSamples, slack: Any, noise: float) -> tuple[JointSamples, SlackReadings | None]:
+    """Return the equilibria, and the readings of a sag test."""
+    if slack is None:
+        return samples, None
+    (which,) = checks.broadcast(slack=checks.real("slack", slack, "0, 1, 2 or 3"))
+    if not np.isin(which, (0, 1, 2, 3)).all() or which.size not in (1, samples.n):
+        raise InvalidInput(
+            "slack has to be 0 (an equilibrium), 1 (agonist), 2 (antagonist) or 3 (both) for each of the "
+            f"{samples.n} samples"
+        )
+    error = checks.not_negative("slack_noise", checks.pressure("slack_noise", noise), "Pa")
+    if not error > 0:
+        raise InvalidInput(f"slack_noise = {error:g} Pa has to be positive")
+    codes = np.broadcast_to(which.ravel(), samples.n).astype(np.intp)
+    return samples.where(codes == 0), SlackReadings.of(samples, codes, float(error))
 
 
 def _extra(samples: JointSamples, **wanted: bool) -> tuple[str, ...]:
@@ -116,11 +146,12 @@ def _prototype(
         if model not in MODELS:
             raise MissingBackend("model", model, MODELS)
         model = MODELS[model]
-    prototype = start or starting_muscle(model, samples, hold)
-    prototype = replace(prototype.with_parameters(hold), covariance=None)
     (eps1, *_), (eps2, *_), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
     P = np.concatenate([samples.P1, samples.P2])
     recipe = model.recipe(np.concatenate([eps1, eps2]), P, np.ones(P.size))
+    projected = recipe.starts[0] if recipe.linear and not hold else None
+    prototype = start or projected or starting_muscle(model, samples, hold)
+    prototype = replace(prototype.with_parameters(hold), covariance=None)
     fixed = {n for n in prototype.parameters if n in hold or {n, n.partition("[")[0]} & set(recipe.conventional)}
     return prototype, recipe, frozenset(fixed)
 

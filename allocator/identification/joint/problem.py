@@ -7,11 +7,20 @@ The muscles F1 = F(P1, ε1; p) and F2 = ρ F(P2, ε2; p) hold the torque T and l
     minimise  Σ (θ_i - z - θ_eq,i)²  +  w² Σ max(0, η - F_i/F̄)²        over p, log ρ, z, μ within bounds
 
 z is the encoder's zero. By the implicit function theorem ∂θ_eq/∂p = (∂G/∂p)/K_s, with K_s = -∂G/∂θ. The second sum says
-that the muscles are taut: every force at least the share η of the mean force F̄. On a pulley a constant internal force
-cancels, and nothing else bounds it. Where no torque was hung, T = 0, the force scale is no unknown: one more equation,
-mean ∂F/∂P = 10 cm², sets it by convention.
+that the muscles are taut: every force at least the share η of the mean force F̄. Where no torque was hung, T = 0, the
+force scale is no unknown: one more equation, mean ∂F/∂P = 10 cm², sets it by convention.
+
+A force common to both muscles, a1 ΔF1 = a2 ΔF2 at all angles, moves no angle. Two kinds of equation more can set it:
+
+    W (φ - φ*) = 0,   φ = Σ F / Σ P ∂F/∂P      the pull share: the mean force as a share of what the pressure gives
+    w_s F_i/(∂F/∂P) = 0                        muscle i just goes slack at this pressure, in a sag test
+
+φ = 1 for a muscle that without pressure neither pulls nor pushes, and does not depend on the force scale. The friction
+μ grows with the forces and would show them, if it were proportional to them. Where that is not to be relied upon a
+constant friction torque c s ("coulomb") and a constant play b s of the angle ("play") are fitted beside it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self
@@ -19,7 +28,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from allocator.calculus import Array, Mask
-from allocator.identification.joint.samples import JointSamples, Routes
+from allocator.identification.joint.samples import JointSamples, Routes, SlackReadings
 from allocator.muscles import Muscle, force_gradient
 
 CONVENTIONAL_AREA = 1e-3  # [m²] mean ∂F/∂P where nothing tells the force scale
@@ -28,6 +37,7 @@ _MARGIN = 0.35  # [rad]
 _STEPS = 60
 _HALVINGS = 5
 _CLOSE = 1e-8  # [rad] a Newton step after which the next is below rounding
+_COMPLEX_STEP = 1e-30
 _GREAT = 10.0  # stands for a residual that the law cannot evaluate [rad]
 
 
@@ -38,6 +48,15 @@ class Unknowns(NamedTuple):
     ratio: float  # strength of the antagonist in that of the agonist, ρ [-]
     zero: float  # of the encoder, z [rad]
     friction: float  # μ [-]
+    coulomb: float = 0.0  # constant friction torque c [N·m]
+    play: float = 0.0  # constant part of the hysteresis, b [rad]
+
+
+class PullShare(NamedTuple):
+    """A pull share is the value φ* that the equation above sets, and its weight W."""
+
+    value: float  # [-]
+    weight: float  # [rad]
 
 
 class Balance(NamedTuple):
@@ -51,7 +70,7 @@ class Balance(NamedTuple):
 @dataclass(frozen=True)
 class JointProblem:
     """The problem is that of the module. x = (`free` parameters of the muscle, then `extra`: "log_ratio", "zero",
-    "friction").
+    "friction", "coulomb").
     """
 
     prototype: Muscle
@@ -62,6 +81,9 @@ class JointProblem:
     samples: JointSamples
     taut_min: float  # η [-]
     conventional: bool  # whether the force scale is set by convention
+    pull: PullShare | None = None  # None: the common force is left to the other equations
+    sag: SlackReadings | None = None
+    sag_weight: float = 0.0  # w_s [rad/Pa]
     margin: float = _MARGIN  # beyond the measured angles, within which equilibria are looked for [rad]
 
     def on(self, keep: Mask) -> Self:
@@ -82,8 +104,8 @@ class JointProblem:
         values = dict(zip(self.names, x.tolist(), strict=True))
         free = {name: values[name] for name in self.free}
         muscle = self.prototype.unchecked([*(self.prototype.parameters | free).values()])
-        ratio = float(np.exp(values.get("log_ratio", 0.0)))
-        return Unknowns(muscle, ratio, values.get("zero", 0.0), values.get("friction", 0.0))
+        ratio = np.exp(values.get("log_ratio", 0.0)).item()
+        return Unknowns(muscle, ratio, *(values.get(name, 0.0) for name in ("zero", "friction", "coulomb", "play")))
 
     # --- equilibrium ------------------------------------------------------------------------------------------------
 
@@ -96,7 +118,8 @@ class JointProblem:
             F1, F2 = u.muscle.law(s.P1, eps1), u.ratio * u.muscle.law(s.P2, eps2)
             slope1, slope2 = u.muscle.slope(s.P1, eps1), u.ratio * u.muscle.slope(s.P2, eps2)
         elastic = -(w1 * a1**2 * slope1 + w2 * a2**2 * slope2) / l0
-        return Balance(w1 * a1 * F1 - w2 * a2 * F2 - s.torque, elastic - (w1 * da1 * F1 - w2 * da2 * F2), (F1, F2))
+        lacking = w1 * a1 * F1 - w2 * a2 * F2 - s.torque - u.coulomb * s.direction
+        return Balance(lacking, elastic - (w1 * da1 * F1 - w2 * da2 * F2), (F1, F2))
 
     def equilibrium(self, u: Unknowns) -> tuple[Array, Mask]:
         """Return θ_eq (n,) [rad], and where there is one.
@@ -154,27 +177,44 @@ class JointProblem:
         That leads the search back to where there is one.
         """
         theta, reached = self.equilibrium(u)
+        shown = u.zero + theta - u.play * self.samples.direction
         if reached.all():
-            return u.zero + theta
+            return np.asarray(shown)
         G, K, _ = self.balance(u, theta)
-        return np.asarray(u.zero + theta + np.where(reached, 0.0, G / _usual(K, reached)))
+        return np.asarray(shown + np.where(reached, 0.0, G / _usual(K, reached)))
 
     def residual(self, x: Array) -> Array:
-        """Return the angle errors (n,), tautness (2n,), and the convention (1,) where it is needed."""
+        """Return the angle errors (n,), tautness (2n,), and those of the other equations that are needed."""
         u = self.unknowns(x)
-        rows = [self.angle_error(x), _TAUT_WEIGHT * np.maximum(self.taut_min - self.shares(u), 0.0)]
-        if self.conventional:
-            rows.append(np.array([self.mean_area(u)]).real / CONVENTIONAL_AREA - 1)
+        rows = [self.angle_error(x), _TAUT_WEIGHT * np.maximum(self.taut_min - self.shares(u), 0.0), self._further(u)]
         r = np.concatenate(rows)
         return np.where(np.isfinite(r), r, _GREAT)
 
     def jacobian(self, x: Array) -> Array:
         """Return ∂residual/∂x (rows, m)."""
         u = self.unknowns(x)
-        rows = [-self._angle_gradient(u), self._taut_gradient(u)]
-        if self.conventional:
-            rows.append(self._area_gradient(u))
+        rows = [-self._angle_gradient(u), self._taut_gradient(u), self.gradient(self._further, x)]
         return np.nan_to_num(np.vstack(rows))
+
+    def _further(self, u: Unknowns) -> Array:
+        """Return the residuals of convention (1,), pull share (1,) and sag test (k,); complex if an unknown is."""
+        rows = []
+        if self.conventional:
+            rows.append(np.array([self.mean_area(u) / CONVENTIONAL_AREA - 1]))
+        if self.pull is not None:
+            rows.append(np.array([self.pull.weight * (self.pull_share(u) - self.pull.value)]))
+        if self.sag is not None:
+            rows.append(self.sag_weight * self.sag_error(u))
+        return np.concatenate(rows) if rows else np.zeros(0)
+
+    def gradient(self, quantity: Callable[[Unknowns], Array], x: Array) -> Array:
+        """Return ∂quantity/∂x (rows, m), exact to rounding by complex steps."""
+        gradient = np.zeros((quantity(self.unknowns(x)).size, x.size))
+        for i in range(x.size if gradient.size else 0):
+            moved = x.astype(object)  # one complex number among real ones
+            moved[i] += _COMPLEX_STEP * 1j
+            gradient[:, i] = np.imag(quantity(self.unknowns(moved))) / _COMPLEX_STEP
+        return gradient
 
     def _angle_gradient(self, u: Unknowns) -> Array:
         """Return ∂(z + θ_eq)/∂x (n, m)."""
@@ -186,12 +226,14 @@ class JointProblem:
         pull1, pull2 = a1 * (1 - u.friction * s.direction), a2 * (1 + u.friction * s.direction)
         dF1, dF2 = self._force_gradient(u, s.P1, eps1), u.ratio * self._force_gradient(u, s.P2, eps2)
         columns = [*(pull1[:, None] * dF1 - pull2[:, None] * dF2).T]
-        extra = {"log_ratio": -pull2 * F2, "friction": -s.direction * (a1 * F1 + a2 * F2), "zero": K}
+        extra = {"log_ratio": -pull2 * F2, "friction": -s.direction * (a1 * F1 + a2 * F2), "coulomb": -s.direction}
+        extra |= {"zero": K, "play": 0.0 * K}
         columns += [extra[name] for name in self.extra]
         with np.errstate(all="ignore"):
             gradient = np.stack(columns, axis=1).reshape(s.n, -1) / np.where(reached, K, _usual(K, reached))[:, None]
-        if "zero" in self.extra:
-            gradient[:, self.names.index("zero")] = 1.0
+        for name, shift in (("zero", 1.0), ("play", -s.direction)):
+            if name in self.extra:
+                gradient[:, self.names.index(name)] = shift
         return np.asarray(gradient)
 
     def _force_gradient(self, u: Unknowns, P: Array, eps: Array) -> Array:
@@ -240,15 +282,34 @@ class JointProblem:
         with np.errstate(all="ignore"):
             return np.mean(u.muscle.gain(self.samples.P1, eps1)).item()
 
-    def _area_gradient(self, u: Unknowns) -> Array:
-        """Return ∂(mean ∂F/∂P)/∂x (1, m) in units of the convention, by complex steps."""
-        gradient = np.zeros((1, len(self.names)))
-        values, places = list(u.muscle.parameters.values()), [*u.muscle.parameters]
-        for column, name in enumerate(self.free):
-            i = places.index(name)
-            moved = u.muscle.unchecked([*values[:i], values[i] + 1e-30j, *values[i + 1 :]])
-            gradient[0, column] = np.imag(self.mean_area(u._replace(muscle=moved))) / 1e-30 / CONVENTIONAL_AREA
-        return gradient
+    def pull_share(self, u: Unknowns) -> complex:
+        """Return φ [-] at the measured angles; complex if an unknown is."""
+        (eps1, *_), (eps2, *_), _ = self._measured
+        s = self.samples
+        with np.errstate(all="ignore"):
+            given = s.P1 * u.muscle.gain(s.P1, eps1) + u.ratio * s.P2 * u.muscle.gain(s.P2, eps2)
+        share: complex = np.divide(self.measured_forces(u).sum(), given.sum()).item()
+        return share
+
+    @cached_property
+    def common_weight(self) -> Array:
+        """Return ā/a (2n,) of agonist and antagonist at the measured angles: forces in these ratios move no angle."""
+        (_, a1, _), (_, a2, _), _ = self._measured
+        return np.asarray(self.mean_arm / np.concatenate([a1, a2]))
+
+    @cached_property
+    def mean_arm(self) -> float:
+        """Return ā [m], the mean moment arm at the measured angles."""
+        (_, a1, _), (_, a2, _), _ = self._measured
+        return float(np.concatenate([a1, a2]).mean())
+
+    def sag_error(self, u: Unknowns) -> Array:
+        """Return by how much the pressure of the sag test is above that at which the muscle goes slack (k,) [Pa]."""
+        if self.sag is None:
+            return np.zeros(0)
+        P, eps = self.sag.muscles(u.zero)
+        with np.errstate(all="ignore"):
+            return np.asarray(u.muscle.law(P, eps) / u.muscle.gain(P, eps))
 
 
 def _usual(K: Array, reached: Mask) -> float:
@@ -257,4 +318,4 @@ def _usual(K: Array, reached: Mask) -> float:
     return float(np.median(known)) if known.size else 1.0
 
 
-__all__ = ["CONVENTIONAL_AREA", "JointProblem", "Unknowns"]
+__all__ = ["CONVENTIONAL_AREA", "JointProblem", "PullShare", "Unknowns"]

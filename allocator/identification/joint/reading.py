@@ -6,6 +6,8 @@ Columns by name and unit as for `read_samples` (`phi [deg]`, `P1_bar`, …), in 
     torque [Nm]                 of the weight, positive where it pulls θ down; 0 without this column
     direction                   +1 where θ was rising into the equilibrium, -1 falling, 0 not known
     sweep                       instead of it: a number whose direction the caller gives
+    slack                       of a sag test: 1 where the cable of the agonist just went slack, 2 of the antagonist,
+                                3 both, 0 in rows that are equilibria
     rest_length [mm, m]         of the muscles, where samples of several lengths are in one file
     time [s, ms]                makes the file a raw log, of which the steady parts are used; s without a unit
 
@@ -31,7 +33,7 @@ _STILL_PRESSURE = 0.05 * BAR
 _STILL_ANGLE = 0.3 * DEG
 _MOST_STEP = 0.5  # [s] between samples
 _WANTED = (("theta",), ("pressure1",), ("pressure2",))
-_OPTIONAL = ("torque", "direction", "sweep", "rest_length", "time")
+_OPTIONAL = ("torque", "direction", "sweep", "slack", "rest_length", "time")
 
 
 class JointLog(NamedTuple):
@@ -45,6 +47,7 @@ class JointLog(NamedTuple):
     rest_length: Array | None  # [m]
     rows: int  # of the file
     used: int  # rows that went into an equilibrium
+    slack: Array | None = None  # 1, 2 or 3: a row of a sag test, see `fit_joint`; None: there are none
 
     @property
     def dropped_share(self) -> float:
@@ -73,7 +76,12 @@ def read_joint_log(
     lengths = values.get("rest_length")
     if "time" not in values:
         way = _directions(measured, sweeps or {})
-        return JointLog(**given, direction=way, rest_length=lengths, rows=rows, used=rows)
+        slack = _slack(measured)
+        return JointLog(**given, direction=way, rest_length=lengths, rows=rows, used=rows, slack=slack)
+    if (marked := _slack(measured)) is not None and marked.any():
+        raise measured.mistake(
+            "slack", "a raw log holds no sag test: give its rows without a time", int(marked.argmax())
+        )
     step = float(np.median(np.diff(values["time"]))) if rows > 1 else _MOST_STEP
     if step > _MOST_STEP:
         raise measured.mistake("time", f"samples are {step:g} s apart, too far to see what rests; ms for s?")
@@ -103,6 +111,15 @@ def steady_runs(time: Array, theta: Array, P1: Array, P2: Array) -> list[NDArray
 
 def _rows(runs: list[NDArray[np.intp]]) -> int:
     return int(np.unique(np.concatenate(runs)).size)
+
+
+def _slack(measured: Measured) -> Array | None:
+    """Return which cables just went slack in each row, None without such a column."""
+    slack = measured.values.get("slack")
+    if slack is not None and (wrong := ~np.isin(slack, (0, 1, 2, 3))).any():
+        sentence = "has to be 1 (the agonist goes slack), 2 (the antagonist), 3 (both) or 0 (an equilibrium)"
+        raise measured.mistake("slack", sentence, int(np.argmax(wrong)))
+    return slack
 
 
 def _ways(theta: Array) -> Array:

@@ -15,10 +15,13 @@ from allocator.identification.joint.relative import with_joint_covariance
 from allocator.identification.joint.search import minimise
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import monotonicity_failure, scaled, strength_powers
+from allocator.units import DEG
 
 _DETERMINANT_GRID = 7
 _MOST_MISSED = 0.05  # of the samples for which the model may have no equilibrium
 _POOR_SCALE = 0.25
+_LARGE_ZERO = 15.0  # [deg] an encoder is set to zero better than that
+_NO_FRICTION = 1e-3  # a μ below this is none, whatever its sign
 
 
 class GroupError(NamedTuple):
@@ -76,8 +79,13 @@ def covariance(problem: JointProblem, x: Array) -> Array:
 
 
 def unseen(problem: JointProblem, x: Array) -> tuple[str, ...]:
-    """Return the directions that move no angle, from the rows of the angles alone; the force scale by its name."""
-    r, J = problem.residual(x)[: problem.samples.n], problem.jacobian(x)[: problem.samples.n]
+    """Return the directions that move no angle and no pull share that is set; the force scale by its name."""
+    n = problem.samples.n
+    r, J = problem.residual(x), problem.jacobian(x)
+    told = np.concatenate([np.ones(n, bool), np.zeros(2 * n, bool), np.ones(r.size - 3 * n, bool)])
+    if problem.conventional:
+        told[3 * n] = False
+    r, J = r[told], J[told]
     directions = determine(J, float(r @ r), problem.names, x).collinear
     if not problem.conventional:
         return directions
@@ -101,7 +109,9 @@ def parameter_jacobian(problem: JointProblem, u: Unknowns) -> Array:
     return J
 
 
-def joints(problem: JointProblem, u: Unknowns, covariance: Array) -> dict[str, AntagonistJoint]:
+def joints(
+    problem: JointProblem, u: Unknowns, covariance: Array, unseen: tuple[str, ...] = ()
+) -> dict[str, AntagonistJoint]:
     """Return the fitted joints by group, with the covariance of the parameters of both muscles."""
     J = parameter_jacobian(problem, u)
     C, samples = J @ covariance @ J.T, problem.samples
@@ -121,6 +131,7 @@ def joints(problem: JointProblem, u: Unknowns, covariance: Array) -> dict[str, A
             min(0.025, least - 0.005),
             (float(angles.min()), float(angles.max())),
             friction=max(u.friction, 0.0),
+            unseen=unseen,
         )
         joints[label] = with_joint_covariance(joint, C if u.muscle.parameters else None)
     return joints
@@ -203,20 +214,31 @@ def findings(
 def warnings(problem: JointProblem, x: Array, u: Unknowns, found: Findings) -> tuple[str, ...]:
     """Return what is to be known before the fit is used."""
     bounded = (n for n, b in zip(problem.names, at_bound(problem, x), strict=True) if b)
-    forces, slack, positive = 2 * problem.samples.n, found.slack, found.determinant_positive
+    forces, positive = 2 * problem.samples.n, found.determinant_positive
+    slack = found.slack if problem.pull is None else 0  # where the pull share is assumed so are slack cables
     return (
         *(() if found.converged else ("the search stopped before it converged",)),
         *(f"{name} ended at the limit of its search" for name in bounded),
         *((f"[M] fails: {found.failure}",) if found.failure else ()),
         *(() if positive else ("det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere",)),
         *((f"{slack} of {forces} muscle forces are below {problem.taut_min:.0%} of the mean",) if slack else ()),
+        *_zero_warning(u.zero / DEG),
         *_friction_warnings(problem, u, found.hysteresis_share),
         *_scale_warning(problem, found.scale_std),
     )
 
 
+def _zero_warning(zero: float) -> tuple[str, ...]:
+    if abs(zero) < _LARGE_ZERO:
+        return ()
+    return (
+        f"the encoder's zero would be off by {zero:.3g}°: is the geometry that of the joint, and are the equilibria at "
+        "rest and taut? pass zero=False if the encoder was set to zero",
+    )
+
+
 def _friction_warnings(problem: JointProblem, u: Unknowns, share: float) -> tuple[str, ...]:
-    if "friction" in problem.extra and u.friction < 0:
+    if "friction" in problem.extra and u.friction < -_NO_FRICTION:
         return (f"μ = {u.friction:.3g} is negative: the directions look swapped",)
     if not (problem.samples.direction != 0).any():
         return ("no direction of motion: hysteresis, if there is any, sits in the error",)

@@ -6,18 +6,22 @@ from os import PathLike
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.joint import gradients, report
+from allocator.identification.joint.common import CommonForce, guided, prior_of, settle, with_free_friction
+from allocator.identification.joint.intervals import ForceIntervals, force_intervals
 from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
 from allocator.identification.joint.relative import WHY, RelativeJoint
 from allocator.identification.joint.report import GroupError
 from allocator.identification.joint.samples import JointSamples
-from allocator.identification.joint.search import minimise, scale_shape
+from allocator.identification.joint.search import best_start, minimise, scale_shape
+from allocator.identification.joint.start import starts
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.storage import save_joint
-from allocator.muscles import Muscle, strength_powers
+from allocator.muscles import Muscle, Recipe, strength_powers
 from allocator.presentation.tables import first_of, html_table, number
 from allocator.units import DEG, PERCENT
 
@@ -36,7 +40,8 @@ class JointFit:
     groups: tuple[GroupError, ...]
     hysteresis_share: float  # of the squared error of the prediction without friction; NaN without both directions
     standard_deviations: Mapping[str, float]  # of what was fitted
-    unseen: tuple[str, ...]  # changes of the unknowns that move no angle
+    unseen: tuple[str, ...]  # what these data leave open, and changes of the unknowns that move no angle
+    common: CommonForce  # to both muscles: seen, or what is assumed and within which bounds
     slack: int  # muscles at samples that the model has at less than `taut_min` of the mean force
     monotone: bool  # [M] holds on the taut domain of the data
     determinant_positive: bool  # so does det ∂(T, K)/∂(P1, P2) > 0, which makes the inverse unique
@@ -115,6 +120,18 @@ class JointFit:
         if covariance is None:
             raise InvalidInput("this joint has no covariance: its muscles were not fitted")
         return K.std(np.asarray(covariance))
+
+    def forces(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, group: Any = None) -> ForceIntervals:
+        """Return the forces of both muscles [N] at true angles [rad] and pressures [Pa], with intervals of 95 %.
+
+        Where the common force is not seen they reach over all that physics, or the prior, leaves; see `common`. Raises
+        InvalidInput where the force scale is unknown.
+        """
+        if self.scale is None:
+            raise InvalidInput(f"forces of this joint {WHY}")
+        joint = self.joint if group is None else self.joint_of(group)
+        assert isinstance(joint, AntagonistJoint)  # its scale is known
+        return force_intervals(self, joint, theta, P1, P2)
 
     def _at_samples(self, quantity: Any) -> gradients.Quantity:
         s = self.samples
@@ -223,13 +240,28 @@ class JointFit:
         save_joint(joint, path, scale_known=self.scale is not None, source=source)
 
 
-def solved(problem: JointProblem, x: Array, leave_one_out: bool = True) -> JointFit:
+def first_search(problem: JointProblem, recipe: Recipe[Any]) -> Array:
+    """Return the unknowns (m,) at the best of all starts; where to begin the search that is to converge.
+
+    One of them is the shape that is searched on the samples without a weight, scaled by what the weight shows.
+    """
+    wide = guided(with_free_friction(problem))
+    tried = list(starts(wide, recipe))
+    still = problem.samples.torque == 0
+    if problem.free and not still.all() and still.sum() > len(wide.names):
+        shape = replace(wide.on(still), conventional=True)
+        tried.append(scale_shape(wide, best_start(shape, starts(shape, recipe))))
+    return best_start(wide, tried)[: len(problem.names)]
+
+
+def solved(problem: JointProblem, x: Array, leave_one_out: bool = True, prior: Muscle | None = None) -> JointFit:
     """Return the fit, searched from `x`, and all that is to be said about it."""
+    problem, x, common = settle(problem, x, None if prior is None else prior_of(problem, prior))
     x, converged = minimise(problem, x)
     u = report.checked(problem, x)
     error = problem.angle_error(x)
-    covariance = report.covariance(problem, x)
-    joints = report.joints(problem, u, covariance)
+    covariance = report.covariance(problem, x) + common.covariance
+    joints = report.joints(problem, u, covariance, common.unseen)
     found = report.findings(problem, u, joints.values(), covariance, converged)
     return JointFit(
         shapes=joints,
@@ -242,7 +274,8 @@ def solved(problem: JointProblem, x: Array, leave_one_out: bool = True) -> Joint
         groups=report.groups(problem, x, error, leave_one_out),
         hysteresis_share=found.hysteresis_share,
         standard_deviations=dict(zip(problem.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
-        unseen=report.unseen(problem, x),
+        unseen=(*common.said, *report.unseen(problem, x)),
+        common=common,
         slack=found.slack,
         monotone=not found.failure,
         determinant_positive=found.determinant_positive,

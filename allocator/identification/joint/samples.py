@@ -207,6 +207,43 @@ class JointSamples:
                 )
 
 
+@dataclass(frozen=True)
+class SlackReadings:
+    """The readings of a sag test are the pressures at which a cable just goes slack, F_i = 0, at an angle; arrays [k].
+
+    A row of the table in which both cables go slack is two readings.
+    """
+
+    samples: JointSamples  # k: angles and pressures; torque and direction mean nothing here
+    agonist: Mask  # (k,) True: muscle 1 goes slack, False: muscle 2
+    noise: float  # standard deviation of these pressures [Pa]
+
+    @classmethod
+    def of(cls, samples: JointSamples, slack: NDArray[np.intp], noise: float) -> "SlackReadings | None":
+        """Return the readings among the samples, `slack` (n,) being 1, 2 or 3 (both); None if there is none."""
+        one, two = np.flatnonzero(slack & 1), np.flatnonzero(slack & 2)
+        if not one.size + two.size:
+            return None
+        return cls(samples.where(np.concatenate([one, two])), np.arange(one.size + two.size) < one.size, noise)
+
+    @property
+    def n(self) -> int:
+        """Return the number of readings."""
+        return self.agonist.size
+
+    def muscles(self, zero: complex) -> tuple[Array, Array]:
+        """Return pressure (k,) [Pa] and contraction (k,) of the muscle that goes slack; `zero` is the encoder's [rad].
+
+        Complex where `zero` is.
+        """
+        s = self.samples
+        low, high = s.reach()
+        (eps1, arm1, _), (eps2, arm2, _), l0 = s.routes(np.clip(s.theta - np.real(zero), low, high))
+        turned = -1j * np.imag(zero)  # ∂ε1/∂θ = a1/l0, ∂ε2/∂θ = -a2/l0
+        eps = np.where(self.agonist, eps1 + turned * arm1 / l0, eps2 - turned * arm2 / l0)
+        return np.where(self.agonist, s.P1, s.P2), eps if np.imag(zero) else np.real(eps)
+
+
 _ARRAYS = ("theta", "P1", "P2", "torque", "direction")
 _CONTRACTIONS = -0.25, 0.6  # [-] what no muscle of this family goes beyond
 
@@ -238,4 +275,4 @@ def _grouped(
     return index.ravel(), tuple(Group(str(label), geometry[label]) for label in found.tolist())
 
 
-__all__ = ["Group", "JointSamples"]
+__all__ = ["Group", "JointSamples", "SlackReadings"]

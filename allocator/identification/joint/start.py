@@ -1,25 +1,34 @@
-"""Where the search for a joint's muscles starts: an equation error, linear in a muscle F = P A(ε).
+"""Where the search for a joint's muscles starts: an equation error, linear in what the muscles are made of.
 
-With A = α0 + α1 ε + α2 ε² the unloaded equilibrium a1 F1 - a2 F2 = 0 at the measured angles is linear in α, and the
-convention mean A = 10 cm² keeps it from the solution zero. (With a passive force B(ε) it would explain everything by
-forces near zero.) Any model is then fitted to these forces as if they had been measured, which
-puts its parameters where the angles are about right.
+At the measured angles the equilibrium G = 0 is linear in every parameter c in which the force is linear, the others q
+held. With the conventions of the problem (force scale, pull share φ*) as equations beside it,
+
+    minimise over q   min over c  Σ (G_i / K_i)²,   K_i ∝ P1 + P2                               (variable projection)
+
+the linear ones are eliminated. That is repeated from the q of physically different muscles, which the model's recipe
+names. Models without linear parameters start from a muscle F = P A(ε) with A = α0 + α1 ε + α2 ε²: any model is fitted
+to its forces as if they had been measured, which puts its parameters where the angles are about right.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.joint.problem import CONVENTIONAL_AREA
+from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
 from allocator.identification.joint.samples import JointSamples
 from allocator.identification.muscle.fit import fit
-from allocator.muscles import Muscle
+from allocator.muscles import Muscle, Recipe
 
 _CONVENTION_WEIGHT = 1e3
+_SHARE_WEIGHT = 0.1  # of the pull share: weak, as some laws have one that cannot be changed
 _MOST_SAMPLES = 300  # of the pseudo-measurement
+_EVALUATIONS = 30
+_PULL_SHARE = 0.5  # where the problem sets none
+_FRICTION = 0.05
 
 
 class PseudoForces(NamedTuple):
@@ -63,4 +72,110 @@ def starting_muscle(model: type[Muscle], samples: JointSamples, hold: Mapping[st
         ) from None
 
 
-__all__ = ["PseudoForces", "pseudo_forces", "starting_muscle"]
+def first_guess(problem: JointProblem) -> Array:
+    """Return the prototype's parameters, and no ratio, zero or constant friction yet."""
+    values = problem.prototype.parameters
+    return np.array([values.get(name, _FRICTION if name == "friction" else 0.0) for name in problem.names])
+
+
+def starts(problem: JointProblem, recipe: Recipe[Muscle]) -> Iterator[Array]:
+    """Yield where to start the search (m,): the prototype, then what variable projection makes of it and the recipe."""
+    guess = first_guess(problem)
+    linear = np.array([name in problem.free and _named(name, recipe.linear) for name in problem.names], bool)
+    if not linear.any() or guess[linear].any():
+        yield guess
+    if not linear.any():
+        return
+    projection = Projection.of(problem, linear)
+    different = [projection.rest(guess)]
+    for muscle in recipe.starts:
+        values = dict(zip(problem.names, guess.tolist(), strict=True)) | muscle.parameters
+        different.append(projection.rest(np.array([values[name] for name in problem.names])))
+    yielded: list[Array] = []
+    for q in np.unique(np.array(different), axis=0):
+        x = projection.solved(q)
+        if not any(np.allclose(x, other, rtol=1e-3) for other in yielded):
+            yielded.append(x)
+            yield x
+
+
+def _named(name: str, names: tuple[str, ...]) -> bool:
+    return name in names or name.partition("[")[0] in names
+
+
+@dataclass(frozen=True)
+class Projection:
+    """A projection eliminates the linear unknowns from the equation error of a problem."""
+
+    problem: JointProblem
+    linear: Mask  # (m,) marks the unknowns c; the others are q
+    weight: Array  # 1/K_i (n,), up to a factor
+    share: float  # φ*
+
+    @classmethod
+    def of(cls, problem: JointProblem, linear: Mask) -> "Projection":
+        """Return the projection of this problem's equations."""
+        s, pull = problem.samples, problem.pull
+        total = s.P1 + s.P2
+        share = _PULL_SHARE if pull is None else pull.value
+        return cls(problem, linear, total.mean() / np.maximum(total, 0.1 * total.mean()), share)
+
+    def rest(self, x: Array) -> Array:
+        """Return the unknowns q of x, inside their bounds."""
+        q, (low, high) = x[~self.linear], self._bounds
+        width = np.where(np.isfinite(high - low), high - low, np.abs(q) + 1.0)
+        return np.clip(q, low + 1e-3 * width, high - 1e-3 * width)
+
+    @property
+    def _bounds(self) -> tuple[Array, Array]:
+        return self.problem.lower[~self.linear], self.problem.upper[~self.linear]
+
+    def solved(self, q: Array) -> Array:
+        """Return all unknowns (m,) at the least equation error that is found from `q`."""
+        from scipy.optimize import least_squares
+
+        if q.size:
+            with np.errstate(all="ignore"):
+                found = least_squares(
+                    lambda v: self._eliminated(v)[1], q, bounds=self._bounds, x_scale="jac", max_nfev=_EVALUATIONS
+                )
+            q = found.x
+        return np.clip(self._eliminated(q)[0], self.problem.lower, self.problem.upper)
+
+    def _eliminated(self, q: Array) -> tuple[Array, Array]:
+        """Return all unknowns (m,) with the best linear ones, and the equation errors (n + 2,) left."""
+        x = np.zeros(self.linear.size)
+        x[~self.linear] = q
+        b = self._equations(x)
+        columns = []
+        for i in np.flatnonzero(self.linear):
+            x[i] = 1.0
+            columns.append(self._equations(x) - b)
+            x[i] = 0.0
+        A = np.stack(columns, axis=1)
+        size = np.linalg.norm(A, axis=0)
+        size[~(size > 0)] = 1.0
+        good = np.isfinite(A).all(axis=1) & np.isfinite(b)
+        x[self.linear] = np.linalg.lstsq(A[good] / size, -b[good], rcond=1e-10)[0] / size
+        left = A @ x[self.linear] + b
+        return x, np.where(np.isfinite(left), left, _CONVENTION_WEIGHT)
+
+    def _equations(self, x: Array) -> Array:
+        """Return the equation errors (n,) and the conventions (2,), affine in the linear unknowns."""
+        problem, s = self.problem, self.problem.samples
+        u = problem.unknowns(x)
+        routes = s.routes(np.clip(s.theta - u.zero, *s.reach()))
+        (eps1, a1, _), (eps2, *_), _ = routes
+        balance = problem.balance(u, s.theta, routes)
+        one, two = balance.forces
+        with np.errstate(all="ignore"):
+            given = s.P1 * u.muscle.gain(s.P1, eps1), u.ratio * s.P2 * u.muscle.gain(s.P2, eps2)
+        usual = float(np.mean(s.P1) * np.mean(a1)) * CONVENTIONAL_AREA  # [N·m]
+        share = _SHARE_WEIGHT * (one.sum() + two.sum() - self.share * (given[0].sum() + given[1].sum()))
+        conventions = [share / (s.n * usual / np.mean(a1))]
+        if problem.conventional:
+            conventions.append(_CONVENTION_WEIGHT * (problem.mean_area(u).real / CONVENTIONAL_AREA - 1))
+        return np.concatenate([self.weight * balance.lacking / usual, conventions])
+
+
+__all__ = ["Projection", "PseudoForces", "first_guess", "pseudo_forces", "starting_muscle", "starts"]

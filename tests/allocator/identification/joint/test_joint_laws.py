@@ -11,7 +11,8 @@ from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.planning import plan_joint_experiment
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.samples import JointSamples
-from allocator.identification.joint.search import first_guess, minimise
+from allocator.identification.joint.search import minimise
+from allocator.identification.joint.start import first_guess
 from allocator.joint.storage import load_joint, save_joint
 from allocator.muscles import Muscle, scaled
 from allocator.muscles.base import NOT_A_NUMBER

@@ -1,0 +1,360 @@
+"""The force that is common to both muscles is looked for in the data, and said to be seen or not.
+
+Angles at rest tell a1 F1 - a2 F2 and nothing else: forces ΔF_i = C ā/a_i, ā the mean arm, move no angle on any
+mechanism, whatever the constant C [N]. Only a cable that goes slack shows them. Two things look as if they did:
+friction in proportion to the forces, and the form of a law, which may have no term like C. Neither is a measurement:
+with the law of another type of muscle, on a lever, the form put the forces at three times the truth. So it is asked
+
+by rank: whether there are readings of a sag test, without which C has no part in the equations, and
+by profile likelihood: whether the cost rises by 4 σ² on either side where the pull share φ (see `problem`) is fixed
+    at values away from the optimum and all else is fitted again, with a constant friction torque and a constant play
+    beside μ; σ² = cost/(cells - unknowns), samples at the same pressures and torque being one cell.
+
+Where it is not seen, its bounds are those of physics: at most a tenth of the forces measured are negative, and
+φ ≤ 1.05, since a contracted muscle without pressure does not pull. φ is then assumed: that of a prior; or that at which
+friction is in proportion to the forces, if nothing speaks against it and it tells φ; or else, the cautious assumption,
+the least at which (all but a fiftieth of) the forces have the share η of their mean. It is only moved as far as the
+form of the law lets the cost rise by no more than a fifth, which is not told from the law's own error.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.identification.joint.problem import JointProblem, PullShare
+from allocator.identification.joint.search import minimise
+from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE
+from allocator.muscles import Muscle, force_gradient
+
+_FIRM = 2000.0  # [σ] weight of a pull share that is set
+_ROUNDS = 2
+_HELD = 200.0  # times the scatter of the angles: weight of one of the profile, whose points need not lie on the grid
+_WEAK = 0.02  # [rad] … and of one that only leads the search
+_USUAL = 0.5  # pull share to which it leads [-]
+_MOST = 1.05  # pull share [-]
+_STEP = 0.1
+_STEPS = 30
+_CHANCE = 6.0  # [σ²] what two unknowns more gain by chance in 95 %
+_PLAUSIBLE = 0.1  # pull share below which a muscle would be all but slack everywhere [-]
+_RISE = 4.0  # [σ²]
+_LAW = 0.2  # of the cost, by which the form of a law may raise it
+_NEGATIVE = 0.1  # of the forces, at the lower bound
+_SLACK = 0.02  # of the forces, at the cautious assumption
+_KNOWN = 1e-9  # relative change of φ below which the unknowns do not move it
+_ALIKE = 0.1  # standard deviation of φ between muscles of one type, if the prior has no covariance [-]
+_FREE = ("coulomb", "play")  # what friction may be beside μ
+_LEAST_ERROR = 1e-6  # [rad] the noise of data that have none
+
+
+@dataclass(frozen=True)
+class CommonForce:
+    """A common force is seen, or assumed between bounds."""
+
+    share: float  # φ of the fit [-]
+    low: float  # C [N], on the force scale of the problem: how much less …
+    high: float  # … and more it may be; 95 % where it is seen or that of a prior, else the bounds of physics
+    seen: bool
+    source: str  # what it is taken from, in words fit for a sentence
+    covariance: Array  # (m, m) that its interval adds to that of the unknowns
+    prior: bool = False
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Return the words for `AntagonistJoint.unseen`."""
+        if self.seen:
+            return ()
+        return (PRIOR_FORCE,) if self.prior else (COMMON_FORCE,)
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """Return what is not seen and what stands for it, in words; empty if it is seen."""
+        return () if self.seen else (f"{COMMON_FORCE}; it is taken from {self.source}",)
+
+
+class Prior(NamedTuple):
+    """A prior is what another muscle says about φ."""
+
+    share: float  # [-]
+    std: float  # [-]
+    name: str
+
+
+class Point(NamedTuple):
+    """A point of the profile is the least cost at a value of φ."""
+
+    share: float
+    x: Array
+    cost: float
+
+
+def guided(problem: JointProblem) -> JointProblem:
+    """Return the problem in which a weak equation leads φ to a usual value where nothing else does."""
+    return replace(problem, pull=PullShare(_USUAL, _WEAK))
+
+
+def with_free_friction(problem: JointProblem) -> JointProblem:
+    """Return the problem with a constant friction torque and a constant play beside μ, if μ is fitted."""
+    if "friction" not in problem.extra or set(_FREE) & set(problem.extra):
+        return problem
+    unbounded = np.full(len(_FREE), np.inf)
+    lower, upper = np.append(problem.lower, -unbounded), np.append(problem.upper, unbounded)
+    return replace(problem, extra=(*problem.extra, *_FREE), lower=lower, upper=upper)
+
+
+def prior_of(problem: JointProblem, muscle: Muscle) -> Prior:
+    """Return what `muscle` says about φ at the samples of the problem; its strength does not matter.
+
+    Raises InvalidInput where its law has no force there.
+    """
+    (eps1, *_), (eps2, *_), _ = problem.samples.routes(np.clip(problem.samples.theta, *problem.samples.reach()))
+    P, eps = np.concatenate([problem.samples.P1, problem.samples.P2]), np.concatenate([eps1, eps2])
+    with np.errstate(all="ignore"):
+        given = float(np.sum(P * muscle.gain(P, eps)))
+        share = float(np.sum(muscle.law(P, eps))) / given
+    name = type(muscle).__name__
+    if not 0 < share < 2:
+        raise InvalidInput(
+            f"prior: {name} pulls with {share:.2g} of what the pressure gives it, in the mean of these equilibria, "
+            "which is no muscle of the joint's kind"
+        )
+    std = _ALIKE
+    if muscle.covariance is not None:
+        gradient = force_gradient(muscle, P, eps).sum(axis=0) / given
+        std = max(float(np.sqrt(gradient @ np.asarray(muscle.covariance) @ gradient)), 1e-3)
+    return Prior(share, std, name)
+
+
+def settle(problem: JointProblem, x: Array, prior: Prior | None) -> tuple[JointProblem, Array, CommonForce]:
+    """Return the problem with the equation that sets φ where it is not seen, where to start, and what was found."""
+    name = type(problem.prototype).__name__
+    if not problem.free:
+        share = problem.pull_share(problem.unknowns(x)).real
+        return problem, x, _assumed(problem, x, f"the {name} that was given", Prior(share, _ALIKE, name))
+    if not _moves(problem, x):
+        return problem, x, _assumed(problem, x, f"the form of {name}, which has no other", None)
+    problem = _weighted(problem, x)
+    profile = Profile.of(problem, x)
+    best, variance = profile.best, profile.variance
+    (low, low_rises), (high, high_rises) = (profile.end(side, _RISE * variance) for side in (-1, 1))
+    if problem.sag is not None and low_rises and high_rises:
+        found = _seen(profile, low, high)
+        return _held(problem, profile, found.share), best.x[: x.size], found
+    return _set(problem, profile, prior)
+
+
+def _seen(profile: "Profile", low: float, high: float) -> CommonForce:
+    """Return the common force that a sag test shows, φ being between `low` and `high`."""
+    best = profile.best
+    less, more = ((share - best.share) * _per_share(profile.problem, best.x) for share in (low, high))
+    return CommonForce(best.share, less, more, True, "the sag test", profile.spread(low, high))
+
+
+def _held(problem: JointProblem, profile: "Profile", share: float) -> JointProblem:
+    """Return the problem in which φ is held so firmly that friction, wrongly told, cannot move it."""
+    return replace(problem, pull=PullShare(share, _FIRM * np.sqrt(profile.variance)))
+
+
+def _set(problem: JointProblem, profile: "Profile", prior: Prior | None) -> tuple[JointProblem, Array, CommonForce]:
+    """Return the problem, where to start, and φ as a prior or an assumption sets it."""
+    if prior is None and (shown := profile.shown_by_friction()) is not None:
+        return problem, shown, _assumed(problem, shown, "the assumption that friction is proportional to it", None)
+    limit = _RISE * profile.variance + _LAW * profile.best.cost
+    low, high = (profile.end(side, limit)[0] for side in (-1, 1))
+    wanted = profile.cautious if prior is None else prior.share
+    start = profile.at(float(np.clip(wanted, low, high)))
+    source = "the assumption that no cable was far from slack" if prior is None else f"the prior {prior.name}"
+    half = np.inf if prior is None else 2 * prior.std
+    found = replace(
+        _assumed(profile.problem, start.x, source, prior), covariance=profile.spread(wanted - half, wanted + half)
+    )
+    return _held(problem, profile, found.share), start.x[: profile.unknowns], found
+
+
+def _assumed(problem: JointProblem, x: Array, source: str, prior: Prior | None) -> CommonForce:
+    """Return what stands for a common force that is not seen; the interval of a prior is four deviations wide."""
+    share = problem.pull_share(problem.unknowns(x)).real
+    low, high = _bounds(problem, x)
+    if prior is not None:
+        off, half = ((part * _per_share(problem, x)) for part in (prior.share - share, 2 * prior.std))
+        low, high = min(off, 0.0) - half, max(off, 0.0) + half
+    return CommonForce(share, low, high, False, source, np.zeros((x.size, x.size)), prior is not None)
+
+
+def _bounds(problem: JointProblem, x: Array) -> tuple[float, float]:
+    """Return the bounds of physics on C [N]; what the fit has lies between them."""
+    u = problem.unknowns(x)
+    F, weight = problem.measured_forces(u), problem.common_weight
+    low = -float(np.quantile(F / weight, _NEGATIVE))
+    high = (_MOST - problem.pull_share(u).real) * _per_share(problem, x)
+    return min(low, 0.0), max(high, 0.0)
+
+
+def _per_share(problem: JointProblem, x: Array) -> float:
+    """Return ∂C/∂φ [N]."""
+    u = problem.unknowns(x)
+    given = problem.measured_forces(u).sum() / problem.pull_share(u).real
+    return float(given / problem.common_weight.sum())
+
+
+def _weighted(problem: JointProblem, x: Array) -> JointProblem:
+    """Return the problem with the weight of the sag test that the scatter of the angles, in units of it, asks for."""
+    if problem.sag is None:
+        return problem
+    wide = with_free_friction(replace(problem, pull=None, sag=None))
+    share = problem.pull_share(problem.unknowns(x)).real
+    x = _fixed(wide, share, np.append(x, np.zeros(len(wide.names) - x.size))).x
+    scatter = float(np.sqrt(np.mean(wide.angle_error(x) ** 2)))
+    return replace(problem, sag_weight=max(scatter, _LEAST_ERROR) / problem.sag.noise)
+
+
+def _moves(problem: JointProblem, x: Array) -> bool:
+    """Return whether the unknowns can change φ: some laws have one only."""
+    share = problem.pull_share(problem.unknowns(x)).real
+    gradient = problem.gradient(lambda u: np.array([problem.pull_share(u)]), x)[0]
+    return bool(np.linalg.norm(gradient * np.maximum(np.abs(x), 1e-3)) > _KNOWN * abs(share))
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A profile holds the least costs at values of φ."""
+
+    problem: JointProblem  # with a free friction, and no equation for tautness
+    unknowns: int  # m without that torque
+    points: tuple[Point, ...]  # in the order of φ
+    variance: float  # σ² [rad²]
+    least: float  # η of the problem [-]
+
+    @classmethod
+    def of(cls, problem: JointProblem, x: Array) -> "Profile":
+        """Return the profile of this problem, walked from `x` both ways to where the cost or physics ends it."""
+        wide = with_free_friction(replace(problem, pull=None, taut_min=-np.inf))
+        first = _point(wide, np.append(x, np.zeros(len(wide.names) - x.size)))
+        first = _point(wide, minimise(replace(wide, pull=PullShare(first.share, _WEAK)), first.x)[0])
+        freedom = max(_cells(problem) - len(wide.names), 1)
+        points = [first]
+        for side in (-1, 1):
+            points = _walked(wide, points, side, freedom)
+        best = min(points, key=lambda point: point.cost)
+        if best not in (points[0], points[-1]):  # a least cost inside
+            better = _point(wide, minimise(wide, best.x)[0])
+            if points[0].share < better.share < points[-1].share and better.cost < best.cost:
+                points.append(better)
+        points.sort(key=lambda point: point.share)
+        variance = max(min(p.cost for p in points) / freedom, _LEAST_ERROR**2)
+        return cls(wide, x.size, tuple(points), variance, problem.taut_min)
+
+    @property
+    def best(self) -> Point:
+        """Return the point of the least cost."""
+        return min(self.points, key=lambda point: point.cost)
+
+    def end(self, side: int, limit: float) -> tuple[float, bool]:
+        """Return where the cost has risen by `limit` below (-1) or above (+1) the best φ, and whether it does."""
+        best = inner = self.best
+        for point in sorted(self.points, key=lambda p: side * p.share):
+            if side * (point.share - best.share) <= 0:
+                continue
+            rise = point.cost - best.cost
+            if rise > limit:  # the root of the cost is straight where the cost is a parabola
+                before = np.sqrt(max(inner.cost - best.cost, 0.0))
+                part = (np.sqrt(limit) - before) / (np.sqrt(rise) - before)
+                return float(inner.share + part * (point.share - inner.share)), True
+            inner = point
+        return inner.share, False
+
+    @property
+    def cautious(self) -> float:
+        """Return φ at the cautious assumption of the module."""
+        levels = [self.problem.shares(self.problem.unknowns(p.x)) for p in self.points]
+        left = np.array([np.quantile(level, _SLACK) for level in levels])
+        slack = left < self.least
+        if slack.all() or not slack.any():
+            return self.points[-1 if slack.all() else 0].share
+        i = int(np.flatnonzero(slack)[-1])  # the last that is too slack
+        i = min(i, len(self.points) - 2)
+        shares = [p.share for p in self.points[i : i + 2]]
+        return float(np.interp(self.least, left[i : i + 2], shares))
+
+    def shown_by_friction(self) -> Array | None:
+        """Return the unknowns where friction is in proportion to the forces, as far as can be seen, and shows them.
+
+        The constant parts of friction gain no more than chance, and the cost rises by 4 σ² to either side; else None.
+        """
+        n = self.unknowns
+        simple = replace(
+            self.problem,
+            extra=tuple(name for name in self.problem.extra if name not in _FREE),
+            lower=self.problem.lower[:n],
+            upper=self.problem.upper[:n],
+        )
+        if simple.extra == self.problem.extra:
+            return None
+        best = _point(simple, minimise(replace(simple, pull=PullShare(self.best.share, _WEAK)), self.best.x[:n])[0])
+        if best.cost - self.best.cost > _CHANCE * self.variance or not _PLAUSIBLE < best.share < _MOST:
+            return None
+        beside = [_fixed(simple, best.share + side * _STEP, best.x) for side in (-1, 1)]
+        rises = [(p.cost - best.cost) * (_STEP / (p.share - best.share)) ** 2 for p in beside]
+        return best.x if min(rises) > _RISE * self.variance else None
+
+    def spread(self, low: float, high: float) -> Array:
+        """Return the covariance (m, m) of the unknowns, φ being between these within four standard deviations.
+
+        No further than the cost allows by chance.
+        """
+        ends = [self.end(side, _RISE * self.variance)[0] for side in (-1, 1)]
+        one, other = (self.at(min(max(share, ends[0]), ends[1])).x[: self.unknowns] for share in (low, high))
+        return np.outer(other - one, other - one) / 16
+
+    def at(self, share: float) -> Point:
+        """Return the least cost at this φ."""
+        near = min(self.points, key=lambda point: abs(point.share - share))
+        return _fixed(self.problem, share, near.x)
+
+
+def _walked(wide: JointProblem, points: list[Point], side: int, freedom: int) -> list[Point]:
+    """Return `points` and those beyond them in the direction `side`, one step of φ after the other.
+
+    They end at the bounds of physics, or, with a sag test, where the cost has risen by enough.
+    """
+    points = list(points)
+    edge = max(points, key=lambda p: side * p.share)
+    share = edge.share
+    for _ in range(_STEPS):
+        if (share >= _MOST) if side > 0 else (share < _STEP or _negative(wide, edge.x) > _NEGATIVE):
+            break
+        share = min(share + _STEP, _MOST) if side > 0 else share - _STEP
+        edge = _fixed(wide, share, edge.x)
+        points.append(edge)
+        least = min(p.cost for p in points)
+        if edge.cost - least > (2 * _RISE / freedom + 2 * _LAW * (wide.sag is None)) * least:
+            break
+    return points
+
+
+def _fixed(wide: JointProblem, share: float, x: Array) -> Point:
+    """Return the least cost at the pull share `share`, searched from `x`."""
+    scatter = float(np.sqrt(np.mean(wide.angle_error(x) ** 2)))
+    weight = _HELD * max(scatter, _LEAST_ERROR)
+    return _point(wide, minimise(replace(wide, pull=PullShare(share, weight)), x, _ROUNDS)[0])
+
+
+def _point(wide: JointProblem, x: Array) -> Point:
+    r = wide.residual(x)
+    return Point(wide.pull_share(wide.unknowns(x)).real, x, float(r @ r))
+
+
+def _negative(problem: JointProblem, x: Array) -> float:
+    return float(np.mean(problem.measured_forces(problem.unknowns(x)) < 0))
+
+
+def _cells(problem: JointProblem) -> int:
+    """Return how many different setpoints there are, and readings of the sag test."""
+    s = problem.samples
+    key = np.stack([s.group, *(np.round(P / s.cell) for P in (s.P1, s.P2)), np.round(s.torque, 6)])
+    return int(np.unique(key, axis=1).shape[1]) + (problem.sag.n if problem.sag is not None else 0)
+
+
+__all__ = ["CommonForce", "Prior", "guided", "prior_of", "settle", "with_free_friction"]

@@ -1,0 +1,63 @@
+"""The forces that a fitted joint has, with intervals: what the errors of the fit leave open, and the common force."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.identification.joint.problem import CONVENTIONAL_AREA
+from allocator.identification.joint.report import parameter_jacobian
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.muscles import force_gradient
+
+_NORMAL = 1.96  # standard deviations of an interval of 95 %
+
+
+class ForceIntervals(NamedTuple):
+    """Force intervals are what each muscle pulls with, and between which forces that lies; arrays (…) [N]."""
+
+    agonist: Array
+    antagonist: Array
+    agonist_interval: tuple[Array, Array]
+    antagonist_interval: tuple[Array, Array]
+    seen: bool  # False: the common force is assumed, and the intervals are what the data leave of it
+
+
+def force_intervals(fit: Any, joint: AntagonistJoint, theta: Any, P1: Any, P2: Any) -> ForceIntervals:
+    """Return the intervals of a `JointFit` at angles [rad] and pressures [Pa], which broadcast."""
+    P1, P2 = checks.pressures_or_symbols(P1, P2)
+    theta, P1, P2 = checks.broadcast(theta=checks.angle("theta", theta), P1=P1, P2=P2)
+    contractions = (joint.geometry.agonist(theta).contraction, joint.geometry.antagonist(theta).contraction)
+    held, intervals, values = _held(fit, joint), [], []
+    arms = joint.geometry.agonist(theta).arm, joint.geometry.antagonist(theta).arm
+    k = len(joint.agonist.parameters)
+    for i, (muscle, P, eps, arm) in enumerate(
+        zip((joint.agonist, joint.antagonist), (P1, P2), contractions, arms, strict=True)
+    ):
+        gradient = force_gradient(muscle, P, eps)
+        C = held[i * k : (i + 1) * k, i * k : (i + 1) * k]
+        half = _NORMAL * np.sqrt(np.maximum(np.einsum("...i,ij,...j->...", gradient, C, gradient), 0.0))
+        F, common = np.asarray(muscle.law(P, eps)), _scale(fit) * fit.problem.mean_arm / arm
+        values.append(F)
+        intervals.append((F + fit.common.low * common - half, F + fit.common.high * common + half))
+    return ForceIntervals(values[0], values[1], intervals[0], intervals[1], fit.common.seen)
+
+
+def _scale(fit: Any) -> float:
+    """Return the force scale of the fit in that of its problem."""
+    return fit.scale / CONVENTIONAL_AREA if fit.problem.conventional else 1.0
+
+
+def _held(fit: Any, joint: AntagonistJoint) -> Array:
+    """Return the covariance of the parameters of both muscles, the common force held where the scale was fitted."""
+    n = len(joint.agonist.parameters) + len(joint.antagonist.parameters)
+    if joint.covariance is None:
+        return np.zeros((n, n))
+    if fit.problem.conventional:
+        return np.asarray(joint.covariance)
+    J = parameter_jacobian(fit.problem, fit.problem.unknowns(fit.x))
+    return np.asarray(np.asarray(joint.covariance) - J @ fit.common.covariance @ J.T)
+
+
+__all__ = ["ForceIntervals", "force_intervals"]
