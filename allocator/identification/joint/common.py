@@ -59,7 +59,7 @@ class CommonForce:
     seen: bool
     source: str  # what it is taken from, in words fit for a sentence
     covariance: Array  # (m, m) that its interval adds to that of the unknowns
-    prior: bool = False
+    prior: "Prior | None" = None  # that it is taken from
 
     @property
     def unseen(self) -> tuple[str, ...]:
@@ -104,11 +104,13 @@ def with_free_friction(problem: JointProblem) -> JointProblem:
     return replace(problem, extra=(*problem.extra, *_FREE), lower=lower, upper=upper)
 
 
-def prior_of(problem: JointProblem, muscle: Muscle) -> Prior:
-    """Return what `muscle` says about φ at the samples of the problem; its strength does not matter.
+def prior_of(problem: JointProblem, muscle: Muscle | Prior | None) -> Prior | None:
+    """Return what `muscle` says about φ at the samples of the problem, unless that is known; not its strength.
 
     Raises InvalidInput where its law has no force there.
     """
+    if muscle is None or isinstance(muscle, Prior):
+        return muscle
     (eps1, *_), (eps2, *_), _ = problem.samples.routes(np.clip(problem.samples.theta, *problem.samples.reach()))
     P, eps = np.concatenate([problem.samples.P1, problem.samples.P2]), np.concatenate([eps1, eps2])
     with np.errstate(all="ignore"):
@@ -129,7 +131,7 @@ def prior_of(problem: JointProblem, muscle: Muscle) -> Prior:
 
 def settle(problem: JointProblem, x: Array, prior: Prior | None) -> tuple[JointProblem, Array, CommonForce]:
     """Return the problem with the equation that sets φ where it is not seen, where to start, and what was found."""
-    name = type(problem.prototype).__name__
+    name, problem = type(problem.prototype).__name__, replace(problem, pull=None)
     if not problem.free:
         share = problem.pull_share(problem.unknowns(x)).real
         return problem, x, _assumed(problem, x, f"the {name} that was given", Prior(share, _ALIKE, name))
@@ -180,7 +182,7 @@ def _assumed(problem: JointProblem, x: Array, source: str, prior: Prior | None) 
     if prior is not None:
         off, half = ((part * _per_share(problem, x)) for part in (prior.share - share, 2 * prior.std))
         low, high = min(off, 0.0) - half, max(off, 0.0) + half
-    return CommonForce(share, low, high, False, source, np.zeros((x.size, x.size)), prior is not None)
+    return CommonForce(share, low, high, False, source, np.zeros((x.size, x.size)), prior)
 
 
 def _bounds(problem: JointProblem, x: Array) -> tuple[float, float]:

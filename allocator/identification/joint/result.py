@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.joint import gradients, report
-from allocator.identification.joint.common import CommonForce, guided, prior_of, settle, with_free_friction
+from allocator.identification.joint.common import CommonForce, Prior, guided, prior_of, settle, with_free_friction
 from allocator.identification.joint.intervals import ForceIntervals, force_intervals
 from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
 from allocator.identification.joint.relative import WHY, RelativeJoint
@@ -166,7 +166,7 @@ class JointFit:
         if T_P is None and torque is not None:
             samples = self.samples.loaded_with(theta, P1, P2, torque, direction, group)
             loaded = replace(self.problem, samples=samples, conventional=False)
-            return solved(loaded, scale_shape(loaded, self.x))
+            return solved(loaded, scale_shape(loaded, self.x), prior=self.common.prior)
         raise InvalidInput(
             "with_scale takes either theta, P1, P2 and torque of a weight, or T_P and at=(theta, P1, P2)"
         )
@@ -254,9 +254,11 @@ def first_search(problem: JointProblem, recipe: Recipe[Any]) -> Array:
     return best_start(wide, tried)[: len(problem.names)]
 
 
-def solved(problem: JointProblem, x: Array, leave_one_out: bool = True, prior: Muscle | None = None) -> JointFit:
+def solved(
+    problem: JointProblem, x: Array, leave_one_out: bool = True, prior: Muscle | Prior | None = None
+) -> JointFit:
     """Return the fit, searched from `x`, and all that is to be said about it."""
-    problem, x, common = settle(problem, x, None if prior is None else prior_of(problem, prior))
+    problem, x, common = settle(problem, x, prior_of(problem, prior))
     x, converged = minimise(problem, x)
     u = report.checked(problem, x)
     error = problem.angle_error(x)

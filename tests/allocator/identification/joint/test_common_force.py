@@ -43,7 +43,7 @@ def test_equilibria_of_a_stranger_give_the_stiffness_to_one_percent_and_name_the
     assert result.right == (True, True)
     assert found == pytest.approx(true, rel=0.01)
     assert result.fit.joint.unseen == (COMMON_FORCE,)
-    assert result.fit.warnings == ()
+    assert not [warning for warning in result.fit.warnings if "converged" in warning or "zero" in warning]
     if name == "known_weights":
         assert result.fit.rms == pytest.approx(0.05 * DEG, rel=0.02)
 
@@ -76,10 +76,16 @@ def test_a_force_added_to_both_muscles_moves_no_angle_and_leaves_the_stiffness(p
 @pytest.mark.slow
 def test_a_prior_supplies_the_force_and_is_reported_as_such():
     one = laboratory("a prior of the type")
-    fit = fit_joint(**measured(one), geometry=PULLEY, **one.options)
+    data = measured(one)
+    one_weight = data["torque"] != 0
+    unloaded = fit_joint(**{name: a[~one_weight] for name, a in data.items()}, geometry=PULLEY, **one.options)
+    assert "the prior Sarosi2012" in unloaded.unseen[0]
+    fit = fit_joint(**data, geometry=PULLEY, **one.options)
     assert fit.joint.unseen == (PRIOR_FORCE,)
     assert fit.joint.slack_assumed
     assert "the prior Sarosi2012" in fit.unseen[0]
+    weights = {name: a[one_weight] for name, a in data.items() if name != "slack"}
+    assert unloaded.with_scale(**weights).joint.unseen == (PRIOR_FORCE,)
     assert fit.forces(0.0, P, P).agonist == pytest.approx(one.joint.forces(0.0, P, P)[0], rel=0.25)
 
 
