@@ -105,7 +105,7 @@ def _named(name: str, names: tuple[str, ...]) -> bool:
 
 @dataclass(frozen=True)
 class Projection:
-    """A `Projection` eliminates the linear unknowns from the equation error of a problem."""
+    """A `Projection` is the equation error of a problem with the linear unknowns eliminated."""
 
     problem: JointProblem
     linear: Mask  # (m,) marks the unknowns c; the others are q
