@@ -14,7 +14,7 @@ Where it is not seen, its bounds are those of physics: at most a tenth of the fo
 φ ≤ 1.05, since a contracted muscle without pressure does not pull. φ is then assumed: that of a prior; or that at which
 friction is in proportion to the forces, if nothing speaks against it and it tells φ; or else, the cautious assumption,
 the least at which (all but a fiftieth of) the forces have the share η of their mean. It is only moved as far as the
-form of the law lets the cost rise by no more than a fifth, which is not told from the law's own error.
+form of the law lets the cost rise by no more than a tenth, which is not told from the law's own error.
 """
 
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ _STEPS = 30
 _CHANCE = 6.0  # [σ²] what two unknowns more gain by chance in 95 %
 _PLAUSIBLE = 0.1  # pull share below which a muscle would be all but slack everywhere [-]
 _RISE = 4.0  # [σ²]
-_LAW = 0.2  # of the cost, by which the form of a law may raise it
+_LAW = 0.1  # of the cost, by which the form of a law may raise it
 _NEGATIVE = 0.1  # of the forces, at the lower bound
 _SLACK = 0.02  # of the forces, at the cautious assumption
 _KNOWN = 1e-9  # relative change of φ below which the unknowns do not move it
@@ -166,7 +166,7 @@ def _set(problem: JointProblem, profile: "Profile", prior: Prior | None) -> tupl
     limit = _RISE * profile.variance + _LAW * profile.best.cost
     low, high = (profile.end(side, limit)[0] for side in (-1, 1))
     wanted = profile.cautious if prior is None else prior.share
-    start = profile.at(float(np.clip(wanted, low, high)))
+    start = profile.at(float(np.clip(np.clip(wanted, low, high), _PLAUSIBLE, _MOST)))
     source = "the assumption that no cable was far from slack" if prior is None else f"the prior {prior.name}"
     half = np.inf if prior is None else 2 * prior.std
     found = replace(
@@ -234,7 +234,7 @@ class Profile:
         """Return the profile of this problem, walked from `x` both ways to where the cost or physics ends it."""
         wide = with_free_friction(replace(problem, pull=None, taut_min=-np.inf))
         first = _point(wide, np.append(x, np.zeros(len(wide.names) - x.size)))
-        first = _point(wide, minimise(replace(wide, pull=PullShare(first.share, _WEAK)), first.x)[0])
+        first = _fixed(wide, float(np.clip(first.share, _PLAUSIBLE, _MOST)), first.x)  # the law may prefer nonsense
         freedom = max(_cells(problem) - len(wide.names), 1)
         points = [first]
         for side in (-1, 1):
