@@ -14,7 +14,8 @@ from allocator.allocation.optimisers import convex
 from allocator.allocation.optimisers.common import CERTIFIED, SCALE, Answer, Goal, goals, replacement
 from allocator.allocation.problem import Problem
 from allocator.allocation.tolerances import UNCERTAIN
-from allocator.allocation.uncertain.problem import Affine, Uncertain, chance_box, uncertain
+from allocator.allocation.uncertain.draws import sampled_box
+from allocator.allocation.uncertain.problem import Affine, Uncertain, chance_box, risk_of_one, uncertain
 from allocator.calculus import Array
 from allocator.joint.limits import PressureBox
 
@@ -47,6 +48,7 @@ def optimise(problem: Problem, risk: float) -> RiskySolution:
 def solve(problem: Problem, risk: float) -> Answer:
     """Return the pressures of [U], NaN where no pressures keep the limits with that probability."""
     model, n = uncertain(problem, risk), problem.theta.size
+    box = sampled_box(problem, risk_of_one(problem, risk))
     u, iterations = np.full((n, 2), np.nan), np.zeros(n, np.int32)
     for goal in goals(problem):
         rows = _rows(problem, model, goal)
@@ -54,7 +56,7 @@ def solve(problem: Problem, risk: float) -> Answer:
             if goal.kept is not None and np.isnan(u[i]).any():
                 continue
             kept = None if goal.kept is None else _kept(model, goal, u, i)
-            u[i], used = _solve_one(problem, model, rows[0][i], rows[1][i], kept, i)
+            u[i], used = _solve_one(problem, model, box, rows[0][i], rows[1][i], kept, i)
             iterations[i] += used
     return Answer(u[:, 0] * SCALE, u[:, 1] * SCALE, iterations)
 
@@ -89,10 +91,10 @@ class _Programme(NamedTuple):
 
 
 def _solve_one(
-    problem: Problem, model: Uncertain, A: Array, b: Array, kept: tuple[Array, float] | None, i: int
+    problem: Problem, model: Uncertain, box: PressureBox, A: Array, b: Array, kept: tuple[Array, float] | None, i: int
 ) -> tuple[Array, int]:
     """Return the pressures (2,) [bar] of problem i, NaN where the solver finds none, and its iterations."""
-    values = _values(problem, model, A, b, kept, i)
+    values = _values(problem, model, box, A, b, kept, i)
     shape = (len(b), *(model.force_spreads[j].offset.shape[1] for j in _SIDES))
     limits = tuple(None if f is None else f / _FORCE for f in (problem.limits.min_force, problem.limits.max_force))
     programme = _programme(shape, limits, bool(np.isfinite(values["least"])), kept is not None)
@@ -104,10 +106,9 @@ def _solve_one(
 
 
 def _values(
-    problem: Problem, model: Uncertain, A: Array, b: Array, kept: tuple[Array, float] | None, i: int
+    problem: Problem, model: Uncertain, box: PressureBox, A: Array, b: Array, kept: tuple[Array, float] | None, i: int
 ) -> dict[str, Any]:
     """Return the parameters of the programme of problem i."""
-    box = problem.box_without_forces
     values = {
         "A": A,
         "b": b,

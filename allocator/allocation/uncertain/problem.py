@@ -11,7 +11,8 @@ probability 1 - α/m (Bonferroni), F̂_i - z ‖Lᵀ∂F_i/∂p‖ ≥ min_force
 priorities the mean of the first target is met and kept; the second one counts in expectation.
 
 Each force limit depends on one pressure only, so that it is a bound on that pressure: the feasible set is a box again,
-`chance_box`, found without the cones.
+`chance_box`, found without the cones. The first order is not trusted with the risk alone: the box also keeps the limits
+in draws of the parameters, see `allocator.allocation.uncertain.draws`.
 """
 
 from dataclasses import replace
@@ -22,6 +23,7 @@ import numpy as np
 
 from allocator.allocation.optimisers.common import SCALE
 from allocator.allocation.problem import Problem
+from allocator.allocation.uncertain.draws import sampled_box
 from allocator.allocation.uncertain.spread import spread
 from allocator.calculus import Array, increasing_root
 from allocator.joint.limits import Limit, PressureBox, PressureInterval
@@ -61,19 +63,24 @@ def uncertain(problem: Problem, risk: float) -> Uncertain:
     errors = [problem.errors(*P) for P in corners]
     forces = [[side.force(P[i]) for i, side in enumerate(problem.sides)] for P in corners]
     spreads = [spread(problem, *P) for P in corners]
-    limits = 2 * sum(force is not None for force in (problem.limits.min_force, problem.limits.max_force))
     return Uncertain(
         (affine([e[0] for e in errors]), affine([e[1] for e in errors])),
         (affine([s.torque for s in spreads]), affine([s.stiffness for s in spreads])),
         (affine([f[0] for f in forces]), affine([f[1] for f in forces])),
         (affine([s.forces[0] for s in spreads]), affine([s.forces[1] for s in spreads])),
-        NormalDist().inv_cdf(1 - risk / max(limits, 1)),
+        NormalDist().inv_cdf(1 - risk_of_one(problem, risk)),
     )
+
+
+def risk_of_one(problem: Problem, risk: float) -> float:
+    """Return α/m [-], the probability with which each force limit may be broken."""
+    limits = 2 * sum(force is not None for force in (problem.limits.min_force, problem.limits.max_force))
+    return risk / max(limits, 1)
 
 
 def chance_box(problem: Problem, risk: float) -> PressureBox:
     """Return the pressures that keep every force limit with its probability: again one interval a muscle."""
-    model, box = uncertain(problem, risk), problem.box_without_forces
+    model, box = uncertain(problem, risk), sampled_box(problem, risk_of_one(problem, risk))
     intervals = [
         _narrowed(problem, side, interval, model, j)
         for j, (side, interval) in enumerate(zip(problem.sides, box, strict=True))
@@ -97,14 +104,14 @@ def _narrowed(
     if (least := problem.limits.min_force) is not None:
         low = increasing_root(worst, lo, hi, given[0] - least, given[1], -np.ones_like(lo), index)
         slack = Limit.AGONIST_SLACK if j == 0 else Limit.ANTAGONIST_SLACK
-        lo_limit = np.where(np.isneginf(low), interval.lo_limit, np.int32(slack))
-        lo = np.where(np.isneginf(low), lo, low)
+        lo_limit = np.where(low > lo, np.int32(slack), interval.lo_limit)
+        lo = np.maximum(lo, low)
     if (greatest := problem.limits.max_force) is not None:
         high = increasing_root(worst, interval.lo, hi, given[0] - greatest, given[1], np.ones_like(lo), index)
         ceiling = Limit.AGONIST_FORCE if j == 0 else Limit.ANTAGONIST_FORCE
-        hi_limit = np.where(np.isposinf(high), interval.hi_limit, np.int32(ceiling))
-        hi = np.where(np.isposinf(high), hi, high)
-    return replace(interval, lo=lo, hi=hi, lo_limit=lo_limit, hi_limit=hi_limit, empty=lo > hi)
+        hi_limit = np.where(high < hi, np.int32(ceiling), interval.hi_limit)
+        hi = np.minimum(hi, high)
+    return replace(interval, lo=lo, hi=hi, lo_limit=lo_limit, hi_limit=hi_limit, empty=interval.empty | (lo > hi))
 
 
-__all__ = ["Affine", "Uncertain", "chance_box", "uncertain"]
+__all__ = ["Affine", "Uncertain", "chance_box", "risk_of_one", "uncertain"]

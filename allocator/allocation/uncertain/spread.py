@@ -27,7 +27,7 @@ class Spread(NamedTuple):
 def spread(problem: Problem, P1: Array, P2: Array) -> Spread:
     """Return the spread of everything at the pressures; a muscle without covariance counts as exactly known."""
     (one, two), joint = problem.sides, problem.joint
-    root1, root2 = _roots(joint)
+    root1, root2 = roots(joint)
     torque1, stiffness1, force1 = _of_muscle(one, P1, root1)
     torque2, stiffness2, force2 = _of_muscle(two, P2, root2)
     if joint.covariance is not None or joint.agonist == joint.antagonist:
@@ -51,7 +51,7 @@ def _of_muscle(side: OneMuscle, P: Array, root: Array) -> tuple[Array, Array, Ar
     return sign * arm * force, -(arm**2) / side.rest_length * slope - sign * arm_slope * force, force
 
 
-def _roots(joint: AntagonistJoint) -> tuple[Array, Array]:
+def roots(joint: AntagonistJoint) -> tuple[Array, Array]:
     """Return the rows of L (parameters, m) that belong to the agonist and to the antagonist."""
     if joint.covariance is None:
         return _root_of(joint.agonist), _root_of(joint.antagonist)
@@ -73,4 +73,4 @@ def _root(covariance: Array) -> Array:
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-__all__ = ["Spread", "spread", "stiffness_std"]
+__all__ = ["Spread", "roots", "spread", "stiffness_std"]

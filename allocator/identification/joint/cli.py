@@ -13,6 +13,8 @@ from rich.table import Table
 from allocator.errors import InvalidInput
 from allocator.identification.columns import parse_columns
 from allocator.identification.joint.comparison import JointComparison, compare_joint_models
+from allocator.identification.joint.dead_band import estimate_dead_band
+from allocator.identification.joint.doubt_report import choice_lines, choice_values, found_std
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import JointLog, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
@@ -20,7 +22,7 @@ from allocator.identification.joint.result import JointFit
 from allocator.identification.muscle.cli import columns_option
 from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.presentation.plotting import save_figure
-from allocator.shell.options import within
+from allocator.shell.options import numbers, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, DEG, MM
@@ -40,7 +42,9 @@ def fit_joint_command(
     every: Annotated[bool, typer.Option("--all", help="Compare all models, in angle and in stiffness.")] = False,
     average: Annotated[bool, typer.Option("--average", help="Fit the mean of both directions.")] = False,
     friction: Annotated[bool, typer.Option(help="Fit the friction μ, if the log has directions.")] = True,
-    dead_band: Annotated[float, typer.Option(help="Leave out samples with a pressure below [bar].")] = 0.5,
+    dead_band: Annotated[
+        str, typer.Option(help="Leave out samples with a pressure below [bar]; auto: what the data show.")
+    ] = "0.5",
     sweep: Annotated[
         list[str] | None, typer.Option(help="Direction of a number in the column sweep: 1=-1, 2=+1. Repeatable.")
     ] = None,
@@ -60,7 +64,6 @@ def fit_joint_command(
     time [s] the file is a raw log: what was steady for a second is used.
     """
     within("--rest-length", rest_length, "mm", 1, 100_000)
-    within("--dead-band", dead_band, "bar", 0, 100)
     check_ending("--plot", plot, IMAGES)
     claim(out, plot, inputs=(log,), force=force)
     console = Console(stderr=as_json)
@@ -75,9 +78,9 @@ def fit_joint_command(
         "slack": data.slack,
         "average": average,
         "friction": friction,
-        "dead_band": dead_band * BAR,
     }
     measured = (data.theta, data.P1, data.P2)
+    options["dead_band"] = _dead_band(dead_band, measured, model, options)
     compared = compare_joint_models(*measured, progress=lambda m: _progress(m, console), **options) if every else None
     with Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True) as bar:
         bar.add_task(f"fitting {model}", total=None)  # how many steps the search takes is not known
@@ -94,6 +97,15 @@ def fit_joint_command(
     if plot is not None:
         _draw(fit, plot)
         say(console, f"written: {plot}")
+
+
+def _dead_band(text: str, measured: tuple[Any, ...], model: str, options: dict[str, Any]) -> float:
+    """Return the dead band [Pa] that is given, or the one that the data show."""
+    if text == "auto":
+        return estimate_dead_band(*measured, model=model, **options)
+    (given,) = numbers("--dead-band", text, 1, 1, "0.5, or auto")
+    within("--dead-band", given, "bar", 0, 100)
+    return given * BAR
 
 
 def _sweeps(settings: list[str]) -> dict[float, float]:
@@ -170,12 +182,16 @@ def _report(comparison: JointComparison, console: Console) -> None:
 
 def _describe(fit: JointFit, console: Console) -> None:
     """Print what was found, how far to trust it, and what the data do not tell."""
-    s = fit.samples
+    s, std = fit.samples, found_std(fit)
     means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
     lines = [
         f"{fit.model}, {s.n} equilibria{means}: {fit.rms / DEG:.2f}° RMS",
-        f"  encoder zero {fit.zero / DEG:+.2f}°, antagonist {fit.ratio:.3f} times as strong as the agonist, "
-        f"friction μ = {fit.friction:.3f}",
+        f"  encoder zero {fit.zero / DEG:+.2f}{_plus_minus(std['zero'] / DEG)}°, antagonist "
+        f"{fit.ratio:.3f}{_plus_minus(std['ratio'])} times as strong as the agonist, "
+        f"friction μ = {fit.friction:.3f}{_plus_minus(std['friction'])}",
+        f"  ± is one standard deviation, robust to errors alike in {fit.doubt.clusters} {fit.doubt.clustering}"
+        + (", with what the choices below change" if fit.doubt.choices else ""),
+        *(f"  {line}" for line in choice_lines(fit)),
     ]
     if not np.isnan(fit.hysteresis_share):
         lines.append(f"  {fit.hysteresis_share:.0%} of the squared error without friction is hysteresis")
@@ -200,7 +216,12 @@ def _stiffness_line(fit: JointFit) -> str:
             f"  stiffness: relative only, K/K_ref to ± {np.median(fit.stiffness_ratio_std()):.2g} (K_ref at {where}); "
             "absolute after a known weight was hung"
         )
-    return f"  stiffness: known to {fit.scale_std:.1%}, if the law is right"
+    law = "" if fit.doubt.choices else ", if the law is right"
+    return f"  stiffness: known to {fit.scale_std:.1%} (one standard deviation){law}"
+
+
+def _plus_minus(std: float) -> str:
+    return f" ± {std:.2g}" if std else ""
 
 
 def _draw(fit: JointFit, path: Path) -> None:
@@ -211,17 +232,24 @@ def _draw(fit: JointFit, path: Path) -> None:
 
 def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, Any]:
     """Return what `--json` prints."""
+    std = found_std(fit)
     values: dict[str, Any] = {
         "model": fit.model,
         "equilibria": fit.samples.n,
         "rms_deg": fit.rms / DEG,
         "left_out_deg": fit.left_out / DEG,
         "encoder_zero_deg": fit.zero / DEG,
+        "encoder_zero_std_deg": std["zero"] / DEG,
         "antagonist_over_agonist": fit.ratio,
+        "antagonist_over_agonist_std": std["ratio"],
         "friction": fit.friction,
+        "friction_std": std["friction"],
         "force_scale": fit.scale,
         "force_scale_std": None if fit.scale is None else fit.scale_std,
         "samples_left_out": fit.samples.dropped,
+        "clusters": fit.doubt.clusters,
+        "clusters_are": fit.doubt.clustering,
+        "choices": [choice_values(choice) for choice in fit.doubt.choices],
         "unseen": fit.unseen,
         "warnings": fit.warnings,
     }

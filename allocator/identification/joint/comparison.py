@@ -64,7 +64,11 @@ def compare_joint_models(
     progress: Callable[[Iterable[Model]], Iterable[Model]] = lambda models: models,
     **options: Any,
 ) -> JointComparison:
-    """Fit every model to the same equilibria; `options` go to `fit_joint`. Muscles may stand among the models."""
+    """Fit every model to the same equilibria; `options` go to `fit_joint`. Muscles may stand among the models.
+
+    The comparison itself shows what the choice of law changes: each fit is made without `choices`.
+    """
+    options = {"choices": False} | options
     fits: dict[str, JointFit] = {}
     failures: dict[str, str] = {}
     for model in progress(tuple(models)):

@@ -47,6 +47,7 @@ def fit_joint(
     slack_noise: float = SLACK_NOISE,
     prior: Muscle | None = None,
     leave_one_out: bool = True,
+    choices: bool = True,
 ) -> JointFit:
     """Fit the muscles of a joint to equilibria: angles [rad] at pressures (P1, P2) [Pa, gauge], arrays that broadcast.
 
@@ -88,6 +89,9 @@ def fit_joint(
         force, with its covariance, where the data do not. Its strength does not matter.
     leave_one_out
         Whether each group is also predicted from the others.
+    choices
+        Whether greater dead bands and other laws are fitted too, and what they change goes into the covariance, see
+        `allocator.identification.joint.doubt`. Without it the error of the law is not in the standard deviations.
 
     Raises
     ------
@@ -107,7 +111,7 @@ def fit_joint(
     prototype, recipe, fixed = _prototype(model, samples, hold or {}, start)
     samples = _within(samples, prototype)
     problem = replace(_problem(prototype, recipe, samples, fixed, extra, taut_min), sag=sag)
-    return solved(problem, first_search(problem, recipe), leave_one_out, prior)
+    return solved(problem, first_search(problem, recipe), leave_one_out, prior, choices)
 
 
 def _parted(samples: JointSamples, slack: Any, noise: float) -> tuple[JointSamples, SlackReadings | None]:

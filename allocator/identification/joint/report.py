@@ -67,17 +67,6 @@ def at_bound(problem: JointProblem, x: Array) -> Mask:
     return np.asarray((x - problem.lower < near) | (problem.upper - x < near))
 
 
-def covariance(problem: JointProblem, x: Array) -> Array:
-    """Return the covariance (m, m) of the unknowns, 0 for those at a bound."""
-    inside = ~at_bound(problem, x)
-    r, J = problem.residual(x), problem.jacobian(x)
-    names = tuple(n for n, i in zip(problem.names, inside, strict=True) if i)
-    found = determine(J[:, inside], float(r @ r), names, x[inside])
-    full = np.zeros((x.size, x.size))
-    full[np.ix_(inside, inside)] = found.covariance
-    return full
-
-
 def unseen(problem: JointProblem, x: Array) -> tuple[str, ...]:
     """Return the directions that move no angle and no pull share that is set; the force scale by its name."""
     n = problem.samples.n
@@ -264,7 +253,6 @@ __all__ = [
     "GroupError",
     "at_bound",
     "checked",
-    "covariance",
     "findings",
     "groups",
     "joints",

@@ -12,7 +12,9 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.joint import gradients, report
 from allocator.identification.joint.common import CommonForce, Prior, guided, prior_of, settle, with_free_friction
+from allocator.identification.joint.doubt import Doubt, doubt
 from allocator.identification.joint.intervals import ForceIntervals, force_intervals
+from allocator.identification.joint.prediction import Prediction, angle_std, predict
 from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
 from allocator.identification.joint.relative import WHY, RelativeJoint
 from allocator.identification.joint.report import GroupError
@@ -20,6 +22,7 @@ from allocator.identification.joint.samples import JointSamples
 from allocator.identification.joint.search import best_start, minimise, scale_shape
 from allocator.identification.joint.start import starts
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.geometry import Geometry
 from allocator.joint.storage import save_joint
 from allocator.muscles import Muscle, Recipe, strength_powers
 from allocator.presentation.tables import first_of, html_table, number
@@ -39,7 +42,8 @@ class JointFit:
     rms: float  # of all samples [rad]
     groups: tuple[GroupError, ...]
     hysteresis_share: float  # of the squared error of the prediction without friction; NaN without both directions
-    standard_deviations: Mapping[str, float]  # of what was fitted
+    standard_deviations: Mapping[str, float]  # of what was fitted; ± 1.96 of them are the 95 % interval
+    doubt: Doubt  # where they come from, and what other choices give
     unseen: tuple[str, ...]  # what these data leave open, and changes of the unknowns that move no angle
     common: CommonForce  # to both muscles: seen, or what is assumed and within which bounds
     slack: int  # muscles at samples that the model has at less than `taut_min` of the mean force
@@ -93,6 +97,25 @@ class JointFit:
     def predicted(self) -> Array:
         """Return the angle predicted (n,) [rad], as the encoder would show it."""
         return self.samples.theta - self.errors()
+
+    def angle_std(self, *, new_group: bool = False) -> Array:
+        """Return the standard deviation (n,) [rad] of a measured angle at the pressures of the samples.
+
+        ± 1.96 of them are the 95 % interval of another measurement: the parameters' uncertainty, and the error of law,
+        friction and reading as the fit has it. With `new_group` of a group that was not measured (another length):
+        then with the error of the groups that were left out in turn. Raises InvalidInput where there are none.
+        """
+        return angle_std(self, self.problem, new_group)
+
+    def predict(
+        self, P1: Any, P2: Any, *, torque: Any = 0.0, direction: Any = 0.0, geometry: Geometry | None = None
+    ) -> Prediction:
+        """Return the angles [rad] that the encoder will show at pressures [Pa], with their standard deviations.
+
+        `torque` [N·m] and `direction` as in `fit_joint`. A `geometry` that was not fitted is that of a new group, see
+        `angle_std`. Raises InvalidInput for what makes no sense.
+        """
+        return predict(self, P1, P2, torque, direction, geometry)
 
     def stiffness(self) -> gradients.Quantity:
         """Return K (n,) [N·m/rad] at the samples and its gradient.
@@ -255,14 +278,19 @@ def first_search(problem: JointProblem, recipe: Recipe[Any]) -> Array:
 
 
 def solved(
-    problem: JointProblem, x: Array, leave_one_out: bool = True, prior: Muscle | Prior | None = None
+    problem: JointProblem,
+    x: Array,
+    leave_one_out: bool = True,
+    prior: Muscle | Prior | None = None,
+    choices: bool = True,
 ) -> JointFit:
     """Return the fit, searched from `x`, and all that is to be said about it."""
     problem, x, common = settle(problem, x, prior_of(problem, prior))
     x, converged = minimise(problem, x)
     u = report.checked(problem, x)
     error = problem.angle_error(x)
-    covariance = report.covariance(problem, x) + common.covariance
+    doubted = doubt(problem, x, ~report.at_bound(problem, x), choices)
+    covariance = doubted.covariance + common.covariance
     joints = report.joints(problem, u, covariance, common.unseen)
     found = report.findings(problem, u, joints.values(), covariance, converged)
     return JointFit(
@@ -278,6 +306,7 @@ def solved(
         standard_deviations=dict(zip(problem.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         unseen=(*common.said, *report.unseen(problem, x)),
         common=common,
+        doubt=doubted,
         slack=found.slack,
         monotone=not found.failure,
         determinant_positive=found.determinant_positive,

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -66,6 +67,32 @@ def test_the_limits_are_kept_with_the_probability_asked_for(fitted, joint, prior
         assert broken < risk
         if nominal.forces[0] < low + 1e-6 or (high and max(nominal.forces) > high - 1e-6):
             assert broken_nominally > 3.5 * risk
+
+
+@pytest.mark.parametrize("widened", [1, 25, 100, 400])
+@pytest.mark.parametrize("risk", [0.10, 0.01])
+def test_the_risk_is_kept_or_said_not_to_be_where_a_wide_covariance_meets_a_nonlinear_law(fitted, joint, widened, risk):
+    """The Sarosi form has exponents: times 400 a quarter of its draws fall with pressure, and no pressure helps."""
+    matrix = covariance(fitted, np.sqrt(widened))
+    for theta, K, T in ((0.0, 1.5, 0.0), (0.4, 1.5, 0.5), (-0.6, 1.5, -1.0)):
+        common = {"joint": joint, "method": "convex", "uncertainty": matrix, "risk": risk}
+        answer = allocate(theta, K, T, **common)
+        if answer.status in (Status.HEDGED, Status.EXACT):
+            assert widened < 400
+            assert violations(joint, matrix, answer, 0.0, np.inf) <= risk
+        else:
+            assert widened > 25
+            assert answer.status is Status.TOO_RISKY
+            assert "no pressures keep the force limits with that probability" in answer.message
+            supply = SimpleNamespace(theta=theta, P1=5 * BAR, P2=5 * BAR)
+            assert violations(joint, matrix, supply, 0.0, np.inf) > risk / 2  # Bonferroni: one limit has half of it
+
+
+def test_a_ceiling_is_kept_in_draws_of_a_nonlinear_law(fitted, joint):
+    matrix = covariance(fitted, 4.0)
+    answer = allocate(0.0, 9.0, 0.0, joint=joint, method="convex", uncertainty=matrix, risk=0.05, max_force=300.0)
+    assert answer.status is Status.HEDGED
+    assert violations(joint, matrix, answer, 0.0, 300.0) <= 0.05
 
 
 def test_the_cone_s_answer_lies_in_the_box_found_by_root_finding(joint, fitted):

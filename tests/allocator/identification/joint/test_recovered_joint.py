@@ -16,7 +16,8 @@ def recovered(joint, simulated, truth, weights, seed):
     """(relative error, error in standard deviations) of K at the samples, and the fit."""
     log = simulated(joint, weights, seed)
     (theta, P1, P2), given = log.fit_arguments()
-    fit = fit_joint(theta, P1, P2, **given, geometry=joint.geometry, model=type(joint.agonist).__name__)
+    law = {"model": type(joint.agonist).__name__, "choices": False}  # the law is the true one: nothing to choose
+    fit = fit_joint(theta, P1, P2, **given, **law, geometry=joint.geometry)
     angle = truth(joint, P1, P2, log.torque, log.direction)
     K, found = joint.stiffness(angle, P1, P2), fit.stiffness().value
     return found / K - 1, (found - K) / fit.stiffness_std(), fit
