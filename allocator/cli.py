@@ -100,6 +100,7 @@ def _values(a: "Allocation") -> dict[str, Any]:
         "F2_N": a.forces[1],
         "torque_reachable_Nm": a.torque_interval,
         "stiffness_reachable_Nm_per_rad": a.stiffness_interval,
+        "slack_assumed": a.joint.slack_assumed,
         "message": a.message,
     }
 
@@ -127,6 +128,8 @@ def _table(a: "Allocation") -> "Table":
     for name, pressure, force in zip(("agonist", "antagonist"), (a.P1, a.P2), a.forces, strict=True):
         table.add_row(Text(f"{name} pressure [bar]"), "", f"{pressure / BAR:.4f}", f"pulls {number(force)} N")
     table.add_row("binding limits", "", ", ".join(a.active) or "none", "")
+    if a.assumed:
+        table.add_row("slack limits", "", "assumed", "not seen in the fit of the joint")
     return table
 
 

@@ -14,6 +14,7 @@ import typer
 
 from allocator.cli import app
 from allocator.errors import InvalidInput, MissingBackend
+from allocator.joint.assumption import assumption
 from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped
 from allocator.shell.outputs import IMAGES, Force, claim
@@ -119,7 +120,10 @@ def track(
     if known.summary:
         say(console, f"told to the controller: {known.summary}")
     say(console, f"trajectory: {reference.summary}")
-    console.print(_summary(figures, done.implementation))
+    assumed = assumption(nominal.joint)
+    console.print(_summary(figures, done.implementation, assumed=bool(assumed)))
+    if assumed:
+        say(console, assumed)
     if figures.out_of_reach:
         share = f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach"
         say(console, f"{share}; `antagonist map` shows what is in it")
@@ -195,7 +199,7 @@ def _tested(
     return tested, Settings(nominal, compensation=known, weights=Weights.calm())
 
 
-def _summary(m: "Metrics", implementation: str) -> "Table":
+def _summary(m: "Metrics", implementation: str, *, assumed: bool = False) -> "Table":
     from rich.table import Table
     from rich.text import Text
 
@@ -210,6 +214,8 @@ def _summary(m: "Metrics", implementation: str) -> "Table":
     table.add_section()
     for limit, (excess, unit) in m.violations.items():
         table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
+    if assumed:
+        table.add_row("slack limits", "", "assumed")
     table.add_section()
     table.add_row(Text("time of a step [ms]"), f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
     if implementation:

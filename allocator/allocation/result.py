@@ -20,6 +20,7 @@ from allocator.allocation.uncertain.spread import stiffness_std
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.assumption import assumption
 from allocator.joint.limits import Limits, names
 from allocator.joint.torque_levels import Pair, torque_interval
 from allocator.presentation.tables import html_table, number, span
@@ -61,6 +62,15 @@ class Allocation:
     def success(self) -> Any:
         """Return whether both targets are met."""
         return self.status == Status.EXACT
+
+    @property
+    def assumed(self) -> str:
+        """Return what the answer rests on without having been seen, in a sentence; empty where there is nothing.
+
+        Equilibria of some joints do not show a force common to both muscles. Then nobody knows at which pressures the
+        cables go slack, and a target that is met is met if they are taut.
+        """
+        return assumption(self.joint)
 
     @property
     def T_error(self) -> Any:
@@ -180,7 +190,11 @@ class Allocation:
 
     @property
     def message(self) -> str:
-        """Return a sentence that says what was reached and what is in the way."""
+        """Return a sentence that says what was reached, what is in the way and what is assumed."""
+        return "; ".join(filter(None, (self._outcome, self.assumed)))
+
+    @property
+    def _outcome(self) -> str:
         if self._shape:
             values, counts = np.unique(self.status, return_counts=True)
             listed = ", ".join(f"{n} {Status(v).name}" for v, n in zip(values, counts, strict=True))
@@ -202,12 +216,14 @@ class Allocation:
             "stiffness_Nm_per_rad": self.K,
             "torque_Nm": self.T,
         }
+        assumed = {"assumed": self.assumed} if self.assumed else {}
         if not self._shape:
-            return columns | {"status": Status(self.status).name, "limits": " + ".join(self.active)}
+            return columns | {"status": Status(self.status).name, "limits": " + ".join(self.active)} | assumed
         flags, which = np.unique(np.ravel(self.limits), return_inverse=True)
         return {name: np.ravel(column) for name, column in columns.items()} | {
             "status": np.array([status.name for status in Status])[np.ravel(self.status)],
             "limits": np.array([" + ".join(names(int(value))) for value in flags], str)[which],
+            **{name: np.full(which.size, text) for name, text in assumed.items()},
         }
 
     def __repr__(self) -> str:
@@ -222,7 +238,7 @@ class Allocation:
             f"  torque {number(self.T)} N·m (asked {number(self.T_target)}), "
             f"stiffness {number(self.K)} N·m/rad (asked {number(self.K_target)})",
         ]
-        return "\n".join([*lines, f"  {self.message}"] if self.status != Status.EXACT else lines)
+        return "\n".join([*lines, f"  {self.message}"] if self.status != Status.EXACT or self.assumed else lines)
 
     def _repr_html_(self) -> str:
         """Return the answer as a table, for notebooks."""

@@ -116,7 +116,7 @@ def _sentence(name: str, found: "FeasibilityMap") -> str:
     """Return one line on what exists, one on what ends it."""
     return (
         f"{name}: {100 * found.share:.1f} % of {found.status.size} combinations exist\n"
-        f"  ended by: {', '.join(_ended_by(found)) or 'nothing exists'}"
+        f"  ended by: {', '.join(_ended_by(found)) or 'nothing exists'}" + (found.assumed and f"\n  {found.assumed}")
     )
 
 
@@ -127,6 +127,7 @@ def _values(name: str, found: "FeasibilityMap") -> dict[str, Any]:
         "combinations": found.status.size,
         "existing_share": found.share,
         "ended_by": _ended_by(found),
+        "slack_assumed": found.joint.slack_assumed,
     }
 
 

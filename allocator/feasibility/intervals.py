@@ -4,6 +4,10 @@ At an angle the torques are an interval, [T(lo1, hi2), T(hi1, lo2)]; at an angle
 whose ends lie where the torque level leaves the box of pressures (`allocator.joint.torque_levels`) unless the stiffness
 turns on the way. At an angle and a stiffness the torques may be several intervals. The angles at which a stiffness can
 be had are found between the zeros of how far it is inside its interval.
+
+Where the fit of a joint has not seen at which pressures its cables go slack (`AntagonistJoint.slack_assumed`) the
+intervals are those of cables that are always taut: `min_force` is not applied, since it would cut them at an assumed
+limit. They are then too wide rather than false, and that is warned of once (`AssumedSlack`).
 """
 
 import numpy as np
@@ -16,8 +20,10 @@ from allocator.calculus import Array, Mask
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.assumption import AssumedSlack, assumption
 from allocator.joint.torque_levels import Pair, stiffness
 from allocator.joint.torque_levels import torque_interval as torque_interval_in
+from allocator.notices import notice_once
 
 
 def torque_interval(
@@ -34,7 +40,7 @@ def torque_interval(
     pressure keeps a cable taut). Closed form, or one root finding a muscle without one. The limits are those of
     `allocator.allocate`. Raises InvalidInput for arguments that make no sense.
     """
-    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    setting = _setting(joint, min_force, max_force, min_cocontraction)
     problem, asked = setting.problem(theta)
     none = problem.box.empty | (problem.theta != asked.ravel())
     return _shaped(asked.shape, none, *torque_interval_in(problem.sides, problem.box))
@@ -55,7 +61,7 @@ def stiffness_interval(
     where the limits contradict each other. Closed form, or root finding for muscles without one. The limits are those
     of `allocator.allocate`. Raises InvalidInput for arguments that make no sense.
     """
-    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    setting = _setting(joint, min_force, max_force, min_cocontraction)
     asked, T = checks.broadcast(theta=checks.angle("theta", theta), T=checks.real("T", T, "N·m"))
     found = setting.columns(asked, T)
     none = ~found.exists | (found.problem.theta != asked.ravel())
@@ -80,7 +86,7 @@ def torque_intervals(
         has, NaN where a target has fewer; m = 0 where none has any. One for affine muscles on a pulley; on a lever
         the stiffness [N·m/rad] may turn with the pressure, and the torques fall into up to three.
     """
-    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    setting = _setting(joint, min_force, max_force, min_cocontraction)
     asked, K = checks.broadcast(theta=checks.angle("theta", theta), K=checks.stiffness("K", K))
     problem, _ = setting.problem(asked, 0.0, K)
     K_min, K_max = (stiffness(problem.sides, pair) for pair in reach.stiffness_range(problem))
@@ -133,7 +139,7 @@ def angle_intervals(
         where a target has fewer; m = 0 where none has any. Their ends are roots, exact to rounding. Intervals, and
         gaps between them, narrower than 1/128 of the joint range may be missed.
     """
-    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    setting = _setting(joint, min_force, max_force, min_cocontraction)
     K, T = checks.broadcast(K=checks.stiffness("K", K), T=checks.real("T", T, "N·m"))
     found = spans(lambda x, K, T: margin(setting, x, K, T), *setting.joint.angle_range, K.ravel(), T.ravel())
     return found[0].reshape(-1, *K.shape), found[1].reshape(-1, *K.shape)
@@ -147,6 +153,17 @@ def margin(setting: Setting, theta: Array, K: Array, T: Array) -> Array:
     inside = np.minimum(K.ravel() - found.K_min, found.K_max - K.ravel()) / scale
     inside = np.minimum(inside, found.reach) + CLOSED_FORM.met
     return np.where(found.problem.box.empty, -1.0, inside).reshape(theta.shape)
+
+
+def _setting(
+    joint: AntagonistJoint | None, min_force: float | None, max_force: float | None, min_cocontraction: float | None
+) -> Setting:
+    """Return the setting, without a least force where the slack limits are assumed."""
+    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    if min_force is None or not (assumed := assumption(setting.joint)):
+        return setting
+    notice_once(f"{assumed}; intervals are given for cables that are always taut, too wide at worst", AssumedSlack)
+    return Setting.of(joint, None, max_force, min_cocontraction)
 
 
 def _shaped(shape: tuple[int, ...], none: Mask | bool, *ends: Array | float) -> Pair:

@@ -48,7 +48,7 @@ def plot_map(feasible: FeasibilityMap, axes: Any = None) -> Any:
     name_axes(axes, x, y)
     _show_range(axes, [feasible])
     _label_edges(axes, feasible, x, y)
-    axes.set_title(_held(feasible), fontsize="medium", loc="left")
+    axes.set_title("\n".join(filter(None, (_held(feasible), feasible.assumed))), fontsize="medium", loc="left")
     return axes
 
 
@@ -72,6 +72,7 @@ def plot_maps(maps: Mapping[str, FeasibilityMap], axes: Any = None, *, title: st
         axes.plot([], [], color=GREY, linestyle=dash, label=text)
     name_axes(axes, x, y)
     _show_range(axes, list(maps.values()))
+    _note(axes, maps)
     legend_outside(axes, title)
     return axes
 
@@ -98,7 +99,16 @@ def plot_pressures(feasible: FeasibilityMap, figure: Any = None) -> Any:
     panels[1].set_ylabel("")
     figure.colorbar(colours, ax=panels, label=QUANTITIES["P"].label, ticks=np.linspace(0, float(top), 6))
     _show_range(panels[0], [feasible])
+    if feasible.assumed:
+        figure.suptitle(feasible.assumed, fontsize="small")
     return figure
+
+
+def _note(axes: Any, maps: Mapping[str, FeasibilityMap]) -> None:
+    """Say over the picture of several maps which of them rest on assumed slack limits."""
+    if assumed := {name: m.assumed for name, m in maps.items() if m.assumed}:
+        which = "" if len(assumed) == len(maps) else f"{', '.join(assumed)}: "
+        axes.set_title(which + next(iter(assumed.values())), fontsize="small", loc="left")
 
 
 # --- curves ---------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from allocator.feasibility.edges import Edge, edges_at_angle, edges_at_stiffness
 from allocator.feasibility.setting import Setting
 from allocator.files.atomic import replacing
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.assumption import assumption
 from allocator.joint.limits import names
 from allocator.units import BAR, DEG
 
@@ -44,6 +45,11 @@ class FeasibilityMap:
     def joint(self) -> AntagonistJoint:
         """Return the joint of the map."""
         return self.setting.joint
+
+    @property
+    def assumed(self) -> str:
+        """Return what the map rests on without having been seen, in a sentence; empty where there is nothing."""
+        return assumption(self.joint)
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -102,10 +108,14 @@ class FeasibilityMap:
     # --- on disk ----------------------------------------------------------------------------------------------------
 
     def to_csv(self, path: str | PathLike[str]) -> None:
-        """Write one row a cell: degrees, N·m/rad, N·m, the status and the limits by name, bar."""
+        """Write one row a cell: degrees, N·m/rad, N·m, the status and the limits by name, bar.
+
+        Where slack limits are assumed a last column says so.
+        """
         with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
-            file.write(f"{_HEADER}\n")
-            file.writelines(self._rows())
+            more = ("slack_limits", "assumed") if self.assumed else ()
+            file.write(",".join((_HEADER, *more[:1])) + "\n")
+            file.writelines(",".join((row, *more[1:])) + "\n" for row in self._rows())
 
     def _rows(self) -> Iterator[str]:
         axes = (np.atleast_1d(self.theta) / DEG, np.atleast_1d(self.K), np.atleast_1d(self.T))
@@ -113,7 +123,7 @@ class FeasibilityMap:
         text = {value: " + ".join(names(int(value))) for value in np.unique(self.limits)}
         state = {int(value): value.name for value in Status}
         for (theta, K, T), (status, limits, P1, P2) in zip(product(*axes), cells, strict=True):
-            yield f"{theta:.10g},{K:.10g},{T:.10g},{state[int(status)]},{text[limits]},{P1:.9g},{P2:.9g}\n"
+            yield f"{theta:.10g},{K:.10g},{T:.10g},{state[int(status)]},{text[limits]},{P1:.9g},{P2:.9g}"
 
     def to_npz(self, path: str | PathLike[str]) -> None:
         """Write all arrays in SI units, the names of the statuses and the limits, and the edges, compressed.
@@ -139,6 +149,7 @@ class FeasibilityMap:
                 edge_columns=np.array(["theta", "K", "T", "P1", "P2"]),
                 edge_starts=np.cumsum([0, *map(len, points)])[:-1],
                 edge_limits=np.array([e.limits for e in self.edges], np.int32),
+                assumed=np.array(self.assumed),
             )
 
     # --- to look at -------------------------------------------------------------------------------------------------

@@ -12,6 +12,8 @@ from typer.testing import CliRunner
 
 from allocator import BAR, DEG, PrandtlIshlinskii
 from allocator.joint.antagonist import report_joint
+from allocator.joint.limits import COMMON_FORCE
+from allocator.joint.storage import save_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant, sine
 from mpc.cli import app, main
@@ -107,6 +109,17 @@ def test_a_standard_trajectory_is_one_word_and_the_run_can_be_read_again(tmp_pat
     assert run.theta_ref[0] == pytest.approx(-30 * DEG)
     again = CliRunner().invoke(app, ["track", str(files[0])])
     assert again.exit_code != 0  # a recording is no trajectory
+
+
+def test_the_table_says_that_slack_limits_are_assumed_where_the_fit_has_not_seen_them(tmp_path):
+    said = []
+    for name, unseen in (("seen", ()), ("unseen", (COMMON_FORCE,))):
+        save_joint(replace(report_joint(), unseen=unseen), tmp_path / f"{name}.toml")
+        options = ["--joint", str(tmp_path / f"{name}.toml"), "--controller", "feedforward"]
+        result = CliRunner().invoke(app, ["track", "min-jerk", *options, "--out", str(tmp_path / f"{name}.csv")])
+        assert result.exit_code == 0, result.output
+        said.append("slack limits" in result.output and "assumed" in result.output)
+    assert said == [False, True]
 
 
 def test_without_a_trajectory_another_joint_moves_about_what_it_has(tmp_path):

@@ -9,8 +9,9 @@ Three things are added up here, in the unknowns x:
    plane of pressures; never less than the formal one in any direction. It is widened by (t / 1.96)², t the 97.5 %
    quantile of Student's distribution with (clusters - 1) degrees of freedom, so that ± 1.96 std is the 95 % interval.
 2. What a greater dead band gives, and
-3. what another law gives that predicts the angles about as well: the change d of the unknowns that has the same effect
-   on stiffness and forces, to first order; the mean of d dᵀ over the choices.
+3. what another law gives, or a hysteresis that is constant in the angle instead of friction in proportion to the pull,
+   if it predicts the angles about as well: the change d of the unknowns that has the same effect on stiffness and
+   forces, to first order. The mean of d dᵀ over the choices of a kind is added.
 """
 
 from collections.abc import Iterator
@@ -39,6 +40,7 @@ _LEVERAGE = 0.9  # greatest eigenvalue of H_gg that is believed: a cluster that 
 _TILES = 3  # a side of the plane of pressures
 _FORCE_WEIGHT = 0.3  # of a relative change of force, in that of a stiffness
 _MOST_PSEUDO = 300  # forces to which another law is fitted first
+_ROUNDS = 3  # in which a constant hysteresis and the unknowns are fitted in turn
 _RANK = 1e-6  # of the effects of the unknowns on stiffness and forces
 
 
@@ -46,7 +48,7 @@ class Choice(NamedTuple):
     """A choice that could have been made otherwise, and what the fit would have been."""
 
     name: str
-    kind: str  # "dead band" or "law"
+    kind: str  # "dead band", "hysteresis" or "law"
     rms: float  # [rad]
     ratio: float  # [-]
     zero: float  # [rad]
@@ -75,7 +77,7 @@ def doubt(problem: JointProblem, x: Array, inside: Mask, choices: bool = True) -
     robust, clusters, clustering = _robust(r, J[:, inside], found, _clusterings(problem))
     others = tuple(_choices(problem, x, inside)) if choices else ()
     covariance = robust.copy()
-    for kind in ("dead band", "law"):
+    for kind in ("dead band", "hysteresis", "law"):
         covariance += _spread([choice for choice in others if choice.kind == kind], inside)
     return Doubt(_full(covariance, inside), _full(formal, inside), clusters, clustering, others)
 
@@ -182,9 +184,13 @@ def _choices(problem: JointProblem, x: Array, inside: Mask) -> Iterator[Choice]:
             continue
         there, _ = minimise(problem.on(keep), x)
         yield effect.choice(f"pressures from {(start + further) / BAR:.2g} bar", "dead band", problem.on(keep), there)
+    most = _AS_GOOD * float(np.sqrt(np.mean(problem.angle_error(x) ** 2)))
+    if "friction" in problem.extra:
+        choice = effect.choice("a constant hysteresis", "hysteresis", *_with_constant_hysteresis(problem, x))
+        if choice.rms <= most:
+            yield choice
     if not problem.free:
         return
-    most = _AS_GOOD * float(np.sqrt(np.mean(problem.angle_error(x) ** 2)))
     for name in LAWS:
         if name == type(problem.prototype).__name__:
             continue
@@ -195,6 +201,17 @@ def _choices(problem: JointProblem, x: Array, inside: Mask) -> Iterator[Choice]:
         choice = effect.choice(name, "law", other, there)
         if choice.rms <= most:
             yield choice
+
+
+def _with_constant_hysteresis(problem: JointProblem, x: Array) -> tuple[JointProblem, Array]:
+    """Return the problem without friction, a constant angle taken off in the direction of motion, and its solution."""
+    s, still = problem.samples.direction, problem.still()
+    shifted, there = still, x
+    for _ in range(_ROUNDS):
+        there, _ = minimise(shifted, there)
+        half = float(still.angle_error(there) @ s) / max(float(s @ s), 1.0)
+        shifted = replace(still, samples=replace(still.samples, theta=still.samples.theta - half * s))
+    return shifted, there
 
 
 def _with_law(problem: JointProblem, x: Array, model: type[Muscle]) -> tuple[JointProblem, Array]:
