@@ -8,6 +8,7 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.feasibility.cli import map_command
 from allocator.identification.joint.cli import fit_joint_command
+from allocator.identification.joint.plan_cli import plan_joint_command
 from allocator.identification.motion.cli import fit_motion_command
 from allocator.identification.muscle.cli import fit_command
 from allocator.presentation.tables import number
@@ -158,6 +159,7 @@ def muscles() -> None:
 
 app.command("fit", cls=Command, short_help="a muscle from measured forces (CSV)")(fit_command)
 app.command("fit-joint", cls=Command, short_help="a joint from angles at pressures (CSV)")(fit_joint_command)
+app.command("plan-joint", cls=Command, short_help="what to measure for fit-joint")(plan_joint_command)
 app.command("fit-motion", cls=Command, short_help="lags and hysteresis from a log of a moving joint (CSV)")(
     fit_motion_command
 )

@@ -5,7 +5,8 @@ The unknowns x of the fit have the information matrix M = M0 + Σ Bᵀ B/σ², B
 visited from above and from below, M0 a loose prior (a parameter is known to five times itself, the zero to 10°, μ to
 0.3). At each step the setpoint with the greatest gain log det(I + B M⁻¹ Bᵀ/σ²) is added, until the standard deviation
 of K over the unloaded setpoints, √(g M⁻¹ gᵀ) in the mean square, is what is wanted, and there are as many setpoints as
-unknowns. A plan has one weight: plans are made for several, and the one with the fewest setpoints is taken.
+unknowns. A plan has one weight: plans are made for several, and the one with the fewest setpoints is taken. What
+equilibria do not show, and which further measurement would show it, is in `allocator.identification.joint.supplements`.
 """
 
 from collections.abc import Iterable
@@ -21,6 +22,7 @@ from allocator.identification.joint import gradients
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
+from allocator.identification.joint.supplements import Known, Supplement, sag_table, supplements
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import scaled
 from allocator.units import BAR, DEG
@@ -50,9 +52,10 @@ class JointPlan:
     weight: float  # torque of the weight [N·m]
     accuracy: float  # relative standard deviation of K to be expected [-]
     reached: bool  # whether that is what was wanted
+    further: tuple[Supplement, ...] = ()  # measurements beside them, the one that tells most first
 
     def __str__(self) -> str:
-        """Return the table to follow."""
+        """Return the table to follow, and after an empty line what a further measurement would tell."""
         head = (
             f"{len(self.setpoints)} setpoints, each visited twice, with a weight of {self.weight:.3g} N·m; K will be "
             f"known to {self.accuracy:.1%}" + ("" if self.reached else ", which is less than was wanted")
@@ -67,7 +70,19 @@ class JointPlan:
             f"  {s.falling / DEG:9.1f}°  {s.rising / DEG:8.1f}°"
             for i, s in enumerate(self.setpoints, 1)
         ]
-        return "\n".join([head, how, *rows])
+        return "\n".join([head, how, *rows, *self._further()])
+
+    def _further(self) -> list[str]:
+        if not self.further:
+            return []
+        best, *others = self.further
+        why = (
+            "Equilibria do not show a force common to both muscles, hence not where cables go slack. "
+            if best.sag
+            else ""
+        )
+        table = sag_table(best.sag) if best.sag else []
+        return [f"\n{why}What tells most beside them:", f"  {best}", *table, *(f"  (or {other})" for other in others)]
 
 
 def plan_joint_experiment(
@@ -79,6 +94,9 @@ def plan_joint_experiment(
     weights: Iterable[float] | None = None,
 ) -> JointPlan:
     """Plan the measurement for `fit_joint` on a roughly known `joint` (a guess, a data sheet, a first fit).
+
+    The plan's `further` says which measurement beside the equilibria tells most of what they leave open: a sag test, a
+    second weight or a push with shut valves.
 
     Parameters
     ----------
@@ -132,12 +150,21 @@ def _plan(joint: AntagonistJoint, accuracy: float, sigma: float, levels: Array, 
         chosen.append(best)
         C = C - C @ B[best].T @ np.linalg.solve(inner[best], B[best] @ C)
         reached = _accuracy(goal, C)
+    further = supplements(joint, Known(problem, x, C, goal, W, sigma), _heavier(joint, levels, 2 * W))
     s = problem.samples
     P1, P2 = s.P1.reshape(2, -1)[0], s.P2.reshape(2, -1)[0]
     falling, rising = angle.reshape(2, -1)
     order = sorted(chosen, key=lambda i: (abs(T[i]), T[i], P1[i], P2[i]))
     points = tuple(Setpoint(*(float(a[i]) for a in (T, P1, P2, falling, rising))) for i in order)
-    return JointPlan(points, W, reached, reached <= accuracy)
+    return JointPlan(points, W, reached, reached <= accuracy, further)
+
+
+def _heavier(joint: AntagonistJoint, levels: Array, W: float) -> Array:
+    """Return ∂θ_eq/∂x (r, m) of equilibria under the weight W at equal pressures that hold it, from both sides."""
+    problem, x, _ = _candidates(joint, levels, W)
+    s = problem.samples
+    here = (s.torque != 0) & (s.P1 == s.P2)
+    return np.asarray(problem.jacobian(x)[: s.n][here])
 
 
 def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointProblem, Array, Array]:

@@ -1,0 +1,124 @@
+"""`antagonist plan-joint` says which pressures to visit and which weight to hang before `fit-joint` can tell K."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from allocator.shell.joint_options import JointOptions
+from allocator.shell.options import grouped, within
+from allocator.shell.outputs import Force, check_ending, claim
+from allocator.shell.printing import AsJSON, print_json, say
+from allocator.units import BAR, DEG, PERCENT
+
+if TYPE_CHECKING:
+    from allocator.identification.joint.planning import JointPlan
+
+_HEADER = "theta_deg,pressure1_bar,pressure2_bar,torque_Nm,direction,slack,expected"
+
+
+@grouped
+def plan_joint_command(
+    options: JointOptions,
+    accuracy: Annotated[float, typer.Option(help="standard deviation of K that is wanted [%]")] = 5.0,
+    noise: Annotated[float, typer.Option(help="standard deviation of a reading of the angle [degrees]")] = 0.5,
+    weight: Annotated[
+        list[float] | None, typer.Option(help="torque of a weight that can be hung [N·m]; repeatable")
+    ] = None,
+    lowest: Annotated[float | None, typer.Option(help="least pressure to visit [bar]; 1.5 by default")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="write a table (.csv) to fill in, which fit-joint reads as it is")
+    ] = None,
+    force: Force = False,
+    as_json: AsJSON = False,
+) -> None:
+    """Plan the measurement of a joint that is roughly known: setpoints, a weight, and what shows the muscle forces.
+
+    Describe the joint by the options below, as well as you know it: a data sheet, a first fit. The table of --out has
+    a row for each reading, with theta_deg left to fill in, and one for each angle of a sag test (slack = 1, 2 or 3:
+    agonist, antagonist, both), with the pressures left to fill in. `antagonist fit-joint` reads it once no cell is
+    empty; delete the rows that were not measured.
+    """
+    import numpy as np
+    from rich.console import Console
+
+    from allocator.identification.joint.planning import plan_joint_experiment
+
+    within("--accuracy", accuracy, "%", 0.01, 99)
+    within("--noise", noise, "degrees", 1e-4, 45)
+    check_ending("--out", out, (".csv",))
+    claim(out, inputs=options.files, force=force)
+    joint = options.build()
+    supply = joint.pressure_limits[1]
+    within("--lowest", lowest, "bar", 0.01, supply / BAR)
+    plan = plan_joint_experiment(
+        joint,
+        accuracy=accuracy * PERCENT,
+        noise=noise * DEG,
+        weights=weight,
+        pressures=None if lowest is None else np.linspace(lowest * BAR, supply, 6),
+    )
+    console = Console(stderr=as_json)
+    if as_json:
+        print_json(_values(plan))
+    else:
+        say(console, str(plan))
+    if out is not None:
+        from allocator.files.atomic import write_text
+
+        write_text(out, "\n".join([_HEADER, *_rows(plan)]) + "\n")
+        say(console, f"written: {out}")
+
+
+def _rows(plan: "JointPlan") -> list[str]:
+    """Return a row for each visit of a setpoint, falling and rising, and one for each angle of the sag test."""
+    rows = []
+    for s in plan.setpoints:
+        given = f"{s.P1 / BAR:.4g},{s.P2 / BAR:.4g},{s.torque:.4g}"
+        rows += [f",{given},{way},0,{a / DEG:.1f} deg" for way, a in ((-1, s.falling), (1, s.rising))]
+    for point in plan.further[0].sag if plan.further else ():
+        cells = [("", f"P{i} = {P / BAR:.2g} bar") if P == P else ("0", "") for i, P in ((1, point.P1), (2, point.P2))]
+        (P1, first), (P2, second) = cells
+        expected = " and ".join(filter(None, (first, second)))
+        rows.append(f"{point.theta / DEG:.1f},{P1},{P2},0,0,{point.slack},{expected}")
+    return rows
+
+
+def _values(plan: "JointPlan") -> dict[str, Any]:
+    """Return what `--json` prints."""
+    return {
+        "weight_Nm": plan.weight,
+        "accuracy_of_stiffness": plan.accuracy,
+        "reached": plan.reached,
+        "setpoints": [
+            {
+                "torque_Nm": s.torque,
+                "pressure1_bar": s.P1 / BAR,
+                "pressure2_bar": s.P2 / BAR,
+                "theta_falling_deg": s.falling / DEG,
+                "theta_rising_deg": s.rising / DEG,
+            }
+            for s in plan.setpoints
+        ],
+        "further": [
+            {
+                "measurement": s.name,
+                "how": s.how,
+                "force_std": s.forces,
+                "stiffness_std": s.stiffness,
+                "gain": s.gain,
+                "sag_test": [
+                    {"theta_deg": p.theta / DEG, "pressure1_bar": _bar(p.P1), "pressure2_bar": _bar(p.P2)}
+                    for p in s.sag
+                ],
+            }
+            for s in plan.further
+        ],
+    }
+
+
+def _bar(P: float) -> float | None:
+    return P / BAR if P == P else None
+
+
+__all__ = ["plan_joint_command"]

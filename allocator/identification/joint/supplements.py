@@ -1,0 +1,168 @@
+"""What equilibria under one weight leave open is shown by a further measurement: here they are compared.
+
+Beside the unknowns x of the fit stands a force common to both muscles, ΔF_i = τ F̄ ā/a_i(θ): a1 ΔF1 = a2 ΔF2 at every
+angle, so that no equilibrium, no weight and no stiffness shows τ. Before a further measurement it is known to ± 1, or
+to ± 0.05 if the joint's fit has seen it. Three are weighed by the rows B that they add to the information matrix, C' = C - C Bᵀ (I + B C Bᵀ)⁻¹ B C:
+
+    sag test     ∂P_i/∂(x, τ)/σ_P     both pressures are lowered until the cables go slack, F_i(P_i, ε_i) = 0
+    second weight   ∂θ_eq/∂(x, τ)/σ   equilibria under twice the weight
+    push         ∂(log K)/∂(x, τ)/σ_K   with shut valves; σ_K = 10 %, since the gas volume has to be known
+
+The one that tells most has the greatest gain log(before/after) of the standard deviation of K, and as long as τ has
+not been seen of F as well.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array, increasing_root
+from allocator.identification.joint.problem import JointProblem
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.muscles import Muscle, force_gradient, scaled
+from allocator.units import BAR, DEG
+
+_SLACK_NOISE = 0.1 * BAR  # σ_P [Pa]
+_PUSH_NOISE = 0.1  # σ_K, relative [-]
+_ANGLES = 5  # of the sag test
+_INNER = 0.8  # share of the angle range in which they lie
+_SEEN, _UNSEEN = 0.05, 1.0  # standard deviation of τ beforehand [-]
+
+
+class SagPoint(NamedTuple):
+    """A sag point is an angle at which the joint is held, and the pressures at which its cables will go slack."""
+
+    theta: float  # [rad]
+    P1: float  # [Pa]; NaN where the agonist pulls without pressure
+    P2: float  # [Pa]
+
+    @property
+    def slack(self) -> int:
+        """Return the code of the column `slack`: 1 the agonist goes slack, 2 the antagonist, 3 both."""
+        return int(np.isfinite(self.P1)) + 2 * int(np.isfinite(self.P2))
+
+
+class Supplement(NamedTuple):
+    """A supplement is a further measurement and what it will tell; standard deviations are relative [-]."""
+
+    name: str
+    how: str  # it is done
+    forces: float  # of the mean muscle force, afterwards
+    stiffness: float  # of K, afterwards
+    gain: float  # log(before/after) of what is wanted
+    sag: tuple[SagPoint, ...] = ()
+    weight: float = 0.0  # [N·m]
+
+    def __str__(self) -> str:
+        """Return one line."""
+        forces = f"forces to ± {self.forces:.0%}" if self.forces < _UNSEEN else "forces not seen"
+        return f"{self.name}: {forces}, K to ± {self.stiffness:.1%}; {self.how}"
+
+
+class Known(NamedTuple):
+    """What is known after the plan: the problem of its candidates and the covariance of its unknowns."""
+
+    problem: JointProblem
+    x: Array
+    covariance: Array  # (m, m)
+    goal: Array  # ∂(log K)/∂x (k, m)
+    weight: float  # [N·m]
+    noise: float  # of an angle [rad]
+
+
+def supplements(joint: AntagonistJoint, known: Known, heavier: Array) -> tuple[Supplement, ...]:
+    """Return the further measurements, the one that tells most first.
+
+    `heavier` is ∂θ_eq/∂x (r, m) of equilibria under twice the weight; none if the joint cannot hold it.
+    """
+    m = known.x.size
+    C = np.zeros((m + 1, m + 1))
+    C[:m, :m], C[m, m] = known.covariance, (_SEEN if force_seen(joint) else _UNSEEN) ** 2
+    K_goal, F_goal = np.pad(known.goal, ((0, 0), (0, 1))), _force_goal(known)
+    before = _spread(F_goal, C), _spread(K_goal, C)
+
+    def told(name: str, how: str, B: Array, **more: object) -> Supplement:
+        after = C - C @ B.T @ np.linalg.solve(np.eye(len(B)) + B @ C @ B.T, B @ C)
+        F, K = _spread(F_goal, after), _spread(K_goal, after)
+        gain = np.log(before[1] / K) + (0.0 if force_seen(joint) else np.log(before[0] / F))
+        return Supplement(name, how, F, K, float(gain), **more)  # type: ignore[arg-type]  # sag and weight
+
+    found = []
+    points, rows = _sag_test(joint, known)
+    if points:
+        how = "hold the joint at each angle and lower P1 and P2 until the cables just go slack"
+        found.append(told("a sag test", how, rows, sag=points))
+    if len(heavier):
+        how = f"hang {2 * known.weight:.3g} N·m as well, at equal pressures"
+        B = np.pad(heavier / known.noise, ((0, 0), (0, 1)))
+        found.append(told("a second weight", how, B, weight=2 * known.weight))
+    how = "shut the valves, push the joint by a degree and measure the torque; subtract the gas stiffness"
+    found.append(told("a push with shut valves", how, K_goal[:: max(1, len(K_goal) // 3)] / _PUSH_NOISE))
+    return tuple(sorted(found, key=lambda s: -s.gain))
+
+
+def force_seen(joint: AntagonistJoint) -> bool:
+    """Return whether the joint was fitted to data that show the force common to both muscles."""
+    return joint.covariance is not None and not joint.slack_assumed
+
+
+def _spread(goal: Array, C: Array) -> float:
+    return float(np.sqrt(np.mean(np.einsum("ki,ij,kj->k", goal, C, goal))))
+
+
+def _force_goal(known: Known) -> Array:
+    """Return ∂(mean force)/∂(x, τ) (1, m + 1), relative, over the candidates without friction."""
+    problem, x = known.problem, known.x
+    F = problem.measured_forces(problem.unknowns(x))
+    steps = np.maximum(1e-6 * np.abs(x), 1e-9)
+    slope = [
+        (problem.measured_forces(problem.unknowns(x + h * unit)) - F).mean() / h
+        for h, unit in zip(steps, np.eye(x.size), strict=True)
+    ]
+    return np.asarray(np.append(slope, F.mean())[None] / F.mean())
+
+
+def _sag_test(joint: AntagonistJoint, known: Known) -> tuple[tuple[SagPoint, ...], Array]:
+    """Return the points of a sag test, and its rows of the information (r, m + 1)."""
+    left, right = joint.angle_range
+    angles = (left + right) / 2 + _INNER * (right - left) / 2 * np.linspace(-1, 1, _ANGLES)
+    u, problem = known.problem.unknowns(known.x), known.problem
+    mean = float(problem.measured_forces(u).mean())
+    modelled = AntagonistJoint(
+        joint.geometry, u.muscle, scaled(u.muscle, u.ratio), joint.pressure_limits, joint.min_contraction
+    )
+    pressures, rows = [], []
+    sides = modelled.sides(angles)
+    arm = np.mean([side.arm for side in sides])
+    for side, strength in zip(sides, (1.0, u.ratio), strict=True):
+        low, high = (np.full(_ANGLES, end) for end in joint.pressure_limits)
+        eps = np.asarray(side.contraction)
+        P = increasing_root(lambda P, eps, m=side.muscle: m.law(P, eps), low, high, eps)
+        pressures.append(P)
+        for i in np.flatnonzero(np.isfinite(P)).tolist():
+            gain = float(side.muscle.gain(P[i], eps[i]))
+            dF = np.zeros(known.x.size + 1)
+            dF[: len(problem.free)] = strength * _free_gradient(problem, u.muscle, P[i], eps[i])
+            dF[-1] = mean * arm / np.asarray(side.arm)[i]
+            rows.append(-dF / gain / _SLACK_NOISE)
+    points = tuple(SagPoint(*map(float, values)) for values in zip(angles, *pressures, strict=True))
+    points = tuple(SagPoint(p.theta, *(q if np.isfinite(q) else np.nan for q in p[1:])) for p in points)
+    return tuple(p for p in points if p.slack), np.array(rows).reshape(-1, known.x.size + 1)
+
+
+def _free_gradient(problem: JointProblem, muscle: Muscle, P: float, eps: float) -> Array:
+    if not problem.free:
+        return np.zeros(0)
+    gradient = force_gradient(muscle, np.array([P]), np.array([eps]), problem.free)[0]
+    ordered = [name for name in problem.prototype.parameters if name in problem.free]
+    return np.asarray(gradient[[ordered.index(name) for name in problem.free]])
+
+
+def sag_table(points: tuple[SagPoint, ...]) -> list[str]:
+    """Return the lines of a sag test."""
+    lines = ["        θ   P1 slack [bar]   P2 slack [bar]"]
+    shown = ("        -" if np.isnan(P) else f"{P / BAR:9.2f}" for p in points for P in (p.P1, p.P2))
+    return lines + [f"{p.theta / DEG:8.1f}°  {next(shown):>14s}   {next(shown):>14s}" for p in points]
+
+
+__all__ = ["Known", "SagPoint", "Supplement", "force_seen", "sag_table", "supplements"]

@@ -1,0 +1,110 @@
+"""A plan names the further measurement that tells most, and its table is read back by the fit."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from allocator.cli import app
+from allocator.identification.joint import planning, supplements
+from allocator.identification.joint.planning import plan_joint_experiment
+from allocator.identification.joint.reading import read_joint_log
+from allocator.joint.limits import COMMON_FORCE
+from allocator.units import BAR, DEG
+
+KINDS = {"a sag test", "a second weight", "a push with shut valves"}
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["plan-joint", *map(str, arguments)])
+
+
+@pytest.mark.parametrize("name", ["sarosi-pulley", "martens-lever"])
+def test_only_letting_the_cables_go_slack_shows_a_force_common_to_both_muscles(all_twins, name):
+    plan = plan_joint_experiment(all_twins[name])
+    assert {s.name for s in plan.further} == KINDS
+    best, *others = plan.further
+    assert best.name == "a sag test"
+    assert best.forces < 0.1
+    assert all(other.forces == pytest.approx(1.0, abs=0.02) for other in others)
+    assert best.name in str(plan)
+
+
+def test_a_joint_whose_forces_its_fit_has_seen_gains_more_by_something_else(all_twins):
+    joint = all_twins["sarosi-pulley"]
+    fitted = replace(joint, covariance=tuple(map(tuple, np.zeros((12, 12)))))
+    assert plan_joint_experiment(fitted).further[0].name != "a sag test"
+    assert plan_joint_experiment(replace(fitted, unseen=(COMMON_FORCE,))).further[0].name == "a sag test"
+
+
+def test_a_second_weight_tells_the_stiffness_better_than_none(all_twins):
+    plan = plan_joint_experiment(all_twins["sarosi-lever"])
+    second = next(s for s in plan.further if s.name == "a second weight")
+    assert second.weight == 2 * plan.weight
+    assert second.stiffness < plan.accuracy
+
+
+def test_at_the_pressures_of_the_sag_test_no_muscle_pulls(all_twins):
+    joint = all_twins["martens-pulley"]
+    points = plan_joint_experiment(joint).further[0].sag
+    assert len(points) == 5
+    for p in points:
+        assert p.slack == 3
+        assert joint.forces(p.theta, p.P1, p.P2) == pytest.approx((0.0, 0.0), abs=1e-6)
+
+
+def test_the_rows_of_the_sag_test_are_how_its_pressures_move_with_the_unknowns(all_twins):
+    """Against roots found again with every unknown moved."""
+    joint = all_twins["sarosi-lever"]
+    problem, x, _ = planning._candidates(joint, np.array([2.0, 3.0]) * BAR, 0.5)
+    known = supplements.Known(problem, x, np.eye(x.size), np.zeros((1, x.size)), 0.5, DEG)
+    points, rows = supplements._sag_test(joint, known)
+    slack = np.array([[p.P1 for p in points], [p.P2 for p in points]]).ravel()
+    for i in range(len(problem.free)):
+        step = 1e-5 * x[i]
+        moved, _ = supplements._sag_test(joint, known._replace(x=x + step * (np.arange(x.size) == i)))
+        change = np.array([[p.P1 for p in moved], [p.P2 for p in moved]]).ravel() - slack
+        np.testing.assert_allclose(rows[:, i] * supplements._SLACK_NOISE, change / step, rtol=2e-3)
+
+
+def test_the_command_writes_a_table_that_fit_joint_reads_once_it_is_filled_in(tmp_path):
+    path = tmp_path / "plan.csv"
+    options = ["--muscle", "sarosi-dmsp-20-400n", "--stops", "-50:50"]
+    result = run(*options, "--weight", 1.1, "--out", path)
+    assert result.exit_code == 0, result.output
+    assert "a sag test" in result.output
+    values = json.loads(run(*options, "--weight", 1.1, "--json").stdout)
+    header, *rows = path.read_text(encoding="utf-8").splitlines()
+    with pytest.raises(ValueError, match="line 2"):
+        read_joint_log(path)  # nothing was measured yet
+    filled = [header]
+    for row in rows:
+        theta, P1, P2, *rest, expected = row.split(",")
+        filled.append(",".join([theta or expected.split()[0], P1 or "1.5", P2 or "1.4", *rest, expected]))
+    path.write_text("\n".join(filled), encoding="utf-8")
+    log = read_joint_log(path)
+    setpoints = values["setpoints"]
+    visits = 2 * len(setpoints)
+    assert log.theta[:visits:2] / DEG == pytest.approx([s["theta_falling_deg"] for s in setpoints], abs=0.06)
+    assert log.P1[1:visits:2] / BAR == pytest.approx([s["pressure1_bar"] for s in setpoints], rel=1e-3)
+    assert log.torque[:visits:2] == pytest.approx([s["torque_Nm"] for s in setpoints], rel=1e-3)
+    assert log.direction[:visits].tolist() == [-1, 1] * len(setpoints)
+    assert len(log.theta) == visits + len(values["further"][0]["sag_test"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--accuracy", 0), "--accuracy"),
+        (("--noise", -1), "--noise"),
+        (("--weight", -1), "positive torques"),
+        (("--lowest", 9), "--lowest"),
+        (("--out", "plan.png"), "the ending has to be one of .csv"),
+    ],
+)
+def test_wrong_input_is_one_sentence(arguments, sentence):
+    result = run(*arguments)
+    assert result.exit_code != 0
+    assert sentence in str(result.exception)
