@@ -62,6 +62,7 @@ class Doubt:
     """A doubt is the covariance of the unknowns and where it comes from."""
 
     covariance: Array  # (m, m), all three together; 0 for unknowns at a bound
+    robust: Array  # (m, m), the first alone: what the angles tell if the law is right
     formal: Array  # (m, m), σ² (JᵀJ)⁻¹, as if all errors were independent
     clusters: int  # over which it is robust
     clustering: str  # what they are
@@ -79,7 +80,8 @@ def doubt(problem: JointProblem, x: Array, inside: Mask, choices: bool = True) -
     covariance = robust.copy()
     for kind in ("dead band", "hysteresis", "law"):
         covariance += _spread([choice for choice in others if choice.kind == kind], inside)
-    return Doubt(_full(covariance, inside), _full(formal, inside), clusters, clustering, others)
+    total, alone, assumed = (_full(C, inside) for C in (covariance, robust, formal))
+    return Doubt(total, alone, assumed, clusters, clustering, others)
 
 
 def _spread(choices: list[Choice], inside: Mask) -> Array:
@@ -265,17 +267,16 @@ class _Effect:
         return np.asarray((ahead - behind) / (2 * h))
 
     def _relative(self, u: Unknowns) -> Array:
-        """Return K/K and F/F̄, weighted, then log ρ, z and μ, as far as they are unknowns."""
+        """Return K/K and F/F̄, weighted, then what else is unknown: log ρ, z, μ."""
         now = self._values(u)
         K, F1, F2 = now
         K0, *F0 = self.values
         size = np.abs(np.concatenate(F0)).mean()
         n = K.size
-        extra = {"log_ratio": np.log(u.ratio), "zero": u.zero, "friction": u.friction}
         scale = np.sqrt(n)
         return np.concatenate(
             [K / K0, _FORCE_WEIGHT * F1 / size, _FORCE_WEIGHT * F2 / size]
-            + [[scale * extra[name]] for name in self.problem.extra]
+            + [[scale * (np.log(u.ratio) if name == "log_ratio" else getattr(u, name))] for name in self.problem.extra]
         )
 
     def choice(self, name: str, kind: str, other: JointProblem, there: Array) -> Choice:

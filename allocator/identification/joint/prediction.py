@@ -39,7 +39,10 @@ def predict(fit: Any, P1: Any, P2: Any, torque: Any, direction: Any, geometry: G
 
 
 def angle_std(fit: Any, problem: JointProblem, new_group: bool) -> Array:
-    """Return the standard deviation (n,) [rad] of an angle measured at the samples of `problem`, from a `JointFit`."""
+    """Return the standard deviation (n,) [rad] of an angle measured at the samples of `problem`, from a `JointFit`.
+
+    The error of the law is in the errors of the angles already; another law that fits as well predicts the same.
+    """
     error = fit.left_out if new_group else fit.rms
     if np.isnan(error):
         raise InvalidInput(
@@ -47,7 +50,7 @@ def angle_std(fit: Any, problem: JointProblem, new_group: bool) -> Array:
             "with leave_one_out=True"
         )
     J = problem.jacobian(fit.x)[: problem.samples.n]
-    variance = np.einsum("ni,ij,nj->n", J, fit.doubt.covariance, J)
+    variance = np.einsum("ni,ij,nj->n", J, fit.doubt.robust, J)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0) + error**2))
 
 

@@ -2,7 +2,8 @@
 
 Beside the unknowns x of the fit stands a force common to both muscles, ΔF_i = τ F̄ ā/a_i(θ): a1 ΔF1 = a2 ΔF2 at every
 angle, so that no equilibrium, no weight and no stiffness shows τ. Before a further measurement it is known to ± 1, or
-to ± 0.05 if the joint's fit has seen it. Three are weighed by the rows B that they add to the information matrix, C' = C - C Bᵀ (I + B C Bᵀ)⁻¹ B C:
+to ± 0.05 if the joint's fit has seen it. Three are weighed by the rows B that they add to the information matrix,
+C' = C - C Bᵀ (I + B C Bᵀ)⁻¹ B C:
 
     sag test     ∂P_i/∂(x, τ)/σ_P     both pressures are lowered until the cables go slack, F_i(P_i, ε_i) = 0
     second weight   ∂θ_eq/∂(x, τ)/σ   equilibria under twice the weight

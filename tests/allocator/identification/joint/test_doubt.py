@@ -90,8 +90,9 @@ def test_a_prediction_says_how_far_it_may_be_off(wrong, all_twins, truth_of):
     told = wrong.predict(P1, P2, torque=0.4, direction=s)
     error = truth_of(joint, P1, P2, np.full(3, 0.4), s) - told.theta
     assert (np.abs(error) < 1.96 * told.std).all()
-    assert (told.std < 2 * DEG).all()
-    assert wrong.angle_std() == pytest.approx(np.full(wrong.samples.n, wrong.rms), rel=1.0)
+    assert (told.std < 1 * DEG).all()
+    assert (wrong.angle_std() >= wrong.rms).all()
+    assert np.median(wrong.angle_std()) < 1.5 * wrong.rms
     with pytest.raises(ValueError, match="no group was left out in turn"):
         wrong.predict(P1, P2, geometry=Lever(0.30, 0.25, 0.03, 0.0175))
 
