@@ -1,6 +1,7 @@
 """A muscle is found from measured forces, a joint from measured angles at rest, and what moves it from a log."""
 
 from allocator.identification.joint.comparison import compare_joint_models
+from allocator.identification.joint.dead_band import estimate_dead_band
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.planning import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
@@ -26,6 +27,7 @@ __all__ = [
     "RelativeJoint",
     "Samples",
     "compare_joint_models",
+    "estimate_dead_band",
     "fit",
     "fit_joint",
     "fit_motion",

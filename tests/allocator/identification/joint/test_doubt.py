@@ -10,6 +10,7 @@ from allocator.identification.joint import doubt
 from allocator.identification.joint.dead_band import estimate_dead_band
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import read_joint_log
+from allocator.identification.joint.samples import JointSamples
 from allocator.units import BAR, DEG
 from benchmarks.joint_coverage import Covered, campaign
 
@@ -98,22 +99,22 @@ def test_a_prediction_says_how_far_it_may_be_off(wrong, all_twins, truth_of):
 
 
 def test_the_dead_band_is_found_where_muscles_begin_to_act(all_twins, log_maker):
-    """A muscle below 2.3 bar acts as at 2.3 bar less 1.5 bar: rows there do not follow the law."""
+    """Rows with a pressure below 1.7 bar are 6° off, as where a muscle does not act yet."""
     joint = all_twins["martens-pulley"]
     log = log_maker(joint, 3, noise=0.1 * DEG)
     (theta, P1, P2), given = log.fit_arguments()
     dull = np.minimum(P1, P2) < 1.7 * BAR
     shown = theta + np.where(dull, 6 * DEG * np.sign(P1 - P2), 0.0)
-    options = {"geometry": joint.geometry, "model": "MartensBoblan2017", **given}
+    options = {"geometry": joint.geometry, "model": joint.agonist, **given}
     assert estimate_dead_band(shown, P1, P2, **options) == pytest.approx(1.75 * BAR)
     assert estimate_dead_band(theta, P1, P2, **options) == 0
 
 
 @pytest.mark.slow
 def test_the_stated_interval_of_the_stiffness_holds_under_hysteresis_and_a_wrong_law():
-    """Six joints of `python -m benchmarks.joint_coverage`; two hundred are counted there."""
-    found = [each for each in campaign(range(6)) if isinstance(each, Covered)]
-    assert len(found) == 6
+    """Three joints of `python -m benchmarks.joint_coverage`; two hundred are counted there."""
+    found = [each for each in campaign(range(3, 6)) if isinstance(each, Covered)]
+    assert len(found) == 3
     assert np.concatenate([c.inside for c in found]).mean() >= 0.9
     formal = np.concatenate([np.abs(c.error) <= 1.96 * c.formal for c in found])
     assert formal.mean() < 0.8  # what it was, and why
@@ -127,16 +128,17 @@ def test_a_muscle_length_left_out_is_predicted_within_the_stated_interval(shared
     label = np.array([f"{length * 1e3:.0f}" for length in log.rest_length])
     geometry = {mm: Lever(float(mm) / 1000, 0.1655, 0.05094, 0.051) for mm in np.unique(label).tolist()}
 
-    def fitted(keep, **options):
-        arrays = {"theta": log.theta, "P1": log.P1, "P2": log.P2, "direction": log.direction, "group": label}
-        chosen = {name: array[keep] for name, array in arrays.items()}
-        law = {"model": "AffinePolynomial", "average": True, "dead_band": 2 * BAR}
-        return fit_joint(**chosen, geometry=geometry, **law, **options)
+    arrays = {"theta": log.theta, "P1": log.P1, "P2": log.P2, "direction": log.direction, "group": label}
 
+    def some(keep):
+        return {name: array[keep] for name, array in arrays.items()}
+
+    law = {"model": "AffinePolynomial", "average": True, "dead_band": 2 * BAR, "choices": False}
     errors, inside = [], []
     for mm, mechanism in geometry.items():
-        rows = fitted(label == mm, choices=False, leave_one_out=False).samples
-        told = fitted(label != mm).predict(rows.P1, rows.P2, geometry=mechanism)
+        acting = (label == mm) & (np.minimum(log.P1, log.P2) >= 2 * BAR)
+        rows = JointSamples.checked(**some(acting), geometry=geometry).averaged()
+        told = fit_joint(**some(label != mm), geometry=geometry, **law).predict(rows.P1, rows.P2, geometry=mechanism)
         errors.append(rows.theta - told.theta)
         inside.append(np.abs(errors[-1]) < 1.96 * told.std)
         assert np.median(told.std) < 5 * DEG
