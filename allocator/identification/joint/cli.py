@@ -60,8 +60,9 @@ def fit_joint_command(
 
     Columns by name with unit: theta [deg]; pressure1 [bar] and pressure2 [bar] (agonist, antagonist; gauge); torque
     [Nm] of a weight, positive where it pulls θ down; direction (+1 where θ was rising, -1 falling) or sweep;
-    rest_length [mm] where there are several; in these or other units and words (P1_kPa, phi [rad]). With a column
-    time [s] the file is a raw log: what was steady for a second is used.
+    rest_length [mm] where there are several; slack (1, 2 or 3 in the rows of a sag test: agonist, antagonist or both
+    just went slack, else 0; `antagonist plan-joint` proposes one); in these or other units and words (P1_kPa,
+    phi [rad]). With a column time [s] the file is a raw log: what was steady for a second is used.
     """
     within("--rest-length", rest_length, "mm", 1, 100_000)
     check_ending("--plot", plot, IMAGES)

@@ -29,11 +29,13 @@ def estimate_dead_band(theta: Any, P1: Any, P2: Any, **options: Any) -> float:
     """
     options = {name: value for name, value in options.items() if name != "dead_band"}
     low = np.minimum(*checks.broadcast(P1=checks.pressure("P1", P1), P2=checks.pressure("P2", P2))).ravel()
-    level = float(_STEP * np.floor(min(_FIRST, np.median(low)) / _STEP))
     everything = _samples(theta, P1, P2, options)
+    slack = options.get("slack")
+    resting = np.ones(low.size, bool) if slack is None else np.ravel(slack) == 0  # the others are of a sag test
+    level = float(_STEP * np.floor(min(_FIRST, np.median(low[resting])) / _STEP))
     while level > 0:
         fit = fit_joint(theta, P1, P2, **options | {"dead_band": level, "leave_one_out": False, "choices": False})
-        added = everything.where((low >= level - _STEP) & (low < level))
+        added = everything.where(resting & (low >= level - _STEP) & (low < level))
         if added.n >= _FEWEST and _error(fit, added) > _AS_GOOD * fit.rms:
             break
         level -= _STEP

@@ -11,7 +11,10 @@ from allocator.cli import app
 from allocator.identification.joint import planning, supplements
 from allocator.identification.joint.planning import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
+from allocator.joint.antagonist import report_joint
 from allocator.joint.limits import COMMON_FORCE
+from allocator.joint.storage import load_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 
 KINDS = {"a sag test", "a second weight", "a push with shut valves"}
@@ -92,6 +95,33 @@ def test_the_command_writes_a_table_that_fit_joint_reads_once_it_is_filled_in(tm
     assert log.torque[:visits:2] == pytest.approx([s["torque_Nm"] for s in setpoints], rel=1e-3)
     assert log.direction[:visits].tolist() == [-1, 1] * len(setpoints)
     assert len(log.theta) == visits + len(values["further"][0]["sag_test"])
+
+
+@pytest.mark.slow
+def test_the_filled_table_is_fitted_as_it_is_and_shows_where_cables_go_slack(tmp_path):
+    """Filled in with what the planned joint does: its stiffness and its slack pressures come back."""
+    plan, joint = tmp_path / "plan.csv", tmp_path / "joint.toml"
+    described = ["--muscle", "sarosi-dmsp-20-400n", "--stops", "-50:50", "--friction", 0.05]
+    assert run(*described, "--accuracy", 2, "--out", plan).exit_code == 0
+    header, *rows = plan.read_text(encoding="utf-8").splitlines()
+    filled = [header]
+    for row in rows:
+        theta, P1, P2, *rest, expected = row.split(",")
+        found = expected.replace(" and ", " ").split()
+        slack = {found[i]: found[i + 2] for i, word in enumerate(found) if word in ("P1", "P2")}
+        filled.append(",".join([theta or found[0], P1 or slack["P1"], P2 or slack["P2"], *rest, expected]))
+    plan.write_text("\n".join(filled), encoding="utf-8")
+    fitted = ["fit-joint", str(plan), "--pulley", "0.02,0.1375", "--rest-length", "400", "--out", str(joint)]
+    result = CliRunner().invoke(app, fitted)
+    assert result.exit_code == 0, result.output
+    found, true = (
+        load_joint(joint),
+        replace(report_joint(), agonist=SAROSI_DMSP_20_400N, antagonist=SAROSI_DMSP_20_400N),
+    )
+    assert not found.slack_assumed
+    P = np.array([2.0, 3.0, 4.0]) * BAR
+    assert found.stiffness(0.0, P, P) == pytest.approx(true.stiffness(0.0, P, P), rel=0.05)
+    assert np.array(found.forces(0.0, P, P)) == pytest.approx(np.array(true.forces(0.0, P, P)), rel=0.1)
 
 
 @pytest.mark.parametrize(
