@@ -1,4 +1,4 @@
-"""How far a joint's fit can be trusted: a covariance that knows of correlated errors, and what other choices give.
+"""This module says how far a joint's fit can be trusted, by correlated errors and by what other choices give.
 
 The errors of a fit to equilibria are mostly the law's and the friction's, not noise: neighbours in pressure err alike,
 and so do the samples of a sweep. The formal covariance σ² (JᵀJ)⁻¹ takes them for independent and is far too small.
