@@ -1,4 +1,4 @@
-"""This module says how far a joint's fit can be trusted, by correlated errors and by what other choices give.
+"""The doubt of a joint's fit is worked out here, from correlated errors and from what other choices give.
 
 The errors of a fit to equilibria are mostly the law's and the friction's, not noise: neighbours in pressure err alike,
 and so do the samples of a sweep. The formal covariance σ² (JᵀJ)⁻¹ takes them for independent and is far too small.
