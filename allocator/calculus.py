@@ -37,7 +37,7 @@ def _elementary(name: str) -> Callable[[Value], Value]:
     return function
 
 
-exp, sqrt, sin, cos = map(_elementary, ("exp", "sqrt", "sin", "cos"))
+exp, log, sqrt, sin, cos = map(_elementary, ("exp", "log", "sqrt", "sin", "cos"))
 
 
 def derivative(formula: Callable[[Value], Value], x: Value) -> Value:
@@ -88,6 +88,7 @@ __all__ = [
     "exp",
     "increasing_root",
     "is_symbol",
+    "log",
     "rising_roots",
     "sin",
     "sqrt",

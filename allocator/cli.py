@@ -15,6 +15,7 @@ from allocator.presentation.tables import number
 from allocator.shell.joint_options import JointOptions
 from allocator.shell.options import Command, finite, grouped
 from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.stiffness_options import StiffnessOptions
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -54,8 +55,11 @@ def _group(
 @grouped
 def allocate(
     theta: Annotated[float, typer.Option(help="joint angle [degrees]")],
-    stiffness: Annotated[float, typer.Option(help="isobaric stiffness wanted [N·m/rad]")],
+    stiffness: Annotated[
+        float, typer.Option(help="stiffness wanted [N·m/rad]: isobaric, or as --valves or --frequency say")
+    ],
     options: JointOptions,
+    stiffness_options: StiffnessOptions,
     torque: Annotated[float, typer.Option(help="torque wanted [N·m]")] = 0.0,
     priority: Annotated[str, typer.Option(help="what is met first: torque or stiffness")] = "torque",
     method: Annotated[str, typer.Option(help="exact, qp, nlp, convex, or analytic: no limits")] = "exact",
@@ -82,6 +86,7 @@ def allocate(
         priority=priority,  # type: ignore[arg-type]  # checked there
         min_force=min_force,
         solver=solver,
+        valves=stiffness_options.kind,  # type: ignore[arg-type]  # checked there
     )
     if as_json:
         print_json(_values(answer))
@@ -95,6 +100,7 @@ def _values(a: "Allocation") -> dict[str, Any]:
     """Return what `--json` prints."""
     return a.to_dict() | {
         "limits": a.active,
+        "stiffness": a.stiffness_name,
         "met": bool(a.success),
         "stiffness_std_Nm_per_rad": a.K_std,
         "F1_N": a.forces[0],
@@ -123,9 +129,11 @@ def _table(a: "Allocation") -> "Table":
     table = Table("", "asked", "given", "reachable", title=f"{number(a.theta / DEG)}° · {a.status.name}")
     (T_min, T_max), (K_min, K_max) = (map(number, ends) for ends in (a.torque_interval, a.stiffness_interval))
     table.add_row("torque [N·m]", number(a.T_target), number(a.T), f"{T_min} … {T_max}")
-    table.add_row("stiffness [N·m/rad]", number(a.K_target), number(a.K), f"{K_min} … {K_max} at this torque")
+    table.add_row(f"{a.stiffness_name} [N·m/rad]", number(a.K_target), number(a.K), f"{K_min} … {K_max} at this torque")
     if a.K_std is not None:
         table.add_row("  its standard deviation", "", number(a.K_std, 2), "from the fit, not from the choice of model")
+    if not a.kind.isobaric:
+        table.add_row("  isobaric [N·m/rad]", "", number(a.isobaric_stiffness), "with the pressures held")
     for name, pressure, force in zip(("agonist", "antagonist"), (a.P1, a.P2), a.forces, strict=True):
         table.add_row(Text(f"{name} pressure [bar]"), "", f"{pressure / BAR:.4f}", f"pulls {number(force)} N")
     table.add_row("binding limits", "", ", ".join(a.active) or "none", "")

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.gas import Shares
 from allocator.joint.limits import Limits, PressureBox
 from allocator.joint.torque_levels import BothMuscles, Pair
 from allocator.search import Curves, all_pairs
@@ -37,13 +38,13 @@ def inverse(theta: ArrayLike, K: ArrayLike, T: ArrayLike = 0.0, *, joint: Antago
     return solve_inverse(joint, theta, K, T)
 
 
-def solve_inverse(joint: AntagonistJoint, theta: Array, K: Array, T: Array) -> Pair:
-    """Find the `inverse` of checked arrays of one shape."""
-    if joint.tondu_pulley:
+def solve_inverse(joint: AntagonistJoint, theta: Array, K: Array, T: Array, shares: Shares | None = None) -> Pair:
+    """Find the `inverse` of checked arrays of one shape, of the stiffness with these `shares` of the trapped gas."""
+    if joint.tondu_pulley and shares is None:
         return joint.tondu_pulley.inverse(theta, K, T)
     if joint.affine:
-        return affine_inverse(joint.sides(theta), K, T)
-    P1, P2 = _highest_pair(joint.sides(theta.ravel()), K.ravel(), T.ravel())
+        return affine_inverse(joint.sides(theta, shares), K, T)
+    P1, P2 = _highest_pair(joint.sides(theta.ravel(), shares), K.ravel(), T.ravel())
     return P1.reshape(T.shape), P2.reshape(T.shape)
 
 
@@ -72,9 +73,9 @@ def affine_inverse(sides: BothMuscles, K: Array, T: Array) -> Pair:
     return (k2 * T - t2 * K) / det, (t1 * K - k1 * T) / det
 
 
-def why_no_inverse(joint: AntagonistJoint) -> str:
-    """Return one sentence on where the inverse of this joint fails to exist."""
-    if closed := joint.tondu_pulley:
+def why_no_inverse(joint: AntagonistJoint, isobaric: bool = True) -> str:
+    """Return one sentence on where the inverse of this joint, for its isobaric stiffness or another, fails to exist."""
+    if isobaric and (closed := joint.tondu_pulley):
         return f"with this muscle K has to lie between {closed.K_floor:.4g} and K_crit = {closed.K_crit:.4g} N·m/rad"
     if joint.affine:
         return "torque and stiffness depend on the pressures in the same way at this angle"

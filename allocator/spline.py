@@ -1,6 +1,8 @@
 """A cubic spline through samples is evaluated by the same formula for numbers and CasADi symbols."""
 
 from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -28,24 +30,36 @@ class Spline:
             raise InvalidInput(f"{name}: a sample is not a finite number")
         if not (np.diff(x) > 0).all():
             raise InvalidInput(f"{name}: the first row has to increase; it does not after index {_first_fall(x)}")
-        self.x, self._pieces = x, CubicSpline(x, y).c  # (n,), (4, n-1)
+        self._spline = CubicSpline(x, y)
+        self.x, self._pieces = x, self._spline.c  # (n,), (4, n-1)
+
+    @cached_property
+    def _integrals(self) -> Array:
+        """Return the pieces (5, n-1) of the integral from the first sample."""
+        return np.asarray(self._spline.antiderivative().c)
 
     def __call__(self, x: Value, order: int = 0) -> Value:
         """Return y(x), or its derivative of the given order (0, 1, 2)."""
-        start, c = self._piece_symbol(x) if is_symbol(x) else self._piece_number(x)
+        start, c = self._piece(x, self._pieces)
         h = x - start
         if order == 0:
             return ((c[0] * h + c[1]) * h + c[2]) * h + c[3]
         return (3 * c[0] * h + 2 * c[1]) * h + c[2] if order == 1 else 6 * c[0] * h + 2 * c[1]
 
-    def _piece_number(self, x: Value) -> tuple[Array, Array]:
-        i = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, self.x.size - 2)
-        return self.x[i], self._pieces[:, i]
+    def integral(self, x: Value) -> Value:
+        """Return ∫ y from the first sample to x."""
+        start, c = self._piece(x, self._integrals)
+        h = x - start
+        return (((c[0] * h + c[1]) * h + c[2]) * h + c[3]) * h + c[4]
 
-    def _piece_symbol(self, x: Value) -> tuple[Value, list[Value]]:
-        passed = [x >= knot for knot in self.x[1:-1].tolist()]
-        start, *c = (_staircase(row.tolist(), passed) for row in (self.x[:-1], *self._pieces))
-        return start, c
+    def _piece(self, x: Value, rows: Array) -> tuple[Value, Any]:
+        """Return where the piece of x begins, and its coefficients."""
+        if is_symbol(x):
+            passed = [x >= knot for knot in self.x[1:-1].tolist()]
+            start, *c = (_staircase(row.tolist(), passed) for row in (self.x[:-1], *rows))
+            return start, c
+        i = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, self.x.size - 2)
+        return self.x[i], rows[:, i]
 
 
 def _staircase(values: list[float], passed: list[Value]) -> Value:

@@ -13,6 +13,7 @@ MPA: Final = 1e6  # [Pa]
 PSI: Final = 6894.757293168361  # [Pa]
 DEG: Final = pi / 180  # [rad]
 MM: Final = 1e-3  # [m]
+CM3: Final = 1e-6  # [m³]
 PERCENT: Final = 1e-2  # [-]
 
-__all__ = ["BAR", "DEG", "KPA", "MM", "MPA", "PERCENT", "PSI"]
+__all__ = ["BAR", "CM3", "DEG", "KPA", "MM", "MPA", "PERCENT", "PSI"]

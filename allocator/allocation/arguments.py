@@ -9,6 +9,7 @@ from allocator.allocation.problem import PRIORITIES, Priority, Problem
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gas import Shares
 from allocator.joint.limits import TAUT, Limits
 from allocator.joint.torque_levels import Pair
 
@@ -25,11 +26,12 @@ def problem_from(
     stiffness_tolerance: Any = 0.0,
     pull: Any = 0.0,
     reference: Any = None,
+    shares: Shares | None = None,
 ) -> tuple[Problem, Array]:
     """Return the checked, flat problem, and the angles asked for in the common shape of all arguments.
 
-    Arguments are those of `allocate`, the limits as their value; angles are moved into the joint range. Raises
-    InvalidInput, as `allocate` says.
+    Arguments are those of `allocate`, the limits as their value, `shares` those of the trapped gas in the stiffness;
+    angles are moved into the joint range. Raises InvalidInput, as `allocate` says.
     """
     named = {"theta": checks.angle("theta", theta), "K": checks.stiffness("K", K), "T": checks.real("T", T, "N·m")}
     named |= _slew(limits)
@@ -53,6 +55,7 @@ def problem_from(
         pull=rho,
         reference=_pair(flat, "P1_ref", "P2_ref"),
     )
+    problem = problem if shares is None else problem.with_shares(shares)
     return problem, flat["theta"].reshape(arrays[0].shape)
 
 

@@ -43,10 +43,8 @@ def _gradients(problem: Problem, P1: Array, P2: Array) -> tuple[Pair, Pair]:
 
 
 def _stiffness_gain(side: OneMuscle, P: Array) -> Array:
-    """Return dk/dP, 0 where the stiffness turns: there its two parts cancel."""
-    force_gain = side.muscle.gain(P, side.contraction)
-    elastic = -(side.arm**2) / side.rest_length * side.muscle.gain_slope(P, side.contraction)
-    return _sum(elastic, -side.sign * side.arm_slope * force_gain)
+    """Return dk/dP, 0 where the stiffness turns: there its parts cancel."""
+    return _sum(*side.stiffness_gain_terms(P))
 
 
 def _weighted(problem: Problem, P1: Array, P2: Array) -> Array:
@@ -80,10 +78,12 @@ def newton_step(
     return np.asarray(np.maximum(np.abs(Q1 - P1), np.abs(Q2 - P2)))
 
 
-def _sum(one: Array, two: Array) -> Array:
+def _sum(one: Array, *others: Array) -> Array:
     """Return the sum, 0 where nothing but rounding is left: on a fold both curves have one slope, and they cancel."""
-    total = one + two
-    return np.where(np.abs(total) <= _CANCELLED * (np.abs(one) + np.abs(two)), 0.0, total)
+    total, size = one, np.abs(one)
+    for other in others:
+        total, size = total + other, size + np.abs(other)
+    return np.where(np.abs(total) <= _CANCELLED * size, 0.0, total)
 
 
 def _held(interval: PressureInterval, P: Array, g: Array, near: float) -> Flags:

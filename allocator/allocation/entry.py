@@ -1,5 +1,6 @@
 """`allocate` turns torque and stiffness targets into the two pressures."""
 
+from dataclasses import replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from allocator import checks
 from allocator.allocation import exact
 from allocator.allocation.arguments import problem_from
+from allocator.allocation.free_valves import with_free_valves
 from allocator.allocation.friction import checked_direction, with_friction
 from allocator.allocation.kernels import calls
 from allocator.allocation.kernels.scalars import number
@@ -22,6 +24,7 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.inverse import solve_inverse
 from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.gas import ISOBARIC, StiffnessKind, Valves
 from allocator.joint.limits import TAUT, Limits
 
 Method = Literal["analytic", "exact", backends.Optimiser]
@@ -51,6 +54,9 @@ def allocate(
     along: int | None = None,
     uncertainty: Any = None,
     risk: float = 0.05,
+    valves: Valves = "open",
+    frequency: float | None = None,
+    lag: float | tuple[float, float] | None = None,
 ) -> Allocation:
     """Find the pressures (P1, P2) that give stiffness `K` and torque `T` at the joint angle `theta`, or come nearest.
 
@@ -59,7 +65,8 @@ def allocate(
     Parameters
     ----------
     theta, K, T
-        Joint angle [rad], isobaric stiffness [N·m/rad] and torque [N·m]; scalars or arrays, broadcast like a ufunc.
+        Joint angle [rad], stiffness [N·m/rad] and torque [N·m]; scalars or arrays, broadcast like a ufunc. The
+        stiffness is the isobaric one unless `valves` or `frequency` say otherwise.
     joint
         The joint; by default the report's (two Tondu2021 DMSP-20-400N on a 2 cm pulley, 0–5 bar, ±125°).
     direction
@@ -96,6 +103,13 @@ def allocate(
         For "convex" with affine muscles: covariance of the muscle's parameters (a matrix, a pair of them, or True for
         the fitted muscles' own), and the probability α with which a force limit may be broken, see
         `allocator.allocation.uncertain.problem`.
+    valves
+        Which stiffness `K` is (`allocator.joint.gas`): "open" isobaric, pressures are held; "shut" with the gas of both
+        muscles trapped; a pair of truth values for (agonist, antagonist), True for shut; "free" with the valves as
+        they serve best, for the least pressures where several serve as well, see `Allocation.valves`.
+    frequency, lag
+        `K` is what small motions at this frequency [Hz] meet while regulators with this lag [s] (a number, or one for
+        each muscle) hold the pressures: the real part of the dynamic stiffness.
     warm_start
         False starts the optimisers in the middle of the box instead, to measure what the warm start gains.
 
@@ -103,11 +117,15 @@ def allocate(
     ------
     InvalidInput
         For an argument that makes no sense: NaN, K ≤ 0, degrees for radians, bar for Pa, shapes that do not fit,
-        contradictory limits; and for a pull where "exact" has no closed form.
+        contradictory limits; for a pull where "exact" has no closed form; for valves, a frequency or a lag that
+        cannot be, and for gas in a muscle whose volume is not known (`Muscle.rest_volume`).
     MissingBackend
         For an unknown method or solver; the message lists the ones there are.
     """
     joint = report_joint() if joint is None else joint
+    kind = ISOBARIC
+    if not (valves == "open" and frequency is lag is None):
+        kind = StiffnessKind.of(valves, frequency, lag)
     limits = TAUT  # as mostly; to make them again takes 5 % of a call
     taut = type(min_force) is float and min_force == 0
     if not (taut and max_force is min_cocontraction is previous is max_step is None):  # type: ignore[comparison-overlap]  # all None
@@ -117,10 +135,11 @@ def allocate(
         and solver is weights is reference is uncertainty is along is None  # type: ignore[comparison-overlap]  # all None
         and _ordinary(joint, direction, stiffness_tolerance, pull)
     ):
-        found = calls.answer(joint, theta, K, T, priority, limits)
+        found = calls.answer(joint, theta, K, T, priority, limits, kind)
         if found is not None:
             return found
     _check_method(method, solver, uncertainty)
+    _check_kind(kind, method, uncertainty, along)
     if uncertainty is not None:
         joint, risk = with_covariance(joint, uncertainty), checks.probability("risk", risk)
     s = checked_direction(direction)
@@ -135,10 +154,11 @@ def allocate(
         stiffness_tolerance=stiffness_tolerance,
         pull=pull,
         reference=reference,
+        shares=None if kind.shares is None else kind.fixed,
     )
     axis = _axis(along, asked.ndim, method, previous)
 
-    def answer(problem: Problem) -> Allocation:
+    def of_a_state(problem: Problem) -> Allocation:
         if method == "analytic":
             return _inverted(problem, asked)
         if method == "exact":
@@ -146,6 +166,12 @@ def allocate(
         if uncertainty is not None:
             return _uncertain(problem, asked, risk)
         return _optimised(problem, asked, method, solver, warm_start)
+
+    def answer(problem: Problem) -> Allocation:
+        if kind.shares is None:
+            return with_free_valves(of_a_state, problem, kind)
+        found = of_a_state(problem)
+        return found if kind is ISOBARIC else replace(found, kind=kind)
 
     if not (joint.friction and s.any()):
         return answer(problem)
@@ -174,6 +200,23 @@ def _check_method(method: Any, solver: Any, uncertainty: Any) -> None:
         raise InvalidInput("uncertainty belongs to method='convex' with its default solver")
 
 
+def _check_kind(kind: StiffnessKind, method: Any, uncertainty: Any, along: Any) -> None:
+    """Refuse what has no answer for a stiffness with trapped gas in it."""
+    if kind is ISOBARIC or kind.isobaric:
+        return
+    if uncertainty is not None:
+        raise InvalidInput(
+            f"uncertainty is for the isobaric stiffness: it does not know what a {kind.name} stiffness "
+            "owes to the muscles' volumes; leave out valves and frequency"
+        )
+    if kind.shares is None and method == "analytic":
+        raise InvalidInput(
+            "method='analytic' knows no limits by which to choose valves; give a state instead of 'free'"
+        )
+    if kind.shares is None and along is not None:
+        raise InvalidInput("along plans pressures for valves that stay as they are; give a state instead of 'free'")
+
+
 def _axis(along: Any, ndim: int, method: str, previous: Any) -> int | None:
     """Return the axis of time, counted from 0."""
     if along is None:
@@ -198,7 +241,7 @@ def _exact(problem: Problem, asked: Array, along: int | None) -> Allocation:
 
 def _inverted(problem: Problem, asked: Array) -> Allocation:
     problem = problem.at(asked.ravel())  # no limit, not even the joint's range
-    P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K, problem.T)
+    P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K, problem.T, problem.shares)
     found = assess_inverse(problem, P1, P2, problem.joint.outside_range(problem.theta))
     return _allocation(problem, asked, P1, P2, found, "analytic", gap=np.full(P1.shape, np.nan))
 

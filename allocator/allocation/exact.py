@@ -61,7 +61,9 @@ def determinant_signs(problem: Problem) -> Array:
     on one pressure each), and along a torque level the stiffness rises (1) or falls (-1). Affine muscles: the
     determinant is constant. Others: by the slopes of both curves at the ends of their pieces, of any geometry.
     """
-    if problem.joint.tondu_pulley:  # F_Pε < 0 everywhere, and F_P falls with P: [M] holds up to the upper bounds
+    if _jumps(problem):
+        return np.zeros(problem.theta.shape)
+    if problem.tondu_pulley:  # F_Pε < 0 everywhere, and F_P falls with P: [M] holds up to the upper bounds
         (one, two), (first, second) = problem.sides, problem.box
         rises = (one.torque_gain(first.hi) > 0) & (two.torque_gain(second.hi) < 0)
         return np.where(rises, 1.0, 0.0)
@@ -71,6 +73,12 @@ def determinant_signs(problem: Problem) -> Array:
     (t1, k1), (t2, k2) = ((side.torque_gain(0.0), side.stiffness_gain(0.0)) for side in (one, two))
     det = t1 * k2 - t2 * k1
     return np.where(np.abs(det) <= _TIE * (np.abs(t1 * k2) + np.abs(t2 * k1)), 0.0, np.sign(det))
+
+
+def _jumps(problem: Problem) -> bool:
+    """Return whether the stiffness may jump with the pressure: where F_P has a kink the volume of the gas does."""
+    joint = problem.joint
+    return problem.shares is not None and bool(joint.agonist.basis.kinks or joint.antagonist.basis.kinks)
 
 
 def _closed(problem: Problem) -> Pair:

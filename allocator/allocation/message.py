@@ -40,7 +40,8 @@ def _torque(a: Any) -> str:
 
 def _stiffness(a: Any) -> str:
     K_min, K_max = a.stiffness_interval
-    return f"stiffness at {_at(a)} and {number(a.T)} N·m is {K_min:.4g} … {K_max:.4g} N·m/rad, asked {a.K_target:.4g}"
+    name = a.stiffness_name
+    return f"{name} at {_at(a)} and {number(a.T)} N·m is {K_min:.4g} … {K_max:.4g} N·m/rad, asked {a.K_target:.4g}"
 
 
 def _both(a: Any) -> str:
@@ -71,7 +72,7 @@ _DETAILS: dict[Status, Callable[[Any], str]] = {
     Status.SLACK: _slack,
     Status.OUTSIDE_JOINT_RANGE: _outside,
     Status.OUTSIDE_LIMITS: lambda a: f"P1 = {a.P1 / BAR:.4g} bar, P2 = {a.P2 / BAR:.4g} bar",
-    Status.NO_INVERSE: lambda a: why_no_inverse(a.joint),
+    Status.NO_INVERSE: lambda a: why_no_inverse(a.joint, a.kind.isobaric),
 }
 
 __all__ = ["sentence"]

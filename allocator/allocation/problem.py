@@ -18,6 +18,9 @@ w_T → ∞ (first the nearest torque, then among all pressures that give it the
 With a `stiffness_tolerance` all stiffnesses within K* ± tolerance are equally good, and among them the one with the
 least pressures, which is also the one with the least air, is wanted. Along a torque level both pressures grow with the
 stiffness, so that it is the least stiffness: K* - tolerance is aimed at.
+
+K is the isobaric stiffness, or with `shares` of the trapped gas the one of (G5) in `allocator.joint.gas`. That is a sum
+of one function of one pressure a muscle again, so that all of the above stays as it is.
 """
 
 from collections.abc import Callable
@@ -30,7 +33,9 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gas import Shares
 from allocator.joint.limits import TAUT, Limits, PressureBox
+from allocator.joint.tondu_pulley import TonduPulley
 from allocator.joint.torque_levels import BothMuscles, Pair
 from allocator.search import Curves
 
@@ -58,16 +63,21 @@ class Problem:
     stiffness_tolerance: float = 0.0  # stiffnesses this near to the target are as good [N·m/rad]
     pull: float = 0.0  # ρ [cost]/[Pa]²
     reference: Pair | None = None  # P_ref [Pa], where there is a pull
+    shares: Pair | None = None  # s1, s2 of the trapped gas in the stiffness [-], None: it is isobaric
 
     @cached_property
     def sides(self) -> BothMuscles:
         """Return both muscles, held at the angles."""
-        return self.joint.sides(self.theta)
+        return self.sides_at(self.theta)
+
+    def sides_at(self, theta: Array) -> BothMuscles:
+        """Return both muscles, held at other angles (n,) [rad]."""
+        return self.joint.sides(theta, self.shares)
 
     @cached_property
     def box(self) -> PressureBox:
         """Return the pressures that all limits together allow."""
-        return self.joint.box(self.theta, self.limits)
+        return self.joint.box(self.theta, self.limits, self.shares)
 
     @cached_property
     def curves(self) -> Curves:
@@ -77,7 +87,12 @@ class Problem:
     @cached_property
     def box_without_forces(self) -> PressureBox:
         """Return the pressures that all limits but those on the forces allow."""
-        return self.joint.box(self.theta, self.limits.without_forces)
+        return self.joint.box(self.theta, self.limits.without_forces, self.shares)
+
+    @property
+    def tondu_pulley(self) -> TonduPulley | None:
+        """Return the closed forms of the report's joint where they hold: for its isobaric stiffness."""
+        return self.joint.tondu_pulley if self.shares is None else None
 
     @cached_property
     def T_aim(self) -> Array:
@@ -128,9 +143,17 @@ class Problem:
 
     def take(self, where: NDArray[Any]) -> Self:
         """Return the problems at the mask or the indices `where`."""
-        reference = None if self.reference is None else (self.reference[0][where], self.reference[1][where])
         theta, K, T = self.theta[where], self.K[where], self.T[where]
-        return replace(self, theta=theta, K=K, T=T, limits=self.limits.take(where), reference=reference)
+        reference, shares = (None if p is None else (p[0][where], p[1][where]) for p in (self.reference, self.shares))
+        limits = self.limits.take(where)
+        return replace(self, theta=theta, K=K, T=T, limits=limits, reference=reference, shares=shares)
+
+    def with_shares(self, shares: Shares | None) -> Self:
+        """Return the problems of another stiffness, whose shares of the gas are numbers, or None."""
+        if shares is None:
+            return replace(self, shares=None)
+        one, two = (np.full(self.theta.shape, float(s)) for s in shares)
+        return replace(self, shares=(one, two))
 
     def at(self, theta: Array) -> Self:
         """Return the problems with other angles `theta` (n,) [rad]."""

@@ -21,6 +21,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import assumption
+from allocator.joint.gas import ISOBARIC, StiffnessKind
 from allocator.joint.limits import Limits, names
 from allocator.joint.torque_levels import Pair, torque_interval
 from allocator.presentation.tables import html_table, number, span
@@ -39,12 +40,13 @@ class Allocation:
     P1: Any  # agonist pressure [Pa]
     P2: Any  # antagonist pressure [Pa]
     T: Any  # torque that these pressures give [N·m]
-    K: Any  # stiffness that these pressures give [N·m/rad]
+    K: Any  # stiffness that these pressures give [N·m/rad], of the kind asked for
     status: Any  # Status, or an array of its integers
     limits: Any  # combination of Limit flags that bind, as integers
     joint: AntagonistJoint = field(repr=False)
     priority: Priority
     _within: Limits = field(repr=False)  # the limits asked for
+    kind: StiffnessKind = ISOBARIC  # which stiffness `K_target` and `K` are: isobaric, shut, …
     method: str = "exact"
     iterations: Any = None  # of an optimising method
     _gap: Any = field(default=0.0, repr=False)  # `gap` where the method has proved one, else None
@@ -56,7 +58,26 @@ class Allocation:
         if self._built is not None:
             return self._built
         targets = self.theta, self.K_target, self.T_target
-        return problem_from(self.joint, *targets, limits=self._within, priority=self.priority)[0]
+        asked: dict[str, Any] = {"limits": self._within, "priority": self.priority, "shares": self.kind.fixed}
+        return problem_from(self.joint, *targets, **asked)[0]
+
+    @property
+    def valves(self) -> tuple[Any, Any]:
+        """Return whether the valves of (agonist, antagonist) are shut while the joint is as stiff as `K`.
+
+        Two truth values, or arrays of them. Where a `frequency` was asked for they are regulated, and counted as open.
+        """
+        shares = self._problem.shares
+        if shares is None or self.kind.frequency is not None:
+            shares = (np.zeros(self._problem.theta.shape),) * 2
+        one, two = (shaped(np.asarray(s == 1), self._shape) for s in shares)
+        return one, two
+
+    @property
+    def isobaric_stiffness(self) -> Any:
+        """Return K = -∂T/∂θ at held pressures [N·m/rad] that these pressures give, whichever stiffness was asked."""
+        one, two = (side.isobaric for side in self._problem.sides)
+        return shaped(np.asarray(one.stiffness(np.ravel(self.P1)) + two.stiffness(np.ravel(self.P2))), self._shape)
 
     @property
     def success(self) -> Any:
@@ -115,7 +136,10 @@ class Allocation:
 
     @cached_property
     def stiffness_interval(self) -> Pair:
-        """Return [K_min, K_max] [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer."""
+        """Return [K_min, K_max] [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer.
+
+        Of the kind of stiffness asked for, and with the valves as they are.
+        """
         return self._shaped(*reach.stiffness_interval(self._problem, np.ravel(self.T)))
 
     @cached_property
@@ -217,6 +241,7 @@ class Allocation:
             "torque_Nm": self.T,
         }
         assumed = {"assumed": self.assumed} if self.assumed else {}
+        columns |= self._gas_columns()
         if not self._shape:
             return columns | {"status": Status(self.status).name, "limits": " + ".join(self.active)} | assumed
         flags, which = np.unique(np.ravel(self.limits), return_inverse=True)
@@ -225,6 +250,13 @@ class Allocation:
             "limits": np.array([" + ".join(names(int(value))) for value in flags], str)[which],
             **{name: np.full(which.size, text) for name, text in assumed.items()},
         }
+
+    def _gas_columns(self) -> dict[str, Any]:
+        """Return what a table says beyond the isobaric stiffness."""
+        if self.kind.isobaric:
+            return {}
+        names = ("isobaric_stiffness_Nm_per_rad", "agonist_valve_shut", "antagonist_valve_shut")
+        return dict(zip(names, (self.isobaric_stiffness, *self.valves), strict=True))
 
     def __repr__(self) -> str:
         """Show the pressures, what they give and what is in the way; of arrays their ranges."""
@@ -236,7 +268,7 @@ class Allocation:
             f"Allocation {Status(self.status).name} at {number(self.theta / DEG)}°: "
             f"P1 = {number(P1)} bar, P2 = {number(P2)} bar",
             f"  torque {number(self.T)} N·m (asked {number(self.T_target)}), "
-            f"stiffness {number(self.K)} N·m/rad (asked {number(self.K_target)})",
+            f"{self.stiffness_name} {number(self.K)} N·m/rad (asked {number(self.K_target)})",
         ]
         return "\n".join([*lines, f"  {self.message}"] if self.status != Status.EXACT or self.assumed else lines)
 
@@ -245,7 +277,7 @@ class Allocation:
         quantities = (
             ("angle [°]", np.divide(self.theta, DEG), None),
             ("torque [N·m]", self.T, self.T_target),
-            ("stiffness [N·m/rad]", self.K, self.K_target),
+            (f"{self.stiffness_name} [N·m/rad]", self.K, self.K_target),
             ("P1 [bar]", np.divide(self.P1, BAR), None),
             ("P2 [bar]", np.divide(self.P2, BAR), None),
         )
@@ -253,12 +285,26 @@ class Allocation:
         rows = [(name, "" if asked is None else show(asked), show(given)) for name, given, asked in quantities]
         return html_table(self.message, rows, ("", "asked", "given"))
 
+    @property
+    def stiffness_name(self) -> str:
+        """Return which stiffness it is, with the valves of the answer where they were free: "shut stiffness", …"""
+        if self.kind.shares is not None:
+            return self.kind.text
+        return self.kind.text if self._shape else StiffnessKind.of(tuple(map(bool, self.valves))).text
+
     def _shaped(self, first: Array, second: Array) -> Pair:
         return shaped(first, self._shape), shaped(second, self._shape)
 
 
 def single(
-    joint: AntagonistJoint, priority: Priority, limits: Limits, theta: float, K: float, T: float, found: tuple[Any, ...]
+    joint: AntagonistJoint,
+    priority: Priority,
+    limits: Limits,
+    theta: float,
+    K: float,
+    T: float,
+    found: tuple[Any, ...],
+    kind: StiffnessKind = ISOBARIC,
 ) -> Allocation:
     """Return the answer to one target from what a kernel `found`: P1, P2, torque, stiffness, status, binding limits."""
     P1, P2, T_given, K_given, status, flags, _ = found
@@ -276,6 +322,7 @@ def single(
         "joint": joint,
         "priority": priority,
         "_within": limits,
+        "kind": kind,
     }
     object.__setattr__(allocation, "__dict__", fields)
     return allocation

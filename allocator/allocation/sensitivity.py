@@ -66,16 +66,16 @@ def _rest_row(problem: Problem, P1: Array, P2: Array, direction: tuple[float, fl
 
 
 def _torque_row(problem: Problem, P1: Array, P2: Array) -> Array:
-    """Return the row of T(θ, P) - T* = 0; ∂T/∂θ = -K by definition."""
+    """Return the row of T(θ, P) - T* = 0; ∂T/∂θ = -K by definition of the isobaric K."""
     one, two = problem.sides
-    K = one.stiffness(P1) + two.stiffness(P2)
+    K = one.isobaric.stiffness(P1) + two.isobaric.stiffness(P2)
     return _row(one.torque_gain(P1), two.torque_gain(P2), -K, 0.0, -1.0)
 
 
 def _stiffness_row(problem: Problem, P1: Array, P2: Array) -> Array:
     """Return the row of K(θ, P) - K* = 0."""
     one, two = problem.sides
-    K_theta = _five_point(lambda h: _total_stiffness(problem.joint.sides(problem.theta + h), P1, P2), _H)
+    K_theta = _five_point(lambda h: _total_stiffness(problem.sides_at(problem.theta + h), P1, P2), _H)
     return _row(one.stiffness_gain(P1), two.stiffness_gain(P2), K_theta, -1.0, 0.0)
 
 
@@ -84,7 +84,7 @@ def _stationary_row(problem: Problem, P1: Array, P2: Array, direction: tuple[flo
     (w_T, w_K), (R1, R2), step = _second_goal(problem), problem.P_ref, _H * problem.joint.pressure_span
 
     def phi(dP1: float, dP2: float, dtheta: float) -> Array:
-        one, two = problem.joint.sides(problem.theta + dtheta)
+        one, two = problem.sides_at(problem.theta + dtheta)
         Q1, Q2 = P1 + dP1, P2 + dP2
         e_T = one.torque(Q1) + two.torque(Q2) - problem.T_aim
         e_K = _total_stiffness((one, two), Q1, Q2) - problem.K_aim

@@ -11,6 +11,7 @@ from allocator.shell.joint_options import JointOptions
 from allocator.shell.options import grouped, numbers, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.stiffness_options import StiffnessOptions
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from allocator.calculus import Array
     from allocator.feasibility.result import FeasibilityMap
     from allocator.joint.antagonist import AntagonistJoint
+    from allocator.joint.gas import StiffnessKind
 
 _LONG = 8  # chunks from which on a progress bar is shown
 _ENDINGS = (*IMAGES, ".csv", ".npz")
@@ -28,6 +30,7 @@ _OWN_NAME = "map.png"
 @grouped
 def map_command(
     options: JointOptions,
+    stiffness_options: StiffnessOptions,
     theta: Annotated[
         str | None, typer.Option(help="angle, LOW:HIGH or LOW:HIGH:STEP [degrees]; all by default")
     ] = None,
@@ -65,7 +68,8 @@ def map_command(
     }
     console = Console(stderr=as_json)
     joints = options.compared()
-    maps = {name: _map(axes, joint, min_force, max_memory, console) for name, joint in joints.items()}
+    kind = stiffness_options.kind
+    maps = {name: _map(axes, joint, kind, min_force, max_memory, console) for name, joint in joints.items()}
     _write(maps, out, pressures)
     if as_json:
         print_json({"maps": [_values(name, found) for name, found in maps.items()], "written": str(out)})
@@ -96,7 +100,12 @@ def _torque(torque: str | None, *others: str | None) -> "Array | float | None":
 
 
 def _map(
-    axes: dict[str, Any], joint: "AntagonistJoint", min_force: float, max_memory: float, console: "Console"
+    axes: dict[str, Any],
+    joint: "AntagonistJoint",
+    kind: "StiffnessKind",
+    min_force: float,
+    max_memory: float,
+    console: "Console",
 ) -> "FeasibilityMap":
     from rich.progress import track
 
@@ -105,7 +114,8 @@ def _map(
     def progress(chunks: Sequence[int]) -> Iterable[int]:
         return track(chunks, "mapping", console=console, transient=True) if len(chunks) >= _LONG else chunks
 
-    return feasibility_map(**axes, joint=joint, min_force=min_force, max_bytes=max_memory * 1e9, progress=progress)
+    axes = axes | {"joint": joint, "valves": kind, "min_force": min_force}
+    return feasibility_map(**axes, max_bytes=max_memory * 1e9, progress=progress)
 
 
 def _ended_by(found: "FeasibilityMap") -> list[str]:
@@ -115,7 +125,7 @@ def _ended_by(found: "FeasibilityMap") -> list[str]:
 def _sentence(name: str, found: "FeasibilityMap") -> str:
     """Return one line on what exists, one on what ends it."""
     return (
-        f"{name}: {100 * found.share:.1f} % of {found.status.size} combinations exist\n"
+        f"{name}: {100 * found.share:.1f} % of {found.status.size} combinations exist, {found.kind.text}\n"
         f"  ended by: {', '.join(_ended_by(found)) or 'nothing exists'}" + (found.assumed and f"\n  {found.assumed}")
     )
 
@@ -123,6 +133,7 @@ def _sentence(name: str, found: "FeasibilityMap") -> str:
 def _values(name: str, found: "FeasibilityMap") -> dict[str, Any]:
     return {
         "name": name,
+        "stiffness": found.kind.text,
         "varied": found.varied,
         "combinations": found.status.size,
         "existing_share": found.share,

@@ -100,7 +100,7 @@ def performance(
 
     def held(theta: Array, T: Array) -> Array:
         found = setting.columns(theta, np.broadcast_to(T, theta.shape))
-        return np.where(found.problem.box.empty, -1.0, found.reach).reshape(theta.shape)
+        return np.where(found.empty, -1.0, found.reach).reshape(theta.shape)
 
     left, right = spans(held, *setting.joint.angle_range, np.zeros(1), pieces=_PIECES)
     if not len(left):

@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 
 from allocator.allocation import reach
 from allocator.allocation.problem import Problem
+from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array
-from allocator.feasibility.setting import Setting
+from allocator.feasibility.setting import Columns, Setting
 from allocator.feasibility.spans import spans
+from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import BINDS, names
-from allocator.joint.torque_levels import Pair, stiffness, torque_interval
+from allocator.joint.torque_levels import Pair, stiffness, torque, torque_interval
 
 _POINTS = 201  # of an edge over the joint range; more where limits hand over
+_COLUMNS = ("theta", "K", "T", "P1", "P2")
 _HALVINGS = 40  # to find where they do
 
 
@@ -41,21 +44,21 @@ class Edge:
         return names(self.limits)
 
 
-Ends = Callable[[Array], tuple[Problem, tuple[Pair, Pair]]]
+End = tuple[Problem, Pair]
+Ends = Callable[[Array], tuple[End, End]]
 """From angles (or torques) to the problems and the pressures at both ends of the feasible interval there."""
 
 
 def edges_at_torque(setting: Setting, T: float, left: float, right: float) -> tuple[Edge, ...]:
     """Return the edges over the angles from left to right [rad] of the stiffnesses that exist at the torque T [N·m]."""
 
-    def ends(theta: Array) -> tuple[Problem, tuple[Pair, Pair]]:
-        found = setting.columns(theta, T)
-        return found.problem, (found.low, found.high)
+    def ends(theta: Array) -> tuple[End, End]:
+        return _column_ends(setting.columns(theta, T))
 
     def margin(theta: Array, T: Array) -> Array:
         theta, T = np.broadcast_arrays(theta, T)
         found = setting.columns(theta, T)
-        return np.where(found.problem.box.empty, -1.0, found.reach.ravel()).reshape(theta.shape)
+        return np.where(found.empty, -1.0, found.reach.ravel()).reshape(theta.shape)
 
     return _edges(setting, ends, spans(margin, left, right, np.array([T])))
 
@@ -66,16 +69,17 @@ def edges_at_stiffness(setting: Setting, K: float, left: float, right: float) ->
     On a lever the torques may fall into several intervals (`torque_intervals`); the outermost ends are drawn.
     """
 
-    def ends(theta: Array) -> tuple[Problem, tuple[Pair, Pair]]:
-        problem, _ = setting.problem(theta, 0.0, K)
-        return problem, reach.torque_ends(problem, problem.K)
+    def ends(theta: Array) -> tuple[End, End]:
+        problems = [state.problem(theta, 0.0, K)[0] for state in setting.states]
+        found = [reach.torque_ends(problem, problem.K) for problem in problems]
+        if len(found) == 1:
+            return (problems[0], found[0][0]), (problems[0], found[0][1])
+        return _outermost(problems, found, np.stack([_stiffness_margin(problem) for problem in problems]))
 
     def margin(theta: Array, K: Array) -> Array:
         theta, K = np.broadcast_arrays(theta, K)
-        problem, _ = setting.problem(theta.ravel(), 0.0, K.ravel())
-        K_min, K_max = (stiffness(problem.sides, pair) for pair in reach.stiffness_range(problem))
-        inside = np.minimum(K_max - problem.K, problem.K - K_min)
-        return np.where(problem.box.empty, -1.0, inside / problem.scales[1]).reshape(theta.shape)
+        states = (state.problem(theta.ravel(), 0.0, K.ravel())[0] for state in setting.states)
+        return np.asarray(np.stack([_stiffness_margin(problem) for problem in states]).max(axis=0).reshape(theta.shape))
 
     return _edges(setting, ends, spans(margin, left, right, np.array([K])))
 
@@ -90,13 +94,36 @@ def edges_at_angle(setting: Setting, theta: float) -> tuple[Edge, ...]:
     if problem.box.empty[0]:
         return ()
 
-    def ends(T: Array) -> tuple[Problem, tuple[Pair, Pair]]:
-        found = setting.columns(np.full(T.shape, theta), T)
-        return found.problem, (found.low, found.high)
+    def ends(T: Array) -> tuple[End, End]:
+        return _column_ends(setting.columns(np.full(T.shape, theta), T))
 
     T_min, T_max = (float(T[0]) for T in torque_interval(problem.sides, problem.box))
     torques = np.linspace(T_min, T_max, _POINTS)
     return tuple(edge for end in (0, 1) for edge in _chain(setting, ends, end, torques))
+
+
+def _column_ends(found: Columns) -> tuple[End, End]:
+    return (found.problem, found.low), (found.problem_high, found.high)
+
+
+def _stiffness_margin(problem: Problem) -> Array:
+    """Return how far the stiffnesses of `problem` are inside what exists at any torque, in fractions of the scale."""
+    K_min, K_max = (stiffness(problem.sides, pair) for pair in reach.stiffness_range(problem))
+    inside = np.minimum(K_max - problem.K, problem.K - K_min)
+    return np.asarray(np.where(problem.box.empty, -1.0, inside / problem.scales[1]))
+
+
+def _outermost(problems: list[Problem], found: list[tuple[Pair, Pair]], margins: Array) -> tuple[End, End]:
+    """Return the least and the greatest torques of several states of the valves, of those that have the stiffness."""
+    reached = margins >= np.minimum(margins.max(axis=0), -CLOSED_FORM.met)
+    chosen = []
+    for end, sign in ((0, 1.0), (1, -1.0)):
+        T = np.stack([torque(problem.sides, pairs[end]) for problem, pairs in zip(problems, found, strict=True)])
+        which = np.where(reached, sign * T, np.inf).argmin(axis=0)
+        P1, P2 = (np.take_along_axis(np.stack([p[end][i] for p in found]), which[None], 0)[0] for i in (0, 1))
+        one, two = np.array(StiffnessKind.free)[which].T
+        chosen.append((replace(problems[0], shares=(one, two)), (P1, P2)))
+    return chosen[0], chosen[1]
 
 
 # --- from the ends of an interval over θ (or T) to edges ------------------------------------------------------------
@@ -118,8 +145,8 @@ def _chain(setting: Setting, ends: Ends, end: int, x: Array) -> list[Edge]:
     """Return one end of the interval over the angles or torques x, cut where another limit takes over."""
 
     def flags(x: Array) -> NDArray[np.int32]:
-        problem, pairs = ends(x)
-        return problem.box.binding(*pairs[end], BINDS * setting.joint.pressure_span)
+        problem, pair = ends(x)[end]
+        return problem.box.binding(*pair, BINDS * setting.joint.pressure_span)
 
     middle = (x[1:] + x[:-1]) / 2
     change = np.nonzero(np.diff(flags(middle)))[0]
@@ -132,8 +159,7 @@ def _chain(setting: Setting, ends: Ends, end: int, x: Array) -> list[Edge]:
         if len(part) > 1:
             widest = int(np.argmax(np.diff(part)))  # a hand-over is within rounding of both limits
             limits = int(flags(part[widest : widest + 2].mean(keepdims=True))[0])
-            problem, pairs = ends(part)
-            edges.append(_edge(setting, limits, problem.theta, pairs[end]))
+            edges.append(_edge(limits, ends(part)[end]))
     return edges
 
 
@@ -152,17 +178,16 @@ def _wall(setting: Setting, ends: Ends, theta: float) -> Edge | None:
     range_ends = setting.joint.angle_range
     if theta not in range_ends:
         return None
-    _, ((P1_low, P2_low), (P1_high, P2_high)) = ends(np.array([theta]))
-    share = np.linspace(0, 1, 2)
-    pair = P1_low + share * (P1_high - P1_low), P2_low + share * (P2_high - P2_low)
-    return _edge(setting, int(setting.joint.angle_limit(theta == range_ends[1])), np.full(2, theta), pair)
+    limits = int(setting.joint.angle_limit(theta == range_ends[1]))
+    low, high = (_edge(limits, end) for end in ends(np.array([theta])))
+    theta, K, T, P1, P2 = (np.append(getattr(low, name), getattr(high, name)) for name in _COLUMNS)
+    return Edge(limits, theta, K, T, P1, P2)
 
 
-def _edge(setting: Setting, limits: int, theta: Array, pair: Pair) -> Edge:
+def _edge(limits: int, end: End) -> Edge:
     """Return the edge through these pressures."""
-    sides = setting.joint.sides(theta)
-    one, two = sides
-    return Edge(limits, theta, stiffness(sides, pair), one.torque(pair[0]) + two.torque(pair[1]), *pair)
+    problem, pair = end
+    return Edge(limits, problem.theta, stiffness(problem.sides, pair), torque(problem.sides, pair), *pair)
 
 
 __all__ = ["Edge", "edges_at_angle", "edges_at_stiffness", "edges_at_torque"]

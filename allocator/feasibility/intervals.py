@@ -5,6 +5,9 @@ whose ends lie where the torque level leaves the box of pressures (`allocator.jo
 turns on the way. At an angle and a stiffness the torques may be several intervals. The angles at which a stiffness can
 be had are found between the zeros of how far it is inside its interval.
 
+`valves`, `frequency` and `lag` say which stiffness is meant, as in `allocate`. With valves="free" an interval of
+stiffnesses reaches from the least to the greatest of all states of the valves, and there may be gaps in it.
+
 Where the fit of a joint has not seen at which pressures its cables go slack (`AntagonistJoint.slack_assumed`) the
 intervals are those of cables that are always taut: `min_force` is not applied, since it would cut them at an assumed
 limit. They are then too wide rather than false, and that is warned of once (`AssumedSlack`).
@@ -21,6 +24,7 @@ from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import AssumedSlack, assumption
+from allocator.joint.gas import StiffnessKind, Valves
 from allocator.joint.torque_levels import Pair, stiffness
 from allocator.joint.torque_levels import torque_interval as torque_interval_in
 from allocator.notices import notice_once
@@ -33,6 +37,9 @@ def torque_interval(
     min_force: float | None = 0.0,
     max_force: float | None = None,
     min_cocontraction: float | None = None,
+    valves: Valves = "open",
+    frequency: float | None = None,
+    lag: float | tuple[float, float] | None = None,
 ) -> Pair:
     """Return [T_min, T_max] [N·m] that the joint can give at the angles `theta` [rad].
 
@@ -40,7 +47,8 @@ def torque_interval(
     pressure keeps a cable taut). Closed form, or one root finding a muscle without one. The limits are those of
     `allocator.allocate`. Raises InvalidInput for arguments that make no sense.
     """
-    setting = _setting(joint, min_force, max_force, min_cocontraction)
+    kind = StiffnessKind.of(valves, frequency, lag)
+    setting = _setting(joint, min_force, max_force, min_cocontraction, kind)
     problem, asked = setting.problem(theta)
     none = problem.box.empty | (problem.theta != asked.ravel())
     return _shaped(asked.shape, none, *torque_interval_in(problem.sides, problem.box))
@@ -54,6 +62,9 @@ def stiffness_interval(
     min_force: float | None = 0.0,
     max_force: float | None = None,
     min_cocontraction: float | None = None,
+    valves: Valves = "open",
+    frequency: float | None = None,
+    lag: float | tuple[float, float] | None = None,
 ) -> Pair:
     """Return [K_min, K_max] [N·m/rad] that exist at the angles `theta` [rad] and the torques `T` [N·m].
 
@@ -61,7 +72,8 @@ def stiffness_interval(
     where the limits contradict each other. Closed form, or root finding for muscles without one. The limits are those
     of `allocator.allocate`. Raises InvalidInput for arguments that make no sense.
     """
-    setting = _setting(joint, min_force, max_force, min_cocontraction)
+    kind = StiffnessKind.of(valves, frequency, lag)
+    setting = _setting(joint, min_force, max_force, min_cocontraction, kind)
     asked, T = checks.broadcast(theta=checks.angle("theta", theta), T=checks.real("T", T, "N·m"))
     found = setting.columns(asked, T)
     none = ~found.exists | (found.problem.theta != asked.ravel())
@@ -76,6 +88,9 @@ def torque_intervals(
     min_force: float | None = 0.0,
     max_force: float | None = None,
     min_cocontraction: float | None = None,
+    valves: Valves = "open",
+    frequency: float | None = None,
+    lag: float | tuple[float, float] | None = None,
 ) -> Pair:
     """Return all intervals of torques [N·m] that exist at the angles `theta` [rad] while the joint is as stiff as `K`.
 
@@ -86,16 +101,40 @@ def torque_intervals(
         has, NaN where a target has fewer; m = 0 where none has any. One for affine muscles on a pulley; on a lever
         the stiffness [N·m/rad] may turn with the pressure, and the torques fall into up to three.
     """
-    setting = _setting(joint, min_force, max_force, min_cocontraction)
+    kind = StiffnessKind.of(valves, frequency, lag)
+    setting = _setting(joint, min_force, max_force, min_cocontraction, kind)
     asked, K = checks.broadcast(theta=checks.angle("theta", theta), K=checks.stiffness("K", K))
+    states = [_torque_intervals(state, asked, K) for state in setting.states]
+    found = states[0] if len(states) == 1 else _merged(np.concatenate(states, axis=1))
+    found = found[:, ~np.isnan(found[..., 0]).all(axis=0)]
+    low, high = (found[..., end].T.reshape(-1, *asked.shape) for end in (0, 1))
+    return low, high
+
+
+def _torque_intervals(setting: Setting, asked: Array, K: Array) -> Array:
+    """Return the intervals (n, m, 2) [N·m] for one state of the valves, NaN where a target has fewer."""
     problem, _ = setting.problem(asked, 0.0, K)
     K_min, K_max = (stiffness(problem.sides, pair) for pair in reach.stiffness_range(problem))
     beyond = np.maximum(K_min - problem.K, problem.K - K_max) > CLOSED_FORM.met * problem.scales[1]
     found = reach.torque_intervals(problem, problem.K)  # (n, m, 2)
     found[beyond | problem.box.empty | (problem.theta != asked.ravel())] = np.nan
-    found = found[:, ~np.isnan(found[..., 0]).all(axis=0)]
-    low, high = (found[..., end].T.reshape(-1, *asked.shape) for end in (0, 1))
-    return low, high
+    return found
+
+
+def _merged(intervals: Array) -> Array:
+    """Return the union of the intervals (n, m, 2) of each target, rising and apart, NaN behind."""
+    order = np.argsort(intervals[..., 0], axis=1)  # NaN goes last
+    intervals = np.take_along_axis(intervals, order[..., None], 1)
+    low, high = intervals[..., 0], np.fmax.accumulate(intervals[..., 1], axis=1)
+    start = np.ones(low.shape, bool)
+    start[:, 1:] = low[:, 1:] > high[:, :-1]
+    start &= ~np.isnan(low)
+    merged = np.full(intervals.shape, np.nan)
+    for i, starts in enumerate(start):
+        at = np.flatnonzero(starts)
+        merged[i, : at.size, 0] = low[i, at]
+        merged[i, : at.size, 1] = high[i, np.append(at[1:], int((~np.isnan(low[i])).sum())) - 1] if at.size else np.nan
+    return merged
 
 
 def angle_interval(
@@ -106,6 +145,9 @@ def angle_interval(
     min_force: float | None = 0.0,
     max_force: float | None = None,
     min_cocontraction: float | None = None,
+    valves: Valves = "open",
+    frequency: float | None = None,
+    lag: float | tuple[float, float] | None = None,
 ) -> Pair:
     """Return the widest interval of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
 
@@ -113,7 +155,15 @@ def angle_interval(
     may have several, see `angle_intervals`, where the limits of accuracy are.
     """
     left, right = angle_intervals(
-        K, T, joint=joint, min_force=min_force, max_force=max_force, min_cocontraction=min_cocontraction
+        K,
+        T,
+        joint=joint,
+        min_force=min_force,
+        max_force=max_force,
+        min_cocontraction=min_cocontraction,
+        valves=valves,
+        frequency=frequency,
+        lag=lag,
     )
     if not len(left):
         return _shaped(left.shape[1:], True, np.nan, np.nan)
@@ -129,6 +179,9 @@ def angle_intervals(
     min_force: float | None = 0.0,
     max_force: float | None = None,
     min_cocontraction: float | None = None,
+    valves: Valves = "open",
+    frequency: float | None = None,
+    lag: float | tuple[float, float] | None = None,
 ) -> Pair:
     """Return all intervals of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
 
@@ -139,7 +192,8 @@ def angle_intervals(
         where a target has fewer; m = 0 where none has any. Their ends are roots, exact to rounding. Intervals, and
         gaps between them, narrower than 1/128 of the joint range may be missed.
     """
-    setting = _setting(joint, min_force, max_force, min_cocontraction)
+    kind = StiffnessKind.of(valves, frequency, lag)
+    setting = _setting(joint, min_force, max_force, min_cocontraction, kind)
     K, T = checks.broadcast(K=checks.stiffness("K", K), T=checks.real("T", T, "N·m"))
     found = spans(lambda x, K, T: margin(setting, x, K, T), *setting.joint.angle_range, K.ravel(), T.ravel())
     return found[0].reshape(-1, *K.shape), found[1].reshape(-1, *K.shape)
@@ -152,18 +206,22 @@ def margin(setting: Setting, theta: Array, K: Array, T: Array) -> Array:
     scale = found.problem.scales[1]
     inside = np.minimum(K.ravel() - found.K_min, found.K_max - K.ravel()) / scale
     inside = np.minimum(inside, found.reach) + CLOSED_FORM.met
-    return np.where(found.problem.box.empty, -1.0, inside).reshape(theta.shape)
+    return np.where(found.empty, -1.0, inside).reshape(theta.shape)
 
 
 def _setting(
-    joint: AntagonistJoint | None, min_force: float | None, max_force: float | None, min_cocontraction: float | None
+    joint: AntagonistJoint | None,
+    min_force: float | None,
+    max_force: float | None,
+    min_cocontraction: float | None,
+    kind: StiffnessKind,
 ) -> Setting:
     """Return the setting, without a least force where the slack limits are assumed."""
-    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    setting = Setting.of(joint, min_force, max_force, min_cocontraction, kind)
     if min_force is None or not (assumed := assumption(setting.joint)):
         return setting
     notice_once(f"{assumed}; intervals are given for cables that are always taut, too wide at worst", AssumedSlack)
-    return Setting.of(joint, None, max_force, min_cocontraction)
+    return Setting.of(joint, None, max_force, min_cocontraction, kind)
 
 
 def _shaped(shape: tuple[int, ...], none: Mask | bool, *ends: Array | float) -> Pair:

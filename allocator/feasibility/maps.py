@@ -23,9 +23,10 @@ from allocator.feasibility.result import FeasibilityMap
 from allocator.feasibility.setting import Columns, Setting, columns
 from allocator.inverse import solve_inverse
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gas import StiffnessKind, Valves
 from allocator.joint.torque_levels import Pair
 
-_CELL_BYTES = 8 + 8 + 1 + 4  # P1, P2, status, limits
+_CELL_BYTES = 8 + 8 + 1 + 4 + 1  # P1, P2, status, limits, state
 _WORK_BYTES = 400  # a cell takes while its chunk is computed
 _CHUNK_CELLS = 200_000  # fits caches, and a progress bar moves
 _SLOW_CHUNK_CELLS = 10_000  # without a closed form
@@ -42,6 +43,9 @@ def feasibility_map(
     min_force: float | None = 0.0,
     max_force: float | None = None,
     min_cocontraction: float | None = None,
+    valves: Valves = "open",
+    frequency: float | None = None,
+    lag: float | tuple[float, float] | None = None,
     max_bytes: float = 1e9,
     progress: Progress = iter,
 ) -> FeasibilityMap:
@@ -52,7 +56,7 @@ def feasibility_map(
     theta, K, T
         Joint angles [rad], stiffnesses [N·m/rad] and torques [N·m]: two or three of them increasing arrays (n,), the
         third a number. None: 201 angles over the joint range, 201 torques or stiffnesses around those that exist.
-    joint, min_force, max_force, min_cocontraction
+    joint, min_force, max_force, min_cocontraction, valves, frequency, lag
         As in `allocator.allocate`.
     max_bytes
         A map that would need more memory [bytes] than this is refused.
@@ -70,7 +74,8 @@ def feasibility_map(
     InvalidInput
         For an empty or falling range, fewer than two arrays, more memory than allowed, and whatever `allocate` refuses.
     """
-    setting = Setting.of(joint, min_force, max_force, min_cocontraction)
+    kind = StiffnessKind.of(valves, frequency, lag)
+    setting = Setting.of(joint, min_force, max_force, min_cocontraction, kind)
     theta_axis = _angles(setting, theta)
     T_axis = default_torques(setting, theta_axis) if T is None else map_axis("T", T, checks.real("T", T, "N·m"))
     if K is None:
@@ -83,8 +88,8 @@ def feasibility_map(
     _check_memory(axes, max_bytes)
     cells = _cells(setting, np.atleast_1d(theta_axis), np.atleast_1d(K_axis), np.atleast_1d(T_axis), progress)
     shape = tuple(axis.size for axis in axes.values() if axis.ndim)
-    status, limits, P1, P2 = (array.reshape(shape) for array in cells.arrays)
-    return FeasibilityMap(setting, theta_axis, K_axis, T_axis, status, limits, P1, P2)
+    status, limits, P1, P2, state = (array.reshape(shape) for array in cells.arrays)
+    return FeasibilityMap(setting, theta_axis, K_axis, T_axis, status, limits, P1, P2, state)
 
 
 def _angles(setting: Setting, theta: ArrayLike | None) -> Array:
@@ -111,10 +116,11 @@ class Cells(NamedTuple):
     limits: NDArray[np.int32]
     P1: Array  # [Pa]
     P2: Array  # [Pa]
+    state: NDArray[np.int8]  # of the valves where they are free: 1 antagonist shut, 2 agonist shut, 3 both
 
     @property
     def arrays(self) -> tuple[NDArray[Any], ...]:
-        """Return status, limits, P1 and P2."""
+        """Return status, limits, P1, P2 and the state of the valves."""
         return tuple(self)
 
     def formed(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "Cells":
@@ -125,12 +131,12 @@ class Cells(NamedTuple):
 def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progress) -> Cells:
     """Return all cells, chunk after chunk of angles."""
     shape = theta.size, K.size, T.size
-    out = Cells(np.empty(shape, np.int8), np.empty(shape, np.int32), np.empty(shape), np.empty(shape))
-    closed = setting.joint.affine or setting.joint.tondu_pulley is not None
+    out = _nothing(shape)
+    closed = setting.joint.affine or (setting.joint.tondu_pulley is not None and setting.kind.isobaric)
     step = max(1, (_CHUNK_CELLS if closed else _SLOW_CHUNK_CELLS) // (K.size * T.size))
     for start in progress(range(0, theta.size, step)):
         if start == 0 and not closed:  # where one sees that it takes a while
-            search.prepare(theta.size * K.size * T.size)
+            search.prepare(theta.size * K.size * T.size * len(setting.states))
         part = slice(start, start + step)
         for target, array in zip(out.arrays, _chunk(setting, theta[part], K, T).arrays, strict=True):
             target[part] = array
@@ -140,12 +146,22 @@ def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progres
 def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
     """Return the cells (θ, K, T) of some angles."""
     problem, asked = setting.problem(theta[:, None], T[None, :])
+    if len(setting.states) > 1:
+        cells = _nothing((problem.T.size, K.size))
+        _answered(setting, cells, np.ones(problem.T.shape, bool), asked.ravel(), problem.T, K)
+        return cells.formed(lambda array: array.reshape(theta.size, T.size, K.size).swapaxes(1, 2))
     signs = exact.determinant_signs(setting.problem(theta)[0])
     found = columns(problem, np.repeat(signs, T.size))
     cells = _filled(setting, found, asked.ravel(), K)  # (columns, K)
     if (several := (found.signs == 0) & (not setting.joint.affine)).any():
         _answered(setting, cells, several, asked.ravel(), problem.T, K)
     return cells.formed(lambda array: array.reshape(theta.size, T.size, K.size).swapaxes(1, 2))
+
+
+def _nothing(shape: tuple[int, ...]) -> Cells:
+    """Return cells to be filled."""
+    empty = np.empty(shape, np.int8), np.empty(shape, np.int32), np.empty(shape), np.empty(shape)
+    return Cells(*empty, np.zeros(shape, np.int8))
 
 
 def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
@@ -165,7 +181,7 @@ def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
     if between.any():
         P1[between], P2[between] = _inverse(found, K, *np.nonzero(between))
     limits = np.where(below, low.limits[:, None], np.where(above, high.limits[:, None], outside[:, None]))
-    return Cells(status.astype(np.int8), limits.astype(np.int32), P1, P2)
+    return Cells(status.astype(np.int8), limits.astype(np.int32), P1, P2, np.zeros(status.shape, np.int8))
 
 
 def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np.intp]) -> Pair:
@@ -175,7 +191,7 @@ def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np
         P1, P2 = (lo[column] + share * (hi - lo)[column] for lo, hi in zip(found.low, found.high, strict=True))
         return P1, P2
     problem = replace(found.problem.take(column), K=K[row])
-    if problem.joint.tondu_pulley:
+    if problem.tondu_pulley:
         return solve_inverse(problem.joint, problem.theta, problem.K, problem.T)
     P1, P2, _ = exact.solve(problem)
     return P1, P2
@@ -183,8 +199,11 @@ def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np
 
 def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Array, K: Array) -> None:
     """Answer columns in which several pairs may give the same by `allocate` itself."""
-    a = allocate(theta[where, None], K, T[where, None], joint=setting.joint, **setting.limits._asdict())
-    for target, array in zip(cells.arrays, (a.status, a.limits, a.P1, a.P2), strict=True):
+    asked: dict[str, Any] = {"joint": setting.joint, "valves": setting.kind, **setting.limits._asdict()}
+    a = allocate(theta[where, None], K, T[where, None], **asked)
+    agonist, antagonist = a.valves if len(setting.states) > 1 else (False, False)
+    state = np.int8(2) * agonist + antagonist
+    for target, array in zip(cells.arrays, (a.status, a.limits, a.P1, a.P2, state), strict=True):
         target[where] = array
 
 

@@ -45,7 +45,7 @@ def plot_map(feasible: FeasibilityMap, axes: Any = None) -> Any:
         axes.fill(*loop, color=FILL, linewidth=0)
     for edge in feasible.edges:
         axes.plot(*_curve(edge, x, y), color="black", linestyle=_dash(edge.limits), linewidth=1.5)
-    name_axes(axes, x, y)
+    name_axes(axes, _named(x, [feasible]), _named(y, [feasible]))
     _show_range(axes, [feasible])
     _label_edges(axes, feasible, x, y)
     axes.set_title("\n".join(filter(None, (_held(feasible), feasible.assumed))), fontsize="medium", loc="left")
@@ -70,7 +70,7 @@ def plot_maps(maps: Mapping[str, FeasibilityMap], axes: Any = None, *, title: st
         axes.plot([], [], color=colour, linewidth=3, label=name if feasible.edges else f"{name}: nothing")
     for text, dash in _dashes_used(edge for m in maps.values() for edge in m.edges):
         axes.plot([], [], color=GREY, linestyle=dash, label=text)
-    name_axes(axes, x, y)
+    name_axes(axes, _named(x, maps.values()), _named(y, maps.values()))
     _show_range(axes, list(maps.values()))
     _note(axes, maps)
     legend_outside(axes, title)
@@ -93,7 +93,7 @@ def plot_pressures(feasible: FeasibilityMap, figure: Any = None) -> Any:
         axes.clabel(lines, fontsize="x-small", fmt="%.3g")
         for edge in feasible.edges:
             axes.plot(*_curve(edge, x, y), color="black", linewidth=1.0)
-        name_axes(axes, x, y)
+        name_axes(axes, _named(x, [feasible]), _named(y, [feasible]))
         axes.set_title({"P1": "agonist P1", "P2": "antagonist P2"}[name], fontsize="medium", loc="left")
         light(axes)
     panels[1].set_ylabel("")
@@ -151,6 +151,14 @@ def _drawn(feasible: FeasibilityMap) -> tuple[str, str]:
 
 def _shown(feasible: FeasibilityMap, name: str) -> Array:
     return QUANTITIES[name].shown(getattr(feasible, name))
+
+
+def _named(quantity: str, maps: Iterable[FeasibilityMap]) -> str:
+    """Return what stands on an axis: of a stiffness which it is, if it is the same in all maps."""
+    kinds = {m.kind.text for m in maps}
+    if quantity != "K" or len(kinds) > 1:
+        return quantity
+    return QUANTITIES["K"].label.replace("stiffness K", f"{kinds.pop()} K")
 
 
 def _show_range(axes: Any, maps: Iterable[FeasibilityMap]) -> None:

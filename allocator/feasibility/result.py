@@ -17,9 +17,11 @@ from allocator.feasibility.setting import Setting
 from allocator.files.atomic import replacing
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import assumption
+from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import names
 from allocator.units import BAR, DEG
 
+_SHUT = "none", "antagonist", "agonist", "both"  # valves, by `FeasibilityMap.state`
 _HEADER = "theta_deg,stiffness_Nm_per_rad,torque_Nm,status,limits,P1_bar,P2_bar"
 
 
@@ -35,11 +37,17 @@ class FeasibilityMap:
     limits: NDArray[np.int32] = field(repr=False)  # combination of Limit flags that bind at its answer
     P1: Array = field(repr=False)  # agonist pressure of its answer [Pa]; the nearest where it is not feasible
     P2: Array = field(repr=False)  # antagonist pressure [Pa]
+    state: NDArray[np.int8] = field(repr=False)  # of free valves: 1 antagonist shut, 2 agonist shut, 3 both; else 0
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
-        for array in (self.theta, self.K, self.T, self.status, self.limits, self.P1, self.P2):
+        for array in (self.theta, self.K, self.T, self.status, self.limits, self.P1, self.P2, self.state):
             array.setflags(write=False)
+
+    @property
+    def kind(self) -> StiffnessKind:
+        """Return which stiffness is mapped: isobaric, shut, …"""
+        return self.setting.kind
 
     @property
     def joint(self) -> AntagonistJoint:
@@ -101,6 +109,7 @@ class FeasibilityMap:
                 limits=self.limits[..., i],
                 P1=self.P1[..., i],
                 P2=self.P2[..., i],
+                state=self.state[..., i],
             )
             for i, T in enumerate(self.T)
         )
@@ -114,16 +123,26 @@ class FeasibilityMap:
         """
         with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
             more = ("slack_limits", "assumed") if self.assumed else ()
-            file.write(",".join((_HEADER, *more[:1])) + "\n")
+            file.write(",".join((self._header, *more[:1])) + "\n")
             file.writelines(",".join((row, *more[1:])) + "\n" for row in self._rows())
+
+    @property
+    def _header(self) -> str:
+        """Return the names of the columns: also which stiffness it is if not isobaric, and the state of free valves."""
+        if self.kind.isobaric:
+            return _HEADER
+        name = self.kind.text.replace(" stiffness", "").replace(" at ", "_").replace(" ", "").replace("-", "_")
+        return _HEADER.replace("stiffness", f"{name}_stiffness") + (",shut" if self.kind.shares is None else "")
 
     def _rows(self) -> Iterator[str]:
         axes = (np.atleast_1d(self.theta) / DEG, np.atleast_1d(self.K), np.atleast_1d(self.T))
-        cells = zip(self.status.flat, self.limits.flat, (self.P1 / BAR).flat, (self.P2 / BAR).flat, strict=True)
+        shut = np.array([f",{name}" for name in _SHUT] if self.kind.shares is None else [""] * len(_SHUT))[self.state]
+        pressures = (self.P1 / BAR).flat, (self.P2 / BAR).flat
+        cells = zip(self.status.flat, self.limits.flat, *pressures, shut.flat, strict=True)
         text = {value: " + ".join(names(int(value))) for value in np.unique(self.limits)}
         state = {int(value): value.name for value in Status}
-        for (theta, K, T), (status, limits, P1, P2) in zip(product(*axes), cells, strict=True):
-            yield f"{theta:.10g},{K:.10g},{T:.10g},{state[int(status)]},{text[limits]},{P1:.9g},{P2:.9g}"
+        for (theta, K, T), (status, limits, P1, P2, which) in zip(product(*axes), cells, strict=True):
+            yield f"{theta:.10g},{K:.10g},{T:.10g},{state[int(status)]},{text[limits]},{P1:.9g},{P2:.9g}{which}"
 
     def to_npz(self, path: str | PathLike[str]) -> None:
         """Write all arrays in SI units, the names of the statuses and the limits, and the edges, compressed.
@@ -143,6 +162,9 @@ class FeasibilityMap:
                 limits=self.limits,
                 P1=self.P1,
                 P2=self.P2,
+                valves=self.state,
+                valve_names=np.array(_SHUT),
+                stiffness=np.array(self.kind.text),
                 status_names=np.array([status.name for status in Status]),
                 limit_names=np.array([limit.text for limit in Limit]),
                 edge_points=np.concatenate([np.empty((0, 5)), *points]),

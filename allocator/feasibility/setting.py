@@ -5,10 +5,12 @@ At one angle and one torque the pairs of pressures that exist form a piece of a 
 in this package is made of columns.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.allocation import exact, reach
 from allocator.allocation.arguments import problem_from
@@ -16,6 +18,7 @@ from allocator.allocation.problem import Problem
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask, Value
 from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.gas import ISOBARIC, StiffnessKind
 from allocator.joint.limits import TAUT, Limits
 from allocator.joint.torque_levels import Pair, stiffness, torque_interval
 
@@ -32,11 +35,17 @@ class Columns(NamedTuple):
     K_max: Array
     reach: Array  # how far the torque is inside its interval, as a fraction of the torque scale; negative outside
     signs: Array  # of the determinant, see `exact.determinant_signs`: where not 0 one pair gives each stiffness
+    problem_high: Problem  # of the greatest stiffness, where it is had with other valves than the least
+
+    @property
+    def empty(self) -> Mask:
+        """Return where the limits contradict each other."""
+        return self.problem.box.empty
 
     @property
     def exists(self) -> Mask:
         """Return where there are allowed pressures that give the torque."""
-        return np.asarray((self.reach >= -CLOSED_FORM.met) & ~self.problem.box.empty)
+        return np.asarray((self.reach >= -CLOSED_FORM.met) & ~self.empty)
 
 
 @dataclass(frozen=True)
@@ -45,6 +54,7 @@ class Setting:
 
     joint: AntagonistJoint
     limits: Limits = TAUT
+    kind: StiffnessKind = ISOBARIC  # which stiffness is meant
 
     @classmethod
     def of(
@@ -53,18 +63,32 @@ class Setting:
         min_force: float | None = 0.0,
         max_force: float | None = None,
         min_cocontraction: float | None = None,
+        kind: StiffnessKind = ISOBARIC,
     ) -> Self:
         """Take the arguments of `allocate` of these names, and the report's joint where none is given."""
-        return cls(report_joint() if joint is None else joint, Limits(min_force, max_force, min_cocontraction))
+        limits = Limits(min_force, max_force, min_cocontraction)
+        return cls(report_joint() if joint is None else joint, limits, kind)
+
+    @property
+    def states(self) -> "tuple[Setting, ...]":
+        """Return the settings that may be chosen from: four where the valves are free, else this one."""
+        return tuple(replace(self, kind=kind) for kind in self.kind.states)
 
     def problem(self, theta: Value, T: Value = 0.0, K: Value = _NO_TARGET) -> tuple[Problem, Array]:
-        """Return the checked, flat problems (angles moved into the joint range), and the angles asked for."""
-        return problem_from(self.joint, theta, K, T, limits=self.limits)
+        """Return the checked, flat problems (angles moved into the joint range), and the angles asked for.
+
+        Where the valves are free they are open, which leaves the widest choice of pressures and torques.
+        """
+        shares = self.states[0].kind.fixed
+        return problem_from(self.joint, theta, K, T, limits=self.limits, shares=shares)
 
     def columns(self, theta: Value, T: Value) -> Columns:
-        """Return the columns at angles in the joint range, and at torques brought within reach."""
-        problem, _ = self.problem(theta, T)
-        return columns(problem)
+        """Return the columns at angles in the joint range, and at torques brought within reach.
+
+        Where the valves are free they reach from the least to the greatest stiffness of all states: there may be gaps.
+        """
+        found = [columns(state.problem(theta, T)[0]) for state in self.states]
+        return found[0] if len(found) == 1 else _united(found)
 
 
 def columns(problem: Problem, signs: Array | None = None) -> Columns:
@@ -82,7 +106,35 @@ def columns(problem: Problem, signs: Array | None = None) -> Columns:
         stiffness(problem.sides, high),
         np.minimum(problem.T - T_min, T_max - problem.T) / scale,
         signs,
+        problem,
     )
+
+
+def _united(found: list[Columns]) -> Columns:
+    """Return the outermost ends of the columns of several states."""
+    exists = np.stack([c.exists for c in found])
+    lowest = np.where(exists, np.stack([c.K_min for c in found]), np.inf).argmin(axis=0)
+    highest = np.where(exists, np.stack([c.K_max for c in found]), -np.inf).argmax(axis=0)
+
+    def of(which: NDArray[np.intp], arrays: Iterable[Array]) -> Array:
+        return np.asarray(np.take_along_axis(np.stack(list(arrays)), which[None], 0)[0])
+
+    return Columns(
+        _with_states(found, lowest),
+        (of(lowest, (c.low[0] for c in found)), of(lowest, (c.low[1] for c in found))),
+        (of(highest, (c.high[0] for c in found)), of(highest, (c.high[1] for c in found))),
+        of(lowest, (c.K_min for c in found)),
+        of(highest, (c.K_max for c in found)),
+        np.stack([np.where(c.empty, -1.0, c.reach) for c in found]).max(axis=0),
+        np.zeros(lowest.shape),
+        _with_states(found, highest),
+    )
+
+
+def _with_states(found: list[Columns], which: NDArray[np.intp]) -> Problem:
+    """Return the problems with the valves of these states."""
+    one, two = np.array(StiffnessKind.free)[which].T
+    return replace(found[0].problem, shares=(one, two))
 
 
 def _inside(problem: Problem, pair: Pair) -> Pair:

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
-from allocator.calculus import Array, Value, rising_roots
+from allocator.calculus import Array, Value, is_symbol, rising_roots
 from allocator.errors import InvalidInput
+from allocator.joint import gas as trapped
+from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves
 from allocator.joint.geometry import Geometry, Pulley
 from allocator.joint.history import through_friction, through_plays
 from allocator.joint.hysteresis import PrandtlIshlinskii
@@ -52,6 +54,7 @@ class AntagonistJoint:
     """Of all parameters of agonist and antagonist together, in this order, if the joint was fitted as a whole."""
     unseen: tuple[str, ...] = field(default=(), kw_only=True)
     """What the data of its fit leave open, in words fit for a sentence, each one of `allocator.joint.limits.UNSEEN`."""
+    gas: Gas = field(default=AIR, kw_only=True)  # in the muscles; how much of it they hold is theirs to say
 
     def __post_init__(self) -> None:
         """Check the limits against each other."""
@@ -83,12 +86,18 @@ class AntagonistJoint:
 
     # --- at a fixed angle -------------------------------------------------------------------------------------------
 
-    def sides(self, theta: Value) -> tuple[OneMuscle, OneMuscle]:
-        """Return agonist and antagonist, held at the joint angle `theta` [rad]."""
+    def sides(self, theta: Value, shares: Shares | None = None) -> tuple[OneMuscle, OneMuscle]:
+        """Return agonist and antagonist, held at the joint angle `theta` [rad].
+
+        Their stiffness is the isobaric one, or has these `shares` (s1, s2) of the trapped gas in it   (G5)
+        """
         l0 = self.geometry.rest_length
+        one, two = self.geometry.agonist(theta), self.geometry.antagonist(theta)
+        if shares is None:
+            return OneMuscle(self.agonist, +1, l0, *one), OneMuscle(self.antagonist, -1, l0, *two)
         return (
-            OneMuscle(self.agonist, +1, l0, *self.geometry.agonist(theta)),
-            OneMuscle(self.antagonist, -1, l0, *self.geometry.antagonist(theta)),
+            OneMuscle(self.agonist, +1, l0, *one, shares[0], self.gas),
+            OneMuscle(self.antagonist, -1, l0, *two, shares[1], self.gas),
         )
 
     def torque(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Value:
@@ -97,11 +106,63 @@ class AntagonistJoint:
         agonist, antagonist = self.sides(theta)
         return agonist.torque(P1) + antagonist.torque(P2)
 
-    def stiffness(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Value:
-        """Return the isobaric stiffness K = -∂T/∂θ at constant pressures [N·m/rad]   (5), [G]"""
+    def stiffness(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, valves: Valves = "open") -> Value:
+        """Return the joint's stiffness [N·m/rad]: the isobaric K = -∂T/∂θ at constant pressures, or with shut valves.
+
+        `valves` "open" is isobaric   (5), [G]; "shut", or a pair of truth values for agonist and antagonist, adds what
+        the gas trapped there does   (G2). Raises InvalidInput for valves that there are not, where a muscle's volume
+        is not known, and where the law's volume is none: V^eff ≤ 0.
+        """
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
-        return agonist.stiffness(P1) + antagonist.stiffness(P2)
+        isobaric = agonist.stiffness(P1) + antagonist.stiffness(P2)
+        shares = StiffnessKind.of(valves).fixed
+        if shares is None:
+            return isobaric
+        return isobaric + sum(s * k for s, k in zip(shares, self._trapped(theta, P1, P2, shares), strict=True) if s)
+
+    def dynamic_stiffness(
+        self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, frequency: ArrayLike, lag: float | tuple[float, float]
+    ) -> Value:
+        """Return the complex stiffness [N·m/rad] that small motions at a `frequency` [Hz] meet   (G4)
+
+        Its real part stores, its imaginary part takes energy; at 0 Hz it is the isobaric stiffness, far above
+        1/(2π lag) the shut one. `lag` [s] is the regulators' time constant, or a pair of them. Arguments broadcast.
+        Raises InvalidInput as `stiffness`, and for a frequency or a lag that is negative.
+        """
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        f, taus = trapped.frequencies(frequency), trapped.lags(lag)
+        agonist, antagonist = self.sides(theta)
+        K = agonist.stiffness(P1) + antagonist.stiffness(P2)
+        gas = self._trapped(theta, P1, P2, (1.0, 1.0))
+        return K + sum(k * trapped.complex_share(f, tau) for k, tau in zip(gas, taus, strict=True))
+
+    def gas_damping(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, lag: float | tuple[float, float]) -> Value:
+        """Return the damping Σ κ (P_i + p_a) τ_i g_i²/V_i^eff [N·m·s/rad] of the gas in slow motions   (G4)
+
+        `lag` [s] is the regulators' time constant, or a pair of them. Raises InvalidInput as `dynamic_stiffness`.
+        """
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        gas = self._trapped(theta, P1, P2, (1.0, 1.0))
+        return sum(tau * k for tau, k in zip(trapped.lags(lag), gas, strict=True))
+
+    def volumes(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value]:
+        """Return the volumes (V1, V2) [m³] of the gas in both muscles and their tubing   (G1)"""
+        theta, P1, P2 = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(theta)
+        return agonist.volume(P1), antagonist.volume(P2)
+
+    def _trapped(self, theta: Value, P1: Value, P2: Value, shares: Shares) -> tuple[Value, Value]:
+        """Return what the gas of both muscles adds [N·m/rad], 0 where none of it is asked for   (G2)"""
+        found = []
+        for side, P, share in zip(self.sides(theta, (1.0, 1.0)), (P1, P2), shares, strict=True):
+            if share and not is_symbol(P) and not is_symbol(theta) and np.any(side.effective_volume(P) <= 0):
+                raise InvalidInput(
+                    f"this {type(side.muscle).__name__} and its rest_volume have no shut stiffness here: the volume of "
+                    f"the {side.name} would fall with the pressure faster than its gas is compressed (V^eff <= 0)"
+                )
+            found.append(side.trapped(P) if share else 0.0)
+        return found[0], found[1]
 
     def forces(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value]:
         """Return the muscle forces (F1, F2) [N]; negative means slack."""
@@ -112,7 +173,7 @@ class AntagonistJoint:
     def jacobian(
         self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike
     ) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
-        """Return ((∂T/∂P1, ∂T/∂P2), (∂K/∂P1, ∂K/∂P2)) in [N·m/Pa] and [N·m/rad/Pa]."""
+        """Return ((∂T/∂P1, ∂T/∂P2), (∂K/∂P1, ∂K/∂P2)) in [N·m/Pa] and [N·m/rad/Pa]; K is the isobaric stiffness."""
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         return (
@@ -186,9 +247,12 @@ class AntagonistJoint:
         """
         return self.box(np.asarray(theta, float), Limits(min_force, max_force, previous=previous, max_step=max_step))
 
-    def box(self, theta: Array, limits: Limits = TAUT) -> PressureBox:
-        """Return the pressures allowed at `theta` (n,) by supply, model and `limits`, see `pressure_box`."""
-        agonist, antagonist = (side.interval(self.pressure_limits, limits) for side in self.sides(theta))
+    def box(self, theta: Array, limits: Limits = TAUT, shares: Shares | None = None) -> PressureBox:
+        """Return the pressures allowed at `theta` (n,) by supply, model and `limits`, see `pressure_box`.
+
+        With `shares` of the trapped gas the model holds as long as its volume makes sense, see `OneMuscle.interval`.
+        """
+        agonist, antagonist = (side.interval(self.pressure_limits, limits) for side in self.sides(theta, shares))
         box = PressureBox(agonist, antagonist)
         if limits.min_cocontraction is None:
             return box
@@ -265,7 +329,7 @@ class AntagonistJoint:
     def tondu_pulley(self) -> TonduPulley | None:
         """Return the closed forms of the report's joint, two equal Tondu2021 on a pulley, if this is one."""
         muscle, geometry = self.agonist, self.geometry
-        if not (isinstance(muscle, Tondu2021) and muscle == self.antagonist and isinstance(geometry, Pulley)):
+        if not (isinstance(muscle, Tondu2021) and muscle.same_law(self.antagonist) and isinstance(geometry, Pulley)):
             return None
         return TonduPulley(muscle, geometry) if geometry.initial_contraction > 0 else None
 

@@ -5,14 +5,22 @@ from typing import Self
 
 import numpy as np
 
-from allocator.calculus import Array, Value
+from allocator.calculus import Array, Value, derivative, increasing_root, is_symbol
+from allocator.errors import InvalidInput
+from allocator.joint.gas import AIR, Gas
 from allocator.joint.limits import BINDS, Limit, Limits, PressureInterval
 from allocator.muscles import AffineMuscle, Muscle
+
+_STABLE = 0.5  # of V: where V^eff is less the law's volume falls with the pressure too steeply to be a volume
+_LOOKED_AT = 33  # pressures between which the first fall of V^eff below that is looked for
 
 
 @dataclass(frozen=True)
 class OneMuscle:
-    """`OneMuscle` is a muscle held at a joint angle, which adds t(P) to the torque and k(P) to the stiffness."""
+    """`OneMuscle` is a muscle held at a joint angle, which adds t(P) to the torque and k(P) to the stiffness.
+
+    The stiffness is the isobaric one, or with a `share` of the trapped gas the one of (G5), see `allocator.joint.gas`.
+    """
 
     muscle: Muscle
     sign: int  # +1 agonist, -1 antagonist
@@ -20,6 +28,8 @@ class OneMuscle:
     contraction: Value  # ε [-]
     arm: Value  # a [m]
     arm_slope: Value  # da/dθ [m/rad]
+    share: Value | None = None  # s of the trapped gas in the stiffness [-]; None: none, pressures are held
+    gas: Gas = AIR
 
     @property
     def affine(self) -> bool:
@@ -32,8 +42,13 @@ class OneMuscle:
         return self.contraction, self.arm, self.arm_slope
 
     def moved(self, contraction: Array, arm: Array, arm_slope: Array) -> Self:
-        """Return the muscle at other angles, or at a selection of them."""
+        """Return the muscle at other angles, or at a selection of them; a share of the gas stays."""
         return replace(self, contraction=contraction, arm=arm, arm_slope=arm_slope)
+
+    @property
+    def isobaric(self) -> Self:
+        """Return the muscle at a held pressure."""
+        return replace(self, share=None)
 
     def force(self, P: Value) -> Value:
         """Return the muscle's force [N]; negative where the cable would be slack."""
@@ -44,18 +59,87 @@ class OneMuscle:
         return self.sign * self.arm * self.force(P)
 
     def stiffness(self, P: Value) -> Value:
-        """Return the stiffness k = -a² F_ε/l0 ∓ a' F [N·m/rad] that the muscle adds."""
+        """Return the stiffness k = -a² F_ε/l0 ∓ a' F [N·m/rad] that the muscle adds, and its gas."""
         elastic = -(self.arm**2) / self.rest_length * self.muscle.slope(P, self.contraction)
-        return elastic - self.sign * self.arm_slope * self.force(P)
+        isobaric = elastic - self.sign * self.arm_slope * self.force(P)
+        return isobaric if self.share is None else isobaric + self.share * self.trapped(P)
 
     def torque_gain(self, P: Value) -> Value:
         """Return dt/dP = ±a F_P [N·m/Pa]."""
         return self.sign * self.arm * self.muscle.gain(P, self.contraction)
 
     def stiffness_gain(self, P: Value) -> Value:
-        """Return dk/dP = -a² F_Pε/l0 ∓ a' F_P [N·m/rad/Pa]."""
+        """Return dk/dP = -a² F_Pε/l0 ∓ a' F_P [N·m/rad/Pa], and that of the gas."""
+        elastic, geometric, *gas = self.stiffness_gain_terms(P)
+        return elastic + geometric + gas[0] if gas else elastic + geometric
+
+    def stiffness_gain_terms(self, P: Value) -> tuple[Value, ...]:
+        """Return the two terms of dk/dP, elastic and geometric, and the gas's if there is any."""
+        gain = self.muscle.gain(P, self.contraction)
         elastic = -(self.arm**2) / self.rest_length * self.muscle.gain_slope(P, self.contraction)
-        return elastic - self.sign * self.arm_slope * self.muscle.gain(P, self.contraction)
+        isobaric = elastic, -self.sign * self.arm_slope * gain
+        return isobaric if self.share is None else (*isobaric, self.share * self._trapped_gain(P))
+
+    # --- the gas ----------------------------------------------------------------------------------------------------
+
+    def trapped(self, P: Value) -> Value:
+        """Return what all of the trapped gas adds to the stiffness, κ (P + p_a) g²/V^eff [N·m/rad]   (G2)"""
+        return self.gas.kappa * (P + self.gas.atmosphere) * self.torque_gain(P) ** 2 / self.effective_volume(P)
+
+    def volume(self, P: Value) -> Value:
+        """Return the volume V of the gas [m³]   (G1)"""
+        volume = self.muscle.volume(P, self.contraction, self.rest_length)
+        if not is_symbol(volume) and np.any(np.real(volume) <= 0):
+            least = float(np.min(np.real(volume)))
+            raise InvalidInput(f"rest_volume and tube_volume leave the {self.name} a volume of {least:.3g} m³ here")
+        return volume
+
+    def effective_volume(self, P: Value) -> Value:
+        """Return V^eff = V + κ (P + p_a) ∂V/∂P |ε [m³]; V where the law is affine in the pressure   (G2)"""
+        if self.affine:
+            return self.volume(P)
+        return self.volume(P) + self.gas.kappa * (P + self.gas.atmosphere) * self._volume_gain(P)
+
+    @property
+    def name(self) -> str:
+        """Return "agonist" or "antagonist"."""
+        return "agonist" if self.sign > 0 else "antagonist"
+
+    def _volume_gain(self, P: Value) -> Value:
+        return self.rest_length * self.muscle.gain_integral_slope(P, self.contraction)
+
+    def _trapped_gain(self, P: Value) -> Value:
+        """Return the derivative of `trapped` by the pressure: as of a product of powers."""
+        kappa, absolute = self.gas.kappa, P + self.gas.atmosphere
+        if self.affine:
+            return kappa * self.torque_gain(P) ** 2 / self.volume(P)
+        gain, effective = self.torque_gain(P), self.effective_volume(P)
+        gain_slope = derivative(self.torque_gain, P)
+        effective_slope = (1 + kappa) * self._volume_gain(P) + kappa * absolute * derivative(self._volume_gain, P)
+        return kappa / effective * (gain**2 + 2 * absolute * gain * gain_slope) - (
+            self.trapped(P) * effective_slope / effective
+        )
+
+    def _gas_ceiling(self, lo: float, most: float) -> Array:
+        """Return the pressure [Pa] up to which V^eff is `_STABLE` of V or more, inf where it is up to `most`.
+
+        The law and a V_0 that does not depend on the pressure may say that the volume falls as the pressure grows; a
+        gas would make such a muscle ever stiffer, and unstable in the end.
+        """
+        eps = np.asarray(self.contraction, float)
+        if self.affine or self.share is None:
+            return np.full(eps.shape, np.inf)
+
+        def lacking(P: Array, eps: Array) -> Array:
+            side = replace(self, contraction=eps)
+            return np.asarray(_STABLE * side.volume(P) - side.effective_volume(P))
+
+        P = np.linspace(lo, most, _LOOKED_AT).reshape(-1, *[1] * eps.ndim)
+        missed = lacking(P, eps) > 0
+        first = missed.argmax(axis=0)
+        root = increasing_root(lacking, P.ravel()[np.maximum(first - 1, 0)], P.ravel()[first], eps)
+        ceiling = np.where(missed.any(axis=0), np.where(first > 0, root, lo), np.inf)
+        return np.where(np.asarray(self.share) > 0, ceiling, np.inf)
 
     def pressure_for_torque(self, torque: Array) -> Array:
         """Return the pressure [Pa] that makes this muscle add `torque`; ∓inf where it has none."""
@@ -65,7 +149,8 @@ class OneMuscle:
         """Intersect supply [Pa], validity of the model and `limits`, remembering which of them sets each end.
 
         Every limit counts by itself: where two lie at the same pressure both set the end. Only supply and validity of
-        the model count as one, the lower, and the supply where they are equal.
+        the model count as one, the lower, and the supply where they are equal. With a share of the gas the model is
+        valid as far as its volume makes sense, too: V^eff ≥ V/2.
         """
         lower, upper, slack, rate, validity, ceiling = _FLAGS[self.sign]
         everywhere = np.ones(np.shape(self.contraction))
@@ -75,6 +160,8 @@ class OneMuscle:
             floors.append((self.muscle.pressure(limits.min_force, self.contraction), slack))
         if limits.max_force is not None:
             ceilings.append((self.muscle.pressure(limits.max_force, self.contraction), ceiling))
+        if self.share is not None:
+            ceilings.append((self._gas_ceiling(supply[0], most[0]), validity))
         nearest, farthest = limits.reach(0 if self.sign > 0 else 1)
         reach = (nearest, rate), (farthest, rate)
         return PressureInterval.between(floors, ceilings, reach, BINDS * (supply[1] - supply[0]))

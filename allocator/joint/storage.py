@@ -18,6 +18,10 @@ model = "Sarosi2012"
 [agonist.parameters]
 …
 
+[gas]                          # in the muscles; or without this table
+kappa = 1.3
+atmosphere = 101325.0          # [Pa]
+
 [source]                       # where the numbers come from, for the reader; ignored when loading
 
 [covariance]                   # of the parameters of agonist and antagonist together
@@ -47,6 +51,7 @@ import numpy as np
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gas import AIR, Gas
 from allocator.joint.geometry import Geometry, Lever, Pulley, Table
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles import Muscle, storage
@@ -54,7 +59,10 @@ from allocator.muscles import Muscle, storage
 FilePath = str | PathLike[str]
 
 _GEOMETRIES: Mapping[str, type[Geometry]] = {"Pulley": Pulley, "Lever": Lever, "Table": Table}
-_TABLES = ("joint", "geometry", "agonist", "antagonist", "source", "covariance", "hysteresis", "plant", "regulators")
+_TABLES = (
+    *("joint", "geometry", "agonist", "antagonist", "source", "covariance"),
+    *("hysteresis", "plant", "regulators", "gas"),
+)
 
 
 def save_joint(
@@ -80,6 +88,13 @@ def dumps(joint: AntagonistJoint, *, scale_known: bool = True, source: Mapping[s
     lines += ["", *_geometry_lines(joint.geometry)]
     for name, muscle in (("agonist", joint.agonist), ("antagonist", joint.antagonist)):
         lines += ["", *_muscle_lines(name, muscle)]
+    if joint.gas != AIR:
+        lines += [
+            "",
+            "[gas]",
+            f"kappa = {_toml(joint.gas.kappa)}",
+            f"atmosphere = {_toml(joint.gas.atmosphere)}  # [Pa]",
+        ]
     if source:
         lines += ["", "[source]", *(f"{name} = {_toml(value)}" for name, value in source.items())]
     if joint.covariance is not None:
@@ -118,7 +133,9 @@ def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = 
     rows = storage.covariance_rows(path, content)
     geometry, hysteresis = _geometry(path, content), _hysteresis(path, content)
     try:
-        return AntagonistJoint(geometry, agonist, antagonist, covariance=rows, hysteresis=hysteresis, **limits)
+        gas = _gas(path, content)
+        more: dict[str, Any] = {"covariance": rows, "hysteresis": hysteresis, "gas": gas}
+        return AntagonistJoint(geometry, agonist, antagonist, **more, **limits)
     except (InvalidInput, TypeError, ValueError, OverflowError) as error:
         raise InvalidFile(path, str(error)) from None
 
@@ -140,7 +157,9 @@ def _geometry_lines(geometry: Geometry) -> list[str]:
 def _muscle_lines(name: str, muscle: Muscle) -> list[str]:
     """Return the text of a muscle's file without its covariance, its tables moved below `name`."""
     text = storage.dumps(muscle, {}).partition("\n[covariance]")[0].rstrip("\n")
-    return [f"[{name}]", *text.replace("[parameters]", f"[{name}.parameters]").splitlines()]
+    for table in ("parameters", "volume"):
+        text = text.replace(f"[{table}]", f"[{name}.{table}]")
+    return [f"[{name}]", *text.splitlines()]
 
 
 def _toml(value: Any) -> str:
@@ -183,6 +202,14 @@ def _hysteresis(path: FilePath, content: dict[str, Any]) -> PrandtlIshlinskii | 
         return PrandtlIshlinskii(**table)
     except (InvalidInput, TypeError, OverflowError) as error:
         raise InvalidFile(path, f"[hysteresis]: {error}") from None
+
+
+def _gas(path: FilePath, content: dict[str, Any]) -> Gas:
+    table = content.get("gas", {})
+    names = [f.name for f in fields(Gas)]
+    if not isinstance(table, dict) or table.keys() - set(names):
+        raise InvalidFile(path, f"[gas] has to be a table of {', '.join(names)}")
+    return Gas(**table)
 
 
 def _muscle(path: FilePath, content: dict[str, Any], name: str) -> Muscle:

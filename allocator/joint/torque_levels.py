@@ -67,7 +67,7 @@ def _lifted(sides: BothMuscles, box: PressureBox, T: Array, low: Pair, high: Pai
     P1, *varying = np.broadcast_arrays(low[0], *agonist.arrays, *antagonist.arrays, T, box.least_sum)
 
     def excess(P1: Array, *a: Array) -> Array:
-        one, two = agonist.moved(*a[:3]), antagonist.moved(*a[3:6])
+        one, two = agonist.isobaric.moved(*a[:3]), antagonist.isobaric.moved(*a[3:6])
         return P1 + two.pressure_for_torque(a[6] - one.torque(P1)) - a[7]
 
     found = increasing_root(excess, P1, np.maximum(P1, high[0]), *varying)
@@ -80,4 +80,9 @@ def stiffness(sides: BothMuscles, pair: Pair) -> Array:
     return np.asarray(sides[0].stiffness(pair[0]) + sides[1].stiffness(pair[1]))
 
 
-__all__ = ["Level", "Pair", "BothMuscles", "stiffness", "torque_interval", "torque_level"]
+def torque(sides: BothMuscles, pair: Pair) -> Array:
+    """Return the torque T [N·m] of a pressure pair."""
+    return np.asarray(sides[0].torque(pair[0]) + sides[1].torque(pair[1]))
+
+
+__all__ = ["Level", "Pair", "BothMuscles", "stiffness", "torque", "torque_interval", "torque_level"]

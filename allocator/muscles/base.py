@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask, Value, derivative, increasing_root
 from allocator.errors import InvalidInput
+from allocator.muscles import volume
 from allocator.muscles.basis import Basis
 from allocator.muscles.recipe import Recipe
 
@@ -52,6 +53,15 @@ class Muscle(ABC):
     covariance: Covariance | None = field(default=None, kw_only=True, repr=False, metadata=NOT_A_NUMBER)
     """Covariance of the parameters of a fitted muscle; None: no uncertainty is known."""
 
+    inner_radius: float | None = field(default=None, kw_only=True, repr=False, metadata=NOT_A_NUMBER)
+    """Radius of the tube at rest [m], for laws that have none of their own; see `volume`."""
+
+    rest_volume: float | None = field(default=None, kw_only=True, repr=False, metadata=NOT_A_NUMBER)
+    """Volume of the gas at ε = 0 [m³]; None: that of a cylinder of the muscle's radius and rest length."""
+
+    tube_volume: float = field(default=0.0, kw_only=True, repr=False, metadata=NOT_A_NUMBER)
+    """Volume of the gas between muscle and valve [m³]."""
+
     def __post_init__(self) -> None:
         """Turn every number into a plain float (NumPy scalars upset CasADi) and refuse what is not finite."""
         for name, is_row in self.number_fields().items():
@@ -63,6 +73,17 @@ class Muscle(ABC):
                 raise InvalidInput(f"{type(self).__name__}: {name} = {checks.brief(value)} is not {expected}") from None
             object.__setattr__(self, name, numbers if is_row else numbers[0])
         self._check_covariance()
+        self._check_volumes()
+
+    def _check_volumes(self) -> None:
+        kind = type(self).__name__
+        if self.inner_radius is not None:
+            radius = volume.checked_radius(f"{kind}: inner_radius", self.inner_radius)
+            object.__setattr__(self, "inner_radius", radius)
+        if self.rest_volume is not None:
+            object.__setattr__(self, "rest_volume", volume.checked(f"{kind}: rest_volume", self.rest_volume))
+        tube = volume.checked(f"{kind}: tube_volume", self.tube_volume, tube=True)
+        object.__setattr__(self, "tube_volume", tube)
 
     def _check_covariance(self) -> None:
         if self.covariance is None:
@@ -139,6 +160,52 @@ class Muscle(ABC):
         ceiling = min(self.max_pressure, SEARCH_CEILING)
         F, eps = np.asarray(F, float), np.asarray(eps, float)
         return increasing_root(lambda P, F, e: self.law(P, e) - F, np.zeros(()), np.asarray(ceiling), F, eps)
+
+    # --- its gas ----------------------------------------------------------------------------------------------------
+
+    @property
+    def own_radius(self) -> Value | None:
+        """Return the radius at rest [m] that the law's parameters tell; None where they tell none."""
+        return None
+
+    def volume_at_rest(self, rest_length: float) -> Value:
+        """Return V_0 [m³], the volume at ε = 0 of a muscle of this length [m], with its tubing.
+
+        It is `rest_volume`, or that of a cylinder π r² L. Raises InvalidInput where no radius is known either.
+        """
+        if self.rest_volume is not None:
+            return self.rest_volume + self.tube_volume
+        radius = self.own_radius if self.inner_radius is None else self.inner_radius
+        if radius is None:
+            raise InvalidInput(
+                f"how much gas this {type(self).__name__} holds is not known, since its law has no radius: say "
+                f"inner_radius [m], or rest_volume [m³] (a tube of 1 cm radius: {np.pi * 1e-4 * rest_length:.3g})"
+            )
+        return np.pi * radius**2 * rest_length + self.tube_volume
+
+    def volume(self, P: Value, eps: Value, rest_length: float) -> Value:
+        """Return the volume of the gas, tubing included, V(P, ε) = V_0 + L ∫_0^ε F_P dε' [m³]   (G1)
+
+        `P` [Pa] and `eps` [-] are floats, arrays or CasADi symbols and pass unchecked, `rest_length` is L [m]. Where
+        F_P jumps with the pressure (at the kinks of `basis`) the volume does. Raises InvalidInput as `volume_at_rest`.
+        """
+        return self.volume_at_rest(rest_length) + rest_length * self.gain_integral(P, eps)
+
+    def gain_integral(self, P: Value, eps: Value) -> Value:
+        """Return ∫_0^ε F_P(P, ε') dε' [N/Pa]; by quadrature where a law does not say better."""
+        return volume.integral(lambda e: self.gain(P, e), eps)
+
+    def gain_integral_slope(self, P: Value, eps: Value) -> Value:
+        """Return ∂/∂P of `gain_integral` [N/Pa²], analytic in P; by differences where a law does not say better."""
+        return volume.difference(lambda p: self.gain_integral(p, eps), P)
+
+    def same_law(self, other: "Muscle") -> bool:
+        """Return whether both pull alike, however much gas they hold."""
+
+        def emptied(muscle: Muscle) -> Muscle:
+            return replace(muscle, inner_radius=None, rest_volume=None, tube_volume=0.0)
+
+        return self == other or (type(self) is type(other) and emptied(self) == emptied(other))
 
     # --- its parameters ---------------------------------------------------------------------------------------------
 
@@ -256,6 +323,18 @@ class AffineMuscle(Muscle):
     def gain_slope(self, P: Value, eps: Value) -> Value:
         """Return ∂²F/∂P∂ε = A'(ε) [N/Pa]."""
         return derivative(self.A, eps) + 0.0 * P
+
+    def gain_integral(self, P: Value, eps: Value) -> Value:
+        """Return ∫_0^ε A(ε') dε' [N/Pa]: the volume does not depend on the pressure."""
+        return self.A_integral(eps) + 0.0 * P
+
+    def gain_integral_slope(self, P: Value, eps: Value) -> Value:
+        """Return 0."""
+        return 0.0 * (P + eps)
+
+    def A_integral(self, eps: Value) -> Value:
+        """Return ∫_0^ε A(ε') dε' [N/Pa]; by quadrature where a model does not say better."""
+        return volume.integral(self.A, eps)
 
     def pressure(self, F: Value, eps: Value) -> Array:
         """Return P = (F - B(ε))/A(ε) [Pa]."""

@@ -1,5 +1,7 @@
 """Named muscles are parameter sets, each with the place where its numbers were read."""
 
+from dataclasses import replace
+
 from allocator.errors import MissingBackend
 from allocator.muscles.base import Muscle
 from allocator.muscles.models.martens import MartensBoblan2017
@@ -15,11 +17,17 @@ TONDU_DMSP_20_400N = Tondu2021.identify(r0=0.0109, alpha0=25.5 * DEG, low=(3 * B
 TONDU_MCKIBBEN = TonduLopez1995(r0=0.01, alpha0=23.5 * DEG)
 """The report's ideal McKibben muscle (Tondu 2021, section 1): 1504 N at 5 bar, ε_max = 0.370."""
 
-SAROSI_DMSP_20_400N = Sarosi2012.from_bar_and_percent(-4.35573, 281.22370, -0.32866, -9.27035, 302.20107, -263.69185)
+_DMSP_20 = 0.010  # inner radius [m]: Festo calls the muscles by their inner diameter
+
+SAROSI_DMSP_20_400N = replace(
+    Sarosi2012.from_bar_and_percent(-4.35573, 281.22370, -0.32866, -9.27035, 302.20107, -263.69185),
+    inner_radius=_DMSP_20,
+)
 """Festo DMSP-20-400N (Sárosi et al. 2012, 2015): 315 … 1507 N at 1 … 5 bar without contraction."""
 
-SAROSI_DMSP_20_200N = Sarosi2012.from_bar_and_percent(
-    -4.00180705, 292.4620246, -0.32930845, -9.33564098, 294.0538256, -280.498151
+SAROSI_DMSP_20_200N = replace(
+    Sarosi2012.from_bar_and_percent(-4.00180705, 292.4620246, -0.32930845, -9.33564098, 294.0538256, -280.498151),
+    inner_radius=_DMSP_20,
 )
 """Festo DMSP-20-200N (Sárosi et al. 2012)."""
 

@@ -6,6 +6,11 @@ model = "Hogan1984"
 F_max = 1500.0
 …
 
+[volume]                # of the gas, as far as it is known, see `allocator.muscles.volume`
+inner_radius = 0.01     # [m], for laws that have no radius
+rest_volume = 1.257e-4  # [m³] at rest length
+tube_volume = 2e-5      # [m³] between muscle and valve
+
 [source]                # where the numbers come from, for the reader; ignored when loading
 
 [covariance]            # of a fitted muscle
@@ -44,6 +49,8 @@ def dumps(muscle: Muscle, source: Mapping[str, str | float]) -> str:
         )
     lines = [f"model = {toml(type(muscle).__name__)}", "", "[parameters]  # SI units: Pa, m, rad, N"]
     lines += [f"{name} = {toml(getattr(muscle, name))}" for name in fields]
+    if volume := {name: getattr(muscle, name) for name in _VOLUME if getattr(muscle, name)}:
+        lines += ["", "[volume]  # of the gas: m, m³", *(f"{name} = {toml(value)}" for name, value in volume.items())]
     if source:
         lines += ["", "[source]", *(f"{_key(name)} = {toml(value)}" for name, value in source.items())]
     if muscle.covariance is not None:
@@ -66,9 +73,9 @@ def muscle_from(cls: type[M], path: str | PathLike[str], content: dict[str, Any]
     _compare(path, model, given)
     if surplus := content.keys() - _ENTRIES:
         raise InvalidFile(path, f"a muscle has no {', '.join(sorted(surplus))}; it has {', '.join(_ENTRIES)}")
-    rows = covariance_rows(path, content)
+    rows, volume = covariance_rows(path, content), _volume(path, content)
     try:
-        muscle = model(**given, covariance=rows)
+        muscle = model(**given, **volume, covariance=rows)
     except (InvalidInput, TypeError, ValueError) as error:
         raise InvalidFile(path, str(error)) from None
     _try(path, muscle)
@@ -103,6 +110,14 @@ def covariance_rows(path: str | PathLike[str], content: dict[str, Any]) -> Any:
     return table["rows"]
 
 
+def _volume(path: str | PathLike[str], content: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries of the table [volume], none if there is no such table."""
+    table = content.get("volume", {})
+    if not isinstance(table, dict) or table.keys() - set(_VOLUME):
+        raise InvalidFile(path, f"[volume] has to be a table of {', '.join(_VOLUME)}")
+    return table
+
+
 def _try(path: str | PathLike[str], muscle: Muscle) -> None:
     """Refuse parameters with which the law divides by zero, exceeds what any muscle pulls, or pushes."""
     try:
@@ -116,7 +131,8 @@ def _try(path: str | PathLike[str], muscle: Muscle) -> None:
         raise InvalidFile(path, f"the force of this {type(muscle).__name__} {wrong}; check {given}")
 
 
-_ENTRIES = ("model", "parameters", "source", "covariance")  # of a file
+_ENTRIES = ("model", "parameters", "source", "covariance", "volume")  # of a file
+_VOLUME = ("inner_radius", "rest_volume", "tube_volume")
 _USUAL = 5 * BAR, 0.0  # pressure [Pa] and contraction ratio [-] at which every muscle pulls
 _MOST = 1e7  # [N] far above any muscle
 

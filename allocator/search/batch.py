@@ -46,7 +46,7 @@ class Curves(NamedTuple):
         limits = np.stack(np.broadcast_arrays(lo1, hi1, lo2, hi2, box.least_sum), 1)
         lo, hi = supply  # beyond which a slew limit may lead
         ends = min(lo, limits[:, :4].min(initial=lo)), max(hi, limits[:, :4].max(initial=hi))
-        one, two = (rows(side, *ends) for side in sides)
+        one, two = (rows(side, *ends, interval) for side, interval in zip(sides, box, strict=True))
         return cls(one, two, limits)
 
 

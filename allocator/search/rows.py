@@ -1,30 +1,82 @@
-"""A muscle at angles becomes the rows of numbers in which `allocator.search.curves` takes its curve."""
+"""A muscle at angles becomes the rows of numbers in which `allocator.search.curves` takes its curve.
 
+With a share of the trapped gas the stiffness is no combination of the functions of the law's basis: then torque and
+stiffness are Chebyshev series, from angle to angle between the pressures that the box leaves there, up to which the
+gas keeps a positive V^eff. Where the law has a kink its volume, and so the stiffness, jumps: one segment ends at the
+last number below the kink, the next begins at it.
+"""
+
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.joint.limits import PressureInterval
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles.basis import Basis, sampling
 from allocator.search.curves import CHEBYSHEV, EXPONENTIAL, HEAD, QUADRATIC, RATIONAL
 
 _KINDS = {"rational": RATIONAL, "exponential": EXPONENTIAL, "quadratic": QUADRATIC, "smooth": CHEBYSHEV}
 _SIZES = (9, 17, 33, 65)  # of a polynomial whose degree is to be found
+_LEAST_WIDTH = 1e-6  # of a series, in pascal and of the pressure
 _TAIL = 1e-13  # of the greatest coefficient: smaller ones are rounding
 
 
-def rows(side: OneMuscle, lo: float, hi: float) -> Array:
-    """Return the curve of one muscle at n angles between two pressures [Pa]: (n, segments, numbers).
+def rows(side: OneMuscle, lo: float, hi: float, box: PressureInterval | None = None) -> Array:
+    """Return the curve of one muscle at n angles: (n, segments, numbers).
 
-    Raises InvalidInput for a law that is not smooth between its kinks.
+    It reaches between two pressures [Pa], or with trapped gas over those of the box alone. Raises InvalidInput for a
+    law that is not smooth between its kinks.
     """
+    if side.share is not None and not side.affine:
+        return _gas_rows(side, *((lo, hi) if box is None else (box.lo, box.hi)))
     basis = side.muscle.basis
     ends = [lo, *(kink for kink in basis.kinks if lo < kink < hi), hi]
     segments = [_segment(side, basis, a, b) for a, b in pairwise(ends)]
+    return _stacked(segments)
+
+
+def _stacked(segments: list[Array]) -> Array:
     width = max(segment.shape[1] for segment in segments)
     return np.stack([np.pad(segment, ((0, 0), (0, width - segment.shape[1]))) for segment in segments], 1)
+
+
+def _gas_rows(side: OneMuscle, lowest: Array | float, highest: Array | float) -> Array:
+    """Return the curve of a muscle with trapped gas, which is no combination of the law's basis functions."""
+    shape = np.shape(side.contraction)
+    lo, hi = (np.broadcast_to(end, shape) for end in (lowest, highest))
+    wide = np.maximum(hi, lo + _LEAST_WIDTH * (1 + np.abs(lo)))  # a series needs an interval, though one point is used
+    kinks = side.muscle.basis.kinks
+    starts, ends = [-np.inf, *kinks], [*(np.nextafter(kink, -np.inf) for kink in kinks), np.inf]
+    return _stacked(
+        [_gas_segment(side, np.maximum(lo, a), np.minimum(wide, b)) for a, b in zip(starts, ends, strict=True)]
+    )
+
+
+def _gas_segment(side: OneMuscle, lo: Array, hi: Array) -> Array:
+    """Return one segment at n angles, each between its own pressures lo and hi (n,); without any where lo > hi."""
+    there = lo < hi
+    centre, half = np.where(there, (lo + hi) / 2, lo), np.where(there, (hi - lo) / 2, 1.0)
+    torque, stiffness = _series(side, centre, np.where(there, half, 0.0))
+    head = np.stack([np.full(lo.shape, CHEBYSHEV), centre, half, lo, hi, np.full(lo.shape, float(len(torque)))], 1)
+    return np.concatenate([head, torque.T, stiffness.T], axis=1)
+
+
+def _series(side: OneMuscle, centre: Array, half: Array) -> tuple[Array, Array]:
+    """Return the Chebyshev series of torque and stiffness (size, n), of as many terms as leave nothing but rounding."""
+    basis = Basis("smooth")
+    for size in _SIZES:
+        nodes, inverse, greatest = sampling(basis, -1.0, 1.0, size)
+        P = centre + nodes[:, None] * half
+        found = [_significant(inverse @ f(P), greatest) for f in (side.torque, side.stiffness)]
+        if (kept := _length(found)) is not None:
+            return found[0][:kept], found[1][:kept]
+    raise InvalidInput(
+        f"{type(side.muscle).__name__}: with trapped gas the stiffness is not smooth in the pressure; a law with kinks "
+        "has to declare them, see Basis"
+    )
 
 
 def _segment(side: OneMuscle, basis: Basis, lo: float, hi: float) -> Array:
@@ -33,6 +85,9 @@ def _segment(side: OneMuscle, basis: Basis, lo: float, hi: float) -> Array:
     arm, arm_slope = np.ravel(side.arm), np.ravel(side.arm_slope)
     torque = side.sign * arm * force
     stiffness = -(arm**2) / side.rest_length * slope - side.sign * arm_slope * force
+    if side.share is not None:  # of an affine law: affine in the pressure as well
+        nodes, inverse, greatest = sampling(basis, lo, hi, len(force))
+        stiffness = stiffness + _significant(inverse @ (side.share * side.trapped(nodes[:, None])), greatest)
     head = np.empty((arm.size, HEAD))
     centre, half = (lo + hi) / 2, (hi - lo) / 2
     head[:] = (
@@ -52,14 +107,20 @@ def _coefficients(side: OneMuscle, basis: Basis, lo: float, hi: float) -> tuple[
         return _sampled(side, basis, lo, hi, 3)
     for size in _SIZES:
         found = _sampled(side, basis, lo, hi, size)
-        if all((np.abs(c[-2:]).max(axis=0) <= _TAIL * np.abs(c).max(axis=0)).all() for c in found):
-            kept = [np.abs(c) > _TAIL * np.abs(c).max(axis=0) for c in found]
-            used = 1 + max(int(np.nonzero(k.any(axis=1))[0].max(initial=1)) for k in kept)
-            return found[0][:used], found[1][:used]
+        if (kept := _length(found)) is not None:
+            return found[0][:kept], found[1][:kept]
     raise InvalidInput(
         f"{type(side.muscle).__name__}: the force is not smooth in the pressure between {lo:g} and {hi:g} Pa; "
         "a law with kinks has to declare them, see Basis"
     )
+
+
+def _length(found: Sequence[Array]) -> int | None:
+    """Return how many terms of the series (size, n) are more than rounding; None where their ends are not yet."""
+    if not all((np.abs(c[-2:]).max(axis=0) <= _TAIL * np.abs(c).max(axis=0)).all() for c in found):
+        return None
+    kept = [np.abs(c) > _TAIL * np.abs(c).max(axis=0) for c in found]
+    return 1 + max(int(np.nonzero(k.any(axis=1))[0].max(initial=1)) for k in kept)
 
 
 def _sampled(side: OneMuscle, basis: Basis, lo: float, hi: float, size: int) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from typer import Option
 
 from allocator.errors import InvalidInput
 from allocator.shell.options import numbers, within
-from allocator.units import BAR, DEG, MM
+from allocator.units import BAR, CM3, DEG, MM
 
 if TYPE_CHECKING:
     from allocator.joint.antagonist import AntagonistJoint
@@ -39,6 +39,10 @@ class JointOptions:
     ] = None
     supply: Annotated[float | None, Option(help="greatest pressure of the supply [bar]; the report's: 5")] = None
     stops: Annotated[str | None, Option(help="mechanical end stops LOW:HIGH [degrees]; the report's: -125:125")] = None
+    rest_volume: Annotated[
+        float | None, Option(help="gas in each muscle at rest length [cm³]; else that of a tube of the muscle's radius")
+    ] = None
+    tube_volume: Annotated[float | None, Option(help="gas between each muscle and its valve [cm³]")] = None
     friction: Annotated[float | None, Option(help="friction, as a share of the muscles' forces; the report's: 0")] = (
         None
     )
@@ -50,6 +54,8 @@ class JointOptions:
         within("--initial-contraction", self.initial_contraction, "(a ratio, not percent)", 0, 1)
         within("--supply", self.supply, "bar", 0.05, 100)
         within("--friction", self.friction, "", 0, 1)
+        within("--rest-volume", self.rest_volume, "cm³", 0.1, 5000)
+        within("--tube-volume", self.tube_volume, "cm³", 0, 1000)
 
     def build(self) -> "AntagonistJoint":
         """Build the joint. Raises `InvalidInput` for several muscles."""
@@ -94,7 +100,15 @@ class JointOptions:
             changes["angle_limits"] = (left * DEG, right * DEG)
         if self.friction is not None:
             changes |= {"friction": self.friction, "hysteresis": None}  # one says all that the other would
+        if volumes := self._volumes:
+            for side in ("agonist", "antagonist"):
+                changes[side] = replace(changes.get(side, getattr(base, side)), **volumes)
         return replace(base, **changes) if changes else base
+
+    @property
+    def _volumes(self) -> dict[str, float]:
+        given = {"rest_volume": self.rest_volume, "tube_volume": self.tube_volume}
+        return {name: volume * CM3 for name, volume in given.items() if volume is not None}
 
     def _muscles(self, both: str | None) -> dict[str, "Muscle"]:
         from allocator.muscles.catalogue import named_muscle

@@ -20,6 +20,7 @@ from allocator.calculus import Array, Mask
 from allocator.checks import LOOKS_LIKE_BAR, real
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gas import Shares
 from allocator.joint.limits import Limit, Limits
 
 _PARALLEL = 500_000  # targets from which on threads are started
@@ -101,7 +102,9 @@ def _flat(arrays: list[Array], shape: tuple[int, ...]) -> Array:
     return copies.reshape(len(arrays), -1)
 
 
-def run(loop: Kernel, kernel: JointKernel, targets: Targets, priority: Priority) -> tuple[Any, ...] | None:
+def run(
+    loop: Kernel, kernel: JointKernel, targets: Targets, priority: Priority, shares: Shares | None
+) -> tuple[Any, ...] | None:
     """Return (P1, P2, T, K, status, limits, gap), each (n,); None where a target makes no sense, or may be degrees."""
     n, stiffness_first = targets.theta.size, True if priority == "stiffness" else None
     # one block of memory for four arrays: the larger, the sooner it comes in large pages
@@ -112,7 +115,8 @@ def run(loop: Kernel, kernel: JointKernel, targets: Targets, priority: Priority)
         theta, K, T, (least, greatest, _, previous, max_step), _ = part
         sides: list[Any] = []
         if kernel.name == "affine":
-            sides = [arrays(c, j - i) for c in coefficients(kernel.joint, np.clip(theta, kernel.left, kernel.right))]
+            inside = np.clip(theta, kernel.left, kernel.right)
+            sides = [arrays(c, j - i) for c in coefficients(kernel.joint, inside, shares)]
         limits = least, greatest, *(previous or (None, None)), max_step
         return loop(theta, K, T, *sides, kernel.p, *limits, stiffness_first, parts)  # type: ignore[no-any-return]  # compiled
 
@@ -121,7 +125,7 @@ def run(loop: Kernel, kernel: JointKernel, targets: Targets, priority: Priority)
         return None
     gap = np.zeros(n)
     if any(unsure for _, unsure in counts):
-        _refer(kernel.joint, targets, priority, ~out[6], out[:6], gap)
+        _refer(kernel.joint, targets, priority, shares, ~out[6], out[:6], gap)
     return (*out[:6], gap)
 
 
@@ -167,10 +171,16 @@ def _pieces(work: Callable[[int, int], tuple[int, int]], n: int, size: int) -> l
 
 
 def _refer(
-    joint: AntagonistJoint, targets: Targets, priority: Priority, where: Mask, found: tuple[Any, ...], gap: Array
+    joint: AntagonistJoint,
+    targets: Targets,
+    priority: Priority,
+    shares: Shares | None,
+    where: Mask,
+    found: tuple[Any, ...],
+    gap: Array,
 ) -> None:
     """Let the readable implementation answer the targets for which a kernel is not proved."""
-    problem, _ = problem_from(joint, *targets[:3], limits=targets.limits, priority=priority)
+    problem, _ = problem_from(joint, *targets[:3], limits=targets.limits, priority=priority, shares=shares)
     problem = problem.take(where)
     P1, P2, gap[where] = solve(problem)
     assessed = assess(problem, P1, P2, found[5][where] & _OUTSIDE)

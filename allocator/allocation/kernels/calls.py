@@ -31,6 +31,7 @@ from allocator.allocation.result import Allocation, from_fields, shaped, single
 from allocator.checks import LOOKS_LIKE_BAR
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.gas import ISOBARIC, StiffnessKind
 from allocator.joint.limits import Limits
 
 _TURN = 2 * pi
@@ -47,7 +48,9 @@ _scalars: dict[Kind, Kernel] = {}  # compiled
 _batches: dict[Kind, Kernel] = {}  # compiled
 
 
-def answer(joint: Any, theta: Any, K: Any, T: Any, priority: Any, limits: Limits) -> Allocation | None:
+def answer(
+    joint: Any, theta: Any, K: Any, T: Any, priority: Any, limits: Limits, kind: StiffnessKind = ISOBARIC
+) -> Allocation | None:
     """Return the allocation, or None where the short cut does not lead; arguments as those of `allocate`."""
     chosen = kernel_of(joint)
     _, name, p, left, right = chosen
@@ -55,27 +58,30 @@ def answer(joint: Any, theta: Any, K: Any, T: Any, priority: Any, limits: Limits
     first = _FIRST.get(priority, False) if type(priority) is str else False
     if not name or first is False or floor is not None:
         return None
+    if kind is not ISOBARIC and (name != "affine" or kind.shares is None):
+        return None
     if not (max_force is None and type(min_force) is float and 0 <= min_force < inf):
         if (checked := _forces(limits)) is None:
             return None
         limits = checked
         min_force, max_force = limits.min_force, limits.max_force
-    kind = name, min_force is not None, max_force is not None, max_step is not None, first
+    key = name, min_force is not None, max_force is not None, max_step is not None, first
     if not (type(theta) is type(K) is type(T) is float and previous is max_step is None):
         if (target := _in_floats(theta, K, T, limits)) is None:
-            return _batch(chosen, theta, K, T, priority, limits, kind)
+            return _batch(chosen, theta, K, T, priority, limits, key, kind)
         theta, K, T, limits = target
         previous, max_step = limits.previous, limits.max_step
     if not (-_TURN <= theta <= _TURN and 0 < K < _HUGE and -_HUGE < T < _HUGE):
         return None
     P1_now, P2_now = previous or (None, None)
-    exact = _scalars.get(kind) or _PLAIN[name]
+    exact = _scalars.get(key) or _PLAIN[name]
     if name == "affine":
-        one, two = (tuple(map(float, c)) for c in coefficients(joint, min(max(theta, left), right)))
+        shares = None if kind is ISOBARIC else kind.fixed
+        one, two = (tuple(map(float, c)) for c in coefficients(joint, min(max(theta, left), right), shares))
         found = exact(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now, max_step, first)
     else:
         found = exact(theta, K, T, p, min_force, max_force, P1_now, P2_now, max_step, first)
-    return single(joint, priority, limits, theta, K, T, found) if found[6] else None
+    return single(joint, priority, limits, theta, K, T, found, kind) if found[6] else None
 
 
 def _in_floats(theta: Any, K: Any, T: Any, limits: Limits) -> tuple[float, float, float, Limits] | None:
@@ -108,17 +114,25 @@ def _forces(limits: Limits) -> Limits | None:
 
 
 def _batch(
-    chosen: JointKernel, theta: Any, K: Any, T: Any, priority: Any, limits: Limits, kind: Kind
+    chosen: JointKernel,
+    theta: Any,
+    K: Any,
+    T: Any,
+    priority: Any,
+    limits: Limits,
+    key: Kind,
+    kind: StiffnessKind,
 ) -> Allocation | None:
     targets = Targets.of(theta, K, T, limits)
     if targets is None:
         return None
-    found = run(_loop(kind, targets.theta.size), chosen, targets, priority)
+    found = run(_loop(key, targets.theta.size), chosen, targets, priority, kind.fixed)
     if found is None:
         return None
     fields = ("theta", "T_target", "K_target", "P1", "P2", "T", "K", "status", "limits", "_gap")
     flat = (targets.theta, targets.T, targets.K, *found)
-    asked = {"joint": chosen.joint, "priority": priority, "_within": targets.limits, "_shape": targets.shape}
+    asked = {"joint": chosen.joint, "priority": priority, "_within": targets.limits, "kind": kind}
+    asked["_shape"] = targets.shape
     return from_fields({name: shaped(array, targets.shape) for name, array in zip(fields, flat, strict=True)} | asked)
 
 

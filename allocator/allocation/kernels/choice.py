@@ -8,6 +8,7 @@ import numpy as np
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
 from allocator.calculus import Array, Value, derivative
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gas import Shares
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import AffineMuscle
 
@@ -49,9 +50,9 @@ def _chosen(joint: AntagonistJoint) -> JointKernel:
     return JointKernel(joint, "", (), *joint.angle_range)
 
 
-def coefficients(joint: AntagonistJoint, theta: Value) -> list[tuple[Value, ...]]:
+def coefficients(joint: AntagonistJoint, theta: Value, shares: Shares | None = None) -> list[tuple[Value, ...]]:
     """Return (A, B, a, k', k0) of both affine muscles at angles in the joint range, as `affine_exact` takes them."""
-    return [_coefficients(side) for side in joint.sides(theta)]
+    return [_coefficients(side) for side in joint.sides(theta, shares)]
 
 
 def _coefficients(side: OneMuscle) -> tuple[Value, ...]:
@@ -61,7 +62,11 @@ def _coefficients(side: OneMuscle) -> tuple[Value, ...]:
     A, B = muscle.gain(0.0, eps), muscle.law(0.0, eps)
     elastic, geometric = -(side.arm**2) / side.rest_length, -side.sign * side.arm_slope
     k1 = elastic * muscle.gain_slope(0.0, eps) + geometric * A
-    return A, B, side.arm, k1, elastic * derivative(muscle.B, eps) + geometric * B
+    k0 = elastic * derivative(muscle.B, eps) + geometric * B
+    if side.share is None:
+        return A, B, side.arm, k1, k0
+    gas = side.share * side.trapped(0.0) / side.gas.atmosphere  # affine in P + p_a
+    return A, B, side.arm, k1 + gas, k0 + gas * side.gas.atmosphere
 
 
 def arrays(values: tuple[Value, ...], n: int) -> tuple[Array, ...]:

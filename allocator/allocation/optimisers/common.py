@@ -70,7 +70,7 @@ def start(problem: Problem, warm: bool) -> Array:
     middle = (box.agonist.lo + box.agonist.hi) / 2, (box.antagonist.lo + box.antagonist.hi) / 2
     if not warm:
         return np.stack(box.project(*middle))
-    P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K_aim, problem.T_aim)
+    P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K_aim, problem.T_aim, problem.shares)
     P1, P2 = np.where(np.isfinite(P1), P1, middle[0]), np.where(np.isfinite(P2), P2, middle[1])
     projected = np.stack(box.project(P1, P2))
     if problem.priority != "weighted" or problem.joint.affine:

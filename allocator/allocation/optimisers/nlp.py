@@ -49,7 +49,7 @@ def solve(problem: Problem, solver: str | None = None, warm_start: bool = True) 
     P = start(problem, warm_start) / SCALE
     iterations = np.zeros(problem.theta.shape, np.int32)
     for goal in goals(problem):
-        programme = _programme(problem.joint, goal.kept, solver, warm_start)
+        programme = _programme(problem.joint, goal.kept, solver, warm_start, problem.shares is not None)
         numbers = _numbers(problem, goal, P)
         for i in np.flatnonzero(~settled(problem, goal, P * SCALE)):
             P[:, i], used = _solve_one(programme, P[:, i], **{name: column[:, i] for name, column in numbers.items()})
@@ -58,14 +58,15 @@ def solve(problem: Problem, solver: str | None = None, warm_start: bool = True) 
 
 
 def _numbers(problem: Problem, goal: Goal, P: Array) -> dict[str, Array]:
-    """Return parameters (10, n), bounds (2, n) in bar and constraint bounds (2, n) of all programmes."""
+    """Return parameters (12, n), bounds (2, n) in bar and constraint bounds (2, n) of all programmes."""
     n, box = problem.theta.size, problem.box
     T_scale, K_scale = problem.scales
     weight = np.maximum(goal.w_T * T_scale**2, goal.w_K * K_scale**2)  # makes the cost of order one
     ones = np.ones(n)
     R1, R2 = (ones * R / SCALE for R in problem.P_ref)
     weights = (ones * goal.w_T / weight, ones * goal.w_K / weight, ones * goal.rho * SCALE**2 / weight)
-    parameters = np.stack([problem.theta, problem.T_aim, problem.K_aim, *weights, R1, R2, T_scale, K_scale])
+    s1, s2 = (0.0 * ones, 0.0 * ones) if problem.shares is None else problem.shares
+    parameters = np.stack([problem.theta, problem.T_aim, problem.K_aim, *weights, R1, R2, T_scale, K_scale, s1, s2])
     lo = np.stack([box.agonist.lo, box.antagonist.lo]) / SCALE
     hi = np.stack([box.agonist.hi, box.antagonist.hi]) / SCALE
     e_T, e_K = problem.errors(*(P * SCALE))
@@ -90,12 +91,12 @@ def _solve_one(
 
 
 @lru_cache(maxsize=32)
-def _programme(joint: AntagonistJoint, kept: str | None, solver: str, warm_start: bool) -> Any:
+def _programme(joint: AntagonistJoint, kept: str | None, solver: str, warm_start: bool, gas: bool) -> Any:
     import casadi
 
-    x, p = casadi.SX.sym("P", 2), casadi.SX.sym("p", 10)
-    theta, T, K, w_T, w_K, rho, R1, R2, T_scale, K_scale = casadi.vertsplit(p)
-    agonist, antagonist = joint.sides(theta)
+    x, p = casadi.SX.sym("P", 2), casadi.SX.sym("p", 12)
+    theta, T, K, w_T, w_K, rho, R1, R2, T_scale, K_scale, s1, s2 = casadi.vertsplit(p)
+    agonist, antagonist = joint.sides(theta, (s1, s2) if gas else None)
     P1, P2 = SCALE * x[0], SCALE * x[1]
     e_T = agonist.torque(P1) + antagonist.torque(P2) - T
     e_K = agonist.stiffness(P1) + antagonist.stiffness(P2) - K

@@ -39,6 +39,10 @@ class AffinePolynomial(AffineMuscle):
         """Return B(ε) = b0 + b1 ε + …"""
         return _horner(self.passive, eps)
 
+    def A_integral(self, eps: Value) -> Value:
+        """Return ∫_0^ε A = a0 ε + a1 ε²/2 + a2 ε³/3 + …"""
+        return eps * _horner(tuple(a / (i + 1) for i, a in enumerate(self.area)), eps)
+
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Return a quadratic area and a linear passive force, all linear; pass `start` for other degrees."""

@@ -61,6 +61,19 @@ class ChouHannaford1996(AffineMuscle):
         wall = self.D0 * self.t * (2 * sine - 1 / sine) - self.t**2
         return pi * (self.D0**2 / 4 * (3 * cosine**2 - 1) + wall)
 
+    @property
+    def own_radius(self) -> Value:
+        """Return D0 sin(θ0)/2 [m], outside of the wall less its thickness."""
+        return self.D0 * sqrt(1 - (self.rest_length / self.b) ** 2) / 2 - self.t
+
+    def A_integral(self, eps: Value) -> Value:
+        """Return ∫_0^ε A: of the cylinder, c - c³ for cos θ = c, and of the wall, c sin θ, as L0 dε = -b dc."""
+        start = self.rest_length / self.b
+        end = start * (1 - eps)
+        cylinder = self.D0**2 / 4 * ((end - end**3) - (start - start**3))
+        wall = self.D0 * self.t * (start * sqrt(1 - start**2) - end * sqrt(1 - end**2))
+        return pi * ((cylinder + wall) / start - self.t**2 * eps)
+
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Search b, n and t for a muscle of 0.3 m."""

@@ -91,6 +91,10 @@ class TableMuscle(AffineMuscle):
         """Return the spline through `passive`."""
         return self._passive_spline(eps)
 
+    def A_integral(self, eps: Value) -> Value:
+        """Return the integral of the spline."""
+        return self._area_spline.integral(eps) - self._area_spline.integral(0.0)
+
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Return a recipe of five knots over the taut data, closer together where the contraction is small and the

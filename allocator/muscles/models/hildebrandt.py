@@ -44,6 +44,10 @@ class Hildebrandt2005(AffineMuscle):
         """Return B(ε) = -(d0 + d1 ε + d2 ε² + d3 ε³ + d4 ε^{2/3})   (16)"""
         return -(self.d0 + (self.d1 + (self.d2 + self.d3 * eps) * eps) * eps + self.d4 * eps ** (2 / 3))
 
+    def A_integral(self, eps: Value) -> Value:
+        """Return ∫_0^ε A = c0 ε + c1 ε²/2 + c2 ε³/3"""
+        return (self.c0 + (self.c1 / 2 + self.c2 / 3 * eps) * eps) * eps
+
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Return a recipe in which all eight are linear."""

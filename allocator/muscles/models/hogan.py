@@ -35,6 +35,10 @@ class Hogan1984(AffineMuscle):
         """Return A(ε) = F_max/P_max (1 - ε/ε_max)   (1)"""
         return self.F_max / self.P_max * (1 - eps / self.eps_max)
 
+    def A_integral(self, eps: Value) -> Value:
+        """Return ∫_0^ε A = F_max/P_max (ε - ε²/(2 ε_max))"""
+        return self.F_max / self.P_max * (eps - eps**2 / (2 * self.eps_max))
+
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Return a recipe linear in F_max; P_max only sets a scale and is held at the highest pressure of the data."""

@@ -6,7 +6,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from allocator.calculus import Array, Value
+from allocator.calculus import Array, Value, log
 from allocator.errors import InvalidInput
 from allocator.muscles.base import AffineMuscle
 from allocator.muscles.recipe import Recipe
@@ -46,6 +46,15 @@ class KazemipourKatzschmann2025(AffineMuscle):
         """Return A(ε) = (c0 + c1 ε + c2 ε²)/(1 + d1 ε)/P_max"""
         return (self.c0 + (self.c1 + self.c2 * eps) * eps) / (1 + self.d1 * eps) / self.P_max
 
+    def A_integral(self, eps: Value) -> Value:
+        """Return ∫_0^ε A by partial fractions; by quadrature where d1 is small and their differences cancel."""
+        if abs(self.d1) < _CANCELS:
+            return super().A_integral(eps)
+        zeroth = log(1 + self.d1 * eps) / self.d1  # ∫ dε/(1 + d1 ε)
+        first = (eps - zeroth) / self.d1
+        second = (eps**2 / 2 - first) / self.d1
+        return (self.c0 * zeroth + self.c1 * first + self.c2 * second) / self.P_max
+
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Return a recipe linear but for d1, whose pole is kept out of the data."""
@@ -56,5 +65,7 @@ class KazemipourKatzschmann2025(AffineMuscle):
         bounds = {"d1": (-0.9 / most, min(pole, 1e3))}
         return Recipe(starts, ("c0", "c1", "c2"), ("P_max",), bounds)
 
+
+_CANCELS = 1.0
 
 __all__ = ["KazemipourKatzschmann2025"]

@@ -77,6 +77,16 @@ class MartensBoblan2017(AffineMuscle):
         F_l = E * (L - self.L0) / self.L0 * self.H0 * pi * D
         return -F_pe * L / (n * pi * width) - F_l
 
+    @property
+    def own_radius(self) -> Value:
+        """Return D0/2 [m]."""
+        return self.D0 / 2
+
+    def A_integral(self, eps: Value) -> Value:
+        """Return ∫_0^ε A = [V(L) - V(L0)]/L0 with V = L (Lf² - L²)/(4π n²), the cylinder's volume"""
+        L, Lf = self.L0 * (1 - eps), self.fibre_length
+        return (L * (Lf**2 - L**2) - self.L0 * (Lf**2 - self.L0**2)) / (4 * pi * self.turns**2 * self.L0)
+
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Return a recipe linear in the rubber law; the geometry is searched from the published one."""

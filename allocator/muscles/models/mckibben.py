@@ -45,6 +45,11 @@ class Braided(Muscle):
         """Return the initial cross-section S = π r0² [m²]."""
         return pi * self.r0**2
 
+    @property
+    def own_radius(self) -> Value:
+        """Return r0 [m]."""
+        return self.r0
+
     @cached_property
     def _constants(self) -> tuple[float, float]:
         return braid_constants(self.alpha0)
@@ -79,6 +84,10 @@ class TonduLopez1995(Braided, AffineMuscle):
     def A(self, eps: Value) -> Value:
         """Return A(ε) = S [a(1-ε)² - b]   (7)"""
         return self.S * (self.a * (1 - eps) ** 2 - self.b)
+
+    def A_integral(self, eps: Value) -> Value:
+        """Return ∫_0^ε A = S [a (1 - (1-ε)³)/3 - b ε]: V_0 + L times this is the textbook volume of the braid."""
+        return self.S * (self.a * (eps - eps**2 + eps**3 / 3) - self.b * eps)
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:

@@ -57,6 +57,10 @@ class PolynomialMcKibben(Braided, AffineMuscle):
             counter = (counter + a_i) * eps
         return -self.S * counter
 
+    def A_integral(self, eps: Value) -> Value:
+        """Return ∫_0^ε A = S (a-b) ε"""
+        return self.S * (self.a - self.b) * eps
+
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Return a recipe of three coefficients, which the report found best; pass `start` for another number."""

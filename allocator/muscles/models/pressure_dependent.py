@@ -73,9 +73,23 @@ class PressureDependent(Braided):
 
     def gain(self, P: Value, eps: Value) -> Value:
         """Return ∂F/∂P = S q [a(1-kε)² - b - 2a(1-kε) ε P k'(P)]"""
-        short = 1 - self.k(P) * eps
-        fall = -self.k_1 / self.P_k * exp(-P / self.P_k)  # k'(P)
+        short, fall = 1 - self.k(P) * eps, self._k_slope(P)
         return self.efficiency * self.S * (self.a * short**2 - self.b - 2 * self.a * short * eps * P * fall)
+
+    def gain_integral(self, P: Value, eps: Value) -> Value:
+        """Return ∫_0^ε F_P = S q [a(ε - kε² + k²ε³/3) - bε - a P k'(P) (ε² - 2kε³/3)]"""
+        k, fall = self.k(P), self._k_slope(P)
+        steady = self.a * (eps - k * eps**2 + k**2 * eps**3 / 3) - self.b * eps
+        return self.efficiency * self.S * (steady - self.a * P * fall * (eps**2 - 2 * k * eps**3 / 3))
+
+    def gain_integral_slope(self, P: Value, eps: Value) -> Value:
+        """Return its derivative by P, S q a [-(2k' + P k'')(ε² - 2kε³/3) + 2 P k'² ε³/3]"""
+        k, fall = self.k(P), self._k_slope(P)
+        bent = (2 * fall - P * fall / self.P_k) * (eps**2 - 2 * k * eps**3 / 3)  # k'' = -k'/P_k
+        return self.efficiency * self.S * self.a * (2 * P * fall**2 * eps**3 / 3 - bent)
+
+    def _k_slope(self, P: Value) -> Value:
+        return -self.k_1 / self.P_k * exp(-P / self.P_k)
 
     def taut_pressure(self, eps: Value) -> Array:
         """Return the pressure [Pa] from which on the muscle pulls at `eps`: ε_max(P) = ε; inf if it never does."""

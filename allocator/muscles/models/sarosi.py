@@ -49,6 +49,11 @@ class Sarosi2012(AffineMuscle):
         """Return B(ε) = -(c4 e^{c6 ε} - c5)   (17)"""
         return self.c5 - self.c4 * exp(self.c6 * eps)
 
+    def A_integral(self, eps: Value) -> Value:
+        """Return ∫_0^ε A = c1 (e^{c6 ε} - 1)/c6 + c2 ε²/2 + c3 ε"""
+        growth = (exp(self.c6 * eps) - 1) / self.c6 if self.c6 else eps
+        return self.c1 * growth + self.c2 * eps**2 / 2 + self.c3 * eps
+
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Return a recipe linear but for c6, which falls over a few to a few tens of percent of contraction."""

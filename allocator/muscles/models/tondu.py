@@ -86,6 +86,14 @@ class Tondu2021(Braided):
         """Return ∂²F/∂P∂ε = S g/(P+d)²"""
         return self.S * self.g / (P + self.d) ** 2 + 0.0 * eps
 
+    def gain_integral(self, P: Value, eps: Value) -> Value:
+        """Return ∫_0^ε F_P = S [(a-b) ε + ε² g/(2 (P+d)²)]"""
+        return self.S * ((self.a - self.b) * eps + eps**2 * self.g / (2 * (P + self.d) ** 2))
+
+    def gain_integral_slope(self, P: Value, eps: Value) -> Value:
+        """Return its derivative by P, -S ε² g/(P+d)³"""
+        return -self.S * eps**2 * self.g / (P + self.d) ** 3
+
     def pressure(self, F: Value, eps: Value) -> Array:
         """Return the smaller root of (a-b)P² + ((a-b)d - cε - F/S)P - (eε + dF/S) = 0; inf above the greatest force."""
         F, eps = np.asarray(F, float), np.asarray(eps, float)

@@ -74,8 +74,24 @@ class Wickramatunge2010(Muscle):
     def gain(self, P: Value, eps: Value) -> Value:
         """Return ∂F/∂P = (2 c3 P + c2 ls) ls"""
         ls = self.stretched_length(eps)
-        c3 = _choose(P, self.P_switch, self.c3_low, self.c3_high)
-        return (2 * c3 * P + self.c2 * ls) * ls
+        return (2 * self._c3(P) * P + self.c2 * ls) * ls
+
+    def gain_integral(self, P: Value, eps: Value) -> Value:
+        """Return ∫_0^ε F_P = 2 c3 P ∫ls + c2 ∫ls²; it jumps at P_switch as F_P does."""
+        once, square = self._length_integrals(eps)
+        return 2 * self._c3(P) * P * once + self.c2 * square
+
+    def gain_integral_slope(self, P: Value, eps: Value) -> Value:
+        """Return its derivative by P, 2 c3 ∫ls"""
+        return 2 * self._c3(P) * self._length_integrals(eps)[0]
+
+    def _length_integrals(self, eps: Value) -> tuple[Value, Value]:
+        """Return ∫_0^ε ls dε' [m] and ∫_0^ε ls² dε' [m²]."""
+        start, l0 = self.rest_length - self.min_length, self.rest_length
+        return (start - l0 * eps / 2) * eps, (start**2 - start * l0 * eps + l0**2 * eps**2 / 3) * eps
+
+    def _c3(self, P: Value) -> Value:
+        return _choose(P, self.P_switch, self.c3_low, self.c3_high)
 
     def pressure(self, F: Value, eps: Value) -> Array:
         """Return the rising root of the quadratic (20) in the range that F falls into.

@@ -1,0 +1,181 @@
+"""The gas that is trapped in the muscles adds to the joint's stiffness, and how much is said here.
+
+While a valve is shut, (P + p_a) V^κ stays what it is. With the torque gain g_i = ∂T/∂P_i of muscle i and its volume V_i
+(`Muscle.volume`) the joint then has, beyond the isobaric stiffness K = -∂T/∂θ |P,
+
+    K_shut = K + Σ_i shut κ (P_i + p_a) g_i²/V_i^eff,    V^eff = V + κ (P + p_a) ∂V/∂P |ε                         (G2)
+
+A regulator with a first-order lag τ_i holds its pressure against slow motions and traps the gas in quick ones. Small
+motions at the frequency f, s = 2πi f, meet the complex stiffness
+
+    K(s) = K + Σ_i κ (P_i + p_a) g_i²/V_i^eff · s τ_i/(1 + s τ_i)                                                 (G4)
+
+of which the real part, the *storage* stiffness, has the shares s_i of the trapped gas,
+
+    K_f = K + Σ_i s_i κ (P_i + p_a) g_i²/V_i^eff,    s_i = (2πfτ_i)²/(1 + (2πfτ_i)²)                              (G5)
+
+s_i = 0 is an open valve, s_i = 1 a shut one. Proof of (G2): by V_ε = L F_P a turn dθ changes the volume of muscle i by
+g_i dθ; with dP/(P + p_a) = -κ dV/V its pressure changes by -κ (P + p_a) g_i dθ/V^eff, and the torque by g_i times that.
+"""
+
+from dataclasses import dataclass
+from math import pi
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
+
+_KAPPA = 1.0, 1.67  # isothermal, and adiabatic of a monatomic gas
+_ATMOSPHERE = 1e3, 2e6  # [Pa] of what surrounds a joint
+_SLOWEST = 100.0  # [s] a longer lag is in milliseconds
+
+Shares = tuple[Value, Value]
+"""How much of the trapped gas of agonist and antagonist a stiffness has in it, (s1, s2) of (G5) [-]."""
+
+Valves = Literal["open", "shut", "free"] | tuple[bool, bool]
+"""The valves of both muscles, or of (agonist, antagonist) whether each is shut; "free": whichever are best."""
+
+
+@dataclass(frozen=True)
+class Gas:
+    """A `Gas` is how the gas in the muscles answers to compression: (P + p_a) V^κ is constant while it is trapped."""
+
+    kappa: float = 1.3  # κ [-]: 1 isothermal (slow), 1.4 adiabatic (air, fast), 1.3 usual for motions of a second
+    atmosphere: float = 101_325.0  # p_a, absolute pressure around the joint [Pa]
+
+    def __post_init__(self) -> None:
+        """Check both numbers."""
+        kappa = checks.number("Gas: kappa", self.kappa, "-")
+        if not _KAPPA[0] <= kappa <= _KAPPA[1]:
+            raise InvalidInput(
+                f"Gas: kappa = {kappa:g} has to lie between 1 (isothermal) and 1.67; for air 1.4 is adiabatic"
+            )
+        atmosphere = float(checks.pressure("Gas: atmosphere", checks.number("Gas: atmosphere", self.atmosphere, "Pa")))
+        if not _ATMOSPHERE[0] <= atmosphere <= _ATMOSPHERE[1]:
+            raise InvalidInput(
+                f"Gas: atmosphere = {atmosphere:g} Pa has to be the absolute pressure around the joint, such as 101325"
+            )
+        object.__setattr__(self, "kappa", kappa)
+        object.__setattr__(self, "atmosphere", atmosphere)
+
+
+AIR = Gas()
+"""Air between isothermal and adiabatic, at sea level."""
+
+
+@dataclass(frozen=True)
+class StiffnessKind:
+    """A `StiffnessKind` says which stiffness is meant: isobaric, shut, or the one that is felt at a frequency."""
+
+    name: str  # the adjective: "isobaric", "shut", …
+    shares: tuple[float, float] | None  # s1, s2 of (G5); None: those of the valves that are best
+    frequency: float | None = None  # [Hz] of motions against regulators; None: valves are open or shut
+    free: ClassVar[tuple[tuple[float, float], ...]] = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
+    """The four states that two free valves may have; the open ones come first."""
+
+    @classmethod
+    def of(cls, valves: Any = "open", frequency: Any = None, lag: Any = None) -> Self:
+        """Return the kind that these arguments of `allocate` ask for; raises InvalidInput where they make no sense."""
+        if frequency is None and lag is None:
+            return valves if isinstance(valves, cls) else cls._of_valves(valves)
+        if frequency is None or lag is None:
+            raise InvalidInput("frequency [Hz] and lag [s] go together; one came without the other")
+        if not (isinstance(valves, str) and valves == "open"):
+            raise InvalidInput(
+                "valves and frequency exclude each other: a regulator with a lag is neither open nor shut"
+            )
+        one, two = lags(lag)
+        f = float(frequencies(checks.number("frequency", frequency, "Hz")))
+        if f == 0:
+            return cls("isobaric", (0.0, 0.0))
+        return cls("dynamic", (float(storage_share(f, one)), float(storage_share(f, two))), f)
+
+    @classmethod
+    def _of_valves(cls, valves: Any) -> Self:
+        known = {"open": cls("isobaric", (0.0, 0.0)), "shut": cls("shut", (1.0, 1.0)), "free": cls("free-valve", None)}
+        if isinstance(valves, str) and valves in known:
+            return known[valves]
+        if (
+            isinstance(valves, tuple | list)
+            and len(valves) == 2
+            and all(isinstance(v, bool | np.bool_) for v in valves)
+        ):
+            one, two = map(bool, valves)
+            if one == two:
+                return known["shut" if one else "open"]
+            return cls(f"{'agonist' if one else 'antagonist'}-shut", (float(one), float(two)))
+        raise InvalidInput(
+            f"valves = {checks.brief(valves)} is unknown; choose 'open', 'shut', 'free' "
+            "or (True, False): whether the agonist's, the antagonist's valve is shut"
+        )
+
+    @property
+    def text(self) -> str:
+        """Return what to call it: "isobaric stiffness", "shut stiffness", "dynamic stiffness at 2 Hz", …"""
+        return f"{self.name} stiffness" + ("" if self.frequency is None else f" at {self.frequency:g} Hz")
+
+    @property
+    def isobaric(self) -> bool:
+        """Return whether no gas is in it: pressures are held."""
+        return self.shares == (0.0, 0.0)
+
+    @property
+    def states(self) -> "tuple[StiffnessKind, ...]":
+        """Return the kinds of stiffness that may be chosen from: four of free valves, else this one."""
+        if self.shares is not None:
+            return (self,)
+        return tuple(StiffnessKind.of((one == 1, two == 1)) for one, two in self.free)
+
+    @property
+    def fixed(self) -> Shares | None:
+        """Return the shares where there are any: None for isobaric stiffness. Raises InvalidInput for free valves."""
+        if self.shares is None:
+            raise InvalidInput("valves='free' is a question to `allocate`, maps and intervals; a state is needed here")
+        return None if self.isobaric else self.shares
+
+
+ISOBARIC = StiffnessKind.of()
+
+
+def frequencies(frequency: Any) -> Array:
+    """Return checked frequencies [Hz], zero or more."""
+    found = checks.real("frequency", frequency, "Hz")
+    if (wrong := found < 0).any():
+        raise InvalidInput(f"frequency{checks.at(found, wrong)} Hz is negative")
+    return found
+
+
+def lags(lag: Any) -> tuple[float, float]:
+    """Return the checked lags (τ1, τ2) [s] of both regulators; one number is for both."""
+    found = checks.real("lag", lag, "s")
+    if found.shape not in ((), (2,)):
+        raise InvalidInput(f"lag = {checks.brief(lag)} has to be one time constant or a pair of them [s]")
+    if (wrong := found < 0).any():
+        raise InvalidInput(f"lag{checks.at(found, wrong)} s is negative")
+    if (wrong := found > _SLOWEST).any():
+        raise InvalidInput(
+            f"lag{checks.at(found, wrong)} s is no regulator's; if milliseconds were meant, divide by 1000"
+        )
+    one, two = np.broadcast_to(found, 2).tolist()
+    return one, two
+
+
+def storage_share(frequency: Value, lag: Value) -> Value:
+    """Return s = (2πfτ)²/(1 + (2πfτ)²)   (G5)"""
+    square = (2 * pi * frequency * lag) ** 2
+    return square / (1 + square)
+
+
+def complex_share(frequency: Value, lag: Value) -> Value:
+    """Return s τ/(1 + s τ) at s = 2πi f   (G4)"""
+    s = 2j * pi * frequency * lag
+    return s / (1 + s)
+
+
+__all__ = [
+    *("AIR", "Gas", "ISOBARIC", "Shares", "StiffnessKind", "Valves"),
+    *("complex_share", "frequencies", "lags", "storage_share"),
+]
