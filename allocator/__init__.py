@@ -37,6 +37,7 @@ from allocator.identification import (
 )
 from allocator.inverse import inverse
 from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.gas import Gas
 from allocator.joint.geometry import Geometry, Lever, Pulley, Table
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.joint.limits import Limit
@@ -58,6 +59,7 @@ __all__ = [
     "Design",
     "FeasibilityMap",
     "Fit",
+    "Gas",
     "Geometry",
     "InvalidFile",
     "InvalidInput",

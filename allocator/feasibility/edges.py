@@ -180,8 +180,8 @@ def _wall(setting: Setting, ends: Ends, theta: float) -> Edge | None:
         return None
     limits = int(setting.joint.angle_limit(theta == range_ends[1]))
     low, high = (_edge(limits, end) for end in ends(np.array([theta])))
-    theta, K, T, P1, P2 = (np.append(getattr(low, name), getattr(high, name)) for name in _COLUMNS)
-    return Edge(limits, theta, K, T, P1, P2)
+    angles, K, T, P1, P2 = (np.append(getattr(low, name), getattr(high, name)) for name in _COLUMNS)
+    return Edge(limits, angles, K, T, P1, P2)
 
 
 def _edge(limits: int, end: End) -> Edge:
