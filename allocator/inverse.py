@@ -52,7 +52,8 @@ def _highest_pair(sides: BothMuscles, K: Array, T: Array) -> Pair:
     """Return the pair with the highest pressures that gives (T, K), where a model is most likely to hold; else NaN."""
     if not T.size:
         return T, T
-    one, two = (side.interval(_SEARCHED, Limits(min_force=None)) for side in sides)
+    limits = Limits(min_force=None if sides[0].share is None else 0.0)  # of slack muscles the volume means nothing
+    one, two = (side.interval(_SEARCHED, limits) for side in sides)
     highest = float(max(one.hi.max(), two.hi.max()))  # of a law that ends earlier
     _, found = all_pairs(Curves.of(sides, PressureBox(one, two), (_SEARCHED[0], highest)), T, K)
     found = np.concatenate([np.full((len(found), 1, 2), np.nan), found], axis=1)

@@ -26,7 +26,7 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import StiffnessKind, Valves
 from allocator.joint.torque_levels import Pair
 
-_CELL_BYTES = 8 + 8 + 1 + 4 + 1  # P1, P2, status, limits, state
+_CELL_BYTES = 8 + 8 + 1 + 4  # P1, P2, status, limits
 _WORK_BYTES = 400  # a cell takes while its chunk is computed
 _CHUNK_CELLS = 200_000  # fits caches, and a progress bar moves
 _SLOW_CHUNK_CELLS = 10_000  # without a closed form
@@ -88,8 +88,7 @@ def feasibility_map(
     _check_memory(axes, max_bytes)
     cells = _cells(setting, np.atleast_1d(theta_axis), np.atleast_1d(K_axis), np.atleast_1d(T_axis), progress)
     shape = tuple(axis.size for axis in axes.values() if axis.ndim)
-    status, limits, P1, P2, state = (array.reshape(shape) for array in cells.arrays)
-    return FeasibilityMap(setting, theta_axis, K_axis, T_axis, status, limits, P1, P2, state)
+    return FeasibilityMap(setting, theta_axis, K_axis, T_axis, *(array.reshape(shape) for array in cells.arrays))
 
 
 def _angles(setting: Setting, theta: ArrayLike | None) -> Array:
@@ -116,12 +115,12 @@ class Cells(NamedTuple):
     limits: NDArray[np.int32]
     P1: Array  # [Pa]
     P2: Array  # [Pa]
-    state: NDArray[np.int8]  # of the valves where they are free: 1 antagonist shut, 2 agonist shut, 3 both
+    state: NDArray[np.int8] | None = None  # of the valves where they are free: 1 antagonist shut, 2 agonist, 3 both
 
     @property
     def arrays(self) -> tuple[NDArray[Any], ...]:
-        """Return status, limits, P1, P2 and the state of the valves."""
-        return tuple(self)
+        """Return status, limits, P1, P2 and, where they are free, the state of the valves."""
+        return tuple(array for array in self if array is not None)
 
     def formed(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "Cells":
         """Return a copy with `function` applied to every array."""
@@ -131,7 +130,7 @@ class Cells(NamedTuple):
 def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progress) -> Cells:
     """Return all cells, chunk after chunk of angles."""
     shape = theta.size, K.size, T.size
-    out = _nothing(shape)
+    out = _nothing(shape, setting)
     closed = setting.joint.affine or (setting.joint.tondu_pulley is not None and setting.kind.isobaric)
     step = max(1, (_CHUNK_CELLS if closed else _SLOW_CHUNK_CELLS) // (K.size * T.size))
     for start in progress(range(0, theta.size, step)):
@@ -147,7 +146,7 @@ def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
     """Return the cells (θ, K, T) of some angles."""
     problem, asked = setting.problem(theta[:, None], T[None, :])
     if len(setting.states) > 1:
-        cells = _nothing((problem.T.size, K.size))
+        cells = _nothing((problem.T.size, K.size), setting)
         _answered(setting, cells, np.ones(problem.T.shape, bool), asked.ravel(), problem.T, K)
         return cells.formed(lambda array: array.reshape(theta.size, T.size, K.size).swapaxes(1, 2))
     signs = exact.determinant_signs(setting.problem(theta)[0])
@@ -158,10 +157,10 @@ def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
     return cells.formed(lambda array: array.reshape(theta.size, T.size, K.size).swapaxes(1, 2))
 
 
-def _nothing(shape: tuple[int, ...]) -> Cells:
+def _nothing(shape: tuple[int, ...], setting: Setting) -> Cells:
     """Return cells to be filled."""
     empty = np.empty(shape, np.int8), np.empty(shape, np.int32), np.empty(shape), np.empty(shape)
-    return Cells(*empty, np.zeros(shape, np.int8))
+    return Cells(*empty, np.empty(shape, np.int8) if len(setting.states) > 1 else None)
 
 
 def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
@@ -181,7 +180,7 @@ def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
     if between.any():
         P1[between], P2[between] = _inverse(found, K, *np.nonzero(between))
     limits = np.where(below, low.limits[:, None], np.where(above, high.limits[:, None], outside[:, None]))
-    return Cells(status.astype(np.int8), limits.astype(np.int32), P1, P2, np.zeros(status.shape, np.int8))
+    return Cells(status.astype(np.int8), limits.astype(np.int32), P1, P2)
 
 
 def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np.intp]) -> Pair:
@@ -201,9 +200,8 @@ def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Arra
     """Answer columns in which several pairs may give the same by `allocate` itself."""
     asked: dict[str, Any] = {"joint": setting.joint, "valves": setting.kind, **setting.limits._asdict()}
     a = allocate(theta[where, None], K, T[where, None], **asked)
-    agonist, antagonist = a.valves if len(setting.states) > 1 else (False, False)
-    state = np.int8(2) * agonist + antagonist
-    for target, array in zip(cells.arrays, (a.status, a.limits, a.P1, a.P2, state), strict=True):
+    found = a.status, a.limits, a.P1, a.P2, *((2 * a.valves[0] + a.valves[1],) if len(setting.states) > 1 else ())
+    for target, array in zip(cells.arrays, found, strict=True):
         target[where] = array
 
 

@@ -37,12 +37,17 @@ class FeasibilityMap:
     limits: NDArray[np.int32] = field(repr=False)  # combination of Limit flags that bind at its answer
     P1: Array = field(repr=False)  # agonist pressure of its answer [Pa]; the nearest where it is not feasible
     P2: Array = field(repr=False)  # antagonist pressure [Pa]
-    state: NDArray[np.int8] = field(repr=False)  # of free valves: 1 antagonist shut, 2 agonist shut, 3 both; else 0
+    state: NDArray[np.int8] | None = field(default=None, repr=False)  # of free valves: 1 antagonist shut, 2 agonist, 3
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
-        for array in (self.theta, self.K, self.T, self.status, self.limits, self.P1, self.P2, self.state):
+        for array in (self.theta, self.K, self.T, self.status, self.limits, self.P1, self.P2, self._state):
             array.setflags(write=False)
+
+    @property
+    def _state(self) -> NDArray[np.int8]:
+        """Return the states of the valves, all open where they are not free."""
+        return np.zeros(self.status.shape, np.int8) if self.state is None else self.state
 
     @property
     def kind(self) -> StiffnessKind:
@@ -109,7 +114,7 @@ class FeasibilityMap:
                 limits=self.limits[..., i],
                 P1=self.P1[..., i],
                 P2=self.P2[..., i],
-                state=self.state[..., i],
+                state=None if self.state is None else self.state[..., i],
             )
             for i, T in enumerate(self.T)
         )
@@ -132,11 +137,11 @@ class FeasibilityMap:
         if self.kind.isobaric:
             return _HEADER
         name = self.kind.text.replace(" stiffness", "").replace(" at ", "_").replace(" ", "").replace("-", "_")
-        return _HEADER.replace("stiffness", f"{name}_stiffness") + (",shut" if self.kind.shares is None else "")
+        return _HEADER.replace("stiffness", f"{name}_stiffness") + ("" if self.state is None else ",shut")
 
     def _rows(self) -> Iterator[str]:
         axes = (np.atleast_1d(self.theta) / DEG, np.atleast_1d(self.K), np.atleast_1d(self.T))
-        shut = np.array([f",{name}" for name in _SHUT] if self.kind.shares is None else [""] * len(_SHUT))[self.state]
+        shut = np.array([""] * len(_SHUT) if self.state is None else [f",{name}" for name in _SHUT])[self._state]
         pressures = (self.P1 / BAR).flat, (self.P2 / BAR).flat
         cells = zip(self.status.flat, self.limits.flat, *pressures, shut.flat, strict=True)
         text = {value: " + ".join(names(int(value))) for value in np.unique(self.limits)}
@@ -162,7 +167,7 @@ class FeasibilityMap:
                 limits=self.limits,
                 P1=self.P1,
                 P2=self.P2,
-                valves=self.state,
+                valves=self._state,
                 valve_names=np.array(_SHUT),
                 stiffness=np.array(self.kind.text),
                 status_names=np.array([status.name for status in Status]),

@@ -124,21 +124,25 @@ class OneMuscle:
         """Return the pressure [Pa] up to which V^eff is `_STABLE` of V or more, inf where it is up to `most`.
 
         The law and a V_0 that does not depend on the pressure may say that the volume falls as the pressure grows; a
-        gas would make such a muscle ever stiffer, and unstable in the end.
+        gas would make such a muscle ever stiffer, and unstable in the end. It is looked for where the muscle is taut,
+        since the law says nothing elsewhere.
         """
         eps = np.asarray(self.contraction, float)
         if self.affine or self.share is None:
             return np.full(eps.shape, np.inf)
 
         def lacking(P: Array, eps: Array) -> Array:
-            side = replace(self, contraction=eps)
-            return np.asarray(_STABLE * side.volume(P) - side.effective_volume(P))
+            V, slope = self.muscle.volume(P, eps, self.rest_length), self.muscle.gain_integral_slope(P, eps)
+            taken = self.gas.kappa * (P + self.gas.atmosphere) * self.rest_length * slope  # V^eff - V
+            return np.asarray((_STABLE - 1) * V - taken)
 
-        P = np.linspace(lo, most, _LOOKED_AT).reshape(-1, *[1] * eps.ndim)
+        start = np.clip(self.muscle.pressure(0.0, eps), lo, most)
+        P = start + (most - start) * np.linspace(0.0, 1.0, _LOOKED_AT).reshape(-1, *[1] * eps.ndim)
         missed = lacking(P, eps) > 0
         first = missed.argmax(axis=0)
-        root = increasing_root(lacking, P.ravel()[np.maximum(first - 1, 0)], P.ravel()[first], eps)
-        ceiling = np.where(missed.any(axis=0), np.where(first > 0, root, lo), np.inf)
+        before, after = (np.take_along_axis(P, i[None], 0)[0] for i in (np.maximum(first - 1, 0), first))
+        root = increasing_root(lacking, before, after, eps)
+        ceiling = np.where(missed.any(axis=0), np.where(first > 0, root, start), np.inf)
         return np.where(np.asarray(self.share) > 0, ceiling, np.inf)
 
     def pressure_for_torque(self, torque: Array) -> Array:

@@ -119,7 +119,7 @@ def test_the_map_shows_the_set_with_its_edges_named_and_units_on_the_axes():
     axes = feasibility_map().plot()
     assert labels(axes) == ["both slack", "P2 upper", "P1 upper", "joint range", "joint range"]
     assert axes.get_xlabel() == "joint angle θ [°]"
-    assert axes.get_ylabel() == "stiffness K [N·m/rad]"
+    assert axes.get_ylabel() == "isobaric stiffness K [N·m/rad]"
     degrees, K = max((line.get_data() for line in axes.lines), key=lambda xy: np.max(xy[1]))
     assert K.max() == pytest.approx(10.575, abs=1e-3)
     assert np.abs(degrees).max() == pytest.approx(125)

@@ -90,7 +90,7 @@ def test_a_single_answer_shows_its_pressures_in_bar_and_its_angle_in_degrees():
     a = allocate(30 * DEG, 7.5, 1.0)
     assert repr(a) == (
         f"Allocation EXACT at 30°: P1 = {a.P1 / 1e5:.4g} bar, P2 = {a.P2 / 1e5:.4g} bar\n"
-        "  torque 1 N·m (asked 1), stiffness 7.5 N·m/rad (asked 7.5)"
+        "  torque 1 N·m (asked 1), isobaric stiffness 7.5 N·m/rad (asked 7.5)"
     )
 
 
