@@ -124,7 +124,7 @@ def allocate(
     """
     joint = report_joint() if joint is None else joint
     kind = ISOBARIC
-    if not (valves == "open" and frequency is lag is None):
+    if not (isinstance(valves, str) and valves == "open" and frequency is lag is None):
         kind = StiffnessKind.of(valves, frequency, lag)
     limits = TAUT  # as mostly; to make them again takes 5 % of a call
     taut = type(min_force) is float and min_force == 0

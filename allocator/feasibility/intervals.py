@@ -200,7 +200,14 @@ def angle_intervals(
 
 
 def margin(setting: Setting, theta: Array, K: Array, T: Array) -> Array:
-    """Return how far (K, T) is inside what exists at θ, in fractions of the scales; negative outside, continuous."""
+    """Return how far (K, T) is inside what exists at θ, in fractions of the scales; negative outside, continuous.
+
+    Of free valves in the state in which it is farthest inside.
+    """
+    return np.asarray(np.max([_margin_of_state(state, theta, K, T) for state in setting.states], axis=0))
+
+
+def _margin_of_state(setting: Setting, theta: Array, K: Array, T: Array) -> Array:
     theta, K, T = np.broadcast_arrays(theta, K, T)
     found = setting.columns(theta, T)
     scale = found.problem.scales[1]

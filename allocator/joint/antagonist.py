@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
-from allocator.calculus import Array, Value, is_symbol, rising_roots
+from allocator.calculus import Array, Value, rising_roots
 from allocator.errors import InvalidInput
 from allocator.joint import gas as trapped
 from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves
@@ -156,11 +156,8 @@ class AntagonistJoint:
         """Return what the gas of both muscles adds [N·m/rad], 0 where none of it is asked for   (G2)"""
         found = []
         for side, P, share in zip(self.sides(theta, (1.0, 1.0)), (P1, P2), shares, strict=True):
-            if share and not is_symbol(P) and not is_symbol(theta) and np.any(side.effective_volume(P) <= 0):
-                raise InvalidInput(
-                    f"this {type(side.muscle).__name__} and its rest_volume have no shut stiffness here: the volume of "
-                    f"the {side.name} would fall with the pressure faster than its gas is compressed (V^eff <= 0)"
-                )
+            if share:
+                side.check_volume(P)
             found.append(side.trapped(P) if share else 0.0)
         return found[0], found[1]
 

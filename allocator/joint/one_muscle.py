@@ -87,12 +87,20 @@ class OneMuscle:
         return self.gas.kappa * (P + self.gas.atmosphere) * self.torque_gain(P) ** 2 / self.effective_volume(P)
 
     def volume(self, P: Value) -> Value:
-        """Return the volume V of the gas [m³]   (G1)"""
-        volume = self.muscle.volume(P, self.contraction, self.rest_length)
-        if not is_symbol(volume) and np.any(np.real(volume) <= 0):
-            least = float(np.min(np.real(volume)))
+        """Return the volume V of the gas [m³], unchecked   (G1)"""
+        return self.muscle.volume(P, self.contraction, self.rest_length)
+
+    def check_volume(self, P: Value) -> None:
+        """Raise InvalidInput where the law leaves no V, or a V^eff ≤ 0; symbols pass."""
+        if is_symbol(P) or is_symbol(self.contraction):
+            return
+        if (least := float(np.min(self.volume(P), initial=np.inf))) <= 0:
             raise InvalidInput(f"rest_volume and tube_volume leave the {self.name} a volume of {least:.3g} m³ here")
-        return volume
+        if not self.affine and np.any(self.effective_volume(P) <= 0):
+            raise InvalidInput(
+                f"this {type(self.muscle).__name__} and its rest_volume have no shut stiffness here: the volume of "
+                f"the {self.name} would fall with the pressure faster than its gas is compressed (V^eff <= 0)"
+            )
 
     def effective_volume(self, P: Value) -> Value:
         """Return V^eff = V + κ (P + p_a) ∂V/∂P |ε [m³]; V where the law is affine in the pressure   (G2)"""
@@ -165,6 +173,7 @@ class OneMuscle:
         if limits.max_force is not None:
             ceilings.append((self.muscle.pressure(limits.max_force, self.contraction), ceiling))
         if self.share is not None:
+            self.check_volume(floors[-1][0].clip(supply[0], most[0]))
             ceilings.append((self._gas_ceiling(supply[0], most[0]), validity))
         nearest, farthest = limits.reach(0 if self.sign > 0 else 1)
         reach = (nearest, rate), (farthest, rate)

@@ -14,11 +14,12 @@ from allocator.calculus import Array
 from allocator.joint.limits import PressureBox
 from allocator.joint.torque_levels import BothMuscles, Pair
 from allocator.search.compiled import compiled
-from allocator.search.curves import K_T
+from allocator.search.curves import CHEBYSHEV, K_T
 from allocator.search.loops import LOOPS, MOST
 from allocator.search.rows import rows
 
 _PAYS = 30_000  # targets that take plain Python as long as a compilation
+_PAYS_SERIES = 600  # the same where curves are Chebyshev series, which take some thirty times as long to cut
 _ROOM = 2 * MOST + 1  # numbers of a target that has several pairs or intervals
 
 _PRIORITIES = ("torque", "stiffness", "weighted")  # by the number that the loops know them by
@@ -106,7 +107,7 @@ def _run(name: str, width: int, given: tuple[Any, ...], curves: Curves, after: t
     out = np.zeros((n, width))
     if not n:
         return out
-    if n >= _PAYS:
+    if n >= (_PAYS_SERIES if CHEBYSHEV in (curves.one[0, 0, 0], curves.two[0, 0, 0]) else _PAYS):
         ready(name)
     arguments = (*given, *curves, *after)
     if (function := _ready.get(name)) is not None:

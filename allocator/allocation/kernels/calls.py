@@ -152,13 +152,15 @@ def warm_up(
     min_force: float | None = 0.0,
     max_force: float | None = None,
     slew: bool = False,
+    gas: bool = False,
 ) -> bool:
     """Compile now what `allocate` needs for questions with these options, so that no call has to wait.
 
     Takes some seconds the first time after installation (for muscles that are not affine half a minute) and half a
-    second in a new process, most of it the import of numba. `slew` is for calls with `previous` and `max_step`. False
-    where nothing can be compiled: there is nothing for weighted targets of affine muscles, or numba is missing or finds
-    no directory to keep what it compiles. `allocate` works then too, more slowly.
+    second in a new process, most of it the import of numba. `slew` is for calls with `previous` and `max_step`, `gas` for
+    those with `valves` or `frequency` of muscles that are not affine. False where nothing can be compiled: there is
+    nothing for weighted targets of affine muscles, or numba is missing or finds no directory to keep what it compiles.
+    `allocate` works then too, more slowly.
     By itself it compiles only for an array of 300 000 targets or more.
     Raises InvalidInput for a priority that there is not, or a limit that is none.
     """
@@ -166,7 +168,7 @@ def warm_up(
     chosen, limits = kernel_of(joint), Limits(min_force, max_force)
     if priority not in PRIORITIES or _forces(limits) is None:
         raise InvalidInput(f"there are no questions with {priority=}, {min_force=} N, {max_force=} N")
-    if not chosen.name or priority not in _FIRST:
+    if not chosen.name or priority not in _FIRST or (gas and chosen.name != "affine"):
         return not joint.affine and _search_ready(joint)
     kind = chosen.name, min_force is not None, max_force is not None, slew, _FIRST[priority]
     one, many = kernel(f"{chosen.name}_exact"), kernel(f"{chosen.name}_batch")

@@ -65,6 +65,7 @@ def _coefficients(side: OneMuscle) -> tuple[Value, ...]:
     k0 = elastic * derivative(muscle.B, eps) + geometric * B
     if side.share is None:
         return A, B, side.arm, k1, k0
+    side.check_volume(0.0)
     gas = side.share * side.trapped(0.0) / side.gas.atmosphere  # affine in P + p_a
     return A, B, side.arm, k1 + gas, k0 + gas * side.gas.atmosphere
 

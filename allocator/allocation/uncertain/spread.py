@@ -5,6 +5,7 @@ The muscles' parameters p have the covariance C = L Lᵀ. A quantity with the gr
 that was fitted as a whole has a covariance of its own, of the parameters of both muscles together.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,8 @@ from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle, parameter_sensitivities
+
+_STEP = 1e-30  # of the complex step, absolute
 
 
 class Spread(NamedTuple):
@@ -48,7 +51,20 @@ def _of_muscle(side: OneMuscle, P: Array, root: Array) -> tuple[Array, Array, Ar
     _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
     force, slope = force @ root, slope @ root
     sign, arm, arm_slope = side.sign, side.arm[:, None], side.arm_slope[:, None]
-    return sign * arm * force, -(arm**2) / side.rest_length * slope - sign * arm_slope * force, force
+    stiffness = -(arm**2) / side.rest_length * slope - sign * arm_slope * force
+    if side.share is not None:
+        stiffness = stiffness + np.asarray(side.share)[:, None] * (_trapped_gradient(side, P) @ root)
+    return sign * arm * force, stiffness, force
+
+
+def _trapped_gradient(side: OneMuscle, P: Array) -> Array:
+    """Return the derivatives of the trapped gas's stiffness by the muscle's parameters (n, parameters)."""
+    values = list(side.muscle.parameters.values())
+    columns = []
+    for i, value in enumerate(values):
+        moved = side.muscle.unchecked([*values[:i], value + _STEP * 1j, *values[i + 1 :]])
+        columns.append(np.imag(replace(side, muscle=moved).trapped(P)) / _STEP)
+    return np.stack(columns, axis=1)
 
 
 def roots(joint: AntagonistJoint) -> tuple[Array, Array]:
