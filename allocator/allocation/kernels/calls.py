@@ -157,8 +157,8 @@ def warm_up(
     """Compile now what `allocate` needs for questions with these options, so that no call has to wait.
 
     Takes some seconds the first time after installation (for muscles that are not affine half a minute) and half a
-    second in a new process, most of it the import of numba. `slew` is for calls with `previous` and `max_step`, `gas` for
-    those with `valves` or `frequency` of muscles that are not affine. False where nothing can be compiled: there is
+    second in a new process, most of it the import of numba. `slew` is for calls with `previous` and `max_step`, `gas`
+    for those with `valves` or `frequency` where muscles are not affine. False where nothing can be compiled: there is
     nothing for weighted targets of affine muscles, or numba is missing or finds no directory to keep what it compiles.
     `allocate` works then too, more slowly.
     By itself it compiles only for an array of 300 000 targets or more.
