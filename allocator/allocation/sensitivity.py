@@ -16,6 +16,7 @@ from allocator.joint.limits import Limit, PressureInterval
 from allocator.joint.torque_levels import BothMuscles
 
 _BY_FORCE = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK | Limit.AGONIST_FORCE | Limit.ANTAGONIST_FORCE
+_BY_VOLUME = Limit.AGONIST_VALIDITY | Limit.ANTAGONIST_VALIDITY
 _SINGULAR = 1e-12  # of the rows' lengths: a determinant of no more is rounding
 _H = 1e-4  # step of the five-point difference, in rad or in supply ranges: error about 1e-11 of the slope
 
@@ -113,7 +114,10 @@ def _second_goal(problem: Problem) -> tuple[float, float]:
 
 
 def _bound_row(problem: Problem, i: int, P: Array) -> Array:
-    """Return the row of P_i - b_i(θ) = 0; F(b, ε) = F_min moves with ε' = ±a/l0, every other bound stays."""
+    """Return the row of P_i - b_i(θ) = 0.
+
+    F(b, ε) = F_min moves with ε' = ±a/l0, and so does the pressure up to which trapped gas has a volume; others stay.
+    """
     side, interval = problem.sides[i], (problem.box.agonist, problem.box.antagonist)[i]
     row = np.zeros((P.size, 5))
     row[:, i] = 1.0
@@ -122,7 +126,16 @@ def _bound_row(problem: Problem, i: int, P: Array) -> Array:
     stretch = side.sign * side.arm / side.rest_length
     gain, slope = side.muscle.gain(P, side.contraction), side.muscle.slope(P, side.contraction)
     row[:, 2] = np.where(by_force & ~interval.empty, slope * stretch / gain, 0.0)
+    if problem.shares is not None and not side.affine:
+        by_volume = ~at_low & ~by_force & (interval.hi_limit & _BY_VOLUME != 0) & ~interval.empty
+        row[:, 2] = np.where(by_volume, -_five_point(lambda h: _upper_end(problem, i, h), _H), row[:, 2])
     return row
+
+
+def _upper_end(problem: Problem, i: int, h: float) -> Array:
+    """Return the greatest pressure of a muscle at angles moved by `h` [rad]."""
+    box = problem.at(problem.theta + h).box
+    return (box.agonist, box.antagonist)[i].hi
 
 
 def _on_bound(interval: PressureInterval, P: Array, near: float) -> Mask:

@@ -116,6 +116,8 @@ class AntagonistJoint:
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         isobaric = agonist.stiffness(P1) + antagonist.stiffness(P2)
+        if isinstance(valves, str) and valves == "open":  # as mostly
+            return isobaric
         shares = StiffnessKind.of(valves).fixed
         if shares is None:
             return isobaric

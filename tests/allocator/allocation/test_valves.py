@@ -30,6 +30,7 @@ LEVER = AntagonistJoint(
 )
 JOINTS = {"sarosi": SAROSI, "tondu": TONDU, "lever": LEVER}
 STATES = [(False, False), (False, True), (True, False), (True, True)]
+TARGETS = {"sarosi": (12, 45), "lever": (12, 38), "tondu": (2, 10)}  # angles, and targets at each; by brute force
 KINDS = {"shut": {"valves": "shut"}, "one": {"valves": (False, True)}, "2 Hz": {"frequency": 2.0, "lag": (0.1, 0.05)}}
 
 
@@ -84,10 +85,10 @@ def test_no_frequency_is_isobaric_and_a_great_one_is_shut():
 @pytest.mark.parametrize("name", JOINTS)
 @pytest.mark.parametrize("asked", [*KINDS.values(), {"valves": "free"}], ids=[*KINDS, "free"])
 def test_many_targets_have_the_answers_of_single_ones(name, asked):
-    joint, rng = JOINTS[name], np.random.default_rng(1)
-    theta, K, T = rng.uniform(-0.4, 0.4, 12), rng.uniform(2, 25, 12), rng.uniform(-6, 6, 12)
+    joint, rng, n = JOINTS[name], np.random.default_rng(1), 3 if name == "tondu" else 12
+    theta, K, T = rng.uniform(-0.4, 0.4, n), rng.uniform(2, 25, n), rng.uniform(-6, 6, n)
     many = allocate(theta, K, T, joint=joint, **asked)
-    for i in range(12):
+    for i in range(n):
         one = allocate(float(theta[i]), float(K[i]), float(T[i]), joint=joint, **asked)
         assert (one.P1, one.P2) == pytest.approx((many.P1[i], many.P2[i]), rel=1e-9)
         assert (one.status, one.limits) == (many.status[i], many.limits[i])
@@ -129,6 +130,16 @@ def test_the_jacobian_is_that_of_differences(name, asked):
         np.testing.assert_allclose(found.jacobian()[:, column], difference, rtol=2e-5, atol=1.0)
 
 
+def test_the_jacobian_follows_the_pressure_up_to_which_the_gas_has_a_volume():
+    theta, h = 1.9, 1e-4
+    a = allocate(theta, 60.0, 1.0, joint=TONDU, valves="shut")
+    assert a.active == ("agonist model validity",)
+    ends = [allocate(theta + step, 60.0, 1.0, joint=TONDU, valves="shut") for step in (-h, h)]
+    difference = [(getattr(ends[1], name) - getattr(ends[0], name)) / (2 * h) for name in ("P1", "P2")]
+    assert difference[0] < -1e4
+    np.testing.assert_allclose(a.jacobian()[:, 0], difference, rtol=1e-5)
+
+
 @pytest.mark.parametrize("asked", KINDS.values(), ids=KINDS)
 def test_the_inverse_without_limits_is_the_same_where_it_is_inside(asked):
     a = allocate(0.2, 8.5, 1.0, joint=SAROSI, **asked)
@@ -142,14 +153,14 @@ def test_the_inverse_without_limits_is_the_same_where_it_is_inside(asked):
 
 @pytest.mark.parametrize("name", JOINTS)
 def test_free_valves_take_the_state_that_meets_the_targets_with_the_least_pressures(name):
-    joint, rng, n = JOINTS[name], np.random.default_rng(4), 20 if name == "tondu" else 60
+    joint, rng, n = JOINTS[name], np.random.default_rng(4), 6 if name == "tondu" else 60
     low, high = stiffness_interval(0.0, joint=joint, valves="free")
     theta, K, T = rng.uniform(-0.3, 0.3, n), rng.uniform(0.8 * low, 1.1 * high, n), rng.uniform(-2, 2, n)
     free = allocate(theta, K, T, joint=joint, valves="free")
     states = [allocate(theta, K, T, joint=joint, valves=state) for state in STATES]
     met = np.stack([a.success for a in states])
     assert (free.success == met.any(axis=0)).all()
-    assert 5 < free.success.sum()
+    assert n / 3 < free.success.sum()
     pressure = np.where(met, np.stack([a.P1 + a.P2 for a in states]), np.inf).min(axis=0)
     np.testing.assert_allclose((free.P1 + free.P2)[free.success], pressure[free.success], rtol=1e-12)
     for i in np.flatnonzero(free.success):
@@ -192,8 +203,8 @@ def brute_force(joint, theta, targets, priority, weights):
 def test_free_valves_are_never_beaten_by_brute_force_over_states_and_pressures(name, priority):
     """2 000 targets over the three joints and two priorities, most of which cannot be met."""
     joint, rng, weights = JOINTS[name], np.random.default_rng(6), (1.0, 0.7)
-    reach, each = (0.44 if name == "lever" else 2.0), 42
-    for theta in rng.uniform(-reach, reach, 8):
+    reach, (angles, each) = (0.44 if name == "lever" else 2.0), TARGETS[name]
+    for theta in rng.uniform(-reach, reach, angles):
         T_min, T_max = torque_interval(theta, joint=joint)
         if not T_min < T_max:
             continue
