@@ -126,6 +126,7 @@ def allocate(
     kind = ISOBARIC
     if not (isinstance(valves, str) and valves == "open" and frequency is lag is None):
         kind = StiffnessKind.of(valves, frequency, lag)
+        kind = ISOBARIC if kind.isobaric else kind
     limits = TAUT  # as mostly; to make them again takes 5 % of a call
     taut = type(min_force) is float and min_force == 0
     if not (taut and max_force is min_cocontraction is previous is max_step is None):  # type: ignore[comparison-overlap]  # all None
@@ -202,7 +203,7 @@ def _check_method(method: Any, solver: Any, uncertainty: Any) -> None:
 
 def _check_kind(kind: StiffnessKind, method: Any, uncertainty: Any, along: Any) -> None:
     """Refuse what has no answer for a stiffness with trapped gas in it."""
-    if kind is ISOBARIC or kind.isobaric:
+    if kind is ISOBARIC:
         return
     if uncertainty is not None:
         raise InvalidInput(

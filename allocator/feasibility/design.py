@@ -45,7 +45,7 @@ _REPORT = Design()
 
 
 class Performance(NamedTuple):
-    """A `Performance` is what a design can do at no load; NaN where there is nothing."""
+    """A `Performance` is what a design can do at no load, stiffnesses isobaric; NaN where there is nothing."""
 
     left: float  # joint range [rad]: the widest interval of angles that can be held without load
     right: float

@@ -284,6 +284,17 @@ def test_torques_and_angles_at_a_stiffness_exist_just_inside_and_not_just_outsid
     assert allocate(np.append(left + 1e-6, right - 1e-6), K, 1.0, joint=joint, **asked).success.all()
 
 
+def test_free_valves_have_the_torques_of_all_states_with_the_gaps_between_them():
+    several, anywhere = 0, np.random.default_rng(5).uniform([-2, 4], [2, 15], (8, 2))
+    for theta, K in [*anywhere.tolist(), (-1.5128849, 9.8523842), (2.0650422, 12.4077913)]:
+        low, high = torque_intervals(theta, K, joint=SAROSI, valves="free")
+        T = np.linspace(-30, 30, 241)
+        inside = ((T >= low[:, None]) & (high[:, None] >= T)).any(axis=0)
+        assert (allocate(theta, K, T, joint=SAROSI, valves="free").success == inside).all()
+        several += len(low) > 1
+    assert several
+
+
 def test_a_map_written_says_which_stiffness_it_is_of(tmp_path):
     for asked, column in ((KINDS["shut"], "shut_stiffness"), ({"valves": "free"}, "free_valve_stiffness")):
         found = feasibility_map(np.linspace(-1, 1, 3), np.linspace(5, 15, 4), joint=SAROSI, **asked)
