@@ -159,7 +159,7 @@ class AntagonistJoint:
         found = []
         for side, P, share in zip(self.sides(theta, (1.0, 1.0)), (P1, P2), shares, strict=True):
             if share:
-                side.check_volume(P)
+                side.check_effective_volume(P)
             found.append(side.trapped(P) if share else 0.0)
         return found[0], found[1]
 

@@ -91,12 +91,17 @@ class OneMuscle:
         return self.muscle.volume(P, self.contraction, self.rest_length)
 
     def check_volume(self, P: Value) -> None:
-        """Raise InvalidInput where the law leaves no V, or a V^eff ≤ 0; symbols pass."""
+        """Raise InvalidInput where the law leaves no volume at these pressures [Pa]; symbols pass."""
         if is_symbol(P) or is_symbol(self.contraction):
             return
         if (least := float(np.min(self.volume(P), initial=np.inf))) <= 0:
             raise InvalidInput(f"rest_volume and tube_volume leave the {self.name} a volume of {least:.3g} m³ here")
-        if not self.affine and np.any(self.effective_volume(P) <= 0):
+
+    def check_effective_volume(self, P: Value) -> None:
+        """Raise InvalidInput where the law leaves no V, or a V^eff ≤ 0, at these pressures [Pa]; symbols pass."""
+        self.check_volume(P)
+        numbers = not (is_symbol(P) or is_symbol(self.contraction))
+        if numbers and not self.affine and np.any(self.effective_volume(P) <= 0):
             raise InvalidInput(
                 f"this {type(self.muscle).__name__} and its rest_volume have no shut stiffness here: the volume of "
                 f"the {self.name} would fall with the pressure faster than its gas is compressed (V^eff <= 0)"
@@ -133,7 +138,8 @@ class OneMuscle:
 
         The law and a V_0 that does not depend on the pressure may say that the volume falls as the pressure grows; a
         gas would make such a muscle ever stiffer, and unstable in the end. It is looked for where the muscle is taut,
-        since the law says nothing elsewhere.
+        since the law says nothing elsewhere; where it is so from there on the ceiling lies below, and no pressure is
+        left.
         """
         eps = np.asarray(self.contraction, float)
         if self.affine or self.share is None:
@@ -150,7 +156,8 @@ class OneMuscle:
         first = missed.argmax(axis=0)
         before, after = (np.take_along_axis(P, i[None], 0)[0] for i in (np.maximum(first - 1, 0), first))
         root = increasing_root(lacking, before, after, eps)
-        ceiling = np.where(missed.any(axis=0), np.where(first > 0, root, start), np.inf)
+        none = start - 1e-6 * (most - lo)
+        ceiling = np.where(missed.any(axis=0), np.where(first > 0, root, none), np.inf)
         return np.where(np.asarray(self.share) > 0, ceiling, np.inf)
 
     def pressure_for_torque(self, torque: Array) -> Array:

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
-from allocator import BAR, DEG, AntagonistJoint, Gas, InvalidInput, Lever, Pulley, report_joint
+from allocator import BAR, DEG, AntagonistJoint, Gas, InvalidInput, Lever, Pulley, Status, allocate, report_joint
 from allocator.identification import fit, load_dataset
 from allocator.joint.gas import StiffnessKind, storage_share
 from allocator.muscles import MODELS
@@ -273,6 +273,8 @@ def test_a_law_whose_volume_would_collapse_says_so():
     """The report's law with a constant V_0: at 125° and 5 bar V^eff is negative, and no gas can be so."""
     with pytest.raises(InvalidInput, match="the volume of the agonist would fall with the pressure"):
         report_joint().stiffness(125 * DEG, 5e5, 2e5, valves="shut")
+    small = report_joint(replace(report_joint().agonist, rest_volume=2e-5))  # nothing is left at 125°
+    assert allocate(np.array([0.0, 125 * DEG]), 15.0, joint=small, valves="shut").status[1] == Status.CONFLICT
     box = report_joint().box(np.array([0.0, 125 * DEG]), shares=(1.0, 1.0))
     assert box.agonist.hi[0] == 5e5
     side = report_joint().sides(np.array([125 * DEG]), (1.0, 1.0))[0]
