@@ -20,7 +20,6 @@ from allocator.search.curves import CHEBYSHEV, EXPONENTIAL, HEAD, QUADRATIC, RAT
 
 _KINDS = {"rational": RATIONAL, "exponential": EXPONENTIAL, "quadratic": QUADRATIC, "smooth": CHEBYSHEV}
 _SIZES = (9, 17, 33, 65)  # of a polynomial whose degree is to be found
-_LEAST_WIDTH = 1e-6  # of a series, in pascal and of the pressure
 _TAIL = 1e-13  # of the greatest coefficient: smaller ones are rounding
 
 
@@ -47,19 +46,23 @@ def _gas_rows(side: OneMuscle, lowest: Array | float, highest: Array | float) ->
     """Return the curve of a muscle with trapped gas, which is no combination of the law's basis functions."""
     shape = np.shape(side.contraction)
     lo, hi = (np.broadcast_to(end, shape) for end in (lowest, highest))
-    wide = np.maximum(hi, lo + _LEAST_WIDTH * (1 + np.abs(lo)))  # a series needs an interval, though one point is used
     kinks = side.muscle.basis.kinks
     starts, ends = [-np.inf, *kinks], [*(np.nextafter(kink, -np.inf) for kink in kinks), np.inf]
     return _stacked(
-        [_gas_segment(side, np.maximum(lo, a), np.minimum(wide, b)) for a, b in zip(starts, ends, strict=True)]
+        [_gas_segment(side, np.maximum(lo, a), np.minimum(hi, b)) for a, b in zip(starts, ends, strict=True)]
     )
 
 
 def _gas_segment(side: OneMuscle, lo: Array, hi: Array) -> Array:
-    """Return one segment at n angles, each between its own pressures lo and hi (n,); without any where lo > hi."""
-    there = lo < hi
-    centre, half = np.where(there, (lo + hi) / 2, lo), np.where(there, (hi - lo) / 2, 1.0)
-    torque, stiffness = _series(side, centre, np.where(there, half, 0.0))
+    """Return one segment at n angles, each between its own pressures lo and hi (n,): a point where they are the same.
+
+    Where lo > hi there is none.
+    """
+    wide = lo < hi
+    centre, half = np.where(wide, (lo + hi) / 2, lo), np.where(wide, (hi - lo) / 2, 1.0)
+    torque, stiffness = _series(side, centre, np.where(wide, half, 0.0))
+    for series, gain in ((torque, side.torque_gain(centre)), (stiffness, side.stiffness_gain(centre))):
+        series[1] = np.where(wide, series[1], gain * half)  # a point has a slope, too
     head = np.stack([np.full(lo.shape, CHEBYSHEV), centre, half, lo, hi, np.full(lo.shape, float(len(torque)))], 1)
     return np.concatenate([head, torque.T, stiffness.T], axis=1)
 
