@@ -11,7 +11,7 @@ from allocator.joint.gas import AIR, Gas
 from allocator.joint.limits import BINDS, Limit, Limits, PressureInterval
 from allocator.muscles import AffineMuscle, Muscle
 
-_STABLE = 0.5  # of V: where V^eff is less the law's volume falls with the pressure too steeply to be a volume
+STABLE = 0.5  # of V: where V^eff is less the law's volume falls with the pressure too steeply to be a volume
 _LOOKED_AT = 33  # pressures between which the first fall of V^eff below that is looked for
 
 
@@ -134,7 +134,7 @@ class OneMuscle:
         )
 
     def _gas_ceiling(self, lo: float, most: float) -> Array:
-        """Return the pressure [Pa] up to which V^eff is `_STABLE` of V or more, inf where it is up to `most`.
+        """Return the pressure [Pa] up to which V^eff is `STABLE` of V or more, inf where it is up to `most`.
 
         The law and a V_0 that does not depend on the pressure may say that the volume falls as the pressure grows; a
         gas would make such a muscle ever stiffer, and unstable in the end. It is looked for where the muscle is taut,
@@ -148,7 +148,7 @@ class OneMuscle:
         def lacking(P: Array, eps: Array) -> Array:
             V, slope = self.muscle.volume(P, eps, self.rest_length), self.muscle.gain_integral_slope(P, eps)
             taken = self.gas.kappa * (P + self.gas.atmosphere) * self.rest_length * slope  # V^eff - V
-            return np.asarray((_STABLE - 1) * V - taken)
+            return np.asarray((STABLE - 1) * V - taken)
 
         start = np.clip(self.muscle.pressure(0.0, eps), lo, most)
         P = start + (most - start) * np.linspace(0.0, 1.0, _LOOKED_AT).reshape(-1, *[1] * eps.ndim)
@@ -206,4 +206,4 @@ _FLAGS = {
     ),
 }
 
-__all__ = ["OneMuscle"]
+__all__ = ["STABLE", "OneMuscle"]

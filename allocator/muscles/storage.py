@@ -167,6 +167,8 @@ def toml(value: object) -> str:
         return json.dumps(value, ensure_ascii=False)  # TOML's basic strings are written like JSON's
     if isinstance(value, tuple):
         return f"[{', '.join(map(toml, value))}]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, int | float | np.number):
         return repr(float(value)) if isinstance(value, float | np.floating) else str(int(value))
     raise InvalidInput(f"source: {value!r} is neither text nor a number")

@@ -37,6 +37,11 @@ def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
             f"a controller with a budget of {controller.budget:g} s cannot be exported: the exported one has no clock; "
             "leave the budget away and bound the iterations of its QP solver instead"
         )
+    if controller.plant.shares is not None:
+        raise InvalidInput(
+            f"a controller of the {controller.plant.kind.text} cannot be exported: the exported "
+            "allocation gives the isobaric one; leave the plant's frequency away"
+        )
     for name in ("plant", "dt", "compensation"):
         if getattr(controller, name) != getattr(observer, name):
             raise InvalidInput(f"controller and observer cannot be exported together: their {name} is not the same")
@@ -99,6 +104,7 @@ def model_functions(controller: TrackingMPC) -> list[tuple[Any, str]]:
         (function("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),
         (function("gains", state, {"gains": ca.vertcat(*gains)}), "derivatives of both torques by the pressures"),
         friction_function(controller.compensation.friction, plant),
+        (function("expansion", state, {"q": ca.SX(ca.vertcat(*plant.expansion(x)))}), "what swelling takes [Pa/s]"),
     ]
 
 
@@ -218,7 +224,8 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
         ("ANT_ROOT_RATE", "and of their rate", roots[3]),
         ("ANT_D1", "derivative of a spline through the samples of a preview [1/s]", inverse.slopes[0]),
         ("ANT_D2", "and its second derivative [1/s^2]", inverse.slopes[1]),
-        ("ANT_LAG", "what is left of a pressure's error after a sample [-]", inverse.alpha),
+        ("ANT_LAG", "time constants of the pressures [s]", inverse.lags),
+        ("ANT_KEPT", "what is left of a pressure's error after a sample [-]", inverse.alpha),
         ("ANT_TERMINAL", "L, the terminal cost is |L xi|^2/2", controller.problem.L),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),

@@ -17,8 +17,8 @@ class Pressing(Protocol):
     def pull(self, x: Value) -> Value:
         """Return a1 F1 + a2 F2 [N·m] in the state `x` [4, ...]."""
 
-    def stiffness(self, x: Value) -> Value:
-        """Return K [N·m/rad] in the state `x` [4, ...]."""
+    def isobaric(self, x: Value) -> Value:
+        """Return the isobaric stiffness [N·m/rad] in the state `x` [4, ...]."""
 
 
 class Contact(NamedTuple):
@@ -39,8 +39,8 @@ class Contact(NamedTuple):
 
     @property
     def stiffness(self) -> Value:
-        """Return K [N·m/rad]."""
-        return self.plant.stiffness(self.x)
+        """Return the isobaric stiffness [N·m/rad], whichever of the plant's is tracked."""
+        return self.plant.isobaric(self.x)
 
 
 @runtime_checkable

@@ -50,6 +50,11 @@ class Fault:
         """Return the shares of the muscles' forces that reach the joint."""
         return 1.0, 1.0
 
+    @property
+    def shut(self) -> tuple[bool, bool]:
+        """Return which valves stay shut, so that the gas behind them is trapped."""
+        return False, False
+
 
 @dataclass(frozen=True)
 class _MuscleFault(Fault):
@@ -79,11 +84,16 @@ class Leak(_MuscleFault):
 
 @dataclass(frozen=True)
 class StuckValve(_MuscleFault):
-    """A stuck valve stays shut: the pressure stays as it is."""
+    """A stuck valve stays shut: the pressure stays as it is, but for what the motion of trapped gas makes of it."""
 
     def effective(self, u: Array, P: Array) -> Array:
         """Return the pressure that is there."""
         return self._with(u, float(P[self.muscle - 1]))
+
+    @property
+    def shut(self) -> tuple[bool, bool]:
+        """Return the valve of its muscle."""
+        return self.muscle == 1, self.muscle == 2
 
 
 @dataclass(frozen=True)

@@ -2,27 +2,31 @@
 
     θ' = ω
     J ω' = T(θ, P1, P2) - b ω - m g l sin θ + d
-    τ_i P_i' = u_i - P_i
+    P_i' = (u_i - P_i)/τ_i  -  κ (P_i + p_a) V_i'/V_i^eff, the second term for a plant with `gas` only            (G3)
 
 State x = (θ [rad], ω [rad/s], P1 [Pa], P2 [Pa]), input u = commanded pressures [Pa], disturbance torque d [N·m].
-The stiffness K(θ, P1, P2) is computed, never measured. The command may change by at most `slew` [Pa/s]; holding
-to that is the controller's business. `Plant.rate` is the one place where this formula stands, for numbers and for
-CasADi symbols. The law of a slack muscle (F < 0) is kept as it is: the metrics say when it was used.
+The stiffness K(θ, P1, P2) is computed, never measured: the isobaric one, or that at a `frequency`. The command may
+change by at most `slew` [Pa/s]; holding to that is the controller's business. `Plant.rate` is the one place where this
+formula stands, for numbers and for CasADi symbols. The law of a slack muscle (F < 0) is kept as it is: the metrics say
+when it was used.
 """
 
-from dataclasses import dataclass, field, fields
-from math import ceil, sqrt
+from dataclasses import dataclass, field, fields, replace
+from itertools import product
+from math import ceil, inf, sqrt
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
-from allocator import allocate, checks
+from allocator import Allocation, allocate, checks
 from allocator.calculus import Array, Value, sin
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.gas import ISOBARIC, Gas, Shares, StiffnessKind
 from allocator.units import BAR
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment
+from mpc.model.gas import fall, trapped
 from mpc.model.integration import integrated
 from mpc.model.storage import load_plant, save_plant
 
@@ -41,6 +45,8 @@ class Plant:
     lag: float | tuple[float, float] = 0.1  # τ, or (τ1, τ2) [s]
     gravity_torque: float = 0.0  # m g l [N·m]; the link hangs at θ = 0 (negative: stands)
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
+    gas: Gas | bool | None = None  # True: the joint's; None: regulators hold the pressures against every motion
+    frequency: float = 0.0  # at which K is meant [Hz]: 0 is isobaric, inf with all of the gas trapped   (G5)
 
     def __post_init__(self) -> None:
         """Turn the parameters into plain floats (NumPy scalars upset CasADi) and check them."""
@@ -54,6 +60,26 @@ class Plant:
         if len(lags) != NU:
             raise InvalidInput(f"lag = {self.lag!r} has to be one time constant or a pair of them [s]")
         object.__setattr__(self, "lag", tuple(_number("lag", lag, "s", positive=True) for lag in lags))
+        self._check_gas()
+
+    def _check_gas(self) -> None:
+        frequency = float(self.frequency) if self.frequency == inf else checks.number("frequency", self.frequency, "Hz")
+        if frequency < 0:
+            raise InvalidInput(f"frequency = {frequency:g} Hz has to be 0 or more")
+        object.__setattr__(self, "frequency", frequency)
+        if isinstance(self.gas, bool):
+            object.__setattr__(self, "gas", self.joint.gas if self.gas else None)
+        if self.gas is None:
+            if frequency:
+                raise InvalidInput(f"frequency = {frequency:g} Hz: without gas the stiffness has none; say gas=True")
+            return
+        if not isinstance(self.gas, Gas):
+            raise InvalidInput(f"gas = {checks.brief(self.gas)} has to be a Gas(kappa, atmosphere), True or None")
+        if self.joint.gas != self.gas:
+            object.__setattr__(self, "joint", replace(self.joint, gas=self.gas))
+        for angle in self.joint.angle_range:  # that there is a volume, and one that is positive
+            for side, P in product(self.joint.sides(angle, _ALL), self.joint.pressure_limits):
+                side.volume(P)
 
     @property
     def lags(self) -> tuple[float, float]:
@@ -68,7 +94,22 @@ class Plant:
         theta, omega, P1, P2 = x[0], x[1], x[2], x[3]
         tau1, tau2 = self.lags
         moment = self.torque(x) - self.damping * omega - self.gravity_torque * sin(theta) + d
-        return omega, moment / self.inertia, (u[0] - P1) / tau1, (u[1] - P2) / tau2
+        rates = (u[0] - P1) / tau1, (u[1] - P2) / tau2
+        if self.gas is not None:
+            falls = self.expansion(x)
+            rates = rates[0] - falls[0], rates[1] - falls[1]
+        return omega, moment / self.inertia, *rates
+
+    def expansion(self, x: Value, strengths: tuple[float, float] = (1.0, 1.0)) -> tuple[Value, Value]:
+        """Return how fast the pressures fall in the state `x` [4, ...] as the muscles swell [Pa/s]; 0 without gas.
+
+        κ (P_i + p_a) V_i'/V_i^eff   (G3), of muscles that pull `strengths` [-] times as hard as their laws say.
+        """
+        if self.gas is None:
+            return 0.0 * x[1], 0.0 * x[1]
+        sides = zip(self.joint.sides(x[0], _ALL), (x[2], x[3]), strengths, strict=True)
+        one, two = (fall(side, P, strength) * x[1] for side, P, strength in sides)
+        return one, two
 
     def torque(self, x: Value) -> Value:
         """Return T(θ, P1, P2) [N·m] of the muscles in the state `x` [4, ...]."""
@@ -81,9 +122,33 @@ class Plant:
         return agonist.torque(x[2]) - antagonist.torque(x[3])
 
     def stiffness(self, x: Value) -> Value:
-        """Return the isobaric stiffness K(θ, P1, P2) [N·m/rad] in the state `x` [4, ...]."""
+        """Return the stiffness K(θ, P1, P2) [N·m/rad] in the state `x` [4, ...]: isobaric, or at the `frequency`."""
+        agonist, antagonist = self.joint.sides(x[0], self.shares)
+        return agonist.stiffness(x[2]) + antagonist.stiffness(x[3])
+
+    def isobaric(self, x: Value) -> Value:
+        """Return the isobaric stiffness [N·m/rad] in the state `x` [4, ...]."""
         agonist, antagonist = self.joint.sides(x[0])
         return agonist.stiffness(x[2]) + antagonist.stiffness(x[3])
+
+    @property
+    def shares(self) -> Shares | None:
+        """Return the shares (s1, s2) of the trapped gas in the stiffness [-]; None: it is isobaric   (G5)"""
+        return self.kind.fixed if self.frequency else None
+
+    @property
+    def kind(self) -> StiffnessKind:
+        """Return which stiffness its own is: isobaric, shut, or dynamic at its frequency."""
+        if self.frequency == inf:
+            return StiffnessKind.of("shut")
+        return StiffnessKind.of(frequency=self.frequency, lag=self.lags) if self.frequency else ISOBARIC
+
+    def allocate(self, theta: Value, K: Value, T: Value, min_force: float = 0.0) -> Allocation:
+        """Return what gives its stiffness [N·m/rad] and the torque [N·m] at the angle [rad]: `allocator.allocate`."""
+        if self.frequency == inf:
+            return allocate(theta, K, T, joint=self.joint, min_force=min_force, valves="shut")
+        frequency, lag = (self.frequency, self.lags) if self.frequency else (None, None)
+        return allocate(theta, K, T, joint=self.joint, min_force=min_force, frequency=frequency, lag=lag)
 
     def forces(self, x: Value) -> tuple[Value, Value]:
         """Return the muscle forces (F1, F2) [N] in the state `x` [4, ...]; negative means slack."""
@@ -97,7 +162,7 @@ class Plant:
     def at_rest(self, theta: float, K: float) -> Array:
         """Return the state (4,) in equilibrium at `theta` [rad], as stiff as `K` [N·m/rad] if the joint can be."""
         theta = float(checks.angle("theta", checks.number("theta", theta, "rad")))
-        held = allocate(theta, K, self.torque_for(theta, 0.0, 0.0), joint=self.joint)
+        held = self.allocate(theta, K, self.torque_for(theta, 0.0, 0.0))
         return np.array([theta, 0.0, held.P1, held.P2], float)
 
     @property
@@ -114,15 +179,22 @@ class Plant:
     @property
     def summary(self) -> str:
         """Return its numbers in a line, the joint's left out."""
+        gas = "" if self.gas is None else f", gas with κ = {self.joint.gas.kappa:g}, {self.kind.text}"
         return (
             f"inertia {self.inertia:g} kg·m², damping {self.damping:g} N·m·s/rad, lag "
             f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s, gravity {self.gravity_torque:g} N·m, "
-            f"slew {self.slew / BAR:g} bar/s"
+            f"slew {self.slew / BAR:g} bar/s{gas}"
         )
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Return what files hold of it besides the joint, by the names of the fields."""
+        plain = {name: getattr(self, name) for name in NUMBERS if name not in _GAS}
+        return plain if self.gas is None else plain | {"gas": True, "frequency": self.frequency}  # the joint's gas
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the plant, joint and muscles included, as a TOML file. Raises `CannotWrite`."""
-        save_plant(path, self.joint, {name: getattr(self, name) for name in NUMBERS})
+        save_plant(path, self.joint, self.numbers)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "Plant":
@@ -140,7 +212,11 @@ class Plant:
         """Return an upper estimate of the fastest eigenvalue [1/s]; integration steps are chosen by it."""
         P = self.joint.pressure_limits[1]
         angles = np.linspace(*self.joint.angle_range, 9)
-        K = float(np.max(self.stiffness((angles, 0 * angles, P + 0 * angles, P + 0 * angles))))
+        sides = self.joint.sides(angles)
+        K = float(np.max(sum(side.stiffness(P + 0 * angles) for side in sides)))
+        if self.gas is not None:
+            sides = self.joint.sides(angles, _ALL)
+            K += float(np.max(sum(trapped(side, P + 0 * angles) for side in sides)))
         swing = sqrt((max(K, 0.0) + abs(self.gravity_torque)) / self.inertia)
         return max(swing, self.damping / self.inertia, *(1 / tau for tau in self.lags))
 
@@ -184,7 +260,9 @@ class Plant:
 
 
 NUMBERS = tuple(f.name for f in fields(Plant) if f.name != "joint")
+_GAS = ("gas", "frequency")
 _POSITIVE = ("inertia", "slew")
+_ALL = 1.0, 1.0  # shares of the gas that is trapped
 _MOST_SUBSTEPS = 10_000  # in a sample
 
 

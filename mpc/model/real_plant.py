@@ -1,11 +1,14 @@
 """Controllers are tested against a plant that does all that real joints do and the prediction model does not know.
 
     θ' = ω,   J ω' = T - b ω - m g l sin θ - T_f + d(t),   T = g1 a1 F1 - g2 a2 F2
-    P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow,   dz(e) = e less the dead band, 0 within it
+    P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow - q_i,   dz(e) = e less the dead band, 0 within it
+    q_i = κ (P_i + p_a) V_i'/V_i^eff, if the nominal plant has gas
     measured: θ rounded to the encoder's step, P_i + noise; not ω
 
 with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.model.hysteresis` or of
-`mpc.model.friction`. Every effect has a value at which it is off, the default of
+`mpc.model.friction`. Within its dead band a regulator is a shut valve: the gas is trapped. A muscle that pulls g_i times
+as hard swells g_i times as much, or a turn there and back would make work of nothing. Every effect has a value at which
+it is off, the default of
 its field; with all of them off this is the nominal `Plant`.
 
 T_f depends on where the joint turned round. Within a step of integration it is a function of the angle, exact while
@@ -21,6 +24,7 @@ import numpy as np
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import report_joint
+from allocator.joint.gas import complex_share
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc.model.buffered import Buffered
@@ -29,6 +33,7 @@ from mpc.model.contact import Contact, Hysteresis
 from mpc.model.experiment import FINE
 from mpc.model.faults import Fault
 from mpc.model.friction import Friction
+from mpc.model.gas import trapped
 from mpc.model.hysteresis import MaxwellSlip, friction_of
 from mpc.model.integration import integrated
 from mpc.model.plant import NU, NX, Plant
@@ -47,6 +52,7 @@ class RealPlant:
     encoder: float = 0.0  # [rad] a step
     pressure_noise: float = 0.0  # standard deviation [Pa], white from sample to sample
     torque_profile: tuple[tuple[float, float], ...] = ()  # (from time [s] on, external torque [N·m]), in order
+    shut: tuple[bool, bool] = (False, False)  # valves that stay shut, whatever is commanded
     faults: tuple[Fault, ...] = ()  # each in its window of time, the first is nearest to the plant
 
     def __post_init__(self) -> None:
@@ -119,11 +125,38 @@ class RealPlant:
         return self.force_gains[0] * agonist.torque(x[2]) + self.force_gains[1] * antagonist.torque(x[3])
 
     def stiffness(self, x: Value) -> Value:
-        """Return the isobaric stiffness [N·m/rad] of the muscles as they are, without friction, in the state `x` [4,
-        ...].
+        """Return the stiffness [N·m/rad] of the muscles as they are, without friction, in the state `x` [4, ...].
+
+        It is isobaric, or at the nominal plant's `frequency`.
         """
+        shares = self.nominal.shares
+        isobaric = self.isobaric(x)
+        return (
+            isobaric if shares is None else isobaric + sum(s * K for s, K in zip(shares, self.trapped(x), strict=True))
+        )
+
+    def isobaric(self, x: Value) -> Value:
+        """Return the isobaric stiffness [N·m/rad] of the muscles as they are, in the state `x` [4, ...]."""
         agonist, antagonist = self.nominal.joint.sides(x[0])
         return self.force_gains[0] * agonist.stiffness(x[2]) + self.force_gains[1] * antagonist.stiffness(x[3])
+
+    def trapped(self, x: Value) -> tuple[Value, Value]:
+        """Return what each muscle's gas adds to the stiffness behind a shut valve [N·m/rad]; 0 without gas   (G2)"""
+        if self.nominal.gas is None:
+            return 0.0 * x[0], 0.0 * x[0]
+        sides = zip(self.nominal.joint.sides(x[0], (1.0, 1.0)), (x[2], x[3]), self.force_gains, strict=True)
+        one, two = (trapped(side, P, strength) for side, P, strength in sides)
+        return one, two
+
+    def dynamic_stiffness(self, x: Array, frequency: float) -> complex:
+        """Return the complex stiffness [N·m/rad] that small motions about `x` (4,) meet at a `frequency` [Hz]   (G4)
+
+        Valves that are shut have all of their gas in it; no dead band and no limit of the flow counts.
+        """
+        shares = [
+            1.0 if s else complex_share(frequency, lag) for s, lag in zip(self.shut, self.nominal.lags, strict=True)
+        ]
+        return complex(self.isobaric(x) + sum(s * K for s, K in zip(shares, self.trapped(x), strict=True)))
 
     def forces(self, x: Value) -> tuple[Value, Value]:
         """Return the muscle forces (F1, F2) [N] as they are in the state `x` [4, ...]; negative means slack."""
@@ -165,9 +198,13 @@ class RealPlant:
         rest = self.dead_band / 2
         error = [u[i] - x[2 + i] for i in range(NU)]
         passed = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]
-        return [
-            ca.fmin(ca.fmax(e / tau, -self.flow), self.flow) for e, tau in zip(passed, self.nominal.lags, strict=True)
+        rates = [
+            0.0 if shut else ca.fmin(ca.fmax(e / tau, -self.flow), self.flow)
+            for e, tau, shut in zip(passed, self.nominal.lags, self.shut, strict=True)
         ]
+        if self.nominal.gas is None:
+            return rates
+        return [rate - q for rate, q in zip(rates, self.nominal.expansion(x, self.force_gains), strict=True)]
 
     def at_rest(self, theta: float, K: float) -> Array:
         """Return the nominal plant's rest (4,): where an experiment begins.
@@ -197,7 +234,8 @@ class RealExperiment:
         late = real.dead_time - whole * dt  # rest of the dead time: the older command acts so long in each sample
         self._pieces = [late, dt - late] if late > 1e-9 * dt else [dt]
         self._waiting = [np.array(x0[2:])] * (whole + len(self._pieces) - 1)  # commands on their way, oldest first
-        self._integrators = {(1.0, 1.0): self._integrator(real)}  # by the shares of the forces that reach the joint
+        # by the shares of the forces that reach the joint, and the valves that are shut
+        self._integrators = {((1.0, 1.0), real.shut): self._integrator(real)}
 
     @property
     def x(self) -> Array:
@@ -254,11 +292,17 @@ class RealExperiment:
     @property
     def _integrate(self) -> Buffered:
         faults, (g1, g2) = self._faults, self.real.force_gains
-        pulling = prod(fault.pulling[0] for fault in faults), prod(fault.pulling[1] for fault in faults)
-        if pulling not in self._integrators:
-            broken = replace(self.real, force_gains=(g1 * pulling[0], g2 * pulling[1]))
-            self._integrators[pulling] = self._integrator(broken)
-        return self._integrators[pulling]
+        pulling = (
+            prod((fault.pulling[0] for fault in faults), start=1.0),
+            prod((fault.pulling[1] for fault in faults), start=1.0),
+        )
+        gas = self.real.nominal.gas is not None  # without it a stuck valve's command is its pressure, which stays
+        one, two = (own or (gas and any(fault.shut[i] for fault in faults)) for i, own in enumerate(self.real.shut))
+        shut = one, two
+        if (pulling, shut) not in self._integrators:
+            broken = replace(self.real, force_gains=(g1 * pulling[0], g2 * pulling[1]), shut=shut)
+            self._integrators[pulling, shut] = self._integrator(broken)
+        return self._integrators[pulling, shut]
 
     def _integrator(self, real: RealPlant) -> Buffered:
         """Return (x, u, d, duration) ↦ x, for at most one sample, in steps as fine as `simulate` takes for a

@@ -77,11 +77,11 @@ class Diagnosis:
         self._conclude()
 
     def _follow(
-        self, believed: list[float], v: list[float], d: float, T1: float, T2: float, *gains: float, known: bool
+        self, believed: list[float], v: list[float], d: float, T1: float, T2: float, *rest: float, known: bool
     ) -> None:
-        one, two = self._pressures
-        one.follow(self._t, believed[1], v[0], gains[0], d, two)
-        two.follow(self._t, believed[2], v[1], gains[1], d, one)
+        (one, two), (gain1, gain2, q1, q2) = self._pressures, rest
+        one.follow(self._t, believed[1], v[0], gain1, d, two, q1)
+        two.follow(self._t, believed[2], v[1], gain2, d, one, q2)
         if known and believed[0] != self._theta:  # d̂ makes up for what is not known; a repeated angle may be frozen
             self._torque.follow(self._t, d, T1, T2)
         self._theta = believed[0]
@@ -145,13 +145,15 @@ class Diagnosis:
 
 
 def _pulls(plant: Plant) -> Any:
-    """Return the state (4,) ↦ the muscles' torques [N·m] and their gains ∂T/∂P [N·m/Pa] (4,), a CasADi function."""
+    """Return the state (4,) ↦ the muscles' torques [N·m], their gains ∂T/∂P [N·m/Pa] and what the motion takes from
+    their pressures [Pa/s] (6,), a CasADi function.
+    """
     import casadi as ca
 
     x = ca.SX.sym("x", NX)
     T = ca.vertcat(*(side.torque(x[2 + i]) for i, side in enumerate(plant.joint.sides(x[0]))))
     gains = [ca.jacobian(T[i], x[2 + i]) for i in range(NU)]
-    return ca.Function("pulls", [x], [ca.densify(ca.vertcat(T, *gains))])
+    return ca.Function("pulls", [x], [ca.densify(ca.vertcat(T, *gains, *plant.expansion(x)))])
 
 
 __all__ = ["Diagnosis"]

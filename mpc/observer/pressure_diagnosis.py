@@ -3,11 +3,12 @@ are left.
 
 A sound regulator makes of the commands v that act a pressure between those of a quick and of a slow one,
 
-    m' = dz(v - m)/τ',   τ' = τ/SPREAD and SPREAD τ,   dz(e) = e less the dead band, 0 within it,
+    m' = dz(v - m)/τ' - q,   τ' = τ/SPREAD and SPREAD τ,   dz(e) = e less the dead band, 0 within it,
 
-and the residual r is how far the measured P lies outside. Sums of it beyond MARGIN, one a sign, that end at zero
-(Page's CUSUM, 1954), say that something is wrong when one passes LIMIT, and since when: since it last was zero. All
-explanations are possible then. One is struck out, until the pressure has been well for `HOLD` seconds, by
+q being what the motion takes from the pressure of a gas (`Plant.expansion`), and the residual r is how far the measured
+P lies outside. Sums of it beyond MARGIN, one a sign, that end at zero (Page's CUSUM, 1954), say that something is wrong
+when one passes LIMIT, and since when: since it last was zero. All explanations are possible then. One is struck out,
+until the pressure has been well for `HOLD` seconds, by
 
     stuck valve        P moves
     leak               P rises, or r > 0
@@ -66,14 +67,19 @@ class PressureDiagnosis:
         self._open = False  # whether explanations are being struck out
         self._ill = 0.0  # [s] when it last was
 
-    def follow(self, t: float, P: float, v: float, gain: float, d: float, other: "PressureDiagnosis") -> None:
+    def follow(
+        self, t: float, P: float, v: float, gain: float, d: float, other: "PressureDiagnosis", q: float = 0.0
+    ) -> None:
         """Follow the sensor, which says `P` [Pa] at `t` [s], NaN if not believed, while the command `v` [Pa] acts.
 
-        `gain` is ∂T/∂P [N·m/Pa], `d` the observer's disturbance torque [N·m]. A repeated reading says nothing.
+        `gain` is ∂T/∂P [N·m/Pa], `d` the observer's disturbance torque [N·m], `q` the pressure's fall by the motion
+        [Pa/s]. A repeated reading says nothing.
         """
         if self.P != self.P:  # NaN: the first one
             self.P, self._models = P, [P, P]
-        quick, slow = self._models = [m + g * self._dead(v - m) for m, g in zip(self._models, self._gains, strict=True)]
+        quick, slow = self._models = [
+            m + g * self._dead(v - m) - self.dt * q for m, g in zip(self._models, self._gains, strict=True)
+        ]
         if P != P or P == self._last:
             return
         self._last = P

@@ -2,8 +2,11 @@
 
 The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d, where d holds the friction of the intended motion too
 (`mpc.tracking.preview`); `allocate` turns (θ, K, T) at all N+1 samples into pressures in one call, bringing what cannot
-be reached to the nearest that can; and the lag over one sample of constant command, P_{k+1} = α_i P_k + (1 - α_i) u_k
-with α_i = exp(-dt/τ_i), is inverted for the commands.
+be reached to the nearest that can; and the lag over one sample of constant command,
+
+    P_{k+1} = α_i P_k + (1 - α_i) (u_k - τ_i q_k),    α_i = exp(-dt/τ_i)
+
+is inverted for the commands. q is what the swelling muscles take (`Plant.expansion`), the mean of both ends.
 """
 
 from dataclasses import dataclass
@@ -11,7 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from allocator import allocate, warm_up
+from allocator import warm_up
 from allocator.calculus import Array
 from mpc.model.plant import Plant
 from mpc.tracking.plan import Moved
@@ -60,7 +63,8 @@ class InverseDynamics:
         # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
         spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))
         self.slopes = spline(spline.x, 1), spline(spline.x, 2)
-        self.alpha = np.exp(-dt / np.array(plant.lags))  # (2,)
+        self.lags = np.array(plant.lags)  # (2,) [s]
+        self.alpha = np.exp(-dt / self.lags)  # (2,)
 
     def ready(self) -> Self:
         """Return itself, with everything compiled that else would be in the first control step."""
@@ -84,10 +88,11 @@ class InverseDynamics:
         theta = np.clip(asked, *self.plant.joint.angle_range)
         omega, alpha = (D @ theta for D in self.slopes)
         T = self.plant.torque_for(theta, omega, alpha, d)
-        held = allocate(theta, K, T, joint=self.plant.joint, min_force=self.min_force)
+        held = self.plant.allocate(theta, K, T, self.min_force)
         x = np.stack([theta, omega, held.P1, held.P2], axis=1)
         P, y = x[:, 2:], np.stack([held.K, 0 * theta, 0 * theta], axis=1)
-        u = (P[1:] - self.alpha * P[:-1]) / (1 - self.alpha)
+        q = np.stack(self.plant.expansion(x.T), axis=1)
+        u = (P[1:] - self.alpha * P[:-1]) / (1 - self.alpha) + self.lags / 2 * (q[1:] + q[:-1])
         moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - theta, held.K_error, held.T_error)))
         return FeedForward(x, y, u, moved)
 

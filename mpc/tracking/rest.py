@@ -183,7 +183,7 @@ class RestMode:
     def _turn(self, m: float, swings: bool, P: Array) -> None:
         """Correct the mean error `m` [rad]; the pressures (2,) [Pa] have been `P` of late."""
         x = np.array([self._reference[0] + m, 0.0, *self._p])
-        if not (K := float(self.plant.stiffness(x))) > 0:
+        if not (K := float(self.plant.isobaric(x))) > 0:
             return
         torque = -m * (K if swings or self.ringing else self._gain(m, K))
         slopes = np.array([side.torque_gain(p) for side, p in zip(self.plant.joint.sides(x[0]), self._p, strict=True)])

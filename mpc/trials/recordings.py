@@ -21,7 +21,7 @@ _ARRAYS = tuple(f.name for f in fields(Run) if f.name != "plant")
 def save_recording(run: Run, path: str | Path) -> None:
     """Write `run`: its arrays by the names they have in `Run`, and the plant as `joint` (TOML) and `plant_…`."""
     values: dict[str, Any] = {name: getattr(run, name) for name in _ARRAYS}
-    values |= {f"plant_{name}": getattr(run.plant, name) for name in NUMBERS}
+    values |= {f"plant_{name}": value for name, value in run.plant.numbers.items()}
     values["joint"] = joint_storage.dumps(run.plant.joint)
     with replacing(path) as draft, draft.open("wb") as file:  # given a name, NumPy would add a suffix
         np.savez_compressed(file, **values)
@@ -36,7 +36,7 @@ def load_recording(path: str | Path) -> Run:
         raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
     except (ValueError, BadZipFile, Damaged, EOFError, AttributeError, TypeError):
         raise InvalidFile(path, "is not an NPZ file") from None
-    if missing := {*_ARRAYS, "joint", *(f"plant_{name}" for name in NUMBERS)} - stored.keys():
+    if missing := {*_ARRAYS, "joint", *(f"plant_{name}" for name in Plant().numbers)} - stored.keys():
         raise InvalidFile(path, f"is not the recording of a run: {', '.join(sorted(missing))} missing")
     arrays: dict[str, Any] = {name: stored[name] for name in _ARRAYS}
     steps = arrays["step_time"].size
@@ -59,7 +59,8 @@ def _shape(name: str, steps: int) -> tuple[int, ...]:
 
 
 def _plant(path: str | Path, stored: dict[str, Any]) -> Plant:
-    numbers: dict[str, Any] = {name: stored[f"plant_{name}"].tolist() for name in NUMBERS}
+    given = {name: f"plant_{name}" for name in NUMBERS}
+    numbers: dict[str, Any] = {name: stored[key].tolist() for name, key in given.items() if key in stored}
     try:
         joint = joint_storage.joint_from(f"{path} [joint]", tomllib.loads(str(stored["joint"])))
         return Plant(joint, **(numbers | {"lag": tuple(numbers["lag"])}))

@@ -57,7 +57,7 @@ class Process(Protocol):
         """Begin an experiment from `x0` (4,)."""
 
     def stiffness(self, x: Any) -> Any:
-        """Return the true isobaric stiffness [N·m/rad] in the states `x` [4, ...]."""
+        """Return the true stiffness [N·m/rad] in the states `x` [4, ...], of the nominal plant's kind."""
 
     def forces(self, x: Any) -> tuple[Any, Any]:
         """Return the true muscle forces [N] in the states `x` [4, ...]."""
@@ -75,7 +75,7 @@ class Run:
     u: Array  # (M, 2) commands, u[k] sent at t[k] [Pa]
     theta_ref: Array  # (M+1,) [rad]
     K_ref: Array  # (M+1,) [N·m/rad]
-    K: Array  # (M+1,) isobaric stiffness of the plant [N·m/rad]
+    K: Array  # (M+1,) stiffness of the plant [N·m/rad], isobaric unless the plant says another `frequency`
     forces: Array  # (M+1, 2) muscle forces [N]; negative: slack
     step_time: Array  # (M,) time that the controller took [s]
     rung: NDArray[np.int64]  # (M,) Rung

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from allocator import AntagonistJoint, units
+from allocator import units
 from allocator.allocation.kernels import compiled
 from allocator.allocation.kernels import source as kernels
-from allocator.allocation.kernels.choice import coefficients, kernel_of
+from allocator.allocation.kernels.choice import JointKernel, coefficients, kernel_of
 from allocator.calculus import Array
 from allocator.compilation import jit
 from allocator.compilation.cache import check_own
@@ -58,7 +58,7 @@ def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
     for name, function in _functions(plant).items():
         source = translated(name, function, c.size)
         text, c = text + f"@merged\n{source.text}\n\n", np.concatenate([c, source.c])
-    kernel = kernel_of(plant.joint)
+    kernel = _kernel_of(plant)
     compiled.register()
     step = _imported(_with_formulas(text + _ALLOCATED[kernel.name]))
     return CompiledPlant(step, _imported(_SOLVE.read_text(encoding="utf-8")), c, kernel.p, dt / substeps, substeps)
@@ -97,18 +97,25 @@ def _functions(plant: Plant) -> dict[str, Any]:
         "rate_slopes": ca.Function("rate_slopes", [x, u, d], ca.cse([rate, *slopes])),
         "outputs": ca.Function("outputs", [x], ca.cse([y])),
         "output_slopes": ca.Function("output_slopes", [x], ca.cse([y, ca.densify(ca.jacobian(y, x))])),
-        **_coefficients(plant.joint),
+        "expansion": ca.Function("expansion", [x], ca.cse([ca.densify(ca.SX(ca.vertcat(*plant.expansion(x))))])),
+        **_coefficients(plant),
     }
 
 
-def _coefficients(joint: AntagonistJoint) -> dict[str, Any]:
+def _kernel_of(plant: Plant) -> JointKernel:
+    """Return the kernel that allocates the plant's stiffness; if that is not isobaric only affine muscles have one."""
+    kernel = kernel_of(plant.joint)
+    return kernel if plant.shares is None or kernel.name == "affine" else kernel._replace(name="", p=())
+
+
+def _coefficients(plant: Plant) -> dict[str, Any]:
     """Return what the affine kernel takes of both muscles at an angle, a CasADi function, if it is the joint's."""
     import casadi as ca
 
-    if kernel_of(joint).name != "affine":
+    if _kernel_of(plant).name != "affine":
         return {}
     theta = ca.SX.sym("theta")
-    sides: list[Any] = [ca.SX(value) for side in coefficients(joint, theta) for value in side]
+    sides: list[Any] = [ca.SX(value) for side in coefficients(plant.joint, theta, plant.shares) for value in side]
     both: Any = ca.cse([ca.densify(ca.vertcat(*sides))])
     return {"coefficients": ca.Function("coefficients", [theta], both)}
 

@@ -203,7 +203,7 @@ class CompiledFeedForward:
         known = readable.plant
         self._readable, self._feed_forward = readable, plant.step.feed_forward
         physics = known.inertia, known.damping, known.gravity_torque, *readable.alpha, *known.joint.angle_range
-        numbers = np.array([*physics, readable.min_force])
+        numbers = np.array([*physics, readable.min_force, *known.lags])
         self._fixed = plant.c, plant.p, numbers, *(D.T.copy() for D in readable.slopes)
         rest = np.zeros(len(readable.slopes[0]))
         self(rest, rest + 1.0, rest)  # compiles it

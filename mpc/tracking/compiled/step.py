@@ -2,7 +2,8 @@
 
 `mpc.tracking.compiled.module` puts the formulas of the joint in the place of the lines below that
 begin with `FORMULAS`, as functions of scalars that return tuples: `rate` (x, u, d) ↦ x', `rate_slopes` (x, u, d) ↦ (x',
-its Jacobian by x and u), `outputs` x ↦ y = (K, F1, F2), `output_slopes` x ↦ (y, its Jacobian); Jacobians by columns.
+its Jacobian by x and u), `outputs` x ↦ y = (K, F1, F2), `output_slopes` x ↦ (y, its Jacobian), `expansion` x ↦ the
+pressures' fall as the muscles swell; Jacobians by columns.
 `allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of `allocator.allocation` for the joint, if there is one.
 The array c holds the numbers of all of them, p those of the kernel.
 
@@ -23,7 +24,7 @@ from mpc.tracking.compiled.jit import compiled, inlined, merged
 from mpc.tracking.compiled.records import Path
 
 FORMULAS: Any = None
-rate = rate_slopes = outputs = output_slopes = allocated = FORMULAS
+rate = rate_slopes = outputs = output_slopes = expansion = allocated = FORMULAS
 
 NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
 
@@ -39,8 +40,8 @@ def feed_forward(
     `mpc.tracking.compiled.qp_step`.
     """
     inertia, damping, gravity, alpha1, alpha2 = physics[0], physics[1], physics[2], physics[3], physics[4]
-    left, right, min_force = physics[5], physics[6], physics[7]
-    M = asked.size
+    left, right, min_force, half_lag1, half_lag2 = physics[5], physics[6], physics[7], physics[8] / 2, physics[9] / 2
+    M, q1, q2 = asked.size, 0.0, 0.0
     theta, omega, speeding = np.empty(M), np.zeros(M), np.zeros(M)
     x, y, u, moved, sure = np.empty((M, 4)), np.zeros((M, 3)), np.empty((M - 1, 2)), np.zeros(3), True
     for j in range(M):
@@ -56,9 +57,11 @@ def feed_forward(
         moved[0] = max(moved[0], abs(asked[k] - theta[k]))
         moved[1] = max(moved[1], abs(K[k] - y[k, 0]))
         moved[2] = max(moved[2], abs(T - found[2]))
+        last1, last2 = q1, q2
+        q1, q2 = expansion(x[k, 0], x[k, 1], x[k, 2], x[k, 3], c)
         if k > 0:
-            u[k - 1, 0] = (x[k, 2] - alpha1 * x[k - 1, 2]) / (1 - alpha1)
-            u[k - 1, 1] = (x[k, 3] - alpha2 * x[k - 1, 3]) / (1 - alpha2)
+            u[k - 1, 0] = (x[k, 2] - alpha1 * x[k - 1, 2]) / (1 - alpha1) + half_lag1 * (q1 + last1)
+            u[k - 1, 1] = (x[k, 3] - alpha2 * x[k - 1, 3]) / (1 - alpha2) + half_lag2 * (q2 + last2)
     return sure, x, y, u, moved
 
 

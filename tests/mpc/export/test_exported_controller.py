@@ -3,14 +3,18 @@
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from allocator import InvalidInput
+from allocator.joint.antagonist import report_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, sine
 from mpc.export import export
+from mpc.export.control import check_pair
 from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.model.friction import Friction
 from mpc.model.hysteresis import MaxwellSlip
@@ -248,3 +252,31 @@ def test_the_demonstration_prints_python_s_numbers(exported):
     printed = tools.run(tools.compiled(exported["double"], Path("main.c"), "demonstration"))
     assert printed in (exported["double"] / "README.md").read_text()
     assert printed.count("rung 0") == 10
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    ("joint", "precision", "near"),
+    [
+        (report_joint(SAROSI_DMSP_20_400N), "double", 1e-8),
+        (report_joint(), "double", 1e-8),
+        (report_joint(SAROSI_DMSP_20_400N), "single", 1e-3),
+    ],
+    ids=["volume of the angle", "volume of angle and pressure", "single precision"],
+)
+def test_a_plant_s_gas_is_in_the_c_as_it_is_in_python(joint, precision, near, tmp_path):
+    """300 steps at 1 Hz, where the gas makes a quarter of a degree, with a valve that sticks and traps it."""
+    process = replace(RealPlant.standard(nominal=Plant(joint, lag=0.12, gas=True)), faults=(StuckValve(1.0, 1.4, 1),))
+    controller, observer = pair(process.nominal, 10, process.known(), weights=Weights.calm())
+    reference = sine(20 * DEG, 1.0, K=7.6, duration=3.0, ramp=0.5)
+    samples, wanted = recorded(process, controller, observer, reference, failing={150, 151})
+    directory = export(tmp_path / "c", controller=controller, observer=observer, precision=precision)
+    got = replayed(tools.compiled(directory, CONTROL, "vectors"), samples)
+    np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
+    assert np.abs(got[:, U] - wanted[:, U]).max() < near * SPAN
+
+
+def test_what_is_exported_tracks_the_isobaric_stiffness():
+    plant = Plant(report_joint(SAROSI_DMSP_20_400N), gas=True, frequency=2.0)
+    with pytest.raises(InvalidInput, match="dynamic stiffness at 2 Hz cannot be exported"):
+        check_pair(SimpleNamespace(plant=plant, budget=None), None)

@@ -1,7 +1,9 @@
 /* The commands that would follow a preview exactly, if the model were right and nothing limited: the motion needs the
  * torque T = J theta'' + b theta' + m g l sin theta - d, the allocation makes pressures of it, and the lag over a
- * sample, P_{k+1} = alpha P_k + (1 - alpha) u_k, is inverted for the commands. */
+ * sample, P_{k+1} = alpha P_k + (1 - alpha) (u_k - tau q_k), is inverted for the commands; q is what the swelling
+ * muscles take, its mean over the sample being that of both ends. */
 #include "control.h"
+#include "model.h"
 #include "tables.h"
 
 /* A derivative of the angle. */
@@ -36,7 +38,13 @@ void ant_feed_forward(const ant_task *task, ant_feed *feed) {
         worst(&feed->moved[1], task->K[k] - held.K);
         worst(&feed->moved[2], T - held.T);
     }
-    for (int k = 0; k < ANT_HORIZON; k++)
+    ant_real q[2], last[2];
+    ant_model_expansion(feed->x[0], q);
+    for (int k = 0; k < ANT_HORIZON; k++) {
+        for (int i = 0; i < 2; i++) last[i] = q[i];
+        ant_model_expansion(feed->x[k + 1], q);
         for (int i = 0; i < 2; i++)
-            feed->u[k][i] = (feed->x[k + 1][2 + i] - ANT_LAG[i] * feed->x[k][2 + i]) / (1 - ANT_LAG[i]);
+            feed->u[k][i] = (feed->x[k + 1][2 + i] - ANT_KEPT[i] * feed->x[k][2 + i]) / (1 - ANT_KEPT[i]) +
+                            ANT_LAG[i] / 2 * (q[i] + last[i]);
+    }
 }

@@ -1,0 +1,40 @@
+"""The gas in the muscles of a plant is what a motion makes of their pressures.
+
+A muscle that shortens swells by dV = g dθ, g = ∂T/∂P being its torque gain (`allocator.muscles.volume`). While the gas
+keeps (P + p_a) V^κ its pressure falls by κ (P + p_a) g/V^eff a radian: behind a shut valve that is all, else a
+regulator works against it,
+
+    P_i' = (u_i - P_i)/τ_i - κ (P_i + p_a) g_i ω/V_i^eff                                                         (G3)
+
+What the torque gives, T ω, is then what gas and rubber give: no cycle of a shut joint makes work. So a muscle that
+pulls several times as hard as its law says swells as many times as much, too.
+
+A law that is not affine in the pressure may say that its volume falls as the pressure grows, so steeply that no gas
+could fill it. It is not meant for that; V^eff is taken as `STABLE` V there, the bound of what the allocation allows.
+"""
+
+from allocator.calculus import Value
+from allocator.joint.one_muscle import STABLE, OneMuscle
+
+
+def fall(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
+    """Return by how much the pressure falls as the joint turns behind a shut valve, κ (P + p_a) g/V^eff [Pa/rad].
+
+    `strength` [-] is how many times as hard the muscle pulls as its law says.
+    """
+    V = side.effective_volume(P)
+    if not side.affine:
+        least = STABLE * side.volume(P)
+        V = (V + least + abs(V - least)) / 2
+    if strength != 1.0:
+        rest = side.muscle.volume_at_rest(side.rest_length)
+        V = rest + strength * (V - rest)
+    return strength * side.gas.kappa * (P + side.gas.atmosphere) * side.torque_gain(P) / V
+
+
+def trapped(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
+    """Return what the gas behind a shut valve adds to the stiffness, κ (P + p_a) g²/V^eff [N·m/rad]   (G2)"""
+    return strength * side.torque_gain(P) * fall(side, P, strength)
+
+
+__all__ = ["fall", "trapped"]
