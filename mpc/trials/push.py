@@ -1,10 +1,11 @@
 """Stiffness is found here as an experimenter finds it: settle the joint under control, freeze its pressures, push, see
 it give way.
 
-From the moment of freezing on both regulators hold the pressures that were there. Then a slow sine of external torque
-T_e pushes both ways, while the encoder is read. Friction opposes the motion, s = ±1: T_e = -T(θ) + s T_f(θ), so that
-the half sum of the two branches of a cycle is the elastic torque, and half their distance the friction. Both are
-fitted together, where the joint has turned by more than its presliding since the last reversal:
+From the moment of freezing on both regulators hold the pressures that were there, or are shut (`Cycle.shut`), which is
+another stiffness where the plant has gas; `mpc.trials.harmonic_push` finds that at a frequency. Then a slow sine of
+external torque T_e pushes both ways, while the encoder is read. Friction opposes the motion, s = ±1: T_e = -T(θ) + s
+T_f(θ), so that the half sum of the two branches of a cycle is the elastic torque, and half their distance the friction.
+Both are fitted together, where the joint has turned by more than its presliding since the last reversal:
 
     T_e = c_0 + K ψ + c_2 ψ² + c_3 ψ³ + s (f_0 + f_1 ψ + f_2 ψ²),      ψ = θ - θ_0
 
@@ -14,7 +15,8 @@ asked for and the one that was measured is told apart by cause; each step change
     saturation    K_feasible - K_asked       the nearest that the model's joint can have under the estimated torque
     dynamics      K_modelled - K_feasible    the model at the frozen state: pressures and angle are not (yet) as planned
     mismatch      K_true - K_modelled        the joint's own law at the same state
-    measurement   K_measured - K_true        the experiment's own error
+    gas           K_shut - K_true            where the valves were shut: what the trapped gas adds
+    measurement   K_measured - K_true, - K_shut  the experiment's own error
 """
 
 from dataclasses import dataclass, replace
@@ -27,6 +29,7 @@ from allocator import allocate
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
+from mpc.model.faults import StuckValve
 from mpc.model.plant import NX, Plant
 from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import Observer
@@ -34,7 +37,7 @@ from mpc.tracking.plan import Plan
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller, Run, simulate
 
-_REST = 1.0  # [s] between freezing and pushing, for the joint to come to rest
+REST = 1.0  # [s] between freezing and pushing, for the joint to come to rest
 _TURNED = 10 * DEG  # so far after a reversal friction has turned round, see `mpc.model.hysteresis`
 _LEAST = 2.4  # times that, the joint has to swing
 
@@ -51,6 +54,7 @@ class Push:
     true: float
     measured: float
     friction: float  # f_0 [N·m]
+    gas: float = 0.0  # what trapped gas adds where the valves were shut
 
     @property
     def causes(self) -> dict[str, float]:
@@ -59,7 +63,8 @@ class Push:
             "saturation": self.feasible - self.asked,
             "dynamics": self.modelled - self.feasible,
             "mismatch": self.true - self.modelled,
-            "measurement": self.measured - self.true,
+            "gas": self.gas,
+            "measurement": self.measured - (self.true + self.gas),
         }
 
 
@@ -68,6 +73,7 @@ class Cycle(NamedTuple):
 
     torque: float = 2.0  # amplitude of T_e [N·m]: within the presliding of friction a joint seems stiffer than it is
     period: float = 16.0  # [s]; inertia lets the joint seem softer by J (2π/period)²
+    shut: bool = False  # whether the valves are shut from the freezing on; else the regulators hold the pressures
 
 
 def push(
@@ -79,25 +85,33 @@ def push(
     cycle: Cycle | None = None,
     seed: int = 0,
 ) -> Push:
-    """Let `loop`, whose model is `model`, follow `reference` up to `at` [s] from its start; then freeze and push."""
+    """Let `loop`, whose model is `model`, follow `reference` up to `at` [s] from its start; then freeze and push.
+
+    Raises InvalidInput where the joint turns too little, and for plants whose stiffness is not the isobaric one: that
+    at a frequency is for `mpc.trials.harmonic_push`.
+    """
+    if real.nominal.shares or model.shares:
+        raise InvalidInput(f"a slow push cannot find the {(model if model.shares else real.nominal).kind.text}")
     cycle = Cycle() if cycle is None else cycle
     controller, observer = loop
     dt = controller.dt
-    freeze, begin = round(at / dt), round((at + _REST) / dt)
+    freeze, begin = round(at / dt), round((at + REST) / dt)
     end = begin + round(1.25 * cycle.period / dt)
     encoder = _Reading(observer)
+    shut = tuple(StuckValve(freeze * dt, muscle=muscle) for muscle in (1, 2)) if cycle.shut else ()
     run = simulate(
-        replace(real, torque_profile=_torques(real, cycle, begin, end, dt)),
-        _Freezing(controller, freeze),
-        _held(reference.resampled(dt), end),
+        replace(real, torque_profile=_torques(real, cycle, begin, end, dt), faults=real.faults + shut),
+        Freezing(controller, freeze),
+        held(reference.resampled(dt), end),
         observer=encoder,
         seed=seed,
     )
     T_e = cycle.torque * np.sin(2 * pi / cycle.period * dt * np.arange(end - begin))
     read = np.array(encoder.angles)[:end]
-    theta = float(read[begin - round(_REST / 2 / dt) : begin].mean())
+    theta = float(read[begin - round(REST / 2 / dt) : begin].mean())
     K, friction = slope(read[begin:] - theta, T_e)
-    return _compared(real, model, run, freeze, np.array([theta, 0.0, *run.P[begin]]), K, friction)
+    found = _compared(real, model, run, freeze, np.array([theta, 0.0, *run.P[begin]]), K, friction)
+    return replace(found, gas=float(sum(real.trapped(run.x[begin])))) if cycle.shut else found
 
 
 def slope(psi: Array, T_e: Array) -> tuple[float, float]:
@@ -147,14 +161,14 @@ def _torques(real: RealPlant, cycle: Cycle, begin: int, end: int, dt: float) -> 
     return before + tuple(zip((k * dt).tolist(), pushed.tolist(), strict=True))
 
 
-def _held(reference: Reference, steps: int) -> Reference:
+def held(reference: Reference, steps: int) -> Reference:
     """Return `reference` over `steps` samples; its last is held."""
     there = np.minimum(np.arange(steps + 1), reference.t.size - 1)
     dt = reference.t[1] - reference.t[0]
     return Reference(reference.t[0] + dt * np.arange(steps + 1), reference.theta[there], reference.K[there])
 
 
-class _Freezing:
+class Freezing:
     """A freezing controller is `controller` up to the sample `after`; from then on the pressures measured there are
     commanded.
     """
@@ -164,14 +178,17 @@ class _Freezing:
 
     @property
     def ahead(self) -> int:
+        """Return the samples of preview that the controller wants."""
         return self.controller.ahead
 
     def reset(self) -> None:
+        """Forget the past, and thaw."""
         self.controller.reset()
         self._sample = 0
         self._frozen: Plan | None = None
 
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
+        """Return the controller's plan, or that of the freezing."""
         self._sample += 1
         if self._frozen is None:
             plan = self.controller.step(x, theta_ref, K_ref, d)
@@ -196,4 +213,4 @@ class _Reading:
         return self.observer.estimate(y, u)
 
 
-__all__ = ["Cycle", "Push", "push", "slope"]
+__all__ = ["REST", "Cycle", "Freezing", "Push", "held", "push", "slope"]

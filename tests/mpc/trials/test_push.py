@@ -96,3 +96,19 @@ def test_the_load_that_is_there_goes_on_while_the_joint_is_pushed():
     found = pushed(replace(REAL, torque_profile=((0.5, 1.0),)), theta=20 * DEG)
     assert found.measured == pytest.approx(found.true, rel=0.02)
     assert found.theta == pytest.approx(20 * DEG, abs=1 * DEG)
+
+
+def test_with_shut_valves_the_trapped_gas_is_told_as_a_cause_of_its_own():
+    gas = Plant(MODEL.joint, lag=0.12, gas=True)
+    for shut in (False, True):
+        found = pushed(RealPlant(gas), gas, cycle=Cycle(torque=3.0, shut=shut))
+        trapped = gas.joint.stiffness(found.theta, *gas.at_rest(0.0, 5.5)[2:], valves="shut") - found.true
+        assert found.gas == pytest.approx(trapped if shut else 0.0, rel=1e-3)
+        assert found.measured == pytest.approx(found.true + found.gas, rel=0.01)
+        assert sum(found.causes.values()) == pytest.approx(found.measured - found.asked, abs=1e-12)
+
+
+def test_a_slow_push_does_not_find_the_stiffness_at_a_frequency():
+    dynamic = Plant(MODEL.joint, gas=True, frequency=2.0)
+    with pytest.raises(InvalidInput, match="dynamic stiffness at 2 Hz"):
+        push(RealPlant(dynamic), dynamic, None, None, 1.0)
