@@ -24,10 +24,12 @@ from allocator.feasibility import (
 )
 from allocator.identification import (
     Fit,
+    GasFit,
     JointFit,
     MotionFit,
     compare_joint_models,
     fit,
+    fit_gas,
     fit_joint,
     fit_motion,
     load_dataset,
@@ -60,6 +62,7 @@ __all__ = [
     "FeasibilityMap",
     "Fit",
     "Gas",
+    "GasFit",
     "Geometry",
     "InvalidFile",
     "InvalidInput",
@@ -81,6 +84,7 @@ __all__ = [
     "design_sweep",
     "feasibility_map",
     "fit",
+    "fit_gas",
     "fit_joint",
     "fit_motion",
     "inverse",

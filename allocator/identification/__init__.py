@@ -16,11 +16,13 @@ from allocator.identification.muscle.ranking import rank_models
 from allocator.identification.muscle.reading import read_samples
 from allocator.identification.muscle.result import Fit, Level, has_closed_form_inverse
 from allocator.identification.muscle.samples import Samples
+from allocator.identification.trapped_gas import GasFit, fit_gas
 
 __all__ = [
     "DATASETS",
     "Dataset",
     "Fit",
+    "GasFit",
     "JointFit",
     "Level",
     "MotionFit",
@@ -29,6 +31,7 @@ __all__ = [
     "compare_joint_models",
     "estimate_dead_band",
     "fit",
+    "fit_gas",
     "fit_joint",
     "fit_motion",
     "has_closed_form_inverse",
