@@ -121,7 +121,7 @@ def track(
         say(console, f"told to the controller: {known.summary}")
     say(console, f"trajectory: {reference.summary}")
     assumed = assumption(nominal.joint)
-    console.print(_summary(figures, done.implementation, assumed=bool(assumed)))
+    console.print(_summary(figures, done.implementation, nominal.kind.text, assumed=bool(assumed)))
     if assumed:
         say(console, assumed)
     if figures.out_of_reach:
@@ -199,18 +199,18 @@ def _tested(
     return tested, Settings(nominal, compensation=known, weights=Weights.calm())
 
 
-def _summary(m: "Metrics", implementation: str, *, assumed: bool = False) -> "Table":
+def _summary(m: "Metrics", implementation: str, kind: str, *, assumed: bool = False) -> "Table":
     from rich.table import Table
     from rich.text import Text
 
     table = Table("", "RMS, median", "worst, 99 %", title="tracking")
     table.add_row("angle error [°]", f"{m.theta_rms:.3g}", f"{m.theta_worst:.3g}")
-    table.add_row("stiffness error [%]", f"{m.K_rms:.3g}", f"{m.K_worst:.3g}")
+    table.add_row(f"{kind} error [%]", f"{m.K_rms:.3g}", f"{m.K_worst:.3g}")
     if m.rest:
         later = m.after_rest
         table.add_row(f"after the first rest of {m.rest:.3g} s")
         table.add_row("  angle error [°]", f"{later.theta_rms:.3g}", f"{later.theta_worst:.3g}")
-        table.add_row("  stiffness error [%]", f"{later.K_rms:.3g}", f"{later.K_worst:.3g}")
+        table.add_row(f"  {kind} error [%]", f"{later.K_rms:.3g}", f"{later.K_worst:.3g}")
     table.add_section()
     for limit, (excess, unit) in m.violations.items():
         table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")

@@ -31,6 +31,13 @@ class PlantOptions(JointOptions):
         float | None, typer.Option(help="m g l of a link that hangs at 0° [N·m], negative where it stands; else 0")
     ] = None
     slew: Annotated[float | None, typer.Option(help="greatest change of a commanded pressure [bar/s]; else 5")] = None
+    kappa: Annotated[
+        float | None,
+        typer.Option(help="reckon with the gas in the muscles: its polytropic exponent, 1 (slow) to 1.4 (fast)"),
+    ] = None
+    frequency: Annotated[
+        float | None, typer.Option(help="frequency at which the stiffness is meant [Hz], with gas; else it is isobaric")
+    ] = None
 
     def __post_init__(self) -> None:
         """Refuse what can only be a mistake, in the units of the options."""
@@ -39,6 +46,7 @@ class PlantOptions(JointOptions):
         within("--damping", self.damping, "N·m·s/rad", 0, 1e6)
         within("--gravity", self.gravity, "N·m", -1e6, 1e6)
         within("--slew", self.slew, "bar/s", 1e-3, 1e5)
+        within("--frequency", self.frequency, "Hz", 0, 1e4)
 
     def plant(self, **otherwise: Any) -> "Plant":
         """Build the plant; `otherwise` holds what is neither given nor in the file."""
@@ -46,7 +54,10 @@ class PlantOptions(JointOptions):
         from mpc.model.storage import stored_numbers
 
         stored = {} if self.joint is None else stored_numbers(self.joint, NUMBERS)
-        return Plant(self.build(), **(otherwise | stored | self._numbers()))
+        joint = self.build()
+        if self.kappa is not None:
+            joint = replace(joint, gas=replace(joint.gas, kappa=self.kappa))
+        return Plant(joint, **(otherwise | stored | self._numbers()))
 
     def compensation(self) -> "Compensation":
         """Return what the file tells beyond the plant: hysteresis or friction, dead time and dead band."""
@@ -63,6 +74,8 @@ class PlantOptions(JointOptions):
             "damping": self.damping,
             "gravity_torque": self.gravity,
             "slew": None if self.slew is None else self.slew * BAR,
+            "gas": None if self.kappa is None else True,  # the joint's
+            "frequency": self.frequency,
         }
         if self.lag is not None:
             lags = numbers("--lag", self.lag, 1, 2, "0.1:0.12")

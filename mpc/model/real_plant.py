@@ -6,10 +6,9 @@
     measured: θ rounded to the encoder's step, P_i + noise; not ω
 
 with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.model.hysteresis` or of
-`mpc.model.friction`. Within its dead band a regulator is a shut valve: the gas is trapped. A muscle that pulls g_i times
-as hard swells g_i times as much, or a turn there and back would make work of nothing. Every effect has a value at which
-it is off, the default of
-its field; with all of them off this is the nominal `Plant`.
+`mpc.model.friction`. Within its dead band a regulator is a shut valve: the gas is trapped. A muscle that pulls g_i
+times as hard swells g_i times as much, or a turn there and back would make work of nothing. Every effect has a value at
+which it is off, the default of its field; with all of them off this is the nominal `Plant`.
 
 T_f depends on where the joint turned round. Within a step of integration it is a function of the angle, exact while
 the joint turns in one direction, and each step begins with what is remembered of the one before.

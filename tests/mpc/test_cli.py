@@ -228,3 +228,20 @@ def test_help_is_given_before_anything_heavy_is_loaded(tmp_path):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
     assert "track" in antagonist("--help", cwd=tmp_path).stdout
+
+
+def test_track_reckons_with_the_gas_and_says_which_stiffness_is_tracked(trajectory, tmp_path):
+    common = ["track", str(trajectory), "--muscle", "sarosi-dmsp-20-400n", "--dt", "0.02", "--horizon", "8"]
+    out = ["--out", str(tmp_path / "run.npz"), "--controller", "feedforward", "--force"]
+    bare = CliRunner().invoke(app, [*common, *out])
+    assert "isobaric stiffness error [%]" in bare.output
+    assert "gas" not in bare.output
+    gas = CliRunner().invoke(app, [*common, *out, "--kappa", "1.4", "--frequency", "2"])
+    assert gas.exit_code == 0, gas.output
+    assert "dynamic stiffness at 2 Hz error [%]" in gas.output
+    assert "gas with κ = 1.4" in gas.output
+    plant = load_recording(tmp_path / "run.npz").plant
+    assert (plant.gas.kappa, plant.frequency) == (1.4, 2.0)
+    refused = CliRunner().invoke(app, [*common, *out, "--frequency", "2"])
+    assert refused.exit_code != 0
+    assert "without gas" in str(refused.exception)
