@@ -1,0 +1,33 @@
+"""A mechanism has n joints moved by m muscles; torques and a stiffness matrix are turned into pressures here.
+
+>>> import numpy as np
+>>> from allocator.mechanism import allocate_mechanism, machines
+>>> a = allocate_mechanism(machines.arm26(), q=[0.4, -0.3], K=[[10, 4], [4, 9]], T=[9, 4])  # rad, N·m/rad, N·m
+>>> a.status.name, np.round(a.P / 1e5, 3)
+('EXACT', array([3.319, 1.592, 2.847, 3.196, 3.567, 1.935]))
+"""
+
+from allocator.mechanism.batches import warm_up
+from allocator.mechanism.certificate import Separation
+from allocator.mechanism.entry import allocate_mechanism
+from allocator.mechanism.mechanism import Mechanism, TargetsMap
+from allocator.mechanism.result import MechanismAllocation
+from allocator.mechanism.routes import Link, Pulleys, Routes, Site, Sites, Tables, from_function
+from allocator.mechanism.status import MechanismStatus
+
+__all__ = [
+    "Link",
+    "Mechanism",
+    "MechanismAllocation",
+    "MechanismStatus",
+    "Pulleys",
+    "Routes",
+    "Separation",
+    "Site",
+    "Sites",
+    "Tables",
+    "TargetsMap",
+    "allocate_mechanism",
+    "from_function",
+    "warm_up",
+]

@@ -1,0 +1,70 @@
+"""Many targets go through the kernel here: compiled where that pays or has been asked for, else as plain Python."""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.calculus import Array
+from allocator.compilation import jit
+from allocator.mechanism import kernel
+from allocator.mechanism.problem import MechanismProblem
+
+_PAYS = 5_000  # targets for which a call may wait for the compiler
+
+
+class Solved(NamedTuple):
+    """`Solved` is what a method finds for N problems."""
+
+    x: Array  # P/unit (N, m)
+    mu: Array  # multipliers of the rows of the levels before each level (N, K + 1, p); K levels and the reference
+    rounds: NDArray[np.int64]  # guesses (N,), 0 where they did not end
+
+
+def solve(problem: MechanismProblem, trajectory: bool = False) -> Solved:
+    """Solve by block principal pivoting; `trajectory` begins each with the limits that bind in the one before."""
+    (_, ends), (lo, hi, centre) = problem.rows, problem.x_bounds
+    N, m = lo.shape
+    found = Solved(np.empty((N, m)), np.empty((N, len(ends) + 1, ends[-1])), np.zeros(N, np.int64))
+    side = np.zeros((N, m), np.int8)
+    targets = problem.A, problem.b, ends, lo, hi, centre, problem.which
+    _loop(N)(*targets, trajectory, found.x, side, found.mu, found.rounds)
+    return found
+
+
+def _loop(targets: int) -> jit.Function:
+    """Return the compiled loop where it is there or pays, else plain Python."""
+    if targets >= _PAYS or _ready:
+        return _compiled() or kernel.allocate_batch
+    return kernel.allocate_batch
+
+
+@cache
+def _compiled() -> jit.Function | None:
+    function = jit.compiled(kernel.allocate_batch, kernel.FUNCTIONS, inline=True, unaliased=True)
+    if function is not None:
+        _ready.append(True)
+    return function
+
+
+_ready: list[bool] = []  # one, once the loop is compiled
+
+
+def warm_up() -> bool:
+    """Compile now what `allocate_mechanism` needs, so that every later call is fast; False where that cannot be done.
+
+    It takes some twenty seconds after an installation and one or two in a new process. Without it a call with fewer
+    than 5 000 targets does not wait for the compiler, and takes about a millisecond a target.
+    """
+    function = _compiled()
+    if function is None:
+        return False
+    one = np.ones((1, 1))
+    whole = np.zeros(1, np.int64)
+    x, side, mu, rounds = np.empty((1, 1)), np.zeros((1, 1), np.int8), np.empty((1, 2, 1)), np.zeros(1, np.int64)
+    function(one[None], one, np.ones(1, np.int64), 0 * one, one, 0 * one, whole, False, x, side, mu, rounds)
+    return bool(rounds[0])
+
+
+__all__ = ["Solved", "solve", "warm_up"]

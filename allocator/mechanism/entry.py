@@ -1,0 +1,126 @@
+"""`allocate_mechanism` turns torques and a stiffness matrix into the pressures of all muscles."""
+
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.mechanism import batches, certificate, qp
+from allocator.mechanism.arguments import problem_from
+from allocator.mechanism.mechanism import Mechanism
+from allocator.mechanism.problem import Priority
+from allocator.mechanism.result import MechanismAllocation
+from allocator.mechanism.status import MechanismStatus, decide
+
+Method = Literal["exact", "qp"]
+METHODS: tuple[Method, ...] = get_args(Method)
+
+
+def allocate_mechanism(
+    mechanism: Mechanism,
+    q: ArrayLike,
+    K: ArrayLike,
+    T: ArrayLike = 0.0,
+    *,
+    priority: Priority = "torque",
+    weights: Any = None,
+    min_force: ArrayLike | None = 0.0,
+    max_force: ArrayLike | None = None,
+    previous: ArrayLike | None = None,
+    max_step: ArrayLike | None = None,
+    trajectory: bool = False,
+    method: Method = "exact",
+    solver: str | None = None,
+) -> MechanismAllocation:
+    """Find the pressures of all muscles that give stiffness `K` and torques `T` at the posture `q`, or come nearest.
+
+    Solves problem [M] of `allocator.mechanism.problem`, whose answer is unique. Leading axes of all arguments broadcast.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism with n joints and m muscles, all affine in the pressure.
+    q
+        Posture (…, n) [rad]; beyond the angle limits it is answered at the nearest posture within, and says so.
+    K
+        Isobaric stiffness [N·m/rad]: matrices (…, n, n), symmetric and positive definite; or only what their diagonals
+        shall be (…, n), or all of one diagonal, a number: the other entries are then free.
+    T
+        Torques (…, n) [N·m], or 0.
+    priority
+        What is met first where not both can be: "torque", "stiffness", or "weighted" by `weights`.
+    weights
+        (w_T, w_K), of the squared errors in [N·m]² and [N·m/rad]²: numbers, or w_T (n,) and w_K (n, n) for each entry;
+        0 leaves an entry free. The sum over K has all n² entries. By default 1; needed for "weighted".
+    min_force, max_force
+        Least and greatest muscle force [N], numbers or rows (m,). 0 keeps the muscles taut; None lifts the limit.
+    previous, max_step
+        The pressures now (…, m) [Pa]: of equally good pressures those nearest to them are given, instead of the least
+        Σ P²; with `max_step` [Pa], a number or (…), no pressure moves farther than that.
+    trajectory
+        True: consecutive targets are near each other, and each is begun with the limits that bind in the one before.
+        The answers are the same.
+    method, solver
+        "exact": block principal pivoting. "qp": one QP a level through qpsolvers, slow and readable, by DAQP or another
+        `solver`.
+
+    Raises
+    ------
+    InvalidInput
+        For an argument that makes no sense: shapes that do not fit n and m, a K that is not symmetric or not positive
+        definite, NaN, degrees for radians, bar for Pa, contradictory limits, muscles that are not affine.
+    MissingBackend
+        For an unknown method or solver.
+    """
+    if not isinstance(mechanism, Mechanism):
+        raise InvalidInput(
+            f"mechanism is a {type(mechanism).__name__}; expected a Mechanism, such as Mechanism.from_joint"
+        )
+    if method not in METHODS:
+        raise MissingBackend("method", method, METHODS)
+    if solver is not None and method != "qp":
+        raise InvalidInput(f"solver = {solver!r} belongs to the method 'qp', not {method!r}")
+    problem, shape = problem_from(
+        mechanism,
+        q,
+        K,
+        T,
+        priority=priority,
+        weights=weights,
+        min_force=min_force,
+        max_force=max_force,
+        previous=previous,
+        max_step=max_step,
+    )
+    solved = qp.solve(problem, solver) if method == "qp" else batches.solve(problem, trajectory)
+    P = np.clip(solved.x * problem.unit, *problem.bounds)
+    residual, y = certificate.residual(problem, solved), problem.given(P)
+    n, (rows, columns) = mechanism.n, mechanism.upper_triangle
+    stiffness = np.empty((problem.size, n, n))
+    stiffness[:, rows, columns] = stiffness[:, columns, rows] = y[:, n:]
+    found = decide(problem, y, stiffness, residual)
+
+    def form(array: Any) -> Any:
+        array.flags.writeable = False
+        return array.reshape(shape) if shape else array[0].item()
+
+    P.flags.writeable = stiffness.flags.writeable = y.flags.writeable = False
+    return MechanismAllocation(
+        P=P.reshape(*shape, mechanism.m),
+        T=y[:, :n].reshape(*shape, n),
+        K=stiffness.reshape(*shape, n, n),
+        status=form(found.status) if shape else MechanismStatus(int(found.status[0])),
+        torque_met=form(found.torque_met),
+        stiffness_met=form(found.stiffness_met),
+        holds=form(found.holds),
+        kkt_residual=form(residual),
+        rounds=form(solved.rounds),
+        method=method,
+        _problem=problem,
+        _mu=solved.mu,
+        _shape=shape,
+    )
+
+
+__all__ = ["METHODS", "Method", "allocate_mechanism"]

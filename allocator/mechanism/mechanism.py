@@ -1,0 +1,310 @@
+"""A mechanism is n joints moved by m muscles.
+
+At the posture q ∈ Rⁿ muscle j pulls with F_j(P_j, ε_j) along its arm r_j = -∇l_j; its own stiffness is
+k_j = -F_ε/L_j and its bend H_j = ∇²l_j. By virtual work
+
+    τ(q, P) = Σ_j r_j F_j                                                               (M1)
+    K(q, P) = -∂τ/∂q |P = Σ_j ( k_j r_j r_jᵀ + F_j H_j )      symmetric                 (M2)
+
+and, with y = (τ, the upper triangle of K), y(P) = Σ_j c_j(P_j) is a sum of one curve a muscle   (M3); of muscles
+affine in the pressure y = y0(q) + M(q) P.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.limits import TAUT, Limits, PressureInterval
+from allocator.mechanism.muscle_at_posture import MuscleAtPosture
+from allocator.mechanism.routes import JointRoutes, Routes
+from allocator.muscles import Muscle
+from allocator.units import BAR
+
+
+class TargetsMap(NamedTuple):
+    """A `TargetsMap` is y(P) = y0 + M P at postures (…), d = n + n(n+1)/2: τ, then K11, K12, …, K1n, K22, …, Knn."""
+
+    y0: Array  # (…, d) [N·m], [N·m/rad]
+    M: Array  # (…, d, m) [N·m/Pa], [N·m/rad/Pa]
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """A `Mechanism` is routes + m muscles + limits; immutable.
+
+    `muscles` may be a single one, for all m. Postures are (…, n), pressures (…, m); leading axes broadcast.
+    """
+
+    routes: Routes
+    muscles: tuple[Muscle, ...]
+    pressure_limits: tuple[float, float] = (0.0, 5 * BAR)  # of the supply [Pa]
+    angle_limits: tuple[tuple[float, float], ...] | None = None  # end stops of each joint [rad]
+    min_contraction: float = 0.025  # ε_threshold [-], below it no model is valid
+    muscle_names: tuple[str, ...] = ()  # (m,), by default "muscle 1", …
+    joint_names: tuple[str, ...] = ()  # (n,), by default "joint 1", …
+
+    def __post_init__(self) -> None:
+        """Check the parts against each other."""
+        n, m = self.n, self.m
+        muscles = (self.muscles,) * m if isinstance(self.muscles, Muscle) else tuple(self.muscles)
+        if len(muscles) != m or not all(isinstance(muscle, Muscle) for muscle in muscles):
+            raise InvalidInput(f"muscles: {len(muscles)} given; the routes lead m = {m} muscles over n = {n} joints")
+        object.__setattr__(self, "muscles", muscles)
+        checks.pressure("pressure_limits", self.pressure_limits)
+        low, high = checks.limits("pressure_limits", self.pressure_limits, "Pa")
+        if not 0 <= low < high:
+            raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
+        object.__setattr__(self, "pressure_limits", (low, high))
+        object.__setattr__(self, "min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
+        if self.angle_limits is not None:
+            object.__setattr__(self, "angle_limits", _angle_limits(self.angle_limits, n))
+        object.__setattr__(self, "muscle_names", _names("muscle", self.muscle_names, m))
+        object.__setattr__(self, "joint_names", _names("joint", self.joint_names, n))
+
+    @classmethod
+    def from_joint(cls, joint: AntagonistJoint) -> Self:
+        """Return an antagonistic joint as a mechanism with n = 1 and m = 2; friction is not taken along."""
+        return cls(
+            JointRoutes(joint.geometry),
+            (joint.agonist, joint.antagonist),
+            joint.pressure_limits,
+            angle_limits=(joint.angle_range,),
+            min_contraction=joint.min_contraction,
+            muscle_names=("agonist", "antagonist"),
+        )
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        file: str | PathLike[str],
+        muscles: Muscle | Sequence[Muscle],
+        rest_length: ArrayLike,
+        *,
+        offset: ArrayLike = 0.0,
+        pressure_limits: tuple[float, float] = (0.0, 5 * BAR),
+    ) -> Self:
+        """Return the mechanism whose muscles are the spatial tendons of a MuJoCo model, with the model's names.
+
+        `rest_length` and `offset` [m] (the part of the tendon that is cable) are numbers or rows (m,). Joints have to
+        be hinges or slides; of their ranges angle limits are made where all have one. Needs `antagonist[mujoco]`.
+        Raises `InvalidFile`, also for a model without tendons, `InvalidInput` and `MissingBackend`.
+        """
+        from allocator.mechanism.routes.mjcf import read_mjcf
+
+        model = read_mjcf(file, rest_length, offset)
+        return cls(
+            model.routes,
+            muscles,  # type: ignore[arg-type]  # one or a sequence, see __post_init__
+            pressure_limits,
+            angle_limits=model.ranges,
+            muscle_names=model.muscles,
+            joint_names=model.joints,
+        )
+
+    @property
+    def n(self) -> int:
+        """Return the number of joints."""
+        return self.routes.n
+
+    @property
+    def m(self) -> int:
+        """Return the number of muscles."""
+        return self.routes.m
+
+    @property
+    def pressure_span(self) -> float:
+        """Return the width of the supply range [Pa]; tolerances are given in fractions of it."""
+        return self.pressure_limits[1] - self.pressure_limits[0]
+
+    @cached_property
+    def affine(self) -> bool:
+        """Return whether all muscles are affine in pressure."""
+        return not self.not_affine
+
+    @cached_property
+    def not_affine(self) -> tuple[str, ...]:
+        """Return the names of the muscles that are not affine in pressure."""
+        at = self.at(np.zeros(self.n))
+        return tuple(name for name, muscle in zip(self.muscle_names, at, strict=True) if not muscle.affine)
+
+    @cached_property
+    def upper_triangle(self) -> tuple[Array, Array]:
+        """Return the rows and columns of K11, K12, …, Knn: the order of a `TargetsMap`."""
+        return np.triu_indices(self.n)
+
+    # --- at postures ------------------------------------------------------------------------------------------------
+
+    def at(self, q: Array) -> tuple[MuscleAtPosture, ...]:
+        """Return every muscle, held at the postures `q` (…, n), which are not checked."""
+        routed = self.routes.at(q)
+        eps = self.routes.contraction(routed.length)
+        return tuple(
+            MuscleAtPosture(muscle, L, eps[..., j], routed.arm[..., j, :], routed.bend[..., j, :, :])
+            for j, (muscle, L) in enumerate(zip(self.muscles, self.routes.rest_length, strict=True))
+        )
+
+    def lengths(self, q: ArrayLike) -> Array:
+        """Return the muscles' lengths l (…, m) [m] at the postures `q` (…, n)."""
+        return self.routes.at(self.posture(q)).length
+
+    def contractions(self, q: ArrayLike) -> Array:
+        """Return the muscles' contractions ε = (L - l)/L (…, m) [-] at the postures `q` (…, n)."""
+        return self.routes.contraction(self.lengths(q))
+
+    def arms(self, q: ArrayLike) -> Array:
+        """Return the arms r = -∇l (…, m, n) [m] at the postures `q` (…, n)."""
+        return self.routes.at(self.posture(q)).arm
+
+    def bends(self, q: ArrayLike) -> Array:
+        """Return the bends H = ∇²l (…, m, n, n) [m] at the postures `q` (…, n)."""
+        return self.routes.at(self.posture(q)).bend
+
+    def forces(self, q: ArrayLike, P: ArrayLike) -> Array:
+        """Return the muscles' forces F (…, m) [N]; negative where one would be slack."""
+        muscles, pressures = self._held(q, P)
+        return np.stack([muscle.force(pressures[..., j]) for j, muscle in enumerate(muscles)], axis=-1)
+
+    def torque(self, q: ArrayLike, P: ArrayLike) -> Array:
+        """Return the torques τ = Σ r F (…, n) [N·m]   (M1)"""
+        muscles, pressures = self._held(q, P)
+        return np.asarray(sum(muscle.torque(pressures[..., j]) for j, muscle in enumerate(muscles)))
+
+    def stiffness(self, q: ArrayLike, P: ArrayLike) -> Array:
+        """Return the isobaric stiffness K = -∂τ/∂q at constant pressures (…, n, n) [N·m/rad]   (M2)"""
+        muscles, pressures = self._held(q, P)
+        return np.asarray(sum(muscle.stiffness(pressures[..., j]) for j, muscle in enumerate(muscles)))
+
+    def targets_map(self, q: ArrayLike) -> TargetsMap:
+        """Return y(P) = y0 + M P, torques and stiffnesses over the pressures [Pa], at the postures `q` (…, n).
+
+        Raises `InvalidInput` for muscles that are not affine in the pressure.
+        """
+        self.check_affine()
+        return self.map_of(self.at(self.posture(q)))
+
+    def map_of(self, muscles: tuple[MuscleAtPosture, ...]) -> TargetsMap:
+        """Return the map of affine muscles held at postures."""
+        zero = np.zeros(())
+        rows, columns = self.upper_triangle
+        y0, M = 0.0, []
+        for muscle in muscles:
+            y0 = y0 + _stacked(muscle.torque(zero), muscle.stiffness(zero), rows, columns)
+            M.append(_stacked(muscle.torque_gain(zero), muscle.stiffness_gain(zero), rows, columns))
+        return TargetsMap(np.asarray(y0), np.stack(M, axis=-1))
+
+    def stacked(self, torque: Array, stiffness: Array) -> Array:
+        """Return y (…, d) from τ (…, n) and K (…, n, n)."""
+        return _stacked(torque, stiffness, *self.upper_triangle)
+
+    def pressure_box(
+        self,
+        q: ArrayLike,
+        *,
+        min_force: ArrayLike | None = 0.0,
+        max_force: ArrayLike | None = None,
+        previous: ArrayLike | None = None,
+        max_step: ArrayLike | None = None,
+    ) -> tuple[Array, Array]:
+        """Return the least and the greatest pressures (…, m) [Pa] that supply, model, forces and slew leave.
+
+        `min_force` and `max_force` [N] are numbers or rows (m,), None lifts them; `previous` (…, m) and `max_step` [Pa]
+        say from where and how far the pressures may move.
+        """
+        slew = None if previous is None else tuple(np.moveaxis(self.pressures("previous", previous), -1, 0))
+        limits = [
+            Limits(low, high, None, slew, None if max_step is None else checks.positive_pressure("max_step", max_step))
+            for low, high in zip(self.each("min_force", min_force), self.each("max_force", max_force), strict=True)
+        ]
+        box = self.intervals(self.at(self.posture(q)), limits)
+        return np.stack([side.lo for side in box], axis=-1), np.stack([side.hi for side in box], axis=-1)
+
+    def intervals(
+        self, muscles: tuple[MuscleAtPosture, ...], limits: Sequence[Limits] | None = None
+    ) -> tuple[PressureInterval, ...]:
+        """Return the interval of every muscle's pressure under its own `limits`, of which the slew is of all m."""
+        found = []
+        for j, muscle in enumerate(muscles):
+            own = TAUT if limits is None else limits[j]
+            if own.previous is not None:
+                own = own._replace(previous=(own.previous[j],))
+            found.append(muscle.interval(self.pressure_limits, own))
+        return tuple(found)
+
+    # --- checks -----------------------------------------------------------------------------------------------------
+
+    def posture(self, q: Any) -> Array:
+        """Return the checked postures `q` (…, n) [rad]. Raises `InvalidInput`."""
+        return self._last("q", checks.angle("q", q), self.n, "joint angles [rad]")
+
+    def pressures(self, name: str, P: Any) -> Array:
+        """Return the checked pressures `P` (…, m) [Pa]. Raises `InvalidInput`."""
+        return self._last(name, checks.pressure(name, P), self.m, "pressures [Pa]")
+
+    def each(self, name: str, force: Any) -> list[float | None]:
+        """Return a force limit [N] of each of the m muscles, from one for all, a row (m,), or None."""
+        if force is None:
+            return [None] * self.m
+        array = checks.real(name, force, "N")
+        if array.shape not in ((), (self.m,)) or (array < 0).any():
+            raise InvalidInput(f"{name} = {checks.brief(force)} has to be one force, or m = {self.m}, not negative [N]")
+        return np.broadcast_to(array, (self.m,)).tolist()  # type: ignore[no-any-return]  # floats
+
+    def check_affine(self) -> None:
+        """Insist on muscles affine in the pressure. Raises `InvalidInput`, which names those that are not."""
+        if self.not_affine:
+            raise InvalidInput(
+                f"{', '.join(self.not_affine)}: not affine in the pressure ("
+                f"{', '.join(sorted({type(m).__name__ for m in self.muscles}))}); pressures for a mechanism are found for "
+                "affine muscles only, such as Sarosi2012 or Hildebrandt2005: fit one of these"
+            )
+
+    def _last(self, name: str, array: Array, size: int, what: str) -> Array:
+        if array.ndim == 0 or array.shape[-1] != size:
+            raise InvalidInput(
+                f"{name} has the shape {array.shape}; expected (…, {size}), {what} of a mechanism with n = {self.n} "
+                f"joints and m = {self.m} muscles"
+            )
+        return array
+
+    def _held(self, q: Any, P: Any) -> tuple[tuple[MuscleAtPosture, ...], Array]:
+        q, P = self.posture(q), self.pressures("P", P)
+        try:
+            np.broadcast_shapes(q.shape[:-1], P.shape[:-1])
+        except ValueError:
+            raise InvalidInput(f"shapes do not broadcast: q {q.shape}, P {P.shape} but for their last axes") from None
+        return self.at(q), P
+
+    def with_muscles(self, muscles: Muscle | Sequence[Muscle]) -> Self:
+        """Return the same mechanism with other muscles, one for all or m of them."""
+        return replace(self, muscles=muscles)  # type: ignore[arg-type]  # one or a sequence
+
+
+def _stacked(torque: Array, stiffness: Array, rows: Array, columns: Array) -> Array:
+    return np.concatenate([torque, stiffness[..., rows, columns]], axis=-1)
+
+
+def _angle_limits(value: Any, n: int) -> tuple[tuple[float, float], ...]:
+    array = checks.angle("angle_limits", value)
+    if array.shape != (n, 2) or not (array[:, 0] < array[:, 1]).all():
+        raise InvalidInput(f"angle_limits have to be (lower, upper) of each of n = {n} joints, increasing [rad]")
+    return tuple((float(low), float(high)) for low, high in array)
+
+
+def _names(kind: str, names: Sequence[str], count: int) -> tuple[str, ...]:
+    if not names:
+        return tuple(f"{kind} {i + 1}" for i in range(count))
+    if isinstance(names, str) or len(names) != count or len(set(names)) != count:
+        raise InvalidInput(f"{kind}_names = {names!r} have to be {count} different names")
+    return tuple(map(str, names))
+
+
+__all__ = ["Mechanism", "TargetsMap"]

@@ -1,0 +1,147 @@
+"""The problem that `allocate_mechanism` solves.
+
+At a posture y(P) = y0 + M P holds torques and stiffnesses of affine muscles (`Mechanism.targets_map`). Over the box
+lo_j ≤ P_j ≤ hi_j, which supply, taut cables, force and slew limits leave each muscle,
+
+    priority "torque":     minimise Σ w_i (τ_i - τ_i*)²,  then Σ w_ij (K_ij - K_ij*)²,  then ‖P - P_ref‖²         [M]
+    priority "stiffness":  the first two in the other order
+    priority "weighted":   minimise both sums together,  then ‖P - P_ref‖²
+
+where what comes first is an equality for what follows. The sum over K runs over all n² entries, so that with equal
+weights it is the Frobenius norm; entries of weight 0 are free. P_ref is 0 or the previous pressures.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+
+from allocator.calculus import Array, Mask
+from allocator.joint.limits import Limits, PressureInterval
+from allocator.mechanism.mechanism import Mechanism, TargetsMap
+from allocator.mechanism.muscle_at_posture import MuscleAtPosture
+
+Priority = Literal["torque", "stiffness", "weighted"]
+PRIORITIES: tuple[Priority, ...] = get_args(Priority)
+
+_STRETCHED = 1e-9  # of the contraction ratio: nearer to the threshold is on it
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismProblem:
+    """A `MechanismProblem` is N problems [M] of one mechanism, at N postures or all at one: Q is N or 1."""
+
+    mechanism: Mechanism
+    asked: Array  # posture asked for (Q, n) [rad]
+    y: Array  # targets (N, d), in the order of a `TargetsMap`
+    weights: Array  # of the squared errors (d,), that of an entry beside the diagonal counted twice
+    priority: Priority
+    limits: tuple[Limits, ...]  # of each muscle (m)
+    reference: Array  # P_ref (N or 1, m) [Pa]
+
+    @property
+    def size(self) -> int:
+        """Return N."""
+        return len(self.y)
+
+    @cached_property
+    def q(self) -> Array:
+        """Return the postures that are answered (Q, n): those asked for, moved within the angle limits."""
+        limits = self.mechanism.angle_limits
+        return self.asked if limits is None else np.clip(self.asked, *np.transpose(limits))
+
+    @property
+    def outside(self) -> Mask:
+        """Return which joints are asked to go beyond their limits (Q, n)."""
+        return np.asarray(self.q != self.asked)
+
+    @cached_property
+    def muscles(self) -> tuple[MuscleAtPosture, ...]:
+        """Return the muscles at the postures."""
+        return self.mechanism.at(self.q)
+
+    @cached_property
+    def stretched(self) -> Mask:
+        """Return which muscles are below the contraction from which on their models hold (Q, m)."""
+        eps = np.stack([muscle.contraction for muscle in self.muscles], axis=-1)
+        return np.asarray(eps < self.mechanism.min_contraction - _STRETCHED)
+
+    @cached_property
+    def map(self) -> TargetsMap:
+        """Return y0 (Q, d) and M (Q, d, m)."""
+        return self.mechanism.map_of(self.muscles)
+
+    @cached_property
+    def box(self) -> tuple[PressureInterval, ...]:
+        """Return the interval of each muscle's pressure, arrays (Q) or (N)."""
+        return self.mechanism.intervals(self.muscles, self.limits)
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Return (lo, hi) (N, m) [Pa]."""
+        shape = self.size, self.mechanism.m
+        lo, hi = (np.stack([getattr(side, end) for side in self.box], axis=-1) for end in ("lo", "hi"))
+        return np.broadcast_to(lo, shape), np.broadcast_to(hi, shape)
+
+    @cached_property
+    def which(self) -> Array:
+        """Return the index of the posture (N,) of each problem."""
+        return np.arange(self.size) if len(self.asked) > 1 else np.zeros(self.size, np.int64)
+
+    # --- as least squares -------------------------------------------------------------------------------------------
+
+    @property
+    def unit(self) -> float:
+        """Return the pressure [Pa] that x = P/unit is measured in."""
+        return self.mechanism.pressure_limits[1]
+
+    @cached_property
+    def rows(self) -> tuple[Array, Array]:
+        """Return (the components of y that have a weight, level after level; where each level ends)."""
+        n = self.mechanism.n
+        torque, stiffness = (np.flatnonzero(self.weights[part]) for part in (slice(n), slice(n, None)))
+        stiffness += n
+        if self.priority == "weighted":
+            return np.concatenate([torque, stiffness]), np.array([torque.size + stiffness.size])
+        first, second = (torque, stiffness) if self.priority == "torque" else (stiffness, torque)
+        return np.concatenate([first, second]), np.array([first.size, first.size + second.size])
+
+    @cached_property
+    def A(self) -> Array:
+        """Return the weighted rows (Q, p, m), per unit of x."""
+        rows, _ = self.rows
+        return np.ascontiguousarray((np.sqrt(self.weights[rows])[:, None] * self.unit) * self.map.M[:, rows])
+
+    @cached_property
+    def b(self) -> Array:
+        """Return the weighted right-hand sides (N, p)."""
+        rows, _ = self.rows
+        return np.ascontiguousarray(np.sqrt(self.weights[rows]) * (self.y[:, rows] - self.map.y0[:, rows]))
+
+    @cached_property
+    def x_bounds(self) -> tuple[Array, Array, Array]:
+        """Return (lo, hi, centre) (N, m) of x."""
+        shape = self.size, self.mechanism.m
+        centre = np.broadcast_to(self.reference, shape)
+        lo, hi, c = (np.ascontiguousarray(P / self.unit) for P in (*self.bounds, centre))
+        return lo, hi, c
+
+    def by_posture(self, matrices: Array, rows: Array) -> Array:
+        """Return rows_i · matrices of i's posture: (Q, p, m) and (N, p) to (N, m)."""
+        if len(matrices) == 1:
+            return np.asarray(rows @ matrices[0])
+        return np.asarray((rows[:, None, :] @ matrices)[:, 0])
+
+    def given(self, P: Array) -> Array:
+        """Return y (N, d) at pressures (N, m) [Pa]."""
+        return self.map.y0 + self.by_posture(self.map.M.swapaxes(1, 2), P)
+
+    @cached_property
+    def y_scale(self) -> Array:
+        """Return what counts as large (N, d): what the muscles add at their upper bounds, in absolute value."""
+        most = self.by_posture(np.abs(self.map.M).swapaxes(1, 2), np.abs(self.bounds[1]))
+        return np.asarray(most + np.abs(self.map.y0) + np.abs(self.y))
+
+
+__all__ = ["PRIORITIES", "MechanismProblem", "Priority"]

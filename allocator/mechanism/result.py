@@ -1,0 +1,178 @@
+"""The answer of `allocate_mechanism`: pressures, what they give, what is in the way, and the proof."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.calculus import Array
+from allocator.joint.limits import Limit
+from allocator.mechanism import certificate
+from allocator.mechanism.certificate import Separation
+from allocator.mechanism.mechanism import Mechanism
+from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.status import MechanismStatus
+from allocator.presentation.tables import number
+from allocator.units import BAR, DEG
+
+_NAMES = {  # `MuscleAtPosture.interval` gives every muscle the flags of an agonist
+    Limit.P1_LOWER: "lower",
+    Limit.P1_UPPER: "upper",
+    Limit.AGONIST_SLACK: "slack",
+    Limit.P1_RATE: "rate",
+    Limit.AGONIST_VALIDITY: "model validity",
+    Limit.AGONIST_FORCE: "force ceiling",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismAllocation:
+    """A `MechanismAllocation` is the answer for targets of any leading shape (…); a single target's has none."""
+
+    P: Array  # pressures (…, m) [Pa]
+    T: Array  # torques that they give (…, n) [N·m]
+    K: Array  # stiffness that they give (…, n, n) [N·m/rad]
+    status: Any  # MechanismStatus, or an array (…) of its integers
+    torque_met: Any  # (…) whether the torques asked for are given
+    stiffness_met: Any  # (…) whether the stiffness is; entries that were not asked for do not count
+    holds: Any  # (…) whether K is positive definite: the posture holds itself
+    kkt_residual: Any  # (…) of optimality, in fractions of its scale; 0 is optimal
+    rounds: Any  # (…) guesses of the pivoting
+    method: str
+    _problem: MechanismProblem = field(repr=False)
+    _mu: Array = field(repr=False)
+    _shape: tuple[int, ...] = field(repr=False)
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """Return the mechanism."""
+        return self._problem.mechanism
+
+    @property
+    def success(self) -> Any:
+        """Return whether torques and stiffness are met and nothing is wrong (…)."""
+        return self.status == MechanismStatus.EXACT
+
+    @property
+    def q(self) -> Array:
+        """Return the postures that are answered (…, n) [rad]: those asked for, within the joints' range."""
+        return np.broadcast_to(self._problem.q, (self._problem.size, self.mechanism.n)).reshape(*self._shape, -1)
+
+    @property
+    def T_error(self) -> Array:
+        """Return the torques asked minus given (…, n) [N·m]."""
+        n = self.mechanism.n
+        return self._problem.y[:, :n].reshape(*self._shape, n) - self.T
+
+    @property
+    def K_error(self) -> Array:
+        """Return the stiffness asked minus given (…, n, n) [N·m/rad]; NaN for entries that were not asked for."""
+        n, (rows, columns) = self.mechanism.n, self.mechanism.upper_triangle
+        asked = np.where(self._problem.weights[n:] > 0, self._problem.y[:, n:], np.nan)
+        whole = np.empty((len(asked), n, n))
+        whole[:, rows, columns] = whole[:, columns, rows] = asked
+        return whole.reshape(*self._shape, n, n) - self.K
+
+    @cached_property
+    def forces(self) -> Array:
+        """Return the muscles' forces (…, m) [N]; negative where one would be slack."""
+        flat = self.P.reshape(-1, self.mechanism.m)
+        found = [muscle.force(flat[:, j]) for j, muscle in enumerate(self._problem.muscles)]
+        return np.stack(found, axis=-1).reshape(self.P.shape)
+
+    @property
+    def least_stiffness(self) -> Any:
+        """Return the least eigenvalue of K (…) [N·m/rad]; a posture holds itself where it is positive."""
+        least = np.linalg.eigvalsh(self.K)[..., 0]
+        return least if self._shape else float(least)
+
+    @cached_property
+    def separation(self) -> Separation:
+        """Return, for targets beyond reach, a direction d that proves it: reach = max d·y(P) < asked = d·y*.
+
+        Check it with `y0, M = mechanism.targets_map(q)` and the box: d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j).
+        """
+        d, reach, asked = certificate.separation(self._problem, self._mu)
+        if not self._shape:
+            return Separation(d[0], float(reach[0]), float(asked[0]))
+        return Separation(d.reshape(*self._shape, -1), reach.reshape(self._shape), asked.reshape(self._shape))
+
+    @property
+    def box(self) -> tuple[Array, Array]:
+        """Return the least and the greatest pressures (…, m) [Pa] that the limits leave."""
+        lo, hi = self._problem.bounds
+        return lo.reshape(self.P.shape), hi.reshape(self.P.shape)
+
+    @cached_property
+    def active(self) -> Any:
+        """Return the names of the limits that bind: "muscle 1 upper", "muscle 2 slack", "joint 1 range", …
+
+        A tuple, or an array (…) of tuples. A limit binds where the pressure lies on it, up to 1e-9 of the supply range.
+        """
+        names = np.empty(self._problem.size, object)
+        names[:] = [()] * names.size
+        for j, (name, side) in enumerate(zip(self.mechanism.muscle_names, self._problem.box, strict=True)):
+            near = CLOSED_FORM.binds * self.mechanism.pressure_span
+            flags = np.broadcast_to(side.binding(self.P.reshape(-1, self.mechanism.m)[:, j], near), names.shape)
+            for i in np.flatnonzero(flags):
+                names[i] += tuple(f"{name} {_NAMES[limit]}" for limit in Limit(int(flags[i])))
+        for kinds, end, which in (
+            (self.mechanism.joint_names, "range", self._problem.outside),
+            (self.mechanism.muscle_names, "contraction threshold", self._problem.stretched),
+        ):
+            for i, j in zip(*np.nonzero(np.broadcast_to(which, (names.size, len(kinds)))), strict=True):
+                names[i] += (f"{kinds[j]} {end}",)
+        return names.reshape(self._shape) if self._shape else names[0]
+
+    @property
+    def message(self) -> str:
+        """Return a sentence that says what was reached and what is in the way."""
+        if self._shape:
+            values, counts = np.unique(self.status, return_counts=True)
+            listed = ", ".join(f"{n} {MechanismStatus(v).name}" for v, n in zip(values, counts, strict=True))
+            return f"{self.status.size} targets: {listed}"
+        missed = f"; asked {vector(self.T + self.T_error)}, given {vector(self.T)} N·m" if not self.torque_met else ""
+        if not self.stiffness_met:
+            missed += f"; asked {vector(self.K + self.K_error)}, given {vector(self.K)} N·m/rad"
+        if not self.holds:
+            missed += f"; the least eigenvalue of K is {number(self.least_stiffness)} N·m/rad"
+        in_the_way = f"; in the way: {', '.join(self.active)}" if self.active and not self.success else ""
+        return MechanismStatus(self.status).advice + missed + in_the_way
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer by name, units in the names: pressures, what they give, status and binding limits."""
+        return {
+            "posture_deg": np.divide(self.q, DEG),
+            "P_bar": self.P / BAR,
+            "torque_Nm": self.T,
+            "stiffness_Nm_per_rad": self.K,
+            "status": MechanismStatus(self.status).name if not self._shape else _status_names(self.status),
+            "limits": self.active,
+        }
+
+    def __repr__(self) -> str:
+        """Show pressures, torques, stiffness and what is in the way; of several targets the statuses."""
+        if self._shape:
+            return f"MechanismAllocation {self._shape}, {self.message}"
+        lines = [
+            f"MechanismAllocation {MechanismStatus(self.status).name}: P = {vector(self.P / BAR)} bar",
+            f"  torques {vector(self.T)} N·m, stiffness {vector(self.K)} N·m/rad",
+        ]
+        return "\n".join([*lines, f"  {self.message}"] if not self.success else lines)
+
+
+def vector(values: Array) -> str:
+    """Return a vector or a matrix in a line; what is not asked for is free."""
+    if np.ndim(values) > 1:
+        return f"[{', '.join(map(vector, values))}]"
+    return f"[{', '.join('free' if np.isnan(value) else number(value) for value in values)}]"
+
+
+def _status_names(status: NDArray[np.int8]) -> NDArray[Any]:
+    return np.array([MechanismStatus(value).name for value in np.ravel(status)]).reshape(status.shape)
+
+
+__all__ = ["MechanismAllocation", "vector"]

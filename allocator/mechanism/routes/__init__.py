@@ -1,0 +1,20 @@
+"""Routes say how long every muscle of a mechanism is at a posture, with the first and second derivatives."""
+
+from allocator.mechanism.routes.base import RoutedLengths, Routes
+from allocator.mechanism.routes.functions import FunctionRoutes, from_function
+from allocator.mechanism.routes.pulleys import JointRoutes, Pulleys
+from allocator.mechanism.routes.sites import Link, Site, Sites
+from allocator.mechanism.routes.tables import Tables
+
+__all__ = [
+    "FunctionRoutes",
+    "JointRoutes",
+    "Link",
+    "Pulleys",
+    "RoutedLengths",
+    "Routes",
+    "Site",
+    "Sites",
+    "Tables",
+    "from_function",
+]

@@ -1,0 +1,85 @@
+"""`Routes` is what a mechanism knows of its geometry: the length of every muscle over the posture.
+
+The posture q ∈ Rⁿ holds the joints' angles [rad] (or strokes [m]); muscle j has the length l_j(q), and
+
+    arm   r_j = -∇l_j  ∈ Rⁿ      [m]     signed: positive where more force raises the joint's angle
+    bend  H_j = ∇²l_j  ∈ Rⁿˣⁿ    [m]     symmetric; 0 on pulleys
+
+Every route gives both in closed form or by algorithmic differentiation, never by differences.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+
+_SHORTEST, _LONGEST = 1e-3, 10.0  # [m] of what is a muscle; outside it the unit is another
+_NOTHING = 1e-9  # [m] an arm below it is none
+
+
+class RoutedLengths(NamedTuple):
+    """`RoutedLengths` are the lengths of m muscles at postures (…, n), with their derivatives."""
+
+    length: Array  # l (…, m) [m]
+    arm: Array  # r (…, m, n) [m]
+    bend: Array  # H (…, m, n, n) [m]
+
+
+@dataclass(frozen=True)
+class Routes(ABC):
+    """`Routes` lead m muscles over n joints; immutable."""
+
+    rest_length: tuple[float, ...]  # L_j (m,) [m]
+
+    @property
+    @abstractmethod
+    def n(self) -> int:
+        """Return the number of joints."""
+
+    @property
+    def m(self) -> int:
+        """Return the number of muscles."""
+        return len(self.rest_length)
+
+    @abstractmethod
+    def at(self, q: Array) -> RoutedLengths:
+        """Return lengths, arms and bends of all muscles at the postures `q` (…, n)."""
+
+    def contraction(self, length: Array) -> Array:
+        """Return ε = (L - l)/L (…, m) of muscles that are `length` (…, m) [m] long."""
+        L = np.array(self.rest_length)
+        return np.asarray((L - length) / L)
+
+
+def rest_lengths(kind: str, value: Any, m: int) -> tuple[float, ...]:
+    """Return m rest lengths [m] from one number or m of them. Raises `InvalidInput`."""
+    lengths = per_muscle(f"{kind}: rest_length", value, m, "m")
+    if not ((lengths >= _SHORTEST) & (lengths <= _LONGEST)).all():
+        wrong = (lengths < _SHORTEST) | (lengths > _LONGEST)
+        raise InvalidInput(f"{kind}: rest_length{checks.at(lengths, wrong)} has to be a muscle's length in metres")
+    return tuple(lengths.tolist())
+
+
+def per_muscle(name: str, value: Any, m: int, unit: str) -> Array:
+    """Return one number a muscle (m,) from one number or m of them. Raises `InvalidInput`."""
+    array = checks.real(name, value, unit)
+    if array.shape not in ((), (m,)):
+        raise InvalidInput(
+            f"{name} has the shape {array.shape}; one number or one for each of m = {m} muscles [{unit}]"
+        )
+    return np.broadcast_to(array, (m,)).astype(float)
+
+
+def check_arms(kind: str, arms: Array) -> None:
+    """Insist that every muscle has an arm at some joint: `arms` (m, n) [m] are the greatest there are."""
+    idle = ~(np.abs(arms) > _NOTHING).any(axis=1)
+    if idle.any():
+        raise InvalidInput(f"{kind}: muscle {int(np.argmax(idle)) + 1} has no arm at any joint; it moves nothing")
+
+
+__all__ = ["RoutedLengths", "Routes", "check_arms", "per_muscle", "rest_lengths"]
