@@ -1,4 +1,4 @@
-"""`problem_from` turns the arguments of `allocate_mechanism` into a `MechanismProblem`: every check, clear sentences."""
+"""`problem_from` turns the arguments of `allocate_mechanism` into a `MechanismProblem`, and checks them."""
 
 from typing import Any
 
@@ -67,8 +67,8 @@ def _common(shapes: list[tuple[int, ...]], n: int, m: int) -> tuple[int, ...]:
     except ValueError:
         listed = ", ".join(map(str, shapes))
         raise InvalidInput(
-            f"leading shapes do not broadcast: {listed}; expected q (…, {n}), T (…, {n}), K (…, {n}, {n}) and pressures "
-            f"(…, {m}) of a mechanism with n = {n} joints and m = {m} muscles"
+            f"leading shapes do not broadcast: {listed}; expected q (…, {n}), T (…, {n}), K (…, {n}, {n}) and "
+            f"pressures (…, {m}) of a mechanism with n = {n} joints and m = {m} muscles"
         ) from None
 
 

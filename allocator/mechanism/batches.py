@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.compilation import jit
+from allocator.joint.limits import BINDS
 from allocator.mechanism import kernel
 from allocator.mechanism.problem import MechanismProblem
 
@@ -29,26 +30,34 @@ def solve(problem: MechanismProblem, trajectory: bool = False) -> Solved:
     found = Solved(np.empty((N, m)), np.empty((N, len(ends) + 1, ends[-1])), np.zeros(N, np.int64))
     side = np.zeros((N, m), np.int8)
     targets = problem.A, problem.b, ends, lo, hi, centre, problem.which
-    _loop(N)(*targets, trajectory, found.x, side, found.mu, found.rounds)
+    _loop("allocate_batch", N)(*targets, trajectory, found.x, side, found.mu, found.rounds)
     return found
 
 
-def _loop(targets: int) -> jit.Function:
+def residuals(problem: MechanismProblem, solved: Solved) -> Array:
+    """Return the residual of optimality (N,) of answers, see `allocator.mechanism.certificate`; inf without one."""
+    (_, ends), (lo, hi, centre) = problem.rows, problem.x_bounds
+    out = np.empty(len(lo))
+    targets = problem.A, problem.b, ends, lo, hi, centre, problem.which
+    _loop("residual_batch", len(lo))(*targets, solved.x, solved.mu, BINDS, out)
+    return np.where(solved.rounds > 0, out, np.inf)
+
+
+def _loop(name: str, targets: int) -> jit.Function:
     """Return the compiled loop where it is there or pays, else plain Python."""
-    if targets >= _PAYS or _ready:
-        return _compiled() or kernel.allocate_batch
-    return kernel.allocate_batch
+    plain: jit.Function = getattr(kernel, name)
+    return _compiled(name) or plain if targets >= _PAYS or _ready else plain
 
 
 @cache
-def _compiled() -> jit.Function | None:
-    function = jit.compiled(kernel.allocate_batch, kernel.FUNCTIONS, inline=True, unaliased=True)
+def _compiled(name: str) -> jit.Function | None:
+    function = jit.compiled(getattr(kernel, name), kernel.FUNCTIONS, inline=True, unaliased=True)
     if function is not None:
-        _ready.append(True)
+        _ready.append(name)
     return function
 
 
-_ready: list[bool] = []  # one, once the loop is compiled
+_ready: list[str] = []  # loops, once they are compiled
 
 
 def warm_up() -> bool:
@@ -57,14 +66,15 @@ def warm_up() -> bool:
     It takes some twenty seconds after an installation and one or two in a new process. Without it a call with fewer
     than 5 000 targets does not wait for the compiler, and takes about a millisecond a target.
     """
-    function = _compiled()
-    if function is None:
+    if _compiled("allocate_batch") is None:
         return False
-    one = np.ones((1, 1))
-    whole = np.zeros(1, np.int64)
-    x, side, mu, rounds = np.empty((1, 1)), np.zeros((1, 1), np.int8), np.empty((1, 2, 1)), np.zeros(1, np.int64)
-    function(one[None], one, np.ones(1, np.int64), 0 * one, one, 0 * one, whole, False, x, side, mu, rounds)
-    return bool(rounds[0])
+    one, zero = np.ones((1, 1)), np.zeros((1, 1))
+    targets = one[None], one, np.ones(1, np.int64), zero, one, zero, np.zeros(1, np.int64)
+    found = Solved(np.empty((1, 1)), np.empty((1, 2, 1)), np.zeros(1, np.int64))
+    out = np.empty(1)
+    _loop("allocate_batch", 1)(*targets, False, found.x, np.zeros((1, 1), np.int8), found.mu, found.rounds)
+    _loop("residual_batch", 1)(*targets, found.x, found.mu, BINDS, out)
+    return bool(found.rounds[0])
 
 
-__all__ = ["Solved", "solve", "warm_up"]
+__all__ = ["Solved", "residuals", "solve", "warm_up"]

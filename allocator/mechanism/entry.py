@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.mechanism import batches, certificate, qp
+from allocator.mechanism import batches, qp
 from allocator.mechanism.arguments import problem_from
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.problem import Priority
@@ -35,7 +35,7 @@ def allocate_mechanism(
 ) -> MechanismAllocation:
     """Find the pressures of all muscles that give stiffness `K` and torques `T` at the posture `q`, or come nearest.
 
-    Solves problem [M] of `allocator.mechanism.problem`, whose answer is unique. Leading axes of all arguments broadcast.
+    Solves problem [M] of `allocator.mechanism.problem`, whose answer is unique. Leading axes of arguments broadcast.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def allocate_mechanism(
     )
     solved = qp.solve(problem, solver) if method == "qp" else batches.solve(problem, trajectory)
     P = np.clip(solved.x * problem.unit, *problem.bounds)
-    residual, y = certificate.residual(problem, solved), problem.given(P)
+    residual, y = batches.residuals(problem, solved), problem.given(P)
     n, (rows, columns) = mechanism.n, mechanism.upper_triangle
     stiffness = np.empty((problem.size, n, n))
     stiffness[:, rows, columns] = stiffness[:, columns, rows] = y[:, n:]

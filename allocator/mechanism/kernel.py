@@ -5,10 +5,10 @@ Over x ∈ Rᵐ within [lo, hi], in the order of the levels k = 0 … K-1 and th
     first minimise ‖A_0 x - b_0‖²,  among all that do ‖A_1 x - b_1‖²,  …,  among all that do ‖x - c‖²          [L]
 
 What an earlier level has achieved is an equality for the later ones, never a weight. Every variable is guessed to be
-free, at lo or at hi. `point` solves [L] for the free ones by orthogonal bases of the rows: those of level k, less their
-part in the earlier levels' bases, are L Q with Q orthonormal, and L z ≈ b_k is a small least-squares problem by L = U R.
+free, at lo or at hi. `point` solves [L] for the free ones by orthogonal bases of the rows: those of level k less their
+part in the earlier levels' bases, are L Q with Q orthonormal, and L z ≈ b_k is a small least-squares problem (L = U R).
 `violations` tells what each level would gain from moving the others, with the earlier levels' `multipliers`. Variables
-beyond their bounds are fixed there, fixed ones that the first level that feels them pulls inside are freed, all at once;
+beyond their bounds are fixed there, fixed ones that the first level to feel them pulls inside are freed, all at once;
 after `_PATIENCE` rounds without fewer of them only the last one, Murty's rule. That ends: [L] is the limit of
 Σ ε^k ‖A_k x - b_k‖² + ε^K ‖x - c‖² as ε → 0, whose matrix is positive definite over the ordered field of series in ε,
 and over that the rule visits no guess twice.
@@ -311,6 +311,54 @@ def violations(levels, box, x, side, mu, work):
     return count, last
 
 
+def residual_batch(A, b, ends, lo, hi, centre, which, x, mu, near, out):
+    """Fill `out` (N) with the residuals of optimality that `allocator.mechanism.certificate` explains.
+
+    Arguments are those of `allocate_batch`; a variable within `near` of a bound is on it.
+    """
+    p, m = A.shape[1], A.shape[2]
+    K = len(ends)
+    sizes, scales = np.empty((3, K)), np.empty((2, K + 1))
+    factors, held = np.empty(p), np.empty(m, np.bool_)
+    for i in range(len(which)):
+        if i == 0 or which[i] != which[i - 1]:
+            measure(A[which[i]], ends, sizes)
+        scale(b[i], ends, sizes, scales)
+        levels, box = (A[which[i]], b[i], ends, sizes, scales), (lo[i], hi[i], centre[i])
+        out[i] = residual(levels, box, x[i], mu[i], near, factors, held)
+
+
+def residual(levels, box, x, mu, near, factors, held):
+    """Return the greatest gradient that is left at any level, in fractions of its scale."""
+    A, b, ends, _, scales = levels
+    lo, hi, centre = box
+    K, begin, worst = len(ends), 0, 0.0
+    for j in range(len(x)):
+        held[j] = lo[j] >= hi[j]
+    for k in range(K + 1):
+        end = ends[k] if k < K else begin
+        for i in range(end):
+            factors[i] = mu[k, i]
+            if i >= begin:  # the level's own rows, from the answer itself
+                factors[i] = -b[i]
+                for j in range(len(x)):
+                    factors[i] += A[i, j] * x[j]
+        for j in range(len(x)):
+            gradient, size = (x[j] - centre[j], 1.0) if k == K else (0.0, scales[1, k])
+            for i in range(end):
+                gradient += A[i, j] * factors[i]
+                size += abs(A[i, j] * factors[i])
+            low, high = x[j] <= lo[j] + near, x[j] >= hi[j] - near
+            wrong = abs(gradient)
+            if low or high:
+                wrong = max(-gradient if low else gradient, 0.0)
+            if not held[j]:
+                worst = max(worst, wrong / size)
+                held[j] = (low or high) and abs(gradient) > ZERO * size
+        begin = end
+    return worst
+
+
 FUNCTIONS: tuple[Callable[..., Any], ...] = (
     measure,
     scale,
@@ -322,6 +370,7 @@ FUNCTIONS: tuple[Callable[..., Any], ...] = (
     multipliers,
     earlier,
     violations,
+    residual,
 )
 
-__all__ = ["FUNCTIONS", "MOST_ROUNDS", "ZERO", "allocate_batch"]
+__all__ = ["FUNCTIONS", "MOST_ROUNDS", "allocate_batch", "residual_batch"]

@@ -17,7 +17,7 @@ from os import PathLike
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
 from allocator.calculus import Array
@@ -28,6 +28,8 @@ from allocator.mechanism.muscle_at_posture import MuscleAtPosture
 from allocator.mechanism.routes import JointRoutes, Routes
 from allocator.muscles import Muscle
 from allocator.units import BAR
+
+Indices = NDArray[np.intp]
 
 
 class TargetsMap(NamedTuple):
@@ -137,7 +139,7 @@ class Mechanism:
         return tuple(name for name, muscle in zip(self.muscle_names, at, strict=True) if not muscle.affine)
 
     @cached_property
-    def upper_triangle(self) -> tuple[Array, Array]:
+    def upper_triangle(self) -> tuple[Indices, Indices]:
         """Return the rows and columns of K11, K12, …, Knn: the order of a `TargetsMap`."""
         return np.triu_indices(self.n)
 
@@ -195,11 +197,11 @@ class Mechanism:
         """Return the map of affine muscles held at postures."""
         zero = np.zeros(())
         rows, columns = self.upper_triangle
-        y0, M = 0.0, []
+        y0, M = np.zeros(()), []
         for muscle in muscles:
-            y0 = y0 + _stacked(muscle.torque(zero), muscle.stiffness(zero), rows, columns)
+            y0 = np.asarray(y0 + _stacked(muscle.torque(zero), muscle.stiffness(zero), rows, columns))
             M.append(_stacked(muscle.torque_gain(zero), muscle.stiffness_gain(zero), rows, columns))
-        return TargetsMap(np.asarray(y0), np.stack(M, axis=-1))
+        return TargetsMap(y0, np.stack(M, axis=-1))
 
     def stacked(self, torque: Array, stiffness: Array) -> Array:
         """Return y (…, d) from τ (…, n) and K (…, n, n)."""
@@ -263,8 +265,8 @@ class Mechanism:
         if self.not_affine:
             raise InvalidInput(
                 f"{', '.join(self.not_affine)}: not affine in the pressure ("
-                f"{', '.join(sorted({type(m).__name__ for m in self.muscles}))}); pressures for a mechanism are found for "
-                "affine muscles only, such as Sarosi2012 or Hildebrandt2005: fit one of these"
+                f"{', '.join(sorted({type(m).__name__ for m in self.muscles}))}); pressures of a mechanism are found "
+                "for affine muscles only, such as Sarosi2012 or Hildebrandt2005: fit one of these"
             )
 
     def _last(self, name: str, array: Array, size: int, what: str) -> Array:
@@ -288,7 +290,7 @@ class Mechanism:
         return replace(self, muscles=muscles)  # type: ignore[arg-type]  # one or a sequence
 
 
-def _stacked(torque: Array, stiffness: Array, rows: Array, columns: Array) -> Array:
+def _stacked(torque: Array, stiffness: Array, rows: Indices, columns: Indices) -> Array:
     return np.concatenate([torque, stiffness[..., rows, columns]], axis=-1)
 
 

@@ -39,7 +39,7 @@ class MuscleAtPosture:
 
     def torque(self, P: Array) -> Array:
         """Return r F (…, n) [N·m]   (M1)"""
-        return self.arm * self.force(P)[..., None]
+        return np.asarray(self.arm * self.force(P)[..., None])
 
     def stiffness(self, P: Array) -> Array:
         """Return k r rᵀ + F H (…, n, n) [N·m/rad]   (M2)"""
@@ -47,7 +47,7 @@ class MuscleAtPosture:
 
     def torque_gain(self, P: Array) -> Array:
         """Return the derivative of `torque` by P, r F_P (…, n) [N·m/Pa]."""
-        return self.arm * np.asarray(self.muscle.gain(P, self.contraction))[..., None]
+        return np.asarray(self.arm * np.asarray(self.muscle.gain(P, self.contraction))[..., None])
 
     def stiffness_gain(self, P: Array) -> Array:
         """Return the derivative of `stiffness` by P, -F_Pε/L r rᵀ + F_P H (…, n, n) [N·m/rad/Pa]."""

@@ -16,10 +16,11 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
 from allocator.joint.limits import Limits, PressureInterval
-from allocator.mechanism.mechanism import Mechanism, TargetsMap
+from allocator.mechanism.mechanism import Indices, Mechanism, TargetsMap
 from allocator.mechanism.muscle_at_posture import MuscleAtPosture
 
 Priority = Literal["torque", "stiffness", "weighted"]
@@ -85,7 +86,7 @@ class MechanismProblem:
         return np.broadcast_to(lo, shape), np.broadcast_to(hi, shape)
 
     @cached_property
-    def which(self) -> Array:
+    def which(self) -> NDArray[np.int64]:
         """Return the index of the posture (N,) of each problem."""
         return np.arange(self.size) if len(self.asked) > 1 else np.zeros(self.size, np.int64)
 
@@ -97,7 +98,7 @@ class MechanismProblem:
         return self.mechanism.pressure_limits[1]
 
     @cached_property
-    def rows(self) -> tuple[Array, Array]:
+    def rows(self) -> tuple[Indices, Indices]:
         """Return (the components of y that have a weight, level after level; where each level ends)."""
         n = self.mechanism.n
         torque, stiffness = (np.flatnonzero(self.weights[part]) for part in (slice(n), slice(n, None)))

@@ -8,9 +8,10 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
 from allocator.mechanism.batches import Solved
+from allocator.mechanism.mechanism import Indices
 from allocator.mechanism.problem import MechanismProblem
 
-_OPTIONS: dict[str, dict[str, Any]] = {"daqp": {"primal_tol": 1e-12, "dual_tol": 1e-12, "eps_prox": 1e-5}}
+_OPTIONS: dict[str, dict[str, Any]] = {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10}}
 
 
 def solve(problem: MechanismProblem, solver: str | None = None) -> Solved:
@@ -31,7 +32,7 @@ def solve(problem: MechanismProblem, solver: str | None = None) -> Solved:
     return Solved(x, mu, rounds)
 
 
-def _levels(A: Array, b: Array, ends: Array, box: tuple[Array, Array, Array], solver: str) -> tuple[Array, Array, bool]:
+def _levels(A: Array, b: Array, ends: Indices, box: tuple[Array, Array, Array], solver: str) -> tuple[Array, Array, bool]:
     """Return (x, multipliers, whether all levels were solved) of one target."""
     lo, hi, centre = box
     x, mu, begin, m = np.clip(centre, lo, hi), np.zeros((len(ends) + 1, len(A))), 0, len(lo)

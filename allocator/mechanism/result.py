@@ -132,7 +132,7 @@ class MechanismAllocation:
         """Return a sentence that says what was reached and what is in the way."""
         if self._shape:
             values, counts = np.unique(self.status, return_counts=True)
-            listed = ", ".join(f"{n} {MechanismStatus(v).name}" for v, n in zip(values, counts, strict=True))
+            listed = ", ".join(f"{n} {MechanismStatus(int(v)).name}" for v, n in zip(values, counts, strict=True))
             return f"{self.status.size} targets: {listed}"
         missed = f"; asked {vector(self.T + self.T_error)}, given {vector(self.T)} N·m" if not self.torque_met else ""
         if not self.stiffness_met:
@@ -172,7 +172,7 @@ def vector(values: Array) -> str:
 
 
 def _status_names(status: NDArray[np.int8]) -> NDArray[Any]:
-    return np.array([MechanismStatus(value).name for value in np.ravel(status)]).reshape(status.shape)
+    return np.array([MechanismStatus(int(value)).name for value in np.ravel(status)]).reshape(status.shape)
 
 
 __all__ = ["MechanismAllocation", "vector"]

@@ -31,9 +31,7 @@ def read_mjcf(file: str | PathLike[str], rest_length: Any, offset: Any = 0.0) ->
     try:
         import mujoco
     except ImportError:
-        raise MissingBackend(
-            "reader", "mujoco", ["Sites", "Pulleys", "after pip install 'antagonist[mujoco]'"]
-        ) from None
+        raise MissingBackend("reader", "mujoco", ["pip install 'antagonist[mujoco]' first", "Sites"]) from None
     if not Path(file).is_file():
         raise InvalidFile(file, "does not exist")
     try:

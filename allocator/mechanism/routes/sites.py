@@ -11,6 +11,7 @@ before b (or b itself) turns that: ∂²p/∂q_a∂q_b = w_a × ∂p/∂q_b.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
@@ -112,7 +113,7 @@ class Sites(Routes):
         length -= np.array(self.offset)
         for j, path in enumerate(self.paths):
             points = [self._point(site, frames) for site in path]
-            for start, end in zip(points, points[1:], strict=False):
+            for start, end in pairwise(points):
                 D, J, C = (b - a for a, b in zip(start, end, strict=True))
                 distance = np.sqrt((D * D).sum(-1))
                 if not (distance > _COINCIDE).all():
@@ -165,7 +166,7 @@ def point(name: str, value: Any) -> Point:
     array = checks.real(name, value, "m")
     if array.shape not in ((2,), (3,)):
         raise InvalidInput(f"{name} = {checks.brief(value)} has to be two or three coordinates [m]")
-    return tuple(np.resize(array.tolist() + [0.0], 3).tolist())
+    return tuple(np.resize([*array.tolist(), 0.0], 3).tolist())
 
 
 def _path(name: str, path: Sequence[Any], n: int) -> tuple[Site, ...]:

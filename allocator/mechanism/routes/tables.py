@@ -48,13 +48,14 @@ class Tables(Routes):
 
     @cached_property
     def _spline(self) -> Any:
-        from scipy.interpolate import make_interp_spline
+        from scipy.interpolate import NdBSpline, make_interp_spline
 
-        coefficients, knots = np.array(self.lengths), []
+        coefficients = np.array(self.lengths)
+        knots: list[Any] = []
         for i, row in enumerate(self.grid):
             spline = make_interp_spline(row, coefficients, k=3, axis=i)
-            coefficients, knots = np.moveaxis(spline.c, 0, i), [*knots, spline.t]
-        from scipy.interpolate import NdBSpline
+            coefficients = np.moveaxis(spline.c, 0, i)
+            knots.append(spline.t)
 
         return NdBSpline(tuple(knots), coefficients, 3, extrapolate=True)
 
