@@ -4,9 +4,10 @@
 >>> from allocator.mechanism import allocate_mechanism, machines
 >>> a = allocate_mechanism(machines.arm26(), q=[0.4, -0.3], K=[[10, 4], [4, 9]], T=[9, 4])  # rad, N·m/rad, N·m
 >>> a.status.name, np.round(a.P / 1e5, 3)
-('EXACT', array([3.319, 1.592, 2.847, 3.196, 3.567, 1.935]))
+('EXACT', array([3.295, 1.481, 2.95 , 3.289, 3.548, 1.988]))
 """
 
+from allocator.mechanism import machines
 from allocator.mechanism.batches import warm_up
 from allocator.mechanism.certificate import Separation
 from allocator.mechanism.entry import allocate_mechanism
@@ -14,6 +15,7 @@ from allocator.mechanism.mechanism import Mechanism, TargetsMap
 from allocator.mechanism.result import MechanismAllocation
 from allocator.mechanism.routes import Link, Pulleys, Routes, Site, Sites, Tables, from_function
 from allocator.mechanism.status import MechanismStatus
+from allocator.mechanism.storage import load_mechanism, save_mechanism
 
 __all__ = [
     "Link",
@@ -28,6 +30,9 @@ __all__ = [
     "Tables",
     "TargetsMap",
     "allocate_mechanism",
+    "machines",
     "from_function",
+    "load_mechanism",
+    "save_mechanism",
     "warm_up",
 ]

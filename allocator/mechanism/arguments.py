@@ -74,9 +74,9 @@ def _common(shapes: list[tuple[int, ...]], n: int, m: int) -> tuple[int, ...]:
 
 def _torque(mechanism: Mechanism, T: Any) -> Array:
     array = checks.real("T", T, "N·m")
-    if array.ndim == 0 and (array == 0 or mechanism.n == 1):
+    if array.ndim == 0:
         return np.full(mechanism.n, float(array))
-    return mechanism._last("T", array, mechanism.n, "torques [N·m]")
+    return mechanism.sized("T", array, mechanism.n, "torques [N·m]")
 
 
 def _stiffness(mechanism: Mechanism, K: Any, others: tuple[int, ...]) -> tuple[Array, bool]:

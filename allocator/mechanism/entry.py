@@ -47,7 +47,7 @@ def allocate_mechanism(
         Isobaric stiffness [N·m/rad]: matrices (…, n, n), symmetric and positive definite; or only what their diagonals
         shall be (…, n), or all of one diagonal, a number: the other entries are then free.
     T
-        Torques (…, n) [N·m], or 0.
+        Torques (…, n) [N·m], or a number for every joint.
     priority
         What is met first where not both can be: "torque", "stiffness", or "weighted" by `weights`.
     weights

@@ -245,11 +245,11 @@ class Mechanism:
 
     def posture(self, q: Any) -> Array:
         """Return the checked postures `q` (…, n) [rad]. Raises `InvalidInput`."""
-        return self._last("q", checks.angle("q", q), self.n, "joint angles [rad]")
+        return self.sized("q", checks.angle("q", q), self.n, "joint angles [rad]")
 
     def pressures(self, name: str, P: Any) -> Array:
         """Return the checked pressures `P` (…, m) [Pa]. Raises `InvalidInput`."""
-        return self._last(name, checks.pressure(name, P), self.m, "pressures [Pa]")
+        return self.sized(name, checks.pressure(name, P), self.m, "pressures [Pa]")
 
     def each(self, name: str, force: Any) -> list[float | None]:
         """Return a force limit [N] of each of the m muscles, from one for all, a row (m,), or None."""
@@ -269,7 +269,8 @@ class Mechanism:
                 "for affine muscles only, such as Sarosi2012 or Hildebrandt2005: fit one of these"
             )
 
-    def _last(self, name: str, array: Array, size: int, what: str) -> Array:
+    def sized(self, name: str, array: Array, size: int, what: str) -> Array:
+        """Insist that the last axis of `array` has the length `size`. Raises `InvalidInput`, which says n and m."""
         if array.ndim == 0 or array.shape[-1] != size:
             raise InvalidInput(
                 f"{name} has the shape {array.shape}; expected (…, {size}), {what} of a mechanism with n = {self.n} "

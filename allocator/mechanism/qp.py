@@ -11,6 +11,9 @@ from allocator.mechanism.batches import Solved
 from allocator.mechanism.mechanism import Indices
 from allocator.mechanism.problem import MechanismProblem
 
+Box = tuple[Array, Array, Array]
+"""(lo, hi, centre) of x, each (m,)."""
+
 _OPTIONS: dict[str, dict[str, Any]] = {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10}}
 
 
@@ -32,7 +35,9 @@ def solve(problem: MechanismProblem, solver: str | None = None) -> Solved:
     return Solved(x, mu, rounds)
 
 
-def _levels(A: Array, b: Array, ends: Indices, box: tuple[Array, Array, Array], solver: str) -> tuple[Array, Array, bool]:
+def _levels(
+    A: Array, b: Array, ends: Indices, box: tuple[Array, Array, Array], solver: str
+) -> tuple[Array, Array, bool]:
     """Return (x, multipliers, whether all levels were solved) of one target."""
     lo, hi, centre = box
     x, mu, begin, m = np.clip(centre, lo, hi), np.zeros((len(ends) + 1, len(A))), 0, len(lo)
