@@ -91,18 +91,18 @@ class Mechanism:
         muscles: Muscle | Sequence[Muscle],
         rest_length: ArrayLike,
         *,
-        offset: ArrayLike = 0.0,
+        cable: ArrayLike = 0.0,
         pressure_limits: tuple[float, float] = (0.0, 5 * BAR),
     ) -> Self:
         """Return the mechanism whose muscles are the spatial tendons of a MuJoCo model, with the model's names.
 
-        `rest_length` and `offset` [m] (the part of the tendon that is cable) are numbers or rows (m,). Joints have to
+        `rest_length` and `cable` [m] (the part of the tendon that is cable) are numbers or rows (m,). Joints have to
         be hinges or slides; of their ranges angle limits are made where all have one. Needs `antagonist[mujoco]`.
         Raises `InvalidFile`, also for a model without tendons, `InvalidInput` and `MissingBackend`.
         """
         from allocator.mechanism.routes.mjcf import read_mjcf
 
-        model = read_mjcf(file, rest_length, offset)
+        model = read_mjcf(file, rest_length, cable)
         return cls(
             model.routes,
             muscles,  # type: ignore[arg-type]  # one or a sequence, see __post_init__

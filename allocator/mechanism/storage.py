@@ -108,7 +108,7 @@ def _route_lines(routes: Routes) -> list[str]:
     lines = ["[routes]", _line("kind", kind), _line("rest_length", routes.rest_length)]
     if isinstance(routes, Sites):
         paths = tuple(tuple((site.link, *site.position) for site in path) for path in routes.paths)
-        lines += [_line("offset", routes.offset), _line("paths", paths)]
+        lines += [_line("cable", routes.cable), _line("paths", paths)]
         for link in routes.links:
             lines += ["", "[[routes.links]]", *(_line(f.name, getattr(link, f.name)) for f in fields(link))]
         return lines

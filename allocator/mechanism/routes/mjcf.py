@@ -22,8 +22,8 @@ class Model:
     ranges: tuple[tuple[float, float], ...] | None  # of the joints [rad or m]; None unless all are limited
 
 
-def read_mjcf(file: str | PathLike[str], rest_length: Any, offset: Any = 0.0) -> Model:
-    """Read the tendons of an MJCF (or MuJoCo's URDF) `file`; `rest_length` and `offset` [m] as of `Sites`.
+def read_mjcf(file: str | PathLike[str], rest_length: Any, cable: Any = 0.0) -> Model:
+    """Read the tendons of an MJCF (or MuJoCo's URDF) `file`; `rest_length` and `cable` [m] as of `Sites`.
 
     Raises `MissingBackend` without MuJoCo, `InvalidFile` for a file that MuJoCo does not read, without tendons, with
     joints other than hinges and slides, or with tendons that are no straight lines between sites.
@@ -49,7 +49,7 @@ def read_mjcf(file: str | PathLike[str], rest_length: Any, offset: Any = 0.0) ->
     links, frames = _links(model, dict((moving, still)))
     paths = [_path(file, model, j, frames, int(mujoco.mjtWrap.mjWRAP_SITE)) for j in range(model.ntendon)]
     try:
-        routes = Sites(rest_length, links, paths, offset)
+        routes = Sites(rest_length, links, paths, cable)
     except InvalidInput as error:
         raise InvalidFile(file, str(error)) from None
     limited = bool(np.all(model.jnt_limited))

@@ -71,14 +71,14 @@ class Sites(Routes):
 
     links: tuple[Link, ...]
     paths: tuple[tuple[Site, ...], ...]  # the sites of each of m muscles, in order
-    offset: tuple[float, ...]  # (m,) length of the path that is not muscle but cable [m]
+    cable: tuple[float, ...]  # (m,) length of the path that is not muscle but cable [m]
 
     def __init__(
-        self, rest_length: Any, links: Sequence[Link], paths: Sequence[Sequence[Any]], offset: Any = 0.0
+        self, rest_length: Any, links: Sequence[Link], paths: Sequence[Sequence[Any]], cable: Any = 0.0
     ) -> None:
         """Check and keep `links` (n) and `paths` (m), of pairs (link, position [m]); the rest are numbers or rows (m,).
 
-        The muscle's length is that of its path less `offset` [m]. Raises `InvalidInput`.
+        The muscle's length is that of its path less `cable` [m]. Raises `InvalidInput`.
         """
         n, m = len(links), len(paths)
         if not n or not m:
@@ -89,7 +89,7 @@ class Sites(Routes):
         object.__setattr__(self, "links", tuple(links))
         object.__setattr__(self, "paths", tuple(_path(f"Sites: path {j}", path, n) for j, path in enumerate(paths)))
         object.__setattr__(self, "rest_length", rest_lengths("Sites", rest_length, m))
-        object.__setattr__(self, "offset", tuple(per_muscle("Sites: offset", offset, m, "m").tolist()))
+        object.__setattr__(self, "cable", tuple(per_muscle("Sites: cable", cable, m, "m").tolist()))
         check_arms("Sites", self.at(_SOMEWHERE * np.arange(1.0, n + 1) / n).arm)
 
     @property
@@ -110,7 +110,7 @@ class Sites(Routes):
         """Return lengths, arms and bends at the postures `q` (…, n). Raises `InvalidInput` where two sites meet."""
         frames = self._frames(q)
         length, arm, bend = (np.zeros((*q.shape[:-1], self.m, *(self.n,) * order)) for order in (0, 1, 2))
-        length -= np.array(self.offset)
+        length -= np.array(self.cable)
         for j, path in enumerate(self.paths):
             points = [self._point(site, frames) for site in path]
             for start, end in pairwise(points):

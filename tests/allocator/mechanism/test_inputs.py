@@ -1,0 +1,121 @@
+"""Wrong input ends in one sentence that names the argument, its value and what was expected."""
+
+import casadi
+import numpy as np
+import pytest
+
+from allocator import InvalidInput, MissingBackend
+from allocator.mechanism import Link, Mechanism, Pulleys, Sites, Tables, allocate_mechanism, from_function, machines
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
+from allocator.units import BAR
+
+ARM = machines.arm26()
+GOOD = {"q": [0.4, -0.3], "K": [[10.0, 4.0], [4.0, 9.0]], "T": [9.0, 4.0]}
+PATH = [(-1, (0.1, 0.1)), (0, (0.2, 0.1))]
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"q": [23.0, -17.0]}, r"q\[0\] = 23 rad is over a turn; if degrees were meant, pass 0.4014 rad"),
+        ({"q": [0.1, 0.2, 0.3]}, r"q has the shape \(3,\); expected \(…, 2\).* n = 2 joints and m = 6 muscles"),
+        ({"q": [np.nan, 0.2]}, r"q\[0\] = nan is not finite \[rad\]"),
+        ({"K": [[10.0, 4.0], [3.0, 9.0]]}, "K is not symmetric.* differ by 1 N·m/rad"),
+        ({"K": [[10.0, 40.0], [40.0, 9.0]]}, "K has the eigenvalue -30.* positive definite"),
+        ({"K": [10.0, -9.0]}, r"K\[1\] = -9 N·m/rad has to be positive"),
+        ({"K": np.ones((3, 3))}, r"K has the shape \(3, 3\); expected matrices \(…, 2, 2\).* n = 2 .* m = 6"),
+        ({"q": np.zeros((2, 2)), "K": np.eye(2)}, "one matrix or the diagonals of 2 targets"),
+        ({"T": [1.0, 2.0, 3.0]}, r"T has the shape \(3,\); expected \(…, 2\)"),
+        ({"T": [np.inf, 2.0]}, r"T\[0\] = inf is not finite"),
+        ({"q": np.zeros((4, 2)), "T": np.zeros((3, 2))}, r"do not broadcast: \(4,\), \(3,\).* n = 2 .* m = 6"),
+        ({"previous": [3, 2, 2.5, 3.5, 4, 1.5]}, "previous.* if bar was meant"),
+        ({"previous": np.full(5, 2e5)}, r"previous has the shape \(5,\); expected \(…, 6\)"),
+        ({"max_step": 1e4}, "max_step .* give previous"),
+        ({"previous": np.full(6, 2e5), "max_step": 1.0}, "max_step.* bar"),
+        ({"min_force": [1.0, 2.0]}, "min_force = .* m = 6"),
+        ({"min_force": -1.0}, "min_force = -1.0 .* not negative"),
+        ({"min_force": 100.0, "max_force": 50.0}, "max_force = 50 N of shoulder flexor has to exceed"),
+        ({"priority": "speed"}, "priority = 'speed' is unknown; choose one of torque, stiffness, weighted"),
+        ({"priority": "weighted"}, r"needs weights = \(w_T, w_K\)"),
+        ({"weights": 3.0}, r"weights = 3.0 have to be two"),
+        ({"weights": (1.0, [1.0, 2.0])}, r"w_K \(2, 2\) for n = 2"),
+        ({"weights": (1.0, [[1.0, 2.0], [0.0, 1.0]])}, "has to be symmetric"),
+        ({"weights": (-1.0, 1.0)}, "must not be negative"),
+        ({"solver": "daqp"}, "solver = 'daqp' belongs to the method 'qp'"),
+        ({"mechanism": "arm26"}, "mechanism is a str; expected a Mechanism"),
+        ({"mechanism": ARM.with_muscles(TONDU_DMSP_20_400N)}, "shoulder flexor, .*not affine.*Tondu2021.*Sarosi2012"),
+    ],
+)
+def test_wrong_arguments_of_the_allocation(changed, sentence):
+    with pytest.raises(InvalidInput, match=sentence):
+        allocate_mechanism(**({"mechanism": ARM} | GOOD | changed))
+
+
+@pytest.mark.parametrize("name", ["method", "solver"])
+def test_unknown_methods_list_the_known_ones(name):
+    with pytest.raises(MissingBackend, match=r"available: .*(exact|daqp)"):
+        allocate_mechanism(
+            ARM, **GOOD, **({"method": "magic"} if name == "method" else {"method": "qp", name: "magic"})
+        )
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: Pulleys(0.4, [(0.02, 0.0), (np.nan, 0.02)], 0.1), r"arms\[1, 0\] = nan is not finite \[m\]"),
+        (lambda: Pulleys(0.4, [(0.02, 0.0), (0.0, 0.0)], 0.1), "muscle 2 has no arm at any joint"),
+        (lambda: Pulleys(0.4, [(20.0, 0.0)], 0.1), "arms.* 20 m is no pulley; if millimetres, divide by 1000"),
+        (lambda: Pulleys(0.4, [0.02, 0.02], 0.1), r"arms have the shape \(2,\); expected \(m, n\)"),
+        (lambda: Pulleys(400, [(0.02,)], 0.1), r"rest_length\[0\] = 400 has to be a muscle's length in metres"),
+        (lambda: Pulleys([0.4, 0.3], [(0.02,)], 0.1), r"rest_length has the shape \(2,\).* m = 1"),
+        (lambda: Pulleys(0.4, [(0.02,)], 13.75), "initial_contraction.* if percent was meant"),
+        (lambda: Sites(0.4, [Link()], [[(0, (0.1, 0.1)), (0, (0.2, 0.1))]]), "muscle 1 has no arm at any joint"),
+        (lambda: Sites(0.4, [Link()], [PATH, [(0, (0.1, 0.1))]]), "path 1 has 1 sites; .* two or more"),
+        (lambda: Sites(0.4, [Link()], [[(-1, (0.1, 0.1)), (1, (0.2, 0.1))]]), "runs through link 1; expected -1"),
+        (lambda: Sites(0.4, [Link(), Link(2)], [PATH]), "link 1 has the parent 2"),
+        (lambda: Sites(0.4, [], []), "n = 0 links and m = 0 paths"),
+        (lambda: Link(axis=(0.0, 0.0, 0.0)), "axis = 0 is no direction"),
+        (lambda: Link(origin=(0.1,)), "origin = .* two or three coordinates"),
+        (lambda: Link(orientation=np.ones((3, 3))), "orientation has to be a rotation matrix"),
+        (lambda: Link(kind="ball"), "kind = 'ball' is unknown; choose one of hinge, slide"),
+        (lambda: Tables(0.4, [[0.0, 0.1, 0.2]], np.ones((3, 1))), r"grid\[0\] .* 4 or more increasing"),
+        (lambda: Tables(0.4, [np.arange(5) / 5], np.ones((4, 1))), r"lengths have the shape \(4, 1\).* \(5, m\)"),
+        (lambda: Tables(0.4, [np.arange(5) / 5], np.ones((5, 1))), "muscle 1 has no arm"),
+        (lambda: from_function(0.4, 2, lambda q: [0.3 - 0.02 * q[0], casadi.SX(0.3)]), "muscle 2 has no arm"),
+        (lambda: from_function(0.4, 2, lambda q: "far"), "'far', no CasADi expression"),
+        (lambda: Mechanism(Pulleys(0.4, [(0.02,)], 0.1), (SAROSI_DMSP_20_400N,) * 2), "2 given; .* m = 1 .* n = 1"),
+        (lambda: Mechanism(Pulleys(0.4, [(0.02,)], 0.1), SAROSI_DMSP_20_400N, (0, 5)), "if bar was meant"),
+        (
+            lambda: Mechanism(Pulleys(0.4, [(0.02,)], 0.1), SAROSI_DMSP_20_400N, angle_limits=((1.0, -1.0),)),
+            "angle_limits have to be .* n = 1 joints, increasing",
+        ),
+        (
+            lambda: Mechanism(Pulleys(0.4, [(0.02,)] * 2, 0.1), SAROSI_DMSP_20_400N, muscle_names=("a", "a")),
+            "muscle_names = .* 2 different names",
+        ),
+        (lambda: ARM.torque([0.4, -0.3], np.full(5, 2e5)), r"P has the shape \(5,\); expected \(…, 6\)"),
+        (lambda: ARM.torque([0.4, -0.3], [3, 2, 2.5, 3.5, 4, 1.5]), "if bar was meant"),
+        (lambda: ARM.torque(np.zeros((2, 2)), np.full((3, 6), 2e5)), "do not broadcast"),
+        (lambda: ARM.with_muscles(TONDU_DMSP_20_400N).targets_map([0.1, 0.1]), "not affine in the pressure"),
+    ],
+)
+def test_wrong_parts_of_a_mechanism(make, sentence):
+    with pytest.raises(InvalidInput, match=sentence):
+        make()
+
+
+def test_muscles_that_are_not_affine_still_have_torque_and_stiffness():
+    report = ARM.with_muscles(TONDU_DMSP_20_400N)
+    assert not report.affine
+    assert report.torque([0.4, -0.3], np.full(6, 3 * BAR)).shape == (2,)
+
+
+def test_answers_are_frozen():
+    a = allocate_mechanism(ARM, **GOOD)
+    for array in (a.P, a.T, a.K):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+    many = allocate_mechanism(ARM, np.zeros((3, 4, 2)), 9.0, 1.0)
+    assert many.P.shape == (3, 4, 6)
+    assert many.status.shape == many.active.shape == (3, 4)
+    assert "12 targets" in repr(many)

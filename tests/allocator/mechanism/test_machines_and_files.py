@@ -1,0 +1,101 @@
+"""Ready-made machines do what they are for; files give back what was written."""
+
+import numpy as np
+import pytest
+
+from allocator import InvalidFile, InvalidInput, MissingBackend, report_joint
+from allocator.mechanism import (
+    Link,
+    Mechanism,
+    Sites,
+    Tables,
+    allocate_mechanism,
+    from_function,
+    load_mechanism,
+    machines,
+    save_mechanism,
+)
+from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
+from allocator.units import BAR
+
+_GRID = np.linspace(-0.5, 0.5, 5)
+SHAPES = {"arm26": (2, 6, 1), "arm48": (4, 8, 0), "leg37": (3, 7, 2)}  # n, m, couplings of joints
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_machines_hold_themselves_and_couple_what_they_should(name):
+    machine = machines.machine(name)
+    n, m, coupled = SHAPES[name]
+    assert (machine.n, machine.m) == (n, m)
+    q = np.array(machine.angle_limits).mean(axis=1)
+    lo, hi = machine.pressure_box(q)
+    P = (lo + hi) / 2
+    K = machine.stiffness(q, P)
+    assert np.linalg.eigvalsh(K)[0] > 0
+    assert (np.abs(np.triu(K, 1)) > 0.1).sum() == coupled
+    again = allocate_mechanism(machine, q, K, machine.torque(q, P))
+    assert again.success
+    assert (machine.contractions([[low for low, _ in machine.angle_limits]]) > 0).all()
+
+
+def test_unknown_machines_list_the_known_ones():
+    with pytest.raises(MissingBackend, match="arm26, arm48, leg37"):
+        machines.machine("arm27")
+
+
+MECHANISMS = {
+    **{name: make() for name, make in machines.MACHINES.items()},
+    "sites": Mechanism(
+        Sites(
+            [0.4, 0.3],
+            [Link(), Link(0, (0.3, 0.0), kind="slide", axis=(1.0, 0.0, 0.0), zero=0.1)],
+            [[(-1, (0.1, 0.1)), (0, (0.2, 0.1))], [(-1, (0.1, -0.1)), (0, (0.2, -0.1)), (1, (0.2, 0.1))]],
+            cable=[0.01, 0.0],
+        ),
+        (SAROSI_DMSP_20_200N, MARTENS_DMSP_20_300),
+        pressure_limits=(0.2 * BAR, 6 * BAR),
+        muscle_names=("short", 'the "long" one'),
+    ),
+    "tables": Mechanism(Tables(0.4, [_GRID], 0.35 + np.outer(_GRID, [-0.02, 0.02])), SAROSI_DMSP_20_400N),
+}
+
+
+@pytest.mark.parametrize("mechanism", MECHANISMS.values(), ids=MECHANISMS.keys())
+def test_a_file_gives_back_what_was_written(tmp_path, mechanism):
+    path = tmp_path / "machine.toml"
+    save_mechanism(mechanism, path, source={"paper": "none", "year": 2026})
+    assert load_mechanism(path) == mechanism
+    assert machines.machine(str(path)) == mechanism
+    assert hash(load_mechanism(path)) == hash(mechanism)
+
+
+def test_functions_are_not_written(tmp_path):
+    made = Mechanism(from_function(0.4, 1, lambda q: 0.3 - 0.02 * q), SAROSI_DMSP_20_400N)
+    for mechanism in (made, Mechanism.from_joint(report_joint())):
+        with pytest.raises(InvalidInput, match="cannot be written to a file; sample the lengths into Tables"):
+            save_mechanism(mechanism, tmp_path / "x.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("[routes]", "[roots]", r"the table \[routes\] is missing"),
+        ('kind = "Pulleys"', 'kind = "Ropes"', "unknown kind 'Ropes'; known: Pulleys, Sites, Tables"),
+        ("initial_contraction =", "contraction =", "does not describe Pulleys"),
+        ('"A", "A"]', '"A", "B"]', "have to be a row of A"),
+        ('"A", "A"]', '"A"]', "5 given; .* m = 6"),
+        ("min_contraction", "max_contraction", "has no max_contraction; it has"),
+        ("[0.0, 500000.0]", "[0.0, 5.0]", "if bar was meant"),
+        ("c1 =", "c9 =", "c1"),
+        ("[muscles]", "[muscles", "is not TOML"),
+    ],
+)
+def test_files_that_are_none(tmp_path, old, new, sentence):
+    path = tmp_path / "machine.toml"
+    save_mechanism(machines.arm26(), path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(InvalidFile, match=sentence) as raised:
+        load_mechanism(path)
+    assert str(path) in str(raised.value)

@@ -1,0 +1,87 @@
+"""n = 1, m = 2 is the antagonistic joint: the same torque, stiffness and pressures as its closed forms give."""
+
+import numpy as np
+import pytest
+
+from allocator import allocate
+from allocator.mechanism import Mechanism, MechanismStatus, allocate_mechanism
+from allocator.units import BAR
+
+AFFINE = ("mckibben-pulley", "hogan-pulley", "sarosi-pulley", "sarosi-lever", "sarosi-table")
+NAMES = {s.name: s.value for s in MechanismStatus}
+
+
+@pytest.fixture(params=AFFINE)
+def affine(request, joints):
+    return joints[request.param]
+
+
+def targets(joint, n=60, seed=3):
+    rng = np.random.default_rng(seed)
+    left, right = joint.angle_range
+    theta = rng.uniform(left, right, n)
+    P1, P2 = rng.uniform(0, 5, (2, n)) * BAR
+    K, T = joint.stiffness(theta, P1, P2), joint.torque(theta, P1, P2)
+    half = n // 2
+    return theta, np.r_[np.abs(K[:half]) + 0.1, rng.uniform(0.5, 40, n - half)], np.r_[T[:half], 3 * T[half:]]
+
+
+def test_torque_and_stiffness_are_the_joint_s(joint):
+    theta = np.linspace(*joint.angle_range, 7)
+    P = np.random.default_rng(0).uniform(1, 5, (7, 2)) * BAR
+    mechanism = Mechanism.from_joint(joint)
+    assert mechanism.torque(theta[:, None], P)[:, 0] == pytest.approx(joint.torque(theta, *P.T), rel=1e-13, abs=1e-13)
+    given = mechanism.stiffness(theta[:, None], P)[:, 0, 0]
+    assert given == pytest.approx(joint.stiffness(theta, *P.T), rel=1e-13, abs=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("priority", "weights"),
+    [("torque", None), ("stiffness", None), ("weighted", (1.0, 1.0)), ("weighted", (30.0, 0.2))],
+)
+@pytest.mark.parametrize("limits", [{}, {"min_force": 40.0, "max_force": 900.0}, {"min_force": None}])
+def test_the_pressures_are_those_of_allocate(affine, priority, weights, limits):
+    theta, K, T = targets(affine)
+    one = allocate(theta, K, T, joint=affine, priority=priority, weights=weights, **limits)
+    mechanism = Mechanism.from_joint(affine)
+    many = allocate_mechanism(
+        mechanism, theta[:, None], K[:, None], T[:, None], priority=priority, weights=weights, **limits
+    )
+    # a lever whose determinant nearly vanishes determines the pressures to fewer digits than what they give
+    assert many.T[:, 0] == pytest.approx(one.T, abs=1e-9 * np.abs(one.T).max())
+    assert many.K[:, 0, 0] == pytest.approx(one.K, abs=1e-9 * np.abs(one.K).max())
+    assert many.P == pytest.approx(np.stack([one.P1, one.P2], axis=-1), abs=1e-9 * 5 * BAR)
+    assert many.kkt_residual.max() < 1e-9
+    holds = many.status != MechanismStatus.UNSTABLE
+    assert np.array_equal(many.status[holds], one.status[holds])
+    assert (one.K[~holds] <= 1e-9).all()
+
+
+def test_slew_limits_are_those_of_allocate(affine):
+    theta, K, T = targets(affine)
+    now = np.random.default_rng(1).uniform(0, 5, (2, theta.size)) * BAR
+    one = allocate(theta, K, T, joint=affine, previous=tuple(now), max_step=0.4 * BAR)
+    many = allocate_mechanism(
+        Mechanism.from_joint(affine), theta[:, None], K[:, None], T[:, None], previous=now.T, max_step=0.4 * BAR
+    )
+    assert many.P == pytest.approx(np.stack([one.P1, one.P2], axis=-1), abs=1e-9 * 5 * BAR)
+    holds = many.status != MechanismStatus.UNSTABLE
+    assert np.array_equal(many.status[holds], one.status[holds])
+
+
+def test_beyond_the_joint_range_the_nearest_posture_is_answered(affine):
+    right = affine.angle_range[1]
+    one = allocate(right + 0.2, 8.0, 1.0, joint=affine)
+    many = allocate_mechanism(Mechanism.from_joint(affine), [right + 0.2], 8.0, 1.0)
+    assert many.P == pytest.approx([one.P1, one.P2], abs=1e-9 * 5 * BAR)
+    assert many.status == MechanismStatus.OUTSIDE_JOINT_RANGE == NAMES[one.status.name]
+    assert "joint 1 range" in many.active
+    assert many.q == pytest.approx([right])
+
+
+def test_statuses_have_the_numbers_of_allocate():
+    from allocator import Status
+
+    shared = {s.name for s in Status} & NAMES.keys()
+    assert len(shared) >= 9
+    assert all(Status[name].value == NAMES[name] for name in shared)
