@@ -1,4 +1,4 @@
-"""The lexicographic box-constrained least squares of a mechanism, exactly, by block principal pivoting.
+"""The kernel solves the lexicographic box-constrained least squares of a mechanism, exactly, by block pivoting.
 
 Over x ∈ Rᵐ within [lo, hi], in the order of the levels k = 0 … K-1 and then of the centre c,
 

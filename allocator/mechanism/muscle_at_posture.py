@@ -1,4 +1,4 @@
-"""One muscle held at a posture; everything static of a mechanism is a sum over these.
+"""One muscle held at a posture is what everything static of a mechanism is a sum of.
 
 It is `allocator.joint.one_muscle.OneMuscle` with the moment arm as a vector and its slope as a matrix: what stands
 there as ±a is r here, ∓a' is H, a² is r rᵀ.
@@ -16,7 +16,7 @@ from allocator.muscles import AffineMuscle, Muscle
 
 @dataclass(frozen=True)
 class MuscleAtPosture:
-    """A `MuscleAtPosture` adds r F(P) to the torque and k(P) r rᵀ + F(P) H to the stiffness; pressures are (…)."""
+    """A `MuscleAtPosture` has a torque r F(P) and a stiffness k(P) r rᵀ + F(P) H; pressures are (…)."""
 
     muscle: Muscle
     rest_length: float  # L [m]

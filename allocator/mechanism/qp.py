@@ -1,4 +1,4 @@
-"""The readable road to problem [M]: one QP a level through qpsolvers, what was achieved before as its equalities."""
+"""The readable road to problem [M] is one QP a level through qpsolvers, what was achieved before as its equalities."""
 
 import warnings
 from typing import Any

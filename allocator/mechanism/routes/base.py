@@ -32,7 +32,7 @@ class RoutedLengths(NamedTuple):
 
 @dataclass(frozen=True)
 class Routes(ABC):
-    """`Routes` lead m muscles over n joints; immutable."""
+    """`Routes` are the ways of m muscles over n joints; immutable."""
 
     rest_length: tuple[float, ...]  # L_j (m,) [m]
 

@@ -1,4 +1,4 @@
-"""The spatial tendons of a MuJoCo model become `Sites`; MuJoCo reads the file, and is not needed afterwards."""
+"""The spatial tendons of a MuJoCo model are read as `Sites`; MuJoCo is not needed afterwards."""
 
 from dataclasses import dataclass
 from os import PathLike

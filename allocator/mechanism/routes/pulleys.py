@@ -16,7 +16,7 @@ _LONGEST_ARM = 1.0  # [m]; more is millimetres
 
 @dataclass(frozen=True)
 class Pulleys(Routes):
-    """`Pulleys` lead every muscle round pulleys at the joints: l_j(q) = L_j (1 - ε0_j) - r_j·q, with bend 0."""
+    """`Pulleys` are routes round pulleys at the joints: l_j(q) = L_j (1 - ε0_j) - r_j·q, with bend 0."""
 
     arms: tuple[tuple[float, ...], ...]  # r (m, n) [m], signed
     initial_contraction: tuple[float, ...]  # ε0 (m,) [-], at q = 0

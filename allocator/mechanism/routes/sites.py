@@ -33,7 +33,7 @@ _SOMEWHERE = 0.3  # [rad] or [m] per joint: a posture in general position, at wh
 
 @dataclass(frozen=True)
 class Link:
-    """A `Link` hangs on its parent by one joint; link i moves with joint i."""
+    """A `Link` is a body that hangs on its parent by one joint; link i moves with joint i."""
 
     parent: int = GROUND  # index of an earlier link
     origin: Point = (0.0, 0.0, 0.0)  # of the joint, in the parent's frame [m]; two numbers lie in the plane z = 0
@@ -67,7 +67,7 @@ class Site(NamedTuple):
 
 @dataclass(frozen=True)
 class Sites(Routes):
-    """`Sites` lead every muscle along straight segments between points on links."""
+    """`Sites` are routes along straight segments between points on links."""
 
     links: tuple[Link, ...]
     paths: tuple[tuple[Site, ...], ...]  # the sites of each of m muscles, in order

@@ -1,0 +1,88 @@
+"""What the answers are held against: all faces of the box, multipliers of another's making, three lines, one joint."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator import allocate
+from allocator.mechanism import Mechanism, MechanismStatus, allocate_mechanism, machines
+from benchmarks.mechanisms.targets import POSTURE, Targets, arm_at_postures, random_mechanism, random_targets
+from tests.allocator.mechanism.enumeration import best_of_all_faces
+from tests.allocator.mechanism.multipliers import kkt_by_hand
+from tests.conftest import JOINTS
+
+
+class Check(NamedTuple):
+    """One check: what was asked of how many targets, the worst of them, and what it may be."""
+
+    what: str
+    targets: int
+    worst: float
+    allowed: float
+
+    @property
+    def failed(self) -> bool:
+        return not self.worst <= self.allowed
+
+
+def checks(N: int) -> Iterator[Check]:
+    """All checks, the optimality of `N` targets among them."""
+    one = random_targets(machines.arm26(), POSTURE, N, seed=1)
+    yield from optimality("arm26 at one posture", one)
+    yield from optimality("arm26, every target at a posture of its own", arm_at_postures(N, seed=2))
+    for n, m in ((3, 9), (4, 12), (7, 20)):
+        mechanism = random_mechanism(n, m)
+        yield from optimality(f"n/m = {n}/{m}", random_targets(mechanism, np.full(n, 0.1), N // 20, seed=3))
+    yield faces(random_targets(machines.arm26(), POSTURE, N // 10, seed=4))
+    yield from one_joint(N // 10)
+
+
+def optimality(what: str, t: Targets) -> Iterator[Check]:
+    """Optimality conditions and separating directions; 1 for every status that is not what it has to be."""
+    a = allocate_mechanism(t.mechanism, t.q, t.K, t.T)
+    problem = t.problem
+    yield Check(f"{what}: optimality residual", len(t.T), float(a.kkt_residual.max()), 1e-9)
+    by_hand = kkt_by_hand(problem, a.P / problem.unit)
+    yield Check(f"{what}: the same with multipliers by SVD", len(t.T), float(by_hand.max()), 1e-9)
+    y0, M = t.mechanism.targets_map(t.q)
+    lo, hi = t.mechanism.pressure_box(t.q)
+    y, (d, _, _) = t.mechanism.stacked(t.T, t.K), a.separation
+    dM = (d[:, None, :] @ np.broadcast_to(M, (len(d), *M.shape[-2:])))[:, 0]
+    proved = (d * y0).sum(-1) + np.maximum(dM * lo, dM * hi).sum(-1) < (d * y).sum(-1)
+    beyond = ~(a.torque_met & a.stiffness_met)
+    yield Check(f"{what}: beyond reach without a proof, or a proof of what can be had", int(beyond.sum()),
+                float((proved != beyond).sum()), 0.0)  # fmt: skip
+    met = np.abs(problem.given(a.P) - y).max(axis=1) < 1e-8
+    yield Check(f"{what}: false statuses", len(y), float(((a.status == MechanismStatus.EXACT) != met).sum()), 0.0)
+
+
+def faces(t: Targets) -> Check:
+    """The answers against the best of all 3^m faces, in fractions of the supply."""
+    p = t.problem
+    (_, ends), (lo, hi, centre) = p.rows, p.x_bounds
+    best = best_of_all_faces(p.A[0], p.b, ends, lo[0], hi[0], centre[0])
+    a = allocate_mechanism(t.mechanism, t.q, t.K, t.T)
+    return Check(
+        "arm26 against all 729 faces, of the supply", len(best), float(np.abs(a.P / p.unit - best).max()), 1e-9
+    )
+
+
+def one_joint(N: int) -> Iterator[Check]:
+    """n = 1, m = 2 against `allocate`, in fractions of the supply."""
+    for name, joint in JOINTS.items():
+        if not joint.affine:
+            continue
+        rng = np.random.default_rng(5)
+        theta = rng.uniform(*joint.angle_range, N)
+        P = rng.uniform(*joint.pressure_limits, (2, N))
+        T = joint.torque(theta, *P) * np.where(np.arange(N) % 2, 1.0, 3.0)
+        K = np.abs(joint.stiffness(theta, *P)) * np.where(np.arange(N) % 3, 1.0, 2.0) + 0.1
+        mechanism, worst = Mechanism.from_joint(joint), 0.0
+        for priority, weights in (("torque", None), ("stiffness", None), ("weighted", (1.0, 1.0))):
+            one = allocate(theta, K, T, joint=joint, priority=priority, weights=weights)
+            asked = {"priority": priority, "weights": weights}
+            many = allocate_mechanism(mechanism, theta[:, None], K[:, None], T[:, None], **asked)
+            off = np.abs(many.P - np.stack([one.P1, one.P2], axis=-1)).max() / joint.pressure_limits[1]
+            worst = max(worst, float(off))
+        yield Check(f"n = 1, m = 2: {name} against allocate, of the supply", 3 * N, worst, 1e-9)

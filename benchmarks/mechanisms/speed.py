@@ -1,0 +1,184 @@
+"""How long it takes: of the processor, in turns with the rivals, which get the same problems in the same run."""
+
+import warnings
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.mechanism import allocate_mechanism, batches, machines, warm_up
+from benchmarks.mechanisms.targets import POSTURE, Targets, arm_at_postures, random_mechanism, random_targets
+from benchmarks.speed.clock import seconds
+
+FEW = 200  # targets that the rivals get: they are called one by one
+FLAT = 1e-3  # what the pressures cost in the weighted QP, per (supply)², where 1 [N·m/rad]² costs 1
+Solver = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+class Time(NamedTuple):
+    """Processor time of a target: the least of the rounds, since other work on the machine only adds."""
+
+    what: str
+    microseconds: float
+    off: float  # the greatest distance of the pressures from the exact ones, of the supply; NaN: not compared
+
+
+def times(rounds: int) -> list[Time]:
+    """Everything, `rounds` times in turns."""
+    if not warm_up():
+        raise SystemExit("numba cannot compile here; there is nothing to measure")
+    return [*lexicographic(rounds), *weighted(rounds), *sizes(rounds)]
+
+
+def in_turns(works: dict[str, Callable[[], object]], units: dict[str, int], rounds: int) -> dict[str, float]:
+    """The least time [µs] of a target of each work."""
+    for work in works.values():
+        work()
+    turns = [{name: seconds(work) for name, work in works.items()} for _ in range(rounds)]
+    return {name: 1e6 * min(turn[name] for turn in turns) / units[name] for name in works}
+
+
+def lexicographic(rounds: int) -> list[Time]:
+    """Torque, then stiffness, then least pressure, with status and certificate, on the arm with six muscles."""
+    one, own = random_targets(machines.arm26(), POSTURE, 10_000), arm_at_postures(10_000)
+    few = Targets(one.mechanism, one.q, one.T[:FEW], one.K[:FEW])
+    exact = allocate_mechanism(*few[:2], few.K, few.T)
+    works = {
+        "the kernel alone": lambda: batches.solve(one.problem),
+        "compiled batch, one posture": lambda: allocate_mechanism(*one[:2], one.K, one.T),
+        "compiled batch, every target at its own posture": lambda: allocate_mechanism(*own[:2], own.K, own.T),
+        "DAQP, three QPs called from Python": lambda: daqp_levels(few),
+        "DAQP through qpsolvers (method='qp')": lambda: allocate_mechanism(*few[:2], few.K, few.T, method="qp"),
+    }
+    problem = one.problem
+    works["the kernel alone"] = lambda: batches.solve(problem)
+    units = {name: FEW if "DAQP" in name else 10_000 for name in works}
+    found = in_turns(works, units, rounds)
+    off = {
+        "DAQP, three QPs called from Python": daqp_levels(few),
+        "DAQP through qpsolvers (method='qp')": works["DAQP through qpsolvers (method='qp')"]().P / 5e5,
+    }
+    return [
+        Time(f"lexicographic: {name}", t, float(np.abs(off[name] - exact.P / 5e5).max()) if name in off else np.nan)
+        for name, t in found.items()
+    ]
+
+
+def daqp_levels(t: Targets) -> np.ndarray:
+    """The three QPs by `daqp.solve` itself, nothing around it but the sums that make the next one's equalities."""
+    import daqp
+
+    p = t.problem
+    (_, ends), (lo, hi, centre) = p.rows, p.x_bounds
+    A, (e1, e2), m = p.A[0], ends, lo.shape[1]
+    A1, A2, sense = (
+        A[:e1],
+        A[e1:e2],
+        [np.concatenate([np.zeros(m), np.full(k, 5)]).astype(np.int32) for k in (0, e1, e2)],
+    )
+    H1, H2, H3, none = A1.T @ A1, A2.T @ A2, np.eye(m), np.zeros((0, m))
+    options = {"primal_tol": 1e-9, "dual_tol": 1e-10}
+    found = np.empty(lo.shape)
+    for i in range(len(lo)):
+        b1, b2, low, high = p.b[i, :e1], p.b[i, e1:e2], lo[i], hi[i]
+        x = daqp.solve(H1, -A1.T @ b1, none, high, low, sense[0], **options)[0]
+        kept = A1 @ x
+        x = daqp.solve(H2, -A2.T @ b2, A1, np.r_[high, kept], np.r_[low, kept], sense[1], **options)[0]
+        kept = A @ x
+        x = daqp.solve(H3, -centre[i], A, np.r_[high, kept], np.r_[low, kept], sense[2], **options)[0]
+        found[i] = x
+    return found
+
+
+def weighted(rounds: int) -> list[Time]:
+    """One strictly convex QP a target, w_T : w_K : pressures = 1e4 : 1 : FLAT, the same for every solver."""
+    t = random_targets(machines.arm26(), POSTURE, 10_000)
+    p = t.problem
+    lo, hi, centre = p.x_bounds
+    m = lo.shape[1]
+    rows = np.concatenate([np.full(2, 1e2), np.ones(3)])[:, None]
+    A = np.concatenate([rows * p.A[0], np.sqrt(FLAT) * np.eye(m)])
+    b = np.concatenate([rows[:, 0] * p.b, np.zeros((len(p.b), m))], axis=1)
+    H = A.T @ A
+    x, mu, turns = np.empty(lo.shape), np.empty((len(lo), 2, len(A))), np.zeros(len(lo), np.int64)
+    kernel = batches._loop("allocate_batch", len(lo))
+    ends, which = np.array([len(A)]), np.zeros(len(lo), np.int64)
+
+    def ours() -> np.ndarray:
+        side = np.zeros(lo.shape, np.int8)
+        kernel(A[None], b, ends, lo, hi, centre, which, False, x, side, mu, turns)
+        return x
+
+    def one_by_one(solver: Solver) -> Callable[[], np.ndarray]:
+        return lambda: np.array([solver(A, b[i], H, lo[i], hi[i]) for i in range(FEW)])
+
+    works = {"compiled batch": ours} | {name: one_by_one(make(H, lo[0], hi[0])) for name, make in solvers().items()}
+    found = in_turns(works, {name: len(lo) if name == "compiled batch" else FEW for name in works}, rounds)
+    exact = ours()[:FEW].copy()
+    return [
+        Time(f"one QP: {name}", found[name], 0.0 if work is ours else float(np.abs(work() - exact).max()))
+        for name, work in works.items()
+    ]
+
+
+def solvers() -> dict[str, Callable[..., Solver]]:
+    """Each rival, made for a Hessian and a box, takes (A, b, H, lo, hi) and returns x; PIQP where it is installed."""
+    found: dict[str, Callable[..., Solver]] = {"DAQP": _daqp, "SciPy BVLS": _bvls, "OSQP (1e-6)": _osqp}
+    return found | ({"PIQP": _piqp} if find_spec("piqp") else {})
+
+
+def _daqp(H: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> Solver:
+    import daqp
+
+    none, sense = np.zeros((0, len(H))), np.zeros(len(H), np.int32)
+    return lambda A, b, H, lo, hi: daqp.solve(H, -A.T @ b, none, hi, lo, sense)[0]
+
+
+def _bvls(H: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> Solver:
+    from scipy.optimize import lsq_linear
+
+    return lambda A, b, H, lo, hi: lsq_linear(A, b, (lo, hi), method="bvls", tol=1e-12).x
+
+
+def _osqp(H: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> Solver:
+    import osqp
+    from scipy import sparse
+
+    solver = osqp.OSQP()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        solver.setup(sparse.csc_matrix(np.triu(H)), np.zeros(len(H)), sparse.eye(len(H), format="csc"), lo, hi,
+                     eps_abs=1e-6, eps_rel=1e-6, verbose=False, max_iter=20_000)  # fmt: skip
+
+    def solve(A: np.ndarray, b: np.ndarray, H: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
+        solver.update(q=-A.T @ b)
+        return np.array(solver.solve(raise_error=False).x)
+
+    return solve
+
+
+def _piqp(H: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> Solver:
+    import piqp
+
+    solver = piqp.DenseSolver()
+    solver.setup(H, np.zeros(len(H)), x_l=lo, x_u=hi)
+
+    def solve(A: np.ndarray, b: np.ndarray, H: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
+        solver.update(c=-A.T @ b)
+        solver.solve()
+        return np.array(solver.result.x)
+
+    return solve
+
+
+def sizes(rounds: int) -> list[Time]:
+    """Lexicographic batches of larger mechanisms, all targets at one posture."""
+    works, units = {}, {}
+    for n, m in ((2, 6), (3, 9), (4, 12), (7, 20)):
+        mechanism = machines.arm26() if m == 6 else random_mechanism(n, m)
+        t = random_targets(mechanism, np.full(n, 0.1), 20_000 // n**2)
+        name = f"n/m = {n}/{m}, compiled batch"
+        works[name] = lambda t=t: allocate_mechanism(*t[:2], t.K, t.T)
+        units[name] = len(t.T)
+    return [Time(name, t, np.nan) for name, t in in_turns(works, units, rounds).items()]
