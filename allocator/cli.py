@@ -11,6 +11,7 @@ from allocator.identification.joint.cli import fit_joint_command
 from allocator.identification.joint.plan_cli import plan_joint_command
 from allocator.identification.motion.cli import fit_motion_command
 from allocator.identification.muscle.cli import fit_command
+from allocator.mechanism.cli import answer
 from allocator.presentation.tables import number
 from allocator.shell.joint_options import JointOptions
 from allocator.shell.options import Command, finite, grouped
@@ -51,16 +52,25 @@ def _group(
     """
 
 
-@app.command(cls=Command, short_help="two pressures for a torque and a stiffness")
+@app.command(cls=Command, short_help="pressures for a torque and a stiffness")
 @grouped
 def allocate(
-    theta: Annotated[float, typer.Option(help="joint angle [degrees]")],
     stiffness: Annotated[
-        float, typer.Option(help="stiffness wanted [N·m/rad]: isobaric, or as --valves or --frequency say")
+        str,
+        typer.Option(
+            help="stiffness wanted [N·m/rad]: isobaric, or as --valves or --frequency say; of a mechanism K11,K12,K22"
+        ),
     ],
     options: JointOptions,
     stiffness_options: StiffnessOptions,
-    torque: Annotated[float, typer.Option(help="torque wanted [N·m]")] = 0.0,
+    theta: Annotated[float | None, typer.Option(help="joint angle [degrees]")] = None,
+    torque: Annotated[str, typer.Option(help="torque wanted [N·m]; of a mechanism one a joint, with commas")] = "0",
+    mechanism: Annotated[
+        str | None, typer.Option(help="instead of a joint: arm26, arm48, leg37, or a mechanism in a TOML file")
+    ] = None,
+    posture: Annotated[
+        str | None, typer.Option(help="of a mechanism: its joint angles, such as 23,-17 [degrees]")
+    ] = None,
     priority: Annotated[str, typer.Option(help="what is met first: torque or stiffness")] = "torque",
     method: Annotated[str, typer.Option(help="exact, qp, nlp, convex, or analytic: no limits")] = "exact",
     solver: Annotated[str | None, typer.Option(help="solver of the methods qp, nlp and convex")] = None,
@@ -69,18 +79,27 @@ def allocate(
 ) -> None:
     """Find the two pressures for a torque and a stiffness, and say what is in the way.
 
-    The exit code is 3 where torque and stiffness are not both met.
+    With --mechanism all pressures of several joints, for their torques and a stiffness matrix. The exit code is 3 where
+    torque and stiffness are not both met.
     """
     from allocator.allocation import allocate as solve
     from allocator.units import DEG
 
+    if mechanism is not None:
+        _for_mechanism(options, stiffness_options, theta)
+        asked: dict[str, Any] = {"priority": priority, "method": method, "solver": solver, "min_force": min_force}
+        if not answer(mechanism, posture, stiffness, torque, as_json=as_json, **asked):
+            raise typer.Exit(_NOT_MET)
+        return
+    if theta is None or posture is not None:
+        raise InvalidInput("a joint needs --theta; --posture goes with --mechanism")
     finite("--theta", theta, "degrees")
     if abs(theta) > 360:
         raise InvalidInput(f"theta = {theta:g}° is over a turn")
-    answer = solve(
+    found = solve(
         theta * DEG,
-        stiffness,
-        torque,
+        _one("--stiffness", stiffness, "N·m/rad"),
+        _one("--torque", torque, "N·m"),
         joint=options.build(),
         method=method,  # type: ignore[arg-type]  # checked there
         priority=priority,  # type: ignore[arg-type]  # checked there
@@ -89,11 +108,29 @@ def allocate(
         valves=stiffness_options.kind,  # type: ignore[arg-type]  # checked there
     )
     if as_json:
-        print_json(_values(answer))
+        print_json(_values(found))
     else:
-        _print(answer)
-    if not answer.success:
+        _print(found)
+    if not found.success:
         raise typer.Exit(_NOT_MET)
+
+
+def _one(option: str, text: str, unit: str) -> float:
+    """Read one number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidInput(f"{option} {text}: expected one number [{unit}]") from None
+
+
+def _for_mechanism(options: JointOptions, stiffness_options: StiffnessOptions, theta: float | None) -> None:
+    """Refuse what belongs to a joint."""
+    if theta is not None:
+        raise InvalidInput("--theta is of a joint; a mechanism has a --posture")
+    if stiffness_options != StiffnessOptions():
+        raise InvalidInput("--valves, --frequency and --lag are of a joint; a mechanism's stiffness is isobaric")
+    if options != JointOptions():
+        raise InvalidInput("--mechanism goes without the options of a joint; a mechanism's muscles stand in its file")
 
 
 def _values(a: "Allocation") -> dict[str, Any]:
@@ -112,12 +149,12 @@ def _values(a: "Allocation") -> dict[str, Any]:
     }
 
 
-def _print(answer: "Allocation") -> None:
+def _print(found: "Allocation") -> None:
     from rich.console import Console
 
     console = Console()
-    console.print(_table(answer))
-    say(console, answer.message)
+    console.print(_table(found))
+    say(console, found.message)
 
 
 def _table(a: "Allocation") -> "Table":

@@ -19,7 +19,7 @@ from allocator.mechanism.problem import MechanismProblem
 
 
 class Separation(NamedTuple):
-    """A `Separation` is a proof that targets are beyond reach: d·y(P) ≤ reach < asked = d·y* for all pressures of the box.
+    """A `Separation` is a proof that targets are beyond reach: d·y(P) ≤ reach < asked = d·y* all over the box.
 
     Its components are NaN where the targets are met.
     """

@@ -23,6 +23,7 @@ class Check(NamedTuple):
 
     @property
     def failed(self) -> bool:
+        """Whether the worst is worse than allowed."""
         return not self.worst <= self.allowed
 
 

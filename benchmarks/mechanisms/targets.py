@@ -22,12 +22,13 @@ class Targets(NamedTuple):
 
     @property
     def problem(self) -> MechanismProblem:
+        """As the library sees it."""
         asked = {"min_force": 0.0, "max_force": None, "previous": None, "max_step": None}
         return problem_from(self.mechanism, self.q, self.K, self.T, priority="torque", weights=None, **asked)[0]
 
 
 def random_targets(mechanism: Mechanism, q: np.ndarray, N: int, seed: int = 0) -> Targets:
-    """Half made by random taut pressures; half with up to four times such torques and 0.4 to 2.5 times the stiffness."""
+    """Half made by random taut pressures; half with up to 4 times such torques and 0.4 to 2.5 times the stiffness."""
     rng = np.random.default_rng(seed)
     P = rng.uniform(*mechanism.pressure_box(q), (N, mechanism.m))
     T, K = np.array(mechanism.torque(q, P)), np.array(mechanism.stiffness(q, P))
