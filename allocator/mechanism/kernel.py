@@ -28,11 +28,12 @@ from typing import Any
 
 import numpy as np
 
-MOST_ROUNDS = 1000  # of guesses; some 3 are usual, 40 rare
+MOST_ROUNDS = 20_000  # of guesses; some 3 are usual, 40 rare, 1000 seen at contrived corners
 _PATIENCE = 3  # rounds without fewer violations before Murty's rule
 _RANK = 1e-20  # (1e-10)² of a level's longest row: what is left of a row below it depends on the others
 _CANCELLED = 1e-2  # of a row's square: what is left of it is made orthogonal once more
-ZERO = 1e-12  # of the scale: a residual or a gradient below it is rounding
+_MET = 1e-13  # of the scale: a residual below it is rounding
+_CANCELS = 1e-11  # of column times multipliers, in size: a gradient below it is rounding
 _OUTSIDE = 1e-12  # of the unit of x: a variable beyond its bound by less is on it
 
 
@@ -58,6 +59,7 @@ def allocate_batch(A, b, ends, lo, hi, centre, which, warm, x, side, mu, rounds)
         np.empty(K + 1, np.int64),  # where the basis of each level begins
         np.empty(m, np.int64),  # the free variables
         np.empty(m, np.int64),  # where each variable belongs
+        np.empty(K + 1),  # the greatest multiplier of each level
     )
     sizes, scales = np.empty((3, K)), np.empty((2, K + 1))
     for i in range(len(which)):
@@ -133,7 +135,7 @@ def pivot(levels, box, x, side, mu, work):
 def point(levels, centre, side, x, work):
     """Move the free variables of `x`, which are 0, to the solution of [L] without bounds, the fixed ones held."""
     A, b, ends, sizes, _ = levels
-    Q, B, _, _, _, z, step, rhs, first, free, _ = work
+    Q, B, _, _, _, z, step, rhs, first, free, _, _ = work
     p, m = A.shape
     n = 0
     for j in range(m):
@@ -237,6 +239,13 @@ def least_squares(begin, end, first, rank, work):
             R[t, s] = part
             for i in range(begin, end):
                 U[i, s] -= part * U[i, t]
+    for t in range(first, rank):  # once more: a small residual has lost digits, and it decides what can be had
+        part = 0.0
+        for i in range(begin, end):
+            part += U[i, t] * rhs[i]
+        z[t] += part
+        for i in range(begin, end):
+            rhs[i] -= part * U[i, t]
     for t in range(rank - 1, first - 1, -1):
         for s in range(t + 1, rank):
             z[t] -= R[t, s] * z[s]
@@ -255,7 +264,7 @@ def multipliers(levels, mu, work):
         end = ends[k] if k < len(ends) else begin
         missed = k == len(ends)
         for i in range(begin, end):
-            missed = missed or abs(rhs[i]) > ZERO * scales[0, k]
+            missed = missed or abs(rhs[i]) > _MET * scales[0, k]
         for i in range(len(rhs)):
             mu[k, i] = -rhs[i] if missed and begin <= i < end else 0.0
         if missed:
@@ -285,10 +294,14 @@ def violations(levels, box, x, side, mu, work):
 
     A fixed one belongs inside if the first level whose gradient is not rounding would gain from that.
     """
-    A, _, ends, _, scales = levels
+    A, _, ends, _, _ = levels
     lo, hi, centre = box
     right = work[10]
-    K = len(ends)
+    K, largest = len(ends), work[11]
+    for k in range(K + 1):
+        largest[k] = 0.0
+        for i in range(len(mu[k])):
+            largest[k] = max(largest[k], abs(mu[k, i]))
     count, last = 0, -1
     for j in range(len(x)):
         right[j] = side[j]
@@ -299,11 +312,12 @@ def violations(levels, box, x, side, mu, work):
                 right[j] = 1
         elif lo[j] < hi[j]:
             for k in range(K + 1):
-                gradient, near = (x[j] - centre[j], 1.0) if k == K else (0.0, scales[1, k])
+                gradient = x[j] - centre[j] if k == K else 0.0
+                size = abs(gradient)
                 for i in range(ends[min(k, K - 1)]):
                     gradient += A[i, j] * mu[k, i]
-                    near += abs(A[i, j] * mu[k, i])
-                if abs(gradient) > ZERO * near:
+                    size += abs(A[i, j]) * largest[k]
+                if abs(gradient) > _CANCELS * size:
                     right[j] = 0 if gradient * side[j] > 0.0 else side[j]
                     break
         if right[j] != side[j]:
@@ -336,25 +350,29 @@ def residual(levels, box, x, mu, near, factors, held):
     for j in range(len(x)):
         held[j] = lo[j] >= hi[j]
     for k in range(K + 1):
-        end = ends[k] if k < K else begin
+        end, largest = ends[k] if k < K else begin, 0.0
         for i in range(end):
             factors[i] = mu[k, i]
+            largest = max(largest, abs(mu[k, i]))
             if i >= begin:  # the level's own rows, from the answer itself
                 factors[i] = -b[i]
                 for j in range(len(x)):
                     factors[i] += A[i, j] * x[j]
+                worst = max(worst, abs(factors[i] - mu[k, i]) / scales[0, k])
         for j in range(len(x)):
-            gradient, size = (x[j] - centre[j], 1.0) if k == K else (0.0, scales[1, k])
+            gradient = felt = x[j] - centre[j] if k == K else 0.0
+            size = abs(gradient)
             for i in range(end):
                 gradient += A[i, j] * factors[i]
-                size += abs(A[i, j] * factors[i])
+                felt += A[i, j] * mu[k, i]
+                size += abs(A[i, j]) * largest
             low, high = x[j] <= lo[j] + near, x[j] >= hi[j] - near
             wrong = abs(gradient)
             if low or high:
                 wrong = max(-gradient if low else gradient, 0.0)
             if not held[j]:
-                worst = max(worst, wrong / size)
-                held[j] = (low or high) and abs(gradient) > ZERO * size
+                worst = max(worst, wrong / (scales[1, k] + size))
+                held[j] = (low or high) and abs(felt) > _CANCELS * size
         begin = end
     return worst
 

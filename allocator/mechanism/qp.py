@@ -14,6 +14,8 @@ from allocator.mechanism.problem import MechanismProblem
 Box = tuple[Array, Array, Array]
 """(lo, hi, centre) of x, each (m,)."""
 
+_MET = 1e-10  # of the right-hand sides: a residual below it is the solver's tolerance
+
 _OPTIONS: dict[str, dict[str, Any]] = {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10}}
 
 
@@ -50,7 +52,8 @@ def _levels(
         x = np.clip(found, lo, hi)
         mu[k, :begin] = duals
         if end is not None:
-            mu[k, begin:end] = A[begin:end] @ x - b[begin:end]
+            left = A[begin:end] @ x - b[begin:end]
+            mu[k, begin:end] = np.where(np.abs(left) > _MET * (1 + np.abs(b[begin:end]).max()), left, 0.0)
             begin = int(end)
     return x, mu, True
 

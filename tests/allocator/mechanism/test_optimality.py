@@ -138,6 +138,7 @@ def test_daqp_finds_the_same(priority, weights):
     assert np.array_equal(daqp.status, exact.status)
 
 
+@pytest.mark.slow
 def test_compiled_and_plain_python_give_the_same():
     from allocator.mechanism import kernel
     from allocator.mechanism.batches import solve
@@ -243,3 +244,24 @@ def test_different_muscles_and_unequal_lengths():
     a = allocate_mechanism(mechanism, [0.2], mechanism.stiffness([0.2], P), mechanism.torque([0.2], P))
     assert a.success
     assert (a.P**2).sum() <= (P**2).sum()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_targets_at_corners_of_the_box_are_proved_too(seed):
+    """Dependent columns, corners moved by a millionth, weights a million apart: where rounding may decide wrongly."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 5))
+    m = int(rng.integers(n, 3 * n + 3))
+    arms = rng.choice([0, 0, 0.02, -0.02, 0.015, -0.015], size=(m, n))
+    arms[:, 0] += np.where(arms.any(axis=1), 0.0, 0.02)
+    mechanism, q = Mechanism(Pulleys(0.4, arms, 0.1375), SAROSI_DMSP_20_400N), rng.uniform(-0.3, 0.3, n)
+    lo, hi = mechanism.pressure_box(q)
+    P = lo + np.round(rng.uniform(0, 1, (60, m)) * (1 + seed % 2)) / (1 + seed % 2) * (hi - lo)
+    T, K = mechanism.torque(q, P), mechanism.stiffness(q, P)
+    K = K + 1e-6 * np.abs(K).max() * np.eye(n)
+    asked = ({"priority": "torque"}, {"priority": "stiffness"}, {"priority": "weighted", "weights": (900.0, 1.0)})
+    for options in asked:
+        a = allocate_mechanism(mechanism, q, K, T, **options)
+        assert a.kkt_residual.max() < 1e-9
+        missed = ~(a.torque_met & a.stiffness_met)
+        assert np.array_equal(missed, a.separation.reach < a.separation.asked)
