@@ -10,6 +10,7 @@ from allocator.errors import InvalidInput
 from allocator.joint.limits import Limits
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.problem import PRIORITIES, MechanismProblem
+from allocator.mechanism.status import positive_definite
 
 _SYMMETRIC = 1e-9  # of the greatest entry
 
@@ -109,6 +110,8 @@ def _positive_definite(K: Array) -> Array:
             f"K{_place(crooked)} is not symmetric: a stiffness is, K_ij = K_ji (they differ by "
             f"{gap[crooked].max():.3g} N·m/rad)"
         )
+    if positive_definite(K.reshape(-1, *K.shape[-2:])).all():  # in a quarter of the eigenvalues' time
+        return K
     least = np.linalg.eigvalsh(K)[..., 0]
     if (weak := least <= 0).any():
         raise InvalidInput(

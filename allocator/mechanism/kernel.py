@@ -60,6 +60,7 @@ def allocate_batch(A, b, ends, lo, hi, centre, which, warm, x, side, mu, rounds)
         np.empty(m, np.int64),  # the free variables
         np.empty(m, np.int64),  # where each variable belongs
         np.empty(K + 1),  # the greatest multiplier of each level
+        np.empty(p, np.bool_),  # the rows that are in Q
     )
     sizes, scales = np.empty((3, K)), np.empty((2, K + 1))
     for i in range(len(which)):
@@ -135,7 +136,7 @@ def pivot(levels, box, x, side, mu, work):
 def point(levels, centre, side, x, work):
     """Move the free variables of `x`, which are 0, to the solution of [L] without bounds, the fixed ones held."""
     A, b, ends, sizes, _ = levels
-    Q, B, _, _, _, z, step, rhs, first, free, _, _ = work
+    Q, B, _, _, _, z, step, rhs, first, free, _, _, _ = work
     p, m = A.shape
     n = 0
     for j in range(m):
@@ -171,10 +172,14 @@ def basis(begin, end, n, rank, longest, work):
 
     All rows from `begin` on lose their part in the new ones, which goes to L.
     """
-    Q, B, L = work[0], work[1], work[2]
+    Q, B, L, used = work[0], work[1], work[2], work[12]
+    for i in range(begin, len(B)):
+        used[i] = False
     while rank < n:
         best, chosen = _RANK * longest, -1
         for i in range(begin, end):
+            if used[i]:
+                continue
             square = 0.0
             for c in range(n):
                 square += B[i, c] * B[i, c]
@@ -187,13 +192,16 @@ def basis(begin, end, n, rank, longest, work):
         shrink = 1.0 / sqrt(best)
         for c in range(n):
             Q[rank, c] = B[chosen, c] * shrink
+        used[chosen] = True
         for i in range(begin, len(B)):
             part = 0.0
-            for c in range(n):
-                part += B[i, c] * Q[rank, c]
+            if not used[i]:
+                for c in range(n):
+                    part += B[i, c] * Q[rank, c]
+                for c in range(n):
+                    B[i, c] -= part * Q[rank, c]
             L[i, rank] = part
-            for c in range(n):
-                B[i, c] -= part * Q[rank, c]
+        L[chosen, rank] = best * shrink
         rank += 1
     return rank
 
