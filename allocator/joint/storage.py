@@ -87,7 +87,7 @@ def dumps(joint: AntagonistJoint, *, scale_known: bool = True, source: Mapping[s
         lines.append(f"unseen = {_toml(joint.unseen)}")
     lines += ["", *_geometry_lines(joint.geometry)]
     for name, muscle in (("agonist", joint.agonist), ("antagonist", joint.antagonist)):
-        lines += ["", *_muscle_lines(name, muscle)]
+        lines += ["", *muscle_lines(name, muscle)]
     if joint.gas != AIR:
         lines += [
             "",
@@ -154,7 +154,7 @@ def _geometry_lines(geometry: Geometry) -> list[str]:
     return ["[geometry]", f'kind = "{kind}"', *(f"{name} = {_toml(value)}" for name, value in values.items())]
 
 
-def _muscle_lines(name: str, muscle: Muscle) -> list[str]:
+def muscle_lines(name: str, muscle: Muscle) -> list[str]:
     """Return the text of a muscle's file without its covariance, its tables moved below `name`."""
     text = storage.dumps(muscle, {}).partition("\n[covariance]")[0].rstrip("\n")
     for table in ("parameters", "volume"):
@@ -218,4 +218,4 @@ def _muscle(path: FilePath, content: dict[str, Any], name: str) -> Muscle:
     return muscle
 
 
-__all__ = ["dumps", "joint_from", "load_joint", "save_joint", "scale_known_in"]
+__all__ = ["dumps", "joint_from", "load_joint", "muscle_lines", "save_joint", "scale_known_in"]

@@ -29,6 +29,7 @@ from typing import Any
 
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
+from allocator.joint.storage import muscle_lines
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.routes import Link, Pulleys, Routes, Sites, Tables
 from allocator.muscles import Muscle, storage
@@ -60,8 +61,7 @@ def dumps(mechanism: Mechanism, *, source: Mapping[str, str | float] | None = No
     lines += ["", "[muscles]", _line("names", m.muscle_names)]
     lines += [_line("kinds", tuple(labels[kinds.index(muscle)] for muscle in m.muscles))]
     for label, muscle in zip(labels, kinds, strict=True):
-        text = storage.dumps(muscle, {}).partition("\n[covariance]")[0].rstrip("\n")
-        lines += ["", f"[kinds.{label}]", *text.replace("[parameters]", f"[kinds.{label}.parameters]").splitlines()]
+        lines += ["", *muscle_lines(f"kinds.{label}", muscle)]
     if source:
         lines += ["", "[source]", *(_line(name, value) for name, value in source.items())]
     return "\n".join(lines) + "\n"

@@ -60,6 +60,7 @@ def test_a_file_stands_for_a_machine(tmp_path):
         (("--stiffness", "9,50,9", "--posture", "1,2"), "has to be positive definite"),
         (("--stiffness", "9", "--posture", "1,2", "--theta", "5"), "--theta is of a joint"),
         (("--stiffness", "9", "--posture", "1,2", "--radius", "20"), "without the options of a joint"),
+        (("--stiffness", "9", "--posture", "1,2", "--valves", "shut"), "a mechanism.s stiffness is isobaric"),
         (("--stiffness", "9", "--posture", "1,2", "--torque", "1,2,3"), "--torque 1,2,3: expected 1"),
     ],
 )
