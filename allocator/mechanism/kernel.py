@@ -385,18 +385,7 @@ def residual(levels, box, x, mu, near, factors, held):
     return worst
 
 
-FUNCTIONS: tuple[Callable[..., Any], ...] = (
-    measure,
-    scale,
-    pivot,
-    point,
-    basis,
-    again,
-    least_squares,
-    multipliers,
-    earlier,
-    violations,
-    residual,
-)
+_CALLEES = measure, scale, pivot, point, basis, again, least_squares, multipliers, earlier, violations, residual
+FUNCTIONS: tuple[Callable[..., Any], ...] = _CALLEES
 
 __all__ = ["FUNCTIONS", "MOST_ROUNDS", "allocate_batch", "residual_batch"]
