@@ -184,8 +184,9 @@ def _choices(problem: JointProblem, x: Array, inside: Mask) -> Iterator[Choice]:
         keep = lowest >= start + further
         if keep.all() or keep.sum() < max(_LEFT * s.n, x.size + 1):
             continue
-        there, _ = minimise(problem.on(keep), x)
-        yield effect.choice(f"pressures from {(start + further) / BAR:.2g} bar", "dead band", problem.on(keep), there)
+        kept = _with_same_forces(problem.on(keep), x)
+        there, _ = minimise(kept, x)
+        yield effect.choice(f"pressures from {(start + further) / BAR:.2g} bar", "dead band", kept, there)
     most = _AS_GOOD * float(np.sqrt(np.mean(problem.angle_error(x) ** 2)))
     if "friction" in problem.extra:
         choice = effect.choice("a constant hysteresis", "hysteresis", *_with_constant_hysteresis(problem, x))
@@ -203,6 +204,16 @@ def _choices(problem: JointProblem, x: Array, inside: Mask) -> Iterator[Choice]:
         choice = effect.choice(name, "law", other, there)
         if choice.rms <= most:
             yield choice
+
+
+def _with_same_forces(problem: JointProblem, x: Array) -> JointProblem:
+    """Return the problem on fewer samples with the pull share that the muscles of `x` have on these, if one is held.
+
+    The common force is not doubted here but in `allocator.identification.joint.common`.
+    """
+    if problem.pull is None:
+        return problem
+    return replace(problem, pull=problem.pull._replace(value=problem.pull_share(problem.unknowns(x)).real))
 
 
 def _with_constant_hysteresis(problem: JointProblem, x: Array) -> tuple[JointProblem, Array]:

@@ -17,10 +17,10 @@ _NORMAL = 1.96  # standard deviations of an interval of 95 %
 class ForceIntervals(NamedTuple):
     """Force intervals are what each muscle pulls with, and between which forces that lies; arrays (…) [N]."""
 
-    agonist: Array
-    antagonist: Array
-    agonist_interval: tuple[Array, Array]
-    antagonist_interval: tuple[Array, Array]
+    agonist: Array | float
+    antagonist: Array | float
+    agonist_interval: tuple[Array | float, Array | float]
+    antagonist_interval: tuple[Array | float, Array | float]
     seen: bool  # False: the common force is assumed, and the intervals are what the data leave of it
 
 
@@ -39,9 +39,14 @@ def force_intervals(fit: Any, joint: AntagonistJoint, theta: Any, P1: Any, P2: A
         C = held[i * k : (i + 1) * k, i * k : (i + 1) * k]
         half = _NORMAL * np.sqrt(np.maximum(np.einsum("...i,ij,...j->...", gradient, C, gradient), 0.0))
         F, common = np.asarray(muscle.law(P, eps)), _scale(fit) * fit.problem.mean_arm / arm
-        values.append(F)
-        intervals.append((F + fit.common.low * common - half, F + fit.common.high * common + half))
+        values.append(_plain(F))
+        intervals.append((_plain(F + fit.common.low * common - half), _plain(F + fit.common.high * common + half)))
     return ForceIntervals(values[0], values[1], intervals[0], intervals[1], fit.common.seen)
+
+
+def _plain(F: Array) -> Array | float:
+    """Return a float for a scalar call."""
+    return F if np.ndim(F) else float(F)
 
 
 def _scale(fit: Any) -> float:
