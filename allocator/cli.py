@@ -8,7 +8,7 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.feasibility.cli import map_command
 from allocator.identification.joint.cli import fit_joint_command
-from allocator.identification.joint.plan_cli import plan_joint_command
+from allocator.identification.joint.planning.cli import plan_joint_command
 from allocator.identification.motion.cli import fit_motion_command
 from allocator.identification.muscle.cli import fit_command
 from allocator.mechanism.cli import answer

@@ -14,7 +14,7 @@ from allocator.errors import InvalidInput
 from allocator.identification.columns import parse_columns
 from allocator.identification.joint.comparison import JointComparison, compare_joint_models
 from allocator.identification.joint.dead_band import estimate_dead_band
-from allocator.identification.joint.doubt_report import choice_lines, choice_values, found_std
+from allocator.identification.joint.doubt.report import choice_lines, choice_values, found_std
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import JointLog, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference

@@ -11,10 +11,17 @@ from numpy.typing import ArrayLike
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.joint import gradients, report
-from allocator.identification.joint.common import CommonForce, Prior, guided, prior_of, settle, with_free_friction
-from allocator.identification.joint.doubt import Doubt, doubt
-from allocator.identification.joint.intervals import ForceIntervals, force_intervals
-from allocator.identification.joint.prediction import Prediction, angle_std, predict
+from allocator.identification.joint.doubt.common_force import (
+    CommonForce,
+    Prior,
+    guided,
+    prior_of,
+    settle,
+    with_free_friction,
+)
+from allocator.identification.joint.doubt.covariance import Doubt, doubt
+from allocator.identification.joint.doubt.forces import ForceIntervals, force_intervals
+from allocator.identification.joint.doubt.prediction import Prediction, angle_std, predict
 from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
 from allocator.identification.joint.relative import WHY, RelativeJoint
 from allocator.identification.joint.report import GroupError

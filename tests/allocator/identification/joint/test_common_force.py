@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from allocator import InvalidInput
-from allocator.identification.joint.common import with_free_friction
+from allocator.identification.joint.doubt.common_force import with_free_friction
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.problem import JointProblem, PullShare
 from allocator.identification.joint.reading import read_joint_log

@@ -6,8 +6,8 @@ from scipy.stats import t
 
 from allocator import Lever
 from allocator.identification.identifiability import determine
-from allocator.identification.joint import doubt
 from allocator.identification.joint.dead_band import estimate_dead_band
+from allocator.identification.joint.doubt import covariance as doubt
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.joint.samples import JointSamples

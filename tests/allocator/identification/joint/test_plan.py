@@ -8,8 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from allocator.cli import app
-from allocator.identification.joint import planning, supplements
-from allocator.identification.joint.planning import plan_joint_experiment
+from allocator.identification.joint.planning import plan as planning
+from allocator.identification.joint.planning import supplements
+from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
 from allocator.joint.antagonist import report_joint
 from allocator.joint.limits import COMMON_FORCE

@@ -209,7 +209,7 @@ def _choices(problem: JointProblem, x: Array, inside: Mask) -> Iterator[Choice]:
 def _with_same_forces(problem: JointProblem, x: Array) -> JointProblem:
     """Return the problem on fewer samples with the pull share that the muscles of `x` have on these, if one is held.
 
-    The common force is not doubted here but in `allocator.identification.joint.common`.
+    The common force is not doubted here but in `allocator.identification.joint.doubt.common_force`.
     """
     if problem.pull is None:
         return problem

@@ -4,20 +4,19 @@ from typing import Any
 
 import numpy as np
 
-from allocator.identification.joint.doubt import Choice
-from allocator.identification.joint.result import JointFit
+from allocator.identification.joint.doubt.covariance import Choice
 from allocator.units import DEG
 
 
-def found_std(fit: JointFit) -> dict[str, float]:
-    """Return the standard deviations of ratio [-], zero [rad] and friction [-]; 0 for what was not fitted."""
+def found_std(fit: Any) -> dict[str, float]:
+    """Return how far ratio [-], zero [rad] and friction [-] of a `JointFit` are known; 0 for what was not fitted."""
     std = fit.standard_deviations
     found = {name: std.get(name, 0.0) for name in ("zero", "friction")}
     return found | {"ratio": fit.ratio * std.get("log_ratio", 0.0)}
 
 
-def choice_lines(fit: JointFit) -> list[str]:
-    """Return a line on each other choice, and one on laws that predict the angles better."""
+def choice_lines(fit: Any) -> list[str]:
+    """Return a line on each other choice of a `JointFit`, and one on laws that predict the angles better."""
     K = "K/K_ref" if fit.scale is None else "K"
     lines = [
         f"with {c.name} instead: {c.rms / DEG:.2f}°, zero {c.zero / DEG:+.2f}°, ratio {c.ratio:.3f}, "

@@ -6,7 +6,8 @@ visited from above and from below, M0 a loose prior (a parameter is known to fiv
 0.3). At each step the setpoint with the greatest gain log det(I + B M⁻¹ Bᵀ/σ²) is added, until the standard deviation
 of K over the unloaded setpoints, √(g M⁻¹ gᵀ) in the mean square, is what is wanted, and there are as many setpoints as
 unknowns. A plan has one weight: plans are made for several, and the one with the fewest setpoints is taken. What
-equilibria do not show, and which further measurement would show it, is in `allocator.identification.joint.supplements`.
+equilibria do not show, and which further measurement would show it, is in
+`allocator.identification.joint.planning.supplements`.
 """
 
 from collections.abc import Iterable
@@ -19,10 +20,10 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.joint import gradients
+from allocator.identification.joint.planning.supplements import Known, Supplement, sag_table, supplements
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
-from allocator.identification.joint.supplements import Known, Supplement, sag_table, supplements
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import scaled
 from allocator.units import BAR, DEG

@@ -12,7 +12,7 @@ from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, DEG, PERCENT
 
 if TYPE_CHECKING:
-    from allocator.identification.joint.planning import JointPlan
+    from allocator.identification.joint.planning.plan import JointPlan
 
 _HEADER = "theta_deg,pressure1_bar,pressure2_bar,torque_Nm,direction,slack,expected"
 
@@ -42,7 +42,7 @@ def plan_joint_command(
     import numpy as np
     from rich.console import Console
 
-    from allocator.identification.joint.planning import plan_joint_experiment
+    from allocator.identification.joint.planning.plan import plan_joint_experiment
 
     within("--accuracy", accuracy, "%", 0.01, 99)
     within("--noise", noise, "degrees", 1e-4, 45)
