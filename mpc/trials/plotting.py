@@ -51,7 +51,8 @@ def _angle(axes: Any, errors: Any, run: Run) -> None:
 def _stiffness(axes: Any, run: Run) -> None:
     axes.plot(run.t, run.K, color=_BLUE, label="stiffness")
     axes.plot(run.t, run.K_ref, color=_BLACK, ls="--", lw=1, label="reference")
-    axes.set_ylabel("stiffness K [N·m/rad]")
+    name, *frequency = run.plant.kind.text.split(" at ")
+    axes.set_ylabel("\n".join([f"{name} K", " at ".join(["[N·m/rad]", *frequency])]))
     _widen(axes, 0.2)
     _legend(axes)
 

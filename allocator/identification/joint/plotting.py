@@ -90,7 +90,9 @@ def _stiffness(fit: JointFit, axes: Any) -> None:
         axes.plot(theta / DEG, K, color=colour, label=f"P1 = P2 = {P[0] / BAR:.2g} bar")
         axes.fill_between(theta / DEG, K - 2 * std, K + 2 * std, color=colour, alpha=0.2, linewidth=0)
     known = fit.scale is not None
-    axes.set(xlabel="angle [°]", ylabel="stiffness K [N·m/rad]" if known else "relative stiffness K/K_ref")
+    axes.set(
+        xlabel="angle [°]", ylabel="isobaric stiffness K [N·m/rad]" if known else "relative isobaric stiffness K/K_ref"
+    )
     where = "" if len(fit.shapes) == 1 else f" ({label})"
     axes.set_title(f"stiffness ± 2 std{where}" if known else f"force scale unknown: K/K_ref ± 2 std{where}")
     axes.set_ylim(bottom=0)
