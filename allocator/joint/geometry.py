@@ -98,7 +98,7 @@ class Lever(Geometry):
 
     anchor: float  # R, from the axis to the muscle's fixed end [m]
     lever: float  # r, from the axis to the muscle's moving end [m]
-    offset: float = 0.0  # length of what is not muscle, taken from the distance; negative for cables [m]
+    offset: float = 0.0  # of the muscle beyond that distance; negative where cables or fittings take part of it [m]
 
     def __post_init__(self) -> None:
         """Check the numbers."""

@@ -31,7 +31,11 @@ from allocator.units import BAR, DEG, MM
 def fit_joint_command(
     log: Annotated[Path, typer.Argument(help="CSV with theta [deg], pressure1 [bar], pressure2 [bar]; see above.")],
     lever: Annotated[
-        str | None, typer.Option(help="Lever R,r or R,r,offset [m]: anchor distance, lever, length that is not muscle.")
+        str | None,
+        typer.Option(
+            help="Lever R,r or R,r,offset [m]: anchor distance, lever, and what is added to the distance "
+            "√(R² + r² ∓ 2 R r sin θ) of their ends for the muscle's length (a cable between them: less than 0)."
+        ),
     ] = None,
     pulley: Annotated[str | None, typer.Option(help="Pulley R,ε0: radius [m], contraction at θ = 0 [ratio].")] = None,
     rest_length: Annotated[
