@@ -105,7 +105,7 @@ def allocate(
         priority=priority,  # type: ignore[arg-type]  # checked there
         min_force=min_force,
         solver=solver,
-        valves=stiffness_options.kind,  # type: ignore[arg-type]  # checked there
+        valves=stiffness_options.kind(options.joint),  # type: ignore[arg-type]  # checked there
     )
     if as_json:
         print_json(_values(found))

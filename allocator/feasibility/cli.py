@@ -68,7 +68,7 @@ def map_command(
     }
     console = Console(stderr=as_json)
     joints = options.compared()
-    kind = stiffness_options.kind
+    kind = stiffness_options.kind(options.joint)
     maps = {name: _map(axes, joint, kind, min_force, max_memory, console) for name, joint in joints.items()}
     _write(maps, out, pressures)
     if as_json:

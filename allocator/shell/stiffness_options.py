@@ -1,11 +1,12 @@
 """The options that say which stiffness is meant are the same for every command: isobaric, shut, or at a frequency."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from allocator.errors import InvalidInput
+from allocator.errors import InvalidFile, InvalidInput
 
 if TYPE_CHECKING:
     from allocator.joint.gas import StiffnessKind
@@ -26,18 +27,33 @@ class StiffnessOptions:
         ),
     ] = "open"
     frequency: Annotated[float | None, Option(help="stiffness that motions at this frequency meet [Hz]")] = None
-    lag: Annotated[float | None, Option(help=f"lag of the pressure regulators [s], for --frequency; {_LAG:g}")] = None
+    lag: Annotated[
+        float | None,
+        Option(help=f"lag of the pressure regulators [s], for --frequency; else that of --joint's plant, or {_LAG:g}"),
+    ] = None
 
-    @property
-    def kind(self) -> "StiffnessKind":
-        """Return which stiffness is meant. Raises `InvalidInput` for valves, a frequency or a lag that cannot be."""
+    def kind(self, joint: Path | None) -> "StiffnessKind":
+        """Return which stiffness is meant, with the lags in the file `joint` where none is given.
+
+        Raises `InvalidInput` for valves, a frequency or a lag that cannot be.
+        """
         from allocator.joint.gas import StiffnessKind
 
         states = ("open", "shut", "free", *_STATES)
         if self.valves not in states:
             raise InvalidInput(f"--valves {self.valves}: choose one of {', '.join(states)}")
-        lag = _LAG if self.frequency is not None and self.lag is None else self.lag
+        lag = _stored_lag(joint) if self.frequency is not None and self.lag is None else self.lag
         return StiffnessKind.of(_STATES.get(self.valves, self.valves), self.frequency, lag)
+
+
+def _stored_lag(path: Path | None) -> "float | list[float]":
+    """Return the lag or the two lags [s] of the plant in the file; raises `InvalidFile` if [plant] is no table."""
+    from allocator.muscles import storage
+
+    plant = {} if path is None else storage.read(path).get("plant", {})
+    if not isinstance(plant, dict):
+        raise InvalidFile(str(path), "[plant] has to be a table")
+    return plant.get("lag", _LAG)
 
 
 __all__ = ["StiffnessOptions"]

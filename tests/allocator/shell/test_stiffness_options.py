@@ -40,6 +40,20 @@ def test_allocate_answers_what_the_library_does_and_says_which_stiffness_it_is(g
     assert ("agonist_valve_shut" in found) == bool(given)
 
 
+def test_a_plant_in_the_file_says_which_lag_is_meant(tmp_path):
+    path = tmp_path / "joint.toml"
+    assert run("init", path).exit_code == 0
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("lag = [0.1, 0.1]", "lag = [0.04, 0.06]"), encoding="utf-8"
+    )
+    asked = ("allocate", "--theta", 10, "--stiffness", 8, "--json", "--frequency", 2)
+    joint = report_joint()
+    for given, lag in (((), (0.04, 0.06)), (("--lag", 0.2), 0.2)):
+        answer = allocate(10 * DEG, 8.0, joint=joint, frequency=2.0, lag=lag)
+        found = json.loads(run(*asked, "--joint", path, *given).output)
+        assert found["P1_bar"] == pytest.approx(answer.P1 / BAR, rel=1e-12)
+
+
 def test_its_table_names_the_stiffness_and_gives_the_isobaric_one_beside_it():
     result = run("allocate", "--theta", 10, "--stiffness", 12, "--valves", "free", *OPTIONS)
     assert "shut stiffness [N·m/rad]" in result.output
