@@ -59,11 +59,13 @@ class JointPlan:
         """Return the table to follow, and after an empty line what a further measurement would tell."""
         head = (
             f"{len(self.setpoints)} setpoints, each visited twice, with a weight of {self.weight:.3g} N·m; K will be "
-            f"known to {self.accuracy:.1%}" + ("" if self.reached else ", which is less than was wanted")
+            f"known to {self.accuracy:.1%}" + ("" if self.reached else ", which is less than was wanted") + ",\n"
+            "if the readings' noise is all that errs: what the muscles do besides their model comes on top."
         )
         how = (
-            "falling: come from a P1 0.5 bar higher, then lower P1 to its value; rising: from a P1 0.5 bar lower.\n"
-            "Wait until nothing moves and note θ, P1, P2, the torque (its sign as below) and the direction."
+            "falling: come from a P1 0.5 bar higher, then lower P1 to its value (where the supply ends: from a P2\n"
+            "0.5 bar lower, then raise P2); rising: from a P1 0.5 bar lower.\n"
+            "Wait until nothing moves and note θ, P1, P2, the torque (> 0 where it pulls θ down) and the direction."
         )
         rows = [" no.  torque [N·m]  P1 [bar]  P2 [bar]   θ falling   θ rising"]
         rows += [
