@@ -179,7 +179,8 @@ class Muscle(ABC):
         if radius is None:
             raise InvalidInput(
                 f"how much gas this {type(self).__name__} holds is not known, since its law has no radius: say "
-                f"inner_radius [m], or rest_volume [m³] (a tube of 1 cm radius: {np.pi * 1e-4 * rest_length:.3g})"
+                f"inner_radius [m], or rest_volume [m³] (a tube of 1 cm radius: {np.pi * 1e-4 * rest_length:.3g}; "
+                f"--rest-volume of the commands is in cm³: {np.pi * 100 * rest_length:.3g})"
             )
         return np.pi * radius**2 * rest_length + self.tube_volume
 
