@@ -19,6 +19,7 @@ from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped
 from allocator.shell.outputs import IMAGES, Force, claim
 from allocator.shell.printing import say
+from allocator.units import BAR
 from mpc.export.cli import export_command
 from mpc.plant_cli import PlantOptions, init_command
 from mpc.trials.trajectories import TRAJECTORIES, shrunk, usual_stiffness
@@ -38,6 +39,7 @@ _NOMINAL, _REAL = "nominal", "real"  # plants
 _REAL_LAG = 0.12  # [s] of a real plant, unless something else is said
 _SUFFIXES = (*IMAGES, ".csv", ".npz")
 _OWN_NAMES = ("tracking.png", "tracking.csv")
+_WORTH_SAYING = 5.0  # [% of the steps] at the slew limit: fewer belong to any good controller
 
 
 _EPILOG = "\n\n".join(
@@ -127,6 +129,9 @@ def track(
     if figures.out_of_reach:
         share = f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach"
         say(console, f"{share}; `antagonist map` shows what is in it")
+    if figures.at_slew_limit >= _WORTH_SAYING:
+        share = f"in {figures.at_slew_limit:.3g} % of the steps a command changed as fast as --slew allows"
+        say(console, f"{share} ({nominal.slew / BAR:g} bar/s): the reference may ask for more")
     say(console, f"written: {', '.join(map(str, files))}")
 
 

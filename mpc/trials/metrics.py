@@ -12,6 +12,7 @@ from mpc.tracking.plan import Moved, PlanStatus, Rung
 from mpc.trials.simulation import Run
 
 _ROUNDING = 1e-9  # of the limit, or of what is constant: less is arithmetic
+_AT_LIMIT = 1e-3  # of the slew limit: as near to it a command is at it, for a QP solver that stops inside
 
 
 class Errors(NamedTuple):
@@ -43,6 +44,7 @@ class Metrics:
     step_p99: float  # [ms]
     rungs: dict[str, int]  # steps answered by each rung; REST: by constant commands, the joint being where it should
     out_of_reach: float  # [% of the samples] whose reference the joint cannot follow, whatever the controller does
+    at_slew_limit: float  # [% of the samples] at which a command changed as fast as it may
     moved: dict[str, tuple[float, str]]  # what was asked: how far the controller moved it at worst (NaN: unsaid), unit
 
     @property
@@ -63,6 +65,8 @@ def metrics(run: Run) -> Metrics:
         step_p99=float(np.percentile(run.step_time, 99)) * 1e3,
         rungs=_rungs(run),
         out_of_reach=float(np.mean(~_reachable(run))) / PERCENT,
+        at_slew_limit=float(np.mean((_changes(run) >= (1 - _AT_LIMIT) * run.plant.slew * run.dt).any(axis=1)))
+        / PERCENT,
         moved=_moved(run),
     )
 
@@ -105,15 +109,19 @@ def _violations(run: Run) -> dict[str, tuple[float, str]]:
     joint, allowed = run.plant.joint, run.plant.slew * run.dt
     low, high = joint.pressure_limits
     left, right = joint.angle_range
-    at_first = run.estimate[:1, 2:4]  # the pressures that the controller could know of
-    change = np.abs(np.diff(run.u, axis=0, prepend=at_first))
     return {
         "commanded pressure": (_excess(run.u, low, high, high) / BAR, "bar"),
         "pressure": (_excess(run.P, low, high, high) / BAR, "bar"),
-        "pressure slew": (_excess(change, 0.0, allowed, allowed) / run.dt / BAR, "bar/s"),
+        "pressure slew": (_excess(_changes(run), 0.0, allowed, allowed) / run.dt / BAR, "bar/s"),
         "joint range": (_excess(run.theta, left, right, right - left) / DEG, "°"),
         "slack muscle": (max(0.0, -float(run.forces.min())), "N"),
     }
+
+
+def _changes(run: Run) -> Array:
+    """Return by how much each command (n, 2) differs from the one before [Pa]."""
+    at_first = run.estimate[:1, 2:4]  # the pressures that the controller could know of
+    return np.abs(np.diff(run.u, axis=0, prepend=at_first))
 
 
 def _excess(values: Array, low: float, high: float, scale: float) -> float:

@@ -12,7 +12,7 @@ from mpc import PlanStatus, Plant, Reference, Rung, TrackingMPC, simulate, sine
 from mpc.trials.files import default_trajectory
 from mpc.trials.metrics import metrics
 from mpc.trials.plotting import tracking_figure
-from mpc.trials.trajectories import LEAD, TRAJECTORIES
+from mpc.trials.trajectories import LEAD, TRAJECTORIES, jumps
 
 PLANT = Plant()
 
@@ -60,6 +60,14 @@ def test_on_the_default_trajectory_no_limit_is_exceeded_and_both_muscles_are_tau
     assert default_run.forces.min() > 0
     assert m.rungs == {"QP": 1200, "SOFTENED": 0, "PREVIOUS": 0, "ALLOCATION": 0, "HOLD": 0}
     assert (default_run.status == PlanStatus.OPTIMAL).all()
+    assert m.at_slew_limit == 0.0
+
+
+def test_the_share_of_commands_at_the_slew_limit_is_counted():
+    run = simulate(PLANT, TrackingMPC(PLANT), jumps(7.0, 25 * DEG))
+    steps = np.abs(np.diff(run.u, axis=0)).max(axis=1)
+    assert metrics(run).at_slew_limit == pytest.approx(100 * np.mean(steps > 0.999 * PLANT.slew * run.dt), abs=0.5)
+    assert 5 < metrics(run).at_slew_limit < 95
 
 
 def test_the_simulated_motion_is_the_plant_s_by_scipy_s_integration(default_run):
