@@ -35,6 +35,14 @@ def test_every_image_of_the_readme_exists():
     assert all((Path(__file__).parents[2] / image).is_file() for image in images)
 
 
+def test_the_plan_beside_its_command_is_what_it_prints(tmp_path):
+    command = re.search(r"^    antagonist (plan-joint .*) --out plan\.csv$", README, re.MULTILINE).group(1)
+    said = re.search(r"`(8 setpoints, [^`]+)`", README).group(1)
+    result = CliRunner().invoke(app, [*command.split(), "--out", str(tmp_path / "plan.csv")])
+    assert result.exit_code == 0, result.output
+    assert said in result.output
+
+
 def test_the_tracking_error_beside_a_command_is_what_it_prints(tmp_path):
     command, rms, worst = re.search(
         r"`antagonist (track [^`]+)`\s+prints,\s+after the first rest, ([\d.]+)° RMS \(([\d.]+)°", README
