@@ -49,6 +49,9 @@ def _group(
 
     A first tour: `antagonist track` moves a joint, `antagonist map` shows what it can do, `antagonist fit` makes a
     muscle of your measurements, `antagonist init joint.toml` writes a joint to edit.
+
+    A joint of your own: `plan-joint` says what to measure, `fit-joint` makes a joint of it, `fit-motion` a plant of it
+    and a log of its motion, and `allocate`, `map`, `track` and `export` take the file with --joint.
     """
 
 
