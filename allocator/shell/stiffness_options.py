@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
@@ -46,8 +46,8 @@ class StiffnessOptions:
         return StiffnessKind.of(_STATES.get(self.valves, self.valves), self.frequency, lag)
 
 
-def _stored_lag(path: Path | None) -> "float | list[float]":
-    """Return the lag or the two lags [s] of the plant in the file; raises `InvalidFile` if [plant] is no table."""
+def _stored_lag(path: Path | None) -> Any:
+    """Return the lag or the two lags [s] of the plant in the file, unchecked; raises `InvalidFile` if [plant] is no table."""
     from allocator.muscles import storage
 
     plant = {} if path is None else storage.read(path).get("plant", {})
