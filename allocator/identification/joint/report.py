@@ -240,7 +240,8 @@ def _scale_warning(problem: JointProblem, std: float | None) -> tuple[str, ...]:
     if std is None or std < _POOR_SCALE:
         return ()
     W = float(np.abs(problem.samples.torque).max())
-    return (f"K is known to {std:.0%} only: hang {W * std / 0.05:.2g} instead of {W:.2g} N·m for 5 %",)
+    needed = f"5 % would take {W * std / 0.05:.2g} instead of {W:.2g} N·m, if the joint holds it"
+    return (f"K is known to {std:.0%} only: {needed}",)
 
 
 def rms(error: Array) -> float:
