@@ -40,7 +40,7 @@ def fit_motion_command(
     Columns by name with unit: time [s]; theta [deg]; pressure1 [bar] and pressure2 [bar] (agonist, antagonist; gauge;
     commanded or measured); in these or other units and words (P1_kPa, phi [rad]). Everything is found by predicting the
     angle from the pressures alone. A minute or more of random steps of both pressures tells most; a log
-    of slow sweeps shows the width of the hysteresis instead.
+    of slow sweeps shows the width of the hysteresis instead. Begin the log at rest: the prediction does, too.
 
     In the tables, taut rows are those without a pressure below 1.5 bar; gain is the slope of the static angle over that
     of --joint (1: they agree); inertia and damping are divided by the joint's stiffness, and without the division in
