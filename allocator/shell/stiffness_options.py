@@ -47,7 +47,7 @@ class StiffnessOptions:
 
 
 def _stored_lag(path: Path | None) -> Any:
-    """Return the lag or the two lags [s] of the plant in the file, unchecked; raises `InvalidFile` if [plant] is no table."""
+    """Return the lag or the two lags [s] of the plant in the file; raises `InvalidFile` if [plant] is no table."""
     from allocator.muscles import storage
 
     plant = {} if path is None else storage.read(path).get("plant", {})
