@@ -11,7 +11,7 @@ from allocator.calculus import Array, Mask
 from allocator.identification.motion.problem import STIFFEST, UPPER, MotionProblem, Prediction
 from allocator.identification.motion.result import Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
-from allocator.identification.motion.search import extended, search, without
+from allocator.identification.motion.search import Found, extended, search, without
 from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import BAR
@@ -22,15 +22,17 @@ _JACKKNIFE = 10  # contiguous blocks, left out in turn for the intervals
 _WORSE = 1.02  # by which the error grows at least without something that the log shows,
 _MUCH_WORSE = 1.05  # and without inertia and damping, of which a little can always pass for lag
 _UNITS = {"lag_up": "s", "lag_down": "s", "dead_time": "s", "dead_band": "Pa", "base": "-", "damping": "s"}
-_UNITS |= {"inertia": "s²", "loop_width": "rad", "stuck_slope": "-", "gain": "-"}
+_UNITS |= {"filling": "s/Pa", "inertia": "s²", "loop_width": "rad", "stuck_slope": "-", "gain": "-"}
 _SIGNS = {  # what is told together, and the sentence if it is not; what may pass for something else comes first
     ("dead_band",): "the dead band: small steps up and down about one pressure would show it",
     ("base",): "that the hysteresis grows with P1 + P2: sweeps at several co-contractions would show it",
     ("dead_time",): "the dead time: steps of the pressures, at a higher sample rate, would show it",
     ("lag_up", "lag_down"): "the lags: steps of the pressures would show them",
 }
+_FILLING = {"filling": 0.1 / BAR}  # [s/Pa] to start from
+_TAPER = 0.3  # of the widths, at the ends of the range
 _DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
-STEPS = 4 + LEFT_OUT + _JACKKNIFE + len(_SIGNS)  # of `progress`
+STEPS = 5 + LEFT_OUT + _JACKKNIFE + len(_SIGNS)  # of `progress`
 
 
 class _Task(NamedTuple):
@@ -78,20 +80,21 @@ def fit_motion(
     tell = progress or (lambda step: None)
     greatest = log.greatest_pressure
     static = Difference(greatest) if joint is None else Equilibrium(joint, greatest)
-    every, early = np.ones(log.n, bool), np.arange(log.n) < TRAINED * log.n
+    every = log.settled
+    early = every & (np.arange(log.n) < TRAINED * log.n)
     trained, unseen = _seen(MotionProblem.of(log, static), early, tell)
     tell("all rows")
     found = search(trained.problem, every, trained.x)
     task = _Task(trained.problem, found.x)
-    blocks = [_left_out(task, rows, tell) for rows in _blocks(log.n, LEFT_OUT)]
-    jackknife = [_fit_without(task, rows, tell) for rows in _blocks(log.n, _JACKKNIFE)]
+    blocks = [_left_out(task, rows & every, every & ~rows, tell) for rows in _blocks(log.n, LEFT_OUT)]
+    jackknife = [_fit_without(task, rows & every, tell) for rows in _blocks(log.n, _JACKKNIFE)]
     choices = _other_choices(task, MotionLog.checked(t, theta, P1, P2, medians=False), found.rms, tell)
     run = task.problem.run(task.x, every)
     return MotionFit(
         operator=task.problem.operator(task.x, run.weights),
         parameters=_estimates(_named(task, every), jackknife, choices, log),
         error=_errors(task, every, every),
-        held_out=_errors(trained, early, ~early),
+        held_out=_errors(trained, early, every & ~early),
         blocks=tuple(blocks),
         unseen=(*unseen, *_taken(task, run)),
         converged=found.converged,
@@ -106,7 +109,15 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], Any]) -> tup
     """Return the fit with what the rows `used` show, and the sentences about what they do not."""
     tell("first rows")
     found = search(problem, used)
-    best, unseen = found.rms, []
+    unseen: list[str] = []
+    tell("inertia and damping")
+    problem, found = _if_better(problem, found, used, **_DYNAMIC)
+    tell("filling")
+    if "lag_up" in problem.free:
+        problem, found = _if_better(problem, found, used, **_FILLING)
+    if "filling" not in problem.free:
+        unseen.append("how fast the valves can fill the muscles: great steps of the pressures would show it")
+    best = found.rms
     for names, sentence in _SIGNS.items():
         tell("what is seen")
         if not any(name in problem.free for name in names):
@@ -117,21 +128,26 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], Any]) -> tup
         if other.rms < _WORSE * best:
             unseen.append(sentence)
             problem, found = less, other
-    tell("inertia and damping")
-    if "lag_up" in problem.free:
-        more, x = extended(problem, found.x, **_DYNAMIC)
-        other = search(more, used, x)
-        if other.rms * _MUCH_WORSE < found.rms:
-            return _Task(more, other.x), unseen
-    return _Task(problem, found.x), [*unseen, "inertia and damping: faster steps, of a joint that swings, show them"]
+    if not problem.swings:
+        problem, found = _if_better(problem, found, used, **_DYNAMIC)
+    if not problem.swings:
+        unseen.append("inertia and damping: faster steps, of a joint that swings, show them")
+    return _Task(problem, found.x), unseen
+
+
+def _if_better(problem: MotionProblem, found: Found, used: Mask, **more: float) -> tuple[MotionProblem, Found]:
+    """Return the fit with these unknowns besides, which begin at these values, if the log shows them."""
+    if not problem.log.varies_speed:
+        return problem, found
+    richer, x = extended(problem, found.x, used, **more)
+    other = search(richer, used, x)
+    return (richer, other) if other.rms * _MUCH_WORSE < found.rms else (problem, found)
 
 
 def _taken(task: _Task, run: Prediction) -> list[str]:
     """Return the sentences about what was taken for granted."""
     sentences = []
-    if _swings(task):
-        sentences.append("the width of the hysteresis, which looks like damping where the joint swings: sweep slowly")
-    if _at_most(run):
+    if _at_most(task, run):
         sentences.append(f"how far a stuck joint gives: taken as {STIFFEST:g} of its usual way")
     if not task.problem.log.varies_sum:
         total = float(np.mean(task.problem.log.P1 + task.problem.log.P2))
@@ -139,9 +155,9 @@ def _taken(task: _Task, run: Prediction) -> list[str]:
     return sentences
 
 
-def _at_most(run: Prediction) -> bool:
+def _at_most(task: _Task, run: Prediction) -> bool:
     """Return whether the plays have all the weight that they may have."""
-    return float(run.weights.sum()) >= (1 - STIFFEST) * (1 - 1e-6)
+    return task.problem.operator(task.x, run.weights).weights[0] <= STIFFEST * (1 + 1e-6)
 
 
 def _blocks(n: int, count: int) -> list[Mask]:
@@ -159,9 +175,9 @@ def _fit_without(task: _Task, rows: Mask, tell: Callable[[str], Any]) -> dict[st
     return _named(_fitted(task, rows), rows)
 
 
-def _left_out(task: _Task, rows: Mask, tell: Callable[[str], Any]) -> Errors:
+def _left_out(task: _Task, rows: Mask, judged: Mask, tell: Callable[[str], Any]) -> Errors:
     tell("left-out blocks")
-    return _errors(_fitted(task, rows), rows, ~rows)
+    return _errors(_fitted(task, rows), rows, judged)
 
 
 def _errors(task: _Task, used: Mask, judged: Mask) -> Errors:
@@ -177,27 +193,21 @@ def _named(task: _Task, used: Mask) -> dict[str, float]:
     problem, run = task.problem, task.problem.run(task.x, used)
     H, values = problem.operator(task.x, run.weights), problem.values(task.x)
     named = {name: values[name] for name in problem.free}
-    if not _swings(task):
-        named["loop_width"] = 2 * sum(w * r for w, r in zip(H.weights[1:], H.thresholds, strict=True))
-        if not _at_most(run):
-            named["stuck_slope"] = H.weights[0]
+    named["loop_width"] = 2 * sum(w * r for w, r in zip(H.weights[1:], H.thresholds, strict=True))
+    if not _at_most(task, run):
+        named["stuck_slope"] = H.weights[0]
     if isinstance(problem.static, Equilibrium):
         named["gain"] = float(np.polyfit(problem.static(run.P1, run.P2), run.static, 1)[0])
     return named
 
 
-def _swings(task: _Task) -> bool:
-    """Return whether the joint overshoots: hysteresis that it swings through looks like damping."""
-    v = task.problem.values(task.x)
-    return bool(v["damping"] ** 2 < 2 * v["inertia"])  # damping ratio below 0.7
-
-
 def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[str], Any]) -> list[dict[str, float]]:
     """Return what is found with other choices: other half widths, the pressures with their noise, one lag for both
-    directions if it explains the log as well, and no inertia, since its stiffness is taken as constant.
+    directions, and widths that are less at the ends of the range, as those of friction are where muscles stiffen; of
+    the last two each if it explains the log as well.
     """
     tell("other choices")
-    problem, every = task.problem, np.ones(task.problem.log.n, bool)
+    problem, every = task.problem, task.problem.log.settled
     others = [_fitted(_Task(replace(problem, finest=problem.finest * 1.3), task.x), every)]
     if not (np.array_equal(noisy.P1, problem.log.P1) and np.array_equal(noisy.P2, problem.log.P2)):
         others.append(_fitted(_Task(replace(problem, log=noisy), task.x), every))
@@ -205,8 +215,10 @@ def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[st
         found = search(replace(problem, one_lag=True), every, task.x)
         if found.rms < _WORSE * rms:
             others.append(_Task(replace(problem, one_lag=True), found.x))
-    if "inertia" in problem.free:
-        others.append(_fitted(_Task(*without(problem, task.x, *_DYNAMIC)), every))
+    tapered = replace(problem, taper=_TAPER)
+    found = search(tapered, every, task.x)
+    if found.rms < _WORSE * rms:
+        others.append(_Task(tapered, found.x))
     return [_named(other, every) for other in others]
 
 

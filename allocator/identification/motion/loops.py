@@ -13,11 +13,12 @@ from allocator.joint.hysteresis import pass_plays
 _INSTANT = 1e-9  # [s] a shorter lag is none
 
 
-def follow(t: Any, u: Any, up: float, down: float, dead: float, rest: float, out: Any) -> None:
+def follow(t: Any, u: Any, up: float, down: float, dead: float, rest: float, slowest: float, out: Any) -> None:
     """Fill `out` (m,) with the pressures [Pa] of a regulator that is told u (m,) [Pa] at the times t (m,) [s].
 
     Each command holds until the next and acts after the dead time `dead` [s]; the pressure follows with the time
-    constant `up` or `down` [s], to within `rest` [Pa], half the dead band, and begins at the first command.
+    constant `up` or `down` [s], to within `rest` [Pa], half the dead band, but takes `slowest` [s/Pa] at least, which is
+    what the valves let through; it begins at the first command.
     """
     acting, pressure = 0, u[0]
     out[0] = pressure
@@ -31,13 +32,52 @@ def follow(t: Any, u: Any, up: float, down: float, dead: float, rest: float, out
                 until = t[k]
             error = u[acting] - pressure
             error = max(error - rest, 0.0) + min(error + rest, 0.0)
-            lag = up if error > 0 else down
-            pressure += error * (1 - exp(-(until - now) / max(lag, _INSTANT)))
+            lag = max(up if error > 0 else down, _INSTANT)
+            left = until - now
+            if abs(error) * slowest > lag:
+                filling = min(left, abs(error) * slowest - lag)
+                moved = filling / slowest if error > 0 else -filling / slowest
+                pressure, error, left = pressure + moved, error - moved, left - filling
+            pressure += error * (1 - exp(-left / lag))
             now = until
         out[k] = pressure
 
 
-_LOOPS: dict[str, jit.Function] = {"follow": follow, "pass_plays": pass_plays}
+def swing(u: Any, s: Any, k: Any, kappa: Any, r: Any, a1: float, a2: float, h: float, e: Any, out: Any) -> None:
+    """Fill `out` (m,) with the angle [rad] of a joint that its muscles draw to u (m,) [rad], stops and all:
+
+        (a2 θ'' + a1 θ')/k + θ + Σ κ_i e_i = u,   de_i = dθ while |e_i| < r_i s
+
+    by Newmark's average acceleration with steps of h [s], at rest at the first u. k (m,) is the stiffness in the usual
+    one, s (m,) the widths in r (n,) [rad]; `e` (n,) are the stops before and afterwards. What has to vanish at the end
+    of a step is increasing and piecewise linear in θ: Newton's method ends on its piece.
+    """
+    at, speed, pull = u[0], 0.0, 0.0
+    out[0] = at
+    for j in range(1, len(u)):
+        c2, c1 = 4 * a2 / (h * h * k[j]), 2 * a1 / (h * k[j])
+        past = a2 / k[j] * (4 * speed / h + pull) + a1 / k[j] * speed
+        turn = 0.0
+        for _ in range(12):
+            error, slope = c2 * turn + c1 * turn - past + at + turn - u[j], c2 + c1 + 1
+            for i in range(len(r)):
+                stop = e[i] + turn
+                width = r[i] * s[j]
+                if -width < stop < width:
+                    slope += kappa[i]
+                error += kappa[i] * max(-width, min(width, stop))
+            turn -= error / slope
+            if abs(error) < 1e-10:
+                break
+        for i in range(len(r)):
+            e[i] = max(-r[i] * s[j], min(r[i] * s[j], e[i] + turn))
+        pull = 4 / (h * h) * (turn - h * speed) - pull
+        speed = 2 / h * turn - speed
+        at += turn
+        out[j] = at
+
+
+_LOOPS: dict[str, jit.Function] = {"follow": follow, "pass_plays": pass_plays, "swing": swing}
 
 
 @cache
@@ -45,10 +85,15 @@ def _compiled(name: str) -> jit.Function:
     return jit.compiled(_LOOPS[name], (), inline=False, unaliased=False) or _LOOPS[name]
 
 
-def pressures(t: Array, u: Array, up: float, down: float, dead: float, band: float) -> Array:
-    """Return the pressures (m,) [Pa] after `follow`; `band` is the whole dead band [Pa]."""
+def pressures(t: Array, u: Array, up: float, down: float, dead: float, band: float, slowest: float) -> Array:
+    """Return the pressures (m,) [Pa] after `follow`; `band` is the whole dead band [Pa]. Without any lag, dead time, and
+    so on, these are the pressures u themselves.
+    """
+    if not (up or down or dead or band or slowest):
+        return u
+
     out = np.empty(t.size)
-    _compiled("follow")(t, u, float(up), float(down), float(dead), float(band) / 2, out)
+    _compiled("follow")(t, u, float(up), float(down), float(dead), float(band) / 2, float(slowest), out)
     return out
 
 
@@ -59,4 +104,11 @@ def plays(u: Array, s: Array, r: Array) -> Array:
     return out
 
 
-__all__ = ["follow", "plays", "pressures"]
+def swung(u: Array, s: Array, k: Array, kappa: Array, r: Array, a1: float, a2: float, h: float) -> Array:
+    """Return the angle (m,) [rad] after `swing`, without memory before."""
+    out = np.empty(u.size)
+    _compiled("swing")(u, s, k, kappa, r, float(a1), float(a2), float(h), np.zeros(r.size), out)
+    return out
+
+
+__all__ = ["follow", "plays", "pressures", "swing", "swung"]

@@ -1,14 +1,18 @@
 """The least-squares problem of a moving joint is the output error of a free run: no measured angle is fed back.
 
-    P_i = regulator(u_i; τ_up, τ_down, t_dead, dead band)                       `loops.follow`
+    P_i = regulator(u_i; τ_up, τ_down, t_dead, dead band, filling)              `loops.follow`
     u   = Σ c_j φ_j(P1, P2)                                                     static angle
-    θ   = F H[u],   H = 1 - Σ w_i (1 - play_{r_i s(P1 + P2)})                   `PrandtlIshlinskii` of gain 1
-    F:    a2 θ'' + a1 θ' + θ = H[u]                                             inertia and damping over stiffness
+    θ   = H[u],   H = 1 - Σ w_i (1 - play_{r_i s(P1 + P2)})                     `PrandtlIshlinskii` of gain 1
 
-    minimise  Σ_k (θ_k - θ̂_k)²     over τ_up, τ_down, t_dead, dead band, s_0, a1, a2, c,   w_i ≥ 0,  Σ w_i ≤ 1 - w_min
+    minimise  Σ_k (θ_k - θ̂_k)²     over τ_up, τ_down, t_dead, dead band, filling, s_0, c,   w_i ≥ 0,  Σ w_i ≤ 1 - w_min
 
 For given nonlinear unknowns the weights are a problem of nonnegative least squares, convex with one optimum, and are
-eliminated (variable projection). The gain of H is 1: what is left belongs to the static angle. φ are monomials in s and
+eliminated (variable projection). Where the log shows inertia and damping, H acts inside the balance of torques over the
+stiffness, whose springs are its inverse: a joint that swings turns round again and again where u does not.
+
+    (a2 θ'' + a1 θ')/k(P1 + P2) + H⁻¹[θ] = u,   H⁻¹[θ] = θ + Σ κ_i e_i[θ],   κ_i ≥ 0              `loops.swing`
+
+with stops e_i, and k the stiffness over the usual one, which goes about as P1 + P2. The κ_i are unknowns then. The gain of H is 1: what is left belongs to the static angle. φ are monomials in s and
 q, q the equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
 """
 
@@ -31,13 +35,16 @@ STIFFEST = 0.1  # w_min: the least weight without play, that H can be inverted a
 _FINEST = 0.004  # least half width r_1, in the range of the angle
 _WIDTHS = np.geomspace(1, 40, 8)  # r_i in the least
 _POWERS = ((0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 1))  # of q and s
+_STRONGEST = 1 / STIFFEST - 1  # Σ κ_i at most
+_NO_SPRING = 1e-4  # κ_i below which there is no stop
+_LEAST_FILLED = 0.2 * BAR  # P1 + P2 below which the stiffness does not fall any further
 _RIDGE = 1e-4 * DEG  # per unit of a coefficient: decides what the log leaves open
 
-NONLINEAR = ("lag_up", "lag_down", "dead_time", "dead_band", "base", "damping", "inertia")
-LOWER = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0), strict=True))
-UPPER = dict(zip(NONLINEAR, (3.0, 3.0, 0.5, 1 * BAR, 1.0, 1.0, 0.1), strict=True))
-STEP = dict(zip(NONLINEAR, (0.1, 0.1, 0.05, 0.2 * BAR, 0.3, 0.05, 2e-3), strict=True))  # usual size of a change
-ABSENT = {"lag_up": 0.0, "lag_down": 0.0, "dead_time": 0.0, "dead_band": 0.0, "base": 1.0, "damping": 0.0, "inertia": 0}
+NONLINEAR = ("lag_up", "lag_down", "dead_time", "dead_band", "filling", "base", "damping", "inertia")
+LOWER = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0), strict=True))
+UPPER = dict(zip(NONLINEAR, (3.0, 3.0, 0.5, 1 * BAR, 2 / BAR, 1.0, 1.0, 0.1), strict=True))
+STEP = dict(zip(NONLINEAR, (0.1, 0.1, 0.05, 0.2 * BAR, 0.1 / BAR, 0.3, 0.05, 2e-3), strict=True))  # usual size of a change
+ABSENT = {"lag_up": 0.0, "lag_down": 0.0, "dead_time": 0.0, "dead_band": 0.0, "filling": 0.0, "base": 1.0, "damping": 0.0, "inertia": 0}
 
 
 class Prediction(NamedTuple):
@@ -47,7 +54,7 @@ class Prediction(NamedTuple):
     static: Array  # u [rad]
     P1: Array  # after the regulators [Pa]
     P2: Array
-    weights: Array  # w_1 … of the plays (widths,)
+    weights: Array  # w_1 … of the plays (widths,); κ_i where the joint swings
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,7 @@ class MotionProblem:
     static: Static = field(repr=False)  # q(P1, P2)
     free: tuple[str, ...]
     finest: float = _FINEST  # least half width in the range of the angle
+    taper: float = 0.0  # share by which widths are less at the ends of the range
     one_lag: bool = False  # whether pressures rise and fall with the lag of rising ones
     _last: dict[Any, tuple[Array, Array, Array]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -90,7 +98,17 @@ class MotionProblem:
 
     def coefficients(self, x: Array) -> Array:
         """Return c (monomials,) [rad]."""
-        return x[len(self.free) :]
+        return x[x.size - len(self.powers) :]
+
+    @property
+    def swings(self) -> bool:
+        """Return whether inertia and damping are unknowns, and with them the springs of the stops."""
+        return "inertia" in self.free
+
+    def springs(self, x: Array) -> Array:
+        """Return κ_i (widths,) [-] of a joint that swings."""
+        kappa = x[len(self.free) : x.size - len(self.powers)]
+        return np.asarray(kappa * min(1.0, _STRONGEST / max(float(kappa.sum()), _STRONGEST)))
 
     # --- the free run -----------------------------------------------------------------------------------------------
 
@@ -106,9 +124,9 @@ class MotionProblem:
             self._last[lags] = P1, P2, self.basis(P1, P2)
         return self._last[lags]
 
-    def _lags(self, x: Array) -> tuple[float, float, float, float]:
+    def _lags(self, x: Array) -> tuple[float, float, float, float, float]:
         v = self.values(x)
-        return v["lag_up"], v["lag_down"], v["dead_time"], v["dead_band"]
+        return v["lag_up"], v["lag_down"], v["dead_time"], v["dead_band"], v["filling"]
 
     def run(self, x: Array, used: Mask) -> Prediction:
         """Run freely over the whole log, with the best weights on the rows `used` (n,)."""
@@ -118,22 +136,45 @@ class MotionProblem:
 
     def hysteretic(self, u: Array, P1: Array, P2: Array, x: Array, used: Mask) -> Prediction:
         """Return the prediction from the static angle u (n,) [rad] on, with the best weights on the rows `used`."""
-        base, behind = self.parts(u, P1, P2, x, self.log.step)
-        weights = best_weights(behind[:, used], (self.log.theta - base)[used], 1 - STIFFEST)
-        return Prediction(base + np.einsum("i,in", weights, behind), u, P1, P2, weights)
+        if self.swings:
+            kappa = self.springs(x)
+            return Prediction(self.swung(u, P1, P2, x, kappa, self.log.step), u, P1, P2, kappa)
+        behind = self.behind(u, P1, P2, x)
+        weights = best_weights(behind[:, used], (self.log.theta - u)[used], 1 - STIFFEST)
+        return Prediction(u + np.einsum("i,in", weights, behind), u, P1, P2, weights)
 
-    def parts(self, u: Array, P1: Array, P2: Array, x: Array, step: float) -> tuple[Array, Array]:
-        """Return F u (n,) and F (p_i - u) (widths, n) [rad] for rows that are `step` [s] apart."""
-        v = self.values(x)
-        behind = loops.plays(u, v["base"] + (1 - v["base"]) * (P1 + P2) / FILLED, self.widths) - u
-        return _filtered(u, v, step), _filtered(behind, v, step)
+    def behind(self, u: Array, P1: Array, P2: Array, x: Array) -> Array:
+        """Return p_i - u (widths, n) [rad]."""
+        return loops.plays(u, self._scale(u, P1, P2, x), self.widths) - u
+
+    def swung(self, u: Array, P1: Array, P2: Array, x: Array, kappa: Array, step: float) -> Array:
+        """Return θ (n,) [rad] of a joint that swings, for rows that are `step` [s] apart."""
+        v, k = self.values(x), np.maximum(P1 + P2, _LEAST_FILLED) / self._usual
+        return loops.swung(u, self._scale(u, P1, P2, x), k, kappa, self.widths, v["damping"], v["inertia"], step)
+
+    def _scale(self, u: Array, P1: Array, P2: Array, x: Array) -> Array:
+        base, middle = self.values(x)["base"], (self.log.theta.max() + self.log.theta.min()) / 2
+        ends = np.minimum(1.0, np.abs(u - middle) / (self.log.swing / 2))
+        return np.asarray((base + (1 - base) * (P1 + P2) / FILLED) * (1 - self.taper * ends**2))
+
+    @cached_property
+    def _usual(self) -> float:
+        """Return the mean of P1 + P2 [Pa], where inertia and damping are over the stiffness."""
+        return float(np.mean(self.log.P1 + self.log.P2))
+
+    def first_springs(self, u: Array, P1: Array, P2: Array, x: Array, used: Mask) -> Array:
+        """Return κ (widths,) [-] to begin with: u - θ ≈ Σ κ_i e_i with the stops of the measured angle."""
+        theta = self.log.theta
+        stops = theta - loops.plays(theta, self._scale(u, P1, P2, x), self.widths)
+        return best_weights(stops[:, used], (u - theta)[used], _STRONGEST)
 
     def elsewhere(self, t: Array, commands: tuple[Array, Array], x: Array, weights: Array) -> Array:
         """Return the angle (m,) [rad] of a free run over other rows: times [s], commands (m,) [Pa] of both muscles."""
         P1, P2 = (loops.pressures(t, command, *self._lags(x)) for command in commands)
         u = np.einsum("j,jn", self.coefficients(x), self.basis(P1, P2))
-        base, behind = self.parts(u, P1, P2, x, float(np.median(np.diff(t))))
-        return np.asarray(base + np.einsum("i,in", weights, behind))
+        if self.swings:
+            return self.swung(u, P1, P2, x, weights, float(np.median(np.diff(t))))
+        return np.asarray(u + np.einsum("i,in", weights, self.behind(u, P1, P2, x)))
 
     # --- least squares ----------------------------------------------------------------------------------------------
 
@@ -143,10 +184,9 @@ class MotionProblem:
         return np.concatenate([error[used], _RIDGE * np.sqrt(used.sum()) * self.coefficients(x)]) / DEG
 
     def start(self, lag: float, used: Mask) -> Array:
-        """Return x with both lags `lag` [s]: c by linear least squares, without hysteresis."""
+        """Return x with both lags `lag` [s], of a joint that does not swing: c by linear least squares, without plays."""
         usual = {"lag_up": lag, "lag_down": lag, "dead_time": 0.02, "dead_band": 0.0, "base": 0.7}
-        dynamic = {"damping": 0.02, "inertia": 1e-3}
-        head = np.array([(usual | dynamic)[name] for name in self.free])
+        head = np.array([usual[name] for name in self.free])
         phi = self.regulated(head)[2][:, used]
         c, *_ = np.linalg.lstsq(phi.T, self.log.theta[used], rcond=1e-8)
         return np.concatenate([head, c])
@@ -155,16 +195,25 @@ class MotionProblem:
         """Return the least and the greatest x."""
         m = np.full(len(self.powers), np.inf)
         low, high = (np.array([end[name] for name in self.free]) for end in (LOWER, UPPER))
-        return np.concatenate([low, -m]), np.concatenate([high, m])
+        least, most = np.zeros(self._stops), np.full(self._stops, _STRONGEST)
+        return np.concatenate([low, least, -m]), np.concatenate([high, most, m])
 
     def sizes(self) -> Array:
         """Return by how much each of x usually changes."""
-        return np.concatenate([[STEP[name] for name in self.free], np.full(len(self.powers), 0.2)])
+        return np.concatenate([[STEP[name] for name in self.free], np.full(self._stops, 0.1), np.full(len(self.powers), 0.2)])
+
+    @property
+    def _stops(self) -> int:
+        return self.widths.size if self.swings else 0
 
     # --- what comes out ---------------------------------------------------------------------------------------------
 
     def operator(self, x: Array, weights: Array) -> PrandtlIshlinskii:
-        """Return H, without the plays that have no weight."""
+        """Return H, without the plays that have no weight; the `weights` are those of a `Prediction`."""
+        if self.swings:
+            there = weights > _NO_SPRING
+            kappa, r = weights[there], tuple(self.widths[there])
+            return PrandtlIshlinskii((1 + float(kappa.sum()), *-kappa), r, base=self.values(x)["base"]).inverse
         there = weights > 0
         first = 1 - float(weights.sum())
         return PrandtlIshlinskii((first, *weights[there]), tuple(self.widths[there]), base=self.values(x)["base"])
@@ -172,18 +221,6 @@ class MotionProblem:
     def taut(self, run: Prediction) -> Mask:
         """Return in which rows both muscles have a pressure at which they are taut (n,)."""
         return np.asarray((run.P1 >= TAUT_FROM) & (run.P2 >= TAUT_FROM))
-
-
-def _filtered(y: Array, v: dict[str, float], step: float) -> Array:
-    """Return F y (…, n): second order, by the bilinear transform, at rest at the first row."""
-    if not (v["damping"] or v["inertia"]):
-        return y
-    from scipy.signal import lfilter
-
-    c, first = 2 / step, y[..., :1]
-    a1, a2 = v["damping"] * c, v["inertia"] * c**2
-    poles = np.array([1 + a1 + a2, 2 - 2 * a2, 1 - a1 + a2])
-    return np.asarray(lfilter([1.0, 2.0, 1.0], poles, y - first, axis=-1)) + first
 
 
 def best_weights(D: Array, y: Array, most: float) -> Array:

@@ -63,7 +63,7 @@ class MotionFit:
 
     operator: PrandtlIshlinskii  # hysteresis of the angle, gain 1
     parameters: Mapping[str, Estimate]
-    """`lag_up`, `lag_down`, `dead_time` [s], `dead_band` [Pa], `base` [-] of the widths, `loop_width` [rad] of a wide
+    """`lag_up`, `lag_down`, `dead_time` [s], `dead_band` [Pa], `filling` [s/Pa], `base` [-] of the widths, `loop_width` [rad] of a wide
     sweep at P1 + P2 = 5 bar, `stuck_slope` w_0 [-]; `damping` [s] and `inertia` [s²] over stiffness; `gain` [-] of the
     static angle over that of the given joint. What the log does not show is left out."""
     error: Errors  # of the log that was fitted
@@ -90,7 +90,7 @@ class MotionFit:
     @cached_property
     def run(self) -> Prediction:
         """Return the free run over the log."""
-        return self.problem.run(self.x, np.ones(self.log.n, bool))
+        return self.problem.run(self.x, self.log.settled)
 
     def errors(self) -> Array:
         """Return the angle measured minus that of the free run (n,) [rad]."""
@@ -146,8 +146,8 @@ class MotionFit:
             hysteresis=self.operator,
         )
         u = zero + Equilibrium(joint, log.greatest_pressure)(run.P1, run.P2)
-        moved = self.problem.hysteretic(u, run.P1, run.P2, self.x, np.ones(log.n, bool))
-        return _Muscles(joint, zero, _rms(log.theta - moved.theta))
+        moved = self.problem.hysteretic(u, run.P1, run.P2, self.x, log.settled)
+        return _Muscles(joint, zero, _rms((log.theta - moved.theta)[log.settled]))
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the plant as TOML: joint, hysteresis, [plant] and [regulators], for every command's --joint.
@@ -230,6 +230,7 @@ LABELS = {  # names of parameters for tables, and their units in SI
     "lag_down": ("lag_down_s", 1.0),
     "dead_time": ("dead_time_s", 1.0),
     "dead_band": ("dead_band_bar", BAR),
+    "filling": ("filling_s_per_bar", 1 / BAR),
     "base": ("width_without_pressure", 1.0),
     "loop_width": ("loop_width_deg", DEG),
     "stuck_slope": ("stuck_slope", 1.0),

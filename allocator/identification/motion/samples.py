@@ -6,7 +6,7 @@ from typing import Any, Self
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 
@@ -14,13 +14,14 @@ TAUT_FROM = 1.5 * BAR  # both pressures, above which muscles of this kind are ta
 _LEAST_ROWS = 200
 _LEAST_TIME = 10.0  # [s]
 _LONGEST_STEP = 0.2  # [s] between rows
+_FORGOTTEN = 2.0  # [s] after which a joint has come from where it was to where the first commands hold it
 _LEAST_SWING = 2 * DEG  # from the least to the greatest angle
 _LEAST_MOVE = 0.1 * BAR  # of a pressure
 _LEAST_TURNS = 3
 _SPEED_OVER = 0.3  # [s] over which a speed is measured
 _SAME_SPEED = 0.9  # squared cosine between v and sign(v); 1 on ramps, 0.81 on a sine, less with steps
 _MEDIAN_OVER = 0.25  # [s]
-_MOST_ROWS = 12_000  # of more, every second, third … is used
+_MOST_ROWS = 15_000  # of more, every second, third … is used
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,11 @@ class MotionLog:
     def step(self) -> float:
         """Return the median time between rows [s]."""
         return float(np.median(np.diff(self.t)))
+
+    @property
+    def settled(self) -> Mask:
+        """Return which rows (n,) do not depend any more on how the log began, of which it says nothing."""
+        return np.asarray(self.t - self.t[0] >= _FORGOTTEN)
 
     @property
     def swing(self) -> float:

@@ -36,15 +36,27 @@ def search(problem: MotionProblem, used: Mask, x: Array | None = None) -> Found:
 def without(problem: MotionProblem, x: Array, *names: str) -> tuple[MotionProblem, Array]:
     """Return the problem in which these unknowns are absent, and its part of `x`."""
     kept = tuple(name for name in problem.free if name not in names)
-    values = problem.values(x)
-    return replace(problem, free=kept), np.concatenate([[values[name] for name in kept], problem.coefficients(x)])
+    return _posed(problem, kept, problem.values(x), x, np.ones(problem.log.n, bool))
 
 
-def extended(problem: MotionProblem, x: Array, **more: float) -> tuple[MotionProblem, Array]:
+def extended(problem: MotionProblem, x: Array, used: Mask, **more: float) -> tuple[MotionProblem, Array]:
     """Return the problem with further unknowns, which begin at these values, and its `x`."""
-    values = problem.values(x) | more
     free = tuple(name for name in ABSENT if name in problem.free or name in more)
-    return replace(problem, free=free), np.concatenate([[values[name] for name in free], problem.coefficients(x)])
+    return _posed(problem, free, problem.values(x) | more, x, used)
+
+
+def _posed(
+    problem: MotionProblem, free: tuple[str, ...], values: dict[str, float], x: Array, used: Mask
+) -> tuple[MotionProblem, Array]:
+    """Return the problem with the unknowns `free`, and its `x` at these values; the springs, if new, by the rows `used`."""
+    other, c = replace(problem, free=free), problem.coefficients(x)
+    head = [values[name] for name in free]
+    if not other.swings:
+        return other, np.concatenate([head, c])
+    if problem.swings:
+        return other, np.concatenate([head, problem.springs(x), c])
+    run = problem.run(x, used)
+    return other, np.concatenate([head, problem.first_springs(run.static, run.P1, run.P2, x, used), c])
 
 
 def _descend(problem: MotionProblem, used: Mask, x: Array, most: int) -> Found:
