@@ -123,16 +123,27 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], Any]) -> tup
         if not any(name in problem.free for name in names):
             unseen.append(sentence)
             continue
-        less, x = without(problem, found.x, *names)
-        other = search(less, used, x)
-        if other.rms < _WORSE * best:
+        problem, found = _if_needed(problem, found, best, used, names)
+        if not any(name in problem.free for name in names):
             unseen.append(sentence)
-            problem, found = less, other
     if not problem.swings:
         problem, found = _if_better(problem, found, used, **_DYNAMIC)
     if not problem.swings:
         unseen.append("inertia and damping: faster steps, of a joint that swings, show them")
+    else:
+        problem, found = _if_needed(problem, found, best, used, ("inertia",))
+        if "inertia" not in problem.free:
+            unseen.append("the inertia: faster steps, of a joint that swings, show it")
     return _Task(problem, found.x), unseen
+
+
+def _if_needed(
+    problem: MotionProblem, found: Found, best: float, used: Mask, names: tuple[str, ...]
+) -> tuple[MotionProblem, Found]:
+    """Return the fit without these unknowns, unless its error is greater than `best` then."""
+    less, x = without(problem, found.x, *names)
+    other = search(less, used, x)
+    return (less, other) if other.rms < _WORSE * best else (problem, found)
 
 
 def _if_better(problem: MotionProblem, found: Found, used: Mask, **more: float) -> tuple[MotionProblem, Found]:

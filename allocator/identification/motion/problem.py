@@ -12,11 +12,10 @@ stiffness, whose springs are its inverse: a joint that swings turns round again 
 
     (a2 θ'' + a1 θ')/k(P1 + P2) + H⁻¹[θ] = u,   H⁻¹[θ] = θ + Σ κ_i e_i[θ],   κ_i ≥ 0              `loops.swing`
 
-with stops e_i, and k the stiffness over the usual one, which goes about as P1 + P2. The κ_i are unknowns then. The gain of H is 1: what is left belongs to the static angle. φ are monomials in s and
+with stops e_i, and k the stiffness over that at the mean pressures, of the given joint, else as P1 + P2. The κ_i are unknowns then. The gain of H is 1: what is left belongs to the static angle. φ are monomials in s and
 q, q the equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -26,10 +25,11 @@ import numpy as np
 from allocator.calculus import Array, Mask
 from allocator.identification.motion import loops
 from allocator.identification.motion.samples import TAUT_FROM, MotionLog
+from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.hysteresis import FILLED, PrandtlIshlinskii
 from allocator.units import BAR, DEG
 
-Static = Callable[[Array, Array], Array]  # (P1, P2) [Pa] ↦ q [-] or [rad]
+Static = Difference | Equilibrium
 
 STIFFEST = 0.1  # w_min: the least weight without play, that H can be inverted and a stuck joint is not rigid
 _FINEST = 0.004  # least half width r_1, in the range of the angle
@@ -37,7 +37,7 @@ _WIDTHS = np.geomspace(1, 40, 8)  # r_i in the least
 _POWERS = ((0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 1))  # of q and s
 _STRONGEST = 1 / STIFFEST - 1  # Σ κ_i at most
 _NO_SPRING = 1e-4  # κ_i below which there is no stop
-_LEAST_FILLED = 0.2 * BAR  # P1 + P2 below which the stiffness does not fall any further
+_LEAST_STIFF = 0.05  # of the usual stiffness, below which it is not taken to fall
 _RIDGE = 1e-4 * DEG  # per unit of a coefficient: decides what the log leaves open
 
 NONLINEAR = ("lag_up", "lag_down", "dead_time", "dead_band", "filling", "base", "damping", "inertia")
@@ -103,7 +103,7 @@ class MotionProblem:
     @property
     def swings(self) -> bool:
         """Return whether inertia and damping are unknowns, and with them the springs of the stops."""
-        return "inertia" in self.free
+        return "damping" in self.free
 
     def springs(self, x: Array) -> Array:
         """Return κ_i (widths,) [-] of a joint that swings."""
@@ -149,7 +149,7 @@ class MotionProblem:
 
     def swung(self, u: Array, P1: Array, P2: Array, x: Array, kappa: Array, step: float) -> Array:
         """Return θ (n,) [rad] of a joint that swings, for rows that are `step` [s] apart."""
-        v, k = self.values(x), np.maximum(P1 + P2, _LEAST_FILLED) / self._usual
+        v, k = self.values(x), np.maximum(self.static.stiffness(P1, P2) / self._usual, _LEAST_STIFF)
         return loops.swung(u, self._scale(u, P1, P2, x), k, kappa, self.widths, v["damping"], v["inertia"], step)
 
     def _scale(self, u: Array, P1: Array, P2: Array, x: Array) -> Array:
@@ -159,8 +159,8 @@ class MotionProblem:
 
     @cached_property
     def _usual(self) -> float:
-        """Return the mean of P1 + P2 [Pa], where inertia and damping are over the stiffness."""
-        return float(np.mean(self.log.P1 + self.log.P2))
+        """Return the stiffness at the mean pressures, over which inertia and damping are known."""
+        return float(self.static.stiffness(np.mean(self.log.P1), np.mean(self.log.P2)))
 
     def first_springs(self, u: Array, P1: Array, P2: Array, x: Array, used: Mask) -> Array:
         """Return κ (widths,) [-] to begin with: u - θ ≈ Σ κ_i e_i with the stops of the measured angle."""
@@ -184,12 +184,16 @@ class MotionProblem:
         return np.concatenate([error[used], _RIDGE * np.sqrt(used.sum()) * self.coefficients(x)]) / DEG
 
     def start(self, lag: float, used: Mask) -> Array:
-        """Return x with both lags `lag` [s], of a joint that does not swing: c by linear least squares, without plays."""
+        """Return x with both lags `lag` [s]: c by linear least squares, without hysteresis."""
         usual = {"lag_up": lag, "lag_down": lag, "dead_time": 0.02, "dead_band": 0.0, "base": 0.7}
         head = np.array([usual[name] for name in self.free])
-        phi = self.regulated(head)[2][:, used]
+        return self.anew(np.concatenate([head, np.zeros(self._stops + len(self.powers))]), used)
+
+    def anew(self, x: Array, used: Mask) -> Array:
+        """Return x with c by linear least squares, without hysteresis."""
+        phi = self.regulated(x)[2][:, used]
         c, *_ = np.linalg.lstsq(phi.T, self.log.theta[used], rcond=1e-8)
-        return np.concatenate([head, c])
+        return np.concatenate([x[: x.size - c.size], c])
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the least and the greatest x."""

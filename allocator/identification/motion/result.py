@@ -182,7 +182,7 @@ class MotionFit:
         if self.scale_known and "inertia" in p:
             P1, P2 = float(self.run.P1.mean()), float(self.run.P2.mean())
             K = float(np.median(self.joint.stiffness(self.joint.equilibrium(P1, P2), P1, P2)))
-            numbers |= {"inertia": max(p["inertia"].value, 1e-6) * K, "damping": p["damping"].value * K}
+            numbers |= {name: p[name].value * K for name in ("inertia", "damping")}
         return numbers
 
     # --- in words ---------------------------------------------------------------------------------------------------

@@ -27,10 +27,15 @@ class Found(NamedTuple):
 def search(problem: MotionProblem, used: Mask, x: Array | None = None) -> Found:
     """Minimise over the rows `used` (n,), from `x` or from the better of two lags."""
     if x is not None:
-        return _descend(problem, used, x, _MOST)
+        starts = x, problem.anew(x, used)  # what was fitted to other rows may be far off on these
+        return _descend(problem, used, min(starts, key=lambda x: _squares(problem, x, used)), _MOST)
     lags = _LAGS if "lag_up" in problem.free else _LAGS[:1]
     first = [_descend(problem, used, problem.start(lag, used), _FIRST) for lag in lags]
     return _descend(problem, used, min(first, key=lambda found: found.rms).x, _MOST)
+
+
+def _squares(problem: MotionProblem, x: Array, used: Mask) -> float:
+    return float((problem.residual(x, used) ** 2).sum())
 
 
 def without(problem: MotionProblem, x: Array, *names: str) -> tuple[MotionProblem, Array]:

@@ -24,6 +24,10 @@ class Difference:
         """Return q (…) [-]."""
         return (P1 - P2) / (P1 + P2 + self.greatest / 2)
 
+    def stiffness(self, P1: Array, P2: Array) -> Array:
+        """Return what the stiffness (…) is about in proportion to [Pa]: P1 + P2."""
+        return np.asarray(P1 + P2)
+
 
 @dataclass(frozen=True)
 class Equilibrium:
@@ -34,10 +38,15 @@ class Equilibrium:
 
     def __call__(self, P1: Array, P2: Array) -> Array:
         """Return q (…) [rad]."""
-        return np.asarray(self._spline.ev(P1, P2))
+        return np.asarray(self._splines[0].ev(P1, P2))
+
+    def stiffness(self, P1: Array, P2: Array) -> Array:
+        """Return the stiffness (…) [N·m/rad] of the joint at rest."""
+        return np.asarray(self._splines[1].ev(P1, P2))
 
     @cached_property
-    def _spline(self) -> Any:
+    def _splines(self) -> tuple[Any, Any]:
+        """Return those of the angle at rest and of the stiffness there."""
         from scipy.interpolate import NearestNDInterpolator, RectBivariateSpline
 
         wide = replace(self.joint, angle_limits=None, covariance=None)
@@ -53,8 +62,11 @@ class Equilibrium:
                 f"joint rests nowhere at {1 - known.mean():.0%} of the pressures up to {self.greatest:.3g} Pa: it is "
                 "not the joint of this log"
             )
-        nearest = NearestNDInterpolator(np.stack([P1[known], P2[known]], axis=1), theta[known])
-        return RectBivariateSpline(P, P, np.where(known, theta, nearest(P1, P2)), kx=1, ky=1)
+        K = np.full(theta.shape, np.nan)
+        K[known] = wide.stiffness(theta[known], P1[known], P2[known])
+        nearest = NearestNDInterpolator(np.stack([P1[known], P2[known]], axis=1), np.stack([theta, K], axis=-1)[known])
+        there = np.where(known[..., None], np.stack([theta, K], axis=-1), nearest(P1, P2))
+        return tuple(RectBivariateSpline(P, P, there[..., i], kx=1, ky=1) for i in (0, 1))
 
 
 __all__ = ["Difference", "Equilibrium"]
