@@ -30,6 +30,7 @@ _SIGNS = {  # what is told together, and the sentence if it is not; what may pas
     ("lag_up", "lag_down"): "the lags: steps of the pressures would show them",
 }
 _FILLING = {"filling": 0.1 / BAR}  # [s/Pa] to start from
+_TRADED = 0.2  # share of the dead band that hysteresis may pass for, and by which the error may grow
 _TAPER = 0.3  # of the widths, at the ends of the range
 _DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
 STEPS = 5 + LEFT_OUT + _JACKKNIFE + len(_SIGNS)  # of `progress`
@@ -214,8 +215,8 @@ def _named(task: _Task, used: Mask) -> dict[str, float]:
 
 def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[str], Any]) -> list[dict[str, float]]:
     """Return what is found with other choices: other half widths, the pressures with their noise, one lag for both
-    directions, and widths that are less at the ends of the range, as those of friction are where muscles stiffen; of
-    the last two each if it explains the log as well.
+    directions if it explains the log as well, less of a dead band where it looks like hysteresis, and widths that are
+    less at the ends of the range, as those of friction are where muscles stiffen.
     """
     tell("other choices")
     problem, every = task.problem, task.problem.log.settled
@@ -226,11 +227,17 @@ def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[st
         found = search(replace(problem, one_lag=True), every, task.x)
         if found.rms < _WORSE * rms:
             others.append(_Task(replace(problem, one_lag=True), found.x))
+    if "dead_band" in problem.free and problem.log.swept:  # in sweeps it looks like hysteresis
+        less, x = without(problem, task.x, "dead_band")
+        less = replace(less, assumed=(("dead_band", (1 - _TRADED) * problem.values(task.x)["dead_band"]),))
+        found = search(less, every, x)
+        if found.rms < (1 + _TRADED) * rms:  # what is left is the error of the model, which proves no more
+            others.append(_Task(less, found.x))
     tapered = replace(problem, taper=_TAPER)
     found = search(tapered, every, task.x)
     if found.rms < _WORSE * rms:
         others.append(_Task(tapered, found.x))
-    return [_named(other, every) for other in others]
+    return [_named(other, every) | dict(other.problem.assumed) for other in others]
 
 
 def _estimates(

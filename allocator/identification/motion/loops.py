@@ -17,8 +17,8 @@ def follow(t: Any, u: Any, up: float, down: float, dead: float, rest: float, slo
     """Fill `out` (m,) with the pressures [Pa] of a regulator that is told u (m,) [Pa] at the times t (m,) [s].
 
     Each command holds until the next and acts after the dead time `dead` [s]; the pressure follows with the time
-    constant `up` or `down` [s], to within `rest` [Pa], half the dead band, but takes `slowest` [s/Pa] at least, which is
-    what the valves let through; it begins at the first command.
+    constant `up` or `down` [s], to within `rest` [Pa], half the dead band, but takes `slowest` [s/Pa] at least, as the
+    valves let no more through; it begins at the first command.
     """
     acting, pressure = 0, u[0]
     out[0] = pressure
@@ -86,8 +86,9 @@ def _compiled(name: str) -> jit.Function:
 
 
 def pressures(t: Array, u: Array, up: float, down: float, dead: float, band: float, slowest: float) -> Array:
-    """Return the pressures (m,) [Pa] after `follow`; `band` is the whole dead band [Pa]. Without any lag, dead time, and
-    so on, these are the pressures u themselves.
+    """Return the pressures (m,) [Pa] after `follow`; `band` is the whole dead band [Pa].
+
+    Without any lag, dead time and so on they are u itself: pressures that were measured, and not commands to hold.
     """
     if not (up or down or dead or band or slowest):
         return u

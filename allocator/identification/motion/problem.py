@@ -12,8 +12,9 @@ stiffness, whose springs are its inverse: a joint that swings turns round again 
 
     (a2 θ'' + a1 θ')/k(P1 + P2) + H⁻¹[θ] = u,   H⁻¹[θ] = θ + Σ κ_i e_i[θ],   κ_i ≥ 0              `loops.swing`
 
-with stops e_i, and k the stiffness over that at the mean pressures, of the given joint, else as P1 + P2. The κ_i are unknowns then. The gain of H is 1: what is left belongs to the static angle. φ are monomials in s and
-q, q the equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
+with stops e_i, and k the stiffness over that at the mean pressures, of the given joint, else as P1 + P2. The κ_i are
+unknowns then. The gain of H is 1: what is left belongs to the static angle. φ are monomials in s and q, q the
+equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
 """
 
 from dataclasses import dataclass, field
@@ -43,8 +44,9 @@ _RIDGE = 1e-4 * DEG  # per unit of a coefficient: decides what the log leaves op
 NONLINEAR = ("lag_up", "lag_down", "dead_time", "dead_band", "filling", "base", "damping", "inertia")
 LOWER = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0), strict=True))
 UPPER = dict(zip(NONLINEAR, (3.0, 3.0, 0.5, 1 * BAR, 2 / BAR, 1.0, 1.0, 0.1), strict=True))
-STEP = dict(zip(NONLINEAR, (0.1, 0.1, 0.05, 0.2 * BAR, 0.1 / BAR, 0.3, 0.05, 2e-3), strict=True))  # usual size of a change
-ABSENT = {"lag_up": 0.0, "lag_down": 0.0, "dead_time": 0.0, "dead_band": 0.0, "filling": 0.0, "base": 1.0, "damping": 0.0, "inertia": 0}
+_CHANGES = (0.1, 0.1, 0.05, 0.2 * BAR, 0.1 / BAR, 0.3, 0.05, 2e-3)
+STEP = dict(zip(NONLINEAR, _CHANGES, strict=True))  # usual size of a change
+ABSENT = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0), strict=True))
 
 
 class Prediction(NamedTuple):
@@ -65,6 +67,7 @@ class MotionProblem:
     static: Static = field(repr=False)  # q(P1, P2)
     free: tuple[str, ...]
     finest: float = _FINEST  # least half width in the range of the angle
+    assumed: tuple[tuple[str, float], ...] = ()  # values of unknowns that are not free
     taper: float = 0.0  # share by which widths are less at the ends of the range
     one_lag: bool = False  # whether pressures rise and fall with the lag of rising ones
     _last: dict[Any, tuple[Array, Array, Array]] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -93,7 +96,7 @@ class MotionProblem:
 
     def values(self, x: Array) -> dict[str, float]:
         """Return the nonlinear unknowns by name; those that are not free are absent."""
-        values = ABSENT | dict(zip(self.free, x.tolist(), strict=False))
+        values = ABSENT | dict(self.assumed) | dict(zip(self.free, x.tolist(), strict=False))
         return values | {"lag_down": values["lag_up"]} if self.one_lag else values
 
     def coefficients(self, x: Array) -> Array:
@@ -160,7 +163,7 @@ class MotionProblem:
     @cached_property
     def _usual(self) -> float:
         """Return the stiffness at the mean pressures, over which inertia and damping are known."""
-        return float(self.static.stiffness(np.mean(self.log.P1), np.mean(self.log.P2)))
+        return float(self.static.stiffness(*np.mean([self.log.P1, self.log.P2], axis=1, keepdims=True))[0])
 
     def first_springs(self, u: Array, P1: Array, P2: Array, x: Array, used: Mask) -> Array:
         """Return κ (widths,) [-] to begin with: u - θ ≈ Σ κ_i e_i with the stops of the measured angle."""
@@ -204,7 +207,9 @@ class MotionProblem:
 
     def sizes(self) -> Array:
         """Return by how much each of x usually changes."""
-        return np.concatenate([[STEP[name] for name in self.free], np.full(self._stops, 0.1), np.full(len(self.powers), 0.2)])
+        return np.concatenate(
+            [[STEP[name] for name in self.free], np.full(self._stops, 0.1), np.full(len(self.powers), 0.2)]
+        )
 
     @property
     def _stops(self) -> int:

@@ -63,9 +63,10 @@ class MotionFit:
 
     operator: PrandtlIshlinskii  # hysteresis of the angle, gain 1
     parameters: Mapping[str, Estimate]
-    """`lag_up`, `lag_down`, `dead_time` [s], `dead_band` [Pa], `filling` [s/Pa], `base` [-] of the widths, `loop_width` [rad] of a wide
-    sweep at P1 + P2 = 5 bar, `stuck_slope` w_0 [-]; `damping` [s] and `inertia` [s²] over stiffness; `gain` [-] of the
-    static angle over that of the given joint. What the log does not show is left out."""
+    """`lag_up`, `lag_down`, `dead_time` [s], `dead_band` [Pa], `filling` [s/Pa] at least of a rising or falling
+    pressure, `base` [-] of the widths, `loop_width` [rad] of a wide sweep at P1 + P2 = 5 bar, `stuck_slope` w_0 [-];
+    `damping` [s] and `inertia` [s²] over stiffness; `gain` [-] of the static angle over that of the given joint. What
+    the log does not show is left out."""
     error: Errors  # of the log that was fitted
     held_out: Errors  # of the last 40 %, predicted from the first 60 %
     blocks: tuple[Errors, ...]  # of five contiguous blocks, each predicted from the others

@@ -93,6 +93,11 @@ class MotionLog:
         return self.relative_spread > 0.05
 
     @property
+    def swept(self) -> bool:
+        """Return whether a pressure moves all the time, and does not go in steps."""
+        return bool(np.median(np.abs(np.diff(self.P1))) > 0 or np.median(np.abs(np.diff(self.P2))) > 0)
+
+    @property
     def relative_spread(self) -> float:
         """Return the standard deviation of P1 + P2 over its mean [-]."""
         total = self.P1 + self.P2

@@ -21,27 +21,33 @@ def some_log(n=600, seed=0):
     return MotionLog(t, 0.6 * (P1 - P2) / (P1 + P2), P1, P2)
 
 
-def test_a_regulator_follows_as_its_differential_equation_says():
+@pytest.mark.parametrize("slowest", [0.0, 0.1, 0.25])
+def test_a_regulator_follows_as_its_differential_equation_says(slowest):
     t, u = np.array([0.0, 0.3, 1.0, 1.1, 2.0]), np.array([2.0, 4.0, 1.5, 3.0, 3.0]) * BAR
-    found = loops.pressures(t, u, 0.2, 0.35, 0.12, 0.3 * BAR)
+    found = loops.pressures(t, u, 0.2, 0.35, 0.12, 0.3 * BAR, slowest / BAR)
 
     def rate(at, P):
         error = u[max(np.searchsorted(t, at - 0.12, side="right") - 1, 0)] - P[0]
         error = np.sign(error) * max(abs(error) - 0.15 * BAR, 0.0)
-        return [error / (0.2 if error > 0 else 0.35)]
+        fastest = BAR / slowest if slowest else np.inf
+        return [np.clip(error / (0.2 if error > 0 else 0.35), -fastest, fastest)]
 
     solved = solve_ivp(rate, (0, 2), u[:1], t_eval=t, rtol=1e-8, max_step=1e-3)
     np.testing.assert_allclose(found, solved.y[0], rtol=0, atol=2e-3 * BAR)
 
 
-@pytest.mark.parametrize("name", ["follow", "pass_plays"])
+@pytest.mark.parametrize("name", ["follow", "pass_plays", "swing"])
 def test_the_loops_do_compiled_what_they_do_as_they_stand(name):
     log, r = some_log(), np.array([0.01, 0.03, 0.1])
     s = 0.3 + 0.7 * (log.P1 + log.P2) / FILLED
     if name == "follow":
         out = np.empty(log.n)
-        loops.follow(log.t, log.P1, 0.1, 0.2, 0.07, 0.02 * BAR, out)
-        found = loops.pressures(log.t, log.P1, 0.1, 0.2, 0.07, 0.04 * BAR)
+        loops.follow(log.t, log.P1, 0.1, 0.2, 0.07, 0.02 * BAR, 0.1 / BAR, out)
+        found = loops.pressures(log.t, log.P1, 0.1, 0.2, 0.07, 0.04 * BAR, 0.1 / BAR)
+    elif name == "swing":
+        out, kappa = np.empty(log.n), np.array([0.5, 0.4, 0.3])
+        loops.swing(log.theta, s, s, kappa, r, 0.02, 0.01, 0.05, np.zeros(3), out)
+        found = loops.swung(log.theta, s, s, kappa, r, 0.02, 0.01, 0.05)
     else:
         out = PrandtlIshlinskii((0.4, 0.1, 0.2, 0.3), tuple(r), base=0.3).run(log.theta, log.P1 + log.P2)
         found = np.array([0.1, 0.2, 0.3]) @ loops.plays(log.theta, s, r) + 0.4 * log.theta
@@ -65,18 +71,31 @@ def test_the_weights_satisfy_the_conditions_of_karush_kuhn_and_tucker(seed, most
     np.testing.assert_allclose((gradient + multiplier)[w > 0], 0.0, atol=1e-6 * scale)  # complementary
 
 
-def test_inertia_and_damping_filter_as_their_differential_equation_says():
-    log = some_log(2000)
-    log = MotionLog(log.t / 10, log.theta, log.P1, log.P2)  # 5 ms
-    problem = MotionProblem(log, Difference(4 * BAR), ("damping", "inertia"))
-    x = np.array([0.05, 0.01, *problem.start(0.1, np.ones(log.n, bool))[2:]])
-    u, _ = problem.parts(log.theta, log.P1, log.P2, x, log.step)
+@pytest.mark.parametrize("springs", [(0.0, 0.0), (0.6, 0.9)])
+def test_a_joint_swings_as_its_differential_equation_says(springs):
+    """Forward Euler steps as fine as they have to be, by the text's equation, are what it is compared to."""
+    log, h, fine = some_log(2000), 5e-3, 100
+    kappa, r, a1, a2 = np.array(springs), np.array([0.02, 0.06]), 0.05, 0.01
+    s, k = 0.4 + 0.6 * (log.P1 + log.P2) / FILLED, (log.P1 + log.P2) / (5 * BAR)
+    found = loops.swung(log.theta, s, k, kappa, r, a1, a2, h)
+    theta, speed, e, expected = log.theta[0], 0.0, np.zeros(2), [log.theta[0]]
+    for before, u, width, stiff in zip(log.theta[:-1], log.theta[1:], s[1:], k[1:], strict=True):
+        for i in range(fine):
+            driven = before + (u - before) * (i + 1) / fine
+            speed += h / fine * (stiff * (driven - theta - kappa @ e) - a1 * speed) / a2
+            theta += h / fine * speed
+            e = np.clip(e + h / fine * speed, -r * width, r * width)
+        expected.append(theta)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=0.01)
 
-    def rate(t, y):
-        return [y[1], (np.interp(t, log.t, log.theta) - y[0] - 0.05 * y[1]) / 0.01]
 
-    solved = solve_ivp(rate, (0, log.t[-1]), [log.theta[0], 0], t_eval=log.t, rtol=1e-8, max_step=2e-3)
-    np.testing.assert_allclose(u, solved.y[0], rtol=0, atol=0.01)
+def test_a_joint_without_inertia_that_swings_is_the_operator():
+    log = some_log()
+    u, filled = np.cumsum(np.random.default_rng(2).normal(size=600)) * 0.01, np.full(600, FILLED)
+    kappa, r = np.array([0.6, 0.9]), np.array([0.02, 0.06])
+    operator = PrandtlIshlinskii((1 + kappa.sum(), *-kappa), tuple(r)).inverse
+    found = loops.swung(u, np.ones(log.n), np.ones(log.n), kappa, r, 0.0, 0.0, 0.02)
+    np.testing.assert_allclose(found, operator.run(u, filled), rtol=0, atol=1e-8)
 
 
 def test_a_stuck_joint_always_gives_a_little_so_that_the_operator_can_be_inverted():
