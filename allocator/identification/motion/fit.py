@@ -30,6 +30,7 @@ _SIGNS = {  # what is told together, and the sentence if it is not; what may pas
     ("lag_up", "lag_down"): "the lags: steps of the pressures would show them",
 }
 _FILLING = {"filling": 0.1 / BAR}  # [s/Pa] to start from
+_MODEL = 0.05  # share by which fits err of plants of another structure, however long the log
 _TRADED = 0.2  # share of the dead band that hysteresis may pass for, and by which the error may grow
 _TAPER = 0.3  # of the widths, at the ends of the range
 _DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
@@ -245,7 +246,7 @@ def _estimates(
 ) -> dict[str, Estimate]:
     """Return values and 95 % intervals by the jackknife over contiguous blocks, since errors are correlated within
     them. By how much another choice moves a value counts as one standard deviation more; so does what is not known:
-    when within a sample a command began to act, and what the stiffness was, which goes about as P1 + P2.
+    when within a sample a command began to act, how far the model is from the joint, and what the stiffness was.
     """
     from scipy.stats import t as student
 
@@ -255,6 +256,7 @@ def _estimates(
         factor = float(student.ppf(0.975, n - 1))
         left_out, chosen = (np.array([o[name] for o in others if name in o]) for others in (jackknife, choices))
         variance = (n - 1) / n * np.sum((left_out - left_out.mean()) ** 2) + np.sum((chosen - value) ** 2)
+        variance += (_MODEL * value) ** 2 if name != "gain" else 0.0
         variance += log.step**2 / 12 if name == "dead_time" else 0.0
         variance += (value * log.relative_spread) ** 2 if name in _DYNAMIC else 0.0
         std = float(np.sqrt(variance))

@@ -53,7 +53,7 @@ def extended(problem: MotionProblem, x: Array, used: Mask, **more: float) -> tup
 def _posed(
     problem: MotionProblem, free: tuple[str, ...], values: dict[str, float], x: Array, used: Mask
 ) -> tuple[MotionProblem, Array]:
-    """Return the problem with the unknowns `free`, and its `x` at these values; new springs are those of rows `used`."""
+    """Return the problem with the unknowns `free`, and its `x` at these values; rows `used` give new springs."""
     other, c = replace(problem, free=free), problem.coefficients(x)
     head = [values[name] for name in free]
     if not other.swings:

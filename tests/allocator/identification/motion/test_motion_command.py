@@ -9,9 +9,11 @@ from typer.testing import CliRunner
 
 from allocator.joint.storage import load_joint, save_joint
 from allocator.units import BAR, DEG
+from mpc import Compensation, KalmanObserver, Plant
 from mpc.cli import app
+from mpc.model.hysteresis import MaxwellSlip
 
-from .conftest import JOINT  # isort: skip
+from .conftest import DEAD_TIME, JOINT, LAG  # isort: skip
 
 mpl.use("Agg")
 
@@ -42,6 +44,32 @@ def test_a_log_becomes_a_plant_a_picture_and_json(slow_joint, tmp_path):
     text = out.read_text(encoding="utf-8")
     assert "[regulators]" in text
     assert "[plant]" in text
+
+
+@pytest.mark.slow
+def test_a_log_becomes_a_plant_that_is_tracked_and_exported_and_whose_effects_controllers_are_told(
+    slow_joint, tmp_path
+):
+    log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],P2_bar", slow_joint, 1000)
+    save_joint(JOINT, tmp_path / "joint.toml")
+    path = tmp_path / "plant.toml"
+    result = run(log, "--joint", tmp_path / "joint.toml", "--out", path)
+    assert result.exit_code == 0, result.output
+    known, plant = Compensation.load(path), Plant.load(path)
+    assert known.friction == MaxwellSlip.of(load_joint(path).hysteresis)
+    assert known.dead_time == pytest.approx(DEAD_TIME, abs=0.015)
+    assert plant.lags == pytest.approx((LAG, LAG), rel=0.1)
+    observer = KalmanObserver(plant, 0.01, compensation=known)
+    for _ in range(100):
+        x, d = observer.step(plant.at_rest(0.0, 6.0), plant.at_rest(0.0, 6.0)[2:])
+    np.testing.assert_allclose([*x, d], [*plant.at_rest(0.0, 6.0), 0.0], rtol=0.02, atol=0.02)
+    track = ["track", "sine", "--joint", str(path), "--controller", "feedforward", "--out", str(tmp_path / "run.csv")]
+    tracked = CliRunner().invoke(app, track)
+    assert tracked.exit_code == 0, tracked.output
+    assert "told to the controller: hysteresis of the angle" in " ".join(tracked.output.split())
+    exported = CliRunner().invoke(app, ["export", "--joint", str(path), "--out", str(tmp_path / "c")])
+    assert exported.exit_code == 0, exported.output
+    assert any((tmp_path / "c").rglob("*.c"))
 
 
 @pytest.mark.slow
