@@ -256,7 +256,7 @@ def _estimates(
         factor = float(student.ppf(0.975, n - 1))
         left_out, chosen = (np.array([o[name] for o in others if name in o]) for others in (jackknife, choices))
         variance = (n - 1) / n * np.sum((left_out - left_out.mean()) ** 2) + np.sum((chosen - value) ** 2)
-        variance += (_MODEL * value) ** 2 if name != "gain" else 0.0
+        variance += (_MODEL * value) ** 2
         variance += log.step**2 / 12 if name == "dead_time" else 0.0
         variance += (value * log.relative_spread) ** 2 if name in _DYNAMIC else 0.0
         std = float(np.sqrt(variance))

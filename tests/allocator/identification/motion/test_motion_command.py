@@ -61,7 +61,7 @@ def test_a_log_becomes_a_plant_that_is_tracked_and_exported_and_whose_effects_co
     assert plant.lags == pytest.approx((LAG, LAG), rel=0.1)
     observer = KalmanObserver(plant, 0.01, compensation=known)
     for _ in range(100):
-        x, d = observer.step(plant.at_rest(0.0, 6.0), plant.at_rest(0.0, 6.0)[2:])
+        x, d = observer.estimate(plant.at_rest(0.0, 6.0), plant.at_rest(0.0, 6.0)[2:])
     np.testing.assert_allclose([*x, d], [*plant.at_rest(0.0, 6.0), 0.0], rtol=0.02, atol=0.02)
     track = ["track", "sine", "--joint", str(path), "--controller", "feedforward", "--out", str(tmp_path / "run.csv")]
     tracked = CliRunner().invoke(app, track)
