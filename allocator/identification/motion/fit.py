@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
-from allocator.identification.motion.problem import STIFFEST, UPPER, MotionProblem, Prediction
+from allocator.identification.motion.problem import LOWER, STIFFEST, UPPER, MotionProblem, Prediction
 from allocator.identification.motion.result import Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.search import Found, extended, search, without
@@ -32,7 +32,9 @@ _SIGNS = {  # what is told together, and the sentence if it is not; what may pas
 _FILLING = {"filling": 0.1 / BAR}  # [s/Pa] to start from
 _MODEL = 0.05  # share by which fits err of plants of another structure, however long the log
 _TRADED = 0.2  # share of the dead band that hysteresis may pass for, and by which the error may grow
+_AT_BOUND = 1.001  # times the least value of the search, up to which an estimate is at its bound
 _TAPER = 0.3  # of the widths, at the ends of the range
+_TIMES = ("dead_time", "lag_up", "lag_down")  # that pass for each other within a sample
 _DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
 STEPS = 5 + LEFT_OUT + _JACKKNIFE + len(_SIGNS)  # of `progress`
 
@@ -246,7 +248,8 @@ def _estimates(
 ) -> dict[str, Estimate]:
     """Return values and 95 % intervals by the jackknife over contiguous blocks, since errors are correlated within
     them. By how much another choice moves a value counts as one standard deviation more; so does what is not known:
-    when within a sample a command began to act, how far the model is from the joint, and what the stiffness was.
+    when within a sample a command began to act and the lag with it, how far the model is from the joint, and what the
+    stiffness was.
     """
     from scipy.stats import t as student
 
@@ -257,10 +260,11 @@ def _estimates(
         left_out, chosen = (np.array([o[name] for o in others if name in o]) for others in (jackknife, choices))
         variance = (n - 1) / n * np.sum((left_out - left_out.mean()) ** 2) + np.sum((chosen - value) ** 2)
         variance += (_MODEL * value) ** 2
-        variance += log.step**2 / 12 if name == "dead_time" else 0.0
+        variance += log.step**2 / 12 if name in _TIMES else 0.0
         variance += (value * log.relative_spread) ** 2 if name in _DYNAMIC else 0.0
         std = float(np.sqrt(variance))
-        low, high = max(value - factor * std, 0.0), min(value + factor * std, UPPER.get(name, np.inf))
+        below = 0.0 if value <= _AT_BOUND * LOWER.get(name, 0.0) else value - factor * std  # it would be less still
+        low, high = max(below, 0.0), min(value + factor * std, UPPER.get(name, np.inf))
         found[name] = Estimate(value, std, low, high, _UNITS[name])
     return found
 

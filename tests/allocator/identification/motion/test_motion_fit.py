@@ -9,7 +9,9 @@ import pytest
 
 from allocator import BAR, DEG, fit_motion, load_joint
 from allocator.errors import InvalidInput
+from allocator.identification.motion import fit as motion_fit
 from allocator.identification.motion.reading import read_motion_log
+from allocator.identification.motion.samples import MotionLog
 from mpc import Plant
 
 from .conftest import DEAD_TIME, JOINT, LAG, WIDTH  # isort: skip
@@ -126,3 +128,14 @@ def test_the_truth_of_a_strangers_log_lies_in_the_intervals_or_is_named_as_unsee
         assert "lag_up" not in fit.parameters
         assert any(sentence.startswith("the lags") for sentence in fit.unseen)
     assert any("P1 + P2, which stays at 5 bar" in sentence for sentence in fit.unseen)
+
+
+def test_what_lies_at_the_bound_of_its_search_has_an_interval_all_the_same():
+    t = np.arange(0.0, 120.0, 0.02)
+    P = 2e5 + 1e5 * np.sign(np.sin(np.arange(t.size) // 100 * 1.7)), 2e5 + 1e5 * np.sign(np.cos(t // 3 * 2.3))
+    log = MotionLog.checked(t, np.sin(t), *P)
+    here = {"lag_up": 0.0, "base": 0.05}
+    found = motion_fit._estimates(here, [here] * 10, [], log)
+    assert found["lag_up"].high > log.step / 4  # half a sample of lag is no lag to be seen
+    assert found["base"].low == 0.0
+    assert found["base"].high > 0.05
