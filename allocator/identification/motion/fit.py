@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
+from allocator.errors import InvalidInput
 from allocator.identification.motion.problem import LOWER, STIFFEST, UPPER, MotionProblem, Prediction
 from allocator.identification.motion.result import Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
@@ -17,6 +18,7 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import BAR
 
 TRAINED = 0.6  # the share of the log that the held-out rest is predicted from
+_MOST_SUPPLY = 2.0  # greatest pressure of a log in the supply of the joint that is given
 LEFT_OUT = 5  # contiguous blocks, left out in turn to be predicted
 _JACKKNIFE = 10  # contiguous blocks, left out in turn for the intervals
 _WORSE = 1.02  # by which the error grows at least without something that the log shows,
@@ -83,10 +85,13 @@ def fit_motion(
     log = MotionLog.checked(t, theta, P1, P2)
     tell = progress or (lambda step: None)
     greatest = log.greatest_pressure
+    if joint is not None:
+        _check_supply(joint.pressure_limits[1], greatest)
     static = Difference(greatest) if joint is None else Equilibrium(joint, greatest)
     every = log.settled
     early = every & (np.arange(log.n) < TRAINED * log.n)
     trained, unseen = _seen(MotionProblem.of(log, static), early, tell)
+    _check_sign(trained, early)
     tell("all rows")
     found = search(trained.problem, every, trained.x)
     task = _Task(trained.problem, found.x)
@@ -107,6 +112,29 @@ def fit_motion(
         problem=task.problem,
         x=task.x,
     )
+
+
+def _check_supply(supply: float, greatest: float) -> None:
+    """Refuse pressures [Pa] of the log that the joint's supply does not give."""
+    if greatest > _MOST_SUPPLY * supply:
+        raise InvalidInput(
+            f"the pressures of the log go up to {greatest / BAR:.3g} bar, those of the joint up to "
+            f"{supply / BAR:.3g} bar: check the unit of P1 and P2 [Pa], or the joint's supply"
+        )
+
+
+def _check_sign(task: _Task, used: Mask) -> None:
+    """Refuse a static angle that falls where P1 rises, or P2 falls."""
+    if _slope(task.problem, task.problem.run(task.x, used)) < 0:
+        raise InvalidInput(
+            "θ falls with P1 and rises with P2: the muscles are swapped, or the angle has the other sign; pass P2 as "
+            "P1 and P1 as P2, or -theta"
+        )
+
+
+def _slope(problem: MotionProblem, run: Prediction) -> float:
+    """Return by how much the static angle [rad] rises with q, in the mean over the rows."""
+    return float(np.polyfit(problem.static(run.P1, run.P2), run.static, 1)[0])
 
 
 def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], Any]) -> tuple[_Task, list[str]]:
@@ -212,7 +240,7 @@ def _named(task: _Task, used: Mask) -> dict[str, float]:
     if not _at_most(task, run):
         named["stuck_slope"] = H.weights[0]
     if isinstance(problem.static, Equilibrium):
-        named["gain"] = float(np.polyfit(problem.static(run.P1, run.P2), run.static, 1)[0])
+        named["gain"] = _slope(problem, run)
     return named
 
 

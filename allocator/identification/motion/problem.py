@@ -25,7 +25,7 @@ import numpy as np
 
 from allocator.calculus import Array, Mask
 from allocator.identification.motion import loops
-from allocator.identification.motion.samples import TAUT_FROM, MotionLog
+from allocator.identification.motion.samples import TAUT_FROM, MotionLog, even_times, evenly
 from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.hysteresis import FILLED, PrandtlIshlinskii
 from allocator.units import BAR, DEG
@@ -173,6 +173,11 @@ class MotionProblem:
 
     def elsewhere(self, t: Array, commands: tuple[Array, Array], x: Array, weights: Array) -> Array:
         """Return the angle (m,) [rad] of a free run over other rows: times [s], commands (m,) [Pa] of both muscles."""
+        if not evenly(t):
+            even = even_times(t)
+            before = np.searchsorted(t, even, side="right") - 1
+            one, two = commands
+            return np.interp(t, even, self.elsewhere(even, (one[before], two[before]), x, weights))
         P1, P2 = (loops.pressures(t, command, *self._lags(x)) for command in commands)
         u = np.einsum("j,jn", self.coefficients(x), self.basis(P1, P2))
         if self.swings:

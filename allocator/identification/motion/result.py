@@ -24,6 +24,7 @@ from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 
 _LEAST_LAG = 1e-3  # [s] a plant has
+_BEYOND = 1.05  # greatest pressure that is predicted for, in that of the log
 _MUSCLE_ROWS = 400  # of the log, at which the muscles are fitted to the static angle
 
 
@@ -100,13 +101,20 @@ class MotionFit:
     def predicted(self, t: Any, P1: Any, P2: Any) -> Array:
         """Return the angle (m,) [rad] of a free run over other times t [s] and pressures [Pa], arrays (m,).
 
-        It begins at rest, without memory. Raises `InvalidInput` at what is no row of such numbers.
+        It begins at rest, without memory. Raises `InvalidInput` at what is no row of such numbers, and at pressures far
+        above those of the log.
         """
         times, one, two = checks.real("t", t, "s"), checks.pressure("P1", P1), checks.pressure("P2", P2)
         if times.ndim != 1 or not times.shape == one.shape == two.shape or times.size < 2:
             raise InvalidInput("t, P1 and P2 have to be rows of numbers, one of each for every sample")
         if not (np.diff(times) > 0).all():
             raise InvalidInput("t has to increase from row to row [s]")
+        for name, P in (("P1", one), ("P2", two)):
+            if P.max() > _BEYOND * self.log.greatest_pressure:
+                raise InvalidInput(
+                    f"{name} goes up to {P.max() / BAR:.3g} bar, and that of the log that was fitted up to "
+                    f"{self.log.greatest_pressure / BAR:.3g} bar: what the joint does beyond is not known"
+                )
         return self.problem.elsewhere(times, (one, two), self.x, self.run.weights)
 
     # --- a plant ----------------------------------------------------------------------------------------------------

@@ -21,6 +21,10 @@ _LEAST_TURNS = 3
 _SPEED_OVER = 0.3  # [s] over which a speed is measured
 _SAME_SPEED = 0.9  # squared cosine between v and sign(v); 1 on ramps, 0.81 on a sine, less with steps
 _MEDIAN_OVER = 0.25  # [s]
+_SPIKE = 2 * DEG, 10.0, 3.0  # least there and back within a row; in that of 99 % of the rows; in the four rows around
+_BURST = 3.0  # least step to a single pressure and back, in the range that the others have
+_UNEVEN = 0.05  # standard deviation of the steps in their median, above which rows are put at even times
+_GAP = 1.0  # [s]
 _MOST_ROWS = 15_000  # of more, every second, third … is used
 
 
@@ -36,7 +40,7 @@ class MotionLog:
 
     @classmethod
     def checked(cls, t: Any, theta: Any, P1: Any, P2: Any, *, medians: bool = True) -> Self:
-        """Make a log of anything array-like, with `medians` of noisy pressures.
+        """Make a log of anything array-like, with `medians` of noisy pressures, and rows at even times.
 
         Raises `InvalidInput` at what is no log in SI units, and at one that moves too little to tell anything, with
         what to measure instead.
@@ -52,7 +56,9 @@ class MotionLog:
         rows = [np.array(a, float) for a in checks.broadcast(**named)]
         log = cls(rows[0], rows[1], rows[2], rows[3])
         log._check_time()
+        log._check_readings()
         log._check_excitation()
+        log = log._even()
         log = log._without_noise() if medians else log
         every = -(-log.n // _MOST_ROWS)
         return log if every == 1 else log.thinned(every)
@@ -113,6 +119,17 @@ class MotionLog:
         v = self.theta[window:] - self.theta[:-window]
         return float(np.abs(v).sum() ** 2) < _SAME_SPEED * v.size * float((v**2).sum())
 
+    def _even(self) -> Self:
+        """Return the log with rows at even times: angles between two rows on a line, pressures as in the row before.
+
+        Inertia and damping are a filter with one step for all rows.
+        """
+        if evenly(self.t):
+            return self
+        t = even_times(self.t)
+        before = np.searchsorted(self.t, t, side="right") - 1
+        return replace(self, t=t, theta=np.interp(t, self.t, self.theta), P1=self.P1[before], P2=self.P2[before])
+
     def _without_noise(self) -> Self:
         """Return the log with medians of the pressures where sensors add noise to them.
 
@@ -135,6 +152,40 @@ class MotionLog:
             raise InvalidInput(
                 f"rows are {self.step:g} s apart, too far to see how the joint moves: record at 20 Hz; ms for s?"
             )
+        gap = int(np.argmax(np.diff(self.t))) + 1
+        if (missing := float(self.t[gap] - self.t[gap - 1])) > _GAP:
+            raise InvalidInput(
+                f"t[{gap}] is {missing:.3g} s after the row before it: what the joint did in between is not known; "
+                "take the longest part of the log without such a gap"
+            )
+
+    def _check_readings(self) -> None:
+        """Refuse angles and pressures that no joint goes through: turns within a row, and single rows far from all."""
+        turned = np.abs(np.diff(self.theta)) > np.pi
+        if turned.any():
+            i = int(np.argmax(turned)) + 1
+            raise InvalidInput(
+                f"theta[{i}] is {abs(self.theta[i] - self.theta[i - 1]) / DEG:.3g}° from the row before it: a wrap "
+                "or a missed reading; unwrap the angle (numpy.unwrap), or leave the row out"
+            )
+        if self.n < _LEAST_ROWS:
+            return
+        spikes, around = _spikes(self.theta)
+        usual = max(_SPIKE[0], _SPIKE[1] * float(np.quantile(spikes, 0.99)))
+        if (wrong := (spikes > usual) & (spikes > _SPIKE[2] * around)).any():
+            i = int(np.argmax(wrong))
+            raise InvalidInput(
+                f"theta[{i + 2}] is {spikes[i] / DEG:.3g}° from the rows on both sides of it: a spike, which least "
+                "squares would follow; leave the row out"
+            )
+        for name, P in (("P1", self.P1), ("P2", self.P2)):
+            spikes, _ = _spikes(P)
+            i = int(np.argmax(spikes))
+            if spikes[i] > max(BAR, _BURST * float(np.ptp(np.delete(P, i + 2)))):
+                raise InvalidInput(
+                    f"{name}[{i + 2}] is {spikes[i] / BAR:.3g} bar from the rows on both sides of it: a spike, which "
+                    "no regulator follows; leave the row out"
+                )
 
     def _check_excitation(self) -> None:
         """Refuse a log that cannot tell lags from hysteresis, and say which experiment would."""
@@ -173,4 +224,25 @@ class MotionLog:
         return turns
 
 
-__all__ = ["TAUT_FROM", "MotionLog"]
+def evenly(t: Array) -> bool:
+    """Return whether times (n,) [s] are even enough to be filtered with one step."""
+    steps = np.diff(t)
+    return bool(steps.std() <= _UNEVEN * np.median(steps))
+
+
+def even_times(t: Array) -> Array:
+    """Return times [s] from the first to the last of t (n,), with its median step or a longer one."""
+    step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / _MOST_ROWS)
+    return np.asarray(t[0] + step * np.arange(int((t[-1] - t[0]) / step * (1 + 1e-12)) + 1))
+
+
+def _spikes(a: Array) -> tuple[Array, Array]:
+    """Return how far each row but two at either end (n - 4,) lies from both its neighbours, on the same side of them (0
+    where between), and how far the four rows around it lie from each other.
+    """
+    into, out = a[2:-2] - a[1:-3], a[2:-2] - a[3:-1]
+    there = np.where(into * out > 0, np.minimum(np.abs(into), np.abs(out)), 0.0)
+    return there, np.ptp(np.stack([a[:-4], a[1:-3], a[3:-1], a[4:]]), axis=0)
+
+
+__all__ = ["TAUT_FROM", "MotionLog", "even_times", "evenly"]

@@ -158,3 +158,40 @@ def test_a_joint_that_rests_nowhere_at_these_pressures_is_not_the_joint_of_the_l
     joint = AntagonistJoint(table, SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N)
     with pytest.raises(InvalidInput, match="it is not the joint of this log"):
         Equilibrium(joint, 5 * BAR)(np.array([2 * BAR]), np.array([3 * BAR]))
+
+
+@pytest.mark.parametrize("name", ["theta", "P1"])
+def test_a_spike_in_a_single_row_is_pointed_out(name):
+    given = rows()
+    size = 40 * DEG if name == "theta" else 30 * BAR
+    given[name] = np.where(np.arange(1000) == 517, given[name] + size, given[name])
+    with pytest.raises(InvalidInput, match=rf"{name}\[517\] is .* from the rows on both sides of it: a spike"):
+        MotionLog.checked(**given)
+
+
+def test_an_angle_that_wraps_is_to_be_unwrapped():
+    with pytest.raises(InvalidInput, match=r"theta\[\d+\] is 3\d\d° from the row before it: a wrap .*numpy.unwrap"):
+        MotionLog.checked(**rows(theta=np.mod(0.6 * np.sin(T), 2 * np.pi)))
+
+
+def test_a_gap_in_the_log_is_pointed_out():
+    with pytest.raises(InvalidInput, match=r"t\[500\] is 3.05 s after the row before it"):
+        MotionLog.checked(**rows(t=np.where(np.arange(1000) < 500, T, T + 3)))
+
+
+def test_rows_at_uneven_times_are_filtered_at_even_ones():
+    """A joint that swings: a filter over rows as they come would take every missing row for a quicker joint."""
+    swinging = {"lag_up": 0.1, "lag_down": 0.1, "dead_time": 0.0, "damping": 0.03, "inertia": 0.01}
+    even, rng = some_log(3000), np.random.default_rng(3)
+    problem = MotionProblem(even, Difference(4 * BAR), tuple(swinging))
+    x = np.array([*swinging.values(), 0.0, 0.5, *np.zeros(len(problem.powers) - 2)])
+    truth, stiff = problem.run(x, np.zeros(even.n, bool)).theta, np.zeros(problem.widths.size)
+    steps = np.diff(even.P1, prepend=0.0) != 0
+    kept = np.flatnonzero(steps | (rng.random(even.n) < 0.5))
+    t, commands = even.t[kept], (even.P1[kept], even.P2[kept])
+    found = problem.elsewhere(t, commands, x, stiff)
+    assert np.sqrt(np.mean((found - truth[kept]) ** 2)) < 0.02 * truth.std()
+    log = MotionLog.checked(t, truth[kept], *commands)
+    assert np.ptp(np.diff(log.t)) < 1e-9
+    assert (log.P1 == even.P1[np.searchsorted(even.t, log.t + 1e-9) - 1]).all()
+    assert np.sqrt(np.mean((log.theta - np.interp(log.t, even.t, truth)) ** 2)) < 0.15 * truth.std()
