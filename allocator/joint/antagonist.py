@@ -73,6 +73,8 @@ class AntagonistJoint:
         object.__setattr__(self, "friction", checks.not_negative("friction", self.friction, "share of the forces"))
         if not isinstance(self.hysteresis, PrandtlIshlinskii | None):
             raise InvalidInput(f"hysteresis = {checks.brief(self.hysteresis)} has to be a PrandtlIshlinskii, or None")
+        if not isinstance(self.gas, Gas):
+            raise InvalidInput(f"gas = {checks.brief(self.gas)} has to be a Gas, such as Gas(kappa=1.4)")
         if self.covariance is not None:
             n = len(self.agonist.parameters) + len(self.antagonist.parameters)
             object.__setattr__(self, "covariance", checks.covariance("covariance of a joint", self.covariance, n))

@@ -30,6 +30,7 @@ from allocator.errors import InvalidInput
 
 _KAPPA = 1.0, 1.67  # isothermal, and adiabatic of a monatomic gas
 _ATMOSPHERE = 1e3, 2e6  # [Pa] of what surrounds a joint
+_FASTEST = 1e9  # [Hz] beyond which no motion is meant
 _SLOWEST = 100.0  # [s] a longer lag is in milliseconds
 
 Shares = tuple[Value, Value]
@@ -145,6 +146,8 @@ def frequencies(frequency: Any) -> Array:
     found = checks.real("frequency", frequency, "Hz")
     if (wrong := found < 0).any():
         raise InvalidInput(f"frequency{checks.at(found, wrong)} Hz is negative")
+    if (wrong := found > _FASTEST).any():
+        raise InvalidInput(f"frequency{checks.at(found, wrong)} Hz is none at which a joint moves, in hertz")
     return found
 
 

@@ -12,6 +12,7 @@ from allocator.joint.limits import BINDS, Limit, Limits, PressureInterval
 from allocator.muscles import AffineMuscle, Muscle
 
 STABLE = 0.5  # of V: where V^eff is less the law's volume falls with the pressure too steeply to be a volume
+_MOST_GROWTH = 100.0  # of a volume by contraction; that of a braided tube grows to seven times itself at most
 _LOOKED_AT = 33  # pressures between which the first fall of V^eff below that is looked for
 
 
@@ -91,16 +92,25 @@ class OneMuscle:
         return self.muscle.volume(P, self.contraction, self.rest_length)
 
     def check_volume(self, P: Value) -> None:
-        """Raise InvalidInput where the law leaves no volume at these pressures [Pa]; symbols pass."""
+        """Raise InvalidInput where the law leaves no volume, or one out of proportion; symbols pass (P: [Pa])."""
         if is_symbol(P) or is_symbol(self.contraction):
             return
-        if (least := float(np.min(self.volume(P), initial=np.inf))) <= 0:
+        V = np.asarray(self.volume(P))
+        if (least := float(np.min(V, initial=np.inf))) <= 0:
             raise InvalidInput(f"rest_volume and tube_volume leave the {self.name} a volume of {least:.3g} m³ here")
+        at_rest = float(self.muscle.volume_at_rest(self.rest_length))
+        if (most := float(np.max(V, initial=0.0))) > _MOST_GROWTH * at_rest:
+            raise InvalidInput(
+                f"with {at_rest:.3g} m³ at rest length the gas of the {self.name} would grow to {most:.3g} m³ here, "
+                f"over {_MOST_GROWTH:g} times as much: if rest_volume was meant in litres, pass {at_rest * 1e3:.3g}"
+            )
 
     def check_effective_volume(self, P: Value) -> None:
         """Raise InvalidInput where the law leaves no V, or a V^eff ≤ 0, at these pressures [Pa]; symbols pass."""
         self.check_volume(P)
         numbers = not (is_symbol(P) or is_symbol(self.contraction))
+        if numbers and (least := float(np.min(P, initial=np.inf))) <= -self.gas.atmosphere:
+            raise InvalidInput(f"the gauge pressure {least:g} Pa of the {self.name} is below a vacuum")
         if numbers and not self.affine and np.any(self.effective_volume(P) <= 0):
             raise InvalidInput(
                 f"this {type(self.muscle).__name__} and its rest_volume have no shut stiffness here: the volume of "

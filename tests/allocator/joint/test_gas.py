@@ -255,6 +255,9 @@ def test_symbols_have_the_same_stiffness_and_the_gain_is_its_derivative(model):
         (lambda: StiffnessKind.of("open", 2.0, 150.0), "if milliseconds were meant, divide by 1000"),
         (lambda: StiffnessKind.of("open", 2.0, (0.1, 0.1, 0.1)), "has to be one time constant or a pair of them [s]"),
         (lambda: StiffnessKind.of("open", [1.0, 2.0], 0.1), "frequency = [1.0, 2.0] has to be one number [Hz]"),
+        (lambda: StiffnessKind.of("open", 1e300, 0.1), "frequency = 1e+300 Hz is none at which a joint moves"),
+        (lambda: replace(report_joint(), gas=1.4), "gas = 1.4 has to be a Gas"),
+        (lambda: report_joint().stiffness(0.0, -2e5, 3e5, "shut"), "pressure -200000 Pa of the agonist is below a vac"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(made, said):
@@ -279,3 +282,13 @@ def test_a_law_whose_volume_would_collapse_says_so():
     assert box.agonist.hi[0] == 5e5
     side = report_joint().sides(np.array([125 * DEG]), (1.0, 1.0))[0]
     assert side.effective_volume(box.agonist.hi[1:]) == pytest.approx(side.volume(box.agonist.hi[1:]) / 2, rel=1e-9)
+
+
+def test_a_volume_in_litres_is_pointed_out():
+    small = replace(SAROSI_DMSP_20_400N, rest_volume=0.12e-6)  # 0.12 litres, given as cubic centimetres
+    for asked in (
+        lambda: report_joint(small).stiffness(0.0, 3e5, 3e5, valves="shut"),
+        lambda: allocate(0.0, 8.0, joint=report_joint(small), valves="shut"),
+    ):
+        with pytest.raises(InvalidInput, match=r"with 1.2e-07 m³ at rest length .* in litres, pass 0.00012"):
+            asked()
