@@ -57,7 +57,7 @@ def check_weight(samples: JointSamples, deflection: Array, expected: Array) -> f
     """Return the force scale [-] of a shape, from the `deflection` (n,) [rad] under weights and what it `expected` (n,)
     [rad].
 
-    Refuses a weight that drowns in the scatter, and says which would not.
+    Refuses a weight that pulls the wrong way, or drowns in the scatter, and says which would not.
     """
     compliance = float(deflection @ expected / (expected @ expected))
     error = deflection - compliance * expected
@@ -66,6 +66,11 @@ def check_weight(samples: JointSamples, deflection: Array, expected: Array) -> f
     if compliance > _SEEN * std:
         return 1 / compliance
     W, most = float(np.abs(samples.torque).max()), float(np.abs(expected).max())
+    if compliance < -_SEEN * std:
+        raise InvalidInput(
+            f"torque of {W:.3g} N·m moves the joint by {-compliance * most / DEG:.2g}° the wrong way: it has to be "
+            "positive where the weight pulls θ down; turn its sign"
+        )
     wanted = W * std / _WANTED / max(abs(compliance), std)
     raise InvalidInput(
         f"torque of {W:.3g} N·m moves the joint by {compliance * most / DEG:.2g}° ± {std * most / DEG:.2g}°, which "

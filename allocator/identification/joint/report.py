@@ -15,12 +15,14 @@ from allocator.identification.joint.relative import with_joint_covariance
 from allocator.identification.joint.search import minimise
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import monotonicity_failure, scaled, strength_powers
-from allocator.units import DEG
+from allocator.units import BAR, DEG
 
 _DETERMINANT_GRID = 7
 _MOST_MISSED = 0.05  # of the samples for which the model may have no equilibrium
 _POOR_SCALE = 0.25
 _LARGE_ZERO = 15.0  # [deg] an encoder is set to zero better than that
+_MOST_AREA = 0.05  # [m²] mean ∂F/∂P, five times that of the strongest that are sold
+_SAG_MISSED = 5.0  # times their standard deviation, root mean square
 _NO_FRICTION = 1e-3  # a μ below this is none, whatever its sign
 
 
@@ -214,6 +216,8 @@ def warnings(problem: JointProblem, x: Array, u: Unknowns, found: Findings) -> t
         *_zero_warning(u.zero / DEG),
         *_friction_warnings(problem, u, found.hysteresis_share),
         *_scale_warning(problem, found.scale_std),
+        *_area_warning(problem, u),
+        *_sag_warning(problem, u),
     )
 
 
@@ -242,6 +246,23 @@ def _scale_warning(problem: JointProblem, std: float | None) -> tuple[str, ...]:
     W = float(np.abs(problem.samples.torque).max())
     needed = f"5 % would take {W * std / 0.05:.2g} instead of {W:.2g} N·m, if the joint holds it"
     return (f"K is known to {std:.0%} only: {needed}",)
+
+
+def _area_warning(problem: JointProblem, u: Unknowns) -> tuple[str, ...]:
+    if problem.conventional or (area := problem.mean_area(u).real) < _MOST_AREA:
+        return ()
+    return (
+        f"by the weight the muscles pull with {area * BAR:.3g} N/bar, more than any is known to: is the torque in N·m?",
+    )
+
+
+def _sag_warning(problem: JointProblem, u: Unknowns) -> tuple[str, ...]:
+    if problem.sag is None or (error := rms(problem.sag_error(u))) < _SAG_MISSED * problem.sag.noise:
+        return ()
+    return (
+        f"the sag test contradicts the law or the equilibria: its pressures are {error / BAR:.2g} bar from those at "
+        f"which the cables go slack here, slack_noise = {problem.sag.noise / BAR:.2g} bar",
+    )
 
 
 def rms(error: Array) -> float:

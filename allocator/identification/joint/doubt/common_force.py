@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.joint.problem import JointProblem, PullShare
@@ -111,6 +112,8 @@ def prior_of(problem: JointProblem, muscle: Muscle | Prior | None) -> Prior | No
     """
     if muscle is None or isinstance(muscle, Prior):
         return muscle
+    if not isinstance(muscle, Muscle):
+        raise InvalidInput(f"prior = {checks.brief(muscle)} has to be a muscle, of the catalogue or of a fit to forces")
     (eps1, *_), (eps2, *_), _ = problem.samples.routes(np.clip(problem.samples.theta, *problem.samples.reach()))
     P, eps = np.concatenate([problem.samples.P1, problem.samples.P2]), np.concatenate([eps1, eps2])
     with np.errstate(all="ignore"):

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from allocator import Lever
+from allocator import AntagonistJoint, Lever, Pulley
 from allocator.identification.joint.fit import fit_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 
 
@@ -96,3 +97,42 @@ def test_without_directions_the_report_says_where_hysteresis_goes(data):
 def test_swapped_directions_show_as_negative_friction(data):
     fit = fit_joint(**{**data, "direction": -data["direction"]})
     assert any("the directions look swapped" in warning for warning in fit.warnings)
+
+
+def test_a_weight_with_the_other_sign(data):
+    refused(data, r"torque of .* N·m moves the joint by .*° the wrong way: .*; turn its sign", torque=-data["torque"])
+
+
+def test_a_prior_that_is_no_muscle(data):
+    refused(data, "prior = 'sarosi' has to be a muscle", prior="sarosi")
+
+
+@pytest.fixture(scope="module")
+def grid():
+    """Equilibria of a known joint, exact, and its sag test at three angles."""
+    joint = AntagonistJoint(Pulley(0.3, 0.018, 0.14), SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N)
+    P1, P2, T = (a.ravel() for a in np.meshgrid(*[np.linspace(1.5, 5, 5) * BAR] * 2, [0.0, 0.8]))
+    theta = joint.equilibrium(P1, P2, T)
+    there = np.isfinite(theta)
+    there[there] = np.minimum(*joint.forces(theta[there], P1[there], P2[there])) > 10
+    at = np.array([-20.0, 0.0, 20.0]) * DEG
+    sag = [side.muscle.pressure(0.0, side.contraction) for side in joint.sides(at)]
+    return joint, (theta[there], P1[there], P2[there], T[there]), (at, *sag, 0 * at)
+
+
+def warnings_of(grid, times=1.0, add=0.0):
+    joint, rest, sag = grid
+    theta, P1, P2, torque = (np.concatenate(pair) for pair in zip(rest, sag, strict=True))
+    slack = np.repeat([0, 3], [rest[0].size, 3])
+    P1, P2 = (np.where(slack, P + add, P) for P in (P1, P2))
+    options = {"slack": slack, "choices": False, "leave_one_out": False}
+    return " ".join(fit_joint(theta, P1, P2, geometry=joint.geometry, torque=times * torque, **options).warnings)
+
+
+@pytest.mark.slow
+def test_a_sag_test_that_contradicts_and_a_torque_in_other_units_are_warned_of(grid):
+    right = warnings_of(grid)
+    assert "sag test" not in right
+    assert "N·m" not in right
+    assert "the sag test contradicts the law or the equilibria" in warnings_of(grid, add=2.5 * BAR)
+    assert "N/bar, more than any is known to: is the torque in N·m?" in warnings_of(grid, times=100.0)
