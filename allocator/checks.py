@@ -139,7 +139,7 @@ def pressure_pair(name: str, value: Any, labels: tuple[str, str]) -> dict[str, A
     try:
         P1, P2 = value
     except (TypeError, ValueError):
-        raise InvalidInput(f"{name} = {value!r} has to be two pressures (P1, P2) [Pa]") from None
+        raise InvalidInput(f"{name} = {brief(value)} has to be two pressures (P1, P2) [Pa]") from None
     pair = real(name, P1, "Pa"), real(name, P2, "Pa")
     pressure(name, np.concatenate([np.ravel(P) for P in pair]))
     return dict(zip(labels, pair, strict=True))

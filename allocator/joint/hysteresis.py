@@ -72,6 +72,8 @@ class PrandtlIshlinskii:
             )
         if not all(a < b for a, b in pairwise((0.0, *self.thresholds))):
             raise InvalidInput(f"thresholds = {self.thresholds} rad have to be positive and to increase")
+        if self.thresholds:
+            checks.angle("thresholds", self.thresholds)
         if not all(slope > 0 for slope in self.slopes):
             raise InvalidInput(f"weights = {self.weights}: w_0 and all sums w_0 + … + w_i have to be positive")
         if not 0 < self.base <= 1:
@@ -138,12 +140,18 @@ class PrandtlIshlinskii:
         It begins with `plays` (n,) [rad], by default at rest at the first angle. Raises `InvalidInput` at what is no
         row of finite angles and pressures.
         """
-        u, filled = checks.broadcast(u=checks.real("u", u, "rad"), filled=checks.real("filled", filled, "Pa"))
+        u, filled = checks.broadcast(u=checks.real("u", u, "rad"), filled=checks.pressure("filled", filled))
         if u.ndim != 1:
             raise InvalidInput(f"u has the shape {u.shape}: it has to be a row of angles [rad], one after the other")
         if not u.size:
             return np.zeros(0)
-        start = self.at_rest(u[0]) if plays is None else np.asarray(plays, float)
+        if (wrong := self.scale(filled) <= 0).any():
+            raise InvalidInput(
+                f"filled{checks.at(filled, wrong)} Pa leaves no width to the plays: P1 + P2 is too small"
+            )
+        start = self.at_rest(u[0]) if plays is None else checks.real("plays", plays, "rad")
+        if start.shape != (self.size,):
+            raise InvalidInput(f"plays = {checks.brief(plays)} have to be {self.size} angles [rad], one for each play")
         passed = np.empty((self.size, u.size))
         pass_plays(u.tolist(), self.scale(filled).tolist(), self.thresholds, start.tolist(), passed)
         return np.asarray(self.output(passed, u))

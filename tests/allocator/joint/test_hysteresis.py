@@ -111,6 +111,7 @@ def test_a_joint_keeps_its_hysteresis_in_its_file(tmp_path):
         (((1.0, -1.5), (0.1,)), 1.0, "w_0 and all sums"),
         (((1.0, 0.5), (0.1,)), 0.0, "base = 0.0 has to be above 0"),
         ((1.0, ()), 1.0, "have to be a row of numbers"),
+        (((1.0, 0.5), (12.0,)), 1.0, r"thresholds\[0\] = 12 rad is over a turn; if degrees were meant, pass 0.2094"),
         (((1.0, np.nan), (0.1,)), 1.0, r"weights\[1\] = nan is not finite"),
     ],
 )
@@ -126,3 +127,23 @@ def test_hysteresis_that_would_push_is_no_friction():
         replace(report_joint(), hysteresis=0.1)
     with pytest.raises(InvalidInput, match="has to be a row of angles"):
         PrandtlIshlinskii().run([[0.1]])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (([0.0, 0.3], [3.0, 4.0]), "if bar was meant"),
+        (([0.0, 0.3], -8e5), r"filled\[0\] = -800000 Pa leaves no width to the plays"),
+        (([0.0, 0.3], 5e5, np.zeros(3)), "have to be 2 angles"),
+        (([0.0, 0.3], 5e5, [np.nan, 0.0]), r"plays\[0\] = nan is not finite"),
+    ],
+)
+def test_what_it_cannot_run_through_is_one_sentence(arguments, said):
+    with pytest.raises(InvalidInput, match=said):
+        PrandtlIshlinskii((0.6, 0.2, 0.2), (0.02, 0.06), base=0.2).run(*arguments)
+
+
+def test_a_history_that_is_no_pair_is_one_line():
+    with pytest.raises(InvalidInput, match=r"history = ndarray\(40, 3\) of float64 has to be two pressures") as refusal:
+        report_joint().equilibrium(2e5, 2e5, history=np.full((40, 3), 2e5))
+    assert "\n" not in str(refusal.value)
