@@ -131,9 +131,8 @@ def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = 
     }
     agonist, antagonist = (_muscle(path, content, name) for name in ("agonist", "antagonist"))
     rows = storage.covariance_rows(path, content)
-    geometry, hysteresis = _geometry(path, content), _hysteresis(path, content)
+    geometry, hysteresis, gas = _geometry(path, content), _hysteresis(path, content), _gas(path, content)
     try:
-        gas = _gas(path, content)
         more: dict[str, Any] = {"covariance": rows, "hysteresis": hysteresis, "gas": gas}
         return AntagonistJoint(geometry, agonist, antagonist, **more, **limits)
     except (InvalidInput, TypeError, ValueError, OverflowError) as error:
@@ -209,7 +208,10 @@ def _gas(path: FilePath, content: dict[str, Any]) -> Gas:
     names = [f.name for f in fields(Gas)]
     if not isinstance(table, dict) or table.keys() - set(names):
         raise InvalidFile(path, f"[gas] has to be a table of {', '.join(names)}")
-    return Gas(**table)
+    try:
+        return Gas(**table)
+    except InvalidInput as error:
+        raise InvalidFile(path, f"[gas]: {error}") from None
 
 
 def _muscle(path: FilePath, content: dict[str, Any], name: str) -> Muscle:

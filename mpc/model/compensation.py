@@ -12,7 +12,7 @@ from typing import Self
 
 import numpy as np
 
-from allocator import AntagonistJoint
+from allocator import AntagonistJoint, checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.storage import load_joint
@@ -23,6 +23,7 @@ from mpc.model.hysteresis import friction_of
 from mpc.model.storage import stored_regulators
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump
+_LONGEST = 10.0  # [s] of a dead time
 JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
 
 
@@ -38,9 +39,15 @@ class Compensation:
         """Check the numbers."""
         object.__setattr__(self, "friction", friction_of(self.friction))
         for name, unit in (("dead_time", "s"), ("dead_band", "Pa")):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(f"{name} = {value!r} {unit} has to be 0 or more, and finite")
+            value = checks.number(name, getattr(self, name), unit)
+            if value < 0:
+                raise InvalidInput(f"{name} = {value!r} {unit} has to be 0 or more")
+            object.__setattr__(self, name, value)
+        checks.pressure("dead_band", self.dead_band)
+        if self.dead_time > _LONGEST:
+            raise InvalidInput(
+                f"dead_time = {self.dead_time:g} s is none of a regulator; if milliseconds were meant, divide by 1000"
+            )
 
     @classmethod
     def of(cls, joint: AntagonistJoint) -> Self:
@@ -56,10 +63,14 @@ class Compensation:
 
         Raises `InvalidFile`.
         """
-        known = cls.of(load_joint(path))
+        joint, told = load_joint(path), stored_regulators(path)
         try:
-            return replace(known, **stored_regulators(path))
-        except (InvalidInput, TypeError) as error:
+            known = cls.of(joint)
+        except InvalidInput as error:
+            raise InvalidFile(path, f"[hysteresis]: {error}") from None
+        try:
+            return replace(known, **told)
+        except InvalidInput as error:
             raise InvalidFile(path, f"[regulators]: {error}") from None
 
     @property

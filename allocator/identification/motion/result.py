@@ -24,6 +24,7 @@ from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 
 _LEAST_LAG = 1e-3  # [s] a plant has
+_LEAST_BAND = 100.0  # [Pa] less is none
 _BEYOND = 1.05  # greatest pressure that is predicted for, in that of the log
 _MUSCLE_ROWS = 400  # of the log, at which the muscles are fitted to the static angle
 
@@ -168,6 +169,8 @@ class MotionFit:
     def dumps(self) -> str:
         """Return the text of the plant's file."""
         values, joint = self.problem.values(self.x), self.joint
+        if values["dead_band"] < _LEAST_BAND:
+            values |= {"dead_band": 0.0}
         source: dict[str, str | float] = {
             "rows": self.log.n,
             "free_run_rms_deg": round(self._muscles.rms / DEG, 4),

@@ -1,11 +1,15 @@
 """What the controller knows beyond its model: dead time, dead band and friction cost no accuracy once it knows them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allocator import BAR, DEG, InvalidInput
+from allocator import BAR, DEG, InvalidInput, PrandtlIshlinskii, report_joint
+from allocator.errors import InvalidFile
+from allocator.joint.storage import dumps
 from mpc import Rung, TrackingMPC, Weights, simulate, sine
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.contact import Contact
@@ -88,3 +92,36 @@ def test_without_compensation_nothing_changes_for_a_nominal_plant():
 def test_impossible_knowledge_is_refused_by_its_name():
     with pytest.raises(InvalidInput, match="dead_time"):
         Compensation(dead_time=-0.01)
+
+
+@pytest.mark.parametrize(
+    ("known", "said"),
+    [
+        ({"dead_time": "a"}, "dead_time = 'a' is not a number"),
+        ({"dead_time": None}, "dead_time = None is not a number"),
+        ({"dead_time": 60}, "dead_time = 60 s is none of a regulator; if milliseconds were meant"),
+        ({"dead_band": 0.1}, "dead_band = 0.1 Pa is next to nothing; if bar was meant"),
+    ],
+)
+def test_numbers_that_cannot_be_meant_are_one_sentence(known, said):
+    with pytest.raises(InvalidInput, match=said):
+        Compensation(**known)
+
+
+@pytest.mark.parametrize(
+    ("hysteresis", "more", "said"),
+    [
+        ((0.6, 0.2), "[regulators]\ndead_tim = 1", r"plant.toml: \[regulators\] has no dead_tim; it has dead_time"),
+        ((0.6, 0.2), "[regulators]\ndead_time = [0.1]", r"plant.toml: \[regulators\]: dead_time = \(0.1,\) has to"),
+        ((1.2, -0.2), "", r"plant.toml: \[hysteresis\]: weights = .* negative weight is no friction"),
+        ((0.6, 0.2), "[gas]\ngamma = 1.4", r"plant.toml: \[gas\] has to be a table of kappa, atmosphere"),
+        ((0.6, 0.2), "[gas]\nkappa = 14", r"plant.toml: \[gas\]: Gas: kappa = 14"),
+    ],
+)
+def test_a_file_that_was_edited_wrongly_is_named_once(hysteresis, more, said, tmp_path):
+    joint = replace(report_joint(), hysteresis=PrandtlIshlinskii(hysteresis, (0.05,)))
+    path = tmp_path / "plant.toml"
+    path.write_text(f"{dumps(joint)}\n{more}\n", encoding="utf-8")
+    with pytest.raises(InvalidFile, match=said) as refusal:
+        Compensation.load(path)
+    assert str(refusal.value).count("plant.toml") == 1
