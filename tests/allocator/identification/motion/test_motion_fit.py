@@ -95,7 +95,7 @@ def test_swapped_muscles_wrong_units_and_pressures_never_seen_are_refused(fit, s
     for joint in (None, JOINT):
         with pytest.raises(InvalidInput, match="the muscles are swapped, or the angle has the other sign"):
             fit_motion(log.t, log.theta, log.P2, log.P1, joint=joint)
-    with pytest.raises(InvalidInput, match="log go up to 37.9 bar, those of the joint up to 5 bar: check the unit"):
+    with pytest.raises(InvalidInput, match=r"log go up to 37\.9 bar, those of the joint up to 5 bar: check the unit"):
         fit_motion(log.t, log.theta, 10 * log.P1, 10 * log.P2, joint=JOINT)
     with pytest.raises(InvalidInput, match=r"P1 goes up to 6\.\d* bar, and that of the log that was fitted up to 3.7"):
         fit.predicted(log.t[:500], log.P1[:500] + 3 * BAR, log.P2[:500])
