@@ -4,7 +4,13 @@
 >>> a = allocate(theta=0.5, K=7.5, T=1.0)  # rad, N·m/rad, N·m
 >>> a.status.name, f"{a.P1 / BAR:.3f} bar, {a.P2 / BAR:.3f} bar"
 ('EXACT', '3.238 bar, 2.181 bar')
+
+
+What identifies muscles and joints loads when it is first used: to allocate takes none of it.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 from allocator.allocation import Allocation, Status, allocate, warm_up
 from allocator.errors import AntagonistError, InvalidFile, InvalidInput, MissingBackend
@@ -22,21 +28,6 @@ from allocator.feasibility import (
     torque_interval,
     torque_intervals,
 )
-from allocator.identification import (
-    Fit,
-    GasFit,
-    JointFit,
-    MotionFit,
-    compare_joint_models,
-    fit,
-    fit_gas,
-    fit_joint,
-    fit_motion,
-    load_dataset,
-    plan_joint_experiment,
-    rank_models,
-    read_samples,
-)
 from allocator.inverse import inverse
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.joint.gas import Gas
@@ -48,6 +39,52 @@ from allocator.muscles import MODELS, AffineMuscle, Muscle
 from allocator.muscles.catalogue import named_muscle
 from allocator.notices import CacheFault
 from allocator.units import BAR, DEG
+
+if TYPE_CHECKING:
+    from allocator.identification import (
+        Fit,
+        GasFit,
+        JointFit,
+        MotionFit,
+        compare_joint_models,
+        fit,
+        fit_gas,
+        fit_joint,
+        fit_motion,
+        load_dataset,
+        plan_joint_experiment,
+        rank_models,
+        read_samples,
+    )
+else:
+    _IDENTIFICATION = frozenset(
+        {
+            "Fit",
+            "GasFit",
+            "JointFit",
+            "MotionFit",
+            "compare_joint_models",
+            "fit",
+            "fit_gas",
+            "fit_joint",
+            "fit_motion",
+            "load_dataset",
+            "plan_joint_experiment",
+            "rank_models",
+            "read_samples",
+        }
+    )
+
+    def __getattr__(name):
+        """Return the public name `name` of `allocator.identification`."""
+        if name not in _IDENTIFICATION:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(import_module("allocator.identification"), name)
+
+    def __dir__():
+        """Return the public names too."""
+        return sorted({*globals(), *_IDENTIFICATION})
+
 
 __all__ = [
     "BAR",

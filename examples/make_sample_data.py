@@ -1,12 +1,16 @@
-"""Write `force_table.csv` and `joint_log.csv`: what a test stand and a joint would have recorded, from a known truth.
+"""Write what a test stand, a joint at rest and one in motion would have recorded, from a known truth.
 
     python examples/make_sample_data.py
 
 The muscles are Sarosi2012 with the numbers of the DMSP-20-400N, at rest 400 mm long; the joint is the report's pulley
 (radius 20 mm, contraction 0.1375 at θ = 0) with friction μ = 0.03. The forces have 1 % and 1.5 N of noise, the angles
 0.03°, the pressures 3 mbar. Every setpoint is held for 4 s, first without a weight, then with it on either side.
+
+In motion both pressures step at random, the pressures written down are the commands; regulators have a lag of 0.12 s,
+30 ms of dead time and a dead band of 0.1 bar, the joint has hysteresis with loops of 3°.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +18,8 @@ import numpy as np
 from allocator import BAR, DEG, AntagonistJoint, Pulley
 from allocator.calculus import increasing_root
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from mpc import Plant, RealPlant
+from mpc.model.hysteresis import MaxwellSlip
 
 HERE = Path(__file__).parent
 JOINT = AntagonistJoint(Pulley(0.40, 0.02, 0.1375), SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N, friction=0.03)
@@ -53,6 +59,25 @@ def joint_log(rng: np.random.Generator) -> None:
     np.savetxt(HERE / "joint_log.csv", table, "%.5g", ",", header=header, comments="", encoding="utf-8")
 
 
+def motion_log(rng: np.random.Generator) -> None:
+    """A minute and a half of random steps of both commands, from rest, without a weight."""
+    plant = Plant(replace(JOINT, friction=0.0), lag=0.12)
+    friction = MaxwellSlip.of_width(plant, 3 * DEG)
+    real = RealPlant(plant, friction=friction, dead_time=0.03, dead_band=0.1 * BAR, encoder=0.03 * DEG)
+    dt, steps = 0.02, 90
+    held = np.concatenate([[[2.5, 2.5]], rng.uniform(1.8, 4.2, (steps, 2))]).repeat(round(1 / dt), axis=0)
+    experiment = real.begin(dt, real.at_rest(0.0, 4.8), 2104)
+    rows = []
+    for k, command in enumerate(held):
+        rows.append([k * dt, *command, experiment.measure()[0] / DEG])
+        experiment.advance(command * BAR)
+    header = (
+        "# synthetic: the joint of joint_log.csv in motion, commanded pressures (make_sample_data.py)\n"
+        "time [s],P1 [bar],P2 [bar],theta [deg]"
+    )
+    np.savetxt(HERE / "motion_log.csv", rows, "%.5g", ",", header=header, comments="", encoding="utf-8")
+
+
 def setpoints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pressures [Pa] and torque of the weight [N·m] of every setpoint."""
     up = np.linspace(-1, 1, 7)
@@ -81,3 +106,4 @@ if __name__ == "__main__":
     rng = np.random.default_rng(2104)
     force_table(rng)
     joint_log(rng)
+    motion_log(rng)

@@ -22,6 +22,9 @@ OUTPUTS = (
     "my_joint.toml",
     "joint.png",
     "joint_map.png",
+    "plan.csv",
+    "my_plant.toml",
+    "motion.png",
 )
 
 
@@ -41,8 +44,10 @@ def test_the_readme_has_the_whole_way_from_a_table_to_a_controller_and_to_c():
         "track",
         "init",
         "muscles",
+        "plan-joint",
         "fit-joint",
         "track",
+        "fit-motion",
         "export",
         "track",
     ]

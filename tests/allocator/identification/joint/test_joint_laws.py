@@ -249,7 +249,7 @@ def test_a_plan_followed_at_the_bench_gives_the_accuracy_it_promised(all_twins, 
     joint = all_twins["sarosi-lever"]
     plan = plan_joint_experiment(joint, accuracy=0.04)
     assert plan.reached
-    assert str(plan).partition("\n\n")[0].count("\n") == len(plan.setpoints) + 3
+    assert str(plan).partition("\n\n")[0].count("\n") == len(plan.setpoints) + 5
     T, P1, P2 = (np.repeat([getattr(s, name) for s in plan.setpoints], 2) for name in ("torque", "P1", "P2"))
     way = np.tile([-1.0, 1.0], len(plan.setpoints))
     angle = truth_of(joint, P1, P2, T, way)
