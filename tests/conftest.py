@@ -13,9 +13,7 @@ from allocator.muscles import Hogan1984, Tondu2021
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N, TONDU_MCKIBBEN
 from allocator.units import BAR, DEG
 
-sys.path.append(
-    str(Path(__file__).parents[1])
-)  # `benchmarks`; last, so that what is installed is tested
+sys.path.append(str(Path(__file__).parents[1]))  # `benchmarks`; last, so that what is installed is tested
 
 settings.register_profile("project", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("project")
