@@ -23,7 +23,8 @@ from collections.abc import Collection, Mapping
 from os import PathLike
 from typing import Any
 
-from allocator.errors import InvalidFile
+from allocator import checks
+from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
 from allocator.joint import storage as joint_storage
 from allocator.joint.antagonist import AntagonistJoint
@@ -55,6 +56,11 @@ def stored_numbers(path: FilePath, names: Collection[str]) -> dict[str, Any]:
 def stored_regulators(path: FilePath) -> dict[str, Any]:
     """Read dead time [s] and dead band [Pa], those that the file gives, whatever its joint. Raises `InvalidFile`."""
     table = _numbers(path, storage.read(path), (*_TOLD, *_FOR_THE_READER), "regulators")
+    try:
+        for name in _FOR_THE_READER:
+            checks.not_negative(name, table.get(name, 0.0), "s")
+    except InvalidInput as error:
+        raise InvalidFile(path, f"[regulators]: {error}") from None
     return {name: table[name] for name in _TOLD if name in table}
 
 

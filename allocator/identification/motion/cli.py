@@ -90,8 +90,8 @@ def _describe(fit: MotionFit, console: Console) -> None:
     console.print(table)
     table = Table("", "value", "95 % interval", title="what the motion shows")
     for name, e in fit.parameters.items():
-        label, unit = LABELS[name]
-        table.add_row(label, f"{e.value / unit:.3g}", f"{e.low / unit:.3g} … {e.high / unit:.3g}")
+        _, words, unit = LABELS[name]
+        table.add_row(words, f"{e.value / unit:.3g}", f"{e.low / unit:.3g} … {e.high / unit:.3g}")
     console.print(table)
     if fit.given is not None:
         say(console, f"with the muscles fitted to it the free run errs by {fit.joint_rms / DEG:.2f}° RMS")
@@ -99,8 +99,8 @@ def _describe(fit: MotionFit, console: Console) -> None:
             say(console, "the joint's force scale is unknown: inertia, damping and stiffness are known up to it")
     else:
         say(console, "no joint was given: the static angle is a polynomial of the pressures, and there is no plant")
-    if not fit.converged:
-        say(console, "beware: the search stopped before it converged")
+    for warning in fit.warnings:
+        say(console, f"beware: {warning}")
     for sentence in fit.unseen:
         say(console, f"not seen by this log: {sentence}")
 
@@ -109,7 +109,7 @@ def _values(fit: MotionFit) -> dict[str, Any]:
     """Return what `--json` prints."""
     H = fit.operator
     hysteresis = {"weights": H.weights, "thresholds_deg": [r / DEG for r in H.thresholds], "base": H.base}
-    values = {**fit.to_dict(), "hysteresis": hysteresis, "unseen": fit.unseen, "converged": fit.converged}
+    values = {**fit.to_dict(), "hysteresis": hysteresis, "unseen": fit.unseen, "warnings": fit.warnings}
     return values if fit.given is None else {**values, "joint_rms_deg": fit.joint_rms / DEG}
 
 

@@ -32,10 +32,12 @@ _SIGNS = {  # what is told together, and the sentence if it is not; what may pas
     ("lag_up", "lag_down"): "the lags: steps of the pressures would show them",
 }
 _FILLING = {"filling": 0.1 / BAR}  # [s/Pa] to start from
-_MODEL = 0.05  # share by which fits err of plants of another structure, however long the log
+_MODEL = 0.05  # share by which fits err of plants of another structure, however long the log: `benchmarks.motion_truth`
+_MODEL_OF_LOOPS = 0.1  # of what hysteresis is
 _TRADED = 0.2  # share of the dead band that hysteresis may pass for, and by which the error may grow
 _AT_BOUND = 1.001  # times the least value of the search, up to which an estimate is at its bound
 _TAPER = 0.3  # of the widths, at the ends of the range
+_LOOPS = ("loop_width", "stuck_slope", "base")
 _TIMES = ("dead_time", "lag_up", "lag_down")  # that pass for each other within a sample
 _DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
 STEPS = 5 + LEFT_OUT + _JACKKNIFE + len(_SIGNS)  # of `progress`
@@ -287,7 +289,7 @@ def _estimates(
         factor = float(student.ppf(0.975, n - 1))
         left_out, chosen = (np.array([o[name] for o in others if name in o]) for others in (jackknife, choices))
         variance = (n - 1) / n * np.sum((left_out - left_out.mean()) ** 2) + np.sum((chosen - value) ** 2)
-        variance += (_MODEL * value) ** 2
+        variance += ((_MODEL_OF_LOOPS if name in _LOOPS else _MODEL) * value) ** 2
         variance += log.step**2 / 12 if name in _TIMES else 0.0
         variance += (value * log.relative_spread) ** 2 if name in _DYNAMIC else 0.0
         std = float(np.sqrt(variance))

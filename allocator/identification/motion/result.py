@@ -23,6 +23,7 @@ from allocator.muscles.storage import toml
 from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 
+_GAINS = 0.8, 1.25  # between which the same kind of joint moves
 _LEAST_LAG = 1e-3  # [s] a plant has
 _LEAST_BAND = 100.0  # [Pa] less is none
 _BEYOND = 1.05  # greatest pressure that is predicted for, in that of the log
@@ -89,6 +90,19 @@ class MotionFit:
         """Return the root mean square of the left-out blocks' errors [rad], each block counted once."""
         every, taut = np.array(self.blocks).T
         return Errors(_rms(every), _rms(taut[np.isfinite(taut)]))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return what is to be known before the fit is used, sentences without a full stop."""
+        found = () if self.converged else ("the search stopped before it converged",)
+        gain = self.parameters.get("gain")
+        if gain is None or _GAINS[0] < gain.value < _GAINS[1]:
+            return found
+        return (
+            *found,
+            f"the static angle moves {gain.value:.2f} times as far as that of the joint that was given: are the "
+            "pressures absolute or in another unit, or is it another joint?",
+        )
 
     @cached_property
     def run(self) -> Prediction:
@@ -211,8 +225,8 @@ class MotionFit:
             "left_out_taut_deg": self.left_out.taut / DEG,
         }
         for name, e in self.parameters.items():
-            label, unit = LABELS[name]
-            row |= {label: e.value / unit, f"{label}_low": e.low / unit, f"{label}_high": e.high / unit}
+            key, _, unit = LABELS[name]
+            row |= {key: e.value / unit, f"{key}_low": e.low / unit, f"{key}_high": e.high / unit}
         return row
 
     def __repr__(self) -> str:
@@ -232,23 +246,31 @@ class MotionFit:
 
     def _found(self) -> dict[str, str]:
         return {
-            LABELS[name][0]: f"{number(e.value / LABELS[name][1], 3)} ± {number(e.std / LABELS[name][1], 2)}"
-            for name, e in self.parameters.items()
+            label.words: f"{number(e.value / label.unit, 3)} ± {number(e.std / label.unit, 2)}"
+            for label, e in ((LABELS[name], e) for name, e in self.parameters.items())
         }
 
 
-LABELS = {  # names of parameters for tables, and their units in SI
-    "lag_up": ("lag_up_s", 1.0),
-    "lag_down": ("lag_down_s", 1.0),
-    "dead_time": ("dead_time_s", 1.0),
-    "dead_band": ("dead_band_bar", BAR),
-    "filling": ("filling_s_per_bar", 1 / BAR),
-    "base": ("width_without_pressure", 1.0),
-    "loop_width": ("loop_width_deg", DEG),
-    "stuck_slope": ("stuck_slope", 1.0),
-    "gain": ("gain", 1.0),
-    "damping": ("damping_over_stiffness_s", 1.0),
-    "inertia": ("inertia_over_stiffness_s2", 1.0),
+class Label(NamedTuple):
+    """A label is how a parameter is called, in files and in tables, and the unit shown in SI."""
+
+    key: str
+    words: str
+    unit: float
+
+
+LABELS = {
+    "lag_up": Label("lag_up_s", "lag of a rising pressure [s]", 1.0),
+    "lag_down": Label("lag_down_s", "lag of a falling pressure [s]", 1.0),
+    "dead_time": Label("dead_time_s", "dead time [s]", 1.0),
+    "dead_band": Label("dead_band_bar", "dead band, total [bar]", BAR),
+    "filling": Label("filling_s_per_bar", "time to fill at least [s/bar]", 1 / BAR),
+    "base": Label("width_without_pressure", "share of the loop's width left at 0 bar", 1.0),
+    "loop_width": Label("loop_width_deg", "width of the hysteresis loop at P1 + P2 = 5 bar [°]", DEG),
+    "stuck_slope": Label("stuck_slope", "motion of a joint that sticks, in that of one that slides", 1.0),
+    "gain": Label("gain", "static angle, in that of --joint", 1.0),
+    "damping": Label("damping_over_stiffness_s", "damping over stiffness [s]", 1.0),
+    "inertia": Label("inertia_over_stiffness_s2", "inertia over stiffness [s²]", 1.0),
 }
 
 

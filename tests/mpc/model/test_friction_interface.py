@@ -194,6 +194,8 @@ def test_a_plant_s_file_keeps_what_controllers_are_told(tmp_path):
         ("[regulators]\ndelay = 0.1", "no delay; it has dead_time, dead_band"),
         ("[regulators]\ndead_time = -0.1", "dead_time = -0.1 s"),
         ('[regulators]\ndead_band = "small"', "regulators"),
+        ('[regulators]\nlag_up = "short"', "lag_up"),
+        ("[regulators]\nlag_down = -0.1", "lag_down"),
         ("[hysteresis]\nweights = [0.5, -0.1]\nthresholds = [0.1]", "negative weight"),
     ],
 )

@@ -76,7 +76,13 @@ def test_a_log_becomes_a_plant_that_is_tracked_and_exported_and_whose_effects_co
 def test_without_a_joint_it_says_what_was_found_and_that_there_is_no_plant(slow_joint, tmp_path):
     result = run(write(tmp_path / "log.csv", "t [s],theta [deg],P1 [bar],P2 [bar]", slow_joint))
     assert result.exit_code == 0, result.output
-    for text in ("five blocks", "lag_up_s", "loop_width_deg", "not seen by this log", "there is no plant"):
+    for text in (
+        "five blocks",
+        "lag of a rising pressure",
+        "hysteresis loop",
+        "not seen by this log",
+        "there is no plant",
+    ):
         assert text in result.output
 
 
