@@ -111,6 +111,8 @@ class MotionProblem:
     def springs(self, x: Array) -> Array:
         """Return κ_i (widths,) [-] of a joint that swings."""
         kappa = x[len(self.free) : x.size - len(self.powers)]
+        if kappa.size != self.widths.size:  # the loops are compiled, and read past an end without a word
+            raise ValueError(f"{self.widths.size} springs expected between the other unknowns, not {kappa.size}")
         return np.asarray(kappa * min(1.0, _STRONGEST / max(float(kappa.sum()), _STRONGEST)))
 
     # --- the free run -----------------------------------------------------------------------------------------------

@@ -184,8 +184,9 @@ def test_rows_at_uneven_times_are_filtered_at_even_ones():
     swinging = {"lag_up": 0.1, "lag_down": 0.1, "dead_time": 0.0, "damping": 0.03, "inertia": 0.01}
     even, rng = some_log(3000), np.random.default_rng(3)
     problem = MotionProblem(even, Difference(4 * BAR), tuple(swinging))
-    x = np.array([*swinging.values(), 0.0, 0.5, *np.zeros(len(problem.powers) - 2)])
-    truth, stiff = problem.run(x, np.zeros(even.n, bool)).theta, np.zeros(problem.widths.size)
+    stiff = np.zeros(problem.widths.size)
+    x = np.array([*swinging.values(), *stiff, 0.0, 0.5, *np.zeros(len(problem.powers) - 2)])
+    truth = problem.run(x, np.zeros(even.n, bool)).theta
     steps = np.diff(even.P1, prepend=0.0) != 0
     kept = np.flatnonzero(steps | (rng.random(even.n) < 0.5))
     t, commands = even.t[kept], (even.P1[kept], even.P2[kept])
