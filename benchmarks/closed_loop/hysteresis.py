@@ -4,14 +4,10 @@
 whose hysteresis is Maxwell slip with springs of its own and widths that grow with P1 + P2; one that differs in that its
 hysteresis is a Prandtl–Ishlinskii operator of the angle; and the standard one that has lost what is told. That comes
 from a log of slow sweeps of the plant, read by its sensors: pressures that go against each other in ever smaller turns
-about three co-contractions. On it the torque of the model's muscles at the measured angles and pressures is
-
-    T(θ, P) = K(θ, P) Σ κ_i e_i(θ; r_i s(P1 + P2)) + what the model's muscles are wrong by,   κ_i ≥ 0
-
-with stops e_i on a fixed grid of widths: nonnegative least squares, with one search for the share s_0 of the widths
-that is left without pressure. The muscles' error counts as one muscle stronger than the other and a constant torque;
-nobody is told of these. Dahl's friction is told three quarters or all of with a loop as wide, as in the closed-loop
-benchmark, and with its μ and δ fitted to the same log: so good can one memory be.
+about three co-contractions. The operator is what `fit_motion` finds in that log, given the joint of the controllers'
+model. Dahl's friction is told three quarters or all of with a loop as wide, as in the closed-loop benchmark, and with
+its μ and δ fitted to the torque of the model's muscles on the same log, less one muscle stronger than the other and a
+constant: so good can one memory be.
 
 RMS error of the angle [°] before the load comes, and to the end with it, mean over the seeds; in brackets the standard
 deviation.
@@ -26,8 +22,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar, nnls
+from scipy.optimize import minimize_scalar
 
+from allocator import fit_motion
 from allocator.calculus import Array
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.units import BAR, DEG
@@ -43,11 +40,9 @@ from mpc.trials.loops import loop
 TRAJECTORIES = ("sine", "min-jerk", "chirp")
 FIRST_SEED, SEEDS = 5001, 10
 RESULT = Path(__file__).parents[1] / "results" / "hysteresis.md"
-GRID = tuple(np.geomspace(0.25, 8.0, 11) * DEG)  # r_i [rad]
 SWEEP = 8.0  # [s] from turn to turn
 FILLED = (4.0, 5.0, 6.0)  # P1 + P2 [bar]
 AVERAGED = 5  # samples of the log
-_LEAST = 0.01  # of the torque, an element that carries less is left out
 _DT = 0.02  # [s]
 _OPERATOR = PrandtlIshlinskii((0.4, 0.2, 0.2, 0.2), (1.5 * DEG, 3.5 * DEG, 7.0 * DEG), base=0.4)  # loops of 5°
 
@@ -61,6 +56,7 @@ SHARES = (0.75, 1.0)
 class Log(NamedTuple):
     """A log of slow sweeps, from sensors, averaged."""
 
+    t: Array  # (n,) [s]
     theta: Array  # (n,) [rad]
     P: Array  # (n, 2) [Pa]
 
@@ -83,25 +79,12 @@ def swept(real: RealPlant, seed: int = 0) -> Log:
         experiment.advance(command)
         read[k] = experiment.measure()
     settled = read[len(read) % AVERAGED :].reshape(-1, AVERAGED, 4).mean(axis=1)[round(2 / _DT / AVERAGED) :]
-    return Log(settled[:, 0], settled[:, 2:])
+    return Log(AVERAGED * _DT * np.arange(len(settled)), settled[:, 0], settled[:, 2:])
 
 
 def identified(log: Log) -> PrandtlIshlinskii:
-    """The operator of the angle whose inverse explains the log best."""
-    base = minimize_scalar(lambda base: _explained(log, base)[1], bounds=(0.05, 1.0), method="bounded").x
-    springs, _ = _explained(log, float(base))
-    taken = [(k, r) for k, r in zip(springs, GRID, strict=True) if k * r > _LEAST * (springs @ GRID)]
-    kappa, widths = (tuple(map(float, column)) for column in zip(*taken, strict=True))
-    return PrandtlIshlinskii((1 + sum(kappa), *(-k for k in kappa)), widths, base=float(base)).inverse
-
-
-def _explained(log: Log, base: float) -> tuple[Array, float]:
-    """The springs κ (elements,) of stops with these widths, and what they leave of the torque [(N·m)²]."""
-    slip = MaxwellSlip((1.0,) * len(GRID), GRID, base, elastic=True)
-    stops = followed(slip, log) * MODEL.stiffness(log.x)[:, None]
-    left, wanted = _without_muscles_error(log, stops), _without_muscles_error(log, MODEL.torque(log.x)[:, None])
-    springs, rest = nnls(left, wanted[:, 0])
-    return springs, rest**2
+    """The operator of the angle that `fit_motion` finds."""
+    return fit_motion(log.t, log.theta, *log.P.T, joint=MODEL.joint).operator
 
 
 def followed(friction: Hysteresis, log: Log) -> Array:
