@@ -15,7 +15,7 @@ from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.search import Found, extended, search, without
 from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.units import BAR
+from allocator.units import BAR, DEG
 
 TRAINED = 0.6  # the share of the log that the held-out rest is predicted from
 _MOST_SUPPLY = 2.0  # greatest pressure of a log in the supply of the joint that is given
@@ -103,7 +103,7 @@ def fit_motion(
     run = task.problem.run(task.x, every)
     return MotionFit(
         operator=task.problem.operator(task.x, run.weights),
-        parameters=_estimates(_named(task, every), jackknife, choices, log),
+        parameters=_estimates(_named(task, every), jackknife, choices, log, found.rms * DEG),
         error=_errors(task, every, every),
         held_out=_errors(trained, early, every & ~early),
         blocks=tuple(blocks),
@@ -274,12 +274,16 @@ def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[st
 
 
 def _estimates(
-    here: dict[str, float], jackknife: list[dict[str, float]], choices: list[dict[str, float]], log: MotionLog
+    here: dict[str, float],
+    jackknife: list[dict[str, float]],
+    choices: list[dict[str, float]],
+    log: MotionLog,
+    rms: float,
 ) -> dict[str, Estimate]:
     """Return values and 95 % intervals by the jackknife over contiguous blocks, since errors are correlated within
     them. By how much another choice moves a value counts as one standard deviation more; so does what is not known:
-    when within a sample a command began to act and the lag with it, how far the model is from the joint, and what the
-    stiffness was.
+    when within a sample a command began to act and the lag with it, how far the model is from the joint, what the
+    stiffness was, and whether the angle that the free run leaves unexplained, `rms` [rad], is hysteresis too.
     """
     from scipy.stats import t as student
 
@@ -290,6 +294,7 @@ def _estimates(
         left_out, chosen = (np.array([o[name] for o in others if name in o]) for others in (jackknife, choices))
         variance = (n - 1) / n * np.sum((left_out - left_out.mean()) ** 2) + np.sum((chosen - value) ** 2)
         variance += ((_MODEL_OF_LOOPS if name in _LOOPS else _MODEL) * value) ** 2
+        variance += rms**2 if name == "loop_width" else 0.0
         variance += log.step**2 / 12 if name in _TIMES else 0.0
         variance += (value * log.relative_spread) ** 2 if name in _DYNAMIC else 0.0
         std = float(np.sqrt(variance))
