@@ -131,12 +131,12 @@ class Allocation:
 
     @cached_property
     def torque_interval(self) -> Pair:
-        """Return [T_min, T_max] [N·m] that can be reached at the angle."""
+        """Return (T_min, T_max) [N·m] that can be reached at the angle."""
         return self._shaped(*torque_interval(self._problem.sides, self._problem.box))
 
     @cached_property
     def stiffness_interval(self) -> Pair:
-        """Return [K_min, K_max] [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer.
+        """Return (K_min, K_max) [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer.
 
         Of the kind of stiffness asked for, and with the valves as they are.
         """
@@ -144,7 +144,7 @@ class Allocation:
 
     @cached_property
     def torque_intervals(self) -> Array:
-        """Return the intervals [T_min, T_max] [N·m] within reach at the angle with the stiffness given: (…, m, 2).
+        """Return the intervals (T_min, T_max) [N·m] within reach at the angle with the stiffness given: (…, m, 2).
 
         A union of m intervals at most, NaN where a target has fewer; m is 1 for affine muscles and on the report's
         joint.

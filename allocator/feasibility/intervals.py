@@ -41,7 +41,7 @@ def torque_interval(
     frequency: float | None = None,
     lag: float | tuple[float, float] | None = None,
 ) -> Pair:
-    """Return [T_min, T_max] [N·m] that the joint can give at the angles `theta` [rad].
+    """Return (T_min, T_max) [N·m] that the joint can give at the angles `theta` [rad].
 
     Two arrays of the shape of `theta`; NaN beyond the joint range and where the limits contradict each other (no
     pressure keeps a cable taut). Closed form, or one root finding a muscle without one. The limits are those of
@@ -66,7 +66,7 @@ def stiffness_interval(
     frequency: float | None = None,
     lag: float | tuple[float, float] | None = None,
 ) -> Pair:
-    """Return [K_min, K_max] [N·m/rad] that exist at the angles `theta` [rad] and the torques `T` [N·m].
+    """Return (K_min, K_max) [N·m/rad] that exist at the angles `theta` [rad] and the torques `T` [N·m].
 
     Broadcasts; every stiffness in between exists too. NaN where the torque is out of reach, beyond the joint range and
     where the limits contradict each other. Closed form, or root finding for muscles without one. The limits are those

@@ -1,0 +1,135 @@
+"""What the site needs beyond its pages: files from elsewhere in their places, formulas, and lists made of the code."""
+
+import re
+from enum import IntEnum
+from html import unescape
+from pathlib import Path
+from posixpath import normpath
+from typing import Any
+
+from latex2mathml.converter import convert
+from mkdocs.structure.files import File, Files
+from nbconvert import MarkdownExporter
+
+from allocator import MODELS, AffineMuscle, Limit, Status
+from allocator.mechanism import MechanismStatus
+from mpc import PlanStatus, Rung
+
+ROOT = Path(__file__).parents[2]
+REPORTS = "benchmarks/results"
+ELSEWHERE = {"notebooks": "tutorials", REPORTS: "benchmarks"}  # folders beside docs/, and where on the site they stand
+LINK = re.compile(r"(\]\()(?!https?:|#|mailto:)([^)#\s]+)")
+PLACEHOLDER = re.compile(r"^\{\{ (\w+) \}\}$", re.MULTILINE)
+FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add notebooks, benchmark reports, their pictures and the changes to the pages of docs/."""
+    for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        text, resources = MarkdownExporter().from_filename(str(notebook), {"unique_key": notebook.stem})
+        files.append(File.generated(config, f"tutorials/{notebook.stem}.md", content=text))
+        for name, picture in resources["outputs"].items():
+            files.append(File.generated(config, f"tutorials/{name}", content=picture))
+    for folder, kinds in (("notebooks/images", ("*.png",)), (REPORTS, ("*.md", "*.png"))):
+        for file in sorted(path for kind in kinds for path in (ROOT / folder).glob(kind)):
+            uri = _site_uri(file.relative_to(ROOT).as_posix())
+            files.append(File.generated(config, uri, abs_src_path=str(file)))
+    files.append(File.generated(config, "changes.md", abs_src_path=str(ROOT / "CHANGELOG.md")))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
+    """Fill in the lists, and turn links to files of the project into links to pages."""
+    markdown = PLACEHOLDER.sub(lambda found: LISTS[found[1]](), markdown)
+    path = page.file.abs_src_path  # None of what was made here of a notebook
+    source = Path(path).relative_to(ROOT).parent.as_posix() if path else "notebooks"
+    here = Path(page.file.src_uri).parent.as_posix()
+
+    def relinked(found: re.Match[str]) -> str:
+        target = normpath(f"{source}/{found[2]}")
+        uri = _site_uri(target)
+        if files.get_file_from_path(uri) is None:
+            return found[0]
+        return found[1] + "../" * (0 if here == "." else here.count("/") + 1) + uri
+
+    return LINK.sub(relinked, markdown)
+
+
+def _site_uri(path: str) -> str:
+    """Return where on the site a file of the project stands, by its path in the project."""
+    for folder, at in {**ELSEWHERE, "docs": ""}.items():
+        if path.startswith(f"{folder}/"):
+            return f"{at}/{path.removeprefix(f'{folder}/')}".removeprefix("/").replace(".ipynb", ".md")
+    return {"CHANGELOG.md": "changes.md"}.get(path, path)
+
+
+def _commands() -> str:
+    """Return the help of every command, as it is printed."""
+    from typer.main import get_command
+    from typer.testing import CliRunner
+
+    from mpc.cli import app
+
+    def help_of(*command: str) -> str:
+        printed = CliRunner().invoke(app, [*command, "--help"], env={"COLUMNS": "88", "TERM": "dumb"}).output
+        return f"## antagonist {' '.join(command)}\n\n```text\n{printed.strip()}\n```\n"
+
+    names: list[str] = list(get_command(app).commands)  # type: ignore[attr-defined]
+    return "\n".join(help_of(name) for name in names)
+
+
+def _enumerated(kind: type[IntEnum], column: str, text: str) -> str:
+    """Return a table of the members of an enumeration and what they say of themselves."""
+    rows = (f"| `{member.name}` | {member.value} | {getattr(member, text)} |" for member in kind)
+    return f"| {column} | number | means |\n|---|--:|---|\n" + "\n".join(rows)
+
+
+def _statuses() -> str:
+    return _enumerated(Status, "`Status`", "advice")
+
+
+def _limits() -> str:
+    return _enumerated(Limit, "`Limit`", "text")
+
+
+def _mechanism_statuses() -> str:
+    return _enumerated(MechanismStatus, "`MechanismStatus`", "advice")
+
+
+def _plan_statuses() -> str:
+    return _enumerated(PlanStatus, "`PlanStatus`", "text")
+
+
+def _rungs() -> str:
+    return _enumerated(Rung, "`Rung`", "text")
+
+
+def _models() -> str:
+    """Return a table of the muscle models."""
+    rows = (
+        f"| `{name}` | {model.citation} | {'yes' if issubclass(model, AffineMuscle) else 'no'} |"
+        for name, model in sorted(MODELS.items())
+    )
+    return "| model | source | affine in P |\n|---|---|---|\n" + "\n".join(rows)
+
+
+LISTS = {
+    "commands": _commands,
+    "statuses": _statuses,
+    "limits": _limits,
+    "mechanism_statuses": _mechanism_statuses,
+    "plan_statuses": _plan_statuses,
+    "rungs": _rungs,
+    "models": _models,
+}
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Write formulas as MathML, which browsers show without a script."""
+
+    def formula(found: re.Match[str]) -> str:
+        if found[1] == "span":
+            return convert(unescape(found[2]))
+        return f'<div class="formula">{convert(unescape(found[2]), display="block")}</div>'
+
+    return FORMULA.sub(formula, html)
