@@ -20,6 +20,7 @@ from allocator.shell.options import Command, finite, grouped
 from allocator.shell.outputs import IMAGES, Force, claim
 from allocator.shell.printing import say
 from allocator.units import BAR
+from mpc.explorer.cli import explore
 from mpc.export.cli import export_command
 from mpc.plant_cli import PlantOptions, init_command
 from mpc.trials.trajectories import TRAJECTORIES, shrunk, usual_stiffness
@@ -232,6 +233,7 @@ def _summary(m: "Metrics", implementation: str, kind: str, *, assumed: bool = Fa
 
 
 app.command("export", cls=Command, short_help="allocator and controller as C")(export_command)
+app.command("explore", cls=Command, short_help="see in the browser what a joint can do")(explore)
 app.command("init", cls=Command, short_help="write a plant file to edit, for --joint")(init_command)
 
 

@@ -1,0 +1,55 @@
+"""`antagonist explore` opens a page in the browser that shows what a joint can do."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from allocator.errors import InvalidInput
+from allocator.shell.joint_options import JointOptions
+from allocator.shell.options import grouped, within
+from allocator.shell.printing import say
+
+
+@grouped
+def explore(
+    options: JointOptions,
+    run: Annotated[
+        Path | None, typer.Option(help="a run to play, an .npz of `antagonist track`; its joint is shown")
+    ] = None,
+    port: Annotated[int, typer.Option(help="of the page's address; 0 takes any that is free")] = 0,
+    browser: Annotated[bool, typer.Option(help="open the browser")] = True,
+) -> None:
+    """Open a page in the browser: angle, stiffness, torque and the joint itself by sliders.
+
+    It shows which stiffnesses exist, the joint with its two muscles, their pressures, and which limit is in the way.
+    The page is served by this command on this machine alone and needs no internet; end it with Ctrl-C.
+    """
+    import webbrowser
+    from contextlib import suppress
+
+    from rich.console import Console
+
+    from mpc.explorer.replay import frames
+    from mpc.explorer.server import HOST, server
+    from mpc.trials.recordings import load_recording
+
+    within("--port", port, "", 0, 65535)
+    if run is not None and options != JointOptions():
+        raise InvalidInput("--run brings its own joint: leave out the options of a joint")
+    joint = options.build() if run is None else load_recording(run).plant.joint
+    played = None if run is None else frames(run)
+    try:
+        serving = server(joint, played, port)
+    except OSError as error:
+        raise InvalidInput(f"--port {port} cannot be used ({error.strerror}); 0 takes any that is free") from None
+    with serving:
+        address = f"http://{HOST}:{serving.server_address[1]}/"
+        say(Console(), f"the joint is at {address} until Ctrl-C")
+        if browser:
+            webbrowser.open(address)
+        with suppress(KeyboardInterrupt):
+            serving.serve_forever()
+
+
+__all__ = ["explore"]

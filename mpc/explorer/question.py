@@ -1,0 +1,198 @@
+"""A question is what the page's controls say; its answer is what `allocate` and the feasible set say to it.
+
+Degrees, bar and millimetres here, as on the page; SI behind. Numbers are answered as they are, the page rounds them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from allocator import AntagonistJoint, Pulley, allocate, feasibility_map, stiffness_interval
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.feasibility.edges import Edge
+from allocator.joint.gas import Valves
+from allocator.units import BAR, DEG, MM
+
+_VALVES: dict[str, Valves] = {
+    "open": "open",
+    "shut": "shut",
+    "agonist": (True, False),
+    "antagonist": (False, True),
+    "free": "free",
+}
+_SLACK = 1e-3  # [N] that a muscle may push by rounding
+_COLUMNS = 41
+_DRAWN = 120  # points of an edge at most
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question is a target and the changes of the joint; None leaves what the joint has."""
+
+    theta: float = 0.0  # [°]
+    stiffness: float = 7.5  # [N·m/rad]
+    torque: float = 0.0  # [N·m]
+    valves: str = "open"
+    supply: float | None = None  # [bar]
+    rest_length: float | None = None  # [mm]
+    radius: float | None = None  # [mm]
+    initial_contraction: float | None = None  # [-]
+
+    @classmethod
+    def of(cls, given: Mapping[str, str]) -> Self:
+        """Read the question from texts by name. Raises `InvalidInput` for unknown names and what is no number."""
+        if unknown := given.keys() - {field.name for field in fields(cls)}:
+            raise InvalidInput(f"nothing is known of {', '.join(sorted(unknown))}")
+        if (valves := given.get("valves", "open")) not in _VALVES:
+            raise InvalidInput(f"valves = {valves!r}: choose one of {', '.join(_VALVES)}")
+        values = {name: _number(name, text) for name, text in given.items() if name != "valves"}
+        return cls(**values, valves=valves)
+
+    def joint(self, base: AntagonistJoint) -> AntagonistJoint:
+        """Return the joint with the changes. Raises `InvalidInput`, as for the geometry of what is no pulley."""
+        lengths = {"rest_length": self.rest_length, "radius": self.radius}
+        changes = {name: value * MM for name, value in lengths.items() if value is not None}
+        if self.initial_contraction is not None:
+            changes["initial_contraction"] = self.initial_contraction
+        geometry = base.geometry
+        if changes:
+            if not isinstance(geometry, Pulley):
+                raise InvalidInput(f"the joint's geometry is a {type(geometry).__name__}, which has no such numbers")
+            geometry = replace(geometry, **changes)
+        high = base.pressure_limits[1] if self.supply is None else self.supply * BAR
+        return replace(base, geometry=geometry, pressure_limits=(base.pressure_limits[0], high))
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidInput(f"{name} = {text!r} is no number") from None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """An answer is what is shown of one question."""
+
+    question: Question
+    base: AntagonistJoint
+
+    @cached_property
+    def joint(self) -> AntagonistJoint:
+        """Return the joint that is asked about."""
+        return self.question.joint(self.base)
+
+    def state(self) -> dict[str, Any]:
+        """Return pressures, what they give, what binds, and both muscles."""
+        asked = self.question
+        valves = _VALVES[asked.valves]
+        a = allocate(asked.theta * DEG, asked.stiffness, asked.torque, joint=self.joint, valves=valves)
+        theta = float(a.theta)
+        low, high = stiffness_interval(theta, asked.torque, joint=self.joint, valves=valves)
+        return {
+            "theta": theta / DEG,
+            "pressures": [a.P1 / BAR, a.P2 / BAR],
+            "stiffness": a.K,
+            "torque": a.T,
+            "name": a.stiffness_name,
+            "status": a.status.name,
+            "met": bool(a.success),
+            "message": a.message,
+            "binding": list(a.active),
+            "reach": [_or_none(low), _or_none(high)],
+            "muscles": muscles(self.joint, theta, a.P1, a.P2),
+        }
+
+    def outline(self) -> dict[str, Any]:
+        """Return the border of the stiffnesses that exist at the torque, by the limits that end them.
+
+        With trapped gas in muscles that are not affine the complete search takes too long for a page that answers at
+        once: there the border is found angle by angle, without the limits' names.
+        """
+        left, right = self.joint.angle_range
+        quick = self.joint.affine or self.question.valves == "open"
+        edges = self._edges(left, right) if quick else self._columns(np.linspace(left, right, _COLUMNS))
+        return {"angles": [left / DEG, right / DEG], "edges": edges}
+
+    def _edges(self, left: float, right: float) -> list[dict[str, Any]]:
+        some = np.array([left, right]), np.array([1.0, 2.0])  # edges do not depend on the cells
+        found = feasibility_map(*some, self.question.torque, joint=self.joint, valves=_VALVES[self.question.valves])
+        return [_edge(edge) for edge in found.edges]
+
+    def _columns(self, theta: Array) -> list[dict[str, Any]]:
+        ends = stiffness_interval(theta, self.question.torque, joint=self.joint, valves=_VALVES[self.question.valves])
+        there = ~np.isnan(ends[0])
+        curves = ((theta[there] / DEG).tolist(), *(end[there].tolist() for end in ends))
+        return [{"limits": None, "theta": curves[0], "stiffness": K} for K in curves[1:] if there.any()]
+
+
+def muscles(joint: AntagonistJoint, theta: float, P1: float, P2: float) -> list[dict[str, Any]]:
+    """Return pressure [bar], contraction, length [mm] and force [N] of both muscles at the angle [rad]."""
+    sides, forces = joint.sides(theta), joint.forces(theta, P1, P2)
+    return [
+        {
+            "pressure": P / BAR,
+            "contraction": float(one.contraction),
+            "length": joint.geometry.rest_length * (1 - float(one.contraction)) / MM,
+            "force": float(force),
+            "taut": bool(force > -_SLACK),
+        }
+        for one, P, force in zip(sides, (P1, P2), forces, strict=True)
+    ]
+
+
+def _edge(edge: Edge) -> dict[str, Any]:
+    every = slice(None, None, max(1, edge.theta.size // _DRAWN))
+    return {
+        "limits": list(edge.active),
+        "theta": _with_last(edge.theta, every, 1 / DEG),
+        "stiffness": _with_last(edge.K, every, 1.0),
+    }
+
+
+def _with_last(values: Array, every: slice, factor: float) -> list[float]:
+    """Return some of the values, and the last one in any case."""
+    return [*(values[every] * factor).tolist(), float(values[-1] * factor)]
+
+
+def _or_none(value: Any) -> float | None:
+    """Return the number, or None for NaN: JSON has none."""
+    return None if np.isnan(value) else float(value)
+
+
+def describe(joint: AntagonistJoint) -> dict[str, Any]:
+    """Return what the page has to know of the joint before the first question."""
+    theta = sum(joint.angle_range) / 2
+    low, high = stiffness_interval(theta, 0.0, joint=joint)
+    return {
+        "angles": [angle / DEG for angle in joint.angle_range],
+        "supply": joint.pressure_limits[1] / BAR,
+        "geometry": type(joint.geometry).__name__,
+        "stiffness": _or_none((low + high) / 2),
+        "pulley": _numbers(joint.geometry) if isinstance(joint.geometry, Pulley) else None,
+        "gas": _has_gas(joint),
+    }
+
+
+def _numbers(pulley: Pulley) -> dict[str, float]:
+    return {
+        "rest_length": pulley.rest_length / MM,
+        "radius": pulley.radius / MM,
+        "initial_contraction": pulley.initial_contraction,
+    }
+
+
+def _has_gas(joint: AntagonistJoint) -> bool:
+    """Return whether the volume of both muscles is known, so that valves may be shut."""
+    try:
+        joint.stiffness(sum(joint.angle_range) / 2, *2 * (joint.pressure_limits[1],), valves="shut")
+    except InvalidInput:
+        return False
+    return True
+
+
+__all__ = ["Answer", "Question", "describe", "muscles"]

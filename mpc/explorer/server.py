@@ -1,0 +1,79 @@
+"""The page's server answers on this machine only: the page, and its questions as JSON."""
+
+import json
+from functools import partial
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
+
+from allocator import AntagonistJoint
+from allocator.errors import AntagonistError
+from mpc.explorer.question import Answer, Question, describe
+
+HOST = "127.0.0.1"
+_NAMES = (HOST, "localhost")  # a page of elsewhere that has our address resolved to it is refused
+
+
+def server(joint: AntagonistJoint, run: dict[str, Any] | None, port: int) -> ThreadingHTTPServer:
+    """Return a server for `joint`, and for the frames of a run if there is one; port 0 takes any that is free.
+
+    Raises `OSError` where the port is taken.
+    """
+    return ThreadingHTTPServer((HOST, port), partial(_Handler, joint, run))
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """A handler answers one request."""
+
+    def __init__(self, joint: AntagonistJoint, run: dict[str, Any] | None, *given: Any) -> None:
+        self.joint, self.run = joint, run
+        super().__init__(*given)
+
+    def do_GET(self) -> None:
+        """Answer with the page, or with what is asked for as JSON; what makes no sense gets its sentence."""
+        if self.headers.get("Host", "").rpartition(":")[0] not in _NAMES:
+            self._send(HTTPStatus.FORBIDDEN, "text/plain", b"this page is for this machine")
+            return
+        asked = urlsplit(self.path)
+        if asked.path == "/":
+            page = resources.files("mpc.explorer").joinpath("page.html").read_bytes()
+            self._send(HTTPStatus.OK, "text/html; charset=utf-8", page)
+            return
+        try:
+            found = self._found(asked.path, dict(parse_qsl(asked.query)))
+        except AntagonistError as error:
+            self._json(HTTPStatus.BAD_REQUEST, {"error": str(error)})
+            return
+        if found is None:
+            self._json(HTTPStatus.NOT_FOUND, {"error": f"there is no {asked.path}"})
+        else:
+            self._json(HTTPStatus.OK, found)
+
+    def _found(self, path: str, given: dict[str, str]) -> dict[str, Any] | None:
+        match path:
+            case "/joint":
+                return describe(self.joint) | {"run": self.run}
+            case "/state":
+                return Answer(Question.of(given), self.joint).state()
+            case "/outline":
+                return Answer(Question.of(given), self.joint).outline()
+        return None
+
+    def _json(self, status: HTTPStatus, found: dict[str, Any]) -> None:
+        self._send(status, "application/json", json.dumps(found, allow_nan=False).encode())
+
+    def _send(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *given: Any) -> None:  # the name is that of the base class
+        """Say nothing: the page shows what went wrong."""
+
+
+__all__ = ["HOST", "server"]

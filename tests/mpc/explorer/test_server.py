@@ -1,0 +1,113 @@
+"""The explorer's server answers on this machine, and its page works in a browser."""
+
+import json
+import re
+import shutil
+import threading
+from contextlib import contextmanager
+from http.client import HTTPConnection
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from allocator import report_joint
+from mpc import Plant, TrackingMPC, simulate, sine
+from mpc.cli import app
+from mpc.explorer.replay import frames
+from mpc.explorer.server import HOST, server
+from mpc.trials.recordings import save_recording
+
+
+@contextmanager
+def serving(run=None):
+    with server(report_joint(), run, 0) as running:
+        thread = threading.Thread(target=running.serve_forever, daemon=True)
+        thread.start()
+        yield running.server_address[1]
+        running.shutdown()
+        thread.join()
+
+
+def get(port, path, host=None):
+    connection = HTTPConnection(HOST, port)
+    connection.request("GET", path, headers={} if host is None else {"Host": host})
+    answer = connection.getresponse()
+    return answer.status, answer.read()
+
+
+def test_the_server_gives_the_page_and_answers_questions():
+    with serving() as port:
+        status, page = get(port, "/")
+        assert status == 200
+        assert b"<title>" in page
+        status, state = get(port, "/state?theta=30&stiffness=7.5&torque=1")
+        assert status == 200
+        assert [f"{P:.4f}" for P in json.loads(state)["pressures"]] == ["3.2551", "2.1584"]
+        assert json.loads(get(port, "/joint")[1])["run"] is None
+        assert get(port, "/nothing")[0] == 404
+        status, said = get(port, "/state?theta=x")
+        assert (status, json.loads(said)) == (400, {"error": "theta = 'x' is no number"})
+
+
+def test_a_page_of_elsewhere_is_refused():
+    with serving() as port:
+        assert get(port, "/joint", host=f"elsewhere.example:{port}")[0] == 403
+
+
+def test_the_page_asks_nothing_of_the_internet():
+    page = (Path(__file__).parents[3] / "mpc" / "explorer" / "page.html").read_text()
+    assert re.findall(r"https?://(?!www\.w3\.org/2000/svg)", page) == []
+
+
+def test_a_run_is_replayed(tmp_path):
+    run = simulate(Plant(), TrackingMPC(Plant(), dt=0.02, N=10), sine(duration=2.0, ramp=0.5))
+    save_recording(run, tmp_path / "run.npz")
+    found = frames(tmp_path / "run.npz")
+    assert found["theta"][0] == pytest.approx(float(run.x[0, 0]))
+    assert len(found["t"]) == len(found["muscles"]) <= 800
+    assert found["muscles"][3][0]["pressure"] == pytest.approx(run.x[3, 2] / 1e5)
+
+
+def test_a_port_in_use_is_named():
+    with serving() as port:
+        result = CliRunner().invoke(app, ["explore", "--no-browser", "--port", str(port)])
+    assert f"--port {port} cannot be used" in str(result.exception)
+
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+
+
+@pytest.mark.tools
+@pytest.mark.slow
+def test_the_page_works_in_a_browser():
+    from playwright.sync_api import sync_playwright
+
+    assert CHROMIUM is not None, "a Chromium is needed: apt install chromium"
+    flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
+    with serving() as port, sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=flags)
+        for width in (360, 1280):
+            page = browser.new_page(viewport={"width": width, "height": 800})
+            said = []
+            page.on("console", lambda message, said=said: said.append(message.text))
+            page.on("pageerror", lambda error, said=said: said.append(str(error)))
+            page.goto(f"http://{HOST}:{port}/")
+            page.wait_for_selector("body[data-ready]", state="attached")
+            page.fill("#theta", "30")
+            page.fill("#stiffness", "7.5")
+            page.fill("#torque", "1")
+            page.wait_for_function("document.getElementById('P1').textContent.startsWith('3.2550')")
+            assert page.inner_text("#P2") == "2.15841"
+            assert page.inner_text("#binding") == "none"
+            page.focus("#stiffness-slider")
+            before = page.inner_text("#K")
+            page.keyboard.press("ArrowRight")  # the keyboard moves it
+            page.wait_for_function(f"document.getElementById('K').textContent !== '{before}'")
+            page.fill("#stiffness", "12")
+            page.wait_for_function("document.getElementById('binding').textContent === 'P1 upper'")
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            unlabelled = "[...document.querySelectorAll('input,select')].filter(i => !i.labels.length && !i.ariaLabel)"
+            assert page.evaluate(f"{unlabelled}.length") == 0
+            assert said == []
+        browser.close()
