@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from allocator.allocation import Allocation, Status, allocate, warm_up
-from allocator.errors import AntagonistError, InvalidFile, InvalidInput, MissingBackend
+from allocator.errors import AntagonistError, InvalidFile, InvalidInput, MissingBackend, MissingPackage
 from allocator.feasibility import (
     Design,
     FeasibilityMap,
@@ -38,7 +38,10 @@ from allocator.joint.storage import load_joint, save_joint
 from allocator.muscles import MODELS, AffineMuscle, Muscle
 from allocator.muscles.catalogue import named_muscle
 from allocator.notices import CacheFault
+from allocator.packages import name_what_is_missing
 from allocator.units import BAR, DEG
+
+name_what_is_missing()
 
 if TYPE_CHECKING:
     from allocator.identification import (
@@ -107,6 +110,7 @@ __all__ = [
     "Lever",
     "Limit",
     "MissingBackend",
+    "MissingPackage",
     "MotionFit",
     "Muscle",
     "PrandtlIshlinskii",

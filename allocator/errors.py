@@ -4,6 +4,7 @@ AntagonistError
 ├── InvalidInput (also a ValueError)   an argument that makes no sense, with its value and the unit expected
 │   └── InvalidFile                    a file that cannot be read, with its line and column
 ├── MissingBackend (also a ValueError) a method or solver that does not exist here, with the ones that do
+│   └── MissingPackage (also a ModuleNotFoundError)  a library that is not installed, with the line that does
 └── CannotWrite (also an OSError)      a file that cannot be written, and why
 """
 
@@ -35,6 +36,15 @@ class MissingBackend(AntagonistError, ValueError):
         super().__init__(f"unknown {kind} {name!r}; available: {', '.join(sorted(available))}")
 
 
+class MissingPackage(MissingBackend, ModuleNotFoundError):
+    """A library that is needed here and not installed; the message has the line that installs it."""
+
+    def __init__(self, name: str, install: str) -> None:
+        """Say how to install the library called `name`."""
+        Exception.__init__(self, f"this needs {name}, which is not installed: pip install {install}")
+        self.name = name
+
+
 class CannotWrite(AntagonistError, OSError):
     """A file that cannot be written; the message names it and says why."""
 
@@ -44,4 +54,4 @@ class CannotWrite(AntagonistError, OSError):
         super().__init__(f"{path} cannot be written ({said})")
 
 
-__all__ = ["AntagonistError", "CannotWrite", "InvalidFile", "InvalidInput", "MissingBackend"]
+__all__ = ["AntagonistError", "CannotWrite", "InvalidFile", "InvalidInput", "MissingBackend", "MissingPackage"]

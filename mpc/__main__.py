@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from types import FrameType
 
 _INTERRUPTED = "antagonist: interrupted\n"
@@ -15,12 +16,25 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored, as in a background job
         signal.signal(signal.SIGINT, _interrupt)
     try:
-        from mpc.cli import main as run
-
-        run()
+        _commands()()
     except KeyboardInterrupt:
         sys.stderr.write(_INTERRUPTED)
         sys.exit(130)
+
+
+def _commands() -> Callable[[], None]:
+    """Load the commands; without a library that they need say how to install it."""
+    import allocator  # noqa: F401  # names what is missing from here on
+
+    try:
+        from mpc.cli import main
+    except ModuleNotFoundError as missing:
+        from allocator.errors import MissingPackage
+
+        if isinstance(missing, MissingPackage):
+            sys.exit(f"antagonist: {missing}")
+        raise
+    return main
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.errors import InvalidFile, InvalidInput, MissingBackend
+from allocator.errors import InvalidFile, InvalidInput
 from allocator.mechanism.routes.sites import GROUND, Link, Site, Sites
 
 
@@ -25,13 +25,11 @@ class Model:
 def read_mjcf(file: str | PathLike[str], rest_length: Any, cable: Any = 0.0) -> Model:
     """Read the tendons of an MJCF (or MuJoCo's URDF) `file`; `rest_length` and `cable` [m] as of `Sites`.
 
-    Raises `MissingBackend` without MuJoCo, `InvalidFile` for a file that MuJoCo does not read, without tendons, with
+    Raises `MissingPackage` without MuJoCo, `InvalidFile` for a file that MuJoCo does not read, without tendons, with
     joints other than hinges and slides, or with tendons that are no straight lines between sites.
     """
-    try:
-        import mujoco
-    except ImportError:
-        raise MissingBackend("reader", "mujoco", ["pip install 'antagonist[mujoco]' first", "Sites"]) from None
+    import mujoco
+
     if not Path(file).is_file():
         raise InvalidFile(file, "does not exist")
     try:

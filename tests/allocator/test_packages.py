@@ -1,0 +1,52 @@
+"""A library that is missing is named by our own imports, and by nobody else's."""
+
+import builtins
+import importlib
+import importlib.util
+import sys
+
+import pytest
+
+from allocator import MissingPackage, packages
+
+
+@pytest.fixture
+def without(monkeypatch):
+    """Take a library away: no finder but ours knows it."""
+
+    def take(name):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        ours = [finder for finder in sys.meta_path if isinstance(finder, packages._NameMissing)]
+        monkeypatch.setattr(sys, "meta_path", ours)
+
+    return take
+
+
+def as_if_in(module, statement):
+    exec(compile(statement, "x.py", "exec"), {"__name__": module, "__builtins__": builtins})
+
+
+def test_our_own_import_of_what_is_missing_says_how_to_install_it(without):
+    without("osqp")
+    with pytest.raises(MissingPackage, match="this needs osqp, which is not installed: pip install osqp"):
+        as_if_in("allocator.somewhere", "import osqp")
+    with pytest.raises(ModuleNotFoundError) as other:
+        as_if_in("somebody.else_", "import osqp")
+    assert not isinstance(other.value, MissingPackage)
+
+
+def test_to_look_for_a_library_is_no_import(without):
+    without("osqp")
+    assert importlib.util.find_spec("osqp") is None
+
+
+def test_an_extra_is_named_by_its_extra(without):
+    without("mujoco")
+    with pytest.raises(MissingPackage, match=r"pip install 'antagonist\[mujoco\]'"):
+        as_if_in("mpc.somewhere", "import mujoco")
+
+
+def test_there_is_one_finder_however_often_it_is_asked_for():
+    packages.name_what_is_missing()
+    assert sum(isinstance(finder, packages._NameMissing) for finder in sys.meta_path) == 1
+    assert importlib.import_module("osqp")
