@@ -123,7 +123,7 @@ def _bound_row(problem: Problem, i: int, P: Array) -> Array:
     row[:, i] = 1.0
     at_low = P - interval.lo <= interval.hi - P
     by_force = np.where(at_low, interval.lo_limit & _BY_FORCE, interval.hi_limit & _BY_FORCE) != 0
-    stretch = side.sign * side.arm / side.rest_length
+    stretch = side.arm / side.rest_length
     gain, slope = side.muscle.gain(P, side.contraction), side.muscle.slope(P, side.contraction)
     row[:, 2] = np.where(by_force & ~interval.empty, slope * stretch / gain, 0.0)
     if problem.shares is not None and not side.affine:

@@ -95,11 +95,10 @@ class AntagonistJoint:
         """
         l0 = self.geometry.rest_length
         one, two = self.geometry.agonist(theta), self.geometry.antagonist(theta)
-        if shares is None:
-            return OneMuscle(self.agonist, +1, l0, *one), OneMuscle(self.antagonist, -1, l0, *two)
+        s1, s2 = (None, None) if shares is None else shares
         return (
-            OneMuscle(self.agonist, +1, l0, *one, shares[0], self.gas),
-            OneMuscle(self.antagonist, -1, l0, *two, shares[1], self.gas),
+            OneMuscle.at_joint(self.agonist, True, l0, one, s1, self.gas),
+            OneMuscle.at_joint(self.antagonist, False, l0, two, s2, self.gas),
         )
 
     def torque(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Value:

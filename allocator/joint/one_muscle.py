@@ -1,4 +1,4 @@
-"""One muscle held at a joint angle is half of the joint; everything static is said in terms of the two halves."""
+"""One muscle held at a posture is what everything static of a joint or a mechanism is a sum of."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -8,6 +8,7 @@ import numpy as np
 from allocator.calculus import Array, Value, derivative, increasing_root, is_symbol
 from allocator.errors import InvalidInput
 from allocator.joint.gas import AIR, Gas
+from allocator.joint.geometry import Routing
 from allocator.joint.limits import BINDS, Limit, Limits, PressureInterval
 from allocator.muscles import AffineMuscle, Muscle
 
@@ -18,33 +19,51 @@ _LOOKED_AT = 33  # pressures between which the first fall of V^eff below that is
 
 @dataclass(frozen=True)
 class OneMuscle:
-    """`OneMuscle` is a muscle held at a joint angle, which adds t(P) to the torque and k(P) to the stiffness.
+    """`OneMuscle` is a muscle held at a posture, which adds a torque r F(P) and a stiffness k(P) r rᵀ + F(P) H.
 
-    The stiffness is the isobaric one, or with a `share` of the trapped gas the one of (G5), see `allocator.joint.gas`.
+    Its arm r = -∇l and bend H = ∇²l are numbers at a joint (r = ±a, H = ∓a' of its moment arm a), or with `vector` a
+    vector and a matrix at a mechanism. Its own stiffness k is -F_ε/L, or with a `share` of the trapped gas the one that
+    (G5) adds to, see `allocator.joint.gas`. Contraction, pressures and what depends on them are (…).
     """
 
     muscle: Muscle
-    sign: int  # +1 agonist, -1 antagonist
-    rest_length: float  # l0 [m]
-    contraction: Value  # ε [-]
-    arm: Value  # a [m]
-    arm_slope: Value  # da/dθ [m/rad]
+    name: str  # "agonist", "antagonist", or what a mechanism calls it
+    rest_length: float  # L [m]
+    contraction: Value  # ε (…) [-]
+    arm: Value  # r [m]: (…), or (…, n)
+    bend: Value  # H [m/rad]: (…), or (…, n, n)
     share: Value | None = None  # s of the trapped gas in the stiffness [-]; None: none, pressures are held
     gas: Gas = AIR
+    vector: bool = False  # whether arm and bend are a vector and a matrix
+
+    @classmethod
+    def at_joint(
+        cls, muscle: Muscle, agonist: bool, rest_length: float, routing: Routing, share: Value = None, gas: Gas = AIR
+    ) -> Self:
+        """Return the agonist or the antagonist of a joint, as its `Geometry` leads it."""
+        eps, a, slope = routing
+        if agonist:
+            return cls(muscle, "agonist", rest_length, eps, a, -slope, share, gas)
+        return cls(muscle, "antagonist", rest_length, eps, -a, slope, share, gas)
+
+    @property
+    def moment_arm(self) -> Value:
+        """Return a = |r| [m] of a joint's muscle, positive."""
+        return -self.arm if self.name == "antagonist" else self.arm
 
     @property
     def affine(self) -> bool:
-        """Return whether t and k are affine in the pressure."""
+        """Return whether torque and stiffness are affine in the pressure."""
         return isinstance(self.muscle, AffineMuscle)
 
     @property
     def arrays(self) -> tuple[Array, Array, Array]:
-        """Return (contraction, arm, arm slope): what varies from angle to angle."""
-        return self.contraction, self.arm, self.arm_slope
+        """Return (contraction, arm, bend): what varies from posture to posture."""
+        return self.contraction, self.arm, self.bend
 
-    def moved(self, contraction: Array, arm: Array, arm_slope: Array) -> Self:
-        """Return the muscle at other angles, or at a selection of them; a share of the gas stays."""
-        return replace(self, contraction=contraction, arm=arm, arm_slope=arm_slope)
+    def moved(self, contraction: Array, arm: Array, bend: Array) -> Self:
+        """Return the muscle at other postures, or at a selection of them; a share of the gas stays."""
+        return replace(self, contraction=contraction, arm=arm, bend=bend)
 
     @property
     def isobaric(self) -> Self:
@@ -52,40 +71,68 @@ class OneMuscle:
         return replace(self, share=None)
 
     def force(self, P: Value) -> Value:
-        """Return the muscle's force [N]; negative where the cable would be slack."""
+        """Return the muscle's force F [N]; negative where the cable would be slack."""
         return self.muscle.law(P, self.contraction)
 
+    def own_stiffness(self, P: Value) -> Value:
+        """Return k = -F_ε/L [N/m], and what the share of its gas adds."""
+        k = -self.muscle.slope(P, self.contraction) / self.rest_length
+        return k if self.share is None else k + self.share * self._gas_stiffness(P)
+
     def torque(self, P: Value) -> Value:
-        """Return the torque t = ±a F(P, ε) [N·m] that the muscle adds."""
-        return self.sign * self.arm * self.force(P)
+        """Return the torque r F(P) [N·m] that the muscle adds   (M1)"""
+        return self._along(self.force(P))
 
     def stiffness(self, P: Value) -> Value:
-        """Return the stiffness k = -a² F_ε/l0 ∓ a' F [N·m/rad] that the muscle adds, and its gas."""
-        elastic = -(self.arm**2) / self.rest_length * self.muscle.slope(P, self.contraction)
-        isobaric = elastic - self.sign * self.arm_slope * self.force(P)
-        return isobaric if self.share is None else isobaric + self.share * self.trapped(P)
+        """Return the stiffness k r rᵀ + F H [N·m/rad] that the muscle adds   (M2)"""
+        return self._squared(self.own_stiffness(P)) + self._bent(self.force(P))
+
+    def force_gain(self, P: Value) -> Value:
+        """Return dF/dP [N/Pa]."""
+        return self.muscle.gain(P, self.contraction)
+
+    def own_stiffness_gain(self, P: Value) -> Value:
+        """Return dk/dP = -F_Pε/L [N/m/Pa], and that of the gas."""
+        gain = -self.muscle.gain_slope(P, self.contraction) / self.rest_length
+        return gain if self.share is None else gain + self.share * self._gas_stiffness_gain(P)
 
     def torque_gain(self, P: Value) -> Value:
-        """Return dt/dP = ±a F_P [N·m/Pa]."""
-        return self.sign * self.arm * self.muscle.gain(P, self.contraction)
+        """Return r F_P [N·m/Pa], the derivative of `torque` by P."""
+        return self._along(self.force_gain(P))
 
     def stiffness_gain(self, P: Value) -> Value:
-        """Return dk/dP = -a² F_Pε/l0 ∓ a' F_P [N·m/rad/Pa], and that of the gas."""
-        elastic, geometric, *gas = self.stiffness_gain_terms(P)
-        return elastic + geometric + gas[0] if gas else elastic + geometric
+        """Return k' r rᵀ + F_P H [N·m/rad/Pa], the derivative of `stiffness` by P."""
+        return self._squared(self.own_stiffness_gain(P)) + self._bent(self.force_gain(P))
 
     def stiffness_gain_terms(self, P: Value) -> tuple[Value, ...]:
-        """Return the two terms of dk/dP, elastic and geometric, and the gas's if there is any."""
-        gain = self.muscle.gain(P, self.contraction)
-        elastic = -(self.arm**2) / self.rest_length * self.muscle.gain_slope(P, self.contraction)
-        isobaric = elastic, -self.sign * self.arm_slope * gain
-        return isobaric if self.share is None else (*isobaric, self.share * self._trapped_gain(P))
+        """Return the two terms of `stiffness_gain`, elastic and geometric, and the gas's if there is any."""
+        elastic = self._squared(-self.muscle.gain_slope(P, self.contraction) / self.rest_length)
+        isobaric = elastic, self._bent(self.force_gain(P))
+        return isobaric if self.share is None else (*isobaric, self._squared(self.share * self._gas_stiffness_gain(P)))
+
+    def _along(self, F: Value) -> Value:
+        """Return r F."""
+        return self.arm * (np.asarray(F)[..., None] if self.vector else F)
+
+    def _bent(self, F: Value) -> Value:
+        """Return F H."""
+        return self.bend * (np.asarray(F)[..., None, None] if self.vector else F)
+
+    def _squared(self, k: Value) -> Value:
+        """Return k r rᵀ."""
+        if not self.vector:
+            return k * self.arm**2
+        return np.asarray(k)[..., None, None] * (self.arm[..., :, None] * self.arm[..., None, :])
 
     # --- the gas ----------------------------------------------------------------------------------------------------
 
     def trapped(self, P: Value) -> Value:
-        """Return what all of the trapped gas adds to the stiffness, κ (P + p_a) g²/V^eff [N·m/rad]   (G2)"""
-        return self.gas.kappa * (P + self.gas.atmosphere) * self.torque_gain(P) ** 2 / self.effective_volume(P)
+        """Return what all of the trapped gas adds to the stiffness, κ (P + p_a)/V^eff g gᵀ with g = r F_P   (G2)"""
+        return self._squared(self._gas_stiffness(P))
+
+    def _gas_stiffness(self, P: Value) -> Value:
+        """Return what all of the trapped gas adds to the muscle's own stiffness, κ (P + p_a) F_P²/V^eff [N/m]."""
+        return self.gas.kappa * (P + self.gas.atmosphere) * self.force_gain(P) ** 2 / self.effective_volume(P)
 
     def volume(self, P: Value) -> Value:
         """Return the volume V of the gas [m³], unchecked   (G1)"""
@@ -123,24 +170,18 @@ class OneMuscle:
             return self.volume(P)
         return self.volume(P) + self.gas.kappa * (P + self.gas.atmosphere) * self._volume_gain(P)
 
-    @property
-    def name(self) -> str:
-        """Return "agonist" or "antagonist"."""
-        return "agonist" if self.sign > 0 else "antagonist"
-
     def _volume_gain(self, P: Value) -> Value:
         return self.rest_length * self.muscle.gain_integral_slope(P, self.contraction)
 
-    def _trapped_gain(self, P: Value) -> Value:
-        """Return the derivative of `trapped` by the pressure: as of a product of powers."""
-        kappa, absolute = self.gas.kappa, P + self.gas.atmosphere
+    def _gas_stiffness_gain(self, P: Value) -> Value:
+        """Return the derivative of `_gas_stiffness` by the pressure: as of a product of powers."""
+        kappa, absolute, gain = self.gas.kappa, P + self.gas.atmosphere, self.force_gain(P)
         if self.affine:
-            return kappa * self.torque_gain(P) ** 2 / self.volume(P)
-        gain, effective = self.torque_gain(P), self.effective_volume(P)
-        gain_slope = derivative(self.torque_gain, P)
+            return kappa * gain**2 / self.volume(P)
+        effective, gain_slope = self.effective_volume(P), derivative(self.force_gain, P)
         effective_slope = (1 + kappa) * self._volume_gain(P) + kappa * absolute * derivative(self._volume_gain, P)
         return kappa / effective * (gain**2 + 2 * absolute * gain * gain_slope) - (
-            self.trapped(P) * effective_slope / effective
+            self._gas_stiffness(P) * effective_slope / effective
         )
 
     def _gas_ceiling(self, lo: float, most: float) -> Array:
@@ -171,17 +212,19 @@ class OneMuscle:
         return np.where(np.asarray(self.share) > 0, ceiling, np.inf)
 
     def pressure_for_torque(self, torque: Array) -> Array:
-        """Return the pressure [Pa] that makes this muscle add `torque`; ∓inf where it has none."""
-        return self.muscle.pressure(self.sign * torque / self.arm, self.contraction)
+        """Return the pressure [Pa] that makes this muscle of a joint add `torque`; ∓inf where it has none."""
+        return self.muscle.pressure(torque / self.arm, self.contraction)
 
     def interval(self, supply: tuple[float, float], limits: Limits) -> PressureInterval:
         """Intersect supply [Pa], validity of the model and `limits`, remembering which of them sets each end.
 
         Every limit counts by itself: where two lie at the same pressure both set the end. Only supply and validity of
         the model count as one, the lower, and the supply where they are equal. With a share of the gas the model is
-        valid as far as its volume makes sense, too: V^eff ≥ V/2.
+        valid as far as its volume makes sense, too: V^eff ≥ V/2. Of the slew limit that of the first muscle is taken,
+        and the flags of an agonist, unless this is an antagonist.
         """
-        lower, upper, slack, rate, validity, ceiling = _FLAGS[self.sign]
+        antagonist = self.name == "antagonist" and not self.vector
+        lower, upper, slack, rate, validity, ceiling = _FLAGS[antagonist]
         everywhere = np.ones(np.shape(self.contraction))
         most = (self.muscle.max_pressure, validity) if self.muscle.max_pressure < supply[1] else (supply[1], upper)
         floors, ceilings = [(supply[0] * everywhere, lower)], [(most[0] * everywhere, most[1])]
@@ -192,13 +235,13 @@ class OneMuscle:
         if self.share is not None:
             self.check_volume(floors[-1][0].clip(supply[0], most[0]))
             ceilings.append((self._gas_ceiling(supply[0], most[0]), validity))
-        nearest, farthest = limits.reach(0 if self.sign > 0 else 1)
+        nearest, farthest = limits.reach(int(antagonist))
         reach = (nearest, rate), (farthest, rate)
         return PressureInterval.between(floors, ceilings, reach, BINDS * (supply[1] - supply[0]))
 
 
 _FLAGS = {
-    +1: (
+    False: (
         Limit.P1_LOWER,
         Limit.P1_UPPER,
         Limit.AGONIST_SLACK,
@@ -206,7 +249,7 @@ _FLAGS = {
         Limit.AGONIST_VALIDITY,
         Limit.AGONIST_FORCE,
     ),
-    -1: (
+    True: (
         Limit.P2_LOWER,
         Limit.P2_UPPER,
         Limit.ANTAGONIST_SLACK,

@@ -24,7 +24,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.limits import TAUT, Limits, PressureInterval
-from allocator.mechanism.muscle_at_posture import MuscleAtPosture
+from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.routes import JointRoutes, Routes
 from allocator.muscles import Muscle
 from allocator.units import BAR
@@ -145,13 +145,15 @@ class Mechanism:
 
     # --- at postures ------------------------------------------------------------------------------------------------
 
-    def at(self, q: Array) -> tuple[MuscleAtPosture, ...]:
+    def at(self, q: Array) -> tuple[OneMuscle, ...]:
         """Return every muscle, held at the postures `q` (…, n), which are not checked."""
         routed = self.routes.at(q)
         eps = self.routes.contraction(routed.length)
         return tuple(
-            MuscleAtPosture(muscle, L, eps[..., j], routed.arm[..., j, :], routed.bend[..., j, :, :])
-            for j, (muscle, L) in enumerate(zip(self.muscles, self.routes.rest_length, strict=True))
+            OneMuscle(muscle, name, L, eps[..., j], routed.arm[..., j, :], routed.bend[..., j, :, :], vector=True)
+            for j, (muscle, name, L) in enumerate(
+                zip(self.muscles, self.muscle_names, self.routes.rest_length, strict=True)
+            )
         )
 
     def lengths(self, q: ArrayLike) -> Array:
@@ -193,7 +195,7 @@ class Mechanism:
         self.check_affine()
         return self.map_of(self.at(self.posture(q)))
 
-    def map_of(self, muscles: tuple[MuscleAtPosture, ...]) -> TargetsMap:
+    def map_of(self, muscles: tuple[OneMuscle, ...]) -> TargetsMap:
         """Return the map of affine muscles held at postures."""
         zero = np.zeros(())
         rows, columns = self.upper_triangle
@@ -230,7 +232,7 @@ class Mechanism:
         return np.stack([side.lo for side in box], axis=-1), np.stack([side.hi for side in box], axis=-1)
 
     def intervals(
-        self, muscles: tuple[MuscleAtPosture, ...], limits: Sequence[Limits] | None = None
+        self, muscles: tuple[OneMuscle, ...], limits: Sequence[Limits] | None = None
     ) -> tuple[PressureInterval, ...]:
         """Return the interval of every muscle's pressure under its own `limits`, of which the slew is of all m."""
         found = []
@@ -278,7 +280,7 @@ class Mechanism:
             )
         return array
 
-    def _held(self, q: Any, P: Any) -> tuple[tuple[MuscleAtPosture, ...], Array]:
+    def _held(self, q: Any, P: Any) -> tuple[tuple[OneMuscle, ...], Array]:
         q, P = self.posture(q), self.pressures("P", P)
         try:
             np.broadcast_shapes(q.shape[:-1], P.shape[:-1])

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
 from allocator.joint.limits import Limits, PressureInterval
+from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.mechanism import Indices, Mechanism, TargetsMap
-from allocator.mechanism.muscle_at_posture import MuscleAtPosture
 
 Priority = Literal["torque", "stiffness", "weighted"]
 PRIORITIES: tuple[Priority, ...] = get_args(Priority)
@@ -58,7 +58,7 @@ class MechanismProblem:
         return np.asarray(self.q != self.asked)
 
     @cached_property
-    def muscles(self) -> tuple[MuscleAtPosture, ...]:
+    def muscles(self) -> tuple[OneMuscle, ...]:
         """Return the muscles at the postures."""
         return self.mechanism.at(self.q)
 

@@ -18,7 +18,7 @@ from allocator.mechanism.status import MechanismStatus
 from allocator.presentation.tables import number
 from allocator.units import BAR, DEG
 
-_NAMES = {  # `MuscleAtPosture.interval` gives every muscle the flags of an agonist
+_NAMES = {  # `OneMuscle.interval` gives every muscle the flags of an agonist
     Limit.P1_LOWER: "lower",
     Limit.P1_UPPER: "upper",
     Limit.AGONIST_SLACK: "slack",

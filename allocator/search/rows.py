@@ -85,9 +85,9 @@ def _series(side: OneMuscle, centre: Array, half: Array) -> tuple[Array, Array]:
 def _segment(side: OneMuscle, basis: Basis, lo: float, hi: float) -> Array:
     """Return one segment at n angles: (n, numbers)."""
     force, slope = _coefficients(side, basis, lo, hi)
-    arm, arm_slope = np.ravel(side.arm), np.ravel(side.arm_slope)
-    torque = side.sign * arm * force
-    stiffness = -(arm**2) / side.rest_length * slope - side.sign * arm_slope * force
+    arm, bend = np.ravel(side.arm), np.ravel(side.bend)
+    torque = arm * force
+    stiffness = -(arm**2) / side.rest_length * slope + bend * force
     if side.share is not None:  # of an affine law: affine in the pressure as well
         nodes, inverse, greatest = sampling(basis, lo, hi, len(force))
         stiffness = stiffness + _significant(inverse @ (side.share * side.trapped(nodes[:, None])), greatest)

@@ -99,7 +99,7 @@ def sides_function(joint: AntagonistJoint) -> Any:
         ca.vertcat(
             side.muscle.gain(0.0, side.contraction),
             side.force(0.0),
-            side.arm,
+            side.moment_arm,
             side.stiffness_gain(0.0),
             side.stiffness(0.0),
         )

@@ -60,14 +60,14 @@ def _coefficients(side: OneMuscle) -> tuple[Value, ...]:
     muscle, eps = side.muscle, side.contraction
     assert isinstance(muscle, AffineMuscle)
     A, B = muscle.gain(0.0, eps), muscle.law(0.0, eps)
-    elastic, geometric = -(side.arm**2) / side.rest_length, -side.sign * side.arm_slope
+    elastic, geometric = -(side.arm**2) / side.rest_length, side.bend
     k1 = elastic * muscle.gain_slope(0.0, eps) + geometric * A
     k0 = elastic * derivative(muscle.B, eps) + geometric * B
     if side.share is None:
-        return A, B, side.arm, k1, k0
+        return A, B, side.moment_arm, k1, k0
     side.check_volume(0.0)
     gas = side.share * side.trapped(0.0) / side.gas.atmosphere  # affine in P + p_a
-    return A, B, side.arm, k1 + gas, k0 + gas * side.gas.atmosphere
+    return A, B, side.moment_arm, k1 + gas, k0 + gas * side.gas.atmosphere
 
 
 def arrays(values: tuple[Value, ...], n: int) -> tuple[Array, ...]:

@@ -50,11 +50,11 @@ def _of_muscle(side: OneMuscle, P: Array, root: Array) -> tuple[Array, Array, Ar
     """Return (torque, stiffness, force) of one muscle, each (n, m), by its `root` (parameters, m)."""
     _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
     force, slope = force @ root, slope @ root
-    sign, arm, arm_slope = side.sign, side.arm[:, None], side.arm_slope[:, None]
-    stiffness = -(arm**2) / side.rest_length * slope - sign * arm_slope * force
+    arm, bend = side.arm[:, None], side.bend[:, None]
+    stiffness = -(arm**2) / side.rest_length * slope + bend * force
     if side.share is not None:
         stiffness = stiffness + np.asarray(side.share)[:, None] * (_trapped_gradient(side, P) @ root)
-    return sign * arm * force, stiffness, force
+    return arm * force, stiffness, force
 
 
 def _trapped_gradient(side: OneMuscle, P: Array) -> Array:

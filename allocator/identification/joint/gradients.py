@@ -50,8 +50,8 @@ def stiffness(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Qua
 
 def _stiffness_gradient(side: OneMuscle, P: Array) -> Array:
     _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
-    arm, arm_slope = np.asarray(side.arm)[:, None], np.asarray(side.arm_slope)[:, None]
-    return np.asarray(-(arm**2) / side.rest_length * slope - side.sign * arm_slope * force)
+    arm, bend = np.asarray(side.arm)[:, None], np.asarray(side.bend)[:, None]
+    return np.asarray(-(arm**2) / side.rest_length * slope + bend * force)
 
 
 def torque_gain(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Quantity:

@@ -63,8 +63,8 @@ def _equilibrium(
     low, high = (np.full(start.size, end) for end in (max(reach[0], -_TURN), min(reach[1], _TURN)))
     theta, l0 = np.clip(start, low, high), joint.geometry.rest_length
     for _ in range(_STEPS):
-        one = OneMuscle(agonist, +1, l0, *joint.geometry.agonist(theta))
-        two = OneMuscle(antagonist, -1, l0, *joint.geometry.antagonist(theta))
+        one = OneMuscle.at_joint(agonist, True, l0, joint.geometry.agonist(theta))
+        two = OneMuscle.at_joint(antagonist, False, l0, joint.geometry.antagonist(theta))
         with np.errstate(all="ignore"):
             T, K = one.torque(P1) + two.torque(P2), one.stiffness(P1) + two.stiffness(P2)
             newton = theta + T / K

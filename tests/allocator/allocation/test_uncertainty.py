@@ -111,7 +111,7 @@ def test_the_expected_squared_error_is_least(joint, fitted):
     matrix, target = covariance(fitted, 0.5), (0.1, 5.0, 1.0)  # small: first order in the parameters
     a = allocate(*target, joint=joint, method="convex", uncertainty=matrix, priority="weighted", weights=(1.0, 2.0))
     muscles = drawn(fitted, matrix, seed=3)
-    sides = [OneMuscle(muscles, side.sign, side.rest_length, *side.arrays) for side in joint.sides(target[0])]
+    sides = [OneMuscle(muscles, side.name, side.rest_length, *side.arrays) for side in joint.sides(target[0])]
 
     def expected(P1, P2):
         T = sides[0].torque(P1) + sides[1].torque(P2)
@@ -146,7 +146,7 @@ def test_k_std_is_the_spread_of_the_stiffness(fitted):
     a = allocate(np.array([0.0, 0.4]), 5.0, 0.5, joint=joint)
     muscles = drawn(fitted, matrix, seed=4)
     for i in range(2):
-        sides = [OneMuscle(muscles, s.sign, s.rest_length, *s.arrays) for s in joint.sides(float(a.theta[i]))]
+        sides = [OneMuscle(muscles, s.name, s.rest_length, *s.arrays) for s in joint.sides(float(a.theta[i]))]
         K = sides[0].stiffness(a.P1[i]) + sides[1].stiffness(a.P2[i])
         assert a.K_std[i] == pytest.approx(np.std(K), rel=0.03)
 

@@ -134,7 +134,7 @@ def _sag_test(joint: AntagonistJoint, known: Known) -> tuple[tuple[SagPoint, ...
     )
     pressures, rows = [], []
     sides = modelled.sides(angles)
-    arm = np.mean([side.arm for side in sides])
+    arm = np.mean([side.moment_arm for side in sides])
     for side, strength in zip(sides, (1.0, u.ratio), strict=True):
         low, high = (np.full(_ANGLES, end) for end in joint.pressure_limits)
         eps = np.asarray(side.contraction)
@@ -144,7 +144,7 @@ def _sag_test(joint: AntagonistJoint, known: Known) -> tuple[tuple[SagPoint, ...
             gain = float(side.muscle.gain(P[i], eps[i]))
             dF = np.zeros(known.x.size + 1)
             dF[: len(problem.free)] = strength * _free_gradient(problem, u.muscle, P[i], eps[i])
-            dF[-1] = mean * arm / np.asarray(side.arm)[i]
+            dF[-1] = mean * arm / np.asarray(side.moment_arm)[i]
             rows.append(-dF / gain / _SLACK_NOISE)
     points = tuple(SagPoint(*map(float, values)) for values in zip(angles, *pressures, strict=True))
     points = tuple(SagPoint(p.theta, *(q if np.isfinite(q) else np.nan for q in p[1:])) for p in points)
