@@ -18,6 +18,7 @@ s_i = 0 is an open valve, s_i = 1 a shut one. Proof of (G2): by V_ε = L F_P a t
 g_i dθ; with dP/(P + p_a) = -κ dV/V its pressure changes by -κ (P + p_a) g_i dθ/V^eff, and the torque by g_i times that.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
 from typing import Any, ClassVar, Literal, Self
@@ -33,11 +34,13 @@ _ATMOSPHERE = 1e3, 2e6  # [Pa] of what surrounds a joint
 _FASTEST = 1e9  # [Hz] beyond which no motion is meant
 _SLOWEST = 100.0  # [s] a longer lag is in milliseconds
 
-Shares = tuple[Value, Value]
-"""How much of the trapped gas of agonist and antagonist a stiffness has in it, (s1, s2) of (G5) [-]."""
+Shares = tuple[Value, ...]
+"""How much of the trapped gas of each muscle a stiffness has in it, s_i of (G5) [-]: of (agonist, antagonist), …"""
 
-Valves = Literal["open", "shut", "free"] | tuple[bool, bool]
-"""The valves of both muscles, or of (agonist, antagonist) whether each is shut; "free": whichever are best."""
+Valves = Literal["open", "shut", "free"] | tuple[bool, ...]
+"""The valves of all muscles, or whether each is shut, such as (agonist, antagonist); "free": whichever are best."""
+
+PAIR = ("agonist", "antagonist")
 
 
 @dataclass(frozen=True)
@@ -72,46 +75,53 @@ class StiffnessKind:
     """A `StiffnessKind` says which stiffness is meant: isobaric, shut, or the one that is felt at a frequency."""
 
     name: str  # the adjective: "isobaric", "shut", …
-    shares: tuple[float, float] | None  # s1, s2 of (G5); None: those of the valves that are best
+    shares: tuple[float, ...] | None  # s_i of (G5), one a muscle; None: those of the valves that are best
     frequency: float | None = None  # [Hz] of motions against regulators; None: valves are open or shut
     free: ClassVar[tuple[tuple[float, float], ...]] = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
     """The four states that two free valves may have; the open ones come first."""
 
     @classmethod
-    def of(cls, valves: Any = "open", frequency: Any = None, lag: Any = None) -> Self:
-        """Return the kind that these arguments of `allocate` ask for; raises InvalidInput where they make no sense."""
+    def of(cls, valves: Any = "open", frequency: Any = None, lag: Any = None, muscles: Sequence[str] = PAIR) -> Self:
+        """Return the kind that these arguments of `allocate` ask for, of the `muscles` of these names.
+
+        Only for a pair may valves be "free". Raises InvalidInput where the arguments make no sense.
+        """
         if frequency is None and lag is None:
-            return valves if isinstance(valves, cls) else cls._of_valves(valves)
+            return valves if isinstance(valves, cls) else cls._of_valves(valves, tuple(muscles))
         if frequency is None or lag is None:
             raise InvalidInput("frequency [Hz] and lag [s] go together; one came without the other")
         if not (isinstance(valves, str) and valves == "open"):
             raise InvalidInput(
                 "valves and frequency exclude each other: a regulator with a lag is neither open nor shut"
             )
-        one, two = lags(lag)
+        taus = lags(lag, len(muscles))
         f = float(frequencies(checks.number("frequency", frequency, "Hz")))
         if f == 0:
-            return cls("isobaric", (0.0, 0.0))
-        return cls("dynamic", (float(storage_share(f, one)), float(storage_share(f, two))), f)
+            return cls("isobaric", (0.0,) * len(taus))
+        return cls("dynamic", tuple(float(storage_share(f, tau)) for tau in taus), f)
 
     @classmethod
-    def _of_valves(cls, valves: Any) -> Self:
-        known = {"open": cls("isobaric", (0.0, 0.0)), "shut": cls("shut", (1.0, 1.0)), "free": cls("free-valve", None)}
+    def _of_valves(cls, valves: Any, muscles: tuple[str, ...]) -> Self:
+        m = len(muscles)
+        known = {"open": cls("isobaric", (0.0,) * m), "shut": cls("shut", (1.0,) * m)}
+        known |= {"free": cls("free-valve", None)} if muscles == PAIR else {}
         if isinstance(valves, str) and valves in known:
             return known[valves]
         if (
             isinstance(valves, tuple | list)
-            and len(valves) == 2
+            and len(valves) == m
             and all(isinstance(v, bool | np.bool_) for v in valves)
         ):
-            one, two = map(bool, valves)
-            if one == two:
-                return known["shut" if one else "open"]
-            return cls(f"{'agonist' if one else 'antagonist'}-shut", (float(one), float(two)))
-        raise InvalidInput(
-            f"valves = {checks.brief(valves)} is unknown; choose 'open', 'shut', 'free' "
-            "or (True, False): whether the agonist's, the antagonist's valve is shut"
+            if len(set(map(bool, valves))) == 1:
+                return known["shut" if valves[0] else "open"]
+            shut = [muscle for muscle, v in zip(muscles, valves, strict=True) if v]
+            return cls(f"{' and '.join(shut)}-shut", tuple(map(float, valves)))
+        each = (
+            "'free' or (True, False): whether the agonist's, the antagonist's valve is shut"
+            if muscles == PAIR
+            else f"or m = {m} truth values: whether the valve of each muscle is shut"
         )
+        raise InvalidInput(f"valves = {checks.brief(valves)} is unknown; choose 'open', 'shut', {each}")
 
     @property
     def text(self) -> str:
@@ -121,7 +131,7 @@ class StiffnessKind:
     @property
     def isobaric(self) -> bool:
         """Return whether no gas is in it: pressures are held."""
-        return self.shares == (0.0, 0.0)
+        return self.shares is not None and not any(self.shares)
 
     @property
     def states(self) -> "tuple[StiffnessKind, ...]":
@@ -151,19 +161,19 @@ def frequencies(frequency: Any) -> Array:
     return found
 
 
-def lags(lag: Any) -> tuple[float, float]:
-    """Return the checked lags (τ1, τ2) [s] of both regulators; one number is for both."""
+def lags(lag: Any, muscles: int = 2) -> tuple[float, ...]:
+    """Return the checked lags τ_i [s] of the regulators of so many muscles; one number is for all."""
     found = checks.real("lag", lag, "s")
-    if found.shape not in ((), (2,)):
-        raise InvalidInput(f"lag = {checks.brief(lag)} has to be one time constant or a pair of them [s]")
+    if found.shape not in ((), (muscles,)):
+        each = "a pair" if muscles == 2 else f"m = {muscles}"
+        raise InvalidInput(f"lag = {checks.brief(lag)} has to be one time constant or {each} of them [s]")
     if (wrong := found < 0).any():
         raise InvalidInput(f"lag{checks.at(found, wrong)} s is negative")
     if (wrong := found > _SLOWEST).any():
         raise InvalidInput(
             f"lag{checks.at(found, wrong)} s is no regulator's; if milliseconds were meant, divide by 1000"
         )
-    one, two = np.broadcast_to(found, 2).tolist()
-    return one, two
+    return tuple(np.broadcast_to(found, muscles).tolist())
 
 
 def storage_share(frequency: Value, lag: Value) -> Value:
@@ -179,6 +189,6 @@ def complex_share(frequency: Value, lag: Value) -> Value:
 
 
 __all__ = [
-    *("AIR", "Gas", "ISOBARIC", "Shares", "StiffnessKind", "Valves"),
+    *("AIR", "Gas", "ISOBARIC", "PAIR", "Shares", "StiffnessKind", "Valves"),
     *("complex_share", "frequencies", "lags", "storage_share"),
 ]

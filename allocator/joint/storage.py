@@ -88,13 +88,7 @@ def dumps(joint: AntagonistJoint, *, scale_known: bool = True, source: Mapping[s
     lines += ["", *_geometry_lines(joint.geometry)]
     for name, muscle in (("agonist", joint.agonist), ("antagonist", joint.antagonist)):
         lines += ["", *muscle_lines(name, muscle)]
-    if joint.gas != AIR:
-        lines += [
-            "",
-            "[gas]",
-            f"kappa = {_toml(joint.gas.kappa)}",
-            f"atmosphere = {_toml(joint.gas.atmosphere)}  # [Pa]",
-        ]
+    lines += gas_lines(joint.gas)
     if source:
         lines += ["", "[source]", *(f"{name} = {_toml(value)}" for name, value in source.items())]
     if joint.covariance is not None:
@@ -131,7 +125,7 @@ def joint_from(path: FilePath, content: dict[str, Any], *, scale_needed: bool = 
     }
     agonist, antagonist = (_muscle(path, content, name) for name in ("agonist", "antagonist"))
     rows = storage.covariance_rows(path, content)
-    geometry, hysteresis, gas = _geometry(path, content), _hysteresis(path, content), _gas(path, content)
+    geometry, hysteresis, gas = _geometry(path, content), _hysteresis(path, content), gas_from(path, content)
     try:
         more: dict[str, Any] = {"covariance": rows, "hysteresis": hysteresis, "gas": gas}
         return AntagonistJoint(geometry, agonist, antagonist, **more, **limits)
@@ -203,7 +197,15 @@ def _hysteresis(path: FilePath, content: dict[str, Any]) -> PrandtlIshlinskii | 
         raise InvalidFile(path, f"[hysteresis]: {error}") from None
 
 
-def _gas(path: FilePath, content: dict[str, Any]) -> Gas:
+def gas_lines(gas: Gas) -> list[str]:
+    """Return the lines of the table [gas]; none for the usual one."""
+    if gas == AIR:
+        return []
+    return ["", "[gas]", f"kappa = {_toml(gas.kappa)}", f"atmosphere = {_toml(gas.atmosphere)}  # [Pa]"]
+
+
+def gas_from(path: FilePath, content: dict[str, Any]) -> Gas:
+    """Read the table [gas], if there is one. Raises `InvalidFile`."""
     table = content.get("gas", {})
     names = [f.name for f in fields(Gas)]
     if not isinstance(table, dict) or table.keys() - set(names):
@@ -220,4 +222,4 @@ def _muscle(path: FilePath, content: dict[str, Any], name: str) -> Muscle:
     return muscle
 
 
-__all__ = ["dumps", "joint_from", "load_joint", "muscle_lines", "save_joint", "scale_known_in"]
+__all__ = ["dumps", "gas_from", "gas_lines", "joint_from", "load_joint", "muscle_lines", "save_joint", "scale_known_in"]

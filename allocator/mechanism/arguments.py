@@ -7,6 +7,7 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.joint.gas import ISOBARIC, StiffnessKind
 from allocator.joint.limits import Limits
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.problem import PRIORITIES, MechanismProblem
@@ -27,6 +28,7 @@ def problem_from(
     max_force: Any,
     previous: Any,
     max_step: Any,
+    kind: StiffnessKind = ISOBARIC,
 ) -> tuple[MechanismProblem, tuple[int, ...]]:
     """Return the checked problem and the common shape of its targets. Raises `InvalidInput`."""
     mechanism.check_affine()
@@ -59,7 +61,7 @@ def problem_from(
     asked = posture[None] if posture.ndim == 1 else np.broadcast_to(posture, (*shape, n)).reshape(-1, n)
     reference = np.zeros((1, m)) if now is None else now
     row_weights = _weights(mechanism, priority, weights, own_only)
-    return MechanismProblem(mechanism, np.array(asked), stacked, row_weights, priority, limits, reference), shape
+    return MechanismProblem(mechanism, np.array(asked), stacked, row_weights, priority, limits, reference, kind), shape
 
 
 def _common(shapes: list[tuple[int, ...]], n: int, m: int) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator.errors import InvalidInput, MissingBackend
+from allocator.joint.gas import Valves
 from allocator.mechanism import batches, qp
 from allocator.mechanism.arguments import problem_from
 from allocator.mechanism.mechanism import Mechanism
@@ -32,6 +33,9 @@ def allocate_mechanism(
     trajectory: bool = False,
     method: Method = "exact",
     solver: str | None = None,
+    valves: Valves = "open",
+    frequency: float | None = None,
+    lag: ArrayLike | None = None,
 ) -> MechanismAllocation:
     """Find the pressures of all muscles that give stiffness `K` and torques `T` at the posture `q`, or come nearest.
 
@@ -44,8 +48,9 @@ def allocate_mechanism(
     q
         Posture (…, n) [rad]; beyond the angle limits it is answered at the nearest posture within, and says so.
     K
-        Isobaric stiffness [N·m/rad]: matrices (…, n, n), symmetric and positive definite; or only what their diagonals
-        shall be (…, n), or all of one diagonal, a number: the other entries are then free.
+        Stiffness [N·m/rad], isobaric unless `valves` or `frequency` say otherwise: matrices (…, n, n), symmetric and
+        positive definite; or only what their diagonals shall be (…, n), or all of one diagonal, a number: the other
+        entries are then free.
     T
         Torques (…, n) [N·m], or a number for every joint.
     priority
@@ -64,12 +69,16 @@ def allocate_mechanism(
     method, solver
         "exact": block principal pivoting. "qp": one QP a level through qpsolvers, slow and readable, by DAQP or another
         `solver`.
+    valves, frequency, lag
+        Which stiffness `K` is, as in `Mechanism.stiffness`: "open" isobaric; "shut", or a truth value for each muscle,
+        with gas trapped; or what motions at the frequency [Hz] meet, with regulators of this lag [s], a number or (m,).
 
     Raises
     ------
     InvalidInput
         For an argument that makes no sense: shapes that do not fit n and m, a K that is not symmetric or not positive
-        definite, NaN, degrees for radians, bar for Pa, contradictory limits, muscles that are not affine.
+        definite, NaN, degrees for radians, bar for Pa, contradictory limits, muscles that are not affine, valves, a
+        frequency or a lag that cannot be, and for gas in a muscle whose volume is not known (`Muscle.rest_volume`).
     MissingBackend
         For an unknown method or solver.
     """
@@ -92,6 +101,7 @@ def allocate_mechanism(
         max_force=max_force,
         previous=previous,
         max_step=max_step,
+        kind=mechanism.kind(valves, frequency, lag),
     )
     solved = qp.solve(problem, solver) if method == "qp" else batches.solve(problem, trajectory)
     P = np.clip(solved.x * problem.unit, *problem.bounds)

@@ -23,6 +23,7 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves
 from allocator.joint.limits import TAUT, Limits, PressureInterval
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.routes import JointRoutes, Routes
@@ -53,6 +54,7 @@ class Mechanism:
     min_contraction: float = 0.025  # ε_threshold [-], below it no model is valid
     muscle_names: tuple[str, ...] = ()  # (m,), by default "muscle 1", …
     joint_names: tuple[str, ...] = ()  # (n,), by default "joint 1", …
+    gas: Gas = AIR  # in the muscles
 
     def __post_init__(self) -> None:
         """Check the parts against each other."""
@@ -71,6 +73,8 @@ class Mechanism:
             object.__setattr__(self, "angle_limits", _angle_limits(self.angle_limits, n))
         object.__setattr__(self, "muscle_names", _names("muscle", self.muscle_names, m))
         object.__setattr__(self, "joint_names", _names("joint", self.joint_names, n))
+        if not isinstance(self.gas, Gas):
+            raise InvalidInput(f"gas = {checks.brief(self.gas)} has to be a Gas, such as Gas(kappa=1.4)")
 
     @classmethod
     def from_joint(cls, joint: AntagonistJoint) -> Self:
@@ -82,6 +86,7 @@ class Mechanism:
             angle_limits=(joint.angle_range,),
             min_contraction=joint.min_contraction,
             muscle_names=("agonist", "antagonist"),
+            gas=joint.gas,
         )
 
     @classmethod
@@ -145,12 +150,20 @@ class Mechanism:
 
     # --- at postures ------------------------------------------------------------------------------------------------
 
-    def at(self, q: Array) -> tuple[OneMuscle, ...]:
-        """Return every muscle, held at the postures `q` (…, n), which are not checked."""
+    def at(self, q: Array, shares: Shares | None = None) -> tuple[OneMuscle, ...]:
+        """Return every muscle, held at the postures `q` (…, n), which are not checked.
+
+        Their stiffness is the isobaric one, or has these `shares` (m,) of the trapped gas in it   (G5)
+        """
         routed = self.routes.at(q)
         eps = self.routes.contraction(routed.length)
         return tuple(
-            OneMuscle(muscle, name, L, eps[..., j], routed.arm[..., j, :], routed.bend[..., j, :, :], vector=True)
+            OneMuscle(
+                *(muscle, name, L, eps[..., j], routed.arm[..., j, :], routed.bend[..., j, :, :]),
+                share=shares[j] if shares is not None and shares[j] else None,
+                gas=self.gas,
+                vector=True,
+            )
             for j, (muscle, name, L) in enumerate(
                 zip(self.muscles, self.muscle_names, self.routes.rest_length, strict=True)
             )
@@ -182,10 +195,25 @@ class Mechanism:
         muscles, pressures = self._held(q, P)
         return np.asarray(sum(muscle.torque(pressures[..., j]) for j, muscle in enumerate(muscles)))
 
-    def stiffness(self, q: ArrayLike, P: ArrayLike) -> Array:
-        """Return the isobaric stiffness K = -∂τ/∂q at constant pressures (…, n, n) [N·m/rad]   (M2)"""
-        muscles, pressures = self._held(q, P)
+    def stiffness(
+        self, q: ArrayLike, P: ArrayLike, valves: Valves = "open", frequency: Any = None, lag: Any = None
+    ) -> Array:
+        """Return the stiffness (…, n, n) [N·m/rad]: the isobaric K = -∂τ/∂q at constant pressures, or with its gas.
+
+        `valves` "open" is isobaric   (M2); "shut", or a truth value for each muscle, adds what the gas trapped there
+        does, κ (P + p_a)/V^eff g gᵀ with g = r F_P   (G2). With a `frequency` [Hz] and the regulators' `lag` [s], a
+        number or (m,), it is what small motions at this frequency meet, the real part of the dynamic stiffness   (G5)
+        Raises `InvalidInput` for what there is not, for a muscle whose volume is not known and where V^eff ≤ 0.
+        """
+        muscles, pressures = self._held(q, P, self.kind(valves, frequency, lag).fixed)
+        for j, muscle in enumerate(muscles):
+            if muscle.share is not None:
+                muscle.check_effective_volume(pressures[..., j])
         return np.asarray(sum(muscle.stiffness(pressures[..., j]) for j, muscle in enumerate(muscles)))
+
+    def kind(self, valves: Any = "open", frequency: Any = None, lag: Any = None) -> StiffnessKind:
+        """Return which stiffness these arguments of `stiffness` mean. Raises `InvalidInput`."""
+        return StiffnessKind.of(valves, frequency, lag, self.muscle_names)
 
     def targets_map(self, q: ArrayLike) -> TargetsMap:
         """Return y(P) = y0 + M P, torques and stiffnesses over the pressures [Pa], at the postures `q` (…, n).
@@ -280,13 +308,13 @@ class Mechanism:
             )
         return array
 
-    def _held(self, q: Any, P: Any) -> tuple[tuple[OneMuscle, ...], Array]:
+    def _held(self, q: Any, P: Any, shares: Shares | None = None) -> tuple[tuple[OneMuscle, ...], Array]:
         q, P = self.posture(q), self.pressures("P", P)
         try:
             np.broadcast_shapes(q.shape[:-1], P.shape[:-1])
         except ValueError:
             raise InvalidInput(f"shapes do not broadcast: q {q.shape}, P {P.shape} but for their last axes") from None
-        return self.at(q), P
+        return self.at(q, shares), P
 
     def with_muscles(self, muscles: Muscle | Sequence[Muscle]) -> Self:
         """Return the same mechanism with other muscles, one for all or m of them."""

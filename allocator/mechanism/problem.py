@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
+from allocator.joint.gas import ISOBARIC, StiffnessKind
 from allocator.joint.limits import Limits, PressureInterval
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.mechanism import Indices, Mechanism, TargetsMap
@@ -40,6 +41,7 @@ class MechanismProblem:
     priority: Priority
     limits: tuple[Limits, ...]  # of each muscle (m)
     reference: Array  # P_ref (N or 1, m) [Pa]
+    kind: StiffnessKind = ISOBARIC  # which stiffness K is
 
     @property
     def size(self) -> int:
@@ -60,7 +62,7 @@ class MechanismProblem:
     @cached_property
     def muscles(self) -> tuple[OneMuscle, ...]:
         """Return the muscles at the postures."""
-        return self.mechanism.at(self.q)
+        return self.mechanism.at(self.q, self.kind.fixed)
 
     @cached_property
     def stretched(self) -> Mask:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array
+from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import Limit
 from allocator.mechanism import certificate
 from allocator.mechanism.certificate import Separation
@@ -50,6 +51,16 @@ class MechanismAllocation:
     def mechanism(self) -> Mechanism:
         """Return the mechanism."""
         return self._problem.mechanism
+
+    @property
+    def kind(self) -> StiffnessKind:
+        """Return which stiffness `K` is: isobaric, shut, …"""
+        return self._problem.kind
+
+    @cached_property
+    def isobaric_stiffness(self) -> Array:
+        """Return the isobaric stiffness (…, n, n) [N·m/rad], with the pressures held; `K` unless gas is in that."""
+        return self.K if self.kind.isobaric else self.mechanism.stiffness(self.q, self.P)
 
     @property
     def success(self) -> Any:
@@ -151,6 +162,7 @@ class MechanismAllocation:
             "stiffness_Nm_per_rad": self.K,
             "status": MechanismStatus(self.status).name if not self._shape else _status_names(self.status),
             "limits": self.active,
+            **({} if self.kind.isobaric else {"isobaric_stiffness_Nm_per_rad": self.isobaric_stiffness}),
         }
 
     def __repr__(self) -> str:
@@ -159,7 +171,7 @@ class MechanismAllocation:
             return f"MechanismAllocation {self._shape}, {self.message}"
         lines = [
             f"MechanismAllocation {MechanismStatus(self.status).name}: P = {vector(self.P / BAR)} bar",
-            f"  torques {vector(self.T)} N·m, stiffness {vector(self.K)} N·m/rad",
+            f"  torques {vector(self.T)} N·m, {self.kind.text} {vector(self.K)} N·m/rad",
         ]
         return "\n".join([*lines, f"  {self.message}"] if not self.success else lines)
 

@@ -20,6 +20,10 @@ kinds = ["A", …]               # of the tables below
 model = "Sarosi2012"
 [kinds.A.parameters]
 …
+
+[gas]                          # in the muscles; or without this table
+kappa = 1.3
+atmosphere = 101325.0
 """
 
 from collections.abc import Mapping
@@ -29,7 +33,7 @@ from typing import Any
 
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
-from allocator.joint.storage import muscle_lines
+from allocator.joint.storage import gas_from, gas_lines, muscle_lines
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.routes import Link, Pulleys, Routes, Sites, Tables
 from allocator.muscles import Muscle, storage
@@ -37,7 +41,7 @@ from allocator.muscles import Muscle, storage
 FilePath = str | PathLike[str]
 
 _ROUTES: Mapping[str, type[Routes]] = {"Pulleys": Pulleys, "Sites": Sites, "Tables": Tables}
-_TABLES = ("mechanism", "routes", "muscles", "kinds", "source")
+_TABLES = ("mechanism", "routes", "muscles", "kinds", "gas", "source")
 _ENTRIES = ("pressure_limits", "min_contraction", "joints", "angle_limits")
 
 
@@ -62,6 +66,7 @@ def dumps(mechanism: Mechanism, *, source: Mapping[str, str | float] | None = No
     lines += [_line("kinds", tuple(labels[kinds.index(muscle)] for muscle in m.muscles))]
     for label, muscle in zip(labels, kinds, strict=True):
         lines += ["", *muscle_lines(f"kinds.{label}", muscle)]
+    lines += gas_lines(m.gas)
     if source:
         lines += ["", "[source]", *(_line(name, value) for name, value in source.items())]
     return "\n".join(lines) + "\n"
@@ -91,6 +96,7 @@ def load_mechanism(path: FilePath) -> Mechanism:
             tuple(kinds[kind] for kind in asked),
             muscle_names=tuple(named.get("names", ())),
             joint_names=tuple(given.get("joints", ())),
+            gas=gas_from(path, content),
             **limits,
         )
     except (InvalidInput, TypeError, ValueError, OverflowError) as error:
