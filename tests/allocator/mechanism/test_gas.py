@@ -1,4 +1,4 @@
-"""Trapped gas in a mechanism: a worked example, the one joint, differences of the polytropic law, files and mistakes."""
+"""Trapped gas in a mechanism: a worked example, the one joint, the polytropic law, files and mistakes."""
 
 from dataclasses import replace
 from itertools import pairwise
