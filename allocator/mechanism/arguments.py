@@ -31,7 +31,6 @@ def problem_from(
     kind: StiffnessKind = ISOBARIC,
 ) -> tuple[MechanismProblem, tuple[int, ...]]:
     """Return the checked problem and the common shape of its targets. Raises `InvalidInput`."""
-    mechanism.check_affine()
     n, m = mechanism.n, mechanism.m
     posture, torque = mechanism.posture(q), _torque(mechanism, T)
     now = None if previous is None else mechanism.pressures("previous", previous)

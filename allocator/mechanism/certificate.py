@@ -7,7 +7,9 @@ there. Whoever found the μ, that proves the level; what is left of it, in fract
 
 **Beyond reach.** If d·y(P) < d·y* for all P of the box, no pressures give y*. For affine muscles the greatest d·y(P) is
 d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j): three lines that anybody can check. The first level that is missed gives
-d = -W(residual, with its multipliers).
+d = -W(residual, with its multipliers). For others d·y(P) is a sum of one function of one pressure a muscle, whose
+greatest values polygons around their curves bound (`relaxation.furthest`). Such muscles may miss a target that no d
+separates: then the lower bound of the cost is the proof.
 """
 
 from typing import Any, NamedTuple
@@ -15,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.mechanism import relaxation
 from allocator.mechanism.problem import MechanismProblem
 
 
@@ -39,8 +42,11 @@ def separation(problem: MechanismProblem, mu: Array) -> Separation:
         d[np.ix_(first, rows[:end])] = -np.sqrt(problem.weights[rows[:end]]) * mu[first, k, :end]
         begin, found = end, found | first
     d /= np.abs(d).max(axis=1, where=found[:, None], initial=0.0)[:, None] + ~found[:, None]
-    dM = problem.by_posture(problem.map.M, d)  # (N, m)
-    reach = (d * problem.map.y0).sum(axis=1) + np.maximum(dM * lo, dM * hi).sum(axis=1)
+    if problem.mechanism.affine:
+        dM = problem.by_posture(problem.map.M, d)  # (N, m)
+        reach = (d * problem.map.y0).sum(axis=1) + np.maximum(dM * lo, dM * hi).sum(axis=1)
+    else:
+        reach = relaxation.furthest(problem, d)
     asked = (d * problem.y).sum(axis=1)
     proved = found & (reach < asked)
     return Separation(*(np.where(proved.reshape(-1, *[1] * (a.ndim - 1)), a, np.nan) for a in (d, reach, asked)))

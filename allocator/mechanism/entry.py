@@ -5,12 +5,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Valves
-from allocator.mechanism import batches, qp
+from allocator.mechanism import batches, qp, relaxation
 from allocator.mechanism.arguments import problem_from
 from allocator.mechanism.mechanism import Mechanism
-from allocator.mechanism.problem import Priority
+from allocator.mechanism.problem import MechanismProblem, Priority
+from allocator.mechanism.relaxation import Nearby
 from allocator.mechanism.result import MechanismAllocation
 from allocator.mechanism.status import MechanismStatus, decide
 
@@ -33,6 +35,7 @@ def allocate_mechanism(
     trajectory: bool = False,
     method: Method = "exact",
     solver: str | None = None,
+    gap: float = 1e-3,
     valves: Valves = "open",
     frequency: float | None = None,
     lag: ArrayLike | None = None,
@@ -44,7 +47,7 @@ def allocate_mechanism(
     Parameters
     ----------
     mechanism
-        A mechanism with n joints and m muscles, all affine in the pressure.
+        A mechanism with n joints and m muscles.
     q
         Posture (…, n) [rad]; beyond the angle limits it is answered at the nearest posture within, and says so.
     K
@@ -68,7 +71,11 @@ def allocate_mechanism(
         The answers are the same.
     method, solver
         "exact": block principal pivoting. "qp": one QP a level through qpsolvers, slow and readable, by DAQP or another
-        `solver`.
+        `solver`; for muscles affine in the pressure.
+    gap
+        For muscles that are not affine: the search ends when each level's cost, its weighted squared error, is proved
+        to be above the least by no more than gap·(1 + cost), see `MechanismAllocation.gap`. Of equally good pressures
+        those given are nearest in their neighbourhood.
     valves, frequency, lag
         Which stiffness `K` is, as in `Mechanism.stiffness`: "open" isobaric; "shut", or a truth value for each muscle,
         with gas trapped; or what motions at the frequency [Hz] meet, with regulators of this lag [s], a number or (m,).
@@ -77,8 +84,9 @@ def allocate_mechanism(
     ------
     InvalidInput
         For an argument that makes no sense: shapes that do not fit n and m, a K that is not symmetric or not positive
-        definite, NaN, degrees for radians, bar for Pa, contradictory limits, muscles that are not affine, valves, a
-        frequency or a lag that cannot be, and for gas in a muscle whose volume is not known (`Muscle.rest_volume`).
+        definite, NaN, degrees for radians, bar for Pa, contradictory limits, valves, a frequency or a lag that cannot
+        be; for gas in a muscle whose volume is not known (`Muscle.rest_volume`), and for muscles whose force does not
+        rise with the pressure all over their limits.
     MissingBackend
         For an unknown method or solver.
     """
@@ -103,13 +111,15 @@ def allocate_mechanism(
         max_step=max_step,
         kind=mechanism.kind(valves, frequency, lag),
     )
-    solved = qp.solve(problem, solver) if method == "qp" else batches.solve(problem, trajectory)
+    if not 0 < checks.number("gap", gap, "of 1 + cost") < 1:
+        raise InvalidInput(f"gap = {gap:g} has to lie between 0 and 1, a share of 1 + cost")
+    solved, residual, costs, bounds = _solved(problem, method, solver, trajectory, gap)
     P = np.clip(solved.x * problem.unit, *problem.bounds)
-    residual, y = batches.residuals(problem, solved), problem.given(P)
+    y, left = problem.given(P), ((costs - bounds) / (1 + costs)).max(axis=1)
     n, (rows, columns) = mechanism.n, mechanism.upper_triangle
     stiffness = np.empty((problem.size, n, n))
     stiffness[:, rows, columns] = stiffness[:, columns, rows] = y[:, n:]
-    found = decide(problem, y, stiffness, residual)
+    found = decide(problem, y, stiffness, np.where(left <= gap, residual, np.inf))
 
     def form(array: Any) -> Any:
         array.flags.writeable = False
@@ -126,11 +136,24 @@ def allocate_mechanism(
         holds=form(found.holds),
         kkt_residual=form(residual),
         rounds=form(solved.rounds),
+        gap=form(left),
+        lower_bounds=bounds.reshape(*shape, -1),
         method=method,
         _problem=problem,
         _mu=solved.mu,
         _shape=shape,
     )
+
+
+def _solved(problem: MechanismProblem, method: Method, solver: str | None, trajectory: bool, gap: float) -> Nearby:
+    """Return what the method finds, with the residuals of optimality and the lower bounds of the levels' costs."""
+    if not problem.mechanism.affine:
+        if method != "exact":
+            problem.mechanism.check_affine(f"method={method!r}")
+        return relaxation.solve(problem, gap)
+    solved = qp.solve(problem, solver) if method == "qp" else batches.solve(problem, trajectory)
+    costs = problem.costs(solved.x)
+    return Nearby(solved, batches.residuals(problem, solved), costs, costs)
 
 
 __all__ = ["METHODS", "Method", "allocate_mechanism"]

@@ -220,7 +220,7 @@ class Mechanism:
 
         Raises `InvalidInput` for muscles that are not affine in the pressure.
         """
-        self.check_affine()
+        self.check_affine("targets_map")
         return self.map_of(self.at(self.posture(q)))
 
     def map_of(self, muscles: tuple[OneMuscle, ...]) -> TargetsMap:
@@ -290,13 +290,13 @@ class Mechanism:
             raise InvalidInput(f"{name} = {checks.brief(force)} has to be one force, or m = {self.m}, not negative [N]")
         return np.broadcast_to(array, (self.m,)).tolist()  # type: ignore[no-any-return]  # floats
 
-    def check_affine(self) -> None:
-        """Insist on muscles affine in the pressure. Raises `InvalidInput`, which names those that are not."""
+    def check_affine(self, what: str) -> None:
+        """Insist on muscles affine in pressure, for `what`. Raises `InvalidInput`, which names those that are not."""
         if self.not_affine:
             raise InvalidInput(
                 f"{', '.join(self.not_affine)}: not affine in the pressure ("
-                f"{', '.join(sorted({type(m).__name__ for m in self.muscles}))}); pressures of a mechanism are found "
-                "for affine muscles only, such as Sarosi2012 or Hildebrandt2005: fit one of these"
+                f"{', '.join(sorted({type(m).__name__ for m in self.muscles}))}); {what} is for affine muscles only, "
+                "such as Sarosi2012 or Hildebrandt2005"
             )
 
     def sized(self, name: str, array: Array, size: int, what: str) -> Array:

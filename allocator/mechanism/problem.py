@@ -138,13 +138,27 @@ class MechanismProblem:
 
     def given(self, P: Array) -> Array:
         """Return y (N, d) at pressures (N, m) [Pa]."""
+        if not self.mechanism.affine:
+            return np.asarray(sum(self._added(P)))
         return self.map.y0 + self.by_posture(self.map.M.swapaxes(1, 2), P)
 
     @cached_property
     def y_scale(self) -> Array:
         """Return what counts as large (N, d): what the muscles add at their upper bounds, in absolute value."""
+        if not self.mechanism.affine:
+            return np.asarray(sum(map(np.abs, self._added(self.bounds[1])))) + np.abs(self.y)
         most = self.by_posture(np.abs(self.map.M).swapaxes(1, 2), np.abs(self.bounds[1]))
         return np.asarray(most + np.abs(self.map.y0) + np.abs(self.y))
+
+    def costs(self, x: Array) -> Array:
+        """Return the weighted squared errors of each level (N, K) at P/unit (N, m), for affine muscles."""
+        left = (self.A @ x[:, :, None])[:, :, 0] - self.b
+        return np.add.reduceat(left**2, [0, *self.rows[1][:-1].tolist()], axis=1)
+
+    def _added(self, P: Array) -> list[Array]:
+        """Return what each muscle adds to y (N, d) at pressures (N, m) [Pa]."""
+        sides = enumerate(self.muscles)
+        return [self.mechanism.stacked(side.torque(P[:, j]), side.stiffness(P[:, j])) for j, side in sides]
 
 
 __all__ = ["PRIORITIES", "MechanismProblem", "Priority"]

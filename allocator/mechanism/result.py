@@ -41,7 +41,9 @@ class MechanismAllocation:
     stiffness_met: Any  # (…) whether the stiffness is; entries that were not asked for do not count
     holds: Any  # (…) whether K is positive definite: the posture holds itself
     kkt_residual: Any  # (…) of optimality, in fractions of its scale; 0 is optimal
-    rounds: Any  # (…) guesses of the pivoting
+    rounds: Any  # (…) guesses of the pivoting; of muscles that are not affine nodes of the search
+    gap: Any  # (…) how far a level's cost may be above the least, of 1 + cost; 0 is proved to be the least
+    lower_bounds: Array  # (…, levels) [cost]: no pressures have less, with what the levels before achieve
     method: str
     _problem: MechanismProblem = field(repr=False)
     _mu: Array = field(repr=False)
@@ -87,6 +89,14 @@ class MechanismAllocation:
         whole[:, rows, columns] = whole[:, columns, rows] = asked
         return whole.reshape(*self._shape, n, n) - self.K
 
+    @property
+    def costs(self) -> Array:
+        """Return the weighted squared errors of the levels (…, levels) [cost], in the order of the priority."""
+        rows, ends = self._problem.rows
+        y = self._problem.given(self.P.reshape(-1, self.mechanism.m))[:, rows]
+        squares = self._problem.weights[rows] * (y - self._problem.y[:, rows]) ** 2
+        return np.add.reduceat(squares, [0, *ends[:-1].tolist()], axis=1).reshape(*self._shape, -1)
+
     @cached_property
     def forces(self) -> Array:
         """Return the muscles' forces (…, m) [N]; negative where one would be slack."""
@@ -104,7 +114,9 @@ class MechanismAllocation:
     def separation(self) -> Separation:
         """Return, for targets beyond reach, a direction d that proves it: reach = max d·y(P) < asked = d·y*.
 
-        Check it with `y0, M = mechanism.targets_map(q)` and the box: d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j).
+        Check it with `y0, M = mechanism.targets_map(q)` and the box: d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j). For
+        muscles that are not affine, d·y(P) is a sum of functions of one pressure each. Where no d separates what they
+        miss it is NaN, and `lower_bounds` is the proof.
         """
         d, reach, asked = certificate.separation(self._problem, self._mu)
         if not self._shape:

@@ -1,0 +1,187 @@
+"""What a muscle can do at a posture is a curve (F(P), k(P)) in the plane; polygons enclose its parts here.
+
+Torque and stiffness of a mechanism are linear in force and own stiffness, y = Σ_j (r_j F_j ; k_j r_j r_jᵀ + F_j H_j),
+so that the curve is all that is not linear. Along a part of it the slope σ = dk/dF = k'/F' keeps between a least and a
+greatest value: with the lines of these slopes through both ends they enclose the part in a parallelogram A, low, B,
+high. Where σ only rises the curve is convex, hence below its chord, and the triangle A, low, B is left; where it only
+falls A, high, B. σ turns at the zeros of k'' F' - k' F'', which are those of a polynomial: F' and k' are Chebyshev
+series up to rounding, one between two kinks of the law.
+
+That asks of a law that F rises with P all over the pressures that are allowed, and that it is smooth between the kinks
+that it declares; nothing else.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.joint.one_muscle import OneMuscle
+from allocator.units import BAR
+
+_SIZES = (9, 17, 33, 65, 129)  # of a series whose degree is to be found
+_TAIL = 1e-13  # of the greatest coefficient: smaller ones are rounding
+_STRAIGHT = 1e-10  # of its terms: a smaller k'' F' - k' F'' is rounding
+_REAL = 1e-6  # imaginary parts of roots below it, of half the width, are rounding
+_BESIDE = 1e-10  # of the width: how far beside a kink its two sides are looked at
+_TANGENTS = 4  # parts of an arc, of whose ends the tangents are taken
+_WIDER = 1e-9  # of the slopes, by which what encloses is wider than they say
+_JUMPS = 1e-7  # of k: a smaller step is no jump
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A `Curve` is what one muscle can do at one posture with the pressures between lo and hi [Pa]."""
+
+    side: OneMuscle  # its contraction is a number
+    lo: float
+    hi: float
+    breaks: Array  # pressures where the slope turns or the law has a kink, between lo and hi
+    jumps: Array  # those where the own stiffness jumps: trapped gas of a law with kinks
+
+    @classmethod
+    def of(cls, side: OneMuscle, lo: float, hi: float) -> "Curve":
+        """Return the curve of a muscle. Raises `InvalidInput`, naming what the law lacks."""
+        if hi - lo <= 0:
+            return cls(side, lo, hi, np.empty(0), np.empty(0))
+        kinks = [kink for kink in side.muscle.basis.kinks if lo < kink < hi]
+        beside = _BESIDE * (hi - lo)
+        breaks: list[float] = []
+        for a, b in pairwise([lo, *kinks, hi]):
+            breaks += _turns(side, a, b)
+        steps = [abs(float(side.own_stiffness(kink + beside) - side.own_stiffness(kink - beside))) for kink in kinks]
+        scale = abs(float(side.own_stiffness(lo))) + abs(float(side.own_stiffness(hi)))
+        jumps = [kink for kink, step in zip(kinks, steps, strict=True) if step > _JUMPS * scale]
+        return cls(side, lo, hi, np.unique([*breaks, *kinks]), np.array(jumps))
+
+    @property
+    def straight(self) -> bool:
+        """Return whether it is a segment of a line, as of muscles that are affine in the pressure."""
+        return self.side.affine
+
+    def at(self, P: Array) -> Array:
+        """Return (F [N], k [N/m]) (…, 2) at pressures (…)."""
+        return np.stack([np.broadcast_to(f(P), np.shape(P)) for f in (self.side.force, self.side.own_stiffness)], -1)
+
+    def slope(self, P: Array) -> Array:
+        """Return σ = dk/dF (…) [1/m] at pressures (…)."""
+        return np.asarray(self.side.own_stiffness_gain(P) / self.side.force_gain(P))
+
+    def enclosure(self, a: float, b: float) -> Array:
+        """Return the corners (v, 2) of a polygon around the part between two pressures [Pa]; both ends come first."""
+        if b <= a:
+            return self.at(np.array([a]))
+        if self.straight:
+            return self.at(np.array([a, b]))
+        beside = _BESIDE * (self.hi - self.lo)
+        inside = self.breaks[(self.breaks > a + beside) & (self.breaks < b - beside)]
+        P = np.concatenate([[a + beside], inside - beside, inside + beside, [b - beside]])
+        if self.jumps.size and np.isin(inside, self.jumps).any():
+            return self._around_jumps(a, b, inside)
+        inner = a + beside if a in self.jumps else a, b - beside if b in self.jumps else b
+        if inside.size:
+            return _corners(self.at(np.array(inner)), self.slope(P), one_way=False)
+        return self._one_way(*inner, beside)
+
+    def _one_way(self, a: float, b: float, beside: float) -> Array:
+        """Return the polygon of the end tangents and some between, around a part along which the slope only rises or
+        only falls.
+        """
+        P = np.linspace(a, b, _TANGENTS + 1)
+        ends, slopes = self.at(P), self.slope(np.concatenate([[a + beside], P[1:-1], [b - beside]]))
+        corners = [_corners(ends[i : i + 2], slopes[i : i + 2], one_way=True)[2:] for i in range(_TANGENTS)]
+        return np.concatenate([ends[[0, -1]], *corners])
+
+    def _around_jumps(self, a: float, b: float, inside: Array) -> Array:
+        """Return the rectangle around the parts on both sides of each jump."""
+        ends = [a, *inside[np.isin(inside, self.jumps)], b]
+        every = np.concatenate([self.enclosure(*part) for part in pairwise(ends)])
+        (F0, k0), (F1, k1) = every.min(axis=0), every.max(axis=0)
+        return np.array([(F0, k0), (F1, k1), (F0, k1), (F1, k0)])
+
+    def parts(self, count: int) -> Iterator[Array]:
+        """Yield polygons around `count` or more parts that make up the curve."""
+        for a, b in pairwise(np.unique([*np.linspace(self.lo, self.hi, count + 1), *self.breaks])):
+            yield self.enclosure(float(a), float(b))
+        if self.hi <= self.lo:
+            yield self.enclosure(self.lo, self.hi)
+
+
+def _corners(ends: Array, slopes: Array, one_way: bool) -> Array:
+    """Return the polygon around an arc between two ends (2, 2), of which `slopes` are the least and greatest slopes.
+
+    `one_way`: they only rise or only fall from the first to the last.
+    """
+    wider = _WIDER * np.abs(slopes).max()
+    A, B = ends
+    least, greatest = slopes.min() - wider, slopes.max() + wider
+    width, rise = B - A
+    chord = np.clip(rise / width, least, greatest) if width > 0 else least
+    if greatest - least <= 4 * wider:
+        return np.array([A, B])
+    x = width * (greatest - chord) / (greatest - least)
+    low, high = A + np.array([x, least * x]), A + (width - x) * np.array([1.0, greatest])
+    if one_way:
+        return np.array([A, B, low if slopes[-1] > slopes[0] else high])
+    return np.array([A, B, low, high])
+
+
+def _turns(side: OneMuscle, a: float, b: float) -> list[float]:
+    """Return the pressures between two kinks at which the slope dk/dF turns. Raises `InvalidInput`."""
+    if side.affine:
+        _check_rises(side, a, b, np.array([float(side.force_gain(a))]))
+        return []
+    gain, own = _series(side, a, b)
+    _check_rises(side, a, b, gain)
+    terms = chebyshev.chebmul(chebyshev.chebder(own), gain), chebyshev.chebmul(own, chebyshev.chebder(gain))
+    bent = chebyshev.chebsub(*terms)
+    scale = sum(np.abs(term).max() for term in terms)
+    bent[np.abs(bent) <= _STRAIGHT * scale] = 0.0
+    bent = np.trim_zeros(bent, "b")
+    return [] if bent.size < 2 else ((a + b) / 2 + (b - a) / 2 * _roots(bent)).tolist()
+
+
+def _roots(series: Any) -> Array:
+    """Return the real roots between -1 and 1."""
+    found = chebyshev.chebroots(series)
+    real = found.real[np.abs(found.imag) <= _REAL]
+    return np.asarray(real[np.abs(real) < 1.0])
+
+
+def _check_rises(side: OneMuscle, a: float, b: float, gain: Array) -> None:
+    """Insist on a force that rises with the pressure."""
+    x = np.linspace(-1.0, 1.0, 33) if gain.size == 1 else np.concatenate([np.linspace(-1.0, 1.0, 33), _roots(gain)])
+    if chebyshev.chebval(x, gain).min() <= 0 or (gain.size > 1 and _roots(gain).size):
+        raise not_rising(side, a, b)
+
+
+def not_rising(side: OneMuscle, a: float, b: float) -> InvalidInput:
+    """Return what to raise for a force that does not rise between two pressures [Pa]."""
+    return InvalidInput(
+        f"the force of {side.name} ({type(side.muscle).__name__}) does not rise with the pressure all over the "
+        f"{a / BAR:.4g} to {b / BAR:.4g} bar that its limits leave here: without that its pressures have no proof; "
+        "keep the muscles taut (min_force), or lower the supply"
+    )
+
+
+def _series(side: OneMuscle, a: float, b: float) -> tuple[Array, Array]:
+    """Return the Chebyshev series of F' and k' between two kinks, of as many terms as leave nothing but rounding."""
+    for size in _SIZES:
+        x = chebyshev.chebpts1(size)
+        P = (a + b) / 2 + (b - a) / 2 * x
+        values = [np.broadcast_to(f(P), x.shape) for f in (side.force_gain, side.own_stiffness_gain)]
+        found = [np.linalg.solve(chebyshev.chebvander(x, size - 1), value) for value in values]
+        if all(np.abs(c[-2:]).max() <= _TAIL * size * np.abs(c).max() for c in found):
+            return found[0], found[1]
+    raise InvalidInput(
+        f"{type(side.muscle).__name__} of {side.name} is not smooth in the pressure between {a / BAR:.4g} and "
+        f"{b / BAR:.4g} bar; a law with kinks has to declare them, see Basis"
+    )
+
+
+__all__ = ["Curve", "not_rising"]

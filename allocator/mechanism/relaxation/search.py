@@ -1,0 +1,82 @@
+"""Level after level of problem [M] is solved here for muscles that are not affine, and bounded from below."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.calculus import Array
+from allocator.mechanism.batches import Solved
+from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.relaxation.descent import Found, certified, descend
+from allocator.mechanism.relaxation.model import Model
+from allocator.mechanism.relaxation.tree import close
+
+_PARTS = 16  # of a curve, which are enclosed one by one
+
+
+class Nearby(NamedTuple):
+    """`Nearby` is what is found for N problems of K levels."""
+
+    solved: Solved  # its rounds are nodes of the search
+    residual: Array  # of optimality nearby (N,)
+    costs: Array  # the squared errors of each level (N, K) [cost]
+    bounds: Array  # below which no pressures get them, what earlier levels achieve being kept (N, K) [cost]
+
+
+def solve(problem: MechanismProblem, gap: float) -> Nearby:
+    """Return pressures whose costs are above the least by `gap`·(1 + cost) at most, unless the search grows too long.
+
+    Raises `InvalidInput` for a force that does not rise with the pressure, or a law that is not smooth.
+    """
+    model = Model(problem)
+    model.check()
+    lo, hi = model.bounds
+    found, N = descend(model, np.arange(problem.size), (lo + hi) / 2), problem.size
+    costs, bounds, nodes = found.costs[:, :-1].copy(), np.zeros((N, found.costs.shape[1] - 1)), np.ones(N, np.int64)
+    for i in range(N):
+        best = found.of(i)
+        if _missed(model, i, best).any():
+            best, bounds[i], nodes[i] = _closed(model, i, best, gap)
+        found.P[i], costs[i] = best.P[0], best.costs[0, :-1]
+    solved, residual = certified(model, found.P)
+    return Nearby(solved._replace(rounds=nodes), residual, costs, np.minimum(bounds, costs))
+
+
+def _closed(model: Model, target: int, best: Found, gap: float) -> tuple[Found, Array, int]:
+    """Return the best pressures of a target, the lower bounds of its levels (K,), and the number of nodes."""
+    bounds, nodes = np.zeros(best.costs.shape[1] - 1), 0
+    for k in range(bounds.size):
+        if not _missed(model, target, best)[k]:
+            continue
+        better, bounds[k], more = close(model, target, k, best, gap)
+        nodes += more
+        if better is not best:
+            best = descend(model, np.array([target]), better.P)
+    return best, bounds, nodes
+
+
+def _missed(model: Model, target: int, best: Found) -> NDArray[np.bool_]:
+    """Return which levels (K,) of a target have an error that is no rounding."""
+    ends = [0, *model.problem.rows[1].tolist()]
+    error = np.array([np.abs(best.left[0, a:b]).max(initial=0.0) for a, b in pairwise(ends)])
+    return np.asarray(error > CLOSED_FORM.met * model.scale[target])
+
+
+def furthest(problem: MechanismProblem, d: Array) -> Array:
+    """Return a bound (N,) that d·y(P) is not above anywhere in the box, for directions d (N, d)."""
+    model = Model(problem)
+    every = np.arange(problem.size)
+    g = (d[:, None, :] @ (model.C if len(model.C) == 1 else model.C[model.posture(every)]))[:, 0]
+    found = np.zeros(problem.size)
+    for i, curves in enumerate(model.curves):
+        here = np.flatnonzero(problem.which == i)
+        for j, curve in enumerate(curves):
+            corners = np.concatenate(list(curve.parts(_PARTS)))
+            found[here] += (g[here, 2 * j : 2 * j + 2] @ corners.T).max(axis=1)
+    return found
+
+
+__all__ = ["Nearby", "furthest", "solve"]
