@@ -119,7 +119,8 @@ def allocate_mechanism(
     n, (rows, columns) = mechanism.n, mechanism.upper_triangle
     stiffness = np.empty((problem.size, n, n))
     stiffness[:, rows, columns] = stiffness[:, columns, rows] = y[:, n:]
-    found = decide(problem, y, stiffness, np.where(left <= gap, residual, np.inf))
+    proof = residual if mechanism.affine else np.where(left <= gap, 0.0, np.inf)
+    found = decide(problem, y, stiffness, proof)
 
     def form(array: Any) -> Any:
         array.flags.writeable = False

@@ -40,7 +40,7 @@ class MechanismAllocation:
     torque_met: Any  # (…) whether the torques asked for are given
     stiffness_met: Any  # (…) whether the stiffness is; entries that were not asked for do not count
     holds: Any  # (…) whether K is positive definite: the posture holds itself
-    kkt_residual: Any  # (…) of optimality, in fractions of its scale; 0 is optimal
+    kkt_residual: Any  # (…) of optimality, in fractions of its scale; 0 is optimal. Not affine: optimal nearby
     rounds: Any  # (…) guesses of the pivoting; of muscles that are not affine nodes of the search
     gap: Any  # (…) how far a level's cost may be above the least, of 1 + cost; 0 is proved to be the least
     lower_bounds: Array  # (…, levels) [cost]: no pressures have less, with what the levels before achieve

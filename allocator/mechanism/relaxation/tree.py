@@ -19,7 +19,7 @@ from allocator.mechanism.relaxation.descent import Found, descend
 from allocator.mechanism.relaxation.model import Model
 
 MOST_NODES = 2_000  # of a level of a target
-_STEPS = 25  # of a descent from a node
+_STEPS = 15  # of a descent from a node
 _INSIDE = 0.1  # of an interval: it is not split nearer to its ends
 _SAMPLES = 65  # pressures between which a force is looked up
 

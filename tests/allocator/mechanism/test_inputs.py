@@ -43,7 +43,10 @@ PATH = [(-1, (0.1, 0.1)), (0, (0.2, 0.1))]
         ({"weights": (-1.0, 1.0)}, "must not be negative"),
         ({"solver": "daqp"}, "solver = 'daqp' belongs to the method 'qp'"),
         ({"mechanism": "arm26"}, "mechanism is a str; expected a Mechanism"),
-        ({"mechanism": ARM.with_muscles(TONDU_DMSP_20_400N)}, "shoulder flexor, .*not affine.*Tondu2021.*Sarosi2012"),
+        (
+            {"mechanism": ARM.with_muscles(TONDU_DMSP_20_400N), "method": "qp"},
+            "shoulder flexor, .*not affine.*Tondu2021.*Sarosi2012",
+        ),
     ],
 )
 def test_wrong_arguments_of_the_allocation(changed, sentence):
