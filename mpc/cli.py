@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 _NOMINAL, _REAL = "nominal", "real"  # plants
 _REAL_LAG = 0.12  # [s] of a real plant, unless something else is said
-_SUFFIXES = (*IMAGES, ".csv", ".npz")
+_SUFFIXES = (*IMAGES, ".csv", ".npz", ".gif", ".mp4")
 _OWN_NAMES = ("tracking.png", "tracking.csv")
 _WORTH_SAYING = 5.0  # [% of the steps] at the slew limit: fewer belong to any good controller
 
@@ -64,7 +64,9 @@ def track(
     ] = None,
     out: Annotated[
         list[Path] | None,
-        typer.Option(help="a .csv, .npz or .png to write, or a directory for tracking.png and .csv; may be repeated"),
+        typer.Option(
+            help="a .csv, .npz, .png, .gif or .mp4 to write, or a directory for tracking.png and .csv; may be repeated"
+        ),
     ] = None,
     stiffness: Annotated[
         float | None,
@@ -89,6 +91,7 @@ def track(
     ] = None,
     payload: Annotated[float, typer.Option(help="load that nobody tells of, from half-way on [N·m]")] = 0.0,
     seed: Annotated[int, typer.Option(help="of the sensors' noise")] = 0,
+    show: Annotated[bool, typer.Option("--show", help="open the picture when it is written")] = False,
     force: Force = False,
 ) -> None:
     """Let a controller follow a trajectory of angle and stiffness, and say how well it did."""
@@ -116,8 +119,9 @@ def track(
         driver, estimator = loop(controller, settings, observer)
     done = simulate(tested, driver, reference, observer=estimator, seed=seed, progress=True)
 
+    title = f"{controller} on the {plant} plant, {_muscles(nominal)}"
     for path in files:
-        _write(done, path, console)
+        _write(done, path, title, console)
     figures = metrics(done)
     say(console, f"plant: {nominal.summary}")
     if known.summary:
@@ -134,6 +138,10 @@ def track(
         share = f"in {figures.at_slew_limit:.3g} % of the steps a command changed as fast as --slew allows"
         say(console, f"{share} ({nominal.slew / BAR:g} bar/s): the reference may ask for more")
     say(console, f"written: {', '.join(map(str, files))}")
+    if show:
+        for path in files:
+            if path.suffix not in (".csv", ".npz"):
+                typer.launch(str(path))
 
 
 def _reference(name: str | None, K: float | None, plant: "Plant") -> "Reference":
@@ -166,7 +174,16 @@ def _files(out: list[Path]) -> list[Path]:
     return files
 
 
-def _write(run: "Run", path: Path, console: "Console") -> None:
+def _muscles(plant: "Plant") -> str:
+    """Return the laws of both muscles, in a word if it is one."""
+    names = [type(muscle).__name__ for muscle in (plant.joint.agonist, plant.joint.antagonist)]
+    return f"two {names[0]}" if names[0] == names[1] else " and ".join(names)
+
+
+def _write(run: "Run", path: Path, title: str, console: "Console") -> None:
+    from rich.progress import track as tracked
+
+    from mpc.trials.animation import ENDINGS, save_animation
     from mpc.trials.files import save_run
     from mpc.trials.plotting import save_tracking_figure
     from mpc.trials.recordings import save_recording
@@ -175,9 +192,11 @@ def _write(run: "Run", path: Path, console: "Console") -> None:
         save_run(run, path)
     elif path.suffix == ".npz":
         save_recording(run, path)
+    elif path.suffix in ENDINGS:
+        save_animation(run, path, title, progress=lambda frames: tracked(frames, "drawing", console=console))
     else:
         say(console, f"drawing {path} (the first picture after an installation takes some seconds)")
-        save_tracking_figure(run, path)
+        save_tracking_figure(run, path, title)
 
 
 def _tested(

@@ -6,33 +6,43 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.presentation.plotting import save_figure
+from allocator.presentation.plotting import new_figure, save_figure
 from allocator.units import BAR, DEG
+from mpc.trials.metrics import metrics
 from mpc.trials.simulation import Run
 
 # Okabe & Ito's colours, told apart by colour-blind eyes
 _BLUE, _ORANGE, _BLACK, _GREY = "#0072B2", "#D55E00", "#000000", "#8c8c8c"
 
 
-def tracking_figure(run: Run) -> Any:
-    """Draw a matplotlib figure of `run`, without pyplot, so that nothing global changes."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 8.5), layout="constrained")
-    angle, angle_error, stiffness, pressure = figure.subplots(4, 1, sharex=True, height_ratios=[3, 1.3, 2.2, 3])
+def tracking_figure(run: Run, title: str = "") -> Any:
+    """Draw a matplotlib figure of `run`, without pyplot, so that nothing global changes; `title` names what it is."""
+    figure = new_figure(9, 9.2)
+    angle, angle_error, stiffness, *pressures = figure.subplots(
+        5, 1, sharex=True, height_ratios=[3, 1.3, 2.2, 2.2, 2.2]
+    )
     _angle(angle, angle_error, run)
     _stiffness(stiffness, run)
-    _pressures(pressure, run)
-    pressure.set_xlabel("time [s]")
+    for muscle, axes in enumerate(pressures):
+        _pressure(axes, run, muscle)
+    pressures[-1].set_xlabel("time [s]")
     for axes in figure.axes:
         axes.grid(alpha=0.25)
         axes.margins(x=0.01)
+    figure.align_ylabels()
+    figure.suptitle("\n".join(filter(None, (title, errors(run)))), fontsize="medium")
     return figure
 
 
-def save_tracking_figure(run: Run, path: str | Path) -> None:
+def errors(run: Run) -> str:
+    """Say the errors of angle and stiffness in a line."""
+    m = metrics(run)
+    return f"RMS: angle {m.theta_rms:.3g}°, {run.plant.kind.text} {m.K_rms:.3g} %"
+
+
+def save_tracking_figure(run: Run, path: str | Path, title: str = "") -> None:
     """Write the figure as an image, whole or not at all."""
-    save_figure(tracking_figure(run), path)
+    save_figure(tracking_figure(run, title), path)
 
 
 def _angle(axes: Any, errors: Any, run: Run) -> None:
@@ -57,14 +67,19 @@ def _stiffness(axes: Any, run: Run) -> None:
     _legend(axes)
 
 
-def _pressures(axes: Any, run: Run) -> None:
-    for i, (name, color) in enumerate((("P1", _BLUE), ("P2", _ORANGE))):
-        axes.plot(run.t, run.P[:, i] / BAR, color=color, label=name)
-        axes.step(run.t[:-1], run.u[:, i] / BAR, color=color, lw=0.7, alpha=0.6, where="post", label=f"{name} command")
-        axes.plot(run.t, _taut_limit(run)[i] / BAR, color=color, ls=":", lw=1.2, label=f"{name} slack below")
-    for limit in run.plant.joint.pressure_limits:
-        axes.axhline(limit / BAR, color=_GREY, ls="-.", lw=1, label="supply limits")
-    axes.set_ylabel("gauge pressure [bar]")
+def _pressure(axes: Any, run: Run, muscle: int) -> None:
+    """Draw pressure and command of a muscle (0, 1); what is shaded is forbidden: beyond the supply, or slack."""
+    color, name = ((_BLUE, "P1"), (_ORANGE, "P2"))[muscle]
+    low, high = (limit / BAR for limit in run.plant.joint.pressure_limits)
+    taut = _taut_limit(run)[muscle] / BAR
+    axes.plot(run.t, run.P[:, muscle] / BAR, color=color, label=f"pressure {name}")
+    axes.step(run.t[:-1], run.u[:, muscle] / BAR, color=_BLACK, lw=0.7, alpha=0.6, where="post", label="command")
+    floor, ceiling = low - 0.05 * (high - low), high + 0.08 * (high - low)
+    forbidden = {"color": _GREY, "alpha": 0.25, "lw": 0}
+    axes.fill_between(run.t, floor, np.maximum(taut, low), label="slack, or beyond the supply", **forbidden)
+    axes.axhspan(high, ceiling, **forbidden)
+    axes.set_ylim(floor, ceiling)
+    axes.set_ylabel(f"{('agonist', 'antagonist')[muscle]}\n[bar]")
     _legend(axes)
 
 
@@ -89,4 +104,4 @@ def _legend(axes: Any) -> None:
     )
 
 
-__all__ = ["save_tracking_figure", "tracking_figure"]
+__all__ = ["errors", "save_tracking_figure", "tracking_figure"]

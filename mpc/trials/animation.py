@@ -1,0 +1,121 @@
+"""A run is animated: the joint with its muscles beside angle, stiffness and pressures, in real time."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import MissingBackend
+from allocator.files.atomic import replacing
+from allocator.presentation.plotting import new_figure
+from allocator.units import BAR, DEG
+from mpc.trials.simulation import Run
+
+ENDINGS = (".gif", ".mp4")
+_PER_SECOND = 12  # frames
+_BLUE, _ORANGE, _BLACK, _GREY = "#0072B2", "#D55E00", "#000000", "#8c8c8c"
+_APART = 0.16  # of the muscles from the middle, in rest lengths: arms are too short to be drawn to scale
+_THICK = 0.035  # half the width of a muscle at rest, in rest lengths
+_BULGE = 0.22  # of which it grows per contraction
+
+
+class _Muscle(NamedTuple):
+    """A muscle is drawn as its outline and its cable."""
+
+    outline: Any
+    cable: Any
+
+
+def save_animation(run: Run, path: str | Path, title: str = "", *, progress: Any = lambda frames: frames) -> None:
+    """Write the run as GIF or MP4, whole or not at all.
+
+    `progress` is what to wrap the iteration over the frames in. Raises `MissingBackend` for MP4 without ffmpeg.
+    """
+    from matplotlib import animation
+
+    path = Path(path)
+    if path.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
+        raise MissingBackend("writer of .mp4, ffmpeg,", "which is not installed", [".gif"])
+    writer_of = animation.FFMpegWriter if path.suffix == ".mp4" else animation.PillowWriter
+    film = _Film(run, title)
+    with replacing(path) as draft:
+        writer = writer_of(fps=_PER_SECOND)
+        with writer.saving(film.figure, str(draft), dpi=80):
+            for k in progress(film.samples):
+                film.show(k)
+                writer.grab_frame()
+
+
+class _Film:
+    """A film is a figure that can show any sample of the run."""
+
+    def __init__(self, run: Run, title: str) -> None:
+        self.run = run
+        self.samples = range(0, run.t.size, max(1, round(1 / (_PER_SECOND * run.dt))))
+        self.figure = new_figure(8, 4.2)
+        self.figure.suptitle(title, fontsize="medium")
+        left, right = self.figure.subfigures(1, 2, width_ratios=[1, 1.7])
+        self._joint = left.subplots()
+        self._traces = right.subplots(3, 1, sharex=True)
+        self._draw_traces()
+        self._draw_joint()
+        self.figure.draw_without_rendering()
+        self.figure.set_layout_engine("none")  # laid out once, not for every frame
+
+    def show(self, k: int) -> None:
+        """Show the sample k."""
+        theta = float(self.run.x[k, 0])
+        for i, muscle in enumerate(self._muscles):
+            outline, cable = _shape(i, float(self.run.plant.joint.sides(theta)[i].contraction))
+            muscle.outline.set_xy(outline)
+            share = float(self.run.P[k, i]) / self.run.plant.joint.pressure_limits[1]
+            muscle.outline.set_alpha(0.25 + 0.75 * float(np.clip(share, 0, 1)))
+            muscle.cable.set_data(*cable)
+        self._link.set_data([0, -np.sin(theta) * 0.42], [-0.75, -0.75 - np.cos(theta) * 0.42])
+        for line in self._now:
+            line.set_xdata([self.run.t[k]] * 2)
+
+    def _draw_joint(self) -> None:
+        axes = self._joint
+        axes.set_aspect("equal")
+        axes.set(xlim=(-0.5, 0.5), ylim=(-1.25, 0.32))
+        axes.axis("off")
+        axes.plot([-0.3, 0.3], [0.25, 0.25], color=_GREY, lw=4)
+        turn = np.linspace(0, 2 * np.pi, 60)
+        axes.plot(_APART * np.cos(turn), -0.75 + _APART * np.sin(turn), color=_BLACK, lw=1.2)
+        self._muscles = [
+            _Muscle(axes.fill([0], [0], color=color, lw=1)[0], axes.plot([], [], color=_BLACK, lw=1.2)[0])
+            for color in (_BLUE, _ORANGE)
+        ]
+        (self._link,) = axes.plot([], [], color=_BLACK, lw=6, solid_capstyle="round")
+
+    def _draw_traces(self) -> None:
+        run, (angle, stiffness, pressure) = self.run, self._traces
+        angle.plot(run.t, run.theta / DEG, color=_BLACK)
+        angle.plot(run.t, run.theta_ref / DEG, color=_GREY, ls="--", lw=1)
+        angle.set_ylabel("angle [°]")
+        stiffness.plot(run.t, run.K, color=_BLACK)
+        stiffness.plot(run.t, run.K_ref, color=_GREY, ls="--", lw=1)
+        stiffness.set_ylabel("K [N·m/rad]")
+        for i, color in enumerate((_BLUE, _ORANGE)):
+            pressure.plot(run.t, run.P[:, i] / BAR, color=color)
+        pressure.set_ylabel("pressures [bar]")
+        pressure.set_xlabel("time [s]")
+        self._now = [axes.axvline(run.t[0], color=_GREY, lw=1) for axes in self._traces]
+        for axes in self._traces:
+            axes.grid(alpha=0.25)
+            axes.margins(x=0.01)
+
+
+def _shape(muscle: int, contraction: float) -> tuple[Array, tuple[Array, Array]]:
+    """Return the outline (n, 2) of a muscle (0, 1) at its contraction, and its cable, in rest lengths."""
+    x, length = _APART * (1 if muscle else -1), 0.8 * (1 - contraction)
+    along = np.linspace(0, 1, 30)
+    half = (_THICK + _BULGE * max(contraction, 0.0)) * np.sin(np.pi * along) ** 0.4
+    y = 0.25 - along * length
+    outline = np.column_stack([np.concatenate([x - half, (x + half)[::-1]]), np.concatenate([y, y[::-1]])])
+    return outline, (np.array([x, x]), np.array([0.25 - length, -0.75]))
+
+
+__all__ = ["ENDINGS", "save_animation"]
