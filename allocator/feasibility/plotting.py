@@ -14,6 +14,7 @@ from allocator.presentation.plotting import (
     FILL,
     GREY,
     QUANTITIES,
+    categories,
     legend_outside,
     light,
     name_axes,
@@ -56,14 +57,16 @@ def plot_maps(maps: Mapping[str, FeasibilityMap], axes: Any = None, *, title: st
     """Draw several feasible sets on one picture, by their names: torques, angles, muscles, models.
 
     The colour tells the set, the dashes the limit: solid where the supply or the model's validity binds, dashed where a
-    cable goes slack, dotted at the ends of the joint range.
+    cable goes slack, dotted at the ends of the joint range. `title` is the quantity of which the names are values: then
+    the colours are in order, and the sets are filled.
     """
     if len({m.varied for m in maps.values()}) != 1:
         raise InvalidInput("maps on one picture have to vary the same two quantities")
     axes = new_axes(7.8) if axes is None else axes
-    for (name, feasible), colour in zip(maps.items(), shades(len(maps)), strict=True):
+    colours = categories(len(maps)) if title is None else shades(len(maps))
+    for (name, feasible), colour in zip(maps.items(), colours, strict=True):
         x, y = _drawn(feasible)
-        for loop in outlines(feasible).values():
+        for loop in outlines(feasible).values() if title else ():  # overlaps of what has no order are but murky
             axes.fill(*loop, color=colour, alpha=0.10, linewidth=0)
         for edge in feasible.edges:
             axes.plot(*_curve(edge, x, y), color=colour, linestyle=_dash(edge.limits), linewidth=1.6)

@@ -100,6 +100,12 @@ def shades(n: int) -> list[Any]:
     return [colormaps["viridis"](0.85 * i / max(n - 1, 1)) for i in range(n)]
 
 
+def categories(n: int) -> list[Any]:
+    """Return n colours without an order, told apart by colour-blind eyes (Okabe & Ito); more than seven repeat."""
+    colours = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9"
+    return [colours[i % len(colours)] for i in range(n)]
+
+
 def save_figure(figure: Any, path: Any, dpi: float = 130) -> None:
     """Write a figure as an image of the kind that its name ends with, whole or not at all."""
     with replacing(path) as draft:
@@ -111,6 +117,7 @@ __all__ = [
     "GREY",
     "QUANTITIES",
     "Quantity",
+    "categories",
     "degree_ticks",
     "legend_outside",
     "light",

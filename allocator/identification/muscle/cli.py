@@ -184,9 +184,9 @@ def _describe(fit: Fit[Any], console: Console) -> None:
 
 
 def _draw(fit: Fit[Any], path: Path) -> None:
-    from allocator.identification.muscle.plotting import plot_isobars
+    from allocator.identification.muscle.plotting import fit_figure
 
-    save_figure(plot_isobars(fit).figure, path, dpi=150)
+    save_figure(fit_figure(fit), path, dpi=150)
 
 
 def _values(ranking: Ranking, best: Fit[Any]) -> dict[str, Any]:

@@ -1,14 +1,39 @@
-"""Isobars of a fitted muscle are drawn with the data."""
+"""Isobars of a fitted muscle are drawn with the data, and below what the fit leaves of each sample."""
 
 from typing import Any
 
 import numpy as np
 
 from allocator.identification.muscle.result import Fit, Level
+from allocator.presentation.plotting import FILL, legend_outside, new_axes, new_figure, shades
 from allocator.units import BAR
 
 _MOST_ISOBARS = 8
 _NEAR = 0.003  # of the highest pressure: what counts as the same level
+
+
+def fit_figure(fit: Fit[Any]) -> Any:
+    """Draw isobars above and residuals below; returns the Matplotlib figure."""
+    figure = new_figure(7.5, 6.6)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1])
+    plot_isobars(fit, above)
+    above.set_xlabel("")
+    plot_residuals(fit, below)
+    figure.align_ylabels()
+    return figure
+
+
+def plot_residuals(fit: Fit[Any], axes: Any) -> Any:
+    """Draw model less measurement [N] of every sample over the contraction; the band is twice the fit's RMS."""
+    eps, residuals = 100 * fit.samples.contraction, fit.residuals()
+    axes.axhspan(-2 * fit.rms, 2 * fit.rms, color=FILL, label="± 2 RMS")
+    axes.plot(eps[~fit.slack], residuals[~fit.slack], "o", color="0.25", markersize=2.5, label="taut")
+    axes.plot(eps[fit.slack], residuals[fit.slack], "x", color="0.25", markersize=4, label="slack")
+    axes.axhline(0, color="0.5", linewidth=0.8)
+    axes.set_xlabel("contraction [%]")
+    axes.set_ylabel("residual [N]")
+    legend_outside(axes)
+    return axes
 
 
 def plot_isobars(fit: Fit[Any], axes: Any = None) -> Any:
@@ -17,26 +42,25 @@ def plot_isobars(fit: Fit[Any], axes: Any = None) -> Any:
     Filled dots are taut samples, crosses slack ones; the grey line is zero force. Returns the Matplotlib axes; new ones
     unless `axes` are given.
     """
-    import matplotlib.pyplot as plt
-
-    if axes is None:
-        _, axes = plt.subplots(figsize=(7, 5), layout="constrained")
+    axes = new_axes(7, 5) if axes is None else axes
     samples = fit.samples
     levels = _chosen(fit.levels)
-    colours = plt.get_cmap("viridis")(np.linspace(0, 0.92, len(levels)))
     least, most = max(samples.contraction.min(), fit.muscle.min_contraction), samples.contraction.max()
     eps = np.linspace(least, most, 201)
-    for level, colour in zip(levels, colours, strict=True):
+    for level, colour in zip(levels, shades(len(levels)), strict=True):
         F = fit.muscle.force(level.pressure, eps)
         axes.plot(100 * eps, np.where(F >= 0, F, np.nan), color=colour, label=f"{level.pressure / BAR:.3g} bar")
         near = np.abs(samples.pressure - level.pressure) <= _NEAR * samples.pressure.max()
         for group, marker in ((near & ~fit.slack, "o"), (near & fit.slack, "x")):
             axes.plot(100 * samples.contraction[group], samples.force[group], marker, color=colour, markersize=4)
+    axes.plot([], [], "o", color="0.4", markersize=4, label="taut sample")
+    if fit.slack.any():
+        axes.plot([], [], "x", color="0.4", markersize=4, label="slack sample")
     axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
     axes.set_xlabel("contraction [%]")
     axes.set_ylabel("force [N]")
     axes.set_title(f"{fit.model}: {fit.rms:.1f} N RMS ({fit.rms_percent:.1f} % of full scale)")
-    axes.legend(fontsize="small", frameon=False)
+    legend_outside(axes)
     return axes
 
 
@@ -47,4 +71,4 @@ def _chosen(levels: tuple[Level, ...]) -> tuple[Level, ...]:
     return tuple(levels[i] for i in np.unique(np.abs(P - wanted[:, None]).argmin(axis=1)))
 
 
-__all__ = ["plot_isobars"]
+__all__ = ["fit_figure", "plot_isobars", "plot_residuals"]
