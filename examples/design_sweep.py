@@ -15,8 +15,8 @@ def main():
     with ProcessPoolExecutor(2) as pool:
         sweep = design_sweep(designs, muscle=muscle, stops=(-90 * DEG, 90 * DEG), executor=pool)
     for design, found in sorted(zip(sweep.designs, sweep.performances, strict=True), key=lambda row: -row[1].range):
-        size = f"R {1000 * design.radius:.0f} mm, L {1000 * design.rest_length:.0f} mm, ε0 {design.initial_contraction:g}"
-        print(f"{size}: {found.range / DEG:.0f}°")
+        lengths = f"R {1000 * design.radius:.0f} mm, L {1000 * design.rest_length:.0f} mm"
+        print(f"{lengths}, ε0 {design.initial_contraction:g}: {found.range / DEG:.0f}°")
 
 
 if __name__ == "__main__":
