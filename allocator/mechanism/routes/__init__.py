@@ -2,14 +2,16 @@
 
 from allocator.mechanism.routes.base import RoutedLengths, Routes
 from allocator.mechanism.routes.functions import FunctionRoutes, from_function
+from allocator.mechanism.routes.linkage import Link, Linkage, Site
 from allocator.mechanism.routes.pulleys import JointRoutes, Pulleys
-from allocator.mechanism.routes.sites import Link, Site, Sites
+from allocator.mechanism.routes.sites import Sites
 from allocator.mechanism.routes.tables import Tables
 
 __all__ = [
     "FunctionRoutes",
     "JointRoutes",
     "Link",
+    "Linkage",
     "Pulleys",
     "RoutedLengths",
     "Routes",

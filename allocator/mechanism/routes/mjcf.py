@@ -1,4 +1,7 @@
-"""The spatial tendons of a MuJoCo model are read as `Sites`; MuJoCo is not needed afterwards."""
+"""The spatial tendons of a MuJoCo model are read as `Sites`, its bodies and sites as points on links.
+
+MuJoCo is not needed afterwards.
+"""
 
 from dataclasses import dataclass
 from os import PathLike
@@ -9,7 +12,8 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.mechanism.routes.sites import GROUND, Link, Site, Sites
+from allocator.mechanism.routes.linkage import GROUND, Link, Linkage, Site
+from allocator.mechanism.routes.sites import Sites
 
 
 @dataclass(frozen=True)
@@ -28,23 +32,10 @@ def read_mjcf(file: str | PathLike[str], rest_length: Any, cable: Any = 0.0) -> 
     Raises `MissingPackage` without MuJoCo, `InvalidFile` for a file that MuJoCo does not read, without tendons, with
     joints other than hinges and slides, or with tendons that are no straight lines between sites.
     """
-    import mujoco
-
-    if not Path(file).is_file():
-        raise InvalidFile(file, "does not exist")
-    try:
-        model = mujoco.MjModel.from_xml_path(str(file))
-    except (ValueError, mujoco.FatalError) as error:
-        raise InvalidFile(file, f"is not read by MuJoCo ({error})") from None
+    mujoco, model = _read(file)
     if not model.ntendon:
         raise InvalidFile(file, "has no tendons; the tendons of the model are the muscles")
-    if not model.njnt:
-        raise InvalidFile(file, "has no joints")
-    moving, still = (int(mujoco.mjtJoint.mjJNT_HINGE), "hinge"), (int(mujoco.mjtJoint.mjJNT_SLIDE), "slide")
-    for i in range(model.njnt):
-        if model.jnt_type[i] not in (moving[0], still[0]):
-            raise InvalidFile(file, f"joint {_name(model.joint(i), i)} is neither a hinge nor a slide")
-    links, frames = _links(model, dict((moving, still)))
+    links, frames = _linkage(file, mujoco, model)
     paths = [_path(file, model, j, frames, int(mujoco.mjtWrap.mjWRAP_SITE)) for j in range(model.ntendon)]
     try:
         routes = Sites(rest_length, links, paths, cable)
@@ -57,6 +48,51 @@ def read_mjcf(file: str | PathLike[str], rest_length: Any, cable: Any = 0.0) -> 
         tuple(_name(model.joint(i), i) for i in range(model.njnt)),
         tuple((float(low), float(high)) for low, high in model.jnt_range) if limited else None,
     )
+
+
+def read_point(file: str | PathLike[str], name: str) -> tuple[Linkage, Site]:
+    """Return the linkage of an MJCF `file`, and the point of the site, or else of the body's origin, of this `name`.
+
+    Raises `MissingPackage` without MuJoCo, `InvalidFile` for a file that MuJoCo does not read, without joints, with
+    joints other than hinges and slides, or without such a site or body.
+    """
+    mujoco, model = _read(file)
+    links, frames = _linkage(file, mujoco, model)
+    sites, bodies = [model.site(i).name for i in range(model.nsite)], [model.body(i).name for i in range(model.nbody)]
+    if name in sites:
+        i = sites.index(name)
+        link, R, p = frames[model.site_bodyid[i]]
+        p = p + R @ model.site_pos[i]
+    elif name in bodies:
+        link, R, p = frames[bodies.index(name)]
+    else:
+        known = ", ".join(filter(None, [*sites, *bodies]))
+        raise InvalidFile(file, f"has no site or body called {name!r}; it has {known}")
+    return Linkage(links), Site(link, tuple(p.tolist()))
+
+
+def _read(file: str | PathLike[str]) -> tuple[Any, Any]:
+    """Return the module mujoco and its model of the `file`."""
+    import mujoco
+
+    if not Path(file).is_file():
+        raise InvalidFile(file, "does not exist")
+    try:
+        model = mujoco.MjModel.from_xml_path(str(file))
+    except (ValueError, mujoco.FatalError) as error:
+        raise InvalidFile(file, f"is not read by MuJoCo ({error})") from None
+    return mujoco, model
+
+
+def _linkage(file: Any, mujoco: Any, model: Any) -> tuple[list[Link], list[tuple[int, Array, Array]]]:
+    """Return the links and the places of the bodies, see `_links`."""
+    if not model.njnt:
+        raise InvalidFile(file, "has no joints")
+    moving, still = (int(mujoco.mjtJoint.mjJNT_HINGE), "hinge"), (int(mujoco.mjtJoint.mjJNT_SLIDE), "slide")
+    for i in range(model.njnt):
+        if model.jnt_type[i] not in (moving[0], still[0]):
+            raise InvalidFile(file, f"joint {_name(model.joint(i), i)} is neither a hinge nor a slide")
+    return _links(model, dict((moving, still)))
 
 
 def _name(element: Any, index: int) -> str:
@@ -117,4 +153,4 @@ def _matrix(quaternion: Array) -> Array:
     )
 
 
-__all__ = ["Model", "read_mjcf"]
+__all__ = ["Model", "read_mjcf", "read_point"]
