@@ -8,8 +8,10 @@
 """
 
 from allocator.mechanism import machines
+from allocator.mechanism.at_least import AtLeast, Infeasibility, allocate_at_least
 from allocator.mechanism.batches import warm_up
 from allocator.mechanism.certificate import Separation
+from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.entry import allocate_mechanism
 from allocator.mechanism.mechanism import Mechanism, TargetsMap
 from allocator.mechanism.result import MechanismAllocation
@@ -18,6 +20,9 @@ from allocator.mechanism.status import MechanismStatus
 from allocator.mechanism.storage import load_mechanism, save_mechanism
 
 __all__ = [
+    "AtLeast",
+    "Endpoint",
+    "Infeasibility",
     "Link",
     "Mechanism",
     "MechanismAllocation",
@@ -29,6 +34,7 @@ __all__ = [
     "Sites",
     "Tables",
     "TargetsMap",
+    "allocate_at_least",
     "allocate_mechanism",
     "machines",
     "from_function",

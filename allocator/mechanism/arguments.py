@@ -1,6 +1,6 @@
 """`problem_from` turns the arguments of `allocate_mechanism` into a `MechanismProblem`, and checks them."""
 
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.gas import ISOBARIC, StiffnessKind
 from allocator.joint.limits import Limits
+from allocator.mechanism.endpoint import Endpoint
+from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.problem import PRIORITIES, MechanismProblem
 from allocator.mechanism.status import positive_definite
@@ -29,22 +31,34 @@ def problem_from(
     previous: Any,
     max_step: Any,
     kind: StiffnessKind = ISOBARIC,
+    endpoint: Any = None,
+    force: Any = 0.0,
 ) -> tuple[MechanismProblem, tuple[int, ...]]:
     """Return the checked problem and the common shape of its targets. Raises `InvalidInput`."""
     n, m = mechanism.n, mechanism.m
+    asked_of = _AskedOf.of(mechanism, endpoint)
+    if endpoint is None and np.any(force):
+        raise InvalidInput("force is that of an endpoint; give endpoint, too")
+    pull = np.zeros(0) if endpoint is None else endpoint.force(force)
     posture, torque = mechanism.posture(q), _torque(mechanism, T)
     now = None if previous is None else mechanism.pressures("previous", previous)
     step = None if max_step is None else checks.positive_pressure("max_step", max_step)
     if step is not None and now is None:
         raise InvalidInput("max_step limits how far the pressures move from previous; give previous, too")
-    others = [x.shape[:-1] for x in (posture, torque, now) if x is not None]
-    stiffness, own_only = _stiffness(mechanism, K, _common(others, n, m))
+    others = [x.shape[:-1] for x in (posture, torque, now, pull) if x is not None]
+    stiffness, own_only = _stiffness(asked_of, K, _common(others, n, m))
     shape = _common([*others, stiffness.shape[:-2], () if step is None else step.shape], n, m)
     if priority not in PRIORITIES:
         raise InvalidInput(f"priority = {priority!r} is unknown; choose one of {', '.join(PRIORITIES)}")
-    stacked = mechanism.stacked(
-        np.broadcast_to(torque, (*shape, n)), np.broadcast_to(stiffness, (*shape, n, n))
-    ).reshape(-1, n + n * (n + 1) // 2)
+    asked, hand = _flat(posture, shape, 1), None
+    torque = np.broadcast_to(torque, (*shape, n)).reshape(-1, n)
+    if endpoint is not None:
+        pull, stiffness = _flat(pull, shape, 1), _flat(stiffness, shape, 2)
+        hand = EndpointTargets.at(endpoint, mechanism.within(asked), pull, stiffness)
+        torque, stiffness = torque + hand.torque, np.eye(endpoint.dim)
+    triangle = stiffness[(..., *np.triu_indices(asked_of.size))]
+    triangle = np.broadcast_to(triangle, (*shape, triangle.shape[-1])).reshape(-1, triangle.shape[-1])
+    stacked = np.concatenate([torque, triangle], axis=1)
     slew = None
     if now is not None:
         now = np.broadcast_to(now, (*shape, m)).reshape(-1, m)
@@ -57,10 +71,40 @@ def problem_from(
             raise InvalidInput(
                 f"max_force = {limit.max_force:g} N of {name} has to exceed min_force = {limit.min_force or 0.0:g} N"
             )
-    asked = posture[None] if posture.ndim == 1 else np.broadcast_to(posture, (*shape, n)).reshape(-1, n)
     reference = np.zeros((1, m)) if now is None else now
-    row_weights = _weights(mechanism, priority, weights, own_only)
-    return MechanismProblem(mechanism, np.array(asked), stacked, row_weights, priority, limits, reference, kind), shape
+    row_weights = _weights(n, asked_of, priority, weights, own_only)
+    return MechanismProblem(mechanism, asked, stacked, row_weights, priority, limits, reference, kind, hand), shape
+
+
+class _AskedOf(NamedTuple):
+    """The stiffness asked for is (…, size, size), of the joints or of an endpoint."""
+
+    size: int
+    unit: str
+    text: str
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, endpoint: Any) -> Self:
+        """Return what `endpoint` has, or the mechanism without one. Raises `InvalidInput` where they do not fit."""
+        if endpoint is None:
+            text = f"a mechanism with n = {mechanism.n} joints and m = {mechanism.m} muscles"
+            return cls(mechanism.n, "N·m/rad", text)
+        if not isinstance(endpoint, Endpoint):
+            raise InvalidInput(
+                f"endpoint is a {type(endpoint).__name__}; expected an Endpoint, such as Endpoint.planar"
+            )
+        if endpoint.n != mechanism.n:
+            raise InvalidInput(f"the endpoint has n = {endpoint.n} joints, the mechanism n = {mechanism.n}")
+        mechanism.check_affine("the stiffness of an endpoint")
+        return cls(endpoint.dim, "N/m", endpoint.text)
+
+
+def _flat(array: Array, shape: tuple[int, ...], axes: int) -> Array:
+    """Return rows (N, …) of an array (…, …) whose last `axes` are its own; one row where it has no others."""
+    if array.ndim == axes:
+        return np.array(array[None])
+    own = array.shape[-axes:]
+    return np.array(np.broadcast_to(array, (*shape, *own)).reshape(-1, *own))
 
 
 def _common(shapes: list[tuple[int, ...]], n: int, m: int) -> tuple[int, ...]:
@@ -81,42 +125,43 @@ def _torque(mechanism: Mechanism, T: Any) -> Array:
     return mechanism.sized("T", array, mechanism.n, "torques [N·m]")
 
 
-def _stiffness(mechanism: Mechanism, K: Any, others: tuple[int, ...]) -> tuple[Array, bool]:
-    """Return the stiffness (…, n, n), and whether only its diagonal is asked for."""
-    n, array = mechanism.n, checks.real("K", K, "N·m/rad")
-    if array.ndim >= 2 and array.shape[-2:] == (n, n):
-        if array.ndim == 2 and n > 1 and others == (n,):
+def _stiffness(of: _AskedOf, K: Any, others: tuple[int, ...]) -> tuple[Array, bool]:
+    """Return the stiffness (…, size, size), and whether only its diagonal is asked for."""
+    size, array = of.size, checks.real("K", K, of.unit)
+    if array.ndim >= 2 and array.shape[-2:] == (size, size):
+        if array.ndim == 2 and size > 1 and others == (size,):
             raise InvalidInput(
-                f"K of the shape {array.shape} is one matrix or the diagonals of {n} targets; write the matrix as "
-                f"(1, {n}, {n}), and {n} diagonals as {n} calls"
+                f"K of the shape {array.shape} is one matrix or the diagonals of {size} targets; write the matrix as "
+                f"(1, {size}, {size}), and {size} diagonals as {size} calls"
             )
-        return _positive_definite(array), False
+        return _positive_definite(array, of.unit), False
     if array.ndim == 0:
-        array = np.full(n, float(array))
-    if array.shape[-1] != n:
+        array = np.full(size, float(array))
+    if array.shape[-1] != size:
         raise InvalidInput(
-            f"K has the shape {array.shape}; expected matrices (…, {n}, {n}), diagonals (…, {n}) or a number, of a "
-            f"mechanism with n = {n} joints and m = {mechanism.m} muscles"
+            f"K has the shape {array.shape}; expected matrices (…, {size}, {size}), diagonals (…, {size}) or a number "
+            f"[{of.unit}], of {of.text}"
         )
-    checks.stiffness("K", array)
-    return array[..., None] * np.eye(n), n > 1
+    if (wrong := array <= 0).any():
+        raise InvalidInput(f"K{checks.at(array, wrong)} {of.unit} has to be positive")
+    return array[..., None] * np.eye(size), size > 1
 
 
-def _positive_definite(K: Array) -> Array:
+def _positive_definite(K: Array, unit: str) -> Array:
     """Return stiffness matrices; refuse what is not symmetric, or does not hold itself."""
     gap = np.abs(K - K.swapaxes(-1, -2)).max(axis=(-1, -2))
     crooked = gap > _SYMMETRIC * np.abs(K).max(axis=(-1, -2))
     if crooked.any():
         raise InvalidInput(
             f"K{_place(crooked)} is not symmetric: a stiffness is, K_ij = K_ji (they differ by "
-            f"{gap[crooked].max():.3g} N·m/rad)"
+            f"{gap[crooked].max():.3g} {unit})"
         )
     if positive_definite(K.reshape(-1, *K.shape[-2:])).all():  # in a quarter of the eigenvalues' time
         return K
     least = np.linalg.eigvalsh(K)[..., 0]
     if (weak := least <= 0).any():
         raise InvalidInput(
-            f"K{_place(weak)} has the eigenvalue {least[weak].min():.4g} N·m/rad; a stiffness to ask for "
+            f"K{_place(weak)} has the eigenvalue {least[weak].min():.4g} {unit}; a stiffness to ask for "
             "has to be positive definite: such a posture does not hold itself"
         )
     return K
@@ -126,9 +171,9 @@ def _place(wrong: Any) -> str:
     return f"[{', '.join(str(int(i[0])) for i in np.nonzero(wrong))}]" if np.ndim(wrong) else ""
 
 
-def _weights(mechanism: Mechanism, priority: str, weights: Any, own_only: bool) -> Array:
+def _weights(n: int, of: _AskedOf, priority: str, weights: Any, own_only: bool) -> Array:
     """Return the weights (d,) of the squared errors in y."""
-    n = mechanism.n
+    size = of.size
     if weights is None:
         if priority == "weighted":
             raise InvalidInput("priority='weighted' needs weights = (w_T, w_K)")
@@ -139,15 +184,15 @@ def _weights(mechanism: Mechanism, priority: str, weights: Any, own_only: bool) 
         raise InvalidInput(f"weights = {checks.brief(weights)} have to be two, (w_T, w_K)") from None
     torque = checks.real("weights[0]", w_T, "cost/[N·m]²")
     stiffness = checks.real("weights[1]", w_K, "cost/[N·m/rad]²")
-    if torque.shape not in ((), (n,)) or stiffness.shape not in ((), (n, n)):
-        raise InvalidInput(f"weights have to be numbers, or w_T ({n},) and w_K ({n}, {n}) for n = {n} joints")
+    if torque.shape not in ((), (n,)) or stiffness.shape not in ((), (size, size)):
+        raise InvalidInput(f"weights have to be numbers, or w_T ({n},) and w_K ({size}, {size}) for n = {n} joints")
     if (torque < 0).any() or (stiffness < 0).any() or not torque.any() or not stiffness.any():
         raise InvalidInput("weights must not be negative, and not all of w_T or of w_K zero")
-    matrix = np.broadcast_to(stiffness, (n, n)) * (np.eye(n) if own_only else 1.0)
+    matrix = np.broadcast_to(stiffness, (size, size)) * (np.eye(size) if own_only else 1.0)
     if not np.allclose(matrix, matrix.T):
         raise InvalidInput("weights[1] has to be symmetric, as K is")
-    doubled = matrix * (2.0 - np.eye(n))  # beside the diagonal an entry stands twice in the sum
-    return mechanism.stacked(np.broadcast_to(torque, (n,)), doubled)
+    doubled = matrix * (2.0 - np.eye(size))  # beside the diagonal an entry stands twice in the sum
+    return np.concatenate([np.broadcast_to(torque, (n,)), doubled[np.triu_indices(size)]])
 
 
 __all__ = ["problem_from"]

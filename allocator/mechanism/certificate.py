@@ -9,7 +9,8 @@ there. Whoever found the μ, that proves the level; what is left of it, in fract
 d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j): three lines that anybody can check. The first level that is missed gives
 d = -W(residual, with its multipliers). For others d·y(P) is a sum of one function of one pressure a muscle, whose
 greatest values polygons around their curves bound (`relaxation.furthest`). Such muscles may miss a target that no d
-separates: then the lower bound of the cost is the proof.
+separates: then the lower bound of the cost is the proof. Of an endpoint d is brought back to (τ, K); with more joints
+than coordinates many K give the stiffness asked for, and all of them have d·y ≥ asked.
 """
 
 from typing import Any, NamedTuple
@@ -49,6 +50,11 @@ def separation(problem: MechanismProblem, mu: Array) -> Separation:
         reach = relaxation.furthest(problem, d)
     asked = (d * problem.y).sum(axis=1)
     proved = found & (reach < asked)
+    if problem.endpoint is not None:
+        proved &= problem.endpoint.bounds_true(d)
+        d, shift = problem.endpoint.on_joints(d)
+        size = np.abs(d).max(axis=1) + ~found
+        d, reach, asked = d / size[:, None], (reach - shift) / size, (asked - shift) / size
     return Separation(*(np.where(proved.reshape(-1, *[1] * (a.ndim - 1)), a, np.nan) for a in (d, reach, asked)))
 
 

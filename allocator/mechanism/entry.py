@@ -2,19 +2,19 @@
 
 from typing import Any, Literal, get_args
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Valves
-from allocator.mechanism import batches, qp, relaxation
+from allocator.mechanism import batches, lifting, qp, relaxation
 from allocator.mechanism.arguments import problem_from
+from allocator.mechanism.batches import Solved
+from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.problem import MechanismProblem, Priority
 from allocator.mechanism.relaxation import Nearby
 from allocator.mechanism.result import MechanismAllocation
-from allocator.mechanism.status import MechanismStatus, decide
 
 Method = Literal["exact", "qp"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -32,6 +32,8 @@ def allocate_mechanism(
     max_force: ArrayLike | None = None,
     previous: ArrayLike | None = None,
     max_step: ArrayLike | None = None,
+    endpoint: Endpoint | None = None,
+    force: ArrayLike = 0.0,
     trajectory: bool = False,
     method: Method = "exact",
     solver: str | None = None,
@@ -66,6 +68,12 @@ def allocate_mechanism(
     previous, max_step
         The pressures now (…, m) [Pa]: of equally good pressures those nearest to them are given, instead of the least
         Σ P²; with `max_step` [Pa], a number or (…), no pressure moves farther than that.
+    endpoint, force
+        With an `Endpoint` K is the stiffness K_x [N/m] of its dim coordinates, matrices (…, dim, dim), diagonals or a
+        number, and T what is asked for besides the torques Jᵀ·force that hold it while it exerts `force` (…, dim) [N],
+        such as gravity's. Of stiffnesses beyond reach the nearest is that with the least
+        ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F. With n > dim the joints that the hand does not see are free: the
+        answer is then a local optimum, found by linearising K_x again and again. For muscles affine in the pressure.
     trajectory
         True: consecutive targets are near each other, and each is begun with the limits that bind in the one before.
         The answers are the same.
@@ -86,7 +94,7 @@ def allocate_mechanism(
         For an argument that makes no sense: shapes that do not fit n and m, a K that is not symmetric or not positive
         definite, NaN, degrees for radians, bar for Pa, contradictory limits, valves, a frequency or a lag that cannot
         be; for gas in a muscle whose volume is not known (`Muscle.rest_volume`), and for muscles whose force does not
-        rise with the pressure all over their limits.
+        rise with the pressure all over their limits; at a posture where the Jacobian of the endpoint is singular.
     MissingBackend
         For an unknown method or solver.
     """
@@ -110,51 +118,29 @@ def allocate_mechanism(
         previous=previous,
         max_step=max_step,
         kind=mechanism.kind(valves, frequency, lag),
+        endpoint=endpoint,
+        force=force,
     )
     if not 0 < checks.number("gap", gap, "of 1 + cost") < 1:
         raise InvalidInput(f"gap = {gap:g} has to lie between 0 and 1, a share of 1 + cost")
-    solved, residual, costs, bounds = _solved(problem, method, solver, trajectory, gap)
-    P = np.clip(solved.x * problem.unit, *problem.bounds)
-    y, left = problem.given(P), ((costs - bounds) / (1 + costs)).max(axis=1)
-    n, (rows, columns) = mechanism.n, mechanism.upper_triangle
-    stiffness = np.empty((problem.size, n, n))
-    stiffness[:, rows, columns] = stiffness[:, columns, rows] = y[:, n:]
-    proof = residual if mechanism.affine else np.where(left <= gap, 0.0, np.inf)
-    found = decide(problem, y, stiffness, proof)
-
-    def form(array: Any) -> Any:
-        array.flags.writeable = False
-        return array.reshape(shape) if shape else array[0].item()
-
-    P.flags.writeable = stiffness.flags.writeable = y.flags.writeable = False
-    return MechanismAllocation(
-        P=P.reshape(*shape, mechanism.m),
-        T=y[:, :n].reshape(*shape, n),
-        K=stiffness.reshape(*shape, n, n),
-        status=form(found.status) if shape else MechanismStatus(int(found.status[0])),
-        torque_met=form(found.torque_met),
-        stiffness_met=form(found.stiffness_met),
-        holds=form(found.holds),
-        kkt_residual=form(residual),
-        rounds=form(solved.rounds),
-        gap=form(left),
-        lower_bounds=bounds.reshape(*shape, -1),
-        method=method,
-        _problem=problem,
-        _mu=solved.mu,
-        _shape=shape,
-    )
+    problem, found = _solved(problem, method, solver, trajectory, gap)
+    return MechanismAllocation.of(problem, found, shape, method, gap)
 
 
-def _solved(problem: MechanismProblem, method: Method, solver: str | None, trajectory: bool, gap: float) -> Nearby:
-    """Return what the method finds, with the residuals of optimality and the lower bounds of the levels' costs."""
+def _solved(
+    problem: MechanismProblem, method: Method, solver: str | None, trajectory: bool, gap: float
+) -> tuple[MechanismProblem, Nearby]:
+    """Return what the method finds, and the problem that it solved last."""
     if not problem.mechanism.affine:
         if method != "exact":
             problem.mechanism.check_affine(f"method={method!r}")
-        return relaxation.solve(problem, gap)
-    solved = qp.solve(problem, solver) if method == "qp" else batches.solve(problem, trajectory)
-    costs = problem.costs(solved.x)
-    return Nearby(solved, batches.residuals(problem, solved), costs, costs)
+        return problem, relaxation.solve(problem, gap)
+
+    def solve(problem: MechanismProblem) -> Solved:
+        return qp.solve(problem, solver) if method == "qp" else batches.solve(problem, trajectory)
+
+    problem, solved = lifting.solve(problem, solve)
+    return problem, Nearby.of(problem, solved)
 
 
 __all__ = ["METHODS", "Method", "allocate_mechanism"]

@@ -271,6 +271,17 @@ class Mechanism:
             found.append(muscle.interval(self.pressure_limits, own))
         return tuple(found)
 
+    def within(self, q: Array) -> Array:
+        """Return the postures `q` (…, n), moved within the angle limits."""
+        return q if self.angle_limits is None else np.clip(q, *np.transpose(self.angle_limits))
+
+    def whole(self, triangle: Array) -> Array:
+        """Return the stiffness K (…, n, n) from its upper triangle (…, n(n+1)/2)."""
+        rows, columns = self.upper_triangle
+        K = np.empty((*triangle.shape[:-1], self.n, self.n))
+        K[..., rows, columns] = K[..., columns, rows] = triangle
+        return K
+
     # --- checks -----------------------------------------------------------------------------------------------------
 
     def posture(self, q: Any) -> Array:

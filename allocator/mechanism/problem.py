@@ -8,7 +8,8 @@ lo_j ≤ P_j ≤ hi_j, which supply, taut cables, force and slew limits leave ea
     priority "weighted":   minimise both sums together,  then ‖P - P_ref‖²
 
 where what comes first is an equality for what follows. The sum over K runs over all n² entries, so that with equal
-weights it is the Frobenius norm; entries of weight 0 are free. P_ref is 0 or the previous pressures.
+weights it is the Frobenius norm; entries of weight 0 are free. P_ref is 0 or the previous pressures. Of an endpoint
+E - 1 stands for K - K* (`allocator.mechanism.endpoint.targets`).
 """
 
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from allocator.calculus import Array, Mask
 from allocator.joint.gas import ISOBARIC, StiffnessKind
 from allocator.joint.limits import Limits, PressureInterval
 from allocator.joint.one_muscle import OneMuscle
+from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Indices, Mechanism, TargetsMap
 
 Priority = Literal["torque", "stiffness", "weighted"]
@@ -42,6 +44,7 @@ class MechanismProblem:
     limits: tuple[Limits, ...]  # of each muscle (m)
     reference: Array  # P_ref (N or 1, m) [Pa]
     kind: StiffnessKind = ISOBARIC  # which stiffness K is
+    endpoint: EndpointTargets | None = None  # where y holds E of it instead of K
 
     @property
     def size(self) -> int:
@@ -51,8 +54,7 @@ class MechanismProblem:
     @cached_property
     def q(self) -> Array:
         """Return the postures that are answered (Q, n): those asked for, moved within the angle limits."""
-        limits = self.mechanism.angle_limits
-        return self.asked if limits is None else np.clip(self.asked, *np.transpose(limits))
+        return self.mechanism.within(self.asked)
 
     @property
     def outside(self) -> Mask:
@@ -72,8 +74,9 @@ class MechanismProblem:
 
     @cached_property
     def map(self) -> TargetsMap:
-        """Return y0 (Q, d) and M (Q, d, m)."""
-        return self.mechanism.map_of(self.muscles)
+        """Return y0 (Q, d) and M (Q, d, m); (N, …) of endpoint stiffnesses that differ."""
+        given = self.mechanism.map_of(self.muscles)
+        return given if self.endpoint is None else self.endpoint.of(given)
 
     @cached_property
     def box(self) -> tuple[PressureInterval, ...]:
@@ -89,8 +92,9 @@ class MechanismProblem:
 
     @cached_property
     def which(self) -> NDArray[np.int64]:
-        """Return the index of the posture (N,) of each problem."""
-        return np.arange(self.size) if len(self.asked) > 1 else np.zeros(self.size, np.int64)
+        """Return the index of the map (N,) of each problem."""
+        maps = len(self.asked if self.endpoint is None else self.map.y0)
+        return np.arange(self.size) if maps > 1 else np.zeros(self.size, np.int64)
 
     # --- as least squares -------------------------------------------------------------------------------------------
 
@@ -141,6 +145,16 @@ class MechanismProblem:
         if not self.mechanism.affine:
             return np.asarray(sum(self._added(P)))
         return self.map.y0 + self.by_posture(self.map.M.swapaxes(1, 2), P)
+
+    def pressures(self, x: Array) -> Array:
+        """Return pressures (N, m) [Pa], within the bounds."""
+        return np.clip(x * self.unit, *self.bounds)
+
+    def joint_stiffness(self, P: Array) -> Array:
+        """Return K (N, n, n) [N·m/rad] at pressures (N, m) [Pa]."""
+        if self.endpoint is None:
+            return self.mechanism.whole(self.given(P)[:, self.mechanism.n :])
+        return np.asarray(sum(muscle.stiffness(P[:, j]) for j, muscle in enumerate(self.muscles)))
 
     @cached_property
     def y_scale(self) -> Array:

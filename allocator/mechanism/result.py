@@ -2,20 +2,24 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import Limit
 from allocator.mechanism import certificate
 from allocator.mechanism.certificate import Separation
+from allocator.mechanism.endpoint import Endpoint
+from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.problem import MechanismProblem
-from allocator.mechanism.status import MechanismStatus
+from allocator.mechanism.relaxation import Nearby
+from allocator.mechanism.status import MechanismStatus, decide
 from allocator.presentation.tables import number
 from allocator.units import BAR, DEG
 
@@ -48,6 +52,41 @@ class MechanismAllocation:
     _problem: MechanismProblem = field(repr=False)
     _mu: Array = field(repr=False)
     _shape: tuple[int, ...] = field(repr=False)
+
+    @classmethod
+    def of(
+        cls, problem: MechanismProblem, found: Nearby, shape: tuple[int, ...], method: str, gap: float = 0.0
+    ) -> Self:
+        """Return what is to be said about the pressures that `method` found for targets of this `shape`."""
+        P, n = problem.pressures(found.solved.x), problem.mechanism.n
+        y, K, left = problem.given(P), problem.joint_stiffness(P), found.left
+        torque = y[:, :n].copy()
+        verdict = decide(
+            problem, y, K, found.residual if problem.mechanism.affine else np.where(left <= gap, 0.0, np.inf)
+        )
+
+        def form(array: Any) -> Any:
+            array.flags.writeable = False
+            return array.reshape(shape) if shape else array[0].item()
+
+        P.flags.writeable = K.flags.writeable = torque.flags.writeable = False
+        return cls(
+            P=P.reshape(*shape, P.shape[1]),
+            T=torque.reshape(*shape, n),
+            K=K.reshape(*shape, n, n),
+            status=form(verdict.status) if shape else MechanismStatus(int(verdict.status[0])),
+            torque_met=form(verdict.torque_met),
+            stiffness_met=form(verdict.stiffness_met),
+            holds=form(verdict.holds),
+            kkt_residual=form(found.residual),
+            rounds=form(found.solved.rounds),
+            gap=form(left),
+            lower_bounds=found.bounds.reshape(*shape, -1),
+            method=method,
+            _problem=problem,
+            _mu=found.solved.mu,
+            _shape=shape,
+        )
 
     @property
     def mechanism(self) -> Mechanism:
@@ -82,12 +121,15 @@ class MechanismAllocation:
 
     @property
     def K_error(self) -> Array:
-        """Return the stiffness asked minus given (…, n, n) [N·m/rad]; NaN for entries that were not asked for."""
-        n, (rows, columns) = self.mechanism.n, self.mechanism.upper_triangle
+        """Return the stiffness asked minus given (…, n, n) [N·m/rad]; NaN for entries that were not asked for.
+
+        Of an endpoint all of them: see `K_x_error`.
+        """
+        n = self.mechanism.n
+        if self._problem.endpoint is not None:
+            return np.full(self.K.shape, np.nan)
         asked = np.where(self._problem.weights[n:] > 0, self._problem.y[:, n:], np.nan)
-        whole = np.empty((len(asked), n, n))
-        whole[:, rows, columns] = whole[:, columns, rows] = asked
-        return whole.reshape(*self._shape, n, n) - self.K
+        return self.mechanism.whole(asked).reshape(self.K.shape) - self.K
 
     @property
     def costs(self) -> Array:
@@ -109,6 +151,54 @@ class MechanismAllocation:
         """Return the least eigenvalue of K (…) [N·m/rad]; a posture holds itself where it is positive."""
         least = np.linalg.eigvalsh(self.K)[..., 0]
         return least if self._shape else float(least)
+
+    # --- at the endpoint --------------------------------------------------------------------------------------------
+
+    @property
+    def endpoint(self) -> Endpoint | None:
+        """Return the endpoint whose stiffness was asked for, if one was."""
+        return None if self._problem.endpoint is None else self._problem.endpoint.endpoint
+
+    @property
+    def x(self) -> Array:
+        """Return where the endpoint is (…, dim) [m]. Raises `InvalidInput` where none was asked for."""
+        return self._form(self._hand.place.position)
+
+    @cached_property
+    def K_x(self) -> Array:
+        """Return the endpoint's stiffness under its force (…, dim, dim) [N/m]. Raises `InvalidInput` without one."""
+        return self._form(self._hand.stiffness(self.K.reshape(-1, *self.K.shape[-2:])))
+
+    @property
+    def K_x_error(self) -> Array:
+        """Return the endpoint's stiffness asked minus given (…, dim, dim) [N/m]; NaN for entries not asked for."""
+        free = self._problem.weights[self.mechanism.n :] == 0
+        dim = self._hand.endpoint.dim
+        asked = np.array(np.broadcast_to(self._hand.asked, (self._problem.size, dim, dim)))
+        rows, columns = (index[free] for index in np.triu_indices(dim))
+        asked[:, rows, columns] = asked[:, columns, rows] = np.nan
+        return self._form(asked) - self.K_x
+
+    @property
+    def endpoint_error(self) -> Any:
+        """Return ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F (…) [-], over the entries that were asked for."""
+        n = self.mechanism.n
+        given = self._hand.seen(self.K.reshape(-1, *self.K.shape[-2:]))
+        twice = 2.0 - np.eye(self._hand.endpoint.dim)[np.triu_indices(self._hand.endpoint.dim)]
+        error = np.sqrt(((given - self._problem.y[:, n:]) ** 2) @ (twice * (self._problem.weights[n:] > 0)))
+        return error.reshape(self._shape) if self._shape else float(error[0])
+
+    @property
+    def _hand(self) -> EndpointTargets:
+        if self._problem.endpoint is None:
+            raise InvalidInput("no endpoint was given to `allocate_mechanism`; its stiffness is not known")
+        return self._problem.endpoint
+
+    def _form(self, array: Array) -> Array:
+        own = array.shape[1:]
+        return np.broadcast_to(array, (self._problem.size, *own)).reshape(*self._shape, *own)
+
+    # --- proofs -------------------------------------------------------------------------------------------------------
 
     @cached_property
     def separation(self) -> Separation:
@@ -158,7 +248,9 @@ class MechanismAllocation:
             listed = ", ".join(f"{n} {MechanismStatus(int(v)).name}" for v, n in zip(values, counts, strict=True))
             return f"{self.status.size} targets: {listed}"
         missed = f"; asked {vector(self.T + self.T_error)}, given {vector(self.T)} N·m" if not self.torque_met else ""
-        if not self.stiffness_met:
+        if not self.stiffness_met and self.endpoint is not None:
+            missed += f"; asked {vector(self.K_x + self.K_x_error)}, given {vector(self.K_x)} N/m at the endpoint"
+        elif not self.stiffness_met:
             missed += f"; asked {vector(self.K + self.K_error)}, given {vector(self.K)} N·m/rad"
         if not self.holds:
             missed += f"; the least eigenvalue of K is {number(self.least_stiffness)} N·m/rad"
@@ -167,7 +259,8 @@ class MechanismAllocation:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer by name, units in the names: pressures, what they give, status and binding limits."""
-        return {
+        hand = {} if self.endpoint is None else {"position_m": self.x, "endpoint_stiffness_N_per_m": self.K_x}
+        return hand | {
             "posture_deg": np.divide(self.q, DEG),
             "P_bar": self.P / BAR,
             "torque_Nm": self.T,
@@ -185,6 +278,7 @@ class MechanismAllocation:
             f"MechanismAllocation {MechanismStatus(self.status).name}: P = {vector(self.P / BAR)} bar",
             f"  torques {vector(self.T)} N·m, {self.kind.text} {vector(self.K)} N·m/rad",
         ]
+        lines += [] if self.endpoint is None else [f"  stiffness {vector(self.K_x)} N/m at the endpoint"]
         return "\n".join([*lines, f"  {self.message}"] if not self.success else lines)
 
 

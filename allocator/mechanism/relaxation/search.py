@@ -1,14 +1,14 @@
 """Level after level of problem [M] is solved here for muscles that are not affine, and bounded from below."""
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array
-from allocator.mechanism.batches import Solved
+from allocator.mechanism.batches import Solved, residuals
 from allocator.mechanism.problem import MechanismProblem
 from allocator.mechanism.relaxation.descent import Found, certified, descend
 from allocator.mechanism.relaxation.model import Model
@@ -24,6 +24,17 @@ class Nearby(NamedTuple):
     residual: Array  # of optimality nearby (N,)
     costs: Array  # the squared errors of each level (N, K) [cost]
     bounds: Array  # below which no pressures get them, what earlier levels achieve being kept (N, K) [cost]
+
+    @property
+    def left(self) -> Array:
+        """Return how far a level's cost may be above the least (N,), of 1 + cost."""
+        return np.asarray(((self.costs - self.bounds) / (1 + self.costs)).max(axis=1))
+
+    @classmethod
+    def of(cls, problem: MechanismProblem, solved: Solved) -> Self:
+        """Return answers for affine muscles, which are the best; their residuals tell if not."""
+        costs = problem.costs(solved.x)
+        return cls(solved, residuals(problem, solved), costs, costs)
 
 
 def solve(problem: MechanismProblem, gap: float) -> Nearby:

@@ -30,9 +30,7 @@ class SymbolicColumn:
         try:
             column = ca.vertcat(*value) if isinstance(value, list | tuple) else ca.SX(value)
         except (TypeError, NotImplementedError):
-            raise InvalidInput(
-                f"{self.name}: the function gives {checks.brief(value)}, no CasADi expression"
-            ) from None
+            raise InvalidInput(f"{self.name}: the function gives {checks.brief(value)}, no CasADi expression") from None
         if column.shape[1] != 1 or not column.shape[0]:
             raise InvalidInput(f"{self.name}: the function gives the shape {column.shape}; expected a column")
         return q, column

@@ -1,0 +1,123 @@
+"""`allocate_at_least` finds the least pressures that are stiff enough."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.mechanism import batches
+from allocator.mechanism.arguments import problem_from
+from allocator.mechanism.at_least import semidefinite
+from allocator.mechanism.at_least.floors import Floors
+from allocator.mechanism.at_least.result import AtLeast
+from allocator.mechanism.endpoint import Endpoint
+from allocator.mechanism.mechanism import Mechanism
+from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.relaxation import Nearby
+from allocator.mechanism.result import MechanismAllocation
+
+
+def allocate_at_least(
+    mechanism: Mechanism,
+    q: ArrayLike,
+    K: ArrayLike,
+    T: ArrayLike = 0.0,
+    *,
+    endpoint: Endpoint | None = None,
+    force: ArrayLike = 0.0,
+    margin: float | None = None,
+    min_force: ArrayLike | None = 0.0,
+    max_force: ArrayLike | None = None,
+    previous: ArrayLike | None = None,
+    max_step: float | None = None,
+) -> AtLeast:
+    """Find the least pressures with exactly the torques `T` and at least the stiffness `K`, or prove that none exist.
+
+    Minimises ‖P - P_ref‖² over the box of the limits, subject to τ(P) = T and K(P) ⪰ K: in every direction at least as
+    stiff, the ellipse of K inside that of K(P). For affine muscles that is a semidefinite programme, which Clarabel
+    solves; its answer is checked, and both outcomes are proved: `AtLeast.gap`, `AtLeast.certificate`.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism with n joints and m muscles, all affine in the pressure.
+    q
+        Posture (n,) [rad], one.
+    K
+        Least stiffness: a matrix (n, n) [N·m/rad], symmetric and positive definite, its diagonal (n,), of which the
+        other entries are then 0, or a number for K times the unit matrix. With an `endpoint` of its dim coordinates
+        [N/m]: then K_x ⪰ K, which is K_q ⪰ Jᵀ K J - Γ(f), with any number of joints.
+    T
+        Torques (n,) [N·m], or a number for every joint; with an `endpoint` besides Jᵀ·force.
+    endpoint, force
+        As of `allocate_mechanism`.
+    margin
+        If given also K_q ⪰ margin·1 [N·m/rad]: a posture that holds itself, with that to spare.
+    min_force, max_force, previous, max_step
+        As of `allocate_mechanism`.
+
+    Raises
+    ------
+    InvalidInput
+        As `allocate_mechanism`, and for several postures or targets at once.
+    """
+    if not isinstance(mechanism, Mechanism):
+        raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism")
+    mechanism.check_affine("at least a stiffness")
+    size, unit = (mechanism.n, "N·m/rad") if not isinstance(endpoint, Endpoint) else (endpoint.dim, "N/m")
+    least = None if margin is None else checks.not_negative("margin", margin, "N·m/rad")
+    problem, shape = problem_from(
+        mechanism,
+        q,
+        _matrix(K, size, unit),
+        T,
+        priority="torque",
+        weights=None,
+        min_force=min_force,
+        max_force=max_force,
+        previous=previous,
+        max_step=max_step,
+        endpoint=endpoint,
+        force=force,
+    )
+    if shape:
+        raise InvalidInput(f"at least a stiffness is asked for one posture and one target at a time, not for {shape}")
+    return _solved(problem, Floors.of(problem, least))
+
+
+def _matrix(K: Any, size: int, unit: str) -> Array:
+    """Return a matrix from a diagonal or a number."""
+    array = checks.real("K", K, unit)
+    if array.ndim > 1:
+        return array
+    return array[..., None] * np.eye(size) if array.shape in ((), (size,)) else array
+
+
+def _solved(problem: MechanismProblem, floors: Floors) -> AtLeast:
+    programme = floors.programme
+    found = semidefinite.least(programme)
+    if found is not None:
+        answer = _exact(problem, found[0])
+        if (met := AtLeast(answer, floors, found[1])).success:
+            return met
+    beyond = semidefinite.widest(programme)
+    if beyond is None:  # the torques cannot be had: the nearest, and of these the nearest stiffness
+        return AtLeast(
+            MechanismAllocation.of(problem, Nearby.of(problem, batches.solve(problem)), (), "exact"), floors, None
+        )
+    return AtLeast(_exact(problem, beyond[0]), floors, beyond[1])
+
+
+def _exact(problem: MechanismProblem, x: Array) -> MechanismAllocation:
+    """Return the answer with the pressures nearest to `x` that give the torques."""
+    n = problem.mechanism.n
+    torques = np.where(np.arange(problem.weights.size) < n, 1.0, 0.0)
+    alone = replace(problem, weights=torques, priority="weighted", reference=x[None] * problem.unit)
+    return MechanismAllocation.of(alone, Nearby.of(alone, batches.solve(alone)), (), "clarabel")
+
+
+__all__ = ["allocate_at_least"]

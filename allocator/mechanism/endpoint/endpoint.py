@@ -1,0 +1,223 @@
+"""An endpoint is a hand: a point that the joints move, which exerts a force f and resists with a stiffness K_x.
+
+With x = x(q) and J = ∂x/∂q, rest under the force that the hand exerts is τ = Jᵀf; differentiating it,
+
+    K_q = Jᵀ K_x J - Γ(f),     Γ_ab = Σ_i f_i ∂²x_i/∂q_a∂q_b                                    (M4)
+
+A square J that can be inverted makes K_x of K_q and back. With more joints than coordinates many K_q have one K_x: the
+joints not held follow, so that its inverse is the compliance of the hand, K_x⁻¹ = J (K_q + Γ)⁻¹ Jᵀ.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.mechanism.endpoint.points import FunctionPoint, Kinematics, LinkagePoint, Place
+from allocator.mechanism.routes.linkage import Link, Linkage
+
+_SINGULAR = 1e-9  # of the greatest singular value of J
+_LONGEST = 10.0  # [m] a link that is longer is in millimetres
+_SYMMETRIC = 1e-9  # of the greatest entry
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """An `Endpoint` is a point whose coordinates x(q) ∈ R^dim depend on n joints; immutable.
+
+    Postures are (…, n), forces (…, dim), leading axes broadcast. Coordinates are lengths [m]; of a function of yours
+    they may also be angles [rad], with moments for forces.
+    """
+
+    kinematics: Kinematics
+
+    @classmethod
+    def planar(cls, lengths: ArrayLike) -> Self:
+        """Return the hand of an arm in the plane with n hinges and links of these `lengths` (n,) [m]; dim = 2.
+
+        At q = 0 the arm is stretched out along x; angles add up anticlockwise from there. Raises `InvalidInput`.
+        """
+        row = checks.real("Endpoint.planar: lengths", lengths, "m")
+        if row.ndim != 1 or not row.size:
+            raise InvalidInput(f"Endpoint.planar: lengths have the shape {row.shape}; expected a row of n links [m]")
+        if (wrong := (row <= 0) | (row > _LONGEST)).any():
+            raise InvalidInput(
+                f"Endpoint.planar: lengths{checks.at(row, wrong)} m is no link; if millimetres, divide by 1000"
+            )
+        links = [Link(i - 1, (0.0 if i == 0 else float(row[i - 1]), 0.0)) for i in range(row.size)]
+        return cls.on_link(links, row.size - 1, (float(row[-1]), 0.0), axes="xy")
+
+    @classmethod
+    def on_link(cls, links: Sequence[Link], link: int, position: Any, *, axes: str = "xyz") -> Self:
+        """Return the point at `position` [m], two or three numbers, in the frame of `links[link]`.
+
+        `axes` says which of its coordinates count: "xyz", "xy", … Raises `InvalidInput`.
+        """
+        return cls(LinkagePoint.on(Linkage(links), link, position, axes))
+
+    @classmethod
+    def from_mjcf(cls, file: str | PathLike[str], name: str, *, axes: str = "xyz") -> Self:
+        """Return the site of a MuJoCo model with this `name`, or else the origin of the body with this name.
+
+        Joints are those of `Mechanism.from_mjcf` of the same file. Needs `antagonist[mujoco]`. Raises `InvalidFile`,
+        `InvalidInput` and `MissingBackend`.
+        """
+        from allocator.mechanism.routes.mjcf import read_point
+
+        return cls(LinkagePoint(*read_point(file, name), axes))
+
+    @classmethod
+    def from_function(cls, n: int, function: Callable[[Any], Any]) -> Self:
+        """Return the endpoint at `function(q)`, a CasADi expression (dim,) of a vector q (n,).
+
+        Raises `InvalidInput`.
+        """
+        return cls(FunctionPoint(n, function))
+
+    @property
+    def n(self) -> int:
+        """Return the number of joints."""
+        return self.kinematics.n
+
+    @property
+    def dim(self) -> int:
+        """Return the number of coordinates."""
+        return self.kinematics.dim
+
+    # --- at postures ------------------------------------------------------------------------------------------------
+
+    def at(self, q: Array) -> Place:
+        """Return position and derivatives at the postures `q` (…, n), which are not checked."""
+        return self.kinematics.at(q)
+
+    def position(self, q: ArrayLike) -> Array:
+        """Return x (…, dim) [m] at the postures `q` (…, n) [rad]."""
+        return self.at(self.posture(q)).position
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Return J = ∂x/∂q (…, dim, n) [m/rad] at the postures `q` (…, n) [rad]."""
+        return self.at(self.posture(q)).jacobian
+
+    def hessian(self, q: ArrayLike) -> Array:
+        """Return ∂²x/∂q² (…, dim, n, n) [m/rad²] at the postures `q` (…, n) [rad]."""
+        return self.at(self.posture(q)).hessian
+
+    def torque(self, q: ArrayLike, force: ArrayLike) -> Array:
+        """Return the torques Jᵀf (…, n) [N·m] that hold the hand while it exerts `force` (…, dim) [N]."""
+        return torque_of(self.at(self.posture(q)), self.force(force))
+
+    def joint_stiffness(self, q: ArrayLike, K_x: ArrayLike, force: ArrayLike = 0.0) -> Array:
+        """Return K_q = Jᵀ K_x J - Γ(f) (…, n, n) [N·m/rad] of a stiffness `K_x` (…, dim, dim) [N/m]   (M4)
+
+        With more joints than coordinates it is the least one: K_q + N with any N ⪰ 0 that J does not see has no lower
+        K_x. Raises `InvalidInput`.
+        """
+        place = self.at(self.posture(q))
+        K = self._matrix("K_x", K_x, self.dim, "N/m")
+        J = place.jacobian
+        return np.asarray(J.swapaxes(-1, -2) @ K @ J - load_of(place, self.force(force)))
+
+    def stiffness(self, q: ArrayLike, K_q: ArrayLike, force: ArrayLike = 0.0) -> Array:
+        """Return K_x = (J (K_q + Γ(f))⁻¹ Jᵀ)⁻¹ (…, dim, dim) [N/m] of a joint stiffness `K_q` (…, n, n) [N·m/rad].
+
+        NaN where the joints that the hand does not see do not hold themselves. Raises `InvalidInput`, also where J has
+        not the rank dim: there a direction of the hand is not moved by any joint.
+        """
+        place = self.at(self.posture(q))
+        self.check_rank(place)
+        K = self._matrix("K_q", K_q, self.n, "N·m/rad")
+        return stiffness_of(place, K + load_of(place, self.force(force)))
+
+    # --- checks -----------------------------------------------------------------------------------------------------
+
+    def posture(self, q: Any) -> Array:
+        """Return the checked postures `q` (…, n) [rad]. Raises `InvalidInput`."""
+        array = checks.angle("q", q)
+        if array.ndim == 0 or array.shape[-1] != self.n:
+            raise InvalidInput(f"q has the shape {array.shape}; expected (…, {self.n}) of {self.text}")
+        return array
+
+    def force(self, force: Any) -> Array:
+        """Return the checked forces (…, dim) [N]; 0 is none. Raises `InvalidInput`."""
+        array = checks.real("force", force, "N")
+        if array.ndim == 0 and float(array) == 0.0:
+            return np.zeros(self.dim)
+        if array.ndim == 0 or array.shape[-1] != self.dim:
+            raise InvalidInput(f"force has the shape {array.shape}; expected (…, {self.dim}) [N] of {self.text}")
+        return array
+
+    def check_rank(self, place: Place) -> None:
+        """Insist that every direction of the hand is moved by a joint. Raises `InvalidInput`."""
+        if self.n < self.dim:
+            raise InvalidInput(
+                f"{self.dim} coordinates of {self.text}: n joints move at most n of them; leave some out (axes='xy')"
+            )
+        sizes = np.linalg.svd(place.jacobian, compute_uv=False)
+        if (wrong := sizes[..., -1] <= _SINGULAR * sizes[..., 0]).any():
+            x = place.position[wrong].reshape(-1, self.dim)[0]
+            raise InvalidInput(
+                f"the Jacobian is singular at x = ({', '.join(f'{value:.4g}' for value in x)}) m, such as of an arm "
+                "stretched out: a direction of the endpoint is moved by no joint, and its stiffness is infinite"
+            )
+
+    def _matrix(self, name: str, value: Any, size: int, unit: str) -> Array:
+        array = checks.real(name, value, unit)
+        if array.ndim < 2 or array.shape[-2:] != (size, size):
+            raise InvalidInput(
+                f"{name} has the shape {array.shape}; expected (…, {size}, {size}) [{unit}] of {self.text}"
+            )
+        if (np.abs(array - array.swapaxes(-1, -2)) > _SYMMETRIC * np.abs(array).max(initial=0.0)).any():
+            raise InvalidInput(f"{name} is not symmetric: a stiffness is, K_ij = K_ji [{unit}]")
+        return array
+
+    @property
+    def text(self) -> str:
+        """Return what it is, in a few words."""
+        return f"an endpoint with dim = {self.dim} coordinates over n = {self.n} joints"
+
+
+def torque_of(place: Place, force: Array) -> Array:
+    """Return Jᵀf (…, n) [N·m]."""
+    return np.asarray((place.jacobian.swapaxes(-1, -2) @ force[..., None])[..., 0])
+
+
+def load_of(place: Place, force: Array) -> Array:
+    """Return Γ(f) = Σ f_i ∂²x_i/∂q² (…, n, n) [N·m/rad]."""
+    return np.asarray((place.hessian * force[..., :, None, None]).sum(axis=-3))
+
+
+def inverses(place: Place) -> tuple[Array, Array]:
+    """Return (J⁺ (…, n, dim), an orthonormal basis N (…, n, n - dim) of what J does not see); J has the rank dim."""
+    U, s, V = np.linalg.svd(place.jacobian, full_matrices=True)
+    dim, V = s.shape[-1], V.swapaxes(-1, -2)
+    return (V[..., :dim] / s[..., None, :]) @ U.swapaxes(-1, -2), V[..., dim:]
+
+
+def lifted(place: Place, K: Array) -> Array:
+    """Return G (…, n, dim): how the joints move, J G = 1, when the hand is moved and `K` = K_q + Γ holds the others.
+
+    Of all G with J G = 1 it has the least Gᵀ K G, which is K_x. NaN where the unseen joints do not hold themselves.
+    """
+    plus, unseen = inverses(place)
+    if not unseen.shape[-1]:
+        return plus
+    across = unseen.swapaxes(-1, -2) @ K
+    own = across @ unseen
+    falls = ~(np.linalg.eigvalsh(own)[..., :1, None] > 0)
+    G = plus - unseen @ np.linalg.solve(np.where(falls, np.eye(own.shape[-1]), own), across @ plus)
+    return np.where(falls, np.nan, G)
+
+
+def stiffness_of(place: Place, K: Array) -> Array:
+    """Return K_x = Gᵀ K G (…, dim, dim) [N/m] of `K` = K_q + Γ (…, n, n)."""
+    G = lifted(place, K)
+    return np.asarray(G.swapaxes(-1, -2) @ K @ G)
+
+
+__all__ = ["Endpoint", "inverses", "lifted", "load_of", "stiffness_of", "torque_of"]
