@@ -13,7 +13,16 @@ from allocator.mechanism.batches import warm_up
 from allocator.mechanism.certificate import Separation
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.entry import allocate_mechanism
+from allocator.mechanism.feasibility import (
+    Edge,
+    EndpointEllipses,
+    FeasibleTargets,
+    Polygon,
+    endpoint_ellipses,
+    feasible_targets,
+)
 from allocator.mechanism.mechanism import Mechanism, TargetsMap
+from allocator.mechanism.pictures import plot_arm, plot_polygon, plot_workspace
 from allocator.mechanism.result import MechanismAllocation
 from allocator.mechanism.routes import Link, Pulleys, Routes, Site, Sites, Tables, from_function
 from allocator.mechanism.status import MechanismStatus
@@ -21,12 +30,16 @@ from allocator.mechanism.storage import load_mechanism, save_mechanism
 
 __all__ = [
     "AtLeast",
+    "Edge",
     "Endpoint",
+    "EndpointEllipses",
+    "FeasibleTargets",
     "Infeasibility",
     "Link",
     "Mechanism",
     "MechanismAllocation",
     "MechanismStatus",
+    "Polygon",
     "Pulleys",
     "Routes",
     "Separation",
@@ -36,9 +49,14 @@ __all__ = [
     "TargetsMap",
     "allocate_at_least",
     "allocate_mechanism",
-    "machines",
+    "endpoint_ellipses",
+    "feasible_targets",
     "from_function",
     "load_mechanism",
+    "machines",
+    "plot_arm",
+    "plot_polygon",
+    "plot_workspace",
     "save_mechanism",
     "warm_up",
 ]

@@ -33,6 +33,11 @@ _NAMES = {  # `OneMuscle.interval` gives every muscle the flags of an agonist
 }
 
 
+def limit_names(muscle: str, flags: int) -> tuple[str, ...]:
+    """Return the names of the limits of a muscle that are among the `flags`: "muscle 1 upper", …"""
+    return tuple(f"{muscle} {_NAMES[limit]}" for limit in Limit(flags))
+
+
 @dataclass(frozen=True, eq=False)
 class MechanismAllocation:
     """A `MechanismAllocation` is the answer for targets of any leading shape (…); a single target's has none."""
@@ -231,7 +236,7 @@ class MechanismAllocation:
             near = CLOSED_FORM.binds * self.mechanism.pressure_span
             flags = np.broadcast_to(side.binding(self.P.reshape(-1, self.mechanism.m)[:, j], near), names.shape)
             for i in np.flatnonzero(flags):
-                names[i] += tuple(f"{name} {_NAMES[limit]}" for limit in Limit(int(flags[i])))
+                names[i] += limit_names(name, int(flags[i]))
         for kinds, end, which in (
             (self.mechanism.joint_names, "range", self._problem.outside),
             (self.mechanism.muscle_names, "contraction threshold", self._problem.stretched),
@@ -293,4 +298,4 @@ def _status_names(status: NDArray[np.int8]) -> NDArray[Any]:
     return np.array([MechanismStatus(int(value)).name for value in np.ravel(status)]).reshape(status.shape)
 
 
-__all__ = ["MechanismAllocation", "vector"]
+__all__ = ["MechanismAllocation", "limit_names", "vector"]

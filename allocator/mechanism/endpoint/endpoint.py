@@ -38,10 +38,11 @@ class Endpoint:
     kinematics: Kinematics
 
     @classmethod
-    def planar(cls, lengths: ArrayLike) -> Self:
+    def planar(cls, lengths: ArrayLike, at_zero: ArrayLike = 0.0) -> Self:
         """Return the hand of an arm in the plane with n hinges and links of these `lengths` (n,) [m]; dim = 2.
 
-        At q = 0 the arm is stretched out along x; angles add up anticlockwise from there. Raises `InvalidInput`.
+        `at_zero` (n,) [rad] are the angles of each link to the one before, the first to the axis x, where q = 0: by
+        default all 0, the arm is stretched out along x. They add up anticlockwise. Raises `InvalidInput`.
         """
         row = checks.real("Endpoint.planar: lengths", lengths, "m")
         if row.ndim != 1 or not row.size:
@@ -50,7 +51,12 @@ class Endpoint:
             raise InvalidInput(
                 f"Endpoint.planar: lengths{checks.at(row, wrong)} m is no link; if millimetres, divide by 1000"
             )
-        links = [Link(i - 1, (0.0 if i == 0 else float(row[i - 1]), 0.0)) for i in range(row.size)]
+        bent = checks.angle("Endpoint.planar: at_zero", at_zero)
+        if bent.shape not in ((), row.shape):
+            raise InvalidInput(f"Endpoint.planar: at_zero has the shape {bent.shape}; one angle for each of {row.size}")
+        starts = [0.0, *row.tolist()[:-1]]
+        angles = np.broadcast_to(bent, row.shape).tolist()
+        links = [Link(i - 1, (start, 0.0), zero=-angles[i]) for i, start in enumerate(starts)]
         return cls.on_link(links, row.size - 1, (float(row[-1]), 0.0), axes="xy")
 
     @classmethod

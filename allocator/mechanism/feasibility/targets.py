@@ -1,0 +1,195 @@
+"""At a posture everything that affine muscles can do is a zonotope: {y0 + M P} over the box of the pressures.
+
+y holds torques and stiffness. The zonotope is known by its support function
+
+    h(d) = max d·y = d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j),
+
+which is the proof of what is beyond reach (d·y* > h(d)), and the way to its corners: the pressures that attain it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.joint.limits import Limit
+from allocator.mechanism.arguments import problem_from
+from allocator.mechanism.endpoint import Endpoint
+from allocator.mechanism.endpoint.points import Place
+from allocator.mechanism.feasibility.coordinates import Coordinate, Hand, coordinate
+from allocator.mechanism.feasibility.polygon import Edge, Polygon, Programme, outline
+from allocator.mechanism.mechanism import Mechanism, TargetsMap
+from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.result import limit_names
+
+
+def feasible_targets(
+    mechanism: Mechanism,
+    q: ArrayLike,
+    *,
+    endpoint: Endpoint | None = None,
+    force: ArrayLike = 0.0,
+    min_force: ArrayLike | None = 0.0,
+    max_force: ArrayLike | None = None,
+    previous: ArrayLike | None = None,
+    max_step: float | None = None,
+) -> "FeasibleTargets":
+    """Return all torques and stiffnesses that a mechanism with affine muscles can have at a posture `q` (n,) [rad].
+
+    With an `Endpoint` of as many coordinates as there are joints, exerting `force` (dim,) [N], its stiffness is a
+    target as well. Limits are those of `allocate_mechanism`. Raises `InvalidInput`, also for a posture beyond the range
+    of the joints.
+    """
+    if not isinstance(mechanism, Mechanism):
+        raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism")
+    mechanism.check_affine("what is feasible")
+    limits = {"min_force": min_force, "max_force": max_force, "previous": previous, "max_step": max_step}
+    asked: dict[str, Any] = {"priority": "torque", "weights": None, "endpoint": endpoint, "force": force} | limits
+    problem, shape = problem_from(mechanism, q, 1.0, 0.0, **asked)
+    if shape:
+        raise InvalidInput(f"q has the shape {np.shape(q)}; what is feasible is asked for one posture ({mechanism.n},)")
+    if problem.outside.any():
+        raise InvalidInput(f"q = {np.array(q)} rad is beyond the range of {_outside(problem)}")
+    if endpoint is not None and endpoint.n > endpoint.dim:
+        raise InvalidInput(f"{endpoint.text}: its stiffness is no affine function of the pressures; give none here")
+    return FeasibleTargets(problem)
+
+
+def _outside(problem: MechanismProblem) -> str:
+    return ", ".join(np.array(problem.mechanism.joint_names)[problem.outside[0]])
+
+
+@dataclass(frozen=True, eq=False)
+class FeasibleTargets:
+    """`FeasibleTargets` are all torques and stiffnesses that a mechanism can have at one posture."""
+
+    _problem: MechanismProblem = field(repr=False)
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """Return the mechanism."""
+        return self._problem.mechanism
+
+    @property
+    def q(self) -> Array:
+        """Return the posture (n,) [rad]."""
+        return np.asarray(self._problem.q[0])
+
+    @cached_property
+    def map(self) -> TargetsMap:
+        """Return y0 (d,) and M (d, m) of torques and joint stiffness."""
+        y0, M = self.mechanism.map_of(self._problem.muscles)
+        return TargetsMap(y0[0], M[0])
+
+    @property
+    def box(self) -> tuple[Array, Array]:
+        """Return the least and the greatest pressures (m,) [Pa]."""
+        lo, hi = self._problem.bounds
+        return lo[0], hi[0]
+
+    @cached_property
+    def exists(self) -> bool:
+        """Return whether the limits leave every muscle a pressure, at which it is taut."""
+        return not any(
+            (side.empty | side.unreachable | (side.broken & Limit.AGONIST_SLACK != 0)).any()
+            for side in self._problem.box
+        )
+
+    def support(self, d: ArrayLike) -> Array:
+        """Return h(d) = max d·y (…) for directions `d` (…, n + n(n+1)/2). Raises `InvalidInput`."""
+        direction = self._direction(d)
+        slope, (lo, hi) = direction @ self.map.M, self.box
+        return np.asarray(direction @ self.map.y0 + np.maximum(slope * lo, slope * hi).sum(axis=-1))
+
+    def pressures(self, d: ArrayLike) -> Array:
+        """Return pressures (…, m) [Pa] that attain h(d) for directions `d` (…, n + n(n+1)/2). Raises `InvalidInput`."""
+        lo, hi = self.box
+        return np.where(self._direction(d) @ self.map.M > 0, hi, lo)
+
+    def interval(self, target: Any, held: Mapping[str, float] | None = None) -> tuple[float, float]:
+        """Return the least and the greatest value of a target, such as "K12", with others held; NaN if none exist.
+
+        Names are those of `polygon`. Raises `InvalidInput`.
+        """
+        axis, (y0, M) = self.coordinate(target), self.map
+        ends = (self.attaining(target, sign, held) for sign in (-1.0, 1.0))
+        low, high = (np.nan if P is None else float(axis.direction @ (y0 + M @ P) + axis.constant) for P in ends)
+        return low, high
+
+    def attaining(self, target: Any, sign: float, held: Mapping[str, float] | None = None) -> Array | None:
+        """Return pressures (m,) [Pa] that attain the end of `interval` on this side, or None if none exist."""
+        found = self._programme(held).farthest(sign * self.coordinate(target).direction @ self.map.M)
+        return None if found is None else found.P
+
+    def endpoint_stiffness(self, P: Array) -> Array:
+        """Return K_x (dim, dim) [N/m] at pressures (m,) [Pa]. Raises `InvalidInput` without an endpoint."""
+        if self._problem.endpoint is None:
+            raise InvalidInput("no endpoint was given to `feasible_targets`; its stiffness is not known")
+        return np.asarray(self._problem.endpoint.stiffness(self._problem.joint_stiffness(P[None]))[0])
+
+    def polygon(self, x: Any, y: Any, held: Mapping[str, float] | None = None) -> Polygon:
+        """Return all values that two targets can have together: a convex polygon, with what binds along each edge.
+
+        Targets are "T1" …, "K11", "K12" … and of an endpoint "Kx11" …, or mappings of such names to weights (`{"Kx11":
+        0.5, "Kx22": -0.5}`). `held` gives others that are kept, by name [N·m], [N·m/rad], [N/m]: `{"T1": 9.0, "T2":
+        4.0}`; what is not held is free. Raises `InvalidInput`.
+        """
+        axes = self.coordinate(x), self.coordinate(y)
+        rows = np.stack([axis.direction for axis in axes])
+        if np.linalg.matrix_rank(rows) < 2:
+            raise InvalidInput(f"{axes[0].name} and {axes[1].name} are the same but for a factor")
+        offset = rows @ self.map.y0 + np.array([axis.constant for axis in axes])
+        corners, sides = outline(self._programme(held), offset, rows @ self.map.M)
+        edges = tuple(
+            Edge(corners[i][0], corners[(i + 1) % len(corners)][0], self._binding(price))
+            for i, price in enumerate(sides)
+        )
+        vertices, P = (np.array([corner[part] for corner in corners]) for part in (0, 1))
+        return Polygon(axes, vertices.reshape(-1, 2), P.reshape(-1, self.mechanism.m), edges, self._held(held))
+
+    def coordinate(self, target: Any) -> Coordinate:
+        """Return a target of `polygon` as a function of torques and stiffness. Raises `InvalidInput`."""
+        at = self._problem.endpoint
+        hand = None if at is None else Hand(at.endpoint, Place(*(part[0] for part in at.place)), at.force[0])
+        return coordinate(target, self.mechanism.n, hand)
+
+    def _held(self, held: Mapping[str, float] | None) -> str:
+        kept = [(self.coordinate(name), value) for name, value in (held or {}).items()]
+        return ", ".join(f"{axis.name} = {value:.4g} {axis.unit}" for axis, value in kept)
+
+    def _programme(self, held: Mapping[str, float] | None) -> Programme:
+        if held is not None and not isinstance(held, Mapping):
+            raise InvalidInput(f"held = {checks.brief(held)} has to be a mapping, such as {{'T1': 0.0}}")
+        y0, M = self.map
+        kept = [(self.coordinate(name), checks.number(f"held[{name!r}]", v, "SI")) for name, v in (held or {}).items()]
+        rows = np.array([axis.direction @ M for axis, _ in kept]).reshape(-1, self.mechanism.m)
+        right = np.array([value - axis.constant - axis.direction @ y0 for axis, value in kept])
+        return Programme(rows, right, *self.box, self.exists)
+
+    def _binding(self, price: Array) -> tuple[str, ...]:
+        """Return the names of the limits that a price (m,) is paid for: positive at the greatest pressure."""
+        pairs = zip(self.mechanism.muscle_names, self._problem.box, price, strict=True)
+        return tuple(
+            limit
+            for name, side, p in pairs
+            if p
+            for limit in limit_names(name, int((side.hi_limit if p > 0 else side.lo_limit)[0]))
+        )
+
+    def _direction(self, d: Any) -> Array:
+        array = checks.real("d", d, "of torques, then stiffness")
+        if array.ndim == 0 or array.shape[-1] != self.map.y0.size:
+            raise InvalidInput(
+                f"d has the shape {array.shape}; expected (…, {self.map.y0.size}): n = {self.mechanism.n} torques and "
+                "the upper triangle of K, row by row"
+            )
+        return array
+
+
+__all__ = ["FeasibleTargets", "feasible_targets"]
