@@ -1,0 +1,3 @@
+"""The bench is where a controller meets hardware: devices, the real-time loop, its safety and its log."""
+
+__all__: list[str] = []

@@ -1,0 +1,3 @@
+"""Devices are here: simulated ones, callables, Modbus, and how others add theirs."""
+
+__all__: list[str] = []
