@@ -1,6 +1,7 @@
 """Runs are kept as NPZ: everything of a run in SI units, plant included, without pickle. NumPy alone opens it too."""
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,12 @@ from mpc.trials.simulation import Run
 _ARRAYS = tuple(f.name for f in fields(Run) if f.name != "plant")
 
 
-def save_recording(run: Run, path: str | Path) -> None:
-    """Write `run`: its arrays by the names they have in `Run`, and the plant as `joint` (TOML) and `plant_…`."""
-    values: dict[str, Any] = {name: getattr(run, name) for name in _ARRAYS}
+def save_recording(run: Run, path: str | Path, further: Mapping[str, Any] | None = None) -> None:
+    """Write `run`: its arrays by the names they have in `Run`, and the plant as `joint` (TOML) and `plant_…`.
+
+    `further` arrays by other names are kept beside them.
+    """
+    values: dict[str, Any] = dict(further or {}) | {name: getattr(run, name) for name in _ARRAYS}
     values |= {f"plant_{name}": value for name, value in run.plant.numbers.items()}
     values["joint"] = joint_storage.dumps(run.plant.joint)
     with replacing(path) as draft, draft.open("wb") as file:  # given a name, NumPy would add a suffix

@@ -1,0 +1,83 @@
+"""A callable device is two functions of yours: analog cards, EtherCAT masters, ROS nodes, whatever Python can reach."""
+
+from collections.abc import Callable, Sequence
+from math import nan
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from mpc.bench.clock import Clock, MonotonicClock
+from mpc.bench.device import DeviceError, Reading
+
+
+class CallableDevice:
+    """A callable device reads by one function and writes by another.
+
+    Parameters
+    ----------
+    read
+        Returns the angle [rad], or (angle, P1, P2) [rad, Pa, Pa], or a `Reading`; NaN for what is not measured. It is
+        called once a sample and should return at once.
+    write
+        Takes the gauge pressures P1, P2 [Pa].
+    vent
+        Lets both muscles empty; by default `write(0, 0)`.
+    close
+        Is called at the end.
+    clock
+        Dates readings that have no time of their own; that of the loop.
+
+    Functions that raise `NoAnswer` miss a sample, `DeviceLost` ends a loop; so does any other exception, which the
+    loop raises again after its safe stop.
+    """
+
+    def __init__(
+        self,
+        read: Callable[[], Reading | Sequence[float] | float],
+        write: Callable[[float, float], object],
+        vent: Callable[[], object] | None = None,
+        close: Callable[[], object] | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self._read, self._write, self._vent, self._close = read, write, vent, close
+        self._clock: Clock = MonotonicClock() if clock is None else clock
+
+    def __enter__(self) -> Self:
+        """Do nothing: the functions are connected already."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Call `close`."""
+        if self._close is not None:
+            self._close()
+
+    def read(self) -> Reading:
+        """Return what the function says. Raises `DeviceError` if that is no reading."""
+        said = self._read()
+        if isinstance(said, Reading):
+            return said
+        t = self._clock.now()
+        try:
+            values = [float(value) for value in np.atleast_1d(np.asarray(said, float)).tolist()]
+        except (TypeError, ValueError):
+            raise DeviceError(f"read() returned {said!r}, no numbers: give theta [rad], P1, P2 [Pa]") from None
+        if len(values) not in (1, 3):
+            raise DeviceError(f"read() returned {len(values)} numbers: give theta [rad], or theta, P1 and P2 [Pa]")
+        return Reading(t, *(values if len(values) == 3 else (values[0], nan, nan)))
+
+    def write(self, P1: float, P2: float) -> None:
+        """Command pressures [Pa]."""
+        self._write(P1, P2)
+
+    def vent(self) -> None:
+        """Let both muscles empty."""
+        if self._vent is None:
+            self._write(0.0, 0.0)
+        else:
+            self._vent()
+
+
+__all__ = ["CallableDevice"]

@@ -1,0 +1,128 @@
+"""A simulated device is a plant that moves while the clock goes: in real time, or as fast as the computer can.
+
+It does what a joint on a bench does, effects of `RealPlant` included, on a time base of its own that is finer than a
+controller's: a command acts from the moment on at which it is written, not from the next sample of anybody.
+"""
+
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array
+from mpc.bench.clock import Clock, MonotonicClock
+from mpc.bench.device import DeviceError, Reading
+from mpc.model.compensation import Compensation
+from mpc.model.plant import Plant
+from mpc.model.real_plant import RealExperiment, RealPlant
+
+STEP = 1e-3  # of its time base [s]
+_VENTED = 0.0  # [Pa]
+_MOST = 2.0  # [s] that are caught up with in one call: more would take as long again
+
+
+class SimulatedDevice:
+    """A simulated device is a `RealPlant` (or a `Plant`) behind the interface of a device.
+
+    Parameters
+    ----------
+    plant
+        What moves; by default the plant of the closed-loop benchmark, `RealPlant.standard()`.
+    clock
+        Whose time it moves in: by default this computer's, so that it is as fast as a real joint. Given a
+        `SimulatedClock`, to be given to the loop as well, it is as fast as the computer.
+    theta, pressures
+        Where it begins: the angle [rad] and the pressures [Pa]; by default it hangs in the middle, vented.
+    seed
+        Of the sensors' noise.
+    measures_pressure
+        Whether its regulators tell their pressures.
+    """
+
+    def __init__(
+        self,
+        plant: RealPlant | Plant | None = None,
+        clock: Clock | None = None,
+        *,
+        theta: float | None = None,
+        pressures: tuple[float, float] = (_VENTED, _VENTED),
+        seed: int = 0,
+        measures_pressure: bool = True,
+    ) -> None:
+        plant = RealPlant.standard() if plant is None else plant
+        self.plant = RealPlant(plant) if isinstance(plant, Plant) else plant
+        self.clock: Clock = MonotonicClock() if clock is None else clock
+        middle = float(np.mean(self.plant.nominal.joint.angle_range))
+        at = middle if theta is None else float(checks.angle("theta", theta))
+        self._x0 = np.array([at, 0.0, *checks.pressure("pressures", pressures)])
+        self._seed, self._measures_pressure = seed, measures_pressure
+        self.torque = 0.0  # of a weight that somebody has hung [N·m], positive where it pulls θ down
+        self._experiment: RealExperiment | None = None
+
+    def __enter__(self) -> Self:
+        """Begin to move."""
+        self._experiment = self.plant.begin(STEP, self._x0, self._seed)
+        self._u = self._x0[2:].copy()
+        self._began, self._steps = self.clock.now(), 0
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Stop; `x` stays to be looked at."""
+
+    @property
+    def x(self) -> Array:
+        """Return the true state (4,) [rad, rad/s, Pa, Pa] of the last call. Raises `DeviceError` if never entered."""
+        return self._running.x
+
+    @property
+    def command(self) -> Array:
+        """Return the pressures (2,) [Pa] that were commanded last."""
+        return self._u.copy()
+
+    def read(self) -> Reading:
+        """Return what the sensors say now."""
+        experiment = self._now()
+        theta, _, P1, P2 = experiment.measure().tolist()
+        nan = float("nan")
+        return Reading(self.clock.now(), theta, *((P1, P2) if self._measures_pressure else (nan, nan)))
+
+    def write(self, P1: float, P2: float) -> None:
+        """Command pressures [Pa] from now on."""
+        self._now()
+        self._u = np.array([P1, P2])
+
+    def vent(self) -> None:
+        """Command that both muscles empty."""
+        self.write(_VENTED, _VENTED)
+
+    @property
+    def _running(self) -> RealExperiment:
+        if self._experiment is None:
+            raise DeviceError("the simulated device is not connected: use it as a context, `with device:`")
+        return self._experiment
+
+    def _now(self) -> RealExperiment:
+        """Return the experiment, moved on to the present."""
+        experiment = self._running
+        due = int((self.clock.now() - self._began) / STEP * (1 + 1e-12) + 1e-6) - self._steps
+        for _ in range(min(due, int(_MOST / STEP))):
+            experiment.advance(self._u, -self.torque)
+        self._steps += max(due, 0)
+        return experiment
+
+
+def simulated(plant: Plant, known: Compensation, **effects: Any) -> RealPlant:
+    """Return `plant` as a joint on a bench: with what is `known` of its friction and regulators, and a bench's sensors.
+
+    Where nothing is known of an effect it is that of `RealPlant.standard`; its muscles pull as the plant's do.
+    """
+    told = {name: value for name, value in vars(known).items() if value != vars(Compensation())[name]}
+    standard = RealPlant.standard((1.0, 1.0), nominal=plant)
+    return replace(standard, **(told | effects))
+
+
+__all__ = ["STEP", "SimulatedDevice", "simulated"]

@@ -1,0 +1,127 @@
+"""Logs of a bench are read, turned into runs and kept as NPZ here.
+
+A log is the CSV of `mpc.bench.record`, in SI units. `read_log` takes one that ends in the middle of a line. A log's
+samples under control make a `Run`, so that all that metrics, pictures and recordings say of simulations they say
+of a bench, too: its states are what was measured, and estimated where nothing measures it.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.errors import InvalidFile, InvalidInput
+from mpc.bench.cycle import Phase
+from mpc.bench.lateness import Lateness
+from mpc.bench.record import INTEGERS, Row
+from mpc.bench.safety import Ending
+from mpc.model.plant import Plant
+from mpc.trials.recordings import save_recording
+from mpc.trials.simulation import Run
+
+Columns = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A record is all that happened in a loop: its rows as columns (n,) with the names of `Row`, and its end."""
+
+    plant: Plant  # the controller's
+    dt: float  # [s]
+    columns: Columns
+    ending: Ending
+
+    @property
+    def lateness(self) -> Lateness:
+        """Return the distribution of lateness, without that of the safe stop."""
+        late, missed = self.where("late", "missed", phases=_MOVING)
+        return Lateness.of(late, missed, self.dt)
+
+    @property
+    def theta_rms(self) -> float:
+        """Return the root mean square [rad] of the measured angle less its reference, without settling."""
+        theta, wanted = self.where("theta", "theta_ref", phases=(Phase.RUN,))
+        return float(np.sqrt(np.nanmean((theta - wanted) ** 2)))
+
+    def where(self, *names: str, phases: tuple[Phase, ...]) -> list[NDArray[Any]]:
+        """Return the columns called `names` in these phases."""
+        here = np.isin(self.columns["phase"], phases)
+        return [self.columns[name][here] for name in names]
+
+    def run(self) -> Run:
+        """Return the samples under control as a `Run`. Raises `InvalidInput` if there are fewer than two."""
+        return run_of(self.columns, self.plant, self.dt)
+
+    def save(self, path: str | Path) -> None:
+        """Write an NPZ that `load_recording` reads as a run, with every column of the log beside it (`log_…`).
+
+        Raises `CannotWrite`, and `InvalidInput` where there is no run.
+        """
+        save_recording(self.run(), path, {f"log_{name}": column for name, column in self.columns.items()})
+
+
+_MOVING = (Phase.RAMP, Phase.SETTLE, Phase.RUN)
+_CONTROLLED = (Phase.SETTLE, Phase.RUN)
+
+
+def run_of(columns: Columns, plant: Plant, dt: float) -> Run:
+    """Return the samples of a log that were under control as a `Run` of the nominal `plant` with samples of `dt` [s].
+
+    The last of them is where the run ends; what it says of the pressures before its first command are the commands then,
+    from which the slew limit counts. Raises `InvalidInput` if there are fewer than two.
+    """
+    here = np.isin(columns["phase"], _CONTROLLED)
+    if here.sum() < 2:
+        raise InvalidInput(f"the log has {here.sum()} samples under control; a run has two or more")
+    c = {name: column[here] for name, column in columns.items()}
+    measured = np.stack([c["theta"], np.full(c["theta"].size, np.nan), c["P1"], c["P2"]], axis=1)
+    names = ("theta_estimate", "omega_estimate", "P1_estimate", "P2_estimate", "d_estimate")
+    estimate = np.stack([c[name] for name in names], axis=1)
+    x = np.where(np.isfinite(measured), measured, estimate[:, :4])
+    last, before = slice(None, -1), max(int(np.argmax(here)) - 1, 0)
+    estimate[0, 2:4] = columns["P1_command"][before], columns["P2_command"][before]
+    moved = np.stack([c["moved_theta"], c["moved_K"], c["moved_T"]], axis=1)
+    return Run(
+        plant, dt, c["t"] - c["t"][0], x, estimate[last], np.stack([c["P1_command"], c["P2_command"]], axis=1)[last],
+        c["theta_ref"], c["K_ref"], np.asarray(plant.stiffness(x.T)), np.stack(plant.forces(x.T), axis=1),
+        c["took"][last], c["rung"][last], c["status"][last], c["slack"][last], c["slack_force"][last], moved[last], "",
+    )  # fmt: skip
+
+
+def read_log(path: str | Path) -> dict[str, NDArray[Any]]:
+    """Read the columns (n,) of a loop's log, by the names of `Row`; an unfinished last line is left out.
+
+    Raises `InvalidFile`.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
+    except UnicodeDecodeError:
+        raise InvalidFile(path, "is no text") from None
+    whole = text[: text.rfind("\n") + 1].splitlines()
+    lines = [(number, line) for number, line in enumerate(whole, 1) if not line.startswith("#")]
+    if not lines:
+        raise InvalidFile(path, "has no line of column names")
+    names = [re.sub(r" \[.*\]$", "", name) for name in lines[0][1].split(",")]
+    if missing := set(Row._fields) - set(names):
+        raise InvalidFile(path, f"is no log of a loop: {', '.join(sorted(missing))} missing", line=lines[0][0])
+    rows = np.array([_numbers(path, number, line, len(names)) for number, line in lines[1:]]).reshape(-1, len(names))
+    return {name: rows[:, i].astype(int) if name in INTEGERS else rows[:, i] for i, name in enumerate(names)}
+
+
+def _numbers(path: str | Path, number: int, line: str, n: int) -> list[float]:
+    try:
+        values = [float(cell) for cell in line.split(",")]
+    except ValueError:
+        raise InvalidFile(path, "has a cell that is no number", line=number) from None
+    if len(values) != n:
+        raise InvalidFile(path, f"has {len(values)} cells, not {n}", line=number)
+    return values
+
+
+__all__ = ["Record", "read_log", "run_of"]

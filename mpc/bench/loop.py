@@ -1,0 +1,118 @@
+"""The real-time loop is a controller and its observer on a device, along a reference.
+
+    loop = RealTimeLoop(device, controller, KalmanObserver(plant, dt), reference, log="run.csv")
+    record = loop.run()
+    print(record.ending, record.lateness)
+
+What controller and observer do on a simulated plant (`mpc.trials.simulation.simulate`) they do here, sample by sample;
+`mpc.bench.tracking` does, and `mpc.bench.cycle` keeps the time and everything safe.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from allocator.errors import InvalidInput
+from mpc.bench.clock import Clock
+from mpc.bench.cycle import Cycle, Overrun, Settings
+from mpc.bench.device import Device
+from mpc.bench.logs import Record
+from mpc.bench.record import Row
+from mpc.bench.safety import SafeStop, SoftStart, Watchdog
+from mpc.bench.tracking import Tracking
+from mpc.model.plant import NU, NX, Plant
+from mpc.observer.kalman import Observer
+from mpc.tracking.limits import Limits
+from mpc.trials.reference import Reference
+from mpc.trials.simulation import Controller
+
+
+class RealTimeLoop:
+    """A real-time loop lets `controller` and `observer` drive the joint on `device` along `reference`, once.
+
+    Parameters
+    ----------
+    device
+        What reads and writes; it is entered by `run`.
+    controller, observer
+        As for `mpc.simulate`; the sample time is the controller's.
+    reference
+        Angle [rad] and stiffness [N·m/rad] over time; between its samples a smooth curve.
+    plant
+        The model whose limits count, and whose rest is the end of the soft start; by default the controller's.
+    start, stop, watchdog, overrun
+        See `mpc.bench.safety` and `mpc.bench.cycle.Overrun`.
+    log
+        A CSV file that is written sample by sample; see `mpc.bench.record`.
+    clock
+        By default this computer's monotonic one; a `SimulatedDevice` that runs faster has its own.
+    watch
+        Is called with every `Row`, after its command was sent: for a display. It must not take long.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        controller: Controller,
+        observer: Observer,
+        reference: Reference,
+        *,
+        plant: Plant | None = None,
+        start: SoftStart | None = None,
+        stop: SafeStop | None = None,
+        watchdog: Watchdog | None = None,
+        overrun: Overrun = Overrun.SKIP,
+        log: str | Path | None = None,
+        clock: Clock | None = None,
+        watch: Callable[[Row], None] | None = None,
+    ) -> None:
+        self.plant = _plant_of(controller) if plant is None else plant
+        settings = Settings(overrun, start or SoftStart(), watchdog or Watchdog(), stop or SafeStop())
+        dt = controller.dt
+        limits = Limits.of(self.plant, dt)
+        _rehearse(self.plant, controller, observer, reference)
+        self.tracking = Tracking(self.plant, controller, observer, reference, settings.start.settle, settings.watchdog)
+        self.cycle = Cycle(
+            device, self.tracking, dt, limits, settings, log=log, about=about(dt), clock=clock, watch=watch
+        )  # fmt: skip
+
+    def run(self) -> Record:
+        """Run to the end of the reference, or until something else ends it; return the record of it.
+
+        Raises `RefusedStart` before the first command where the joint is not where it may be, `DeviceError` where no
+        connection is made, `CannotWrite` where the log cannot begin; and whatever controller or observer raise, after
+        the safe stop.
+        """
+        ending = self.cycle.run()
+        return Record(self.plant, self.cycle.dt, self.cycle.recorder.columns, ending)
+
+    def stop(self) -> None:
+        """Ask for the safe stop, from any thread."""
+        self.cycle.request_stop()
+
+
+def about(dt: float) -> list[str]:
+    """Return the first lines of a log."""
+    return [f"antagonist log; dt = {dt!r} s; SI units; muscle 1 is the agonist; NaN: not measured"]
+
+
+def _plant_of(controller: Controller) -> Plant:
+    plant = getattr(controller, "plant", None)
+    if not isinstance(plant, Plant):
+        raise InvalidInput(f"plant = None: {type(controller).__name__} has none, and its limits are needed")
+    return plant
+
+
+def _rehearse(plant: Plant, controller: Controller, observer: Observer, reference: Reference) -> None:
+    """Let both do a sample before it counts: what the first use loads or compiles is loaded now."""
+    theta, K = float(reference.theta[0]), float(reference.K[0])
+    x = plant.at_rest(theta, K)
+    seen = x.copy()
+    seen[1] = np.nan
+    for _ in range(2):
+        estimated, d = observer.estimate(seen, x[NX - NU :])
+        controller.step(estimated, theta, K, d)
+
+
+__all__ = ["RealTimeLoop", "about"]

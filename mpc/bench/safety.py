@@ -1,0 +1,131 @@
+"""The safety of a loop is set here: how it starts, what ends it, and what then happens to the pressures.
+
+What no program can do for you: a hard stop of the joint, a relief valve, and a device whose own watchdog vents where
+no command comes for a while. A process that is killed outright (SIGKILL, power) sends nothing more.
+"""
+
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from math import isfinite
+from typing import NamedTuple
+
+from allocator import checks
+from allocator.errors import AntagonistError, InvalidInput
+from allocator.units import BAR, DEG
+from mpc.observer.health import Reaction
+
+
+class Action(StrEnum):
+    """An action is what happens to the pressures when a loop ends."""
+
+    HOLD = "hold"  # the last commands are sent once more, and stay
+    RAMP = "ramp"  # both fall to nothing, in proportion; then vent
+    VENT = "vent"  # at once
+
+
+class Reason(StrEnum):
+    """A reason is why a loop ended."""
+
+    FINISHED = "finished"
+    INTERRUPTED = "interrupted"  # Ctrl-C
+    TERMINATED = "terminated"  # SIGTERM, or the terminal was closed
+    REQUESTED = "stopped by the program"
+    DEVICE = "device lost"
+    SILENT = "no reading"
+    STALLED = "no progress"
+    LATE = "a sample was missed"
+    UNHEALTHY = "the joint is not well"
+    LIMIT = "a limit was broken"
+    COMMAND = "no command that could be sent"
+    LOG = "the log cannot be written"
+    ERROR = "an error in the program"
+
+
+class Ending(NamedTuple):
+    """An ending says why a loop ended, and what was done then."""
+
+    reason: Reason
+    message: str
+    action: Action | None = None  # that the reason asks for, whatever is configured
+    delivered: bool = True  # whether the device took what was sent last
+
+    def __str__(self) -> str:
+        """Say it in one line."""
+        return f"{self.reason}: {self.message}" if self.message else str(self.reason)
+
+
+class RefusedStart(AntagonistError):
+    """A start that was refused, before any command was sent; the message says what was found."""
+
+
+class Stopped(Exception):  # it is no error
+    """The loop has to end; who raises it says why."""
+
+    def __init__(self, reason: Reason, message: str = "", action: Action | None = None) -> None:
+        super().__init__(message)
+        self.ending = Ending(reason, message, action)
+
+    @property
+    def message(self) -> str:
+        """Return the sentence."""
+        return self.ending.message
+
+
+@dataclass(frozen=True)
+class SoftStart:
+    """A soft start leads the pressures from where they are to where the first command is, and lets the joint settle."""
+
+    rate: float = 1 * BAR  # [Pa/s] of the pressure that has the longer way
+    settle: float = 1.0  # under control at the reference's first point [s]
+    present: tuple[float, float] | None = None  # pressures [Pa] where the device measures none
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        _positive(self, "rate", "Pa/s")
+        checks.not_negative("settle", self.settle, "s")
+        if self.present is not None:
+            checks.pressure("present", self.present)
+
+
+@dataclass(frozen=True)
+class Watchdog:
+    """A watchdog ends a loop that sees nothing, gets nowhere, or drives a joint that is not well."""
+
+    silence: float = 0.2  # without a reading of the angle, or without a command taken [s]
+    stall: float = 1.0  # without a sample done [s], of real time
+    reaction: Reaction | None = Reaction.HOLD  # of the observer's health that ends the loop; None: none
+    lasting: float = 0.5  # for how long health has to ask for it [s]
+    angle_margin: float = 2 * DEG  # [rad] beyond the joint's range
+    pressure_margin: float = 0.3 * BAR  # [Pa] beyond the supply's range
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name, unit in (("silence", "s"), ("stall", "s")):
+            _positive(self, name, unit)
+        for name, unit in (("lasting", "s"), ("angle_margin", "rad"), ("pressure_margin", "Pa")):
+            checks.not_negative(name, getattr(self, name), unit)
+
+
+@dataclass(frozen=True)
+class SafeStop:
+    """A safe stop is what happens to the pressures when a loop ends, however it ends."""
+
+    action: Action = Action.RAMP
+    rate: float = 1 * BAR  # of a ramp: how fast the higher pressure falls [Pa/s]
+
+    def __post_init__(self) -> None:
+        """Check action and rate."""
+        if self.action not in list(Action):
+            raise InvalidInput(f"action = {self.action!r} has to be one of {', '.join(Action)}")
+        object.__setattr__(self, "action", Action(self.action))
+        _positive(self, "rate", "Pa/s")
+
+
+def _positive(settings: SoftStart | Watchdog | SafeStop, name: str, unit: str) -> None:
+    assert name in {f.name for f in fields(settings)}
+    value = getattr(settings, name)
+    if not (isfinite(value) and value > 0):
+        raise InvalidInput(f"{name} = {value!r} {unit} has to be positive and finite")
+
+
+__all__ = ["Action", "Ending", "Reason", "RefusedStart", "SafeStop", "SoftStart", "Stopped", "Watchdog"]
