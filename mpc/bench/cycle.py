@@ -57,6 +57,7 @@ class Tick(NamedTuple):
     missed: int  # left out before it
     reading: Reading  # NaN where there was none
     sent: Pressures  # the last command [Pa]
+    due: float  # when it should have begun [s], on the clock of the reading
 
 
 class Decision(NamedTuple):
@@ -73,9 +74,6 @@ class CommandSource(Protocol):
     @property
     def first(self) -> Pressures:
         """Return the pressures [Pa] that a soft start leads to."""
-
-    def observe(self, tick: Tick) -> dict[str, Any]:
-        """Take note of a reading while others command; return what a row says of it."""
 
     def decide(self, tick: Tick) -> Decision | None:
         """Return the commands of this sample, None at the end. Raises `Stopped` where the joint is not well."""
@@ -185,18 +183,17 @@ class Cycle:
         raise RefusedStart(f"{_PATIENCE} readings were asked for and none came ({why}); nothing was commanded")
 
     def _ramp_up(self) -> None:
-        """Lead both pressures on a line to those of the first command."""
-        begin, end = self._sent, self.source.first
+        """Lead both pressures on a line to those of the first command, and wait there."""
+        start, begin, end = self.settings.start, self._sent, self.source.first
         way = max(abs(b - a) for a, b in zip(begin, end, strict=True))
-        steps = max(1, round(way / self.settings.start.rate / self.dt))
+        steps = max(1, ceil(way / start.rate / self.dt))
 
         def decide(tick: Tick) -> Decision | None:
-            about = self.source.observe(tick)
             share = min(1.0, (tick.k + 1) / steps)
             one, two = (a + share * (b - a) for a, b in zip(begin, end, strict=True))
-            return Decision((one, two), Phase.RAMP, about)
+            return Decision((one, two), Phase.RAMP)
 
-        while self._next < steps:
+        while self._next < steps + round(start.dwell / self.dt):
             self._tick(decide)
 
     # --- a sample ---------------------------------------------------------------------------------------------------
@@ -210,7 +207,7 @@ class Cycle:
         self._stops.check()
         reading = self._read()
         self._check(reading)
-        decision = decide(Tick(self._next, self._missed, reading, self._sent))
+        decision = decide(Tick(self._next, self._missed, reading, self._sent, deadline))
         if decision is None:
             return False
         taken = self._write(self._guarded(decision.u))

@@ -71,16 +71,15 @@ _CONTROLLED = (Phase.SETTLE, Phase.RUN)
 def run_of(columns: Columns, plant: Plant, dt: float) -> Run:
     """Return the samples of a log that were under control as a `Run` of the nominal `plant` with samples of `dt` [s].
 
-    The last of them is where the run ends; what it says of the pressures before its first command are the commands then,
-    from which the slew limit counts. Raises `InvalidInput` if there are fewer than two.
+    The last of them is where the run ends. The pressures that its first estimate tells are those commanded before, from
+    which the slew limit counts. Raises `InvalidInput` if there are fewer than two.
     """
     here = np.isin(columns["phase"], _CONTROLLED)
     if here.sum() < 2:
         raise InvalidInput(f"the log has {here.sum()} samples under control; a run has two or more")
     c = {name: column[here] for name, column in columns.items()}
     measured = np.stack([c["theta"], np.full(c["theta"].size, np.nan), c["P1"], c["P2"]], axis=1)
-    names = ("theta_estimate", "omega_estimate", "P1_estimate", "P2_estimate", "d_estimate")
-    estimate = np.stack([c[name] for name in names], axis=1)
+    estimate = np.stack([c[f"{name}_estimate"] for name in ("theta", "omega", "P1", "P2", "d")], axis=1)
     x = np.where(np.isfinite(measured), measured, estimate[:, :4])
     last, before = slice(None, -1), max(int(np.argmax(here)) - 1, 0)
     estimate[0, 2:4] = columns["P1_command"][before], columns["P2_command"][before]

@@ -73,15 +73,20 @@ class Stopped(Exception):  # it is no error
 
 @dataclass(frozen=True)
 class SoftStart:
-    """A soft start leads the pressures from where they are to where the first command is, and lets the joint settle."""
+    """A soft start leads the pressures from where they are to where the first command is, and lets the joint settle.
+
+    Nobody observes the joint on this way: a slack joint obeys no model.
+    """
 
     rate: float = 1 * BAR  # [Pa/s] of the pressure that has the longer way
+    dwell: float = 0.5  # at its end [s]: regulators lag behind, and the joint swings
     settle: float = 1.0  # under control at the reference's first point [s]
     present: tuple[float, float] | None = None  # pressures [Pa] where the device measures none
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         _positive(self, "rate", "Pa/s")
+        checks.not_negative("dwell", self.dwell, "s")
         checks.not_negative("settle", self.settle, "s")
         if self.present is not None:
             checks.pressure("present", self.present)

@@ -1,6 +1,8 @@
 """Tracking is what a controller and its observer do with the samples of a loop; a log can be replayed through them.
 
-Where samples had to be left out the observer is told so: a sample without a reading under the command that was held.
+An observer takes it for granted that readings are evenly spaced, and at 1 rad/s a millisecond is 0.06°: what was read
+late is brought to the time at which it was due. Where samples had to be left out the observer is told so: a sample
+without a reading under the command that was held.
 """
 
 from collections.abc import Mapping
@@ -20,6 +22,7 @@ from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller
 
 _ACTIONS = {Reaction.VENT: Action.VENT, Reaction.HOLD: Action.HOLD}
+_ESTIMATES = ("theta_estimate", "omega_estimate", "P1_estimate", "P2_estimate", "d_estimate")
 _UNSEEN = np.full(NX, np.nan)
 
 
@@ -40,12 +43,13 @@ class Tracking:
         dt = controller.dt
         given = reference.resampled(dt)
         self._settling = round(settle / dt)
-        t = dt * np.arange(self._settling + given.t.size)
-        theta, K = (np.pad(a, (self._settling, 0), "edge") for a in (given.theta, given.K))
-        self.reference = Reference(t, theta, K)
+        t: Array = dt * np.arange(self._settling + given.t.size, dtype=float)
+        i = np.maximum(np.arange(t.size) - self._settling, 0)  # the first point, until it has settled
+        self.reference = Reference(t, given.theta[i], given.K[i])
         one, two = plant.at_rest(float(given.theta[0]), float(given.K[0]))[2:].tolist()
         self.first: Pressures = one, two
         self._begun: int | None = None  # the sample of the first decision
+        self._before: tuple[float, Array] | None = None  # the last reading's time [s] and values (4,)
         self._unwell = 0  # samples for which health has asked for a reaction
         observer.reset()
         controller.reset()
@@ -57,12 +61,6 @@ class Tracking:
         assert isinstance(health, Health)
         return health
 
-    def observe(self, tick: Tick) -> dict[str, Any]:
-        """Estimate state and torque from a reading, and say them."""
-        x, d = self._estimate(tick)
-        names = ("theta_estimate", "omega_estimate", "P1_estimate", "P2_estimate", "d_estimate")
-        return dict(zip(names, [*x.tolist(), d], strict=True))
-
     def decide(self, tick: Tick) -> Decision | None:
         """Return the controller's commands, None after the last sample of the reference."""
         if self._begun is None:
@@ -70,11 +68,11 @@ class Tracking:
         k = tick.k - self._begun
         if k >= self.reference.t.size:
             return None
-        about = self.observe(tick)
+        x, d = self._estimate(tick)
         self._check_health()
-        *x, d = list(about.values())
         plan = self.controller.step(x, *self.reference.preview(k, self.controller.ahead), d)
-        about |= {"theta_ref": self.reference.theta[k], "K_ref": self.reference.K[k], **of_plan(plan)}
+        estimate = dict(zip(_ESTIMATES, [*x.tolist(), d], strict=True))
+        about = {"theta_ref": self.reference.theta[k], "K_ref": self.reference.K[k], **estimate, **of_plan(plan)}
         one, two = plan.u[0].tolist()
         return Decision((one, two), Phase.SETTLE if k < self._settling else Phase.RUN, about)
 
@@ -82,8 +80,18 @@ class Tracking:
         sent = np.array(tick.sent)
         for _ in range(tick.missed):
             self.observer.estimate(_UNSEEN, sent)
-        _, theta, P1, P2 = tick.reading
-        return self.observer.estimate(np.array([theta, np.nan, P1, P2]), sent)
+        return self.observer.estimate(self._at_due(tick), sent)
+
+    def _at_due(self, tick: Tick) -> Array:
+        """Return what the sensors (4,) would have said at the due time: on a line from the reading before."""
+        t, *now = tick.reading
+        said = np.array([now[0], np.nan, now[1], now[2]])
+        before, self._before = self._before, (t, said)
+        if before is None or not t > before[0] or not tick.due < t:
+            return said
+        share = min((t - tick.due) / (t - before[0]), 1.0)
+        line = said + share * (before[1] - said)
+        return np.where(np.isnan(line), said, line)
 
     def _check_health(self) -> None:
         """Raise `Stopped` where health has asked for too long for what ends a loop."""
@@ -103,17 +111,15 @@ def replay(columns: Mapping[str, Any], tracking: Tracking) -> Array:
     reference, and if no guard changed them.
     """
     commands, sent = [], None
-    names = ("theta", "P1", "P2", "P1_command", "P2_command", "phase", "missed")
-    rows = zip(*(columns[name].tolist() for name in names), strict=True)
+    names = ("read_at", "theta", "P1", "P2", "P1_command", "P2_command", "phase", "missed")
+    due = (columns["t"] - columns["late"]).tolist()
     k = -1
-    for theta, P1, P2, one, two, phase, missed in rows:
+    for t, theta, P1, P2, one, two, phase, missed, at in zip(*(columns[n].tolist() for n in names), due, strict=True):
         if phase == Phase.STOP:
             break
         k += 1 + missed
-        tick = Tick(k, missed, Reading(float(k), theta, P1, P2), (P1, P2) if sent is None else sent)
-        if phase == Phase.RAMP:
-            tracking.observe(tick)
-        elif (decision := tracking.decide(tick)) is not None:
+        tick = Tick(k, missed, Reading(t, theta, P1, P2), (P1, P2) if sent is None else sent, at)
+        if phase != Phase.RAMP and (decision := tracking.decide(tick)) is not None:
             commands.append(decision.u)
         sent = one, two
     return np.array(commands).reshape(-1, 2)

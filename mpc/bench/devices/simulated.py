@@ -84,11 +84,11 @@ class SimulatedDevice:
         return self._u.copy()
 
     def read(self) -> Reading:
-        """Return what the sensors say now."""
+        """Return what the sensors say now; its time is that of the state, however long its computation took."""
         experiment = self._now()
         theta, _, P1, P2 = experiment.measure().tolist()
         nan = float("nan")
-        return Reading(self.clock.now(), theta, *((P1, P2) if self._measures_pressure else (nan, nan)))
+        return Reading(self._began + self._steps * STEP, theta, *((P1, P2) if self._measures_pressure else (nan, nan)))
 
     def write(self, P1: float, P2: float) -> None:
         """Command pressures [Pa] from now on."""
