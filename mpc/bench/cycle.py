@@ -200,9 +200,9 @@ class Cycle:
 
     def _tick(self, decide: Callable[[Tick], Decision | None]) -> bool:
         """Do one sample; return whether there was a decision."""
-        deadline = self._began + self._next * self.dt
-        self.clock.sleep_until(deadline)
-        began = self.clock.now()
+        self.clock.sleep_until(self._began + self._next * self.dt)
+        self._leave_out()
+        deadline, began = self._began + self._next * self.dt, self.clock.now()
         self._stops.beat()
         self._stops.check()
         reading = self._read()
@@ -213,7 +213,7 @@ class Cycle:
         taken = self._write(self._guarded(decision.u))
         took = self.clock.now() - began
         self._record(reading, decision, began, began - deadline, took, taken)
-        self._schedule()
+        self._next, self._missed = self._next + 1, 0
         return True
 
     def _read(self) -> Reading:
@@ -286,9 +286,10 @@ class Cycle:
         if self._watch is not None:
             self._watch(row)
 
-    def _schedule(self) -> None:
-        """Say which sample comes next, and how many are left out."""
-        self._next, self._missed = self._next + 1, 0
+    def _leave_out(self) -> None:
+        """Leave out the samples that are over already, if that is the policy: the last one took too long, or so did the
+        system to wake up.
+        """
         over = int((self.clock.now() - self._began) / self.dt * (1 + 1e-12)) - self._next
         if over < 1:
             return
