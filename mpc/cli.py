@@ -20,10 +20,11 @@ from allocator.shell.options import Command, finite, grouped
 from allocator.shell.outputs import IMAGES, Force, claim
 from allocator.shell.printing import say
 from allocator.units import BAR
+from mpc.bench.cli import devices_command, run_command
 from mpc.explorer.cli import explore
 from mpc.export.cli import export_command
 from mpc.plant_cli import PlantOptions, init_command
-from mpc.trials.trajectories import TRAJECTORIES, shrunk, usual_stiffness
+from mpc.trials.trajectories import TRAJECTORIES
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from mpc.model.plant import Plant
     from mpc.trials.loops import Settings
     from mpc.trials.metrics import Metrics
-    from mpc.trials.reference import Reference
     from mpc.trials.simulation import Process, Run
 
 _NOMINAL, _REAL = "nominal", "real"  # plants
@@ -98,6 +98,7 @@ def track(
     from rich.console import Console
 
     from mpc.model.plant import Plant
+    from mpc.trials.choice import reference_called
     from mpc.trials.loops import loop
     from mpc.trials.metrics import metrics
     from mpc.trials.simulation import simulate
@@ -107,7 +108,7 @@ def track(
     files = _files(out or [Path()])
     claim(*files, inputs=(trajectory, *options.files), force=force, own=_OWN_NAMES)
     nominal = options.plant(**({"lag": _REAL_LAG} if plant == _REAL else {}))
-    reference = _reference(trajectory, stiffness, nominal)
+    reference = reference_called(trajectory, stiffness, nominal)
     reference.samples(dt)  # before anything is built
     half_way = float(reference.t[-1] - reference.t[0]) / 2
     known = options.compensation()
@@ -142,26 +143,6 @@ def track(
         for path in files:
             if path.suffix not in (".csv", ".npz"):
                 typer.launch(str(path))
-
-
-def _reference(name: str | None, K: float | None, plant: "Plant") -> "Reference":
-    """Return the trajectory of this name or in this file."""
-    from allocator import checks
-    from mpc.model.plant import Plant
-    from mpc.trials.files import default_trajectory, load
-    from mpc.trials.reference import sine
-
-    if name is None and K is None and plant.joint == Plant().joint:
-        return default_trajectory()
-    if name is None or name in TRAJECTORIES:
-        middle = usual_stiffness(plant.joint) if K is None else float(checks.stiffness("stiffness", K))
-        about = TRAJECTORIES[name].about if name else lambda K: sine(K=K)
-        return shrunk(about, middle, plant.joint)
-    if K is not None:
-        raise InvalidInput("--stiffness goes with a standard trajectory; a file has its own")
-    if Path(name).suffix or Path(name).exists():
-        return load(name)
-    raise InvalidInput(f"there is neither a standard trajectory nor a file {name}; there are {', '.join(TRAJECTORIES)}")
 
 
 def _files(out: list[Path]) -> list[Path]:
@@ -252,6 +233,8 @@ def _summary(m: "Metrics", implementation: str, kind: str, *, assumed: bool = Fa
 
 
 app.command("export", cls=Command, short_help="allocator and controller as C")(export_command)
+app.command("devices", cls=Command, short_help="list what `run` and `sweep` can drive")(devices_command)
+app.command("run", cls=Command, short_help="drive a joint on a device along a trajectory")(run_command)
 app.command("explore", cls=Command, short_help="see in the browser what a joint can do")(explore)
 app.command("init", cls=Command, short_help="write a plant file to edit, for --joint")(init_command)
 

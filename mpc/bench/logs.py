@@ -42,6 +42,16 @@ class Record:
         return Lateness.of(late, missed, self.dt)
 
     @property
+    def controlled(self) -> bool:
+        """Return whether there are samples under control enough for a `Run`."""
+        return int(np.isin(self.columns["phase"], _CONTROLLED).sum()) >= _LEAST
+
+    @property
+    def tracked(self) -> bool:
+        """Return whether it came to follow the reference."""
+        return bool((self.columns["phase"] == Phase.RUN).any())
+
+    @property
     def theta_rms(self) -> float:
         """Return the root mean square [rad] of the measured angle less its reference, without settling."""
         theta, wanted = self.where("theta", "theta_ref", phases=(Phase.RUN,))
@@ -65,6 +75,7 @@ class Record:
 
 
 _MOVING = (Phase.RAMP, Phase.SETTLE, Phase.RUN)
+_LEAST = 2  # samples of a run
 _CONTROLLED = (Phase.SETTLE, Phase.RUN)
 
 
@@ -75,7 +86,7 @@ def run_of(columns: Columns, plant: Plant, dt: float) -> Run:
     which the slew limit counts. Raises `InvalidInput` if there are fewer than two.
     """
     here = np.isin(columns["phase"], _CONTROLLED)
-    if here.sum() < 2:
+    if here.sum() < _LEAST:
         raise InvalidInput(f"the log has {here.sum()} samples under control; a run has two or more")
     c = {name: column[here] for name, column in columns.items()}
     measured = np.stack([c["theta"], np.full(c["theta"].size, np.nan), c["P1"], c["P2"]], axis=1)

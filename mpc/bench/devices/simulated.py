@@ -125,4 +125,11 @@ def simulated(plant: Plant, known: Compensation, **effects: Any) -> RealPlant:
     return replace(standard, **(told | effects))
 
 
-__all__ = ["STEP", "SimulatedDevice", "simulated"]
+def open_simulated(address: str = "", clock: Clock | None = None) -> SimulatedDevice:
+    """Simulate a joint in real time: sim for the benchmark's, or sim:plant.toml for that of a file."""
+    if not address:
+        return SimulatedDevice(RealPlant.standard(), clock)
+    return SimulatedDevice(simulated(Plant.load(address), Compensation.load(address)), clock)
+
+
+__all__ = ["STEP", "SimulatedDevice", "open_simulated", "simulated"]

@@ -1,0 +1,143 @@
+"""The dashboard shows a loop in the terminal, from a process of its own: drawing must not make a sample late.
+
+The loop hands over a line of JSON now and then, and none where the dashboard does not keep up. On a terminal it is
+drawn in place (rich); elsewhere there is a line of text a second.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterable
+from types import TracebackType
+from typing import Any, Self
+
+_EVERY = 0.1  # [s] between two pictures
+_LINE_EVERY = 1.0  # [s] between two lines of text
+_BAR = 24  # characters
+_PHASES = ("start", "settling", "tracking", "stopping")
+
+
+class Dashboard:
+    """A dashboard is entered as a context, and shows the states that it is told."""
+
+    def __init__(self, highest_pressure: float, dt: float) -> None:
+        self._highest, self._dt = highest_pressure, dt
+        self._last = float("-inf")
+        self._late: list[float] = []
+
+    def __enter__(self) -> Self:
+        """Start the process."""
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "mpc.bench.dashboard"], stdin=subprocess.PIPE, start_new_session=True
+        )
+        assert self._process.stdin is not None
+        self._pipe = self._process.stdin.fileno()
+        os.set_blocking(self._pipe, False)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """End the process when it has shown what it was told."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(2.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def show(self, row: Any, health: str = "") -> None:
+        """Show a `Row`, if the last one was shown long enough ago."""
+        self._late.append(row.late)
+        if row.t - self._last < _EVERY:
+            return
+        self._last = row.t
+        state = {
+            "t": row.t,
+            "phase": row.phase,
+            "theta": row.theta,
+            "theta_ref": row.theta_ref,
+            "K_ref": row.K_ref,
+            "P": [row.P1, row.P2],
+            "u": [row.P1_command, row.P2_command],
+            "highest": self._highest,
+            "late": max(self._late),
+            "took": row.took,
+            "missed": row.missed,
+            "health": health,
+        }
+        self._late.clear()
+        try:
+            os.write(self._pipe, json.dumps(state).encode() + b"\n")
+        except (BlockingIOError, BrokenPipeError):
+            return  # it does not keep up, or is gone: the loop goes on
+
+
+def main(lines: Iterable[str] | None = None) -> None:
+    """Show the states that come in, one a line."""
+    states = map(json.loads, sys.stdin if lines is None else lines)
+    if sys.stdout.isatty():
+        _draw(states)
+    else:
+        _print(states)
+
+
+def _print(states: Iterable[dict[str, Any]]) -> None:
+    last = float("-inf")
+    for state in states:
+        if state["t"] - last >= _LINE_EVERY:
+            last = state["t"]
+            print(text(state), flush=True)
+
+
+def text(state: dict[str, Any]) -> str:
+    """Return a state in a line."""
+    P, u = (" ".join(f"{value / 1e5:.2f}" for value in state[name]) for name in ("P", "u"))
+    wanted = "" if state["theta_ref"] != state["theta_ref"] else f" of {_degrees(state['theta_ref'])}°"
+    return (
+        f"{state['t']:7.1f} s {_PHASES[state['phase']]:9} θ {_degrees(state['theta'])}°{wanted}  "
+        f"P {P} bar, commanded {u}  late {1e3 * state['late']:.2f} ms"
+        + (f"  {state['health']}" * bool(state["health"]))
+    )
+
+
+def _degrees(theta: float) -> str:
+    return f"{theta * 57.29577951308232:.2f}"
+
+
+def _draw(states: Iterable[dict[str, Any]]) -> None:
+    from rich.live import Live
+
+    with Live(auto_refresh=False) as live:
+        for state in states:
+            live.update(_picture(state), refresh=True)
+
+
+def _picture(state: dict[str, Any]) -> Any:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=f"{_PHASES[state['phase']]}, {state['t']:.1f} s", show_header=False, min_width=64)
+    table.add_row("angle", f"{_degrees(state['theta'])}°", f"reference {_degrees(state['theta_ref'])}°")
+    table.add_row("stiffness", "", f"reference {state['K_ref']:.3g} N·m/rad")
+    for i, name in enumerate(("P1", "P2")):
+        P, u = state["P"][i], state["u"][i]
+        table.add_row(f"{name} (muscle {i + 1})", f"{P / 1e5:.2f} bar", bar(P, state["highest"]) + f" → {u / 1e5:.2f}")
+    late = f"{1e3 * state['late']:.2f} ms late, {1e3 * state['took']:.2f} ms taken"
+    table.add_row("time", late, f"{state['missed']} missed" if state["missed"] else "")
+    table.add_row("health", Text(state["health"] or "well", style="red" if state["health"] else "green"))
+    return table
+
+
+def bar(value: float, highest: float) -> str:
+    """Return a bar as long as `value` is of `highest`; empty for what is not measured."""
+    full = round(_BAR * min(max(value / highest, 0.0), 1.0)) if value == value else 0
+    return "█" * full + "·" * (_BAR - full)
+
+
+if __name__ == "__main__":
+    main()
+
+__all__ = ["Dashboard", "bar", "main", "text"]

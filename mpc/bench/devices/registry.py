@@ -1,0 +1,74 @@
+"""Devices have names: those of this project, and those that other packages bring.
+
+A package adds devices by an entry point of the group `antagonist.devices`, whose name is what stands before the first
+colon in `--device NAME:ADDRESS`, and whose object takes the rest, `(address: str) -> Device`; the first line of its
+docstring is what `antagonist devices` says of it:
+
+    [project.entry-points."antagonist.devices"]
+    acme = "acme_valves:open_for_antagonist"
+"""
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import NamedTuple
+
+from allocator.errors import InvalidInput, MissingBackend
+from mpc.bench.device import Device
+
+GROUP = "antagonist.devices"
+_OURS = {
+    "sim": "mpc.bench.devices.simulated:open_simulated",
+    "modbus": "mpc.bench.devices.modbus:open_modbus",
+}
+
+
+class Kind(NamedTuple):
+    """A kind of device has a name, and a function that makes one of an address."""
+
+    name: str
+    entry: EntryPoint
+    brought_by: str  # the distribution, "" for this one
+
+    @property
+    def summary(self) -> str:
+        """Return what it says of itself in a line, or why it cannot be used."""
+        try:
+            return (self.load().__doc__ or "").strip().partition("\n")[0]
+        except (ImportError, AttributeError) as error:
+            return f"cannot be loaded ({error})"
+
+    def load(self) -> Callable[[str], Device]:
+        """Return its function."""
+        module, _, name = self.entry.value.partition(":")
+        function: Callable[[str], Device] = getattr(import_module(module), name)
+        return function
+
+
+def kinds() -> Mapping[str, Kind]:
+    """Return all kinds of devices by name; what others bring cannot take the name of one of ours."""
+    brought = {
+        entry.name: Kind(entry.name, entry, entry.dist.name if entry.dist else "")
+        for entry in entry_points(group=GROUP)
+    }
+    return brought | {name: Kind(name, EntryPoint(name, value, GROUP), "") for name, value in _OURS.items()}
+
+
+def open_device(spec: str) -> Device:
+    """Return the device that `spec` describes, NAME or NAME:ADDRESS; it connects when it is entered.
+
+    Raises `MissingBackend` for a name that there is not, `InvalidInput` for an address that cannot be one or a device
+    whose package cannot be loaded.
+    """
+    name, _, address = spec.partition(":")
+    known = kinds()
+    if name not in known:
+        raise MissingBackend("device", name, known)
+    try:
+        make = known[name].load()
+    except (ImportError, AttributeError) as error:
+        raise InvalidInput(f"device {spec!r}: {known[name].entry.value} cannot be loaded ({error})") from None
+    return make(address)
+
+
+__all__ = ["GROUP", "Kind", "kinds", "open_device"]
