@@ -20,6 +20,7 @@ from allocator.shell.options import Command, finite, grouped
 from allocator.shell.outputs import IMAGES, Force, claim
 from allocator.shell.printing import say
 from allocator.units import BAR
+from mpc.bench.cli import devices_command, run_command, sweep_command
 from mpc.bench.cli import devices_command, run_command
 from mpc.explorer.cli import explore
 from mpc.export.cli import export_command
@@ -235,6 +236,7 @@ def _summary(m: "Metrics", implementation: str, kind: str, *, assumed: bool = Fa
 app.command("export", cls=Command, short_help="allocator and controller as C")(export_command)
 app.command("devices", cls=Command, short_help="list what `run` and `sweep` can drive")(devices_command)
 app.command("run", cls=Command, short_help="drive a joint on a device along a trajectory")(run_command)
+app.command("sweep", cls=Command, short_help="run the experiment that identifies a joint")(sweep_command)
 app.command("explore", cls=Command, short_help="see in the browser what a joint can do")(explore)
 app.command("init", cls=Command, short_help="write a plant file to edit, for --joint")(init_command)
 

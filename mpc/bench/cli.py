@@ -1,8 +1,10 @@
 """Commands about hardware are here: `antagonist devices`, `run` and `sweep`; degrees and bar here, SI behind."""
 
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import typer
@@ -11,7 +13,7 @@ from allocator.errors import InvalidInput
 from allocator.shell.options import finite, grouped, numbers, within
 from allocator.shell.outputs import IMAGES, Force, claim
 from allocator.shell.printing import say
-from allocator.units import BAR
+from allocator.units import BAR, DEG, PERCENT
 from mpc.plant_cli import PlantOptions
 
 if TYPE_CHECKING:
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from mpc.bench.clock import Clock
     from mpc.bench.cycle import Settings
     from mpc.bench.device import Device
+    from mpc.bench.lateness import Lateness
     from mpc.bench.logs import Record
     from mpc.bench.record import Row
     from mpc.bench.safety import Ending
@@ -52,9 +55,7 @@ class BenchOptions:
     overrun: Annotated[
         str, typer.Option(help="what follows samples that took too long: skip (the reference goes on), catch-up, stop")
     ] = "skip"
-    fast: Annotated[bool, typer.Option("--fast", help="with sim: as fast as the computer can, not in real time")] = (
-        False
-    )
+    fast: Annotated[bool, typer.Option("--fast", help="with sim: as fast as the computer can")] = False
     quiet: Annotated[bool, typer.Option("--quiet", help="show nothing while it runs")] = False
 
     def opened(self, options: PlantOptions) -> "Opened":
@@ -178,13 +179,118 @@ def run_command(
             watchdog=settings.watchdog, overrun=settings.overrun, log=journal, clock=opened.clock,
             watch=watch,
         )  # fmt: skip
-    watch.health = lambda: loop.tracking.health
+    watch.health = lambda: "" if loop.tracking.health.well else loop.tracking.health
     with watch:
         record = loop.run()
     _report(record, console)
     if record.controlled:
         _write(record, files, journal, console)
     raise typer.Exit(_code(record.ending))
+
+
+@grouped
+def sweep_command(
+    options: PlantOptions,
+    bench: BenchOptions,
+    out: Annotated[Path, typer.Option(help="directory for joint_log.csv, motion_log.csv and sweep.csv")],
+    accuracy: Annotated[float, typer.Option(help="standard deviation of K that is wanted [%]")] = 5.0,
+    weight: Annotated[
+        list[float] | None, typer.Option(help="torque of a weight that can be hung [N·m]; repeatable")
+    ] = None,
+    weights: Annotated[bool, typer.Option(help="hang weights; without them fit-joint tells no forces")] = True,
+    motion: Annotated[float, typer.Option(help="random steps for fit-motion, in all [s]; 0: none")] = 90.0,
+    rate: Annotated[float, typer.Option(help="of the way from setpoint to setpoint [bar/s]")] = 1.0,
+    dt: Annotated[float, typer.Option(help="sample time [s]")] = 0.02,
+    seed: Annotated[int, typer.Option(help="of the random steps")] = 0,
+    force: Force = False,
+) -> None:
+    """Run the experiment that identifies a joint: random steps, then equilibria with and without a weight.
+
+    Describe the joint by the options below, as well as you know it. Random steps come first; then the setpoints of
+    `antagonist plan-joint`, each approached from both sides. Whenever a weight is to be hung the pressures are held
+    until Enter is pressed. `fit-joint` reads joint_log.csv, `fit-motion` motion_log.csv; sweep.csv has every
+    sample. It begins and ends as `antagonist run` does.
+    """
+    from rich.console import Console
+
+    from allocator.identification.joint.planning.plan import plan_joint_experiment
+    from mpc.bench.cycle import Cycle
+    from mpc.bench.loop import about
+    from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of
+    from mpc.tracking.limits import Limits
+
+    console = Console()
+    within("--accuracy", accuracy, "%", 0.01, 99)
+    within("--motion", motion, "s", 0, 86_400)
+    within("--rate", rate, "bar/s", 1e-3, 100)
+    within("--dt", dt, "s", 1e-4, 0.1)
+    files = [out / name for name in ("joint_log.csv", "motion_log.csv", "sweep.csv")]
+    claim(*files, inputs=options.files, force=force)
+    settings = bench.settings()
+    opened = bench.opened(options)
+    joint, pace = opened.plant.joint, Pace(rate=rate * BAR, motion=motion)
+    limits = Limits.of(opened.plant, dt)
+    plan = plan_joint_experiment(joint, accuracy=accuracy * PERCENT, weights=weight)
+    steps = random_steps(joint, round(motion / pace.every), seed)
+    source = Sweep(visits_of(plan, limits.pressure, weights), steps, dt, _hanger(opened.device, console), out, pace)
+    say(
+        console,
+        f"{len(source.visits)} visits of setpoints, {motion:g} s of random steps: {source.duration / 60:.1f} min",
+    )
+    watch = _Watch(limits.pressure[1], dt, bench.quiet)
+    cycle = Cycle(
+        opened.device, source, dt, limits, settings, log=files[-1], about=about(dt), clock=opened.clock, watch=watch
+    )
+    with watch:
+        ending = cycle.run()
+    _say_ending(ending, cycle.lateness, console)
+    if source.restless:
+        say(
+            console, f"{source.restless} visits were left out: the angle did not come to rest within {pace.longest:g} s"
+        )
+    say(console, f"written: {', '.join(str(path) for path in files if path.exists())}")
+    raise typer.Exit(_code(ending))
+
+
+def _hanger(device: "Device", console: "Console") -> "Callable[[float], bool]":
+    """Return who asks for weights: a simulated joint hangs them itself, a person presses Enter."""
+    from mpc.bench.devices.simulated import SimulatedDevice
+
+    if isinstance(device, SimulatedDevice):
+        return device.hang
+    return Asking(lambda torque: say(console, f"\n{_REQUEST.format(abs(torque), 'down' if torque > 0 else 'up')}"))
+
+
+_REQUEST = "hang the weight so that it pulls θ {1} with {0:.3g} N·m, and press Enter; the pressures are held"
+
+
+class Asking:
+    """Asking for a weight does not stop a loop: a thread waits for the Enter key."""
+
+    def __init__(self, ask: "Callable[[float], None]") -> None:
+        self._ask = ask
+        self._wanted: float | None = None
+        self._line: str | None = None
+        self._thread: Thread | None = None
+
+    def __call__(self, torque: float) -> bool:
+        """Return whether Enter was pressed since this torque [N·m] was asked for.
+
+        Raises `Stopped` where the input ends.
+        """
+        from mpc.bench.safety import Reason, Stopped
+
+        if self._wanted != torque:
+            self._wanted, self._line = torque, None
+            self._ask(torque)
+            self._thread = Thread(target=self._read, daemon=True)
+            self._thread.start()
+        if self._line == "":
+            raise Stopped(Reason.REQUESTED, "nobody is there to hang the weight: standard input is at its end")
+        return self._line is not None
+
+    def _read(self) -> None:
+        self._line = sys.stdin.readline()
 
 
 def _loop(name: str, opened: Opened, dt: float, horizon: int) -> "tuple[Controller, Observer]":
@@ -252,15 +358,16 @@ def _write(record: "Record", files: list[Path], journal: Path | None, console: "
 
 def _report(record: "Record", console: "Console") -> None:
     """Say how it ended and how well it went."""
-    from allocator.units import DEG
-
-    say(console, f"ended: {record.ending}")
-    if record.ending.action is not None:
-        done = "" if record.ending.delivered else ", which the device did not take"
-        say(console, f"pressures: {record.ending.action}{done}")
-    say(console, str(record.lateness))
+    _say_ending(record.ending, record.lateness, console)
     if record.tracked:
         say(console, f"angle error: {record.theta_rms / DEG:.3g}° RMS, as measured")
+
+
+def _say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:
+    say(console, f"ended: {ending}")
+    if ending.action is not None:
+        say(console, f"pressures: {ending.action}" + ("" if ending.delivered else ", which the device did not take"))
+    say(console, str(lateness))
 
 
 def _code(ending: "Ending") -> int:
@@ -268,4 +375,4 @@ def _code(ending: "Ending") -> int:
     return _EXITS.get(str(ending.reason), _STOPPED)
 
 
-__all__ = ["BenchOptions", "devices_command", "run_command"]
+__all__ = ["Asking", "BenchOptions", "devices_command", "run_command", "sweep_command"]

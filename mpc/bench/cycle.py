@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from enum import IntEnum
 from functools import partial
-from math import ceil, isfinite, nan
+from math import ceil, inf, isfinite, nan
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -165,7 +165,7 @@ class Cycle:
         one, two = (min(max(P, low), high) for P in measured)
         self._sent: Pressures = one, two
         self._began = self._seen = self._taken = self.clock.now()
-        self._last_read = reading.t
+        self._last_read = -inf  # that one may be read again
         self._next, self._missed = 0, 0
         self._commanded = False
 

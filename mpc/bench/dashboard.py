@@ -96,10 +96,10 @@ def text(state: dict[str, Any]) -> str:
     """Return a state in a line."""
     P, u = (" ".join(f"{value / 1e5:.2f}" for value in state[name]) for name in ("P", "u"))
     wanted = "" if state["theta_ref"] != state["theta_ref"] else f" of {_degrees(state['theta_ref'])}°"
+    health = f"  {state['health']}" if state["health"] else ""
     return (
         f"{state['t']:7.1f} s {_PHASES[state['phase']]:9} θ {_degrees(state['theta'])}°{wanted}  "
-        f"P {P} bar, commanded {u}  late {1e3 * state['late']:.2f} ms"
-        + (f"  {state['health']}" * bool(state["health"]))
+        f"P {P} bar, commanded {u}  late {1e3 * state['late']:.2f} ms{health}"
     )
 
 

@@ -99,6 +99,11 @@ class SimulatedDevice:
         """Command that both muscles empty."""
         self.write(_VENTED, _VENTED)
 
+    def hang(self, torque: float) -> bool:
+        """Hang a weight of this torque [N·m], positive where it pulls θ down; it hangs at once."""
+        self.torque = torque
+        return True
+
     @property
     def _running(self) -> RealExperiment:
         if self._experiment is None:

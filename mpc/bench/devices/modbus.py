@@ -1,0 +1,159 @@
+"""A Modbus device is a valve terminal that speaks Modbus TCP or RTU; what is where says a `RegisterMap`.
+
+It needs pymodbus (`pip install 'antagonist[modbus]'`). An answer that comes late, not at all or as an exception of the
+device is a `NoAnswer`: the connection is made anew at the next call, so that an answer that comes later is
+not taken for that of another request. A connection that cannot be made is a `DeviceLost`.
+"""
+
+import re
+from collections.abc import Callable
+from math import nan
+from types import TracebackType
+from typing import Any, Self
+
+from allocator.errors import InvalidInput, MissingBackend
+from mpc.bench.clock import Clock, MonotonicClock
+from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
+from mpc.bench.devices.register_map import Entry, RegisterMap
+
+PORT = 502
+_MOST = 125  # registers of a request
+
+
+class ModbusDevice:
+    """A Modbus device is reached by `client()`, which makes a connection object of pymodbus (`tcp`, `rtu`)."""
+
+    def __init__(self, client: Callable[[], Any], registers: RegisterMap, clock: Clock | None = None) -> None:
+        self._make, self.registers = client, registers
+        self._clock: Clock = MonotonicClock() if clock is None else clock
+        self._client: Any = None
+        self._requests = [_request(kind, registers) for kind in ("input", "holding")]
+
+    @classmethod
+    def tcp(cls, host: str, port: int = PORT, registers: RegisterMap | None = None) -> Self:
+        """Return the device at this address, with the generic map if none is given. Raises `MissingBackend`."""
+        client, known = _pymodbus().ModbusTcpClient, RegisterMap.generic() if registers is None else registers
+        return cls(lambda: client(host, port=port, timeout=known.timeout, retries=0), known)
+
+    @classmethod
+    def rtu(cls, port: str, registers: RegisterMap | None = None) -> Self:
+        """Return the device on this serial port, with the generic map if none is given. Raises `MissingBackend`."""
+        client, known = _pymodbus().ModbusSerialClient, RegisterMap.generic() if registers is None else registers
+        return cls(lambda: client(port, timeout=known.timeout, retries=0, **known.serial), known)
+
+    def __enter__(self) -> Self:
+        """Connect. Raises `DeviceLost`."""
+        self._client = self._make()
+        self._connect()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Disconnect."""
+        self._client.close()
+
+    def read(self) -> Reading:
+        """Read all registers, in one request where they are neighbours of one kind."""
+        values = {"theta": nan, "P1": nan, "P2": nan}
+        for request in self._requests:
+            for first, count, entries in request:
+                words = self._words(entries[0].kind, first, count)
+                for entry in entries:
+                    at = entry.register - first
+                    values[entry.quantity] = entry.value(words[at : at + entry.size], self.registers.big)
+        return Reading(self._clock.now(), **values)
+
+    def write(self, P1: float, P2: float) -> None:
+        """Command pressures [Pa], in one request where the registers are neighbours."""
+        one, two = self.registers.write["P1"], self.registers.write["P2"]
+        blocks = [(one.register, one.words(P1, self.registers.big)), (two.register, two.words(P2, self.registers.big))]
+        blocks.sort()
+        (first, words), (second, more) = blocks
+        if first + len(words) == second:
+            blocks = [(first, words + more)]
+        for register, numbers in blocks:
+            self._write(register, numbers)
+
+    def vent(self) -> None:
+        """Write what empties both muscles."""
+        if not self.registers.vent:
+            self.write(0.0, 0.0)
+        for register, number in self.registers.vent:
+            self._write(register, [number])
+
+    # --- requests ---------------------------------------------------------------------------------------------------
+
+    def _words(self, kind: str, first: int, count: int) -> list[int]:
+        ask = self._connected.read_input_registers if kind == "input" else self._connected.read_holding_registers
+        words = self._answer(lambda: ask(first, count=count, device_id=self.registers.device_id)).registers
+        if len(words) != count:
+            raise NoAnswer(f"{len(words)} registers were answered, not {count}")
+        return list(words)
+
+    def _write(self, register: int, numbers: list[int]) -> None:
+        client = self._connected
+        self._answer(lambda: client.write_registers(register, numbers, device_id=self.registers.device_id))
+
+    def _answer(self, ask: Callable[[], Any]) -> Any:
+        from pymodbus.exceptions import ModbusException
+
+        try:
+            answer = ask()
+        except (ModbusException, OSError) as error:
+            self._client.close()  # an answer that comes later must not be taken for the next one's
+            raise NoAnswer(f"no answer ({error})") from None
+        if answer.isError():
+            raise NoAnswer(f"the device refused: {answer}")
+        return answer
+
+    @property
+    def _connected(self) -> Any:
+        if self._client is None:
+            raise DeviceError("the Modbus device is not connected: use it as a context, `with device:`")
+        if not self._client.connected:
+            self._connect()
+        return self._client
+
+    def _connect(self) -> None:
+        if not self._client.connect():
+            raise DeviceLost(f"no connection to {self._client.comm_params.host}")
+
+
+def _request(kind: str, registers: RegisterMap) -> list[tuple[int, int, list[Entry]]]:
+    """Return (first register, how many, entries) of the requests that read all registers of a kind."""
+    requests: list[tuple[int, int, list[Entry]]] = []
+    for entry in sorted((e for e in registers.read.values() if e.kind == kind), key=lambda e: e.register):
+        if requests:
+            first, count, entries = requests[-1]
+            needed = max(first + count, entry.register + entry.size) - first
+            if entry.register <= first + count and needed <= _MOST:
+                requests[-1] = first, needed, [*entries, entry]
+                continue
+        requests.append((entry.register, entry.size, [entry]))
+    return requests
+
+
+def _pymodbus() -> Any:
+    try:
+        import pymodbus.client
+    except ImportError:
+        raise MissingBackend("device", "modbus", ["pip install 'antagonist[modbus]' first"]) from None
+    return pymodbus.client
+
+
+def open_modbus(address: str) -> ModbusDevice:
+    """Drive a Modbus valve terminal: modbus:HOST[:PORT][:MAP.toml], or modbus:/dev/tty…[:MAP.toml] for RTU."""
+    parts = re.split(r":(?![\\/])", address)  # C:\map.toml is one part
+    known = RegisterMap.load(parts.pop()) if parts[-1].endswith(".toml") else RegisterMap.generic()
+    place, port = parts[0] if parts else "", parts[1] if len(parts) > 1 else str(PORT)
+    if not place or len(parts) > 2:
+        raise InvalidInput(f"device modbus:{address}: expected HOST:PORT or /dev/ttyUSB0, and then :MAP.toml")
+    if place.startswith("/") or re.fullmatch(r"COM\d+", place, re.IGNORECASE):
+        return ModbusDevice.rtu(place, known)
+    if not port.isdecimal() or not 0 < int(port) < 65536:
+        raise InvalidInput(f"device modbus:{address}: {port!r} is no port, 1 to 65535")
+    return ModbusDevice.tcp(place, int(port), known)
+
+
+__all__ = ["PORT", "ModbusDevice", "open_modbus"]

@@ -1,0 +1,195 @@
+"""A register map says where a Modbus device keeps what, in which unit and scale. It is a TOML file:
+
+    device_id = 1            # the Modbus unit
+    timeout = 0.02           # for an answer [s]; a sample that gets none goes without a reading
+    word_order = "big"       # of two registers that are one number
+
+    [read.theta]             # and [read.P1], [read.P2], where they are measured
+    register = 0             # address on the wire, counted from 0 (4xxxx or 3xxxx in a manual: counted from 1)
+    kind = "input"           # function 4; or "holding", function 3
+    type = "int16"           # or uint16, int32, uint32, float32
+    unit = "deg"             # or rad; of a pressure bar, mbar, kPa, MPa, Pa, psi; gauge
+    scale = 0.01             # value [unit] = scale · number + offset
+    offset = 0.0
+
+    [write.P1]               # and [write.P2]: holding registers, function 16
+    register = 0
+    type = "uint16"
+    unit = "bar"
+    scale = 0.001
+
+    [[vent]]                 # what empties both muscles; without it both are commanded 0 Pa
+    register = 2
+    number = 0
+
+The generic one, `generic_valve_terminal.toml` in `mpc/data/`, is a commented example to begin with.
+"""
+
+import struct
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from importlib import resources
+from math import isfinite
+from pathlib import Path
+from typing import Any, Self
+
+from allocator import checks
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.identification.headers import UNITS
+from mpc.bench.device import DeviceError
+
+_FORMATS = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f"}
+_KINDS = ("input", "holding")
+_QUANTITIES = {"theta": "theta", "P1": "pressure1", "P2": "pressure2"}
+_WRITTEN = ("P1", "P2")
+_LAST = 65535  # register
+GENERIC = "generic_valve_terminal.toml"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry is a quantity in registers: value [unit] = scale · number + offset."""
+
+    quantity: str  # theta, P1 or P2
+    register: int
+    type: str = "int16"
+    unit: str = ""  # the usual one of the quantity
+    scale: float = 1.0
+    offset: float = 0.0
+    kind: str = "input"
+
+    def __post_init__(self) -> None:
+        """Check the entry."""
+        units = UNITS[_QUANTITIES[self.quantity]]
+        checks.count("register", self.register, least=0, most=_LAST)
+        for name, value, among in (
+            ("type", self.type, _FORMATS),
+            ("kind", self.kind, _KINDS),
+            ("unit", self.unit, units),
+        ):
+            if value not in among:
+                raise InvalidInput(f"{name} = {value!r} has to be one of {', '.join(filter(None, among))}")
+        for name in ("scale", "offset"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+                raise InvalidInput(f"{name} = {value!r} has to be a finite number")
+        if not self.scale:
+            raise InvalidInput("scale = 0 makes all numbers alike")
+
+    @property
+    def size(self) -> int:
+        """Return of how many registers it is."""
+        return struct.calcsize(f">{_FORMATS[self.type]}") // 2
+
+    def value(self, words: Sequence[int], big: bool) -> float:
+        """Return the value [SI] that the registers `words` (size,) hold."""
+        raw = struct.pack(f">{self.size}H", *(words if big else list(words)[::-1]))
+        (number,) = struct.unpack(f">{_FORMATS[self.type]}", raw)
+        return float((self.scale * number + self.offset) * self._unit)
+
+    def words(self, value: float, big: bool) -> list[int]:
+        """Return the registers (size,) that hold the `value` [SI]. Raises `DeviceError` for one that they cannot."""
+        number = (value / self._unit - self.offset) / self.scale
+        code = _FORMATS[self.type]
+        try:
+            raw = struct.pack(f">{code}", number if code == "f" else round(number))
+        except (struct.error, OverflowError):
+            raise DeviceError(f"{self.quantity} = {value:g} would be {number:g}, which no {self.type} holds") from None
+        words = list(struct.unpack(f">{self.size}H", raw))
+        return words if big else words[::-1]
+
+    @property
+    def _unit(self) -> float:
+        return UNITS[_QUANTITIES[self.quantity]][self.unit]
+
+
+@dataclass(frozen=True)
+class RegisterMap:
+    """A register map says which registers a device has."""
+
+    read: Mapping[str, Entry]
+    write: Mapping[str, Entry]
+    vent: tuple[tuple[int, int], ...] = ()  # (register, number), written in this order
+    device_id: int = 1
+    timeout: float = 0.02  # [s]
+    word_order: str = "big"
+    serial: Mapping[str, Any] = field(default_factory=dict)  # of RTU: baudrate, parity, stopbits
+
+    def __post_init__(self) -> None:
+        """Check what the entries do not check."""
+        checks.count("device_id", self.device_id, least=0, most=255)
+        if not 0 < checks.number("timeout", self.timeout, "s") < 10:
+            raise InvalidInput(f"timeout = {self.timeout!r} s has to be above 0 and below 10 s")
+        if self.word_order not in ("big", "little"):
+            raise InvalidInput(f"word_order = {self.word_order!r} has to be 'big' or 'little'")
+        if "theta" not in self.read:
+            raise InvalidInput("[read.theta] is missing: without its angle a joint cannot be controlled")
+        if missing := [name for name in _WRITTEN if name not in self.write]:
+            raise InvalidInput(f"[write.{missing[0]}] is missing")
+        for register, number in self.vent:
+            checks.count("register of [[vent]]", register, least=0, most=_LAST)
+            checks.count("number of [[vent]]", number, least=0, most=_LAST)
+
+    @property
+    def big(self) -> bool:
+        """Return whether the first of two registers is the more significant."""
+        return self.word_order == "big"
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a map. Raises `InvalidFile`."""
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except OSError as error:
+            raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
+        return cls._parsed(text, path)
+
+    @classmethod
+    def generic(cls) -> Self:
+        """Return the map that comes with the package."""
+        file = resources.files("mpc") / "data" / GENERIC
+        return cls._parsed(file.read_text(encoding="utf-8"), GENERIC)
+
+    @classmethod
+    def _parsed(cls, text: str, path: str | Path) -> Self:
+        try:
+            content = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise InvalidFile(path, f"is no TOML ({error})") from None
+        known = {f.name for f in fields(cls)}
+        if surplus := content.keys() - known:
+            raise InvalidFile(path, f"a register map has no {sorted(surplus)[0]}; it has {', '.join(sorted(known))}")
+        try:
+            read = _entries("read", content.pop("read", {}), _QUANTITIES)
+            write = _entries("write", content.pop("write", {}), _WRITTEN)
+            vent = tuple((step["register"], step["number"]) for step in content.pop("vent", ()))
+            return cls(read, write, vent, **content)
+        except InvalidInput as error:
+            raise InvalidFile(path, str(error)) from None
+        except (KeyError, TypeError):
+            raise InvalidFile(path, "[[vent]] has to have a register and a number each") from None
+
+
+def _entries(table: str, given: Any, names: Iterable[str]) -> dict[str, Entry]:
+    """Return the entries of [read] or [write]."""
+    if not isinstance(given, dict) or not all(isinstance(entry, dict) for entry in given.values()):
+        raise InvalidInput(f"[{table}] has to hold tables such as [{table}.P1]")
+    if unknown := given.keys() - set(names):
+        raise InvalidInput(f"[{table}.{sorted(unknown)[0]}]: there are {', '.join(names)}")
+    made = {}
+    for name, entry in given.items():
+        if surplus := entry.keys() - _ENTRY:
+            raise InvalidInput(f"[{table}.{name}] has no {sorted(surplus)[0]}; it has {', '.join(sorted(_ENTRY))}")
+        if missing := {"register", "unit"} - entry.keys():
+            raise InvalidInput(f"[{table}.{name}] lacks {sorted(missing)[0]}")
+        try:
+            made[name] = Entry(name, **entry)
+        except InvalidInput as error:
+            raise InvalidInput(f"[{table}.{name}]: {error}") from None
+    return made
+
+
+_ENTRY = {f.name for f in fields(Entry)} - {"quantity"}
+
+__all__ = ["GENERIC", "Entry", "RegisterMap"]

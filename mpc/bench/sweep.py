@@ -1,0 +1,246 @@
+"""The sweep is the experiment that identifies a joint: random steps of both pressures, then equilibria under weights.
+
+First, without a weight, both pressures step at random, which `fit_motion` takes lags and hysteresis from. Then come the
+setpoints of `plan_joint_experiment`, each approached from above and from below and held until the angle rests, first
+without and then with the weight; `fit_joint` takes the muscles from these. Whoever hangs the weight is waited for, with
+the pressures held. What is written:
+
+    joint_log.csv    a row for each visit: means of the second at rest, torque of the weight, direction of the approach
+    motion_log.csv   a row for each sample of the random steps: the angle, and the commands as P1 and P2
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator import AntagonistJoint, checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.files.atomic import write_text
+from allocator.identification.joint.planning.plan import JointPlan
+from allocator.units import BAR, DEG
+from mpc.bench.cycle import Decision, Phase, Pressures, Tick
+
+STEP = 0.5 * BAR  # from which side a setpoint is approached
+_STILL = 0.3 * DEG  # over a second, as `read_joint_log` has it
+_WINDOW = 1.0  # [s] whose means are an equilibrium
+_MIDDLE = 0.8  # of the joint's range that random steps may lead to
+_LOWEST = 1.5 * BAR  # of random steps: below, cables go slack
+_TRIES = 10_000
+JOINT_HEADER = "theta [rad],P1 [Pa],P2 [Pa],torque [Nm],direction"
+MOTION_HEADER = "time [s],theta [rad],P1 [Pa],P2 [Pa],P1_measured [Pa],P2_measured [Pa]"
+
+
+@dataclass(frozen=True)
+class Pace:
+    """The pace of a sweep says how long everything takes."""
+
+    rate: float = 1 * BAR  # of the way to a setpoint [Pa/s]
+    approach: float = 1.0  # at the pressures that a setpoint is approached from [s]
+    hold: float = 2.5  # at a setpoint, at least [s]
+    longest: float = 10.0  # until its angle rests [s]
+    motion: float = 90.0  # random steps in all [s]
+    every: float = 1.0  # between two of them [s]
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ("rate", "hold", "longest", "every"):
+            if not (isfinite(value := getattr(self, name)) and value > 0):
+                raise InvalidInput(f"{name} = {value!r} has to be positive and finite")
+        for name in ("approach", "motion"):
+            checks.not_negative(name, getattr(self, name), "s")
+        if self.hold < _WINDOW:
+            raise InvalidInput(
+                f"hold = {self.hold:g} s has to be {_WINDOW:g} s or more: the means are over the last one"
+            )
+
+
+class Visit(NamedTuple):
+    """A visit is a setpoint, and the pressures from which it is approached."""
+
+    torque: float  # of the weight [N·m]
+    P: Pressures  # [Pa]
+    come_from: Pressures  # [Pa]
+    direction: int  # +1 where θ rises into it, -1 where it falls
+
+
+class Equilibrium(NamedTuple):
+    """An equilibrium is what was measured in a visit; SI units."""
+
+    theta: float
+    P1: float
+    P2: float
+    torque: float
+    direction: int
+
+
+def visits_of(plan: JointPlan, limits: Pressures, weights: bool = True) -> list[Visit]:
+    """Return two visits for each setpoint of a plan, falling and rising, without `weights` only those that need none.
+
+    `limits` are those of the supply [Pa].
+    """
+    low, high = limits
+    made = []
+    for s in plan.setpoints:
+        if s.torque and not weights:
+            continue
+        above = (s.P1 + STEP, s.P2) if s.P1 + STEP <= high else (s.P1, max(s.P2 - STEP, low))
+        below = (s.P1 - STEP, s.P2) if s.P1 - STEP >= low else (s.P1, min(s.P2 + STEP, high))
+        P = s.P1, s.P2
+        made += [Visit(s.torque, P, above, -1), Visit(s.torque, P, below, 1)]
+    return made
+
+
+def random_steps(joint: AntagonistJoint, n: int, seed: int = 0) -> list[Pressures]:
+    """Return n pairs of pressures [Pa] at random whose equilibria are well within the range of a roughly known joint.
+
+    Raises `InvalidInput` where hardly any are.
+    """
+    rng = np.random.default_rng(seed)
+    high = joint.pressure_limits[1]
+    low = min(_LOWEST, high / 3)
+    left, right = joint.angle_range
+    middle, half = (left + right) / 2, _MIDDLE * (right - left) / 2
+    made: list[Pressures] = []
+    for _ in range(_TRIES):
+        if len(made) == n:
+            return made
+        P1, P2 = rng.uniform(low, high - (high - low) / 10, 2).tolist()
+        if abs(float(joint.equilibrium(P1, P2)) - middle) <= half:
+            made.append((P1, P2))
+    raise InvalidInput("hardly any pressures hold this joint within its range: check its muscles and its geometry")
+
+
+class Sweep:
+    """A sweep is the `CommandSource` of the experiment.
+
+    Parameters
+    ----------
+    visits, steps
+        What to do: `visits_of` a plan, `random_steps` of a joint.
+    dt
+        Sample time [s].
+    hang
+        Is asked at every sample whether the weight of this torque [N·m] hangs, whenever another one is to hang.
+    directory
+        Where `joint_log.csv` and `motion_log.csv` are written, the first after every visit.
+    """
+
+    def __init__(
+        self,
+        visits: list[Visit],
+        steps: list[Pressures],
+        dt: float,
+        hang: Callable[[float], bool],
+        directory: Path,
+        pace: Pace | None = None,
+    ) -> None:
+        if not visits and not steps:
+            raise InvalidInput("there is nothing to sweep: neither setpoints nor random steps")
+        self.visits, self.steps, self.dt, self.hang, self.directory = visits, steps, dt, hang, directory
+        self.pace = Pace() if pace is None else pace
+        self.first: Pressures = steps[0] if steps else visits[0].come_from
+        self.equilibria: list[Equilibrium] = []
+        self.restless = 0  # visits whose angle did not come to rest
+        self._u = self.first
+        self._torque = 0.0
+        self._decisions = self._all()
+
+    @property
+    def duration(self) -> float:
+        """Return about how long it takes [s], without the time that it takes to hang weights."""
+        p = self.pace
+        return len(self.visits) * (p.approach + p.hold + 2 * STEP / p.rate) + len(self.steps) * p.every
+
+    def decide(self, tick: Tick) -> Decision | None:
+        """Return the commands of this sample, None at the end."""
+        self._tick = tick
+        return next(self._decisions, None)
+
+    # --- what is done, sample by sample -----------------------------------------------------------------------------
+
+    def _all(self) -> Iterator[Decision]:
+        if self.steps:
+            yield from self._motion()
+        for visit in self.visits:
+            if visit.torque != self._torque:
+                yield from self._hanging(visit.torque)
+            yield from self._visit(visit)
+
+    def _motion(self) -> Iterator[Decision]:
+        """Step at random, and write what the joint did."""
+        rows: list[list[float]] = []
+        for u in self.steps:
+            for decision in self._hold(u, self.pace.every):
+                reading = self._tick.reading
+                if rows:
+                    rows[-1][2:4] = self._tick.sent  # which the slew limit may have changed
+                rows.append([reading.t, reading.theta, *u, reading.P1, reading.P2])
+                yield decision
+        known = np.array([row for row in rows if isfinite(row[1])])
+        if known.size:
+            known[:, 0] -= known[0, 0]
+        write_text(self.directory / "motion_log.csv", _csv(MOTION_HEADER, known))
+
+    def _hanging(self, torque: float) -> Iterator[Decision]:
+        """Hold until the weight hangs, and then until the joint has come to rest."""
+        while not self.hang(torque):
+            yield self._decision(self._u)
+        self._torque = torque
+        yield from self._hold(self._u, self.pace.hold)
+
+    def _visit(self, visit: Visit) -> Iterator[Decision]:
+        """Approach a setpoint, hold it until the angle rests, and note the means of the last second."""
+        yield from self._move(visit.come_from)
+        yield from self._hold(visit.come_from, self.pace.approach)
+        yield from self._move(visit.P)
+        seen: list[tuple[float, float, float]] = []
+        window = round(_WINDOW / self.dt)
+        for k in range(round(self.pace.longest / self.dt)):
+            seen.append(self._measured())
+            last = np.array(seen[-window:])
+            if k * self.dt >= self.pace.hold and np.ptp(last[:, 0]) <= _STILL:
+                self._note(visit, last)
+                return
+            yield self._decision(visit.P)
+        self.restless += 1
+
+    def _note(self, visit: Visit, last: Array) -> None:
+        theta, P1, P2 = np.nanmean(last, axis=0).tolist()
+        self.equilibria.append(Equilibrium(theta, P1, P2, visit.torque, visit.direction))
+        write_text(self.directory / "joint_log.csv", _csv(JOINT_HEADER, np.array(self.equilibria)))
+
+    def _measured(self) -> tuple[float, float, float]:
+        """Return angle and pressures of now; the commands for pressures that are not measured."""
+        _, theta, P1, P2 = self._tick.reading
+        return theta, P1 if isfinite(P1) else self._u[0], P2 if isfinite(P2) else self._u[1]
+
+    def _move(self, to: Pressures) -> Iterator[Decision]:
+        """Lead both pressures to `to` on a line."""
+        begin = self._u
+        way = max(abs(b - a) for a, b in zip(begin, to, strict=True))
+        n = max(1, round(way / self.pace.rate / self.dt))
+        for k in range(1, n + 1):
+            one, two = (a + k / n * (b - a) for a, b in zip(begin, to, strict=True))
+            yield self._decision((one, two))
+
+    def _hold(self, u: Pressures, duration: float) -> Iterator[Decision]:
+        for _ in range(round(duration / self.dt)):
+            yield self._decision(u)
+
+    def _decision(self, u: Pressures) -> Decision:
+        self._u = u
+        about: dict[str, Any] = {"torque": self._torque}
+        return Decision(u, Phase.RUN, about)
+
+
+def _csv(header: str, rows: Array) -> str:
+    lines = (",".join(f"{value:.9g}" for value in row) for row in rows.tolist())
+    return "\n".join([header, *lines]) + "\n"
+
+
+__all__ = ["Equilibrium", "Pace", "Sweep", "Visit", "random_steps", "visits_of"]
