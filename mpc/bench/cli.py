@@ -217,6 +217,7 @@ def sweep_command(
     from mpc.bench.cycle import Cycle
     from mpc.bench.loop import about
     from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of
+    from mpc.bench.sweep import within as inside
     from mpc.tracking.limits import Limits
 
     console = Console()
@@ -230,9 +231,9 @@ def sweep_command(
     opened = bench.opened(options)
     joint, pace = opened.plant.joint, Pace(rate=rate * BAR, motion=motion)
     limits = Limits.of(opened.plant, dt)
-    plan = plan_joint_experiment(joint, accuracy=accuracy * PERCENT, weights=weight)
+    plan = plan_joint_experiment(inside(joint), accuracy=accuracy * PERCENT, weights=weight)
     steps = random_steps(joint, round(motion / pace.every), seed)
-    source = Sweep(visits_of(plan, limits.pressure, weights), steps, dt, _hanger(opened.device, console), out, pace)
+    source = Sweep(visits_of(plan, joint, weights), steps, dt, _hanger(opened.device, console), out, pace)
     say(
         console,
         f"{len(source.visits)} visits of setpoints, {motion:g} s of random steps: {source.duration / 60:.1f} min",

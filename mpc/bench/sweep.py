@@ -10,7 +10,7 @@ the pressures held. What is written:
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,11 +21,11 @@ from allocator import AntagonistJoint, checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
-from allocator.identification.joint.planning.plan import JointPlan
+from allocator.identification.joint.planning.plan import JointPlan, Setpoint
 from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Pressures, Tick
 
-STEP = 0.5 * BAR  # from which side a setpoint is approached
+STEPS = 0.5 * BAR, 0.3 * BAR, 0.15 * BAR  # from how far a setpoint is approached, the first that its joint allows
 _STILL = 0.3 * DEG  # over a second, as `read_joint_log` has it
 _WINDOW = 1.0  # [s] whose means are an equilibrium
 _MIDDLE = 0.8  # of the joint's range that random steps may lead to
@@ -78,21 +78,35 @@ class Equilibrium(NamedTuple):
     direction: int
 
 
-def visits_of(plan: JointPlan, limits: Pressures, weights: bool = True) -> list[Visit]:
+def within(joint: AntagonistJoint, share: float = _MIDDLE) -> AntagonistJoint:
+    """Return `joint` with a `share` of its range: what is known roughly is not to be led to its stops."""
+    left, right = joint.angle_range
+    middle, half = (left + right) / 2, share * (right - left) / 2
+    return replace(joint, angle_limits=(middle - half, middle + half))
+
+
+def visits_of(plan: JointPlan, joint: AntagonistJoint, weights: bool = True) -> list[Visit]:
     """Return two visits for each setpoint of a plan, falling and rising, without `weights` only those that need none.
 
-    `limits` are those of the supply [Pa].
+    The approach keeps to the supply's range, and to the roughly known `joint`'s range of angles.
     """
-    low, high = limits
-    made = []
-    for s in plan.setpoints:
-        if s.torque and not weights:
-            continue
-        above = (s.P1 + STEP, s.P2) if s.P1 + STEP <= high else (s.P1, max(s.P2 - STEP, low))
-        below = (s.P1 - STEP, s.P2) if s.P1 - STEP >= low else (s.P1, min(s.P2 + STEP, high))
-        P = s.P1, s.P2
-        made += [Visit(s.torque, P, above, -1), Visit(s.torque, P, below, 1)]
-    return made
+    return [
+        Visit(s.torque, (s.P1, s.P2), _approach(joint, s, direction), direction)
+        for s in plan.setpoints
+        for direction in (-1, 1)
+        if weights or not s.torque
+    ]
+
+
+def _approach(joint: AntagonistJoint, s: Setpoint, direction: int) -> Pressures:
+    """Return pressures from which the angle falls (-1) or rises (1) into a setpoint."""
+    low, high = joint.pressure_limits
+    for step in STEPS:
+        P1 = s.P1 - direction * step
+        come_from = (P1, s.P2) if low <= P1 <= high else (s.P1, min(max(s.P2 + direction * step, low), high))
+        if np.isfinite(joint.equilibrium(*come_from, s.torque)):
+            break
+    return come_from
 
 
 def random_steps(joint: AntagonistJoint, n: int, seed: int = 0) -> list[Pressures]:
@@ -103,14 +117,13 @@ def random_steps(joint: AntagonistJoint, n: int, seed: int = 0) -> list[Pressure
     rng = np.random.default_rng(seed)
     high = joint.pressure_limits[1]
     low = min(_LOWEST, high / 3)
-    left, right = joint.angle_range
-    middle, half = (left + right) / 2, _MIDDLE * (right - left) / 2
+    narrow = within(joint)
     made: list[Pressures] = []
     for _ in range(_TRIES):
         if len(made) == n:
             return made
         P1, P2 = rng.uniform(low, high - (high - low) / 10, 2).tolist()
-        if abs(float(joint.equilibrium(P1, P2)) - middle) <= half:
+        if np.isfinite(narrow.equilibrium(P1, P2)):
             made.append((P1, P2))
     raise InvalidInput("hardly any pressures hold this joint within its range: check its muscles and its geometry")
 
@@ -154,7 +167,7 @@ class Sweep:
     def duration(self) -> float:
         """Return about how long it takes [s], without the time that it takes to hang weights."""
         p = self.pace
-        return len(self.visits) * (p.approach + p.hold + 2 * STEP / p.rate) + len(self.steps) * p.every
+        return len(self.visits) * (p.approach + p.hold + 2 * STEPS[0] / p.rate) + len(self.steps) * p.every
 
     def decide(self, tick: Tick) -> Decision | None:
         """Return the commands of this sample, None at the end."""
@@ -243,4 +256,4 @@ def _csv(header: str, rows: Array) -> str:
     return "\n".join([header, *lines]) + "\n"
 
 
-__all__ = ["Equilibrium", "Pace", "Sweep", "Visit", "random_steps", "visits_of"]
+__all__ = ["Equilibrium", "Pace", "Sweep", "Visit", "random_steps", "visits_of", "within"]

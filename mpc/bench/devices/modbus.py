@@ -17,6 +17,7 @@ from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
 from mpc.bench.devices.register_map import Entry, RegisterMap
 
 PORT = 502
+_ADDRESS = re.compile(r"(?P<place>[^:]+)(:(?P<port>[^:./\\]+))?(:(?P<map>.+\.toml))?")
 _MOST = 125  # registers of a request
 
 
@@ -30,16 +31,16 @@ class ModbusDevice:
         self._requests = [_request(kind, registers) for kind in ("input", "holding")]
 
     @classmethod
-    def tcp(cls, host: str, port: int = PORT, registers: RegisterMap | None = None) -> Self:
+    def tcp(cls, host: str, port: int = PORT, registers: RegisterMap | None = None, clock: Clock | None = None) -> Self:
         """Return the device at this address, with the generic map if none is given. Raises `MissingBackend`."""
         client, known = _pymodbus().ModbusTcpClient, RegisterMap.generic() if registers is None else registers
-        return cls(lambda: client(host, port=port, timeout=known.timeout, retries=0), known)
+        return cls(lambda: client(host, port=port, timeout=known.timeout, retries=0), known, clock)
 
     @classmethod
-    def rtu(cls, port: str, registers: RegisterMap | None = None) -> Self:
+    def rtu(cls, port: str, registers: RegisterMap | None = None, clock: Clock | None = None) -> Self:
         """Return the device on this serial port, with the generic map if none is given. Raises `MissingBackend`."""
         client, known = _pymodbus().ModbusSerialClient, RegisterMap.generic() if registers is None else registers
-        return cls(lambda: client(port, timeout=known.timeout, retries=0, **known.serial), known)
+        return cls(lambda: client(port, timeout=known.timeout, retries=0, **known.serial), known, clock)
 
     def __enter__(self) -> Self:
         """Connect. Raises `DeviceLost`."""
@@ -144,11 +145,11 @@ def _pymodbus() -> Any:
 
 def open_modbus(address: str) -> ModbusDevice:
     """Drive a Modbus valve terminal: modbus:HOST[:PORT][:MAP.toml], or modbus:/dev/tty…[:MAP.toml] for RTU."""
-    parts = re.split(r":(?![\\/])", address)  # C:\map.toml is one part
-    known = RegisterMap.load(parts.pop()) if parts[-1].endswith(".toml") else RegisterMap.generic()
-    place, port = parts[0] if parts else "", parts[1] if len(parts) > 1 else str(PORT)
-    if not place or len(parts) > 2:
+    parts = _ADDRESS.fullmatch(address)
+    if parts is None:
         raise InvalidInput(f"device modbus:{address}: expected HOST:PORT or /dev/ttyUSB0, and then :MAP.toml")
+    place, port, file = parts["place"], parts["port"] or str(PORT), parts["map"]
+    known = RegisterMap.generic() if file is None else RegisterMap.load(file)
     if place.startswith("/") or re.fullmatch(r"COM\d+", place, re.IGNORECASE):
         return ModbusDevice.rtu(place, known)
     if not port.isdecimal() or not 0 < int(port) < 65536:
