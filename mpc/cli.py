@@ -21,7 +21,6 @@ from allocator.shell.outputs import IMAGES, Force, claim
 from allocator.shell.printing import say
 from allocator.units import BAR
 from mpc.bench.cli import devices_command, run_command, sweep_command
-from mpc.bench.cli import devices_command, run_command
 from mpc.explorer.cli import explore
 from mpc.export.cli import export_command
 from mpc.plant_cli import PlantOptions, init_command

@@ -8,7 +8,7 @@ from allocator.calculus import Array
 
 
 class Lateness(NamedTuple):
-    """The lateness of a loop's samples, in seconds."""
+    """The figures say how late the samples of a loop were, in seconds."""
 
     median: float  # [s]
     p99: float  # 99 % of the samples began no later [s]

@@ -29,7 +29,7 @@ from mpc.trials.simulation import Controller
 
 
 class RealTimeLoop:
-    """A real-time loop lets `controller` and `observer` drive the joint on `device` along `reference`, once.
+    """A real-time loop is a run of `controller` and `observer` on `device` along `reference`; it runs once.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class Ending(NamedTuple):
 
 
 class RefusedStart(AntagonistError):
-    """A start that was refused, before any command was sent; the message says what was found."""
+    """The start is refused, before any command was sent; the message says what was found."""
 
 
 class Stopped(Exception):  # it is no error

@@ -1,4 +1,4 @@
-"""Whatever wants a loop to end asks here: Ctrl-C, SIGTERM, a closed terminal, the program, or a call that hangs.
+"""Whatever wants a loop to end comes here: Ctrl-C, SIGTERM, a closed terminal, the program, or a call that hangs.
 
 A signal only sets a flag, which the loop sees at its next sample: a command on its way is not torn. A second one makes
 a ramp that is under way a vent. Where no sample was done for `stall` seconds a thread interrupts whatever call hangs,
