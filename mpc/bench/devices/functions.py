@@ -61,7 +61,9 @@ class CallableDevice:
             return said
         t = self._clock.now()
         try:
-            values = [float(value) for value in np.atleast_1d(np.asarray(said, float)).tolist()]
+            if said is None:  # of which NumPy makes a NaN
+                raise TypeError
+            values = np.atleast_1d(np.asarray(said, float)).tolist()
         except (TypeError, ValueError):
             raise DeviceError(f"read() returned {said!r}, no numbers: give theta [rad], P1, P2 [Pa]") from None
         if len(values) not in (1, 3):

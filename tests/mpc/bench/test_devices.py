@@ -1,0 +1,132 @@
+"""Simulated and callable devices, and how devices get their names."""
+
+import time
+
+import numpy as np
+import pytest
+
+from allocator import BAR, DEG
+from allocator.errors import InvalidInput, MissingBackend
+from mpc import Plant
+from mpc.bench.clock import MonotonicClock, SimulatedClock
+from mpc.bench.device import DeviceError, Reading
+from mpc.bench.devices.functions import CallableDevice
+from mpc.bench.devices.registry import kinds, open_device
+from mpc.bench.devices.simulated import STEP, SimulatedDevice
+from mpc.model.real_plant import RealPlant
+
+
+def test_a_simulated_device_moves_as_its_plant_does(plant):
+    """Against the exact solution of the lag, and the plant's own experiment."""
+    clock = SimulatedClock()
+    P0, P1, P2 = 2 * BAR, 3 * BAR, 1 * BAR
+    with SimulatedDevice(plant, clock, theta=0.0, pressures=(P0, P0)) as device:
+        device.write(P1, P2)
+        clock.sleep_until(0.25)
+        reading = device.read()
+    experiment = RealPlant(plant).begin(STEP, np.array([0.0, 0.0, P0, P0]), 0)
+    for _ in range(250):
+        experiment.advance(np.array([P1, P2]))
+    assert reading.t == pytest.approx(0.25)
+    assert reading.P1 == pytest.approx(P1 + (P0 - P1) * np.exp(-0.25 / 0.1), rel=1e-6)
+    assert reading.theta == pytest.approx(experiment.x[0], rel=1e-9)
+    assert reading.theta > 0  # the agonist turns the joint towards greater angles
+
+
+def test_a_command_acts_from_when_it_was_written(plant):
+    clock = SimulatedClock()
+    with SimulatedDevice(plant, clock, theta=0.0, pressures=(2 * BAR, 2 * BAR)) as device:
+        clock.sleep_until(0.0373)
+        device.write(3 * BAR, 2 * BAR)
+        clock.sleep_until(0.1)
+        P1 = device.read().P1
+    acted = 0.1 - 0.037  # to a step of its time base
+    assert P1 == pytest.approx(BAR * (3 - np.exp(-acted / 0.1)), rel=1e-6)
+
+
+def test_it_is_dated_by_its_state_and_not_by_how_long_that_took(plant):
+    """A computer that is slow makes a reading late, not wrong."""
+    with SimulatedDevice(plant, MonotonicClock(), theta=0.0) as device:
+        before = time.monotonic()
+        time.sleep(0.01)
+        t = device.read().t
+    assert before + 0.01 - 2 * STEP <= t <= time.monotonic()
+
+
+def test_a_weight_pulls_the_angle_down(plant):
+    clock = SimulatedClock()
+    with SimulatedDevice(plant, clock, theta=0.0, pressures=(2 * BAR, 2 * BAR)) as device:
+        device.write(2 * BAR, 2 * BAR)
+        device.hang(1.0)
+        for k in range(1, 1000):
+            clock.sleep_until(0.01 * k)
+            device.read()
+        theta = device.x[0]
+    assert theta == pytest.approx(float(plant.joint.equilibrium(2 * BAR, 2 * BAR, 1.0)), abs=0.1 * DEG)
+    assert theta < 0
+
+
+def test_a_device_that_is_not_entered_says_so():
+    with pytest.raises(DeviceError, match="with device:"):
+        SimulatedDevice().read()
+
+
+def test_pressures_need_not_be_measured(plant):
+    with SimulatedDevice(plant, SimulatedClock(), measures_pressure=False) as device:
+        reading = device.read()
+    assert np.isfinite(reading.theta)
+    assert np.isnan([reading.P1, reading.P2]).all()
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        (0.2, (0.2, np.nan, np.nan)),
+        ((0.2, 1e5, 2e5), (0.2, 1e5, 2e5)),
+        (np.array([0.2, np.nan, 2e5]), (0.2, np.nan, 2e5)),
+        (Reading(3.0, 0.2, 1e5, 2e5), (0.2, 1e5, 2e5)),
+    ],
+)
+def test_a_callable_device_takes_what_a_function_says(said, expected):
+    sent, closed = [], []
+    device = CallableDevice(lambda: said, lambda *P: sent.append(P), close=lambda: closed.append(True))
+    with device:
+        np.testing.assert_array_equal(device.read()[1:], expected)
+        device.write(1e5, 2e5)
+        device.vent()
+    assert sent == [(1e5, 2e5), (0.0, 0.0)]
+    assert closed == [True]
+
+
+@pytest.mark.parametrize("said", [None, "high", (1.0, 2.0), ()])
+def test_what_is_no_reading_is_said(said):
+    with CallableDevice(lambda: said, print) as device, pytest.raises(DeviceError, match=r"read\(\) returned"):
+        device.read()
+
+
+def test_a_device_of_another_package_has_a_name(tmp_path, monkeypatch):
+    (tmp_path / "acme_valves.py").write_text('def make(address):\n    """Drive Acme valves."""\n    return address\n')
+    (tmp_path / "broken_valves.py").write_text("import nothing_of_this_name\n")
+    info = tmp_path / "acme-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")
+    entries = "acme = acme_valves:make\nbroken = broken_valves:make\nsim = acme_valves:make\n"
+    (info / "entry_points.txt").write_text(f"[antagonist.devices]\n{entries}")
+    monkeypatch.syspath_prepend(tmp_path)
+    known = kinds()
+    assert (known["acme"].summary, known["acme"].brought_by) == ("Drive Acme valves.", "acme")
+    assert open_device("acme:COM3:9600") == "COM3:9600"
+    assert "nothing_of_this_name" in known["broken"].summary
+    with pytest.raises(InvalidInput, match="cannot be loaded"):
+        open_device("broken")
+    assert known["sim"].brought_by == ""  # ours cannot be replaced
+
+
+def test_an_unknown_device_names_the_known_ones():
+    with pytest.raises(MissingBackend, match=r"unknown device 'analog'; available: .*modbus.*sim"):
+        open_device("analog:1")
+
+
+def test_a_joint_of_a_file_is_simulated(tmp_path):
+    Plant(inertia=0.07).save(tmp_path / "plant.toml")
+    assert open_device(f"sim:{tmp_path / 'plant.toml'}").plant.nominal.inertia == 0.07

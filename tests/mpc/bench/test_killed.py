@@ -1,0 +1,99 @@
+"""Whatever ends the process, the last command is the safe one and the log is whole."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mpc.bench.cycle import Phase
+from mpc.bench.logs import read_log
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(os.name == "nt", reason="signals of POSIX"),
+]
+LONG = 120  # [s], on a busy machine
+
+
+def driven(directory, hang="no"):
+    command = [sys.executable, str(Path(__file__).with_name("driven.py")), str(directory), hang]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def commands(directory):
+    path = directory / "commands"
+    return path.read_text().splitlines() if path.exists() else []
+
+
+def wait_for(directory, n):
+    end = time.monotonic() + LONG
+    while len(commands(directory)) < n:
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def check_log(directory):
+    """Every command that was sent is in the log, but for those that say vent, and one that was on its way."""
+    logged = read_log(directory / "log.csv")
+    sent = [tuple(map(float, line.split())) for line in commands(directory) if line != "vent"]
+    n = logged["t"].size
+    assert len(sent) - 1 <= n <= len(sent)
+    np.testing.assert_array_equal(np.stack([logged["P1_command"], logged["P2_command"]], 1), sent[:n])
+    return logged
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_signal_leads_to_a_ramp_and_a_vent(tmp_path, number, code, word):
+    process = driven(tmp_path)
+    wait_for(tmp_path, 60)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=LONG)
+    assert (process.returncode, err) == (code, "")
+    assert word in out
+    assert commands(tmp_path)[-1] == "vent"
+    logged = check_log(tmp_path)
+    falling = logged["P1_command"][logged["phase"] == Phase.STOP]
+    assert falling.size > 2
+    assert (np.diff(falling) < 0).all()
+    assert falling[-1] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_process_that_is_killed_outright_leaves_a_whole_log(tmp_path):
+    process = driven(tmp_path)
+    wait_for(tmp_path, 60)
+    process.kill()
+    process.communicate(timeout=LONG)
+    assert check_log(tmp_path)["t"].size >= 59
+
+
+def test_a_call_that_hangs_is_interrupted_and_the_pressures_fall(tmp_path):
+    process = driven(tmp_path, "call")
+    out, err = process.communicate(timeout=LONG)
+    assert (process.returncode, err) == (4, "")
+    assert "no progress: a call hung for 0.5 s" in out
+    assert commands(tmp_path)[-1] == "vent"
+    check_log(tmp_path)
+
+
+def test_a_call_that_cannot_be_interrupted_is_left_and_the_process_ends(tmp_path):
+    process = driven(tmp_path, "stubborn")
+    _, err = process.communicate(timeout=LONG)
+    assert process.returncode == 4
+    assert "a call hangs; it was vented" in err
+    assert commands(tmp_path)[-1] == "vent"
+    check_log(tmp_path)
+
+
+def test_a_device_whose_every_call_hangs_is_given_up_and_said_to(tmp_path):
+    process = driven(tmp_path, "device")
+    out, err = process.communicate(timeout=LONG)
+    assert process.returncode == 4
+    assert "False" in out or "could not be vented" in err
+    check_log(tmp_path)

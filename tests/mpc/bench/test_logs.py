@@ -1,0 +1,146 @@
+"""Logs: read again, replayed, made a run; readings that come late."""
+
+import numpy as np
+import pytest
+
+from allocator import DEG
+from allocator.errors import InvalidFile, InvalidInput
+from mpc import KalmanObserver, TrackingMPC, Weights
+from mpc.bench.clock import SimulatedClock
+from mpc.bench.cycle import Phase
+from mpc.bench.device import NoAnswer
+from mpc.bench.devices.simulated import SimulatedDevice
+from mpc.bench.lateness import Lateness
+from mpc.bench.logs import read_log, run_of
+from mpc.bench.loop import RealTimeLoop
+from mpc.bench.safety import SoftStart, Watchdog
+from mpc.bench.tracking import Tracking, replay
+from mpc.model.real_plant import RealPlant
+from mpc.observer.kalman import Differentiator
+from mpc.trials.metrics import metrics
+from mpc.trials.recordings import load_recording
+from mpc.trials.reference import sine
+from mpc.yardsticks.baselines import PIDControl
+
+DT = 0.01
+START = SoftStart(rate=20e5, dwell=0.3, settle=0.5)
+
+
+def test_a_log_replays_to_the_same_commands(bench, tmp_path):
+    """With readings that come late or not at all, and samples that were left out."""
+    rng = np.random.default_rng(3)
+
+    def disturb():
+        bench.clock.spend(rng.choice([0.0, 0.002, 0.035], p=[0.7, 0.28, 0.02]))
+        if rng.random() < 0.03:
+            raise NoAnswer("late")
+
+    bench.device.before_read = disturb
+    record = bench.loop(log=tmp_path / "log.csv", start=START).run()
+    logged = read_log(tmp_path / "log.csv")
+    assert logged["missed"].sum() > 3
+    assert np.isnan(logged["theta"]).sum() >= 3
+    again = Tracking(bench.plant, PIDControl(bench.plant, DT), Differentiator(DT), bench.reference, START.settle)
+    here = np.isin(logged["phase"], (Phase.SETTLE, Phase.RUN))
+    sent = np.stack([logged["P1_command"], logged["P2_command"]], axis=1)[here]
+    np.testing.assert_allclose(replay(logged, again), sent, rtol=1e-12)
+    np.testing.assert_array_equal(record.columns["P1_command"][here], sent[:, 0])
+
+
+def test_a_record_is_a_run_that_can_be_kept(bench, tmp_path):
+    record = bench.loop().run()
+    record.save(tmp_path / "log.npz")
+    run = load_recording(tmp_path / "log.npz")
+    assert run.plant == bench.plant
+    figures = metrics(run)
+    here = np.isin(record.columns["phase"], (Phase.SETTLE, Phase.RUN))
+    error = (record.columns["theta"] - record.columns["theta_ref"])[here]
+    assert figures.theta_rms == pytest.approx(np.sqrt(np.mean(error**2)) / DEG)
+    assert figures.limits_kept, figures.violations
+    with np.load(tmp_path / "log.npz") as archive:
+        np.testing.assert_array_equal(archive["log_late"], record.columns["late"])
+
+
+def test_an_unfinished_last_line_is_left_out(bench, tmp_path):
+    path = tmp_path / "log.csv"
+    bench.loop(log=path).run()
+    whole = read_log(path)["t"]
+    text = "".join(line for line in path.read_text().splitlines(keepends=True) if not line.startswith("# ended"))
+    for cut in (1, 2, 50):
+        path.write_text(text[:-cut])
+        np.testing.assert_array_equal(read_log(path)["t"], whole[:-1])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "no line of column names"),
+        ("t,theta\n1,2\n", "is no log of a loop"),
+        (None, "cannot be read"),
+    ],
+)
+def test_what_is_no_log_is_refused(tmp_path, text, said):
+    path = tmp_path / "log.csv"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InvalidFile, match=said):
+        read_log(path)
+
+
+def test_a_damaged_line_is_named(bench, tmp_path):
+    path = tmp_path / "log.csv"
+    bench.loop(log=path).run()
+    lines = path.read_text().splitlines()
+    for broken, said in (("1,2,3", "has 3 cells, not"), (lines[5].replace(",0,", ",zero,", 1), "no number")):
+        path.write_text("\n".join([*lines[:5], broken, *lines[6:]]) + "\n")
+        with pytest.raises(InvalidFile, match=f"line 6: .*{said}"):
+            read_log(path)
+
+
+def test_a_log_without_control_is_no_run(bench):
+    columns = {name: column[:3] for name, column in bench.loop().run().columns.items()}
+    with pytest.raises(InvalidInput, match="0 samples under control"):
+        run_of(columns, bench.plant, DT)
+
+
+def test_lateness_counts():
+    late, missed = np.array([0.0, 0.0005, 0.002, 0.009]), np.array([0, 0, 3, 0])
+    found = Lateness.of(late, missed, DT)
+    assert (found.worst, found.late, found.missed, found.samples) == (0.009, 2, 3, 4)
+    assert found.median == pytest.approx(0.00125)
+    assert Lateness.of(late[:0], missed[:0], DT).samples == 0
+
+
+@pytest.mark.slow
+def test_an_uneven_clock_does_not_spoil_the_tracking(monkeypatch):
+    """Readings up to 4 ms late at 100 Hz: an observer that took them for even ones would reject true angles."""
+    real = RealPlant.standard()
+    known = real.known()
+    controller = TrackingMPC(real.nominal, DT, 20, Weights.calm(), compensation=known)
+
+    def as_read(tick):
+        _, theta, P1, P2 = tick.reading
+        return np.array([theta, np.nan, P1, P2])
+
+    def worst(at_due):
+        clock, rng = SimulatedClock(), np.random.default_rng(1)
+        device = SimulatedDevice(real, clock)
+        read = device.read
+
+        def late():
+            clock.spend(0.004 * (rng.random() < 0.3))
+            return read()
+
+        monkeypatch.setattr(device, "read", late)
+        observer = KalmanObserver(real.nominal, DT, compensation=known)
+        reference = sine(amplitude=30 * DEG, K=5.6, duration=4.0, ramp=1.0)
+        loop = RealTimeLoop(
+            device, controller, observer, reference, clock=clock, start=SoftStart(2e5), watchdog=Watchdog(reaction=None)
+        )
+        if not at_due:
+            monkeypatch.setattr(loop.tracking, "_at_due", as_read)
+        return loop.run().theta_rms
+
+    even = worst(at_due=True)
+    assert even < 1 * DEG
+    assert worst(at_due=False) > 2 * even
