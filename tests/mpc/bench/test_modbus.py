@@ -1,5 +1,7 @@
 """A Modbus device against pymodbus' own server: what is commanded arrives, and what cannot be is said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.model.real_plant import RealPlant
 from tests.mpc.bench.valve_terminal import HOST, ValveTerminal
 
-MAP = RegisterMap.generic()
+MAP = replace(RegisterMap.generic(), timeout=9.0)  # [s]: a busy machine is no silent device
 
 
 @pytest.fixture
@@ -48,7 +50,7 @@ def test_neighbouring_registers_are_one_request(terminal):
 
 
 def test_a_device_that_refuses_or_is_silent_gives_no_answer_and_recovers(terminal):
-    with connected(terminal) as device:
+    with connected(terminal, replace(MAP, timeout=1.0)) as device:
         terminal.refuse = True
         for ask in (device.read, device.vent):
             with pytest.raises(NoAnswer, match="refused"):
@@ -141,7 +143,9 @@ def test_a_map_that_makes_no_sense_is_refused_in_a_sentence(tmp_path, text, said
 
 
 def test_registers_apart_are_requests_apart(tmp_path, terminal):
-    (tmp_path / "map.toml").write_text(GOOD.replace("register = 7", "register = 5") + "scale = 0.001\n")
+    (tmp_path / "map.toml").write_text(
+        "timeout = 9\n" + GOOD.replace("register = 7", "register = 5") + "scale = 0.001\n"
+    )
     device = open_modbus(f"{HOST}:{terminal.port}:{tmp_path / 'map.toml'}")
     with device:
         device.write(1 * BAR, 2 * BAR)
