@@ -13,6 +13,30 @@ from allocator import BAR, DEG
 HOST = "127.0.0.1"
 
 
+class Server(ModbusTcpServer):
+    """A server that closes what it has opened, on its own side, too."""
+
+    transports: list
+
+    def callback_new_connection(self):
+        handler = super().callback_new_connection()
+        made = handler.connection_made
+
+        def noted(transport):
+            self.transports.append(transport)
+            made(transport)
+
+        handler.connection_made = noted
+        return handler
+
+    async def shutdown(self):
+        await asyncio.sleep(0.05)  # in which connections that are being made are there to be closed
+        await super().shutdown()
+        for transport in self.transports:
+            transport.abort()
+        await asyncio.sleep(0.05)  # in which they close
+
+
 class ValveTerminal:
     """The registers of `generic_valve_terminal.toml`, written and read by a server in a thread of its own.
 
@@ -46,7 +70,8 @@ class ValveTerminal:
         block = [SimData(0, count=10, values=0, datatype=DataType.REGISTERS)]
         bits = [SimData(0, count=1, values=False, datatype=DataType.BITS)]
         simulated = SimDevice(1, (bits, bits, block, block), action=self._asked)
-        server = ModbusTcpServer(simulated, address=(HOST, 0))
+        server = Server(simulated, address=(HOST, 0))
+        server.transports = []
         await server.serve_forever(background=True)
         self.port = server.transport.sockets[0].getsockname()[1]
         self._ready.set()
