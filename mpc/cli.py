@@ -23,6 +23,7 @@ from allocator.units import BAR
 from mpc.bench.cli import devices_command, run_command, sweep_command
 from mpc.explorer.cli import explore
 from mpc.export.cli import export_command
+from mpc.export.serial.cli import bench_check_command
 from mpc.plant_cli import PlantOptions, init_command
 from mpc.trials.trajectories import TRAJECTORIES
 
@@ -237,6 +238,9 @@ app.command("devices", cls=Command, short_help="list what `run` and `sweep` can 
 app.command("run", cls=Command, short_help="drive a joint on a device along a trajectory")(run_command)
 app.command("sweep", cls=Command, short_help="run the experiment that identifies a joint")(sweep_command)
 app.command("explore", cls=Command, short_help="see in the browser what a joint can do")(explore)
+app.command("bench-check", cls=Command, short_help="does a board on a serial line do as it should?")(
+    bench_check_command
+)
 app.command("init", cls=Command, short_help="write a plant file to edit, for --joint")(init_command)
 
 

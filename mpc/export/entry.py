@@ -63,8 +63,8 @@ def export(
     if what == "allocate":
         joint = _joint(joint, None if controller is None else controller.plant.joint)
         return write(_allocation(joint, single), out)
-    controller, observer = _pair(joint, controller, observer)
-    return write(_control(controller, observer, single, alone=what == "mpc"), out)
+    controller, observer = pair(joint, controller, observer)
+    return write(controller_files(controller, observer, single, alone=what == "mpc"), out)
 
 
 def default_controller(plant: Plant, horizon: int = 10, compensation: Compensation | None = None) -> TrackingMPC:
@@ -84,9 +84,10 @@ def _joint(given: AntagonistJoint | None, own: AntagonistJoint | None) -> Antago
     return given or own or report_joint()
 
 
-def _pair(
+def pair(
     joint: AntagonistJoint | None, controller: TrackingMPC | None, observer: KalmanObserver | None
 ) -> tuple[TrackingMPC, KalmanObserver]:
+    """Return controller and observer, the default ones where none are given. Raises `InvalidInput`; see `export`."""
     joint = _joint(joint, None if controller is None else controller.plant.joint)
     if controller is None:
         controller = default_controller(Plant(joint))
@@ -108,7 +109,8 @@ def _allocation(joint: AntagonistJoint, single: bool) -> Files:
     }
 
 
-def _control(controller: TrackingMPC, observer: KalmanObserver, single: bool, alone: bool) -> Files:
+def controller_files(controller: TrackingMPC, observer: KalmanObserver, single: bool, alone: bool) -> Files:
+    """Return the files of allocation and controller; `alone` without the allocation's demonstration."""
     joint = controller.plant.joint
     kernel = kernel_of(joint)
     printed = ([] if alone else list(allocation_lines(joint))) + list(control_lines(controller, observer))
@@ -129,4 +131,4 @@ def _config(single: bool, sizes: dict[str, tuple[float | int, str]]) -> str:
     return text.header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))
 
 
-__all__ = ["PRECISIONS", "WHAT", "default_controller", "export"]
+__all__ = ["PRECISIONS", "WHAT", "controller_files", "default_controller", "export", "pair"]

@@ -220,6 +220,17 @@ class RealPlant:
         return RealExperiment(self, dt, x0, seed)
 
 
+def delayed(dead_time: float, dt: float) -> tuple[list[float], int]:
+    """Return the pieces [s] of a sample of `dt` [s] that commands act in, oldest first, and how many are on their way.
+
+    There are two pieces where the dead time is no whole number of samples: the older command acts in the first one.
+    """
+    whole = int(dead_time / dt * (1 + 1e-12))
+    late = dead_time - whole * dt
+    pieces = [late, dt - late] if late > 1e-9 * dt else [dt]
+    return pieces, whole + len(pieces) - 1
+
+
 class RealExperiment:
     """A real experiment is one on a `RealPlant`: its state, what its sensors say, and time going on."""
 
@@ -229,10 +240,8 @@ class RealExperiment:
         self._full = np.append(x0, real.friction.begun(float(x0[0])))  # with what friction remembers
         self._sample = 0
         self._said = np.full(NX, np.nan)  # by the sensors, a sample ago
-        whole = int(real.dead_time / dt * (1 + 1e-12))
-        late = real.dead_time - whole * dt  # rest of the dead time: the older command acts so long in each sample
-        self._pieces = [late, dt - late] if late > 1e-9 * dt else [dt]
-        self._waiting = [np.array(x0[2:])] * (whole + len(self._pieces) - 1)  # commands on their way, oldest first
+        self._pieces, waiting = delayed(real.dead_time, dt)
+        self._waiting = [np.array(x0[2:])] * waiting  # commands on their way, oldest first
         # by the shares of the forces that reach the joint, and the valves that are shut
         self._integrators = {((1.0, 1.0), real.shut): self._integrator(real)}
 
@@ -320,4 +329,4 @@ class RealExperiment:
 
 _UNITS = (("dead_time", "s"), ("dead_band", "Pa"), ("flow", "Pa/s"), ("encoder", "rad"), ("pressure_noise", "Pa"))
 
-__all__ = ["RealExperiment", "RealPlant"]
+__all__ = ["RealExperiment", "RealPlant", "delayed"]

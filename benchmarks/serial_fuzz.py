@@ -1,0 +1,88 @@
+"""Both ends of the serial protocol hear a million bytes that no line should carry: does one crash, or believe them?
+
+    python -m benchmarks.serial_fuzz [--bytes 1000000] [--seed 0]
+
+The board is the exported C under the address and undefined-behaviour sanitizers (gcc), the host is `SerialDevice`.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from mpc import Plant, TrackingMPC
+from mpc.bench.device import NoAnswer
+from mpc.export.serial.entry import export_board
+from tests.rigs import fuzz
+
+
+def terminal(directory: Path, n: int, rng: np.random.Generator) -> None:
+    board = fuzz.board(export_board(directory / "terminal"))
+    print(f"board, noise:          {n} bytes, {len(fuzz.accepted(board, fuzz.noise(rng, n)))} commands obeyed")
+    stream = fuzz.damaged(rng, n)
+    places = {command: k for k, command in enumerate(stream.meant)}
+    rows = [tuple(row) for row in fuzz.accepted(board, stream.line)]
+    strange = sum(row not in places for row in rows)
+    order = np.diff([places[row] for row in rows if row in places])
+    missed = len(set(stream.whole) - {places.get(row) for row in rows})
+    print(
+        f"board, damaged frames: {len(stream.line)} bytes, {len(stream.meant)} commands sent, {len(rows)} obeyed, "
+        f"of these {strange} that nobody sent and {(order < 0).sum()} out of order; "
+        f"of {len(stream.whole)} whole ones {missed} missed"
+    )
+    line = fuzz.forged(rng, n)
+    rows = fuzz.accepted(board, line)
+    beyond = int((~((rows[:, 1:] >= 0) & (rows[:, 1:] <= fuzz.HIGH)).all(axis=1)).sum())
+    print(f"board, forged frames:  {len(line)} bytes, {len(rows)} commands obeyed, {beyond} beyond the limits")
+
+
+def controller(directory: Path, n: int, rng: np.random.Generator) -> None:
+    firmware = export_board(directory / "controller", controller=TrackingMPC(Plant(), N=3))
+    board = fuzz.board(firmware, controls=True)
+    stream = fuzz.damaged(rng, n, follows=True)
+    rows = [tuple(row) for row in fuzz.accepted(board, stream.line)]
+    strange = len(set(rows) - set(stream.meant))
+    print(
+        f"board with controller, damaged frames: {len(stream.line)} bytes, {len(rows)} references taken of "
+        f"{len(stream.meant)}, {strange} that nobody sent"
+    )
+    line = fuzz.forged(rng, n)
+    rows = fuzz.accepted(board, line)
+    references = rows[rows[:, 0] == 1, 1:]
+    wrong = int((~(np.isfinite(references).all(axis=1) & (references[:, 1] > 0))).sum())
+    print(f"board with controller, forged frames: {len(line)} bytes, {len(references)} references taken, {wrong} wrong")
+
+
+def host(n: int, rng: np.random.Generator) -> None:
+    line = fuzz.NoisyLine(rng)
+    read = lost = strange = 0
+    with fuzz.NoisyDevice(line) as device:
+        while line.carried < n:
+            try:
+                reading = device.read()
+            except NoAnswer:
+                lost += 1
+            else:
+                read += 1
+                strange += (reading.theta, reading.P1, reading.P2) != (line.said[device.asked], 2e5, 3e5)
+    print(
+        f"host: {line.carried} bytes, {read} readings, {strange} of them not the answer; {lost} times none in time, "
+        f"{device.late} late, {device.damaged} damaged"
+    )
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bytes", type=int, default=1_000_000)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args(arguments)
+    rng = np.random.default_rng(given.seed)
+    host(given.bytes, rng)
+    with tempfile.TemporaryDirectory() as made:
+        terminal(Path(made), given.bytes, rng)
+        controller(Path(made), given.bytes, rng)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,293 @@
+"""A board on a serial line is a device here, by the protocol of `mpc.bench.serial_protocol`; see docs/serial.md.
+
+    with SerialDevice("/dev/ttyUSB0", baud=921600) as device:
+        reading = device.read()
+
+Every call asks once and waits for the answer with its own sequence number until `timeout`: late answers are passed
+over, noise costs the exchange that it hits and no other. What a call raises says what to do: `NoAnswer`, go on at the
+next sample; `DeviceLost`, stop, for the board has let the pressures fall or will do so by itself.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from math import isfinite
+from secrets import randbelow
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+from allocator import checks
+from allocator.errors import InvalidInput, MissingBackend
+from mpc.bench import serial_protocol as protocol
+from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
+from mpc.bench.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
+from mpc.trials.reference import Reference
+
+_POLL = 0.002  # [s] that a read waits for a byte at most: how exactly a time-out is kept
+_GREETING = 0.1  # [s] after which a greeting is said again
+_VENT_TRIES, _VENT_WAIT = 5, 0.05  # a vent is asked for so often, each time for so long [s]
+_LASTING = (Refusal.SAFE, Refusal.SESSION, Refusal.VERSION)  # refusals that the next request meets again
+
+_SYSTEM_ERRORS: tuple[type[Exception], ...] = (OSError,)  # what pyserial lets through when a port does not work
+with suppress(ImportError):  # on Windows
+    from termios import error
+
+    _SYSTEM_ERRORS = OSError, error
+
+_OPENING_ERRORS: tuple[type[Exception], ...] = (*_SYSTEM_ERRORS, ValueError)
+_READING_ERRORS: tuple[type[Exception], ...] = (*_SYSTEM_ERRORS, TypeError)  # closed by another thread while it reads
+
+
+class BoardInfo(NamedTuple):
+    """What a board says of itself when it is greeted."""
+
+    ahead: int  # samples of reference that its controller wants after the present one
+    room: int  # samples of reference that it can hold; 0: it has no controller
+    dt: float  # sample time of its controller [s], or 0
+    low: float  # least command [Pa]
+    high: float  # greatest command [Pa]
+    watchdog: float  # silence of the host after which the pressures fall [s]
+    fall: float  # how fast the higher one then falls [Pa/s]
+
+
+class Tracking(NamedTuple):
+    """What a board says while the controller on it follows references."""
+
+    reading: Reading
+    u: tuple[float, float]  # commanded now [Pa]
+    sample: int  # of reference that is followed now
+    next: int  # sample of reference that the board wants next
+    status: int  # `PlanStatus` of the last plan
+    rung: int  # `Rung` of the last plan
+    running: bool  # whether there were enough samples for the controller to begin
+
+
+class SerialDevice:
+    """A serial device is a board at a port (`/dev/ttyUSB0`, `COM3`, or a URL that pyserial knows)."""
+
+    def __init__(
+        self,
+        port: str,
+        *,
+        baud: int = 115200,
+        timeout: float = 0.008,
+        connect: float = 3.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Describe the line; entered, the device is connected.
+
+        `timeout` [s] is how long an answer is waited for, `connect` [s] how long a board may take to begin, `clock`
+        what readings are timed by. Raises `InvalidInput`.
+        """
+        self.port, self.baud = port, checks.count("baud", baud, least=1)
+        self.timeout = float(checks.real("timeout", timeout, "s"))
+        self.connect = float(checks.real("connect", connect, "s"))
+        self.info = BoardInfo(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self.state = 0  # `State` of the board, as of its last answer
+        self.unanswered = self.late = self.damaged_there = 0  # since connecting
+        self.board_time = 0.0  # clock of the board at the last reading, since the first [s]
+        self._clock, self._receiver = clock, Receiver()
+        self._line: Any = None  # `serial.Serial`
+        self._session = self._sequence = 0
+        self._ticks: int | None = None  # [us]
+
+    @property
+    def damaged(self) -> int:
+        """Return how many stretches of what came from the board were no frame, since connecting."""
+        return self._receiver.damaged
+
+    # --- a device ---------------------------------------------------------------------------------------------------
+
+    def read(self) -> Reading:
+        """Return a new reading, at the middle of its exchange. Raises `NoAnswer` or `DeviceLost`."""
+        asked = self._clock()
+        answer = self._ask(Kind.READ)
+        return self._reading(answer, (asked + self._clock()) / 2)
+
+    def write(self, P1: float, P2: float) -> None:
+        """Send the gauge pressures [Pa] as a command.
+
+        Raises `InvalidInput` beyond the board's limits, `NoAnswer`, and `DeviceLost`, also where the board is in its safe
+        state, out of which only connecting again leads.
+        """
+        for name, P in (("P1", P1), ("P2", P2)):
+            if not self.info.low <= P <= self.info.high:
+                raise InvalidInput(
+                    f"{name} = {P:g} Pa has to lie within the {self.info.low:g} to {self.info.high:g} Pa of the board "
+                    f"at {self.port}"
+                )
+        self._ask(Kind.WRITE, float(P1), float(P2))
+
+    def vent(self) -> None:
+        """Let both muscles empty at once; the board takes no command afterwards. Raises `DeviceError`."""
+        for left in reversed(range(_VENT_TRIES)):
+            try:
+                self._ask(Kind.VENT, timeout=_VENT_WAIT)
+                return
+            except NoAnswer:
+                if not left:
+                    raise
+
+    def __enter__(self) -> Self:
+        """Open the port and begin a session. Raises `DeviceError`, and `MissingBackend` without pyserial."""
+        self._line = self._opened()
+        self._receiver, self._ticks, self.board_time = Receiver(), None, 0.0
+        self.unanswered = self.late = 0
+        self._session, self._sequence = randbelow(2**16), randbelow(2**16)
+        try:
+            self.info = self._greet()
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        self.unanswered = 0
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Close the port; a board that still obeys lets the pressures fall after its watchdog's time."""
+        line, self._line = self._line, None
+        if line is not None:
+            try:
+                line.close()
+            except _SYSTEM_ERRORS:  # of a port that is gone there is nothing to close
+                return
+
+    # --- the controller on the board --------------------------------------------------------------------------------
+
+    def follow(self, first: int, theta: Any, K: Any) -> Tracking:
+        """Send up to `BATCH` samples of reference θ [rad], K [N·m/rad] from number `first` on; none keep it going.
+
+        Raises `InvalidInput` for a board without a controller, `NoAnswer`, `DeviceLost`.
+        """
+        if not self.info.room:
+            raise InvalidInput(f"the board at {self.port} has no controller; export one with --variant controller")
+        samples = [float(value) for pair in zip(theta, K, strict=True) for value in pair]
+        if len(samples) > 2 * BATCH or not all(map(isfinite, samples)):
+            raise InvalidInput(f"theta and K have to be at most {BATCH} finite samples each, in rad and N·m/rad")
+        asked = self._clock()
+        answer = self._ask(Kind.FOLLOW, int(first), *samples)
+        sample, next_, status, rung = (int(answer.value(name)) for name in ("sample", "next", "status", "rung"))
+        reading, u = self._reading(answer, (asked + self._clock()) / 2), (answer.value("u1"), answer.value("u2"))
+        return Tracking(reading, u, sample, next_, status, rung, bool(answer.value("running")))
+
+    def track(self, reference: Reference) -> Iterator[Tracking]:
+        """Have the board follow `reference`, yielding what it says about once a sample, to the last sample.
+
+        The clock is the board's. An exchange that fails is asked again as long as the board's watchdog allows.
+        Raises `InvalidInput`, `NoAnswer`, `DeviceLost`.
+        """
+        if not self.info.room:
+            raise InvalidInput(f"the board at {self.port} has no controller; export one with --variant controller")
+        wanted = reference.resampled(self.info.dt)
+        last = wanted.t.size - 1
+        next_, room, said = 0, self.info.room, self._clock()
+        while True:
+            until = min(next_ + BATCH, room, last + self.info.ahead + 1)
+            samples = [min(k, last) for k in range(next_, until)]
+            began = self._clock()
+            try:
+                now = self.follow(next_, wanted.theta[samples], wanted.K[samples])
+            except NoAnswer:
+                if self._clock() - said > self.info.watchdog:
+                    raise
+                continue
+            next_, room, said = now.next, now.sample + self.info.room, self._clock()
+            yield now
+            if now.sample >= last:
+                return
+            if now.running and len(samples) < BATCH:  # it has all that it has room for
+                time.sleep(max(0.0, began + self.info.dt - self._clock()))
+
+    # --- exchanges --------------------------------------------------------------------------------------------------
+
+    def _ask(self, kind: Kind, *values: float, timeout: float | None = None) -> Frame:
+        """Return the answer to a request; `DeviceLost` or `NoAnswer` if there is none or it is a refusal."""
+        self._sequence = (self._sequence + 1) % 2**16
+        number = self._sequence
+        answers = protocol.ANSWERS[kind], Kind.REFUSED
+        patience = self.timeout if timeout is None else timeout
+        deadline = time.monotonic() + patience
+        self._send(protocol.encoded(Frame(kind, self._session, number, values)))
+        while True:
+            for frame in self._receiver.frames(self._arrived()):
+                if (frame.session, frame.sequence) == (self._session, number) and frame.kind in answers:
+                    return self._accepted(frame)
+                self.late += 1
+            if time.monotonic() >= deadline:
+                self.unanswered += 1
+                raise NoAnswer(f"the board at {self.port} did not answer within {1e3 * patience:g} ms")
+
+    def _accepted(self, answer: Frame) -> Frame:
+        self.state = int(answer.value("state"))
+        if answer.kind is not Kind.REFUSED:
+            return answer
+        reason = int(answer.value("reason"))
+        sentence = f"the board at {self.port} refused: {protocol.REASONS.get(reason, f'reason {reason}')}"
+        raise (DeviceLost if reason in _LASTING else NoAnswer)(sentence)
+
+    def _greet(self) -> BoardInfo:
+        deadline = time.monotonic() + self.connect
+        while True:
+            try:
+                answer = self._ask(Kind.HELLO, protocol.VERSION, timeout=_GREETING)
+            except NoAnswer:
+                if time.monotonic() < deadline:
+                    continue
+                raise DeviceError(
+                    f"nothing at {self.port} ({self.baud} baud) answered within {self.connect:g} s as a board of "
+                    "`antagonist export --target serial` does"
+                ) from None
+            numbers: dict[str, Any] = {name: answer.value(name) for name in BoardInfo._fields}
+            return BoardInfo(**numbers | {"dt": numbers["dt"] / 1e6, "watchdog": numbers["watchdog"] / 1e6})
+
+    def _reading(self, answer: Frame, t: float) -> Reading:
+        ticks = int(answer.value("t"))
+        if self._ticks is not None:
+            self.board_time += 1e-6 * ((ticks - self._ticks) % 2**32)
+        self._ticks = ticks
+        self.damaged_there = int(answer.value("damaged"))
+        return Reading(t, answer.value("theta"), answer.value("P1"), answer.value("P2"))
+
+    # --- the line ---------------------------------------------------------------------------------------------------
+
+    def _opened(self) -> Any:
+        try:
+            import serial
+        except ImportError:
+            raise MissingBackend("device", "serial", ["pip install 'antagonist[serial]' first", "sim"]) from None
+        try:
+            line = serial.serial_for_url(
+                self.port, baudrate=self.baud, timeout=min(_POLL, self.timeout), write_timeout=0.1
+            )
+            line.reset_input_buffer()
+        except _OPENING_ERRORS as error:
+            raise DeviceError(f"{self.port} cannot be opened ({error})") from None
+        return line
+
+    def _send(self, line: bytes) -> None:
+        if self._line is None:
+            raise DeviceLost(f"the board at {self.port} is not connected")
+        try:
+            self._line.write(line)
+        except _SYSTEM_ERRORS as error:
+            if "imeout" in type(error).__name__:
+                raise NoAnswer(f"{self.port} takes no bytes ({error})") from None
+            raise self._gone(error) from None
+
+    def _arrived(self) -> bytes:
+        """Return what has come, having waited for the first byte of it."""
+        if self._line is None:
+            raise DeviceLost(f"the board at {self.port} is not connected")
+        try:
+            first: bytes = self._line.read(1)
+            waiting = self._line.in_waiting if first else 0
+            return first + self._line.read(waiting) if waiting else first
+        except _READING_ERRORS as error:
+            raise self._gone(error) from None
+
+    def _gone(self, error: Exception) -> DeviceLost:
+        return DeviceLost(f"the board at {self.port} is gone ({error})")
+
+
+__all__ = ["BoardInfo", "SerialDevice", "Tracking"]

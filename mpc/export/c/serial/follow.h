@@ -1,0 +1,30 @@
+/* The controller on the board follows references that the host sends ahead of time, by the board's own clock. */
+#ifndef ANT_FOLLOW_H
+#define ANT_FOLLOW_H
+
+#include <stdint.h>
+
+#include "antagonist.h"
+#include "config.h"
+
+/* Samples are numbered from 0, when the host began; those that are not over are held, the rest is forgotten. */
+typedef struct {
+    ant_controller controller;
+    ant_plan plan;
+    ant_reference window;
+    float theta[ANT_ROOM], K[ANT_ROOM]; /* sample k at k modulo ANT_ROOM */
+    uint32_t have;                      /* samples that have come, and so the number of the next one */
+    uint32_t sample;                    /* that is followed now */
+    uint32_t due;                       /* when the next one is [us] */
+    int running;                        /* whether there were enough to begin */
+} ant_follower;
+
+void ant_follower_begin(ant_follower *f);
+
+/* Take n samples from number `first` on; those that have come already are passed over. 0, or the reason to refuse. */
+int ant_follower_take(ant_follower *f, uint32_t first, const uint8_t *samples, uint32_t n);
+
+/* A step of the controller if it is time for one; whether there was one, and f->plan is new. */
+int ant_follower_step(ant_follower *f);
+
+#endif /* ANT_FOLLOW_H */

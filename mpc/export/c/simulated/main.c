@@ -1,0 +1,139 @@
+/* The board on a PC: the same board.c and frames.c behind a pseudo-terminal, with a simulated plant under them.
+ *
+ * It prints the terminal's name and ends when its standard input does. With an argument, a time in seconds, its clock
+ * stands still and goes on by that time at every command: as fast as the host asks, and the same at every run. */
+#define _XOPEN_SOURCE 600 /* NOLINT: asks the C library for pseudo-terminals */
+
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <termios.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "board.h"
+#include "plant.h"
+#include "start.h"
+
+static ant_board board;
+static ant_plant plant;
+static double u[2];
+static double simulated;  /* how far the plant has come [s] */
+static double step;       /* by which time goes on at every command, or 0: the PC's clock [s] */
+static double stepped;    /* the clock in that case [s] */
+static int line = -1;     /* the board's end of the pseudo-terminal */
+static uint64_t noise = 88172645463325252u; /* state of xorshift (Marsaglia 2003) */
+
+static double now(void) {
+    static struct timespec begun;
+    struct timespec t;
+    if (step > 0) return stepped;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    if (!begun.tv_sec) begun = t;
+    return (double)(t.tv_sec - begun.tv_sec) + 1e-9 * (double)(t.tv_nsec - begun.tv_nsec);
+}
+
+static double uniform(void) {
+    noise ^= noise << 13;
+    noise ^= noise >> 7;
+    noise ^= noise << 17;
+    return ((double)(noise >> 11) + 0.5) / 9007199254740992.0;
+}
+
+static double normal(void) { return sqrt(-2 * log(uniform())) * cos(6.283185307179586 * uniform()); }
+
+/* The plant up to now; a process that was stopped for longer than a second has not been there. */
+static void catch_up(void) {
+    if (now() - simulated > 1) simulated = now() - 1;
+    while (simulated + ANT_PLANT_DT <= now() + 1e-9) {
+        ant_plant_advance(&plant, u, 0);
+        simulated += ANT_PLANT_DT;
+    }
+}
+
+/* --- port.h ------------------------------------------------------------------------------------------------------ */
+
+ant_sensors read_sensors(void) {
+    catch_up();
+    ant_sensors s = {(float)ant_plant_look(&plant).theta, 0, 0};
+    s.P1 = (float)(plant.full[2] + ANT_PLANT_NOISE * normal());
+    s.P2 = (float)(plant.full[3] + ANT_PLANT_NOISE * normal());
+    return s;
+}
+
+void write_valves(float P1, float P2) {
+    catch_up();
+    u[0] = P1;
+    u[1] = P2;
+}
+
+uint32_t clock_us(void) { return (uint32_t)(uint64_t)(now() * 1e6 + 0.5); }
+
+int receive_byte(void) {
+    static uint8_t bytes[256];
+    static ssize_t n, at;
+    if (at == n) {
+        at = 0;
+        n = read(line, bytes, sizeof bytes);
+        if (n < 0) n = 0; /* there is none; or nobody has opened the other end yet */
+    }
+    return at < n ? bytes[at++] : -1;
+}
+
+void send_bytes(const uint8_t *bytes, size_t n) {
+    while (n) {
+        const ssize_t sent = write(line, bytes, n);
+        if (sent < 0) return; /* nobody reads: the host will miss an answer */
+        bytes += sent;
+        n -= (size_t)sent;
+    }
+}
+
+/* ----------------------------------------------------------------------------------------------------------------- */
+
+/* Open a pseudo-terminal; its other end is kept open, or it would be gone whenever a host leaves. */
+static const char *open_line(void) {
+    struct termios raw;
+    line = posix_openpt(O_RDWR | O_NOCTTY);
+    if (line < 0 || grantpt(line) || unlockpt(line)) return NULL;
+    const char *name = ptsname(line);
+    const int other = name ? open(name, O_RDWR | O_NOCTTY) : -1;
+    if (other < 0 || tcgetattr(other, &raw)) return NULL;
+    raw.c_iflag = 0;
+    raw.c_oflag = 0;
+    raw.c_lflag = 0;
+    raw.c_cflag = CS8 | CREAD | CLOCAL;
+    raw.c_cc[VMIN] = 1;
+    raw.c_cc[VTIME] = 0;
+    if (tcsetattr(other, TCSANOW, &raw) || fcntl(line, F_SETFL, O_NONBLOCK)) return NULL;
+    return name;
+}
+
+int main(int argc, char **argv) {
+    static const double start[4] = ANT_START;
+    struct pollfd waited[2] = {{0, POLLIN, 0}, {-1, POLLIN, 0}};
+    uint32_t commands = 0;
+    step = argc > 1 ? atof(argv[1]) : 0;
+    const char *name = open_line();
+    if (!name || !(step >= 0)) {
+        perror("no pseudo-terminal");
+        return 1;
+    }
+    waited[1].fd = line;
+    ant_plant_begin(&plant, start);
+    ant_board_begin(&board);
+    printf("%s\n", name);
+    fflush(stdout);
+    while (poll(waited, 2, 1) >= 0 || errno == EINTR) {
+        char ignored[64];
+        if (waited[0].revents && read(0, ignored, sizeof ignored) <= 0) return 0;
+        catch_up();
+        ant_board_poll(&board);
+        if (board.commands != commands) stepped += step;
+        commands = board.commands;
+    }
+    return 1;
+}

@@ -1,0 +1,10 @@
+"""The firmware of a board on a serial line is exported from here: a dumb terminal, or the whole controller.
+
+    export_board("board_in_c")                                            a dumb terminal
+    export_board("board_in_c", controller=TrackingMPC(plant, N=10))       which takes references
+
+`docs/serial.md` explains the line protocol, `mpc/export/c/serial/` is the C that is exported as it is, and
+`simulated.SimulatedBoard` compiles it for the PC, with a simulated joint under it.
+"""
+
+__all__: list[str] = []

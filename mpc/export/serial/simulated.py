@@ -1,0 +1,117 @@
+"""A simulated board is the exported firmware compiled for this PC, behind a pseudo-terminal, with a joint under it.
+
+with SimulatedBoard() as board, SerialDevice(board.port) as device:
+    device.read()
+"""
+
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from allocator.errors import AntagonistError, MissingBackend
+from mpc.export.directory import write
+from mpc.export.serial.entry import board_files
+from mpc.export.serial.safety import Safety
+from mpc.model.plant import Plant
+from mpc.model.real_plant import RealPlant
+from mpc.observer.kalman import KalmanObserver
+from mpc.tracking.controller import TrackingMPC
+
+COMPILERS = ("cc", "gcc", "clang")
+_PROGRAM = "simulated_board"
+_LONGEST_COMPILING = 300.0  # [s]
+
+
+class SimulatedBoard:
+    """A simulated board runs from entering to leaving it; `port` is what hosts open."""
+
+    def __init__(
+        self,
+        process: Plant | RealPlant | None = None,
+        controller: TrackingMPC | None = None,
+        *,
+        observer: KalmanObserver | None = None,
+        safety: Safety | None = None,
+        x0: Any = None,
+        step: float = 0.0,
+        flags: tuple[str, ...] = ("-O2",),
+    ) -> None:
+        """Describe the board, see `export_board`.
+
+        With a `step` [s] the board's clock stands still, and goes on by it at every command: the host may be as fast as
+        it likes. Raises `InvalidInput` for what C cannot do.
+        """
+        self.files = board_files(process, controller, observer, safety or Safety(), x0=x0)
+        self._controls, self._step, self._flags = controller is not None, step, flags
+        self._directory: tempfile.TemporaryDirectory[str] | None = None
+        self._process: subprocess.Popen[str] | None = None
+        self.port = ""
+
+    def __enter__(self) -> Self:
+        """Compile the board and start it. Raises `MissingBackend` without a C compiler."""
+        self._directory = tempfile.TemporaryDirectory(prefix="antagonist-board-")
+        try:
+            program = compiled(write(self.files, Path(self._directory.name) / "c"), self._controls, self._flags)
+            self._process = subprocess.Popen(
+                [program, *([repr(self._step)] if self._step else [])],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            assert self._process.stdout is not None  # a pipe was asked for
+            self.port = self._process.stdout.readline().strip()
+            if not self.port:
+                raise AntagonistError(f"the simulated board did not begin: {self.stop()}")
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Stop the board and remove its files."""
+        self.stop()
+        if self._directory is not None:
+            self._directory.cleanup()
+            self._directory = None
+
+    @property
+    def pid(self) -> int:
+        """Return the number of the board's process, 0 if it does not run."""
+        return 0 if self._process is None else self._process.pid
+
+    def stop(self) -> str:
+        """Stop the board, as if its cable were unplugged; return what it complained about."""
+        process, self._process = self._process, None
+        if process is None:
+            return ""
+        try:
+            return process.communicate("", timeout=5)[1]  # it ends when its standard input does
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.communicate()[1]
+
+
+def compiled(directory: Path, controls: bool, flags: tuple[str, ...]) -> Path:
+    """Return the simulated board that was made of the files in `directory`. Raises `MissingBackend`."""
+    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+    if compiler is None:
+        raise MissingBackend("C compiler", "cc", [*COMPILERS, "apt install gcc first"])
+    shared = [directory / "serial" / f"{name}.c" for name in ("board", "frames")]
+    if controls:
+        shared += [directory / "serial" / "follow.c", *sorted((directory / "src").glob("*.c"))]
+    included = [f"-I{directory / name}" for name in (".", "src", "serial", "simulated")]
+    sources = [*sorted((directory / "simulated").glob("*.c")), *shared]
+    command = [compiler, "-std=c99", *flags, *included, *map(str, sources), "-lm", "-o", str(directory / _PROGRAM)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_COMPILING)
+    if done.returncode:
+        raise AntagonistError(f"the simulated board cannot be compiled: {done.stderr}")
+    return directory / _PROGRAM
+
+
+__all__ = ["COMPILERS", "SimulatedBoard", "compiled"]

@@ -1,0 +1,236 @@
+"""A serial device against the exported firmware, compiled for this machine, behind a pseudo-terminal."""
+
+import os
+import shutil
+import signal
+import sys
+import time
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.units import BAR, DEG
+from mpc import Compensation, Plant, RealPlant, TrackingMPC, Weights, sine
+from mpc.bench.device import DeviceError, DeviceLost, NoAnswer
+from mpc.bench.serial_device import SerialDevice
+from mpc.bench.serial_protocol import State
+from mpc.cli import app
+from mpc.export.serial.check import examine
+from mpc.export.serial.safety import Safety
+from mpc.export.serial.simulated import SimulatedBoard
+
+from ...rigs.fuzz import noise
+
+pytestmark = [
+    pytest.mark.tools,
+    pytest.mark.skipif(shutil.which("gcc") is None or sys.platform == "win32", reason="no gcc, or no pseudo-terminals"),
+]
+PATIENT = 1.0  # [s]: a machine busy with other tests may stop a process for a while
+
+
+@pytest.fixture(scope="module")
+def board():
+    with SimulatedBoard(RealPlant(), safety=Safety(watchdog=0.4, fall=2 * BAR), flags=("-O1",)) as running:
+        yield running
+
+
+@pytest.fixture
+def device(board):
+    with SerialDevice(board.port, timeout=PATIENT) as connected:
+        yield connected
+
+
+@pytest.fixture
+def own_board():
+    """A board that the test may break, whose clock stands still but for commands."""
+    with SimulatedBoard(RealPlant(), step=0.01, flags=("-O0",)) as running:
+        yield running
+
+
+def test_the_board_says_what_was_chosen_at_export(device):
+    assert device.info == (0, 0, 0.0, 0.0, 5 * BAR, 0.4, 2 * BAR)
+
+
+def test_pressures_go_where_they_are_commanded(device):
+    for _ in range(60):
+        before = time.monotonic()
+        device.write(3 * BAR, 1 * BAR)
+        reading = device.read()
+        assert before <= reading.t <= time.monotonic()
+        time.sleep(0.01)
+    assert device.state == State.DIRECT
+    assert reading.P1 == pytest.approx(3 * BAR, rel=0.1)
+    assert reading.P2 == pytest.approx(1 * BAR, rel=0.1)
+    assert reading.theta > 20 * DEG
+
+
+def test_a_silent_host_lets_the_pressures_fall_together_and_has_to_begin_anew(board):
+    with SerialDevice(board.port, timeout=PATIENT) as device:
+        for _ in range(60):
+            device.write(4 * BAR, 2 * BAR)
+            time.sleep(0.01)
+        began = time.monotonic()
+        while device.state == State.DIRECT and time.monotonic() < began + 5:
+            device.read()  # asking does not count
+        assert time.monotonic() - began == pytest.approx(0.4, abs=0.3)
+        time.sleep(0.5)
+        falling = device.read()
+        assert 0 < falling.P1 < 3.9 * BAR
+        assert falling.P1 / falling.P2 == pytest.approx(2, rel=0.15)
+        with pytest.raises(DeviceLost, match="safe state"):
+            device.write(1 * BAR, 1 * BAR)
+    with SerialDevice(board.port, timeout=PATIENT) as again:
+        again.write(1 * BAR, 1 * BAR)
+        assert again.state == State.DIRECT
+
+
+def test_a_vented_board_takes_no_command(device):
+    device.write(1 * BAR, 1 * BAR)
+    device.vent()
+    device.vent()
+    assert device.state == State.VENTED
+    with pytest.raises(DeviceLost, match="safe state"):
+        device.write(1 * BAR, 1 * BAR)
+    assert device.read().P1 < 5 * BAR  # it can still be asked
+
+
+@pytest.mark.parametrize("P", [-1.0, 5.001 * BAR, np.nan, np.inf])
+def test_a_pressure_beyond_the_limits_is_refused_in_a_sentence(device, P):
+    device.read()
+    with pytest.raises(InvalidInput, match=r"P2 = .* Pa has to lie within the 0 to 500000 Pa of the board"):
+        device.write(1 * BAR, P)
+    assert device.state == State.READY  # it never came to the board
+
+
+def test_the_board_itself_refuses_what_is_beyond_its_limits(device):
+    device.info = device.info._replace(high=1e9)
+    with pytest.raises(NoAnswer, match="beyond its limits"):
+        device.write(1 * BAR, 6 * BAR)
+    assert device.state == State.READY
+
+
+def test_noise_on_the_line_costs_nothing_that_comes_after_it(board, device):
+    rng = np.random.default_rng(0)
+    with open(board.port, "wb", buffering=0) as other:
+        for _ in range(50):
+            other.write(noise(rng, int(rng.integers(1, 100))))
+            device.read()
+    assert device.unanswered == 0
+    assert device.damaged_there > 20
+
+
+def test_another_host_takes_the_board_over_and_the_first_is_told(board, device):
+    device.write(1 * BAR, 1 * BAR)
+    with SerialDevice(board.port, timeout=PATIENT), pytest.raises(DeviceLost, match="no such session"):
+        device.write(1 * BAR, 1 * BAR)
+
+
+def test_what_is_unplugged_is_lost(own_board):
+    with SerialDevice(own_board.port, timeout=PATIENT) as device:
+        device.read()
+        own_board.stop()
+        for exchange in (device.read, lambda: device.write(0.0, 0.0), device.vent):
+            with pytest.raises(DeviceLost, match="is gone"):
+                exchange()
+    with pytest.raises(DeviceError, match="cannot be opened"), device:
+        pass
+
+
+def test_an_answer_that_comes_late_is_not_taken_for_the_next(own_board):
+    with SerialDevice(own_board.port, timeout=0.02) as device:
+        device.timeout = PATIENT
+        device.write(2 * BAR, 1 * BAR)
+        device.timeout = 0.02
+        os.kill(own_board.pid, signal.SIGSTOP)
+        for _ in range(3):
+            with pytest.raises(NoAnswer, match="did not answer within 20 ms"):
+                device.read()
+        os.kill(own_board.pid, signal.SIGCONT)
+        device.timeout = PATIENT
+        before = time.monotonic()
+        assert device.read().t >= before
+        assert (device.unanswered, device.late) == (3, 3)
+
+
+def test_what_is_no_board_is_said_to_be_none(tmp_path):
+    with pytest.raises(DeviceError, match=r"nowhere cannot be opened"), SerialDevice(str(tmp_path / "nowhere")):
+        pass
+    master, slave = os.openpty()
+    silent = SerialDevice(os.ttyname(slave), connect=0.2)
+    with pytest.raises(DeviceError, match=r"answered within 0.2 s as a board"), silent:
+        pass
+    os.close(master)
+    os.close(slave)
+
+
+def test_without_pyserial_the_line_to_install_it_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(MissingBackend, match=r"pip install 'antagonist\[serial\]'"), SerialDevice("/dev/null"):
+        pass
+
+
+def test_a_device_that_is_not_connected_is_lost_and_one_without_a_controller_follows_nothing(device):
+    with pytest.raises(DeviceLost, match="not connected"):
+        SerialDevice(device.port).read()
+    with pytest.raises(InvalidInput, match="no controller"):
+        device.follow(0, [0.1], [5.0])
+
+
+@pytest.mark.slow
+def test_a_controller_on_the_board_tracks_as_the_same_one_here_does():
+    process = RealPlant.standard()
+    controller = TrackingMPC(process.nominal, N=5, weights=Weights.calm(), compensation=process.known())
+    reference = sine(K=5.5, duration=3.2, ramp=1.0).resampled(controller.dt)
+    last, errors, statuses = reference.t.size - 1, [], set()
+    with (
+        SimulatedBoard(process, controller, step=controller.dt, x0=process.at_rest(0.0, 5.5), flags=("-O0",)) as board,
+        SerialDevice(board.port, timeout=PATIENT) as device,
+    ):
+        assert device.info[:3] == (controller.ahead, controller.ahead + 33, controller.dt)
+        with pytest.raises(NoAnswer, match="left out"):
+            device.follow(5, reference.theta[:1], reference.K[:1])
+        with pytest.raises(InvalidInput, match="at most 16 finite"):
+            device.follow(0, reference.theta[:17], reference.K[:17])
+        for now in device.track(reference):
+            statuses |= {now.status}
+            if now.sample > 60:
+                errors.append(now.reading.theta - reference.theta[now.sample])
+        device.write(2 * BAR, 2 * BAR)  # and it takes commands again
+        assert device.state == State.DIRECT
+    assert now.sample == last
+    assert len(errors) > 240
+    assert np.sqrt(np.mean(np.square(errors))) < 1 * DEG
+    assert statuses == {0}
+
+
+def test_a_good_board_is_found_good_and_bad_ones_bad(board):
+    found = examine(lambda: SerialDevice(board.port, timeout=PATIENT), exchanges=50)
+    assert found.faults == []
+    assert found.read.size == found.write.size == 50
+    assert abs(found.clock) < 0.05
+    deaf = SimulatedBoard(RealPlant(), safety=Safety(watchdog=0.05), flags=("-O0",))
+    whole = deaf.files["serial/board.c"]
+    deaf.files["serial/board.c"] = whole.replace("    watch(b);", "    (void)watch;")
+    assert deaf.files["serial/board.c"] != whole
+    with deaf:
+        found = examine(lambda: SerialDevice(deaf.port, timeout=PATIENT), exchanges=5)
+    assert len(found.faults) == 2
+    assert "took a command after its host had been silent" in found.faults[0]
+
+
+def test_the_command_examines_a_board(board):
+    done = CliRunner().invoke(app, ["bench-check", f"serial:{board.port}", "--exchanges", "20", "--timeout", "1"])
+    assert done.exit_code == 0, done.output
+    assert "of 40 requests 0 were not answered" in done.output
+    assert "watchdog after 0.4 s of silence: acted" in done.output
+    refused = CliRunner().invoke(app, ["bench-check", "ttyUSB0"])
+    assert isinstance(refused.exception, InvalidInput)
+
+
+def test_compensation_of_the_joint_reaches_the_board_s_controller():
+    controller = TrackingMPC(Plant(), N=3, compensation=Compensation(dead_time=0.02))
+    files = SimulatedBoard(None, controller).files
+    assert "#define ANT_ROOM 38u" in files["serial/config.h"]
+    assert "#define ANT_AHEAD 5" in files["antagonist_config.h"]

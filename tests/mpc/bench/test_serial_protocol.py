@@ -1,0 +1,121 @@
+"""Frames come across a serial line whole, or not at all."""
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mpc.bench.serial_protocol import (
+    ANSWERS,
+    BATCH,
+    CRC_BYTES,
+    HEADER,
+    LAYOUTS,
+    LONGEST,
+    REASONS,
+    SAMPLE,
+    Frame,
+    Kind,
+    Receiver,
+    Refusal,
+    State,
+    decoded,
+    encoded,
+    packing,
+    stuffed,
+    unstuffed,
+)
+
+NUMBERS = {
+    "u8": st.integers(0, 2**8 - 1),
+    "i8": st.integers(-(2**7), 2**7 - 1),
+    "u16": st.integers(0, 2**16 - 1),
+    "u32": st.integers(0, 2**32 - 1),
+    "f32": st.floats(width=32, allow_nan=False),
+}
+
+
+@st.composite
+def frames(draw):
+    kind = draw(st.sampled_from(Kind))
+    values = [draw(NUMBERS[field.type]) for field in LAYOUTS[kind]]
+    if kind is Kind.FOLLOW:
+        values += draw(st.lists(NUMBERS["f32"], max_size=2 * BATCH).filter(lambda some: len(some) % 2 == 0))
+    return Frame(kind, draw(NUMBERS["u16"]), draw(NUMBERS["u16"]), tuple(values))
+
+
+@pytest.mark.parametrize(
+    ("plain", "stuffed_"),
+    [
+        ("00", "01 01"),
+        ("00 00", "01 01 01"),
+        ("00 11 00", "01 02 11 01"),
+        ("11 22 00 33", "03 11 22 02 33"),
+        ("11 22 33 44", "05 11 22 33 44"),
+        ("11 00 00 00", "02 11 01 01 01"),
+    ],
+)
+def test_the_examples_of_cheshire_and_baker_are_stuffed_as_they_are(plain, stuffed_):
+    assert stuffed(bytes.fromhex(plain)) == bytes.fromhex(stuffed_)
+    assert unstuffed(bytes.fromhex(stuffed_)) == bytes.fromhex(plain)
+
+
+@given(st.lists(frames(), max_size=5), st.data())
+def test_frames_arrive_however_they_are_cut(sent, data):
+    line = b"".join(map(encoded, sent))
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(line)), max_size=8)))
+    receiver, came = Receiver(), []
+    for begin, end in zip([0, *cuts], [*cuts, len(line)], strict=True):
+        came += receiver.frames(line[begin:end])
+    assert came == sent
+    assert receiver.damaged == 0
+
+
+@given(frames(), st.data())
+def test_a_frame_with_up_to_three_wrong_bits_is_none(sent, data):
+    """A CRC-32 finds all errors of three bits in frames as short as these; those that make zeros cut them."""
+    line = bytearray(encoded(sent))
+    for bit in data.draw(st.sets(st.integers(0, 8 * len(line) - 1), min_size=1, max_size=3)):
+        line[bit // 8] ^= 1 << bit % 8
+    came = list(Receiver().frames(bytes(line) + b"\0"))
+    inside = bytes(line[1:-1]) == encoded(sent)[1:-1]  # what was hit were the zeros around it
+    assert came == [] or (inside and came == [sent])
+
+
+@given(frames(), st.binary(max_size=2 * LONGEST))
+def test_a_frame_comes_through_whatever_came_before(sent, garbage):
+    assert list(Receiver().frames(garbage + encoded(sent)))[-1:] == [sent]
+
+
+@given(st.binary(max_size=300))
+def test_whatever_comes_decoding_does_not_raise(stretch):
+    assert decoded(stretch) is None or encoded(decoded(stretch))[1:-1] == stretch
+
+
+def test_every_frame_fits_into_one_block():
+    longest = {kind: packing(fields).size for kind, fields in LAYOUTS.items()}
+    longest[Kind.FOLLOW] += BATCH * packing(SAMPLE).size
+    assert max(longest.values()) + packing(HEADER).size + CRC_BYTES <= LONGEST <= 253
+
+
+def test_every_request_has_an_answer_that_names_the_state_of_the_board():
+    assert set(ANSWERS) | {*ANSWERS.values(), Kind.REFUSED} == set(Kind)
+    assert all(LAYOUTS[kind][-1].name == "state" for kind in {*ANSWERS.values(), Kind.REFUSED})
+
+
+def test_the_document_says_what_the_table_says():
+    text = (Path(__file__).parents[3] / "docs" / "serial.md").read_text(encoding="utf-8")
+    plain = re.sub(r" \[[^]]*\]", "", text)  # units
+    for kind, fields in LAYOUTS.items():
+        if kind is Kind.TRACKING:
+            shared = LAYOUTS[Kind.READING][:-1]
+            assert fields[: len(shared)] == shared
+            fields = fields[len(shared) :]
+        body = ", ".join(f"{field.name} {field.type}" for field in fields)
+        prefix = "as READING, then " * (kind is Kind.TRACKING)
+        assert f"{kind.name} 0x{kind:02X} | {prefix}{body}".rstrip() in plain
+    for member in (*State, *Refusal):
+        assert re.search(rf"\b{member.name} {int(member)}\b", re.sub(r"\s+", " ", text))
+    assert set(REASONS) == set(Refusal)

@@ -1,0 +1,109 @@
+"""The firmware of a board as a person meets it: what is made, for whom it compiles, and what is refused."""
+
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.units import BAR
+from mpc import Plant, RealPlant, TrackingMPC
+from mpc.bench import serial_protocol as protocol
+from mpc.cli import app
+from mpc.export.serial.entry import export_board
+from mpc.export.serial.protocol import protocol_header
+from mpc.export.serial.safety import Safety
+from mpc.model.faults import StuckValve
+
+from ...rigs import toolchain as tools
+
+pytestmark = pytest.mark.tools
+
+COMPILERS = {"this PC": ("gcc", "-O2"), "a Cortex-M4F": (tools.ARM_GCC, *tools.CORTEX_M4F)}
+
+
+@pytest.fixture(scope="module")
+def controller():
+    return TrackingMPC(Plant(), N=3)
+
+
+def objects(directory, sources, compiler, *flags):
+    """The sources compiled without a warning, and without a call of the heap."""
+    made = []
+    for source in sources:
+        made.append(directory / f"{source.parent.name}-{source.stem}.o")
+        command = [compiler, *tools.STRICT, "-Iserial", "-Isimulated", *flags, "-c", source, "-o", made[-1]]
+        done = subprocess.run(list(map(str, command)), cwd=directory, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "")
+    return made
+
+
+@pytest.mark.parametrize("compiler", COMPILERS.values(), ids=COMPILERS)
+@pytest.mark.parametrize(
+    ("variant", "precision"), [("terminal", "double"), ("controller", "double"), ("controller", "single")]
+)
+def test_the_firmware_compiles_without_a_warning_and_without_a_heap(compiler, variant, precision, controller, tmp_path):
+    if shutil.which(compiler[0]) is None:
+        pytest.skip(f"no {compiler[0]} on this machine")
+    given = controller if variant == "controller" else None
+    made = export_board(tmp_path / "c", controller=given, precision=precision)
+    sources = sorted((made / "serial").glob("*.c"))
+    assert {source.stem for source in sources} == {"board", "frames", "main", "port"} | ({"follow"} if given else set())
+    names = subprocess.run(["nm", *objects(made, sources, *compiler)], capture_output=True, text=True).stdout
+    assert "ant_board_poll" in names
+    assert not {"malloc", "calloc", "realloc", "free"} & set(names.split())
+    if compiler[0] == "gcc":
+        objects(made, sorted((made / "simulated").glob("*.c")), *compiler)
+    elif not given:
+        sizes = [tools.size_of(path) for path in made.glob("serial-*.o")]
+        assert sum(size.code for size in sizes) < 4 * 1024
+        assert sum(size.memory for size in sizes) < 1024
+
+
+def test_the_header_has_every_constant_of_the_table_that_the_host_runs_by(tmp_path):
+    (tmp_path / "protocol.h").write_text(protocol_header())
+    lines = [f'_Static_assert(ANT_KIND_{kind.name} == {int(kind)}, "");' for kind in protocol.Kind]
+    lines += [f'_Static_assert(ANT_STATE_{state.name} == {int(state)}, "");' for state in protocol.State]
+    for kind, fields in protocol.LAYOUTS.items():
+        at = np.cumsum([0, *(protocol.packing((field,)).size for field in fields)])
+        names = [field.name.upper() for field in fields] + ["BYTES"]
+        lines += [f'_Static_assert(ANT_{kind.name}_{name} == {a}, "");' for name, a in zip(names, at, strict=True)]
+    (tmp_path / "check.c").write_text('#include "protocol.h"\n' + "\n".join(lines) + "\n")
+    done = subprocess.run(["gcc", "-fsyntax-only", "-Wall", "check.c"], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_one_command_exports_a_board_and_the_lines_of_its_readme_compile_it(tmp_path):
+    options = ["--target", "serial", "--variant", "terminal", "--watchdog", "0.5", "--fall", "inf"]
+    result = CliRunner().invoke(app, ["export", "--out", str(tmp_path / "c"), *options])
+    assert result.exit_code == 0, result.output
+    assert "#define ANT_WATCHDOG_US 500000u" in (tmp_path / "c" / "serial" / "config.h").read_text()
+    readme = (tmp_path / "c" / "serial" / "README.md").read_text().splitlines()
+    lines = [line.strip().replace("cc ", "gcc ", 1) for line in readme if line.startswith("    cc ")]
+    assert len(lines) == 2
+    for line in lines:
+        subprocess.run(line.replace("-O2", "-Wall -Werror"), shell=True, cwd=tmp_path / "c", check=True)
+    assert (tmp_path / "c" / "simulated_board").exists()
+
+
+def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, controller):
+    faulty = replace(RealPlant(), faults=(StuckValve(0.0, 1.0, 1),))
+    pushed = RealPlant(torque_profile=((1.0, 2.0),))
+    for arguments, words in (
+        ({"process": faulty}, "faults"),
+        ({"process": pushed}, "torque_profile"),
+        ({"precision": "half"}, "'half'"),
+        ({"controller": replace(controller, budget=0.005)}, "no clock"),
+    ):
+        with pytest.raises((InvalidInput, MissingBackend), match=words):
+            export_board(tmp_path / "c", **arguments)
+    for watchdog, fall in ((0.0, BAR), (np.nan, BAR), (0.2, -1.0), (0.2, 1.0), (0.2, np.nan)):
+        with pytest.raises(InvalidInput, match=r"watchdog|fall"):
+            Safety(watchdog, fall)
+    for options in (["--target", "fpga"], ["--target", "serial", "--variant", "clever"]):
+        refused = CliRunner().invoke(app, ["export", "--out", str(tmp_path / "c"), *options])
+        assert isinstance(refused.exception, MissingBackend)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,66 @@
+/* A board that hears what is in one file, a byte at a time, and writes every command that it accepts to another: rows
+ * of doubles. A row is 0 and both pressures of a WRITE, or 1 and both references of a sample. */
+#include <math.h>
+#include <stdio.h>
+
+#include "board.h"
+
+static ant_board board;
+static FILE *from, *to;
+static int over, pause;
+static uint32_t now; /* [us]; one for every byte */
+static float valves[2];
+
+ant_sensors read_sensors(void) {
+    const ant_sensors s = {0.1f, 2e5f, NAN};
+    return s;
+}
+
+void write_valves(float P1, float P2) {
+    valves[0] = P1;
+    valves[1] = P2;
+}
+
+uint32_t clock_us(void) { return now; }
+
+int receive_byte(void) {
+    pause = !pause;
+    if (pause) return -1; /* one in every poll */
+    const int byte = fgetc(from);
+    over = byte == EOF;
+    now++;
+    return over ? -1 : byte;
+}
+
+void send_bytes(const uint8_t *bytes, size_t n) {
+    for (size_t i = 1; i + 1 < n; i++)
+        if (bytes[i] == 0) over = 1; /* a zero within a frame would be the end of it */
+}
+
+static void put(double kind, double one, double two) {
+    const double row[3] = {kind, one, two};
+    if (fwrite(row, sizeof row, 1, to) != 1) over = 1;
+}
+
+int main(int argc, char **argv) {
+    uint32_t commands = 0;
+    from = argc == 3 ? fopen(argv[1], "rb") : NULL;
+    to = argc == 3 ? fopen(argv[2], "wb") : NULL;
+    if (from == NULL || to == NULL) return 1;
+    ant_board_begin(&board);
+#ifdef ANT_BOARD_CONTROLS
+    uint32_t have = 0;
+#endif
+    while (!over) {
+        ant_board_poll(&board);
+        if (board.commands != commands && board.state == ANT_STATE_DIRECT) put(0, valves[0], valves[1]);
+        commands = board.commands;
+#ifdef ANT_BOARD_CONTROLS
+        if (board.follower.have < have) have = 0;
+        for (; have < board.follower.have; have++)
+            put(1, board.follower.theta[have % ANT_ROOM], board.follower.K[have % ANT_ROOM]);
+#endif
+    }
+    if (!feof(from)) return 2;
+    return fclose(from) || fclose(to);
+}

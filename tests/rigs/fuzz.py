@@ -1,0 +1,183 @@
+"""Bytes that a serial line should never carry, for both ends of it, and what may come of them at most."""
+
+import struct
+from pathlib import Path
+from typing import NamedTuple
+from zlib import crc32
+
+import numpy as np
+
+from mpc.bench.serial_device import SerialDevice
+from mpc.bench.serial_protocol import ANSWERS, LONGEST, VERSION, Frame, Kind, Receiver, encoded, stuffed
+
+from .toolchain import SANITISED, compiled, run
+
+BOARD = Path(__file__).parent / "c" / "serial" / "fuzz.c"
+HIGH = 5e5  # [Pa]
+
+
+class Stream(NamedTuple):
+    """Bytes for a board, and which commands (kind, first, second) in them are meant."""
+
+    line: bytes
+    meant: list[tuple[float, float, float]]  # in the order in which they were sent for the first time
+    whole: list[int]  # places in `meant` of those that came undamaged in a session that had begun
+
+
+def board(directory: Path, *, controls: bool = False) -> Path:
+    """The exported firmware in `directory` as a program under sanitizers that hears a file."""
+    parts = [f"serial/{name}.c" for name in ("board", "frames", *(["follow"] if controls else []))]
+    return compiled(directory, BOARD, "fuzzed", "-Iserial", *SANITISED, linked=tuple(parts))
+
+
+def accepted(program: Path, line: bytes) -> np.ndarray:
+    """The commands (n, 3) that the board accepted out of `line`."""
+    (program.parent / "in").write_bytes(line)
+    run(program, "in", "out")
+    return np.fromfile(program.parent / "out").reshape(-1, 3)
+
+
+def noise(rng: np.random.Generator, n: int) -> bytes:
+    """Bytes of no order, a tenth of them zeros, so that there are ends of frames."""
+    return np.where(rng.random(n) < 0.1, 0, rng.integers(0, 256, n)).astype(np.uint8).tobytes()
+
+
+def damage(rng: np.random.Generator, line: bytes) -> bytes:
+    """`line` with bits flipped, bytes lost, added, doubled or moved, or cut off."""
+    b = bytearray(line)
+    at = int(rng.integers(len(b)))
+    match rng.integers(6):
+        case 0:
+            b[at] ^= 1 << int(rng.integers(8))
+        case 1:
+            b[at] = int(rng.integers(256))
+        case 2:
+            del b[at : at + int(rng.integers(1, 4))]
+        case 3:
+            b[at:at] = noise(rng, int(rng.integers(1, 6)))
+        case 4:
+            del b[at:]
+        case _:
+            other = int(rng.integers(len(b)))
+            b[at], b[other] = b[other], b[at]
+    return bytes(b)
+
+
+def damaged(rng: np.random.Generator, n: int, *, follows: bool = False) -> Stream:
+    """About `n` bytes of sessions in which half of the frames are damaged, some repeated, some late, amid noise."""
+    line, meant, whole, earlier = bytearray(), [], [], []
+    session = sequence = first = 0
+    greeted = False
+    while len(line) < n:
+        if not line or rng.random() < 0.02:
+            session, sequence, first = int(rng.integers(2**16)), int(rng.integers(2**16)), 0
+            frame, greeted = encoded(Frame(Kind.HELLO, session, sequence, (VERSION,))), True
+            if rng.random() < 0.2:
+                frame, greeted = damage(rng, frame), False
+            line += frame
+        sequence = (sequence + 1) % 2**16
+        # numbers that no other frame has
+        command = (1.0, np.float32(len(meant) / 1e6), np.float32(5.0)) if follows else (
+            0.0, np.float32(len(meant)), np.float32(rng.uniform(0, HIGH)))  # fmt: skip
+        kind = Kind.FOLLOW if follows else Kind.WRITE
+        frame = encoded(Frame(kind, session, sequence, (first, *command[1:]) if follows else command[1:]))
+        meant.append(tuple(map(float, command)))
+        if (fine := rng.random() < 0.5) and greeted:
+            whole.append(len(meant) - 1)
+            first += follows
+        line += frame if fine else damage(rng, frame)
+        if rng.random() < 0.1 and earlier:
+            line += earlier[int(rng.integers(len(earlier)))]  # one that comes late, or again
+        if rng.random() < 0.1:
+            line += noise(rng, int(rng.integers(1, 2 * LONGEST)))
+        earlier = [*earlier[-20:], frame] if fine else earlier
+    return Stream(bytes(line), meant, whole)
+
+
+def forged(rng: np.random.Generator, n: int) -> bytes:
+    """About `n` bytes of whole frames, of kinds, sessions, lengths and numbers as chance has it."""
+    line = bytearray(encoded(Frame(Kind.HELLO, 7, 0, (VERSION,))))
+    special = [struct.pack("<f", value) for value in (np.nan, np.inf, -np.inf, 0.0, 1e-40, HIGH, -1.0, 3e38, 5.0)]
+    sequence = 0
+    while len(line) < n:
+        kind = int(rng.choice([1, 2, 3, 4, 5, int(rng.integers(256))], p=[0.06, 0.1, 0.4, 0.01, 0.33, 0.1]))
+        sequence += int(rng.choice([0, 1, 2, -1, int(rng.integers(2**16))], p=[0.1, 0.74, 0.1, 0.05, 0.01]))
+        words = [special[int(i)] for i in rng.integers(len(special), size=int(rng.integers(0, 40)))]
+        body = b"".join(words) if rng.random() < 0.7 else noise(rng, int(rng.integers(0, LONGEST - 10)))
+        if kind == Kind.WRITE and rng.random() < 0.9:
+            body = struct.pack("<2f", *rng.uniform(-0.2 * HIGH, 1.2 * HIGH, 2)) if rng.random() < 0.5 else body[:8]
+        if kind == Kind.FOLLOW and rng.random() < 0.9:
+            body = body[: 8 * (len(body) // 8)] if rng.random() < 0.5 else struct.pack("<4f", 0.1, 5.0, 0.2, 6.0)
+            body = struct.pack("<I", int(rng.choice([0, 1, 2, 5, 2**32 - 1]))) + body
+        session = 7 if kind == 1 or rng.random() < 0.9 else int(rng.integers(2**16))
+        said = struct.pack("<BHH", kind, session, sequence % 2**16) + (bytes([VERSION]) if kind == 1 else body)
+        line += b"\0" + stuffed((said + struct.pack("<I", crc32(said)))[:253]) + b"\0"
+    return bytes(line)
+
+
+class NoisyLine:
+    """What pyserial's port is to a device, with a board behind it and nine kinds of trouble between."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng, self.carried = rng, 0
+        self.said: dict[int, float] = {}  # the angle in the true answer, by sequence number
+        self._waiting, self._late = bytearray(), bytearray()
+        self._there = Receiver()
+
+    @property
+    def in_waiting(self) -> int:
+        return len(self._waiting)
+
+    def read(self, n: int) -> bytes:
+        taken = bytes(self._waiting[:n])
+        del self._waiting[:n]
+        self.carried += len(taken)
+        return taken
+
+    def write(self, line: bytes) -> None:
+        for request in self._there.frames(line):
+            answer = self._answer(request)
+            trouble = self.rng.random() if request.kind is not Kind.HELLO else 1.0
+            self._waiting += self._late
+            self._late.clear()
+            if trouble < 0.3:
+                self._waiting += damage(self.rng, answer)
+            elif trouble < 0.4:
+                self._late += answer
+            elif trouble < 0.5:
+                self._waiting += noise(self.rng, int(self.rng.integers(1, 3 * LONGEST))) + answer
+            elif trouble < 0.55:
+                self._waiting += answer + answer
+            elif trouble < 0.6:
+                self._waiting += noise(self.rng, 40)
+            else:
+                self._waiting += answer
+
+    def close(self) -> None: ...
+
+    def _answer(self, request: Frame) -> bytes:
+        theta = float(np.float32(self.rng.uniform(-1, 1)))
+        self.said[request.sequence] = theta
+        values = {
+            Kind.INFO: (VERSION, 0, 0, 0, 0.0, HIGH, 200_000, 1e5, 1),
+            Kind.READING: (5, theta, 2e5, 3e5, 0, 2),
+            Kind.ACCEPTED: (2,),
+        }
+        kind = ANSWERS[request.kind]
+        return encoded(Frame(kind, request.session, request.sequence, values[kind]))
+
+
+class NoisyDevice(SerialDevice):
+    """A serial device at the end of a `NoisyLine`."""
+
+    def __init__(self, line: NoisyLine) -> None:
+        super().__init__("a noisy line", timeout=2e-4)
+        self.line = line
+
+    def _opened(self) -> NoisyLine:
+        return self.line
+
+    @property
+    def asked(self) -> int:
+        """Sequence number of the last request."""
+        return self._sequence
