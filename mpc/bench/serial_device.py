@@ -107,8 +107,8 @@ class SerialDevice:
     def write(self, P1: float, P2: float) -> None:
         """Send the gauge pressures [Pa] as a command.
 
-        Raises `InvalidInput` beyond the board's limits, `NoAnswer`, and `DeviceLost`, also where the board is in its safe
-        state, out of which only connecting again leads.
+        Raises `InvalidInput` beyond the board's limits, `NoAnswer`, and `DeviceLost`: also where the board is in its
+        safe state, out of which only connecting again leads.
         """
         for name, P in (("P1", P1), ("P2", P2)):
             if not self.info.low <= P <= self.info.high:
