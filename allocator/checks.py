@@ -161,6 +161,14 @@ def not_negative(name: str, value: Any, unit: str) -> float:
     return found
 
 
+def positive(name: str, value: Any, unit: str) -> float:
+    """Return one number above zero."""
+    found = number(name, value, unit)
+    if found <= 0:
+        raise InvalidInput(f"{name} = {brief(value)} has to be one number above 0 [{unit}]")
+    return found
+
+
 def limits(name: str, value: Any, unit: str) -> tuple[float, float]:
     """Return a lower and an upper limit, two numbers."""
     array = real(name, value, unit)

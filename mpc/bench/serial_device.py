@@ -80,8 +80,8 @@ class SerialDevice:
         what readings are timed by. Raises `InvalidInput`.
         """
         self.port, self.baud = port, checks.count("baud", baud, least=1)
-        self.timeout = float(checks.real("timeout", timeout, "s"))
-        self.connect = float(checks.real("connect", connect, "s"))
+        self.timeout = checks.positive("timeout", timeout, "s")
+        self.connect = checks.positive("connect", connect, "s")
         self.info = BoardInfo(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self.state = 0  # `State` of the board, as of its last answer
         self.unanswered = self.late = self.damaged_there = 0  # since connecting

@@ -1,15 +1,64 @@
-"""The command `antagonist bench-check` is here. Heavy libraries load when it runs."""
+"""The command `antagonist bench-check` is here, and the options of a board. Heavy libraries load when it runs."""
 
 from contextlib import nullcontext
-from typing import Annotated
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from allocator.errors import InvalidInput
+from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell.options import within
 from allocator.shell.printing import say
+from allocator.units import BAR
+
+if TYPE_CHECKING:
+    from mpc.model.compensation import Compensation
+    from mpc.model.plant import Plant
+    from mpc.tracking.controller import TrackingMPC
 
 _SCHEME = "serial:"
+_TARGETS, _VARIANTS = ("c", "serial"), ("controller", "terminal")
+
+
+@dataclass(frozen=True)
+class BoardOptions:
+    """The options are what the user says of a board on a serial line."""
+
+    target: Annotated[str, typer.Option(help="c, or serial: with the firmware of a board on a serial line")] = "c"
+    variant: Annotated[
+        str, typer.Option(help="of that board: controller, which takes references, or terminal, which takes commands")
+    ] = "controller"
+    watchdog: Annotated[float, typer.Option(help="silence of the host after which that board acts [s]")] = 0.2
+    fall: Annotated[
+        float, typer.Option(help="how fast it then lets the pressures fall [bar/s]; 0: it holds them, inf: at once")
+    ] = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse what there is not."""
+        for kind, value, known in (
+            ("target", self.target, _TARGETS),
+            ("variant of the board", self.variant, _VARIANTS),
+        ):
+            if value not in known:
+                raise MissingBackend(kind, value, known)
+
+    @property
+    def serial(self) -> bool:
+        """A board is asked for if the target is a serial line."""
+        return self.target == "serial"
+
+    def export(
+        self, out: Path, plant: "Plant", known: "Compensation", controller: "TrackingMPC | None", precision: str
+    ) -> Path:
+        """Write the board's firmware, and what simulates it with what is `known` of the plant; return `out`."""
+        from mpc.export.plant import plant_with
+        from mpc.export.serial.entry import export_board
+        from mpc.export.serial.safety import Safety
+
+        safety = Safety(self.watchdog, self.fall * BAR)
+        process = plant_with(plant, known)
+        return export_board(out, process=process, controller=controller, safety=safety, precision=precision)
 
 
 def bench_check_command(
@@ -47,4 +96,4 @@ def bench_check_command(
         raise DeviceError(f"do not use this board: {'; '.join(found.faults)}")
 
 
-__all__ = ["bench_check_command"]
+__all__ = ["BoardOptions", "bench_check_command"]

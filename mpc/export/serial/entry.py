@@ -16,8 +16,6 @@ from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 
-VARIANTS = ("terminal", "controller")
-
 
 def export_board(
     out: str | PathLike[str],
@@ -78,4 +76,4 @@ def board_files(
     return files | simulation_files(real, start_of(real) if x0 is None else x0)
 
 
-__all__ = ["VARIANTS", "board_files", "export_board"]
+__all__ = ["board_files", "export_board"]

@@ -19,7 +19,7 @@ class Safety:
 
     def __post_init__(self) -> None:
         """Check both. Raises InvalidInput."""
-        watchdog = float(checks.real("watchdog", self.watchdog, "s"))
+        watchdog = checks.positive("watchdog", self.watchdog, "s")
         if not 1e-3 <= watchdog <= _LONGEST:
             raise InvalidInput(f"watchdog = {watchdog:g} s has to be between 0.001 and {_LONGEST:g} s")
         fall = float(self.fall)

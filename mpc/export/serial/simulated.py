@@ -4,14 +4,14 @@ with SimulatedBoard() as board, SerialDevice(board.port) as device:
     device.read()
 """
 
-import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from allocator.errors import AntagonistError, MissingBackend
+from allocator.errors import AntagonistError
+from mpc.export.compiler import compiler
 from mpc.export.directory import write
 from mpc.export.serial.entry import board_files
 from mpc.export.serial.safety import Safety
@@ -20,7 +20,6 @@ from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 
-COMPILERS = ("cc", "gcc", "clang")
 _PROGRAM = "simulated_board"
 _LONGEST_COMPILING = 300.0  # [s]
 
@@ -99,19 +98,16 @@ class SimulatedBoard:
 
 def compiled(directory: Path, controls: bool, flags: tuple[str, ...]) -> Path:
     """Return the simulated board that was made of the files in `directory`. Raises `MissingBackend`."""
-    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
-    if compiler is None:
-        raise MissingBackend("C compiler", "cc", [*COMPILERS, "apt install gcc first"])
     shared = [directory / "serial" / f"{name}.c" for name in ("board", "frames")]
     if controls:
         shared += [directory / "serial" / "follow.c", *sorted((directory / "src").glob("*.c"))]
     included = [f"-I{directory / name}" for name in (".", "src", "serial", "simulated")]
     sources = [*sorted((directory / "simulated").glob("*.c")), *shared]
-    command = [compiler, "-std=c99", *flags, *included, *map(str, sources), "-lm", "-o", str(directory / _PROGRAM)]
+    command = [compiler(), "-std=c99", *flags, *included, *map(str, sources), "-lm", "-o", str(directory / _PROGRAM)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_COMPILING)
     if done.returncode:
         raise AntagonistError(f"the simulated board cannot be compiled: {done.stderr}")
     return directory / _PROGRAM
 
 
-__all__ = ["COMPILERS", "SimulatedBoard", "compiled"]
+__all__ = ["SimulatedBoard", "compiled"]

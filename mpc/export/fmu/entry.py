@@ -1,0 +1,67 @@
+"""`export_plant_fmu` and `export_controller_fmu` write FMUs for Simulink, Modelica and whatever else reads FMI 3.0."""
+
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from allocator import checks
+from allocator.errors import InvalidInput
+from mpc.export.entry import controller_files, pair
+from mpc.export.fmu.archive import packed
+from mpc.export.fmu.description import Model
+from mpc.export.fmu.variables import controller_variables, plant_variables
+from mpc.export.parts import copied
+from mpc.export.plant import plant_files, real_plant, start_of
+from mpc.model.plant import NX, Plant
+from mpc.model.real_plant import RealPlant
+from mpc.observer.kalman import KalmanObserver
+from mpc.tracking.controller import TrackingMPC
+
+
+def export_plant_fmu(
+    out: str | PathLike[str], process: Plant | RealPlant, dt: float = 0.01, *, x0: Any = None, source_only: bool = False
+) -> Path:
+    """Write `process` as the FMU `out`, and return its path.
+
+    A step of `dt` [s] is that of `simulate`, to the last bit where the compiler keeps to IEEE 754; longer steps have to
+    be multiples of it, commands are held meanwhile. Its outputs are without the noise of a `RealPlant`. `x0` (4,) is
+    where it begins unless the simulation says otherwise: θ [rad], ω [rad/s], P1, P2 [Pa]; by default at rest in the
+    middle of the joint range. Without a C compiler `source_only` is for tools that compile the sources themselves.
+    Raises `InvalidInput` (for faults and a torque profile too), `CannotWrite`, `MissingBackend`.
+    """
+    real, dt = real_plant(process), checks.positive("dt", dt, "s")
+    x = start_of(real) if x0 is None else np.asarray(x0, float)
+    if x.shape != (NX,) or not np.isfinite(x).all():
+        raise InvalidInput(f"x0 = {x0!r} has to be 4 finite numbers (theta [rad], omega [rad/s], P1 [Pa], P2 [Pa])")
+    about = f"pneumatic-muscle joint: {real.nominal.summary}"
+    model = Model("antagonist_plant", about, dt, plant_variables(real, x))
+    own = plant_files(real, dt, "src/") | dict(copied("fmu/plant", "src/"))
+    return packed(model, own, Path(out), binary=not source_only)
+
+
+def export_controller_fmu(
+    out: str | PathLike[str],
+    controller: TrackingMPC | None = None,
+    observer: KalmanObserver | None = None,
+    *,
+    source_only: bool = False,
+) -> Path:
+    """Write `controller` behind `observer` as the FMU `out`, and return its path.
+
+    By default they are those of `mpc.export.export`, in double precision. A step takes the readings and references that
+    are set at its begin, and its commands are meant to be sent then. Raises as `mpc.export.export` does.
+    """
+    controller, observer = pair(None, controller, observer)
+    x0 = start_of(real_plant(controller.plant))
+    about = f"model predictive controller and observer of a pneumatic-muscle joint: {controller.plant.summary}"
+    model = Model("antagonist_controller", about, controller.dt, controller_variables(controller, x0))
+    files = controller_files(controller, observer, False, alone=True)
+    own = {name: content for name, content in files.items() if name not in _DEMONSTRATION}
+    return packed(model, own | dict(copied("fmu/controller", "src/")), Path(out), binary=not source_only)
+
+
+_DEMONSTRATION = ("main.c", "CMakeLists.txt", "README.md", "src/demonstration.h", "src/demonstration_control.h")
+
+__all__ = ["export_controller_fmu", "export_plant_fmu"]

@@ -1,0 +1,239 @@
+"""FMUs of plants and controllers do what Python does, and say what they cannot do."""
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from dataclasses import replace
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+from typer.testing import CliRunner
+
+from allocator import AntagonistJoint, Lever, report_joint
+from allocator.errors import CannotWrite, InvalidInput
+from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
+from allocator.units import BAR, DEG
+from mpc import KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, sine
+from mpc.cli import app
+from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
+from mpc.model.faults import StuckValve
+from mpc.model.friction import Friction
+
+from ...rigs import toolchain as tools
+from ...rigs.fmus import Stepped
+from ...rigs.replay import record
+
+pytestmark = [
+    pytest.mark.tools,
+    pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine"),
+]
+
+SPAN = 5 * BAR
+SCALE = np.array([1.0, 10.0, SPAN, SPAN])
+STATES = ("theta", "omega", "P1", "P2")
+LEVER = AntagonistJoint(
+    Lever(rest_length=0.40, anchor=0.30, lever=0.03, offset=0.0435),
+    SAROSI_DMSP_20_400N,
+    SAROSI_DMSP_20_200N,
+    angle_limits=(-80 * DEG, 80 * DEG),
+)
+PLANTS = {
+    "nominal": (Plant(), 0.01),
+    "all effects": (RealPlant.standard(), 0.01),
+    "a dead time of two and a half samples, Dahl's friction, a lever": (
+        RealPlant(Plant(LEVER, lag=(0.08, 0.11)), friction=Friction(0.1, 0.2), dead_time=0.025, flow=4 * BAR),
+        0.01,
+    ),
+    "gas, every 3 ms": (
+        RealPlant.standard(nominal=Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12, gas=True)),
+        0.003,
+    ),
+}
+
+
+def commands(n, seed):
+    rng = np.random.default_rng(seed)
+    return np.repeat(np.column_stack([rng.uniform(1 * BAR, 4 * BAR, (n, 2)), rng.normal(size=n)]), 20, axis=0)
+
+
+@pytest.fixture(scope="module")
+def standard(tmp_path_factory):
+    return export_plant_fmu(tmp_path_factory.mktemp("fmu") / "plant.fmu", PLANTS["all effects"][0])
+
+
+@pytest.mark.parametrize(("process", "dt"), PLANTS.values(), ids=PLANTS)
+def test_a_plant_s_fmu_is_valid_and_moves_as_in_python(process, dt, tmp_path):
+    """`python -m benchmarks.fmus` takes 10 000 steps."""
+    x0 = process.at_rest(0.1, 6.5)
+    path = export_plant_fmu(tmp_path / "plant.fmu", process, dt, x0=x0)
+    assert validate_fmu(str(path)) == []
+    experiment, real = process.begin(dt, x0, 0), RealPlant(process) if isinstance(process, Plant) else process
+    if isinstance(process, Plant):
+        experiment = real.begin(dt, x0, 0)  # which also takes a torque
+    with Stepped(path, tmp_path / "fmu", dt) as fmu:
+        np.testing.assert_array_equal(fmu.get(*STATES), x0)
+        for u1, u2, d in commands(20, seed=1):
+            fmu.set(u1=u1, u2=u2, d=d)
+            fmu.step()
+            experiment.advance(np.array([u1, u2]), d)
+            assert np.abs((np.array(fmu.get(*STATES)) - experiment.x) / SCALE).max() < 1e-12
+        x = experiment.x
+        K, T, F1, F2, read = fmu.get("K", "T", "F1", "F2", "theta_measured")
+    assert K == pytest.approx(float(real.stiffness(x)), rel=1e-9)
+    assert T == pytest.approx(float(real.torque(x)), rel=1e-9)
+    assert (F1, F2) == pytest.approx(tuple(map(float, real.forces(x))), rel=1e-9)
+    assert read == experiment.measure()[0]
+
+
+def test_a_nominal_plant_s_fmu_is_the_plant_that_simulate_takes(tmp_path):
+    plant = Plant()
+    x0 = plant.at_rest(0.1, 6.5)
+    experiment = plant.begin(0.01, x0, 0)
+    path = export_plant_fmu(tmp_path / "plant.fmu", plant, x0=x0)
+    with Stepped(path, tmp_path / "fmu", 0.01) as fmu:
+        for u1, u2, _ in commands(10, seed=2):
+            fmu.set(u1=u1, u2=u2)
+            fmu.step()
+            experiment.advance(np.array([u1, u2]))
+            assert np.abs((np.array(fmu.get(*STATES)) - experiment.x) / SCALE).max() < 1e-12
+
+
+def test_fmpy_simulates_a_plant_from_another_start(standard):
+    start = {"theta_start": 0.3, "P1_start": 3 * BAR, "P2_start": 2 * BAR, "u1": 3 * BAR, "u2": 2 * BAR}
+    done = fmpy.simulate_fmu(str(standard), stop_time=0.5, output_interval=0.05, start_values=start)
+    assert done["theta"][0] == 0.3
+    experiment = PLANTS["all effects"][0].begin(0.01, np.array([0.3, 0.0, 3 * BAR, 2 * BAR]), 0)
+    for _ in range(50):
+        experiment.advance(np.array([3 * BAR, 2 * BAR]))
+    assert done["theta"][-1] == pytest.approx(experiment.x[0], abs=1e-12)
+
+
+def test_an_fmu_goes_back_to_a_state_that_was_kept_as_bytes_too(standard, tmp_path):
+    inputs = commands(3, seed=3)
+    with Stepped(standard, tmp_path / "fmu", 0.01) as fmu:
+
+        def run():
+            for u1, u2, d in inputs:
+                fmu.set(u1=u1, u2=u2, d=d)
+                fmu.step()
+            return fmu.get(*STATES)
+
+        run()
+        kept, t = fmu.fmu.getFMUState(), fmu.t
+        as_bytes = fmu.fmu.serializeFMUState(kept)
+        first = run()
+        fmu.fmu.setFMUState(kept)
+        fmu.t = t
+        assert run() == first
+        fmu.fmu.setFMUState(fmu.fmu.deserializeFMUState(as_bytes))
+        fmu.t = t
+        assert run() == first
+        fmu.fmu.freeFMUState(kept)
+
+
+def test_what_an_fmu_cannot_do_it_says(standard, tmp_path):
+    with Stepped(standard, tmp_path / "fmu", 0.01) as fmu:
+        for wrong, words in (
+            (lambda: fmu.fmu.doStep(0.0, 0.015), "no multiple of the sample time of 0.01 s"),
+            (lambda: fmu.fmu.doStep(1.0, 0.01), "a step from 1 s on, when it is 0 s"),
+            (lambda: fmu.set(theta=0.0), "cannot be set now"),
+            (lambda: fmu.set(theta_start=0.0), "cannot be set now"),
+            (lambda: fmu.fmu.getFloat64([99]), "no Float64 variable with the reference 99"),
+            (lambda: fmu.fmu.getFloat64([1, 2], nValues=3), "have 2 values, not 3"),
+            (lambda: fmu.fmu.getInt32([1]), "no Int32 variable"),
+            (lambda: fmu.fmu.getBoolean([1]), "fmi3GetBoolean is not for this FMU"),
+            (fmu.fmu.exitInitializationMode, "not for this phase"),
+        ):
+            with pytest.raises(Exception, match=r"fmi3Error|failed"):
+                wrong()
+            assert words in str(fmu.complaints[-1])
+        before = fmu.get(*STATES)
+        fmu.step(5)  # and goes on
+        assert fmu.get("time") == [0.05]
+        assert fmu.get(*STATES) != before
+
+
+@pytest.mark.slow
+def test_a_controller_s_fmu_commands_what_python_commands(tmp_path):
+    real = RealPlant.standard()
+    told = {"compensation": real.known()}
+    controller = TrackingMPC(real.nominal, N=10, weights=Weights.calm(), **told)
+    observer = KalmanObserver(real.nominal, controller.dt, **told)
+    done = record(real, controller, observer, sine(K=5.5, duration=4.5))
+    path = export_controller_fmu(tmp_path / "controller.fmu", controller, observer)
+    assert validate_fmu(str(path)) == []
+    ahead = controller.ahead + 1
+
+    with Stepped(path, tmp_path / "fmu", controller.dt) as fmu:
+
+        def answer(sample):
+            theta, P1, P2 = sample[:3]
+            fmu.set(theta=theta, P1=P1, P2=P2, theta_ref=sample[4 : 4 + ahead], K_ref=sample[4 + ahead :])
+            fmu.step()
+            return fmu.get("u1", "u2", "status", "rung")
+
+        for k, (sample, wanted) in enumerate(zip(done.samples, done.answers, strict=True)):
+            got = answer(sample)
+            assert np.abs(np.array(got[:2]) - wanted[:2]).max() < 1e-12 * SPAN
+            assert got[2:] == wanted[2:4].tolist()
+            if k == 200:
+                kept, t = fmu.fmu.getFMUState(), fmu.t
+        fmu.fmu.setFMUState(kept)
+        fmu.t = t
+        for sample, wanted in zip(done.samples[201:240], done.answers[201:240], strict=True):
+            assert np.abs(np.array(answer(sample)[:2]) - wanted[:2]).max() < 1e-12 * SPAN
+
+
+@pytest.mark.slow
+def test_the_sources_in_an_fmu_are_complete_and_compile_without_a_warning(tmp_path):
+    path = export_plant_fmu(tmp_path / "plant.fmu", RealPlant.standard(), source_only=True)
+    with zipfile.ZipFile(path) as archive:
+        assert not [name for name in archive.namelist() if name.startswith("binaries")]
+        archive.extractall(tmp_path / "fmu")
+    sources = tmp_path / "fmu" / "sources"
+    command = ["gcc", *tools.STRICT, "-fsyntax-only", *map(str, sorted((sources / "src").glob("*.c")))]
+    done = subprocess.run(command, cwd=sources, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    if shutil.which("cmake"):
+        build = "import sys, fmpy.build; fmpy.build.build_platform_binary(sys.argv[1])"
+        subprocess.run([sys.executable, "-c", build, str(tmp_path / "fmu")], check=True, capture_output=True)
+        assert list((tmp_path / "fmu" / "binaries").rglob("antagonist_plant.*"))
+
+
+def test_the_same_model_makes_the_same_fmu(standard, tmp_path):
+    again = export_plant_fmu(tmp_path / "again.fmu", PLANTS["all effects"][0])
+    assert again.read_bytes() == standard.read_bytes()
+
+
+def test_what_cannot_be_an_fmu_is_refused_and_nothing_is_written(tmp_path):
+    faulty = replace(RealPlant(), faults=(StuckValve(0.0, 1.0, 1),))
+    for arguments, words in (
+        (("plant.zip", Plant()), r"has to end in .fmu"),
+        (("plant.fmu", faulty), "faults"),
+        (("plant.fmu", Plant(), 0.0), "dt"),
+    ):
+        with pytest.raises(InvalidInput, match=words):
+            export_plant_fmu(tmp_path / arguments[0], *arguments[1:])
+    with pytest.raises(InvalidInput, match="x0"):
+        export_plant_fmu(tmp_path / "plant.fmu", Plant(), x0=[0.0, np.nan, 0.0, 0.0])
+    with pytest.raises(InvalidInput, match="no clock"):
+        export_controller_fmu(tmp_path / "controller.fmu", TrackingMPC(Plant(), N=3, budget=0.005))
+    for options in (["--target", "serial"], ["--precision", "single"], ["--what", "mpc"]):
+        refused = CliRunner().invoke(app, ["export", "--fmu", "--out", str(tmp_path / "fmus"), *options])
+        assert isinstance(refused.exception, InvalidInput)
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "plant.fmu").mkdir()
+    with pytest.raises(CannotWrite):
+        export_plant_fmu(tmp_path / "plant.fmu", Plant())
+
+
+@pytest.mark.slow
+def test_one_command_writes_both(tmp_path):
+    result = CliRunner().invoke(app, ["export", "--fmu", "--out", str(tmp_path / "fmus"), "--horizon", "3"])
+    assert result.exit_code == 0, result.output
+    assert "written: 2 files" in result.output
+    for name in ("plant", "controller"):
+        assert validate_fmu(str(tmp_path / "fmus" / f"{name}.fmu")) == []

@@ -1,0 +1,61 @@
+"""FMUs stepped by FMPy, variable by variable."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import fmpy
+import numpy as np
+from fmpy.fmi3 import FMU3Slave
+
+
+class Stepped:
+    """The FMU at `path` under way, stepped `dt` [s] at a time; `start` are values to begin with."""
+
+    def __init__(self, path: Path, directory: Path, dt: float, start: Mapping[str, Any] | None = None) -> None:
+        described = fmpy.read_model_description(str(path))
+        self.dt, self.t, self.complaints = dt, 0.0, []
+        self._variables = {variable.name: variable for variable in described.modelVariables}
+        self.fmu = FMU3Slave(
+            guid=described.guid,
+            unzipDirectory=fmpy.extract(str(path), str(directory)),
+            modelIdentifier=described.coSimulation.modelIdentifier,
+            instanceName="it",
+        )
+        self._start = {} if start is None else start
+
+    def __enter__(self) -> Self:
+        self.fmu.instantiate(logMessage=lambda _environment, _status, _category, said: self.complaints.append(said))
+        self.set(**self._start)
+        self.fmu.enterInitializationMode(startTime=0.0)
+        self.fmu.exitInitializationMode()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.fmu.terminate()
+        self.fmu.freeInstance()
+
+    def reference(self, name: str) -> int:
+        return int(self._variables[name].valueReference)
+
+    def set(self, **values: Any) -> None:
+        for name, value in values.items():
+            self.fmu.setFloat64([self.reference(name)], np.atleast_1d(value).tolist())
+
+    def get(self, *names: str) -> list[float]:
+        return [
+            (self.fmu.getInt32 if self._variables[name].type == "Int32" else self.fmu.getFloat64)(
+                [self.reference(name)]
+            )[0]
+            for name in names
+        ]
+
+    def step(self, steps: int = 1) -> None:
+        self.fmu.doStep(self.t, steps * self.dt)
+        self.t += steps * self.dt
+
+
+__all__ = ["Stepped"]
