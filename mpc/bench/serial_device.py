@@ -16,6 +16,8 @@ from secrets import randbelow
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
+import numpy as np
+
 from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.bench import serial_protocol as protocol
@@ -23,6 +25,8 @@ from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
 from mpc.bench.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
 from mpc.trials.reference import Reference
 
+BAUD = 115200
+TIMEOUT = 0.008  # [s]
 _POLL = 0.002  # [s] that a read waits for a byte at most: how exactly a time-out is kept
 _GREETING = 0.1  # [s] after which a greeting is said again
 _VENT_TRIES, _VENT_WAIT = 5, 0.05  # a vent is asked for so often, each time for so long [s]
@@ -69,8 +73,8 @@ class SerialDevice:
         self,
         port: str,
         *,
-        baud: int = 115200,
-        timeout: float = 0.008,
+        baud: int = BAUD,
+        timeout: float = TIMEOUT,
         connect: float = 3.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -111,7 +115,7 @@ class SerialDevice:
         safe state, out of which only connecting again leads.
         """
         for name, P in (("P1", P1), ("P2", P2)):
-            if not self.info.low <= P <= self.info.high:
+            if not self.info.low <= np.float32(P) <= self.info.high:
                 raise InvalidInput(
                     f"{name} = {P:g} Pa has to lie within the {self.info.low:g} to {self.info.high:g} Pa of the board "
                     f"at {self.port}"
@@ -290,4 +294,12 @@ class SerialDevice:
         return DeviceLost(f"the board at {self.port} is gone ({error})")
 
 
-__all__ = ["BoardInfo", "SerialDevice", "Tracking"]
+def open_serial(address: str, timeout: float = TIMEOUT) -> SerialDevice:
+    """Return the board at PORT or PORT@BAUD, e.g. serial:/dev/ttyUSB0@921600. Raises `InvalidInput`."""
+    port, _, baud = address.rpartition("@") if "@" in address else (address, "", str(BAUD))
+    if not port or not baud.isdecimal():
+        raise InvalidInput(f"serial:{address} has to be serial:PORT or serial:PORT@BAUD, as serial:/dev/ttyUSB0@921600")
+    return SerialDevice(port, baud=int(baud), timeout=timeout)
+
+
+__all__ = ["BoardInfo", "SerialDevice", "Tracking", "open_serial"]

@@ -63,9 +63,9 @@ class BoardOptions:
 
 def bench_check_command(
     device: Annotated[
-        str | None, typer.Argument(help="e.g. serial:/dev/ttyUSB0; without it a simulated board is compiled and run")
+        str | None,
+        typer.Argument(help="e.g. serial:/dev/ttyUSB0@921600; without it a simulated board is compiled and run"),
     ] = None,
-    baud: Annotated[int, typer.Option(help="of the serial line")] = 115200,
     exchanges: Annotated[int, typer.Option(help="readings and commands to exchange")] = 500,
     timeout: Annotated[float, typer.Option(help="for which an answer is waited [s]")] = 0.02,
 ) -> None:
@@ -76,7 +76,7 @@ def bench_check_command(
     from rich.console import Console
 
     from mpc.bench.device import DeviceError
-    from mpc.bench.serial_device import SerialDevice
+    from mpc.bench.serial_device import open_serial
     from mpc.export.serial.check import examine
     from mpc.export.serial.simulated import SimulatedBoard
 
@@ -86,10 +86,10 @@ def bench_check_command(
         raise InvalidInput(f"DEVICE {device!r}: expected {_SCHEME} and a port, e.g. {_SCHEME}/dev/ttyUSB0")
     console = Console()
     with SimulatedBoard() if device is None else nullcontext() as board:
-        port = board.port if isinstance(board, SimulatedBoard) else str(device).removeprefix(_SCHEME)
+        address = board.port if isinstance(board, SimulatedBoard) else str(device).removeprefix(_SCHEME)
         if device is None:
-            say(console, f"simulated board: the exported C, compiled here, behind {port}")
-        found = examine(lambda: SerialDevice(port, baud=baud, timeout=timeout), exchanges)
+            say(console, f"simulated board: the exported C, compiled here, behind {address}")
+        found = examine(lambda: open_serial(address, timeout), exchanges)
     for line in found.lines():
         say(console, line)
     if found.faults:

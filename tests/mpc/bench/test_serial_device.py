@@ -14,7 +14,7 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.units import BAR, DEG
 from mpc import Compensation, Plant, RealPlant, TrackingMPC, Weights, sine
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer
-from mpc.bench.serial_device import SerialDevice
+from mpc.bench.serial_device import SerialDevice, open_serial
 from mpc.bench.serial_protocol import State
 from mpc.cli import app
 from mpc.export.serial.check import examine
@@ -176,6 +176,15 @@ def test_a_device_that_is_not_connected_is_lost_and_one_without_a_controller_fol
         SerialDevice(device.port).read()
     with pytest.raises(InvalidInput, match="no controller"):
         device.follow(0, [0.1], [5.0])
+
+
+def test_an_address_names_port_and_baud():
+    assert (open_serial("/dev/ttyUSB0").port, open_serial("/dev/ttyUSB0").baud) == ("/dev/ttyUSB0", 115200)
+    there = open_serial("socket://host:7000@921600")
+    assert (there.port, there.baud) == ("socket://host:7000", 921600)
+    for wrong in ("", "@9600", "/dev/ttyUSB0@fast"):
+        with pytest.raises(InvalidInput, match="serial:PORT@BAUD"):
+            open_serial(wrong)
 
 
 @pytest.mark.slow
