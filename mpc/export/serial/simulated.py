@@ -84,6 +84,14 @@ class SimulatedBoard:
         """Return the number of the board's process, 0 if it does not run."""
         return 0 if self._process is None else self._process.pid
 
+    def hang(self, torque: float) -> bool:
+        """Hang a weight of this torque [N·m], positive where it pulls θ down; it hangs when this returns True."""
+        if self._process is None or self._process.stdin is None or self._process.stdout is None:
+            raise AntagonistError("the simulated board does not run: use it as a context, `with board:`")
+        self._process.stdin.write(f"{-float(torque)!r}\n")
+        self._process.stdin.flush()
+        return bool(self._process.stdout.readline())
+
     def stop(self) -> str:
         """Stop the board, as if its cable were unplugged; return what it complained about."""
         process, self._process = self._process, None

@@ -127,6 +127,20 @@ def test_another_host_takes_the_board_over_and_the_first_is_told(board, device):
         device.write(1 * BAR, 1 * BAR)
 
 
+def test_a_weight_that_hangs_on_the_simulated_joint_turns_it(own_board):
+    def angle(device):
+        for _ in range(200):
+            device.write(2 * BAR, 2 * BAR)
+        return device.read().theta
+
+    with SerialDevice(own_board.port, timeout=PATIENT) as device:
+        free = angle(device)
+        assert own_board.hang(2.0)
+        assert angle(device) < free - 5 * DEG
+        assert own_board.hang(0.0)
+        assert angle(device) == pytest.approx(free, abs=1 * DEG)
+
+
 def test_what_is_unplugged_is_lost(own_board):
     with SerialDevice(own_board.port, timeout=PATIENT) as device:
         device.read()

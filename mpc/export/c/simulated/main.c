@@ -1,7 +1,8 @@
 /* The board on a PC: the same board.c and frames.c behind a pseudo-terminal, with a simulated plant under them.
  *
- * It prints the terminal's name and ends when its standard input does. With an argument, a time in seconds, its clock
- * stands still and goes on by that time at every command: as fast as the host asks, and the same at every run. */
+ * It prints the terminal's name and ends when its standard input does; a line there is a torque from outside [N*m], which
+ * it prints when it acts. With an argument, a time in seconds, its clock stands still and goes on by that time at every
+ * command: as fast as the host asks, and the same at every run. */
 #define _XOPEN_SOURCE 600 /* NOLINT: asks the C library for pseudo-terminals */
 
 #include <errno.h>
@@ -21,10 +22,11 @@
 static ant_board board;
 static ant_plant plant;
 static double u[2];
-static double simulated;  /* how far the plant has come [s] */
-static double step;       /* by which time goes on at every command, or 0: the PC's clock [s] */
-static double stepped;    /* the clock in that case [s] */
-static int line = -1;     /* the board's end of the pseudo-terminal */
+static double torque;    /* from outside [N*m] */
+static double simulated; /* how far the plant has come [s] */
+static double step;      /* by which time goes on at every command, or 0: the PC's clock [s] */
+static double stepped;   /* the clock in that case [s] */
+static int line = -1;    /* the board's end of the pseudo-terminal */
 static uint64_t noise = 88172645463325252u; /* state of xorshift (Marsaglia 2003) */
 
 static double now(void) {
@@ -49,7 +51,7 @@ static double normal(void) { return sqrt(-2 * log(uniform())) * cos(6.2831853071
 static void catch_up(void) {
     if (now() - simulated > 1) simulated = now() - 1;
     while (simulated + ANT_PLANT_DT <= now() + 1e-9) {
-        ant_plant_advance(&plant, u, 0);
+        ant_plant_advance(&plant, u, torque);
         simulated += ANT_PLANT_DT;
     }
 }
@@ -112,6 +114,27 @@ static const char *open_line(void) {
     return name;
 }
 
+/* Read what has come on the standard input; whether it goes on. */
+static int listen(void) {
+    static char said[32];
+    static size_t n;
+    char bytes[64];
+    const ssize_t come = read(0, bytes, sizeof bytes);
+    for (ssize_t i = 0; i < come; i++) {
+        if (bytes[i] != '\n') {
+            if (n + 1 < sizeof said) said[n++] = bytes[i];
+            continue;
+        }
+        said[n] = 0;
+        n = 0;
+        catch_up();
+        torque = atof(said);
+        printf("%g\n", torque);
+        fflush(stdout);
+    }
+    return come > 0;
+}
+
 int main(int argc, char **argv) {
     static const double start[4] = ANT_START;
     struct pollfd waited[2] = {{0, POLLIN, 0}, {-1, POLLIN, 0}};
@@ -128,8 +151,7 @@ int main(int argc, char **argv) {
     printf("%s\n", name);
     fflush(stdout);
     while (poll(waited, 2, 1) >= 0 || errno == EINTR) {
-        char ignored[64];
-        if (waited[0].revents && read(0, ignored, sizeof ignored) <= 0) return 0;
+        if (waited[0].revents && !listen()) return 0;
         catch_up();
         ant_board_poll(&board);
         if (board.commands != commands) stepped += step;
