@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from allocator import checks
-from allocator.errors import InvalidInput, MissingBackend
+from allocator.errors import InvalidInput, MissingPackage
 from mpc.bench import serial_protocol as protocol
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
 from mpc.bench.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
@@ -133,7 +133,7 @@ class SerialDevice:
                     raise
 
     def __enter__(self) -> Self:
-        """Open the port and begin a session. Raises `DeviceError`, and `MissingBackend` without pyserial."""
+        """Open the port and begin a session. Raises `DeviceError`, and `MissingPackage` without pyserial."""
         self._line = self._opened()
         self._receiver, self._ticks, self.board_time = Receiver(), None, 0.0
         self.unanswered = self.late = 0
@@ -259,7 +259,7 @@ class SerialDevice:
         try:
             import serial
         except ImportError:
-            raise MissingBackend("device", "serial", ["pip install 'antagonist[serial]' first", "sim"]) from None
+            raise MissingPackage("pyserial", "'antagonist[serial]'") from None
         try:
             line = serial.serial_for_url(
                 self.port, baudrate=self.baud, timeout=min(_POLL, self.timeout), write_timeout=0.1

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator.errors import InvalidInput, MissingBackend
+from allocator.errors import InvalidInput, MissingPackage
 from allocator.units import BAR, DEG
 from mpc import Compensation, Plant, RealPlant, TrackingMPC, Weights, sine
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer
@@ -181,7 +181,7 @@ def test_what_is_no_board_is_said_to_be_none(tmp_path):
 
 def test_without_pyserial_the_line_to_install_it_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "serial", None)
-    with pytest.raises(MissingBackend, match=r"pip install 'antagonist\[serial\]'"), SerialDevice("/dev/null"):
+    with pytest.raises(MissingPackage, match=r"pip install 'antagonist\[serial\]'"), SerialDevice("/dev/null"):
         pass
 
 
