@@ -3,6 +3,7 @@
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from mpc.codegen import c_text
 from mpc.export import text
 from mpc.export.joint import Numbers
@@ -15,12 +16,21 @@ from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 from mpc.tracking.controller import TrackingMPC
 
+_SAMPLES = 3  # that a watchdog waits for at least
 _SPARE = 32  # samples of reference that the host may be ahead of what the controller needs
 PLANT_DT = 1e-3  # [s] by which the simulated plant goes on
 
 
 def firmware_files(limits: tuple[float, float], safety: Safety, controller: TrackingMPC | None = None) -> Files:
-    """Return the board's own files, for commands within `limits` [Pa]; with a `controller` it follows references."""
+    """Return the board's own files, for commands within `limits` [Pa]; with a `controller` it follows references.
+
+    Raises `InvalidInput` for a watchdog that a host could not keep quiet, saying something every sample.
+    """
+    if controller is not None and safety.watchdog < _SAMPLES * controller.dt:
+        raise InvalidInput(
+            f"watchdog = {safety.watchdog:g} s has to be {_SAMPLES} samples of {controller.dt:g} s or more: a host "
+            "that says something every sample may be a little late"
+        )
     files = {
         name: content for name, content in copied("serial", "serial/") if controller is not None or "follow" not in name
     }

@@ -7,15 +7,16 @@ from mpc.tracking.controller import TrackingMPC
 _HEAD = """\
 # A board on a serial line
 
-Exported from the Python package `antagonist`: firmware in portable C99, without a heap, for {variant}.
+Exported from the Python package `antagonist`: firmware in portable C99, without a heap, for
+{variant}.
 It talks to `mpc.bench.serial_device.SerialDevice` and to `antagonist run --device serial:/dev/ttyUSB0`; the project's
 `docs/serial.md` documents the line protocol (version {version}).
 
 **Yours to fill in** are the five functions of `port.c`: `read_sensors`, `write_valves`, a microsecond clock, and the
 bytes of the UART. `port.h` says what is asked of them, `config.h` what was chosen at export: commands within {low:g} to
 {high:g} Pa, a watchdog of {watchdog:g} s, after which {fall}.
-Call `ant_board_poll` as often as you can, as `main.c` does; it never waits.{pace}
-
+Call `ant_board_poll` as often as you can, as `main.c` does; it never waits.
+{pace}
     {cc} serial/*.c{sources} -lm -o firmware
 
 compiles it for the PC, to see that it does; with your microcontroller's compiler it is the same line.
@@ -33,8 +34,10 @@ _TERMINAL = "a dumb terminal: it sends what the sensors say and sets the valves 
 _CONTROLLER = (
     "a board with the whole controller on it, which the host sends references alone (and, if it likes, commands)"
 )
-_PACE = """ A step of the controller is to be taken every {dt:g} s, and bytes that arrive meanwhile have to wait in
-the buffer behind `receive_byte`: {bytes} bytes of it are enough at 115200 baud."""
+_PACE = """\
+A step of the controller is to be taken every {dt:g} s, and bytes that arrive meanwhile have to wait in the buffer
+behind `receive_byte`: {bytes} bytes of it are enough at 115200 baud.
+"""
 
 
 def firmware_readme(limits: tuple[float, float], safety: Safety, controller: TrackingMPC | None) -> str:

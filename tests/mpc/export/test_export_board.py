@@ -96,6 +96,7 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, con
         ({"process": faulty}, "faults"),
         ({"process": pushed}, "torque_profile"),
         ({"precision": "half"}, "'half'"),
+        ({"controller": controller, "safety": Safety(0.02)}, "3 samples of 0.01 s"),
         ({"controller": replace(controller, budget=0.005)}, "no clock"),
     ):
         with pytest.raises((InvalidInput, MissingBackend), match=words):
