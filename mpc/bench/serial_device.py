@@ -214,10 +214,11 @@ class SerialDevice:
         deadline = time.monotonic() + patience
         self._send(protocol.encoded(Frame(kind, self._session, number, values)))
         while True:
-            for frame in self._receiver.frames(self._arrived()):
-                if (frame.session, frame.sequence) == (self._session, number) and frame.kind in answers:
-                    return self._accepted(frame)
-                self.late += 1
+            come = list(self._receiver.frames(self._arrived()))
+            meant = [f for f in come if (f.session, f.sequence) == (self._session, number) and f.kind in answers]
+            self.late += len(come) - len(meant)
+            if meant:
+                return self._accepted(meant[0])
             if time.monotonic() >= deadline:
                 self.unanswered += 1
                 raise NoAnswer(f"the board at {self.port} did not answer within {1e3 * patience:g} ms")
