@@ -92,17 +92,19 @@ class Mechanism:
     @classmethod
     def from_mjcf(
         cls,
-        file: str | PathLike[str],
+        file: str | PathLike[str] | Any,
         muscles: Muscle | Sequence[Muscle],
-        rest_length: ArrayLike,
+        rest_length: ArrayLike | None = None,
         *,
-        cable: ArrayLike = 0.0,
+        cable: ArrayLike | None = None,
         pressure_limits: tuple[float, float] = (0.0, 5 * BAR),
     ) -> Self:
-        """Return the mechanism whose muscles are the spatial tendons of a MuJoCo model, with the model's names.
+        """Return the mechanism whose muscles are the tendons of a MuJoCo model, with the model's names.
 
-        `rest_length` and `cable` [m] (the part of the tendon that is cable) are numbers or rows (m,). Joints have to
-        be hinges or slides; of their ranges angle limits are made where all have one. Needs `antagonist[mujoco]`.
+        `file` may also be MJCF text or an `MjModel`. Spatial tendons through sites become `Sites`, fixed ones
+        `Pulleys`. `rest_length` and `cable` [m] (the part of the tendon that is cable, by default 0) are numbers or
+        rows (m,), and only models that `mpc.arm.to_mjcf` has written tell them. Joints have to be hinges or slides; of
+        their ranges angle limits are made where all have one. Needs `antagonist[mujoco]`.
         Raises `InvalidFile`, also for a model without tendons, `InvalidInput` and `MissingBackend`.
         """
         from allocator.mechanism.routes.mjcf import read_mjcf

@@ -1,6 +1,8 @@
-"""The spatial tendons of a MuJoCo model are read as `Sites`, its bodies and sites as points on links.
+"""The tendons of a MuJoCo model are read as `Sites` or `Pulleys`, its bodies and sites as points on links.
 
-MuJoCo is not needed afterwards.
+Spatial tendons through sites are `Sites`, fixed tendons (sums of joint angles) `Pulleys`. A model with the text `MARK`
+tells rest length and cable of every tendon in its user data; `mpc.arm.mjcf.to_mjcf` writes such models. MuJoCo is not
+needed afterwards.
 """
 
 from dataclasses import dataclass
@@ -12,35 +14,47 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
+from allocator.mechanism.routes.base import Routes
 from allocator.mechanism.routes.linkage import GROUND, Link, Linkage, Site
+from allocator.mechanism.routes.pulleys import Pulleys
 from allocator.mechanism.routes.sites import Sites
+
+MARK = "antagonist"
+"""The name of the custom text of models whose tendons have the user data (rest length, cable) [m]."""
 
 
 @dataclass(frozen=True)
 class Model:
     """A `Model` is what is taken from an MJCF file: the routes, the names, the joints' ranges."""
 
-    routes: Sites
+    routes: Routes
     muscles: tuple[str, ...]  # names of the tendons (m,)
     joints: tuple[str, ...]  # (n,)
     ranges: tuple[tuple[float, float], ...] | None  # of the joints [rad or m]; None unless all are limited
 
 
-def read_mjcf(file: str | PathLike[str], rest_length: Any, cable: Any = 0.0) -> Model:
-    """Read the tendons of an MJCF (or MuJoCo's URDF) `file`; `rest_length` and `cable` [m] as of `Sites`.
+def read_mjcf(source: Any, rest_length: Any = None, cable: Any = None) -> Model:
+    """Read the tendons of a `source` as of `load`; `rest_length` and `cable` [m] as of `Sites`, or as the model tells.
 
     Raises `MissingPackage` without MuJoCo, `InvalidFile` for a file that MuJoCo does not read, without tendons, with
-    joints other than hinges and slides, or with tendons that are no straight lines between sites.
+    joints other than hinges and slides, or with tendons that are neither straight lines between sites nor, all of them,
+    fixed; `InvalidInput` where the rest length is not known.
     """
-    mujoco, model = _read(file)
+    import mujoco
+
+    model, file, wrap = load(source), said(source), mujoco.mjtWrap
     if not model.ntendon:
         raise InvalidFile(file, "has no tendons; the tendons of the model are the muscles")
     links, frames = _linkage(file, mujoco, model)
-    paths = [_path(file, model, j, frames, int(mujoco.mjtWrap.mjWRAP_SITE)) for j in range(model.ntendon)]
+    lengths = tendon_lengths(model, source, rest_length, cable)
     try:
-        routes = Sites(rest_length, links, paths, cable)
+        if (model.wrap_type == int(wrap.mjWRAP_JOINT)).all():
+            routes: Routes = _pulleys(model, *lengths)
+        else:
+            paths = [_path(file, model, j, frames, int(wrap.mjWRAP_SITE)) for j in range(model.ntendon)]
+            routes = Sites(lengths[0], links, paths, lengths[1])
     except InvalidInput as error:
-        raise InvalidFile(file, str(error)) from None
+        raise error if isinstance(error, InvalidFile) else InvalidFile(file, str(error)) from None
     limited = bool(np.all(model.jnt_limited))
     return Model(
         routes,
@@ -56,7 +70,9 @@ def read_point(file: str | PathLike[str], name: str) -> tuple[Linkage, Site]:
     Raises `MissingPackage` without MuJoCo, `InvalidFile` for a file that MuJoCo does not read, without joints, with
     joints other than hinges and slides, or without such a site or body.
     """
-    mujoco, model = _read(file)
+    import mujoco
+
+    model = load(file)
     links, frames = _linkage(file, mujoco, model)
     sites, bodies = [model.site(i).name for i in range(model.nsite)], [model.body(i).name for i in range(model.nbody)]
     if name in sites:
@@ -71,17 +87,61 @@ def read_point(file: str | PathLike[str], name: str) -> tuple[Linkage, Site]:
     return Linkage(links), Site(link, tuple(p.tolist()))
 
 
-def _read(file: str | PathLike[str]) -> tuple[Any, Any]:
-    """Return the module mujoco and its model of the `file`."""
+def load(source: str | PathLike[str] | Any) -> Any:
+    """Return an `MjModel` from a file, from MJCF text (which begins with "<"), or as it is.
+
+    Raises `InvalidFile` for what MuJoCo does not read, `InvalidInput` for what is no model, and `MissingPackage`.
+    """
     import mujoco
 
-    if not Path(file).is_file():
-        raise InvalidFile(file, "does not exist")
+    if isinstance(source, mujoco.MjModel):
+        return source
+    if not isinstance(source, str | PathLike):
+        raise InvalidInput(f"model: a {type(source).__name__} is neither a file, nor MJCF text, nor a mujoco.MjModel")
+    text = isinstance(source, str) and source.lstrip().startswith("<")
+    if not text and not Path(source).is_file():
+        raise InvalidFile(source, "does not exist")
     try:
-        model = mujoco.MjModel.from_xml_path(str(file))
+        return mujoco.MjModel.from_xml_string(source) if text else mujoco.MjModel.from_xml_path(str(source))
     except (ValueError, mujoco.FatalError) as error:
-        raise InvalidFile(file, f"is not read by MuJoCo ({error})") from None
-    return mujoco, model
+        raise InvalidFile(said(source), f"is not read by MuJoCo ({error})") from None
+
+
+def said(source: Any) -> str:
+    """Return what to call the source of a model in a message."""
+    if isinstance(source, str | PathLike) and not str(source).lstrip().startswith("<"):
+        return str(source)
+    return "the MuJoCo model"
+
+
+def tendon_lengths(model: Any, source: Any, rest_length: Any, cable: Any) -> tuple[Any, Any]:
+    """Return rest length and cable [m] as they are given, or as the model tells where `rest_length` is None.
+
+    Raises `InvalidInput` where neither tells.
+    """
+    if rest_length is not None:
+        return rest_length, 0.0 if cable is None else cable
+    if cable is not None:
+        raise InvalidInput("cable [m] is given without rest_length [m]; give both, or neither of a model that tells")
+    if not _marked(model):
+        raise InvalidInput(f"rest_length [m] of the muscles has to be given: {said(source)} does not tell")
+    return model.tendon_user[:, 0], model.tendon_user[:, 1]
+
+
+def _marked(model: Any) -> bool:
+    import mujoco
+
+    return bool(model.nuser_tendon == 2 and mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, MARK) >= 0)
+
+
+def _pulleys(model: Any, rest_length: Any, cable: Any) -> Pulleys:
+    """Return the routes of fixed tendons, l = Σ coef·q - cable."""
+    arms = np.zeros((model.ntendon, model.njnt))
+    for j in range(model.ntendon):
+        for w in range(int(model.tendon_adr[j]), int(model.tendon_adr[j] + model.tendon_num[j])):
+            arms[j, int(model.wrap_objid[w])] -= model.wrap_prm[w]
+    L = np.broadcast_to(np.asarray(rest_length, float), (model.ntendon,))
+    return Pulleys(rest_length, arms, 1 + np.asarray(cable, float) / L)
 
 
 def _linkage(file: Any, mujoco: Any, model: Any) -> tuple[list[Link], list[tuple[int, Array, Array]]]:
@@ -153,4 +213,4 @@ def _matrix(quaternion: Array) -> Array:
     )
 
 
-__all__ = ["Model", "read_mjcf", "read_point"]
+__all__ = ["MARK", "Model", "load", "read_mjcf", "read_point", "said", "tendon_lengths"]

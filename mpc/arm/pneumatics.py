@@ -1,0 +1,133 @@
+"""The muscles and valves of a machine make forces and pressures from lengths and commands, whatever moves the links.
+
+    F_j = g_j max(F(P_j, ε_j), 0),     ε_j = (L_j - l_j)/L_j
+    P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff,     V_j' = -F_P l_j'                                    (G3)
+
+The second term is there with `gas` only, and for cables that pull: a slack one moves no muscle.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.joint.gas import AIR, Gas
+from allocator.joint.one_muscle import OneMuscle
+from allocator.mechanism.routes.base import per_muscle, rest_lengths
+from allocator.muscles import Muscle
+from mpc.model.gas import fall
+
+
+@dataclass(frozen=True)
+class Pneumatics:
+    """`Pneumatics` are m muscles behind regulators; immutable. SI units.
+
+    Every argument but `muscles` is a number for all muscles or a row (m,); `muscles` is one for all or m of them.
+    """
+
+    muscles: tuple[Muscle, ...]
+    rest_length: Any  # L [m]
+    lag: Any = 0.1  # τ of the regulators [s]
+    gas: Gas | bool | None = None  # True: air; None: regulators hold the pressures against every motion
+    force_gains: Any = 1.0  # g [-]: how many times as hard as their laws say the muscles pull
+
+    def __post_init__(self) -> None:
+        """Check the parts and make rows of them."""
+        m = len(self.muscles)
+        object.__setattr__(self, "muscles", tuple(self.muscles))
+        if not m or not all(isinstance(muscle, Muscle) for muscle in self.muscles):
+            raise InvalidInput(f"muscles = {checks.brief(self.muscles)} have to be one or more muscles")
+        object.__setattr__(self, "rest_length", np.array(rest_lengths("muscles", self.rest_length, m)))
+        for name, unit, least in (("lag", "s", 1e-6), ("force_gains", "-", 0.0)):
+            row = per_muscle(name, getattr(self, name), m, unit)
+            if (wrong := row < least).any():
+                raise InvalidInput(f"{name}{checks.at(row, wrong)} {unit} has to be {least:g} or more")
+            object.__setattr__(self, name, row)
+        if (wrong := self.lag > _SLOWEST).any():
+            raise InvalidInput(f"lag{checks.at(self.lag, wrong)} s is no regulator's; if milliseconds, divide by 1000")
+        gas = AIR if self.gas is True else None if self.gas is False else self.gas
+        if gas is not None and not isinstance(gas, Gas):
+            raise InvalidInput(f"gas = {checks.brief(self.gas)} has to be a Gas(kappa, atmosphere), True or None")
+        object.__setattr__(self, "gas", gas)
+        if gas is not None:
+            self.volumes(self.rest_length, np.zeros(m))  # that they are known
+
+    @property
+    def m(self) -> int:
+        """Return the number of muscles."""
+        return len(self.muscles)
+
+    @cached_property
+    def _kinds(self) -> tuple[tuple[Muscle, Sequence[int] | NDArray[np.intp]], ...]:
+        """Return every different muscle and where it is, for one call of its law."""
+        kinds = list(dict.fromkeys(self.muscles))
+        places = [np.array([j for j, muscle in enumerate(self.muscles) if muscle == kind]) for kind in kinds]
+        return tuple(zip(kinds, places, strict=True))
+
+    def contraction(self, length: Array) -> Array:
+        """Return ε (…, m) [-] of muscles that are `length` (…, m) [m] long."""
+        return np.asarray(1 - length / self.rest_length)
+
+    def laws(self, length: Array, P: Array) -> Array:
+        """Return what the laws say of the forces (…, m) [N]; negative where a cable is slack."""
+        eps = self.contraction(length)
+        if len(self._kinds) == 1:
+            return np.asarray(self.force_gains * self.muscles[0].law(P, eps))
+        said = np.empty(np.broadcast_shapes(P.shape, eps.shape))
+        for muscle, at in self._kinds:
+            said[..., at] = self.force_gains[at] * muscle.law(P[..., at], eps[..., at])
+        return said
+
+    def forces(self, length: Array, P: Array) -> Array:
+        """Return the forces F ≥ 0 (…, m) [N] at `length` (…, m) [m] and `P` (…, m) [Pa]; of a slack cable 0."""
+        return np.maximum(self.laws(length, P), 0.0)
+
+    def volumes(self, length: Array, P: Array) -> Array:
+        """Return the volumes of the gas (…, m) [m³]. Raises `InvalidInput` where a muscle has no radius."""
+        V = np.empty(np.broadcast_shapes(P.shape, length.shape))
+        for (muscle, at), eps in ((kind, self.contraction(length)) for kind in self._kinds):
+            for j in at:
+                V[..., j] = muscle.volume(P[..., j], eps[..., j], float(self.rest_length[j]))
+        return V
+
+    def rate(self, P: Array, u: Array, length: Array, speed: Array, forces: Array, shut: bool = False) -> Array:
+        """Return P' (m,) [Pa/s] for the commands `u` (m,), of muscles whose lengths change by `speed` (m,) [m/s].
+
+        Where the valves are `shut` no regulator works.
+        """
+        held = np.zeros(self.m) if shut else (u - P) / self.lag
+        if self.gas is None:
+            return np.asarray(held)
+        eps = self.contraction(length)
+        for muscle, at in self._kinds:
+            for j in at:
+                if forces[j] > 0:
+                    side = OneMuscle(muscle, +1, float(self.rest_length[j]), eps[j], 1.0, 0.0, 1.0, self._filled)
+                    held[j] += fall(side, P[j], float(self.force_gains[j])) * speed[j]
+        return np.asarray(held)
+
+    @property
+    def _filled(self) -> Gas:
+        assert isinstance(self.gas, Gas)  # asked only where there is one
+        return self.gas
+
+
+_SLOWEST = 100.0  # [s]
+
+
+def slew_of(value: float) -> float:
+    """Return a checked greatest change of a command [Pa/s]; infinite where there is none."""
+    slew = float(value)
+    if isfinite(slew) and slew <= checks.LOOKS_LIKE_BAR[1] or not slew > 0:
+        raise InvalidInput(f"slew = {slew:g} Pa/s has to be positive; if bar/s was meant, multiply by 1e5")
+    return slew
+
+
+__all__ = ["Pneumatics", "slew_of"]
