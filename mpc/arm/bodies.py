@@ -1,0 +1,255 @@
+"""The bodies of an arm are the links of a chain in the plane, each with a hinge at its beginning.
+
+With the angles φ_i = q_1 + … + q_i of the links against the x-axis, their lengths l_i, masses m_i, distances a_i of the
+centres of mass from the hinge and inertias I_i about these, the energies are
+
+    ½ Σ_ij c_ij cos(φ_i - φ_j) φ_i' φ_j'     and     -Σ_j s_j (γ_x cos φ_j + γ_y sin φ_j)
+
+    s_j = m_j a_j + l_j Σ_{k>j} m_k,    c_ij = l_i s_j (i < j),    c_ii = I_i + m_i a_i² + l_i² Σ_{k>i} m_k
+
+with γ the vector of gravity in the plane; and τ = M(q) q'' + C(q, q') + D q' + g(q), where what belongs to q_i is the
+sum over j ≥ i of what belongs to φ_j, because q_i turns all the links from its own on.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from os import PathLike
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.calculus import Array, Value, cos, is_symbol, sin
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.files.atomic import write_text
+from allocator.muscles import storage
+
+EARTH = 9.81  # [m/s²]
+
+_UNITS = {"length": "m", "mass": "kg", "centre": "m", "inertia": "kg·m²", "damping": "N·m·s/rad"}
+_MOST = {"length": 10.0, "mass": 1000.0, "centre": 10.0, "inertia": 1000.0, "damping": 1000.0, "gravity": 100.0}
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """The `Bodies` are the links of a planar serial chain with n hinges; immutable.
+
+    At q = 0 all links lie along the x-axis; angles count anticlockwise, each against the link before. A field of links
+    is n numbers, or one for all of them where another field says how many there are. Postures and velocities are
+    (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1), of which formulas are made.
+    """
+
+    length: tuple[float, ...]  # l (n,) [m]
+    mass: tuple[float, ...]  # m (n,) [kg]
+    centre: tuple[float, ...]  # a (n,) [m], of the centre of mass from the link's own hinge
+    inertia: tuple[float, ...]  # I (n,) [kg·m²], about the centre of mass
+    damping: tuple[float, ...]  # D (n,) [N·m·s/rad], of the hinge
+    gravity: tuple[float, ...] = (0.0, 0.0)  # γ [m/s²] in the plane; 0: the plane is horizontal
+
+    def __post_init__(self) -> None:
+        """Check and make plain floats. Raises `InvalidInput`."""
+        arrays = {name: checks.real(f"Bodies: {name}", getattr(self, name), unit) for name, unit in _UNITS.items()}
+        sizes = {name: array.shape for name, array in arrays.items() if array.ndim}
+        n = next(iter(sizes.values()), (1,))
+        if wrong := [name for name, shape in sizes.items() if shape != n or len(shape) != 1 or not shape[0]]:
+            listed = ", ".join(f"{name} {shape}" for name, shape in sizes.items())
+            raise InvalidInput(f"Bodies: {wrong[0]} has to be one number a link, as many as the others: {listed}")
+        for name, array in arrays.items():
+            least = "positive" if name in ("length", "mass", "inertia") else "0 or more"
+            bad = (array <= 0 if least == "positive" else array < 0) | (array > _MOST[name])
+            if bad.any():
+                said = f"Bodies: {name}{checks.at(array, bad)} {_UNITS[name]}"
+                raise InvalidInput(f"{said} has to be {least} and at most {_MOST[name]:g}")
+            object.__setattr__(self, name, tuple(np.broadcast_to(array, n).tolist()))
+        gravity = checks.real("Bodies: gravity", self.gravity, "m/s²")
+        if gravity.shape != (2,) or (np.abs(gravity) > _MOST["gravity"]).any():
+            raise InvalidInput(f"Bodies: gravity = {checks.brief(self.gravity)} has to be (x, y) in the plane [m/s²]")
+        object.__setattr__(self, "gravity", tuple(gravity.tolist()))
+
+    @classmethod
+    def rods(
+        cls, length: Sequence[float], mass: Sequence[float], damping: ArrayLike, gravity: Sequence[float] = (0.0, 0.0)
+    ) -> Self:
+        """Return links that are thin uniform rods: a = l/2, I = m l²/12. Raises `InvalidInput`."""
+        size, m = checks.real("Bodies: length", length, "m"), checks.real("Bodies: mass", mass, "kg")
+        if size.shape != m.shape:
+            raise InvalidInput(f"Bodies: length {size.shape} and mass {m.shape} have to be one number a link")
+        own = size / 2, m * size**2 / 12
+        return cls(_row(size), _row(m), _row(own[0]), _row(own[1]), _row(damping), tuple(gravity))
+
+    @property
+    def n(self) -> int:
+        """Return the number of links, and of joints."""
+        return len(self.length)
+
+    # --- formulas ---------------------------------------------------------------------------------------------------
+
+    def mass_matrix(self, q: Value) -> Value:
+        """Return M(q) (…, n, n) [kg·m²], symmetric and positive definite."""
+        phi, c = self._angles(q), self._coupling.tolist()
+        absolute = [[c[i][j] * cos(phi[i] - phi[j]) for j in range(self.n)] for i in range(self.n)]
+        rows = [[_sum(absolute[a][b] for a in range(i, self.n) for b in range(j, self.n)) for j in range(self.n)]
+                for i in range(self.n)]  # fmt: skip
+        return _matrix(rows, q)
+
+    def coriolis(self, q: Value, omega: Value) -> Value:
+        """Return the Coriolis and centrifugal torques C(q, q') (…, n) [N·m]."""
+        phi, turning, c = self._angles(q), self._angles(omega), self._coupling.tolist()
+        of_links = [
+            _sum(c[i][j] * sin(phi[i] - phi[j]) * turning[j] ** 2 for j in range(self.n) if j != i)
+            for i in range(self.n)
+        ]
+        return _vector(_carried(of_links), q)
+
+    def gravity_torque(self, q: Value) -> Value:
+        """Return g(q) (…, n) [N·m], the slope of the potential: what the muscles have to hold."""
+        (x, y), s = self.gravity, self._moments.tolist()
+        of_links = [s[j] * (x * sin(angle) - y * cos(angle)) for j, angle in enumerate(self._angles(q))]
+        return _vector(_carried(of_links), q)
+
+    def gravity_stiffness(self, q: Value) -> Value:
+        """Return ∂g/∂q (…, n, n) [N·m/rad], symmetric: what gravity adds to the muscles' stiffness."""
+        (x, y), s, n = self.gravity, self._moments, self.n
+        of_links = [s[j] * (x * cos(angle) + y * sin(angle)) for j, angle in enumerate(self._angles(q))]
+        carried = _carried(of_links)
+        return _matrix([[carried[max(i, j)] for j in range(n)] for i in range(n)], q)
+
+    def bias(self, q: Value, omega: Value) -> Value:
+        """Return C(q, q') + D q' + g(q) (…, n) [N·m]: the torques of a motion without acceleration."""
+        rubbing = [d * rate for d, rate in zip(self.damping, self._own(omega), strict=True)]
+        return self.coriolis(q, omega) + self.gravity_torque(q) + _vector(rubbing, q)
+
+    def torque_for(self, q: Value, omega: Value, alpha: Value) -> Value:
+        """Return the joints' torques τ = M q'' + C + D q' + g (…, n) [N·m] of a motion (inverse dynamics)."""
+        M = self.mass_matrix(q)
+        pushed = M @ alpha if is_symbol(M) else (M @ np.asarray(alpha)[..., None])[..., 0]
+        return pushed + self.bias(q, omega)
+
+    def points(self, q: Value) -> Value:
+        """Return where the hinges and the endpoint are (…, n + 1, 2) [m]; the first hinge is the origin."""
+        phi = self._angles(q)
+        x, y = [0.0 * phi[0]], [0.0 * phi[0]]
+        for length, angle in zip(self.length, phi, strict=True):
+            x.append(x[-1] + length * cos(angle))
+            y.append(y[-1] + length * sin(angle))
+        return _matrix([list(point) for point in zip(x, y, strict=True)], q)
+
+    # --- on disk ----------------------------------------------------------------------------------------------------
+
+    def dumps(self) -> str:
+        """Return the TOML text: the table [bodies]."""
+        lines = [f"{f.name} = {storage.toml(getattr(self, f.name))}" for f in fields(self)]
+        return "\n".join(["[bodies]  # SI units: m, kg, kg·m², N·m·s/rad, m/s²", *lines, ""])
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the bodies as a TOML file. Raises `CannotWrite`."""
+        write_text(path, self.dumps())
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read the table [bodies] of a TOML file. Raises `InvalidFile`."""
+        table = storage.read(path).get("bodies")
+        if not isinstance(table, dict):
+            raise InvalidFile(path, "has no table [bodies]")
+        names = [f.name for f in fields(cls)]
+        if surplus := table.keys() - set(names):
+            raise InvalidFile(path, f"[bodies] has no {', '.join(sorted(surplus))}; it has {', '.join(names)}")
+        try:
+            return cls(**table)
+        except (InvalidInput, TypeError) as error:
+            raise InvalidFile(path, f"[bodies]: {error}") from None
+
+    # --- the pieces -------------------------------------------------------------------------------------------------
+
+    @property
+    def _moments(self) -> Array:
+        """Return s (n,) [kg·m]."""
+        length, m, a = (np.array(field) for field in (self.length, self.mass, self.centre))
+        return np.asarray(m * a + length * self._carried_mass)
+
+    @property
+    def _coupling(self) -> Array:
+        """Return c (n, n) [kg·m²], symmetric."""
+        length, m, a, inertia = (np.array(field) for field in (self.length, self.mass, self.centre, self.inertia))
+        c = np.triu(np.outer(length, self._moments), 1)
+        return np.asarray(c + c.T + np.diag(inertia + m * a**2 + length**2 * self._carried_mass))
+
+    @property
+    def _carried_mass(self) -> Array:
+        """Return the mass that hangs on the end of every link (n,) [kg]."""
+        return np.append(np.cumsum(self.mass[::-1])[-2::-1], 0.0)
+
+    def _angles(self, q: Value) -> list[Value]:
+        """Return φ_i, or φ_i' of velocities: the sums of `q` up to each link."""
+        own = self._own(q)
+        return [_sum(own[: i + 1]) for i in range(self.n)]
+
+    def _own(self, q: Value) -> list[Value]:
+        """Return the entries of `q`."""
+        q = q if is_symbol(q) else np.asarray(q, float)
+        size = q.shape[0] if is_symbol(q) else q.shape[-1] if q.ndim else 0
+        if size != self.n:
+            raise InvalidInput(f"q has the shape {q.shape}; expected (…, {self.n}), the angles of n = {self.n} links")
+        return [q[i] if is_symbol(q) else q[..., i] for i in range(self.n)]
+
+
+def _row(value: Any) -> Any:
+    return np.asarray(value, float).tolist()
+
+
+def _sum(terms: Any) -> Value:
+    total, *rest = terms if isinstance(terms, list) else list(terms) or [0.0]
+    for term in rest:
+        total = total + term
+    return total
+
+
+def _carried(of_links: list[Value]) -> list[Value]:
+    """Return what the joints feel of what acts on the links: each that of all links from its own on."""
+    return [_sum(of_links[i:]) for i in range(len(of_links))]
+
+
+def _vector(entries: list[Value], like: Value) -> Value:
+    if is_symbol(like):
+        import casadi
+
+        return casadi.vertcat(*entries)
+    shape = np.shape(np.asarray(like)[..., 0])
+    return np.stack([np.broadcast_to(entry, shape) for entry in entries], axis=-1)
+
+
+def _matrix(rows: list[list[Value]], like: Value) -> Value:
+    if is_symbol(like):
+        import casadi
+
+        return casadi.vertcat(*(casadi.horzcat(*row) for row in rows))
+    return np.stack([_vector(row, like) for row in rows], axis=-2)
+
+
+def arm26_bodies() -> Bodies:
+    """Return the bodies of `allocator.mechanism.machines.arm26`: two rods in a horizontal plane.
+
+    Lengths are those of a human upper arm and forearm with the hand at the grip (0.31 m and 0.34 m: R. Shadmehr and
+    F. A. Mussa-Ivaldi, "Adaptive representation of dynamics during learning of a motor task", J. Neurosci. 14, 1994,
+    give 0.33 and 0.34), masses those of a light robot's links of aluminium and not of flesh (1.93 and 1.52 kg there),
+    the damping gives the posture q = 0 at K = diag(10, 10) N·m/rad a damping ratio of about 0.1 to 0.3. In a horizontal
+    plane, where such arms are studied, gravity has no moment.
+    """
+    return Bodies.rods((0.31, 0.34), (1.2, 0.8), 0.25)
+
+
+def arm48_bodies() -> Bodies:
+    """Return the bodies of `allocator.mechanism.machines.arm48`: four rods in a vertical plane that hang at q = 0.
+
+    Chosen by us: 0.85 m and 1.7 kg in all, somewhat as a lightweight arm moved by cables (D. Büchler, H. Ott and J.
+    Peters, ICRA 2016), but in one plane; each link is lighter than the one before. Held out at 90° gravity takes 6 N·m
+    of the 9 N·m that the muscles of the base can give there.
+    """
+    return Bodies.rods((0.25, 0.25, 0.2, 0.15), (0.6, 0.5, 0.35, 0.25), (0.3, 0.2, 0.1, 0.03), (EARTH, 0.0))
+
+
+BODIES = {"arm26": arm26_bodies, "arm48": arm48_bodies}
+"""The bodies of the ready-made machines that are arms in a plane, by the name of the machine."""
+
+__all__ = ["BODIES", "EARTH", "Bodies", "arm26_bodies", "arm48_bodies"]
