@@ -9,7 +9,6 @@ The second term is there with `gas` only, and for cables that pull: a slack one 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -89,12 +88,19 @@ class Pneumatics:
         """Return the forces F ≥ 0 (…, m) [N] at `length` (…, m) [m] and `P` (…, m) [Pa]; of a slack cable 0."""
         return np.maximum(self.laws(length, P), 0.0)
 
+    def own_stiffness(self, length: Array, P: Array) -> Array:
+        """Return the muscles' own stiffness k = ∂F/∂l (m,) [N/m] at constant pressures `P` (m,)."""
+        eps, k = self.contraction(length), np.empty(self.m)
+        for muscle, at in self._kinds:
+            k[at] = -self.force_gains[at] / self.rest_length[at] * muscle.slope(P[at], eps[at])
+        return k
+
     def volumes(self, length: Array, P: Array) -> Array:
         """Return the volumes of the gas (…, m) [m³]. Raises `InvalidInput` where a muscle has no radius."""
+        eps = self.contraction(length)
         V = np.empty(np.broadcast_shapes(P.shape, length.shape))
-        for (muscle, at), eps in ((kind, self.contraction(length)) for kind in self._kinds):
-            for j in at:
-                V[..., j] = muscle.volume(P[..., j], eps[..., j], float(self.rest_length[j]))
+        for muscle, at in self._kinds:
+            V[..., at] = muscle.volume(P[..., at], eps[..., at], self.rest_length[at])
         return V
 
     def rate(self, P: Array, u: Array, length: Array, speed: Array, forces: Array, shut: bool = False) -> Array:
@@ -107,10 +113,9 @@ class Pneumatics:
             return np.asarray(held)
         eps = self.contraction(length)
         for muscle, at in self._kinds:
-            for j in at:
-                if forces[j] > 0:
-                    side = OneMuscle(muscle, +1, float(self.rest_length[j]), eps[j], 1.0, 0.0, 1.0, self._filled)
-                    held[j] += fall(side, P[j], float(self.force_gains[j])) * speed[j]
+            side = OneMuscle(muscle, +1, self.rest_length[at], eps[at], 1.0, 0.0, 1.0, self._filled)
+            taut = forces[at] > 0  # a slack cable moves no muscle
+            held[at] += taut * fall(side, P[at], self.force_gains[at]) * speed[at]
         return np.asarray(held)
 
     @property
@@ -121,13 +126,4 @@ class Pneumatics:
 
 _SLOWEST = 100.0  # [s]
 
-
-def slew_of(value: float) -> float:
-    """Return a checked greatest change of a command [Pa/s]; infinite where there is none."""
-    slew = float(value)
-    if isfinite(slew) and slew <= checks.LOOKS_LIKE_BAR[1] or not slew > 0:
-        raise InvalidInput(f"slew = {slew:g} Pa/s has to be positive; if bar/s was meant, multiply by 1e5")
-    return slew
-
-
-__all__ = ["Pneumatics", "slew_of"]
+__all__ = ["Pneumatics"]

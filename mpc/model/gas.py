@@ -13,6 +13,8 @@ A law that is not affine in the pressure may say that its volume falls as the pr
 could fill it. It is not meant for that; V^eff is taken as `STABLE` V there, the bound of what the allocation allows.
 """
 
+import numpy as np
+
 from allocator.calculus import Value
 from allocator.joint.one_muscle import STABLE, OneMuscle
 
@@ -26,7 +28,7 @@ def fall(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
     if not side.affine:
         least = STABLE * side.volume(P)
         V = (V + least + abs(V - least)) / 2
-    if strength != 1.0:
+    if np.any(np.not_equal(strength, 1.0)):
         rest = side.muscle.volume_at_rest(side.rest_length)
         V = rest + strength * (V - rest)
     return strength * side.gas.kappa * (P + side.gas.atmosphere) * side.torque_gain(P) / V

@@ -1,0 +1,144 @@
+"""Mechanisms with rigid bodies are written as MJCF, MuJoCo's format, with their muscles as tendons.
+
+`Sites` become spatial tendons through sites on bodies, which is faithful everywhere. `Pulleys` become *fixed* tendons,
+l = -r·q: their arms are constant at every posture, while MuJoCo's wrapping round a cylinder has a constant arm only as
+long as the tendon touches it. MuJoCo draws no fixed tendons; so their muscles are drawn as capsules without mass or
+contact, at their true length, on the link before the first joint that they move where that is long enough, else on the
+ground. `Mechanism.from_mjcf` reads routes, names and ranges again, with rest lengths and cables, which are the tendons'
+user data.
+"""
+
+from typing import Any
+from xml.etree import ElementTree as Tree
+
+import numpy as np
+
+from allocator.errors import InvalidInput
+from allocator.mechanism import Mechanism
+from allocator.mechanism.routes import Pulleys, Sites
+from allocator.mechanism.routes.mjcf import MARK
+from allocator.mechanism.routes.sites import GROUND, Link
+from mpc.arm.bodies import Bodies
+from mpc.arm.drawing import DRAWN, PALE, Drawing, view
+
+_TIMESTEP = 0.002  # [s]
+_SLENDER = 0.01  # a rod's inertia about its own axis, in fractions of that across; nothing turns about it in the plane
+_THIN, _THICK = 0.004, 0.012  # [m] radii of links and of muscles as they are drawn
+_GREY = "0.55 0.58 0.62 1"
+
+
+def to_mjcf(mechanism: Mechanism, bodies: Bodies, *, name: str = "antagonist", timestep: float = _TIMESTEP) -> str:
+    """Return the MJCF text of a mechanism with `Pulleys` or `Sites` and of its `bodies`; no MuJoCo is needed for it.
+
+    On `Pulleys` the links are the bodies' chain in the plane. On `Sites` they are the routes' own links, with the
+    masses of the bodies on their x-axes; the equations of motion are those of `bodies` where both are the same chain.
+    Ranges of the joints become their limits, the gravity of the plane the model's. `timestep` [s] is that of
+    simulations. Raises `InvalidInput` for other routes, and for bodies of another number of joints.
+    """
+    if bodies.n != mechanism.n:
+        raise InvalidInput(f"bodies have n = {bodies.n} links; the mechanism has n = {mechanism.n} joints")
+    routes, root = mechanism.routes, Tree.Element("mujoco", model=name)
+    if not isinstance(routes, Pulleys | Sites):
+        raise InvalidInput(f"{type(routes).__name__} cannot be written as MJCF; Pulleys and Sites can")
+    _settings(root, bodies, timestep)
+    world = Tree.SubElement(root, "worldbody")
+    Tree.SubElement(world, "light", pos="0 0 3", dir="0 0 -1", directional="true", diffuse="0.4 0.4 0.4")
+    parts = _links(world, mechanism, _chain(bodies) if isinstance(routes, Pulleys) else routes.links, bodies)
+    tendons = Tree.SubElement(root, "tendon")
+    if isinstance(routes, Sites):
+        _spatial(tendons, mechanism, routes, parts)
+        Tree.SubElement(world, "camera", {"name": "view", **view(bodies, 0.0)})
+    else:
+        _fixed(tendons, mechanism, routes)
+        drawing = Drawing(mechanism, bodies)
+        drawing.draw(parts)
+        Tree.SubElement(world, "camera", {"name": "view", **view(bodies, drawing.behind)})
+    Tree.indent(root)
+    return Tree.tostring(root, encoding="unicode") + "\n"
+
+
+def _settings(root: Tree.Element, bodies: Bodies, timestep: float) -> None:
+    Tree.SubElement(root, "compiler", angle="radian", autolimits="true")
+    option = Tree.SubElement(root, "option", timestep=repr(timestep), gravity=_row(*bodies.gravity, 0.0))
+    Tree.SubElement(option, "flag", contact="disable")
+    Tree.SubElement(root, "size", nuser_tendon="2")
+    custom = Tree.SubElement(root, "custom")
+    Tree.SubElement(custom, "text", name=MARK, data="user data of a tendon: rest length and cable [m] of the muscle")
+    visual = Tree.SubElement(root, "visual")
+    Tree.SubElement(visual, "global", offwidth="1280", offheight="960")
+    Tree.SubElement(visual, "headlight", ambient="0.4 0.4 0.4", diffuse="0.3 0.3 0.3", specular="0.1 0.1 0.1")
+    Tree.SubElement(visual, "quality", offsamples="8")
+    drawn = Tree.SubElement(Tree.SubElement(root, "default"), "default", {"class": DRAWN})
+    Tree.SubElement(drawn, "geom", contype="0", conaffinity="0", mass="0", rgba=_GREY)
+    sky = {"type": "skybox", "builtin": "gradient", "rgb1": "1 1 1", "rgb2": "0.8 0.85 0.9"}
+    Tree.SubElement(Tree.SubElement(root, "asset"), "texture", {**sky, "width": "64", "height": "64"})
+
+
+def _chain(bodies: Bodies) -> tuple[Link, ...]:
+    """Return the links of the bodies' chain in the plane."""
+    ends = [0.0, *bodies.length]
+    return tuple(Link(i - 1 if i else GROUND, (ends[i], 0.0)) for i in range(bodies.n))
+
+
+def _links(
+    world: Tree.Element, mechanism: Mechanism, links: tuple[Link, ...], bodies: Bodies
+) -> dict[int, Tree.Element]:
+    """Write the bodies, one a link, and return their elements by the links' numbers."""
+    parts = {GROUND: world}
+    for i, link in enumerate(links):
+        part = parts[i] = Tree.SubElement(parts[link.parent], "body", name=f"{mechanism.joint_names[i]} link")
+        part.set("pos", _row(*link.origin))
+        part.set("quat", _row(*_quaternion(np.array(link.orientation))))
+        joint = Tree.SubElement(part, "joint", name=mechanism.joint_names[i], type=link.kind, axis=_row(*link.axis))
+        joint.set("damping", repr(bodies.damping[i]))
+        joint.set("ref", repr(link.zero))
+        if mechanism.angle_limits is not None:
+            joint.set("range", _row(*mechanism.angle_limits[i]))
+        across = bodies.inertia[i]
+        inertial = Tree.SubElement(part, "inertial", pos=_row(bodies.centre[i], 0.0, 0.0), mass=repr(bodies.mass[i]))
+        inertial.set("diaginertia", _row(_SLENDER * across, across, across))
+        rod = Tree.SubElement(part, "geom", {"class": DRAWN}, type="capsule", size=repr(2 * _THIN))
+        rod.set("fromto", _row(0.0, 0.0, 0.0, bodies.length[i], 0.0, 0.0))
+    return parts
+
+
+def _tendon(tendons: Tree.Element, kind: str, mechanism: Mechanism, j: int, cable: float) -> Tree.Element:
+    tendon = Tree.SubElement(tendons, kind, name=mechanism.muscle_names[j])
+    tendon.set("user", _row(mechanism.routes.rest_length[j], cable))
+    return tendon
+
+
+def _fixed(tendons: Tree.Element, mechanism: Mechanism, routes: Pulleys) -> None:
+    """Write l_j + L_j (1 - ε0_j) = -r_j·q: what is constant in the length counts as cable."""
+    for j, arms in enumerate(routes.arms):
+        at_zero = routes.rest_length[j] * (1 - routes.initial_contraction[j])
+        tendon = _tendon(tendons, "fixed", mechanism, j, -at_zero)
+        for joint, arm in zip(mechanism.joint_names, arms, strict=True):
+            if arm:
+                Tree.SubElement(tendon, "joint", joint=joint, coef=repr(-arm))
+
+
+def _spatial(tendons: Tree.Element, mechanism: Mechanism, routes: Sites, parts: dict[int, Tree.Element]) -> None:
+    for j, path in enumerate(routes.paths):
+        tendon = _tendon(tendons, "spatial", mechanism, j, routes.cable[j])
+        tendon.set("width", repr(_THICK))
+        tendon.set("rgba", _row(*PALE, 1.0))
+        for k, (link, position) in enumerate(path):
+            site = f"{mechanism.muscle_names[j]} {k + 1}"
+            Tree.SubElement(parts[link], "site", name=site, pos=_row(*position), size=repr(_THIN))
+            Tree.SubElement(tendon, "site", site=site)
+
+
+def _quaternion(R: Any) -> tuple[float, ...]:
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(R).as_quat().tolist()
+    return w, x, y, z
+
+
+def _row(*numbers: float) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+__all__ = ["to_mjcf"]

@@ -1,0 +1,418 @@
+"""A plant whose bodies are MuJoCo's: muscles pull along the tendons of a model, their pressures are states.
+
+With the tendons' lengths l(q), whose slopes are MuJoCo's `ten_J`, muscle j pulls with F_j along its tendon:
+
+    M(q) q'' = -(∂l/∂q)ᵀ F + load + what else the model has (gravity, damping, limits, contacts, …)               (M1)
+
+The state (q, q', P) is integrated by the classical Runge–Kutta method in steps of at most the model's `timestep`.
+"""
+
+from collections.abc import Sequence
+from copy import copy
+from math import ceil, inf, isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.joint.gas import Gas
+from allocator.mechanism.routes.base import per_muscle
+from allocator.mechanism.routes.mjcf import load, mujoco_module, said, tendon_lengths
+from allocator.muscles import Muscle
+from allocator.units import BAR
+from mpc.arm.pneumatics import Pneumatics
+
+_NODES, _SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
+_STILL = 1e-9  # [rad/s] a pushed machine that moves no faster has come to rest
+_LONGEST_REST = 60.0  # [s] of waiting for it
+_SLOWEST = 1.0  # [1/s] what no muscle holds is braked as if it moved at this rate
+_FINE, _COARSE = 0.3, 0.01  # steps while it settles: in times of the fastest mode, and [s] at most
+
+
+class Readings(NamedTuple):
+    """`Readings` are what the sensors of a machine say: nobody measures velocities."""
+
+    q: Array  # encoders (n,) [rad, or m of slides]
+    P: Array  # pressure sensors (m,) [Pa]
+
+
+class MujocoPlant:
+    """A `MujocoPlant` is a machine under way: a MuJoCo model whose tendons are pneumatic muscles.
+
+    Its m muscles are all tendons of the model, its n encoders all hinges and slides. It changes with every step: copies
+    are made by `copy.deepcopy`.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        muscles: Muscle | Sequence[Muscle],
+        rest_length: ArrayLike | None = None,
+        *,
+        cable: ArrayLike | None = None,
+        pressure_limits: tuple[float, float] = (0.0, 5 * BAR),
+        lag: ArrayLike = 0.1,
+        slew: float = inf,
+        gas: Gas | bool | None = None,
+        force_gains: ArrayLike = 1.0,
+        dead_time: float = 0.0,
+        encoder: float = 0.0,
+        pressure_noise: float = 0.0,
+    ) -> None:
+        """Load and check.
+
+        Parameters
+        ----------
+        model
+            A file, MJCF text, or an `mujoco.MjModel`, of which a copy is taken. Tendons may run as MuJoCo's
+            may: through sites, round geoms, over pulleys, or be fixed; their own stiffness, damping and limits stay.
+        muscles
+            One for all tendons or m of them, in the order of the tendons.
+        rest_length, cable
+            L and the part of the tendon that is cable [m], numbers or rows (m,); without them the model has to tell, as
+            those of `to_mjcf` do.
+        pressure_limits
+            Of the supply [Pa]; commands are clipped to it, as regulators do.
+        lag, slew
+            Time constants of the regulators [s], a number or a row (m,), and how fast what they follow may move [Pa/s].
+        gas
+            Whether motions move the pressures   (G3): a `Gas`, or True for air.
+        force_gains
+            How many times as hard as their laws say the muscles pull [-], a number or a row (m,).
+        dead_time
+            Of the commands [s].
+        encoder, pressure_noise
+            The step of the encoders [rad or m] and the standard deviation of the pressure sensors' noise [Pa].
+
+        Raises
+        ------
+        InvalidInput
+            For numbers that make no sense, and where no rest length is known.
+        InvalidFile
+            For a model that MuJoCo does not read, without tendons or joints.
+        MissingBackend
+            Without MuJoCo (`pip install 'antagonist[mujoco]'`).
+        """
+        mujoco = mujoco_module()
+        self.model = copy(load(model))
+        if self.model.na:
+            raise InvalidFile(said(model), "has actuators with states of their own, which are not integrated here")
+        if not self.model.ntendon:
+            raise InvalidFile(said(model), "has no tendons; the tendons of the model are the muscles")
+        kinds = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
+        turning = np.flatnonzero(np.isin(self.model.jnt_type, kinds))
+        if not turning.size:
+            raise InvalidFile(said(model), "has neither hinges nor slides, which is where encoders are")
+        self._places, self._speeds = self.model.jnt_qposadr[turning], self.model.jnt_dofadr[turning]
+        self.joint_names = tuple(str(self.model.joint(i).name) or str(i + 1) for i in turning)
+        m = int(self.model.ntendon)
+        self.muscle_names = tuple(str(self.model.tendon(j).name) or str(j + 1) for j in range(m))
+        given = (muscles,) * m if isinstance(muscles, Muscle) else tuple(muscles)
+        if len(given) != m:
+            raise InvalidInput(f"muscles: {len(given)} given for m = {m} tendons of {said(model)}")
+        length, cables = tendon_lengths(self.model, model, rest_length, cable)
+        self.pneumatics = Pneumatics(given, length, lag, gas, force_gains)
+        self._cable = per_muscle("cable", cables, m, "m")
+        low, high = checks.limits("pressure_limits", pressure_limits, "Pa")
+        checks.pressure("pressure_limits", (low, high))
+        if not 0 <= low < high:
+            raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
+        self.pressure_limits = low, high
+        self.slew = _slew(slew)
+        self.dead_time = _size("dead_time", dead_time, "s")
+        self.encoder = _size("encoder", encoder, "rad")
+        self.pressure_noise = _size("pressure_noise", pressure_noise, "Pa")
+        self.data = mujoco.MjData(self.model)
+        self._jacobian = _TendonJacobian(self.model, self.data)
+        self.reset()
+
+    @property
+    def n(self) -> int:
+        """Return the number of encoders."""
+        return len(self._places)
+
+    @property
+    def m(self) -> int:
+        """Return the number of muscles."""
+        return self.pneumatics.m
+
+    # --- time -------------------------------------------------------------------------------------------------------
+
+    def reset(
+        self, q: ArrayLike | None = None, P: ArrayLike | None = None, *, omega: ArrayLike = 0.0, seed: int = 0
+    ) -> Readings:
+        """Begin anew at the posture `q` (n,) [rad], the model's own without it, with the pressures `P` (m,) [Pa].
+
+        Without `P` all muscles have the supply's lower limit. `omega` (n,) [rad/s] are velocities, `seed` is that of
+        the sensors' noise. Raises `InvalidInput`.
+        """
+        mujoco_module().mj_resetData(self.model, self.data)
+        if q is not None:
+            self.data.qpos[self._places] = self._row("q", q, self.n, "rad")
+        self.data.qvel[self._speeds] = self._row("omega", omega, self.n, "rad/s")
+        pressures = self.pressure_limits[0] if P is None else checks.pressure("P", P)
+        self._P = self._row("P", pressures, self.m, "Pa")
+        self._noise = np.random.default_rng(seed)
+        self._command = self._P.copy()  # what regulators follow, within the slew
+        self._waiting: list[tuple[float, Array]] = []  # commands on their way, with the time at which they arrive
+        self._load = np.zeros(self.model.nv)
+        self._look()
+        return self.measure()
+
+    def step(self, commands: ArrayLike, dt: float, load: ArrayLike = 0.0) -> Readings:
+        """Advance by `dt` [s] with the `commands` (m,) [Pa] given now, and read the sensors.
+
+        `load` [N·m] are torques (n,) from outside. Raises `InvalidInput`, also where the motion has no finite end.
+        """
+        asked = np.clip(
+            self._row("commands", checks.pressure("commands", commands), self.m, "Pa"), *self.pressure_limits
+        )
+        self._load[self._speeds] = self._row("load", load, self.n, "N·m")
+        if not 0 < dt < inf:
+            raise InvalidInput(f"dt = {dt!r} has to be a positive time [s]")
+        reach = self.slew * dt
+        last = self._waiting[-1][1] if self._waiting else self._command
+        now, end = self.time, self.time + dt
+        self._waiting.append((now + self.dead_time, np.clip(asked, last - reach, last + reach)))
+        arriving = [max(t, now) for t, _ in self._waiting if t < end - 1e-9 * dt]
+        for begin, until in zip([now, *arriving], [*arriving, end], strict=True):
+            if until - begin > 1e-9 * dt:
+                self._integrate(until - begin)
+            if until in arriving:
+                self._command = self._waiting.pop(0)[1]
+        self._finish(end)
+        return self.measure()
+
+    def measure(self) -> Readings:
+        """Read the sensors; every call draws new noise."""
+        q = self.q
+        if self.encoder:
+            q = self.encoder * np.round(q / self.encoder)
+        return Readings(q, self._P + self.pressure_noise * self._noise.standard_normal(self.m))
+
+    # --- the true state ---------------------------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float:
+        """Return the time since the beginning [s]."""
+        return float(self.data.time)
+
+    @property
+    def q(self) -> Array:
+        """Return the true angles (n,) [rad]."""
+        return np.array(self.data.qpos[self._places])
+
+    @property
+    def omega(self) -> Array:
+        """Return the true velocities (n,) [rad/s]."""
+        return np.array(self.data.qvel[self._speeds])
+
+    @property
+    def P(self) -> Array:
+        """Return the true pressures (m,) [Pa]."""
+        return self._P.copy()
+
+    @property
+    def lengths(self) -> Array:
+        """Return the muscles' lengths l (m,) [m], cables taken off."""
+        return np.asarray(self.data.ten_length - self._cable)
+
+    @property
+    def arms(self) -> Array:
+        """Return the arms r = -∂l/∂q (m, n) [m] at the encoders' joints."""
+        return -self._jacobian()[:, self._speeds]
+
+    @property
+    def forces(self) -> Array:
+        """Return the muscles' forces (m,) [N]; a slack cable has 0."""
+        return self.pneumatics.forces(self.lengths, self._P)
+
+    @property
+    def torque(self) -> Array:
+        """Return the muscles' torques (n,) [N·m]   (M1)"""
+        return np.asarray(self.forces @ self.arms)
+
+    @property
+    def energy(self) -> tuple[float, float]:
+        """Return the potential energy, of gravity and the model's springs, and the kinetic one [J]."""
+        mujoco = mujoco_module()
+        mujoco.mj_energyPos(self.model, self.data)
+        mujoco.mj_energyVel(self.model, self.data)
+        return float(self.data.energy[0]), float(self.data.energy[1])
+
+    # --- pushing ----------------------------------------------------------------------------------------------------
+
+    def settle(self, load: ArrayLike = 0.0, *, shut: bool = False) -> Array:
+        """Let the machine come to rest with its pressures frozen, under a `load` (n,) [N·m]; return the angles (n,).
+
+        With `shut` valves the gas is trapped instead, so that pressures follow the motion (needs `gas`). A damping that
+        is there for the settling alone takes the energy. Raises `InvalidInput` where there is no rest within a minute.
+        """
+        if shut and self.pneumatics.gas is None:
+            raise InvalidInput("shut valves trap gas, and this plant has none: say gas=True")
+        self._load[self._speeds] = self._row("load", load, self.n, "N·m")
+        begin, (brake, step) = self.time, self._brake()
+        while self.time - begin < _LONGEST_REST:
+            for _ in range(10):
+                self._substep(step, brake, shut)
+            self._look()
+            if np.abs(self.data.qvel).max() < _STILL:
+                return self.q
+        raise InvalidInput(
+            f"the machine does not come to rest within {_LONGEST_REST:g} s: its stiffness holds no posture"
+        )
+
+    def pushed_stiffness(self, push: float = 0.05, load: ArrayLike = 0.0, *, shut: bool = False) -> Array:
+        """Measure the stiffness (n, n) [N·m/rad] where the machine comes to rest under a `load` (n,) [N·m].
+
+        With the pressures frozen (or the valves `shut`) every joint is pushed by ± `push` [N·m], and the matrix of
+        compliances inverted; the error is of second order in the push. The machine is then where it was before. Raises
+        `InvalidInput` as `settle`.
+        """
+        push = checks.number("push", push, "N·m")
+        if not push > 0:
+            raise InvalidInput(f"push = {push:g} N·m has to be positive")
+        kept = self._kept()
+        held = self._row("load", load, self.n, "N·m")
+        self.settle(held, shut=shut)
+        rest, compliance = self._kept(), np.empty((self.n, self.n))
+        for i, unit in enumerate(np.eye(self.n)):
+            ends = []
+            for sign in (+1.0, -1.0):
+                self._restore(rest)
+                ends.append(self.settle(held + sign * push * unit, shut=shut))
+            compliance[:, i] = (ends[0] - ends[1]) / (2 * push)
+        self._restore(kept)
+        K = np.linalg.inv(compliance)
+        return np.asarray((K + K.T) / 2)
+
+    def _brake(self) -> tuple[Array, float]:
+        """Return a damping (nv, nv) [N·m·s/rad] in which no mode swings any more, and a step [s] fine enough for it."""
+        from scipy.linalg import eigh
+
+        M, J = np.zeros((self.model.nv, self.model.nv)), self._jacobian()
+        mujoco_module().mj_fullM(self.model, self.data, M)
+        squares, modes = eigh(J.T @ (self.pneumatics.own_stiffness(self.lengths, self._P)[:, None] * J), M)
+        rates = np.sqrt(np.maximum(squares, _SLOWEST**2))
+        moved = M @ modes
+        step = max(min(_FINE / float(rates.max()), _COARSE), float(self.model.opt.timestep))
+        return (2 * rates * moved) @ moved.T, step
+
+    def _kept(self) -> tuple[Any, ...]:
+        d = self.data
+        return float(d.time), d.qpos.copy(), d.qvel.copy(), self._P.copy(), self._load.copy(), list(self._waiting)
+
+    def _restore(self, kept: tuple[Any, ...]) -> None:
+        d = self.data
+        d.time, d.qpos[:], d.qvel[:] = kept[:3]
+        self._P, self._load = kept[3].copy(), kept[4].copy()
+        self._waiting = list(kept[5])
+        self._look()
+
+    # --- integration ------------------------------------------------------------------------------------------------
+
+    def _integrate(self, duration: float) -> None:
+        steps = ceil(duration / self.model.opt.timestep * (1 - 1e-12))
+        for _ in range(steps):
+            self._substep(duration / steps)
+
+    def _substep(self, h: float, brake: Array | None = None, shut: bool = False) -> None:
+        """Take a step of the classical Runge–Kutta method; angles of balls and free bodies move as MuJoCo has it.
+
+        With a `brake` (nv, nv) [N·m·s/rad] no regulator works: pressures are frozen, or of gas that is `shut` in.
+        """
+        d, m, place = self.data, self.model, mujoco_module().mj_integratePos
+        q0, v0, P0 = d.qpos.copy(), d.qvel.copy(), self._P
+        v, a, P_rate = np.zeros(m.nv), np.zeros(m.nv), np.zeros(self.m)
+        moved, gained, filled = np.zeros(m.nv), np.zeros(m.nv), np.zeros(self.m)
+        for node, share in zip(_NODES, _SHARES, strict=True):
+            d.qpos[:] = q0
+            place(m, d.qpos, v, node * h)
+            d.qvel[:] = v0 + node * h * a
+            P = P0 + node * h * P_rate
+            v = d.qvel.copy()
+            a, P_rate = self._rates(P, brake, shut)
+            moved += share * v
+            gained += share * a
+            filled += share * P_rate
+        d.qpos[:] = q0
+        place(m, d.qpos, moved, h)
+        d.qvel[:] = v0 + h * gained
+        self._P = P0 + h * filled
+        d.time += h
+
+    def _rates(self, P: Array, brake: Array | None = None, shut: bool = False) -> tuple[Array, Array]:
+        """Return q'' (nv,) and P' (m,) in the state that `data` holds."""
+        mujoco, m, d = mujoco_module(), self.model, self.data
+        mujoco.mj_fwdPosition(m, d)
+        mujoco.mj_fwdVelocity(m, d)
+        length = self.lengths
+        forces = self.pneumatics.forces(length, P)
+        d.qfrc_applied[:] = self._load - forces @ self._jacobian()
+        if brake is not None:
+            d.qfrc_applied[:] -= brake @ d.qvel
+        mujoco.mj_fwdActuation(m, d)
+        mujoco.mj_fwdAcceleration(m, d)
+        mujoco.mj_fwdConstraint(m, d)
+        if brake is not None and not shut:
+            return d.qacc.copy(), np.zeros(self.m)
+        return d.qacc.copy(), self.pneumatics.rate(P, self._command, length, d.ten_velocity, forces, shut)
+
+    def _finish(self, end: float) -> None:
+        """Bring what MuJoCo derives from the state up to date. Raises `InvalidInput` where the state is not finite."""
+        self.data.time = end
+        if not (np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all() and np.isfinite(self._P).all()):
+            raise InvalidInput(
+                f"the motion is not finite at {end:.4g} s: the model's timestep of {self.model.opt.timestep:g} s is "
+                "too long for it, or it has no damping"
+            )
+        self._look()
+
+    def _look(self) -> None:
+        """Have MuJoCo derive everything from the state, without moving it."""
+        self._rates(self._P)
+
+    def _row(self, name: str, value: Any, size: int, unit: str) -> Array:
+        array = checks.real(name, value, unit)
+        if array.shape not in ((), (size,)):
+            raise InvalidInput(f"{name} has the shape {array.shape}; expected ({size},) [{unit}]")
+        return np.broadcast_to(array, (size,)).astype(float)
+
+
+class _TendonJacobian:
+    """A `_TendonJacobian` reads ∂l/∂q (m, nv) [m] of all tendons, which newer versions of MuJoCo keep sparse."""
+
+    def __init__(self, model: Any, data: Any) -> None:
+        self._data, self._dense = data, np.zeros((model.ntendon, model.nv))
+        self._sparse = np.asarray(data.ten_J).shape != self._dense.shape
+        if self._sparse:
+            self._to_dense = mujoco_module().mju_sparse2dense
+            holder = data if hasattr(data, "ten_J_rownnz") else model
+            self._layout = [getattr(holder, f"ten_J_{part}").ravel() for part in ("rownnz", "rowadr", "colind")]
+
+    def __call__(self) -> Array:
+        """Return it as it is now; to be used before the next call."""
+        if not self._sparse:
+            return np.asarray(self._data.ten_J)
+        self._to_dense(self._dense, self._data.ten_J.ravel(), *self._layout)
+        return self._dense
+
+
+def _size(name: str, value: Any, unit: str) -> float:
+    number = checks.number(name, value, unit)
+    if number < 0:
+        raise InvalidInput(f"{name} = {number:g} {unit} has to be 0 or more")
+    return number
+
+
+def _slew(value: Any) -> float:
+    slew = inf if value == inf else checks.number("slew", value, "Pa/s")
+    if not slew > 0 or (isfinite(slew) and slew <= checks.LOOKS_LIKE_BAR[1]):
+        raise InvalidInput(f"slew = {slew:g} Pa/s has to be positive; if bar/s was meant, multiply by 1e5")
+    return slew
+
+
+__all__ = ["MujocoPlant", "Readings"]

@@ -1,0 +1,147 @@
+"""Pictures of a plant are rendered offscreen, with muscles that swell and redden with their pressures."""
+
+import os
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput, MissingBackend
+from mpc.arm.drawing import paint
+from mpc.arm.mujoco_plant import MujocoPlant
+
+_BARE = 0.010, 0.006  # [m] the radius of a muscle whose volume is not known, empty and its growth at full pressure
+_FILLING = 3.0  # how soon a muscle looks full, over the supply's range
+
+
+class Camera:
+    """A `Camera` renders a `MujocoPlant` to arrays (height, width, 3) of bytes, by EGL, OSMesa or GLFW.
+
+    Which of them is used `MUJOCO_GL` says; without it the first that works. To be closed, or used in a `with`.
+    """
+
+    def __init__(self, plant: MujocoPlant, width: int = 640, height: int = 480, camera: str | int = -1) -> None:
+        """Open a context; `camera` is one of the model's, by default "view" where it has one, else a free one.
+
+        Raises `MissingBackend` where no GL renders offscreen, which names what to install, and `InvalidInput`.
+        """
+        import mujoco
+
+        self.plant, model = plant, plant.model
+        most = model.vis.global_
+        self._size = _sized("width", width, most.offwidth), _sized("height", height, most.offheight)
+        self._view = mujoco.MjvCamera()
+        mujoco.mjv_defaultFreeCamera(model, self._view)
+        named = "view" if camera == -1 else str(camera)
+        chosen = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, named)
+        if isinstance(camera, int) and camera >= 0:
+            chosen = camera
+        if chosen >= model.ncam or (chosen < 0 and camera != -1):
+            names = ", ".join(repr(model.camera(i).name) for i in range(model.ncam))
+            raise InvalidInput(f"camera = {camera!r} is none of the model's ({names})")
+        if chosen >= 0:
+            self._view.type, self._view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, chosen
+        self._scene, self._option = mujoco.MjvScene(model, maxgeom=2000), mujoco.MjvOption()
+        self._context = _context(*self._size)
+        self._context.make_current()
+        self._gpu = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
+
+    def render(self) -> NDArray[np.uint8]:
+        """Return the picture of the plant as it is now (height, width, 3)."""
+        import mujoco
+
+        plant, (width, height) = self.plant, self._size
+        low, high = plant.pressure_limits
+        fill = np.clip((plant.P - low) / (high - low), 0.0, 1.0)
+        paint(plant.model, plant.muscle_names, plant.lengths, radii(plant), fill)
+        mujoco.mj_kinematics(plant.model, plant.data)  # of the muscles that were moved
+        self._context.make_current()
+        everything = mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(plant.model, plant.data, self._option, None, self._view, everything, self._scene)
+        window, picture = mujoco.MjrRect(0, 0, width, height), np.empty((height, width, 3), np.uint8)
+        mujoco.mjr_render(window, self._scene, self._gpu)
+        mujoco.mjr_readPixels(picture, None, window, self._gpu)
+        return picture[::-1].copy()
+
+    def close(self) -> None:
+        """Give the context back."""
+        self._gpu.free()
+        self._context.free()
+
+    def __enter__(self) -> "Camera":
+        """Return itself."""
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        """Close it."""
+        self.close()
+
+
+def radii(plant: MujocoPlant) -> Array:
+    """Return the radii (m,) [m] of the muscles as they are drawn.
+
+    Full of pressure they are cylinders of the muscles' lengths and volumes; an empty one hangs as thin as it was made.
+    Muscles whose laws tell no volume are drawn by a guess.
+    """
+    low, high = plant.pressure_limits
+    filled = 1 - np.exp(-_FILLING * np.clip((plant.P - low) / (high - low), 0.0, 1.0))
+    try:
+        volumes = plant.pneumatics.volumes(plant.lengths, plant.P)
+        empty = plant.pneumatics.volumes(plant.pneumatics.rest_length, np.zeros(plant.m))
+    except InvalidInput:  # a law without a radius
+        return np.asarray(_BARE[0] + _BARE[1] * filled)
+    thin = np.sqrt(empty / (np.pi * plant.pneumatics.rest_length))
+    return np.asarray(thin + filled * (np.sqrt(np.maximum(volumes, 0.0) / (np.pi * plant.lengths)) - thin))
+
+
+def _context(width: int, height: int) -> Any:
+    """Return a context of the GL that `MUJOCO_GL` names, or of the first that works. Raises `MissingBackend`."""
+    asked = os.environ.get("MUJOCO_GL", "").lower()
+    if asked and asked not in _MAKERS:
+        raise MissingBackend("MUJOCO_GL", asked, _MAKERS)
+    windows = [] if sys.platform.startswith("linux") and not os.environ.get("DISPLAY") else ["glfw"]
+    why = []
+    for name in [asked] if asked else [*(["egl", "osmesa"] if sys.platform.startswith("linux") else []), *windows]:
+        try:
+            return _MAKERS[name](width, height)
+        except Exception as error:  # whatever a missing driver raises: AttributeError, ImportError, GLError, …
+            why.append(f"{name}: {type(error).__name__}")
+    raise MissingBackend("offscreen GL", ", ".join(why) or sys.platform, _ADVICE)
+
+
+def _egl(width: int, height: int) -> Any:
+    from mujoco.egl import GLContext
+
+    return GLContext(width, height)
+
+
+def _osmesa(width: int, height: int) -> Any:
+    from mujoco.osmesa import GLContext
+
+    return GLContext(width, height)
+
+
+def _glfw(width: int, height: int) -> Any:
+    from mujoco.glfw import GLContext
+
+    return GLContext(width, height)
+
+
+def _sized(name: str, value: int, most: int) -> int:
+    if not 1 <= value <= most:
+        raise InvalidInput(f"{name} = {value!r} has to lie between 1 and the model's {most} pixels (visual/global)")
+    return int(value)
+
+
+_MAKERS: dict[str, Callable[[int, int], Any]] = {"egl": _egl, "osmesa": _osmesa, "glfw": _glfw}
+_ADVICE = [
+    "EGL (Debian: apt install libegl1, then MUJOCO_GL=egl)",
+    "OSMesa (Debian: apt install libosmesa6, then MUJOCO_GL=osmesa)",
+    "a screen (MUJOCO_GL=glfw)",
+]
+
+__all__ = ["Camera", "radii"]
