@@ -47,7 +47,8 @@ def to_mjcf(mechanism: Mechanism, bodies: Bodies, *, name: str = "antagonist", t
     tendons = Tree.SubElement(root, "tendon")
     if isinstance(routes, Sites):
         _spatial(tendons, mechanism, routes, parts)
-        Tree.SubElement(world, "camera", {"name": "view", **view(bodies, 0.0)})
+        ground = [np.linalg.norm(site.position) for path in routes.paths for site in path if site.link == GROUND]
+        Tree.SubElement(world, "camera", {"name": "view", **view(bodies, float(max(ground, default=0.0)))})
     else:
         _fixed(tendons, mechanism, routes)
         drawing = Drawing(mechanism, bodies)
