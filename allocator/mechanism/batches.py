@@ -49,6 +49,15 @@ def _loop(name: str, targets: int) -> jit.Function:
     return _compiled(name) or plain if targets >= _PAYS or _ready else plain
 
 
+def loop(name: str) -> jit.Function:
+    """Return the loop "allocate_batch" or "residual_batch" of the kernel for who fills its arrays: compiled, if it can.
+
+    numba reads past the end of arrays that are too short.
+    """
+    plain: jit.Function = getattr(kernel, name)
+    return _compiled(name) or plain
+
+
 @cache
 def _compiled(name: str) -> jit.Function | None:
     function = jit.compiled(getattr(kernel, name), kernel.FUNCTIONS, inline=True, unaliased=True)
@@ -77,4 +86,4 @@ def warm_up() -> bool:
     return bool(found.rounds[0])
 
 
-__all__ = ["Solved", "residuals", "solve", "warm_up"]
+__all__ = ["Solved", "loop", "residuals", "solve", "warm_up"]

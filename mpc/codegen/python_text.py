@@ -31,23 +31,10 @@ def translated(name: str, function: Any, first: int = 0) -> Source:
     Its numbers are c[first], c[first + 1], … Raises `Untranslatable` for an operation that is not in the table, and
     where there are too many to compile.
     """
-    if function.n_instructions() > _LONGEST:
-        raise Untranslatable(
-            f"the law's function {name} has {function.n_instructions()} operations, more than the {_LONGEST} that are "
-            "compiled in bearable time"
-        )
-    numbers: list[float] = []
-
-    def number(value: float) -> str:
-        """Name a number where it is used: sharing one among those that happen to be equal would be structure."""
-        if value in (-1.0, 0.0, 1.0):
-            return repr(value)
-        numbers.append(value)
-        return f"c[{first + len(numbers) - 1}]"
-
+    numbers = _Numbers(name, function, first)
     results: dict[tuple[int, int], str] = {}
     body: list[str] = []
-    for step in steps(function, PYTHON, "i{}_{}".format, number):
+    for step in steps(function, PYTHON, "i{}_{}".format, numbers):
         if isinstance(step, Output):
             results[step.output, step.entry] = step.expression
         else:
@@ -55,7 +42,46 @@ def translated(name: str, function: Any, first: int = 0) -> Source:
     inputs = [f"i{i}_{j}" for i in range(function.n_in()) for j in range(function.nnz_in(i))]
     head = f"def {name}({', '.join([*inputs, 'c'])}):"
     returned = f"    return ({', '.join(results[place] for place in sorted(results))},)"
-    return Source("\n".join([head, *body, returned, ""]), np.array(numbers, float))
+    return Source("\n".join([head, *body, returned, ""]), numbers.array)
 
 
-__all__ = ["Source", "translated"]
+def filling(name: str, function: Any, first: int = 0) -> Source:
+    """Write the CasADi SX `function` as the Python function `name(i0, i1, …, c, o0, o1, …)`, which fills arrays.
+
+    Inputs and outputs are flat arrays of the nonzeros, columns first; no output may be an input, too. Numbers and
+    errors are those of `translated`.
+    """
+    numbers = _Numbers(name, function, first)
+    body = []
+    for step in steps(function, PYTHON, "i{}[{}]".format, numbers):
+        target = f"o{step.output}[{step.entry}]" if isinstance(step, Output) else step.name
+        body.append(f"    {target} = {step.expression}")
+    given = [f"i{i}" for i in range(function.n_in())] + ["c"] + [f"o{i}" for i in range(function.n_out())]
+    return Source("\n".join([f"def {name}({', '.join(given)}):", *body, ""]), numbers.array)
+
+
+class _Numbers:
+    """The numbers of a function are named c[first], c[first + 1], … one by one."""
+
+    def __init__(self, name: str, function: Any, first: int) -> None:
+        if function.n_instructions() > _LONGEST:
+            raise Untranslatable(
+                f"the law's function {name} has {function.n_instructions()} operations, more than the {_LONGEST} that "
+                "are compiled in bearable time"
+            )
+        self._first, self._values = first, list[float]()
+
+    def __call__(self, value: float) -> str:
+        """Name a number where it is used: sharing one among those that happen to be equal would be structure."""
+        if value in (-1.0, 0.0, 1.0):
+            return repr(value)
+        self._values.append(value)
+        return f"c[{self._first + len(self._values) - 1}]"
+
+    @property
+    def array(self) -> Array:
+        """The numbers in the order of their names."""
+        return np.array(self._values, float)
+
+
+__all__ = ["Source", "filling", "translated"]

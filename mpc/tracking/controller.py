@@ -30,34 +30,29 @@ is sent keeps the hard limits exactly.
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
-from time import perf_counter
 from typing import Any, Self
 
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
-from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import LONGEST_HORIZON
+from mpc.tracking.optimising import OptimisingController
 from mpc.tracking.pace import check_pace
-from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.qp.condense import TrackingProblem, condense
 from mpc.tracking.qp.named import NamedQP, named
-from mpc.tracking.qp.softened import softened
 from mpc.tracking.qp.solvers import Solver
 from mpc.tracking.qp.solvers import solver as solver_of
-from mpc.tracking.qp.step import QPAnswer
 from mpc.tracking.terminal import terminal_factor
 from mpc.tracking.weights import Weights
 
 
 @dataclass
-class TrackingMPC(BaseController):
+class TrackingMPC(OptimisingController):
     """The tracking MPC follows references of angle and stiffness with `plant` as its model. It remembers its last plan.
 
     Its step is that of `BaseController`: `Task` → `FeedForward` → `Optimised` → `Motion` → `Plan`. To optimise is to
@@ -167,33 +162,6 @@ class TrackingMPC(BaseController):
         x = np.array([np.mean(self.limits.theta), 0.0, *P])
         self.step(x, float(np.quantile(self.limits.theta, 0.6)), float(self.plant.stiffness(x)))
         self.budget = budget
-
-    def _optimise(self, situation: Situation) -> Optimised:
-        """Return the commands after `iterations` QPs, or up to one that failed: then the softened one's."""
-        task, feed, previous, deadline = situation
-        x, d, u = task.x, task.d[:-1], self.ladder.shift(feed.u)
-        best, motion, status, spent = None, None, PlanStatus.OPTIMAL, (0.0, 0.0, 0.0)
-        for _ in range(self.iterations):
-            if perf_counter() > deadline:
-                status = status if best else PlanStatus.LATE
-                break
-            answer = self._qp_step(x, u, d, feed, previous, self._solve, deadline)
-            spent = spent[0] + answer.times[0], spent[1] + answer.times[1], spent[2] + answer.times[2]
-            if answer.status is not PlanStatus.OPTIMAL:
-                if best is None:
-                    best, status = self._softened(answer, previous.u, deadline), answer.status
-                break
-            u, motion = answer.u, answer.motion
-            best = Rung.QP, u
-        return Optimised(status, best, motion, spent)
-
-    def _softened(self, answer: QPAnswer, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
-        """Return the next rung, if there is time for it and numbers to work with."""
-        if answer.qp is None or answer.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE):
-            return None
-        if (z := softened(answer.qp, deadline)) is None:
-            return None
-        return Rung.SOFTENED, self.limits.limited(u_last, answer.u + self.problem.E @ z)
 
 
 _WORKERS = ("_solve", "_qp_step", "_feed_forward")

@@ -7,7 +7,7 @@ A residual is an entry of one of four kinds of rows, which is a quantity of the 
 `FeedForward`:
 
     x     x_k - x*_k           state (θ, ω, P1, P2)               k = 1 … N-1, the last state is the terminal cost's
-    y     y_k - y*_k           outputs (K, F1, F2)                k = 1 … N-1
+    y     y_k - y*_k           outputs (K, F1, F2)                k = 1 … N-1, of arms (svec K, F1, …, Fm)
     e     u_k - u*_k           commands                           k = 0 … N-1
     rate  (e_k - e_{k-1})/dt   their rate                         k = 0 … N-1
 
@@ -37,13 +37,19 @@ class Residual(NamedTuple):
     entries: tuple[int, ...]  # of the row
 
 
-RESIDUALS = (
-    Residual("theta", "x", (0,)),  # θ_k - θ*_k
-    Residual("omega", "x", (1,)),  # ω_k - θ*'_k
-    Residual("K", "y", (0,)),  # K_k - K*_k
-    Residual("u", "e", (0, 1)),  # e_k
-    Residual("rate", "rate", (0, 1)),  # (e_k - e_{k-1})/dt
-)
+def residuals(n: int = 1, m: int = 2) -> tuple[Residual, ...]:
+    """Return the table for n joints and m muscles; a matrix K counts by svec K, whose square is that of K's entries."""
+    joints, stiffness, muscles = range(n), range(n * (n + 1) // 2), range(m)
+    return (
+        Residual("theta", "x", tuple(joints)),  # θ_k - θ*_k
+        Residual("omega", "x", tuple(n + i for i in joints)),  # ω_k - θ*'_k
+        Residual("K", "y", tuple(stiffness)),  # K_k - K*_k
+        Residual("u", "e", tuple(muscles)),  # e_k
+        Residual("rate", "rate", tuple(muscles)),  # (e_k - e_{k-1})/dt
+    )
+
+
+RESIDUALS = residuals()
 
 
 class Rows(NamedTuple):
@@ -68,10 +74,13 @@ def charges(weights: Weights, rows: Rows, kinds: Iterable[str] = Rows._fields) -
     }
 
 
-def diagonal(weights: Weights) -> Rows:
-    """Return the weight of every entry of every kind of rows, 0 for what is not charged: the cost is ½ Σ w r²."""
-    made = Rows(*(np.zeros(size) for size in SIZES))
-    for r in RESIDUALS:
+def diagonal(weights: Weights, table: Iterable[Residual] | None = None, sizes: Rows = SIZES) -> Rows:
+    """Return the weight of every entry of every kind of rows, 0 for what is not charged: the cost is ½ Σ w r².
+
+    `table` and `sizes` are those of arms, of the joint without them.
+    """
+    made = Rows(*(np.zeros(size) for size in sizes))
+    for r in RESIDUALS if table is None else table:
         getattr(made, r.rows)[list(r.entries)] += getattr(weights, r.weight)
     return made
 
@@ -81,4 +90,16 @@ def charged(weights: Array) -> list[tuple[int, float]]:
     return [(i, w) for i, w in enumerate(weights.tolist()) if w]
 
 
-__all__ = ["COMMANDS", "NY", "RESIDUALS", "SIZES", "STATES", "Residual", "Rows", "charged", "charges", "diagonal"]
+__all__ = [
+    "COMMANDS",
+    "NY",
+    "RESIDUALS",
+    "SIZES",
+    "STATES",
+    "Residual",
+    "Rows",
+    "charged",
+    "charges",
+    "diagonal",
+    "residuals",
+]

@@ -48,7 +48,7 @@ class Ladder:
 
     def previous(self, x: Array, u_star: Array) -> PreviousSample:
         """Return the previous sample; if there was none, the pressures in `x` (4,) and feed-forward `u_star` (2,)."""
-        u_last = x[2:] if self._motion is None else self._motion.u[0]
+        u_last = x[-u_star.size :] if self._motion is None else self._motion.u[0]
         return PreviousSample(u_last, u_star if self._u_star is None else self._u_star)
 
     def shift(self, u_star: Array) -> Array:
@@ -78,7 +78,7 @@ class Ladder:
         u = self.hold(u_last)
         motion = self.predictor.motion(x, u, d)
         if not motion.finite:
-            motion = _stationary(x, u) if self._motion is None else self._motion.stationary(u)
+            motion = self.predictor.stationary(x, u) if self._motion is None else self._motion.stationary(u)
         return Rung.HOLD, motion
 
     def rungs(self, best: tuple[Rung, Array] | None, u_star: Array, u_last: Array) -> Iterator[tuple[Rung, Array]]:
@@ -111,12 +111,6 @@ class Ladder:
         self._held = self._held + 1 if rung is Rung.HOLD else 0
         if u_star is not None and isfinite(u_star[0]) and isfinite(u_star[1]):
             self._u_star = u_star
-
-
-def _stationary(x: Array, u: Array) -> Motion:
-    """Return no motion at all from `x` (4,) under the commands `u` (N, 2), where the model has none."""
-    n = len(u) + 1
-    return Motion(u, np.tile(x, (n, 1)), np.zeros(n), np.zeros((n, u.shape[1])))
 
 
 __all__ = ["Ladder"]

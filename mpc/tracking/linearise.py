@@ -57,7 +57,8 @@ class Linearisation(Motion):
     @property
     def slope(self) -> Array:
         """The slope is the gradients of the outputs, (N+1, 3, 4)."""
-        return np.concatenate([self.C[:, None], self.D], axis=1)
+        C = self.C if self.C.ndim == 3 else self.C[:, None]  # an arm's K has several entries
+        return np.concatenate([C, self.D], axis=1)
 
     @property
     def c(self) -> Array:
@@ -83,6 +84,11 @@ class Predictor:
         x, K, F, A, B, C, D = self._linearise(x0, u, np.reshape(d, (-1, 1)))
         A, B, D = A.reshape(self.N, NX, NX), B.reshape(self.N, NX, NU), D.reshape(self.N + 1, NU, NX)
         return Linearisation(u, x, K[:, 0], F, A, B, C, D)
+
+    def stationary(self, x: Array, u: Array) -> Motion:
+        """Return no motion at all from `x` (4,) under the commands `u` (N, 2), where the model has none."""
+        n = len(u) + 1
+        return Motion(u, np.tile(x, (n, 1)), np.zeros(n), np.zeros((n, u.shape[1])))
 
     @cached_property
     def _motion(self) -> Buffered:

@@ -60,8 +60,8 @@ def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
         text, c = text + f"@merged\n{source.text}\n\n", np.concatenate([c, source.c])
     kernel = _kernel_of(plant)
     compiled.register()
-    step = _imported(_with_formulas(text + _ALLOCATED[kernel.name]))
-    return CompiledPlant(step, _imported(_SOLVE.read_text(encoding="utf-8")), c, kernel.p, dt / substeps, substeps)
+    step = imported(with_formulas(_TEMPLATE, _IMPORTS + text + _ALLOCATED[kernel.name]))
+    return CompiledPlant(step, imported(_SOLVE.read_text(encoding="utf-8")), c, kernel.p, dt / substeps, substeps)
 
 
 _ALLOCATED = {
@@ -120,15 +120,15 @@ def _coefficients(plant: Plant) -> dict[str, Any]:
     return {"coefficients": ca.Function("coefficients", [theta], both)}
 
 
-def _with_formulas(formulas: str) -> str:
-    """Return the template with the formulas in their place."""
-    lines = _TEMPLATE.read_text(encoding="utf-8").splitlines(keepends=True)
+def with_formulas(template: Path, formulas: str) -> str:
+    """Return the text of a template with the formulas, and what they import, in their place."""
+    lines = template.read_text(encoding="utf-8").splitlines(keepends=True)
     start = next(i for i, line in enumerate(lines) if line.startswith("FORMULAS"))
-    return "".join([*lines[:start], _IMPORTS, formulas, *lines[start + 2 :]])
+    return "".join([*lines[:start], formulas, *lines[start + 2 :]])
 
 
 @cache
-def _imported(text: str) -> ModuleType:
+def imported(text: str) -> ModuleType:
     """Return the module of this text, from the cache directory if it is there."""
     name = f"{KEPT}{sha256((text + _surroundings()).encode()).hexdigest()[:24]}"
     directory = _directory()
@@ -180,4 +180,4 @@ def _directory() -> Path:
         raise FileNotFoundError(f"no directory to keep compiled code in: {error}") from None
 
 
-__all__ = ["CompiledPlant", "compiled_plant"]
+__all__ = ["CompiledPlant", "compiled_plant", "imported", "with_formulas"]

@@ -18,7 +18,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.model.plant import NU, NX
+from mpc.model.plant import NU
 from mpc.tracking.cost import Rows, charged, diagonal
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
@@ -38,6 +38,7 @@ class TrackingProblem:
     L: Array  # (6, 6) terminal factor
     blocks: tuple[int, ...]  # samples from one change of the commands to the next, N in all
     dt: float  # [s]
+    muscles: int = NU  # m; where there are more of them, read (m) for (2) and (2n + m) for (4) in the shapes
 
     @cached_property
     def starts(self) -> Array:
@@ -57,14 +58,14 @@ class TrackingProblem:
     @cached_property
     def E(self) -> Array:
         """E (N, 2, n) [Pa] is by how much a unit of each decision moves the commands."""
-        return increments(self.blocks)
+        return increments(self.blocks, self.muscles)
 
 
-def increments(blocks: Sequence[int]) -> Array:
+def increments(blocks: Sequence[int], m: int = NU) -> Array:
     """Return E (N, 2, 2 blocks + 2) [Pa/bar]: a block's change moves all commands from there on; slacks move none."""
-    E = np.zeros((sum(blocks), NU, len(blocks) * NU + SLACKS))
+    E = np.zeros((sum(blocks), m, len(blocks) * m + SLACKS))
     for j, start in enumerate(np.cumsum([0, *blocks[:-1]])):
-        E[start:, :, j * NU : (j + 1) * NU] = BAR * np.eye(NU)
+        E[start:, :, j * m : (j + 1) * m] = BAR * np.eye(m)
     return E
 
 
@@ -72,7 +73,7 @@ def sensitivity(A: Array, B: Array, E: Array) -> Array:
     """Return G (N+1, 4, n) = ∂x/∂z, the linear model unrolled."""
     N, _, n = E.shape
     moves = B @ E  # (N, 4, n)
-    G = np.zeros((N + 1, NX, n))
+    G = np.zeros((N + 1, A.shape[1], n))
     for k in range(N):
         G[k + 1] = A[k] @ G[k] + moves[k]
     return G
@@ -105,7 +106,7 @@ def _residuals(
     N, _, n = E.shape
     e = model.u - feed.u  # (N, 2) [Pa]
     rate = np.diff(e, axis=0, prepend=e_last[None]) / problem.dt
-    E_rate = np.diff(E, axis=0, prepend=np.zeros((1, NU, n))) / problem.dt
+    E_rate = np.diff(E, axis=0, prepend=np.zeros((1, problem.muscles, n))) / problem.dt
     x, y = model.x - feed.x, model.y - feed.y
     xi = np.concatenate([x[-1], e[-1]])
     inner = slice(1, N)  # the states before the last, which the terminal cost takes
@@ -122,7 +123,7 @@ def _residuals(
 
 def _rows(problem: TrackingProblem, model: Linearisation, G: Array) -> tuple[Array, Array, Array]:
     """Return the rows: commands within the supply; θ - s at most its upper, θ + s at least its lower limit; F + s_F at
-    least its own.
+    least its own. An arm has as many angles as it has limits.
 
     Pressures that start outside the supply come back no faster than the slew limit, as those of `model` do: up to
     there z = 0 has to be allowed.
@@ -130,15 +131,16 @@ def _rows(problem: TrackingProblem, model: Linearisation, G: Array) -> tuple[Arr
     E, limits = problem.E, problem.limits
     n = E.shape[-1]
     s, s_F = np.eye(n)[-SLACKS:]
-    commands, angle = E.reshape(-1, n) / BAR, G[1:, 0]
-    force = (model.D[1:] @ G[1:]).reshape(-1, n)
-    u, theta, F = model.u.ravel() / BAR, model.x[1:, 0], model.F[1:].ravel()
     (P_lo, P_hi), (left, right) = limits.pressure, limits.theta
-    never = np.full(theta.shape, np.inf)
+    joints = np.size(left)
+    commands, angle = E.reshape(-1, n) / BAR, G[1:, :joints].reshape(-1, n)
+    force = (model.D[1:] @ G[1:]).reshape(-1, n)
+    u, theta, F = model.u.ravel() / BAR, model.x[1:, :joints], model.F[1:].ravel()
+    below, above, never = (left - theta).ravel(), (right - theta).ravel(), np.full(theta.size, np.inf)
     return (
         np.concatenate([commands, angle - s, angle + s, force + s_F]),
-        np.concatenate([np.minimum(P_lo / BAR - u, 0.0), -never, left - theta, limits.min_force - F]),
-        np.concatenate([np.maximum(P_hi / BAR - u, 0.0), right - theta, never, np.full(F.shape, np.inf)]),
+        np.concatenate([np.minimum(P_lo / BAR - u, 0.0), -never, below, limits.min_force - F]),
+        np.concatenate([np.maximum(P_hi / BAR - u, 0.0), above, never, np.full(F.shape, np.inf)]),
     )
 
 

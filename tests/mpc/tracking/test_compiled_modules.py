@@ -63,7 +63,7 @@ def python(text, *arguments, folder=ROOT, **variables):
 def test_without_a_directory_to_write_to_the_readable_step_answers(monkeypatch, tmp_path):
     (tmp_path / "file").touch()
     monkeypatch.setattr(module, "_directory", lambda: tmp_path / "file" / "below")
-    module._imported.cache_clear()
+    module.imported.cache_clear()
     with pytest.warns(SlowStep, match="ten times as long"):
         mpc = TrackingMPC(Plant(), N=12)
     assert mpc.implementation == "readable"
@@ -91,7 +91,7 @@ def test_without_a_home_the_readable_step_answers(monkeypatch):
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.delenv("LOCALAPPDATA", raising=False)
     monkeypatch.setattr(module.Path, "home", nowhere)
-    module._imported.cache_clear()
+    module.imported.cache_clear()
     with pytest.warns(SlowStep, match="no directory to keep compiled code in"):
         assert TrackingMPC(Plant(), N=12).implementation == "readable"
 
@@ -103,18 +103,18 @@ def test_without_a_home_the_readable_step_answers(monkeypatch):
 def caches(monkeypatch, tmp_path):
     """An empty directory for modules, as long as the test runs."""
     monkeypatch.setattr(module, "_directory", lambda: tmp_path)
-    module._imported.cache_clear()
+    module.imported.cache_clear()
     yield tmp_path
-    module._imported.cache_clear()
+    module.imported.cache_clear()
 
 
 def test_a_module_that_was_cut_off_is_written_again(caches):
-    assert module._imported("value = 12\n").value == 12
+    assert module.imported("value = 12\n").value == 12
     [file] = caches.glob("*.py")
     for rest in (b"", b"value = 1", b"\xff("):
         file.write_bytes(rest)
-        module._imported.cache_clear()
-        assert module._imported("value = 12\n").value == 12
+        module.imported.cache_clear()
+        assert module.imported("value = 12\n").value == 12
         assert file.read_text(encoding="utf-8") == "value = 12\n"
 
 
@@ -124,14 +124,14 @@ def test_nothing_is_left_of_a_module_that_could_not_be_written(caches, monkeypat
 
     monkeypatch.setattr(atomic.os, "replace", full)
     with pytest.raises(OSError, match="no space left"):
-        module._imported("value = 12\n")
+        module.imported("value = 12\n")
     assert not [*caches.iterdir()]
 
 
 def test_nothing_is_left_of_a_module_that_fails(caches):
     before = set(sys.modules)
     with pytest.raises(ZeroDivisionError):
-        module._imported("1 / 0\n")
+        module.imported("1 / 0\n")
     assert set(sys.modules) == before
 
 
@@ -154,7 +154,7 @@ def test_no_module_of_the_package_itself_keeps_compiled_code():
 CHOOSE = """
 import numpy as np
 from mpc.tracking.compiled import module
-chosen = module._imported('''
+chosen = module.imported('''
 import numpy as np
 from mpc.tracking.compiled.jit import compiled
 from mpc.tracking.compiled.riccati import choose

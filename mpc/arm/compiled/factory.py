@@ -1,0 +1,57 @@
+"""The factory makes what an arm's controller works with: compiled where that can be had, and else readable."""
+
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator.notices import notice
+from mpc.arm.feedforward import ArmInverseDynamics
+from mpc.arm.model import Arm
+from mpc.arm.prediction import ArmPredictor
+from mpc.arm.problem import ArmProblem
+from mpc.tracking.qp.solvers import DAQP
+from mpc.tracking.qp.step import PreviousSample, QPStep, ReadableQPStep, SlowStep
+
+
+class ArmParts(NamedTuple):
+    """The parts are what an `ArmMPC` works with."""
+
+    qp_step: QPStep
+    feed_forward: Any
+
+
+def factory(
+    arm: Arm, dt: float, problem: ArmProblem, predictor: ArmPredictor, feed_forward: ArmInverseDynamics
+) -> ArmParts:
+    """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails."""
+    ready = feed_forward.ready()
+    try:
+        from mpc.arm.compiled.module import compiled_arm
+        from mpc.arm.compiled.qp_step import CompiledArmFeedForward, CompiledArmQPStep
+
+        made = compiled_arm(arm, dt)
+        parts = ArmParts(CompiledArmQPStep(arm, dt, made, problem), CompiledArmFeedForward(arm, made, ready))
+        _compile(arm, problem, *parts)
+        return parts
+    except (
+        Exception
+    ) as failure:  # no compiler, no place for its work, a formula too long, or a fault of the compiler's own
+        reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
+    notice(f"the controller's step is not compiled and takes some ten times as long: {reason}", SlowStep)
+    asked: Any = predictor
+    return ArmParts(ReadableQPStep(problem, asked), ready)
+
+
+def _compile(arm: Arm, problem: ArmProblem, step: Any, feed_forward: Any) -> None:
+    """Compile now, and not when the arm is waiting for its first command."""
+    N, low, high = sum(problem.blocks), *arm.angle_limits
+    P = np.full(arm.m, np.mean(problem.limits.pressure))
+    x = np.concatenate([(low + high) / 2, np.zeros(arm.n), P])
+    K, d = np.diag(np.diag(arm.stiffness(x))), np.zeros((N + 1, arm.n))
+    feed = feed_forward(np.tile(x[: arm.n], (N + 1, 1)), np.tile(K, (N + 1, 1, 1)), d)
+    step(x, np.tile(P, (N, 1)), d[:-1], feed, PreviousSample(P, P), DAQP(), inf)
+    step.whole_qp()
+
+
+__all__ = ["ArmParts", "factory"]

@@ -1,0 +1,201 @@
+"""The compiled QP step and feed-forward of an arm answer as the readable ones do.
+
+The QP is solved with its simple bounds only, by the solver. If the answer keeps all rows and is proved optimal it is
+the QP's, and the step is done; else the whole QP, the same that `mpc.tracking.qp.condense` gives, goes to
+`mpc.tracking.qp.certified`.
+"""
+
+from math import inf
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.joint.limits import BINDS
+from allocator.mechanism import batches
+from allocator.units import BAR
+from mpc.arm.compiled.module import CompiledArm
+from mpc.arm.feedforward import ArmFeedForward, ArmInverseDynamics
+from mpc.arm.model import Arm
+from mpc.arm.problem import ArmProblem
+from mpc.tracking.linearise import Motion
+from mpc.tracking.plan import Moved, PlanStatus
+from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE, certified
+from mpc.tracking.qp.condense import SLACKS
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import Solver
+from mpc.tracking.qp.step import PreviousSample, QPAnswer
+
+_SURE = 1e-9  # residual of optimality up to which an allocation is believed
+
+
+class CompiledArmQPStep:
+    """A compiled step works for one controller: its buffers must not be used by two threads at a time."""
+
+    implementation = "compiled"
+    active_set = None
+
+    def __init__(self, arm: Arm, dt: float, made: CompiledArm, problem: ArmProblem) -> None:
+        self._given = arm, dt, made, problem
+        self._step, self._problem = made.step, problem
+        N, n, m, size, blocks = sum(problem.blocks), arm.n, arm.m, arm.size, len(problem.blocks)
+        outputs, z = n * (n + 1) // 2 + m, m * blocks
+        limits, weights, starts = problem.limits, problem.weights, problem.starts.astype(np.int64)
+        self._integration = made.c, made.h, made.decay
+        self._bounds = np.array([*limits.pressure, limits.step])
+        self._ranges = np.array(limits.theta, float)
+        self._soft = np.array([LAZY_TOLERANCE, ACCURACY * problem.curvature, limits.min_force])
+        self._shape = starts, _risen(starts, N, np.exp(-dt / arm.lags))
+        charged = [weights.theta, weights.omega, weights.K, weights.u, weights.rate]
+        E = problem.E[:, :, :-SLACKS]
+        rate = np.diff(E, axis=0, prepend=np.zeros((1, m, z)))
+        constant = weights.u * np.einsum("kji,kjl->il", E, E)
+        constant += weights.rate / dt**2 * np.einsum("kji,kjl->il", rate, rate)
+        self._cost = np.array(charged), np.ascontiguousarray(problem.L), *self._shape, constant, dt, self._bounds
+        self._u = np.zeros((N, m))
+        # copies of what comes: what is read-only, as plans are, would be compiled for once more
+        self._now = np.zeros(size), np.zeros((N, m)), np.zeros((N, n)), np.zeros(m), np.zeros(m)
+        self._path = (
+            np.zeros((N + 1, size)),
+            np.zeros((N, 2 * n, 2 * n + 2 * m)),
+            np.zeros((N + 1, outputs)),
+            np.zeros((N + 1, n + m, outputs)),
+        )
+        self._G = np.zeros((N + 1, 2 * n, z))
+        self._qp = np.zeros((z, z)), np.zeros(z), np.zeros(z), np.zeros(z)
+        self._whole_size = N * (2 * m + 2 * n), z + SLACKS
+        self._no_rows, self._no_bounds = np.zeros((0, z)), np.zeros(0)
+        self._stiffnesses = outputs - m
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "CompiledArmQPStep":
+        """Return one with buffers of its own."""
+        return CompiledArmQPStep(*self._given)
+
+    def reset(self) -> None:
+        """Do nothing: nothing is remembered."""
+
+    def __call__(
+        self, x: Array, u: Array, d: Array, feed: Any, previous: PreviousSample, solve: Solver, deadline: float
+    ) -> QPAnswer:
+        """Answer as `mpc.tracking.qp.step.QPStep` says."""
+        began = perf_counter()
+        for kept, given in zip(self._now, (x, u, d, previous.u, previous.u - previous.u_star), strict=True):
+            kept[:] = given
+        x, u, d, u_last, e_last = self._now
+        self._step.linearise(*self._integration, self._bounds, u_last, x, u, d, self._u, *self._path)
+        linearised = perf_counter()
+        errors = feed.x, feed.y, feed.u, u_last, e_last
+        self._step.condense(*self._cost, *self._path, self._u, *errors, self._G, *self._qp)
+        condensed = perf_counter()
+        box = QP(*self._qp, self._no_rows, self._no_bounds, self._no_bounds)
+        found = solve(box, deadline - condensed) if np.isfinite(self._qp[1]).all() else None
+        motion = None if found is None else self._finished(found[0])
+        solved = perf_counter()
+        times = linearised - began, condensed - linearised, solved - condensed
+        if motion is not None and solved <= deadline:
+            return QPAnswer(PlanStatus.OPTIMAL, motion.u, motion, box, times)
+        return self._whole(previous, solve, deadline, times)
+
+    def _finished(self, z: Array) -> Motion | None:
+        """Return what `z` leads to, if it is proved to solve the whole QP."""
+        (x, _, d, u_last, _), (states, _, y, slope) = self._now, self._path
+        u, after, outputs = np.empty_like(self._u), np.empty_like(states), np.empty_like(y)
+        path = x, d, u_last, self._u, states, y, slope, self._G
+        status = self._step.finish(
+            *self._integration, self._bounds, self._soft, self._ranges, *self._shape, *path, *self._qp, z,
+            u, after, outputs,
+        )  # fmt: skip
+        if status != self._step.SOLVED:
+            return None
+        return Motion(u, after, outputs[:, : self._stiffnesses], outputs[:, self._stiffnesses :])
+
+    def _whole(
+        self, previous: PreviousSample, solve: Solver, deadline: float, times: tuple[float, float, float]
+    ) -> QPAnswer:
+        """Answer the QP with its slacks and rows."""
+        began, problem = perf_counter(), self._problem
+        qp = self.whole_qp()
+        answer = certified(solve, qp, deadline, problem.curvature)
+        u = self._u.copy()
+        if answer.status is PlanStatus.OPTIMAL:
+            u = problem.limits.limited(previous.u, u + problem.E @ answer.z)
+        return QPAnswer(answer.status, u, None, qp, (*times[:2], times[2] + perf_counter() - began))
+
+    def whole_qp(self) -> QP:
+        """Return the last QP with its slacks and rows."""
+        weights, (H, f, lower, upper) = self._problem.weights, self._qp
+        states, _, y, slope = self._path
+        rows, n = self._whole_size
+        R, below, above = np.empty((rows, n)), np.empty(rows), np.empty(rows)
+        least = float(self._soft[2])
+        path = self._u, states, y, slope, self._G
+        self._step.rows_of(self._bounds, least, self._ranges, *self._shape, *path, R, below, above)
+        whole = np.zeros((n, n))
+        whole[:-SLACKS, :-SLACKS], whole[-2, -2], whole[-1, -1] = H, weights.slack_square, weights.slack_force_square
+        f = np.append(f, [weights.slack, weights.slack_force])
+        return QP(whole, f, np.append(lower, SLACKS * [0.0]), np.append(upper, SLACKS * [inf]), R, below, above)
+
+
+def _risen(starts: Any, N: int, left: Array) -> Array:
+    """Return how far the pressures have followed the change of a block at every sample (N+1, blocks, m) [Pa/bar].
+
+    `left` (m,) is what is left of an error after a sample.
+    """
+    since = np.maximum(np.arange(N + 1)[:, None] - starts, 0)
+    return np.asarray(BAR * (1 - left ** since[..., None]))
+
+
+class CompiledArmFeedForward:
+    """It is `mpc.arm.feedforward.ArmInverseDynamics`, which answers itself where the kernel is not sure."""
+
+    def __init__(self, arm: Arm, made: CompiledArm, readable: ArmInverseDynamics) -> None:
+        self._readable, self._step, self._c = readable, made.step, made.c
+        rows, n, m = len(readable.slopes[0]), arm.n, arm.m
+        self._n, d = n, n + n * (n + 1) // 2
+        low, high = arm.mechanism.pressure_limits
+        most = [min(muscle.max_pressure, high) for muscle in arm.mechanism.muscles]
+        self._limits = *map(np.ascontiguousarray, readable.slopes), np.array(arm.angle_limits)
+        self._supply, self._unit = np.array([*most, low, high, readable.min_force]), high
+        self._T, self._A, self._b = np.zeros((rows, n)), np.zeros((rows, d, m)), np.zeros((rows, d))
+        self._box = np.zeros((rows, m)), np.zeros((rows, m)), np.zeros((rows, m))
+        self._ends, self._which = np.array([n, d]), np.arange(rows)
+        self._found = (
+            np.zeros((rows, m)),
+            np.zeros((rows, m), np.int8),
+            np.zeros((rows, 3, d)),
+            np.zeros(rows, np.int64),
+        )
+        self._residual = np.zeros(rows)
+        self._sizes = rows, 2 * n + m, n * (n + 1) // 2 + m, m
+        self._alpha = readable.alpha
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "CompiledArmFeedForward":
+        """Return one with buffers of its own."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        for name in ("_T", "_A", "_b", "_residual"):
+            setattr(other, name, getattr(self, name).copy())
+        other._box, other._found = tuple(a.copy() for a in self._box), tuple(a.copy() for a in self._found)  # type: ignore[assignment]
+        return other
+
+    def __call__(self, q: Array, K: Array, d: Array) -> ArmFeedForward:
+        """Return the feed-forward for previews `q` (N+1, n) [rad], `K` (N+1, n, n), and torques `d` (N+1, n) [N·m]."""
+        rows, size, outputs, m = self._sizes
+        x, y, u = np.empty((rows, size)), np.zeros((rows, outputs)), np.empty((rows - 1, m))
+        lo, hi, centre = self._box
+        problem = self._A, self._b, self._ends, lo, hi, centre, self._which
+        asked = self._c, *self._limits, self._supply, q, K, d
+        if not self._step.targets(*asked, x, self._T, self._A, self._b, lo, hi):
+            return self._readable(q, K, d)
+        found, side, mu, rounds = self._found
+        side[0] = 0
+        batches.loop("allocate_batch")(*problem, True, found, side, mu, rounds)
+        batches.loop("residual_batch")(*problem, found, mu, BINDS, self._residual)
+        if not (rounds.all() and self._residual.max() <= _SURE):
+            return self._readable(q, K, d)
+        moved = self._step.follow(self._alpha, self._unit, q, self._A, self._b, found, K, x, y, u)
+        return ArmFeedForward(x, y, u, Moved(*moved))
+
+
+__all__ = ["CompiledArmFeedForward", "CompiledArmQPStep"]

@@ -1,0 +1,88 @@
+"""The lengths of a mechanism's muscles are CasADi formulas of the posture here, one function for a kind of route.
+
+They are the numbers of `allocator.mechanism.routes` in symbols, which CasADi differentiates as often as it takes.
+"""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from allocator.errors import InvalidInput
+from allocator.mechanism import Pulleys, Routes, Sites
+from allocator.mechanism.routes import FunctionRoutes, JointRoutes
+from allocator.mechanism.routes.sites import GROUND
+
+
+def symbolic_lengths(routes: Routes, q: Any) -> Any:
+    """Return the lengths l(q) (m, 1) [m] as a formula of the CasADi column `q` (n, 1).
+
+    Raises `InvalidInput` for routes that have no formula, such as tables.
+    """
+    import casadi as ca
+
+    for kind, formula in _FORMULAS.items():
+        if isinstance(routes, kind):
+            return ca.SX(ca.vertcat(*formula(routes, q)))
+    known = ", ".join(kind.__name__ for kind in _FORMULAS)
+    raise InvalidInput(f"{type(routes).__name__}: an arm's model needs lengths that are formulas, of {known}")
+
+
+def _pulleys(routes: Any, q: Any) -> list[Any]:
+    """Return L (1 - ε0) - r·q."""
+    rows = zip(routes.rest_length, routes.initial_contraction, routes.arms, strict=True)
+    return [L * (1 - eps) - sum(r * q[i] for i, r in enumerate(arms) if r) for L, eps, arms in rows]
+
+
+def _joint(routes: Any, q: Any) -> list[Any]:
+    """Return L (1 - ε(θ)) of both muscles of an antagonistic joint."""
+    contractions = routes.geometry.agonist(q[0])[0], routes.geometry.antagonist(q[0])[0]
+    return [L * (1 - eps) for L, eps in zip(routes.rest_length, contractions, strict=True)]
+
+
+def _function(routes: Any, q: Any) -> list[Any]:
+    import casadi as ca
+
+    value = routes.function(q)
+    return list(value) if isinstance(value, list | tuple) else ca.vertsplit(ca.SX(value))
+
+
+def _sites(routes: Any, q: Any) -> list[Any]:
+    """Return the lengths of the straight segments between the sites of each path, less the cable."""
+    import casadi as ca
+
+    frames = _frames(routes.links, q)
+    found = []
+    for path, cable in zip(routes.paths, routes.cable, strict=True):
+        points = [frames[site.link][1] + frames[site.link][0] @ ca.DM(site.position) for site in path]
+        found.append(sum(ca.norm_2(end - start) for start, end in pairwise(points)) - cable)
+    return found
+
+
+def _frames(links: Any, q: Any) -> list[tuple[Any, Any]]:
+    """Return (rotation (3, 3), origin (3, 1)) of every link, and of the ground last, which GROUND = -1 finds."""
+    import casadi as ca
+
+    ground = ca.SX.eye(3), ca.SX.zeros(3)
+    frames: list[tuple[Any, Any]] = []
+    for i, link in enumerate(links):
+        R, o = ground if link.parent == GROUND else frames[link.parent]
+        origin, R = o + R @ ca.DM(link.origin), R @ ca.DM(np.array(link.orientation))
+        moved = q[i] - link.zero
+        if link.kind == "hinge":
+            W = ca.skew(ca.DM(link.axis))
+            frames.append((R @ (ca.DM.eye(3) + ca.sin(moved) * W + (1 - ca.cos(moved)) * (W @ W)), origin))
+        else:
+            frames.append((R, origin + moved * (R @ ca.DM(link.axis))))
+    return [*frames, ground]
+
+
+_FORMULAS: dict[type[Routes], Callable[[Any, Any], list[Any]]] = {
+    Pulleys: _pulleys,
+    JointRoutes: _joint,
+    FunctionRoutes: _function,
+    Sites: _sites,
+}
+
+__all__ = ["symbolic_lengths"]

@@ -1,0 +1,233 @@
+"""The model of an arm is a mechanism whose muscles move bodies, their pressures behind first-order lags.
+
+    q' = ω,   M(q) ω' = τ(q, P) - C(q, ω) - D ω - g(q) + d,   τ_j P_j' = u_j - P_j
+    K(q, P) = -∂τ/∂q at constant pressures                                                                        (M2)
+
+The state is x = (q, ω, P) ∈ R^(2n+m), in SI units. Over a sample of constant commands the pressures are known,
+P(t) = u + (P - u) exp(-t/τ), and the bodies are integrated by the classical Runge–Kutta method along them.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.mechanism import Mechanism, machines
+from allocator.units import BAR
+from mpc.arm.bodies import BODIES, Bodies
+from mpc.arm.lengths import symbolic_lengths
+from mpc.model.experiment import RESOLUTION
+
+_MOST_SUBSTEPS = 1000  # in a sample
+
+
+class Statics(NamedTuple):
+    """The statics are CasADi expressions at a posture: of symbols q (n, 1) and P (m, 1) [Pa]."""
+
+    q: Any
+    P: Any
+    torque: Any  # τ (n, 1) [N·m]
+    stiffness: Any  # K (n, n) [N·m/rad]
+    forces: Any  # F (m, 1) [N]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An `Arm` is a mechanism with bodies and regulators; immutable. SI units."""
+
+    mechanism: Mechanism
+    bodies: Bodies
+    lag: float | tuple[float, ...] = 0.1  # τ of the regulators [s], one or m of them
+    slew: float = 5 * BAR  # greatest change of a command [Pa/s]
+
+    def __post_init__(self) -> None:
+        """Check the parts against each other. Raises `InvalidInput`."""
+        if not isinstance(self.mechanism, Mechanism) or not isinstance(self.bodies, Bodies):
+            raise InvalidInput("Arm: expected a Mechanism and its Bodies, such as Arm.machine('arm26')")
+        n, m = self.mechanism.n, self.mechanism.m
+        if self.bodies.n != n:
+            raise InvalidInput(f"Arm: bodies of {self.bodies.n} links for a mechanism with n = {n} joints")
+        lag = checks.real("Arm: lag", self.lag, "s")
+        if lag.shape not in ((), (m,)) or not ((lag >= 1e-4) & (lag <= 10)).all():
+            raise InvalidInput(f"Arm: lag = {checks.brief(self.lag)} has to be one time, or m = {m}, of 0.0001 to 10 s")
+        object.__setattr__(self, "lag", tuple(np.broadcast_to(lag, (m,)).tolist()))
+        object.__setattr__(self, "slew", checks.number("Arm: slew", self.slew, "Pa/s"))
+        if not self.slew > checks.LOOKS_LIKE_BAR[1]:
+            raise InvalidInput(
+                f"Arm: slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5"
+            )
+
+    @classmethod
+    def machine(cls, name: str) -> "Arm":
+        """Return the ready-made arm of this name, "arm26" or "arm48". Raises `MissingBackend` for another name."""
+        if name not in BODIES:
+            raise MissingBackend("arm", name, list(BODIES))
+        return cls(machines.MACHINES[name](), BODIES[name]())
+
+    @property
+    def n(self) -> int:
+        """Return the number of joints."""
+        return self.mechanism.n
+
+    @property
+    def m(self) -> int:
+        """Return the number of muscles."""
+        return self.mechanism.m
+
+    @property
+    def size(self) -> int:
+        """Return the number of states, 2n + m."""
+        return 2 * self.n + self.m
+
+    @property
+    def lags(self) -> Array:
+        """Return the time constants of the regulators (m,) [s]."""
+        return np.array(self.lag)
+
+    @cached_property
+    def angle_limits(self) -> tuple[Array, Array]:
+        """Return the least and the greatest angles (n,) [rad]; without limits a turn to both sides."""
+        limits = self.mechanism.angle_limits
+        turn = np.full(self.n, 2 * np.pi)
+        return (-turn, turn) if limits is None else (np.array(limits)[:, 0], np.array(limits)[:, 1])
+
+    # --- numbers ----------------------------------------------------------------------------------------------------
+
+    def stiffness(self, x: Array) -> Array:
+        """Return K (…, n, n) [N·m/rad] in the states `x` (…, 2n + m)."""
+        return self.mechanism.stiffness(*self._held(x))
+
+    def forces(self, x: Array) -> Array:
+        """Return the muscles' forces (…, m) [N] in the states `x` (…, 2n + m); negative means slack."""
+        return self.mechanism.forces(*self._held(x))
+
+    def _held(self, x: Array) -> tuple[Array, Array]:
+        return x[..., : self.n], x[..., 2 * self.n :]
+
+    def at_rest(self, q: ArrayLike, K: ArrayLike, min_force: float = 0.0) -> Array:
+        """Return the state (2n + m,) in equilibrium at `q` (n,) [rad], as stiff as `K` (n, n) if the arm can be."""
+        from allocator.mechanism import allocate_mechanism
+
+        posture = self.mechanism.posture(q)
+        held = allocate_mechanism(self.mechanism, posture, K, self.bodies.gravity_torque(posture), min_force=min_force)
+        return np.concatenate([posture, np.zeros(self.n), held.P])
+
+    # --- formulas ---------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def statics(self) -> Statics:
+        """Return torques, stiffness and forces as formulas. Raises `InvalidInput` for routes without any."""
+        import casadi as ca
+
+        q, P = ca.SX.sym("q", self.n), ca.SX.sym("P", self.m)
+        length, L = symbolic_lengths(self.mechanism.routes, q), self.mechanism.routes.rest_length
+        muscles = self.mechanism.muscles
+        F: Any = ca.vertcat(*(muscles[j].law(P[j], (L[j] - length[j]) / L[j]) for j in range(self.m)))
+        torque = -ca.jacobian(length, q).T @ F  # (M1)
+        return Statics(q, P, torque, -ca.jacobian(torque, q), F)  # (M2)
+
+    @property
+    def entries(self) -> tuple[Any, Any, Array]:
+        """Return rows, columns and factors of svec K: K11, √2 K12, …, K22, …, whose square is that of all of K."""
+        rows, columns = np.triu_indices(self.n)
+        return rows, columns, np.where(rows == columns, 1.0, sqrt(2))
+
+    def svec(self, K: Array) -> Array:
+        """Return svec K (…, n(n+1)/2) of matrices (…, n, n)."""
+        rows, columns, factors = self.entries
+        return np.asarray(K[..., rows, columns] * factors)
+
+    def matrix(self, vector: Array) -> Array:
+        """Return the matrices (…, n, n) of svec K (…, n(n+1)/2)."""
+        rows, columns, factors = self.entries
+        K = np.empty((*vector.shape[:-1], self.n, self.n))
+        K[..., rows, columns] = K[..., columns, rows] = vector / factors
+        return K
+
+    @cached_property
+    def outputs(self) -> Any:
+        """Return the CasADi column (svec K, F) over `statics.q` and `statics.P`."""
+        import casadi as ca
+
+        rows, columns, factors = self.entries
+        K = self.statics.stiffness
+        entries = [f * K[int(i), int(j)] for i, j, f in zip(rows, columns, factors.tolist(), strict=True)]
+        return ca.vertcat(*entries, self.statics.forces)
+
+    def acceleration(self) -> Any:
+        """Return the CasADi function (q, ω, P, d) ↦ ω', with P in Pa and torques d (n,) [N·m] from outside."""
+        import casadi as ca
+
+        s = self.statics
+        omega, d = ca.SX.sym("omega", self.n), ca.SX.sym("d", self.n)
+        pushing = s.torque - self.bodies.bias(s.q, omega) + d
+        alpha = ca.solve(self.bodies.mass_matrix(s.q), pushing)
+        return ca.Function("acceleration", [s.q, omega, s.P, d], [alpha])
+
+    def discrete(self, dt: float, resolution: float = RESOLUTION) -> Any:
+        """Return the CasADi function (x, u, d) ↦ x after `dt` [s] of constant u (m,) [Pa] and d (n,) [N·m]."""
+        import casadi as ca
+
+        n, m, substeps = self.n, self.m, self.substeps(dt, resolution)
+        x, u, d = ca.MX.sym("x", self.size), ca.MX.sym("u", m), ca.MX.sym("d", n)
+        q, omega, P, h, alpha = x[:n], x[n : 2 * n], x[2 * n :], dt / substeps, self.acceleration()
+        for _ in range(substeps):
+            middle, end = (u + ca.DM(np.exp(-t / self.lags)) * (P - u) for t in (h / 2, h))
+            a1 = alpha(q, omega, P, d)
+            v2 = omega + h / 2 * a1
+            a2 = alpha(q + h / 2 * omega, v2, middle, d)
+            v3 = omega + h / 2 * a2
+            a3 = alpha(q + h / 2 * v2, v3, middle, d)
+            v4 = omega + h * a3
+            a4 = alpha(q + h * v3, v4, end, d)
+            q = q + h / 6 * (omega + 2 * v2 + 2 * v3 + v4)
+            omega = omega + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+            P = end
+        return ca.Function("discrete", [x, u, d], [ca.vertcat(q, omega, P)], ["x", "u", "d"], ["x_next"])
+
+    @cached_property
+    def fastest_rate(self) -> float:
+        """Return an estimate of the fastest eigenvalue [1/s] at full pressure; integration steps are chosen by it."""
+        low, high = self.angle_limits
+        fastest = float(np.max(1 / self.lags))
+        for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+            q = low + share * (high - low) if self.mechanism.angle_limits else np.zeros(self.n)
+            P = np.full(self.m, self.mechanism.pressure_limits[1])
+            stiff = self.mechanism.stiffness(q, P) + self.bodies.gravity_stiffness(q)
+            M = self.bodies.mass_matrix(q)
+            below = -np.linalg.solve(M, np.hstack([stiff, np.diag(self.bodies.damping)]))
+            both = np.vstack([np.hstack([np.zeros((self.n, self.n)), np.eye(self.n)]), below])
+            fastest = max(fastest, float(np.abs(np.linalg.eigvals(both)).max()))
+        return fastest
+
+    def substeps(self, dt: float, resolution: float) -> int:
+        """Return how many equal steps h over `dt` [s] it takes for h · `fastest_rate` ≤ `resolution`.
+
+        Raises `InvalidInput` where there are more than 1000.
+        """
+        steps = dt * self.fastest_rate / resolution
+        if not steps <= _MOST_SUBSTEPS:
+            raise InvalidInput(
+                f"this arm moves within {1 / self.fastest_rate:.3g} s, so that dt = {dt:g} s would take {steps:.3g} "
+                "steps of integration; check masses, inertias and damping of its bodies"
+            )
+        return ceil(steps)
+
+    @property
+    def summary(self) -> str:
+        """Return its numbers in a line."""
+        lags = "/".join(f"{lag:g}" for lag in dict.fromkeys(self.lags.tolist()))
+        return (
+            f"{self.n} joints, {self.m} muscles, lag {lags} s, slew "
+            f"{self.slew / BAR:g} bar/s, links of {', '.join(f'{length:g}' for length in self.bodies.length)} m and "
+            f"{', '.join(f'{mass:g}' for mass in self.bodies.mass)} kg"
+        )
+
+
+__all__ = ["Arm", "Statics"]

@@ -1,0 +1,106 @@
+"""The compiled step of an arm says what the readable one says."""
+
+from math import inf
+
+import numpy as np
+import pytest
+
+from mpc.arm.compiled.factory import factory
+from mpc.arm.controller import ArmMPC, growing
+from mpc.arm.feedforward import ArmInverseDynamics
+from mpc.arm.limits import ArmLimits
+from mpc.arm.model import Arm
+from mpc.arm.prediction import ArmPredictor
+from mpc.arm.problem import ArmProblem
+from mpc.tracking.plan import PlanStatus
+from mpc.tracking.qp.solvers import DAQP
+from mpc.tracking.qp.step import PreviousSample, ReadableQPStep
+from mpc.tracking.weights import Weights
+
+N, DT = 12, 0.01
+
+
+class Both:
+    """Both are the readable and the compiled parts of one problem."""
+
+    def __init__(self, name, min_force=20.0):
+        self.arm = arm = Arm.machine(name)
+        limits = ArmLimits.of_arm(arm, DT, min_force)
+        self.problem = ArmProblem.of(arm, DT, Weights(), limits, growing(N))
+        self.predictor = ArmPredictor(arm, DT, N)
+        self.inverse = ArmInverseDynamics(arm, DT, N, min_force)
+        self.readable = ReadableQPStep(self.problem, self.predictor)
+        self.compiled, self.feed_forward = factory(arm, DT, self.problem, self.predictor, self.inverse)
+        assert self.compiled.implementation == "compiled"
+
+    def situation(self, rng, near=False):
+        """Return x, u, d, feed-forward and previous sample; `near` limits of angles and pressures."""
+        arm = self.arm
+        low, high = arm.angle_limits
+        q = high - 0.01 * rng.random(arm.n) if near else rng.uniform(0.3 * low, 0.3 * high)
+        P = rng.uniform(0.2e5, 4.9e5, arm.m) if near else rng.uniform(2e5, 4e5, arm.m)
+        x = np.concatenate([q, rng.normal(0, 0.3, arm.n), P])
+        u = P + rng.normal(0, 0.1e5, (N, arm.m)).cumsum(axis=0)
+        d = rng.normal(0, 0.3, (N + 1, arm.n))
+        turn = np.linspace(0, 0.1, N + 1)[:, None] * rng.normal(size=arm.n)
+        K = np.tile(np.diag(rng.uniform(5, 8, arm.n)), (N + 1, 1, 1))
+        feed = self.inverse(q + turn, K, d)
+        return x, u, d, feed, PreviousSample(u[0] + rng.normal(0, 0.03e5, arm.m), feed.u[0] * 1.01), (q + turn, K)
+
+
+@pytest.fixture(scope="module", params=["arm26", pytest.param("arm48", marks=pytest.mark.slow)])
+def both(request):
+    return Both(request.param)
+
+
+def test_the_whole_qp_is_that_of_the_readable_step(both):
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        x, u, d, feed, previous, _ = both.situation(rng)
+        both.compiled(x, u, d[:-1], feed, previous, DAQP(), inf)
+        compiled = both.compiled.whole_qp()
+        readable = both.readable(x, u, d[:-1], feed, previous, DAQP(), inf).qp
+        scale = np.sqrt(np.diag(readable.H))
+        np.testing.assert_allclose(compiled.H / np.outer(scale, scale), readable.H / np.outer(scale, scale), atol=1e-10)
+        np.testing.assert_allclose(
+            compiled.f / scale, readable.f / scale, rtol=1e-9, atol=1e-9 * abs(readable.f / scale).max()
+        )
+        for name in ("lower", "upper", "R", "rows_lower", "rows_upper"):
+            np.testing.assert_allclose(getattr(compiled, name), getattr(readable, name), rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize("near", [False, True], ids=["in the middle", "near the limits"])
+def test_the_answer_is_that_of_the_readable_step(both, near):
+    rng, answered = np.random.default_rng(6), 0
+    for _ in range(6):
+        x, u, d, feed, previous, _ = both.situation(rng, near)
+        compiled = both.compiled(x, u, d[:-1], feed, previous, DAQP(), inf)
+        readable = both.readable(x, u, d[:-1], feed, previous, DAQP(), inf)
+        assert compiled.status == readable.status
+        if compiled.status is PlanStatus.OPTIMAL:
+            answered += 1
+            np.testing.assert_allclose(compiled.u, readable.u, atol=200.0)  # Pa: the proof is of 500
+            if compiled.motion is not None:
+                motion = both.predictor.motion(x, compiled.u, d[:-1])
+                np.testing.assert_allclose(compiled.motion.x, motion.x, rtol=1e-9, atol=1e-9)
+                np.testing.assert_allclose(compiled.motion.K, motion.K, rtol=1e-9, atol=1e-9)
+                np.testing.assert_allclose(compiled.motion.F, motion.F, rtol=1e-9, atol=1e-6)
+    assert answered >= 3
+
+
+def test_the_feed_forward_is_that_of_the_readable_one(both):
+    rng = np.random.default_rng(7)
+    for scale in (1.0, 1.0, 3.0):  # the last one beyond what the arm can do
+        _, _, d, _, _, (q, K) = both.situation(rng)
+        readable, compiled = both.inverse(scale * q, scale * K, d), both.feed_forward(scale * q, scale * K, d)
+        np.testing.assert_allclose(compiled.x, readable.x, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(compiled.y, readable.y, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(compiled.u, readable.u, rtol=1e-7, atol=1e-2)
+        np.testing.assert_allclose(compiled.moved, readable.moved, rtol=1e-6, atol=1e-9)
+
+
+def test_blocks_grow():
+    assert growing(20) == (1, 1, 2, 4, 6, 6)
+    assert growing(3) == (1, 1, 1)
+    assert growing(30) == (1, 1, 2, 4, 6, 6, 6, 4)
+    assert ArmMPC(Arm.machine("arm26"), N=14).blocks == (1, 1, 2, 4, 6)
