@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.joint.limits import BINDS
@@ -34,7 +35,7 @@ class CompiledArmQPStep:
     """A compiled step works for one controller: its buffers must not be used by two threads at a time."""
 
     implementation = "compiled"
-    active_set = None
+    active_set: NDArray[np.int8] | None = None
 
     def __init__(self, arm: Arm, dt: float, made: CompiledArm, problem: ArmProblem) -> None:
         self._given = arm, dt, made, problem
