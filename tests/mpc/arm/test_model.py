@@ -10,7 +10,7 @@ from allocator.mechanism import Link, Mechanism, Sites, Tables, from_function
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc.arm.bodies import Bodies
 from mpc.arm.model import Arm
-from mpc.arm.prediction import ArmPredictor
+from mpc.arm.tracking.prediction import ArmPredictor
 
 RODS = Bodies.rods((0.3, 0.25), (1.0, 0.5), 0.2, (1.0, -9.0))
 

@@ -14,9 +14,9 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
-from mpc.arm.limits import ArmLimits
 from mpc.arm.model import Arm
-from mpc.arm.prediction import ArmPredictor
+from mpc.arm.tracking.limits import ArmLimits
+from mpc.arm.tracking.prediction import ArmPredictor
 from mpc.tracking.preview import BadNumbers, Task
 
 _BEYOND = 10 * DEG  # an angle may be read beyond its range

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.notices import notice
-from mpc.arm.feedforward import ArmInverseDynamics
 from mpc.arm.model import Arm
-from mpc.arm.prediction import ArmPredictor
-from mpc.arm.problem import ArmProblem
+from mpc.arm.tracking.feedforward import ArmInverseDynamics
+from mpc.arm.tracking.prediction import ArmPredictor
+from mpc.arm.tracking.problem import ArmProblem
 from mpc.tracking.qp.solvers import DAQP
 from mpc.tracking.qp.step import PreviousSample, QPStep, ReadableQPStep, SlowStep
 
@@ -27,8 +27,8 @@ def factory(
     """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails."""
     ready = feed_forward.ready()
     try:
-        from mpc.arm.compiled.module import compiled_arm
-        from mpc.arm.compiled.qp_step import CompiledArmFeedForward, CompiledArmQPStep
+        from mpc.arm.tracking.compiled.module import compiled_arm
+        from mpc.arm.tracking.compiled.qp_step import CompiledArmFeedForward, CompiledArmQPStep
 
         made = compiled_arm(arm, dt)
         parts = ArmParts(CompiledArmQPStep(arm, dt, made, problem), CompiledArmFeedForward(arm, made, ready))

@@ -18,13 +18,13 @@ import numpy as np
 
 from allocator import checks
 from allocator.errors import InvalidInput
-from mpc.arm.compiled.factory import factory
-from mpc.arm.feedforward import ArmInverseDynamics
-from mpc.arm.limits import ArmLimits
 from mpc.arm.model import Arm
-from mpc.arm.prediction import ArmPredictor
-from mpc.arm.preview import ArmPreview
-from mpc.arm.problem import ArmProblem
+from mpc.arm.tracking.compiled.factory import factory
+from mpc.arm.tracking.feedforward import ArmInverseDynamics
+from mpc.arm.tracking.limits import ArmLimits
+from mpc.arm.tracking.prediction import ArmPredictor
+from mpc.arm.tracking.preview import ArmPreview
+from mpc.arm.tracking.problem import ArmProblem
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.linearise import Motion

@@ -5,13 +5,13 @@ from math import inf
 import numpy as np
 import pytest
 
-from mpc.arm.compiled.factory import factory
-from mpc.arm.controller import ArmMPC, growing
-from mpc.arm.feedforward import ArmInverseDynamics
-from mpc.arm.limits import ArmLimits
 from mpc.arm.model import Arm
-from mpc.arm.prediction import ArmPredictor
-from mpc.arm.problem import ArmProblem
+from mpc.arm.tracking.compiled.factory import factory
+from mpc.arm.tracking.controller import ArmMPC, growing
+from mpc.arm.tracking.feedforward import ArmInverseDynamics
+from mpc.arm.tracking.limits import ArmLimits
+from mpc.arm.tracking.prediction import ArmPredictor
+from mpc.arm.tracking.problem import ArmProblem
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.solvers import DAQP
 from mpc.tracking.qp.step import PreviousSample, ReadableQPStep

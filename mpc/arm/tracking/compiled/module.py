@@ -21,7 +21,7 @@ _TEMPLATE = Path(__file__).with_name("step.py")
 class CompiledArm(NamedTuple):
     """A compiled arm is what is compiled for a family of arms, and the numbers of one."""
 
-    step: ModuleType  # `mpc.arm.compiled.step` with the formulas
+    step: ModuleType  # `mpc.arm.tracking.compiled.step` with the formulas
     c: Array
     h: float  # step of the integration [s]
     decay: Array  # (substeps, 3, m) what is left of a pressure's error at beginning, middle and end of each step

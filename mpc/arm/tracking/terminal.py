@@ -8,7 +8,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.arm.model import Arm
-from mpc.arm.prediction import ArmPredictor
+from mpc.arm.tracking.prediction import ArmPredictor
 from mpc.tracking.cost import Rows, charged
 from mpc.tracking.weights import Weights
 

@@ -1,7 +1,7 @@
 """The template has the step of an arm: feed-forward, linearisation, condensing, and the rollout of an answer.
 
-`mpc.arm.compiled.module` puts the arm's sizes and formulas in the place of the lines below that begin with `FORMULAS`:
-n joints, m muscles, and functions that fill flat arrays, matrices by columns:
+`mpc.arm.tracking.compiled.module` puts the sizes and formulas of the arm in the place of the lines below that begin
+with `FORMULAS`: n joints, m muscles, and functions that fill flat arrays, matrices by columns:
 
     dynamics         (q, ω, P, d) ↦ M, τ - C - Dω - g + d
     dynamics_slopes  (q, ω, P, ω') ↦ the Jacobian of the latter less M ω', by q, ω and P

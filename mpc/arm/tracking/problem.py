@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from mpc.arm.limits import ArmLimits
 from mpc.arm.model import Arm
-from mpc.arm.terminal import arm_terminal_factor
+from mpc.arm.tracking.limits import ArmLimits
+from mpc.arm.tracking.terminal import arm_terminal_factor
 from mpc.tracking.cost import Rows, diagonal, residuals
 from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.weights import Weights

@@ -16,10 +16,10 @@ from allocator.calculus import Array
 from allocator.joint.limits import BINDS
 from allocator.mechanism import batches
 from allocator.units import BAR
-from mpc.arm.compiled.module import CompiledArm
-from mpc.arm.feedforward import ArmFeedForward, ArmInverseDynamics
 from mpc.arm.model import Arm
-from mpc.arm.problem import ArmProblem
+from mpc.arm.tracking.compiled.module import CompiledArm
+from mpc.arm.tracking.feedforward import ArmFeedForward, ArmInverseDynamics
+from mpc.arm.tracking.problem import ArmProblem
 from mpc.tracking.linearise import Motion
 from mpc.tracking.plan import Moved, PlanStatus
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE, certified
@@ -148,7 +148,7 @@ def _risen(starts: Any, N: int, left: Array) -> Array:
 
 
 class CompiledArmFeedForward:
-    """It is `mpc.arm.feedforward.ArmInverseDynamics`, which answers itself where the kernel is not sure."""
+    """It is `mpc.arm.tracking.feedforward.ArmInverseDynamics`, which answers itself where the kernel is not sure."""
 
     def __init__(self, arm: Arm, made: CompiledArm, readable: ArmInverseDynamics) -> None:
         self._readable, self._step, self._c = readable, made.step, made.c

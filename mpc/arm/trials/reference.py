@@ -1,0 +1,104 @@
+"""A reference of an arm is what is to be followed: angles and a stiffness matrix over time."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.units import DEG
+from mpc.arm.model import Arm
+
+
+@dataclass(frozen=True)
+class ArmReference:
+    """An `ArmReference` is a formula of the time, which goes on after its duration: previews look beyond the end."""
+
+    name: str
+    duration: float  # [s]
+    at: Callable[[Array], tuple[Array, Array]]  # t (k,) [s] ↦ angles (k, n) [rad], stiffness (k, n, n) [N·m/rad]
+
+    def __post_init__(self) -> None:
+        """Check the duration. Raises `InvalidInput`."""
+        if not 0 < checks.number("duration", self.duration, "s") <= 3600:
+            raise InvalidInput(f"duration = {self.duration:g} s has to be above 0 and at most an hour")
+
+    def sampled(self, t: Array) -> tuple[Array, Array]:
+        """Return angles (k, n) [rad] and stiffness (k, n, n) [N·m/rad] at the times `t` (k,) [s]."""
+        return self.at(np.asarray(t, float))
+
+
+_STIFFNESS = {2: [[12.0, 4.6], [4.6, 9.5]]}
+_EACH = 6.0  # [N·m/rad] of every joint of other arms
+_SWING = 23.0, 17.0, 15.0, 12.0  # [°]
+_K_SWING = 1.5  # [N·m/rad] of K11
+
+
+def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1.0) -> ArmReference:
+    """Return joints that swing a quarter of a period after each other, ±23°, ±17°, … times `size`, while K11 swings.
+
+    K = [[12 ± 1.5, 4.6], [4.6, 9.5]] of two joints, which a biarticular pair can give; else diag(6 ± 1.5, 6, …).
+    """
+    frequency = _positive("frequency", frequency, "Hz")
+    swings = size * np.resize(_SWING, arm.n) * DEG
+    K_mean, w = _usual_stiffness(arm), 2 * np.pi * frequency
+
+    def at(t: Array) -> tuple[Array, Array]:
+        phase = w * t[:, None] + np.arange(arm.n) * np.pi / 2
+        K = np.tile(K_mean, (t.size, 1, 1))
+        K[:, 0, 0] += _K_SWING * np.sin(w * t)
+        return swings * np.sin(phase), K
+
+    return ArmReference("circle", _positive("turns", turns, "-") / frequency, at)
+
+
+def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> ArmReference:
+    """Return minimum-jerk movements from one side to the other and back, with rests of `rest` [s] at the ends."""
+    seconds, rest = _positive("seconds", seconds, "s"), _positive("rest", rest, "s")
+    ends = np.resize([20.0, -15.0], arm.n) * DEG
+    K_mean, period = _usual_stiffness(arm), seconds + rest
+
+    def at(t: Array) -> tuple[Array, Array]:
+        whole = np.minimum(t // period, 2)
+        share = np.clip((t - whole * period - rest) / seconds, 0.0, 1.0)
+        done = share**3 * (10 - 15 * share + 6 * share**2)
+        done = np.where(whole % 2 == 0, done, 1 - done)
+        done = np.where(whole >= 2, 0.0, done)
+        return (2 * done[:, None] - 1) * ends, np.tile(K_mean, (t.size, 1, 1))
+
+    return ArmReference("reach", 2 * period + rest, at)
+
+
+def hold(arm: Arm, seconds: float = 4.0) -> ArmReference:
+    """Return a posture that is held."""
+    posture, K = np.resize([20.0, -15.0], arm.n) * DEG, _usual_stiffness(arm)
+    return ArmReference("hold", seconds, lambda t: (np.tile(posture, (t.size, 1)), np.tile(K, (t.size, 1, 1))))
+
+
+def _usual_stiffness(arm: Arm) -> Array:
+    crossing = arm.mechanism.arms(np.zeros(arm.n))
+    coupled = arm.n == 2 and bool((np.abs(crossing) > 0).all(axis=1).any())
+    return np.array(_STIFFNESS[2]) if coupled else _EACH * np.eye(arm.n)
+
+
+def _positive(name: str, value: float, unit: str) -> float:
+    number = checks.number(name, value, unit)
+    if not number > 0:
+        raise InvalidInput(f"{name} = {number:g} {unit} has to be positive")
+    return number
+
+
+REFERENCES: Mapping[str, Callable[[Arm], ArmReference]] = {"circle": circle, "reach": reach, "hold": hold}
+"""Every reference that the command line knows, by its name."""
+
+
+def reference(name: str, arm: Arm) -> ArmReference:
+    """Return the reference of this name for `arm`. Raises `MissingBackend` for another name."""
+    if name not in REFERENCES:
+        raise MissingBackend("reference", name, list(REFERENCES))
+    return REFERENCES[name](arm)
+
+
+__all__ = ["REFERENCES", "ArmReference", "circle", "hold", "reach", "reference"]
