@@ -50,9 +50,9 @@ class _NoRest:
 class ArmMPC(OptimisingController):
     """The MPC of an `arm` follows previews of angles (n) and stiffness (n, n). It remembers its last plan.
 
-    `step(x, q_ref, K_ref, d)` takes the measured state x (2n + m,), NaN where unmeasured, references as values or as
-    previews (ahead + 1, n) and (ahead + 1, n, n) that begin now, and the known torques from outside d (n,) [N·m]; it
-    returns a `Plan` whose arrays are u (N, m) [Pa], x (N+1, 2n + m) and K (N+1, n, n).
+    References are values (n,) [rad] and (n, n) [N·m/rad], or previews (ahead + 1, …) of them that begin now; d are the
+    known torques from outside, (n,) or one for all [N·m]. The arrays of a `Plan` are u (N, m) [Pa], x (N+1, 2n + m) and
+    K (N+1, n, n).
 
     A time `budget` is for work in real time, where dt or less of it is there; without one a step takes what it takes.
     Without one of the angles it goes on from its own prediction for `patience` seconds, and then holds the pressures.
@@ -99,6 +99,14 @@ class ArmMPC(OptimisingController):
     def implementation(self) -> str:
         """The implementation of a step is "compiled", or "readable", some ten times as slowly."""
         return self._qp_step.implementation
+
+    def step(self, x: Any, q_ref: Any, K_ref: Any, d: Any = 0.0) -> Plan:
+        """Return the plan from the measured state `x` (2n + m,) for references and torques as the class says.
+
+        What is NaN in `x`, or beyond what the arm can do, is replaced by what the last plan predicted. Numbers never
+        make it raise: where they cannot be meant the status says so. Raises `InvalidInput` for wrong shapes and kinds.
+        """
+        return super().step(x, q_ref, K_ref, d)
 
     def _forget(self) -> None:
         self._qp_step.reset()

@@ -142,7 +142,7 @@ class ArmPreview:
             raise InvalidInput(str(reason))
         if not self._warned:
             # which is who calls `step`, beyond np.errstate
-            warnings.warn(f"{reason}; the pressures are held", BadNumbers, stacklevel=5)
+            warnings.warn(f"{reason}; the pressures are held", BadNumbers, stacklevel=6)
             self._warned = True
 
     def _expect(self, x: Array) -> None:

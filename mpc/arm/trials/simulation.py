@@ -1,6 +1,7 @@
 """The closed loop of an arm is a controller and a plant on MuJoCo against each other, sample by sample.
 
-The plant begins in the reference's first state of motion, or at rest at its first posture. Between sensors and controller stands an observer, or nothing: then the controller is told the true state.
+The plant begins in the reference's first state of motion, or at rest at its first posture. Between sensors and
+controller stands an observer, or nothing: then the controller is told the true state.
 """
 
 from collections.abc import Callable
@@ -93,7 +94,7 @@ def simulate_arm(
         observer.reset()
     u, read = plant.P, plant.measure()
     x, forces, rows = [_state(plant)], [plant.forces], []
-    offsets = dt * np.arange(controller.ahead + 1)
+    offsets = np.linspace(0.0, dt * controller.ahead, controller.ahead + 1)
     for k in range(steps):
         if observer is None:
             seen, d = x[-1], np.zeros(n)
@@ -110,7 +111,7 @@ def simulate_arm(
         rows.append((u, d, took, int(plan.status), int(plan.rung), plan.slack))
         if watch is not None:
             watch()
-    t = dt * np.arange(steps + 1)
+    t = np.linspace(0.0, dt * steps, steps + 1)
     states, (sent, told, took_all, status, rung, slack) = np.array(x), map(np.array, zip(*rows, strict=True))
     gains = np.asarray(plant.pneumatics.force_gains, float)
     K = _stiffness(arm, states, gains)
@@ -121,7 +122,7 @@ def simulate_arm(
 
 def begin(plant: MujocoPlant, arm: Arm, reference: ArmReference, seed: int = 0, caught: bool = True) -> None:
     """Put `plant` where `reference` begins."""
-    q, K = reference.sampled(_DIFFERENCE * np.arange(3))
+    q, K = reference.sampled(np.linspace(0.0, 2 * _DIFFERENCE, 3))
     omega = (-1.5 * q[0] + 2 * q[1] - 0.5 * q[2]) / _DIFFERENCE if caught else np.zeros(arm.n)
     alpha = (q[0] - 2 * q[1] + q[2]) / _DIFFERENCE**2 if caught else np.zeros(arm.n)
     held = allocate_mechanism(arm.mechanism, q[0], K[0], arm.bodies.torque_for(q[0], omega, alpha))

@@ -55,7 +55,6 @@ def _functions(arm: Arm) -> dict[str, Any]:
     made = {
         "dynamics": ([*held, d], [M, pushing + d]),
         "dynamics_slopes": ([*held, alpha], [left]),
-        "outputs": ([s.q, s.P], [y]),
         "output_slopes": ([s.q, s.P], [y, slope]),
         "statics": (
             [s.q, omega, alpha],

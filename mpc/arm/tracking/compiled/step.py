@@ -5,8 +5,7 @@ with `FORMULAS`: n joints, m muscles, and functions that fill flat arrays, matri
 
     dynamics         (q, ω, P, d) ↦ M, τ - C - Dω - g + d
     dynamics_slopes  (q, ω, P, ω') ↦ the Jacobian of the latter less M ω', by q, ω and P
-    outputs          (q, P) ↦ y = (svec K, F)
-    output_slopes    (q, P) ↦ y, its Jacobian by q and P
+    output_slopes    (q, P) ↦ y = (svec K, F), its Jacobian by q and P
     statics          (q, ω, ω') ↦ M ω' + C + Dω + g, and what y' = (τ, svec K) is at no pressure, its Jacobian by P, and
                      the forces at no pressure and their slopes by P
 
@@ -26,7 +25,7 @@ from mpc.tracking.compiled.certificate import finite
 from mpc.tracking.compiled.jit import compiled, inlined
 
 FORMULAS: Any = None
-n = m = dynamics = dynamics_slopes = outputs = output_slopes = statics = FORMULAS
+n = m = dynamics = dynamics_slopes = output_slopes = statics = FORMULAS
 
 NODES, SHARES, PLACES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6), (0, 1, 1, 2)  # of Runge and Kutta
 STIFFNESSES, SIZE = n * (n + 1) // 2, 2 * n + m
@@ -251,8 +250,9 @@ def roll(c: Array, h: float, decay: Array, x0: Array, u: Array, d: Array, x: Arr
             for i in range(2 * n):
                 s[i] += total[i]
         settle(decay, x[k], u[k], s, x[k + 1])
+    slope = np.empty((n + m) * y.shape[1])  # not needed, but a second formula would have to be compiled
     for k in range(x.shape[0]):
-        outputs(x[k, :n], x[k, 2 * n :], c, y[k])
+        output_slopes(x[k, :n], x[k, 2 * n :], c, y[k], slope)
 
 
 @compiled
