@@ -1,0 +1,155 @@
+"""The circle on a plant that is as the model says: errors, limits, stiffness by pushing, times, IPOPT beside it."""
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.units import DEG
+from benchmarks.arm.cases import plant
+from benchmarks.arm.ipopt import IPOPTStep, nonlinear, weighted
+from mpc.arm.model import Arm
+from mpc.arm.tracking.controller import ArmMPC
+from mpc.arm.tracking.feedforward import ArmInverseDynamics
+from mpc.arm.trials.reference import ArmReference, circle
+from mpc.arm.trials.simulation import ArmRun, simulate_arm
+from mpc.tracking.plan import Rung
+
+SETTLING = 50  # samples that do not count
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How well a run follows, over all samples after the first half second; at the worst joint or entry."""
+
+    angle: float  # RMS [°]
+    angle_worst: float  # [°]
+    stiffness: float  # RMS of an entry of K [N·m/rad]
+    limits_kept: bool
+    on_qp: float  # share of the steps
+
+
+def tracking(run: ArmRun) -> Tracking:
+    error, K = (run.q - run.q_ref)[SETTLING:] / DEG, (run.K - run.K_ref)[SETTLING:]
+    (low, high), (left, right) = run.arm.mechanism.pressure_limits, run.arm.angle_limits
+    step = np.abs(np.diff(run.u, axis=0)).max()
+    kept = (low <= run.u).all() and (run.u <= high).all() and step <= run.arm.slew * run.dt * (1 + 1e-12)
+    kept = kept and (left <= run.q).all() and (run.q <= right).all() and (run.forces > 0).all()
+    return Tracking(
+        float(np.sqrt(np.mean(error**2, axis=0)).max()),
+        float(np.abs(error).max()),
+        float(np.sqrt(np.mean(K**2, axis=0)).max()),
+        bool(kept),
+        float(np.mean(run.rung == Rung.QP)),
+    )
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times of a step [µs]: of every sample the least of some runs of the same circle, when the machine was free."""
+
+    median: float
+    p99: float
+    worst: float
+
+
+def times(arm: Arm, controller: ArmMPC, turns: float = 1.0, rounds: int = 3) -> Times:
+    asked, tested = circle(arm, turns=turns), plant(arm)
+    runs = [simulate_arm(tested, arm, controller, asked).step_time for _ in range(rounds)]
+    least = 1e6 * np.min(runs, axis=0)
+    return Times(float(np.median(least)), float(np.percentile(least, 99)), float(least.max()))
+
+
+def pushed(arm: Arm, controller: ArmMPC, rests: int = 5) -> tuple[float, float]:
+    """The worst difference of the stiffness measured by pushing at rests from (M2) there, and from what is asked.
+
+    Gravity, where there is any, stiffens the posture too: what it adds is taken off.
+    """
+    rng, tested, off, missed = np.random.default_rng(3), plant(arm), 0.0, 0.0
+    about = circle(arm)
+    for _ in range(rests):
+        moment = rng.uniform(0, about.duration, 1)
+        q, K = (part[0] for part in about.sampled(moment))
+        held = ArmReference("rest", 1.0, lambda t, q=q, K=K: (np.tile(q, (t.size, 1)), np.tile(K, (t.size, 1, 1))))
+        simulate_arm(tested, arm, controller, held, caught=False)
+        rest = tested.settle()
+        measured = tested.pushed_stiffness() - arm.bodies.gravity_stiffness(rest)
+        off = max(off, np.abs(measured - arm.mechanism.stiffness(rest, tested.P)).max())
+        missed = max(missed, np.abs(measured - K).max())
+    return float(off), float(missed)
+
+
+class Beside:
+    """Two controllers that are told the same, of which the plant obeys the first; their times alternate."""
+
+    def __init__(self, obeyed: ArmMPC, other: ArmMPC) -> None:
+        self.dt, self.ahead, self._both = obeyed.dt, obeyed.ahead, (obeyed, other)
+        self.times: tuple[list[float], list[float]] = [], []
+
+    def reset(self) -> None:
+        for controller in self._both:
+            controller.reset()
+
+    def step(self, *given: Any) -> Any:
+        plans = []
+        for controller, took in zip(self._both, self.times, strict=True):
+            began = perf_counter()
+            plans.append(controller.step(*given))
+            took.append(perf_counter() - began)
+        return plans[0]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """What IPOPT makes of the same problems."""
+
+    ratio: float  # of the median times of a step
+    milliseconds: float  # median of IPOPT's
+    cost: float  # closed-loop cost of ours, in fractions of IPOPT's, less 1
+    apart: float  # greatest difference of the first commands [Pa]
+    failures: int
+
+
+def rival(arm: Arm, turns: float = 0.5, **settings: Any) -> Rival:
+    asked, tested = circle(arm, turns=turns), plant(arm)
+    ours, theirs = ArmMPC(arm, **settings), nonlinear(arm, **settings)
+    step: Any = theirs._qp_step
+    assert isinstance(step, IPOPTStep)
+    both = Beside(ours, theirs)
+    run = simulate_arm(tested, arm, both, asked, caught=False)
+    step.failures = 0
+    other = simulate_arm(tested, arm, theirs, asked, caught=False)
+    own, rivals = (np.median(took) for took in both.times)
+    costs = [closed_loop_cost(done, ours) for done in (run, other)]
+    apart = float(np.abs(run.u - other.u).max())
+    return Rival(float(rivals / own), float(1e3 * rivals), costs[0] / costs[1] - 1, apart, step.failures)
+
+
+def closed_loop_cost(run: ArmRun, controller: ArmMPC) -> float:
+    """What the controller's cost charges for what happened, sample by sample."""
+    arm, rows, N = run.arm, controller.problem.rows, controller.N
+    inverse = ArmInverseDynamics(arm, run.dt, N, controller.min_force)
+    asked = controller_reference(run)
+    total, e_before = 0.0, None
+    for k in range(len(run.u)):
+        q, K = asked(k, N)
+        feed = inverse(q, K, np.zeros((N + 1, arm.n)))
+        e = run.u[k] - feed.u[0]
+        rate = (e - (run.P[0] - feed.u[0] if e_before is None else e_before)) / run.dt
+        y = np.concatenate([arm.svec(run.K[k + 1]), np.zeros(arm.m)])
+        parts = (rows.x, run.x[k + 1] - feed.x[1]), (rows.y, y - feed.y[1]), (rows.e, e), (rows.rate, rate)
+        total += float(sum(weighted(weight, residual) for weight, residual in parts))
+        e_before = e
+    return total
+
+
+def controller_reference(run: ArmRun) -> Any:
+    """The previews that the controller had; beyond the run's end the circle goes on."""
+    swing = circle(run.arm)
+
+    def at(k: int, N: int) -> tuple[Array, Array]:
+        return swing.sampled(run.dt * np.arange(k, k + N + 1))
+
+    return at
