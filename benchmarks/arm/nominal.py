@@ -89,10 +89,12 @@ class Beside:
         self.times: tuple[list[float], list[float]] = [], []
 
     def reset(self) -> None:
+        """Both forget the past."""
         for controller in self._both:
             controller.reset()
 
     def step(self, *given: Any) -> Any:
+        """The plan of the first, the other one's made just after it."""
         plans = []
         for controller, took in zip(self._both, self.times, strict=True):
             began = perf_counter()
