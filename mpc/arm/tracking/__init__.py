@@ -1,3 +1,3 @@
-"""The tracking controller of an arm: what `mpc.tracking` is for a joint, with vectors where that has numbers."""
+"""The tracking controller of an arm is here: `mpc.tracking` with vectors where that has numbers."""
 
 __all__: list[str] = []

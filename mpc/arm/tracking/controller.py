@@ -1,4 +1,4 @@
-"""The MPC of an arm commands all muscles' pressures so that its angles and its stiffness matrix follow references.
+"""The MPC of an arm is a controller of all its muscles: angles and stiffness matrix follow references.
 
 It is the controller of `mpc.tracking.controller`, with vectors where that has numbers: the state x = (q, ω, P) ∈
 R^(2n+m), outputs y = (svec K, F) and a torque d from outside at every joint. The same squares are charged, the same

@@ -29,7 +29,10 @@ class CompiledArm(NamedTuple):
 
 def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
     """Return the compiled functions for `arm` at the sample time `dt` [s]."""
-    text, c = f"import math\n\nn, m = {arm.n}, {arm.m}\n\n\n", np.zeros(0)
+    text, c = (
+        f"import math\n\nn, m, STIFFNESSES, SIZE = {arm.n}, {arm.m}, {arm.n * (arm.n + 1) // 2}, {arm.size}\n\n\n",
+        np.zeros(0),
+    )
     for name, function in _functions(arm).items():
         source = filling(name, function, c.size)
         text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])

@@ -1,7 +1,8 @@
 """The template has the step of an arm: feed-forward, linearisation, condensing, and the rollout of an answer.
 
 `mpc.arm.tracking.compiled.module` puts the sizes and formulas of the arm in the place of the lines below that begin
-with `FORMULAS`: n joints, m muscles, and functions that fill flat arrays, matrices by columns:
+with `FORMULAS`: n joints, m muscles, the numbers of entries of svec K and of states, and functions that
+fill flat arrays, matrices by columns:
 
     dynamics         (q, ω, P, d) ↦ M, τ - C - Dω - g + d
     dynamics_slopes  (q, ω, P, ω') ↦ the Jacobian of the latter less M ω', by q, ω and P
@@ -25,10 +26,9 @@ from mpc.tracking.compiled.certificate import finite
 from mpc.tracking.compiled.jit import compiled, inlined
 
 FORMULAS: Any = None
-n = m = dynamics = dynamics_slopes = output_slopes = statics = FORMULAS
+n = m = STIFFNESSES = SIZE = dynamics = dynamics_slopes = output_slopes = statics = FORMULAS
 
 NODES, SHARES, PLACES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6), (0, 1, 1, 2)  # of Runge and Kutta
-STIFFNESSES, SIZE = n * (n + 1) // 2, 2 * n + m
 SOLVED, ROWS, REFUSED = 0, 1, 2
 
 
