@@ -1,0 +1,90 @@
+"""What an action means: pressures, or a posture and a stiffness, from which the allocation makes pressures.
+
+Actions are numbers between -1 and 1, as learners like them. Whatever pressures they mean go through a governor before
+they are commanded.
+"""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.mechanism import allocate_mechanism, warm_up
+from mpc.arm.model import Arm
+
+
+class Governor(Protocol):
+    """A governor returns the pressures nearest to the `command` that are safe, all (N, m) [Pa]."""
+
+    def __call__(self, q: Array, omega: Array, P: Array, command: Array) -> Array:
+        """Return safe commands (N, m) [Pa] for arms at `q`, `omega` (N, n) with the pressures `P` (N, m) [Pa]."""
+
+
+class BoxAndSlew:
+    """`BoxAndSlew` is a governor that keeps commands within the supply and changes them no faster than the slew.
+
+    It remembers what it commanded: an object serves one environment.
+    """
+
+    def __init__(self, arm: Arm, dt: float) -> None:
+        self._limits, self._reach = arm.mechanism.pressure_limits, arm.slew * dt
+        self._last: Array | None = None
+
+    def begin(self, P: Array, which: Array) -> None:
+        """Let the arms `which` (N,) begin with the commands `P` (N, m) [Pa]."""
+        self._last = P.copy() if self._last is None else np.where(which[:, None], P, self._last)
+
+    def __call__(self, q: Array, omega: Array, P: Array, command: Array) -> Array:
+        """Return the commands (N, m) [Pa] within the limits."""
+        last = P if self._last is None else self._last
+        self._last = np.clip(np.clip(command, *self._limits), last - self._reach, last + self._reach)
+        return self._last
+
+
+class Pressures:
+    """`Pressures` are actions (N, m): -1 is the supply's lower limit and 1 its upper one."""
+
+    def __init__(self, arm: Arm) -> None:
+        self.size, (self._low, high) = arm.m, arm.mechanism.pressure_limits
+        self._half = (high - self._low) / 2
+
+    def pressures(self, action: Array) -> Array:
+        """Return the pressures (N, m) [Pa] that are meant."""
+        return self._low + (action + 1) * self._half
+
+
+class PostureAndStiffness:
+    """`PostureAndStiffness` are actions (N, 2n): angles over their ranges, and the stiffnesses of the joints.
+
+    The pressures that hold the posture with these stiffnesses K11, K22, … come from `allocate_mechanism`; torques come
+    first, the other entries of K are free. Stiffness goes in equal ratios from the least to the greatest that the arm
+    has in the middle of its range.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        warm_up()
+        self.size, self.arm = 2 * arm.n, arm
+        low, high = arm.angle_limits
+        self._middle, self._half = (low + high) / 2, (high - low) / 2
+        least, greatest = arm.mechanism.pressure_box(self._middle, min_force=0.0)
+        ends = [np.diag(arm.mechanism.stiffness(self._middle, P)) for P in (least, greatest)]
+        self._stiffness = np.log(np.maximum(ends[0], 1e-2 * ends[1])), np.log(ends[1])
+
+    def targets(self, action: Array) -> tuple[Array, Array]:
+        """Return postures (N, n) [rad] and the diagonals of stiffnesses (N, n) [N·m/rad] that are meant."""
+        n, (least, greatest) = self.arm.n, self._stiffness
+        share = (action[:, n:] + 1) / 2
+        return self._middle + self._half * action[:, :n], np.exp(least + share * (greatest - least))
+
+    def pressures(self, action: Array) -> Array:
+        """Return the pressures (N, m) [Pa] that are meant, or the nearest that there are."""
+        q, K = self.targets(action)
+        held = self.arm.bodies.gravity_torque(q)
+        one = (slice(None), None)  # an axis besides, since (2, 2) would be a matrix K
+        return allocate_mechanism(self.arm.mechanism, q[one], K[one], held[one]).P[:, 0]
+
+
+KINDS: dict[str, Any] = {"pressures": Pressures, "posture-stiffness": PostureAndStiffness}
+"""Every meaning of actions, by its name."""
+
+__all__ = ["KINDS", "BoxAndSlew", "Governor", "PostureAndStiffness", "Pressures"]

@@ -1,0 +1,71 @@
+"""The same arms on MuJoCo's bodies: slower, and an independent implementation."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.arm.learning.plant import VariedArm
+from mpc.arm.mjcf import to_mjcf
+from mpc.arm.mujoco_plant import MujocoPlant
+
+
+class MujocoBatch:
+    """A `MujocoBatch` is N arms under way on MuJoCo, with the interface of `ArmBatch`."""
+
+    def __init__(self, varied: VariedArm, size: int, dt: float) -> None:
+        """Prepare `size` nominal arms. Raises `MissingBackend` without MuJoCo."""
+        arm = varied.arm
+        self.varied, self.dt = varied, float(dt)
+        self.x, self.v = np.zeros((size, arm.size)), np.tile(varied.nominal, (size, 1))
+        self.plants = [plant_of(varied) for _ in range(size)]
+        model = self.plants[0].model
+        self._nominal = model.body_mass.copy(), model.body_inertia.copy(), model.dof_damping.copy()
+
+    @property
+    def q(self) -> Array:
+        """Return the angles (N, n) [rad], a view."""
+        return self.x[:, : self.varied.arm.n]
+
+    @property
+    def omega(self) -> Array:
+        """Return the velocities (N, n) [rad/s], a view."""
+        n = self.varied.arm.n
+        return self.x[:, n : 2 * n]
+
+    @property
+    def P(self) -> Array:
+        """Return the pressures (N, m) [Pa], a view."""
+        return self.x[:, 2 * self.varied.arm.n :]
+
+    def renew(self, which: Array) -> None:
+        """Take over states and values of the arms `which` (N,)."""
+        import mujoco
+
+        n, at, kinds = self.varied.arm.n, self.varied.places, self.varied.kinds
+        mass, inertia, damping = self._nominal
+        for i in np.flatnonzero(which):
+            plant, v = self.plants[i], self.v[i]
+            own = {kind: kind.unchecked(v[at[f"kind {k}"]].tolist()) for k, kind in enumerate(kinds)}
+            muscles = tuple(own[muscle] for muscle in self.varied.arm.mechanism.muscles)
+            plant.pneumatics = replace(plant.pneumatics, muscles=muscles, lag=v[at["lags"]], force_gains=v[at["gains"]])
+            plant.model.body_mass[:], plant.model.body_inertia[:] = v[at["mass"]] * mass, v[at["mass"]] * inertia
+            plant.model.dof_damping[:] = v[at["damping"]] * damping
+            mujoco.mj_setConst(plant.model, plant.data)
+            plant.reset(self.x[i, :n], self.x[i, 2 * n :], omega=self.x[i, n : 2 * n])
+
+    def advance(self, u: Array, d: Array) -> None:
+        """Move all arms by a sample under the commands `u` (N, m) [Pa] and the torques `d` (N, n) [N·m]."""
+        for plant, x, command, load in zip(self.plants, self.x, u, d, strict=True):
+            plant.step(command, self.dt, load)
+            x[:] = np.concatenate([plant.q, plant.omega, plant.P])
+
+
+def plant_of(varied: VariedArm) -> MujocoPlant:
+    """Return the nominal arm on MuJoCo."""
+    arm, limits = varied.arm, varied.arm.mechanism.pressure_limits
+    text = to_mjcf(arm.mechanism, arm.bodies)
+    return MujocoPlant(text, arm.mechanism.muscles, pressure_limits=limits, lag=arm.lags, gas=varied.gas)
+
+
+__all__ = ["MujocoBatch", "plant_of"]

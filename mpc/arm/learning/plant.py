@@ -1,0 +1,232 @@
+"""Many arms at a time are one compiled loop: every one of them may differ in strength, lag, mass and muscle law.
+
+    q' = ω,   s M(q) ω' = τ(q, P) - s (C(q, ω) + g(q)) - b D ω + τ_stop + d,   τ = Σ_j r_j g_j max(F_j, 0)        (M1)
+    P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff, the second term with `gas` only                        (G3)
+
+The factors s, b and g_j, the lags τ_j and the muscles' parameters are each arm's own: a row of values of a
+`VariedArm`. Beyond the angle limits stands an end stop, τ_stop = -I_i (Ω² e + 2Ω ω_i) of the excess e, about as stiff
+for its inertia as MuJoCo's.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.joint.gas import Gas
+from allocator.joint.one_muscle import OneMuscle
+from allocator.muscles import Muscle
+from mpc.arm.lengths import symbolic_lengths
+from mpc.arm.model import Arm
+from mpc.codegen.python_text import filling
+from mpc.model.buffered import Buffered
+from mpc.model.gas import fall
+from mpc.model.integration import integrated
+
+_STOP = 50.0  # Ω [1/s] of the end stops; MuJoCo's have the time constant 0.02 s, too
+_RESOLUTION = 0.25  # of a step in times of the fastest motion: an error of about 3e-5 of the change
+
+
+@dataclass(frozen=True)
+class VariedArm:
+    """A `VariedArm` is an arm of which some numbers may differ from one to the next.
+
+    Those are, in this order: the parameters of every different muscle, the muscles' gains g (m), lags (m) [s], the
+    factor s of all masses and b of the damping.
+    """
+
+    arm: Arm
+    gas: Gas | None = None
+
+    def __post_init__(self) -> None:
+        """Check. Raises `InvalidInput`."""
+        for name, value, kinds in (("arm", self.arm, Arm), ("gas", self.gas, Gas | None)):
+            if not isinstance(value, kinds):
+                raise InvalidInput(f"{name} is a {type(value).__name__}; expected an {kinds}")
+
+    @cached_property
+    def kinds(self) -> tuple[Muscle, ...]:
+        """Return every different muscle, once."""
+        return tuple(dict.fromkeys(self.arm.mechanism.muscles))
+
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Return where in a row of values what is: "kind 0", …, "gains", "lags", "mass", "damping"."""
+        sizes = {f"kind {k}": len(kind.parameters) for k, kind in enumerate(self.kinds)}
+        sizes |= {"gains": self.arm.m, "lags": self.arm.m, "mass": 1, "damping": 1}
+        ends = np.cumsum([0, *sizes.values()]).tolist()
+        return {name: slice(begin, end) for name, begin, end in zip(sizes, ends[:-1], ends[1:], strict=True)}
+
+    @cached_property
+    def nominal(self) -> Array:
+        """Return the row of values (p,) of the arm as it is described."""
+        own = [list(kind.parameters.values()) for kind in self.kinds]
+        return np.concatenate([*own, np.ones(self.arm.m), self.arm.lags, [1.0, 1.0]])
+
+    # --- formulas ---------------------------------------------------------------------------------------------------
+
+    def muscles(self, v: Any) -> list[Muscle]:
+        """Return the m muscles with the parameters in the CasADi column `v` (p, 1)."""
+        import casadi as ca
+
+        varied = {kind: kind.unchecked(ca.vertsplit(v[self.places[f"kind {k}"]])) for k, kind in enumerate(self.kinds)}
+        return [varied[muscle] for muscle in self.arm.mechanism.muscles]
+
+    def forces(self, length: Any, P: Any, v: Any) -> Any:
+        """Return the forces (m, 1) [N] of muscles of the `length` (m, 1) [m]; of a slack cable 0. CasADi symbols."""
+        import casadi as ca
+
+        gains, L = v[self.places["gains"]], self.arm.mechanism.routes.rest_length
+        said = [muscle.law(P[j], 1 - length[j] / L[j]) for j, muscle in enumerate(self.muscles(v))]
+        return ca.vertcat(*(ca.fmax(gains[j] * F, 0.0) for j, F in enumerate(said)))
+
+    def rate(self, x: Any, u: Any, v: Any, d: Any) -> Any:
+        """Return x' (2n + m, 1) of the state `x`, commands `u` [Pa], values `v` and torques `d` [N·m], all symbols."""
+        import casadi as ca
+
+        n, bodies = self.arm.n, self.arm.bodies
+        q, omega, P = x[:n], x[n : 2 * n], x[2 * n :]
+        angles = ca.SX.sym("q", n)
+        formula = symbolic_lengths(self.arm.mechanism.routes, angles)
+        at = ca.Function("lengths", [angles], [formula, ca.jacobian(formula, angles)])
+        length, slope = at(q)
+        mass, damping = v[self.places["mass"]], v[self.places["damping"]]
+        F = self.forces(length, P, v)
+        pushing = (
+            -slope.T @ F - mass * (bodies.coriolis(q, omega) + bodies.gravity_torque(q)) + self._stop(q, omega) + d
+        )
+        pushing -= damping * ca.DM(bodies.damping) * omega
+        alpha = ca.ldl_solve(pushing, *ca.ldl(mass * bodies.mass_matrix(q)))
+        filling = (u - P) / v[self.places["lags"]] - self._falls(length, slope @ omega, P, F, v)
+        return ca.vertcat(omega, alpha, filling)
+
+    def _falls(self, length: Any, speed: Any, P: Any, F: Any, v: Any) -> Any:
+        """Return how fast the pressures fall as taut muscles swell (m, 1) [Pa/s].
+
+        They swell as hard as their varied laws pull, from the volumes of the laws as they are described.
+        """
+        import casadi as ca
+
+        if self.gas is None:
+            return 0.0 * P
+        gains, L, found = v[self.places["gains"]], self.arm.mechanism.routes.rest_length, []
+        for j, (muscle, own) in enumerate(zip(self.arm.mechanism.muscles, self.muscles(v), strict=True)):
+            eps = 1 - length[j] / L[j]
+            side = OneMuscle(muscle, +1, L[j], eps, 1.0, 0.0, 1.0, self.gas)
+            V, rest = side.volume(P[j]), muscle.volume_at_rest(L[j])
+            pulls = gains[j] * own.gain(P[j], eps) / muscle.gain(P[j], eps)
+            taut = ca.if_else(F[j] > 0, 1.0, 0.0)
+            found.append(-pulls * fall(side, P[j]) * V / (rest + gains[j] * (V - rest)) * taut * speed[j])
+        return ca.vertcat(*found)
+
+    def _stop(self, q: Any, omega: Any) -> Any:
+        """Return the torques of the end stops (n, 1) [N·m]: springs and dampers that only push back."""
+        import casadi as ca
+
+        if self.arm.mechanism.angle_limits is None:
+            return ca.SX.zeros(self.arm.n)
+        low, high = (ca.DM(limit) for limit in self.arm.angle_limits)
+        over, under = ca.fmax(q - high, 0.0), ca.fmax(low - q, 0.0)
+        up = ca.fmax(_STOP**2 * over + 2 * _STOP * omega * (over > 0), 0.0)
+        down = ca.fmax(_STOP**2 * under - 2 * _STOP * omega * (under > 0), 0.0)
+        return ca.DM(self.inertia) * (down - up)
+
+    @cached_property
+    def inertia(self) -> Array:
+        """Return the inertias (n,) [kg·m²] that joints feel alone, all others free, at q = 0."""
+        return np.asarray(1 / np.diag(np.linalg.inv(self.arm.bodies.mass_matrix(np.zeros(self.arm.n)))))
+
+    def symbols(self) -> tuple[Any, Any, Any, Any]:
+        """Return CasADi columns x, u, v, d."""
+        import casadi as ca
+
+        sizes = {"x": self.arm.size, "u": self.arm.m, "v": self.nominal.size, "d": self.arm.n}
+        x, u, v, d = (ca.SX.sym(name, size) for name, size in sizes.items())
+        return x, u, v, d
+
+
+class ArmBatch:
+    """An `ArmBatch` is N arms under way, each of a kind; its states and values are arrays to be read and written."""
+
+    def __init__(self, varied: VariedArm, size: int, dt: float, *, compiled: bool = True) -> None:
+        """Prepare `size` nominal arms at rest in the middle, without pressure, that are moved by samples of `dt` [s].
+
+        The first arm of a kind compiles for some seconds, once; with `compiled` False CasADi evaluates the formulas,
+        some hundred times as slowly. Raises `InvalidInput`.
+        """
+        if not (isinstance(size, int) and size >= 1):
+            raise InvalidInput(f"size = {size!r} has to be a whole number of arms, 1 or more")
+        if not 0 < dt <= 1:
+            raise InvalidInput(f"dt = {dt!r} has to be the time of a sample [s], at most 1")
+        self.varied, self.dt = varied, float(dt)
+        arm = varied.arm
+        self.x = np.zeros((size, arm.size))
+        self.v = np.tile(varied.nominal, (size, 1))
+        fastest = max(arm.fastest_rate, 2 * _STOP if arm.mechanism.angle_limits else 0.0)
+        self.substeps = max(int(np.ceil(dt * fastest / _RESOLUTION)), 1)
+        self._move = _compiled(varied) if compiled else _evaluated(varied)
+
+    @property
+    def q(self) -> Array:
+        """Return the angles (N, n) [rad], a view."""
+        return self.x[:, : self.varied.arm.n]
+
+    @property
+    def omega(self) -> Array:
+        """Return the velocities (N, n) [rad/s], a view."""
+        n = self.varied.arm.n
+        return self.x[:, n : 2 * n]
+
+    @property
+    def P(self) -> Array:
+        """Return the pressures (N, m) [Pa], a view."""
+        return self.x[:, 2 * self.varied.arm.n :]
+
+    def renew(self, which: Array) -> None:
+        """Take over states and values of the arms `which` (N,), which are `x` and `v` themselves here."""
+
+    def advance(self, u: Array, d: Array) -> None:
+        """Move all arms by a sample under the commands `u` (N, m) [Pa] and the torques `d` (N, n) [N·m]."""
+        N, arm = len(self.x), self.varied.arm
+        if u.shape != (N, arm.m) or d.shape != (N, arm.n) or self.v.shape != (N, self.varied.nominal.size):
+            raise InvalidInput(f"u {u.shape}, d {d.shape}: expected ({N}, {arm.m}) and ({N}, {arm.n})")
+        self._move(self.x, u, self.v, d, self.dt / self.substeps, self.substeps)
+
+
+def _compiled(varied: VariedArm) -> Any:
+    """Return (x, u, v, d, h, substeps) ↦ None, compiled for this kind of arm."""
+    from pathlib import Path
+
+    import casadi as ca
+
+    from mpc.tracking.compiled.module import imported, with_formulas
+
+    x, u, v, d = varied.symbols()
+    source = filling("rate", ca.Function("rate", [x, u, v, d], ca.cse([varied.rate(x, u, v, d)])))
+    module = imported(
+        with_formulas(Path(__file__).with_name("step.py"), f"import math\n\n\n@inlined\n{source.text}\n\n")
+    )
+    return lambda x, u, v, d, h, substeps: module.advance(source.c, x, u, v, d, h, substeps)
+
+
+def _evaluated(varied: VariedArm) -> Any:
+    """Return (x, u, v, d, h, substeps) ↦ None, evaluated by CasADi."""
+    import casadi as ca
+
+    x, u, v, d = varied.symbols()
+    h = ca.SX.sym("h")
+    once = ca.Function("step", [x, u, v, d, h], [integrated(lambda x: varied.rate(x, u, v, d), x, h, 1)])
+    step = Buffered(once)
+
+    def move(x: Array, u: Array, v: Array, d: Array, h: float, substeps: int) -> None:
+        for i in range(len(x)):
+            for _ in range(substeps):
+                x[i] = step(x[i], u[i], v[i], d[i], h)[0][0]
+
+    return move
+
+
+__all__ = ["ArmBatch", "VariedArm"]

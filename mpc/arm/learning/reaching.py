@@ -1,0 +1,153 @@
+"""Reaching: an arm is to hold a posture, sees what a rig sees, and is pushed by torques that it does not know.
+
+What is seen are the encoders now and a sample ago, the pressure sensors, the commands given last and the posture asked
+for: (q, q before, P, u, q*) (4 blocks of n or m numbers), angles in rad, pressures in bar. Nobody sees velocities, or
+what the arm's numbers are.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.joint.gas import Gas
+from allocator.units import BAR, DEG
+from mpc.arm.learning.actions import KINDS, BoxAndSlew, Governor
+from mpc.arm.learning.plant import ArmBatch, VariedArm
+from mpc.arm.learning.variation import Variation
+from mpc.arm.model import Arm
+
+Seen = NDArray[np.float32]
+
+DYNAMICS = ("compiled", "mujoco")
+_BEYOND = 0.5  # of the span: what sensors show beyond their ranges
+
+
+@dataclass(frozen=True)
+class Reaching:
+    """A `Reaching` is what is asked, of which arm, through which sensors; immutable. SI units."""
+
+    arm: Arm = field(default_factory=lambda: Arm.machine("arm26"))
+    actions: str = "pressures"  # or "posture-stiffness"
+    dt: float = 0.01  # [s] a sample
+    samples: int = 200  # of an episode
+    variation: Variation = field(default_factory=Variation)
+    gas: Gas | None = None
+    encoder: float = 0.02 * DEG  # [rad] a step
+    pressure_noise: float = 0.01 * BAR  # standard deviation [Pa]
+    delay: int = 1  # [samples] from a command to the valve
+    push: float = 0.5  # standard deviation of the unknown torque on every joint [N·m]
+    effort: float = 0.02  # what all pressures at their upper limit cost, in (rad)²
+    reach: float = 0.8  # of the angle range is asked for [-]
+    dynamics: str = "compiled"  # or "mujoco"
+
+    def __post_init__(self) -> None:
+        """Check. Raises `InvalidInput` and `MissingBackend`."""
+        for name, value, known in (("actions", self.actions, KINDS), ("dynamics", self.dynamics, DYNAMICS)):
+            if value not in known:
+                raise MissingBackend(name, value, known)
+        checks.count("samples", self.samples, 1)
+        checks.count("delay", self.delay, 0, 100)
+        for name, unit in (("encoder", "rad"), ("pressure_noise", "Pa"), ("push", "N·m"), ("effort", "rad²")):
+            if checks.number(name, getattr(self, name), unit) < 0:
+                raise InvalidInput(f"{name} = {getattr(self, name):g} {unit} has to be 0 or more")
+        if not 0 < checks.number("reach", self.reach, "-") <= 1:
+            raise InvalidInput(f"reach = {self.reach:g} has to be a share of the angle range, such as 0.8")
+        if self.arm.mechanism.angle_limits is None:
+            raise InvalidInput("the mechanism has no angle_limits, which say where postures are asked for")
+
+
+class Reachers:
+    """`Reachers` are N arms that reach, each for its own posture: what both environments are made of."""
+
+    def __init__(self, task: Reaching, size: int, governor: Governor | None = None) -> None:
+        arm = task.arm
+        self.task, self.size = task, size
+        varied = VariedArm(arm, task.gas)
+        task.variation.check(varied)
+        self.batch: Any = _BATCHES[task.dynamics](varied, size, task.dt)
+        self.action = KINDS[task.actions](arm)
+        self.governor: Governor = BoxAndSlew(arm, task.dt) if governor is None else governor
+        low, high = arm.angle_limits
+        self.asked_range = (low + high) / 2 + task.reach * np.array([[-1.0], [1.0]]) * (high - low) / 2
+        self.seen_range = self._seen_range(low, high)
+        n, m = arm.n, arm.m
+        self.goal, self.push, self.sample = np.zeros((size, n)), np.zeros((size, n)), np.zeros(size, np.int64)
+        self._encoders = np.zeros((2, size, n))  # now and a sample ago
+        self._waiting = np.zeros((task.delay + 1, size, m))  # commands, the newest first
+
+    def _seen_range(self, low: Array, high: Array) -> Array:
+        """Return the least and the greatest of what is seen (2, 3n + 2m)."""
+        arm = self.task.arm
+        pressures = np.array(arm.mechanism.pressure_limits) / BAR
+        over, above = _BEYOND * (high - low), _BEYOND * float(np.ptp(pressures))
+        q = np.stack([low - over, high + over])
+        P = np.repeat(np.array([[pressures[0] - above], [pressures[1] + above]]), arm.m, axis=1)
+        return np.concatenate([q, q, P, P, q], axis=1)
+
+    def begin(self, which: Array, rng: np.random.Generator) -> None:
+        """Begin new episodes of the arms `which` (N,): at rest in a drawn posture, with another one asked for."""
+        task, batch, arm, count = self.task, self.batch, self.task.arm, int(which.sum())
+        batch.v[which] = task.variation.draw(batch.varied, count, rng)
+        start = rng.uniform(self.asked_range[0], self.asked_range[1], (count, arm.n))
+        x = np.zeros((count, arm.size))
+        x[:, : arm.n] = start
+        x[:, 2 * arm.n :] = self._middle
+        batch.x[which] = x
+        batch.renew(which)
+        self.goal[which] = rng.uniform(self.asked_range[0], self.asked_range[1], (count, arm.n))
+        self.push[which] = task.push * rng.standard_normal((count, arm.n))
+        self.sample[which] = 0
+        self._waiting[:, which] = x[:, 2 * arm.n :]
+        self._encoders[:, which] = self._rounded(start)
+        if isinstance(self.governor, BoxAndSlew):
+            self.governor.begin(batch.P, which)
+
+    @property
+    def commands(self) -> Array:
+        """Return the commands given last (N, m) [Pa]."""
+        return np.asarray(self._waiting[0])
+
+    @property
+    def _middle(self) -> float:
+        """Return the pressure [Pa] to begin with: between the supply's limits."""
+        return sum(self.task.arm.mechanism.pressure_limits) / 2
+
+    def advance(self, action: Array) -> tuple[Array, Array]:
+        """Take a sample with the actions (N, …); return the rewards (N,) and the squared errors (N,) [rad²]."""
+        batch, task = self.batch, self.task
+        meant = self.action.pressures(np.clip(action, -1.0, 1.0))
+        self._waiting[1:] = self._waiting[:-1]
+        self._waiting[0] = self.governor(batch.q, batch.omega, batch.P, meant)
+        batch.advance(self._waiting[-1], self.push)
+        self._encoders[1] = self._encoders[0]
+        self._encoders[0] = self._rounded(batch.q)
+        self.sample += 1
+        square = ((batch.q - self.goal) ** 2).sum(axis=1)
+        filled = (batch.P / task.arm.mechanism.pressure_limits[1]) ** 2
+        return -square - task.effort * filled.mean(axis=1), square
+
+    def observe(self, rng: np.random.Generator) -> Seen:
+        """Return what is seen (N, 3n + 2m), noise drawn anew."""
+        P = self.batch.P + self.task.pressure_noise * rng.standard_normal(self.batch.P.shape)
+        seen = np.concatenate([*self._encoders, P / BAR, self._waiting[0] / BAR, self.goal], axis=1)
+        return np.asarray(np.clip(seen, *self.seen_range), np.float32)
+
+    def _rounded(self, q: Array) -> Array:
+        step = self.task.encoder
+        return np.asarray(step * np.round(q / step)) if step else q
+
+
+def _mujoco(varied: VariedArm, size: int, dt: float) -> Any:
+    from mpc.arm.learning.mujoco_batch import MujocoBatch
+
+    return MujocoBatch(varied, size, dt)
+
+
+_BATCHES: dict[str, Any] = {"compiled": ArmBatch, "mujoco": _mujoco}
+
+__all__ = ["Reachers", "Reaching", "Seen"]

@@ -1,0 +1,41 @@
+"""The template moves many arms by a sample each.
+
+`mpc.arm.learning.plant` puts the formula of an arm in the place of the lines below that begin with `FORMULAS`:
+`rate(x, u, v, d, c, out)` fills in the derivative x' of the state x = (q, ω, P) (2n + m,) under the commands u (m,)
+[Pa] and the torques d (n,) [N·m] from outside, of an arm with the varied numbers v. The array c holds the formula's
+numbers.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.tracking.compiled.jit import compiled, inlined  # noqa: F401  # `inlined` is for the formula
+
+FORMULAS: Any = None
+rate = FORMULAS
+
+NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
+
+
+@compiled
+def advance(c: Array, x: Array, u: Array, v: Array, d: Array, h: float, substeps: int) -> None:
+    """Move the states `x` (N, 2n + m) by `substeps` steps of `h` [s] under `u` (N, m), `d` (N, n), varied by `v`."""
+    size = x.shape[1]
+    stage, slope, total = np.empty(size), np.zeros(size), np.empty(size)
+    for i in range(x.shape[0]):
+        for _ in range(substeps):
+            for k in range(size):
+                slope[k] = total[k] = 0.0
+            for node in range(4):
+                for k in range(size):
+                    stage[k] = x[i, k] + h * NODES[node] * slope[k]
+                rate(stage, u[i], v[i], d[i], c, slope)
+                for k in range(size):
+                    total[k] += h * SHARES[node] * slope[k]
+            for k in range(size):
+                x[i, k] += total[k]
+
+
+__all__ = ["advance"]

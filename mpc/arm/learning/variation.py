@@ -1,0 +1,90 @@
+"""Arms that differ from the one that is described teach what holds for all that it may be: domain randomisation.
+
+What a fit leaves open is its covariance: the parameters of every fitted muscle are drawn from the normal distribution
+of it, all muscles of a kind alike, because they were fitted once. What no fit tells is drawn with the widths
+given here.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.muscles import Muscle
+from mpc.arm.learning.plant import VariedArm
+
+_LOOKED_AT, _MOST_REFUSED = 1000, 0.05  # draws of a covariance, and the share of them that may be of no use
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A `Variation` says how arms differ; by default they do not."""
+
+    fit: bool = False  # whether the muscles' parameters are drawn from the covariances of their fits
+    gains: float = 0.0  # standard deviation of each muscle's strength [-]
+    lags: float = 0.0  # of the logarithm of each regulator's time constant [-]
+    mass: float = 0.0  # of the logarithm of the factor of all masses [-]
+    damping: float = 0.0  # of the logarithm of the damping's factor [-]
+
+    def __post_init__(self) -> None:
+        """Check. Raises `InvalidInput`."""
+        for field in fields(self)[1:]:
+            width = checks.number(f"Variation: {field.name}", getattr(self, field.name), "-")
+            if not 0 <= width <= 1:
+                raise InvalidInput(f"Variation: {field.name} = {width:g} has to lie between 0 and 1, such as 0.05")
+            object.__setattr__(self, field.name, width)
+
+    def check(self, varied: VariedArm) -> None:
+        """Insist that `fit` finds covariances, and ones that can be drawn from. Raises `InvalidInput`."""
+        if self.fit and all(kind.covariance is None for kind in varied.kinds):
+            raise InvalidInput("Variation: fit=True, but none of the muscles was fitted: none has a covariance")
+        for k, kind in enumerate(varied.kinds):
+            if self.fit and kind.covariance is not None:
+                drawn = _normal(kind, _LOOKED_AT, np.random.default_rng(0))
+                if (without := 1 - float(_pulls(varied, k, drawn).mean())) > _MOST_REFUSED:
+                    raise InvalidInput(
+                        f"Variation: in {without:.0%} of draws from its covariance this {type(kind).__name__} does not "
+                        "pull at full pressure: fit it to more, or other, measurements"
+                    )
+
+    def draw(self, varied: VariedArm, size: int, rng: np.random.Generator) -> Array:
+        """Return rows of values (size, p) of as many arms, see `VariedArm`."""
+        v, at, m = np.tile(varied.nominal, (size, 1)), varied.places, varied.arm.m
+        for k, kind in enumerate(varied.kinds):
+            if self.fit and kind.covariance is not None:
+                v[:, at[f"kind {k}"]] = _parameters(varied, k, size, rng)
+        v[:, at["gains"]] *= np.maximum(1 + self.gains * rng.standard_normal((size, m)), 0.0)
+        v[:, at["lags"]] *= np.exp(self.lags * rng.standard_normal((size, m)))
+        v[:, at["mass"]] *= np.exp(self.mass * rng.standard_normal((size, 1)))
+        v[:, at["damping"]] *= np.exp(self.damping * rng.standard_normal((size, 1)))
+        return v
+
+
+def _parameters(varied: VariedArm, k: int, size: int, rng: np.random.Generator) -> Array:
+    """Draw the parameters (size, …) of a kind of muscle; those that do not pull at full pressure are drawn anew."""
+    drawn = _normal(varied.kinds[k], size, rng)
+    while (lame := ~_pulls(varied, k, drawn)).any():  # rare: `check` has seen to that
+        drawn[lame] = _normal(varied.kinds[k], int(lame.sum()), rng)
+    return drawn
+
+
+def _normal(kind: Muscle, size: int, rng: np.random.Generator) -> Array:
+    mean = np.array(list(kind.parameters.values()))
+    width, axes = np.linalg.eigh(np.asarray(kind.covariance))  # singular where parameters are bound to each other
+    return np.asarray(mean + rng.standard_normal((size, mean.size)) @ (axes * np.sqrt(np.maximum(width, 0.0))).T)
+
+
+def _pulls(varied: VariedArm, k: int, drawn: Array) -> Any:
+    """Return which of the `drawn` parameters (size, …) pull at full pressure in the middle posture (size,)."""
+    kind, mechanism = varied.kinds[k], varied.arm.mechanism
+    eps = mechanism.contractions(np.zeros(mechanism.n))[[muscle == kind for muscle in mechanism.muscles]]
+    muscle = kind.unchecked([column[:, None] for column in drawn.T])
+    with np.errstate(all="ignore"):
+        forces = np.asarray(muscle.law(mechanism.pressure_limits[1], eps))
+    return (np.isfinite(forces) & (forces > 0)).all(axis=1)
+
+
+__all__ = ["Variation"]

@@ -1,0 +1,184 @@
+"""The environments keep gymnasium's contract, repeat by their seeds, and show what a rig shows."""
+
+import sys
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from allocator import InvalidInput, MissingBackend
+from allocator.mechanism import allocate_mechanism
+from allocator.units import BAR
+from mpc.arm.learning.actions import BoxAndSlew, PostureAndStiffness
+from mpc.arm.learning.environment import NAME, ReachEnvironment, ReachVectorEnvironment
+from mpc.arm.learning.reaching import Reaching
+from mpc.arm.learning.variation import Variation
+from mpc.arm.model import Arm
+
+ARM = Arm.machine("arm26")
+VARIED = Variation(gains=0.05, lags=0.1, mass=0.1, damping=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dynamics", ["compiled", "mujoco"])
+@pytest.mark.parametrize("actions", ["pressures", "posture-stiffness"])
+def test_gymnasium_s_checker_finds_nothing(actions, dynamics):
+    """Its remarks are warnings, and warnings are errors here. Pictures of it need a GL; see the test of pictures."""
+    task = Reaching(actions=actions, dynamics=dynamics, variation=VARIED)
+    check_env(gymnasium.make(NAME, task=task).unwrapped, skip_render_check=True)
+
+
+def test_an_episode_repeats_by_its_seed():
+    task = Reaching(ARM, variation=VARIED, samples=5)
+    twins, seen = [ReachEnvironment(task), ReachEnvironment(task)], []
+    for env in twins:
+        env.action_space.seed(1)
+        rows = [env.reset(seed=7)[0]]
+        for _ in range(5):
+            observation, _, terminated, truncated, _ = env.step(env.action_space.sample())
+            rows.append(observation)
+        assert truncated
+        assert not terminated
+        seen.append(np.array(rows))
+    assert (seen[0] == seen[1]).all()
+    assert (twins[0].reachers.batch.v == twins[1].reachers.batch.v).all()
+    assert (ReachEnvironment(task).reset(seed=8)[0] != seen[0][0]).any()
+
+
+def test_many_arms_begin_anew_one_step_after_they_were_cut_off():
+    env = ReachVectorEnvironment(3, Reaching(ARM, samples=4))
+    first, _ = env.reset(seed=0)
+    assert first in env.observation_space
+    goals = env.reachers.goal.copy()
+    for k in range(4):
+        _, _, terminated, truncated, info = env.step(env.action_space.sample())
+        assert truncated.all() == (k == 3)
+        assert not terminated.any()
+    assert info["error_rad"].shape == (3,)
+    assert (env.reachers.goal == goals).all()
+    _, reward, _, truncated, _ = env.step(env.action_space.sample())
+    assert (reward == 0).all()
+    assert not truncated.any()
+    assert (env.reachers.goal != goals).all()
+    again, _ = env.reset(seed=0)
+    assert (again == first).all()
+
+
+def test_many_arms_are_one_arm_many_times():
+    """Without noise and variation each moves as alone."""
+    task = Reaching(ARM, pressure_noise=0.0, push=0.0)
+    many, one = ReachVectorEnvironment(4, task), ReachEnvironment(task)
+    many.reset(seed=0)
+    one.reset(seed=0)
+    one.reachers.batch.x[0], one.reachers.goal[0] = many.reachers.batch.x[2], many.reachers.goal[2]
+    one.reachers._encoders[:, 0] = many.reachers._encoders[:, 2]
+    for action in np.random.default_rng(0).uniform(-1, 1, (5, 6)):
+        rows, rewards, *_ = many.step(np.tile(action, (4, 1)))
+        row, reward, *_ = one.step(action)
+        assert row == pytest.approx(rows[2], abs=1e-6)
+        assert reward == pytest.approx(rewards[2], rel=1e-9)
+
+
+def test_what_is_seen_is_what_a_rig_sees():
+    env = ReachEnvironment(Reaching(ARM, encoder=1e-3, pressure_noise=0.05 * BAR, push=0.0, samples=1000))
+    before, _ = env.reset(seed=3)
+    errors = []
+    for _ in range(300):
+        seen, _, _, _, info = env.step(np.zeros(6))
+        batch = env.reachers.batch
+        assert seen[:2] == pytest.approx(1e-3 * np.round(batch.q[0] / 1e-3), abs=1e-7)
+        assert seen[2:4] == pytest.approx(before[:2], abs=0)
+        assert seen[10:16] == pytest.approx(info["u_Pa"] / BAR, rel=1e-6)
+        assert seen[16:] == pytest.approx(env.reachers.goal[0], rel=1e-6)
+        errors.append(seen[4:10] - batch.P[0] / BAR)
+        before = seen
+    assert np.std(errors) == pytest.approx(0.05, rel=0.06)
+
+
+def test_commands_arrive_late_and_no_faster_than_the_slew():
+    env = ReachEnvironment(Reaching(replace(ARM, slew=10 * BAR), delay=2))
+    env.reset(seed=0)
+    full, step = np.ones(6), 0.1 * BAR
+    for k in range(1, 4):
+        assert env.step(full)[4]["u_Pa"] == pytest.approx([2.5 * BAR + k * step] * 6)
+        arrived = 2.5 * BAR + max(k - 2, 0) * step
+        rising = env.reachers.batch.P[0] > 2.5 * BAR + 1
+        assert rising.all() == (arrived > 2.5 * BAR)
+
+
+def test_a_governor_of_ones_own_has_the_last_word():
+    seen = []
+
+    def careful(q, omega, P, command):
+        seen.append((q.shape, omega.shape, P.shape, command.shape))
+        return np.full_like(command, 2 * BAR)
+
+    env = ReachEnvironment(Reaching(ARM), governor=careful)
+    env.reset(seed=0)
+    assert (env.step(np.ones(6))[4]["u_Pa"] == 2 * BAR).all()
+    assert seen == [((1, 2), (1, 2), (1, 6), (1, 6))]
+
+
+def test_box_and_slew_change_nothing_that_is_within():
+    governor = BoxAndSlew(ARM, 0.01)
+    P = np.full((2, 6), 2 * BAR)
+    governor.begin(P, np.ones(2, bool))
+    q = np.zeros((2, 2))
+    allowed = P + 0.04 * BAR
+    assert (governor(q, q, P, allowed) == allowed).all()
+    assert governor(q, q, P, np.full((2, 6), 9 * BAR)) == pytest.approx(allowed + 0.05 * BAR)
+    governor.begin(np.zeros((2, 6)), np.array([True, False]))
+    assert (governor(q, q, P, np.full((2, 6), -1 * BAR))[0] == 0).all()
+
+
+def test_postures_and_stiffnesses_become_the_allocation_s_pressures():
+    meant = PostureAndStiffness(Arm.machine("arm48"))
+    action = np.random.default_rng(0).uniform(-0.5, 0.5, (4, 8))  # as many as joints: diagonals, no matrix
+    q, K = meant.targets(action)
+    P = meant.pressures(action)
+    for i in range(4):
+        alone = allocate_mechanism(meant.arm.mechanism, q[i], K[i], meant.arm.bodies.gravity_torque(q[i]))
+        assert P[i] == pytest.approx(alone.P, rel=1e-9)
+    ends = meant.targets(np.array([[-1.0] * 8, [1.0] * 8]))
+    assert ends[0][:, 0] == pytest.approx(np.deg2rad([-90, 90]))
+    assert (ends[1][0] < ends[1][1]).all()
+
+
+def test_an_arm_settles_where_its_action_says():
+    env = ReachEnvironment(Reaching(ARM, "posture-stiffness", push=0.0))
+    env.reset(seed=5)
+    action = np.array([0.3, -0.4, 0.0, 0.0])
+    env.step(action)
+    batch, P = env.reachers.batch, env.reachers.action.pressures(action[None])
+    for _ in range(1500):
+        batch.advance(P, np.zeros((1, 2)))
+    assert batch.q[0] == pytest.approx(action[:2] * np.deg2rad(60), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "sentence"),
+    [
+        ({"actions": "torques"}, MissingBackend, "posture-stiffness, pressures"),
+        ({"dynamics": "bullet"}, MissingBackend, "compiled, mujoco"),
+        ({"samples": 0}, InvalidInput, "samples"),
+        ({"push": -1.0}, InvalidInput, r"push = -1 N·m"),
+        ({"reach": 1.5}, InvalidInput, "reach"),
+    ],
+)
+def test_wrong_tasks_are_refused(options, error, sentence):
+    with pytest.raises(error, match=sentence):
+        Reaching(ARM, **options)
+
+
+def test_unknown_render_modes_are_refused():
+    with pytest.raises(InvalidInput, match="rgb_array"):
+        ReachEnvironment(render_mode="human")
+
+
+def test_without_gymnasium_the_line_of_pip_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    monkeypatch.delitem(sys.modules, "mpc.arm.learning.environment")
+    with pytest.raises(MissingBackend, match=r"pip install 'antagonist\[gym\]'"):
+        import mpc.arm.learning.environment  # noqa: F401
