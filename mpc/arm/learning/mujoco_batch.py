@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.arm.learning.plant import VariedArm
+from mpc.arm.learning.plant import VariedArm, views
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
 
@@ -18,25 +18,10 @@ class MujocoBatch:
         arm = varied.arm
         self.varied, self.dt = varied, float(dt)
         self.x, self.v = np.zeros((size, arm.size)), np.tile(varied.nominal, (size, 1))
+        self.q, self.omega, self.P = views(self.x, arm.n)
         self.plants = [plant_of(varied) for _ in range(size)]
         model = self.plants[0].model
         self._nominal = model.body_mass.copy(), model.body_inertia.copy(), model.dof_damping.copy()
-
-    @property
-    def q(self) -> Array:
-        """Return the angles (N, n) [rad], a view."""
-        return self.x[:, : self.varied.arm.n]
-
-    @property
-    def omega(self) -> Array:
-        """Return the velocities (N, n) [rad/s], a view."""
-        n = self.varied.arm.n
-        return self.x[:, n : 2 * n]
-
-    @property
-    def P(self) -> Array:
-        """Return the pressures (N, m) [Pa], a view."""
-        return self.x[:, 2 * self.varied.arm.n :]
 
     def renew(self, which: Array) -> None:
         """Take over states and values of the arms `which` (N,)."""

@@ -164,36 +164,25 @@ class ArmBatch:
         self.varied, self.dt = varied, float(dt)
         arm = varied.arm
         self.x = np.zeros((size, arm.size))
+        self.q, self.omega, self.P = views(self.x, arm.n)
         self.v = np.tile(varied.nominal, (size, 1))
         fastest = max(arm.fastest_rate, 2 * _STOP if arm.mechanism.angle_limits else 0.0)
         self.substeps = max(int(np.ceil(dt * fastest / _RESOLUTION)), 1)
         self._move = _compiled(varied) if compiled else _evaluated(varied)
-
-    @property
-    def q(self) -> Array:
-        """Return the angles (N, n) [rad], a view."""
-        return self.x[:, : self.varied.arm.n]
-
-    @property
-    def omega(self) -> Array:
-        """Return the velocities (N, n) [rad/s], a view."""
-        n = self.varied.arm.n
-        return self.x[:, n : 2 * n]
-
-    @property
-    def P(self) -> Array:
-        """Return the pressures (N, m) [Pa], a view."""
-        return self.x[:, 2 * self.varied.arm.n :]
 
     def renew(self, which: Array) -> None:
         """Take over states and values of the arms `which` (N,), which are `x` and `v` themselves here."""
 
     def advance(self, u: Array, d: Array) -> None:
         """Move all arms by a sample under the commands `u` (N, m) [Pa] and the torques `d` (N, n) [N·m]."""
-        N, arm = len(self.x), self.varied.arm
-        if u.shape != (N, arm.m) or d.shape != (N, arm.n) or self.v.shape != (N, self.varied.nominal.size):
-            raise InvalidInput(f"u {u.shape}, d {d.shape}: expected ({N}, {arm.m}) and ({N}, {arm.n})")
+        if u.shape != self.P.shape or d.shape != self.q.shape:  # compiled code would read beyond the ends
+            raise InvalidInput(f"u {u.shape}, d {d.shape}: expected {self.P.shape} and {self.q.shape}")
         self._move(self.x, u, self.v, d, self.dt / self.substeps, self.substeps)
+
+
+def views(x: Array, n: int) -> tuple[Array, Array, Array]:
+    """Return the angles (N, n), velocities (N, n) and pressures (N, m) in states `x` (N, 2n + m), not copied."""
+    return x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
 
 
 def _compiled(varied: VariedArm) -> Any:
@@ -229,4 +218,4 @@ def _evaluated(varied: VariedArm) -> Any:
     return move
 
 
-__all__ = ["ArmBatch", "VariedArm"]
+__all__ = ["ArmBatch", "VariedArm", "views"]

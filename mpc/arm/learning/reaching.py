@@ -16,7 +16,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Gas
 from allocator.units import BAR, DEG
-from mpc.arm.learning.actions import KINDS, BoxAndSlew, Governor
+from mpc.arm.learning.actions import KINDS, BoxAndSlew, Governor, within
 from mpc.arm.learning.plant import ArmBatch, VariedArm
 from mpc.arm.learning.variation import Variation
 from mpc.arm.model import Arm
@@ -77,6 +77,7 @@ class Reachers:
         self.seen_range = self._seen_range(low, high)
         n, m = arm.n, arm.m
         self.goal, self.push, self.sample = np.zeros((size, n)), np.zeros((size, n)), np.zeros(size, np.int64)
+        self._price = task.effort / (m * arm.mechanism.pressure_limits[1] ** 2)  # of the sum of P²
         self._encoders = np.zeros((2, size, n))  # now and a sample ago
         self._waiting = np.zeros((task.delay + 1, size, m))  # commands, the newest first
 
@@ -119,27 +120,27 @@ class Reachers:
 
     def advance(self, action: Array) -> tuple[Array, Array]:
         """Take a sample with the actions (N, …); return the rewards (N,) and the squared errors (N,) [rad²]."""
-        batch, task = self.batch, self.task
-        meant = self.action.pressures(np.clip(action, -1.0, 1.0))
+        batch = self.batch
+        meant = self.action.pressures(within(action, -1.0, 1.0))
         self._waiting[1:] = self._waiting[:-1]
         self._waiting[0] = self.governor(batch.q, batch.omega, batch.P, meant)
         batch.advance(self._waiting[-1], self.push)
         self._encoders[1] = self._encoders[0]
         self._encoders[0] = self._rounded(batch.q)
         self.sample += 1
-        square = ((batch.q - self.goal) ** 2).sum(axis=1)
-        filled = (batch.P / task.arm.mechanism.pressure_limits[1]) ** 2
-        return -square - task.effort * filled.mean(axis=1), square
+        error = batch.q - self.goal
+        square = np.einsum("ij,ij->i", error, error)
+        return -square - self._price * np.einsum("ij,ij->i", batch.P, batch.P), square
 
     def observe(self, rng: np.random.Generator) -> Seen:
         """Return what is seen (N, 3n + 2m), noise drawn anew."""
         P = self.batch.P + self.task.pressure_noise * rng.standard_normal(self.batch.P.shape)
         seen = np.concatenate([*self._encoders, P / BAR, self._waiting[0] / BAR, self.goal], axis=1)
-        return np.asarray(np.clip(seen, *self.seen_range), np.float32)
+        return np.asarray(within(seen, *self.seen_range), np.float32)
 
     def _rounded(self, q: Array) -> Array:
         step = self.task.encoder
-        return np.asarray(step * np.round(q / step)) if step else q
+        return np.asarray(step * np.rint(q / step)) if step else q
 
 
 def _mujoco(varied: VariedArm, size: int, dt: float) -> Any:
