@@ -18,7 +18,7 @@ _FILLING = 3.0  # how soon a muscle looks full, over the supply's range
 
 
 class Camera:
-    """A `Camera` renders a `MujocoPlant` to arrays (height, width, 3) of bytes, by EGL, OSMesa or GLFW.
+    """A `Camera` makes pictures of a `MujocoPlant`, arrays (height, width, 3) of bytes, by EGL, OSMesa or GLFW.
 
     Which of them is used `MUJOCO_GL` says; without it the first that works. To be closed, or used in a `with`.
     """

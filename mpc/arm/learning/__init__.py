@@ -1,3 +1,3 @@
-"""Environments in which arms with pneumatic muscles learn, on a compiled plant, many arms at a time."""
+"""Learners find environments here in which arms with pneumatic muscles move, many at a time on a compiled plant."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""What an action means: pressures, or a posture and a stiffness, from which the allocation makes pressures.
+"""An action says pressures, or a posture and a stiffness, from which the allocation makes pressures.
 
 Actions are numbers between -1 and 1, as learners like them. Whatever pressures they mean go through a governor before
 they are commanded.

@@ -1,4 +1,4 @@
-"""The environments of gymnasium: one arm that reaches, or many at a time.
+"""The environments of gymnasium have one arm that reaches, or many at a time.
 
 >>> import gymnasium
 >>> from mpc.arm.learning.reaching import Reaching

@@ -1,4 +1,4 @@
-"""The same arms on MuJoCo's bodies: slower, and an independent implementation."""
+"""The same arms are moved on MuJoCo's bodies here, more slowly, and by an independent implementation."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Reaching: an arm is to hold a posture, sees what a rig sees, and is pushed by torques that it does not know.
+"""An arm that reaches is to hold a posture; it sees what a rig sees, and is pushed by torques that it does not know.
 
 What is seen are the encoders now and a sample ago, the pressure sensors, the commands given last and the posture asked
 for: (q, q before, P, u, q*) (4 blocks of n or m numbers), angles in rad, pressures in bar. Nobody sees velocities, or
