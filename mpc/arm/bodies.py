@@ -1,14 +1,15 @@
 """The bodies of an arm are the links of a chain in the plane, each with a hinge at its beginning.
 
-With the angles φ_i = q_1 + … + q_i of the links against the x-axis, their lengths l_i, masses m_i, distances a_i of the
-centres of mass from the hinge and inertias I_i about these, the energies are
+With the angles φ_i = σ_1 q_1 + … + σ_i q_i of the links against the x-axis (σ = ±1 are the senses of the joints), their
+lengths l_i, masses m_i, distances a_i of the centres of mass from the hinge and inertias I_i about these, the energies
+are
 
     ½ Σ_ij c_ij cos(φ_i - φ_j) φ_i' φ_j'     and     -Σ_j s_j (γ_x cos φ_j + γ_y sin φ_j)
 
     s_j = m_j a_j + l_j Σ_{k>j} m_k,    c_ij = l_i s_j (i < j),    c_ii = I_i + m_i a_i² + l_i² Σ_{k>i} m_k
 
 with γ the vector of gravity in the plane; and τ = M(q) q'' + C(q, q') + D q' + g(q), where what belongs to q_i is the
-sum over j ≥ i of what belongs to φ_j, because q_i turns all the links from its own on.
+sum over j ≥ i of what belongs to φ_j, times σ_i, because q_i turns all the links from its own on.
 """
 
 from collections.abc import Sequence
@@ -35,9 +36,9 @@ _MOST = {"length": 10.0, "mass": 1000.0, "centre": 10.0, "inertia": 1000.0, "dam
 class Bodies:
     """The `Bodies` are the links of a planar serial chain with n hinges; immutable.
 
-    At q = 0 all links lie along the x-axis; angles count anticlockwise, each against the link before. A field of links
-    is n numbers, or one for all of them where another field says how many there are. Postures and velocities are
-    (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1), of which formulas are made.
+    At q = 0 all links lie along the x-axis; angles count in the joint's `sense`, each against the link before. A field
+    of links is n numbers, or one for all of them where another field says how many there are. Postures and velocities
+    are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1), of which formulas are made.
     """
 
     length: tuple[float, ...]  # l (n,) [m]
@@ -46,6 +47,7 @@ class Bodies:
     inertia: tuple[float, ...]  # I (n,) [kg·m²], about the centre of mass
     damping: tuple[float, ...]  # D (n,) [N·m·s/rad], of the hinge
     gravity: tuple[float, ...] = (0.0, 0.0)  # γ [m/s²] in the plane; 0: the plane is horizontal
+    sense: tuple[int, ...] = ()  # σ (n,) of the joints: 1 anticlockwise, -1 clockwise; by default all 1
 
     def __post_init__(self) -> None:
         """Check and make plain floats. Raises `InvalidInput`."""
@@ -66,17 +68,26 @@ class Bodies:
         if gravity.shape != (2,) or (np.abs(gravity) > _MOST["gravity"]).any():
             raise InvalidInput(f"Bodies: gravity = {checks.brief(self.gravity)} has to be (x, y) in the plane [m/s²]")
         object.__setattr__(self, "gravity", tuple(gravity.tolist()))
+        sense = checks.real("Bodies: sense", self.sense if len(self.sense) else np.ones(n), "-")
+        if sense.shape != n or not (np.abs(sense) == 1).all():
+            raise InvalidInput(f"Bodies: sense = {checks.brief(self.sense)} has to be 1 or -1 of each of {n[0]} joints")
+        object.__setattr__(self, "sense", tuple(map(int, sense)))
 
     @classmethod
     def rods(
-        cls, length: Sequence[float], mass: Sequence[float], damping: ArrayLike, gravity: Sequence[float] = (0.0, 0.0)
+        cls,
+        length: Sequence[float],
+        mass: Sequence[float],
+        damping: ArrayLike,
+        gravity: Sequence[float] = (0.0, 0.0),
+        sense: tuple[int, ...] = (),
     ) -> Self:
         """Return links that are thin uniform rods: a = l/2, I = m l²/12. Raises `InvalidInput`."""
         size, m = checks.real("Bodies: length", length, "m"), checks.real("Bodies: mass", mass, "kg")
         if size.shape != m.shape:
             raise InvalidInput(f"Bodies: length {size.shape} and mass {m.shape} have to be one number a link")
         own = size / 2, m * size**2 / 12
-        return cls(_row(size), _row(m), _row(own[0]), _row(own[1]), _row(damping), tuple(gravity))
+        return cls(_row(size), _row(m), _row(own[0]), _row(own[1]), _row(damping), tuple(gravity), sense)
 
     @property
     def n(self) -> int:
@@ -91,7 +102,8 @@ class Bodies:
         absolute = [[c[i][j] * cos(phi[i] - phi[j]) for j in range(self.n)] for i in range(self.n)]
         rows = [[_sum(absolute[a][b] for a in range(i, self.n) for b in range(j, self.n)) for j in range(self.n)]
                 for i in range(self.n)]  # fmt: skip
-        return _matrix(rows, q)
+        return _matrix([[si * sj * M for sj, M in zip(self.sense, row, strict=True)]
+                        for si, row in zip(self.sense, rows, strict=True)], q)  # fmt: skip
 
     def coriolis(self, q: Value, omega: Value) -> Value:
         """Return the Coriolis and centrifugal torques C(q, q') (…, n) [N·m]."""
@@ -100,24 +112,24 @@ class Bodies:
             _sum(c[i][j] * sin(phi[i] - phi[j]) * turning[j] ** 2 for j in range(self.n) if j != i)
             for i in range(self.n)
         ]
-        return _vector(_carried(of_links), q)
+        return _vector(self._carried(of_links), q)
 
     def gravity_torque(self, q: Value) -> Value:
         """Return g(q) (…, n) [N·m], the slope of the potential: what the muscles have to hold."""
         (x, y), s = self.gravity, self._moments.tolist()
         of_links = [s[j] * (x * sin(angle) - y * cos(angle)) for j, angle in enumerate(self._angles(q))]
-        return _vector(_carried(of_links), q)
+        return _vector(self._carried(of_links), q)
 
     def gravity_stiffness(self, q: Value) -> Value:
         """Return ∂g/∂q (…, n, n) [N·m/rad], symmetric: what gravity adds to the muscles' stiffness."""
         (x, y), s, n = self.gravity, self._moments, self.n
         of_links = [s[j] * (x * cos(angle) + y * sin(angle)) for j, angle in enumerate(self._angles(q))]
-        carried = _carried(of_links)
-        return _matrix([[carried[max(i, j)] for j in range(n)] for i in range(n)], q)
+        carried, sense = self._carried(of_links), self.sense  # each with the sense of its own joint
+        return _matrix([[sense[min(i, j)] * carried[max(i, j)] for j in range(n)] for i in range(n)], q)
 
     def bias(self, q: Value, omega: Value) -> Value:
         """Return C(q, q') + D q' + g(q) (…, n) [N·m]: the torques of a motion without acceleration."""
-        rubbing = [d * rate for d, rate in zip(self.damping, self._own(omega), strict=True)]
+        rubbing = [d * rate for d, rate in zip(self.damping, self._entries(omega), strict=True)]
         return self.coriolis(q, omega) + self.gravity_torque(q) + _vector(rubbing, q)
 
     def torque_for(self, q: Value, omega: Value, alpha: Value) -> Value:
@@ -182,10 +194,14 @@ class Bodies:
 
     def _angles(self, q: Value) -> list[Value]:
         """Return φ_i, or φ_i' of velocities: the sums of `q` up to each link."""
-        own = self._own(q)
+        own = [s * angle for s, angle in zip(self.sense, self._entries(q), strict=True)]
         return [_sum(own[: i + 1]) for i in range(self.n)]
 
-    def _own(self, q: Value) -> list[Value]:
+    def _carried(self, of_links: list[Value]) -> list[Value]:
+        """Return what the joints feel of what acts on the links: each that of all links from its own on."""
+        return [s * _sum(of_links[i:]) for i, s in enumerate(self.sense)]
+
+    def _entries(self, q: Value) -> list[Value]:
         """Return the entries of `q`."""
         q = q if is_symbol(q) else np.asarray(q, float)
         size = q.shape[0] if is_symbol(q) else q.shape[-1] if q.ndim else 0
@@ -203,11 +219,6 @@ def _sum(terms: Any) -> Value:
     for term in rest:
         total = total + term
     return total
-
-
-def _carried(of_links: list[Value]) -> list[Value]:
-    """Return what the joints feel of what acts on the links: each that of all links from its own on."""
-    return [_sum(of_links[i:]) for i in range(len(of_links))]
 
 
 def _vector(entries: list[Value], like: Value) -> Value:
@@ -249,7 +260,17 @@ def arm48_bodies() -> Bodies:
     return Bodies.rods((0.25, 0.25, 0.2, 0.15), (0.6, 0.5, 0.35, 0.25), (0.3, 0.2, 0.1, 0.03), (EARTH, 0.0))
 
 
-BODIES = {"arm26": arm26_bodies, "arm48": arm48_bodies}
-"""The bodies of the ready-made machines that are arms in a plane, by the name of the machine."""
+def leg37_bodies() -> Bodies:
+    """Return the bodies of `allocator.mechanism.machines.leg37`: three rods in a vertical plane that hang at q = 0.
 
-__all__ = ["BODIES", "EARTH", "Bodies", "arm26_bodies", "arm48_bodies"]
+    Lengths of thigh and shank are those of a person of 1.75 m (0.245 and 0.246 of the height: D. A. Winter,
+    "Biomechanics and Motor Control of Human Movement", 4th ed. 2009, Fig. 4.1); the masses, chosen by us, are a
+    robot's. The knee flexes against the sense of hip and ankle. At q = 0 the foot is in line with the shank.
+    """
+    return Bodies.rods((0.43, 0.43, 0.2), (3.0, 2.0, 0.6), 0.3, (EARTH, 0.0), (1, -1, 1))
+
+
+BODIES = {"arm26": arm26_bodies, "arm48": arm48_bodies, "leg37": leg37_bodies}
+"""The bodies of the ready-made machines, which all move in a plane, by the name of the machine."""
+
+__all__ = ["BODIES", "EARTH", "Bodies", "arm26_bodies", "arm48_bodies", "leg37_bodies"]

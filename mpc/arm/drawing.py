@@ -52,6 +52,7 @@ class Drawing:
         rest = mechanism.lengths(np.zeros(mechanism.n))
         self._longest = rest + np.abs(self.arms) @ reach
         self._rest = rest
+        self._sides = (self.arms * bodies.sense).tolist()  # (m, n) where the cables pass the joints: y [m]
         self.places = self._placed()
 
     @property
@@ -66,7 +67,7 @@ class Drawing:
             first = int(np.flatnonzero(arms)[0])
             room = 0.0 if first == 0 else self.bodies.length[first - 1]
             link = first - 1 if room >= self._longest[j] + _GAP else GROUND
-            sign = 1.0 if arms[first] > 0 else -1.0
+            sign = 1.0 if self._sides[j][first] > 0 else -1.0
             beside = taken[link, sign] = taken.get((link, sign), -1) + 1
             axis = 0.0 if link == GROUND else room
             places.append(Place(link, axis - _GAP - self._longest[j], sign * (_FIRST + _NEXT * beside)))
@@ -92,11 +93,11 @@ class Drawing:
         at_joint = place.link + 1
         x = 0.0 if place.link == GROUND else self.bodies.length[place.link]
         bend = x - 0.7 * _GAP
-        corners = [(place.begin, place.side), (bend, place.side), (x, float(self.arms[j][at_joint]))]
+        corners = [(place.begin, place.side), (bend, place.side), (x, self._sides[j][at_joint])]
         for (x0, y0), (x1, y1) in pairwise(corners):
             _line(parts[place.link], (x0, y0), (x1, y1))
         for i in range(at_joint, last):
-            _line(parts[i], (0.0, float(self.arms[j][i])), (self.bodies.length[i], float(self.arms[j][i + 1])))
+            _line(parts[i], (0.0, self._sides[j][i]), (self.bodies.length[i], self._sides[j][i + 1]))
 
 
 def muscle_geom(name: str) -> str:
@@ -130,7 +131,7 @@ def view(bodies: Bodies, behind: float) -> dict[str, str]:
     middle = np.array([(reach - behind) / 2, 0.0, 0.0])
     down = np.array([*bodies.gravity, 0.0])
     up = -down / np.linalg.norm(down) if down.any() else np.array([0.0, 1.0, 0.0])
-    distance = 0.5 * (reach + behind) / tan(_FOVY / 2 * pi / 180)
+    distance = 0.56 * (reach + behind) / tan(_FOVY / 2 * pi / 180)
     back = np.array([0.0, 0.0, 1.0]) * np.cos(0.45) - up * np.sin(0.45)  # a little from below, to see the depth
     right = np.cross(up, back)
     upward = np.cross(back, right)

@@ -78,7 +78,7 @@ def _settings(root: Tree.Element, bodies: Bodies, timestep: float) -> None:
 def _chain(bodies: Bodies) -> tuple[Link, ...]:
     """Return the links of the bodies' chain in the plane."""
     ends = [0.0, *bodies.length]
-    return tuple(Link(i - 1 if i else GROUND, (ends[i], 0.0)) for i in range(bodies.n))
+    return tuple(Link(i - 1 if i else GROUND, (ends[i], 0.0), (0.0, 0.0, s)) for i, s in enumerate(bodies.sense))
 
 
 def _links(

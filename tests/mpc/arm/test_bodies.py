@@ -102,3 +102,21 @@ def test_what_no_link_can_have_is_refused(change, said):
     good = {"length": (0.3, 0.3), "mass": 1.0, "centre": 0.15, "inertia": 0.01, "damping": 0.1}
     with pytest.raises(InvalidInput, match=said):
         Bodies(**(good | change))
+
+
+def test_a_joint_of_the_other_sense_turns_the_other_way():
+    """In mirrored angles it is the same chain; MuJoCo agrees in tests/mpc/arm/test_mjcf.py."""
+    from dataclasses import replace
+
+    turned, s = replace(CROOKED, sense=(1, -1, 1)), np.array([1, -1, 1])
+    q, omega, alpha = np.random.default_rng(9).normal(size=(3, 4, 3))
+    np.testing.assert_allclose(turned.points(q), CROOKED.points(s * q), atol=1e-15)
+    np.testing.assert_allclose(
+        turned.torque_for(q, omega, alpha), s * CROOKED.torque_for(s * q, s * omega, s * alpha), atol=1e-13
+    )
+    expected = s[:, None] * CROOKED.gravity_stiffness(s * q) * s
+    np.testing.assert_allclose(turned.gravity_stiffness(q), expected, atol=1e-13)
+    with pytest.raises(InvalidInput, match="sense"):
+        replace(CROOKED, sense=(1, 2, 1))
+    with pytest.raises(InvalidInput, match="sense"):
+        replace(CROOKED, sense=(1, 1))

@@ -7,15 +7,16 @@ import pytest
 from allocator import InvalidInput
 from allocator.mechanism import Link, Mechanism, Pulleys, Sites, Tables, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from mpc.arm.bodies import EARTH, Bodies, arm26_bodies, arm48_bodies
+from mpc.arm.bodies import Bodies, arm26_bodies, arm48_bodies, leg37_bodies
 from mpc.arm.mjcf import to_mjcf
 
-LEG = Bodies.rods((0.43, 0.43, 0.2), (3.0, 2.0, 0.6), 0.3, (EARTH, 0.0))
-ODD = Bodies((0.3, 0.25, 0.2), (1.1, 0.7, 0.3), (0.1, 0.2, 0.05), (0.02, 0.01, 0.003), (0.3, 0.1, 0.0), (3.0, -9.0))
+ODD = Bodies(
+    (0.3, 0.25, 0.2), (1.1, 0.7, 0.3), (0.1, 0.2, 0.05), (0.02, 0.01, 0.003), (0.3, 0.1, 0.0), (3.0, -9.0), (-1, 1, -1)
+)
 MACHINES = {
     "arm26": (machines.arm26(), arm26_bodies()),
     "arm48": (machines.arm48(), arm48_bodies()),
-    "leg37": (machines.leg37(), LEG),
+    "leg37": (machines.leg37(), leg37_bodies()),
     "odd": (machines.leg37(), ODD),
 }
 TURNED = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -90,7 +91,8 @@ def test_what_is_drawn_touches_nothing(name):
 
 
 def test_a_planar_chain_of_sites_moves_as_its_bodies():
-    links = [Link(), Link(0, (0.3, 0.0)), Link(1, (0.25, 0.0))]
+    back = (0.0, 0.0, -1.0)  # the sense of an axis
+    links = [Link(axis=back), Link(0, (0.3, 0.0)), Link(1, (0.25, 0.0), back)]
     paths = [
         [(-1, (-0.1, 0.05)), (0, (0.1, 0.03))],
         [(0, (0.1, 0.03)), (1, (0.1, 0.03))],

@@ -136,7 +136,7 @@ def test_what_is_no_arm_is_refused():
     with pytest.raises(InvalidInput, match="lag"):
         Arm(two.mechanism, two.bodies, lag=(0.1, 0.1))
     with pytest.raises(MissingBackend, match="arm26"):
-        Arm.machine("leg37")
+        Arm.machine("leg38")
     grid = np.linspace(-0.5, 0.5, 5)
     lengths = 0.34 + 0.02 * np.stack([grid, -grid], axis=1)
     tables = Tables(0.4, (tuple(grid),), lengths)
