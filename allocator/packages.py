@@ -19,6 +19,7 @@ _INSTALL = {  # what to say to pip; extras of ours bring versions that were trie
     "cvxpy": "cvxpy",
     "daqp": "daqp",
     "distributed": "'antagonist[dask]'",
+    "gymnasium": "'antagonist[gym]'",
     "matplotlib": "matplotlib",
     "mujoco": "'antagonist[mujoco]'",
     "numba": "numba",

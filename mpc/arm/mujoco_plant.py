@@ -20,7 +20,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.gas import Gas
 from allocator.mechanism.routes.base import per_muscle
-from allocator.mechanism.routes.mjcf import load, mujoco_module, said, tendon_lengths
+from allocator.mechanism.routes.mjcf import load, said, tendon_lengths
 from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.arm.pneumatics import Pneumatics
@@ -93,10 +93,11 @@ class MujocoPlant:
             For numbers that make no sense, and where no rest length is known.
         InvalidFile
             For a model that MuJoCo does not read, without tendons or joints.
-        MissingBackend
+        MissingPackage
             Without MuJoCo (`pip install 'antagonist[mujoco]'`).
         """
-        mujoco = mujoco_module()
+        import mujoco
+
         self.model = copy(load(model))
         if self.model.na:
             raise InvalidFile(said(model), "has actuators with states of their own, which are not integrated here")
@@ -149,7 +150,9 @@ class MujocoPlant:
         Without `P` all muscles have the supply's lower limit. `omega` (n,) [rad/s] are velocities, `seed` is that of
         the sensors' noise. Raises `InvalidInput`.
         """
-        mujoco_module().mj_resetData(self.model, self.data)
+        import mujoco
+
+        mujoco.mj_resetData(self.model, self.data)
         if q is not None:
             self.data.qpos[self._places] = self._row("q", q, self.n, "rad")
         self.data.qvel[self._speeds] = self._row("omega", omega, self.n, "rad/s")
@@ -238,7 +241,8 @@ class MujocoPlant:
     @property
     def energy(self) -> tuple[float, float]:
         """Return the potential energy, of gravity and the model's springs, and the kinetic one [J]."""
-        mujoco = mujoco_module()
+        import mujoco
+
         mujoco.mj_energyPos(self.model, self.data)
         mujoco.mj_energyVel(self.model, self.data)
         return float(self.data.energy[0]), float(self.data.energy[1])
@@ -291,10 +295,11 @@ class MujocoPlant:
 
     def _brake(self) -> tuple[Array, float]:
         """Return a damping (nv, nv) [N·m·s/rad] in which no mode swings any more, and a step [s] fine enough for it."""
+        import mujoco
         from scipy.linalg import eigh
 
         M, J = np.zeros((self.model.nv, self.model.nv)), self._jacobian()
-        mujoco_module().mj_fullM(self.model, self.data, M)
+        mujoco.mj_fullM(self.model, self.data, M)
         squares, modes = eigh(J.T @ (self.pneumatics.own_stiffness(self.lengths, self._P)[:, None] * J), M)
         rates = np.sqrt(np.maximum(squares, _SLOWEST**2))
         moved = M @ modes
@@ -324,7 +329,9 @@ class MujocoPlant:
 
         With a `brake` (nv, nv) [N·m·s/rad] no regulator works: pressures are frozen, or of gas that is `shut` in.
         """
-        d, m, place = self.data, self.model, mujoco_module().mj_integratePos
+        import mujoco
+
+        d, m, place = self.data, self.model, mujoco.mj_integratePos
         q0, v0, P0 = d.qpos.copy(), d.qvel.copy(), self._P
         v, a, P_rate = np.zeros(m.nv), np.zeros(m.nv), np.zeros(self.m)
         moved, gained, filled = np.zeros(m.nv), np.zeros(m.nv), np.zeros(self.m)
@@ -346,7 +353,9 @@ class MujocoPlant:
 
     def _rates(self, P: Array, brake: Array | None = None, shut: bool = False) -> tuple[Array, Array]:
         """Return q'' (nv,) and P' (m,) in the state that `data` holds."""
-        mujoco, m, d = mujoco_module(), self.model, self.data
+        import mujoco
+
+        m, d = self.model, self.data
         mujoco.mj_fwdPosition(m, d)
         mujoco.mj_fwdVelocity(m, d)
         length = self.lengths
@@ -389,7 +398,9 @@ class _TendonJacobian:
         self._data, self._dense = data, np.zeros((model.ntendon, model.nv))
         self._sparse = np.asarray(data.ten_J).shape != self._dense.shape
         if self._sparse:
-            self._to_dense = mujoco_module().mju_sparse2dense
+            import mujoco
+
+            self._to_dense = mujoco.mju_sparse2dense
             holder = data if hasattr(data, "ten_J_rownnz") else model
             self._layout = [getattr(holder, f"ten_J_{part}").ravel() for part in ("rownnz", "rowadr", "colind")]
 

@@ -113,7 +113,7 @@ class Pneumatics:
             return np.asarray(held)
         eps = self.contraction(length)
         for muscle, at in self._kinds:
-            side = OneMuscle(muscle, +1, self.rest_length[at], eps[at], 1.0, 0.0, 1.0, self._filled)
+            side = OneMuscle(muscle, "muscle", self.rest_length[at], eps[at], 1.0, 0.0, 1.0, self._filled)
             taut = forces[at] > 0  # a slack cable moves no muscle
             held[at] += taut * fall(side, P[at], self.force_gains[at]) * speed[at]
         return np.asarray(held)

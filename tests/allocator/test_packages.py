@@ -40,10 +40,11 @@ def test_to_look_for_a_library_is_no_import(without):
     assert importlib.util.find_spec("osqp") is None
 
 
-def test_an_extra_is_named_by_its_extra(without):
-    without("mujoco")
-    with pytest.raises(MissingPackage, match=r"pip install 'antagonist\[mujoco\]'"):
-        as_if_in("mpc.somewhere", "import mujoco")
+@pytest.mark.parametrize(("library", "extra"), [("mujoco", "mujoco"), ("gymnasium", "gym")])
+def test_an_extra_is_named_by_its_extra(without, library, extra):
+    without(library)
+    with pytest.raises(MissingPackage, match=rf"pip install 'antagonist\[{extra}\]'"):
+        as_if_in("mpc.somewhere", f"import {library}")
 
 
 def test_there_is_one_finder_however_often_it_is_asked_for():

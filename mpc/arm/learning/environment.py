@@ -9,18 +9,14 @@
 
 from typing import Any
 
+import gymnasium
 import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 
-from allocator.errors import InvalidInput, MissingBackend
+from allocator.errors import InvalidInput
 from mpc.arm.learning.actions import Governor
 from mpc.arm.learning.reaching import Reachers, Reaching, Seen
-
-try:
-    import gymnasium
-    from gymnasium.vector import AutoresetMode, VectorEnv
-    from gymnasium.vector.utils import batch_space
-except ImportError:
-    raise MissingBackend("environment", "gymnasium", ["pip install 'antagonist[gym]' first"]) from None
 
 NAME = "antagonist/Reach-v0"
 

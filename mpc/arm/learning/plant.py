@@ -115,7 +115,7 @@ class VariedArm:
         gains, L, found = v[self.places["gains"]], self.arm.mechanism.routes.rest_length, []
         for j, (muscle, own) in enumerate(zip(self.arm.mechanism.muscles, self.muscles(v), strict=True)):
             eps = 1 - length[j] / L[j]
-            side = OneMuscle(muscle, +1, L[j], eps, 1.0, 0.0, 1.0, self.gas)
+            side = OneMuscle(muscle, "muscle", L[j], eps, 1.0, 0.0, 1.0, self.gas)
             V, rest = side.volume(P[j]), muscle.volume_at_rest(L[j])
             pulls = gains[j] * own.gain(P[j], eps) / muscle.gain(P[j], eps)
             taut = ca.if_else(F[j] > 0, 1.0, 0.0)

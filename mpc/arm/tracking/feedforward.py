@@ -33,7 +33,7 @@ class ArmInverseDynamics:
     def __init__(self, arm: Arm, dt: float, N: int, min_force: float = 0.0) -> None:
         from scipy.interpolate import CubicSpline
 
-        arm.mechanism.check_affine()
+        arm.mechanism.check_affine("the feed-forward of an arm")
         self.arm, self.min_force = arm, min_force
         # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
         spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))

@@ -1,16 +1,15 @@
 """A plant on MuJoCo's bodies has the library's torques, energies, motions and stiffness, and the sensors of a rig."""
 
 import copy
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from allocator import InvalidFile, InvalidInput, MissingBackend
+from allocator import InvalidFile, InvalidInput
 from allocator.joint.gas import Gas
-from allocator.mechanism import Mechanism, machines
+from allocator.mechanism import machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
 from mpc.arm.bodies import arm26_bodies, arm48_bodies
@@ -235,11 +234,3 @@ def test_what_falls_finds_no_rest():
     rig = MujocoPlant(WRAPPED, SAROSI_DMSP_20_400N, 0.4, cable=0.0)
     with pytest.raises(InvalidInput, match="does not come to rest"):
         rig.settle()  # the free body falls
-
-
-def test_without_mujoco_the_line_of_pip_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(MissingBackend, match=r"pip install 'antagonist\[mujoco\]'"):
-        MujocoPlant("<mujoco/>", MUSCLE)
-    with pytest.raises(MissingBackend, match=r"pip install 'antagonist\[mujoco\]'"):
-        Mechanism.from_mjcf("<mujoco/>", MUSCLE)

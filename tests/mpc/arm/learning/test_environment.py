@@ -1,6 +1,5 @@
 """The environments keep gymnasium's contract, repeat by their seeds, and show what a rig shows."""
 
-import sys
 from dataclasses import replace
 
 import gymnasium
@@ -175,10 +174,3 @@ def test_wrong_tasks_are_refused(options, error, sentence):
 def test_unknown_render_modes_are_refused():
     with pytest.raises(InvalidInput, match="rgb_array"):
         ReachEnvironment(render_mode="human")
-
-
-def test_without_gymnasium_the_line_of_pip_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "gymnasium", None)
-    monkeypatch.delitem(sys.modules, "mpc.arm.learning.environment")
-    with pytest.raises(MissingBackend, match=r"pip install 'antagonist\[gym\]'"):
-        import mpc.arm.learning.environment  # noqa: F401
