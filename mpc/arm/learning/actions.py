@@ -19,31 +19,24 @@ def within(values: Array, low: Any, high: Any) -> Array:
 
 
 class Governor(Protocol):
-    """A governor returns the pressures nearest to the `command` that are safe, all (N, m) [Pa]."""
+    """A governor returns the pressures nearest to a command that are safe; `mpc.governor.PressureGovernor` is one."""
 
-    def __call__(self, q: Array, omega: Array, P: Array, command: Array) -> Array:
-        """Return safe commands (N, m) [Pa] for arms at `q`, `omega` (N, n) with the pressures `P` (N, m) [Pa]."""
+    def __call__(self, q: Array, omega: Array, P: Array, command: Array, previous: Array) -> Array:
+        """Return safe commands (N, m) [Pa] for arms at `q` [rad], `omega` [rad/s] (N, n) with the pressures `P` [Pa].
+
+        `command` and `previous` (N, m) [Pa] are what is asked for now, and what was let through last.
+        """
 
 
 class BoxAndSlew:
-    """`BoxAndSlew` is a governor that keeps commands within the supply and changes them no faster than the slew.
-
-    It remembers what it commanded: an object serves one environment.
-    """
+    """`BoxAndSlew` is a governor that keeps commands within the supply and changes them no faster than the slew."""
 
     def __init__(self, arm: Arm, dt: float) -> None:
         self._limits, self._reach = arm.mechanism.pressure_limits, arm.slew * dt
-        self._last: Array | None = None
 
-    def begin(self, P: Array, which: Array) -> None:
-        """Let the arms `which` (N,) begin with the commands `P` (N, m) [Pa]."""
-        self._last = P.copy() if self._last is None else np.where(which[:, None], P, self._last)
-
-    def __call__(self, q: Array, omega: Array, P: Array, command: Array) -> Array:
+    def __call__(self, q: Array, omega: Array, P: Array, command: Array, previous: Array) -> Array:
         """Return the commands (N, m) [Pa] within the limits."""
-        last = P if self._last is None else self._last
-        self._last = within(within(command, *self._limits), last - self._reach, last + self._reach)
-        return self._last
+        return within(within(command, *self._limits), previous - self._reach, previous + self._reach)
 
 
 class Pressures:

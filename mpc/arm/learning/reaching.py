@@ -105,8 +105,6 @@ class Reachers:
         self.sample[which] = 0
         self._waiting[:, which] = x[:, 2 * arm.n :]
         self._encoders[:, which] = self._rounded(start)
-        if isinstance(self.governor, BoxAndSlew):
-            self.governor.begin(batch.P, which)
 
     @property
     def commands(self) -> Array:
@@ -122,8 +120,9 @@ class Reachers:
         """Take a sample with the actions (N, …); return the rewards (N,) and the squared errors (N,) [rad²]."""
         batch = self.batch
         meant = self.action.pressures(within(action, -1.0, 1.0))
+        safe = self.governor(batch.q, batch.omega, batch.P, meant, self._waiting[0])
         self._waiting[1:] = self._waiting[:-1]
-        self._waiting[0] = self.governor(batch.q, batch.omega, batch.P, meant)
+        self._waiting[0] = safe
         batch.advance(self._waiting[-1], self.push)
         self._encoders[1] = self._encoders[0]
         self._encoders[0] = self._rounded(batch.q)

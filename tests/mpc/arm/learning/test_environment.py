@@ -110,26 +110,25 @@ def test_commands_arrive_late_and_no_faster_than_the_slew():
 def test_a_governor_of_ones_own_has_the_last_word():
     seen = []
 
-    def careful(q, omega, P, command):
-        seen.append((q.shape, omega.shape, P.shape, command.shape))
+    def careful(q, omega, P, command, previous):
+        seen.append((q.shape, omega.shape, P.shape, command.shape, previous[0, 0]))
         return np.full_like(command, 2 * BAR)
 
     env = ReachEnvironment(Reaching(ARM), governor=careful)
     env.reset(seed=0)
     assert (env.step(np.ones(6))[4]["u_Pa"] == 2 * BAR).all()
-    assert seen == [((1, 2), (1, 2), (1, 6), (1, 6))]
+    env.step(np.ones(6))
+    shapes = (1, 2), (1, 2), (1, 6), (1, 6)
+    assert seen == [(*shapes, 2.5 * BAR), (*shapes, 2 * BAR)]
 
 
 def test_box_and_slew_change_nothing_that_is_within():
     governor = BoxAndSlew(ARM, 0.01)
-    P = np.full((2, 6), 2 * BAR)
-    governor.begin(P, np.ones(2, bool))
-    q = np.zeros((2, 2))
+    P, q = np.full((2, 6), 2 * BAR), np.zeros((2, 2))
     allowed = P + 0.04 * BAR
-    assert (governor(q, q, P, allowed) == allowed).all()
-    assert governor(q, q, P, np.full((2, 6), 9 * BAR)) == pytest.approx(allowed + 0.05 * BAR)
-    governor.begin(np.zeros((2, 6)), np.array([True, False]))
-    assert (governor(q, q, P, np.full((2, 6), -1 * BAR))[0] == 0).all()
+    assert (governor(q, q, P, allowed, P) == allowed).all()
+    assert governor(q, q, P, P + 9 * BAR, allowed) == pytest.approx(allowed + 0.05 * BAR)
+    assert (governor(q, q, P, P - 9 * BAR, np.full((2, 6), 0.01 * BAR)) == 0).all()
 
 
 def test_postures_and_stiffnesses_become_the_allocation_s_pressures():
