@@ -15,7 +15,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.mechanism import Mechanism
 from allocator.mechanism.routes import Pulleys
-from allocator.mechanism.routes.sites import GROUND
+from allocator.mechanism.routes.linkage import GROUND
 from mpc.arm.bodies import Bodies
 
 DRAWN = "drawn"

@@ -12,7 +12,7 @@ import numpy as np
 from allocator.errors import InvalidInput
 from allocator.mechanism import Pulleys, Routes, Sites
 from allocator.mechanism.routes import FunctionRoutes, JointRoutes
-from allocator.mechanism.routes.sites import GROUND
+from allocator.mechanism.routes.linkage import GROUND
 
 
 def symbolic_lengths(routes: Routes, q: Any) -> Any:

@@ -16,8 +16,8 @@ import numpy as np
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
 from allocator.mechanism.routes import Pulleys, Sites
+from allocator.mechanism.routes.linkage import GROUND, Link
 from allocator.mechanism.routes.mjcf import MARK
-from allocator.mechanism.routes.sites import GROUND, Link
 from mpc.arm.bodies import Bodies
 from mpc.arm.drawing import DRAWN, PALE, Drawing, view
 
