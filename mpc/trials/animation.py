@@ -41,7 +41,7 @@ def save_animation(run: Run, path: str | Path, title: str = "", *, progress: Any
     film = _Film(run, title)
     with replacing(path) as draft:
         writer = writer_of(fps=_PER_SECOND)
-        with writer.saving(film.figure, str(draft), dpi=80):
+        with writer.saving(film.figure, str(draft), dpi=72):
             for k in progress(film.samples):
                 film.show(k)
                 writer.grab_frame()

@@ -21,10 +21,12 @@ OUTPUTS = (
     "fit.png",
     "my_joint.toml",
     "joint.png",
-    "joint_map.png",
+    "my_map.png",
     "plan.csv",
     "my_plant.toml",
     "motion.png",
+    "mpc.csv",
+    "pid.csv",
 )
 
 
@@ -39,16 +41,15 @@ def test_the_readme_has_the_whole_way_from_a_table_to_a_controller_and_to_c():
     names = [arguments[0] for arguments in commands()]
     assert [n for n in names if n not in ("allocate", "map")] == [
         "track",
-        "track",
         "fit",
         "track",
-        "init",
-        "muscles",
         "plan-joint",
         "fit-joint",
-        "track",
         "fit-motion",
+        "muscles",
+        "track",
         "export",
+        "track",
         "track",
     ]
     assert {"allocate", "map"} < set(names)

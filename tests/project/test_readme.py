@@ -43,13 +43,22 @@ def test_the_plan_beside_its_command_is_what_it_prints(tmp_path):
     assert said in result.output
 
 
-def test_the_tracking_error_beside_a_command_is_what_it_prints(tmp_path):
-    command, rms, worst = re.search(
-        r"`antagonist (track [^`]+)`\s+prints,\s+after the first rest, ([\d.]+)° RMS \(([\d.]+)°", README
-    ).groups()
+MEASURED = re.findall(r"\| ([\d.]+)°, ([\d.]+)° \| `antagonist (track [^`]+) --out \S+` \|$", README, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("rms", "worst", "command"), MEASURED, ids=lambda value: value.split()[-1])
+def test_the_tracking_error_beside_a_command_is_what_it_prints(rms, worst, command, tmp_path):
     result = CliRunner().invoke(app, [*command.split(), "--out", str(tmp_path / "run.csv")])
     assert result.exit_code == 0, result.output
     printed = re.search(
         r"after the first rest\D+4 s.*?angle error \[°\]\D+([\d.]+)\D+([\d.]+)", result.output, re.DOTALL
     )
     assert [float(p) for p in printed.groups()] == pytest.approx([float(rms), float(worst)], rel=0.03)
+
+
+def test_every_figure_has_its_command():
+    table = README.partition("## Measured")[2].partition("## ")[0]
+    rows = [line.split("|")[1:-1] for line in table.splitlines() if line.startswith("| ")][1:]
+    assert len(MEASURED) == 2
+    assert all(re.search(r"`(antagonist|python -m benchmarks)[ .][^`]+`", row[2]) for row in rows)
+    assert all("](benchmarks/results/" in row[1] for row in rows if "python -m" in row[2])
