@@ -24,6 +24,7 @@ _INSTALL = {  # what to say to pip; extras of ours bring versions that were trie
     "mujoco": "'antagonist[mujoco]'",
     "numba": "numba",
     "osqp": "osqp",
+    "pymodbus": "'antagonist[modbus]'",
     "qpsolvers": "qpsolvers",
     "rich": "typer rich",
     "scipy": "scipy",

@@ -11,7 +11,7 @@ from math import nan
 from types import TracebackType
 from typing import Any, Self
 
-from allocator.errors import InvalidInput, MissingBackend
+from allocator.errors import InvalidInput
 from mpc.bench.clock import Clock, MonotonicClock
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
 from mpc.bench.devices.register_map import Entry, RegisterMap
@@ -32,13 +32,13 @@ class ModbusDevice:
 
     @classmethod
     def tcp(cls, host: str, port: int = PORT, registers: RegisterMap | None = None, clock: Clock | None = None) -> Self:
-        """Return the device at this address, with the generic map if none is given. Raises `MissingBackend`."""
+        """Return the device at this address, with the generic map if none is given. Raises `MissingPackage`."""
         client, known = _pymodbus().ModbusTcpClient, RegisterMap.generic() if registers is None else registers
         return cls(lambda: client(host, port=port, timeout=known.timeout, retries=0), known, clock)
 
     @classmethod
     def rtu(cls, port: str, registers: RegisterMap | None = None, clock: Clock | None = None) -> Self:
-        """Return the device on this serial port, with the generic map if none is given. Raises `MissingBackend`."""
+        """Return the device on this serial port, with the generic map if none is given. Raises `MissingPackage`."""
         client, known = _pymodbus().ModbusSerialClient, RegisterMap.generic() if registers is None else registers
         return cls(lambda: client(port, timeout=known.timeout, retries=0, **known.serial), known, clock)
 
@@ -136,10 +136,8 @@ def _request(kind: str, registers: RegisterMap) -> list[tuple[int, int, list[Ent
 
 
 def _pymodbus() -> Any:
-    try:
-        import pymodbus.client
-    except ImportError:
-        raise MissingBackend("device", "modbus", ["pip install 'antagonist[modbus]' first"]) from None
+    import pymodbus.client
+
     return pymodbus.client
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG
-from allocator.errors import InvalidFile, InvalidInput, MissingBackend
+from allocator.errors import InvalidFile, InvalidInput
 from mpc.bench.clock import SimulatedClock
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer
 from mpc.bench.devices.modbus import ModbusDevice, open_modbus
@@ -164,9 +164,3 @@ def test_registers_apart_are_requests_apart(tmp_path, terminal):
 def test_an_address_that_is_none_is_refused(address, said):
     with pytest.raises(InvalidInput, match=said):
         open_modbus(address)
-
-
-def test_a_missing_pymodbus_is_said_with_the_line_that_installs_it(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pymodbus.client", None)
-    with pytest.raises(MissingBackend, match=r"pip install 'antagonist\[modbus\]'"):
-        open_modbus("localhost")

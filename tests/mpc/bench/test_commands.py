@@ -1,0 +1,137 @@
+"""`antagonist devices`, `run` and `sweep` as a person meets them."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from mpc.bench import dashboard
+from mpc.bench.device import DeviceLost
+from mpc.bench.devices.simulated import SimulatedDevice
+from mpc.bench.logs import read_log
+from mpc.cli import app
+from mpc.trials.recordings import load_recording
+
+SIM = "--device", "sim", "--fast", "--quiet", "--controller", "pid"
+
+
+def antagonist(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+@pytest.fixture
+def trajectory(tmp_path):
+    t = np.linspace(0, 1, 51)
+    path = tmp_path / "short.csv"
+    rows = np.column_stack([t, 5 * np.sin(np.pi * t) ** 2, np.full(t.size, 5.6)])
+    np.savetxt(path, rows, delimiter=",", header="t,theta_deg,stiffness", comments="")
+    return path
+
+
+def test_devices_are_listed():
+    result = antagonist("devices")
+    assert result.exit_code == 0
+    assert all(name in result.output for name in ("sim", "modbus"))
+
+
+def test_a_run_writes_what_is_asked_for_and_cleans_up(tmp_path, trajectory):
+    out = tmp_path / "run.npz"
+    result = antagonist("run", trajectory, *SIM, "--settle", 0.2, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert "ended: finished" in result.output
+    assert "angle error" in result.output
+    assert load_recording(out).t.size > 100
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.npz", "short.csv"]
+
+
+def test_a_log_as_csv_is_the_log(tmp_path, trajectory):
+    out = tmp_path / "run.csv"
+    assert antagonist("run", trajectory, *SIM, "--out", out).exit_code == 0
+    assert read_log(out)["t"].size > 100
+
+
+def test_a_loop_that_ended_itself_says_so_and_leaves_its_log(tmp_path, trajectory, monkeypatch):
+    write, calls = SimulatedDevice.write, iter(range(10**9))
+
+    def write_or_fail(self, P1, P2):
+        if next(calls) > 50:
+            raise DeviceLost("unplugged")
+        write(self, P1, P2)
+
+    monkeypatch.setattr(SimulatedDevice, "write", write_or_fail)
+    result = antagonist("run", trajectory, *SIM, "--out", tmp_path / "run.npz")
+    assert result.exit_code == 4
+    assert "ended: device lost: unplugged" in result.output
+    assert "which the device did not take" in result.output
+    assert read_log(tmp_path / "run.partial.csv")["t"].size > 20
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--device", "teapot"), "unknown device 'teapot'"),
+        (("--device", "modbus:localhost:502", "--fast"), "--fast is for --device sim"),
+        (("--device", "sim", "--stop", "explode"), "--stop explode: choose one of hold, ramp, vent"),
+        (("--device", "sim", "--overrun", "panic"), "--overrun panic: choose one of skip, catch-up, stop"),
+        (("--device", "sim", "--out", "run.xls"), "a run is written as"),
+        (("--device", "sim", "--present", "0"), "--present 0: expected LOW:HIGH"),
+        (("--device", "sim:missing.toml"), "missing.toml"),
+        (("--device", "sim", "--start-rate", "0"), "--start-rate 0: expected"),
+        (("--device", "sim", "--settle", "-1"), "settle = -1"),
+        (("--device", "sim", "--controller", "bang-bang"), "unknown controller 'bang-bang'"),
+    ],
+)
+def test_wrong_input_is_one_sentence(arguments, said):
+    result = antagonist("run", "min-jerk", *arguments)
+    assert result.exit_code != 0
+    assert said in str(result.exception) + result.output
+
+
+def test_a_sweep_does_not_write_over_older_ones(tmp_path):
+    (tmp_path / "joint_log.csv").write_text("mine")
+    result = antagonist("sweep", "--device", "sim", "--fast", "--out", tmp_path)
+    assert "joint_log.csv exists" in str(result.exception)
+
+
+# --- the dashboard -------------------------------------------------------------------------------------------------
+
+
+STATE = {
+    "t": 1.0, "phase": 2, "theta": 0.1, "theta_ref": 0.2, "K_ref": 7.5, "P": [1e5, float("nan")], "u": [2e5, 3e5],
+    "highest": 5e5, "late": 0.0012, "took": 0.001, "missed": 0, "health": "leak (muscle 1)",
+}  # fmt: skip
+
+
+def test_a_dashboard_without_a_terminal_prints_a_line_a_second(capsys):
+    dashboard.main([json.dumps(STATE | {"t": 0.1 * k}) for k in range(25)])
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 3
+    assert all(text in lines[0] for text in ("tracking", "5.73°", "1.00 nan bar", "late 1.20 ms", "leak (muscle 1)"))
+
+
+def test_a_dashboard_on_a_terminal_draws_bars(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    shown = Terminal()
+    monkeypatch.setattr("sys.stdout", shown)
+    dashboard.main([json.dumps(STATE)])
+    assert "█" in shown.getvalue()
+    assert "leak (muscle 1)" in shown.getvalue()
+
+
+@pytest.mark.parametrize(("value", "full"), [(0.0, 0), (2.5e5, 12), (5e5, 24), (9e5, 24), (float("nan"), 0)])
+def test_a_bar_is_as_long_as_its_value(value, full):
+    assert dashboard.bar(value, 5e5) == "█" * full + "·" * (24 - full)
+
+
+@pytest.mark.slow
+def test_a_dashboard_is_a_process_of_its_own_and_its_death_is_no_harm(bench):
+    with dashboard.Dashboard(5e5, 0.01) as shown:
+        shown._process.kill()
+        shown._process.wait()
+        record = bench.loop(watch=shown.show).run()
+    assert str(record.ending) == "finished"
