@@ -159,6 +159,7 @@ class Cycle:
                     "--present on the command line (0:0 after venting)"
                 )
             measured = present
+        self._angle_margin = self.settings.start.angle_margin
         if wrong := self._broken(reading):
             raise RefusedStart(f"{wrong.message}; nothing was commanded")
         low, high = self.limits.pressure
@@ -195,6 +196,7 @@ class Cycle:
 
         while self._next < steps + round(start.dwell / self.dt):
             self._tick(decide)
+        self._angle_margin = self.settings.watchdog.angle_margin
 
     # --- a sample ---------------------------------------------------------------------------------------------------
 
@@ -241,9 +243,9 @@ class Cycle:
 
     def _broken(self, reading: Reading) -> Stopped | None:
         """Return which limit a reading breaks; what is not measured breaks none."""
-        watchdog = self.settings.watchdog
+        watchdog, margin = self.settings.watchdog, self._angle_margin
         left, right = self.limits.theta
-        if reading.theta < left - watchdog.angle_margin or reading.theta > right + watchdog.angle_margin:
+        if reading.theta < left - margin or reading.theta > right + margin:
             where = f"the joint's range {left / DEG:.1f} … {right / DEG:.1f}°"
             return Stopped(Reason.LIMIT, f"the angle {reading.theta / DEG:.1f}° is outside {where}")
         low, high = self.limits.pressure

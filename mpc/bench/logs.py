@@ -82,8 +82,7 @@ _CONTROLLED = (Phase.SETTLE, Phase.RUN)
 def run_of(columns: Columns, plant: Plant, dt: float) -> Run:
     """Return the samples of a log that were under control as a `Run` of the nominal `plant` with samples of `dt` [s].
 
-    The last of them is where the run ends. The pressures that its first estimate tells are those commanded before, from
-    which the slew limit counts. Raises `InvalidInput` if there are fewer than two.
+    The last of them is where the run ends. Raises `InvalidInput` if there are fewer than two.
     """
     here = np.isin(columns["phase"], _CONTROLLED)
     if here.sum() < _LEAST:
@@ -92,8 +91,7 @@ def run_of(columns: Columns, plant: Plant, dt: float) -> Run:
     measured = np.stack([c["theta"], np.full(c["theta"].size, np.nan), c["P1"], c["P2"]], axis=1)
     estimate = np.stack([c[f"{name}_estimate"] for name in ("theta", "omega", "P1", "P2", "d")], axis=1)
     x = np.where(np.isfinite(measured), measured, estimate[:, :4])
-    last, before = slice(None, -1), max(int(np.argmax(here)) - 1, 0)
-    estimate[0, 2:4] = columns["P1_command"][before], columns["P2_command"][before]
+    last = slice(None, -1)
     moved = np.stack([c["moved_theta"], c["moved_K"], c["moved_T"]], axis=1)
     return Run(
         plant, dt, c["t"] - c["t"][0], x, estimate[last], np.stack([c["P1_command"], c["P2_command"]], axis=1)[last],

@@ -81,6 +81,7 @@ class SoftStart:
     rate: float = 1 * BAR  # [Pa/s] of the pressure that has the longer way
     dwell: float = 0.5  # at its end [s]: regulators lag behind, and the joint swings
     settle: float = 1.0  # under control at the reference's first point [s]
+    angle_margin: float = 10 * DEG  # [rad] beyond the joint's range on this way: without pressure it lies at its stop
     present: tuple[float, float] | None = None  # pressures [Pa] where the device measures none
 
     def __post_init__(self) -> None:
@@ -88,6 +89,7 @@ class SoftStart:
         _positive(self, "rate", "Pa/s")
         checks.not_negative("dwell", self.dwell, "s")
         checks.not_negative("settle", self.settle, "s")
+        checks.not_negative("angle_margin", self.angle_margin, "rad")
         if self.present is not None:
             checks.pressure("present", self.present)
 

@@ -69,8 +69,8 @@ class Tracking:
         if k >= self.reference.t.size:
             return None
         x, d = self._estimate(tick)
-        if k == 0:  # after the dwell pressures that nobody measures are the commands; later ones are predicted
-            x[2:] = np.where(np.isnan(x[2:]), tick.sent, x[2:])
+        if k == 0:  # a controller's first step departs from the pressures that it is told: from those last commanded
+            x[2:] = tick.sent
         self._check_health()
         plan = self.controller.step(x, *self.reference.preview(k, self.controller.ahead), d)
         estimate = dict(zip(_ESTIMATES, [*x.tolist(), d], strict=True))

@@ -2,16 +2,33 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from allocator import DEG, Pulley, fit_joint
+from allocator.identification.joint.planning.plan import plan_joint_experiment
+from allocator.identification.joint.reading import read_joint_log
+from allocator.identification.motion.fit import fit_motion
+from allocator.identification.motion.reading import read_motion_log
 from allocator.joint.antagonist import report_joint
 from allocator.muscles import scaled
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from mpc import Plant
+from mpc import Compensation, KalmanObserver, Plant, TrackingMPC, Weights
+from mpc.bench.clock import SimulatedClock
+from mpc.bench.cycle import Cycle, Settings
+from mpc.bench.devices.modbus import ModbusDevice
+from mpc.bench.devices.register_map import RegisterMap
+from mpc.bench.devices.simulated import SimulatedDevice, simulated
+from mpc.bench.loop import RealTimeLoop
+from mpc.bench.sweep import Sweep, random_steps, visits_of, within
+from mpc.bench.tracking import Tracking, replay
 from mpc.cli import app
+from mpc.tracking.limits import Limits
 from mpc.trials.metrics import metrics
 from mpc.trials.recordings import load_recording
+from mpc.trials.trajectories import point_to_point, shrunk, usual_stiffness
+from tests.mpc.bench.valve_terminal import HOST, ValveTerminal
 
 ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # what a data sheet tells
 WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SAROSI_DMSP_20_400N, 0.82)}
@@ -30,7 +47,7 @@ def test_from_sweep_to_a_tracked_trajectory_on_the_command_line(tmp_path):
     hidden, log = tmp_path / "hidden.toml", tmp_path / "run"
     HIDDEN.save(hidden)
     where = "--device", f"sim:{hidden}", "--fast", "--quiet"
-    antagonist("sweep", *where, "--muscle", "sarosi-dmsp-20-400n", "--out", tmp_path, "--motion", 40)
+    antagonist("sweep", *where, "--muscle", "sarosi-dmsp-20-400n", "--out", tmp_path, "--motion", 30)
     joint, plant = tmp_path / "joint.toml", tmp_path / "plant.toml"
     antagonist("fit-joint", tmp_path / "joint_log.csv", *GEOMETRY, "--out", joint)
     antagonist("fit-motion", tmp_path / "motion_log.csv", "--joint", joint, "--out", plant)
@@ -40,3 +57,40 @@ def test_from_sweep_to_a_tracked_trajectory_on_the_command_line(tmp_path):
     figures = metrics(load_recording(f"{log}.npz"))
     assert figures.after_rest.theta_rms < 1.0  # [°]
     assert figures.limits_kept, figures.violations
+
+
+@pytest.mark.slow
+def test_the_same_over_modbus_and_the_log_replays(tmp_path):
+    """Registers round: the angle to 0.01°, the pressures to 1 mbar."""
+    clock = SimulatedClock()
+    joint = SimulatedDevice(simulated(HIDDEN, Compensation()), clock)
+    with ValveTerminal(joint) as terminal:
+        device = ModbusDevice.tcp(HOST, terminal.port, replace(RegisterMap.generic(), timeout=9.0), clock)
+        fitted = identified(device, joint.hang, clock, tmp_path)
+        plant, known = Plant.load(fitted), Compensation.load(fitted)
+        reference = shrunk(point_to_point, usual_stiffness(plant.joint), plant.joint)
+        parts = [
+            (
+                TrackingMPC(plant, 0.01, 20, Weights.calm(), compensation=known),
+                KalmanObserver(plant, 0.01, compensation=known),
+            )
+            for _ in range(2)
+        ]
+        record = RealTimeLoop(device, *parts[0], reference, clock=clock).run()
+    assert str(record.ending) == "finished"
+    assert record.theta_rms < 1 * DEG
+    assert metrics(record.run()).limits_kept
+    again = replay(record.columns, Tracking(plant, *parts[1], reference, 1.0))
+    np.testing.assert_allclose(again[:-1], record.run().u, rtol=1e-9)
+
+
+def identified(device, hang, clock, directory):
+    """Sweep and fit; the file of the plant that was found."""
+    plan = plan_joint_experiment(within(ROUGH.joint))
+    sweep = Sweep(visits_of(plan, ROUGH.joint), random_steps(ROUGH.joint, 30), 0.02, hang, directory)
+    assert str(Cycle(device, sweep, 0.02, Limits.of(ROUGH, 0.02), Settings(), clock=clock).run()) == "finished"
+    rest, motion = read_joint_log(directory / "joint_log.csv"), read_motion_log(directory / "motion_log.csv")
+    loads = {"torque": rest.torque, "direction": rest.direction, "geometry": Pulley(0.40, 0.02, 0.1375)}
+    joint = fit_joint(rest.theta, rest.P1, rest.P2, **loads).joint
+    fit_motion(motion.t, motion.theta, motion.P1, motion.P2, joint=joint).save(directory / "plant.toml")
+    return directory / "plant.toml"

@@ -343,3 +343,15 @@ def test_a_full_disk_ends_it_before_anything_moves(bench):
     with pytest.raises(CannotWrite, match="No space left"):
         bench.loop(log="/dev/full").run()
     assert bench.device.commands == []
+
+
+def test_a_limp_joint_beyond_its_range_is_led_into_it_but_not_left_there(bench):
+    left = bench.plant.joint.angle_range[0]
+    bench.device.changed = lambda r: r._replace(theta=left - 5 * DEG) if r.t < 0.05 else r
+    assert bench.loop().run().ending.reason is Reason.FINISHED
+    bench.device.commands.clear()
+    bench.device.changed = lambda r: r._replace(theta=left - 5 * DEG)
+    record = bench.loop().run()
+    assert record.ending.reason is Reason.LIMIT
+    assert not np.isin(record.columns["phase"], (Phase.SETTLE, Phase.RUN)).any()
+    ended_safely(bench)
