@@ -28,6 +28,7 @@ _INSTALL = {  # what to say to pip; extras of ours bring versions that were trie
     "qpsolvers": "qpsolvers",
     "rich": "typer rich",
     "scipy": "scipy",
+    "serial": "'antagonist[serial]'",
     "typer": "typer rich",
 }
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from allocator import checks
-from allocator.errors import InvalidInput, MissingPackage
+from allocator.errors import InvalidInput
 from mpc.bench import serial_protocol as protocol
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
 from mpc.bench.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
@@ -257,10 +257,8 @@ class SerialDevice:
     # --- the line ---------------------------------------------------------------------------------------------------
 
     def _opened(self) -> Any:
-        try:
-            import serial
-        except ImportError:
-            raise MissingPackage("pyserial", "'antagonist[serial]'") from None
+        import serial
+
         try:
             line = serial.serial_for_url(
                 self.port, baudrate=self.baud, timeout=min(_POLL, self.timeout), write_timeout=0.1
