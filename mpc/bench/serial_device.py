@@ -9,7 +9,7 @@ next sample; `DeviceLost`, stop, for the board has let the pressures fall or wil
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from math import isfinite
 from secrets import randbelow
@@ -21,12 +21,13 @@ import numpy as np
 from allocator import checks
 from allocator.errors import InvalidInput
 from mpc.bench import serial_protocol as protocol
+from mpc.bench.clock import Clock, MonotonicClock
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
 from mpc.bench.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
 from mpc.trials.reference import Reference
 
 BAUD = 115200
-TIMEOUT = 0.008  # [s]
+TIMEOUT = 0.02  # [s]
 _POLL = 0.002  # [s] that a read waits for a byte at most: how exactly a time-out is kept
 _GREETING = 0.1  # [s] after which a greeting is said again
 _VENT_TRIES, _VENT_WAIT = 5, 0.05  # a vent is asked for so often, each time for so long [s]
@@ -76,7 +77,7 @@ class SerialDevice:
         baud: int = BAUD,
         timeout: float = TIMEOUT,
         connect: float = 3.0,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Clock | None = None,
     ) -> None:
         """Describe the line; entered, the device is connected.
 
@@ -90,7 +91,8 @@ class SerialDevice:
         self.state = 0  # `State` of the board, as of its last answer
         self.unanswered = self.late = self.damaged_there = 0  # since connecting
         self.board_time = 0.0  # clock of the board at the last reading, since the first [s]
-        self._clock, self._receiver = clock, Receiver()
+        self._receiver = Receiver()
+        self._clock: Clock = MonotonicClock() if clock is None else clock
         self._line: Any = None  # `serial.Serial`
         self._session = self._sequence = 0
         self._ticks: int | None = None  # [us]
@@ -104,9 +106,9 @@ class SerialDevice:
 
     def read(self) -> Reading:
         """Return a new reading, at the middle of its exchange. Raises `NoAnswer` or `DeviceLost`."""
-        asked = self._clock()
+        asked = self._clock.now()
         answer = self._ask(Kind.READ)
-        return self._reading(answer, (asked + self._clock()) / 2)
+        return self._reading(answer, (asked + self._clock.now()) / 2)
 
     def write(self, P1: float, P2: float) -> None:
         """Send the gauge pressures [Pa] as a command.
@@ -169,10 +171,10 @@ class SerialDevice:
         samples = [float(value) for pair in zip(theta, K, strict=True) for value in pair]
         if len(samples) > 2 * BATCH or not all(map(isfinite, samples)):
             raise InvalidInput(f"theta and K have to be at most {BATCH} finite samples each, in rad and N·m/rad")
-        asked = self._clock()
+        asked = self._clock.now()
         answer = self._ask(Kind.FOLLOW, int(first), *samples)
         sample, next_, status, rung = (int(answer.value(name)) for name in ("sample", "next", "status", "rung"))
-        reading, u = self._reading(answer, (asked + self._clock()) / 2), (answer.value("u1"), answer.value("u2"))
+        reading, u = self._reading(answer, (asked + self._clock.now()) / 2), (answer.value("u1"), answer.value("u2"))
         return Tracking(reading, u, sample, next_, status, rung, bool(answer.value("running")))
 
     def track(self, reference: Reference) -> Iterator[Tracking]:
@@ -185,23 +187,23 @@ class SerialDevice:
             raise InvalidInput(f"the board at {self.port} has no controller; export one with --variant controller")
         wanted = reference.resampled(self.info.dt)
         last = wanted.t.size - 1
-        next_, room, said = 0, self.info.room, self._clock()
+        next_, room, said = 0, self.info.room, time.monotonic()
         while True:
             until = min(next_ + BATCH, room, last + self.info.ahead + 1)
             samples = [min(k, last) for k in range(next_, until)]
-            began = self._clock()
+            began = self._clock.now()
             try:
                 now = self.follow(next_, wanted.theta[samples], wanted.K[samples])
             except NoAnswer:
-                if self._clock() - said > self.info.watchdog:
+                if time.monotonic() - said > self.info.watchdog:
                     raise
                 continue
-            next_, room, said = now.next, now.sample + self.info.room, self._clock()
+            next_, room, said = now.next, now.sample + self.info.room, time.monotonic()
             yield now
             if now.sample >= last:
                 return
             if now.running and len(samples) < BATCH:  # it has all that it has room for
-                time.sleep(max(0.0, began + self.info.dt - self._clock()))
+                self._clock.sleep_until(began + self.info.dt)
 
     # --- exchanges --------------------------------------------------------------------------------------------------
 

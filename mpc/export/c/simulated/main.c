@@ -26,6 +26,7 @@ static double torque;    /* from outside [N*m] */
 static double simulated; /* how far the plant has come [s] */
 static double step;      /* by which time goes on at every command, or 0: the PC's clock [s] */
 static double stepped;   /* the clock in that case [s] */
+static uint32_t commands; /* that the clock has gone on for */
 static int line = -1;    /* the board's end of the pseudo-terminal */
 static uint64_t noise = 88172645463325252u; /* state of xorshift (Marsaglia 2003) */
 
@@ -77,6 +78,7 @@ uint32_t clock_us(void) { return (uint32_t)(uint64_t)(now() * 1e6 + 0.5); }
 int receive_byte(void) {
     static uint8_t bytes[256];
     static ssize_t n, at;
+    if (step > 0 && board.commands != commands) return -1; /* what comes after a command is heard at the next time */
     if (at == n) {
         at = 0;
         n = read(line, bytes, sizeof bytes);
@@ -138,7 +140,6 @@ static int listen(void) {
 int main(int argc, char **argv) {
     static const double start[4] = ANT_START;
     struct pollfd waited[2] = {{0, POLLIN, 0}, {-1, POLLIN, 0}};
-    uint32_t commands = 0;
     step = argc > 1 ? atof(argv[1]) : 0;
     const char *name = open_line();
     if (!name || !(step >= 0)) {

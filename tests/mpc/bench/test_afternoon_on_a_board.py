@@ -1,0 +1,48 @@
+"""Sweep, fit and track over a serial line; `python -m benchmarks.board_afternoon` does it in real time."""
+
+import shutil
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from allocator.units import BAR
+from mpc import Compensation, Plant
+from mpc.bench.safety import Reason
+from mpc.cli import app
+from mpc.trials.metrics import metrics
+from mpc.trials.recordings import load_recording
+
+from ...rigs.afternoon import GEOMETRY, HIDDEN, Afternoon
+
+pytestmark = [
+    pytest.mark.tools,
+    pytest.mark.slow,
+    pytest.mark.skipif(shutil.which("gcc") is None or sys.platform == "win32", reason="no gcc, or no pseudo-terminals"),
+]
+AFTERNOON = Afternoon(real_time=False)
+
+
+def antagonist(*arguments):
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    assert result.exit_code == 0, result.output
+
+
+def test_from_sweep_to_a_tracked_trajectory_over_a_serial_line(tmp_path):
+    swept = AFTERNOON.sweep(tmp_path, motion=20)
+    assert swept.ending.reason is Reason.FINISHED
+    assert swept.lateness.missed == 0
+    joint, plant = tmp_path / "joint.toml", tmp_path / "plant.toml"
+    antagonist("fit-joint", tmp_path / "joint_log.csv", *GEOMETRY, "--out", joint)
+    antagonist("fit-motion", tmp_path / "motion_log.csv", "--joint", joint, "--out", plant)
+    found = Plant.load(plant)
+    assert found.lag == pytest.approx(HIDDEN.lag, rel=0.3)
+    record = AFTERNOON.run(found, Compensation.load(plant), tmp_path / "run.csv")
+    assert record.ending.reason is Reason.FINISHED
+    record.save(tmp_path / "run.npz")
+    figures = metrics(load_recording(tmp_path / "run.npz"))
+    assert figures.after_rest.theta_rms < 1.0  # [°]
+    assert figures.limits_kept, figures.violations
+    commands = np.column_stack([record.columns["P1_command"], record.columns["P2_command"]])
+    assert ((commands >= 0) & (commands <= 5 * BAR)).all()

@@ -1,0 +1,77 @@
+"""An afternoon on the exported firmware: sweep and track, on a joint whose parameters only the board knows."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from allocator.identification.joint.planning.plan import plan_joint_experiment
+from allocator.joint.antagonist import report_joint
+from allocator.muscles import scaled
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from mpc import Compensation, KalmanObserver, Plant, TrackingMPC, Weights
+from mpc.bench.clock import Clock, MonotonicClock, SimulatedClock
+from mpc.bench.cycle import Cycle, Settings
+from mpc.bench.devices.simulated import simulated
+from mpc.bench.logs import Record
+from mpc.bench.loop import RealTimeLoop, about
+from mpc.bench.safety import SoftStart, Watchdog
+from mpc.bench.serial_device import SerialDevice
+from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of, within
+from mpc.export.serial.simulated import SimulatedBoard
+from mpc.tracking.limits import Limits
+from mpc.trials.choice import reference_called
+
+ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # what a data sheet tells
+WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SAROSI_DMSP_20_400N, 0.82)}
+HIDDEN = Plant(replace(ROUGH.joint, **WEAKER), inertia=0.04, damping=0.15, lag=(0.09, 0.11))
+GEOMETRY = "--pulley", "0.02,0.1375", "--rest-length", "400"  # of `antagonist fit-joint`
+_VENTED = np.zeros(4)
+
+
+@dataclass(frozen=True)
+class Afternoon:
+    """An afternoon in real time, or with a board whose clock goes on at every command: the same at every run."""
+
+    real_time: bool
+    timeout: float = 1.0  # of an answer [s]
+    flags: tuple[str, ...] = ("-O1",)  # of the compiler
+
+    def sweep(self, directory: Path, motion: int, dt: float = 0.02) -> Cycle:
+        """Write the logs of a sweep with `motion` [s] of random steps; return how it went."""
+        plan = plan_joint_experiment(within(ROUGH.joint), accuracy=0.05)
+        steps = random_steps(ROUGH.joint, motion)
+        with self._board(dt) as board:
+            device, clock = self._device(board)
+            source = Sweep(visits_of(plan, ROUGH.joint), steps, dt, board.hang, directory, Pace(motion=float(motion)))
+            settings = Settings(watchdog=self._watchdog)
+            cycle = Cycle(device, source, dt, Limits.of(ROUGH, dt), settings, about=about(dt), clock=clock)
+            cycle.run()
+        return cycle
+
+    def run(self, plant: Plant, known: Compensation, log: Path) -> Record:
+        """Let the MPC for the `plant` that was found follow min-jerk at 100 Hz."""
+        controller = TrackingMPC(plant, N=20, weights=Weights.calm(), compensation=known)
+        observer = KalmanObserver(plant, controller.dt, compensation=known)
+        with self._board(controller.dt) as board:
+            device, clock = self._device(board)
+            reference, start = reference_called("min-jerk", None, plant), SoftStart(settle=1.0)
+            return RealTimeLoop(
+                device, controller, observer, reference, start=start, watchdog=self._watchdog, log=log, clock=clock
+            ).run()
+
+    @property
+    def _watchdog(self) -> Watchdog:
+        """Return one that, where time is simulated, does not mind what a busy machine does to the real one."""
+        return Watchdog() if self.real_time else Watchdog(stall=60.0)
+
+    def _board(self, dt: float) -> SimulatedBoard:
+        process = simulated(HIDDEN, Compensation())
+        return SimulatedBoard(process, step=0.0 if self.real_time else dt, x0=_VENTED, flags=self.flags)
+
+    def _device(self, board: SimulatedBoard) -> tuple[SerialDevice, Clock]:
+        clock = MonotonicClock() if self.real_time else SimulatedClock()
+        return SerialDevice(board.port, timeout=self.timeout, clock=clock), clock
+
+
+__all__ = ["GEOMETRY", "HIDDEN", "Afternoon"]
