@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.mechanisms import nonaffine
 from benchmarks.mechanisms.accuracy import Check
 
 pytestmark = pytest.mark.slow
@@ -31,3 +32,13 @@ def test_a_small_run_checks_everything(tmp_path):
 @pytest.mark.parametrize("worst", [1e-8, float("nan"), float("inf")])
 def test_a_wrong_answer_fails(worst):
     assert Check("", 1, worst, 1e-9).failed
+
+
+@pytest.mark.parametrize("priority", ["torque", "weighted"])
+def test_the_gap_of_muscles_that_are_not_affine_is_closed_and_no_start_ends_below_the_bound(priority):
+    found = nonaffine.search(priority, 14, 60, seed=4)
+    assert (~found.allocation.success).sum() >= 5
+    assert found.allocation.gap.max() <= 1e-3
+    assert found.allocation.kkt_residual.max() < 1e-7
+    assert found.starts >= 30
+    assert found.below == 0
