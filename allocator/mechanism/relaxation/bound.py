@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from allocator.calculus import Array
 
@@ -64,8 +63,13 @@ def relax(polygons: Sequence[Array], level: Level) -> Relaxed:
 def _coordinates(polygons: Sequence[Array]) -> tuple[Array, Array, Array]:
     """Return v = corner + edges·w with w ≥ 0 and simplices·w ≤ 1: (2m,), (2m, t) and (m, t)."""
     corner = np.concatenate([polygon[0] for polygon in polygons])
-    edges = block_diag(*((polygon[1:] - polygon[0]).T for polygon in polygons))
-    simplices = block_diag(*(np.ones((1, len(polygon) - 1)) for polygon in polygons))
+    count = [len(polygon) - 1 for polygon in polygons]
+    edges, simplices = np.zeros((len(corner), sum(count))), np.zeros((len(polygons), sum(count)))
+    begin = 0
+    for j, (polygon, more) in enumerate(zip(polygons, count, strict=True)):
+        edges[2 * j : 2 * j + 2, begin : begin + more] = (polygon[1:] - polygon[0]).T
+        simplices[j, begin : begin + more] = 1.0
+        begin += more
     return corner, edges, simplices
 
 

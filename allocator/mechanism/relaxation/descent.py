@@ -188,7 +188,7 @@ def _step(
     """
     unit, F, gain, stretch = model.problem.unit, model.forces(which, P), model.force_gains(which, P), bent[:, -1]
     (lo, hi), reach = (end[which] for end in model.bounds), radius[:, None] * unit
-    least, most = (P + (model.forces(which, end) - F) / gain for end in (lo, hi))
+    least, most = (P + (end[which] - F) / gain for end in model.force_bounds)
     box = np.maximum(np.minimum(least, P), P - reach), np.minimum(np.maximum(most, P), P + reach)
     linear = _linear(model, which, P, left, (*box, P + (centre - P) / stretch**2), bent)
     solved = batches.solve(linear.problem)

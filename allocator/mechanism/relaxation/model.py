@@ -56,6 +56,13 @@ class Model:
         return self.problem.bounds
 
     @cached_property
+    def force_bounds(self) -> tuple[Array, Array]:
+        """Return the least and the greatest forces (N, m) [N]."""
+        lo, hi = self.bounds
+        every = np.arange(self.problem.size)
+        return self.forces(every, lo), self.forces(every, hi)
+
+    @cached_property
     def reference(self) -> Array:
         """Return the pressures that are wanted near (N, m) [Pa]."""
         return np.broadcast_to(self.problem.reference, self.bounds[0].shape)
@@ -84,10 +91,9 @@ class Model:
 
     def _each(self, name: str, which: Indices, P: Array) -> Array:
         """Return what the method `name` of every muscle says at pressures (S, m)."""
-        at = self.posture(which)
-        found = np.empty(P.shape)
+        found, at = np.empty(P.shape), self.posture(which)
         for j, side in enumerate(self.problem.muscles):
-            held = side.moved(side.contraction[at], side.arm[at], side.bend[at])
+            held = side if len(self.C) == 1 else side.moved(side.contraction[at], side.arm[at], side.bend[at])
             found[:, j] = getattr(held, name)(P[:, j])
         return found
 
