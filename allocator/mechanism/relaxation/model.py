@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.mechanism import Indices
 from allocator.mechanism.problem import MechanismProblem
 from allocator.mechanism.relaxation.bound import Level
@@ -91,11 +92,26 @@ class Model:
 
     def _each(self, name: str, which: Indices, P: Array) -> Array:
         """Return what the method `name` of every muscle says at pressures (S, m)."""
-        found, at = np.empty(P.shape), self.posture(which)
-        for j, side in enumerate(self.problem.muscles):
-            held = side if len(self.C) == 1 else side.moved(side.contraction[at], side.arm[at], side.bend[at])
-            found[:, j] = getattr(held, name)(P[:, j])
+        found = np.empty(P.shape)
+        for j, side in enumerate(self._held(self.posture(which))):
+            found[:, j] = getattr(side, name)(P[:, j])
         return found
+
+    def _held(self, at: Indices) -> tuple[OneMuscle, ...]:
+        """Return the muscles at these postures (S,), or at one that is all of them."""
+        if len(self.C) == 1:
+            return self.problem.muscles
+        if len(at) > 1:
+            return tuple(side.moved(*(array[at] for array in side.arrays)) for side in self.problem.muscles)
+        if int(at[0]) not in self._alone:
+            self._alone.clear()
+            self._alone[int(at[0])] = tuple(side.moved(*(a[at] for a in side.arrays)) for side in self.problem.muscles)
+        return self._alone[int(at[0])]
+
+    @cached_property
+    def _alone(self) -> dict[int, tuple[OneMuscle, ...]]:
+        """Return the muscles at the posture that was looked at last, since a search stays there."""
+        return {}
 
     def forces(self, which: Indices, P: Array) -> Array:
         """Return F (S, m) [N]."""

@@ -21,6 +21,8 @@ from allocator.mechanism.relaxation.model import Model
 MOST_NODES = 2_000  # of a level of a target
 _STEPS = 15  # of a descent from a node
 _INSIDE = 0.1  # of an interval: it is not split nearer to its ends
+_NEARLY = 1e-2  # weighted [N·m] or [N·m/rad]
+_PATIENCE = 8  # descents that find nothing better, after which they begin now and then only
 _SAMPLES = 65  # pressures between which a force is looked up
 
 
@@ -56,7 +58,7 @@ def close(
     level = model.level(target, k, found.left[0] + model.asked[target])
     lo, hi = (end[target] for end in model.bounds)
     polygons = tuple(c.enclosure(float(a), float(b)) for c, a, b in zip(curves, lo, hi, strict=True))
-    nodes, order = 1, count()
+    nodes, failed, order = 1, 0, count()
     root = Node(lo, hi, polygons, relax(polygons, level))
     heap = [(root.relaxed.bound, next(order), root)]
     while True:
@@ -66,12 +68,19 @@ def close(
             return found, min(bound, cost), nodes
         heapq.heappop(heap)
         P = _pressures(curves, node)
-        if nodes & (nodes - 1) == 0 or level.cost(_states(curves, P)) < cost:
-            found = _better(model, target, k, P, found)
+        enough = cost - gap * (1 + cost) if failed < _PATIENCE else -1.0
+        if nodes & (nodes + 1) == 0 or _promises(level, _states(curves, P), enough):  # now and then, or for a reason
+            before, found = found, _better(model, target, k, P, found)
+            failed += found is before
         j, at = _split(curves, node, level, P)
         for child in node.children(curves, level, j, at):
             heapq.heappush(heap, (child.relaxed.bound, next(order), child))
         nodes += 2
+
+
+def _promises(level: Level, v: Array, enough: float) -> bool:
+    """Return whether a point of the curves costs less than `enough`, and nearly has what earlier levels achieve."""
+    return level.cost(v) < enough and bool(np.abs(level.E @ v - level.e).max(initial=0.0) < _NEARLY)
 
 
 def _better(model: Model, target: int, k: int, P: Array, found: Found) -> Found:
