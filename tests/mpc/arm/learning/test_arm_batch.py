@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from allocator import InvalidInput
+from allocator import InvalidInput, fit, load_dataset
 from allocator.joint.gas import Gas
 from allocator.mechanism import Link, Mechanism, Sites
+from allocator.muscles import Hildebrandt2005
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
+from allocator.muscles.uncertainty import force_std
 from allocator.units import BAR
 from mpc.arm.bodies import Bodies
 from mpc.arm.learning.mujoco_batch import MujocoBatch
@@ -200,3 +202,17 @@ def test_wrong_shapes_and_sizes_are_named():
         batch.advance(np.zeros((1, 6)), np.zeros((2, 2)))
     with pytest.raises(InvalidInput, match="arm is a Mechanism; expected"):
         VariedArm(ARM.mechanism)
+
+
+def test_arms_are_those_that_a_fit_leaves_possible():
+    """Drawn from the fit to the shipped force map, their forces differ as the fit's own standard deviation says."""
+    samples = load_dataset("dmsp-20-300-map")
+    muscle = fit(Hildebrandt2005, samples.contraction, samples.pressure, samples.force).muscle
+    varied = VariedArm(replace(ARM, mechanism=ARM.mechanism.with_muscles(muscle)))
+    Variation(fit=True).check(varied)
+    v = Variation(fit=True).draw(varied, 2000, np.random.default_rng(2))[:, varied.places["kind 0"]]
+    P, eps = 3 * BAR, 0.12
+    drawn = muscle.unchecked(list(v.T)).law(P, eps)
+    first_order = float(force_std(muscle, P, eps))  # the law is not linear in its parameters
+    assert drawn.std() == pytest.approx(first_order, rel=0.15)
+    assert drawn.mean() == pytest.approx(muscle.force(P, eps), rel=0.01)
