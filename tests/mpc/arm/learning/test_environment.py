@@ -173,3 +173,22 @@ def test_wrong_tasks_are_refused(options, error, sentence):
 def test_unknown_render_modes_are_refused():
     with pytest.raises(InvalidInput, match="rgb_array"):
         ReachEnvironment(render_mode="human")
+
+
+@pytest.mark.slow
+def test_an_environment_shows_itself_or_says_which_gl_is_missing():
+    env = gymnasium.make(NAME, task=Reaching(ARM, dynamics="mujoco"), render_mode="rgb_array").unwrapped
+    env.reset(seed=0)
+    picture, said = None, ""
+    try:
+        picture = env.render()
+    except MissingBackend as error:
+        said = str(error)
+    if picture is None:
+        assert "EGL" in said
+        return
+    assert picture.shape == (480, 640, 3)
+    for _ in range(30):
+        env.step(np.ones(6))
+    assert (env.render() != picture).any(axis=-1).sum() > 500  # pixels: it has moved, and reddened
+    env.close()
