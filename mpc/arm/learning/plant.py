@@ -19,12 +19,14 @@ from allocator.errors import InvalidInput
 from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle
+from allocator.notices import notice
 from mpc.arm.lengths import symbolic_lengths
 from mpc.arm.model import Arm
 from mpc.codegen.python_text import filling
 from mpc.model.buffered import Buffered
 from mpc.model.gas import fall
 from mpc.model.integration import integrated
+from mpc.tracking.qp.step import SlowStep
 
 _STOP = 50.0  # Ω [1/s] of the end stops; MuJoCo's have the time constant 0.02 s, too
 _RESOLUTION = 0.25  # of a step in times of the fastest motion: an error of about 3e-5 of the change
@@ -154,8 +156,9 @@ class ArmBatch:
     def __init__(self, varied: VariedArm, size: int, dt: float, *, compiled: bool = True) -> None:
         """Prepare `size` nominal arms at rest in the middle, without pressure, that are moved by samples of `dt` [s].
 
-        The first arm of a kind compiles for some seconds, once; with `compiled` False CasADi evaluates the formulas,
-        some hundred times as slowly. Raises `InvalidInput`.
+        The first arm of a kind compiles for some seconds, once. With `compiled` False, and where nothing can be
+        compiled, which a `SlowStep` warning says, CasADi evaluates the formulas, some hundred times as slowly. Raises
+        `InvalidInput`.
         """
         if not (isinstance(size, int) and size >= 1):
             raise InvalidInput(f"size = {size!r} has to be a whole number of arms, 1 or more")
@@ -168,7 +171,7 @@ class ArmBatch:
         self.v = np.tile(varied.nominal, (size, 1))
         fastest = max(arm.fastest_rate, 2 * _STOP if arm.mechanism.angle_limits else 0.0)
         self.substeps = max(int(np.ceil(dt * fastest / _RESOLUTION)), 1)
-        self._move = _compiled(varied) if compiled else _evaluated(varied)
+        self._move = _moving(varied) if compiled else _evaluated(varied)
 
     def renew(self, which: Array) -> None:
         """Take over states and values of the arms `which` (N,), which are `x` and `v` themselves here."""
@@ -183,6 +186,22 @@ class ArmBatch:
 def views(x: Array, n: int) -> tuple[Array, Array, Array]:
     """Return the angles (N, n), velocities (N, n) and pressures (N, m) in states `x` (N, 2n + m), not copied."""
     return x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+
+
+def _moving(varied: VariedArm) -> Any:
+    """Return the compiled function, ready; the evaluated one, with a `SlowStep` warning, where compiling fails."""
+    try:
+        move = _compiled(varied)
+        arm = varied.arm
+        none = (np.zeros((0, size)) for size in (arm.size, arm.m, varied.nominal.size, arm.n))
+        move(*none, 0.1, 1)  # compiles now, and not in the first step
+        return move
+    except (
+        Exception
+    ) as failure:  # no compiler, no place for its work, a formula too long, or a fault of the compiler's own
+        reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
+    notice(f"the arms' motion is not compiled and takes some hundred times as long: {reason}", SlowStep)
+    return _evaluated(varied)
 
 
 def _compiled(varied: VariedArm) -> Any:

@@ -18,6 +18,7 @@ from mpc.arm.learning.mujoco_batch import MujocoBatch
 from mpc.arm.learning.plant import ArmBatch, VariedArm
 from mpc.arm.learning.variation import Variation
 from mpc.arm.model import Arm
+from mpc.tracking.qp.step import SlowStep
 
 ARM = Arm.machine("arm26")
 SITES = Sites(
@@ -125,6 +126,22 @@ def test_on_mujoco_the_same_arms_move_alike(gas):
     compiled, mujoco = batches
     assert np.abs(compiled.q - mujoco.q).max() < 1e-6
     assert np.abs(compiled.P / mujoco.P - 1).max() < 1e-6
+
+
+def test_where_nothing_can_be_compiled_arms_move_slowly_and_say_so(monkeypatch):
+    def refused(text):
+        raise OSError("no place for compiled code")
+
+    monkeypatch.setattr("mpc.tracking.compiled.module.imported", refused)
+    varied = VariedArm(ARM)
+    with pytest.warns(SlowStep, match="no place for compiled code"):
+        batch = ArmBatch(varied, 2, 0.01)
+    slow = ArmBatch(varied, 2, 0.01, compiled=False)
+    x, u, d = drawn(varied, 2)
+    for some in (batch, slow):
+        some.x[:] = x
+        some.advance(u, d)
+    assert (batch.x == slow.x).all()
 
 
 def test_an_end_stop_holds():
