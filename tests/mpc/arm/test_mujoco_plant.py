@@ -3,6 +3,7 @@
 import copy
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -234,3 +235,33 @@ def test_what_falls_finds_no_rest():
     rig = MujocoPlant(WRAPPED, SAROSI_DMSP_20_400N, 0.4, cable=0.0)
     with pytest.raises(InvalidInput, match="does not come to rest"):
         rig.settle()  # the free body falls
+
+
+TUMBLING = """
+<mujoco><option timestep="0.002" integrator="RK4"/><worldbody>
+  <geom type="plane" size="2 2 0.1"/>
+  <site name="s" pos="-0.3 0 0.5"/>
+  <body pos="0 0 0.5"><joint name="turn" axis="0 1 0" damping="0.1" range="-1 1" limited="true"/>
+    <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.01" mass="0.5"/><site name="e" pos="0.05 0 0.03"/>
+    <body pos="0.3 0 0"><joint type="ball"/><geom type="box" size="0.03 0.05 0.08" pos="0.05 0 0"/></body></body>
+  <body pos="0.6 0 0.15" euler="20 30 0"><freejoint/><geom type="box" size="0.05 0.08 0.03" mass="0.2"/></body>
+</worldbody><tendon><spatial name="pull"><site site="s"/><site site="e"/></spatial></tendon></mujoco>"""
+
+
+def test_without_force_it_is_mujoco_s_own_motion():
+    """Its Runge–Kutta, with a ball joint, a box that falls on the floor and a joint that meets its stop."""
+    model = mujoco.MjModel.from_xml_string(TUMBLING)
+    data = mujoco.MjData(model)
+    rig = MujocoPlant(TUMBLING, SAROSI_DMSP_20_400N, 0.4, force_gains=0.0)
+    rig.reset([0.0], [0.0], omega=[2.0])
+    data.qvel[0] = 2.0
+    for k in range(100):
+        rig.step([0.0], 0.01)
+        for _ in range(5):
+            mujoco.mj_step(model, data)
+        if k == 8:
+            assert data.ncon == 0
+            assert rig.data.qpos == pytest.approx(data.qpos, abs=1e-12)
+    assert data.ncon > 0
+    assert rig.data.qpos == pytest.approx(data.qpos, abs=1e-4)  # contacts multiply differences of their solver's
+    assert rig.time == pytest.approx(data.time)
