@@ -20,6 +20,7 @@ from allocator.shell.options import Command, finite, grouped
 from allocator.shell.outputs import IMAGES, Force, claim
 from allocator.shell.printing import say
 from allocator.units import BAR
+from mpc.arm.cli import arm_command
 from mpc.bench.cli import devices_command, run_command, sweep_command
 from mpc.explorer.cli import explore
 from mpc.export.cli import export_command
@@ -233,6 +234,7 @@ def _summary(m: "Metrics", implementation: str, kind: str, *, assumed: bool = Fa
     return table
 
 
+app.command("arm", cls=Command, short_help="an arm in closed loop on MuJoCo, filmed")(arm_command)
 app.command("export", cls=Command, short_help="allocator and controller as C")(export_command)
 app.command("devices", cls=Command, short_help="list what `run` and `sweep` can drive")(devices_command)
 app.command("run", cls=Command, short_help="drive a joint on a device along a trajectory")(run_command)

@@ -1,0 +1,85 @@
+"""A PID at every joint with the feed-forward of the MPC: torques that the allocation turns into pressures.
+
+The torque asked of each joint is that of the feed-forward plus the PID's; stiffness is asked as the MPC is asked. The
+feed-forward looks ahead by the dead time, as the MPC does. The derivative is that of the error, behind a first-order
+filter; the integral stops where the allocation is short of torque.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.mechanism import allocate_mechanism
+from mpc.arm.model import Arm
+from mpc.arm.tracking.compiled.module import compiled_arm
+from mpc.arm.tracking.compiled.qp_step import CompiledArmFeedForward
+from mpc.arm.tracking.feedforward import ArmInverseDynamics
+from mpc.arm.tracking.limits import ArmLimits
+from mpc.tracking.plan import Plan, PlanStatus, Rung, Times
+
+_FILTER = 0.02  # [s] of the derivative
+_SHORT = 1e-6  # [N·m]
+
+
+@dataclass(frozen=True)
+class Gains:
+    """The gains of each joint (n,): N·m/rad, N·m/rad/s, N·m·s/rad."""
+
+    proportional: Array
+    integral: Array
+    derivative: Array
+
+
+class ArmPID:
+    """A controller with the interface of `ArmMPC`."""
+
+    def __init__(self, arm: Arm, dt: float, gains: Gains, dead_time: float = 0.0, N: int = 20) -> None:
+        self.arm, self.dt, self.gains, self._delay = arm, dt, gains, round(dead_time / dt)
+        self.ahead = N + self._delay
+        readable = ArmInverseDynamics(arm, dt, N)
+        self._feed_forward = CompiledArmFeedForward(arm, compiled_arm(arm, dt), readable.ready())
+        self._limits = ArmLimits.of_arm(arm, dt)
+        self._filter = np.exp(-dt / _FILTER)
+        self.reset()
+
+    def reset(self) -> None:
+        """The integral is 0."""
+        n = self.arm.n
+        self._integral, self._slope = np.zeros(n), np.zeros(n)
+        self._error: Array | None = None
+        self._last: Array | None = None
+
+    def step(self, x: Any, q_ref: Any, K_ref: Any, d: Any = 0.0) -> Plan:
+        """The commands of this sample; `d` is not listened to."""
+        n, k, gains = self.arm.n, self._delay, self.gains
+        feed = self._feed_forward(q_ref[k:].copy(), K_ref[k:].copy(), np.zeros((len(q_ref) - k, n)))
+        error = q_ref[0] - x[:n]
+        change = np.zeros(n) if self._error is None else (error - self._error) / self.dt
+        self._error, self._slope = error, self._filter * self._slope + (1 - self._filter) * change
+        asked = gains.proportional * error + self._integral + gains.derivative * self._slope
+        planned = feed.x[0]
+        torque = self.arm.mechanism.torque(planned[:n], planned[2 * n :])
+        held = allocate_mechanism(self.arm.mechanism, planned[:n], K_ref[k], torque + asked)
+        if np.abs(held.T_error).max() < _SHORT:
+            self._integral = self._integral + gains.integral * error * self.dt
+        wanted = feed.u[0] + held.P - planned[2 * n :]
+        self._last = self._limits.limited(x[2 * n :] if self._last is None else self._last, wanted[None])[0]
+        u = self._last[None].copy()
+        states, K = np.stack([x, x]), np.tile(np.eye(n), (2, 1, 1))
+        return Plan(u, states, K, PlanStatus.CLOSED_FORM, Rung.ALLOCATION, 0.0, Times(0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+class Readings:
+    """No observer: the readings, with velocities that the PID does not use."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._n = arm.n
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+    def estimate(self, q: Array, P: Array, u: Array) -> tuple[Array, Array]:
+        """What was read."""
+        return np.concatenate([q, np.zeros(self._n), P]), np.zeros(self._n)

@@ -1,0 +1,145 @@
+"""The arm whose muscles pull 5 % otherwise, under a load, with noise and dead time: the MPC with observer, and PIDs.
+
+    python -m benchmarks.arm.rough mpc | pid [--arm arm26] [--evaluations 50]
+
+tunes the numbers of one of them by Nelder and Mead's method over their logarithms, one objective for both: the RMS
+errors of circle and reach apart from the second after the load arrives, their swing at rest, and a tenth of the errors
+in that second. Tuned is on one plant (seed 11), judged on others (1, 2, 3).
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from allocator.units import BAR, DEG
+from benchmarks.arm.cases import ARRIVES, DEAD_TIME, DT, load, rough_plant
+from benchmarks.arm.pid import ArmPID, Gains, Readings
+from mpc.arm.model import Arm
+from mpc.arm.tracking.controller import ArmMPC
+from mpc.arm.tracking.observer import ArmObserver
+from mpc.arm.trials.reference import circle, reach
+from mpc.arm.trials.simulation import ArmRun, simulate_arm
+from mpc.observer.filter import Noise
+from mpc.tracking.weights import Weights
+
+TUNED_ON, JUDGED_ON = (11,), (1, 2, 3)
+_FINDING = 1.0  # [s] at the beginning and after the load arrives, in which it has to be found out
+_LAST = 1.0  # [s] of the reach's last rest, which is judged
+
+
+@dataclass(frozen=True)
+class Figures:
+    """The errors of a run [°], at the worst joint."""
+
+    rms: float  # apart from the second after the beginning and after the load
+    found: float  # RMS in the second after the load
+    everything: float  # RMS over all
+    rest: float  # |mean| in the last second of the reach
+    swing: float  # peak to peak there
+    rate: float  # RMS of the commands' rate there [bar/s]
+
+
+def figures(runs: tuple[ArmRun, ArmRun]) -> Figures:
+    errors = [(run.q - run.q_ref) / DEG for run in runs]
+    finding = [(run.t < _FINDING) | ((run.t >= ARRIVES) & (run.t < ARRIVES + _FINDING)) for run in runs]
+    loaded = [(run.t >= ARRIVES) & (run.t < ARRIVES + _FINDING) for run in runs]
+
+    def rms(masks: Any) -> float:
+        chosen = np.vstack([error[mask] for error, mask in zip(errors, masks, strict=True)])
+        return float(np.sqrt(np.mean(chosen**2, axis=0)).max())
+
+    at_rest = errors[1][-round(_LAST / DT) :]
+    rate = np.diff(runs[1].u[-round(_LAST / DT) :], axis=0) / BAR / DT
+    everywhere = [np.full(mask.shape, True) for mask in finding]
+    return Figures(
+        rms([~mask for mask in finding]),
+        rms(loaded),
+        rms(everywhere),
+        float(np.abs(at_rest.mean(axis=0)).max()),
+        float(np.ptp(at_rest, axis=0).max()),
+        float(np.sqrt(np.mean(rate**2))),
+    )
+
+
+class Loop(NamedTuple):
+    """A controller and what reads the sensors for it."""
+
+    controller: Any
+    observer: Any
+
+
+def mpc(arm: Arm, theta: float, omega: float, rate: float, d_walk: float, pressure_walk: float, N: int = 20) -> Loop:
+    """The MPC with errors of angle [°], velocity [°/s] and rate [bar/s] that cost ½, and the observer's walks."""
+    weights = Weights(theta=1 / (theta * DEG) ** 2, omega=1 / (omega * DEG) ** 2, rate=1 / (rate * BAR) ** 2)
+    noise = Noise(theta=0.02 * DEG / 12**0.5, d_walk=d_walk, pressure_walk=pressure_walk * BAR)
+    return Loop(ArmMPC(arm, N=N, weights=weights, dead_time=DEAD_TIME), ArmObserver(arm, DT, noise, DEAD_TIME))
+
+
+def pid(arm: Arm, **gains: float) -> Loop:
+    """PIDs with gains P1, I1, D1, P2, …"""
+    rows = (np.array([gains[f"{letter}{i + 1}"] for i in range(arm.n)]) for letter in "PID")
+    return Loop(ArmPID(arm, DT, Gains(*rows), DEAD_TIME), Readings(arm))
+
+
+MPC = {"theta": 0.08, "omega": 10.0, "rate": 1.0, "d_walk": 1.9, "pressure_walk": 0.07}
+PID = {
+    "arm26": {"P1": 2.0, "I1": 25.0, "D1": 0.05, "P2": 1.0, "I2": 20.0, "D2": 0.02},
+    "arm48": {f"{letter}{i + 1}": v / (1 + i) for i in range(4) for letter, v in (("P", 4.0), ("I", 12.0), ("D", 0.3))},
+}
+"""The numbers from which the search starts."""
+
+TUNED: dict[tuple[str, str], dict[str, float]] = {}
+"""The numbers that it found, by controller and arm."""
+
+
+def runs(arm: Arm, loop: Loop, seed: int) -> tuple[ArmRun, ArmRun]:
+    """The circle and the reach on one plant."""
+    tested = rough_plant(arm, seed)
+    done = [
+        simulate_arm(tested, arm, loop.controller, asked, observer=loop.observer, load=load(arm), seed=seed)
+        for asked in (circle(arm, turns=2), reach(arm))
+    ]
+    return done[0], done[1]
+
+
+def cost(arm: Arm, loop: Loop, seeds: tuple[int, ...] = TUNED_ON) -> float:
+    """The objective [°]."""
+    found = [figures(runs(arm, loop, seed)) for seed in seeds]
+    return float(np.mean([min(f.rms + f.swing / 3 + f.found / 10, 20.0) for f in found]))
+
+
+def tuned(arm: Arm, start: dict[str, float], build: Callable[..., Loop], evaluations: int) -> dict[str, float]:
+    """The best numbers after as many evaluations."""
+
+    def of(logarithms: Any) -> float:
+        numbers = dict(zip(start, np.exp(logarithms).tolist(), strict=True))
+        try:
+            value = cost(arm, build(arm, **numbers))
+        except ValueError:  # the arm was thrown about: the plant says that its motion is not finite
+            value = 20.0
+        print(f"{value:.4f}", ", ".join(f"{name} {v:.4g}" for name, v in numbers.items()), flush=True)
+        return value
+
+    begun = np.log(list(start.values()))
+    simplex = np.vstack([begun, begun + 0.4 * np.eye(begun.size)])
+    found = minimize(of, begun, method="Nelder-Mead", options={"maxfev": evaluations, "initial_simplex": simplex})
+    return dict(zip(start, np.exp(found.x).tolist(), strict=True))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("controller", choices=("mpc", "pid"))
+    parser.add_argument("--arm", default="arm26")
+    parser.add_argument("--evaluations", type=int, default=50)
+    given = parser.parse_args()
+    arm = Arm.machine(given.arm)
+    start, build = (MPC, mpc) if given.controller == "mpc" else (PID[given.arm], pid)
+    print("best:", tuned(arm, start, build, given.evaluations))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,198 @@
+"""The command `antagonist arm` is here: an arm in closed loop on MuJoCo; degrees and bar at the edge, SI behind."""
+
+from pathlib import Path
+from time import perf_counter, sleep
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.shell.options import finite, within
+from allocator.shell.outputs import IMAGES, Force, claim
+from allocator.shell.printing import say
+from allocator.units import BAR, DEG
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from mpc.arm.model import Arm
+    from mpc.arm.mujoco_plant import MujocoPlant
+    from mpc.arm.trials.metrics import ArmMetrics
+
+_OWN_NAMES = ("arm.gif", "arm.png", "arm.csv")
+_FILMS = (".gif", ".mp4")
+_SUFFIXES = (*IMAGES, *_FILMS, ".csv")
+_NOMINAL, _REAL = "nominal", "real"
+_REAL_EFFECTS = {"dead_time": 0.02, "encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}
+_OFF = 0.05  # of the muscles' forces, on a real plant
+
+
+def arm_command(
+    machine: Annotated[str, typer.Option(help="arm26, arm48, or an MJCF file whose tendons are the muscles")] = "arm26",
+    reference: Annotated[str, typer.Option(help="circle, reach or hold")] = "circle",
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="a .gif, .mp4 (needs ffmpeg), .png or .csv to write, or a directory for arm.gif, arm.png and arm.csv; "
+            "may be repeated"
+        ),
+    ] = None,
+    plant: Annotated[
+        str, typer.Option(help="nominal, or real: muscles 5 % off, sensors that step and rush, 20 ms of dead time")
+    ] = _NOMINAL,
+    load: Annotated[
+        float, typer.Option(help="torque on the first joint that nobody tells of, from half-way on [N·m]")
+    ] = 0.0,
+    dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01,
+    horizon: Annotated[int, typer.Option(help="samples that the controller looks ahead")] = 20,
+    seed: Annotated[int, typer.Option(help="of the sensors' noise and of what is off")] = 0,
+    view: Annotated[bool, typer.Option("--view", help="watch it in MuJoCo's window, in real time")] = False,
+    force: Force = False,
+) -> None:
+    """Let an arm of pneumatic muscles follow angles and a stiffness matrix on MuJoCo, and film it."""
+    from rich.console import Console
+
+    from mpc.arm.trials.film import Film, check_film
+    from mpc.arm.trials.metrics import arm_metrics
+    from mpc.arm.trials.reference import reference as asked_for
+    from mpc.arm.trials.simulation import simulate_arm
+
+    console = Console()
+    finite("--load", load, "N·m")
+    within("--dt", dt, "s", 1e-4, 0.5)
+    files = _files(out or [Path()])
+    claim(*files, inputs=(machine if machine.endswith(".xml") else None,), force=force, own=_OWN_NAMES)
+    for path in files:
+        if path.suffix.lower() in _FILMS:
+            check_film(path)
+    arm, tested = _machine(machine, plant, seed)
+    asked = asked_for(reference, arm)
+    half_way = asked.duration / 2
+    with Console(stderr=True).status("building the controller (compiled once after an installation: some 30 seconds)"):
+        controller, observer = _loop(arm, plant, dt, horizon)
+
+    def push(t: float) -> Any:
+        return [load * (t >= half_way)] + [0.0] * (arm.n - 1)
+
+    with Film(tested, arm) as film, _Window(tested, view) as window:
+        filmed = any(path.suffix.lower() in _FILMS for path in files)
+
+        def watch() -> None:
+            if filmed:
+                film.watch()
+            window.watch()
+
+        done = simulate_arm(tested, arm, controller, asked, observer=observer, load=push, seed=seed, watch=watch)
+    for path in files:
+        _write(done, film, path)
+    say(console, f"arm: {arm.summary}")
+    say(console, f"reference: {asked.name}, {asked.duration:g} s")
+    console.print(_summary(arm, arm_metrics(done), controller.implementation))
+    if filmed:
+        say(console, f"filmed by {film.by}")
+    say(console, f"written: {', '.join(map(str, files))}")
+
+
+def _files(out: list[Path]) -> list[Path]:
+    """Return the files to write."""
+    files = []
+    for path in out:
+        if path.suffix and path.suffix.lower() not in _SUFFIXES:
+            raise InvalidInput(f"--out {path}: a run is written as {', '.join(_SUFFIXES)} or into a directory")
+        files += [path] if path.suffix else [path / name for name in _OWN_NAMES]
+    return files
+
+
+def _machine(name: str, kind: str, seed: int) -> "tuple[Arm, MujocoPlant]":
+    """Return the arm of this name or file, and its plant."""
+    import numpy as np
+
+    from mpc.arm.mjcf import to_mjcf
+    from mpc.arm.model import Arm
+    from mpc.arm.mujoco_plant import MujocoPlant
+
+    if kind not in (_NOMINAL, _REAL):
+        raise MissingBackend("plant", kind, [_NOMINAL, _REAL])
+    arm = Arm.machine(name)
+    effects: dict[str, Any] = {}
+    if kind == _REAL:
+        signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)
+        effects = {"force_gains": 1 + _OFF * signs, **_REAL_EFFECTS}
+    model = to_mjcf(arm.mechanism, arm.bodies)
+    return arm, MujocoPlant(model, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, **effects)
+
+
+def _loop(arm: "Arm", kind: str, dt: float, horizon: int) -> tuple[Any, Any]:
+    """Return a controller, and an observer where the true state is not to be had."""
+    from mpc.arm.tracking.controller import ArmMPC
+    from mpc.arm.tracking.observer import ArmObserver
+    from mpc.arm.tracking.presets import CALM, CALM_NOISE
+
+    if kind == _NOMINAL:
+        return ArmMPC(arm, dt=dt, N=horizon), ArmObserver(arm, dt)
+    delay = _REAL_EFFECTS["dead_time"]
+    return ArmMPC(arm, dt=dt, N=horizon, weights=CALM, dead_time=delay), ArmObserver(arm, dt, CALM_NOISE, delay)
+
+
+class _Window:
+    """A window of MuJoCo's viewer shows the plant in real time, if it is wanted."""
+
+    def __init__(self, plant: "MujocoPlant", wanted: bool) -> None:
+        self._plant, self._viewer, self._began = plant, None, perf_counter()
+        if wanted:
+            import mujoco.viewer
+
+            self._viewer = mujoco.viewer.launch_passive(plant.model, plant.data)
+
+    def watch(self) -> None:
+        """Show the plant as it is now, when its time has come."""
+        if self._viewer is None:
+            return
+        sleep(max(0.0, self._plant.time - (perf_counter() - self._began)))
+        self._viewer.sync()
+
+    def __enter__(self) -> "_Window":
+        """Return itself."""
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        """Close it."""
+        if self._viewer is not None:
+            self._viewer.close()
+
+
+def _write(run: Any, film: Any, path: Path) -> None:
+    from mpc.arm.trials.files import save_arm_run
+    from mpc.arm.trials.plotting import save_arm_figure
+
+    if path.suffix.lower() == ".csv":
+        save_arm_run(run, path)
+    elif path.suffix.lower() in _FILMS:
+        film.save(path)
+    else:
+        save_arm_figure(run, path)
+
+
+def _summary(arm: "Arm", m: "ArmMetrics", implementation: str) -> "Table":
+    from rich.table import Table
+
+    table = Table("", "RMS, median", "worst, 99 %", title="arm")
+    for i, name in enumerate(arm.mechanism.joint_names):
+        table.add_row(f"angle error, {name} [°]", f"{m.angle_rms[i]:.3g}", f"{m.angle_worst[i]:.3g}")
+    for i in range(arm.n):
+        for j in range(i, arm.n):
+            if m.K_worst[i, j] > 1e-9:
+                rms, worst = f"{m.K_rms[i, j]:.3g}", f"{m.K_worst[i, j]:.3g}"
+                table.add_row(f"stiffness error, K{i + 1}{j + 1} [N·m/rad]", rms, worst)
+    table.add_section()
+    for limit, (excess, unit) in m.violations.items():
+        table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
+    table.add_section()
+    table.add_row("time of a step [µs]", f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
+    table.add_row("implementation of the step", "", implementation)
+    for rung, steps in m.rungs.items():
+        table.add_row(f"steps answered by {rung}", "", str(steps))
+    return table
+
+
+__all__ = ["arm_command"]

@@ -1,0 +1,128 @@
+"""A film of a run shows the arm as it moves: rendered by MuJoCo where there is a GL, else drawn by matplotlib.
+
+A GIF is written by Pillow, which matplotlib brings; an MP4 by the program ffmpeg, where that is installed.
+"""
+
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.errors import CannotWrite, MissingBackend
+from allocator.units import BAR
+from mpc.arm.model import Arm
+from mpc.arm.mujoco_plant import MujocoPlant
+from mpc.arm.picture import Camera
+from mpc.arm.trials.plotting import COLOURS
+
+FILMS = (".gif", ".mp4")
+SIZE = 480, 360  # [pixels]
+_RATE = 20  # pictures a second
+_COLOURS = 64  # of a GIF
+
+Picture = NDArray[np.uint8]  # (height, width, 3)
+
+
+class Film:
+    """A film takes pictures of a `plant` every twentieth of a second while it moves; to be used in a `with`.
+
+    `by` says what draws it: MuJoCo and its GL, or matplotlib and why.
+    """
+
+    def __init__(self, plant: MujocoPlant, arm: Arm) -> None:
+        self.pictures: list[Picture] = []
+        self._plant, self._camera = plant, None
+        self._next = 0.0
+        try:
+            self._camera = Camera(plant, *SIZE)
+            self._draw: Callable[[], Picture] = self._camera.render
+            self.by = "MuJoCo"
+        except MissingBackend as missing:
+            self._draw = _Drawing(plant, arm).render
+            self.by = f"matplotlib, because MuJoCo cannot render here ({missing})"
+
+    def watch(self) -> None:
+        """Take a picture if it is time for the next one."""
+        if self._plant.time >= self._next - 1e-9:
+            self.pictures.append(self._draw())
+            self._next += 1 / _RATE
+
+    def save(self, path: Path) -> None:
+        """Write the film as a GIF or an MP4. Raises `CannotWrite`, and `MissingBackend` for an MP4 without ffmpeg."""
+        (_save_gif if path.suffix.lower() == ".gif" else _save_mp4)(self.pictures, path)
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, raised: BaseException | None, _: TracebackType | None) -> None:
+        """Give the camera back."""
+        if self._camera is not None:
+            self._camera.close()
+
+
+def check_film(path: Path) -> None:
+    """Insist that a film with the ending of `path` can be written here. Raises `MissingBackend`."""
+    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
+        raise MissingBackend("film", path.name, ["a .gif", "a .mp4 where the program ffmpeg is installed"])
+
+
+def _save_gif(pictures: list[Picture], path: Path) -> None:
+    from PIL import Image
+
+    frames = [Image.fromarray(picture).quantize(_COLOURS, dither=Image.Dither.NONE) for picture in pictures]
+    try:
+        frames[0].save(path, save_all=True, append_images=frames[1:], duration=round(1000 / _RATE), loop=0)
+    except OSError as error:
+        raise CannotWrite(path, error) from None
+
+
+def _save_mp4(pictures: list[Picture], path: Path) -> None:
+    check_film(path)
+    height, width, _ = pictures[0].shape
+    given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(_RATE), "-i", "-"]
+    made = ["-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", str(path)]
+    raw = b"".join(picture.tobytes() for picture in pictures)
+    done = subprocess.run(["ffmpeg", "-y", "-loglevel", "error", *given, *made], input=raw, capture_output=True)
+    if done.returncode:
+        raise CannotWrite(path, OSError(done.stderr.decode(errors="replace").strip()[:200]))
+
+
+class _Drawing:
+    """A drawing has the links as lines, the way of the hand, and a bar for the pressure of every muscle."""
+
+    def __init__(self, plant: MujocoPlant, arm: Arm) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self._plant, self._arm = plant, arm
+        figure = Figure(figsize=(SIZE[0] / 80, SIZE[1] / 80), dpi=80, layout="constrained")
+        self._canvas: Any = FigureCanvasAgg(figure)
+        plane, bars = figure.subplots(1, 2, width_ratios=[3, 2])
+        reach = 1.1 * sum(arm.bodies.length)
+        plane.set(xlim=(-0.4 * reach, reach), ylim=(-reach, reach), xlabel="x [m]", ylabel="y [m]", aspect="equal")
+        (self._links,) = plane.plot([], [], color=COLOURS[7], lw=6, marker="o", mfc=COLOURS[6], solid_capstyle="round")
+        (self._way,) = plane.plot([], [], color=COLOURS[1], lw=1)
+        self._trace: list[Any] = []
+        self._bars = bars.barh(arm.mechanism.muscle_names, np.zeros(arm.m), color=COLOURS[1])
+        bars.set(xlim=np.array(plant.pressure_limits) / BAR, xlabel="pressure [bar]")
+        bars.tick_params(axis="y", labelsize=7)
+
+    def render(self) -> Picture:
+        """Return the drawing of the plant as it is now (height, width, 3)."""
+        points = self._arm.bodies.points(self._plant.q)
+        self._trace.append(points[-1])
+        self._links.set_data(points[:, 0], points[:, 1])
+        self._way.set_data(*np.transpose(self._trace))
+        for bar, pressure in zip(self._bars, self._plant.P / BAR, strict=True):
+            bar.set_width(pressure)
+        self._canvas.draw()
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+
+__all__ = ["FILMS", "Film", "check_film"]
