@@ -87,7 +87,7 @@ def pid(arm: Arm, **gains: float) -> Loop:
 
 MPC = {"theta": 0.08, "omega": 10.0, "rate": 1.0, "d_walk": 1.9, "pressure_walk": 0.07}
 PID = {
-    "arm26": {"P1": 2.0, "I1": 25.0, "D1": 0.05, "P2": 1.0, "I2": 20.0, "D2": 0.02},
+    "arm26": {"P1": 1.5, "I1": 10.0, "D1": 0.6, "P2": 1.2, "I2": 4.0, "D2": 0.1},
     "arm48": {f"{letter}{i + 1}": v / (1 + i) for i in range(4) for letter, v in (("P", 4.0), ("I", 12.0), ("D", 0.3))},
 }
 """The numbers from which the search starts."""

@@ -13,6 +13,7 @@ from mpc.arm.trials.simulation import ArmRun
 # Okabe & Ito's colours, told apart by colour-blind eyes
 COLOURS = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8c8c8c"
 _BLACK = "#000000"
+_GOLDEN = 0.5 * (5**0.5 - 1)  # whose multiples meet no period twice
 
 
 def arm_figure(run: ArmRun) -> Any:
@@ -59,7 +60,7 @@ def _ellipses(axes: Any, run: ArmRun) -> None:
     """Draw what forces of 1 N in all directions move the hand by, at some moments: the compliance J K⁻¹ Jᵀ."""
     turn = np.linspace(0, 2 * np.pi, 73)
     circle = np.stack([np.cos(turn), np.sin(turn)])
-    for k in np.linspace(0, len(run.t) - 1, 9).astype(int)[:-1]:
+    for k in (np.arange(9) * _GOLDEN % 1 * (len(run.t) - 1)).astype(int):
         J = endpoint_jacobian(run.arm.bodies, run.q[k])
         stiff = run.K[k] + run.arm.bodies.gravity_stiffness(run.q[k])
         moved = J @ np.linalg.solve(stiff, J.T) @ circle
