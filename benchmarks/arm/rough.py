@@ -92,7 +92,9 @@ PID = {
 }
 """The numbers from which the search starts."""
 
-TUNED: dict[tuple[str, str], dict[str, float]] = {}
+TUNED: dict[tuple[str, str], dict[str, float]] = {
+    ("MPC", "arm26"): {"theta": 0.234, "omega": 10.07, "rate": 1.526, "d_walk": 2.09, "pressure_walk": 0.00501},
+}
 """The numbers that it found, by controller and arm."""
 
 

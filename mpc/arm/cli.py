@@ -29,7 +29,7 @@ _OFF = 0.05  # of the muscles' forces, on a real plant
 
 def arm_command(
     machine: Annotated[str, typer.Option(help="arm26, arm48, or an MJCF file whose tendons are the muscles")] = "arm26",
-    reference: Annotated[str, typer.Option(help="circle, reach or hold")] = "circle",
+    reference: Annotated[str, typer.Option(help="circle, reach, hold, or draw (two joints)")] = "circle",
     out: Annotated[
         list[Path] | None,
         typer.Option(

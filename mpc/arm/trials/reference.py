@@ -77,6 +77,33 @@ def hold(arm: Arm, seconds: float = 4.0) -> ArmReference:
     return ArmReference("hold", seconds, lambda t: (np.tile(posture, (t.size, 1)), np.tile(K, (t.size, 1, 1))))
 
 
+def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> ArmReference:
+    """Return the hand of an arm with two links drawing an eight, 12 cm high, while the stiffness of its hand turns.
+
+    The joints' K = [[12 + 2 sin φ, 4.6 + 0.8 cos φ], [4.6 + 0.8 cos φ, 9.5 - 1.5 sin φ]] goes round once with every eight; what
+    the hand shows of it is K_x with K = JᵀK_x J (M4). Raises `InvalidInput` for an arm with other than two joints.
+    """
+    if arm.n != 2:
+        raise InvalidInput(f"draw is for an arm with n = 2 joints, whose hand's position says the angles; n = {arm.n}")
+    seconds = _positive("seconds", seconds, "s")
+    first, second = arm.bodies.length
+    middle = 0.91 * (first + second)
+
+    def at(t: Array) -> tuple[Array, Array]:
+        phase = 2 * np.pi * t / seconds
+        x, y = middle + 0.033 * middle * np.sin(2 * phase), 0.1 * middle * np.sin(phase)
+        elbow = np.arccos(np.clip((x**2 + y**2 - first**2 - second**2) / (2 * first * second), -1.0, 1.0))
+        shoulder = np.arctan2(y, x) - np.arctan2(second * np.sin(elbow), first + second * np.cos(elbow))
+        K = np.tile(_usual_stiffness(arm), (t.size, 1, 1))
+        K[:, 0, 0] += 2.0 * np.sin(phase)
+        K[:, 1, 1] -= 1.5 * np.sin(phase)
+        K[:, 0, 1] += 0.8 * np.cos(phase)
+        K[:, 1, 0] += 0.8 * np.cos(phase)
+        return np.stack([shoulder, elbow], axis=-1), K
+
+    return ArmReference("draw", _positive("turns", turns, "-") * seconds, at)
+
+
 def _usual_stiffness(arm: Arm) -> Array:
     crossing = arm.mechanism.arms(np.zeros(arm.n))
     coupled = arm.n == 2 and bool((np.abs(crossing) > 0).all(axis=1).any())
@@ -90,7 +117,7 @@ def _positive(name: str, value: float, unit: str) -> float:
     return number
 
 
-REFERENCES: Mapping[str, Callable[[Arm], ArmReference]] = {"circle": circle, "reach": reach, "hold": hold}
+REFERENCES: Mapping[str, Callable[[Arm], ArmReference]] = {"circle": circle, "reach": reach, "hold": hold, "draw": draw}
 """Every reference that the command line knows, by its name."""
 
 
