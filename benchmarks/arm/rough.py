@@ -94,8 +94,10 @@ PID = {
 
 TUNED: dict[tuple[str, str], dict[str, float]] = {
     ("MPC", "arm26"): {"theta": 0.234, "omega": 10.07, "rate": 1.526, "d_walk": 2.09, "pressure_walk": 0.00501},
+    ("MPC", "arm48"): {"theta": 0.234, "omega": 10.07, "rate": 1.526, "d_walk": 2.09, "pressure_walk": 0.00501},
+    ("PID", "arm26"): {"P1": 0.366, "I1": 52.9, "D1": 1.80, "P2": 0.321, "I2": 46.0, "D2": 0.0343},
 }
-"""The numbers that it found, by controller and arm."""
+"""The numbers that it found, by controller and arm; the MPC of arm48 has those of arm26."""
 
 
 def runs(arm: Arm, loop: Loop, seed: int) -> tuple[ArmRun, ArmRun]:

@@ -80,8 +80,9 @@ def hold(arm: Arm, seconds: float = 4.0) -> ArmReference:
 def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> ArmReference:
     """Return the hand of an arm with two links drawing an eight, 12 cm high, while the stiffness of its hand turns.
 
-    The joints' K = [[12 + 2 sin φ, 4.6 + 0.8 cos φ], [4.6 + 0.8 cos φ, 9.5 - 1.5 sin φ]] goes round once with every eight; what
-    the hand shows of it is K_x with K = JᵀK_x J (M4). Raises `InvalidInput` for an arm with other than two joints.
+    The joints' K = [[12 + 2 sin φ, 4.6 + 0.8 cos φ], [4.6 + 0.8 cos φ, 9.5 - 1.5 sin φ]] goes round once with every
+    eight; what the hand shows of it is K_x with K = JᵀK_x J (M4). Raises `InvalidInput` for an arm with other than
+    two joints.
     """
     if arm.n != 2:
         raise InvalidInput(f"draw is for an arm with n = 2 joints, whose hand's position says the angles; n = {arm.n}")

@@ -1,0 +1,123 @@
+"""What is written of a run is what happened, and films are made with and without a GL."""
+
+import csv
+import os
+import stat
+
+import numpy as np
+import pytest
+
+from allocator.errors import CannotWrite, MissingBackend
+from mpc.arm.mjcf import to_mjcf
+from mpc.arm.model import Arm
+from mpc.arm.mujoco_plant import MujocoPlant
+from mpc.arm.trials import film as filming
+from mpc.arm.trials.files import columns, save_arm_run
+from mpc.arm.trials.film import Film, check_film
+from mpc.arm.trials.metrics import arm_metrics
+from mpc.arm.trials.plotting import arm_figure, endpoint_jacobian
+from mpc.arm.trials.reference import draw
+from mpc.arm.trials.simulation import ArmRun
+
+ARM = Arm.machine("arm26")
+M = 20
+
+
+@pytest.fixture
+def run():
+    """Return a run that nobody ran: every joint 0.01 rad off, two commands beyond the slew."""
+    t = np.linspace(0, 0.2, M + 1)
+    q_ref, K_ref = draw(ARM).sampled(t)
+    x = np.hstack([q_ref + 0.01, np.zeros((M + 1, 2)), np.full((M + 1, 6), 3e5)])
+    u = np.full((M, 6), 3e5)
+    u[5, 0] += 10e3
+    status = np.zeros(M, int)
+    K = K_ref + 0.5
+    F = ARM.forces(x)
+    return ArmRun(
+        ARM, 0.01, t, x, u, q_ref, K_ref, K, F, np.zeros((M, 2)), np.full(M, 1e-4), status, status, 0.0 * t[1:]
+    )
+
+
+def test_metrics_are_what_the_arrays_say(run):
+    found = arm_metrics(run)
+    np.testing.assert_allclose(found.angle_rms, np.degrees(0.01))
+    np.testing.assert_allclose(found.K_worst, 0.5)
+    assert found.step_median == pytest.approx(100.0)
+    assert found.rungs == {"QP": M}
+    assert found.violations["slew of the commands"][0] == pytest.approx(5.0, rel=1e-6)  # bar/s above 5
+    assert not found.limits_kept
+    assert found.violations["supply"][0] == 0.0
+
+
+def test_the_table_has_every_sample_in_degrees_and_bar(run, tmp_path):
+    save_arm_run(run, tmp_path / "arm.csv")
+    with (tmp_path / "arm.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == M + 1
+    assert float(rows[3]["shoulder_deg"]) == pytest.approx(np.degrees(run.q[3, 0]), rel=1e-8)
+    assert float(rows[5]["shoulder_flexor_command_bar"]) == pytest.approx(3.1)
+    assert float(rows[-1]["K12"]) == pytest.approx(run.K[-1, 0, 1], rel=1e-8)
+    assert set(rows[0]) == {name.replace(" ", "_") for name in columns(run)}
+
+
+def test_the_hand_s_jacobian_is_the_slope_of_its_position():
+    q, h = np.array([0.3, 0.7]), 1e-6
+    slopes = [(ARM.bodies.points(q + h * e) - ARM.bodies.points(q - h * e))[-1] / (2 * h) for e in np.eye(2)]
+    np.testing.assert_allclose(endpoint_jacobian(ARM.bodies, q), np.transpose(slopes), atol=1e-9)
+
+
+def test_the_figure_shows_every_muscle_and_joint(run):
+    figure = arm_figure(run)
+    labels = {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
+    assert {*ARM.mechanism.muscle_names, *ARM.mechanism.joint_names, "K11", "K12", "K22", "hand"} <= labels
+
+
+def plant():
+    made = MujocoPlant(to_mjcf(ARM.mechanism, ARM.bodies), ARM.mechanism.muscles)
+    made.reset((0.2, 0.4), 3e5)
+    return made
+
+
+def no_gl(*_):
+    raise MissingBackend("offscreen GL", "none", ["a screen"])
+
+
+def test_without_gl_matplotlib_draws(monkeypatch, tmp_path):
+    from PIL import Image
+
+    monkeypatch.setattr(filming, "Camera", no_gl)
+    moving = plant()
+    with Film(moving, ARM) as film:
+        for _ in range(20):
+            moving.step(np.full(6, 3e5), 0.01)
+            film.watch()
+    assert film.by.startswith("matplotlib, because MuJoCo cannot render here")
+    film.save(tmp_path / "arm.gif")
+    with Image.open(tmp_path / "arm.gif") as picture:
+        assert picture.n_frames == len(film.pictures) == 5  # at 10, 50, 100, 150 and 200 ms
+    drawn = film.pictures[0]
+    assert drawn.shape[2] == 3
+    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 20  # something is on it
+    assert (film.pictures[0] != film.pictures[-1]).any()  # and it moves
+
+
+def test_an_mp4_is_what_ffmpeg_makes_of_all_pictures(monkeypatch, tmp_path):
+    program = tmp_path / "ffmpeg"
+    program.write_text('#!/bin/sh\nfor last; do :; done\nwc -c > "$last"\n', encoding="utf-8")
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setattr(filming, "Camera", no_gl)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    with Film(plant(), ARM) as film:
+        film.watch()
+    film.save(tmp_path / "arm.mp4")
+    assert int((tmp_path / "arm.mp4").read_text()) == film.pictures[0].size
+    program.write_text("#!/bin/sh\ncat > /dev/null\necho no codec >&2\nexit 1\n", encoding="utf-8")
+    with pytest.raises(CannotWrite, match="no codec"):
+        film.save(tmp_path / "arm.mp4")
+
+
+def test_an_mp4_without_ffmpeg_is_refused_in_a_sentence(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(MissingBackend, match="ffmpeg"):
+        check_film(tmp_path / "arm.mp4")
