@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mpc.arm.model import Arm
     from mpc.arm.mujoco_plant import MujocoPlant
     from mpc.arm.trials.metrics import ArmMetrics
+    from mpc.arm.trials.simulation import ArmRun
 
 _OWN_NAMES = ("arm.gif", "arm.png", "arm.csv")
 _FILMS = (".gif", ".mp4")
@@ -87,7 +88,7 @@ def arm_command(
         _write(done, film, path)
     say(console, f"arm: {arm.summary}")
     say(console, f"reference: {asked.name}, {asked.duration:g} s")
-    console.print(_summary(arm, arm_metrics(done), controller.implementation))
+    console.print(_summary(done, arm_metrics(done), controller.implementation))
     if filmed:
         say(console, f"filmed by {film.by}")
     say(console, f"written: {', '.join(map(str, files))}")
@@ -173,15 +174,15 @@ def _write(run: Any, film: Any, path: Path) -> None:
         save_arm_figure(run, path)
 
 
-def _summary(arm: "Arm", m: "ArmMetrics", implementation: str) -> "Table":
+def _summary(run: "ArmRun", m: "ArmMetrics", implementation: str) -> "Table":
     from rich.table import Table
 
-    table = Table("", "RMS, median", "worst, 99 %", title="arm")
+    arm, table = run.arm, Table("", "RMS, median", "worst, 99 %", title="arm")
     for i, name in enumerate(arm.mechanism.joint_names):
         table.add_row(f"angle error, {name} [°]", f"{m.angle_rms[i]:.3g}", f"{m.angle_worst[i]:.3g}")
     for i in range(arm.n):
         for j in range(i, arm.n):
-            if m.K_worst[i, j] > 1e-9:
+            if abs(run.K[:, i, j]).max() > 1e-6:  # else no muscle crosses both joints
                 rms, worst = f"{m.K_rms[i, j]:.3g}", f"{m.K_worst[i, j]:.3g}"
                 table.add_row(f"stiffness error, K{i + 1}{j + 1} [N·m/rad]", rms, worst)
     table.add_section()

@@ -1,0 +1,68 @@
+"""`antagonist arm` from a stranger's side."""
+
+import csv
+
+import pytest
+from typer.testing import CliRunner
+
+from mpc.cli import app
+
+
+def run(*options):
+    return CliRunner().invoke(app, ["arm", *map(str, options)])
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_it_writes_film_picture_and_table_and_says_how_it_went(folder):
+    result = run("--reference", "hold", "--dt", "0.02", "--horizon", "8")
+    assert result.exit_code == 0, result.output
+    assert sorted(path.name for path in folder.iterdir()) == ["arm.csv", "arm.gif", "arm.png"]
+    for said in ("angle error, shoulder [°]", "stiffness error, K12", "kept", "compiled", "filmed by"):
+        assert said in result.output
+    with (folder / "arm.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 201  # 4 s of 20 ms, and the beginning
+    assert abs(float(rows[-1]["shoulder_deg"]) - 20) < 0.01
+
+
+@pytest.mark.slow
+def test_a_real_plant_under_a_load_is_followed_too(folder):
+    result = run("--reference", "hold", "--plant", "real", "--load", "1", "--out", "run.csv")
+    assert result.exit_code == 0, result.output
+    with (folder / "run.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert abs(float(rows[-1]["shoulder_deg"]) - 20) < 0.3
+    assert [path.name for path in folder.iterdir()] == ["run.csv"]
+
+
+def test_other_files_are_not_replaced_silently(folder):
+    (folder / "run.csv").write_text("mine\n")
+    result = run("--out", "run.csv")
+    assert result.exit_code != 0
+    assert "run.csv exists; give another name, or --force" in str(result.exception)
+    assert (folder / "run.csv").read_text() == "mine\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--machine", "leg37"), "arm26"),
+        (("--reference", "square"), "circle"),
+        (("--reference", "draw", "--machine", "arm48"), "n = 2 joints"),
+        (("--plant", "odd"), "nominal"),
+        (("--out", "run.txt"), "a run is written as"),
+        (("--dt", "5"), "--dt 5"),
+        (("--load", "nan"), "--load"),
+    ],
+)
+def test_what_makes_no_sense_is_one_sentence(folder, options, said):
+    result = run(*options)
+    assert result.exit_code != 0
+    assert said in str(result.exception)
+    assert not list(folder.iterdir())
