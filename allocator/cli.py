@@ -14,6 +14,7 @@ from allocator.identification.muscle.cli import fit_command
 from allocator.mechanism.cli import answer
 from allocator.presentation.tables import number
 from allocator.shell.joint_options import JointOptions
+from allocator.shell.mechanism_options import MechanismOptions
 from allocator.shell.options import Command, finite, grouped
 from allocator.shell.printing import AsJSON, print_json, say
 from allocator.shell.stiffness_options import StiffnessOptions
@@ -61,19 +62,18 @@ def allocate(
     stiffness: Annotated[
         str,
         typer.Option(
-            help="stiffness wanted [N·m/rad]: isobaric, or as --valves or --frequency say; of a mechanism K11,K12,K22"
+            help="stiffness wanted [N·m/rad]: isobaric, or as --valves or --frequency say; of a mechanism K11,K12,K22, "
+            "with --links that of its hand [N/m]"
         ),
     ],
     options: JointOptions,
     stiffness_options: StiffnessOptions,
+    mechanism_options: MechanismOptions,
     theta: Annotated[float | None, typer.Option(help="joint angle [degrees]")] = None,
     torque: Annotated[str, typer.Option(help="torque wanted [N·m]; of a mechanism one a joint, with commas")] = "0",
-    mechanism: Annotated[
-        str | None, typer.Option(help="instead of a joint: arm26, arm48, leg37, or a mechanism in a TOML file")
-    ] = None,
-    posture: Annotated[
-        str | None, typer.Option(help="of a mechanism: its joint angles, such as 23,-17 [degrees]")
-    ] = None,
+    at_least: Annotated[
+        bool, typer.Option("--at-least", help="of a mechanism: at least this stiffness, with the least pressures")
+    ] = False,
     priority: Annotated[str, typer.Option(help="what is met first: torque or stiffness")] = "torque",
     method: Annotated[str, typer.Option(help="exact, qp, nlp, convex, or analytic: no limits")] = "exact",
     solver: Annotated[str | None, typer.Option(help="solver of the methods qp, nlp and convex")] = None,
@@ -82,20 +82,20 @@ def allocate(
 ) -> None:
     """Find the two pressures for a torque and a stiffness, and say what is in the way.
 
-    With --mechanism all pressures of several joints, for their torques and a stiffness matrix. The exit code is 3 where
-    torque and stiffness are not both met.
+    With --mechanism all pressures of several joints, for their torques and a stiffness matrix, with --links that of the
+    hand. The exit code is 3 where torque and stiffness are not both met.
     """
     from allocator.allocation import allocate as solve
     from allocator.units import DEG
 
-    if mechanism is not None:
-        _for_mechanism(options, stiffness_options, theta)
+    if mechanism_options.mechanism is not None:
+        mechanism_options.alone(options, stiffness_options, theta)
         asked: dict[str, Any] = {"priority": priority, "method": method, "solver": solver, "min_force": min_force}
-        if not answer(mechanism, posture, stiffness, torque, as_json=as_json, **asked):
+        if not answer(mechanism_options, stiffness, torque, at_least=at_least, as_json=as_json, **asked):
             raise typer.Exit(_NOT_MET)
         return
-    if theta is None or posture is not None:
-        raise InvalidInput("a joint needs --theta; --posture goes with --mechanism")
+    if theta is None or at_least:
+        raise InvalidInput("a joint needs --theta; --at-least goes with --mechanism")
     finite("--theta", theta, "degrees")
     if abs(theta) > 360:
         raise InvalidInput(f"theta = {theta:g}° is over a turn")
@@ -124,16 +124,6 @@ def _one(option: str, text: str, unit: str) -> float:
         return float(text)
     except ValueError:
         raise InvalidInput(f"{option} {text}: expected one number [{unit}]") from None
-
-
-def _for_mechanism(options: JointOptions, stiffness_options: StiffnessOptions, theta: float | None) -> None:
-    """Refuse what belongs to a joint."""
-    if theta is not None:
-        raise InvalidInput("--theta is of a joint; a mechanism has a --posture")
-    if stiffness_options != StiffnessOptions():
-        raise InvalidInput("--valves, --frequency and --lag are of a joint; a mechanism's stiffness is isobaric")
-    if options != JointOptions():
-        raise InvalidInput("--mechanism goes without the options of a joint; a mechanism's muscles stand in its file")
 
 
 def _values(a: "Allocation") -> dict[str, Any]:

@@ -8,6 +8,7 @@ import typer
 
 from allocator.errors import InvalidInput
 from allocator.shell.joint_options import JointOptions
+from allocator.shell.mechanism_options import MechanismOptions
 from allocator.shell.options import grouped, numbers, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
@@ -31,6 +32,7 @@ _OWN_NAME = "map.png"
 def map_command(
     options: JointOptions,
     stiffness_options: StiffnessOptions,
+    mechanism_options: MechanismOptions,
     theta: Annotated[
         str | None, typer.Option(help="angle, LOW:HIGH or LOW:HIGH:STEP [degrees]; all by default")
     ] = None,
@@ -38,7 +40,14 @@ def map_command(
         str | None, typer.Option(help="stiffness, LOW:HIGH or LOW:HIGH:STEP [N·m/rad]; or all that exist")
     ] = None,
     torque: Annotated[
-        str | None, typer.Option(help="torque, LOW:HIGH or LOW:HIGH:STEP [N·m]; 0, or all if another one is a number")
+        str | None,
+        typer.Option(
+            help="torque, LOW:HIGH or LOW:HIGH:STEP [N·m]; 0, or all if another one is a number; of a mechanism "
+            "numbers with commas, or free"
+        ),
+    ] = None,
+    targets: Annotated[
+        str | None, typer.Option(help="of a mechanism: what is drawn over what, such as K11,K12 or T1,K22 or Kx11,Kx22")
     ] = None,
     out: Annotated[Path, typer.Option(help="picture (.png, .pdf, .svg), table (.csv) or arrays (.npz)")] = Path(
         _OWN_NAME
@@ -52,7 +61,9 @@ def map_command(
     """Show which angles, stiffnesses and torques the joint can have, and which limit ends them.
 
     Two or three of angle, stiffness and torque are ranges, the others numbers. The ending of --out says what is
-    written. Repeat --muscle to compare muscles on one picture.
+    written. Repeat --muscle to compare muscles on one picture. With --mechanism and a --posture the polygon of two
+    --targets, the muscles in the way named on its edges; with --links instead of a posture the stiffness ellipses that
+    the hand can have over its workspace.
     """
     from rich.console import Console
 
@@ -61,6 +72,12 @@ def map_command(
     check_ending("--out", out, _ENDINGS)
     claim(out, inputs=options.files, force=force, own=(_OWN_NAME,))
     within("--max-memory", max_memory, "GB", 1e-6, 1e6)
+    if mechanism_options.mechanism is not None:
+        mechanism_options.alone(options, stiffness_options, theta)
+        _mechanism(mechanism_options, targets, torque, stiffness, out, min_force, as_json)
+        return
+    if targets is not None:
+        raise InvalidInput("--targets goes with --mechanism; of a joint --theta, --stiffness and --torque are ranges")
     axes = {
         "theta": None if theta is None else _axis("--theta", theta, "°") * DEG,
         "K": None if stiffness is None else _axis("--stiffness", stiffness, "N·m/rad"),
@@ -77,6 +94,32 @@ def map_command(
     for name, found in maps.items():
         say(console, _sentence(name, found))
     say(console, f"written: {out}")
+
+
+def _mechanism(
+    options: MechanismOptions,
+    targets: str | None,
+    torque: str | None,
+    stiffness: str | None,
+    out: Path,
+    min_force: float,
+    as_json: bool,
+) -> None:
+    """Draw what a mechanism can do."""
+    from rich.console import Console
+
+    from allocator.mechanism.map_cli import draw
+    from allocator.presentation.plotting import save_figure
+
+    if stiffness is not None:
+        raise InvalidInput("--stiffness is a range of a joint; of a mechanism --targets says what is drawn")
+    check_ending("--out", out, IMAGES)
+    figure, sentence, values = draw(options, targets, torque, min_force=min_force)
+    save_figure(figure, out)
+    if as_json:
+        print_json(values | {"written": str(out)})
+        return
+    say(Console(), f"{sentence}\nwritten: {out}")
 
 
 def _axis(option: str, text: str, unit: str) -> "Array":

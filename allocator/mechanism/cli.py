@@ -1,47 +1,114 @@
 """`antagonist allocate --mechanism` is answered here, in degrees and bar; behind it all is SI."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from allocator.errors import InvalidInput
 from allocator.presentation.tables import number
-from allocator.shell.options import finite
+from allocator.shell.mechanism_options import MechanismOptions
+from allocator.shell.options import finite, within
 from allocator.shell.printing import print_json, say
-from allocator.units import BAR, DEG
+from allocator.units import BAR, DEG, MM
 
 if TYPE_CHECKING:
+    from allocator.calculus import Array
+    from allocator.mechanism.at_least import AtLeast
+    from allocator.mechanism.endpoint import Endpoint
     from allocator.mechanism.mechanism import Mechanism
     from allocator.mechanism.result import MechanismAllocation
 
 
-def answer(name: str, posture: str | None, stiffness: str, torque: str, *, as_json: bool, **asked: Any) -> bool:
-    """Find and print the pressures of the mechanism called `name`; return whether the targets are met.
+def answer(
+    options: MechanismOptions, stiffness: str, torque: str, *, at_least: bool, as_json: bool, **asked: Any
+) -> bool:
+    """Find and print the pressures of a mechanism; return whether the targets are met.
 
-    Numbers come as text, joint by joint with commas: `posture` [degrees], `torque` [N·m], one number for all joints or
-    n of them, and `stiffness` [N·m/rad], one number, a diagonal (n) or the matrix's upper triangle, row by row. `asked`
-    goes to `allocate_mechanism`. Raises `InvalidInput` and `MissingBackend`.
+    Numbers come as text, joint by joint with commas: `torque` [N·m], one number for all joints or n of them, and
+    `stiffness` [N·m/rad], or of a hand [N/m], one number, a diagonal (n) or the matrix's upper triangle, row by row.
+    `asked` goes to `allocate_mechanism`. Raises `InvalidInput` and `MissingBackend`.
     """
+    from allocator.mechanism.at_least import allocate_at_least
     from allocator.mechanism.entry import allocate_mechanism
-    from allocator.mechanism.machines import machine
 
-    mechanism = machine(name)
-    n = mechanism.n
-    if posture is None:
-        raise InvalidInput(f"--mechanism {name} needs --posture, {n} angles [degrees], such as {','.join(['10'] * n)}")
-    q = np.array(_row("--posture", posture, "degrees", {n: f"the angles of {', '.join(mechanism.joint_names)}"}))
-    if (np.abs(q) > 360).any():
-        raise InvalidInput(f"--posture {posture}: an angle is over a turn")
-    each = {1: "one for all joints", n: "one a joint"}
-    T = _row("--torque", torque, "N·m", each)
-    triangle = n * (n + 1) // 2
-    K = _row("--stiffness", stiffness, "N·m/rad", each | {triangle: "the upper triangle of the matrix, row by row"})
-    found = allocate_mechanism(mechanism, q * DEG, _stiffness(K, mechanism), T[0] if len(T) == 1 else T, **asked)
+    mechanism, hand = chosen(options)
+    q, n = posture(options, mechanism), mechanism.n if hand is None else hand.endpoint.dim
+    T = torques(torque, mechanism)
+    each = {1: "one for all", n: "one each"}
+    unit = "N·m/rad" if hand is None else "N/m"
+    text = _row(
+        "--stiffness", stiffness, unit, each | {n * (n + 1) // 2: "the upper triangle of the matrix, row by row"}
+    )
+    at: dict[str, Any] = {} if hand is None else {"endpoint": hand.endpoint, "force": hand.force}
+    found: MechanismAllocation | AtLeast
+    if at_least:
+        found = allocate_at_least(mechanism, q, _stiffness(text, n), T, **at, **_of_at_least(asked))
+    else:
+        found = allocate_mechanism(mechanism, q, _stiffness(text, n), T, **at, **asked)
     if as_json:
         print_json(_values(found))
     else:
         _print(found)
     return bool(found.success)
+
+
+def _of_at_least(asked: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of `allocate_at_least`. Raises `InvalidInput` for options that it has not."""
+    if (asked["priority"], asked["method"], asked["solver"]) != ("torque", "exact", None):
+        raise InvalidInput("--at-least goes without --priority, --method and --solver")
+    return {"min_force": asked["min_force"]}
+
+
+class Hand(NamedTuple):
+    """A `Hand` is what --links and --push say."""
+
+    endpoint: "Endpoint"
+    force: "Array"  # (2,) [N]
+
+
+def chosen(options: MechanismOptions) -> "tuple[Mechanism, Hand | None]":
+    """Return the mechanism that the options name, and its hand if they say where it is. Raises `InvalidInput`."""
+    from allocator.mechanism.endpoint import Endpoint
+    from allocator.mechanism.machines import machine
+
+    mechanism = machine(str(options.mechanism))
+    if options.links is None:
+        return mechanism, None
+    n = {mechanism.n: "one a link"}
+    lengths = np.array(_row("--links", options.links, "mm", n))
+    within("--links", float(lengths.min()), "mm", 1, 10_000)
+    within("--links", float(lengths.max()), "mm", 1, 10_000)
+    angles = (
+        np.zeros(1) if options.links_at_zero is None else np.array(_angles("--links-at-zero", options.links_at_zero, n))
+    )
+    push = [0.0, 0.0] if options.push is None else _row("--push", options.push, "N", {2: "its x and y"})
+    at_zero = np.broadcast_to(angles, lengths.shape) * DEG
+    return mechanism, Hand(Endpoint.planar(lengths * MM, at_zero), np.array(push))
+
+
+def posture(options: MechanismOptions, mechanism: "Mechanism") -> "Array":
+    """Return the posture (n,) [rad]. Raises `InvalidInput`."""
+    n = mechanism.n
+    if options.posture is None:
+        raise InvalidInput(
+            f"--mechanism {options.mechanism} needs --posture, {n} angles [degrees], such as {','.join(['10'] * n)}"
+        )
+    counts = {n: f"the angles of {', '.join(mechanism.joint_names)}"}
+    return np.array(_angles("--posture", options.posture, counts)) * DEG
+
+
+def torques(text: str, mechanism: "Mechanism") -> "Array":
+    """Return the torques (n,) [N·m]. Raises `InvalidInput`."""
+    row = _row("--torque", text, "N·m", {1: "one for all joints", mechanism.n: "one a joint"})
+    return np.broadcast_to(np.array(row), (mechanism.n,))
+
+
+def _angles(option: str, text: str, counts: dict[int, str]) -> list[float]:
+    """Read angles [degrees]."""
+    row = _row(option, text, "degrees", counts)
+    if max(map(abs, row)) > 360:
+        raise InvalidInput(f"{option} {text}: an angle is over a turn")
+    return row
 
 
 def _row(option: str, text: str, unit: str, counts: dict[int, str]) -> list[float]:
@@ -58,41 +125,51 @@ def _row(option: str, text: str, unit: str, counts: dict[int, str]) -> list[floa
     return numbers
 
 
-def _stiffness(K: list[float], mechanism: "Mechanism") -> Any:
-    n, (rows, columns) = mechanism.n, mechanism.upper_triangle
+def _stiffness(K: list[float], size: int) -> Any:
+    """Return a number, a diagonal or a matrix (size, size)."""
     if len(K) == 1:
         return K[0]
-    if len(K) == n:
+    if len(K) == size:
         return K
-    matrix = np.empty((n, n))
+    matrix = np.empty((size, size))
+    rows, columns = np.triu_indices(size)
     matrix[rows, columns] = matrix[columns, rows] = K
     return matrix
 
 
-def _values(a: "MechanismAllocation") -> dict[str, Any]:
+def _values(found: "MechanismAllocation | AtLeast") -> dict[str, Any]:
     """Return what `--json` prints."""
-    direction, reach, asked = a.separation
-    return a.to_dict() | {
+    from allocator.mechanism.at_least import AtLeast
+
+    a = found.allocation if isinstance(found, AtLeast) else found
+    values = found.to_dict() | {
         "muscles": a.mechanism.muscle_names,
         "joints": a.mechanism.joint_names,
         "forces_N": a.forces,
-        "met": bool(a.success),
+        "met": bool(found.success),
         "holds_itself": bool(a.holds),
-        "kkt_residual": a.kkt_residual,
-        "separating_direction": direction,
-        "separating_reach": reach,
-        "separating_asked": asked,
-        "message": a.message,
+        "message": found.message,
     }
+    if isinstance(found, AtLeast):
+        proof = found.certificate
+        d, reach, asked = (np.nan,) * 3 if proof is None else (proof.direction, proof.reach, proof.asked)
+    else:
+        d, reach, asked = found.separation
+        values |= {"kkt_residual": found.kkt_residual}
+    return values | {"separating_direction": d, "separating_reach": reach, "separating_asked": asked}
 
 
-def _print(a: "MechanismAllocation") -> None:
+def _print(found: "MechanismAllocation | AtLeast") -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from allocator.mechanism.at_least import AtLeast
+    from allocator.mechanism.result import vector
+
+    a, status = (found.allocation, found.status) if isinstance(found, AtLeast) else (found, found.status)
     m, console = a.mechanism, Console()
     angles = ", ".join(f"{number(angle)}°" for angle in a.q / DEG)
-    joints = Table("joint", "torque asked [N·m]", "given", title=f"{angles} · {a.status.name}")
+    joints = Table("joint", "torque asked [N·m]", "given", title=f"{angles} · {status.name}")
     joints.add_column(f"stiffness given [N·m/rad], by {', '.join(m.joint_names)}")
     for i, name in enumerate(m.joint_names):
         given = ", ".join(number(value) for value in a.K[i])
@@ -102,7 +179,9 @@ def _print(a: "MechanismAllocation") -> None:
         binding = [limit.removeprefix(f"{name} ") for limit in a.active if limit.startswith(f"{name} ")]
         muscles.add_row(name, f"{P / BAR:.4f}", number(F), ", ".join(binding))
     console.print(joints, muscles, sep="\n")
-    say(console, a.message)
+    if a.endpoint is not None:
+        say(console, f"the hand at {vector(a.x)} m has the stiffness {vector(a.K_x)} N/m")
+    say(console, found.message)
 
 
-__all__ = ["answer"]
+__all__ = ["Hand", "answer", "chosen", "posture", "torques"]

@@ -32,6 +32,7 @@ def plot_arm(
     force: ArrayLike = 0.0,
     scale: float | None = None,
     axes: Any = None,
+    colorbar: bool = True,
 ) -> Any:
     """Draw an arm in the plane at the posture `q` (n,) [rad] with pressures `P` (m,) [Pa], and its hand's stiffness.
 
@@ -58,7 +59,8 @@ def plot_arm(
         reach = np.hypot(*np.diff(bones, axis=0).T).sum()
         size = reach / (3 * np.hypot(*curve).max()) if scale is None else scale
         axes.plot(*(hand[:, None] + size * curve), color=_ELLIPSE, linewidth=1.8, zorder=4)
-    axes.figure.colorbar(colours, ax=axes, label="gauge pressure [bar]", shrink=0.7)
+    if colorbar:
+        axes.figure.colorbar(colours, ax=axes, label="gauge pressure [bar]", shrink=0.7)
     return axes
 
 

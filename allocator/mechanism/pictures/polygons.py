@@ -11,7 +11,7 @@ from allocator.presentation.plotting import FILL, name_axes, new_axes
 
 _MARKS = {"upper": "↑", "slack": "↓", "lower": "↓"}  # of the limits that have one
 _OUTSIDE = 11  # points between an edge and its text
-_LETTER = 5.2  # points
+_LETTER = 5.0  # points
 
 
 def plot_polygon(polygon: Polygon, axes: Any = None) -> Any:
@@ -27,8 +27,9 @@ def plot_polygon(polygon: Polygon, axes: Any = None) -> Any:
     if not len(polygon.vertices):
         return axes
     axes.fill(*polygon.vertices.T, facecolor=FILL, edgecolor="black", linewidth=1.5)
-    axes.margins(0.22)
+    axes.margins(0.35, 0.22)
     axes.autoscale_view()
+    axes.figure.draw_without_rendering()  # texts are placed by what the layout makes of the axes
     letters = _letters({_split(limit)[0] for edge in polygon.edges for limit in edge.active})
     texts: list[Any] = []
     for edge in polygon.edges:
@@ -71,13 +72,15 @@ def _name(axes: Any, edge: Edge, centre: Array, letters: dict[str, str], others:
     angle = (np.degrees(np.arctan2(along[1], along[0])) + 90) % 180 - 90 if fits else 0.0
     sideways = "center" if fits or abs(normal[0]) < 0.3 else ("left" if normal[0] > 0 else "right")
     style = {"ha": sideways, "va": "center", "rotation": angle, "rotation_mode": "anchor", "fontsize": "small"}
-    for distance in np.arange(_OUTSIDE if fits else 0.6 * _OUTSIDE, 5 * _OUTSIDE, 0.5 * _OUTSIDE):
-        at = {"xytext": tuple(distance * normal), "textcoords": "offset points"}
-        written = axes.annotate(text, (edge.start + edge.end) / 2, **at, **style)
-        taken = written.get_window_extent()
-        if not any(taken.overlaps(other.get_window_extent()) for other in others):
+    near = _OUTSIDE if fits else 0.6 * _OUTSIDE
+    written = axes.annotate(
+        text, (edge.start + edge.end) / 2, xytext=tuple(near * normal), textcoords="offset points", **style
+    )
+    taken = [other.get_window_extent() for other in others]
+    for step in (0, 1, -1, 2, -2):  # lines of text up and down
+        written.set_position(tuple(near * normal + [0.0, 1.1 * _OUTSIDE * step]))
+        if not any(written.get_window_extent().overlaps(other) for other in taken):
             break
-        written.remove()
     others.append(written)
 
 

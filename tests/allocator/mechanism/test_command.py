@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from allocator import InvalidInput
 from allocator.cli import app
-from allocator.mechanism import allocate_mechanism, machines, save_mechanism
+from allocator.mechanism import Endpoint, allocate_mechanism, feasible_targets, machines, save_mechanism
 from allocator.units import BAR, DEG
 
 ARM = ("allocate", "--mechanism", "arm26")
@@ -77,3 +77,106 @@ def test_wrong_options(arguments, sentence):
 def test_a_joint_needs_an_angle_and_one_stiffness(arguments):
     done = run("allocate", *arguments.split())
     assert isinstance(done.exception, InvalidInput)
+
+
+LINKS = ("--links", "300,250", "--links-at-zero", "45,90")
+
+
+def test_the_stiffness_of_a_hand_is_that_of_python():
+    asked = ("--posture", "5,10", "--stiffness", "80,5,150", "--push", "2,-1", "--torque", "0.5,0", "--json")
+    done = run(*ARM, *LINKS, *asked)
+    assert done.exit_code == 0, done.output
+    printed = json.loads(done.stdout)
+    hand = Endpoint.planar([0.3, 0.25], np.array([45, 90]) * DEG)
+    q = np.array([5, 10]) * DEG
+    asked = {"endpoint": hand, "force": [2.0, -1.0]}
+    a = allocate_mechanism(machines.arm26(), q, [[80.0, 5.0], [5.0, 150.0]], [0.5, 0.0], **asked)
+    assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
+    assert np.ravel(printed["endpoint_stiffness_N_per_m"]) == pytest.approx([80.0, 5.0, 5.0, 150.0])
+    assert printed["position_m"] == pytest.approx(hand.position(q))
+
+
+def test_at_least_a_stiffness():
+    asked = ("--posture", "0,0", "--stiffness", "60", "--at-least")
+    done = run(*ARM, *LINKS, *asked)
+    assert done.exit_code == 0, done.output
+    assert "the stiffness is enough, with the least pressures" in done.stdout
+    assert "the hand at [0.03536, 0.3889] m" in done.stdout
+    done = run(*ARM, *LINKS, "--posture", "0,0", "--stiffness", "200", "--at-least", "--json")
+    assert done.exit_code == 3
+    printed = json.loads(done.stdout)
+    assert printed["status"] == "STIFFNESS_LIMITED"
+    assert printed["separating_reach"] < printed["separating_asked"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--stiffness", "9", "--posture", "1,20", "--links", "300"), "--links 300: expected 2 .one a link"),
+        (("--stiffness", "9", "--posture", "1,20", "--links", "0.3,0.25"), "--links 0.25: expected 1 to 10000 mm"),
+        (("--stiffness", "9", "--posture", "1,0", "--links", "300,250"), "Jacobian is singular"),
+        (("--stiffness", "9", "--posture", "1,20", "--push", "1,2"), "--push goes with --links"),
+        (("--stiffness", "9", "--posture", "1,20", *LINKS, "--push", "1"), "--push 1: expected 2 .its x and y"),
+        (("--stiffness", "9,8,7,6", "--posture", "1,20", *LINKS), r"expected 1 .* 2 .* 3 .* \[N/m\]"),
+        (("--stiffness", "9", "--posture", "1,20", "--at-least", "--priority", "stiffness"), "--at-least goes without"),
+    ],
+)
+def test_wrong_options_of_a_hand(arguments, sentence):
+    done = run(*ARM, *arguments)
+    assert isinstance(done.exception, InvalidInput)
+    with pytest.raises(InvalidInput, match=sentence):
+        raise done.exception
+
+
+def test_a_map_is_the_polygon_of_python(tmp_path):
+    path = tmp_path / "map.png"
+    asked = ("--posture", "23,-17", "--targets", "K11,K12", "--torque", "2,1", "--out", path, "--json")
+    done = run("map", "--mechanism", "arm26", *asked)
+    assert done.exit_code == 0, done.output
+    printed = json.loads(done.stdout)
+    feasible = feasible_targets(machines.arm26(), np.array([23, -17]) * DEG)
+    polygon = feasible.polygon("K11", "K12", {"T1": 2.0, "T2": 1.0})
+    assert printed["area"] == pytest.approx(polygon.area)
+    assert [edge["limits"] for edge in printed["edges"]] == [list(edge.active) for edge in polygon.edges]
+    assert path.stat().st_size > 10_000
+
+
+def test_torques_are_free_or_those_that_hold_the_hand(tmp_path):
+    leg = ("map", "--mechanism", "leg37", "--posture", "5,-5,10", "--out", tmp_path / "free.svg")
+    free = run(*leg, "--torque", "free", "--targets", "T1,K22")
+    assert "T1 and K22: " in free.stdout
+    pushing = ("--posture", "5,10", "--push", "10,0", "--json", "--out", tmp_path / "push.png")
+    held = json.loads(run("map", "--mechanism", "arm26", *LINKS, *pushing).stdout)["held"]
+    hand = Endpoint.planar([0.3, 0.25], np.array([45, 90]) * DEG)
+    assert list(held.values()) == pytest.approx(hand.torque(np.array([5, 10]) * DEG, [10.0, 0.0]))
+
+
+@pytest.mark.slow
+def test_a_hand_without_a_posture_has_its_workspace_drawn(tmp_path):
+    done = run("map", "--mechanism", "arm26", *LINKS, "--out", tmp_path / "w.png")
+    assert done.exit_code == 0, done.output
+    assert "42 postures, torques exist at 42; the ellipse turns by" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--mechanism", "arm26"), "needs --posture, 2 angles"),
+        (("--mechanism", "arm26", "--posture", "1,2", "--targets", "K11"), "--targets K11: expected two"),
+        (("--mechanism", "arm26", "--posture", "1,2", "--targets", "Kx11,K12"), "no target 'Kx11'.*needs an endpoint"),
+        (("--mechanism", "arm26", "--posture", "1,2", "--stiffness", "1:9"), "--stiffness is a range of a joint"),
+        (("--mechanism", "arm26", "--posture", "1,2", "--theta", "5"), "--theta is of a joint"),
+        (("--mechanism", "arm26", "--posture", "1,2", "--out", "map.csv"), "the ending has to be one of .png"),
+        (("--mechanism", "arm48", "--links", "1,2,3,4"), "the workspace is drawn of n = 2 joints, not 4"),
+        (("--mechanism", "arm26", *LINKS, "--torque", "free"), "--torque free goes with --posture"),
+        (("--targets", "K11,K22"), "--targets goes with --mechanism"),
+        (("--posture", "1,2"), "--posture goes with --mechanism"),
+    ],
+)
+def test_wrong_options_of_a_map(arguments, sentence, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = run("map", *arguments)
+    assert isinstance(done.exception, InvalidInput)
+    with pytest.raises(InvalidInput, match=sentence):
+        raise done.exception
+    assert not list(tmp_path.iterdir())
