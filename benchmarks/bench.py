@@ -108,8 +108,8 @@ def after_late(record: Record) -> str:
     late, took = (1e3 * columns[name][i] for name in ("late", "took"))
     return (
         f"One step took {1e3 * LATE:.0f} ms longer at 100 Hz: {columns['missed'][i]} samples were left out, the next "
-        f"began {late:.1f} ms after its deadline, and its command was sent {took:.1f} ms later; the largest angle error "
-        f"was {before:.2f}° in the second before and {after:.2f}° in the second after."
+        f"began {late:.1f} ms after its deadline, and its command was sent {took:.1f} ms later; the largest angle "
+        f"error was {before:.2f}° in the second before and {after:.2f}° in the second after."
     )
 
 

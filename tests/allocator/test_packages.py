@@ -40,9 +40,7 @@ def test_to_look_for_a_library_is_no_import(without):
     assert importlib.util.find_spec("osqp") is None
 
 
-@pytest.mark.parametrize(
-    ("library", "extra"), [("mujoco", "mujoco"), ("gymnasium", "gym"), ("pymodbus", "modbus")]
-)
+@pytest.mark.parametrize(("library", "extra"), [("mujoco", "mujoco"), ("gymnasium", "gym"), ("pymodbus", "modbus")])
 def test_an_extra_is_named_by_its_extra(without, library, extra):
     without(library)
     with pytest.raises(MissingPackage, match=rf"pip install 'antagonist\[{extra}\]'"):
