@@ -1,4 +1,4 @@
-"""Check what is in a wheel: `python tests/project/wheel.py WHEEL`. The packages and what they need, and nothing else."""
+"""Check that a wheel has the packages and what they need, and nothing else: `python tests/project/wheel.py WHEEL`."""
 
 import sys
 import zipfile
