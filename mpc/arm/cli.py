@@ -29,7 +29,7 @@ _OFF = 0.05  # of the muscles' forces, on a real plant
 
 
 def arm_command(
-    machine: Annotated[str, typer.Option(help="arm26, arm48, or an MJCF file whose tendons are the muscles")] = "arm26",
+    machine: Annotated[str, typer.Option(help="arm26, arm48 or leg37")] = "arm26",
     reference: Annotated[str, typer.Option(help="circle, reach, hold, or draw (two joints)")] = "circle",
     out: Annotated[
         list[Path] | None,
@@ -62,7 +62,7 @@ def arm_command(
     finite("--load", load, "N·m")
     within("--dt", dt, "s", 1e-4, 0.5)
     files = _files(out or [Path()])
-    claim(*files, inputs=(machine if machine.endswith(".xml") else None,), force=force, own=_OWN_NAMES)
+    claim(*files, force=force, own=_OWN_NAMES)
     for path in files:
         if path.suffix.lower() in _FILMS:
             check_film(path)

@@ -65,7 +65,7 @@ class Arm:
 
     @classmethod
     def machine(cls, name: str) -> "Arm":
-        """Return the ready-made arm of this name, "arm26" or "arm48". Raises `MissingBackend` for another name."""
+        """Return the ready-made machine of this name, a key of `BODIES`. Raises `MissingBackend` for another name."""
         if name not in BODIES:
             raise MissingBackend("arm", name, list(BODIES))
         return cls(machines.MACHINES[name](), BODIES[name]())

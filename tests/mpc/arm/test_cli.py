@@ -52,7 +52,7 @@ def test_other_files_are_not_replaced_silently(folder):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--machine", "leg37"), "arm26"),
+        (("--machine", "arm99"), "arm26"),
         (("--reference", "square"), "circle"),
         (("--reference", "draw", "--machine", "arm48"), "n = 2 joints"),
         (("--plant", "odd"), "nominal"),
