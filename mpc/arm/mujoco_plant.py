@@ -244,8 +244,9 @@ class MujocoPlant:
         import mujoco
 
         mujoco.mj_energyPos(self.model, self.data)
-        mujoco.mj_energyVel(self.model, self.data)
-        return float(self.data.energy[0]), float(self.data.energy[1])
+        momentum = np.zeros(self.model.nv)
+        mujoco.mj_mulM(self.model, self.data, momentum, self.data.qvel)
+        return float(self.data.energy[0]), float(momentum @ self.data.qvel / 2)
 
     # --- pushing ----------------------------------------------------------------------------------------------------
 
@@ -299,7 +300,8 @@ class MujocoPlant:
         from scipy.linalg import eigh
 
         M, J = np.zeros((self.model.nv, self.model.nv)), self._jacobian()
-        mujoco.mj_fullM(self.model, self.data, M)
+        for row, unit in zip(M, np.eye(self.model.nv), strict=True):
+            mujoco.mj_mulM(self.model, self.data, row, unit)
         squares, modes = eigh(J.T @ (self.pneumatics.own_stiffness(self.lengths, self._P)[:, None] * J), M)
         rates = np.sqrt(np.maximum(squares, _SLOWEST**2))
         moved = M @ modes
