@@ -126,6 +126,7 @@ class MujocoPlant:
         self.dead_time = _size("dead_time", dead_time, "s")
         self.encoder = _size("encoder", encoder, "rad")
         self.pressure_noise = _size("pressure_noise", pressure_noise, "Pa")
+        self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)  # older versions want to be asked
         self.data = mujoco.MjData(self.model)
         self._jacobian = _TendonJacobian(self.model, self.data)
         self.reset()
