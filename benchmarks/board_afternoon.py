@@ -36,8 +36,10 @@ def main(arguments: list[str] | None = None) -> None:
         antagonist("fit-joint", directory / "joint_log.csv", *GEOMETRY, "--out", joint)
         antagonist("fit-motion", directory / "motion_log.csv", "--joint", joint, "--out", plant)
         found = Plant.load(plant)
-        print(f"fit: lags {found.lag[0]:.3g} and {found.lag[1]:.3g} s, true {HIDDEN.lag[0]:g} and {HIDDEN.lag[1]:g} s")
-        record = afternoon.run(found, Compensation.load(plant), directory / "run.csv")
+        known = Compensation.load(plant)
+        lags = (f"{one:.3g} and {two:.3g} s" for one, two in (found.lag, HIDDEN.lag))
+        print(f"fit: lags {next(lags)}, true {next(lags)}; {known.summary}", flush=True)
+        record = afternoon.run(found, known, directory / "run.csv")
         print(f"run at 100 Hz: {record.ending}; {record.lateness}")
         figures = metrics(record.run())
         print(

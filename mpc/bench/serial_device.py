@@ -296,7 +296,10 @@ class SerialDevice:
 
 
 def open_serial(address: str, timeout: float = TIMEOUT) -> SerialDevice:
-    """Return the board at PORT or PORT@BAUD, e.g. serial:/dev/ttyUSB0@921600. Raises `InvalidInput`."""
+    """Talk to a board on a serial line: serial:PORT or serial:PORT@BAUD, e.g. serial:/dev/ttyUSB0@921600.
+
+    Raises `InvalidInput`.
+    """
     port, _, baud = address.rpartition("@") if "@" in address else (address, "", str(BAUD))
     if not port or not baud.isdecimal():
         raise InvalidInput(f"serial:{address} has to be serial:PORT or serial:PORT@BAUD, as serial:/dev/ttyUSB0@921600")

@@ -61,7 +61,9 @@ static void catch_up(void) {
 
 ant_sensors read_sensors(void) {
     catch_up();
-    ant_sensors s = {(float)ant_plant_look(&plant).theta, 0, 0};
+    ant_plant moved = plant; /* since its last step: at 1 rad/s a millisecond is 0.06 degrees */
+    moved.full[0] += moved.full[1] * (now() - simulated);
+    ant_sensors s = {(float)ant_plant_look(&moved).theta, 0, 0};
     s.P1 = (float)(plant.full[2] + ANT_PLANT_NOISE * normal());
     s.P2 = (float)(plant.full[3] + ANT_PLANT_NOISE * normal());
     return s;
