@@ -68,7 +68,7 @@ class TrackingMPC(OptimisingController):
     dt: float = 0.01  # sample time [s]
     N: int = 20  # horizon [samples]
     weights: Weights = field(default_factory=Weights)
-    solver: str | Mapping[str, Any] | Solver = "daqp"  # or options, or `OSQP(…)`, or a function
+    solver: str | Mapping[str, Any] | Solver = "riccati"  # or options, or `OSQP(…)`, or a function
     iterations: int = 1  # QPs per step
     compensation: Compensation = field(default_factory=Compensation)  # what is known beyond the plant
     min_force: float = 0.0  # F_min [N]

@@ -27,7 +27,7 @@ class Settings(NamedTuple):
 
 
 def _mpc(s: Settings) -> Controller:
-    return TrackingMPC(s.plant, s.dt, s.N, s.weights, s.solver or "daqp", compensation=s.compensation)
+    return TrackingMPC(s.plant, s.dt, s.N, s.weights, s.solver or "riccati", compensation=s.compensation)
 
 
 def _nmpc(s: Settings) -> Controller:

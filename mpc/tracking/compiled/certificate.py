@@ -10,56 +10,49 @@ is used where no soft limit is broken without it.
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.commands import advance
 from mpc.tracking.compiled.jit import inlined
-from mpc.tracking.compiled.records import Bounds, Path, Setting
+from mpc.tracking.compiled.records import Bounded, Path, Point, Setting
+from mpc.tracking.compiled.stage import changed
 
 
 @inlined
-def proved(gradient: Array, lower: Array, upper: Array, z: Array, setting: Setting) -> bool:
-    """Return whether `z` is within its bounds and near enough to the solution, from the cost's `gradient` there.
+def proved(gradient: Array, bounded: Bounded, v: Array, setting: Setting) -> bool:
+    """Return whether the changes `v` (N, 2) are near enough to the solution, from the cost's `gradient` (N, 2) there.
 
-    Those push at a bound that want to leave through it.
+    They are brought to within their bounds before, and those push at a bound that want to leave through it.
     """
+    lower, upper, there = bounded
     square = 0.0
-    for i in range(z.size):
-        if not lower[i] <= z[i] <= upper[i]:
-            return False
-        pushes = (z[i] == lower[i] and gradient[i] >= 0.0) or (z[i] == upper[i] and gradient[i] <= 0.0)
-        square += 0.0 if pushes else gradient[i] * gradient[i]
+    for k in range(there.size):
+        for i in range(2):
+            g = gradient[k, i]
+            if not lower[k, i] <= v[k, i] <= upper[k, i]:
+                return False
+            pushes = (v[k, i] == lower[k, i] and g >= 0.0) or (v[k, i] == upper[k, i] and g <= 0.0)
+            square += 0.0 if pushes or not there[k] else g * g
     return square <= (setting.accuracy * setting.curvature) ** 2
 
 
 @inlined
-def keeps_rows(path: Path, setting: Setting, u: Array, z: Array) -> bool:
-    """Return whether the linear model under u + E z keeps supply, joint range and least forces; `u` (N, 2) [bar]."""
-    bounds, starts, tolerance = setting.bounds, setting.starts, setting.tolerance
-    dx, after, du = np.zeros(4), np.empty(4), np.zeros(2)
-    block = 0
-    for k in range(u.shape[0]):
-        if block < starts.size and starts[block] == k:
-            du[0] += z[2 * block]
-            du[1] += z[2 * block + 1]
-            block += 1
-        for i in range(2):  # what is outside already need not come back at once
-            if not min(bounds.low - u[k, i], 0.0) - tolerance <= du[i] <= max(bounds.high - u[k, i], 0.0) + tolerance:
-                return False
-        advance(path.A[k], path.B[k], dx, du, after)
-        if not soft_kept(path.x[k + 1], path.y[k + 1], path.slope[k + 1], dx, bounds, tolerance):
-            return False
-    return True
+def brought_within(bounded: Bounded, at: Point) -> None:
+    """Move the changes to within their bounds, from which rounding took them."""
+    for k in range(at.v.shape[0]):
+        for i in range(2):
+            at.v[k, i] = min(max(at.v[k, i], bounded.lower[k, i]), bounded.upper[k, i])
 
 
 @inlined
-def soft_kept(x: Array, y: Array, slope: Array, dx: Array, bounds: Bounds, tolerance: float) -> bool:
-    """Return whether the state x + dx keeps joint range and least forces."""
-    if not bounds.left - tolerance <= x[0] + dx[0] <= bounds.right + tolerance:
-        return False
-    for i in range(1, 3):
-        F = y[i]
-        for j in range(4):
-            F += slope[i, j] * dx[j]
-        if not F >= bounds.min_force - tolerance:
+def keeps_rows(path: Path, setting: Setting, u: Array, at: Point) -> bool:
+    """Return whether the linear model keeps supply, joint range and least forces at a point; `u` (N, 2) [bar]."""
+    bounds, tolerance, xi = setting.bounds, setting.tolerance, at.xi
+    for k in range(u.shape[0]):
+        for i in range(2):  # what is outside already need not come back at once
+            w = xi[k + 1, 4 + i]
+            if not min(bounds.low - u[k, i], 0.0) - tolerance <= w <= max(bounds.high - u[k, i], 0.0) + tolerance:
+                return False
+            if not path.y[k + 1, 1 + i] + changed(path.slope, k + 1, 1 + i, xi) >= bounds.min_force - tolerance:
+                return False
+        if not bounds.left - tolerance <= path.x[k + 1, 0] + xi[k + 1, 0] <= bounds.right + tolerance:
             return False
     return True
 
@@ -74,4 +67,4 @@ def finite(array: Array) -> bool:
     return True
 
 
-__all__ = ["finite", "keeps_rows", "proved"]
+__all__ = ["brought_within", "finite", "keeps_rows", "proved"]

@@ -7,7 +7,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.tracking.compiled.jit import inlined
-from mpc.tracking.compiled.records import Bounds, Errors, Path, Reference, Setting
+from mpc.tracking.compiled.records import Bounded, Bounds, Errors, Path, Reference, Setting
 
 
 @inlined
@@ -24,17 +24,16 @@ def limit(bounds: Bounds, last1: float, last2: float, u: Array) -> None:
 
 
 @inlined
-def slew_bounds(setting: Setting, u: Array, last: Array) -> tuple[Array, Array]:
-    """Return what slew leaves to the changes (n,); z = 0 is allowed whatever rounding says."""
+def slew_bounds(setting: Setting, u: Array, last: Array, bounded: Bounded) -> None:
+    """Set what slew leaves to the changes; v = 0 is allowed whatever rounding says."""
     starts, step = setting.starts, setting.bounds.step
-    lower, upper = np.empty(2 * starts.size), np.empty(2 * starts.size)
-    for block in range(starts.size):
-        k = starts[block]
+    lower, upper, there = bounded
+    lower[:], upper[:], there[:] = 0.0, 0.0, False
+    for k in starts:
+        there[k] = True
         for i in range(2):
             change = u[k, i] - (u[k - 1, i] if k > 0 else last[0, i] / BAR)
-            lower[2 * block + i] = min(-step - change, 0.0)
-            upper[2 * block + i] = max(step - change, 0.0)
-    return lower, upper
+            lower[k, i], upper[k, i] = min(-step - change, 0.0), max(step - change, 0.0)
 
 
 @inlined
@@ -47,17 +46,6 @@ def cumulative(starts: Any, z: Array, du: Array) -> None:
             d1 += z[2 * block + 1]
             block += 1
         du[k, 0], du[k, 1] = d0, d1
-
-
-@inlined
-def advance(A: Array, B: Array, dx: Array, du: Array, after: Array) -> None:
-    """Go on by a sample of the linear model, dx ← A dx + B du; `after` (4,) is there to work in."""
-    for i in range(4):
-        after[i] = B[i, 0] * du[0] + B[i, 1] * du[1]
-        for j in range(4):
-            after[i] += A[i, j] * dx[j]
-    for i in range(4):
-        dx[i] = after[i]
 
 
 @inlined
@@ -85,4 +73,4 @@ def deviations(path: Path, u: Array, reference: Reference, last: Array) -> Error
     return Errors(x, y, e, change, end)
 
 
-__all__ = ["advance", "cumulative", "deviations", "limit", "slew_bounds"]
+__all__ = ["cumulative", "deviations", "limit", "slew_bounds"]

@@ -1,6 +1,6 @@
 """The factory makes what a controller works with: compiled where that can be had, and else readable."""
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE
 from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.step import QPStep, ReadableQPStep, SlowStep
+
+if TYPE_CHECKING:
+    from mpc.tracking.compiled.structured import StructuredQP
 
 
 class Parts(NamedTuple):
@@ -31,14 +34,24 @@ def factory(
 
         made = compiled_plant(plant, dt)
         inverse = CompiledFeedForward(made, feed_forward) if made.p else feed_forward.ready()
-        return Parts(CompiledQPStep(made, problem, setting(problem)), inverse)
+        return Parts(CompiledQPStep(made, problem), inverse)
     except (
         Exception
     ) as failure:  # no compiler, no place for its work, a formula too long, or a fault of the compiler's own
         reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
     said = f"the controller's step is not compiled and takes about ten times as long: {reason}"
     notice(said, SlowStep)
-    return Parts(ReadableQPStep(problem, predictor), feed_forward.ready())
+    return Parts(ReadableQPStep(problem, predictor, _structured(problem)), feed_forward.ready())
+
+
+def _structured(problem: TrackingProblem) -> "StructuredQP | None":
+    """Return the structured QP, None where nothing at all can be compiled: of that `SlowStep` has told."""
+    from mpc.tracking.compiled.structured import StructuredQP
+
+    try:
+        return StructuredQP(problem)
+    except Exception:
+        return None
 
 
 def setting(problem: TrackingProblem) -> Any:
@@ -51,7 +64,9 @@ def setting(problem: TrackingProblem) -> Any:
     cost = Cost(rows.x, rows.y, rows.e * BAR**2, rows.rate * BAR**2 / problem.dt**2, end)
     low, high = limits.pressure
     bounds = Bounds(low / BAR, high / BAR, limits.step / BAR, *limits.theta, limits.min_force)
-    return Setting(cost, bounds, problem.curvature, LAZY_TOLERANCE, ACCURACY, problem.starts.astype(np.int64))
+    w = problem.weights
+    slack = np.array([w.slack, w.slack_square, w.slack_force, w.slack_force_square])
+    return Setting(cost, bounds, problem.curvature, LAZY_TOLERANCE, ACCURACY, slack, problem.starts.astype(np.int64))
 
 
 __all__ = ["Parts", "factory", "setting"]

@@ -26,9 +26,10 @@ _GIVEN, _PATH = (12, 15), (45, 19)  # numbers for a sample of the horizon, and b
 
 
 def flat(setting: Setting) -> Array:
-    """Return the numbers (56,) of `setting`."""
+    """Return the numbers (60,) of `setting`."""
     cost, rest = setting.cost, (setting.curvature, setting.tolerance, setting.accuracy)
-    return np.concatenate([cost.x, cost.y, cost.e, cost.change, setting.bounds, rest, np.ravel(cost.end)])
+    kinds = cost.x, cost.y, cost.e, cost.change, setting.bounds, rest
+    return np.concatenate([*kinds, np.ravel(cost.end), setting.slack])
 
 
 @inlined
@@ -36,7 +37,7 @@ def setting_in(numbers: Array, starts: Any) -> Setting:
     """Return the setting of these `numbers`."""
     n = numbers
     cost = Cost(n[0:4], n[4:7], n[7:9], n[9:11], n[20:56].reshape(6, 6))
-    return Setting(cost, Bounds(n[11], n[12], n[13], n[14], n[15], n[16]), n[17], n[18], n[19], starts)
+    return Setting(cost, Bounds(n[11], n[12], n[13], n[14], n[15], n[16]), n[17], n[18], n[19], n[56:60], starts)
 
 
 @inlined

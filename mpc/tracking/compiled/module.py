@@ -44,7 +44,6 @@ class CompiledPlant(NamedTuple):
     """A compiled plant is what is compiled for a family of plants, and the numbers of the plant."""
 
     step: ModuleType  # `mpc.tracking.compiled.step` with the formulas
-    solve: ModuleType  # `mpc.tracking.compiled.solve`
     c: Array
     p: tuple[Any, ...]  # of the kernel; empty if there is none
     h: float  # step of the integration [s]
@@ -61,7 +60,12 @@ def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
     kernel = _kernel_of(plant)
     compiled.register()
     step = imported(with_formulas(_TEMPLATE, _IMPORTS + text + _ALLOCATED[kernel.name]))
-    return CompiledPlant(step, imported(_SOLVE.read_text(encoding="utf-8")), c, kernel.p, dt / substeps, substeps)
+    return CompiledPlant(step, c, kernel.p, dt / substeps, substeps)
+
+
+def solve_module() -> ModuleType:
+    """Return `mpc.tracking.compiled.solve`, which does not depend on the plant."""
+    return imported(_SOLVE.read_text(encoding="utf-8"))
 
 
 _ALLOCATED = {

@@ -1,6 +1,6 @@
 """These are the values that the compiled functions hand to each other. Commands count in bar here, as decisions do."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ class Setting(NamedTuple):
     curvature: float  # c [cost]/[bar]²: no eigenvalue of the Hessian is less
     tolerance: float  # of rows left out [bar], [rad], [N]
     accuracy: float  # of an answer [bar]
+    slack: Array  # (4,) ρ, ρ₂, ρ_F, ρ_F₂
     starts: NDArray[np.int64]  # samples at which the commands may leave ū
 
 
@@ -68,4 +69,20 @@ class Errors(NamedTuple):
     end: Array  # (6,) ξ
 
 
-__all__ = ["Bounds", "Cost", "Errors", "Path", "Reference", "Setting"]
+class Point(NamedTuple):
+    """A point of the QP is where its decisions lead in the linear model."""
+
+    xi: Array  # (N+1, 6) ξ = (δx, w): w_k is the deviation of the command k - 1 [bar]
+    v: Array  # (N, 2) changes of that deviation [bar]
+    sigma: Array  # (2,) slacks s [rad] and s_F [N]
+
+
+class Bounded(NamedTuple):
+    """The changes are bounded by the slew."""
+
+    lower: Array  # (N, 2) [bar]
+    upper: Array  # (N, 2) [bar]
+    there: Any  # (N,) whether there is one, at the starts of blocks; else the bounds are 0
+
+
+__all__ = ["Bounded", "Bounds", "Cost", "Errors", "Path", "Point", "Reference", "Setting"]

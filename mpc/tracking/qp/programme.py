@@ -12,10 +12,9 @@ H is below c, ½ c |z - z*|² ≤ gap. Of a z that breaks limits all this is tru
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
 
@@ -42,7 +41,6 @@ class QP:
     R: Array  # (m, n)
     rows_lower: Array  # (m,)
     rows_upper: Array  # (m,)
-    guess: NDArray[Any] | None = None  # (n + m,) multipliers for a solver to begin with: their signs count
 
     def with_rows(self, chosen: Mask) -> "QP":
         """Return the QP with only the rows `chosen` (m,), and all of its simple bounds."""

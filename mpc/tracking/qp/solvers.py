@@ -1,4 +1,4 @@
-"""QP solvers are values with their options: DAQP (the default), and whatever qpsolvers finds installed.
+"""QP solvers are values with their options: Riccati (the default), DAQP, and whatever qpsolvers finds installed.
 
 A solver is a function from a `QP` and the time it may take to a point and its multipliers, or None when it gives up.
 What it returns is only a proposal: `mpc.tracking.qp.certified` checks it, and looks at the clock. Of an exception
@@ -15,7 +15,6 @@ from math import inf, isfinite
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
@@ -57,19 +56,23 @@ class DAQP(QPSolver):
         upper, lower = qp.upper, qp.lower
         if len(qp.R):
             upper, lower = np.concatenate([upper, qp.rows_upper]), np.concatenate([lower, qp.rows_lower])
-        marks = None if qp.guess is None else _marks(qp.guess)
         seconds = limit if isfinite(limit) else 0.0  # 0: as long as it takes
-        z, _, flag, info = solve(qp.H, qp.f, qp.R, upper, lower, marks, time_limit=seconds, **self.given)
+        z, _, flag, info = solve(qp.H, qp.f, qp.R, upper, lower, time_limit=seconds, **self.given)
         return (z, info["lam"]) if flag > 0 else None
 
 
-_ACTIVE, _AT_LOWER = 1, 2  # bits of DAQP's marks
+@dataclass(frozen=True)
+class Riccati(QPSolver):
+    """The Riccati solver takes a step's QP as it is, sample by sample, in compiled code: O(N), and no options.
 
+    What is dense already, because nothing compiles or the structured solution has no proof, it leaves to DAQP.
+    """
 
-def _marks(guess: NDArray[Any]) -> NDArray[np.intc]:
-    """Return DAQP's marks of the limits that are guessed to bind: those with multipliers."""
-    marks: NDArray[np.intc] = _ACTIVE * (guess != 0).astype(np.intc) + _AT_LOWER * (guess < 0).astype(np.intc)
-    return marks
+    name: ClassVar[str] = "riccati"
+
+    def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
+        """Propose point (n,) and multipliers (n + m,) of `qp` within `limit` [s]."""
+        return DAQP()(qp, limit)
 
 
 class ThroughQpsolvers(QPSolver):
@@ -133,7 +136,8 @@ class Installed(ThroughQpsolvers):
         return dict(self.options)
 
 
-_KNOWN: dict[str, type[QPSolver]] = {kind.name: kind for kind in (DAQP, OSQP, Clarabel, SCS)}
+_OURS = ("riccati", "daqp")  # which do not go through qpsolvers
+_KNOWN: dict[str, type[QPSolver]] = {kind.name: kind for kind in (Riccati, DAQP, OSQP, Clarabel, SCS)}
 
 
 def solver(given: "str | Mapping[str, Any] | Solver") -> Solver:
@@ -151,7 +155,7 @@ def solver(given: "str | Mapping[str, Any] | Solver") -> Solver:
         _check_installed(given)
         return guarded(given)
     name = given if isinstance(given, str) else given.get("name", DAQP.name)
-    if name == DAQP.name:
+    if name in _OURS:
         return with_options("QP solver", given, _KNOWN, DAQP.name)
     import qpsolvers
 
@@ -160,9 +164,9 @@ def solver(given: "str | Mapping[str, Any] | Solver") -> Solver:
         return guarded(
             Installed(name, {} if isinstance(given, str) else {k: v for k, v in given.items() if k != "name"})
         )
-    known = {kind: member for kind, member in _KNOWN.items() if kind in {DAQP.name, *there}}
+    known = {kind: member for kind, member in _KNOWN.items() if kind in {*_OURS, *there}}
     if name not in known:
-        raise MissingBackend("QP solver", name, {DAQP.name, *there})
+        raise MissingBackend("QP solver", name, {*_OURS, *there})
     return guarded(with_options("QP solver", given, known, DAQP.name))
 
 
@@ -178,9 +182,9 @@ def _check_installed(value: Solver) -> None:
 def guarded(solve: Solver) -> Solver:
     """Return `solve`, giving up where it would fail.
 
-    `DAQP`, which does not raise, stays itself (`mpc.tracking.compiled.qp_step` looks for it).
+    `Riccati` and `DAQP`, which do not raise, stay themselves (`mpc.tracking.compiled.qp_step` looks for the former).
     """
-    if isinstance(solve, DAQP):
+    if isinstance(solve, Riccati | DAQP):
         return solve
 
     def proposed(qp: QP, limit: float = inf) -> tuple[Array, Array] | None:
@@ -214,4 +218,4 @@ def _through_qpsolvers(name: str, qp: QP, settings: dict[str, Any]) -> tuple[Arr
     return found.x, np.concatenate([found.z_box, above - below])
 
 
-__all__ = ["DAQP", "OSQP", "SCS", "Clarabel", "Installed", "QPSolver", "Solver", "guarded", "solver"]
+__all__ = ["DAQP", "OSQP", "SCS", "Clarabel", "Installed", "QPSolver", "Riccati", "Solver", "guarded", "solver"]

@@ -5,19 +5,22 @@ the other; `mpc.tracking.compiled.qp_step` has the same in compiled code.
 """
 
 from time import perf_counter
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from mpc.tracking.feedforward import FeedForward
-from mpc.tracking.linearise import Motion, Predictor
+from mpc.tracking.linearise import Linearisation, Motion, Predictor
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.certified import certified
-from mpc.tracking.qp.condense import TrackingProblem, condense
+from mpc.tracking.qp.condense import SLACKS, TrackingProblem, condense
 from mpc.tracking.qp.programme import QP
-from mpc.tracking.qp.solvers import Solver
+from mpc.tracking.qp.solvers import Riccati, Solver
+
+if TYPE_CHECKING:
+    from mpc.tracking.compiled.structured import StructuredQP
 
 
 class SlowStep(UserWarning):
@@ -67,16 +70,20 @@ class QPStep(Protocol):
 
 
 class ReadableQPStep:
-    """The readable step works by NumPy and CasADi."""
+    """The readable step works by NumPy and CasADi; its QP is solved as it is, sample by sample, where that compiles."""
 
     implementation = "readable"
     active_set: NDArray[np.int8] | None = None
 
-    def __init__(self, problem: TrackingProblem, predictor: Predictor) -> None:
-        self.problem, self.predictor = problem, predictor
+    def __init__(
+        self, problem: TrackingProblem, predictor: Predictor, structured: "StructuredQP | None" = None
+    ) -> None:
+        self.problem, self.predictor, self.structured = problem, predictor, structured
 
     def reset(self) -> None:
-        """Do nothing: nothing is remembered."""
+        """Forget which bounds bound, where that is remembered."""
+        if self.structured is not None:
+            self.structured.reset()
 
     def __call__(
         self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample, solve: Solver, deadline: float
@@ -86,13 +93,36 @@ class ReadableQPStep:
         u = self.problem.limits.limited(previous.u, u)
         model = self.predictor.linearise(x, u, d)
         linearised = perf_counter()
-        qp = condense(self.problem, model, feed, previous.u, previous.u_star)
-        condensed = perf_counter()
-        answer = certified(solve, qp, deadline, self.problem.curvature)
-        if answer.status is PlanStatus.OPTIMAL:
-            u = self.problem.limits.limited(previous.u, u + self.problem.E @ answer.z)
-        times = linearised - began, condensed - linearised, perf_counter() - condensed
-        return QPAnswer(answer.status, u, None, qp, times)
+        if self.structured is not None and isinstance(solve, Riccati):
+            self.structured.take(x, u, d, feed, previous)
+            self.structured.take_model(model)
+            if self.structured.solved():
+                now = perf_counter()
+                u = commands(self.problem, u, np.append(self.structured.z, SLACKS * [0.0]), previous)
+                status = PlanStatus.LATE if now > deadline else PlanStatus.OPTIMAL
+                return QPAnswer(status, u, None, None, (linearised - began, 0.0, now - linearised))
+        return dense_answer(self.problem, model, feed, previous, solve, began, deadline)
 
 
-__all__ = ["PreviousSample", "QPAnswer", "QPStep", "ReadableQPStep", "SlowStep"]
+def dense_answer(
+    problem: TrackingProblem, model: Linearisation, feed: FeedForward, previous: PreviousSample, solve: Solver,
+    began: float, deadline: float
+) -> QPAnswer:  # fmt: skip
+    """Answer with the dense QP about `model`, which `solve` is given; its times count from `began` [s]."""
+    linearised = perf_counter()
+    qp = condense(problem, model, feed, previous.u, previous.u_star)
+    condensed = perf_counter()
+    answer = certified(solve, qp, deadline, problem.curvature)
+    u = model.u
+    if answer.status is PlanStatus.OPTIMAL:
+        u = commands(problem, u, answer.z, previous)
+    times = linearised - began, condensed - linearised, perf_counter() - condensed
+    return QPAnswer(answer.status, u, None, qp, times)
+
+
+def commands(problem: TrackingProblem, u: Array, z: Array, previous: PreviousSample) -> Array:
+    """Return the commands (N, 2) [Pa] that the decisions `z` make of `u`."""
+    return problem.limits.limited(previous.u, u + problem.E @ z)
+
+
+__all__ = ["PreviousSample", "QPAnswer", "QPStep", "ReadableQPStep", "SlowStep", "commands", "dense_answer"]

@@ -17,7 +17,7 @@ from mpc.codegen.python_text import translated
 from mpc.tracking.compiled import module
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
-from mpc.tracking.feedforward import InverseDynamics
+from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.certified import certified
@@ -28,7 +28,7 @@ from mpc.tracking.qp.step import PreviousSample, ReadableQPStep
 from mpc.tracking.terminal import terminal_factor
 
 RNG = np.random.default_rng(8)
-DAQP = solver("daqp")
+DAQP, RICCATI = solver("daqp"), solver("riccati")
 
 
 # --- translation ------------------------------------------------------------------------------------------------------
@@ -114,7 +114,7 @@ class Case:
         self.d = 0.2 * away * RNG.normal(size=N + 1)
         self.u = self.x[2:] + away * BAR * RNG.normal(size=(N, 2))
 
-    def arguments(self, solve=DAQP, x=None, deadline=math.inf):
+    def arguments(self, solve=RICCATI, x=None, deadline=math.inf):
         feed = self.inverse(self.theta, self.K, self.d)
         previous = PreviousSample(self.x[2:], feed.u[0] - 1e3)
         return self.x if x is None else x, self.u, self.d[:-1], feed, previous, solve, deadline
@@ -160,11 +160,14 @@ def test_the_compiled_step_comes_to_the_readable_one_s_commands_and_motion(case)
         np.testing.assert_allclose(getattr(compiled.motion, name), getattr(wanted, name), rtol=1e-10, atol=1e-9)
 
 
-def test_rows_that_break_lead_to_the_whole_qp(case):
+def test_where_rows_bind_the_commands_are_those_of_the_whole_qp(case):
     x = np.array([case.problem.limits.theta[1] - 0.01, 4.0, *case.x[2:]])
     compiled, readable = (step(*case.arguments(x=x)) for step in (case.qp_step, case.readable))
-    assert compiled.motion is None
-    assert compiled.qp.R.size
+    qp = readable.qp
+    z, multipliers = DAQP(qp)
+    assert multipliers[z.size :].any()
+    assert case.qp_step.structured.iterations > 0
+    assert compiled.motion is not None  # no other solver was asked
     assert compiled.status is readable.status is PlanStatus.OPTIMAL
     np.testing.assert_allclose(compiled.u, readable.u, atol=1e-5 * BAR)
 
@@ -192,9 +195,9 @@ def test_a_wrong_answer_is_refused_or_put_right(case, lie):
     case.qp_step.reset()
     compiled, readable = case.qp_step(*arguments), case.readable(*arguments)
     assert compiled.status in (PlanStatus.OPTIMAL, PlanStatus.REFUSED)
-    if compiled.status is PlanStatus.OPTIMAL:  # the bounds that bind were told, or found from there
+    if compiled.status is PlanStatus.OPTIMAL:
         np.testing.assert_allclose(compiled.u, wanted.u, atol=1e-6 * BAR)
-    assert readable.status is PlanStatus.REFUSED
+    assert readable.status is compiled.status is PlanStatus.REFUSED
 
 
 @pytest.mark.parametrize("away", [0.0, 0.3])
@@ -224,114 +227,114 @@ def test_an_answer_that_comes_late_is_not_used(case):
 
 def test_a_wrong_guess_does_not_change_the_answer(case):
     first = case.qp_step(*case.arguments())
-    case.qp_step._guess[:] = RNG.integers(-1, 2, case.qp_step._guess.size)
+    guess = case.qp_step.structured.guess
+    guess[:] = RNG.integers(-1, 2, guess.size)
     np.testing.assert_allclose(case.qp_step(*case.arguments()).u, first.u, atol=1e-6 * BAR)
 
 
+def bound_of(case, **changed):
+    """The sign of the multipliers that DAQP finds for the changes of the commands."""
+    readable = case.readable(*case.arguments(DAQP, **changed))
+    return np.sign(DAQP(readable.qp)[1][: readable.qp.f.size - 2])
+
+
 def test_the_guess_is_the_last_sample_s_active_set_one_sample_earlier(case):
-    seen = []
-
-    def watched(qp, limit):
-        seen.append((qp.guess, DAQP(qp, limit)))
-        return seen[-1][1]
-
     case.qp_step.reset()
-    for _ in range(2):
-        assert case.qp_step(*case.arguments(solve=watched)).motion is not None
-    (first, (_, multipliers)), (second, _) = seen
-    assert not first.any()
-    bound = np.sign(multipliers).reshape(-1, 2)
-    for start, guess in zip(case.problem.starts, second.reshape(-1, 2), strict=True):
-        block = sum(case.problem.starts <= start + 1) - 1  # in which that sample was
+    assert not case.qp_step.active_set.any()
+    assert case.qp_step(*case.arguments()).motion is not None
+    bound = bound_of(case)
+    np.testing.assert_array_equal(case.qp_step.active_set, bound)
+    x, u, d, feed, previous, *_ = case.arguments()
+    case.qp_step.structured.take(x, u, d, feed, previous)
+    starts, bound = case.problem.starts, bound.reshape(-1, 2)
+    for start, guess in zip(starts, case.qp_step.active_set.reshape(-1, 2), strict=True):
+        block = sum(starts <= start + 1) - 1  # in which that sample was
         np.testing.assert_array_equal(guess, bound[block])
 
 
 def test_between_the_qps_of_one_sample_the_guess_stays_where_it_is(case):
     case.qp_step.reset()
-    given = list(case.arguments(solve=lambda qp, limit: DAQP(qp, limit)))
+    given = case.arguments()
     first = case.qp_step(*given)
-    given[5] = DAQP
+    bound, structured = bound_of(case), case.qp_step.structured
+    structured.take(*given[:5])
+    np.testing.assert_array_equal(structured.guess, bound)
     again = case.qp_step(*given)
-    assert again.qp is None  # no solver was asked
+    assert structured.iterations == 0  # the sweeps settled at once
     np.testing.assert_allclose(again.u, first.u, atol=1e-6 * BAR)
 
 
-def test_while_a_row_binds_the_guess_is_kept(case):
+def test_while_a_row_binds_the_guess_is_that_of_the_changes_that_bind(case):
     x = np.array([case.problem.limits.theta[1] - 0.01, 4.0, *case.x[2:]])
-    step = case.qp_step(*case.arguments(x=x))
-    assert step.qp.R.size
-    n, nothing = step.qp.f.size - 2, np.zeros(0)
-    qp = step.qp
-    _, multipliers = DAQP(QP(qp.H[:n, :n].copy(), qp.f[:n], qp.lower[:n], qp.upper[:n], qp.R[:0, :n], nothing, nothing))
-    assert multipliers.any()
-    np.testing.assert_array_equal(case.qp_step._guess, np.sign(multipliers))
+    case.qp_step(*case.arguments(x=x))
+    bound = bound_of(case, x=x)
+    assert bound.any()
+    np.testing.assert_array_equal(case.qp_step.active_set, bound)
 
 
 # --- the structured way -----------------------------------------------------------------------------------------------
 
 
-def settled(case, sweeps=30):
-    """What the Riccati recursions come to for the step that `case` has built last."""
-    return case.qp_step._solve.settle(*case.qp_step._rest, case.qp_step._guess, sweeps)
+def box_of(qp):
+    """The QP without its rows and slacks."""
+    n, nothing = qp.f.size - 2, np.zeros(0)
+    return QP(qp.H[:n, :n].copy(), qp.f[:n], qp.lower[:n], qp.upper[:n], qp.R[:0, :n], nothing, nothing)
 
 
 @pytest.mark.parametrize("away", [0.0, 0.02, 0.05, 0.3])  # [rad] of the reference from the state: the slew limit binds
-def test_riccati_recursions_and_daqp_come_to_the_same_point(case, away):
+@pytest.mark.parametrize("told", [True, False], ids=["from the set", "from nothing"])
+def test_riccati_recursions_and_daqp_come_to_the_same_point(case, away, told):
     case.theta += away
     try:
         qp = case.qp_step(*case.arguments(solve=lambda qp, limit: None)).qp
     finally:
         case.theta -= away
-    n = qp.f.size - 2
-    nothing = np.zeros(0)
-    box = QP(qp.H[:n, :n].copy(), qp.f[:n], qp.lower[:n], qp.upper[:n], qp.R[:0, :n], nothing, nothing)
-    exact, multipliers = DAQP(box)
-    case.qp_step._guess[:] = np.sign(multipliers)  # from here they settle
-    outcome, z = settled(case)
-    assert outcome in (case.qp_step._solve.SOLVED, case.qp_step._solve.ROWS)
-    np.testing.assert_allclose(z, exact, atol=1e-8)
-    assert (case.qp_step._guess == np.sign(multipliers)).all()
+    exact, multipliers = DAQP(qp)
+    structured, n = case.qp_step.structured, qp.f.size - 2
+    structured.guess[:] = np.sign(multipliers[:n]) if told else 0
+    assert structured.solved()
+    rows_bind = multipliers[n:].any()
+    assert structured.iterations == 0 or not told or rows_bind  # from the set the sweeps settle
+    np.testing.assert_allclose(structured.z, exact[:n], atol=1e-5 if rows_bind else 1e-8)
+    assert (structured.guess == np.sign(multipliers[:n])).all()
     case.qp_step.reset()
 
 
 def test_at_long_horizons_too_the_recursions_confirm_the_solver_s_set():
     mpc, x, confirmed, bound = TrackingMPC(Plant(), N=80), Plant().at_rest(0.0, 7.6), 0, 0
-    answers, rest = mpc._qp_step._solve, mpc._qp_step._rest
+    structured = mpc._qp_step.structured
     for k in range(30):
+        last = mpc.ladder.previous(x, np.zeros(2)) if k else None
         plan = mpc.step(x, 0.5 * (-1) ** (k // 10), 7.6)
-        H, f, lower, upper = answers.build(*rest)
-        box = QP(H.copy(), f, lower, upper, np.zeros((0, f.size)), np.zeros(0), np.zeros(0))
-        exact, multipliers = DAQP(box)
-        outcome, z = answers.settle(*rest, np.sign(multipliers).astype(np.int8), 1)
-        if outcome != answers.REFUSED:
-            confirmed += 1
-            np.testing.assert_allclose(z, exact, atol=1e-6)
-        bound += multipliers.any()
+        if last is not None:
+            reference, given = structured.given.reference, structured.given
+            feed = FeedForward(reference.x.copy(), reference.y.copy(), reference.u.copy(), None)
+            exact, multipliers = DAQP(box_of(condense(mpc.problem, structured.model, feed, *given.last)))
+            structured.guess[:] = np.sign(multipliers)
+            if structured.solved() and structured.iterations == 0:
+                confirmed += 1
+                np.testing.assert_allclose(structured.z, exact, atol=1e-6)
+            bound += multipliers.any()
         x = plan.x[1]
     assert bound > 20
-    assert confirmed >= 29
-
-
-def test_what_does_not_settle_is_not_answered(case):
-    case.qp_step(*case.arguments(solve=lambda qp, limit: None))
-    outcome, z = settled(case, sweeps=0)
-    assert outcome == case.qp_step._solve.REFUSED
-    assert not z.any()
+    assert confirmed >= 28
 
 
 @pytest.mark.parametrize("blocks", [(1,) * 20, (1,) * 10 + (2,) * 5], ids=["samples", "blocks"])
 def test_sample_after_sample_the_commands_are_those_of_a_solver(blocks):
     compiled = TrackingMPC(Plant(), N=20, blocks=blocks)
     other = TrackingMPC(Plant(), N=20, blocks=blocks, solver=lambda qp, limit: DAQP(qp, limit))  # is always asked
-    x, K, settled, bound = Plant().at_rest(0.0, 7.6), np.full(21, 7.6), 0, 0
+    x, K, settled, asked, bound = Plant().at_rest(0.0, 7.6), np.full(21, 7.6), 0, 0, 0
     for k in range(60):
         theta = 0.2 * np.sin(6.0 * 0.01 * (k + np.arange(21)))
         plan, wanted = compiled.step(x, theta, K, 0.1), other.step(x, theta, K, 0.1)
         np.testing.assert_allclose(plan.u, wanted.u, atol=1e-5 * BAR)
-        settled += plan.times.condense == 0.0
+        settled += compiled._qp_step.structured.iterations == 0
+        asked += plan.times.condense > 0.0
         bound += np.abs(np.diff(plan.u, axis=0)).max() >= compiled.limits.step * (1 - 1e-6)
         x = plan.x[1]
     assert settled > 30
+    assert asked == 0
     assert 5 < bound < 55
 
 

@@ -1,0 +1,180 @@
+"""The rows of the QP, of which `mpc.tracking.compiled.interior` keeps the distance: a·y ≤ b with t > 0 left, and λ > 0.
+
+In this order, those of a sample k (w and δx of k + 1), and in a last line those of both slacks:
+
+    0…3    v_i ≤ upper,  -v_i ≤ -lower            changes: the slew
+    4…7    w_i ≤ …,  -w_i ≤ …                     commands: the supply
+    8, 9   δθ - s ≤ …,  -δθ - s ≤ …               the joint range
+    10, 11 -D_i δx - s_F ≤ F_i - F_min            taut cables
+    N      -s ≤ 0,  -s_F ≤ 0
+"""
+
+from typing import Any, NamedTuple
+
+from allocator.calculus import Array
+from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.newton import ALL, BOUNDS
+from mpc.tracking.compiled.records import Bounded, Bounds, Path, Point
+from mpc.tracking.compiled.stage import changed
+
+NEAR = 0.03  # products t λ are no less than this share of their mean
+WIDTH = (0.04, 0.04, 0.04, 0.04, 0.1, 0.1, 0.1, 0.1, 0.02, 0.02, 4.0, 4.0)  # least t at first [bar], [rad], [N]
+
+
+class Rows(NamedTuple):
+    """The rows are numbers (N + 1, 12) each; `span` says which of a line there are."""
+
+    span: Any  # (N + 1, 2) first, and one past the last
+    b: Array
+    t: Array
+    multiplier: Array  # λ
+    W: Array  # λ/t
+    residual: Array  # a·y - b + t
+    push: Array  # λ + Δλ - W a·Δy
+    dt: Array
+    change: Array  # Δλ
+
+
+@inlined
+def values(path: Path, at: Point, count: int, value: Array) -> None:
+    """Set `value` to a·y at a point."""
+    N, xi, v, sigma = at.v.shape[0], at.xi, at.v, at.sigma
+    for k in range(N):
+        value[k, 0], value[k, 1], value[k, 2], value[k, 3] = v[k, 0], v[k, 1], -v[k, 0], -v[k, 1]
+        if count == ALL:
+            w0, w1, angle = xi[k + 1, 4], xi[k + 1, 5], xi[k + 1, 0]
+            value[k, 4], value[k, 5], value[k, 6], value[k, 7] = w0, w1, -w0, -w1
+            value[k, 8], value[k, 9] = angle - sigma[0], -angle - sigma[0]
+            value[k, 10] = -changed(path.slope, k + 1, 1, xi) - sigma[1]
+            value[k, 11] = -changed(path.slope, k + 1, 2, xi) - sigma[1]
+    value[N, 0], value[N, 1] = -sigma[0], -sigma[1]
+
+
+@inlined
+def sides(path: Path, u: Array, bounds: Bounds, bounded: Bounded, b: Array) -> None:
+    """Set `b` for a path with the commands `u` (N, 2)."""
+    N = u.shape[0]
+    for k in range(N):
+        for i in range(2):
+            b[k, i], b[k, 2 + i] = bounded.upper[k, i], -bounded.lower[k, i]
+            # what is outside already need not come back at once
+            b[k, 4 + i], b[k, 6 + i] = max(bounds.high - u[k, i], 0.0), -min(bounds.low - u[k, i], 0.0)
+            b[k, 10 + i] = path.y[k + 1, 1 + i] - bounds.min_force
+        b[k, 8], b[k, 9] = bounds.right - path.x[k + 1, 0], path.x[k + 1, 0] - bounds.left
+    b[N, 0], b[N, 1] = 0.0, 0.0
+
+
+@inlined
+def begin(rows: Rows, there: Any, slack: Array, count: int, product: float, at: Point) -> int:
+    """Begin at the origin with products t λ of `product`; return how many rows there are."""
+    N, number = there.size, 0
+    at.xi[:], at.v[:], at.sigma[:], rows.multiplier[:], rows.t[:] = 0.0, 0.0, 0.0, 0.0, 1.0
+    rows.W[:], rows.push[:] = 0.0, 0.0
+    left0, left1 = slack[0], slack[2]
+    for k in range(N):
+        rows.span[k, 0], rows.span[k, 1] = 0 if there[k] else BOUNDS, count
+        for j in range(rows.span[k, 0], count):
+            rows.t[k, j] = max(rows.b[k, j], WIDTH[j])
+            rows.multiplier[k, j] = product / rows.t[k, j]
+            number += 1
+        left0 -= rows.multiplier[k, 8] + rows.multiplier[k, 9]
+        left1 -= rows.multiplier[k, 10] + rows.multiplier[k, 11]
+    rows.span[N, 0], rows.span[N, 1] = 0, 2 if count == ALL else 0
+    if count == BOUNDS:
+        return number
+    rows.multiplier[N, 0], rows.multiplier[N, 1] = max(left0, 0.1 * slack[0]), max(left1, 0.1 * slack[2])
+    for i in range(2):
+        rows.t[N, i] = at.sigma[i] = product / rows.multiplier[N, i]
+    return number + 2
+
+
+@inlined
+def measure(path: Path, at: Point, rows: Rows, count: int) -> tuple[float, float]:
+    """Set residuals, W, and `push` for a step to the boundary; return the sum of the products t λ, and the greatest
+    residual.
+    """
+    total, worst = 0.0, 0.0
+    values(path, at, count, rows.residual)
+    for k in range(rows.b.shape[0]):
+        for j in range(rows.span[k, 0], rows.span[k, 1]):
+            t, multiplier = rows.t[k, j], rows.multiplier[k, j]
+            r, w = rows.residual[k, j] - rows.b[k, j] + t, multiplier / t
+            rows.residual[k, j], rows.W[k, j], rows.push[k, j] = r, w, w * r
+            total += t * multiplier
+            worst = max(worst, abs(r))
+    return total, worst
+
+
+@inlined
+def row_steps(path: Path, rows: Rows, count: int, by: Point) -> float:
+    """Set the rows' part of the step `by`; return how much of it may be gone before a t or a λ is 0, at most 1."""
+    share = 1.0
+    values(path, by, count, rows.dt)
+    for k in range(rows.b.shape[0]):
+        for j in range(rows.span[k, 0], rows.span[k, 1]):
+            t, multiplier, value = rows.t[k, j], rows.multiplier[k, j], rows.dt[k, j]
+            dt, change = -rows.residual[k, j] - value, rows.push[k, j] - multiplier + rows.W[k, j] * value
+            if t + share * dt < 0.0:
+                share = -t / dt
+            if multiplier + share * change < 0.0:
+                share = -multiplier / change
+            rows.dt[k, j], rows.change[k, j] = dt, change
+    return share
+
+
+@inlined
+def products_after(rows: Rows, share: float) -> float:
+    """Return the sum of the products t λ after this share of the step."""
+    total = 0.0
+    for k in range(rows.b.shape[0]):
+        for j in range(rows.span[k, 0], rows.span[k, 1]):
+            multiplier = rows.multiplier[k, j] + share * rows.change[k, j]
+            total += (rows.t[k, j] + share * rows.dt[k, j]) * multiplier
+    return total
+
+
+@inlined
+def aim_at(rows: Rows, product: float) -> None:
+    """Correct `push` for products t λ of `product`, to second order."""
+    for k in range(rows.b.shape[0]):
+        for j in range(rows.span[k, 0], rows.span[k, 1]):
+            rows.push[k, j] += (product - rows.dt[k, j] * rows.change[k, j]) / rows.t[k, j]
+
+
+@inlined
+def go(rows: Rows, share: float, at: Point, by: Point) -> float:
+    """Go this share of the step; return the sum of the products t λ."""
+    total = 0.0
+    for k in range(at.v.shape[0]):
+        for i in range(6):
+            at.xi[k + 1, i] += share * by.xi[k + 1, i]
+        for i in range(2):
+            at.v[k, i] += share * by.v[k, i]
+    for i in range(2):
+        at.sigma[i] += share * by.sigma[i]
+    for k in range(rows.b.shape[0]):
+        for j in range(rows.span[k, 0], rows.span[k, 1]):
+            rows.t[k, j] += share * rows.dt[k, j]
+            rows.multiplier[k, j] += share * rows.change[k, j]
+            total += rows.t[k, j] * rows.multiplier[k, j]
+    return total
+
+
+@inlined
+def bring_near(rows: Rows, slack: Array, mean: float) -> None:
+    """Bring products t λ that are far below their `mean` up to NEAR of it; without that one in a hundred stalls."""
+    least, last = NEAR * mean, rows.b.shape[0] - 1
+    for k in range(last + 1):
+        for j in range(rows.span[k, 0], rows.span[k, 1]):
+            t, multiplier = rows.t[k, j], rows.multiplier[k, j]
+            if t * multiplier >= least:
+                continue
+            width, small = (least / slack[2 * j], 0.01 * slack[2 * j]) if k == last else (WIDTH[j], least / WIDTH[j])
+            if multiplier > small:
+                rows.t[k, j] = least / multiplier
+            else:
+                rows.t[k, j] = max(t, width if k == last else 1e-3 * width)
+                rows.multiplier[k, j] = max(multiplier, least / rows.t[k, j])
+
+
+__all__ = ["Rows", "aim_at", "begin", "bring_near", "go", "measure", "products_after", "row_steps", "sides", "values"]

@@ -1,0 +1,82 @@
+"""The structured QP is that of one step, its stages as they are: the flat arrays in which it lies, and its solution.
+
+What compiles it does not depend on the joint, so that a step whose joint's formulas cannot be compiled has it, too.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.calculus import Array
+from allocator.units import BAR
+from mpc.model.plant import NU
+from mpc.tracking.feedforward import FeedForward
+from mpc.tracking.linearise import Linearisation
+from mpc.tracking.qp.condense import TrackingProblem
+from mpc.tracking.qp.step import PreviousSample
+
+if TYPE_CHECKING:
+    from mpc.tracking.compiled.records import Path
+
+
+class StructuredQP:
+    """A structured QP works for one controller: its arrays must not be used by two threads at a time."""
+
+    def __init__(self, problem: TrackingProblem) -> None:
+        from mpc.tracking.compiled.factory import setting
+        from mpc.tracking.compiled.flat_records import flat, given_in, lengths, path_in
+        from mpc.tracking.compiled.module import solve_module
+
+        self.problem, self._settle = problem, solve_module().settle
+        given, buffer = map(np.zeros, lengths(sum(problem.blocks)))
+        views: tuple[Any, Any] = given_in, path_in
+        self.given = views[0].py_func(given)  # to be filled
+        self.path, self.u = views[1].py_func(buffer)  # the path and its commands [bar]
+        made = setting(problem)
+        self.arrays = flat(made), made.starts, given, buffer  # what compiled functions take
+        self.guess = np.zeros(NU * len(problem.blocks), np.int8)  # sign of the multipliers
+        self.z = np.zeros(self.guess.size)
+        self.iterations = 0  # of the interior point for the last QP; 0: the sweeps settled
+        self._previous: PreviousSample | None = None  # of the sample that the guess is about
+        self._shifted = _shifted(problem.starts)
+        self._settle(*self.arrays, self.guess, self.z)  # compiles it
+
+    def take(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
+        """Take what is new in a step: see `mpc.tracking.qp.step.QPStep`."""
+        if previous is not self._previous:  # at a new sample the same commands bind, one sample earlier
+            self._previous, self.guess[:] = previous, self.guess[self._shifted]
+        given, reference = self.given, self.given.reference
+        given.x[:], given.u[:], given.d[:], given.last[0], given.last[1] = x, u, d, previous.u, previous.u_star
+        reference.x[:], reference.y[:], reference.u[:] = feed.x, feed.y, feed.u
+
+    def take_model(self, model: Linearisation) -> None:
+        """Take the path from the readable linearisation."""
+        path: Path = self.path
+        path.x[:], path.y[:], path.slope[:] = model.x, model.y, model.slope
+        path.A[:], path.B[:], self.u[:] = model.A, BAR * model.B, model.u / BAR
+
+    @property
+    def model(self) -> Linearisation:
+        """The model is the path as the readable step has it; copies."""
+        path, K, F = self.path, self.path.y[:, 0].copy(), self.path.y[:, 1:].copy()
+        C, D = path.slope[:, 0].copy(), path.slope[:, 1:].copy()
+        return Linearisation(BAR * self.u, path.x.copy(), K, F, path.A.copy(), path.B / BAR, C, D)
+
+    def solved(self) -> bool:
+        """Return whether `z` is now the proved solution."""
+        done, self.iterations = self._settle(*self.arrays, self.guess, self.z)
+        return bool(done)
+
+    def reset(self) -> None:
+        """Forget which bounds bound."""
+        self.guess[:] = 0
+
+
+def _shifted(starts: Array) -> NDArray[np.intp]:
+    """Return for each decision that of the block in which its sample was when it was one later."""
+    blocks = np.searchsorted(starts, starts + 1, side="right") - 1
+    return (NU * blocks[:, None] + np.arange(NU)).ravel()
+
+
+__all__ = ["StructuredQP"]
