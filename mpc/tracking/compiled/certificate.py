@@ -11,8 +11,9 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.newton import ALL, BOUNDS, SUPPLY
 from mpc.tracking.compiled.records import Bounded, Path, Point, Setting
-from mpc.tracking.compiled.stage import changed
+from mpc.tracking.compiled.stage import advance, changed
 
 
 @inlined
@@ -34,27 +35,31 @@ def proved(gradient: Array, bounded: Bounded, v: Array, setting: Setting) -> boo
 
 
 @inlined
-def brought_within(bounded: Bounded, at: Point) -> None:
-    """Move the changes to within their bounds, from which rounding took them."""
+def brought_within(path: Path, bounded: Bounded, at: Point) -> None:
+    """Move the changes to within their bounds, and the rest of the point to where they lead."""
     for k in range(at.v.shape[0]):
         for i in range(2):
             at.v[k, i] = min(max(at.v[k, i], bounded.lower[k, i]), bounded.upper[k, i])
+            at.xi[k + 1, 4 + i] = at.xi[k, 4 + i] + at.v[k, i]
+        advance(path.A, path.B, k, at.xi)
 
 
 @inlined
-def keeps_rows(path: Path, setting: Setting, u: Array, at: Point) -> bool:
-    """Return whether the linear model keeps supply, joint range and least forces at a point; `u` (N, 2) [bar]."""
-    bounds, tolerance, xi = setting.bounds, setting.tolerance, at.xi
+def needed(path: Path, setting: Setting, u: Array, at: Point) -> int:
+    """Return how many rows of a sample the linear model needs to keep supply, joint range and least forces, by what it
+    breaks at a point: none but those of the changes where it breaks nothing; `u` (N, 2) [bar].
+    """
+    bounds, tolerance, xi, count = setting.bounds, setting.tolerance, at.xi, BOUNDS
     for k in range(u.shape[0]):
         for i in range(2):  # what is outside already need not come back at once
             w = xi[k + 1, 4 + i]
             if not min(bounds.low - u[k, i], 0.0) - tolerance <= w <= max(bounds.high - u[k, i], 0.0) + tolerance:
-                return False
+                count = SUPPLY
             if not path.y[k + 1, 1 + i] + changed(path.slope, k + 1, 1 + i, xi) >= bounds.min_force - tolerance:
-                return False
+                return ALL
         if not bounds.left - tolerance <= path.x[k + 1, 0] + xi[k + 1, 0] <= bounds.right + tolerance:
-            return False
-    return True
+            return ALL
+    return count
 
 
 @inlined
@@ -67,4 +72,4 @@ def finite(array: Array) -> bool:
     return True
 
 
-__all__ = ["brought_within", "finite", "keeps_rows", "proved"]
+__all__ = ["brought_within", "finite", "needed", "proved"]

@@ -30,7 +30,8 @@ from mpc.tracking.compiled.rows import (
 
 MOST = 60  # iterations
 PRIMAL = 1e-7  # by which a row may be off at the end [bar], [rad], [N]
-GAP, LOOSE, LOOSER = 1e-3, 25, 35  # [-] of the gap that may be; iterations after which it may be more
+GAP = 1e-3  # [-] of the gap that may be: the aim, which grows tenfold
+TRIES = 16  # with each iteration at it whose proof is hidden by rounding, as often at most
 SHORT = 0.995  # of the way to the boundary
 BINDS = 1e3  # λ/t of rows that bind [cost]/[bar]²
 SHOWS = 100.0  # [-] of the gap that may be: below, what binds begins to show
@@ -109,14 +110,20 @@ def interior(
     steepest = 1.0
     for k in range(there.size):
         steepest = max(steepest, abs(work.first[k, 0]), abs(work.first[k, 1])) if there[k] else steepest
-    number = begin(rows, there, slack, count, steepest * (0.01 if count == BOUNDS else 1.0), at)
+    number = begin(rows, there, slack, count, steepest * (1.0 if count == ALL else 0.01), at)
+    tries = 0
     for iteration in range(MOST + 1):
         gradients(path, errors, cost, at, work.gx, work.gv)
         total, worst = measure(path, at, rows, count)
-        share = GAP if iteration < LOOSE else 0.1 if iteration < LOOSER else 1.0
-        wanted = max(share * most, min(1e-12 * abs(fall_to(path, setting, at, there, work)), most))
-        if worst < PRIMAL and total < wanted and gap_of(path, setting, at, there, total, count, work) < wanted:
-            return iteration
+        wanted = min(GAP * 10.0**tries, 0.5) * most
+        if worst < PRIMAL and total < most:
+            wanted = max(wanted, min(1e-12 * abs(fall_to(path, setting, at, there, work)), most))
+            if total < wanted:
+                if gap_of(path, setting, at, there, total, count, work) < (wanted if tries == 0 else most):
+                    return iteration
+                tries += 1
+                if tries == TRIES:
+                    break
         if iteration == MOST or not np.isfinite(total):
             break
         if count == BOUNDS and total < SHOWS * most:

@@ -13,7 +13,7 @@ from mpc.tracking.compiled.jit import inlined, merged
 from mpc.tracking.compiled.records import Cost, Errors, Path, Point
 from mpc.tracking.compiled.stage import across, advance, changed, charge_square, charge_state, decided, linear_before
 
-BOUNDS, ALL = 4, 12  # rows of a sample: of the changes alone, and all
+BOUNDS, SUPPLY, ALL = 4, 8, 12  # rows of a sample: of the changes alone, with those of the commands, and all
 
 
 class Factors(NamedTuple):
@@ -64,10 +64,9 @@ def adjoint(path: Path, gx: Array, gv: Array, r: Array) -> None:
 
 @merged
 def pressed(p: Array, slope: Array, k: int, push: Array) -> None:
-    """Add to `p` (6,), a gradient by ξ[k + 1], what the multipliers `push`[k] (12,) do to it."""
+    """Add to `p` (6,), a gradient by ξ[k + 1], what the multipliers `push`[k] (12,) of the soft rows do to it."""
     p[0] += push[k, 8] - push[k, 9]
     for i in range(2):
-        p[4 + i] += push[k, 4 + i] - push[k, 6 + i]
         for j in range(4):
             p[j] -= push[k, 10 + i] * slope[k + 1, 1 + i, j]
 
@@ -87,6 +86,9 @@ def left_over(
             pressed(p, path.slope, k, push)
             c0 -= push[k, 8] + push[k, 9]
             c1 -= push[k, 10] + push[k, 11]
+        if count >= SUPPLY:
+            p[4] += push[k, 4] - push[k, 6]
+            p[5] += push[k, 5] - push[k, 7]
         linear_before(p, path.A, path.B, k)
         for i in range(2):
             r[k, i] = p[4 + i] + gv[k, i] + push[k, i] - push[k, 2 + i]
@@ -106,6 +108,7 @@ def factorise(path: Path, cost: Cost, slack: Array, W: Array, there: Any, count:
         if count == ALL:
             press(S, P, f.sigma, path.slope, k, W)
             border_before(P, path.A, path.B, k)
+        if count >= SUPPLY:
             e[0], e[1] = cost.e[0] + W[k, 4] + W[k, 6], cost.e[1] + W[k, 5] + W[k, 7]
         across(S, path.A, path.B, k, e, SA, f.R)
         if there[k]:
@@ -190,6 +193,9 @@ def direction(
             pressed(p, path.slope, k, push)
             c0 -= push[k, 8] + push[k, 9]
             c1 -= push[k, 10] + push[k, 11]
+        if count >= SUPPLY:
+            p[4] += push[k, 4] - push[k, 6]
+            p[5] += push[k, 5] - push[k, 7]
         linear_before(p, path.A, path.B, k)
         g0, g1 = p[4] + gv[k, 0] + push[k, 0] - push[k, 2], p[5] + gv[k, 1] + push[k, 1] - push[k, 3]
         by.v[k, 0] = -f.inverse[k, 0] * g0 - f.inverse[k, 1] * g1
@@ -228,4 +234,4 @@ def follow(path: Path, f: Factors, count: int, by: Point) -> None:
         advance(path.A, path.B, k, xi)
 
 
-__all__ = ["ALL", "BOUNDS", "Factors", "adjoint", "direction", "factorise", "gradients", "left_over"]
+__all__ = ["ALL", "BOUNDS", "SUPPLY", "Factors", "adjoint", "direction", "factorise", "gradients", "left_over"]

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined
-from mpc.tracking.compiled.newton import ALL, BOUNDS
+from mpc.tracking.compiled.newton import ALL, BOUNDS, SUPPLY
 from mpc.tracking.compiled.records import Bounded, Bounds, Path, Point
 from mpc.tracking.compiled.stage import changed
 
@@ -41,9 +41,11 @@ def values(path: Path, at: Point, count: int, value: Array) -> None:
     N, xi, v, sigma = at.v.shape[0], at.xi, at.v, at.sigma
     for k in range(N):
         value[k, 0], value[k, 1], value[k, 2], value[k, 3] = v[k, 0], v[k, 1], -v[k, 0], -v[k, 1]
-        if count == ALL:
-            w0, w1, angle = xi[k + 1, 4], xi[k + 1, 5], xi[k + 1, 0]
+        if count >= SUPPLY:
+            w0, w1 = xi[k + 1, 4], xi[k + 1, 5]
             value[k, 4], value[k, 5], value[k, 6], value[k, 7] = w0, w1, -w0, -w1
+        if count == ALL:
+            angle = xi[k + 1, 0]
             value[k, 8], value[k, 9] = angle - sigma[0], -angle - sigma[0]
             value[k, 10] = -changed(path.slope, k + 1, 1, xi) - sigma[1]
             value[k, 11] = -changed(path.slope, k + 1, 2, xi) - sigma[1]
@@ -80,7 +82,7 @@ def begin(rows: Rows, there: Any, slack: Array, count: int, product: float, at: 
         left0 -= rows.multiplier[k, 8] + rows.multiplier[k, 9]
         left1 -= rows.multiplier[k, 10] + rows.multiplier[k, 11]
     rows.span[N, 0], rows.span[N, 1] = 0, 2 if count == ALL else 0
-    if count == BOUNDS:
+    if count < ALL:
         return number
     rows.multiplier[N, 0], rows.multiplier[N, 1] = max(left0, 0.1 * slack[0]), max(left1, 0.1 * slack[2])
     for i in range(2):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.certificate import brought_within, keeps_rows, proved
+from mpc.tracking.compiled.certificate import brought_within, needed, proved
 from mpc.tracking.compiled.commands import deviations, slew_bounds
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
 from mpc.tracking.compiled.interior import MOST, binding, interior, new_point, new_work
@@ -35,13 +35,13 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
     at, gx, gv = new_point(N), np.empty((N + 1, 6)), np.empty((N, 2))
     at.xi[:], at.v[:] = 0.0, 0.0
     gradients(path, errors, setting.cost, at, gx, gv)
-    solved, iterations = False, 0
+    solved, iterations = True, 0
     swept = settled(path, setting, gx, gv, bounded, guess, SWEEPS, at)
-    if swept:
-        swept = confirmed(path, errors, setting, bounded, at, gx, gv)
-        solved = swept and keeps_rows(path, setting, u, at)
-    if not solved:
-        solved, iterations = persistent(path, errors, setting, u, bounded, swept, guess, at)
+    brought_within(path, bounded, at)
+    swept = swept and confirmed(path, errors, setting, bounded, at, gx, gv)
+    count = needed(path, setting, u, at)
+    if not swept or count > BOUNDS:
+        solved, iterations = persistent(path, errors, setting, u, bounded, count, guess, at)
     for block in range(starts.size):
         for i in range(2):
             z[2 * block + i] = at.v[starts[block], i]
@@ -50,8 +50,7 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
 
 @inlined
 def confirmed(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, gx: Array, gv: Array) -> bool:
-    """Return whether the sweeps' answer is the solution, rows left out."""
-    brought_within(bounded, at)
+    """Return whether the point, within its bounds, is the solution but for the rows."""
     gradients(path, errors, setting.cost, at, gx, gv)
     r = np.empty(gv.shape)
     adjoint(path, gx, gv, r)
@@ -60,23 +59,26 @@ def confirmed(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at
 
 @inlined
 def persistent(
-    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, rows_bind: bool, guess: Any, at: Point
+    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Any, at: Point
 ) -> tuple[bool, int]:
-    """Return whether the interior point comes to a solution `at`, and after how many iterations."""
-    work, iterations, solved = new_work(u.shape[0]), 0, False
-    for count in (BOUNDS, ALL):  # both by the same compiled code
-        if solved or (count == BOUNDS and rows_bind):
-            continue
+    """Return whether the interior point comes to a solution `at`, and after how many iterations.
+
+    It begins with the first `count` rows of every sample, and again with more where the solution breaks others.
+    """
+    work, iterations = new_work(u.shape[0]), 0
+    while True:
         spent = interior(path, errors, setting, u, bounded, count, guess, at, work)
         iterations += spent if spent >= 0 else MOST
-        if spent >= 0 and count == ALL:
+        solved = spent >= 0
+        brought_within(path, bounded, at)
+        if solved and count == BOUNDS:
+            solved = confirmed(path, errors, setting, bounded, at, work.gx, work.gv)
+        elif solved:
             binding(work.rows, setting.starts, guess)
-            brought_within(bounded, at)
-            solved = True
-        elif spent >= 0:
-            proof = confirmed(path, errors, setting, bounded, at, work.gx, work.gv)
-            solved = proof and keeps_rows(path, setting, u, at)
-    return solved, iterations
+        more = needed(path, setting, u, at) if solved else ALL
+        if count == ALL or (solved and more <= count):
+            return solved, iterations
+        count = more
 
 
 __all__ = ["settle"]

@@ -1,0 +1,160 @@
+"""The worst QPs that can be found: random and adversarial states and references, and what becomes of the worst of them.
+
+    python -m benchmarks.speed.worst_cases [--number 100000] [--horizon 20]
+
+Every fourth QP is one of the worst so far, changed a little. All is asked of the structured solver: whether it has a
+proved solution by itself, after how many iterations of its interior point, and how long that took. One in a hundred is
+solved by DAQP, too, and the commands are compared; so is everything that has no proof.
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import inf
+from time import thread_time
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.units import BAR
+from mpc import PlanStatus, Plant, TrackingMPC, Weights
+from mpc.tracking.compiled.interior import MOST
+from mpc.tracking.qp.certified import certified
+from mpc.tracking.qp.condense import condense
+from mpc.tracking.qp.solvers import solver
+from mpc.tracking.qp.step import PreviousSample
+
+DT, KEPT, CHECKED = 0.01, 40, 100
+ROW_SETS = 3  # with which the interior point is begun, one after the other, at most
+
+
+class Situation(NamedTuple):
+    """What a QP follows from; a number each, so that it can be changed a little."""
+
+    x: Array  # (4,)
+    previous: Array  # (2,) command [Pa]
+    begin: Array  # (2,) commands to begin from, about which the rest swings [Pa]
+    swing: Array  # (2,) amplitude [Pa]
+    reference: Array  # (4,) angle before and after a jump [rad], its place, stiffness [N·m/rad]
+    load: float  # [N·m]
+
+
+@dataclass
+class Hunt:
+    """What has been found."""
+
+    iterations: list[int] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    unproved: int = 0  # by the structured solver
+    unsolved: int = 0  # by DAQP either
+    apart: list[float] = field(default_factory=list)  # [bar] from DAQP
+    worst: list[tuple[int, Situation]] = field(default_factory=list)
+
+
+def random_situation(rng: np.random.Generator, plant: Plant) -> Situation:
+    """Anything: angles outside, cables slack, pressures outside the supply, references that jump."""
+    (left, right), (low, high) = plant.joint.angle_range, plant.joint.pressure_limits
+    angle, wild = rng.uniform(left - 0.1, right + 0.1), rng.random() < 0.5
+    pressure = (low - 0.05 * BAR, high + 0.1 * BAR) if wild else (low, high)
+    x = np.array([angle, (6.0 if wild else 2.0) * rng.normal(), *rng.uniform(*pressure, 2)])
+    previous = x[2:] if rng.random() < 0.3 else rng.uniform(low, high, 2)
+    to = rng.uniform(left, right) if wild else angle + 0.2 * rng.normal()
+    reference = np.array(
+        [np.clip(angle + 0.1 * rng.normal(), left, right), np.clip(to, left, right), rng.random(), 0.0]
+    )
+    reference[3] = rng.uniform(4.0, 12.0)
+    swing = rng.choice([0.0, 0.1 * BAR, BAR]) * rng.normal(size=2)
+    return Situation(
+        x, previous, rng.uniform(low, high, 2), swing, reference, float(rng.choice([0.0, 2.0]) * rng.normal())
+    )
+
+
+def changed(rng: np.random.Generator, one: Situation) -> Situation:
+    """A situation nearby."""
+    share = 10.0 ** rng.uniform(-4, -1)
+    near = (np.asarray(value) * (1 + share * rng.normal(size=np.shape(value))) for value in one)
+    x, previous, begin, swing, reference, load = near
+    reference[2] = min(max(reference[2], 0.0), 1.0)
+    return Situation(x, previous, begin, swing, reference, float(load))
+
+
+def arguments(mpc: TrackingMPC, s: Situation) -> tuple[Any, ...]:
+    """What a QP step is given."""
+    N, k = mpc.N, np.arange(mpc.N + 1)
+    theta = np.where(k < s.reference[2] * N, s.reference[0], s.reference[1])
+    d = np.full(N + 1, s.load)
+    feed = mpc._feed_forward(theta, np.full(N + 1, s.reference[3]), d)
+    u = s.begin + s.swing * np.sin(1.3 * k[:N, None])
+    return s.x, u, d[:-1], feed, PreviousSample(s.previous, feed.u[0])
+
+
+def controllers(N: int) -> list[TrackingMPC]:
+    """The settings that are asked."""
+    plant = Plant()
+    blocks = (1,) * (N // 2) + (2,) * (N // 4)
+    settings: list[dict[str, Any]] = [{}, {"weights": Weights.calm()}, {"min_force": 30.0}, {"blocks": blocks}]
+    return [TrackingMPC(plant, DT, N, **options) for options in settings]
+
+
+def hunted(number: int, N: int, seed: int = 0) -> Iterator[Hunt]:
+    """Hunt, and yield what has been found by each tenth of it."""
+    rng, found, asked = np.random.default_rng(seed), Hunt(), controllers(N)
+    for n in range(number):
+        mpc = asked[n % len(asked)]
+        again = found.worst and rng.random() < 0.25
+        s = changed(rng, found.worst[rng.integers(len(found.worst))][1]) if again else random_situation(rng, mpc.plant)
+        given, structured = arguments(mpc, s), mpc._qp_step.structured
+        if rng.random() < 0.5:
+            structured.reset()
+        structured.take(*given)
+        mpc._qp_step._step.linearise(*mpc._qp_step._all)
+        began = thread_time()
+        proved = structured.solved()
+        found.seconds.append(thread_time() - began)
+        found.iterations.append(structured.iterations)
+        found.worst = sorted([*found.worst, (structured.iterations, s)], key=lambda one: -one[0])[:KEPT]
+        if not proved or n % CHECKED == 0:
+            compare(mpc, given, proved, found)
+        if (n + 1) % max(number // 10, 1) == 0:
+            yield found
+
+
+def compare(mpc: TrackingMPC, given: tuple[Any, ...], proved: bool, found: Hunt) -> None:
+    """Ask DAQP for the same QP."""
+    structured = mpc._qp_step.structured
+    qp = condense(mpc.problem, structured.model, given[3], *given[4])
+    answer = certified(solver("daqp"), qp, inf, mpc.problem.curvature)
+    found.unproved += not proved
+    found.unsolved += not proved and answer.status is not PlanStatus.OPTIMAL
+    if proved and answer.status is PlanStatus.OPTIMAL:
+        found.apart.append(float(np.abs(structured.z - answer.z[:-2]).max()))
+
+
+def said(found: Hunt, N: int) -> str:
+    """In a line."""
+    iterations, micro = np.array(found.iterations), 1e6 * np.array(found.seconds)
+    p50, p99, p9999 = np.quantile(micro, (0.5, 0.99, 0.9999))
+    return (
+        f"N = {N}, {iterations.size} QPs: interior point in {np.mean(iterations > 0):.0%}, iterations at most "
+        f"{iterations.max()} (bound {ROW_SETS * MOST}), 99 % {np.quantile(iterations, 0.99):.0f}; time {p50:.0f} µs "
+        f"median, {p99:.0f} µs 99 %, {p9999:.0f} µs 99.99 %, {micro.max():.0f} µs at most; without a proof of its own "
+        f"{found.unproved}, of those without DAQP's {found.unsolved}; from DAQP at most {max(found.apart):.1e} bar"
+    )
+
+
+def main() -> int:
+    """Hunt; fail where a QP is left without a proved solution."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.speed.worst_cases", description="Hunt the worst QPs.")
+    parser.add_argument("--number", type=int, default=100_000)
+    parser.add_argument("--horizon", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    asked = parser.parse_args()
+    found = Hunt()
+    for found in hunted(asked.number, asked.horizon, asked.seed):
+        print(said(found, asked.horizon), flush=True)
+    return 1 if found.unsolved else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,117 @@
+"""The structured solver comes to DAQP's solution of the dense QP, whatever binds, and proves it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from allocator import BAR, DEG
+from mpc import PlanStatus, Plant, TrackingMPC
+from mpc.tracking.compiled.structured import StructuredQP
+from mpc.tracking.qp.certified import certified
+from mpc.tracking.qp.condense import condense
+from mpc.tracking.qp.solvers import solver
+from mpc.tracking.qp.step import PreviousSample, ReadableQPStep
+
+DAQP, RICCATI = solver("daqp"), solver("riccati")
+N = 12
+SETTINGS = {"samples": {}, "blocks": {"blocks": (1,) * 4 + (2,) * 4}, "least forces": {"min_force": 30.0}}
+
+
+@pytest.fixture(scope="module", params=SETTINGS.values(), ids=SETTINGS.keys())
+def mpc(request):
+    return TrackingMPC(Plant(), N=N, **request.param)
+
+
+def anything(mpc, rng):
+    """What a QP step is given: in and beyond the joint range, taut and slack, pressures in and outside the supply."""
+    left, right = mpc.limits.theta
+    x = np.array([rng.uniform(left - 0.1, right + 0.1), 3 * rng.normal(), *rng.uniform(-0.1 * BAR, 5.2 * BAR, 2)])
+    theta = np.clip(x[0] + 0.3 * rng.normal() * np.linspace(0, 1, N + 1), left, right)
+    d = np.full(N + 1, rng.normal())
+    feed = mpc._feed_forward(theta, np.full(N + 1, rng.uniform(5.0, 11.0)), d)
+    u = rng.choice([0.0, 5 * BAR, *rng.uniform(0, 5 * BAR, 2)], 2) + 0.1 * BAR * rng.normal(size=(N, 2))
+    return x, u, d[:-1], feed, PreviousSample(np.clip(x[2:], 0, 5 * BAR), feed.u[0])
+
+
+def dense(mpc, given):
+    """The QP that NumPy condenses, from the readable linearisation."""
+    x, u, d, feed, previous = given
+    model = mpc._predictor.linearise(x, mpc.limits.limited(previous.u, u), d)
+    return condense(mpc.problem, model, feed, *previous)
+
+
+def test_whatever_binds_the_solution_is_that_of_the_dense_qp(mpc):
+    rng, bound, slack, n = np.random.default_rng(3), np.zeros(4, int), np.zeros(2, int), 2 * len(mpc.blocks)
+    for _ in range(60):
+        given = anything(mpc, rng)
+        qp = dense(mpc, given)
+        exact = certified(DAQP, qp, math.inf, mpc.problem.curvature)
+        answer = mpc._qp_step(*given, RICCATI, math.inf)
+        assert exact.status is answer.status is PlanStatus.OPTIMAL
+        assert answer.qp is None  # nothing dense was built
+        z = mpc._qp_step.structured.z
+        np.testing.assert_allclose(z, exact.z[:n], atol=1e-4)  # 1e-12 where only changes bind
+        assert qp.cost(np.append(z, exact.z[n:])) <= qp.cost(exact.z) + 2e-3
+        rows = exact.multipliers[n + 2 :]
+        bound += [exact.multipliers[:n].any(), *(part.any() for part in np.split(rows, [2 * N, 4 * N]))]
+        slack += exact.z[n:] > 1e-6
+    assert bound.min() >= 3
+    assert slack.max() >= 3
+
+
+def test_the_readable_step_is_given_the_structured_solution_too(mpc):
+    rng = np.random.default_rng(4)
+    with_it = ReadableQPStep(mpc.problem, mpc._predictor, StructuredQP(mpc.problem))
+    without = ReadableQPStep(mpc.problem, mpc._predictor)
+    for _ in range(10):
+        given = anything(mpc, rng)
+        one, other = (step(*given, RICCATI, math.inf) for step in (with_it, without))
+        assert one.status is other.status is PlanStatus.OPTIMAL
+        assert one.qp is None
+        assert other.qp is not None
+        np.testing.assert_allclose(one.u, other.u, atol=1e-4 * BAR)
+
+
+def test_late_is_late_and_other_solvers_are_asked(mpc):
+    given = anything(mpc, np.random.default_rng(5))
+    assert mpc._qp_step(*given, RICCATI, -math.inf).status is PlanStatus.LATE
+    assert ReadableQPStep(mpc.problem, mpc._predictor, StructuredQP(mpc.problem))(*given, RICCATI, -1.0).status is (
+        PlanStatus.LATE
+    )
+    asked = []
+    answer = mpc._qp_step(*given, lambda qp, limit: (asked.append(qp), DAQP(qp, limit))[1], math.inf)
+    assert answer.status is PlanStatus.OPTIMAL
+    assert asked
+    wanted = dense(mpc, given)
+    np.testing.assert_allclose(answer.qp.H, wanted.H, rtol=1e-9, atol=1e-9 * np.abs(wanted.H).max())
+
+
+def test_what_the_structured_solver_cannot_prove_daqp_answers(mpc, monkeypatch):
+    given, structured = anything(mpc, np.random.default_rng(6)), mpc._qp_step.structured
+    wanted = mpc._qp_step(*given, RICCATI, math.inf)
+    monkeypatch.setattr(structured, "_settle", lambda *arrays: (False, 60))
+    answer = mpc._qp_step(*given, RICCATI, math.inf)
+    assert answer.status is PlanStatus.OPTIMAL
+    assert answer.qp is not None
+    np.testing.assert_allclose(answer.u, wanted.u, atol=1e-4 * BAR)
+
+
+def test_what_is_not_finite_is_said_and_does_not_last(mpc):
+    x, u, d, feed, previous = anything(mpc, np.random.default_rng(7))
+    answer = mpc._qp_step(x * np.nan, u, d, feed, previous, RICCATI, math.inf)
+    assert answer.status is PlanStatus.NOT_FINITE
+    assert mpc._qp_step(x, u, d, feed, previous, RICCATI, math.inf).status is PlanStatus.OPTIMAL
+
+
+def test_a_loop_along_the_end_of_the_joint_range_needs_no_other_solver():
+    mpc = TrackingMPC(Plant(), N=N)
+    left, _ = mpc.limits.theta
+    x, rows = mpc.plant.at_rest(left + 5 * DEG, 7.6), 0
+    for k in range(40):
+        plan = mpc.step(x, left + 5 * DEG * np.cos(0.3 * (k + np.arange(N + 1))) - 2 * DEG, 7.6)
+        assert plan.status is PlanStatus.OPTIMAL
+        assert plan.times.condense == 0.0
+        rows += plan.x[1:, 0].min() < left + 1e-4
+        x = plan.x[1]
+    assert rows > 0
