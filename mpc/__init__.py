@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mpc.tracking.controller import TrackingMPC
     from mpc.tracking.pace import LongStep
     from mpc.tracking.plan import Plan, PlanStatus, Rung
-    from mpc.tracking.qp.solvers import DAQP, OSQP, SCS, Clarabel
+    from mpc.tracking.qp.solvers import DAQP, OSQP, SCS, Clarabel, Riccati
     from mpc.tracking.qp.step import SlowStep
     from mpc.tracking.weights import Weights
     from mpc.trials.reference import Reference, sine
@@ -37,6 +37,7 @@ else:
         "Plant": "model.plant",
         "RealPlant": "model.real_plant",
         "Reference": "trials.reference",
+        "Riccati": "tracking.qp.solvers",
         "Rung": "tracking.plan",
         "Run": "trials.simulation",
         "SCS": "tracking.qp.solvers",
@@ -73,6 +74,7 @@ __all__ = [
     "Plant",
     "RealPlant",
     "Reference",
+    "Riccati",
     "Rung",
     "Run",
     "SCS",

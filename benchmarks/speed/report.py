@@ -77,7 +77,8 @@ LIMITATIONS = (
     "the closed loops stand beside the times. One joint, one trajectory. In do-mpc every stage has slacks of its own. "
     "Compiled solvers of others, such as acados, are not measured here.",
     "MPC: up to N = 40 a QP's solution takes so little that the rest of a step is most of it: checks, what is to be "
-    "followed, the linear model, the prediction. The slowest steps are those whose QP the sweeps leave to DAQP.",
+    "followed, the linear model, the prediction. The slowest steps are those whose QP the sweeps leave to the interior "
+    "point.",
     "MPC: only the controller's step is timed, not the observer. cvxpy is timed without what makes the QP.",
 )
 

@@ -17,6 +17,7 @@ from mpc.tracking.compiled.newton import ALL, BOUNDS, SUPPLY
 from mpc.tracking.compiled.records import Bounded, Bounds, Path, Point
 from mpc.tracking.compiled.stage import changed
 
+RESOLVED = 1e-10  # [bar], [rad], [N] below which a residual is none
 NEAR = 0.03  # products t λ are no less than this share of their mean
 WIDTH = (0.04, 0.04, 0.04, 0.04, 0.1, 0.1, 0.1, 0.1, 0.02, 0.02, 4.0, 4.0)  # least t at first [bar], [rad], [N]
 
@@ -101,6 +102,7 @@ def measure(path: Path, at: Point, rows: Rows, count: int) -> tuple[float, float
         for j in range(rows.span[k, 0], rows.span[k, 1]):
             t, multiplier = rows.t[k, j], rows.multiplier[k, j]
             r, w = rows.residual[k, j] - rows.b[k, j] + t, multiplier / t
+            r = r if abs(r) > RESOLVED else 0.0  # rounding, which W would make a great push of
             rows.residual[k, j], rows.W[k, j], rows.push[k, j] = r, w, w * r
             total += t * multiplier
             worst = max(worst, abs(r))

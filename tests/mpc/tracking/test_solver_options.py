@@ -8,7 +8,19 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG, InvalidInput, MissingBackend
-from mpc import DAQP, IPOPT, OSQP, SCS, Clarabel, Fatrop, NonlinearMPC, PlanStatus, Plant, TrackingMPC
+from mpc import (
+    DAQP,
+    IPOPT,
+    OSQP,
+    SCS,
+    Clarabel,
+    Fatrop,
+    NonlinearMPC,
+    PlanStatus,
+    Plant,
+    Riccati,
+    TrackingMPC,
+)
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import Installed, solver
 
@@ -17,7 +29,8 @@ TIGHT = {"name": "osqp", "eps_abs": 1e-9}
 
 
 @pytest.mark.parametrize(
-    "given", ["osqp", OSQP(), {"name": "osqp"}, TIGHT, OSQP(eps_abs=1e-9), DAQP(iter_limit=500), {}]
+    "given",
+    ["riccati", Riccati(), "osqp", OSQP(), {"name": "osqp"}, TIGHT, OSQP(eps_abs=1e-9), DAQP(iter_limit=500), {}],
 )
 def test_a_name_a_dict_and_a_value_come_to_the_same_plan(given):
     wanted, got = (TrackingMPC(PLANT, N=6, solver=s).step(REST, 20 * DEG, 7.6) for s in ("daqp", given))
@@ -68,7 +81,7 @@ def test_a_dict_with_an_unknown_name_is_answered_with_those_there_are():
         NonlinearMPC(PLANT, solver={"name": "magic"})
 
 
-@pytest.mark.parametrize("kind", [DAQP, OSQP, Clarabel, SCS, IPOPT, Fatrop])
+@pytest.mark.parametrize("kind", [Riccati, DAQP, OSQP, Clarabel, SCS, IPOPT, Fatrop])
 def test_values_are_frozen_and_travel(kind):
     value = kind()
     with pytest.raises(FrozenInstanceError):
