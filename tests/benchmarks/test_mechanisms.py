@@ -36,9 +36,9 @@ def test_a_wrong_answer_fails(worst):
 
 @pytest.mark.parametrize("priority", ["torque", "weighted"])
 def test_the_gap_of_muscles_that_are_not_affine_is_closed_and_no_start_ends_below_the_bound(priority):
-    found = nonaffine.search(priority, 14, 60, seed=4)
-    assert (~found.allocation.success).sum() >= 5
+    found = nonaffine.search(priority, 10, 40, seed=4)
+    assert (~found.allocation.success).sum() >= 4
     assert found.allocation.gap.max() <= 1e-3
     assert found.allocation.kkt_residual.max() < 1e-7
-    assert found.starts >= 30
+    assert found.starts >= 20
     assert found.below == 0

@@ -18,7 +18,7 @@ from allocator.mechanism.relaxation.curves import Curve
 from allocator.mechanism.relaxation.descent import Found, descend
 from allocator.mechanism.relaxation.model import Model
 
-MOST_NODES = 2_000  # of a level of a target
+MOST_NODES = 500  # of a level of a target
 _STEPS = 15  # of a descent from a node
 _INSIDE = 0.1  # of an interval: it is not split nearer to its ends
 _NEARLY = 1e-2  # weighted [N·m] or [N·m/rad]
