@@ -46,7 +46,7 @@ _ADVICE = {
     MechanismStatus.CONFLICT: "the limits of a muscle contradict each other here; the supply was kept first",
     MechanismStatus.SLACK: "a muscle has no allowed pressure that pulls with the force that it needs to stay taut",
     MechanismStatus.OUTSIDE_JOINT_RANGE: "the posture is beyond the joints' range, or stretches a muscle too far",
-    MechanismStatus.SOLVER_FAILED: "the answer is not proved to be optimal; try the other method",
+    MechanismStatus.SOLVER_FAILED: "the answer is not proved to be optimal; try the other method or a greater gap",
     MechanismStatus.OUTSIDE_LIMITS: "the slew limit leaves a muscle no pressure inside the other limits",
 }
 
