@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from allocator.calculus import Array
     from allocator.mechanism.mechanism import Mechanism
 
-_PLACES = 7, 6  # of the workspace, over shoulder and elbow
+_PLACES = 6, 5  # of the workspace, over shoulder and elbow
 _SWING = 60 * DEG  # of joints without limits
 _BENT = 5 * DEG  # from the stretched arm, at which the Jacobian is singular
 

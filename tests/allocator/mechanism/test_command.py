@@ -155,7 +155,7 @@ def test_torques_are_free_or_those_that_hold_the_hand(tmp_path):
 def test_a_hand_without_a_posture_has_its_workspace_drawn(tmp_path):
     done = run("map", "--mechanism", "arm26", *LINKS, "--out", tmp_path / "w.png")
     assert done.exit_code == 0, done.output
-    assert "42 postures, torques exist at 42; the ellipse turns by" in done.stdout
+    assert "30 postures, torques exist at 30; the ellipse turns by" in done.stdout
 
 
 @pytest.mark.parametrize(
