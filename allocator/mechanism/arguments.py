@@ -58,22 +58,24 @@ def problem_from(
         torque, stiffness = torque + hand.torque, np.eye(endpoint.dim)
     triangle = stiffness[(..., *np.triu_indices(asked_of.size))]
     triangle = np.broadcast_to(triangle, (*shape, triangle.shape[-1])).reshape(-1, triangle.shape[-1])
-    stacked = np.concatenate([torque, triangle], axis=1)
-    slew = None
+    y, slew = np.concatenate([torque, triangle], axis=1), None
     if now is not None:
         now = np.broadcast_to(now, (*shape, m)).reshape(-1, m)
         slew = tuple(now.T) if step is not None else None
         step = None if step is None else np.broadcast_to(step, shape).ravel()
-    forces = zip(mechanism.each("min_force", min_force), mechanism.each("max_force", max_force), strict=True)
-    limits = tuple(Limits(low, high, None, slew, step) for low, high in forces)
-    for name, limit in zip(mechanism.muscle_names, limits, strict=True):
-        if limit.max_force is not None and limit.max_force <= (limit.min_force or 0.0):
-            raise InvalidInput(
-                f"max_force = {limit.max_force:g} N of {name} has to exceed min_force = {limit.min_force or 0.0:g} N"
-            )
+    limits = tuple(Limits(*pair, None, slew, step) for pair in _forces(mechanism, min_force, max_force))
     reference = np.zeros((1, m)) if now is None else now
     row_weights = _weights(n, asked_of, priority, weights, own_only)
-    return MechanismProblem(mechanism, asked, stacked, row_weights, priority, limits, reference, kind, hand), shape
+    return MechanismProblem(mechanism, asked, y, row_weights, priority, limits, reference, kind, hand), shape
+
+
+def _forces(mechanism: Mechanism, min_force: Any, max_force: Any) -> list[tuple[float | None, float | None]]:
+    """Return the least and the greatest force of each muscle [N]. Raises `InvalidInput` where they contradict."""
+    pairs = list(zip(mechanism.each("min_force", min_force), mechanism.each("max_force", max_force), strict=True))
+    for name, (low, high) in zip(mechanism.muscle_names, pairs, strict=True):
+        if high is not None and high <= (low or 0.0):
+            raise InvalidInput(f"max_force = {high:g} N of {name} has to exceed min_force = {low or 0.0:g} N")
+    return pairs
 
 
 class _AskedOf(NamedTuple):
