@@ -8,9 +8,17 @@ import pytest
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from allocator import InvalidInput
-from allocator.mechanism import Endpoint, allocate_mechanism, feasible_targets, machines
+from allocator import InvalidInput, report_joint, stiffness_interval, torque_interval
+from allocator.mechanism import (
+    Endpoint,
+    Mechanism,
+    allocate_at_least,
+    allocate_mechanism,
+    feasible_targets,
+    machines,
+)
 from allocator.mechanism.feasibility.polygon import Programme, outline
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
 
 ARM, HAND, Q = machines.arm26(), Endpoint.planar([0.3, 0.25]), np.array([0.4, 0.7])
@@ -207,3 +215,14 @@ def test_a_mechanism_with_many_joints_separates_its_indices():
     low, high = found.interval("K11,11")
     assert 0 < low < high
     assert found.interval("K1,11") == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("theta", [-0.6, 0.0, 0.3])
+def test_one_joint_can_do_what_its_intervals_say(theta):
+    joint = report_joint(SAROSI_DMSP_20_400N)
+    found = feasible_targets(Mechanism.from_joint(joint), [theta])
+    assert found.interval("T1") == pytest.approx(torque_interval(theta, joint=joint), rel=1e-9)
+    low, high = stiffness_interval(theta, 1.0, joint=joint)
+    assert found.interval("K11", {"T1": 1.0}) == pytest.approx((low, high), rel=1e-9)
+    for K, exists in ((high - 1e-4, True), (high + 1e-4, False)):
+        assert allocate_at_least(found.mechanism, [theta], K, 1.0).success == exists
