@@ -1,5 +1,8 @@
 """An afternoon without hardware: sweep, fit, track, on a joint whose parameters only the device knows."""
 
+import shutil
+import sys
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -21,9 +24,12 @@ from mpc.bench.devices.modbus import ModbusDevice
 from mpc.bench.devices.register_map import RegisterMap
 from mpc.bench.devices.simulated import SimulatedDevice, simulated
 from mpc.bench.loop import RealTimeLoop
+from mpc.bench.serial_device import SerialDevice
 from mpc.bench.sweep import Sweep, random_steps, visits_of, within
 from mpc.bench.tracking import Tracking, replay
 from mpc.cli import app
+from mpc.export.serial.safety import Safety
+from mpc.export.serial.simulated import SimulatedBoard
 from mpc.tracking.limits import Limits
 from mpc.trials.metrics import metrics
 from mpc.trials.recordings import load_recording
@@ -33,6 +39,11 @@ from tests.mpc.bench.valve_terminal import HOST, ValveTerminal
 ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # what a data sheet tells
 WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SAROSI_DMSP_20_400N, 0.82)}
 HIDDEN = Plant(replace(ROUGH.joint, **WEAKER), inertia=0.04, damping=0.15, lag=(0.09, 0.11))
+DT = 0.01
+SERIAL = [
+    pytest.mark.tools,
+    pytest.mark.skipif(shutil.which("gcc") is None or sys.platform == "win32", reason="no gcc, or no pseudo-terminals"),
+]
 GEOMETRY = "--pulley", "0.02,0.1375", "--rest-length", "400"
 
 
@@ -59,20 +70,36 @@ def test_from_sweep_to_a_tracked_trajectory_on_the_command_line(tmp_path):
     assert figures.limits_kept, figures.violations
 
 
-@pytest.mark.slow
-def test_the_same_over_modbus_and_the_log_replays(tmp_path):
+@contextmanager
+def over_modbus(clock):
     """Registers round: the angle to 0.01°, the pressures to 1 mbar."""
-    clock = SimulatedClock()
     joint = SimulatedDevice(simulated(HIDDEN, Compensation()), clock)
     with ValveTerminal(joint) as terminal:
-        device = ModbusDevice.tcp(HOST, terminal.port, replace(RegisterMap.generic(), timeout=9.0), clock)
-        fitted = identified(device, joint.hang, clock, tmp_path)
+        patient = replace(RegisterMap.generic(), timeout=9.0)
+        yield ModbusDevice.tcp(HOST, terminal.port, patient, clock), joint.hang
+
+
+@contextmanager
+def over_a_serial_line(clock):
+    """The exported firmware behind a pseudo-terminal; its clock goes on by a sample at every command."""
+    joint = simulated(HIDDEN, Compensation())
+    vented = np.array([0.0, 0.0, 0.0, 0.0])
+    with SimulatedBoard(joint, safety=Safety(watchdog=9.0), x0=vented, step=DT) as board:
+        yield SerialDevice(board.port, timeout=9.0, clock=clock.now), board.hang
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("connected", [over_modbus, pytest.param(over_a_serial_line, marks=SERIAL)])
+def test_the_same_over_a_line_and_the_log_replays(connected, tmp_path):
+    clock = SimulatedClock()
+    with connected(clock) as (device, hang):
+        fitted = identified(device, hang, clock, tmp_path)
         plant, known = Plant.load(fitted), Compensation.load(fitted)
         reference = shrunk(point_to_point, usual_stiffness(plant.joint), plant.joint)
         parts = [
             (
-                TrackingMPC(plant, 0.01, 20, Weights.calm(), compensation=known),
-                KalmanObserver(plant, 0.01, compensation=known),
+                TrackingMPC(plant, DT, 20, Weights.calm(), compensation=known),
+                KalmanObserver(plant, DT, compensation=known),
             )
             for _ in range(2)
         ]
@@ -87,8 +114,8 @@ def test_the_same_over_modbus_and_the_log_replays(tmp_path):
 def identified(device, hang, clock, directory):
     """Sweep and fit; the file of the plant that was found."""
     plan = plan_joint_experiment(within(ROUGH.joint))
-    sweep = Sweep(visits_of(plan, ROUGH.joint), random_steps(ROUGH.joint, 30), 0.02, hang, directory)
-    assert str(Cycle(device, sweep, 0.02, Limits.of(ROUGH, 0.02), Settings(), clock=clock).run()) == "finished"
+    sweep = Sweep(visits_of(plan, ROUGH.joint), random_steps(ROUGH.joint, 30), DT, hang, directory)
+    assert str(Cycle(device, sweep, 0.02, Limits.of(ROUGH, DT), Settings(), clock=clock).run()) == "finished"
     rest, motion = read_joint_log(directory / "joint_log.csv"), read_motion_log(directory / "motion_log.csv")
     loads = {"torque": rest.torque, "direction": rest.direction, "geometry": Pulley(0.40, 0.02, 0.1375)}
     joint = fit_joint(rest.theta, rest.P1, rest.P2, **loads).joint

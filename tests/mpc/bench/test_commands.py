@@ -33,7 +33,7 @@ def trajectory(tmp_path):
 def test_devices_are_listed():
     result = antagonist("devices")
     assert result.exit_code == 0
-    assert all(name in result.output for name in ("sim", "modbus"))
+    assert all(name in result.output for name in ("sim", "modbus", "serial"))
 
 
 def test_a_run_writes_what_is_asked_for_and_cleans_up(tmp_path, trajectory):
