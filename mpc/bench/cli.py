@@ -240,7 +240,7 @@ def sweep_command(
     )
     watch = _Watch(limits.pressure[1], dt, bench.quiet)
     cycle = Cycle(
-        opened.device, source, dt, limits, settings, log=files[-1], about=about(dt), clock=opened.clock, watch=watch
+        opened.device, source, limits, settings, log=files[-1], about=about(dt), clock=opened.clock, watch=watch
     )
     with watch:
         ending = cycle.run()

@@ -69,7 +69,11 @@ class Decision(NamedTuple):
 
 
 class CommandSource(Protocol):
-    """A command source decides on the commands."""
+    """A command source decides on the commands, one pair a sample of `dt` [s]."""
+
+    @property
+    def dt(self) -> float:
+        """Return the sample time [s]."""
 
     @property
     def first(self) -> Pressures:
@@ -95,7 +99,6 @@ class Cycle:
         self,
         device: Device,
         source: CommandSource,
-        dt: float,
         limits: Limits,
         settings: Settings,
         *,
@@ -104,7 +107,7 @@ class Cycle:
         clock: Clock | None = None,
         watch: Callable[[Row], None] | None = None,
     ) -> None:
-        self.device, self.source, self.dt, self.limits, self.settings = device, source, dt, limits, settings
+        self.device, self.source, self.dt, self.limits, self.settings = device, source, source.dt, limits, settings
         self.clock: Clock = MonotonicClock() if clock is None else clock
         self.recorder = Recorder(log, about)
         self.ending: Ending | None = None

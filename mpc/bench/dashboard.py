@@ -59,6 +59,7 @@ class Dashboard:
             "phase": row.phase,
             "theta": row.theta,
             "theta_ref": row.theta_ref,
+            "K": row.K_estimate,
             "K_ref": row.K_ref,
             "P": [row.P1, row.P2],
             "u": [row.P1_command, row.P2_command],
@@ -97,8 +98,9 @@ def text(state: dict[str, Any]) -> str:
     P, u = (" ".join(f"{value / 1e5:.2f}" for value in state[name]) for name in ("P", "u"))
     wanted = "" if state["theta_ref"] != state["theta_ref"] else f" of {_degrees(state['theta_ref'])}°"
     health = f"  {state['health']}" if state["health"] else ""
+    stiff = "" if state["K"] != state["K"] else f"  K {state['K']:.2f} N·m/rad"
     return (
-        f"{state['t']:7.1f} s {_PHASES[state['phase']]:9} θ {_degrees(state['theta'])}°{wanted}  "
+        f"{state['t']:7.1f} s {_PHASES[state['phase']]:9} θ {_degrees(state['theta'])}°{wanted}{stiff}  "
         f"P {P} bar, commanded {u}  late {1e3 * state['late']:.2f} ms{health}"
     )
 
@@ -121,7 +123,7 @@ def _picture(state: dict[str, Any]) -> Any:
 
     table = Table(title=f"{_PHASES[state['phase']]}, {state['t']:.1f} s", show_header=False, min_width=64)
     table.add_row("angle", f"{_degrees(state['theta'])}°", f"reference {_degrees(state['theta_ref'])}°")
-    table.add_row("stiffness", "", f"reference {state['K_ref']:.3g} N·m/rad")
+    table.add_row("stiffness", f"{state['K']:.3g} N·m/rad", f"reference {state['K_ref']:.3g} N·m/rad")
     for i, name in enumerate(("P1", "P2")):
         P, u = state["P"][i], state["u"][i]
         table.add_row(f"{name} (muscle {i + 1})", f"{P / 1e5:.2f} bar", bar(P, state["highest"]) + f" → {u / 1e5:.2f}")

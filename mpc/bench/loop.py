@@ -74,7 +74,7 @@ class RealTimeLoop:
         _rehearse(self.plant, controller, observer, reference)
         self.tracking = Tracking(self.plant, controller, observer, reference, settings.start.settle, settings.watchdog)
         self.cycle = Cycle(
-            device, self.tracking, dt, limits, settings, log=log, about=about(dt), clock=clock, watch=watch
+            device, self.tracking, limits, settings, log=log, about=about(dt), clock=clock, watch=watch
         )  # fmt: skip
 
     def run(self) -> Record:

@@ -45,6 +45,7 @@ class Row(NamedTuple):
     P1_estimate: float = nan  # [Pa]
     P2_estimate: float = nan  # [Pa]
     d_estimate: float = nan  # disturbance torque [N·m]
+    K_estimate: float = nan  # stiffness when the command begins to act, by the model [N·m/rad]
     rung: int = -1  # `mpc.tracking.plan.Rung`; -1: no plan
     status: int = -2  # `PlanStatus`; -2: no plan
     slack: float = 0.0  # predicted excursion from the joint range [rad]
@@ -57,7 +58,7 @@ class Row(NamedTuple):
 UNITS = {
     "t": "s", "theta": "rad", "P1": "Pa", "P2": "Pa", "P1_command": "Pa", "P2_command": "Pa", "late": "s", "took": "s",
     "read_at": "s", "torque": "Nm", "theta_ref": "rad", "K_ref": "Nm/rad", "theta_estimate": "rad",
-    "omega_estimate": "rad/s", "P1_estimate": "Pa", "P2_estimate": "Pa", "d_estimate": "Nm", "slack": "rad",
+    "omega_estimate": "rad/s", "P1_estimate": "Pa", "P2_estimate": "Pa", "d_estimate": "Nm", "K_estimate": "Nm/rad", "slack": "rad",
     "slack_force": "N", "moved_theta": "rad", "moved_K": "Nm/rad", "moved_T": "Nm",
 }  # fmt: skip
 _KINDS = tuple(Row.__annotations__.values())  # a NumPy scalar has another `repr`
@@ -68,6 +69,7 @@ def of_plan(plan: Plan) -> dict[str, Any]:
     """Return what a row says of a controller's plan."""
     moved = {} if plan.moved is None else {f"moved_{name}": value for name, value in plan.moved._asdict().items()}
     return {
+        "K_estimate": float(plan.K[0]),
         "rung": int(plan.rung),
         "status": int(plan.status),
         "slack": plan.slack,

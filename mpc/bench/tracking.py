@@ -40,7 +40,7 @@ class Tracking:
     ) -> None:
         self.controller, self.observer = controller, observer
         self._watchdog = Watchdog() if watchdog is None else watchdog
-        dt = controller.dt
+        self.dt = dt = controller.dt
         given = reference.resampled(dt)
         self._settling = round(settle / dt)
         t: Array = dt * np.arange(self._settling + given.t.size, dtype=float)
@@ -102,7 +102,7 @@ class Tracking:
             self._unwell = 0
             return
         self._unwell += 1
-        if self._unwell * self.controller.dt > self._watchdog.lasting:
+        if self._unwell * self.dt > self._watchdog.lasting:
             raise Stopped(Reason.UNHEALTHY, str(self.health), _ACTIONS.get(self.health.reaction))
 
 

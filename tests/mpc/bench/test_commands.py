@@ -36,6 +36,7 @@ def test_devices_are_listed():
     assert all(name in result.output for name in ("sim", "modbus", "serial"))
 
 
+@pytest.mark.slow
 def test_a_run_writes_what_is_asked_for_and_cleans_up(tmp_path, trajectory):
     out = tmp_path / "run.npz"
     result = antagonist("run", trajectory, *SIM, "--settle", 0.2, "--out", out)
@@ -99,7 +100,7 @@ def test_a_sweep_does_not_write_over_older_ones(tmp_path):
 
 
 STATE = {
-    "t": 1.0, "phase": 2, "theta": 0.1, "theta_ref": 0.2, "K_ref": 7.5, "P": [1e5, float("nan")], "u": [2e5, 3e5],
+    "t": 1.0, "phase": 2, "theta": 0.1, "theta_ref": 0.2, "K": 7.4, "K_ref": 7.5, "P": [1e5, float("nan")], "u": [2e5, 3e5],
     "highest": 5e5, "late": 0.0012, "took": 0.001, "missed": 0, "health": "leak (muscle 1)",
 }  # fmt: skip
 
@@ -108,7 +109,9 @@ def test_a_dashboard_without_a_terminal_prints_a_line_a_second(capsys):
     dashboard.main([json.dumps(STATE | {"t": 0.1 * k}) for k in range(25)])
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 3
-    assert all(text in lines[0] for text in ("tracking", "5.73°", "1.00 nan bar", "late 1.20 ms", "leak (muscle 1)"))
+    assert all(
+        text in lines[0] for text in ("tracking", "5.73°", "K 7.40", "1.00 nan bar", "late 1.20 ms", "leak (muscle 1)")
+    )
 
 
 def test_a_dashboard_on_a_terminal_draws_bars(monkeypatch):

@@ -39,7 +39,7 @@ def swept(directory, visits, steps, hang=None, device=None, pace=None):
     device.clock = clock
     source = Sweep(visits, steps, DT, device.hang if hang is None else hang, directory, pace)
     start = Settings(start=SoftStart(5 * BAR, settle=0.0))
-    cycle = Cycle(device, source, DT, Limits.of(PLANT, DT), start, clock=clock)
+    cycle = Cycle(device, source, Limits.of(PLANT, DT), start, clock=clock)
     return cycle.run(), source, cycle
 
 
@@ -55,7 +55,7 @@ def test_equilibria_are_those_of_the_joint(tmp_path):
 
 
 def test_the_log_of_random_steps_has_the_commands_that_were_sent(tmp_path):
-    _, _, cycle = swept(tmp_path, [], random_steps(JOINT, 30, seed=1), pace=Pace(motion=30.0))
+    _, _, cycle = swept(tmp_path, [], random_steps(JOINT, 15, seed=1))
     log = read_motion_log(tmp_path / "motion_log.csv")
     sent = cycle.recorder.columns
     here = sent["phase"] == Phase.RUN
@@ -66,7 +66,7 @@ def test_the_log_of_random_steps_has_the_commands_that_were_sent(tmp_path):
 
 def test_random_steps_keep_to_the_middle_of_the_range():
     left, right = within(JOINT).angle_range
-    theta = JOINT.equilibrium(*np.array(random_steps(JOINT, 200, seed=2)).T)
+    theta = JOINT.equilibrium(*np.array(random_steps(JOINT, 80, seed=2)).T)
     assert JOINT.angle_range[0] < left <= theta.min() < left / 2
     assert right / 2 < theta.max() <= right < JOINT.angle_range[1]
 
