@@ -58,8 +58,8 @@ class Row(NamedTuple):
 UNITS = {
     "t": "s", "theta": "rad", "P1": "Pa", "P2": "Pa", "P1_command": "Pa", "P2_command": "Pa", "late": "s", "took": "s",
     "read_at": "s", "torque": "Nm", "theta_ref": "rad", "K_ref": "Nm/rad", "theta_estimate": "rad",
-    "omega_estimate": "rad/s", "P1_estimate": "Pa", "P2_estimate": "Pa", "d_estimate": "Nm", "K_estimate": "Nm/rad", "slack": "rad",
-    "slack_force": "N", "moved_theta": "rad", "moved_K": "Nm/rad", "moved_T": "Nm",
+    "omega_estimate": "rad/s", "P1_estimate": "Pa", "P2_estimate": "Pa", "d_estimate": "Nm", "K_estimate": "Nm/rad",
+    "slack": "rad", "slack_force": "N", "moved_theta": "rad", "moved_K": "Nm/rad", "moved_T": "Nm",
 }  # fmt: skip
 _KINDS = tuple(Row.__annotations__.values())  # a NumPy scalar has another `repr`
 INTEGERS = frozenset(name for name, kind in Row.__annotations__.items() if kind is int)
