@@ -100,7 +100,8 @@ def test_a_sweep_does_not_write_over_older_ones(tmp_path):
 
 
 STATE = {
-    "t": 1.0, "phase": 2, "theta": 0.1, "theta_ref": 0.2, "K": 7.4, "K_ref": 7.5, "P": [1e5, float("nan")], "u": [2e5, 3e5],
+    "t": 1.0, "phase": 2, "theta": 0.1, "theta_ref": 0.2, "K": 7.4, "K_ref": 7.5, "P": [1e5, float("nan")],
+    "u": [2e5, 3e5],
     "highest": 5e5, "late": 0.0012, "took": 0.001, "missed": 0, "health": "leak (muscle 1)",
 }  # fmt: skip
 
