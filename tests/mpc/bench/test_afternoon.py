@@ -86,7 +86,7 @@ def over_a_serial_line(clock):
     joint = simulated(HIDDEN, Compensation())
     vented = np.array([0.0, 0.0, 0.0, 0.0])
     with SimulatedBoard(joint, safety=Safety(watchdog=9.0), x0=vented, step=DT) as board:
-        yield SerialDevice(board.port, timeout=9.0, clock=clock.now), board.hang
+        yield SerialDevice(board.port, timeout=9.0, clock=clock), board.hang
 
 
 @pytest.mark.slow
