@@ -117,7 +117,7 @@ def identified(device, hang, clock, directory):
     """Sweep and fit; the file of the plant that was found."""
     plan = plan_joint_experiment(within(ROUGH.joint))
     sweep = Sweep(visits_of(plan, ROUGH.joint), random_steps(ROUGH.joint, 30), DT, hang, directory)
-    assert str(Cycle(device, sweep, 0.02, Limits.of(ROUGH, DT), Settings(), clock=clock).run()) == "finished"
+    assert str(Cycle(device, sweep, Limits.of(ROUGH, DT), Settings(), clock=clock).run()) == "finished"
     rest, motion = read_joint_log(directory / "joint_log.csv"), read_motion_log(directory / "motion_log.csv")
     loads = {"torque": rest.torque, "direction": rest.direction, "geometry": Pulley(0.40, 0.02, 0.1375)}
     joint = fit_joint(rest.theta, rest.P1, rest.P2, **loads).joint
