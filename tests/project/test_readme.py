@@ -43,17 +43,19 @@ def test_the_plan_beside_its_command_is_what_it_prints(tmp_path):
     assert said in result.output
 
 
-MEASURED = re.findall(r"\| ([\d.]+)°, ([\d.]+)° \| `antagonist (track [^`]+) --out \S+` \|$", README, re.MULTILINE)
+MEASURED = re.findall(r"\| ([\d.]+)°, ([\d.]+) % \| `antagonist (track [^`]+) --out \S+` \|$", README, re.MULTILINE)
 
 
-@pytest.mark.parametrize(("rms", "worst", "command"), MEASURED, ids=lambda value: value.split()[-1])
-def test_the_tracking_error_beside_a_command_is_what_it_prints(rms, worst, command, tmp_path):
+@pytest.mark.parametrize(("angle", "stiffness", "command"), MEASURED, ids=lambda value: value.split()[-1])
+def test_the_tracking_error_beside_a_command_is_what_it_prints(angle, stiffness, command, tmp_path):
     result = CliRunner().invoke(app, [*command.split(), "--out", str(tmp_path / "run.csv")])
     assert result.exit_code == 0, result.output
     printed = re.search(
-        r"after the first rest\D+4 s.*?angle error \[°\]\D+([\d.]+)\D+([\d.]+)", result.output, re.DOTALL
+        r"after the first rest\D+4 s.*?angle error \[°\]\D+([\d.]+).*?stiffness error \[%\]\D+([\d.]+)",
+        result.output,
+        re.DOTALL,
     )
-    assert [float(p) for p in printed.groups()] == pytest.approx([float(rms), float(worst)], rel=0.03)
+    assert [float(p) for p in printed.groups()] == pytest.approx([float(angle), float(stiffness)], rel=0.03)
 
 
 def test_every_figure_has_its_command():
