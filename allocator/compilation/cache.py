@@ -10,6 +10,7 @@ other. A directory in which others may write is refused, because what lies there
 import os
 import pickle
 import stat
+from collections.abc import Callable, Iterable
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,14 +30,16 @@ class Refused(OSError):
     """A directory was refused, because others may write to it."""
 
 
-def keep(dispatcher: F) -> F:
+def keep(dispatcher: F, callees: Iterable[Callable[..., Any]] = ()) -> F:
     """Return `dispatcher`, which numba has made and which now keeps what it compiles.
 
-    Raises an `OSError` where there is no place.
+    What is kept belongs to its file, and to those of the `callees` that are compiled into it, as they are now. Raises
+    an `OSError` where there is no place.
     """
     made: Any = dispatcher
+    others = {function.__code__.co_filename for function in callees} - {made.py_func.__code__.co_filename}
     try:
-        made._cache = _Cache(made.py_func)
+        made._cache = _Cache(made.py_func, tuple(sorted(others)))
     except RuntimeError as error:
         if "cannot cache function" not in str(error):
             raise
@@ -95,12 +98,13 @@ class _Files:
 class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
     """The cache is numba's, over such files."""
 
-    def __init__(self, function: Any) -> None:
+    def __init__(self, function: Any, others: tuple[str, ...]) -> None:
         super().__init__(function)
         if Path(self.cache_path) != Path(function.__code__.co_filename).parent / "__pycache__":  # as safe as the source
             check_own(Path(self.cache_path))
         locator = self._impl.locator
-        self._cache_file = _Files(self.cache_path, self._impl.filename_base, locator.get_source_stamp())
+        stamps = [locator.get_source_stamp(), *((s.st_mtime, s.st_size) for s in map(os.stat, others))]
+        self._cache_file = _Files(self.cache_path, self._impl.filename_base, stamps)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return what is kept for arguments of the types `sig`; None if nothing is, or nothing that could be used."""

@@ -19,7 +19,7 @@ def compiled(function: Function, callees: Iterable[Function], *, inline: bool, u
     """Return `function`, compiled for each kind of arguments at its first call, or None if it cannot be.
 
     The `callees` it may call by their plain names, inlined or not; `unaliased` promises that no two of its arrays
-    overlap.
+    overlap and that it makes none, so that references need not be counted, which costs as much as a small loop.
     """
     try:
         import numba
@@ -29,11 +29,12 @@ def compiled(function: Function, callees: Iterable[Function], *, inline: bool, u
         return None
     if numba.config.DISABLE_JIT:
         return None
-    register(callees, inline=inline)
+    callees = tuple(callees)
+    register(callees, inline=inline, unaliased=unaliased)
     options = {"pipeline_class": _unaliased()} if unaliased else {}
     made: Function = numba.njit(nogil=True, **_OPTIONS, **options)(function)
     try:
-        return keep(made)
+        return keep(made, callees)
     except Refused as refusal:
         notice_once(f"allocate works without compiled code: {refusal}", CacheFault)
         return None
@@ -41,17 +42,18 @@ def compiled(function: Function, callees: Iterable[Function], *, inline: bool, u
         return None
 
 
-def register(callees: Iterable[Function], *, inline: bool) -> None:
-    """Teach numba functions, so that compiled ones can call them by their plain names."""
+def register(callees: Iterable[Function], *, inline: bool, unaliased: bool = False) -> None:
+    """Teach numba functions, so that compiled ones can call them by their plain names; arguments as in `compiled`."""
     from numba.extending import register_jitable
 
     for function in callees:
-        register_jitable(forceinline=inline, **_OPTIONS)(function)
+        register_jitable(forceinline=inline, _nrt=not unaliased, **_OPTIONS)(function)
 
 
 def _unaliased() -> type:
-    """Return a compiler that may assume that no two arrays overlap: without this loops over ten arrays do not
-    vectorise.
+    """Return a compiler that may assume that no two arrays overlap, and counts no references.
+
+    Without the first loops over ten arrays do not vectorise.
     """
     from numba.core.compiler import Compiler
 
@@ -59,6 +61,7 @@ def _unaliased() -> type:
         def __init__(self, typingctx: Any, targetctx: Any, library: Any, args: Any, *rest: Any) -> None:
             flags = rest[1]
             flags.noalias = True
+            flags.nrt = False
             super().__init__(typingctx, targetctx, library, args, *rest)
 
     return Unaliased

@@ -65,8 +65,9 @@ def problem_from(
         step = None if step is None else np.broadcast_to(step, shape).ravel()
     limits = tuple(Limits(*pair, None, slew, step) for pair in _forces(mechanism, min_force, max_force))
     reference = np.zeros((1, m)) if now is None else now
-    row_weights = _weights(n, asked_of, priority, weights, own_only)
-    return MechanismProblem(mechanism, asked, y, row_weights, priority, limits, reference, kind, hand), shape
+    row_weights, pull = _weights(n, asked_of, priority, weights, own_only), _pull(mechanism, priority, weights)
+    given = mechanism, asked, y, row_weights, priority, limits, reference, kind, hand
+    return MechanismProblem(*given, pull=pull), shape
 
 
 def _forces(mechanism: Mechanism, min_force: Any, max_force: Any) -> list[tuple[float | None, float | None]]:
@@ -181,9 +182,13 @@ def _weights(n: int, of: _AskedOf, priority: str, weights: Any, own_only: bool) 
             raise InvalidInput("priority='weighted' needs weights = (w_T, w_K)")
         weights = 1.0, 1.0
     try:
-        w_T, w_K = weights
+        w_T, w_K, *w_P = weights
+        if len(w_P) > 1:
+            raise ValueError
     except (TypeError, ValueError):
-        raise InvalidInput(f"weights = {checks.brief(weights)} have to be two, (w_T, w_K)") from None
+        raise InvalidInput(
+            f"weights = {checks.brief(weights)} have to be two, (w_T, w_K), or three, (w_T, w_K, w_P)"
+        ) from None
     torque = checks.real("weights[0]", w_T, "cost/[N·m]²")
     stiffness = checks.real("weights[1]", w_K, "cost/[N·m/rad]²")
     if torque.shape not in ((), (n,)) or stiffness.shape not in ((), (size, size)):
@@ -195,6 +200,16 @@ def _weights(n: int, of: _AskedOf, priority: str, weights: Any, own_only: bool) 
         raise InvalidInput("weights[1] has to be symmetric, as K is")
     doubled = matrix * (2.0 - np.eye(size))  # beside the diagonal an entry stands twice in the sum
     return np.concatenate([np.broadcast_to(torque, (n,)), doubled[np.triu_indices(size)]])
+
+
+def _pull(mechanism: Mechanism, priority: str, weights: Any) -> float:
+    """Return the weight of ‖(P - P_ref)/unit‖² beside the targets, 0 where it comes after them."""
+    if weights is None or len(weights) < 3:
+        return 0.0
+    w_P = checks.number("weights[2]", weights[2], "cost/[Pa]²")
+    if w_P <= 0 or priority != "weighted":
+        raise InvalidInput(f"weights[2] = {w_P:g} cost/[Pa]² has to be positive, and belongs to priority='weighted'")
+    return w_P * mechanism.pressure_limits[1] ** 2
 
 
 __all__ = ["problem_from"]

@@ -10,6 +10,7 @@ from allocator.calculus import Array
 from allocator.compilation import jit
 from allocator.joint.limits import BINDS
 from allocator.mechanism import kernel
+from allocator.mechanism.kernel.data import workspace
 from allocator.mechanism.problem import MechanismProblem
 
 _PAYS = 5_000  # targets for which a call may wait for the compiler
@@ -26,20 +27,24 @@ class Solved(NamedTuple):
 def solve(problem: MechanismProblem, trajectory: bool = False) -> Solved:
     """Solve by block principal pivoting; `trajectory` begins each with the limits that bind in the one before."""
     (_, ends), (lo, hi, centre) = problem.rows, problem.x_bounds
-    N, m = lo.shape
-    found = Solved(np.empty((N, m)), np.empty((N, len(ends) + 1, ends[-1])), np.zeros(N, np.int64))
-    side = np.zeros((N, m), np.int8)
-    targets = problem.A, problem.b, ends, lo, hi, centre, problem.which
-    _loop("allocate_batch", N)(*targets, trajectory, found.x, side, found.mu, found.rounds)
+    N, m, p = *lo.shape, int(ends[-1])
+    found = Solved(np.empty((N, m)), np.empty((N, len(ends) + 1, p)), np.zeros(N, np.int64))
+    targets = problem.A, problem.b, np.zeros(p, np.bool_), ends, lo, hi, centre, problem.which
+    out = found.x, np.zeros((N, m + p), np.int8), found.mu, found.rounds, workspace(p, m, len(ends))
+    if problem.pull:
+        _loop("weigh_batch", N)(*targets, problem.pull, trajectory, *out)
+    else:
+        _loop("allocate_batch", N)(*targets, trajectory, *out)
     return found
 
 
 def residuals(problem: MechanismProblem, solved: Solved) -> Array:
     """Return the residual of optimality (N,) of answers, see `allocator.mechanism.certificate`; inf without one."""
     (_, ends), (lo, hi, centre) = problem.rows, problem.x_bounds
-    out = np.empty(len(lo))
-    targets = problem.A, problem.b, ends, lo, hi, centre, problem.which
-    _loop("residual_batch", len(lo))(*targets, solved.x, solved.mu, BINDS, out)
+    p, m = int(ends[-1]), lo.shape[1]
+    out, memory = np.empty(len(lo)), (np.empty(p + m, np.bool_), workspace(p, m, len(ends)))
+    targets = problem.A, problem.b, np.zeros(p, np.bool_), ends, lo, hi, centre, problem.which
+    _loop("residual_batch", len(lo))(*targets, solved.x, solved.mu, problem.pull, BINDS, out, *memory)
     return np.where(solved.rounds > 0, out, np.inf)
 
 
@@ -78,11 +83,13 @@ def warm_up() -> bool:
     if _compiled("allocate_batch") is None:
         return False
     one, zero = np.ones((1, 1)), np.zeros((1, 1))
-    targets = one[None], one, np.ones(1, np.int64), zero, one, zero, np.zeros(1, np.int64)
+    targets = one[None], one, np.zeros(1, np.bool_), np.ones(1, np.int64), zero, one, zero, np.zeros(1, np.int64)
     found = Solved(np.empty((1, 1)), np.empty((1, 2, 1)), np.zeros(1, np.int64))
-    out = np.empty(1)
-    _loop("allocate_batch", 1)(*targets, False, found.x, np.zeros((1, 1), np.int8), found.mu, found.rounds)
-    _loop("residual_batch", 1)(*targets, found.x, found.mu, BINDS, out)
+    memory, out = workspace(1, 1, 1), (np.empty(1), np.empty(2, np.bool_))
+    sides = found.x, np.zeros((1, 2), np.int8), found.mu, found.rounds, memory
+    _loop("weigh_batch", 1)(*targets, 1.0, False, *sides)
+    _loop("allocate_batch", 1)(*targets, False, *sides)
+    _loop("residual_batch", 1)(*targets, found.x, found.mu, 0.0, BINDS, *out, memory)
     return bool(found.rounds[0])
 
 

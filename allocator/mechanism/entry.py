@@ -62,7 +62,8 @@ def allocate_mechanism(
         What is met first where not both can be: "torque", "stiffness", or "weighted" by `weights`.
     weights
         (w_T, w_K), of the squared errors in [N·m]² and [N·m/rad]²: numbers, or w_T (n,) and w_K (n, n) for each entry;
-        0 leaves an entry free. The sum over K has all n² entries. By default 1; needed for "weighted".
+        0 leaves an entry free. The sum over K has all n² entries. By default 1; needed for "weighted". That also takes
+        a third, w_P [cost/Pa²]: the pressures are then not least among the best, but traded for torque and stiffness.
     min_force, max_force
         Least and greatest muscle force [N], numbers or rows (m,). 0 keeps the muscles taut; None lifts the limit.
     previous, max_step
@@ -134,7 +135,12 @@ def _solved(
     if not problem.mechanism.affine:
         if method != "exact":
             problem.mechanism.check_affine(f"method={method!r}")
+        if problem.pull:
+            problem.mechanism.check_affine("a third weight")
         return problem, relaxation.solve(problem, gap)
+
+    if problem.pull and problem.endpoint is not None and problem.endpoint.redundant:
+        raise InvalidInput("a third weight is not for an endpoint with more joints than coordinates")
 
     def solve(problem: MechanismProblem) -> Solved:
         return qp.solve(problem, solver) if method == "qp" else batches.solve(problem, trajectory)

@@ -7,6 +7,8 @@ lo_j ≤ P_j ≤ hi_j, which supply, taut cables, force and slew limits leave ea
     priority "stiffness":  the first two in the other order
     priority "weighted":   minimise both sums together,  then ‖P - P_ref‖²
 
+    with a third weight: minimise w_P ‖P - P_ref‖² together with them
+
 where what comes first is an equality for what follows. The sum over K runs over all n² entries, so that with equal
 weights it is the Frobenius norm; entries of weight 0 are free. P_ref is 0 or the previous pressures. Of an endpoint
 E - 1 stands for K - K* (`allocator.mechanism.endpoint.targets`).
@@ -45,6 +47,7 @@ class MechanismProblem:
     reference: Array  # P_ref (N or 1, m) [Pa]
     kind: StiffnessKind = ISOBARIC  # which stiffness K is
     endpoint: EndpointTargets | None = None  # where y holds E of it instead of K
+    pull: float = 0.0  # weight of ‖(P - P_ref)/unit‖² beside the targets; 0 where it comes after them
 
     @property
     def size(self) -> int:

@@ -30,16 +30,15 @@ def solve(problem: MechanismProblem, solver: str | None = None) -> Solved:
     x, mu = np.array(lo), np.zeros((len(lo), len(ends) + 1, ends[-1]))
     rounds = np.ones(len(lo), np.int64)
     for i in range(len(lo)):
-        x[i], mu[i], solved = _levels(
-            problem.A[problem.which[i]], problem.b[i], ends, (lo[i], hi[i], centre[i]), solver
+        A, b, box = problem.A[problem.which[i]], problem.b[i], (lo[i], hi[i], centre[i])
+        x[i], mu[i], solved = (
+            _weighed(A, b, problem.pull, box, solver) if problem.pull else _levels(A, b, ends, box, solver)
         )
         rounds[i] = solved
     return Solved(x, mu, rounds)
 
 
-def _levels(
-    A: Array, b: Array, ends: Indices, box: tuple[Array, Array, Array], solver: str
-) -> tuple[Array, Array, bool]:
+def _levels(A: Array, b: Array, ends: Indices, box: Box, solver: str) -> tuple[Array, Array, bool]:
     """Return (x, multipliers, whether all levels were solved) of one target."""
     lo, hi, centre = box
     x, mu, begin, m = np.clip(centre, lo, hi), np.zeros((len(ends) + 1, len(A))), 0, len(lo)
@@ -56,6 +55,15 @@ def _levels(
             mu[k, begin:end] = np.where(np.abs(left) > _MET * (1 + np.abs(b[begin:end]).max()), left, 0.0)
             begin = int(end)
     return x, mu, True
+
+
+def _weighed(A: Array, b: Array, pull: float, box: Box, solver: str) -> tuple[Array, Array, bool]:
+    """Return what `_levels` does, of the one QP ‖A x - b‖² + pull ‖x - c‖²."""
+    lo, hi, centre = box
+    H, none = A.T @ A + pull * np.eye(len(lo)), np.zeros((0, len(lo)))
+    found, _ = _qp(H, -A.T @ b - pull * centre, none, np.zeros(0), lo, hi, solver)
+    x = np.clip(centre if found is None else found, lo, hi)
+    return x, np.stack([A @ x - b, np.zeros(len(b))]), found is not None
 
 
 def _qp(H: Array, g: Array, kept: Array, right: Array, lo: Array, hi: Array, solver: str) -> tuple[Array | None, Array]:

@@ -9,12 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.mechanism import allocate_mechanism, batches, machines, warm_up
-from benchmarks.mechanisms.targets import POSTURE, Targets, arm_at_postures, random_mechanism, random_targets
+from allocator.mechanism.arguments import problem_from
+from benchmarks.mechanisms.targets import POSTURE, UNLIMITED, Targets, arm_at_postures, random_mechanism, random_targets
 from benchmarks.speed.clock import seconds
 
 FEW = 200  # targets that the rivals get: they are called one by one
 FLAT = 1e-3  # what the pressures cost in the weighted QP, per (supply)², where 1 [N·m/rad]² costs 1
-BOTH = "compiled batch, weighted, then least pressures"
+BATCH, KERNEL = "compiled batch, with statuses", "the kernel alone"
+BOTH = "the kernel alone, weighted, then least pressures"
 Solver = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -96,29 +98,26 @@ def weighted(rounds: int) -> list[Time]:
     """One strictly convex QP a target, w_T : w_K : pressures = 1e4 : 1 : FLAT, the same for every solver."""
     t = random_targets(machines.arm26(), POSTURE, 10_000)
     p = t.problem
-    lo, hi, centre = p.x_bounds
+    lo, hi, _ = p.x_bounds
     m = lo.shape[1]
     rows = np.concatenate([np.full(2, 1e2), np.ones(3)])[:, None]
     A = np.concatenate([rows * p.A[0], np.sqrt(FLAT) * np.eye(m)])
     b = np.concatenate([rows[:, 0] * p.b, np.zeros((len(p.b), m))], axis=1)
     H = A.T @ A
-    x, mu, turns = np.empty(lo.shape), np.empty((len(lo), 2, len(A))), np.zeros(len(lo), np.int64)
-    kernel = batches._loop("allocate_batch", len(lo))
-    ends, which = np.array([len(A)]), np.zeros(len(lo), np.int64)
+    one = {"priority": "weighted", "weights": (1e4, 1.0, FLAT / t.mechanism.pressure_limits[1] ** 2)}
 
     def ours() -> np.ndarray:
-        side = np.zeros(lo.shape, np.int8)
-        kernel(A[None], b, ends, lo, hi, centre, which, False, x, side, mu, turns)
-        return x
+        return allocate_mechanism(*t[:2], t.K, t.T, **one).P / p.unit
 
     def one_by_one(solver: Solver) -> Callable[[], np.ndarray]:
         return lambda: np.array([solver(A, b[i], H, lo[i], hi[i]) for i in range(FEW)])
 
     ranked = replace(p, priority="weighted", weights=np.repeat([1e4, 1.0, 2.0, 1.0], [2, 1, 1, 1]))
-    works = {"compiled batch": ours, BOTH: lambda: batches.solve(ranked).x} | {
+    posed = problem_from(*t[:2], t.K, t.T, **UNLIMITED, **one)[0]
+    works = {BATCH: ours, KERNEL: lambda: batches.solve(posed).x, BOTH: lambda: batches.solve(ranked).x} | {
         name: one_by_one(make(H, lo[0], hi[0])) for name, make in solvers().items()
     }
-    found = in_turns(works, {name: len(lo) if name in ("compiled batch", BOTH) else FEW for name in works}, rounds)
+    found = in_turns(works, {name: len(lo) if name in (BATCH, KERNEL, BOTH) else FEW for name in works}, rounds)
     exact = ours()[:FEW].copy()
     return [
         Time(f"one QP: {name}", found[name], float(np.abs(work()[:FEW] - exact).max())) for name, work in works.items()

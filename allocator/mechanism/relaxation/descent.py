@@ -54,6 +54,7 @@ class _Linear:
     b: Array
     ends: Indices
     x_bounds: tuple[Array, Array, Array]
+    pull: float = 0.0
 
     @property
     def rows(self) -> tuple[Indices, Indices]:

@@ -110,6 +110,17 @@ def test_two_that_write_at_the_same_time_do_not_disturb_each_other(tmp_path):
 
 
 @pytest.mark.slow
+def test_what_a_changed_callee_is_part_of_is_compiled_anew(tmp_path):
+    (tmp_path / "half.py").write_text("def half(x):\n    return x / 2.0\n")
+    (tmp_path / "doubling.py").write_text("from half import half\ndef double(x):\n    return 4.0 * half(x)\n")
+    call = CALL.replace("(double, ()", "(double, (half,)").replace("import double", "import double, half")
+    assert lines(run(call, str(tmp_path))) == ["[3.0, 6.0, 2.0] 0"]
+    assert lines(run(call, str(tmp_path))) == ["[3.0, 6.0, 2.0] 3"]
+    (tmp_path / "half.py").write_text("def half(x):\n    return x * 0.25\n")
+    assert lines(run(call, str(tmp_path))) == ["[1.5, 3.0, 1.0] 0"]
+
+
+@pytest.mark.slow
 def test_a_directory_in_which_others_may_write_is_refused_and_one_line_says_what_to_do(tmp_path):
     (tmp_path / "doubling.py").write_text(DOUBLE)
     shared = tmp_path / "shared"

@@ -142,6 +142,7 @@ def test_daqp_finds_the_same(priority, weights):
 def test_compiled_and_plain_python_give_the_same():
     from allocator.mechanism import kernel
     from allocator.mechanism.batches import solve
+    from allocator.mechanism.kernel.data import workspace
 
     T, K = random_targets(ARM, np.array([0.4, -0.3]), 30)
     p = as_least_squares(ARM, np.array([0.4, -0.3]), T, K)
@@ -149,8 +150,8 @@ def test_compiled_and_plain_python_give_the_same():
     compiled = solve(p)
     (_, ends), (lo, hi, centre) = p.rows, p.x_bounds
     x, mu, rounds = np.empty_like(lo), np.empty_like(compiled.mu), np.zeros(len(lo), np.int64)
-    targets = p.A, p.b, ends, lo, hi, centre, p.which
-    kernel.allocate_batch(*targets, False, x, np.zeros(lo.shape, np.int8), mu, rounds)
+    targets = p.A, p.b, np.zeros(5, bool), ends, lo, hi, centre, p.which
+    kernel.allocate_batch(*targets, False, x, np.zeros((len(lo), 11), np.int8), mu, rounds, workspace(5, 6, 2))
     assert x == pytest.approx(compiled.x, abs=1e-12)
     assert np.array_equal(rounds, compiled.rounds)
 

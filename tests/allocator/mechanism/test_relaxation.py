@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from allocator import Gas, InvalidInput, allocate
 from allocator.joint.one_muscle import OneMuscle
-from allocator.mechanism import Link, Mechanism, MechanismStatus, Pulleys, Sites, allocate_mechanism, machines
+from allocator.mechanism import Mechanism, MechanismStatus, Pulleys, allocate_mechanism, machines
 from allocator.mechanism.relaxation.bound import Level, _safe, relax
 from allocator.mechanism.relaxation.curves import Curve
 from allocator.muscles import Andrikopoulos2016, TonduLopez2000, Wickramatunge2010
@@ -174,34 +174,6 @@ def test_what_is_missed_has_a_bound_a_direction_and_the_limits_in_the_way():
     P = np.random.default_rng(2).uniform(*a.box, (20_000, 6))
     y = ARM.stacked(ARM.torque(POSTURE, P), ARM.stiffness(POSTURE, P))
     assert (y @ d).max() <= reach < asked
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("priority", ["torque", "weighted"])
-def test_muscles_between_sites_have_bends_and_every_target_a_posture_of_its_own(priority):
-    """No pressures of a random search are below the bound of the first level."""
-    ends = (
-        [(-1, (-0.05, 0.06)), (0, (0.12, 0.03))],
-        [(0, (0.05, 0.04)), (1, (0.1, 0.02))],
-        [(-1, (-0.05, 0.05)), (1, (0.06, 0.03))],
-    )
-    paths = [[(link, (x, sign * y)) for link, (x, y) in path] for path in ends for sign in (1, -1)]
-    links = [Link(), Link(0, (0.3, 0.0))]
-    rest = Sites(0.4, links, paths).at(np.zeros(2)).length / (1 - 0.12)
-    mechanism, rng = Mechanism(Sites(rest.tolist(), links, paths), TONDU_DMSP_20_400N), np.random.default_rng(0)
-    q = rng.uniform(-0.15, 0.15, (3, 2))
-    assert np.abs(mechanism.bends(q)).max() > 0.01
-    T, K = rng.uniform(-10, 10, (3, 2)), np.array([[30.0, 3.0], [3.0, 20.0]])
-    a = allocate_mechanism(mechanism, q, np.broadcast_to(K, (3, 2, 2)), T, priority=priority, weights=(1.0, 1.0))
-    assert a.gap.max() <= 1e-3
-    assert a.kkt_residual.max() < 1e-7
-    assert a.K == pytest.approx(mechanism.stiffness(q, a.P))
-    for i, (lo, hi) in enumerate(zip(*a.box, strict=True)):
-        P = rng.uniform(lo, hi, (20_000, 6))
-        cost = ((mechanism.torque(q[i], P) - T[i]) ** 2).sum(axis=1)
-        if priority == "weighted":
-            cost += ((mechanism.stiffness(q[i], P) - K) ** 2).sum(axis=(1, 2))
-        assert cost.min() >= a.lower_bounds[i, 0]
 
 
 def test_pressures_are_those_nearest_to_the_previous():
