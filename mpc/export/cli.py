@@ -29,6 +29,7 @@ def export_command(
         bool,
         typer.Option("--fmu", help="write plant.fmu and controller.fmu (FMI 3.0 co-simulation) into --out instead"),
     ] = False,
+    mechanism: Annotated[str | None, typer.Option(help="arm26, arm48, leg37 or a TOML file: its allocation")] = None,
 ) -> None:
     """Write allocator and controller as plain C99, for a microcontroller or a real-time PC; or as FMUs."""
     from rich.console import Console
@@ -37,6 +38,13 @@ def export_command(
 
     if fmu and (board.serial or precision != "double" or what != "all"):
         raise InvalidInput("--fmu: an FMU has all in double precision; leave --target, --what and --precision away")
+    if mechanism is not None:
+        if fmu or board.serial or what == "mpc":
+            raise InvalidInput(
+                "--mechanism: of a mechanism there is the allocation as C only; leave --what, --fmu away"
+            )
+        _mechanism(out, mechanism, precision)
+        return
     plant = options.plant()
     known = options.compensation()
     allocates = what == "allocate" or (board.serial and board.variant == "terminal")
@@ -66,6 +74,18 @@ def _fmus(out: Path, plant: "Plant", known: "Compensation", controller: "Trackin
     export_plant_fmu(out / "plant.fmu", plant_with(plant, known))
     export_controller_fmu(out / "controller.fmu", controller)
     return out
+
+
+def _mechanism(out: Path, name: str, precision: str) -> None:
+    """Write the allocation of the mechanism called `name`. Raises `InvalidInput` and `MissingBackend`."""
+    from rich.console import Console
+
+    from allocator.mechanism import machines
+    from mpc.export.mechanism.entry import export_mechanism
+
+    made = export_mechanism(out, machines.machine(name), precision=precision)
+    files = sum(path.is_file() for path in made.rglob("*"))
+    say(Console(), f"written: {files} files in {made}; {made / 'README.md'} says how to build them")
 
 
 __all__ = ["export_command"]

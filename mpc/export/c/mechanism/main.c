@@ -1,0 +1,27 @@
+/* A demonstration; README.md shows what it prints, as computed in Python. */
+#include <stdio.h>
+
+#include "antagonist.h"
+#include "demonstration.h"
+
+static ant_memory memory;
+
+static void show(const char *name, const ant_real *numbers, int count) {
+    printf("%s", name);
+    for (int i = 0; i < count; i++) printf(" %.6g", (double)numbers[i]);
+}
+
+int main(void) {
+    for (int i = 0; i < ANT_DEMONSTRATIONS; i++) {
+        const ant_real *row = ANT_DEMONSTRATION[i];
+        ant_target target = ant_target_of(row, row + ANT_JOINTS);
+        for (int k = 0; k < ANT_STIFFNESSES; k++) target.K[k] = row[2 * ANT_JOINTS + k];
+        ant_allocation a;
+        ant_allocate(&target, &memory, &a);
+        show("T", target.T, ANT_JOINTS);
+        show(" N*m, K", target.K, ANT_STIFFNESSES);
+        show(" N*m/rad: P", a.P, ANT_MUSCLES);
+        printf(" Pa, status %d\n", (int)a.status);
+    }
+    return 0;
+}

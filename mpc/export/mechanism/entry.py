@@ -1,0 +1,178 @@
+"""`export_mechanism` writes the allocation of a mechanism as a directory of C files."""
+
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.calculus import Array
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.mechanism import Mechanism, allocate_mechanism
+from mpc.codegen.c_text import number
+from mpc.export import text
+from mpc.export.directory import check, write
+from mpc.export.mechanism.kernel import kernel_files
+from mpc.export.mechanism.model import map_function
+from mpc.export.parts import Files, copied, model_files
+
+PRECISIONS = ("double", "single")
+_FREE = 4 * np.pi  # [rad] of a joint without end stops
+_SEED = 19  # of the demonstration's targets
+
+
+def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precision: str = "double") -> Path:
+    """Write the allocation of `mechanism` as plain C99 to the directory `out`, and return it.
+
+    The C says what `allocate_mechanism` says, with priority "torque" or "stiffness". Its kernel is printed from the
+    text that Python runs, its formulas by CasADi for this mechanism.
+
+    Raises
+    ------
+    InvalidInput
+        For muscles that are not affine in the pressure, routes without formulas (tables), and a directory that is not
+        empty. Nothing is written then.
+    MissingBackend
+        For an unknown `precision`, "double" or "single" (for an FPU without double).
+    """
+    if not isinstance(mechanism, Mechanism):
+        raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism")
+    if precision not in PRECISIONS:
+        raise MissingBackend("precision", precision, PRECISIONS)
+    check(Path(out))
+    return write(_files(mechanism, precision == "single"), out)
+
+
+def _files(mechanism: Mechanism, single: bool) -> Files:
+    allocate = dict(copied("mechanism", ""))
+    functions = [(map_function(mechanism), "q [rad] to what the muscles are there and y0 + M P, see allocate.c")]
+    return {
+        **{name: allocate[name] for name in ("antagonist.h", "antagonist_memory.h", "main.c")},
+        "CMakeLists.txt": dict(copied(".", ""))["CMakeLists.txt"],
+        "src/allocate.c": allocate["allocate.c"],
+        "src/real.h": dict(copied("allocate", ""))["real.h"],
+        **kernel_files(single),
+        **model_files(functions, single),
+        "src/mechanism.h": _numbers(mechanism, single),
+        "antagonist_config.h": _config(mechanism, single),
+        "src/demonstration.h": _demonstration(mechanism, single),
+        "README.md": _readme(mechanism, single),
+    }
+
+
+def _config(mechanism: Mechanism, single: bool) -> str:
+    n = mechanism.n
+    sizes: dict[str, tuple[float | int, str]] = {
+        "JOINTS": (n, "n"),
+        "MUSCLES": (mechanism.m, "m"),
+        "STIFFNESSES": (n * (n + 1) // 2, "entries of a stiffness"),
+        "ROWS": (n + n * (n + 1) // 2, "torques and stiffnesses"),
+        "LEVELS": (2, "what comes first and what comes after it"),
+    }
+    lines = ["#define ANT_SINGLE /* numbers are float */"] if single else []
+    lines.append(text.defines(sizes, single))
+    return text.header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))
+
+
+def _numbers(mechanism: Mechanism, single: bool) -> str:
+    lo, hi = mechanism.pressure_limits
+    met, binds, trusted, stretched = (1e-5, 1e-6, 1e-3, 1e-6) if single else (*CLOSED_FORM, 1e-7, 1e-9)
+    numbers: dict[str, tuple[float | int, str]] = {
+        "UNIT": (hi, "pressures are solved for in this unit [Pa]"),
+        "SUPPLY_LO": (lo, "[Pa]"),
+        "MET": (met, "of the torque or stiffness scale: a target missed by less is met [-]"),
+        "BINDS": (binds, "of the unit: a pressure this near to a bound lies on it [-]"),
+        "NEAR": (binds * (hi - lo), "the same [Pa]"),
+        "TRUSTED": (trusted, "an answer with a greater residual is a failure [-]"),
+        "LEAST_CONTRACTION": (mechanism.min_contraction - stretched, "below it no muscle's model is valid [-]"),
+    }
+    ends = np.array([(-_FREE, _FREE)] * mechanism.n if mechanism.angle_limits is None else mechanism.angle_limits)
+    rows, columns = mechanism.upper_triangle
+    weights = np.concatenate([np.ones(mechanism.n), np.where(rows == columns, 1.0, np.sqrt(2.0))])
+    tables = {
+        "ANT_HI": np.array([min(hi, muscle.max_pressure) for muscle in mechanism.muscles]),
+        "ANT_LEFT": ends[:, 0],
+        "ANT_RIGHT": ends[:, 1],
+        "ANT_WEIGHT": weights,
+    }
+    about = "The mechanism's numbers, in SI units: greatest pressures, ends of the joints, roots of the weights."
+    body = [text.defines(numbers, single), *(f"static {text.table(name, v, single)}" for name, v in tables.items())]
+    return text.header("ANT_MECHANISM_H", about, "\n\n".join(body), ["antagonist.h"])
+
+
+def _targets(mechanism: Mechanism) -> Array:
+    """Return rows (q, T, K) of targets to show: of random taut pressures, and the last beyond reach."""
+    rng = np.random.default_rng(_SEED)
+    rows = []
+    for far in (1.0, 1.0, 1.0, 3.0):
+        reach = 0.3 if mechanism.angle_limits is None else 0.4 * np.array(mechanism.angle_limits)[:, 1]
+        q = np.round(rng.uniform(-1, 1, mechanism.n) * reach, 3)
+        P = rng.uniform(*mechanism.pressure_box(q))
+        rows.append([*q, *(far * mechanism.torque(q, P)), *mechanism.stiffness(q, P)[mechanism.upper_triangle]])
+    return np.array([[float(number(v, False)) for v in row] for row in np.round(rows, 4).tolist()])
+
+
+def _demonstration(mechanism: Mechanism, single: bool) -> str:
+    rows = _targets(mechanism)
+    body = f"enum {{ ANT_DEMONSTRATIONS = {len(rows)} }};\n\n/* q [rad], T [N*m], K [N*m/rad] */\n"
+    body += f"static {text.table('ANT_DEMONSTRATION', rows, single)}"
+    return text.header("ANT_DEMONSTRATION_H", "What main.c shows.", body, ["antagonist.h"])
+
+
+def _shown(mechanism: Mechanism) -> list[str]:
+    """Return what the demonstration prints, according to Python."""
+    lines, n = [], mechanism.n
+    for row in _targets(mechanism):
+        q, T, entries = row[:n], row[n : 2 * n], row[2 * n :]
+        K = np.zeros((n, n))
+        K[mechanism.upper_triangle] = K.T[mechanism.upper_triangle] = entries
+        a = allocate_mechanism(mechanism, q, K, T)
+        listed = [" ".join(f"{value:.6g}" for value in values) for values in (T, entries, a.P)]
+        lines.append(f"T {listed[0]} N*m, K {listed[1]} N*m/rad: P {listed[2]} Pa, status {int(a.status)}")
+    return lines
+
+
+_README = """\
+# Pressures of a mechanism in C
+
+Exported from the Python package `antagonist`, in {precision} precision: {n} joints ({joints}), {m} muscles
+({muscles}). Plain C99; no heap, no global state, nothing but `math.h`, every loop bounded. `antagonist.h` is the header
+to read; all units are SI. Written for this mechanism: `antagonist_config.h`, `src/mechanism.h`, `src/model.c`,
+`src/demonstration.h`; `src/kernel.c` is printed from the text that Python runs.
+
+    cmake -S . -B build && cmake --build build && build/demonstration
+
+or
+
+    cc -O2 -std=c99 -I. -Isrc main.c src/*.c -lm -o demonstration
+
+which prints, according to Python{rounded}:
+
+```text
+{printed}
+```
+
+`ant_allocate` gives the pressures for torques and a stiffness at a posture, or the nearest that the limits allow, as
+`allocator.mechanism.allocate_mechanism` does: torque first or stiffness first, then the least pressures or those
+nearest to the present ones. It says by its status what was missed and why, and it computes from the pressures how far
+they are from optimal. It guesses which limits bind until a guess proves right: some 4 guesses, of which all but the
+last are one Cholesky factor of at most {m} × {m}; at most {most}, after which the status is `ANT_SOLVER_FAILED` and the
+pressures are within the limits. `follow` begins with what bound the last time: sooner, where targets follow each other.
+All memory is in `ant_memory`, of fixed size, which is best made static.
+"""
+
+
+def _readme(mechanism: Mechanism, single: bool) -> str:
+    return _README.format(
+        precision="single" if single else "double",
+        n=mechanism.n,
+        m=mechanism.m,
+        joints=", ".join(mechanism.joint_names),
+        muscles=", ".join(mechanism.muscle_names),
+        rounded=" (single precision differs in the last digits)" if single else "",
+        printed="\n".join(_shown(mechanism)),
+        most=1200,
+    )
+
+
+__all__ = ["PRECISIONS", "export_mechanism"]

@@ -1,0 +1,114 @@
+"""The kernel of mechanisms as C is printed from the text that Python and numba run: `kernel.h` and `kernel.c`."""
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Iterator
+
+from allocator.allocation.kernels import source
+from allocator.allocation.kernels.printer import Outside, Source, c_form
+from allocator.allocation.status import Status
+from allocator.mechanism.kernel import data, levels, residual
+from mpc.codegen.array_functions import INT, REAL, ArrayKind, Kind, StructKind, c_functions
+from mpc.export import text
+
+_SIZES = {"m": "ANT_MUSCLES", "p": "ANT_ROWS", "K": "ANT_LEVELS"}
+_SIDE = "signed char"
+_ELEMENTS = {"np.int64": INT, "np.int8": _SIDE, "np.bool_": _SIDE}
+
+MOST_ROUNDS = {"MOST_ROUNDS": 1000, "MOST_FIRST": 200}  # in C: a bound for the longest call
+SINGLE = {  # what rounding of single precision leaves
+    "GAP": 3e2,
+    "POSITIVE": 1e-6,
+    "RANK": 1e-9,
+    "MISSED": 1e-6,
+    "CANCELS": 3e-5,
+    "OUTSIDE": 1e-6,
+    "EXCEEDED": 1e-4,
+}
+ENTRIES = {name: f"ant_kernel_{name}" for name in ("prepare", "scale", "solve", "residual")}
+
+
+def kernel_files(single: bool) -> dict[str, str]:
+    """Return the files of the kernel, which are the same for every mechanism; sizes stand in antagonist_config.h."""
+    structs = _structs()
+    functions = (*levels.FUNCTIONS, *residual.FUNCTIONS)
+    made = c_functions(functions, _kinds(structs), single, ENTRIES, MOST_ROUNDS | (SINGLE if single else {}))
+    about = "Lexicographic least squares in a box, printed from Python's text of it."
+    bounds = c_form(Source.of(source), "interval", _OUTSIDE)
+    head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head, bounds.head])
+    body = "\n\n".join([f'/* {about} */\n#include "antagonist.h"\n#include "real.h"', _SMALL, made.body, bounds.body])
+    return {
+        "src/kernel.h": text.header("ANT_KERNEL_H", about, head),
+        "src/kernel.c": f"{body}\n",
+    }
+
+
+_SMALL = "\n".join(
+    f"static inline {kind} ant_{name}{suffix}({kind} a, {kind} b) {{ return a {sign} b ? a : b; }}"
+    for kind, suffix in ((REAL, ""), (INT, "_int"))
+    for name, sign in (("min", "<"), ("max", ">"))
+)
+_OUTSIDE = Outside(
+    names={"clip": "ant_clip"} | {s.name: f"ANT_{s.name}" for s in Status if hasattr(source, s.name)},
+    functions={"interval": "ant_interval"},
+    structs={("low", "high", "status"): "ant_bounds"},
+    arrays=frozenset({"bounds"}),
+)
+
+
+def _structs() -> dict[str, StructKind]:
+    """Return what C has for the named tuples."""
+    m, p, K = _SIZES.values()
+    rows = {
+        "A": ArrayKind(REAL, (p, m), True),
+        "b": ArrayKind(REAL, (p,), True),
+        "onesided": ArrayKind(_SIDE, (p,), True),
+        "ends": ArrayKind(INT, (K,), True),
+    }
+    bounds = {name: ArrayKind(REAL, (m,), True) for name in data.Box._fields}
+    memory = dict(zip(data.Work._fields, _memory(), strict=True))
+    return {
+        "levels": StructKind("ant_levels", rows, False),
+        "box": StructKind("ant_box", bounds, False),
+        "work": StructKind("ant_work", memory, True),
+    }
+
+
+def _memory() -> Iterator[ArrayKind]:
+    """Yield the arrays that `workspace` makes."""
+    [made] = [node.value for node in ast.walk(_parsed(data.workspace)) if isinstance(node, ast.Return)]
+    assert isinstance(made, ast.Call)
+    for array in made.args:
+        assert isinstance(array, ast.Call)
+        shape, *kind = array.args
+        sizes = shape.elts if isinstance(shape, ast.Tuple) else [shape]
+        yield ArrayKind(_ELEMENTS[ast.unparse(kind[0])] if kind else REAL, tuple(map(_size, sizes)))
+
+
+def _parsed(function: object) -> ast.Module:
+    return ast.parse(textwrap.dedent(inspect.getsource(function)))  # type: ignore[arg-type]  # a function
+
+
+def _size(node: ast.expr) -> str:
+    return " ".join(_SIZES.get(part, part) for part in ast.unparse(node).split())
+
+
+def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
+    """Return what arguments are, by their names in all functions."""
+    m, p, K = _SIZES.values()
+    memory = structs["work"].fields
+    return {
+        **structs,
+        **{name: memory[name] for name in ("B", "Q", "L", "right", "tries")},
+        "x": ArrayKind(REAL, (m,)),
+        "centre": ArrayKind(REAL, (m,), True),
+        "side": ArrayKind(_SIDE, (f"{m} + {p}",)),
+        "held": ArrayKind(_SIDE, (f"{m} + {p}",)),
+        "mu": ArrayKind(REAL, (f"{K} + 1", p)),
+        "ends": ArrayKind(INT, (K,), True),
+        **dict.fromkeys(("longest", "pull", "near", "to_centre", "greatest"), REAL),
+    }
+
+
+__all__ = ["kernel_files"]
