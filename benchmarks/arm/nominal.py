@@ -1,7 +1,7 @@
 """The circle on a plant that is as the model says: errors, limits, stiffness by pushing, times, IPOPT beside it."""
 
 from dataclasses import dataclass
-from time import perf_counter, thread_time
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -48,10 +48,7 @@ def tracking(run: ArmRun) -> Tracking:
 
 @dataclass(frozen=True)
 class Times:
-    """Times of a step [µs]: of every sample the least of some runs of the same circle.
-
-    It is the thread's own time: what other programs take of the processor is not the step's.
-    """
+    """Times of a step [µs]: of every sample the least of some runs of the same circle, when the machine was free."""
 
     median: float
     p99: float
@@ -60,32 +57,9 @@ class Times:
 
 def times(arm: Arm, controller: ArmMPC, turns: float = 1.0, rounds: int = 3) -> Times:
     asked, tested = circle(arm, turns=turns), plant(arm)
-    runs = []
-    for _ in range(rounds):
-        timed = Timed(controller)
-        simulate_arm(tested, arm, timed, asked)
-        runs.append(timed.times)
+    runs = [simulate_arm(tested, arm, controller, asked).step_time for _ in range(rounds)]
     least = 1e6 * np.min(runs, axis=0)
     return Times(float(np.median(least)), float(np.percentile(least, 99)), float(least.max()))
-
-
-class Timed:
-    """A controller whose steps are timed."""
-
-    def __init__(self, controller: ArmMPC) -> None:
-        self.dt, self.ahead, self._controller = controller.dt, controller.ahead, controller
-        self.times: list[float] = []
-
-    def reset(self) -> None:
-        """The controller forgets the past."""
-        self._controller.reset()
-
-    def step(self, *given: Any) -> Any:
-        """The controller's plan."""
-        began = thread_time()
-        plan = self._controller.step(*given)
-        self.times.append(thread_time() - began)
-        return plan
 
 
 def pushed(arm: Arm, controller: ArmMPC, rests: int = 5) -> tuple[float, float]:

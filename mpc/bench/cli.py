@@ -48,9 +48,6 @@ class BenchOptions:
         str | None, typer.Option(help="pressures at the start [bar], P1:P2, where the device measures none; 0:0 vented")
     ] = None
     start_rate: Annotated[float, typer.Option(help="of the soft start [bar/s]")] = 1.0
-    start_margin: Annotated[
-        float, typer.Option(help="how far beyond the joint's range it may lie before it is pressurised [degrees]")
-    ] = 10.0
     stop: Annotated[str, typer.Option(help="what then happens to the pressures, however it ends: ramp, hold, vent")] = (
         "ramp"
     )
@@ -91,7 +88,6 @@ class BenchOptions:
         from mpc.bench.safety import Action, SafeStop, SoftStart
 
         within("--start-rate", self.start_rate, "bar/s", 1e-3, 100)
-        within("--start-margin", self.start_margin, "degrees", 0, 360)
         within("--stop-rate", self.stop_rate, "bar/s", 1e-3, 100)
         _chosen("--stop", self.stop, list(Action))
         policies = {policy.name.lower().replace("_", "-"): policy for policy in Overrun}
@@ -100,7 +96,7 @@ class BenchOptions:
         if self.present is not None:
             one, two = numbers("--present", self.present, 2, 2, "0:0")
             present = one * BAR, two * BAR
-        start = SoftStart(self.start_rate * BAR, settle=settle, angle_margin=self.start_margin * DEG, present=present)
+        start = SoftStart(self.start_rate * BAR, settle=settle, present=present)
         return Settings(policies[self.overrun], start, stop=SafeStop(Action(self.stop), self.stop_rate * BAR))
 
 

@@ -123,7 +123,7 @@ class Cycle:
 
         Raises `RefusedStart`, `DeviceError` where no connection is made, and `CannotWrite` where the log cannot begin.
         """
-        with self.device, self.recorder, self._stops:
+        with self.recorder, self.device, self._stops:
             self._begin()
             unforeseen = None
             try:

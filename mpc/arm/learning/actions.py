@@ -19,7 +19,7 @@ def within(values: Array, low: Any, high: Any) -> Array:
 
 
 class Governor(Protocol):
-    """A governor returns the pressures nearest to a command that are safe; `BoxAndSlew` is the least of them."""
+    """A governor returns the pressures nearest to a command that are safe; `mpc.governor.PressureGovernor` is one."""
 
     def __call__(self, q: Array, omega: Array, P: Array, command: Array, previous: Array) -> Array:
         """Return safe commands (N, m) [Pa] for arms at `q` [rad], `omega` [rad/s] (N, n) with the pressures `P` [Pa].

@@ -5,7 +5,6 @@ device is a `NoAnswer`: the connection is made anew at the next call, so that an
 not taken for that of another request. A connection that cannot be made is a `DeviceLost`.
 """
 
-import logging
 import re
 from collections.abc import Callable
 from math import nan
@@ -139,7 +138,6 @@ def _request(kind: str, registers: RegisterMap) -> list[tuple[int, int, list[Ent
 def _pymodbus() -> Any:
     import pymodbus.client
 
-    logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # our errors say it; without one it prints
     return pymodbus.client
 
 

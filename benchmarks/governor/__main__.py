@@ -1,0 +1,66 @@
+"""Check and time the governor: `python -m benchmarks.governor --help`."""
+
+import argparse
+from time import process_time
+
+import numpy as np
+
+from allocator.mechanism import machines
+from allocator.units import BAR
+from benchmarks.governor.arm import symbolic_mass_matrix
+from benchmarks.governor.closed_loop import COMMANDERS, DT, SLEW, run
+from mpc.governor import GovernorStatus, PressureGovernor, warm_up
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.governor", description=__doc__.partition(":")[0])
+    parser.add_argument("--commands", type=int, default=1_000_000, help="adversarial ones")
+    parser.add_argument("--arms", type=int, default=20, help="in each closed loop, 0 for none")
+    parser.add_argument("--seconds", type=float, default=3.0, help="of each closed loop")
+    arguments = parser.parse_args()
+    if not warm_up():
+        raise SystemExit("numba cannot compile here; there is nothing to measure")
+    adversarial(arguments.commands)
+    if arguments.arms:
+        loops(arguments.arms, arguments.seconds)
+
+
+def adversarial(N: int, chunk: int = 50_000) -> None:
+    """Random states and commands of any size, some no numbers: limits that are broken, what is safe and was moved."""
+    arm, rng = machines.arm26(), np.random.default_rng(0)
+    governor = PressureGovernor(arm, DT, SLEW, inertia=symbolic_mass_matrix, lag=0.02)
+    broken = changed = 0
+    time, counts = 0.0, dict.fromkeys(GovernorStatus, 0)
+    for _ in range(N // chunk):
+        q = rng.uniform(-1.0, 1.0, (chunk, 2))
+        omega, P = rng.normal(0, 2, (chunk, 2)), rng.uniform(*arm.pressure_box(q))
+        command = P + rng.choice([1e-2, 0.1, 1.0, 1e3], (chunk, 1)) * rng.normal(0, 1, P.shape) * BAR
+        command[::20] = rng.choice([np.nan, np.inf, -np.inf, 1e300], command[::20].shape)
+        begin = process_time()
+        safe, status = governor.govern(q, omega, P, command)
+        time += process_time() - begin
+        lo, hi = arm.pressure_box(q, previous=P, max_step=SLEW * DT)
+        broken += int(((safe < lo - 1e-3) | (safe > hi + 1e-3)).any(axis=1).sum())
+        changed += int(((safe != command).any(axis=1) & (status == GovernorStatus.SAFE)).sum())
+        for value, count in zip(*np.unique(status, return_counts=True), strict=True):
+            counts[GovernorStatus(int(value))] += int(count)
+    said = ", ".join(f"{count} {status.name}" for status, count in counts.items() if count)
+    print(f"{N} commands: {broken} outside supply, slew or tautness; {changed} safe and moved; {said}")
+    print(f"{time / N * 1e6:.1f} µs a command in batches, processor time", flush=True)
+
+
+def loops(arms: int, seconds: float) -> None:
+    """Arms in the loop, with muscles as the model has them and 10 % off: how far beyond their range they get."""
+    print("commander   lag [s]  off  margin [°]  beyond the range [°]  outside limits  not kept")
+    for name, commander in COMMANDERS.items():
+        for lag in (0.02, 0.1):
+            for off, margin in ((0.0, 0.0), (0.1, 0.0), (0.1, 10.0)):
+                r = run(commander, arms, seconds, lag=lag, margin=np.deg2rad(margin), off=off)
+                print(
+                    f"{name:10} {lag:8} {off:5} {margin:11} {np.degrees(r.beyond):21.2f} {r.broken:15} {r.unable:9.4f}",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()

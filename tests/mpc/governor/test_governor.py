@@ -1,0 +1,155 @@
+"""A governor keeps its limits whatever is commanded, leaves alone what is safe, and moves the rest least."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from allocator import report_joint
+from allocator.errors import InvalidInput
+from allocator.mechanism import machines
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from allocator.units import BAR
+from mpc.governor import GovernorStatus, PressureGovernor, kernel
+
+ARM = machines.arm26()
+DT, SLEW = 0.01, 20 * BAR
+GOVERNOR = PressureGovernor(ARM, DT, SLEW, inertia=(0.12, 0.04), lag=0.02, max_energy=2.0)
+
+
+def states(N, seed=0, speed=2.0):
+    """Arms (q, ω, P) with taut pressures, of which the joints' range or the energy is in danger or not."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1.0, 1.0, (N, 2))
+    return q, rng.normal(0, speed, (N, 2)), rng.uniform(*ARM.pressure_box(q)), rng
+
+
+def within(q, safe, previous):
+    """Whether commands keep supply, slew and, as far as the slew lets them, tautness."""
+    reach, near = SLEW * DT, 1e-9 * 5 * BAR
+    taut = np.clip(ARM.pressure_box(q)[0], previous - reach, previous + reach)
+    return (safe >= np.maximum(taut, 0) - near) & (safe <= 5 * BAR + near) & (np.abs(safe - previous) <= reach + near)
+
+
+def test_no_command_breaks_supply_slew_or_tautness():
+    q, omega, P, rng = states(40)
+    command = rng.uniform(-20, 20, P.shape) * BAR
+    command[::5] = rng.choice([np.nan, np.inf, -np.inf, 1e300, -1e300], command[::5].shape)
+    safe, status = GOVERNOR.govern(q, omega, P, command)
+    assert within(q, safe, P).all()
+    assert (status[::5] == GovernorStatus.BAD_INPUT).all()
+    assert {GovernorStatus.MOVED, GovernorStatus.NOT_KEPT} <= {*status.tolist()}
+
+
+def test_what_is_safe_is_not_touched_and_what_is_let_through_is_safe():
+    q, omega, P, rng = states(40, seed=1, speed=0.7)
+    q, P = 0.5 * q, np.clip(P, 2.0 * BAR, 3.5 * BAR)
+    command = P + rng.uniform(-0.15, 0.15, P.shape) * BAR
+    safe, status = GOVERNOR.govern(q, omega, P, command)
+    untouched = status == GovernorStatus.SAFE
+    assert 0.3 < untouched.mean() < 1.0
+    assert np.array_equal(safe[untouched], command[untouched])
+    again, said = GOVERNOR.govern(q, omega, P, safe)
+    kept = status <= GovernorStatus.MOVED
+    assert again[kept] == pytest.approx(safe[kept], abs=0.05 * BAR)  # other postures at the ends are looked at
+    assert (said[kept] <= GovernorStatus.MOVED).all()
+
+
+def rows_of(governor, q, omega, P, command):
+    """The rows of one command as A x ≤ b, in the unit of x, and the box."""
+    aim = np.clip(command, P - SLEW * DT, P + SLEW * DT)
+    ways = kernel.Ways(*(a[0] for a in governor._formulas(1).at(q[None], omega[None], P[None], P[None], aim[None])))
+    memory = kernel.memory_for(len(ways.way) + 1, ARM.m)
+    kernel.range_rows(ways, governor._rules, memory)
+    kernel.energy_row(ways, governor._rules, omega, memory)
+    lo, hi = ARM.pressure_box(q, previous=P, max_step=SLEW * DT)
+    return memory.rows, memory.right, lo / 5e5, hi / 5e5
+
+
+def test_a_moved_command_is_the_nearest_that_keeps_the_rows():
+    q, omega, P, rng = states(24, seed=2, speed=1.5)
+    command = P + rng.uniform(-0.4, 0.4, P.shape) * BAR
+    safe, status = GOVERNOR.govern(q, omega, P, command)
+    checked = 0
+    for i in np.flatnonzero(status == GovernorStatus.MOVED)[:15]:
+        A, b, lo, hi = rows_of(GOVERNOR, q[i], omega[i], P[i], command[i])
+        x, c = safe[i] / 5e5, command[i] / 5e5
+        assert (A @ x <= b + 1e-7).all()
+        best = minimize(
+            lambda z, c=c: 1e3 * np.sum((z - c) ** 2), x, jac=lambda z, c=c: 2e3 * (z - c), method="SLSQP",
+            bounds=list(zip(lo, hi, strict=True)), options={"ftol": 1e-14, "maxiter": 300},
+            constraints={"type": "ineq", "fun": lambda z, A=A, b=b: b - A @ z, "jac": lambda z, A=A: -A},
+        )  # fmt: skip
+        assert np.sum((x - c) ** 2) <= np.sum((best.x - c) ** 2) * (1 + 1e-6) + 1e-12
+        checked += (b - A @ np.clip(c, lo, hi)).min() < -1e-6
+    assert checked >= 3  # of those the rows, not the box, moved
+
+
+def test_one_joint_stops_before_its_end_as_its_energy_says():
+    """n = 1 without lag: the row is ½ I ω² + ∫ T dθ ≤ 0 up to the end, by quadrature."""
+    joint = report_joint(SAROSI_DMSP_20_400N)
+    governor = PressureGovernor(joint, DT, SLEW, inertia=0.05)
+    theta, P = 0.3, np.array([2.5, 2.0]) * BAR
+    end = governor.mechanism.angle_limits[0][1]
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    along = theta + (end - theta) * (nodes + 1) / 2
+    work = float(np.sum(weights * joint.torque(along, *P)) * (end - theta) / 2)
+    fastest = np.sqrt(-2 * work / 0.05)
+    for omega, status in ((0.97 * fastest, GovernorStatus.SAFE), (1.03 * fastest, GovernorStatus.MOVED)):
+        assert governor.govern([theta], [omega], P, P).status == status
+
+
+def test_a_bound_on_the_energy_makes_fast_arms_brake():
+    q, P = np.array([0.1, 0.1]), np.full(6, 2.5 * BAR)
+    omega = np.array([4.0, 3.0])
+    command = np.array([2.7, 2.3, 2.7, 2.3, 2.7, 2.3]) * BAR  # faster still
+    free = PressureGovernor(ARM, DT, SLEW, inertia=(0.12, 0.04), max_energy=5.0)
+    bound = PressureGovernor(ARM, DT, SLEW, inertia=(0.12, 0.04), max_energy=1.15)
+    power = [float(omega @ ARM.torque(q, g(q, omega, P, command))) for g in (free, bound)]
+    assert power[1] < power[0]
+
+
+def test_batches_and_single_commands_agree_and_previous_is_where_the_slew_counts_from():
+    q, omega, P, rng = states(6, seed=3)
+    command = rng.uniform(0, 5, P.shape) * BAR
+    many = GOVERNOR.govern(q, omega, P, command)
+    for i in range(6):
+        one = GOVERNOR.govern(q[i], omega[i], P[i], command[i])
+        assert one.P == pytest.approx(many.P[i], abs=1e-6)
+        assert one.status == many.status[i]
+    last = np.clip(P + 0.5 * BAR, 0, 5 * BAR)
+    assert within(q, GOVERNOR(q, omega, P, command, last), last).all()
+
+
+def test_governors_can_be_sent_to_other_processes():
+    q, omega, P, _ = states(1)
+    GOVERNOR(q, omega, P, P)
+    again = pickle.loads(pickle.dumps(GOVERNOR))
+    assert np.array_equal(again(q, omega, P, P), GOVERNOR(q, omega, P, P))
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"inertia": (0.1, 0.1, 0.1)}, "inertia has to be M"),
+        ({"inertia": -1.0}, "inertia has to be M"),
+        ({"slew": 5.0}, "slew = 5 Pa/s has to be at least 1000"),
+        ({"load": -1.0}, "load has to be one number or n = 2"),
+        ({"margin": 1.2}, "leaves a joint no range"),
+        ({"max_energy": 0.0}, "max_energy = 0 J has to be positive"),
+        ({"mechanism": "arm26"}, "expected a Mechanism or a joint"),
+    ],
+)
+def test_governors_that_make_no_sense_are_refused(changed, said):
+    given = {"mechanism": ARM, "dt": DT, "slew": SLEW, "inertia": (0.12, 0.04)} | changed
+    with pytest.raises(InvalidInput, match=said):
+        PressureGovernor(**given)
+
+
+def test_states_that_are_none_are_refused():
+    P = np.full(6, 2e5)
+    with pytest.raises(InvalidInput, match="omega has to be finite"):
+        GOVERNOR([0.1, 0.1], [np.nan, 0.0], P, P)
+    with pytest.raises(InvalidInput, match=r"command has the shape \(5,\)"):
+        GOVERNOR([0.1, 0.1], [0.0, 0.0], P, P[:5])
