@@ -27,6 +27,7 @@ def on_files(files: Files, config: Any) -> Files:
     """Add notebooks, benchmark reports, their pictures and the changes to the pages of docs/."""
     for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
         text, resources = MarkdownExporter().from_filename(str(notebook), {"unique_key": notebook.stem})
+        text = text.replace("<details>", '<details markdown="1">')  # or Markdown within it stays as it is
         files.append(File.generated(config, f"tutorials/{notebook.stem}.md", content=text))
         for name, picture in resources["outputs"].items():
             files.append(File.generated(config, f"tutorials/{name}", content=picture))

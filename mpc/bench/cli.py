@@ -57,6 +57,7 @@ class BenchOptions:
     ] = "skip"
     fast: Annotated[bool, typer.Option("--fast", help="with sim: as fast as the computer can")] = False
     quiet: Annotated[bool, typer.Option("--quiet", help="show nothing while it runs")] = False
+    plot: Annotated[bool, typer.Option("--plot", help="draw the last seconds in a window, too")] = False
 
     def opened(self, options: PlantOptions) -> "Opened":
         """Return the device, the clock of its loop, and what the options tell of the joint.
@@ -173,7 +174,7 @@ def run_command(
     say(console, f"trajectory: {reference.summary}")
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
         driver, observer = _loop(controller, opened, dt, horizon)
-        watch = _Watch(plant.joint.pressure_limits[1], dt, bench.quiet)
+        watch = _Watch(plant.joint.pressure_limits[1], dt, bench)
         loop = RealTimeLoop(
             opened.device, driver, observer, reference, plant=plant, start=settings.start, stop=settings.stop,
             watchdog=settings.watchdog, overrun=settings.overrun, log=journal, clock=opened.clock,
@@ -238,7 +239,7 @@ def sweep_command(
         console,
         f"{len(source.visits)} visits of setpoints, {motion:g} s of random steps: {source.duration / 60:.1f} min",
     )
-    watch = _Watch(limits.pressure[1], dt, bench.quiet)
+    watch = _Watch(limits.pressure[1], dt, bench)
     cycle = Cycle(
         opened.device, source, limits, settings, log=files[-1], about=about(dt), clock=opened.clock, watch=watch
     )
@@ -306,11 +307,11 @@ def _loop(name: str, opened: Opened, dt: float, horizon: int) -> "tuple[Controll
 class _Watch:
     """The watch of a loop shows its samples on a dashboard, unless it is to be quiet."""
 
-    def __init__(self, highest: float, dt: float, quiet: bool) -> None:
+    def __init__(self, highest: float, dt: float, bench: BenchOptions) -> None:
         from mpc.bench.dashboard import Dashboard
 
         self.health: Callable[[], object] = lambda: ""
-        self._dashboard = None if quiet else Dashboard(highest, dt)
+        self._dashboard = None if bench.quiet else Dashboard(highest, dt, plot=bench.plot)
 
     def __enter__(self) -> Self:
         if self._dashboard is not None:

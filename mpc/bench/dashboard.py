@@ -15,22 +15,23 @@ from typing import Any, Self
 _EVERY = 0.1  # [s] between two pictures
 _LINE_EVERY = 1.0  # [s] between two lines of text
 _BAR = 24  # characters
+_PLOT = "--plot"
 _PHASES = ("start", "settling", "tracking", "stopping")
 
 
 class Dashboard:
-    """A dashboard is entered as a context, and shows the states that it is told."""
+    """A dashboard is entered as a context, and shows the states that it is told; `plot` opens a window besides."""
 
-    def __init__(self, highest_pressure: float, dt: float) -> None:
-        self._highest, self._dt = highest_pressure, dt
+    def __init__(self, highest_pressure: float, dt: float, *, plot: bool = False) -> None:
+        self._highest, self._dt, self._plot = highest_pressure, dt, plot
         self._last = float("-inf")
         self._late: list[float] = []
 
     def __enter__(self) -> Self:
         """Start the process."""
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "mpc.bench.dashboard"], stdin=subprocess.PIPE, start_new_session=True
-        )
+        command = [sys.executable, "-m", "mpc.bench.dashboard", *[_PLOT] * self._plot]
+        environment = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}  # a window is wanted
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True, env=environment)
         assert self._process.stdin is not None
         self._pipe = self._process.stdin.fileno()
         os.set_blocking(self._pipe, False)
@@ -78,7 +79,11 @@ class Dashboard:
 
 def main(lines: Iterable[str] | None = None) -> None:
     """Show the states that come in, one a line."""
-    states = map(json.loads, sys.stdin if lines is None else lines)
+    states: Iterable[dict[str, Any]] = map(json.loads, sys.stdin if lines is None else lines)
+    if _PLOT in sys.argv[1:]:
+        from mpc.bench.live_plot import plotted
+
+        states = plotted(states)
     if sys.stdout.isatty():
         _draw(states)
     else:
