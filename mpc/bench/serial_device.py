@@ -11,7 +11,7 @@ next sample; `DeviceLost`, stop, for the board has let the pressures fall or wil
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from math import isfinite
+from math import inf, isfinite
 from secrets import randbelow
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -31,6 +31,7 @@ TIMEOUT = 0.02  # [s]
 _POLL = 0.002  # [s] that a read waits for a byte at most: how exactly a time-out is kept
 _GREETING = 0.1  # [s] after which a greeting is said again
 _VENT_TRIES, _VENT_WAIT = 5, 0.05  # a vent is asked for so often, each time for so long [s]
+_DRIFT = 2e-4  # of a board's clock against this computer's at most [-]
 _LASTING = (Refusal.SAFE, Refusal.SESSION, Refusal.VERSION)  # refusals that the next request meets again
 
 _SYSTEM_ERRORS: tuple[type[Exception], ...] = (OSError,)  # what pyserial lets through when a port does not work
@@ -96,6 +97,7 @@ class SerialDevice:
         self._line: Any = None  # `serial.Serial`
         self._session = self._sequence = 0
         self._ticks: int | None = None  # [us]
+        self._unsure, self._apart, self._dated_at = inf, 0.0, 0.0  # of both clocks [s]
 
     @property
     def damaged(self) -> int:
@@ -105,10 +107,9 @@ class SerialDevice:
     # --- a device ---------------------------------------------------------------------------------------------------
 
     def read(self) -> Reading:
-        """Return a new reading, at the middle of its exchange. Raises `NoAnswer` or `DeviceLost`."""
+        """Return a new reading, dated by the board's clock. Raises `NoAnswer` or `DeviceLost`."""
         asked = self._clock.now()
-        answer = self._ask(Kind.READ)
-        return self._reading(answer, (asked + self._clock.now()) / 2)
+        return self._reading(self._ask(Kind.READ), asked)
 
     def write(self, P1: float, P2: float) -> None:
         """Send the gauge pressures [Pa] as a command.
@@ -138,6 +139,7 @@ class SerialDevice:
         """Open the port and begin a session. Raises `DeviceError`, and `MissingPackage` without pyserial."""
         self._line = self._opened()
         self._receiver, self._ticks, self.board_time = Receiver(), None, 0.0
+        self._unsure, self._apart, self._dated_at = inf, 0.0, self._clock.now()
         self.unanswered = self.late = 0
         self._session, self._sequence = randbelow(2**16), randbelow(2**16)
         try:
@@ -174,7 +176,7 @@ class SerialDevice:
         asked = self._clock.now()
         answer = self._ask(Kind.FOLLOW, int(first), *samples)
         sample, next_, status, rung = (int(answer.value(name)) for name in ("sample", "next", "status", "rung"))
-        reading, u = self._reading(answer, (asked + self._clock.now()) / 2), (answer.value("u1"), answer.value("u2"))
+        reading, u = self._reading(answer, asked), (answer.value("u1"), answer.value("u2"))
         return Tracking(reading, u, sample, next_, status, rung, bool(answer.value("running")))
 
     def track(self, reference: Reference) -> Iterator[Tracking]:
@@ -248,13 +250,24 @@ class SerialDevice:
             numbers: dict[str, Any] = {name: answer.value(name) for name in BoardInfo._fields}
             return BoardInfo(**numbers | {"dt": numbers["dt"] / 1e6, "watchdog": numbers["watchdog"] / 1e6})
 
-    def _reading(self, answer: Frame, t: float) -> Reading:
-        ticks = int(answer.value("t"))
+    def _reading(self, answer: Frame, asked: float) -> Reading:
+        come, ticks = self._clock.now(), int(answer.value("t"))
         if self._ticks is not None:
             self.board_time += 1e-6 * ((ticks - self._ticks) % 2**32)
         self._ticks = ticks
         self.damaged_there = int(answer.value("damaged"))
-        return Reading(t, answer.value("theta"), answer.value("P1"), answer.value("P2"))
+        return Reading(self._dated(asked, come), answer.value("theta"), answer.value("P1"), answer.value("P2"))
+
+    def _dated(self, asked: float, come: float) -> float:
+        """Return when the board read its sensors [s], between the question and the answer.
+
+        The swiftest exchange tells best how far the clocks are apart; what is known of it ages as clocks drift.
+        """
+        self._unsure += _DRIFT * (come - self._dated_at)
+        self._dated_at = come
+        if come - asked <= self._unsure:
+            self._unsure, self._apart = come - asked, (asked + come) / 2 - self.board_time
+        return min(max(self.board_time + self._apart, asked), come)
 
     # --- the line ---------------------------------------------------------------------------------------------------
 
