@@ -7,6 +7,7 @@ from zlib import crc32
 
 import numpy as np
 
+from mpc.bench.clock import Clock, SimulatedClock
 from mpc.bench.serial_device import SerialDevice
 from mpc.bench.serial_protocol import ANSWERS, LONGEST, VERSION, Frame, Kind, Receiver, encoded, stuffed
 
@@ -167,11 +168,33 @@ class NoisyLine:
         return encoded(Frame(kind, request.session, request.sequence, values[kind]))
 
 
+class SlowLine(NoisyLine):
+    """A line without noise on which both ways take their time, to a board whose clock is fast by 100 ppm."""
+
+    def __init__(self, rng: np.random.Generator, clock: SimulatedClock) -> None:
+        super().__init__(rng)
+        self.clock, self.measured = clock, 0.0
+
+    def write(self, line: bytes) -> None:
+        self._delay()
+        for request in self._there.frames(line):
+            self.measured = self.clock.now()
+            ticks = round(1e6 * (4290.0 + 1.0001 * self.measured)) % 2**32  # which begins anew after 5 s
+            kind = ANSWERS[request.kind]
+            values = {Kind.INFO: (VERSION, 0, 0, 0, 0.0, HIGH, 200_000, 1e5, 1), Kind.READING: (ticks, 0, 0, 0, 0, 2)}
+            self._waiting += encoded(Frame(kind, request.session, request.sequence, values[kind]))
+        self._delay()
+
+    def _delay(self) -> None:
+        """Take 20 µs, and every other time up to 5 ms more."""
+        self.clock.spend(2e-5 + (self.rng.random() < 0.5) * self.rng.uniform(0, 5e-3))
+
+
 class NoisyDevice(SerialDevice):
     """A serial device at the end of a `NoisyLine`."""
 
-    def __init__(self, line: NoisyLine) -> None:
-        super().__init__("a noisy line", timeout=2e-4)
+    def __init__(self, line: NoisyLine, clock: Clock | None = None) -> None:
+        super().__init__("a noisy line", timeout=2e-4, clock=clock)
         self.line = line
 
     def _opened(self) -> NoisyLine:

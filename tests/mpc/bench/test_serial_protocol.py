@@ -3,10 +3,12 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mpc.bench.clock import SimulatedClock
 from mpc.bench.serial_protocol import (
     ANSWERS,
     BATCH,
@@ -27,6 +29,8 @@ from mpc.bench.serial_protocol import (
     stuffed,
     unstuffed,
 )
+
+from ...rigs.fuzz import NoisyDevice, SlowLine
 
 NUMBERS = {
     "u8": st.integers(0, 2**8 - 1),
@@ -92,6 +96,19 @@ def test_a_frame_comes_through_whatever_came_before(sent, garbage):
 @given(st.binary(max_size=300))
 def test_whatever_comes_decoding_does_not_raise(stretch):
     assert decoded(stretch) is None or encoded(decoded(stretch))[1:-1] == stretch
+
+
+def test_readings_are_dated_as_exactly_as_the_swiftest_exchanges_allow():
+    clock = SimulatedClock()
+    line = SlowLine(np.random.default_rng(0), clock)
+    errors = []
+    with NoisyDevice(line, clock) as device:
+        for k in range(3000):
+            clock.sleep_until(0.01 * k)
+            errors.append(device.read().t - line.measured)
+    assert np.abs(errors).max() < 3e-3  # never beyond its exchange
+    assert np.abs(errors[100:]).max() < 1e-4  # of exchanges that take 2.5 ms in the mean
+    assert device.board_time == pytest.approx(30 * 1.0001, abs=0.02)
 
 
 def test_every_frame_fits_into_one_block():
