@@ -45,7 +45,7 @@ class Afternoon:
             device, clock = self._device(board)
             source = Sweep(visits_of(plan, ROUGH.joint), steps, dt, board.hang, directory, Pace(motion=float(motion)))
             settings = Settings(watchdog=self._watchdog)
-            cycle = Cycle(device, source, dt, Limits.of(ROUGH, dt), settings, about=about(dt), clock=clock)
+            cycle = Cycle(device, source, Limits.of(ROUGH, dt), settings, about=about(dt), clock=clock)
             cycle.run()
         return cycle
 
