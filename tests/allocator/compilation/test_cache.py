@@ -181,7 +181,7 @@ def home(tmp_path):
     TrackingMPC(Plant(), N=12)
     (there / "__pycache__").mkdir(parents=True, mode=0o700)
     there.chmod(0o700)
-    for text in (compiled.step, compiled.solve):
+    for text in (compiled.step, module.solve_module()):
         file = Path(text.__file__)
         shutil.copy2(file, there)
         for one in file.parent.glob(f"__pycache__/{file.stem}.*"):
@@ -206,7 +206,8 @@ def answered(home, implementation):
 def test_a_controller_with_damaged_files_is_compiled_and_one_line_says_so(home):
     assert answered(home, "compiled") == []
     files = {
-        name: [*home.glob(f"antagonist/__pycache__/*.{name}-*.kept")] for name in ("rows", "build", "feed_forward")
+        name: [*home.glob(f"antagonist/__pycache__/*.{name}-*.kept")]
+        for name in ("linearise", "settle", "feed_forward")
     }
     for fault, [file] in zip((FAULTS["truncated"], FAULTS["empty"], flipped), files.values(), strict=True):
         file.write_bytes(fault(file.read_bytes()))

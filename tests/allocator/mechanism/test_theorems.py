@@ -196,5 +196,10 @@ def test_the_arm_in_closed_form_has_the_same_least_pressures(muscle, q, share):
     step = coarse[1] - coarse[0]
     best = minimize_scalar(total, bounds=(start - step, start + step), method="bounded", options={"xatol": 1.0})
     least = min(best.fun, total(float(a.P[4])))
-    assert (a.P**2).sum() / 25e10 == pytest.approx(least, rel=1e-6)
-    assert arm_in_closed_form(mechanism, q, K, T, float(a.P[4])) == pytest.approx(a.P, abs=1.0)
+    if mechanism.affine:
+        assert (a.P**2).sum() / 25e10 == pytest.approx(least, rel=1e-6)
+        assert arm_in_closed_form(mechanism, q, K, T, float(a.P[4])) == pytest.approx(a.P, abs=1.0)
+    else:  # of these muscles the least pressure is the least nearby, as `allocate_mechanism` says
+        assert (a.P**2).sum() / 25e10 == pytest.approx(least, rel=0.02)
+        assert mechanism.torque(q, a.P) == pytest.approx(T, abs=1e-6)
+        assert mechanism.stiffness(q, a.P) == pytest.approx(K, abs=1e-6)

@@ -161,9 +161,9 @@ from mpc.tracking.compiled.riccati import choose
 
 @compiled
 def chosen(v):
-    feedback = np.zeros((2, 7))
-    choose(np.zeros((2, 6)), np.eye(2), np.zeros(2), v, np.array([-1, 0], np.int8), feedback)
-    return feedback[0, 6]
+    feedback, D = np.zeros((1, 2, 7)), np.array([[1.0, 0.0, 1.0]])
+    choose(np.zeros((1, 2, 6)), D, np.zeros((1, 2)), v.reshape(1, 2), np.array([[-1, 0]], np.int8), 0, feedback)
+    return feedback[0, 0, 6]
 ''').chosen
 print(chosen(np.array([3.0, 0.0])), sum(chosen.stats.cache_hits.values()), module.__file__)
 """
@@ -181,5 +181,5 @@ def test_an_edit_in_what_compiled_code_calls_is_seen(tmp_path):
     assert (float(value), int(hits)) == (3.0, 0)
     assert python(CHOOSE, **places).split()[:2] == ["3.0", "1"]  # it was kept
     before = edited.read_text(encoding="utf-8")
-    edited.write_text(before.replace("feedback[i, 6] = v[i]", "feedback[i, 6] = v[i] + 1.0"), encoding="utf-8")
+    edited.write_text(before.replace("else v[k, 0]", "else v[k, 0] + 1.0"), encoding="utf-8")
     assert python(CHOOSE, **places).split()[:2] == ["4.0", "0"]

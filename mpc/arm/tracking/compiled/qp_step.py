@@ -5,6 +5,7 @@ the QP's, and the step is done; else the whole QP, the same that `mpc.tracking.q
 `mpc.tracking.qp.certified`.
 """
 
+from copy import deepcopy
 from math import inf
 from time import perf_counter
 from typing import Any
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from allocator.calculus import Array
 from allocator.joint.limits import BINDS
 from allocator.mechanism import batches
+from allocator.mechanism.kernel.data import workspace
 from allocator.units import BAR
 from mpc.arm.model import Arm
 from mpc.arm.tracking.compiled.module import CompiledArm
@@ -160,14 +162,15 @@ class CompiledArmFeedForward:
         self._supply, self._unit = np.array([*most, low, high, readable.min_force]), high
         self._T, self._A, self._b = np.zeros((rows, n)), np.zeros((rows, d, m)), np.zeros((rows, d))
         self._box = np.zeros((rows, m)), np.zeros((rows, m)), np.zeros((rows, m))
-        self._ends, self._which = np.array([n, d]), np.arange(rows)
+        self._rows_are = np.zeros(d, np.bool_), np.array([n, d])  # not one-sided; the ends of the levels
+        self._which = np.arange(rows)
         self._found = (
             np.zeros((rows, m)),
-            np.zeros((rows, m), np.int8),
+            np.zeros((rows, m + d), np.int8),
             np.zeros((rows, 3, d)),
             np.zeros(rows, np.int64),
         )
-        self._residual = np.zeros(rows)
+        self._residual, self._memory = np.zeros(rows), (np.empty(d + m, np.bool_), workspace(d, m, 2))
         self._sizes = rows, 2 * n + m, n * (n + 1) // 2 + m, m
         self._alpha = readable.alpha
 
@@ -177,6 +180,7 @@ class CompiledArmFeedForward:
         other.__dict__.update(self.__dict__)
         for name in ("_T", "_A", "_b", "_residual"):
             setattr(other, name, getattr(self, name).copy())
+        other._memory = deepcopy(self._memory)
         other._box, other._found = tuple(a.copy() for a in self._box), tuple(a.copy() for a in self._found)  # type: ignore[assignment]
         return other
 
@@ -185,14 +189,15 @@ class CompiledArmFeedForward:
         rows, size, outputs, m = self._sizes
         x, y, u = np.empty((rows, size)), np.zeros((rows, outputs)), np.empty((rows - 1, m))
         lo, hi, centre = self._box
-        problem = self._A, self._b, self._ends, lo, hi, centre, self._which
+        problem = self._A, self._b, *self._rows_are, lo, hi, centre, self._which
         asked = self._c, *self._limits, self._supply, q, K, d
         if not self._step.targets(*asked, x, self._T, self._A, self._b, lo, hi):
             return self._readable(q, K, d)
         found, side, mu, rounds = self._found
         side[0] = 0
-        batches.loop("allocate_batch")(*problem, True, found, side, mu, rounds)
-        batches.loop("residual_batch")(*problem, found, mu, BINDS, self._residual)
+        held, work = self._memory
+        batches.loop("allocate_batch")(*problem, True, found, side, mu, rounds, work)
+        batches.loop("residual_batch")(*problem, found, mu, 0.0, BINDS, self._residual, held, work)
         if not (rounds.all() and self._residual.max() <= _SURE):
             return self._readable(q, K, d)
         moved = self._step.follow(self._alpha, self._unit, q, self._A, self._b, found, K, x, y, u)
