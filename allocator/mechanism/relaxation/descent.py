@@ -84,8 +84,8 @@ def descend(model: Model, which: Indices, P: Array, steps: int = _STEPS) -> Foun
         here, before = which[going], Found(*(array[going] for array in now))
         tried, mu = _restored(model, here, before, radius[going], bent[going])
         moved = np.abs(tried.P - before.P).max(axis=1) / model.problem.unit
-        good = _lower(model, here, tried.costs, before.costs, _CHANGES)
-        good = good | ((moved < _CONTRACTS * last[going]) & _lower(model, here, tried.costs, before.costs, _ALIKE))
+        good = lower(model, here, tried.costs, before.costs)
+        good = good | ((moved < _CONTRACTS * last[going]) & lower(model, here, tried.costs, before.costs, _ALIKE))
         for array, new in zip(now, tried, strict=True):
             array[going[good]] = new[good]
         bent[going] = _bent(model, here, now.P[going], mu)
@@ -205,7 +205,7 @@ def _step(
     return np.where(x <= least + near, lo, np.where(x >= most - near, hi, found)), linear.multipliers(model, solved)
 
 
-def _lower(model: Model, which: Indices, new: Array, old: Array, alike: float) -> Array:
+def lower(model: Model, which: Indices, new: Array, old: Array, alike: float = _CHANGES) -> Array:
     """Return where the first level that changes, by more than `alike` of it, has a lower cost, or none changes."""
     scale = (_NOTHING * model.scale[which]) ** 2
     small = np.concatenate([scale, np.full((len(new), 1), 1e-12)], axis=1) + alike * old
@@ -215,4 +215,4 @@ def _lower(model: Model, which: Indices, new: Array, old: Array, alike: float) -
     return np.asarray(~changes.any(axis=1) | (new[row, first] < old[row, first]))
 
 
-__all__ = ["Found", "certified", "descend"]
+__all__ = ["Found", "certified", "descend", "lower"]

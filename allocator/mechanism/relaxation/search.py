@@ -10,10 +10,11 @@ from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array
 from allocator.mechanism.batches import Solved, residuals
 from allocator.mechanism.problem import MechanismProblem
-from allocator.mechanism.relaxation.descent import Found, certified, descend
+from allocator.mechanism.relaxation.descent import Found, certified, descend, lower
 from allocator.mechanism.relaxation.model import Model
 from allocator.mechanism.relaxation.tree import close
 
+_BESIDE = 0.35  # of the interval of a muscle's pressure, from its middle
 _PARTS = 16  # of a curve, which are enclosed one by one
 
 
@@ -44,8 +45,7 @@ def solve(problem: MechanismProblem, gap: float) -> Nearby:
     """
     model = Model(problem)
     model.check()
-    lo, hi = model.bounds
-    found, N = descend(model, np.arange(problem.size), (lo + hi) / 2), problem.size
+    found, N = _descended(model), problem.size
     costs, bounds, nodes = found.costs[:, :-1].copy(), np.zeros((N, found.costs.shape[1] - 1)), np.ones(N, np.int64)
     for i in range(N):
         best = found.of(i)
@@ -54,6 +54,24 @@ def solve(problem: MechanismProblem, gap: float) -> Nearby:
         found.P[i], costs[i] = best.P[0], best.costs[0, :-1]
     solved, residual = certified(model, found.P)
     return Nearby(solved._replace(rounds=nodes), residual, costs, np.minimum(bounds, costs))
+
+
+def _descended(model: Model) -> Found:
+    """Return the best of descents from the middle and from beside it, muscles in turn high and low.
+
+    Of equally good pressures a descent from the middle alone may end at a saddle: that of a mechanism whose muscles are
+    alike is as symmetric as they are.
+    """
+    every, (lo, hi) = np.arange(model.problem.size), model.bounds
+    middle, in_turn = (lo + hi) / 2, np.where(np.arange(lo.shape[1]) % 2, 1.0, -1.0)
+    last_two = np.where(np.arange(in_turn.size) >= in_turn.size - 2, in_turn, 0.0)
+    found = descend(model, every, middle)
+    for pattern in (in_turn, -in_turn, last_two, -last_two):
+        other = descend(model, every, middle + _BESIDE * (hi - lo) * pattern)
+        better = lower(model, every, other.costs, found.costs)
+        for array, new in zip(found, other, strict=True):
+            array[better] = new[better]
+    return found
 
 
 def _closed(model: Model, target: int, best: Found, gap: float) -> tuple[Found, Array, int]:

@@ -143,7 +143,7 @@ def arm_in_closed_form(mechanism, q, K, T, P5):
     """
     sides, (lo, hi) = mechanism.at(q), mechanism.pressure_box(q)
     k6 = K[0, 1] / (R * S) - sides[4].own_stiffness(P5)
-    P6 = root(lambda x: sides[5].own_stiffness(x) - k6, lo[5], hi[5])
+    P6 = root(lambda x: sides[5].own_stiffness(x) - k6, lo[5] - 0.1, hi[5] + 0.1)  # 0.1 Pa for what lies at an end
     if P6 is None:
         return None
     two = [(4, P5), (5, P6)]
@@ -162,7 +162,7 @@ def arm_in_closed_form(mechanism, q, K, T, P5):
 
         least = max(0.0, -T[joint] / R)
         most = min(float(sides[one].force(hi[one])) - T[joint] / R, float(sides[other].force(hi[other])))
-        F = root(error, least, most) if least < most else None
+        F = root(error, max(least - 1e-6, -T[joint] / R), most + 1e-6) if least < most else None
         if F is None:
             return None
         P[[one, other]] = pressures(F)
@@ -177,7 +177,7 @@ def root(f, lo, hi):
 @pytest.mark.slow
 @pytest.mark.parametrize("muscle", [SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N], ids=["affine", "not affine"])
 @given(q=st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)), share=st.tuples(*[st.floats(0.2, 0.8)] * 6))
-@settings(max_examples=4)
+@settings(max_examples=10)
 def test_the_arm_in_closed_form_has_the_same_least_pressures(muscle, q, share):
     mechanism, q = machines.arm26().with_muscles(muscle), np.array(q)
     lo, hi = mechanism.pressure_box(q)
@@ -196,10 +196,5 @@ def test_the_arm_in_closed_form_has_the_same_least_pressures(muscle, q, share):
     step = coarse[1] - coarse[0]
     best = minimize_scalar(total, bounds=(start - step, start + step), method="bounded", options={"xatol": 1.0})
     least = min(best.fun, total(float(a.P[4])))
-    if mechanism.affine:
-        assert (a.P**2).sum() / 25e10 == pytest.approx(least, rel=1e-6)
-        assert arm_in_closed_form(mechanism, q, K, T, float(a.P[4])) == pytest.approx(a.P, abs=1.0)
-    else:  # of these muscles the least pressure is the least nearby, as `allocate_mechanism` says
-        assert (a.P**2).sum() / 25e10 == pytest.approx(least, rel=0.02)
-        assert mechanism.torque(q, a.P) == pytest.approx(T, abs=1e-6)
-        assert mechanism.stiffness(q, a.P) == pytest.approx(K, abs=1e-6)
+    assert (a.P**2).sum() / 25e10 == pytest.approx(least, rel=1e-6)
+    assert arm_in_closed_form(mechanism, q, K, T, float(a.P[4])) == pytest.approx(a.P, abs=1.0)
