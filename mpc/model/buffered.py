@@ -35,6 +35,11 @@ class Buffered:
         self._evaluate()
         return [array.copy() for array in self._outputs]
 
+    def stats(self) -> dict[str, Any]:
+        """Return what CasADi says of the last call, as a solver's return status."""
+        said: dict[str, Any] = self._buffer.stats()
+        return said
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the function, which CasADi writes out and reads: buffers are places in memory."""
         return Buffered, (self._function,)

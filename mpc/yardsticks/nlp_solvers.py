@@ -5,13 +5,16 @@ What they return is a proposal, to be certified.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
+from mpc.model.buffered import Buffered
 from mpc.tracking.qp.options import SolverOptions, with_options
+from mpc.yardsticks.interrupts import interruptible
 from mpc.yardsticks.shooting import Given, Shooting
 
 
@@ -90,7 +93,7 @@ class NLPSolver:
         if self.name == Fatrop.name:
             options["equality"] = shooting.equality.tolist()
         try:
-            self._nlp = ca.nlpsol("tracking", self.name, shooting.problem, options)
+            self._nlp = Buffered(ca.nlpsol("tracking", self.name, shooting.problem, options))
         except RuntimeError as error:
             raise InvalidInput(f"CasADi refuses {chosen!r}: {str(error).strip().splitlines()[-1]}") from None
 
@@ -99,24 +102,12 @@ class NLPSolver:
         lower, upper = given.lower, given.upper
         if self.name == Fatrop.name:
             lower, upper = lower + self._widening(lower), upper - self._widening(upper)
-        answer, said = self._solved(x0=begun, p=given.p, lbg=lower, ubg=upper)
-        z, multipliers = (np.ravel(answer[part].full()) for part in ("x", "lam_g"))
-        return Proposal(z, multipliers, bool(said["success"]))
-
-    def _solved(self, **programme: Any) -> tuple[Any, Any]:
-        """Return CasADi's answer and what it says of it. Raises `KeyboardInterrupt`, which CasADi turns into other
-        things.
-        """
-        try:
-            answer = self._nlp(**programme)
-        except RuntimeError as error:
-            if "KeyboardInterrupt" in str(error):
-                raise KeyboardInterrupt from None
-            raise
-        said = self._nlp.stats()
+        with interruptible():
+            z, _, _, _, multipliers, _ = self._nlp(begun, given.p, -inf, inf, lower, upper, 0.0, 0.0)
+            said = self._nlp.stats()
         if said["return_status"] in _INTERRUPTED:
             raise KeyboardInterrupt
-        return answer, said
+        return Proposal(np.ravel(z), np.ravel(multipliers), bool(said["success"]))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "NLPSolver":
         """Return itself: it remembers nothing from call to call."""

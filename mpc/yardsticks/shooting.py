@@ -20,6 +20,7 @@ import numpy as np
 
 from allocator.calculus import Array, Mask
 from allocator.units import BAR
+from mpc.model.buffered import Buffered
 from mpc.model.plant import NU, NX, Plant
 from mpc.tracking.cost import COMMANDS, NY, Rows, charges
 from mpc.tracking.feedforward import FeedForward
@@ -184,17 +185,18 @@ class Shooting:
     # --- its certificate --------------------------------------------------------------------------------------------
 
     @cached_property
-    def _conditions(self) -> Any:
+    def _conditions(self) -> Buffered:
         """The conditions are (z, p, λ) ↦ (f, g, gradient of f + λᵀg)."""
         import casadi as ca
 
         z, p, f, g = (self.problem[name] for name in "xpfg")
         multipliers = ca.SX.sym("lambda", g.numel())
-        return ca.Function("conditions", [z, p, multipliers], [f, g, ca.gradient(f + ca.dot(multipliers, g), z)])
+        outputs = f, g, ca.densify(ca.gradient(f + ca.dot(multipliers, g), z))
+        return Buffered(ca.Function("conditions", [z, p, multipliers], outputs))
 
     def certify(self, z: Array, multipliers: Array, given: Given) -> Residuals:
         """Return the residuals of z with `multipliers` of g: positive at an upper, negative at a lower bound."""
-        f, g, gradient = (np.ravel(value.full()) for value in self._conditions(z, given.p, multipliers))
+        f, g, gradient = map(np.ravel, self._conditions(z, given.p, multipliers))
         primal = np.maximum(given.lower - g, g - given.upper).max()
         bound = np.where(multipliers > 0, given.upper, given.lower)
         away = np.where(np.isfinite(bound), np.abs(bound - g), 1.0)  # there is nothing to push against at infinity
@@ -203,7 +205,7 @@ class Shooting:
 
     def cost(self, z: Array, given: Given) -> float:
         """Return the cost of z."""
-        return _COST * float(self._conditions(z, given.p, 0.0)[0])
+        return _COST * self._conditions(z, given.p, 0.0)[0].item()
 
 
 def _given_to_stage(preview: Any) -> list[Any]:
