@@ -91,6 +91,8 @@ def verdict(e_T, e_K, T_scale, K_scale, outside, status1, status2):
 
 
 # --- two equal Tondu2021 on a pulley --------------------------------------------------------------------------------
+# A muscle's force per area is f = q P - ε (c + g r) [Pa] with r = 1/(P + d). It is written out in every place, because
+# a call takes Python longer than the formula.
 
 
 def tondu_exact(
@@ -119,19 +121,23 @@ def tondu_exact(
     lo1, hi1 = (lo1, hi1) if sure else (clip(lo1, least, most), clip(hi1, least, most))
     lo2, hi2 = (lo2, hi2) if sure else (clip(lo2, least, most), clip(hi2, least, most))
     rl1, rl2, rh1, rh2 = 1 / (lo1 + d), 1 / (lo2 + d), 1 / (hi1 + d), 1 / (hi2 + d)
-    sure = sure and q + g * eps1 * rh1 * rh1 > _RISES * q and q + g * eps2 * rh2 * rh2 > _RISES * q
+    least_rise = _RISES * q
+    sure = sure and q + g * eps1 * rh1 * rh1 > least_rise and q + g * eps2 * rh2 * rh2 > least_rise
     box, muscles = (lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2), (eps1, eps2, q, c, d, g)
     T_unit, K_unit = S * R, S * R * R / l0
     tau, s = T / T_unit, (K / K_unit - 2 * c) / g
+    kh1, kh2 = c + g * rh1, c + g * rh2
+    fh1, fh2 = q * hi1 - eps1 * kh1, q * hi2 - eps2 * kh2
     P1, P2 = (
-        tondu_torque_first(tau, s, box, muscles)
+        tondu_torque_first(tau, s, fh1, fh2, box, muscles)
         if stiffness_first is None
         else tondu_stiffness_first(tau, s, box, muscles)
     )
-    f1, f2 = tondu_f(P1, 1 / (P1 + d), eps1, q, c, g), tondu_f(P2, 1 / (P2 + d), eps2, q, c, g)
-    T_given, K_given = T_unit * (f1 - f2), K_unit * (2 * c + g * (1 / (P1 + d) + 1 / (P2 + d)))
-    T_scale = T_unit * (abs(tondu_f(hi1, rh1, eps1, q, c, g)) + abs(tondu_f(hi2, rh2, eps2, q, c, g))) + abs(T)
-    K_scale = K_unit * (abs(c + g * rh1) + abs(c + g * rh2)) + abs(K)
+    r1, r2 = 1 / (P1 + d), 1 / (P2 + d)
+    f1, f2 = q * P1 - eps1 * (c + g * r1), q * P2 - eps2 * (c + g * r2)
+    T_given, K_given = T_unit * (f1 - f2), K_unit * (2 * c + g * (r1 + r2))
+    T_scale = T_unit * (abs(fh1) + abs(fh2)) + abs(T)
+    K_scale = K_unit * (abs(kh1) + abs(kh2)) + abs(K)
     status = verdict(T_given - T, K_given - K, T_scale, K_scale, outside, status1, status2)
     limits1 = binding(P1, lo1, hi1, bounds1, near, hi_limit1, AGONIST)
     limits2 = binding(P2, lo2, hi2, bounds2, near, hi_limit2, ANTAGONIST)
@@ -139,14 +145,17 @@ def tondu_exact(
     return P1, P2, T_given, K_given, status, limits, sure
 
 
-def tondu_torque_first(tau, s, box, muscles):
-    """Return the pressures for τ = T/(S R), brought within reach, and then for s, brought within the torque level."""
+def tondu_torque_first(tau, s, fh1, fh2, box, muscles):
+    """Return the pressures for τ = T/(S R), brought within reach, and then for s, brought within the torque level.
+
+    `fh1`, `fh2`: the forces per area [Pa] at the upper ends of the box.
+    """
     lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2 = box
     eps1, eps2, q, c, d, g = muscles
-    fl1, fl2 = tondu_f(lo1, rl1, eps1, q, c, g), tondu_f(lo2, rl2, eps2, q, c, g)
-    fh1, fh2 = tondu_f(hi1, rh1, eps1, q, c, g), tondu_f(hi2, rh2, eps2, q, c, g)
-    too_low, too_high = tau <= fl1 - fh2, tau >= fh1 - fl2
-    tau = clip(tau, fl1 - fh2, fh1 - fl2)
+    fl1, fl2 = q * lo1 - eps1 * (c + g * rl1), q * lo2 - eps2 * (c + g * rl2)
+    least, most = fl1 - fh2, fh1 - fl2
+    too_low, too_high = tau <= least, tau >= most
+    tau = clip(tau, least, most)
     # the level's low end: one pressure is at its lower bound, the other gives the rest of the torque
     at1 = tau <= fl1 - fl2
     u = tondu_u(fl1 - tau if at1 else fl2 + tau, eps2 if at1 else eps1, q, c, d, g)
@@ -175,8 +184,9 @@ def tondu_stiffness_first(tau, s, box, muscles):
     a1, a2 = lo1 if at1 else clip(1 / (s - rh2) - d, lo1, hi1), clip(1 / (s - rl1) - d, lo2, hi2) if at1 else hi2
     at1 = s - rh1 <= rl2  # the greatest torque
     b1, b2 = hi1 if at1 else clip(1 / (s - rl2) - d, lo1, hi1), clip(1 / (s - rh1) - d, lo2, hi2) if at1 else lo2
-    at_a = tau <= tondu_f(a1, 1 / (a1 + d), eps1, q, c, g) - tondu_f(a2, 1 / (a2 + d), eps2, q, c, g)
-    at_b = tau >= tondu_f(b1, 1 / (b1 + d), eps1, q, c, g) - tondu_f(b2, 1 / (b2 + d), eps2, q, c, g)
+    fa1, fa2 = q * a1 - eps1 * (c + g * (1 / (a1 + d))), q * a2 - eps2 * (c + g * (1 / (a2 + d)))
+    fb1, fb2 = q * b1 - eps1 * (c + g * (1 / (b1 + d))), q * b2 - eps2 * (c + g * (1 / (b2 + d)))
+    at_a, at_b = tau <= fa1 - fa2, tau >= fb1 - fb2
     P1, P2 = tondu_inverse(tau, s, box, muscles)
     P1, P2 = b1 if at_b else P1, b2 if at_b else P2
     P1, P2 = a1 if at_a else P1, a2 if at_a else P2
@@ -206,23 +216,18 @@ def tondu_inverse(tau, s, box, muscles):
     t = -(tau + (c + g * s / 2) * (eps1 - eps2)) * s / (4 * q)
     rest = 1 - kappa
     z = t * rest / (rest * rest + t * t)  # Halley's step from z = 0
-    for _ in range(_NEWTON_STEPS):
-        z = z - (((kappa * z + t) * z + rest) * z - t) / ((3 * kappa * z + 2 * t) * z + rest)
+    kappa2, kappa3, t2 = 2 * kappa, 3 * kappa, 2 * t
+    for _ in range(_NEWTON_STEPS):  # z - p(z)/p'(z), in which all terms have one sign: nothing cancels
+        z = ((kappa2 * z + t) * z * z + t) / ((kappa3 * z + t2) * z + rest)
     P1, P2 = clip(2 / (s * (1 + z)) - d, lo1, hi1), clip(2 / (s * (1 - z)) - d, lo2, hi2)
     return P1, P2
 
 
-def tondu_f(P, r, eps, q, c, g):
-    """Return the force per area f = q P - ε (c + g r) [Pa], r = 1/(P + d)."""
-    return q * P - eps * (c + g * r)
-
-
 def tondu_pressure(F, eps, S, q, c, d, e):
     """Compute `Tondu2021.pressure`, to the last digit, so that the box is the reference's."""
-    q1 = q * d - c * eps - F / S
-    q0 = -(e * eps + d * F / S)
-    square = q1 * q1 - 4 * q * q0
-    return 2 * q0 / (-q1 + sqrt(square)) if square >= 0 else inf
+    q1, q0 = q * d - c * eps - F / S, e * eps + d * F / S  # q P² + q1 P - q0 = 0
+    square = q1 * q1 + 4 * q * q0
+    return 2 * q0 / (q1 - sqrt(square)) if square >= 0 else inf
 
 
 def tondu_u(f, eps, q, c, d, g):
@@ -354,7 +359,7 @@ def affine_batch(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now,
 
 FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *(interval, clip, binding, verdict),
-    *(tondu_exact, tondu_torque_first, tondu_stiffness_first, tondu_inverse, tondu_f, tondu_u, tondu_pressure),
+    *(tondu_exact, tondu_torque_first, tondu_stiffness_first, tondu_inverse, tondu_u, tondu_pressure),
     *(affine_exact, affine_lexicographic, odd),
 )
 
