@@ -12,7 +12,7 @@ from collections.abc import Iterable
 
 
 class AntagonistError(Exception):
-    """Root of all errors of this project."""
+    """All errors of this project derive from this one."""
 
 
 class InvalidInput(AntagonistError, ValueError):

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from mpc.model.plant import Plant
     from mpc.trials.loops import Settings
     from mpc.trials.metrics import Metrics
+    from mpc.trials.reference import Reference
     from mpc.trials.simulation import Process, Run
 
 _NOMINAL, _REAL = "nominal", "real"  # plants
@@ -102,7 +103,6 @@ def track(
     from mpc.model.plant import Plant
     from mpc.trials.choice import reference_called
     from mpc.trials.loops import loop
-    from mpc.trials.metrics import metrics
     from mpc.trials.simulation import simulate
 
     console = Console()
@@ -125,21 +125,7 @@ def track(
     title = f"{controller} on the {plant} plant, {_muscles(nominal)}"
     for path in files:
         _write(done, path, title, console)
-    figures = metrics(done)
-    say(console, f"plant: {nominal.summary}")
-    if known.summary:
-        say(console, f"told to the controller: {known.summary}")
-    say(console, f"trajectory: {reference.summary}")
-    assumed = assumption(nominal.joint)
-    console.print(_summary(figures, done.implementation, nominal.kind.text, assumed=bool(assumed)))
-    if assumed:
-        say(console, assumed)
-    if figures.out_of_reach:
-        share = f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach"
-        say(console, f"{share}; `antagonist map` shows what is in it")
-    if figures.at_slew_limit >= _WORTH_SAYING:
-        share = f"in {figures.at_slew_limit:.3g} % of the steps a command changed as fast as --slew allows"
-        say(console, f"{share} ({nominal.slew / BAR:g} bar/s): the reference may ask for more")
+    _report(done, nominal, known, reference, console)
     say(console, f"written: {', '.join(map(str, files))}")
     if show:
         for path in files:
@@ -180,6 +166,27 @@ def _write(run: "Run", path: Path, title: str, console: "Console") -> None:
     else:
         say(console, f"drawing {path} (the first picture after an installation takes some seconds)")
         save_tracking_figure(run, path, title)
+
+
+def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Reference", console: "Console") -> None:
+    """Say what was simulated and how well it went."""
+    from mpc.trials.metrics import metrics
+
+    figures = metrics(run)
+    say(console, f"plant: {nominal.summary}")
+    if known.summary:
+        say(console, f"told to the controller: {known.summary}")
+    say(console, f"trajectory: {reference.summary}")
+    assumed = assumption(nominal.joint)
+    console.print(_summary(figures, run.implementation, nominal.kind.text, assumed=bool(assumed)))
+    if assumed:
+        say(console, assumed)
+    if figures.out_of_reach:
+        share = f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach"
+        say(console, f"{share}; `antagonist map` shows what is in it")
+    if figures.at_slew_limit >= _WORTH_SAYING:
+        share = f"in {figures.at_slew_limit:.3g} % of the steps a command changed as fast as --slew allows"
+        say(console, f"{share} ({nominal.slew / BAR:g} bar/s): the reference may ask for more")
 
 
 def _tested(

@@ -1,6 +1,8 @@
 """`allocate` turns torque and stiffness targets into the two pressures."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -29,6 +31,7 @@ from allocator.joint.limits import TAUT, Limits
 
 Method = Literal["analytic", "exact", backends.Optimiser]
 METHODS: tuple[Method, ...] = get_args(Method)
+Solve = Callable[[Problem], Allocation]
 
 
 def allocate(
@@ -158,25 +161,27 @@ def allocate(
         shares=None if kind.shares is None else kind.fixed,
     )
     axis = _axis(along, asked.ndim, method, previous)
-
-    def of_a_state(problem: Problem) -> Allocation:
-        if method == "analytic":
-            return _inverted(problem, asked)
-        if method == "exact":
-            return _exact(problem, asked, axis)
-        if uncertainty is not None:
-            return _uncertain(problem, asked, risk)
-        return _optimised(problem, asked, method, solver, warm_start)
-
-    def answer(problem: Problem) -> Allocation:
-        if kind.shares is None:
-            return with_free_valves(of_a_state, problem, kind)
-        found = of_a_state(problem)
-        return found if kind is ISOBARIC else replace(found, kind=kind)
-
+    solve: Solve
+    if method == "exact":
+        solve = partial(_exact, asked=asked, along=axis)
+    elif method == "analytic":
+        solve = partial(_inverted, asked=asked)
+    elif uncertainty is not None:
+        solve = partial(_uncertain, asked=asked, risk=risk)
+    else:
+        solve = partial(_optimised, asked=asked, method=method, solver=solver, warm_start=warm_start)
+    answer = partial(_answer, solve=solve, kind=kind)
     if not (joint.friction and s.any()):
         return answer(problem)
     return with_friction(answer, problem, np.broadcast_to(s, asked.shape).ravel())
+
+
+def _answer(problem: Problem, solve: Solve, kind: StiffnessKind) -> Allocation:
+    """Return what `solve` finds for the stiffness that is meant; free valves are as they serve best."""
+    if kind.shares is None:
+        return with_free_valves(solve, problem, kind)
+    found = solve(problem)
+    return found if kind is ISOBARIC else replace(found, kind=kind)
 
 
 def _ordinary(joint: AntagonistJoint, direction: Any, stiffness_tolerance: Any, pull: Any) -> bool:

@@ -1,4 +1,4 @@
-"""The answer of `allocate_mechanism`: pressures, what they give, what is in the way, and the proof."""
+"""The answer of `allocate_mechanism` has the pressures, what they give, what is in the way, and the proof."""
 
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -308,7 +308,7 @@ class _Watch:
     """The watch of a loop shows its samples on a dashboard, unless it is to be quiet."""
 
     def __init__(self, highest: float, dt: float, bench: BenchOptions) -> None:
-        from mpc.bench.dashboard import Dashboard
+        from mpc.bench.display.dashboard import Dashboard
 
         self.health: Callable[[], object] = lambda: ""
         self._dashboard = None if bench.quiet else Dashboard(highest, dt, plot=bench.plot)

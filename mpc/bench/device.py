@@ -13,15 +13,15 @@ from allocator.errors import AntagonistError
 
 
 class DeviceError(AntagonistError, OSError):
-    """A device that does not do what it was asked for; the message names it and says why."""
+    """A device did not do what it was asked for; the message names it and says why."""
 
 
 class NoAnswer(DeviceError):
-    """An answer that came too late, not at all, or damaged; the next one may be good, so that the loop goes on."""
+    """An answer came too late, not at all, or damaged; the next one may be good, so that the loop goes on."""
 
 
 class DeviceLost(DeviceError):
-    """A device that is gone (unplugged, closed by its other end): no further answer is to be expected."""
+    """A device is gone (unplugged, closed by its other end): no further answer is to be expected."""
 
 
 class Reading(NamedTuple):

@@ -12,11 +12,11 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, KalmanObserver, Plant, TrackingMPC, Weights
 from mpc.bench.clock import Clock, MonotonicClock, SimulatedClock
 from mpc.bench.cycle import Cycle, Settings
+from mpc.bench.devices.serial_line import SerialDevice
 from mpc.bench.devices.simulated import simulated
 from mpc.bench.logs import Record
 from mpc.bench.loop import RealTimeLoop, about
 from mpc.bench.safety import SoftStart, Watchdog
-from mpc.bench.serial_device import SerialDevice
 from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of, within
 from mpc.export.serial.simulated import SimulatedBoard
 from mpc.tracking.limits import Limits

@@ -8,8 +8,8 @@ from zlib import crc32
 import numpy as np
 
 from mpc.bench.clock import Clock, SimulatedClock
-from mpc.bench.serial_device import SerialDevice
-from mpc.bench.serial_protocol import ANSWERS, LONGEST, VERSION, Frame, Kind, Receiver, encoded, stuffed
+from mpc.bench.devices.serial_line import SerialDevice
+from mpc.bench.devices.serial_protocol import ANSWERS, LONGEST, VERSION, Frame, Kind, Receiver, encoded, stuffed
 
 from .toolchain import SANITISED, compiled, run
 

@@ -150,7 +150,7 @@ def tondu_torque_first(tau, s, fh1, fh2, box, muscles):
 
     `fh1`, `fh2`: the forces per area [Pa] at the upper ends of the box.
     """
-    lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2 = box
+    lo1, hi1, lo2, hi2, rl1, _rh1, rl2, _rh2 = box
     eps1, eps2, q, c, d, g = muscles
     fl1, fl2 = q * lo1 - eps1 * (c + g * rl1), q * lo2 - eps2 * (c + g * rl2)
     least, most = fl1 - fh2, fh1 - fl2

@@ -67,7 +67,7 @@ class JointFit:
 
     @property
     def model(self) -> str:
-        """Name of the muscle model."""
+        """Return the name of the muscle model."""
         return type(self.problem.prototype).__name__
 
     @property

@@ -45,7 +45,7 @@ class Fit(Generic[M]):
 
     @property
     def model(self) -> str:
-        """Name of the model."""
+        """Return the name of the model."""
         return type(self.muscle).__name__
 
     @property

@@ -20,7 +20,7 @@ GROUP = "antagonist.devices"
 _OURS = {
     "sim": "mpc.bench.devices.simulated:open_simulated",
     "modbus": "mpc.bench.devices.modbus:open_modbus",
-    "serial": "mpc.bench.serial_device:open_serial",
+    "serial": "mpc.bench.devices.serial_line:open_serial",
 }
 
 

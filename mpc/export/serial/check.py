@@ -8,8 +8,8 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.bench.device import DeviceLost, NoAnswer
-from mpc.bench.serial_device import BoardInfo, SerialDevice
-from mpc.bench.serial_protocol import State
+from mpc.bench.devices.serial_line import BoardInfo, SerialDevice
+from mpc.bench.devices.serial_protocol import State
 
 _MARGIN = 0.1  # [s] beyond the watchdog's time in which it has to have acted
 _LOST = 0.01  # share of the exchanges that may be lost

@@ -76,7 +76,7 @@ def bench_check_command(
     from rich.console import Console
 
     from mpc.bench.device import DeviceError
-    from mpc.bench.serial_device import open_serial
+    from mpc.bench.devices.serial_line import open_serial
     from mpc.export.serial.check import examine
     from mpc.export.serial.simulated import SimulatedBoard
 

@@ -1,10 +1,10 @@
-"""The header protocol.h of the firmware is printed from the tables of `mpc.bench.serial_protocol`."""
+"""The header protocol.h of the firmware is printed from the tables of `mpc.bench.devices.serial_protocol`."""
 
 from collections.abc import Iterable
 from enum import IntEnum
 
-from mpc.bench import serial_protocol as protocol
-from mpc.bench.serial_protocol import Field
+from mpc.bench.devices import serial_protocol as protocol
+from mpc.bench.devices.serial_protocol import Field
 from mpc.export import text
 
 

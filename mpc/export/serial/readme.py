@@ -1,6 +1,6 @@
 """The README of a board's firmware is written here."""
 
-from mpc.bench import serial_protocol as protocol
+from mpc.bench.devices import serial_protocol as protocol
 from mpc.export.serial.safety import Safety
 from mpc.tracking.controller import TrackingMPC
 
@@ -9,8 +9,8 @@ _HEAD = """\
 
 Exported from the Python package `antagonist`: firmware in portable C99, without a heap, for
 {variant}.
-It talks to `mpc.bench.serial_device.SerialDevice` and to `antagonist run --device serial:/dev/ttyUSB0`; the project's
-`docs/serial.md` documents the line protocol (version {version}).
+It talks to `mpc.bench.devices.serial_line.SerialDevice` and to `antagonist run --device serial:/dev/ttyUSB0`; the
+project's `docs/serial.md` documents the line protocol (version {version}).
 
 **Yours to fill in** are the five functions of `port.c`: `read_sensors`, `write_valves`, a microsecond clock, and the
 bytes of the UART. `port.h` says what is asked of them, `config.h` what was chosen at export: commands within {low:g} to

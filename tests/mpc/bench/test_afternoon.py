@@ -22,10 +22,10 @@ from mpc.bench.clock import SimulatedClock
 from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.devices.modbus import ModbusDevice
 from mpc.bench.devices.register_map import RegisterMap
+from mpc.bench.devices.serial_line import SerialDevice
 from mpc.bench.devices.simulated import SimulatedDevice, simulated
 from mpc.bench.loop import RealTimeLoop
 from mpc.bench.safety import SoftStart
-from mpc.bench.serial_device import SerialDevice
 from mpc.bench.sweep import Sweep, random_steps, visits_of, within
 from mpc.bench.tracking import Tracking, replay
 from mpc.cli import app

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from mpc.bench import dashboard
 from mpc.bench.device import DeviceLost
 from mpc.bench.devices.simulated import SimulatedDevice
+from mpc.bench.display import dashboard
 from mpc.bench.logs import read_log
 from mpc.cli import app
 from mpc.trials.recordings import load_recording

@@ -11,10 +11,10 @@ import pytest
 from allocator.units import BAR, DEG
 from mpc import Plant, RealPlant, Reference
 from mpc.bench.clock import SimulatedClock
+from mpc.bench.devices.serial_line import SerialDevice
+from mpc.bench.devices.serial_protocol import State
 from mpc.bench.loop import RealTimeLoop
 from mpc.bench.safety import Reason, SafeStop, SoftStart, Watchdog
-from mpc.bench.serial_device import SerialDevice
-from mpc.bench.serial_protocol import State
 from mpc.export.serial.simulated import SimulatedBoard
 from mpc.observer.kalman import Differentiator
 from mpc.yardsticks.baselines import PIDControl

@@ -15,8 +15,8 @@ from allocator.errors import InvalidInput, MissingPackage
 from allocator.units import BAR, DEG
 from mpc import Compensation, Plant, RealPlant, TrackingMPC, Weights, sine
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer
-from mpc.bench.serial_device import SerialDevice, open_serial
-from mpc.bench.serial_protocol import State
+from mpc.bench.devices.serial_line import SerialDevice, open_serial
+from mpc.bench.devices.serial_protocol import State
 from mpc.cli import app
 from mpc.export.serial.check import examine
 from mpc.export.serial.safety import Safety

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mpc.bench.clock import SimulatedClock
-from mpc.bench.serial_protocol import (
+from mpc.bench.devices.serial_protocol import (
     ANSWERS,
     BATCH,
     CRC_BYTES,

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.units import BAR
 from mpc import Plant, RealPlant, TrackingMPC
-from mpc.bench import serial_protocol as protocol
+from mpc.bench.devices import serial_protocol as protocol
 from mpc.cli import app
 from mpc.export.serial.entry import export_board
 from mpc.export.serial.protocol import protocol_header

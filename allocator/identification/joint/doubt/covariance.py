@@ -45,7 +45,7 @@ _RANK = 1e-6  # of the effects of the unknowns on stiffness and forces
 
 
 class Choice(NamedTuple):
-    """A choice that could have been made otherwise, and what the fit would have been."""
+    """A choice could have been made otherwise; this is what the fit would have been."""
 
     name: str
     kind: str  # "dead band", "hysteresis" or "law"

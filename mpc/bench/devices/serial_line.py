@@ -1,4 +1,4 @@
-"""A board on a serial line is a device here, by the protocol of `mpc.bench.serial_protocol`; see docs/serial.md.
+"""A board on a serial line is a device here, by the protocol of `serial_protocol`; see docs/serial.md.
 
     with SerialDevice("/dev/ttyUSB0", baud=921600) as device:
         reading = device.read()
@@ -20,10 +20,10 @@ import numpy as np
 
 from allocator import checks
 from allocator.errors import InvalidInput
-from mpc.bench import serial_protocol as protocol
 from mpc.bench.clock import Clock, MonotonicClock
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
-from mpc.bench.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
+from mpc.bench.devices import serial_protocol as protocol
+from mpc.bench.devices.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
 from mpc.trials.reference import Reference
 
 BAUD = 115200

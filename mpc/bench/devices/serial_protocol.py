@@ -90,6 +90,7 @@ class Field(NamedTuple):
 TYPES: Mapping[str, str] = {"u8": "B", "i8": "b", "u16": "H", "u32": "I", "f32": "f"}  # what `struct` calls them
 
 _STATE = Field("state", "u8", "State")
+_VERSION = Field("version", "u8", "of the protocol")
 _MEASURED = (
     Field("t", "u32", "clock of the board, which begins anew after 2^32 [us]"),
     Field("theta", "f32", "joint angle, NaN if it is not measured [rad]"),
@@ -103,7 +104,7 @@ HEADER = (
     Field("sequence", "u16", "one more at every request; an answer repeats it"),
 )
 LAYOUTS: Mapping[Kind, tuple[Field, ...]] = {
-    Kind.HELLO: (Field("version", "u8", "of the protocol"),),
+    Kind.HELLO: (_VERSION,),
     Kind.READ: (),
     Kind.WRITE: (
         Field("P1", "f32", "command for the agonist, gauge [Pa]"),
@@ -112,7 +113,7 @@ LAYOUTS: Mapping[Kind, tuple[Field, ...]] = {
     Kind.VENT: (),
     Kind.FOLLOW: (Field("first", "u32", "number of the first of the samples that follow, `SAMPLE` each"),),
     Kind.INFO: (
-        Field("version", "u8", "of the protocol"),
+        _VERSION,
         Field("ahead", "u16", "samples of reference that the controller wants after the present one"),
         Field("room", "u16", "samples of reference that the board can hold; 0: it has no controller"),
         Field("dt", "u32", "sample time of the controller, or 0 [us]"),

@@ -29,7 +29,7 @@ class Dashboard:
 
     def __enter__(self) -> Self:
         """Start the process."""
-        command = [sys.executable, "-m", "mpc.bench.dashboard", *[_PLOT] * self._plot]
+        command = [sys.executable, "-m", "mpc.bench.display.dashboard", *[_PLOT] * self._plot]
         environment = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}  # a window is wanted
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True, env=environment)
         assert self._process.stdin is not None
@@ -81,7 +81,7 @@ def main(lines: Iterable[str] | None = None) -> None:
     """Show the states that come in, one a line."""
     states: Iterable[dict[str, Any]] = map(json.loads, sys.stdin if lines is None else lines)
     if _PLOT in sys.argv[1:]:
-        from mpc.bench.live_plot import plotted
+        from mpc.bench.display.live_plot import plotted
 
         states = plotted(states)
     if sys.stdout.isatty():

@@ -1,0 +1,3 @@
+"""The display shows a loop while it runs, from a process of its own."""
+
+__all__: list[str] = []
