@@ -13,7 +13,7 @@ from allocator.errors import AntagonistError
 
 
 class DeviceError(AntagonistError, OSError):
-    """A device did not do what it was asked for; the message names it and says why."""
+    """A device does not do what it was asked for; the message names it and says why."""
 
 
 class NoAnswer(DeviceError):

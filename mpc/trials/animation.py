@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
@@ -14,10 +15,15 @@ from mpc.trials.simulation import Run
 
 ENDINGS = (".gif", ".mp4")
 _PER_SECOND = 12  # frames
+_DPI = 72
+_COLOURS = 64  # of a GIF
 _BLUE, _ORANGE, _BLACK, _GREY = "#0072B2", "#D55E00", "#000000", "#8c8c8c"
 _APART = 0.16  # of the muscles from the middle, in rest lengths: arms are too short to be drawn to scale
 _THICK = 0.035  # half the width of a muscle at rest, in rest lengths
 _BULGE = 0.22  # of which it grows per contraction
+
+
+Picture = NDArray[np.uint8]  # (height, width, 3)
 
 
 class _Muscle(NamedTuple):
@@ -37,14 +43,28 @@ def save_animation(run: Run, path: str | Path, title: str = "", *, progress: Any
     path = Path(path)
     if path.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
         raise MissingBackend("writer of .mp4, ffmpeg,", "which is not installed", [".gif"])
-    writer_of = animation.FFMpegWriter if path.suffix == ".mp4" else animation.PillowWriter
     film = _Film(run, title)
     with replacing(path) as draft:
-        writer = writer_of(fps=_PER_SECOND)
-        with writer.saving(film.figure, str(draft), dpi=72):
+        if path.suffix != ".mp4":
+            _save_gif([film.picture(k) for k in progress(film.samples)], draft)
+            return
+        writer = animation.FFMpegWriter(fps=_PER_SECOND)
+        with writer.saving(film.figure, str(draft), dpi=_DPI):
             for k in progress(film.samples):
                 film.show(k)
                 writer.grab_frame()
+
+
+def _save_gif(pictures: list[Picture], path: Path) -> None:
+    """Write the pictures in colours that all of them share: a frame then holds no more than what has moved."""
+    from PIL import Image
+
+    some = np.concatenate(pictures[:: max(1, len(pictures) // 8)])
+    palette = Image.fromarray(some).quantize(_COLOURS, method=Image.Quantize.MAXCOVERAGE)  # white stays white
+    frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    frames[0].save(
+        path, format="GIF", save_all=True, append_images=frames[1:], duration=round(1000 / _PER_SECOND), loop=0
+    )
 
 
 class _Film:
@@ -54,6 +74,7 @@ class _Film:
         self.run = run
         self.samples = range(0, run.t.size, max(1, round(1 / (_PER_SECOND * run.dt))))
         self.figure = new_figure(8, 4.2)
+        self.figure.set_dpi(_DPI)
         self.figure.suptitle(title, fontsize="medium")
         left, right = self.figure.subfigures(1, 2, width_ratios=[1, 1.7])
         self._joint = left.subplots()
@@ -62,6 +83,12 @@ class _Film:
         self._draw_joint()
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # laid out once, not for every frame
+
+    def picture(self, k: int) -> Picture:
+        """Return the sample k as a picture."""
+        self.show(k)
+        self.figure.canvas.draw()
+        return np.asarray(self.figure.canvas.buffer_rgba())[..., :3].copy()
 
     def show(self, k: int) -> None:
         """Show the sample k."""

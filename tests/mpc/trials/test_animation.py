@@ -21,6 +21,8 @@ def test_a_gif_has_its_frames_and_they_move(run, tmp_path):
         first = film.convert("RGB").tobytes()
         film.seek(film.n_frames // 2)
         assert film.convert("RGB").tobytes() != first
+        size = (tmp_path / "run.gif").stat().st_size
+        assert size < 5_000 * film.n_frames, "a frame holds more than what has moved"
 
 
 def test_mp4_without_ffmpeg_says_so(run, tmp_path, monkeypatch):
