@@ -1,19 +1,20 @@
 """The benchmark of the exported C: it runs, and its report holds what was measured."""
 
 import csv
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from ..rigs.needs import needs
+
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine to compile the C with")
+@needs("gcc")
 def test_a_short_run_reports_c_faster_than_python_in_both_precisions(tmp_path):
     command = [sys.executable, "-m", "benchmarks.speed.exported", "--steps", "220", "--horizon", "5"]
     subprocess.run([*command, "--out", str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -1,9 +1,9 @@
 """Parts of the campaign of wrong readings, and the report on them."""
 
-import shutil
-
 import numpy as np
 import pytest
+
+from ..rigs.needs import needs
 
 pytestmark = pytest.mark.slow
 
@@ -23,7 +23,7 @@ def test_a_storm_of_wrong_readings_breaks_no_limit_and_passes(storm):
     assert sum(np.isfinite(recovery.seconds) for recovery in part.recoveries) >= len(part.recoveries) - 1
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+@needs("gcc")
 def test_in_the_same_storm_the_exported_c_says_what_python_says(storm):
     (answers,) = storm.compared(3000, 1, seed=7)
     assert (answers.samples, answers.differing) == (3000, 0)

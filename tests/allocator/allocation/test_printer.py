@@ -2,7 +2,6 @@
 
 import ctypes
 import math
-import shutil
 import subprocess
 from itertools import product
 
@@ -14,10 +13,11 @@ from allocator.allocation.kernels import source
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
 from allocator.allocation.kernels.printer import Outside, Source, Unprintable, array_form, array_functions, c_form
 
+from ...rigs.needs import needs
 from .constructs import BOTH_REFUSE, C_REFUSES, CONSTRUCTS
 from .test_kernels import JOINTS, coefficients, mixed_targets
 
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+needs_gcc = needs("gcc")
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion", "-ffp-contract=off")
 PREAMBLE = """#include <math.h>
 #ifdef SINGLE

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -9,8 +10,6 @@ from allocator import InvalidFile
 from allocator.mechanism import Link, Mechanism, Sites
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
-
-mujoco = pytest.importorskip("mujoco", reason="comes with the extra `test`")
 
 SWING = '<joint name="swing" axis="0 0.1 1" range="-1 1" limited="true"/>'
 TWIST = '<joint name="twist" axis="1 0 0" pos="0.02 0.01 0" ref="0.1" range="-1 1" limited="true"/>'

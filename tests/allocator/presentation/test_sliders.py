@@ -2,8 +2,6 @@
 
 import sys
 
-import pytest
-
 from allocator.presentation.sliders import Range, explore
 
 RANGES = {"T": Range("torque", 0.0, 9.0, 3.0), "F": Range("force", 0.0, 50.0, 0.0)}
@@ -29,7 +27,6 @@ def draw(T, F):
 
 
 def test_moving_a_slider_draws_the_picture_again(monkeypatch):
-    pytest.importorskip("ipywidgets")  # CI installs it: a skip there is a failure
     shown = Shown(monkeypatch)
     sliders = explore(draw, **RANGES)
     sliders["T"].value = 6.0

@@ -1,7 +1,5 @@
 """An afternoon without hardware: sweep, fit, track, on a joint whose parameters only the device knows."""
 
-import shutil
-import sys
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -37,13 +35,16 @@ from mpc.trials.recordings import load_recording
 from mpc.trials.trajectories import point_to_point, shrunk, usual_stiffness
 from tests.mpc.bench.valve_terminal import HOST, ValveTerminal
 
+from ...rigs.needs import needs, posix
+
 ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # what a data sheet tells
 WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SAROSI_DMSP_20_400N, 0.82)}
 HIDDEN = Plant(replace(ROUGH.joint, **WEAKER), inertia=0.04, damping=0.15, lag=(0.09, 0.11))
 DT = 0.01
 SERIAL = [
     pytest.mark.tools,
-    pytest.mark.skipif(shutil.which("gcc") is None or sys.platform == "win32", reason="no gcc, or no pseudo-terminals"),
+    needs("gcc"),
+    posix,
 ]
 GEOMETRY = "--pulley", "0.02,0.1375", "--rest-length", "400"
 

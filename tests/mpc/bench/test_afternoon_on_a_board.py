@@ -1,8 +1,5 @@
 """Sweep, fit and track over a serial line; `python -m benchmarks.board_afternoon` does it in real time."""
 
-import shutil
-import sys
-
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -15,11 +12,13 @@ from mpc.trials.metrics import metrics
 from mpc.trials.recordings import load_recording
 
 from ...rigs.afternoon import GEOMETRY, HIDDEN, Afternoon
+from ...rigs.needs import needs, posix
 
 pytestmark = [
     pytest.mark.tools,
     pytest.mark.slow,
-    pytest.mark.skipif(shutil.which("gcc") is None or sys.platform == "win32", reason="no gcc, or no pseudo-terminals"),
+    needs("gcc"),
+    posix,
 ]
 AFTERNOON = Afternoon(real_time=False)
 

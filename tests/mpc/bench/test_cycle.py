@@ -338,7 +338,7 @@ def test_a_disk_that_fills_up_ends_the_loop_and_leaves_whole_lines(bench, tmp_pa
     assert (tmp_path / "log.csv").read_text().endswith("\n")
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="Linux has it")
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="only Linux has /dev/full, a disk that is always full")
 def test_a_full_disk_ends_it_before_anything_moves(bench):
     with pytest.raises(CannotWrite, match="No space left"):
         bench.loop(log="/dev/full").run()

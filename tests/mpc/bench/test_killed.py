@@ -1,6 +1,5 @@
 """Whatever ends the process, the last command is the safe one and the log is whole."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -13,9 +12,11 @@ import pytest
 from mpc.bench.cycle import Phase
 from mpc.bench.logs import read_log
 
+from ...rigs.needs import posix
+
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(os.name == "nt", reason="signals of POSIX"),
+    posix,
 ]
 LONG = 120  # [s], on a busy machine
 

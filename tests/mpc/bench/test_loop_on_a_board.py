@@ -1,9 +1,7 @@
 """A loop over a serial line ends safely, whatever happens to the line."""
 
 import os
-import shutil
 import signal
-import sys
 
 import numpy as np
 import pytest
@@ -20,10 +18,12 @@ from mpc.observer.kalman import Differentiator
 from mpc.yardsticks.baselines import PIDControl
 
 from ...rigs.fuzz import noise
+from ...rigs.needs import needs, posix
 
 pytestmark = [
     pytest.mark.tools,
-    pytest.mark.skipif(shutil.which("gcc") is None or sys.platform == "win32", reason="no gcc, or no pseudo-terminals"),
+    needs("gcc"),
+    posix,
 ]
 DT = 0.01
 

@@ -1,7 +1,6 @@
 """A serial device against the exported firmware, compiled for this machine, behind a pseudo-terminal."""
 
 import os
-import shutil
 import signal
 import sys
 import time
@@ -23,10 +22,12 @@ from mpc.export.serial.safety import Safety
 from mpc.export.serial.simulated import SimulatedBoard
 
 from ...rigs.fuzz import noise
+from ...rigs.needs import needs, posix
 
 pytestmark = [
     pytest.mark.tools,
-    pytest.mark.skipif(shutil.which("gcc") is None or sys.platform == "win32", reason="no gcc, or no pseudo-terminals"),
+    needs("gcc"),
+    posix,
 ]
 PATIENT = 1.0  # [s]: a machine busy with other tests may stop a process for a while
 

@@ -2,7 +2,6 @@
 
 import ctypes
 import math
-import shutil
 import subprocess
 from dataclasses import replace
 from itertools import product
@@ -25,6 +24,7 @@ from mpc.export import entry, export
 from mpc.tracking.compiled.jit import merged
 
 from ...rigs import toolchain as tools
+from ...rigs.needs import needs
 
 RNG = np.random.default_rng(8)
 ODD = (-math.inf, -710.5, -2.5, -1.0, -0.3, -0.0, 0.0, 1e-300, 0.3, 0.5, 1.0, 2.5, 710.5, math.inf, math.nan)
@@ -99,7 +99,7 @@ def rounded(x, dtype):
 EXACT = {np.float64: (1e-14, 0.0), np.float32: (2e-6, 1.2e-38)}  # relative, and the least normal number
 
 
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+needs_gcc = needs("gcc")
 COMPILERS = [
     pytest.param((np.float64, by_numba), id="numba"),
     pytest.param((np.float64, lambda *a: by_gcc(*a, single=False)), id="gcc, double", marks=needs_gcc),

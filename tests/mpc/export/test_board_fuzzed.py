@@ -1,7 +1,5 @@
 """Whatever comes over the line: neither end crashes, and nothing is obeyed or believed that nobody said."""
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -10,9 +8,10 @@ from mpc.bench.device import NoAnswer
 from mpc.export.serial.entry import export_board
 
 from ...rigs import fuzz
+from ...rigs.needs import needs
 
 BYTES = 40_000  # `python -m benchmarks.serial_fuzz` takes a million
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+needs_gcc = needs("gcc")
 
 
 @pytest.fixture(scope="module")

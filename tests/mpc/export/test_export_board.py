@@ -1,6 +1,5 @@
 """The firmware of a board as a person meets it: what is made, for whom it compiles, and what is refused."""
 
-import shutil
 import subprocess
 from dataclasses import replace
 
@@ -19,6 +18,7 @@ from mpc.export.serial.safety import Safety
 from mpc.model.faults import StuckValve
 
 from ...rigs import toolchain as tools
+from ...rigs.needs import needs
 
 pytestmark = pytest.mark.tools
 
@@ -41,13 +41,11 @@ def objects(directory, sources, compiler, *flags):
     return made
 
 
-@pytest.mark.parametrize("compiler", COMPILERS.values(), ids=COMPILERS)
+@pytest.mark.parametrize("compiler", [pytest.param(c, id=name, marks=needs(c[0])) for name, c in COMPILERS.items()])
 @pytest.mark.parametrize(
     ("variant", "precision"), [("terminal", "double"), ("controller", "double"), ("controller", "single")]
 )
 def test_the_firmware_compiles_without_a_warning_and_without_a_heap(compiler, variant, precision, controller, tmp_path):
-    if shutil.which(compiler[0]) is None:
-        pytest.skip(f"no {compiler[0]} on this machine")
     given = controller if variant == "controller" else None
     made = export_board(tmp_path / "c", controller=given, precision=precision)
     sources = sorted((made / "serial").glob("*.c"))

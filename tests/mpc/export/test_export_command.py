@@ -1,6 +1,5 @@
 """`antagonist export` and `mpc.export.export` as a person meets them: what is made, and what is refused."""
 
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -18,13 +17,12 @@ from mpc.cli import app
 from mpc.export import export
 
 from ...rigs import toolchain as tools
+from ...rigs.needs import needs
 
 pytestmark = pytest.mark.tools
 
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
-needs_cmake = pytest.mark.skipif(
-    shutil.which("gcc") is None or shutil.which("cmake") is None, reason="no gcc and cmake on this machine"
-)
+needs_gcc = needs("gcc")
+needs_cmake = needs("gcc", "cmake")
 
 
 def invoke(*arguments):

@@ -1,6 +1,5 @@
 """The exported allocator says what Python's says, on a PC, under sanitizers and on a Cortex-M4F."""
 
-import shutil
 import subprocess
 
 import numpy as np
@@ -15,6 +14,7 @@ from allocator.units import BAR, DEG
 from mpc.export.entry import export
 
 from ...rigs import toolchain as tools
+from ...rigs.needs import needs
 from ...rigs.replay import ALLOCATE, ALLOCATION_COLUMNS, replayed
 
 pytestmark = pytest.mark.tools
@@ -35,11 +35,6 @@ CASES = [
     for greatest in (None, 400.0)
     for slew in (False, True)
 ]
-
-
-def needs(*programs):
-    missing = [program for program in programs if shutil.which(program) is None]
-    return pytest.mark.skipif(bool(missing), reason=f"no {' and no '.join(missing)} on this machine")
 
 
 needs_gcc = needs("gcc")

@@ -1,6 +1,5 @@
 """The exported controller does what Python's does: the same statuses and rungs, the same commands."""
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,6 +21,7 @@ from mpc.tracking.qp.solvers import solver
 from mpc.trials.trajectories import point_to_point
 
 from ...rigs import toolchain as tools
+from ...rigs.needs import needs
 from ...rigs.replay import CONTROL, record, replayed
 
 pytestmark = pytest.mark.tools
@@ -41,11 +41,6 @@ FAULTS = (
     FrozenSensors(15.0, 15.6, (0,)),
     SilentSensors(17.0, 18.2, (0, 2, 3)),
 )
-
-
-def needs(*programs):
-    missing = [program for program in programs if shutil.which(program) is None]
-    return pytest.mark.skipif(bool(missing), reason=f"no {' and no '.join(missing)} on this machine")
 
 
 needs_gcc = needs("gcc")

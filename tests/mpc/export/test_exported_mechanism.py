@@ -1,6 +1,5 @@
 """The exported allocation of mechanisms says what Python's says, in both precisions and under sanitizers."""
 
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -14,9 +13,10 @@ from allocator.units import BAR
 from mpc.export.mechanism.entry import export_mechanism
 
 from ...rigs import toolchain as tools
+from ...rigs.needs import needs
 
 MAIN = Path(tools.__file__).parent / "c" / "replay" / "mechanism.c"
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+needs_gcc = needs("gcc")
 ARM = machines.arm26()
 TABLE = Tables(0.4, [np.linspace(-1, 1, 9)], 0.345 + 0.02 * np.linspace(-1, 1, 9)[:, None] * [-1, 1])
 

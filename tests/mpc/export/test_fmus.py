@@ -24,11 +24,12 @@ from mpc.model.friction import Friction
 
 from ...rigs import toolchain as tools
 from ...rigs.fmus import Stepped
+from ...rigs.needs import needs
 from ...rigs.replay import record
 
 pytestmark = [
     pytest.mark.tools,
-    pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine"),
+    needs("gcc"),
 ]
 
 SPAN = 5 * BAR

@@ -1,6 +1,5 @@
 """The cost is stated once: a line more in its table is charged alike wherever the cost is computed."""
 
-import shutil
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import solver
 
 from ...rigs import toolchain as tools
+from ...rigs.needs import needs
 from ...rigs.replay import CONTROL, record, replayed
 
 PLANT, N = Plant(), 10
@@ -75,7 +75,7 @@ def test_the_nonlinear_programme_charges_for_it_as_the_qps_do(more):
     np.testing.assert_allclose(ours.u, best.u, atol=1e-3 * BAR)
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+@needs("gcc")
 def test_the_exported_c_charges_for_it_too(more, tmp_path):
     daqp = solver("daqp")
     controller = TrackingMPC(PLANT, N=N, weights=WEIGHTS, solver=lambda qp, limit=np.inf: daqp(qp, limit))

@@ -1,13 +1,12 @@
 """Position, Jacobian and stiffness of an endpoint, against CasADi, MuJoCo and a hand on a spring."""
 
 import casadi
+import mujoco
 import numpy as np
 import pytest
 
 from allocator import InvalidFile, InvalidInput
 from allocator.mechanism import Endpoint, Link
-
-mujoco = pytest.importorskip("mujoco", reason="comes with the extra `test`")
 
 LENGTHS = [0.3, 0.25, 0.1]
 PLANAR = Endpoint.planar(LENGTHS)
