@@ -108,7 +108,7 @@ def hunted(number: int, N: int, seed: int = 0) -> Iterator[Hunt]:
         if rng.random() < 0.5:
             structured.reset()
         structured.take(*given)
-        mpc._qp_step._step.linearise(*mpc._qp_step._all)
+        mpc._qp_step.linearise()
         began = thread_time()
         proved = structured.solved()
         found.seconds.append(thread_time() - began)

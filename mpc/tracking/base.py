@@ -85,7 +85,6 @@ class BaseController(ABC):
         """The samples of preview that `step` takes after the present one."""
         return self._preview.ahead
 
-    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # the ladder finds what is not finite
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
         """Return the plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad].
 
@@ -95,6 +94,11 @@ class BaseController(ABC):
         `InvalidInput` for shapes and kinds that are wrong.
         """
         began = perf_counter()
+        return self._whole_step(x, theta_ref, K_ref, d, began) or self._staged(x, theta_ref, K_ref, d, began)
+
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # the ladder finds what is not finite
+    def _staged(self, x: Any, theta_ref: Any, K_ref: Any, d: float, began: float) -> Plan:
+        """Return the plan, stage by stage."""
         task = self._preview.task(x, theta_ref, K_ref, d, self.rest_mode.ringing)
         held = self.rest_mode.pressures(task) if self.rest and self.rest_mode.worthwhile else None
         halted = task.halted(self.patience)
@@ -121,6 +125,10 @@ class BaseController(ABC):
     def _optimise(self, situation: Situation) -> Optimised:
         """Return the commands that are best by the member's lights."""
 
+    def _whole_step(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float) -> Plan | None:
+        """Return the same plan in a quicker way, None where there is none and all is as it was."""
+        return None
+
     def _forget(self) -> None:
         """Forget what the member remembers beyond the skeleton."""
         return None
@@ -134,8 +142,11 @@ class BaseController(ABC):
     def _situation(self, task: Task, halts: bool, began: float) -> Situation:
         """Return the situation of `task`, with its feed-forward."""
         feed = self._feed_forward(task.theta, task.K, task.d if halts else self._torques(task))
-        deadline = inf if self.budget is None else began + _SHARE * self.budget
-        return Situation(task, feed, self.ladder.previous(task.x, feed.u[0]), deadline)
+        return Situation(task, feed, self.ladder.previous(task.x, feed.u[0]), self._deadline(began))
+
+    def _deadline(self, began: float) -> float:
+        """Return by when the optimisation has to end [s]."""
+        return inf if self.budget is None else began + _SHARE * self.budget
 
     def _approach(self, P: Array, situation: Situation) -> Optimised:
         """Return the approach to the pressures `P` (2,) of a rest."""

@@ -30,7 +30,7 @@ is sent keeps the hard limits exactly.
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -39,16 +39,21 @@ from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
 from mpc.tracking.compiled.factory import factory
+from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.optimising import OptimisingController
 from mpc.tracking.pace import check_pace
+from mpc.tracking.plan import Plan
 from mpc.tracking.qp.condense import TrackingProblem, condense
 from mpc.tracking.qp.named import NamedQP, named
-from mpc.tracking.qp.solvers import Solver
+from mpc.tracking.qp.solvers import Riccati, Solver
 from mpc.tracking.qp.solvers import solver as solver_of
 from mpc.tracking.terminal import terminal_factor
 from mpc.tracking.weights import Weights
+
+if TYPE_CHECKING:
+    from mpc.tracking.compiled.sample.whole import WholeStep  # which imports numba
 
 
 @dataclass
@@ -94,6 +99,20 @@ class TrackingMPC(OptimisingController):
 
     def _forget(self) -> None:
         self._qp_step.reset()
+        if self._whole is not None:
+            self._whole.behind = True
+
+    def _whole_step(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float) -> Plan | None:
+        whole = self._whole
+        if whole is None:
+            return None
+        one_qp = self.iterations == 1 and isinstance(self._solve, Riccati)
+        if one_qp and whole.qp_step is self._qp_step and whole.feed_forward is self._feed_forward:
+            plan = whole.plan(x, theta_ref, K_ref, d, began, self._deadline(began))
+            if plan is not None:
+                return plan
+        whole.behind = True
+        return None
 
     @property
     def implementation(self) -> str:
@@ -132,6 +151,17 @@ class TrackingMPC(OptimisingController):
         self._solve = solver_of(self.solver)
         feed_forward = InverseDynamics(self.plant, self.dt, self.N, self.limits.min_force)
         self._qp_step, self._feed_forward = factory(self.plant, self.dt, self.problem, self._predictor, feed_forward)
+        self._join()
+
+    def _join(self) -> None:
+        """Join the compiled parts, where all of an ordinary step is compiled."""
+        self._whole: WholeStep | None = None
+        if self.compensation != Compensation():
+            return
+        if isinstance(self._qp_step, CompiledQPStep) and isinstance(self._feed_forward, CompiledFeedForward):
+            from mpc.tracking.compiled.sample import whole
+
+            self._whole = whole.WholeStep(self._qp_step, self._feed_forward, self._preview, self.ladder)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what does the work, which each process makes for itself."""
@@ -149,7 +179,9 @@ class TrackingMPC(OptimisingController):
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         """Copy all but what does the work, which both use in the same process."""
         other = object.__new__(type(self))
-        other.__dict__.update({name: deepcopy(value, memo) for name, value in self.__dict__.items()})
+        kept = {name: value for name, value in self.__dict__.items() if name != "_whole"}
+        other.__dict__.update({name: deepcopy(value, memo) for name, value in kept.items()})
+        other._join()
         return other
 
     # --- the pieces of a step ---------------------------------------------------------------------------------------
@@ -164,7 +196,7 @@ class TrackingMPC(OptimisingController):
         self.budget = budget
 
 
-_WORKERS = ("_solve", "_qp_step", "_feed_forward")
+_WORKERS = ("_solve", "_qp_step", "_feed_forward", "_whole")
 
 
 def _blocks(blocks: Sequence[int] | None, N: int) -> tuple[int, ...]:

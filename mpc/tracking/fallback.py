@@ -12,7 +12,7 @@ everything stays as it was last known. Letting out keeps the ratio of the two pr
 The next good sample leads back to the first rung.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import isfinite
 
@@ -41,21 +41,28 @@ class Ladder:
 
     def reset(self) -> None:
         """Forget the past."""
-        self._motion: Motion | None = None  # of the last plan
+        self._kept: Motion | Callable[[], Motion] | None = None  # of the last plan, or what makes it
         self._left = 0  # samples to the end of the last plan that was optimised
         self._held = 0  # samples spent on the last rung
-        self._u_star: Array | None = None  # the feed-forward of the previous sample (2,)
+        self.u_star: Array | None = None  # the feed-forward of the previous sample (2,)
+
+    @property
+    def motion(self) -> Motion | None:
+        """The motion is that of the last plan, under the commands as they should act."""
+        if callable(self._kept):
+            self._kept = self._kept()
+        return self._kept
 
     def previous(self, x: Array, u_star: Array) -> PreviousSample:
         """Return the previous sample; if there was none, the pressures in `x` (4,) and feed-forward `u_star` (2,)."""
-        u_last = x[-u_star.size :] if self._motion is None else self._motion.u[0]
-        return PreviousSample(u_last, u_star if self._u_star is None else self._u_star)
+        u_last = x[-u_star.size :] if self.motion is None else self.motion.u[0]
+        return PreviousSample(u_last, u_star if self.u_star is None else self.u_star)
 
     def shift(self, u_star: Array) -> Array:
         """Return the last plan shifted by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
-        if self._motion is None:
+        if self.motion is None:
             return u_star
-        u = self._motion.u
+        u = self.motion.u
         shifted = np.empty_like(u)
         shifted[:-1], shifted[-1] = u[1:], u[-1]
         turn = u_star[-1] - u_star[-2]
@@ -78,7 +85,7 @@ class Ladder:
         u = self.hold(u_last)
         motion = self.predictor.motion(x, u, d)
         if not motion.finite:
-            motion = self.predictor.stationary(x, u) if self._motion is None else self._motion.stationary(u)
+            motion = self.predictor.stationary(x, u) if self.motion is None else self.motion.stationary(u)
         return Rung.HOLD, motion
 
     def rungs(self, best: tuple[Rung, Array] | None, u_star: Array, u_last: Array) -> Iterator[tuple[Rung, Array]]:
@@ -103,14 +110,18 @@ class Ladder:
 
     def remember(self, rung: Rung, motion: Motion, u_star: Array | None = None) -> None:
         """Remember that commands of `motion`, of `rung`, are given, and their feed-forward `u_star` (2,), if finite."""
-        self._motion = motion
+        self._kept = motion
         if rung in (Rung.QP, Rung.SOFTENED):
             self._left = len(motion.u)
         else:
             self._left = self._left - 1 if rung is Rung.PREVIOUS else 0
         self._held = self._held + 1 if rung is Rung.HOLD else 0
         if u_star is not None and isfinite(u_star[0]) and isfinite(u_star[1]):
-            self._u_star = u_star
+            self.u_star = u_star
+
+    def remember_later(self, motion: Callable[[], Motion], u_star: Array) -> None:
+        """Remember a plan of the first rung, whose `motion` is asked for when it is wanted."""
+        self._kept, self._left, self._held, self.u_star = motion, self.predictor.N, 0, u_star
 
 
 __all__ = ["Ladder"]

@@ -5,9 +5,10 @@ Its status comes from whoever knows: `BAD_INPUT` and `BLIND` from the inputs (`m
 (`mpc.tracking.qp.certified`), `LATE` from the clock; `status_of` has the last word.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 from allocator.calculus import Array
 
@@ -101,13 +102,33 @@ class Plan:
     rung: Rung
     slack: float  # s: how far x leaves the joint range at worst [rad]
     times: Times
-    slack_force: float = 0.0  # s_F: how far a muscle force falls below the least one along x at worst [N]
-    moved: Moved | None = None  # None from a controller that does not say
+    # defaults by factories leave nothing in the class that would be found before `__getattr__` is asked
+    slack_force: float = field(default_factory=float)  # s_F: how far a force falls below the least one along x [N]
+    moved: Moved | None = field(default_factory=lambda: None)  # None from a controller that does not say
 
     def __post_init__(self) -> None:
         """Let nobody write into the arrays: the controller goes on from them."""
         for array in (self.u, self.x, self.K):
             array.setflags(write=False)
+
+    @classmethod
+    def later(cls, fields: Callable[[], dict[str, Any]]) -> Self:
+        """Return a plan of these `fields`, which are asked for when somebody looks at one of them."""
+        plan = object.__new__(cls)
+        plan.__dict__["_fields"] = fields
+        return plan
+
+    def __getattr__(self, name: str) -> Any:
+        """Fill in the fields of a plan that was made `later`."""
+        if (fields := self.__dict__.pop("_fields", None)) is None:
+            raise AttributeError(f"a plan has no {name!r}", name=name, obj=self)
+        self.__dict__.update(fields())
+        self.__post_init__()
+        return getattr(self, name)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
 def status_of(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:

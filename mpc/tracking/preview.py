@@ -72,15 +72,15 @@ class Preview:
         self._under_way = Predictor(plant, dt, self.delay)
         gate = Gate.of(plant, dt)
         self.strict = False  # raises `InvalidInput` for references that cannot be meant, instead of warning
-        self._lower = np.array([gate.lower[0], -gate.max_speed, *gate.lower[1:]])
-        self._upper = np.array([gate.upper[0], gate.max_speed, *gate.upper[1:]])
+        self.lower = np.array([gate.lower[0], -gate.max_speed, *gate.lower[1:]])
+        self.upper = np.array([gate.upper[0], gate.max_speed, *gate.upper[1:]])
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
         self._waiting: list[Array] = []  # commands as they will act, oldest first
-        self._sent: Array | None = None  # (2,)
-        self._expected: Array | None = None  # the state that was predicted for the next sample (4,)
+        self.last_sent: Array | None = None  # (2,)
+        self.expected: Array | None = None  # the state that was predicted for the next sample (4,)
         self._blind = inf  # samples since the angle was measured
         self._warned = False
         self._friction = FrictionState(self.compensation.friction)
@@ -90,7 +90,7 @@ class Preview:
 
         Of a joint that is `ringing` no correction of the angle is expected to meet friction.
         """
-        expected = np.nan if self._expected is None else float(self._expected[0])
+        expected = np.nan if self.expected is None else float(self.expected[0])
         x, seen = self._state(x)
         measured = bool(np.isfinite(seen).all())
         try:
@@ -104,8 +104,8 @@ class Preview:
         if self._blind == inf and not refused:
             x[0] = min(max(theta[0], self.limits.theta[0]), self.limits.theta[1])
         torques = torque - self._friction_ahead(x, theta, 0.0 if ringing else CORRECTED)
-        if self._sent is None:
-            self._sent = x[2:]
+        if self.last_sent is None:
+            self.last_sent = x[2:]
         m, then = self.delay, x
         if m:
             self._waiting = self._waiting or [x[2:]] * m
@@ -124,11 +124,17 @@ class Preview:
         if not self.delay:
             self._expect(x[1])
         if self.compensation.dead_band:
-            assert self._sent is not None  # `task` comes first
+            assert self.last_sent is not None  # `task` comes first
             edge = u + side * self.compensation.dead_band / 2
-            u = self.limits.limited(self._sent, edge if side else self.compensation.inverse_dead_band(u, x[:-1, 2:]))
-        self._sent = u[0]
+            u = self.limits.limited(
+                self.last_sent, edge if side else self.compensation.inverse_dead_band(u, x[:-1, 2:])
+            )
+        self.last_sent = u[0]
         return u
+
+    def go_on(self, sent: Array, expected: Array) -> None:
+        """Take note of an ordinary sample: what was `sent` (2,), and the state `expected` (4,) at the next one."""
+        self.last_sent, self.expected, self._blind = sent, expected, 0
 
     # --- the pieces -------------------------------------------------------------------------------------------------
 
@@ -137,14 +143,14 @@ class Preview:
         array = np.array(x, float)
         if array.shape != (NX,):
             raise InvalidInput(f"x has the shape {array.shape}, not ({NX},): (theta [rad], omega [rad/s], P1, P2 [Pa])")
-        known = (self._lower <= array) & (array <= self._upper)  # NaN is not
+        known = (self.lower <= array) & (array <= self.upper)  # NaN is not
         if known[0]:
             self._blind = 0
         else:
             self._blind += 1
         if known.all():
             return array, array
-        otherwise = self._unmeasured if self._expected is None else self._expected
+        otherwise = self._unmeasured if self.expected is None else self.expected
         return np.where(known, array, otherwise), np.where(known, array, np.nan)
 
     @property
@@ -169,13 +175,13 @@ class Preview:
             raise InvalidInput(str(reason))
         if not self._warned:
             warnings.warn(
-                f"{reason}; the pressures are held", BadNumbers, stacklevel=5
+                f"{reason}; the pressures are held", BadNumbers, stacklevel=6
             )  # which is who calls `step`, beyond np.errstate
             self._warned = True
 
     def _expect(self, x: Array) -> None:
         if all(map(isfinite, x.tolist())):
-            self._expected = x
+            self.expected = x
 
     def _reference(
         self, name: str, given: object, check: Callable[[str, Any], Array], usual: tuple[float, float]

@@ -84,7 +84,13 @@ def allocated(theta, K, T, p, left, right, min_force, c):
 
 
 """,
-    "": "\n\n",
+    "": """
+@inlined
+def allocated(theta, K, T, p, left, right, min_force, c):
+    return 0.0, 0.0, T, K, 0, 0, False
+
+
+""",
 }
 
 
@@ -164,7 +170,7 @@ def _holds(file: Path, text: str) -> bool:
 def _surroundings() -> str:
     """Return all the project's code that may be compiled into a module."""
     files = [
-        *sorted(Path(__file__).parent.glob("*.py")),
+        *sorted(Path(__file__).parent.rglob("*.py")),
         *(Path(str(m.__file__)) for m in (kernels, compiled, jit, units)),
     ]
     return "".join(file.read_text(encoding="utf-8") for file in files)

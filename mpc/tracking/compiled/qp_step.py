@@ -30,15 +30,16 @@ class CompiledQPStep:
     implementation = "compiled"
 
     def __init__(self, plant: "CompiledPlant", problem: TrackingProblem) -> None:
-        self._plant, self._problem, self._step = plant, problem, plant.step
+        from mpc.tracking.compiled.sample.arrays import StepArrays
+
+        self.plant, self._problem = plant, problem
         self.structured = StructuredQP(problem)
-        self._all = plant.c, plant.h, plant.substeps, *self.structured.arrays
-        self._step.linearise(*self._all)  # compiles now, and not when the joint is waiting for its first command
-        self._step.rollout(*self._all, self.structured.z)
+        self._arrays = StepArrays(plant, sum(problem.blocks), self.structured)
+        self.linearise()  # compiles now, and not when the joint is waiting for its first command
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "CompiledQPStep":
         """Return one with buffers of its own."""
-        other = CompiledQPStep(self._plant, self._problem)
+        other = CompiledQPStep(self.plant, self._problem)
         other.active_set = self.active_set
         return other
 
@@ -62,7 +63,7 @@ class CompiledQPStep:
         """Answer as `mpc.tracking.qp.step.QPStep` says."""
         began = perf_counter()
         self.structured.take(x, u, d, feed, previous)
-        self._step.linearise(*self._all)
+        self.linearise()
         linearised = perf_counter()
         motion = self._rolled_out() if isinstance(solve, Riccati) and self.structured.solved() else None
         if motion is None:
@@ -72,32 +73,40 @@ class CompiledQPStep:
             return QPAnswer(PlanStatus.LATE, motion.u, None, None, (linearised - began, 0.0, now - linearised))
         return QPAnswer(PlanStatus.OPTIMAL, motion.u, motion, None, (linearised - began, 0.0, now - linearised))
 
+    def linearise(self) -> None:
+        """Linearise about what the structured QP was given."""
+        self._arrays.linearise()
+
     def _rolled_out(self) -> Motion | None:
         """Return what the solution leads to, if that is finite."""
-        finite, *found = self._step.rollout(*self._all, self.structured.z)
-        return Motion(*found) if finite else None
+        finite, made = self._arrays.rollout()
+        return Motion(made.u, made.x, made.K, made.F) if finite else None
 
 
 class CompiledFeedForward:
     """It is `mpc.tracking.feedforward.InverseDynamics`, which answers itself where the joint's kernel is not sure."""
 
     def __init__(self, plant: "CompiledPlant", readable: InverseDynamics) -> None:
-        known = readable.plant
-        self._readable, self._feed_forward = readable, plant.step.feed_forward
-        physics = known.inertia, known.damping, known.gravity_torque, *readable.alpha, *known.joint.angle_range
-        numbers = np.array([*physics, readable.min_force, *known.lags])
-        self._fixed = plant.c, plant.p, numbers, *(D.T.copy() for D in readable.slopes)
+        from mpc.tracking.compiled.sample.arrays import StepArrays
+
+        self._plant, self.readable = plant, readable
+        self._arrays = StepArrays(plant, len(readable.slopes[0]) - 1, inverse=readable)
         rest = np.zeros(len(readable.slopes[0]))
         self(rest, rest + 1.0, rest)  # compiles it
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "CompiledFeedForward":
-        """Return itself: nothing in it changes."""
-        return self
+        """Return one with buffers of its own."""
+        return CompiledFeedForward(self._plant, self.readable)
 
     def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:
-        """Return the feed-forward for `theta` [rad] and `K` [N·m/rad] under torques `d` [N·m], writable (N+1,)."""
-        sure, x, y, u, moved = self._feed_forward(*self._fixed, theta, K, d)
-        return FeedForward(x, y, u, Moved(*moved.tolist())) if sure else self._readable(theta, K, d)
+        """Return the feed-forward for `theta` [rad] and `K` [N·m/rad] under torques `d` [N·m], (N+1,)."""
+        ask = self._arrays.ask
+        ask.theta[:], ask.K[:], ask.torques[:] = theta, K, d
+        sure, moved = self._arrays.feed_forward()
+        if not sure:
+            return self.readable(theta, K, d)
+        found = self._arrays.given.reference
+        return FeedForward(found.x.copy(), found.y.copy(), found.u.copy(), Moved(*moved.tolist()))
 
 
 __all__ = ["CompiledFeedForward", "CompiledQPStep"]

@@ -21,7 +21,20 @@ from mpc.tracking.compiled.certificate import finite
 from mpc.tracking.compiled.commands import cumulative, limit
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
 from mpc.tracking.compiled.jit import compiled, inlined, merged
-from mpc.tracking.compiled.records import Path
+from mpc.tracking.compiled.records import Path, Reference
+from mpc.tracking.compiled.sample.calls import seconds_at, settle_at
+from mpc.tracking.compiled.sample.layout import Known, Made, asked_in, known_in, made_in, state_in
+from mpc.tracking.compiled.sample.stages import (
+    FEED,
+    LINEARISE,
+    ROLLOUT,
+    WHOLE,
+    copy_set,
+    plausible,
+    remember,
+    shift_set,
+    take,
+)  # fmt: skip
 
 FORMULAS: Any = None
 rate = rate_slopes = outputs = output_slopes = expansion = allocated = FORMULAS
@@ -30,42 +43,82 @@ NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the
 
 
 @compiled
-def feed_forward(
-    c: Array, p: Any, physics: Array, slopes1: Array, slopes2: Array, asked: Array, K: Array, d: Array
-) -> tuple[bool, Array, Array, Array, Array]:
-    """Return what `mpc.tracking.feedforward.InverseDynamics` does: whether the kernel is sure, x*, y*, u* and how far
-    all was moved (3,).
+def step(
+    what: int, settle: int, clock: int, name: int, c: Array, p: Any, known: Array, slopes: Array, numbers: Array,
+    starts: Any, asked: Array, state: Array, given: Array, buffer: Array, guess: Any, z: Array, out: Array,
+) -> bool:  # fmt: skip
+    """Make the whole step or one part of it, and return whether that could be done; if not, `state` and `guess` stay.
 
-    `slopes1`, `slopes2` (N+1, N+1): derivatives of a preview, transposed; `physics`: see
-    `mpc.tracking.compiled.qp_step`.
+    The arrays are those of `mpc.tracking.compiled.sample.arrays`; `settle` and `clock` are addresses
+    (`mpc.tracking.compiled.sample.calls`). The parts are the feed-forward for previews and `torques` of `asked`, the
+    linear model for what is `given`, and the rollout of `z`.
     """
-    inertia, damping, gravity, alpha1, alpha2 = physics[0], physics[1], physics[2], physics[3], physics[4]
-    left, right, min_force, half_lag1, half_lag2 = physics[5], physics[6], physics[7], physics[8] / 2, physics[9] / 2
-    M, q1, q2 = asked.size, 0.0, 0.0
-    theta, omega, speeding = np.empty(M), np.zeros(M), np.zeros(M)
-    x, y, u, moved, sure = np.empty((M, 4)), np.zeros((M, 3)), np.empty((M - 1, 2)), np.zeros(3), True
+    k, want, made, now = known_in(known), asked_in(asked), made_in(out), given_in(given)
+    memory, before, whole, done = state_in(state), np.empty(guess.size, np.int8), what == WHOLE, True
+    began = seconds_at(clock, name)
+    copy_set(guess, before)
+    if whole:
+        done = plausible(k, want)
+    if done and (whole or what == FEED):
+        done = feed_forward(c, p, k, slopes, want.theta, want.K, want.torques, now.reference, made.tail[2:5])
+    fed = seconds_at(clock, name)
+    if whole and done:
+        take(want, memory, now)
+        shift_set(starts, before, guess)
+    if done and (whole or what == LINEARISE):
+        linearise(c, k.h, k.substeps, numbers, starts, given, buffer)
+    linearised = seconds_at(clock, name)
+    if whole and done:
+        done, iterations = settle_at(settle, numbers, starts, given, buffer, guess, z)
+        made.tail[8] = iterations
+    if done and (whole or what == ROLLOUT):
+        done = rollout(c, k.h, k.substeps, numbers, starts, given, buffer, z, made)
+    if whole and done:
+        remember(now, made, memory)
+        made.tail[5], made.tail[6], made.tail[7] = fed - began, linearised - fed, seconds_at(clock, name) - linearised
+    elif whole:
+        copy_set(before, guess)
+    return done
+
+
+@inlined
+def feed_forward(
+    c: Array, p: Any, known: Known, slopes: Array, asked: Array, K: Array, d: Array, found: Reference, moved: Array
+) -> bool:
+    """Find what `mpc.tracking.feedforward.InverseDynamics` does, and how far all was `moved` (3,); return whether the
+    kernel is sure.
+
+    `slopes` (2, N+1, N+1): the derivatives of a preview, transposed.
+    """
+    inertia, damping, gravity, alpha1, alpha2 = known.inertia, known.damping, known.gravity, known.alpha1, known.alpha2
+    left, right, half_lag1, half_lag2 = known.left, known.right, known.lag1 / 2, known.lag2 / 2
+    M, q1, q2, sure, x, y, u = asked.size, 0.0, 0.0, True, found.x, found.y, found.u
+    omega, speeding = np.zeros(M), np.zeros(M)
     for j in range(M):
-        theta[j] = min(max(asked[j], left), right)
+        theta = min(max(asked[j], left), right)
+        x[j, 0] = theta
         for k in range(M):
-            omega[k] += slopes1[j, k] * theta[j]
-            speeding[k] += slopes2[j, k] * theta[j]
+            omega[k] += slopes[0, j, k] * theta
+            speeding[k] += slopes[1, j, k] * theta
+    moved[0] = moved[1] = moved[2] = 0.0
     for k in range(M):
-        T = inertia * speeding[k] + damping * omega[k] + gravity * np.sin(theta[k]) - d[k]
-        found = allocated(theta[k], K[k], T, p, left, right, min_force, c)
-        x[k, 0], x[k, 1], x[k, 2], x[k, 3] = theta[k], omega[k], found[0], found[1]
-        y[k, 0], sure = found[3], sure and found[6]
-        moved[0] = max(moved[0], abs(asked[k] - theta[k]))
+        theta = x[k, 0]
+        T = inertia * speeding[k] + damping * omega[k] + gravity * np.sin(theta) - d[k]
+        pair = allocated(theta, K[k], T, p, left, right, known.min_force, c)
+        x[k, 1], x[k, 2], x[k, 3] = omega[k], pair[0], pair[1]
+        y[k, 0], y[k, 1], y[k, 2], sure = pair[3], 0.0, 0.0, sure and pair[6]
+        moved[0] = max(moved[0], abs(asked[k] - theta))
         moved[1] = max(moved[1], abs(K[k] - y[k, 0]))
-        moved[2] = max(moved[2], abs(T - found[2]))
+        moved[2] = max(moved[2], abs(T - pair[2]))
         last1, last2 = q1, q2
-        q1, q2 = expansion(x[k, 0], x[k, 1], x[k, 2], x[k, 3], c)
+        q1, q2 = expansion(theta, omega[k], pair[0], pair[1], c)
         if k > 0:
             u[k - 1, 0] = (x[k, 2] - alpha1 * x[k - 1, 2]) / (1 - alpha1) + half_lag1 * (q1 + last1)
             u[k - 1, 1] = (x[k, 3] - alpha2 * x[k - 1, 3]) / (1 - alpha2) + half_lag2 * (q2 + last2)
-    return sure, x, y, u, moved
+    return sure
 
 
-@compiled
+@inlined
 def linearise(c: Array, h: float, substeps: int, numbers: Array, starts: Any, given: Array, buffer: Array) -> None:
     """Leave in `buffer` the commands of `given`, moved to within the limits, and the linear model along them."""
     setting, path, u = setting_in(numbers, starts), *path_in(buffer)
@@ -77,27 +130,32 @@ def linearise(c: Array, h: float, substeps: int, numbers: Array, starts: Any, gi
     read_outputs(c, path)
 
 
-@compiled
+@inlined
 def rollout(
-    c: Array, h: float, substeps: int, numbers: Array, starts: Any, given: Array, buffer: Array, z: Array
-) -> tuple[bool, Array, Array, Array, Array]:
-    """Return what follows from `z`: whether all is finite, and commands (N, 2) [Pa], states, K and F (N+1, 2)."""
+    c: Array, h: float, substeps: int, numbers: Array, starts: Any, given: Array, buffer: Array, z: Array, made: Made
+) -> bool:
+    """Fill in what follows from `z`: commands [Pa], states, K and F, and how far the soft limits are left; return
+    whether all is finite.
+    """
     bounds, (_, u) = setting_in(numbers, starts).bounds, path_in(buffer)
     x0, _, d, _, last = given_in(given)
-    N = u.shape[0]
-    moved, x, K, F = np.empty((N, 2)), np.empty((N + 1, 4)), np.empty(N + 1), np.empty((N + 1, 2))
+    N, (moved, x, K, F, tail) = u.shape[0], made
     cumulative(starts, z, moved)
     for k in range(N):
         moved[k, 0] += u[k, 0]
         moved[k, 1] += u[k, 1]
     limit(bounds, last[0, 0] / BAR, last[0, 1] / BAR, moved)
     motion(c, x0, moved, d, h, substeps, x)
+    tail[0] = tail[1] = 0.0
     for k in range(N + 1):
         K[k], F[k, 0], F[k, 1] = outputs(x[k, 0], x[k, 1], x[k, 2], x[k, 3], c)
+        tail[0] = max(tail[0], bounds.left - x[k, 0], x[k, 0] - bounds.right)
+        if k > 0:
+            tail[1] = max(tail[1], bounds.min_force - F[k, 0], bounds.min_force - F[k, 1])
     for k in range(N):
         moved[k, 0] *= BAR
         moved[k, 1] *= BAR
-    return finite(moved) and finite(x) and finite(F), moved, x, K, F
+    return finite(moved) and finite(x) and finite(F)
 
 
 @inlined
@@ -173,4 +231,4 @@ def read_outputs(c: Array, path: Path) -> None:
                 path.slope[k, i, j] = o[3 + 3 * j + i]
 
 
-__all__ = ["feed_forward", "linearise", "rollout"]
+__all__ = ["step"]

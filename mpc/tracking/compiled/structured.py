@@ -68,6 +68,13 @@ class StructuredQP:
         done, self.iterations = self._settle(*self.arrays, self.guess, self.z)
         return bool(done)
 
+    @property
+    def address(self) -> int:
+        """The address is that of the compiled function which settles the QP, for compiled code to call."""
+        from mpc.tracking.compiled.sample.calls import address_of
+
+        return address_of(self._settle)
+
     def reset(self) -> None:
         """Forget which bounds bound."""
         self.guess[:] = 0

@@ -58,7 +58,7 @@ def test_an_independent_solver_comes_from_the_qp_to_the_plan(case):
     commands = qp.commands(solution(qp))
     plan = controller.step(*asked)
     assert plan.rung is Rung.QP
-    acting = controller.ladder._motion.u  # before the inverse of the dead band
+    acting = controller.ladder.motion.u  # before the inverse of the dead band
     np.testing.assert_allclose(commands, acting, atol=2e-3 * BAR)
 
 

@@ -1,0 +1,92 @@
+"""The arrays are what the compiled step works on, and the call of it."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.model.plant import NU, NX
+from mpc.tracking.compiled.flat_records import Given, given_in
+from mpc.tracking.compiled.flat_records import lengths as record_lengths
+from mpc.tracking.compiled.sample.calls import clock
+from mpc.tracking.compiled.sample.layout import Known, Made, asked_of, known_of, lengths, made_of, state_of
+from mpc.tracking.compiled.sample.stages import FEED, LINEARISE, ROLLOUT, WHOLE
+from mpc.tracking.feedforward import InverseDynamics
+
+if TYPE_CHECKING:
+    from mpc.tracking.compiled.module import CompiledPlant
+    from mpc.tracking.compiled.structured import StructuredQP
+
+_CLOCK = clock()
+_NO_GATE = np.zeros(NX), np.zeros(NX)
+_SETTING = 60  # numbers of a setting, see `mpc.tracking.compiled.flat_records`
+
+
+class StepArrays:
+    """The arrays are those of one controller of N samples: they must not be used by two threads at a time.
+
+    Without the `structured` QP they serve the feed-forward alone, without the `inverse` dynamics all but that. A whole
+    step wants both, and the `gate` of a measured state: the least and the greatest (4,).
+    """
+
+    def __init__(
+        self,
+        plant: "CompiledPlant",
+        N: int,
+        structured: "StructuredQP | None" = None,
+        inverse: InverseDynamics | None = None,
+        gate: tuple[Array, Array] = _NO_GATE,
+    ) -> None:
+        asked, state, self.size = lengths(N, N)
+        self.asked, self.state = np.zeros(asked), np.full(state, np.nan)
+        self.ask, self.memory = asked_of(self.asked), state_of(self.state)
+        slopes = np.zeros((2, N + 1, N + 1)) if inverse is None else np.stack([D.T for D in inverse.slopes])
+        fixed = plant.c, plant.p, known_of(_known(plant, inverse, gate)), np.ascontiguousarray(slopes)
+        if structured is None:
+            address, (given, path) = 0, map(np.zeros, record_lengths(N))
+            setting: Any
+            setting, solution = (np.zeros(_SETTING), np.zeros(1, np.int64)), (np.zeros(NU, np.int8), np.zeros(NU))
+        else:
+            (*setting, given, path), address = structured.arrays, structured.address
+            solution = structured.guess, structured.z
+        views: Any = given_in
+        self.given: Given = views.py_func(given)
+        self._arguments = address, *_CLOCK, *fixed, *setting, self.asked, self.state, given, path, *solution
+        self._step = plant.step.step
+
+    def whole(self) -> tuple[bool, Array]:
+        """Return whether a whole step could be made of what is asked, and what was made of it, flat (size,)."""
+        out = np.empty(self.size)
+        return self._step(WHOLE, *self._arguments, out), out
+
+    def feed_forward(self) -> tuple[bool, Array]:
+        """Return whether there is a feed-forward for what is asked, then in `given`, and how far all was moved (3,)."""
+        sure, made = self._part(FEED)
+        return sure, made.tail[2:5]
+
+    def linearise(self) -> None:
+        """Leave the linear model for what is `given` in the structured QP."""
+        self._part(LINEARISE)
+
+    def rollout(self) -> tuple[bool, Made]:
+        """Return whether what follows from the structured QP's solution is finite, and that."""
+        return self._part(ROLLOUT)
+
+    def _part(self, what: int) -> tuple[bool, Made]:
+        out = np.empty(self.size)
+        return self._step(what, *self._arguments, out), made_of(out)
+
+
+def _known(plant: "CompiledPlant", inverse: InverseDynamics | None, gate: tuple[Array, Array]) -> Known:
+    nothing = Known(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, plant.h, plant.substeps, 0.0, 0.0, 0.0, *gate)
+    if inverse is None:
+        return nothing
+    physical, (alpha1, alpha2) = inverse.plant, inverse.alpha.tolist()
+    (lag1, lag2), (left, right) = physical.lags, physical.joint.angle_range
+    return nothing._replace(
+        inertia=physical.inertia, damping=physical.damping, gravity=physical.gravity_torque, alpha1=alpha1,
+        alpha2=alpha2, lag1=lag1, lag2=lag2, left=left, right=right, min_force=inverse.min_force,
+    )  # fmt: skip
+
+
+__all__ = ["StepArrays"]
