@@ -18,11 +18,13 @@ from mpc.export.friction import (
 )
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied
+from mpc.export.recursions import recursion_files
 from mpc.model import compensation
 from mpc.model.plant import NU, NX
 from mpc.observer import gating, kalman
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking import preview, rest
+from mpc.tracking.compiled.factory import setting
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.qp import certified, softened
@@ -64,6 +66,7 @@ def sizes_of(controller: TrackingMPC) -> Numbers:
 def control_files(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:
     """Return all files beyond the allocation's but the model."""
     files = dict(copied("mpc", "src/")) | dict(copied("daqp", "src/daqp/"))
+    files |= recursion_files(single)
     files["antagonist_controller.h"] = files.pop("src/antagonist_controller.h")
     numbers = text.defines(_numbers(controller, observer, single), single)
     files["src/settings.h"] = text.header(
@@ -217,6 +220,7 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
     inverse = InverseDynamics(plant, dt, controller.N)
     acting = np.searchsorted(starts, np.arange(controller.N), side="right")
     roots = [np.sqrt(weights) for weights in controller.problem.rows]
+    made = setting(controller.problem)
     return [
         ("ANT_ROOT_X", "roots of the weights of theta, its rate, P1, P2", roots[0]),
         ("ANT_ROOT_Y", "of the outputs K, F1, F2", roots[1]),
@@ -227,6 +231,12 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
         ("ANT_LAG", "time constants of the pressures [s]", inverse.lags),
         ("ANT_KEPT", "what is left of a pressure's error after a sample [-]", inverse.alpha),
         ("ANT_TERMINAL", "L, the terminal cost is |L xi|^2/2", controller.problem.L),
+        ("ANT_COST_X", "weights of theta, its rate, P1, P2", made.cost.x),
+        ("ANT_COST_Y", "of the outputs K, F1, F2", made.cost.y),
+        ("ANT_COST_E", "of the commands away from the feed-forward [1/bar^2]", made.cost.e),
+        ("ANT_COST_CHANGE", "and of their changes [1/bar^2]", made.cost.change),
+        ("ANT_COST_END", "of xi with commands in bar, the terminal cost is xi^T ... xi/2", made.cost.end),
+        ("ANT_SLACKS", "prices rho, rho_2, rho_F, rho_F2 of the slacks", made.slack),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),
         ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(observer.filter.Q)),

@@ -9,7 +9,8 @@ from allocator.allocation.kernels import source
 from allocator.allocation.kernels.printer import Outside, Source, c_form
 from allocator.allocation.status import Status
 from allocator.mechanism.kernel import data, levels, residual
-from mpc.codegen.array_functions import INT, REAL, ArrayKind, Kind, StructKind, c_functions
+from mpc.codegen.array_functions import c_functions
+from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, StructKind
 from mpc.export import text
 
 _SIZES = {"m": "ANT_MUSCLES", "p": "ANT_ROWS", "K": "ANT_LEVELS"}

@@ -49,13 +49,18 @@ def cumulative(starts: Any, z: Array, du: Array) -> None:
 
 
 @inlined
-def deviations(path: Path, u: Array, reference: Reference, last: Array) -> Errors:
-    """Return the errors of a path with the commands `u` (N, 2) [bar]; `last` (2, 2) [Pa]: previous command and
+def new_errors(N: int) -> Errors:
+    """Return errors that are not set yet."""
+    return Errors(np.empty((N + 1, 4)), np.empty((N + 1, 3)), np.empty((N, 2)), np.empty((N, 2)), np.empty(6))
+
+
+@inlined
+def deviations(path: Path, u: Array, reference: Reference, last: Array, errors: Errors) -> None:
+    """Set the errors of a path with the commands `u` (N, 2) [bar]; `last` (2, 2) [Pa]: previous command and
     feed-forward.
     """
     N = u.shape[0]
-    x, y = np.empty((N + 1, 4)), np.empty((N + 1, 3))
-    e, change, end = np.empty((N, 2)), np.empty((N, 2)), np.empty(6)
+    x, y, e, change, end = errors
     for k in range(N + 1):
         for i in range(4):
             x[k, i] = path.x[k, i] - reference.x[k, i]
@@ -70,7 +75,6 @@ def deviations(path: Path, u: Array, reference: Reference, last: Array) -> Error
         end[4 + i] = previous
     for i in range(4):
         end[i] = x[N, i]
-    return Errors(x, y, e, change, end)
 
 
-__all__ = ["cumulative", "deviations", "limit", "slew_bounds"]
+__all__ = ["cumulative", "deviations", "limit", "new_errors", "slew_bounds"]

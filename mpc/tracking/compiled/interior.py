@@ -15,7 +15,7 @@ from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined
 from mpc.tracking.compiled.newton import ALL, BOUNDS, Factors, adjoint, direction, factorise, gradients, left_over
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.riccati import FREE, LOWER, UPPER, settled
+from mpc.tracking.compiled.riccati import FREE, LOWER, UPPER, Sweep, settled
 from mpc.tracking.compiled.rows import (
     Rows,
     aim_at,
@@ -43,7 +43,8 @@ class Work(NamedTuple):
     rows: Rows
     factors: Factors
     by: Point
-    gx: Array
+    sweep: Sweep
+    gx: Array  # this and the two below are those of the sweep
     gv: Array
     r: Array  # (N, 2)
     first: Array  # (N, 2) gradient of the cost at the origin
@@ -58,15 +59,14 @@ def new_point(N: int) -> Point:
 
 
 @inlined
-def new_work(N: int) -> Work:
-    """Return the arrays of an iteration."""
+def new_work(N: int, sweep: Sweep) -> Work:
+    """Return the arrays of an iteration, some of which are those of a sweep."""
     lines = np.empty((8, N + 1, ALL))
     span = np.empty((N + 1, 2), np.int64)
     rows = Rows(span, lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], lines[6], lines[7])
-    R, feedback, border = np.empty((N, 2, 6)), np.empty((N, 2, 6)), np.empty((N, 2, 2))
-    factors = Factors(R, feedback, border, np.empty((N, 3)), np.empty(3))
-    gx, gv, r, first = np.empty((N + 1, 6)), np.empty((N, 2)), np.empty((N, 2)), np.empty((N, 2))
-    return Work(rows, factors, new_point(N), gx, gv, r, first, np.empty((N + 1, 6)), np.empty((N, 2)))
+    factors = Factors(sweep.R, sweep.feedback, np.empty((N, 2, 2)), sweep.D, np.empty(3))
+    first, origin_x, origin_v = np.empty((N, 2)), np.empty((N + 1, 6)), np.empty((N, 2))
+    return Work(rows, factors, new_point(N), sweep, sweep.gx, sweep.gv, sweep.r, first, origin_x, origin_v)
 
 
 @inlined
@@ -128,7 +128,7 @@ def interior(
             break
         if count == BOUNDS and total < SHOWS * most:
             binding(rows, setting.starts, guess)
-            if settled(path, setting, work.origin_x, work.origin_v, bounded, guess, 2, work.by):
+            if settled(path, setting, work.origin_x, work.origin_v, bounded, guess, 2, work.by, work.sweep):
                 at.xi[:], at.v[:] = work.by.xi, work.by.v
                 return iteration
         factorise(path, cost, slack, rows.W, there, count, work.factors)

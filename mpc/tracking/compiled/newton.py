@@ -20,7 +20,7 @@ class Factors(NamedTuple):
     """The factors are what the quadratic part of a step leaves to its linear part."""
 
     R: Array  # (N, 2, 6)
-    feedback: Array  # (N, 2, 6) of v by ξ
+    feedback: Array  # (N, 2, 7) of v by ξ, and one that it does not need
     border: Array  # (N, 2, 2) of v by σ
     inverse: Array  # (N, 3) of D: entries 00, 01, 11
     sigma: Array  # (3,) Σ: entries 00, 01, 11

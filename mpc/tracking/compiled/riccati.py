@@ -13,7 +13,7 @@ itself is the solution; that takes a sweep or two from the last sample's set, an
 `mpc.tracking.compiled.interior` solves the QP. It is the caller's business to prove the answer.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,18 +25,39 @@ from mpc.tracking.compiled.stage import across, advance, charge_state, decided, 
 FREE, LOWER, UPPER = 0, -1, 1
 
 
+class Sweep(NamedTuple):
+    """A sweep works with these arrays."""
+
+    R: Array  # (N, 2, 6) [W_wx W_ww]
+    D: Array  # (N, 3): entries 00, 01, 11
+    g: Array  # (N, 2)
+    feedback: Array  # (N, 2, 7) v by (ξ, 1)
+    held: Any  # (N, 2) which bound each change is held at
+    gx: Array  # (N+1, 6) gradient of the cost by ξ
+    gv: Array  # (N, 2) and by v
+    r: Array  # (N, 2) and by v alone, ξ following from it
+
+
+@inlined
+def new_sweep(N: int) -> Sweep:
+    """Return the arrays of a sweep."""
+    R, D, g, feedback = np.empty((N, 2, 6)), np.empty((N, 3)), np.empty((N, 2)), np.empty((N, 2, 7))
+    gx, gv, r = np.empty((N + 1, 6)), np.empty((N, 2)), np.empty((N, 2))
+    return Sweep(R, D, g, feedback, np.empty((N, 2), np.int8), gx, gv, r)
+
+
 @inlined
 def settled(
-    path: Path, setting: Setting, gx: Array, gv: Array, bounded: Bounded, guess: Any, sweeps: int, at: Point
-) -> bool:
+    path: Path, setting: Setting, gx: Array, gv: Array, bounded: Bounded, guess: Any, sweeps: int, at: Point,
+    sweep: Sweep
+) -> bool:  # fmt: skip
     """Return whether a guess repeated itself within so many sweeps; then `at` is the solution, within its bounds.
 
     `gx` and `gv` are the cost's gradients at the origin; `guess` (n,) becomes the set found. Between the starts of the
     blocks nothing may change: all is held there, at 0.
     """
-    starts, N, lower, upper = setting.starts, path.A.shape[0], bounded.lower, bounded.upper
-    held = np.full((N, 2), LOWER, np.int8)
-    R, D, g, feedback = np.empty((N, 2, 6)), np.empty((N, 3)), np.empty((N, 2)), np.empty((N, 2, 7))
+    starts, N, lower, upper, held = setting.starts, path.A.shape[0], bounded.lower, bounded.upper, sweep.held
+    held[:] = LOWER
     for block in range(starts.size):
         for i in range(2):
             held[starts[block], i] = guess[2 * block + i]
@@ -44,8 +65,8 @@ def settled(
         for k in range(N):
             for i in range(2):
                 at.v[k, i] = lower[k, i] if held[k, i] == LOWER else upper[k, i]  # of those held
-        backward(path, setting.cost, gx, gv, at.v, held, R, D, g, feedback)
-        if not forward(path, lower, upper, held, R, D, g, feedback, at):
+        backward(path, setting.cost, gx, gv, at.v, sweep)
+        if not forward(path, lower, upper, sweep, at):
             for block in range(starts.size):
                 for i in range(2):
                     guess[2 * block + i] = held[starts[block], i]
@@ -54,18 +75,16 @@ def settled(
 
 
 @inlined
-def backward(
-    path: Path, cost: Cost, gx: Array, gv: Array, v: Array, held: Any, R: Array, D: Array, g: Array, feedback: Array
-) -> None:
+def backward(path: Path, cost: Cost, gx: Array, gv: Array, v: Array, sweep: Sweep) -> None:
     """Fill in, for each k, R = [W_wx W_ww], D, g, and the feedback v = feedback (ξ, 1) of the optimal changes."""
-    N = v.shape[0]
+    N, R, D, g, feedback = v.shape[0], sweep.R, sweep.D, sweep.g, sweep.feedback
     S, SA, s = cost.end.copy(), np.empty((6, 6)), gx[N].copy()  # of V_{k+1}
     for k in range(N - 1, -1, -1):
         across(S, path.A, path.B, k, cost.e, SA, R)
         linear_before(s, path.A, path.B, k)
         D[k, 0], D[k, 1], D[k, 2] = R[k, 0, 4] + cost.change[0], R[k, 0, 5], R[k, 1, 5] + cost.change[1]
         g[k, 0], g[k, 1] = s[4] + gv[k, 0], s[5] + gv[k, 1]
-        choose(R, D, g, v, held, k, feedback)
+        choose(R, D, g, v, sweep.held, k, feedback)
         decided(path.A, k, SA, R, feedback, S)
         f0, f1 = feedback[k, 0, 6], feedback[k, 1, 6]
         for i in range(6):
@@ -98,11 +117,10 @@ def choose(R: Array, D: Array, g: Array, v: Array, held: Any, k: int, feedback: 
 
 
 @inlined
-def forward(
-    path: Path, lower: Array, upper: Array, held: Any, R: Array, D: Array, g: Array, feedback: Array, at: Point
-) -> bool:
+def forward(path: Path, lower: Array, upper: Array, sweep: Sweep, at: Point) -> bool:
     """Set the point by the feedback and guess `held` anew; return whether the guess has changed."""
     v, xi, changed = at.v, at.xi, False
+    R, D, g, feedback, held = sweep.R, sweep.D, sweep.g, sweep.feedback, sweep.held
     for i in range(6):
         xi[0, i] = 0.0
     for k in range(v.shape[0]):
@@ -126,4 +144,4 @@ def forward(
     return changed
 
 
-__all__ = ["FREE", "LOWER", "UPPER", "settled"]
+__all__ = ["FREE", "LOWER", "UPPER", "Sweep", "new_sweep", "settled"]

@@ -10,13 +10,13 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.tracking.compiled.certificate import brought_within, needed, proved
-from mpc.tracking.compiled.commands import deviations, slew_bounds
+from mpc.tracking.compiled.commands import deviations, new_errors, slew_bounds
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
-from mpc.tracking.compiled.interior import MOST, binding, interior, new_point, new_work
+from mpc.tracking.compiled.interior import MOST, Work, binding, interior, new_point, new_work
 from mpc.tracking.compiled.jit import compiled, inlined
 from mpc.tracking.compiled.newton import ALL, BOUNDS, adjoint, gradients
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.riccati import settled
+from mpc.tracking.compiled.riccati import Sweep, new_sweep, settled
 
 SWEEPS = 2  # before the interior point
 
@@ -29,19 +29,16 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
     """
     setting, path, u = setting_in(numbers, starts), *path_in(buffer)
     _, _, _, reference, last = given_in(given)
-    errors, N = deviations(path, u, reference, last), u.shape[0]
+    N = u.shape[0]
+    errors, at, sweep = new_errors(N), new_point(N), new_sweep(N)
+    deviations(path, u, reference, last, errors)
     bounded = Bounded(np.empty((N, 2)), np.empty((N, 2)), np.empty(N, np.bool_))
     slew_bounds(setting, u, last, bounded)
-    at, gx, gv = new_point(N), np.empty((N + 1, 6)), np.empty((N, 2))
-    at.xi[:], at.v[:] = 0.0, 0.0
-    gradients(path, errors, setting.cost, at, gx, gv)
     solved, iterations = True, 0
-    swept = settled(path, setting, gx, gv, bounded, guess, SWEEPS, at)
-    brought_within(path, bounded, at)
-    swept = swept and confirmed(path, errors, setting, bounded, at, gx, gv)
-    count = needed(path, setting, u, at)
-    if not swept or count > BOUNDS:
-        solved, iterations = persistent(path, errors, setting, u, bounded, count, guess, at)
+    count = swept(path, errors, setting, u, bounded, guess, at, sweep)
+    if count > 0:
+        work = new_work(N, sweep)
+        solved, iterations = persistent(path, errors, setting, u, bounded, count, guess, at, work)
     for block in range(starts.size):
         for i in range(2):
             z[2 * block + i] = at.v[starts[block], i]
@@ -49,30 +46,46 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
 
 
 @inlined
-def confirmed(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, gx: Array, gv: Array) -> bool:
+def swept(
+    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, guess: Any, at: Point, sweep: Sweep
+) -> int:
+    """Set the point to what sweeps come to; return 0 if that is the proved solution, or how many rows of every sample
+    the interior point is to begin with.
+    """
+    at.xi[:], at.v[:] = 0.0, 0.0
+    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+    solved = settled(path, setting, sweep.gx, sweep.gv, bounded, guess, SWEEPS, at, sweep)
+    brought_within(path, bounded, at)
+    solved = solved and confirmed(path, errors, setting, bounded, at, sweep)
+    count = needed(path, setting, u, at)
+    return 0 if solved and count == BOUNDS else count
+
+
+@inlined
+def confirmed(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep) -> bool:
     """Return whether the point, within its bounds, is the solution but for the rows."""
-    gradients(path, errors, setting.cost, at, gx, gv)
-    r = np.empty(gv.shape)
-    adjoint(path, gx, gv, r)
-    return proved(r, bounded, at.v, setting)
+    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+    adjoint(path, sweep.gx, sweep.gv, sweep.r)
+    return proved(sweep.r, bounded, at.v, setting)
 
 
 @inlined
 def persistent(
-    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Any, at: Point
-) -> tuple[bool, int]:
+    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Any, at: Point,
+    work: Work
+) -> tuple[bool, int]:  # fmt: skip
     """Return whether the interior point comes to a solution `at`, and after how many iterations.
 
     It begins with the first `count` rows of every sample, and again with more where the solution breaks others.
     """
-    work, iterations = new_work(u.shape[0]), 0
+    iterations = 0
     while True:
         spent = interior(path, errors, setting, u, bounded, count, guess, at, work)
         iterations += spent if spent >= 0 else MOST
         solved = spent >= 0
         brought_within(path, bounded, at)
         if solved and count == BOUNDS:
-            solved = confirmed(path, errors, setting, bounded, at, work.gx, work.gv)
+            solved = confirmed(path, errors, setting, bounded, at, work.sweep)
         elif solved:
             binding(work.rows, setting.starts, guess)
         more = needed(path, setting, u, at) if solved else ALL

@@ -97,17 +97,6 @@ typedef struct {
     int finite;
 } ant_feed;
 
-/* minimise |R z + v|^2/2 over the moves and the price of the slacks, within bounds and rows; see src/qp.c. Moves count
- * in bar, slacks in rad and N. */
-typedef struct {
-    ant_real R[ANT_TRIANGLE(ANT_MOVES)]; /* upper triangle by rows */
-    ant_real v[ANT_MOVES];
-    ant_real lower[ANT_MOVES], upper[ANT_MOVES];
-    ant_real G[ANT_HORIZON][4][ANT_MOVES];  /* dx/dz at samples 1 to N */
-    ant_real GF[ANT_HORIZON][2][ANT_MOVES]; /* dF/dz */
-    ant_motion motion;                      /* of z = 0 */
-} ant_qp;
-
 /* Workspace of DAQP. */
 typedef struct {
     ant_real Rinv[ANT_TRIANGLE(ANT_DECISIONS)], v[ANT_DECISIONS], M[ANT_ROWS][ANT_DECISIONS];
@@ -125,6 +114,41 @@ typedef struct {
     unsigned char charged[ANT_ROWS], was[ANT_ROWS];
     signed char side[ANT_MOVES]; /* -1, 1: held at its lower, upper bound */
 } ant_softened;
+
+/* minimise |R z + v|^2/2 over the moves and the price of the slacks, within bounds and rows; see src/qp.c. Moves count
+ * in bar, slacks in rad and N. */
+typedef struct {
+    ant_real R[ANT_TRIANGLE(ANT_MOVES)]; /* upper triangle by rows */
+    ant_real v[ANT_MOVES];
+    ant_real lower[ANT_MOVES], upper[ANT_MOVES];
+    ant_real G[ANT_HORIZON][4][ANT_MOVES]; /* dx/dz at samples 1 to N */
+    union {
+        ant_solver solver;
+        ant_softened softened;
+    } work;
+} ant_dense;
+
+/* Workspace of the sweeps; see src/recursions.h. */
+typedef struct {
+    ant_real x[ANT_HORIZON + 1][4], y[ANT_HORIZON + 1][3], e[ANT_HORIZON][2], change[ANT_HORIZON][2], end[6]; /* errors */
+    ant_real xi[ANT_HORIZON + 1][6], v[ANT_HORIZON][2], sigma[2];
+    ant_real R[ANT_HORIZON][2][6], D[ANT_HORIZON][3], g[ANT_HORIZON][2], feedback[ANT_HORIZON][2][7];
+    ant_real gx[ANT_HORIZON + 1][6], gv[ANT_HORIZON][2], r[ANT_HORIZON][2];
+    signed char held[ANT_HORIZON][2];
+} ant_sweeps;
+
+/* The QP of a step, sample by sample: its linear model along a motion, commands in bar, and the bounds of the slew. */
+typedef struct {
+    ant_motion motion; /* of z = 0 */
+    ant_real u[ANT_HORIZON][2], y[ANT_HORIZON + 1][3];
+    ant_real A[ANT_HORIZON][4][4], B[ANT_HORIZON][4][2], slope[ANT_HORIZON + 1][3][4];
+    ant_real lower[ANT_HORIZON][2], upper[ANT_HORIZON][2];
+    signed char there[ANT_HORIZON], guess[ANT_MOVES]; /* which changes there are; which of their bounds bind */
+    union {
+        ant_sweeps sweeps;
+        ant_dense dense;
+    } work;
+} ant_qp;
 
 typedef struct {
     int iteration_limit; /* of the QP solver, may be set; ant_reset sets ANT_QP_ITERATIONS */
@@ -150,10 +174,6 @@ typedef struct {
     ant_real d[ANT_AHEAD + 1]; /* torque from outside and of friction [N*m] */
     ant_real stay[ANT_AHEAD + 1]; /* the angle in place of references that make no sense [rad] */
     ant_qp qp;
-    union {
-        ant_solver solver;
-        ant_softened softened;
-    } work;
 } ant_controller;
 
 #endif /* ANTAGONIST_CONTROLLER_H */

@@ -37,8 +37,8 @@ static void add(account *a, const ant_valued_row *at, ant_real push) {
 static ant_real stationarity(const ant_qp *qp, const ant_real *z, ant_real *pushes) {
     ant_real square = 0;
     for (int i = 0; i < ANT_MOVES; i++) { /* forward substitution in place */
-        const ant_real *Ri = qp->R + ant_at(ANT_MOVES, i);
-        ant_real residual = qp->v[i];
+        const ant_real *Ri = qp->work.dense.R + ant_at(ANT_MOVES, i);
+        ant_real residual = qp->work.dense.v[i];
         pushes[i] /= Ri[i];
         for (int j = i + 1; j < ANT_MOVES; j++) pushes[j] -= Ri[j] * pushes[i];
         for (int j = i; j < ANT_MOVES; j++) residual += Ri[j] * z[j];
@@ -57,7 +57,7 @@ int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_r
         add(&a, &at, multipliers[limit]);
     }
     a.gap += stationarity(qp, z, a.pushes);
-    const ant_real gain = ant_abs(ant_cost(ANT_MOVES, qp->R, qp->v, z));
+    const ant_real gain = ant_abs(ant_cost(ANT_MOVES, qp->work.dense.R, qp->work.dense.v, z));
     const ant_real small = sizeof(ant_real) == sizeof(float) ? ANT_GAP * (gain > 1 ? gain : 1)
                                                             : ANT_CURVATURE * ANT_ACCURACY * ANT_ACCURACY / 2;
     return a.violation <= ANT_PRIMAL && a.gap <= small + a.rounding;

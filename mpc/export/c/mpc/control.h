@@ -63,8 +63,13 @@ int ant_rest_follow(ant_rest *r, const ant_task *task); /* at every sample: whet
 /* feedforward.c */
 void ant_feed_forward(const ant_task *task, ant_feed *feed);
 
-/* condense.c */
-int ant_condense(ant_controller *c, const ant_task *task, const ant_real u_last[2]); /* whether all is finite */
+/* structured.c */
+int ant_linearise(ant_controller *c, const ant_task *task, const ant_real u_last[2]); /* whether all is finite */
+void ant_expect_shifted(ant_controller *c); /* that what bound in the last sample's QP binds one sample earlier */
+ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_DECISIONS], int *iterations);
+
+/* condense.c: for qp.c and softened.c */
+int ant_condense(ant_controller *c, const ant_real u_last[2]); /* whether all is finite */
 
 /* least_squares.c: R (n, n) upper triangular by rows, |R z + v|^2/2 the cost of what was rotated in */
 static inline int ant_at(int n, int i) { return i * n - i * (i - 1) / 2 - i; } /* row i begins there, less i */
@@ -85,7 +90,7 @@ ant_real ant_breach(const ant_qp *qp, int i, const ant_real z[ANT_DECISIONS]); /
 ant_real ant_charge(int i); /* for the square of a breach when softened [cost] */
 
 /* qp.c, certificate.c */
-ant_plan_status ant_solve(ant_controller *c, ant_real z[ANT_DECISIONS], int *iterations);
+ant_plan_status ant_solve_dense(ant_controller *c, ant_real z[ANT_DECISIONS], int *iterations);
 int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_real multipliers[ANT_LIMITS]);
 
 /* softened.c */

@@ -31,14 +31,15 @@ static outcome optimise(ant_controller *c, const ant_task *task, const ant_real 
     for (int round = 0; round < ANT_ITERATIONS; round++) {
         int iterations = 0;
         memcpy(c->qp.motion.u, u, sizeof c->qp.motion.u);
-        const int finite = ant_condense(c, task, u_last);
-        const ant_plan_status status = finite ? ant_solve(c, z, &iterations) : ANT_PLAN_NOT_FINITE;
+        const int finite = ant_linearise(c, task, u_last);
+        if (round == 0) ant_expect_shifted(c);
+        const ant_plan_status status = finite ? ant_solve(c, u_last, z, &iterations) : ANT_PLAN_NOT_FINITE;
         o.iterations += iterations;
         if (status != ANT_PLAN_OPTIMAL) {
             if (o.found) break;
             o.status = status;
             o.rung = ANT_RUNG_SOFTENED;
-            o.found = finite && ant_soften(c, z);
+            o.found = finite && ant_condense(c, u_last) && ant_soften(c, z);
             if (o.found) move(u, &c->qp, z, u_last);
             break;
         }

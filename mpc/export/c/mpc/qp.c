@@ -34,15 +34,15 @@ static void invert(const ant_qp *qp, ant_solver *s) {
     enum { n = ANT_DECISIONS, moves = ANT_MOVES };
     memset(s->Rinv, 0, sizeof s->Rinv);
     for (int j = 0; j < moves; j++) { /* column by column from the diagonal up */
-        s->Rinv[ant_at(n, j) + j] = 1 / qp->R[ant_at(moves, j) + j];
+        s->Rinv[ant_at(n, j) + j] = 1 / qp->work.dense.R[ant_at(moves, j) + j];
         for (int i = j - 1; i >= 0; i--) {
-            const ant_real *Ri = qp->R + ant_at(moves, i);
+            const ant_real *Ri = qp->work.dense.R + ant_at(moves, i);
             ant_real sum = 0;
             for (int l = i + 1; l <= j; l++) sum += Ri[l] * s->Rinv[ant_at(n, l) + j];
             s->Rinv[ant_at(n, i) + j] = -sum / Ri[i];
         }
     }
-    memcpy(s->v, qp->v, sizeof qp->v);
+    memcpy(s->v, qp->work.dense.v, sizeof qp->work.dense.v);
     s->Rinv[ant_at(n, moves) + moves] = 1 / ANT_ROOT_SLACK;
     s->Rinv[ant_at(n, moves + 1) + moves + 1] = 1 / ANT_ROOT_SLACK_FORCE;
     s->v[moves] = ANT_SLACK / ANT_ROOT_SLACK;
@@ -79,8 +79,8 @@ static void begin(const ant_qp *qp, ant_solver *s, DAQPWorkspace *w, DAQPSetting
     invert(qp, s);
     for (int i = 0; i < ANT_DECISIONS; i++) {
         const int move = i < ANT_MOVES;
-        set_limit(s, i, s->Rinv + ant_at(ANT_DECISIONS, i), i, move ? qp->lower[i] : 0,
-                  move ? qp->upper[i] : ANT_INFINITY);
+        set_limit(s, i, s->Rinv + ant_at(ANT_DECISIONS, i), i, move ? qp->work.dense.lower[i] : 0,
+                  move ? qp->work.dense.upper[i] : ANT_INFINITY);
         s->sense[i] = 0;
     }
     for (int i = ANT_DECISIONS; i < ANT_LIMITS; i++) s->sense[i] = DAQP_IMMUTABLE; /* not looked at */
@@ -110,13 +110,13 @@ static void balance(const ant_qp *qp, const DAQPWorkspace *work, const ant_real 
         for (int j = 0; j < ANT_DECISIONS; j++) pushes[j] += multipliers[work->WS[i]] * at.row[j];
     }
     for (int i = 0; i < n; i++) {
-        const ant_real *Ri = qp->R + ant_at(n, i);
+        const ant_real *Ri = qp->work.dense.R + ant_at(n, i);
         pushes[i] /= Ri[i];
         for (int j = i + 1; j < n; j++) pushes[j] -= Ri[j] * pushes[i];
     }
     for (int i = n - 1; i >= 0; i--) {
-        const ant_real *Ri = qp->R + ant_at(n, i);
-        ant_real sum = qp->v[i] + pushes[i];
+        const ant_real *Ri = qp->work.dense.R + ant_at(n, i);
+        ant_real sum = qp->work.dense.v[i] + pushes[i];
         for (int j = i + 1; j < n; j++) sum += Ri[j] * z[j];
         z[i] = -sum / Ri[i];
     }
@@ -156,8 +156,8 @@ static int widen(const ant_qp *qp, ant_solver *s, const ant_real z[ANT_DECISIONS
     return any;
 }
 
-ant_plan_status ant_solve(ant_controller *c, ant_real z[ANT_DECISIONS], int *iterations) {
-    ant_solver *s = &c->work.solver;
+ant_plan_status ant_solve_dense(ant_controller *c, ant_real z[ANT_DECISIONS], int *iterations) {
+    ant_solver *s = &c->qp.work.dense.work.solver;
     DAQPSettings options;
     DAQPWorkspace w;
     ant_real multipliers[ANT_LIMITS];
@@ -171,5 +171,6 @@ ant_plan_status ant_solve(ant_controller *c, ant_real z[ANT_DECISIONS], int *ite
         if (flag <= 0) return ANT_PLAN_UNSOLVED;
         point(&c->qp, &w, multipliers, z);
     } while (widen(&c->qp, s, z));
+    for (int i = 0; i < ANT_MOVES; i++) c->qp.guess[i] = (signed char)((multipliers[i] > 0) - (multipliers[i] < 0));
     return ant_certified(&c->qp, z, multipliers) ? ANT_PLAN_OPTIMAL : ANT_PLAN_REFUSED;
 }

@@ -14,10 +14,13 @@ void ant_row(const ant_qp *qp, int i, ant_real row[ANT_DECISIONS]) {
         for (int j = i % 2; j < 2 * ANT_ACTING[i / 2]; j += 2) row[j] = 1;
     } else if (i < LOWER) {
         const int k = i < UPPER ? i - COMMANDS : i - UPPER;
-        memcpy(row, qp->G[k][0], sizeof qp->G[k][0]);
+        memcpy(row, qp->work.dense.G[k][0], sizeof qp->work.dense.G[k][0]);
         row[THETA] = i < UPPER ? -1 : 1;
     } else {
-        memcpy(row, qp->GF[(i - LOWER) / 2][(i - LOWER) % 2], sizeof qp->GF[0][0]);
+        const int k = (i - LOWER) / 2;
+        const ant_real *slope = qp->slope[k + 1][1 + (i - LOWER) % 2];
+        for (int j = 0; j < ANT_MOVES; j++)
+            for (int l = 0; l < 4; l++) row[j] += slope[l] * qp->work.dense.G[k][l][j];
         row[FORCE] = 1;
     }
 }
@@ -41,8 +44,8 @@ static void row_bounds(const ant_qp *qp, int i, ant_real *lower, ant_real *upper
 }
 
 static void bounds(const ant_qp *qp, int decision, ant_real *lower, ant_real *upper) {
-    *lower = decision < ANT_MOVES ? qp->lower[decision] : 0;
-    *upper = decision < ANT_MOVES ? qp->upper[decision] : ANT_INFINITY;
+    *lower = decision < ANT_MOVES ? qp->work.dense.lower[decision] : 0;
+    *upper = decision < ANT_MOVES ? qp->work.dense.upper[decision] : ANT_INFINITY;
 }
 
 ant_valued_row ant_row_at(const ant_qp *qp, int limit, const ant_real z[ANT_DECISIONS]) {

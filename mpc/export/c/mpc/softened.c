@@ -11,7 +11,7 @@
 enum { n = ANT_MOVES, CHANGES = 4 * ANT_MOVES };
 
 static ant_real cost(const ant_qp *qp, const ant_real z[ANT_DECISIONS]) {
-    ant_real sum = ant_cost(n, qp->R, qp->v, z);
+    ant_real sum = ant_cost(n, qp->work.dense.R, qp->work.dense.v, z);
     for (int i = 0; i < ANT_ROWS; i++) {
         const ant_real breach = ant_breach(qp, i, z);
         if (breach > 0) sum += ant_charge(i) / 2 * breach * breach;
@@ -21,8 +21,8 @@ static ant_real cost(const ant_qp *qp, const ant_real z[ANT_DECISIONS]) {
 
 /* The QP's least squares with the rows that are charged: |row z - b|, b being the limit that z breaks. */
 static void charge(const ant_qp *qp, ant_softened *s, const ant_real z[ANT_DECISIONS]) {
-    memcpy(s->R, qp->R, sizeof s->R);
-    memcpy(s->v, qp->v, sizeof s->v);
+    memcpy(s->R, qp->work.dense.R, sizeof s->R);
+    memcpy(s->v, qp->work.dense.v, sizeof s->v);
     for (int i = 0; i < ANT_ROWS; i++) {
         if (!s->charged[i]) continue;
         ant_valued_row at = ant_row_at(qp, ANT_DECISIONS + i, z); /* z has no slacks */
@@ -67,8 +67,8 @@ static int go(const ant_qp *qp, ant_softened *s, ant_real z[n], const ant_real t
     ant_real share = 1;
     int met = -1;
     for (int j = 0; j < n; j++) {
-        const ant_real bound = target[j] < qp->lower[j]   ? qp->lower[j]
-                               : target[j] > qp->upper[j] ? qp->upper[j]
+        const ant_real bound = target[j] < qp->work.dense.lower[j]   ? qp->work.dense.lower[j]
+                               : target[j] > qp->work.dense.upper[j] ? qp->work.dense.upper[j]
                                                           : target[j];
         if (s->side[j] != 0 || bound == target[j]) continue;
         if (met < 0 || (bound - z[j]) / (target[j] - z[j]) < share) {
@@ -78,8 +78,8 @@ static int go(const ant_qp *qp, ant_softened *s, ant_real z[n], const ant_real t
     }
     for (int j = 0; j < n; j++) z[j] += share * (target[j] - z[j]);
     if (met < 0) return 0;
-    s->side[met] = target[met] < qp->lower[met] ? -1 : 1;
-    z[met] = s->side[met] < 0 ? qp->lower[met] : qp->upper[met];
+    s->side[met] = target[met] < qp->work.dense.lower[met] ? -1 : 1;
+    z[met] = s->side[met] < 0 ? qp->work.dense.lower[met] : qp->work.dense.upper[met];
     return 1;
 }
 
@@ -114,7 +114,7 @@ static void minimise(const ant_qp *qp, ant_softened *s, ant_real z[n]) {
 }
 
 int ant_soften(ant_controller *c, ant_real best[ANT_DECISIONS]) {
-    ant_softened *s = &c->work.softened;
+    ant_softened *s = &c->qp.work.dense.work.softened;
     ant_real z[ANT_DECISIONS] = {0}, least = cost(&c->qp, z);
     int found = 0;
     memset(s->charged, 0, sizeof s->charged);

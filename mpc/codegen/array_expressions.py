@@ -1,0 +1,207 @@
+"""Expressions of plain Python are given their kinds, and printed as C, by the variables of the function they are in."""
+
+import ast
+from collections.abc import Mapping, Sequence
+from typing import Any, NoReturn, Protocol
+
+from allocator.allocation.kernels.printer import Unprintable
+from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, Kinds, StructKind
+
+LINKS = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
+SIGNS = {ast.Add: ("+", 12), ast.Sub: ("-", 12), ast.Mult: ("*", 13), ast.Div: ("/", 13), ast.BitOr: ("|", 6)}
+ATOM, UNARY, SUM, LINK, AND, OR, CHOICE = 16, 14, 12, 10, 5, 4, 3  # how strongly C's operators bind
+_EMPTY, _ZEROS = "np.empty", "np.zeros"
+
+
+class Unit(Protocol):
+    """A unit is what the functions that are printed together have in common."""
+
+    kinds: Kinds
+    nodes: dict[str, ast.FunctionDef]
+    names: dict[str, Any]
+    entries: Mapping[str, str]
+
+    def returned(self, name: str) -> Kind:
+        """Return what a function returns."""
+
+    def literal(self, value: float) -> str:
+        """Return a number."""
+
+    def constant(self, node: ast.Name) -> str:
+        """Return the name of a global number."""
+
+
+class Expressions:
+    """The expressions of one function: `known` are its arguments, `local` its variables, `loops` those of loops."""
+
+    def __init__(self, unit: Unit, known: dict[str, Kind], loops: set[str]) -> None:
+        self.unit, self.known, self.loops = unit, known, loops
+        self.local: dict[str, Kind] = {}
+
+    # --- what kind of value an expression has
+
+    def kind(self, node: ast.expr) -> Kind:
+        """Return the kind of an expression."""
+        match node:
+            case ast.Constant(value):
+                return REAL if isinstance(value, float) else INT
+            case ast.Name(name):
+                return self.of_name(name)
+            case ast.Attribute(_, "size"):
+                return INT
+            case ast.Attribute(base, field):
+                struct = self.kind(base)
+                return struct.fields[field] if isinstance(struct, StructKind) else refuse(node, "no struct")
+            case ast.Subscript(ast.Attribute(_, "shape"), _):
+                return INT
+            case ast.Subscript(array, place):
+                return self.element(node, array, len(place.elts) if isinstance(place, ast.Tuple) else 1)
+            case ast.BinOp(left, ast.Div() | ast.Pow(), right):
+                return REAL
+            case ast.BinOp(left, _, right) | ast.IfExp(_, left, right):
+                return self.either(left, right)
+            case ast.UnaryOp(ast.USub(), operand):
+                return self.kind(operand)
+            case ast.Call(called, arguments):
+                return self.of_call(called, arguments)
+        return INT
+
+    def of_name(self, name: str) -> Kind:
+        """Return the kind of a variable or a constant."""
+        if name in self.known or name in self.local:
+            return self.known.get(name) or self.local[name]
+        value = self.unit.names.get(name)
+        if isinstance(value, tuple):
+            return ArrayKind(REAL, (str(len(value)),), True)
+        return REAL if isinstance(value, float) else INT
+
+    def element(self, node: ast.expr, array: ast.expr, places: int) -> Kind:
+        """Return the kind of what stands at so many places of an array."""
+        kind = self.kind(array)
+        if not isinstance(kind, ArrayKind):
+            refuse(node, "no array")
+        if places < len(kind.sizes):
+            return kind._replace(sizes=kind.sizes[places:])
+        return REAL if kind.element == REAL else INT
+
+    def of_call(self, called: ast.expr, arguments: Sequence[ast.expr]) -> Kind:
+        """Return the kind of what a call returns."""
+        match called:
+            case ast.Name("sqrt"):
+                return REAL
+            case ast.Name("abs" | "min" | "max"):
+                return self.either(*arguments)
+            case ast.Name(name) if name in self.unit.nodes:
+                return self.unit.returned(name)
+            case ast.Attribute(base, "copy"):
+                return ArrayKind(REAL, self.sizes(base))
+        if ast.unparse(called) in (_EMPTY, _ZEROS):
+            shape = arguments[0].elts if isinstance(arguments[0], ast.Tuple) else arguments
+            return ArrayKind(REAL, tuple(map(self.text, shape)))
+        return INT
+
+    def either(self, *nodes: ast.expr) -> str:
+        """Return the kind of a number that is one of these or made of them."""
+        return REAL if REAL in map(self.kind, nodes) else INT
+
+    def sizes(self, node: ast.expr) -> tuple[str, ...]:
+        """Return the sizes of an array."""
+        kind = self.kind(node)
+        return kind.sizes if isinstance(kind, ArrayKind) else refuse(node, "no array")
+
+    def new_array(self, node: ast.expr) -> bool:
+        """Return whether the value is an array of its own, and no other's."""
+        match node:
+            case ast.Call(ast.Attribute(_, "copy"), []):
+                return True
+            case ast.Call(called, _):
+                return ast.unparse(called) in (_EMPTY, _ZEROS)
+        return False
+
+    # --- text
+
+    def text(self, node: ast.expr, least: int = 0) -> str:
+        """Return an expression, in parentheses unless its operator binds at least as strongly as `least`."""
+        text, level = self.expression(node)
+        return text if level >= least else f"({text})"
+
+    def expression(self, node: ast.expr) -> tuple[str, int]:
+        """Return the text of an expression, and how strongly its operator binds."""
+        match node:
+            case ast.Constant(bool() | int() | float() as value):
+                return self.unit.literal(value), ATOM
+            case ast.Name(name):
+                mine = name in self.known or name in self.local or name in self.loops
+                return (name if mine else self.unit.constant(node)), ATOM
+            case ast.Attribute(array, "size"):
+                [size] = self.sizes(array)
+                return size, ATOM
+            case ast.Attribute():
+                struct = isinstance(self.kind(node), StructKind)
+                return ("&" * struct + self.member(node)), UNARY if struct else ATOM
+            case ast.Subscript(ast.Attribute(array, "shape"), ast.Constant(int() as axis)):
+                return self.sizes(array)[axis], ATOM
+            case ast.Subscript(array, ast.Tuple(places)):
+                return self.text(array, ATOM) + "".join(f"[{self.text(place)}]" for place in places), ATOM
+            case ast.Subscript(array, place):
+                return f"{self.text(array, ATOM)}[{self.text(place)}]", ATOM
+            case ast.UnaryOp(ast.USub(), operand):
+                return f"-{self.text(operand, UNARY)}", UNARY
+            case ast.UnaryOp(ast.Not(), operand):
+                return f"!{self.text(operand, UNARY)}", UNARY
+            case ast.Call(called, arguments):
+                return self.call(node, called, arguments), ATOM
+        return self.combined(node)
+
+    def combined(self, node: ast.expr) -> tuple[str, int]:
+        """Return the text of several expressions with operators between."""
+        match node:
+            case ast.BinOp(left, ast.Pow(), right):
+                return f"ANT_F(pow)({self.text(left)}, {self.text(right)})", ATOM
+            case ast.BinOp(left, op, right) if type(op) in SIGNS:
+                sign, level = SIGNS[type(op)]
+                return f"{self.text(left, level)} {sign} {self.text(right, level + 1)}", level
+            case ast.Compare(left, [op], [right]) if type(op) in LINKS:
+                return f"{self.text(left, SUM)} {LINKS[type(op)]} {self.text(right, SUM)}", LINK
+            case ast.BoolOp(op, values):
+                sign, level = (" && ", AND) if isinstance(op, ast.And) else (" || ", OR)
+                return sign.join(self.text(value, LINK) for value in values), level
+            case ast.IfExp(test, yes, no):
+                return f"{self.text(test, OR)} ? {self.text(yes, OR)} : {self.text(no, SUM)}", CHOICE
+        refuse(node)
+
+    def member(self, node: ast.Attribute) -> str:
+        """Return the field of a struct, which is a variable or itself a field."""
+        match node.value:
+            case ast.Name(name):
+                return f"{name}->{node.attr}"
+            case ast.Attribute() as base:
+                return f"{self.member(base)}.{node.attr}"
+        refuse(node)
+
+    def call(self, node: ast.Call, called: ast.expr, arguments: Sequence[ast.expr]) -> str:
+        """Return a call."""
+        name = ast.unparse(called)
+        if name == "len":
+            return self.sizes(arguments[0])[0]
+        whole = "_int" if self.kind(node) == INT else ""
+        made = {
+            "abs": f"ant_abs{whole}",
+            "min": f"ant_min{whole}",
+            "max": f"ant_max{whole}",
+            "sqrt": "ANT_F(sqrt)",
+            "np.isfinite": "isfinite",
+        }
+        function = made.get(name) or (self.unit.entries.get(name, name) if name in self.unit.nodes else "")
+        if not function or node.keywords:
+            refuse(node, "C has no such function")
+        return f"{function}({', '.join(map(self.text, arguments))})"
+
+
+def refuse(node: ast.AST, why: str = "") -> NoReturn:
+    """Raise `Unprintable` for what cannot be printed."""
+    reason = f" ({why})" if why else ""
+    raise Unprintable(f"line {getattr(node, 'lineno', '?')} cannot be printed{reason}: {ast.unparse(node)}")
+
+
+__all__ = ["ATOM", "SIGNS", "SUM", "Expressions", "Unit", "refuse"]

@@ -1,0 +1,127 @@
+"""The solver of a step's QP is printed as C here, from the text that Python runs: `recursions.h` and `recursions.c`."""
+
+from typing import Any
+
+from mpc.codegen.array_functions import c_functions
+from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, StructKind
+from mpc.export import text
+
+_N, _AFTER, _BLOCKS = "ANT_HORIZON", "ANT_HORIZON + 1", "ANT_BLOCKS"
+_SIDE = "signed char"
+ENTRIES = {name: f"ant_{name}" for name in ("deviations", "slew_bounds", "swept", "persistent")}
+
+
+def recursion_files(single: bool) -> dict[str, str]:
+    """Return the files of the solver, which are the same for every joint; sizes stand in antagonist_config.h."""
+    from mpc.tracking.compiled import certificate, commands, interior, newton, riccati, rows, solve, stage
+
+    sweeps: list[Any] = [
+        *(stage.across, stage.decided, stage.linear_before, stage.advance, stage.charge_square, stage.charge_state),
+        *(stage.changed, newton.gradients, newton.adjoint, commands.slew_bounds, commands.deviations),
+        *(riccati.settled, riccati.backward, riccati.choose, riccati.forward),
+        *(certificate.brought_within, certificate.needed, certificate.proved, solve.swept, solve.confirmed),
+    ]
+    iteration: list[Any] = [
+        *(newton.pressed, newton.left_over, newton.factorise, newton.press, newton.border_before, newton.invert),
+        *(newton.decided_border, newton.direction, newton.follow, rows.values, rows.sides, rows.begin, rows.measure),
+        *(rows.row_steps, rows.products_after, rows.aim_at, rows.go, rows.bring_near),
+        *(interior.gap_of, interior.fall_to, interior.interior, interior.binding, solve.persistent),
+    ]
+    structs = _structs()
+    made = c_functions([*sweeps, *iteration], _kinds(structs), single, ENTRIES, {})
+    about = "The QP of a step, solved sample by sample; printed from Python's text of it."
+    head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head])
+    body = "\n\n".join([f'/* {about} */\n#include "recursions.h"\n\n#include "real.h"', _SMALL, made.body])
+    return {
+        "src/recursions.h": text.header("ANT_RECURSIONS_H", about, head, ["antagonist.h"]),
+        "src/recursions.c": f"{body}\n",
+    }
+
+
+_SMALL = "\n".join(
+    f"static inline {REAL} ant_{name}({REAL} a, {REAL} b) {{ return a {sign} b ? a : b; }}"
+    for name, sign in (("min", "<"), ("max", ">"))
+)
+
+
+def _array(*sizes: str | int, element: str = REAL, constant: bool = False) -> ArrayKind:
+    return ArrayKind(element, tuple(map(str, sizes)), constant)
+
+
+def _given(*sizes: str | int, element: str = REAL) -> ArrayKind:
+    return _array(*sizes, element=element, constant=True)
+
+
+def _structs() -> dict[str, StructKind]:
+    """Return what C has for the named tuples, those that are parts of others before these."""
+    per_x, per_y, per_u = _array(_AFTER, 4), _array(_AFTER, 3), _array(_N, 2)
+    row, lines = _array(_AFTER, 12), ("b", "t", "multiplier", "W", "residual", "push", "dt", "change")
+    made: dict[str, dict[str, Kind]] = {
+        "cost": {"x": _given(4), "y": _given(3), "e": _given(2), "change": _given(2), "end": _given(6, 6)},
+        "bounds": dict.fromkeys(("low", "high", "step", "left", "right", "min_force"), REAL),
+        "path": {
+            "x": _given(_AFTER, 4),
+            "y": _given(_AFTER, 3),
+            "A": _given(_N, 4, 4),
+            "B": _given(_N, 4, 2),
+            "slope": _given(_AFTER, 3, 4),
+        },
+        "reference": {"x": _given(_AFTER, 4), "y": _given(_AFTER, 3), "u": _given(_N, 2)},
+        "errors": {"x": per_x, "y": per_y, "e": per_u, "change": per_u, "end": _array(6)},
+        "point": {"xi": _array(_AFTER, 6), "v": per_u, "sigma": _array(2)},
+        "bounded": {"lower": per_u, "upper": per_u, "there": _array(_N, element=_SIDE)},
+        "sweep": {
+            "R": _array(_N, 2, 6),
+            "D": _array(_N, 3),
+            "g": per_u,
+            "feedback": _array(_N, 2, 7),
+            "held": _array(_N, 2, element=_SIDE),
+            "gx": _array(_AFTER, 6),
+            "gv": per_u,
+            "r": per_u,
+        },
+        "factors": {
+            "R": _array(_N, 2, 6),
+            "feedback": _array(_N, 2, 7),
+            "border": _array(_N, 2, 2),
+            "inverse": _array(_N, 3),
+            "sigma": _array(3),
+        },
+        "rows": {"span": _array(_AFTER, 2, element=INT), **dict.fromkeys(lines, row)},
+    }
+    structs = {name: StructKind(f"ant_qp_{name}", fields, False) for name, fields in made.items()}
+    setting: dict[str, Kind] = {"cost": structs["cost"], "bounds": structs["bounds"]}
+    setting |= dict.fromkeys(("curvature", "tolerance", "accuracy"), REAL)
+    setting |= {"slack": _given(4), "starts": _given(_BLOCKS, element=INT)}
+    work: dict[str, Kind] = {"rows": structs["rows"], "factors": structs["factors"], "by": structs["point"]}
+    work |= {"sweep": structs["sweep"], "gx": _array(_AFTER, 6), "gv": per_u, "r": per_u, "first": per_u}
+    work |= {"origin_x": _array(_AFTER, 6), "origin_v": per_u}
+    return structs | {
+        "setting": StructKind("ant_qp_setting", setting, False),
+        "work": StructKind("ant_qp_work", work, False),
+    }
+
+
+def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
+    """Return what arguments are, by their names in all functions."""
+    sweep, rows, factors = structs["sweep"].fields, structs["rows"].fields, structs["factors"].fields
+    per_u = sweep["gv"]
+    reals = ("w", "least0", "least1", "total", "product", "share", "mean")
+    return {
+        **structs,
+        **{name: structs["path"].fields[name] for name in ("A", "B", "slope")},
+        **{name: sweep[name] for name in ("R", "D", "g", "feedback", "held", "gx", "gv", "r")},
+        **{name: factors[name] for name in ("sigma", "inverse")},
+        **dict.fromkeys(("W", "b", "value", "push"), rows["b"]),
+        **dict.fromkeys(("gradient", "v", "lower", "upper"), per_u),
+        **{"at": structs["point"], "by": structs["point"], "f": structs["factors"], "xi": _array(_AFTER, 6)},
+        **{"S": _array(6, 6), "SA": _array(6, 6), "P": _array(6, 2), "G": _array(2, 2), "F": sweep["feedback"]},
+        **{"s": _array(6), "p": _array(6), "e": _given(2), "slack": _given(4), "last": _given(2, 2)},
+        **{"u": _given(_N, 2), "guess": _array(f"2 * {_BLOCKS}", element=_SIDE)},
+        "there": structs["bounded"].fields["there"],
+        "starts": _given(_BLOCKS, element=INT),
+        **dict.fromkeys(reals, REAL),
+    }
+
+
+__all__ = ["recursion_files"]
