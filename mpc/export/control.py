@@ -50,22 +50,30 @@ def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
     check_friction(controller.compensation.friction)
 
 
-def sizes_of(controller: TrackingMPC) -> Numbers:
+def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
     """Return the sizes that antagonist_config.h defines."""
     blocks, delay = len(controller.problem.blocks), controller.compensation.delay(controller.dt)
-    limits = 2 * blocks + 2 + 6 * controller.N
     return {
         "HORIZON": (controller.N, "samples that the controller looks ahead"),
         "BLOCKS": (blocks, "samples at which its commands may leave the previous plan"),
         "DELAY": (delay, "dead time in samples"),
         "AHEAD": (controller.ahead, "samples of reference wanted after the present one"),
-        "QP_ITERATIONS": (5 * limits, "most iterations of the QP solver in a step"),
+        "QP_ITERATIONS": (qp_iterations(controller, single), "most iterations of the QP solver at a time"),
     } | friction_sizes(controller.compensation.friction)
+
+
+def qp_iterations(controller: TrackingMPC, single: bool) -> int:
+    """Return the bound of the iterations: DAQP's in a QP, or those of each of three rounds of the interior point."""
+    from mpc.tracking.compiled.interior import MOST
+
+    limits = 2 * len(controller.problem.blocks) + 2 + 6 * controller.N
+    return 5 * limits if single else MOST
 
 
 def control_files(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:
     """Return all files beyond the allocation's but the model."""
-    files = dict(copied("mpc", "src/")) | dict(copied("daqp", "src/daqp/"))
+    files = dict(copied("mpc", "src/")) | dict(copied("dense" if single else "interior", "src/"))
+    files |= dict(copied("daqp", "src/daqp/")) if single else {}
     files |= recursion_files(single)
     files["antagonist_controller.h"] = files.pop("src/antagonist_controller.h")
     numbers = text.defines(_numbers(controller, observer, single), single)
@@ -252,4 +260,4 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
     ]
 
 
-__all__ = ["check_pair", "control_files", "model_functions", "sizes_of"]
+__all__ = ["check_pair", "control_files", "model_functions", "qp_iterations", "sizes_of"]

@@ -119,7 +119,7 @@ def controller_files(controller: TrackingMPC, observer: KalmanObserver, single: 
         **_allocation(joint, single),
         **control_files(controller, observer, single),
         **model_files(functions, single),
-        "antagonist_config.h": _config(single, sizes_of(controller)),
+        "antagonist_config.h": _config(single, sizes_of(controller, single)),
         "src/demonstration.h": allocation_table(joint, single, alone),
         "README.md": readme(joint, kernel.name, single, printed, controller),
     }

@@ -8,27 +8,41 @@ from mpc.export import text
 
 _N, _AFTER, _BLOCKS = "ANT_HORIZON", "ANT_HORIZON + 1", "ANT_BLOCKS"
 _SIDE = "signed char"
-ENTRIES = {name: f"ant_{name}" for name in ("deviations", "slew_bounds", "swept", "persistent")}
+_NEWTON = (
+    "gradients",
+    "adjoint",
+    "left_over",
+    "factorise",
+    "direction",
+    "values",
+    "sides",
+    "fall_to",
+    "brought_within",
+)
 
 
 def recursion_files(single: bool) -> dict[str, str]:
-    """Return the files of the solver, which are the same for every joint; sizes stand in antagonist_config.h."""
+    """Return the files of the solver, which are the same for every joint; sizes stand in antagonist_config.h.
+
+    In single precision there is no interior point: it would not come near enough to the solution.
+    """
     from mpc.tracking.compiled import certificate, commands, interior, newton, riccati, rows, solve, stage
 
-    sweeps: list[Any] = [
+    functions: list[Any] = [
         *(stage.across, stage.decided, stage.linear_before, stage.advance, stage.charge_square, stage.charge_state),
-        *(stage.changed, newton.gradients, newton.adjoint, commands.slew_bounds, commands.deviations),
-        *(riccati.settled, riccati.backward, riccati.choose, riccati.forward),
-        *(certificate.brought_within, certificate.needed, certificate.proved, solve.swept, solve.confirmed),
+        *(stage.changed, newton.gradients, newton.adjoint, newton.pressed, newton.left_over, newton.factorise),
+        *(newton.press, newton.border_before, newton.invert, newton.decided_border, newton.direction, newton.follow),
+        *(commands.slew_bounds, commands.deviations, riccati.settled, riccati.backward, riccati.choose),
+        *(riccati.forward, certificate.brought_within, certificate.needed, certificate.proved),
+        *(solve.swept, solve.confirmed, rows.values, rows.sides, interior.fall_to),
     ]
-    iteration: list[Any] = [
-        *(newton.pressed, newton.left_over, newton.factorise, newton.press, newton.border_before, newton.invert),
-        *(newton.decided_border, newton.direction, newton.follow, rows.values, rows.sides, rows.begin, rows.measure),
-        *(rows.row_steps, rows.products_after, rows.aim_at, rows.go, rows.bring_near),
-        *(interior.gap_of, interior.fall_to, interior.interior, interior.binding, solve.persistent),
-    ]
+    if not single:
+        functions += [rows.begin, rows.measure, rows.row_steps, rows.products_after, rows.aim_at, rows.go]
+        functions += [rows.bring_near, interior.gap_of, interior.interior, interior.binding, solve.persistent]
+    names = ("slew_bounds", "deviations", "swept", *_NEWTON, *([] if single else ["persistent"]))
+    entries = {name: f"ant_{name}" for name in names}
     structs = _structs()
-    made = c_functions([*sweeps, *iteration], _kinds(structs), single, ENTRIES, {})
+    made = c_functions(functions, _kinds(structs), single, entries, {})
     about = "The QP of a step, solved sample by sample; printed from Python's text of it."
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head])
     body = "\n\n".join([f'/* {about} */\n#include "recursions.h"\n\n#include "real.h"', _SMALL, made.body])

@@ -95,9 +95,9 @@ def fall_to(path: Path, setting: Setting, at: Point, there: Any, work: Work) -> 
 @inlined
 def interior(
     path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Any,
-    at: Point, work: Work
+    at: Point, work: Work, limit: int
 ) -> int:  # fmt: skip
-    """Return after how many iterations `at` is a solution with the first `count` rows, proved; -1: it is none.
+    """Return after how many iterations `at` is a solution with the first `count` rows, proved; -1: after `limit` none.
 
     With changes only, BOUNDS, the sweeps are given the set that begins to show.
     """
@@ -112,7 +112,7 @@ def interior(
         steepest = max(steepest, abs(work.first[k, 0]), abs(work.first[k, 1])) if there[k] else steepest
     number = begin(rows, there, slack, count, steepest * (1.0 if count == ALL else 0.01), at)
     tries = 0
-    for iteration in range(MOST + 1):
+    for iteration in range(limit + 1):
         gradients(path, errors, cost, at, work.gx, work.gv)
         total, worst = measure(path, at, rows, count)
         wanted = min(GAP * 10.0**tries, 0.5) * most
@@ -124,7 +124,7 @@ def interior(
                 tries += 1
                 if tries == TRIES:
                     break
-        if iteration == MOST or not np.isfinite(total):
+        if iteration == limit or not np.isfinite(total):
             break
         if count == BOUNDS and total < SHOWS * most:
             binding(rows, setting.starts, guess)

@@ -38,7 +38,7 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
     count = swept(path, errors, setting, u, bounded, guess, at, sweep)
     if count > 0:
         work = new_work(N, sweep)
-        solved, iterations = persistent(path, errors, setting, u, bounded, count, guess, at, work)
+        solved, iterations = persistent(path, errors, setting, u, bounded, count, guess, at, work, MOST)
     for block in range(starts.size):
         for i in range(2):
             z[2 * block + i] = at.v[starts[block], i]
@@ -72,16 +72,17 @@ def confirmed(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at
 @inlined
 def persistent(
     path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Any, at: Point,
-    work: Work
+    work: Work, limit: int
 ) -> tuple[bool, int]:  # fmt: skip
     """Return whether the interior point comes to a solution `at`, and after how many iterations.
 
-    It begins with the first `count` rows of every sample, and again with more where the solution breaks others.
+    It begins with the first `count` rows of every sample, and again with more where the solution breaks others: at
+    most three times, with `limit` iterations each.
     """
     iterations = 0
     while True:
-        spent = interior(path, errors, setting, u, bounded, count, guess, at, work)
-        iterations += spent if spent >= 0 else MOST
+        spent = interior(path, errors, setting, u, bounded, count, guess, at, work, limit)
+        iterations += spent if spent >= 0 else limit
         solved = spent >= 0
         brought_within(path, bounded, at)
         if solved and count == BOUNDS:

@@ -97,6 +97,7 @@ typedef struct {
     int finite;
 } ant_feed;
 
+#ifdef ANT_SINGLE
 /* Workspace of DAQP. */
 typedef struct {
     ant_real Rinv[ANT_TRIANGLE(ANT_DECISIONS)], v[ANT_DECISIONS], M[ANT_ROWS][ANT_DECISIONS];
@@ -107,14 +108,6 @@ typedef struct {
     int sense[ANT_LIMITS], WS[ANT_DECISIONS + 1];
 } ant_solver;
 
-/* Workspace of the softened problem. */
-typedef struct {
-    ant_real R[ANT_TRIANGLE(ANT_MOVES)], v[ANT_MOVES]; /* with the rows that are charged */
-    ant_real face_R[ANT_TRIANGLE(ANT_MOVES)], face_v[ANT_MOVES];
-    unsigned char charged[ANT_ROWS], was[ANT_ROWS];
-    signed char side[ANT_MOVES]; /* -1, 1: held at its lower, upper bound */
-} ant_softened;
-
 /* minimise |R z + v|^2/2 over the moves and the price of the slacks, within bounds and rows; see src/qp.c. Moves count
  * in bar, slacks in rad and N. */
 typedef struct {
@@ -122,11 +115,9 @@ typedef struct {
     ant_real v[ANT_MOVES];
     ant_real lower[ANT_MOVES], upper[ANT_MOVES];
     ant_real G[ANT_HORIZON][4][ANT_MOVES]; /* dx/dz at samples 1 to N */
-    union {
-        ant_solver solver;
-        ant_softened softened;
-    } work;
+    ant_solver solver;
 } ant_dense;
+#endif
 
 /* Workspace of the sweeps; see src/recursions.h. */
 typedef struct {
@@ -137,6 +128,17 @@ typedef struct {
     signed char held[ANT_HORIZON][2];
 } ant_sweeps;
 
+/* Workspace of a Newton step; see src/recursions.h. */
+typedef struct {
+    int span[ANT_HORIZON + 1][2];
+    ant_real b[ANT_HORIZON + 1][12], t[ANT_HORIZON + 1][12], multiplier[ANT_HORIZON + 1][12], W[ANT_HORIZON + 1][12];
+    ant_real residual[ANT_HORIZON + 1][12], push[ANT_HORIZON + 1][12], dt[ANT_HORIZON + 1][12];
+    ant_real change[ANT_HORIZON + 1][12];
+    ant_real border[ANT_HORIZON][2][2], border_sigma[3];
+    ant_real xi[ANT_HORIZON + 1][6], v[ANT_HORIZON][2], sigma[2]; /* the step */
+    ant_real first[ANT_HORIZON][2], origin_x[ANT_HORIZON + 1][6], origin_v[ANT_HORIZON][2];
+} ant_iteration;
+
 /* The QP of a step, sample by sample: its linear model along a motion, commands in bar, and the bounds of the slew. */
 typedef struct {
     ant_motion motion; /* of z = 0 */
@@ -145,8 +147,13 @@ typedef struct {
     ant_real lower[ANT_HORIZON][2], upper[ANT_HORIZON][2];
     signed char there[ANT_HORIZON], guess[ANT_MOVES]; /* which changes there are; which of their bounds bind */
     union {
-        ant_sweeps sweeps;
+        struct {
+            ant_sweeps sweeps;
+            ant_iteration iteration;
+        } structured;
+#ifdef ANT_SINGLE
         ant_dense dense;
+#endif
     } work;
 } ant_qp;
 

@@ -4,6 +4,7 @@
 
 #include "antagonist.h"
 #include "real.h"
+#include "recursions.h"
 #include "settings.h"
 
 /* friction.c */
@@ -63,38 +64,30 @@ int ant_rest_follow(ant_rest *r, const ant_task *task); /* at every sample: whet
 /* feedforward.c */
 void ant_feed_forward(const ant_task *task, ant_feed *feed);
 
-/* structured.c */
+/* structured.c: the QP of a step, sample by sample, as recursions.c takes it */
+typedef struct {
+    ant_qp_path path;
+    ant_qp_errors errors;
+    ant_qp_bounded bounded;
+    const ant_real (*u)[2]; /* [bar] */
+    ant_qp_point at;        /* what is found */
+    ant_qp_work work;
+} ant_structured;
+extern const ant_qp_setting ANT_SETTING;
+ant_structured ant_structured_of(ant_qp *qp);
 int ant_linearise(ant_controller *c, const ant_task *task, const ant_real u_last[2]); /* whether all is finite */
 void ant_expect_shifted(ant_controller *c); /* that what bound in the last sample's QP binds one sample earlier */
+void ant_deviate(const ant_controller *c, const ant_structured *s, const ant_real u_last[2]); /* sets the errors */
 ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_DECISIONS], int *iterations);
+void ant_decisions(const ant_qp *qp, ant_real z[ANT_DECISIONS]); /* of what is found */
 
-/* condense.c: for qp.c and softened.c */
-int ant_condense(ant_controller *c, const ant_real u_last[2]); /* whether all is finite */
-
-/* least_squares.c: R (n, n) upper triangular by rows, |R z + v|^2/2 the cost of what was rotated in */
-static inline int ant_at(int n, int i) { return i * n - i * (i - 1) / 2 - i; } /* row i begins there, less i */
-/* Adds |row z + r|^2/2; neither row nor R, but for its diagonal, may have anything behind the `used` first columns. */
-void ant_rotate_in(int n, int used, ant_real *R, ant_real *v, ant_real *row, ant_real r); /* row is used up */
-ant_real ant_cost(int n, const ant_real *R, const ant_real *v, const ant_real *z);        /* above that of z = 0 */
-
-/* rows.c: limits, counted from 0 to ANT_LIMITS: the bounds of the decisions, and then the rows */
-typedef struct {
-    ant_real row[ANT_DECISIONS];
-    ant_real lower, upper;
-    ant_real value; /* row z */
-    ant_real size;  /* of what the value is summed from */
-} ant_valued_row;
-ant_valued_row ant_row_at(const ant_qp *qp, int limit, const ant_real z[ANT_DECISIONS]);
-void ant_row(const ant_qp *qp, int i, ant_real row[ANT_DECISIONS]);
-ant_real ant_breach(const ant_qp *qp, int i, const ant_real z[ANT_DECISIONS]); /* of row i; negative inside */
-ant_real ant_charge(int i); /* for the square of a breach when softened [cost] */
-
-/* qp.c, certificate.c */
-ant_plan_status ant_solve_dense(ant_controller *c, ant_real z[ANT_DECISIONS], int *iterations);
-int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_real multipliers[ANT_LIMITS]);
+/* persistent.c, in single precision qp.c: what the sweeps did not settle; count is of rows that it seems to need */
+ant_plan_status ant_persist(ant_controller *c, const ant_real u_last[2], int count, ant_real z[ANT_DECISIONS],
+                            int *iterations);
 
 /* softened.c */
-int ant_soften(ant_controller *c, ant_real z[ANT_DECISIONS]); /* whether something better than z = 0 was found */
+/* Whether something better than z = 0 was found. */
+int ant_soften(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_DECISIONS]);
 
 /* ladder.c */
 void ant_shift(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]);

@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "control.h"
+#include "tables.h"
 
 typedef struct {
     ant_plan_status status;
@@ -11,15 +12,16 @@ typedef struct {
 } outcome;
 
 /* u + E z, within the limits. */
-static void move(ant_real u[ANT_HORIZON][2], const ant_qp *qp, const ant_real z[ANT_DECISIONS],
-                 const ant_real u_last[2]) {
-    for (int k = 0; k < ANT_HORIZON; k++)
+static void move(ant_real u[ANT_HORIZON][2], const ant_real z[ANT_DECISIONS], const ant_real u_last[2]) {
+    ant_real sum[2] = {0, 0};
+    for (int k = 0, b = 0; k < ANT_HORIZON; k++) {
+        const int begins = b < ANT_BLOCKS && ANT_STARTS[b] == k;
         for (int i = 0; i < 2; i++) {
-            ant_real row[ANT_DECISIONS], sum = 0;
-            ant_row(qp, 2 * k + i, row);
-            for (int j = 0; j < ANT_MOVES; j++) sum += row[j] * z[j];
-            u[k][i] += ANT_BAR * sum;
+            if (begins) sum[i] += z[2 * b + i];
+            u[k][i] += ANT_BAR * sum[i];
         }
+        b += begins;
+    }
     ant_limit(u_last, u);
 }
 
@@ -39,11 +41,11 @@ static outcome optimise(ant_controller *c, const ant_task *task, const ant_real 
             if (o.found) break;
             o.status = status;
             o.rung = ANT_RUNG_SOFTENED;
-            o.found = finite && ant_condense(c, u_last) && ant_soften(c, z);
-            if (o.found) move(u, &c->qp, z, u_last);
+            o.found = finite && ant_soften(c, u_last, z);
+            if (o.found) move(u, z, u_last);
             break;
         }
-        move(u, &c->qp, z, u_last);
+        move(u, z, u_last);
         o.found = 1;
     }
     return o;

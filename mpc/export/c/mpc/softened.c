@@ -1,135 +1,148 @@
 /* A step that always has an answer, found in another way than the QP's:
  *
- *     minimise   |R z + v|^2/2 + sum of charge_i max(0, breach_i(z))^2/2     over    lower <= z <= upper
+ *     minimise   cost without rows + sum of charge_i max(0, breach_i)^2/2     over    lower <= v <= upper
  *
- * Of the limits only the slew is hard. Bounded least squares, each charging the rows that the last one broke, until
- * they repeat. What counts is the best point met: it is allowed, and better than to go on with z = 0. */
+ * Of the limits only the slew is hard. An active set of bounds, each charging the rows that the last one broke, until
+ * they repeat; the minimum with the bounds held is a Newton step of the recursions. What counts is the best point met:
+ * it is allowed, and better than to go on with v = 0. */
 #include <string.h>
 
 #include "control.h"
+#include "tables.h"
 
-enum { n = ANT_MOVES, CHANGES = 4 * ANT_MOVES };
+enum { N = ANT_HORIZON, CHANGES = 4 * ANT_MOVES, SUPPLY = 4, RANGE = 8, FORCES = 10, ALL = 12 }; /* rows, see rows.py */
 
-static ant_real cost(const ant_qp *qp, const ant_real z[ANT_DECISIONS]) {
-    ant_real sum = ant_cost(n, qp->work.dense.R, qp->work.dense.v, z);
-    for (int i = 0; i < ANT_ROWS; i++) {
-        const ant_real breach = ant_breach(qp, i, z);
-        if (breach > 0) sum += ant_charge(i) / 2 * breach * breach;
-    }
+static const ant_real HELD = ANT_R(1e20); /* curvature of what stays where it is */
+
+typedef struct {
+    ant_structured q;
+    unsigned char charged[N][ALL], was[N][ALL];
+    signed char side[N][2]; /* -1, 1: held at its lower, upper bound */
+} softened;
+
+static ant_real charge_of(int row) {
+    return row < RANGE ? ANT_CHARGE : row < FORCES ? ANT_SLACK_SQUARE : ANT_SLACK_FORCE_SQUARE;
+}
+
+static ant_real breach(const softened *s, int k, int row) {
+    return s->q.work.rows.residual[k][row] - s->q.work.rows.b[k][row];
+}
+
+/* Gradient, rows and what these push at the point. */
+static void differentiate(const softened *s) {
+    const ant_qp_work *w = &s->q.work;
+    ant_gradients(&s->q.path, &s->q.errors, &ANT_SETTING.cost, &s->q.at, w->gx, w->gv);
+    ant_values(&s->q.path, &s->q.at, ALL, w->rows.residual);
+    for (int k = 0; k < N; k++)
+        for (int row = 0; row < ALL; row++)
+            w->rows.push[k][row] = s->charged[k][row] ? charge_of(row) * breach(s, k, row) : 0;
+    w->rows.push[N][0] = w->rows.push[N][1] = 0;
+}
+
+/* At the point, after differentiate. */
+static ant_real cost(const softened *s) {
+    ant_real sum = -ant_fall_to(&s->q.path, &ANT_SETTING, &s->q.at, s->q.bounded.there, &s->q.work);
+    for (int k = 0; k < N; k++)
+        for (int row = SUPPLY; row < ALL; row++) {
+            const ant_real beyond = breach(s, k, row);
+            if (beyond > 0) sum += charge_of(row) / 2 * beyond * beyond;
+        }
     return sum;
 }
 
-/* The QP's least squares with the rows that are charged: |row z - b|, b being the limit that z breaks. */
-static void charge(const ant_qp *qp, ant_softened *s, const ant_real z[ANT_DECISIONS]) {
-    memcpy(s->R, qp->work.dense.R, sizeof s->R);
-    memcpy(s->v, qp->work.dense.v, sizeof s->v);
-    for (int i = 0; i < ANT_ROWS; i++) {
-        if (!s->charged[i]) continue;
-        ant_valued_row at = ant_row_at(qp, ANT_DECISIONS + i, z); /* z has no slacks */
-        const ant_real root = ANT_F(sqrt)(ant_charge(i));
-        for (int j = 0; j < n; j++) at.row[j] *= root;
-        ant_rotate_in(n, n, s->R, s->v, at.row, -root * ant_clip(at.value, at.lower, at.upper));
-    }
+/* The step to the minimum with the changes on a side held. */
+static void step(const softened *s) {
+    const ant_qp_work *w = &s->q.work;
+    for (int k = 0; k < N; k++)
+        for (int row = 0; row < ALL; row++)
+            w->rows.W[k][row] = row < 2 && s->side[k][row] != 0 ? HELD : s->charged[k][row] ? charge_of(row) : 0;
+    w->rows.W[N][0] = w->rows.W[N][1] = HELD; /* no slacks */
+    ant_factorise(&s->q.path, &ANT_SETTING.cost, ANT_SETTING.slack, w->rows.W, s->q.bounded.there, ALL, &w->factors);
+    ant_direction(&s->q.path, &w->factors, ANT_SETTING.slack, &s->q.at, w->gx, w->gv, w->rows.push, ALL, &w->by);
 }
 
-/* The minimum on the face where the decisions on a side stay: least squares in the others. */
-static void solve_face(ant_softened *s, const ant_real z[n], ant_real target[n]) {
-    int free = 0;
-    for (int j = 0; j < n; j++) free += s->side[j] == 0;
-    memset(s->face_R, 0, sizeof s->face_R);
-    memset(s->face_v, 0, sizeof s->face_v);
-    for (int i = 0; i < n; i++) {
-        const ant_real *Ri = s->R + ant_at(n, i);
-        ant_real row[n] = {0}, r = s->v[i];
-        for (int j = 0, f = 0; j < n; j++) {
-            const ant_real element = j < i ? 0 : Ri[j];
-            if (s->side[j] == 0)
-                row[f++] = element;
-            else
-                r += element * z[j];
-        }
-        ant_rotate_in(free, free, s->face_R, s->face_v, row, r);
-    }
-    memcpy(target, z, n * sizeof target[0]);
-    for (int j = n - 1, f = free - 1; j >= 0; j--) {
-        if (s->side[j] != 0) continue;
-        const ant_real *Rf = s->face_R + ant_at(free, f);
-        ant_real sum = s->face_v[f];
-        for (int l = j + 1, m = f + 1; l < n; l++)
-            if (s->side[l] == 0) sum += Rf[m++] * target[l];
-        target[j] = -sum / Rf[f];
-        f--;
-    }
-}
-
-/* From z towards the target, up to the first bound met, where that decision is held; whether one was. */
-static int go(const ant_qp *qp, ant_softened *s, ant_real z[n], const ant_real target[n]) {
+/* By the step, up to the first bound met, where that change is held; whether one was. */
+static int go(softened *s) {
+    ant_real(*v)[2] = s->q.at.v;
+    ant_real(*by)[2] = s->q.work.by.v;
     ant_real share = 1;
     int met = -1;
-    for (int j = 0; j < n; j++) {
-        const ant_real bound = target[j] < qp->work.dense.lower[j]   ? qp->work.dense.lower[j]
-                               : target[j] > qp->work.dense.upper[j] ? qp->work.dense.upper[j]
-                                                          : target[j];
-        if (s->side[j] != 0 || bound == target[j]) continue;
-        if (met < 0 || (bound - z[j]) / (target[j] - z[j]) < share) {
-            share = (bound - z[j]) / (target[j] - z[j]);
+    for (int j = 0; j < 2 * N; j++) {
+        const int k = j / 2, i = j % 2;
+        const ant_real target = v[k][i] + by[k][i];
+        const ant_real bound = ant_clip(target, s->q.bounded.lower[k][i], s->q.bounded.upper[k][i]);
+        if (s->side[k][i] != 0 || bound == target) continue;
+        if (met < 0 || (bound - v[k][i]) / by[k][i] < share) {
+            share = (bound - v[k][i]) / by[k][i];
             met = j;
         }
     }
-    for (int j = 0; j < n; j++) z[j] += share * (target[j] - z[j]);
-    if (met < 0) return 0;
-    s->side[met] = target[met] < qp->work.dense.lower[met] ? -1 : 1;
-    z[met] = s->side[met] < 0 ? qp->work.dense.lower[met] : qp->work.dense.upper[met];
-    return 1;
-}
-
-/* Lets go of the decision that most wants to leave its bound; whether one does. */
-static int release(ant_softened *s, const ant_real z[n]) {
-    ant_real gradient[n] = {0}, most = 0;
-    int which = -1;
-    for (int i = 0; i < n; i++) {
-        const ant_real *Ri = s->R + ant_at(n, i);
-        ant_real residual = s->v[i];
-        for (int j = i; j < n; j++) residual += Ri[j] * z[j];
-        for (int j = i; j < n; j++) gradient[j] += Ri[j] * residual;
+    for (int j = 0; j < 2 * N; j++)
+        if (s->side[j / 2][j % 2] == 0) v[j / 2][j % 2] += share * by[j / 2][j % 2];
+    if (met >= 0) {
+        const int k = met / 2, i = met % 2;
+        s->side[k][i] = by[k][i] < 0 ? -1 : 1;
+        v[k][i] = by[k][i] < 0 ? s->q.bounded.lower[k][i] : s->q.bounded.upper[k][i];
     }
-    for (int j = 0; j < n; j++)
-        if (s->side[j] * gradient[j] > most) {
-            most = s->side[j] * gradient[j];
-            which = j;
-        }
-    if (which >= 0) s->side[which] = 0;
-    return which >= 0;
+    ant_brought_within(&s->q.path, &s->q.bounded, &s->q.at);
+    return met >= 0;
 }
 
-/* Bounded least squares by an active set, from z = 0. */
-static void minimise(const ant_qp *qp, ant_softened *s, ant_real z[n]) {
+/* Lets go of the change that most wants to leave its bound; whether one does. */
+static int release(softened *s) {
+    const ant_qp_work *w = &s->q.work;
+    ant_real most = 0;
+    signed char *which = NULL;
+    ant_left_over(&s->q.path, ANT_SETTING.slack, &s->q.at, w->gx, w->gv, w->rows.push, ALL, w->r);
+    for (int k = 0; k < N; k++)
+        for (int i = 0; i < 2; i++)
+            if (s->side[k][i] * w->r[k][i] > most) {
+                most = s->side[k][i] * w->r[k][i];
+                which = &s->side[k][i];
+            }
+    if (which != NULL) *which = 0;
+    return which != NULL;
+}
+
+static void to_origin(const softened *s) {
+    memset(s->q.at.v, 0, N * sizeof s->q.at.v[0]);
+    memset(s->q.at.xi, 0, (N + 1) * sizeof s->q.at.xi[0]);
+}
+
+/* The minimum within the bounds, from v = 0. */
+static void minimise(softened *s) {
     memset(s->side, 0, sizeof s->side);
-    memset(z, 0, n * sizeof z[0]);
+    to_origin(s);
+    differentiate(s);
     for (int change = 0; change < CHANGES; change++) {
-        ant_real target[n];
-        solve_face(s, z, target);
-        if (!go(qp, s, z, target) && !release(s, z)) return;
+        step(s);
+        const int met = go(s);
+        differentiate(s);
+        if (!met && !release(s)) return;
     }
 }
 
-int ant_soften(ant_controller *c, ant_real best[ANT_DECISIONS]) {
-    ant_softened *s = &c->qp.work.dense.work.softened;
-    ant_real z[ANT_DECISIONS] = {0}, least = cost(&c->qp, z);
+int ant_soften(ant_controller *c, const ant_real u_last[2], ant_real best[ANT_DECISIONS]) {
+    softened s = {ant_structured_of(&c->qp), {{0}}, {{0}}, {{0}}};
     int found = 0;
-    memset(s->charged, 0, sizeof s->charged);
+    ant_deviate(c, &s.q, u_last);
+    ant_sides(&s.q.path, s.q.u, &ANT_SETTING.bounds, &s.q.bounded, s.q.work.rows.b);
+    to_origin(&s);
+    differentiate(&s);
+    ant_adjoint(&s.q.path, s.q.work.gx, s.q.work.gv, s.q.work.first);
+    ant_real least = cost(&s);
     for (int round = 0; round < ANT_ROUNDS; round++) {
-        charge(&c->qp, s, z);
-        minimise(&c->qp, s, z);
-        const ant_real price = cost(&c->qp, z);
+        minimise(&s);
+        const ant_real price = cost(&s);
         if (price < least) {
             least = price;
-            memcpy(best, z, sizeof z);
+            ant_decisions(&c->qp, best);
             found = 1;
         }
-        memcpy(s->was, s->charged, sizeof s->was);
-        for (int i = 0; i < ANT_ROWS; i++) s->charged[i] = ant_breach(&c->qp, i, z) > 0;
-        if (memcmp(s->was, s->charged, sizeof s->was) == 0) break;
+        memcpy(s.was, s.charged, sizeof s.was);
+        for (int k = 0; k < N; k++)
+            for (int row = SUPPLY; row < ALL; row++) s.charged[k][row] = breach(&s, k, row) > 0;
+        if (memcmp(s.was, s.charged, sizeof s.was) == 0) break;
     }
     return found;
 }

@@ -3,10 +3,9 @@
 
 #include "control.h"
 #include "model.h"
-#include "recursions.h"
 #include "tables.h"
 
-static const ant_qp_setting SETTING = {
+const ant_qp_setting ANT_SETTING = {
     {ANT_COST_X, ANT_COST_Y, ANT_COST_E, ANT_COST_CHANGE, ANT_COST_END},
     {ANT_SUPPLY_LO / ANT_BAR, ANT_SUPPLY_HI / ANT_BAR, ANT_STEP / ANT_BAR, ANT_LEFT, ANT_RIGHT, ANT_MIN_FORCE},
     ANT_CURVATURE,
@@ -15,6 +14,36 @@ static const ant_qp_setting SETTING = {
     ANT_SLACKS,
     ANT_STARTS,
 };
+
+ant_structured ant_structured_of(ant_qp *qp) {
+    ant_sweeps *s = &qp->work.structured.sweeps;
+    ant_iteration *i = &qp->work.structured.iteration;
+    const ant_qp_sweep sweep = {s->R, s->D, s->g, s->feedback, s->held, s->gx, s->gv, s->r};
+    const ant_structured made = {
+        {(const ant_real(*)[4])qp->motion.x, (const ant_real(*)[3])qp->y, (const ant_real(*)[4][4])qp->A,
+         (const ant_real(*)[4][2])qp->B, (const ant_real(*)[3][4])qp->slope},
+        {s->x, s->y, s->e, s->change, s->end},
+        {qp->lower, qp->upper, qp->there},
+        (const ant_real(*)[2])qp->u,
+        {s->xi, s->v, s->sigma},
+        {{i->span, i->b, i->t, i->multiplier, i->W, i->residual, i->push, i->dt, i->change},
+         {s->R, s->feedback, i->border, s->D, i->border_sigma},
+         {i->xi, i->v, i->sigma},
+         sweep,
+         s->gx,
+         s->gv,
+         s->r,
+         i->first,
+         i->origin_x,
+         i->origin_v}};
+    return made;
+}
+
+void ant_decisions(const ant_qp *qp, ant_real z[ANT_DECISIONS]) {
+    for (int b = 0; b < ANT_BLOCKS; b++)
+        memcpy(z + 2 * b, qp->work.structured.sweeps.v[ANT_STARTS[b]], sizeof qp->work.structured.sweeps.v[0]);
+    z[ANT_MOVES] = z[ANT_MOVES + 1] = 0;
+}
 
 int ant_linearise(ant_controller *c, const ant_task *task, const ant_real u_last[2]) {
     ant_qp *qp = &c->qp;
@@ -32,7 +61,7 @@ int ant_linearise(ant_controller *c, const ant_task *task, const ant_real u_last
     const ant_real *star = c->starred ? c->u_star : c->feed.u[0];
     const ant_real last[2][2] = {{u_last[0], u_last[1]}, {star[0], star[1]}};
     const ant_qp_bounded bounded = {qp->lower, qp->upper, qp->there};
-    ant_slew_bounds(&SETTING, (const ant_real(*)[2])qp->u, last, &bounded);
+    ant_slew_bounds(&ANT_SETTING, (const ant_real(*)[2])qp->u, last, &bounded);
     return ant_finite(qp->A[0][0], 16 * ANT_HORIZON) && ant_finite(qp->B[0][0], 8 * ANT_HORIZON) &&
            ant_finite(qp->slope[1][0], 12 * ANT_HORIZON);
 }
@@ -42,33 +71,22 @@ void ant_expect_shifted(ant_controller *c) {
         if (ANT_STARTS[b + 1] == ANT_STARTS[b] + 1) memcpy(c->qp.guess + 2 * b, c->qp.guess + 2 * b + 2, 2);
 }
 
-/* Whether the sweeps have the solution, proved. */
-static int swept(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_DECISIONS]) {
-    ant_qp *qp = &c->qp;
-    ant_sweeps *s = &qp->work.sweeps;
+void ant_deviate(const ant_controller *c, const ant_structured *s, const ant_real u_last[2]) {
     const ant_real *star = c->starred ? c->u_star : c->feed.u[0];
     const ant_real last[2][2] = {{u_last[0], u_last[1]}, {star[0], star[1]}};
-    const ant_real(*u)[2] = (const ant_real(*)[2])qp->u;
-    const ant_qp_path path = {(const ant_real(*)[4])qp->motion.x, (const ant_real(*)[3])qp->y,
-                           (const ant_real(*)[4][4])qp->A, (const ant_real(*)[4][2])qp->B,
-                           (const ant_real(*)[3][4])qp->slope};
     const ant_qp_reference reference = {(const ant_real(*)[4])c->feed.x, (const ant_real(*)[3])c->feed.y,
-                                          (const ant_real(*)[2])c->feed.u};
-    const ant_qp_errors errors = {s->x, s->y, s->e, s->change, s->end};
-    const ant_qp_bounded bounded = {qp->lower, qp->upper, qp->there};
-    const ant_qp_point at = {s->xi, s->v, s->sigma};
-    const ant_qp_sweep sweep = {s->R, s->D, s->g, s->feedback, s->held, s->gx, s->gv, s->r};
-    memset(s->sigma, 0, sizeof s->sigma);
-    ant_deviations(&path, u, &reference, last, &errors);
-    if (ant_swept(&path, &errors, &SETTING, u, &bounded, qp->guess, &at, &sweep) > 0) return 0;
-    for (int b = 0; b < ANT_BLOCKS; b++) memcpy(z + 2 * b, s->v[ANT_STARTS[b]], sizeof s->v[0]);
-    z[ANT_MOVES] = z[ANT_MOVES + 1] = 0;
-    return 1;
+                                        (const ant_real(*)[2])c->feed.u};
+    ant_deviations(&s->path, s->u, &reference, last, &s->errors);
+    memset(s->at.sigma, 0, 2 * sizeof s->at.sigma[0]);
 }
 
 ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_DECISIONS], int *iterations) {
+    const ant_structured s = ant_structured_of(&c->qp);
     *iterations = 0;
     if (c->iteration_limit <= 0) return ANT_PLAN_UNSOLVED;
-    if (swept(c, u_last, z)) return ANT_PLAN_OPTIMAL;
-    return ant_condense(c, u_last) ? ant_solve_dense(c, z, iterations) : ANT_PLAN_NOT_FINITE;
+    ant_deviate(c, &s, u_last);
+    const int count = ant_swept(&s.path, &s.errors, &ANT_SETTING, s.u, &s.bounded, c->qp.guess, &s.at, &s.work.sweep);
+    if (count > 0) return ant_persist(c, u_last, count, z, iterations);
+    ant_decisions(&c->qp, z);
+    return ANT_PLAN_OPTIMAL;
 }

@@ -1,6 +1,6 @@
 /* Least squares row by row: Givens rotations keep R upper triangular. Squaring nothing, they leave single precision as
  * many digits as it has; the normal equations would leave half of them. */
-#include "control.h"
+#include "dense.h"
 
 void ant_rotate_in(int n, int used, ant_real *R, ant_real *v, ant_real *row, ant_real r) {
     for (int i = 0; i < used; i++) {

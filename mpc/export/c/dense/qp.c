@@ -8,7 +8,7 @@
  * bind: each is left out until a solution breaks it, from where the method goes on. */
 #include <string.h>
 
-#include "control.h"
+#include "dense.h"
 #include "daqp_core.h"
 
 static const ant_real FAR = ANT_R(1e30); /* DAQP's infinity */
@@ -156,14 +156,16 @@ static int widen(const ant_qp *qp, ant_solver *s, const ant_real z[ANT_DECISIONS
     return any;
 }
 
-ant_plan_status ant_solve_dense(ant_controller *c, ant_real z[ANT_DECISIONS], int *iterations) {
-    ant_solver *s = &c->qp.work.dense.work.solver;
+ant_plan_status ant_persist(ant_controller *c, const ant_real u_last[2], int count, ant_real z[ANT_DECISIONS],
+                            int *iterations) {
+    (void)count;
+    ant_solver *s = &c->qp.work.dense.solver;
     DAQPSettings options;
     DAQPWorkspace w;
     ant_real multipliers[ANT_LIMITS];
+    if (!ant_condense(c, u_last)) return ANT_PLAN_NOT_FINITE;
     settings(&options, 0);
     begin(&c->qp, s, &w, &options);
-    *iterations = 0;
     do {
         options.iter_limit = c->iteration_limit - *iterations;
         const int flag = daqp_ldp(&w);

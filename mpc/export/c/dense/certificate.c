@@ -12,7 +12,7 @@
  * it. */
 #include <float.h>
 
-#include "control.h"
+#include "dense.h"
 
 static const ant_real LAST_DIGITS = 8 * (sizeof(ant_real) == sizeof(float) ? FLT_EPSILON : DBL_EPSILON);
 

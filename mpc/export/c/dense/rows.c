@@ -2,7 +2,7 @@
  * least its lower limit; both forces + s_F at least their own. */
 #include <string.h>
 
-#include "control.h"
+#include "dense.h"
 #include "tables.h"
 
 enum { N = ANT_HORIZON, THETA = ANT_MOVES, FORCE = ANT_MOVES + 1 }; /* the slacks s and s_F */
@@ -69,5 +69,3 @@ ant_real ant_breach(const ant_qp *qp, int i, const ant_real z[ANT_DECISIONS]) {
     const ant_real below = at.lower - at.value, above = at.value - at.upper;
     return below > above ? below : above;
 }
-
-ant_real ant_charge(int i) { return i < COMMANDS ? ANT_CHARGE : i < LOWER ? ANT_SLACK_SQUARE : ANT_SLACK_FORCE_SQUARE; }

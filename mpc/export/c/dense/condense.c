@@ -6,7 +6,7 @@
  * charges for is |root (row z + r)|^2/2, their roots being those of the weights. */
 #include <string.h>
 
-#include "control.h"
+#include "dense.h"
 #include "tables.h"
 
 /* How many of the moves act at sample k. */
