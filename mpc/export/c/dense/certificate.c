@@ -4,9 +4,7 @@
  *
  *     gap = r^T H^-1 r/2 + sum of |multiplier_i (limit_i - value_i)|,      H = R^T R,
  *
- * and no change of a command is farther from the solution than ANT_ACCURACY if the gap is no more than
- * c ANT_ACCURACY^2/2, c being what each change is charged for. Single precision cannot tell so closely: there the gap
- * has to be small next to what the moves gain.
+ * which has to be small next to what the moves gain: single precision cannot tell more closely.
  *
  * A limit that is missed in its last digits alone is not counted against z: the slacks' prices would make much of
  * it. */
@@ -14,7 +12,7 @@
 
 #include "dense.h"
 
-static const ant_real LAST_DIGITS = 8 * (sizeof(ant_real) == sizeof(float) ? FLT_EPSILON : DBL_EPSILON);
+static const ant_real LAST_DIGITS = 8 * FLT_EPSILON;
 
 typedef struct {
     ant_real pushes[ANT_DECISIONS]; /* multipliers_z + A^T multipliers_A */
@@ -23,14 +21,23 @@ typedef struct {
     ant_real violation;
 } account;
 
-static void add(account *a, const ant_valued_row *at, ant_real push) {
-    if (!(at->lower - at->value <= a->violation)) a->violation = at->lower - at->value;
-    if (!(at->value - at->upper <= a->violation)) a->violation = at->value - at->upper;
-    const ant_real limit = push > 0 ? at->upper : at->lower;
-    if (push == 0 || !isfinite(limit)) return; /* there is nothing to push against at infinity */
-    a->gap += ant_abs(push * (limit - at->value));
-    a->rounding += LAST_DIGITS * ant_abs(push) * (ant_abs(limit) + at->size);
-    for (int j = 0; j < ANT_DECISIONS; j++) a->pushes[j] += push * at->row[j];
+static void add(account *a, const ant_qp *qp, const ant_real *z, int limit, ant_real value, ant_real push) {
+    const ant_bound at = ant_bound_of(qp, limit);
+    ant_real row[ANT_DECISIONS] = {0}, size = 0; /* of what the value is summed from */
+    if (!(at.lower - value <= a->violation)) a->violation = at.lower - value;
+    if (!(value - at.upper <= a->violation)) a->violation = value - at.upper;
+    const ant_real bound = push > 0 ? at.upper : at.lower;
+    if (push == 0 || !isfinite(bound)) return; /* there is nothing to push against at infinity */
+    if (limit < ANT_DECISIONS)
+        row[limit] = 1;
+    else
+        ant_row(qp, limit - ANT_DECISIONS, row);
+    for (int j = 0; j < ANT_DECISIONS; j++) {
+        size += ant_abs(row[j] * z[j]);
+        a->pushes[j] += push * row[j];
+    }
+    a->gap += ant_abs(push * (bound - value));
+    a->rounding += LAST_DIGITS * ant_abs(push) * (ant_abs(bound) + size);
 }
 
 /* |R^-T r|^2/2 = |R z + v + R^-T pushes|^2/2, slacks included. */
@@ -52,13 +59,11 @@ static ant_real stationarity(const ant_qp *qp, const ant_real *z, ant_real *push
 
 int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_real multipliers[ANT_LIMITS]) {
     account a = {0};
-    for (int limit = 0; limit < ANT_LIMITS; limit++) {
-        const ant_valued_row at = ant_row_at(qp, limit, z);
-        add(&a, &at, multipliers[limit]);
-    }
+    ant_real values[ANT_ROWS];
+    ant_row_values(qp, z, values);
+    for (int limit = 0; limit < ANT_LIMITS; limit++)
+        add(&a, qp, z, limit, limit < ANT_DECISIONS ? z[limit] : values[limit - ANT_DECISIONS], multipliers[limit]);
     a.gap += stationarity(qp, z, a.pushes);
     const ant_real gain = ant_abs(ant_cost(ANT_MOVES, qp->work.dense.R, qp->work.dense.v, z));
-    const ant_real small = sizeof(ant_real) == sizeof(float) ? ANT_GAP * (gain > 1 ? gain : 1)
-                                                            : ANT_CURVATURE * ANT_ACCURACY * ANT_ACCURACY / 2;
-    return a.violation <= ANT_PRIMAL && a.gap <= small + a.rounding;
+    return a.violation <= ANT_PRIMAL && a.gap <= ANT_GAP * (gain > 1 ? gain : 1) + a.rounding;
 }

@@ -12,15 +12,15 @@
 /* How many of the moves act at sample k. */
 static int acting(int k) { return 2 * ANT_ACTING[k]; }
 
-/* G for the motion of z = 0. */
-static void unroll(ant_qp *qp) {
-    for (int k = 0; k < ANT_HORIZON; k++)
-        for (int i = 0; i < 4; i++)
-            for (int j = 0; j < ANT_MOVES; j++) {
-                ant_real sum = j < acting(k) ? qp->B[k][i][j % 2] : 0;
-                for (int l = 0; l < 4 && k > 0; l++) sum += qp->A[k][i][l] * qp->work.dense.G[k - 1][l][j];
-                qp->work.dense.G[k][i][j] = sum;
-            }
+/* G_{k+1} from G_k. */
+static void unroll(ant_qp *qp, int k) {
+    const ant_real(*G)[ANT_MOVES] = (const ant_real(*)[ANT_MOVES])qp->work.dense.work.G[k % 2];
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < ANT_MOVES; j++) {
+            ant_real sum = j < acting(k) ? qp->B[k][i][j % 2] : 0;
+            for (int l = 0; l < 4 && k > 0; l++) sum += qp->A[k][i][l] * G[l][j];
+            qp->work.dense.work.G[(k + 1) % 2][i][j] = sum;
+        }
 }
 
 /* A term of the cost on which the first `used` moves have an effect; the later terms come later. */
@@ -38,7 +38,7 @@ static void through(const ant_real gradient[4], const ant_real (*G)[ANT_MOVES], 
 /* The rows of state and outputs at sample k + 1; the last state is the terminal cost's. */
 static void add_state(ant_qp *qp, const ant_feed *feed, int k) {
     ant_real row[ANT_MOVES];
-    const ant_real(*G)[ANT_MOVES] = (const ant_real(*)[ANT_MOVES])qp->work.dense.G[k];
+    const ant_real(*G)[ANT_MOVES] = (const ant_real(*)[ANT_MOVES])qp->work.dense.work.G[(k + 1) % 2];
     for (int i = 0; i < 4; i++) {
         if (!(ANT_ROOT_X[i] > 0)) continue;
         memcpy(row, G[i], sizeof row);
@@ -84,7 +84,7 @@ static void add_terminal(ant_qp *qp, const ant_feed *feed) {
         for (int l = 0; l < 6; l++) r += ANT_TERMINAL[m][l] * xi[l];
         for (int j = 0; j < ANT_MOVES; j++) {
             row[j] = ANT_BAR * ANT_TERMINAL[m][4 + j % 2];
-            for (int l = 0; l < 4; l++) row[j] += ANT_TERMINAL[m][l] * qp->work.dense.G[last - 1][l][j];
+            for (int l = 0; l < 4; l++) row[j] += ANT_TERMINAL[m][l] * qp->work.dense.work.G[last % 2][l][j];
         }
         add(qp, ANT_MOVES, 1, row, r);
     }
@@ -94,9 +94,9 @@ int ant_condense(ant_controller *c, const ant_real u_last[2]) {
     ant_qp *qp = &c->qp;
     const ant_real *star = c->starred ? c->u_star : c->feed.u[0];
     const ant_real e_last[2] = {u_last[0] - star[0], u_last[1] - star[1]};
-    unroll(qp);
     begin_with_rates(qp, &c->feed, e_last);
     for (int k = 0; k < ANT_HORIZON; k++) {
+        unroll(qp, k);
         if (k + 1 < ANT_HORIZON) add_state(qp, &c->feed, k);
         add_commands(qp, &c->feed, k);
     }

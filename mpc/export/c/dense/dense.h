@@ -15,14 +15,12 @@ ant_real ant_cost(int n, const ant_real *R, const ant_real *v, const ant_real *z
 
 /* rows.c: limits, counted from 0 to ANT_LIMITS: the bounds of the decisions, and then the rows */
 typedef struct {
-    ant_real row[ANT_DECISIONS];
     ant_real lower, upper;
-    ant_real value; /* row z */
-    ant_real size;  /* of what the value is summed from */
-} ant_valued_row;
-ant_valued_row ant_row_at(const ant_qp *qp, int limit, const ant_real z[ANT_DECISIONS]);
+} ant_bound;
+ant_bound ant_bound_of(const ant_qp *qp, int limit);
 void ant_row(const ant_qp *qp, int i, ant_real row[ANT_DECISIONS]);
-ant_real ant_breach(const ant_qp *qp, int i, const ant_real z[ANT_DECISIONS]); /* of row i; negative inside */
+void ant_row_values(const ant_qp *qp, const ant_real z[ANT_DECISIONS], ant_real value[ANT_ROWS]); /* of all rows */
+ant_real ant_breach(const ant_qp *qp, int i, ant_real value); /* of row i; negative inside */
 
 /* certificate.c */
 int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_real multipliers[ANT_LIMITS]);

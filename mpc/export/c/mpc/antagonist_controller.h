@@ -6,7 +6,8 @@ enum {
     ANT_MOVES = 2 * ANT_BLOCKS,    /* changes of the commands that the QP decides */
     ANT_DECISIONS = ANT_MOVES + 2, /* and the slacks of joint range and muscle forces */
     ANT_ROWS = 6 * ANT_HORIZON,    /* limits on commands, angle and forces */
-    ANT_LIMITS = ANT_DECISIONS + ANT_ROWS
+    ANT_LIMITS = ANT_DECISIONS + ANT_ROWS,
+    ANT_SLOTS = 4 * ANT_HORIZON /* rows that DAQP is given at most */
 };
 #define ANT_TRIANGLE(n) ((n) * ((n) + 1) / 2) /* elements of a triangular matrix */
 
@@ -100,12 +101,14 @@ typedef struct {
 #ifdef ANT_SINGLE
 /* Workspace of DAQP. */
 typedef struct {
-    ant_real Rinv[ANT_TRIANGLE(ANT_DECISIONS)], v[ANT_DECISIONS], M[ANT_ROWS][ANT_DECISIONS];
-    ant_real dupper[ANT_LIMITS], dlower[ANT_LIMITS], scaling[ANT_LIMITS];
+    ant_real Rinv[ANT_TRIANGLE(ANT_DECISIONS)], v[ANT_DECISIONS], M[ANT_SLOTS][ANT_DECISIONS];
+    ant_real dupper[ANT_DECISIONS + ANT_SLOTS], dlower[ANT_DECISIONS + ANT_SLOTS], scaling[ANT_DECISIONS + ANT_SLOTS];
     ant_real lam[ANT_DECISIONS + 1], lam_star[ANT_DECISIONS + 1], D[ANT_DECISIONS + 1];
     ant_real xldl[ANT_DECISIONS + 1], zldl[ANT_DECISIONS + 1], L[ANT_TRIANGLE(ANT_DECISIONS + 1)];
     ant_real u[ANT_DECISIONS], x[ANT_DECISIONS];
-    int sense[ANT_LIMITS], WS[ANT_DECISIONS + 1];
+    int sense[ANT_DECISIONS + ANT_SLOTS], WS[ANT_DECISIONS + 1];
+    int row_of[ANT_SLOTS], rows; /* that have been let in */
+    unsigned char in[ANT_ROWS];
 } ant_solver;
 
 /* minimise |R z + v|^2/2 over the moves and the price of the slacks, within bounds and rows; see src/qp.c. Moves count
@@ -114,8 +117,10 @@ typedef struct {
     ant_real R[ANT_TRIANGLE(ANT_MOVES)]; /* upper triangle by rows */
     ant_real v[ANT_MOVES];
     ant_real lower[ANT_MOVES], upper[ANT_MOVES];
-    ant_real G[ANT_HORIZON][4][ANT_MOVES]; /* dx/dz at samples 1 to N */
-    ant_solver solver;
+    union {
+        ant_real G[2][4][ANT_MOVES]; /* dx/dz at a sample and the next */
+        ant_solver solver;
+    } work;
 } ant_dense;
 #endif
 
