@@ -1,6 +1,7 @@
 """The README of the exported files is written here."""
 
 from allocator.joint.antagonist import AntagonistJoint
+from mpc.export.control import ROUNDS, qp_iterations
 from mpc.tracking.controller import TrackingMPC
 
 _HEAD = """\
@@ -51,12 +52,14 @@ _CONTROL = """
 friction and dead band, references brought within reach, the QP, its certificate, the fallback ladder, the limits; with
 the same statuses and rungs. Call `ant_reset` once and `ant_step` every {dt:g} s; send `plan.u[0]`. A sensor that is
 silent reads NaN. All memory is in `ant_controller`, which is best made static. There is no clock: in place of a time
-budget `iteration_limit` bounds the QP solver; 0 leaves the QP out, and the next rungs answer.
+budget `iteration_limit` bounds what solves the QP where sweeps do not; 0 leaves the QP out, and the next rungs answer.
 
 The plant that it controls: {plant}.
 
-The QP solver is DAQP's core (`src/daqp`, MIT): a dual active-set method, exact after finitely many iterations, truthful
-about failure, without a heap. What it says is checked before it is used.
+The QP is solved as it is, sample by sample, as in Python and by the same text (`src/recursions.c` is printed from it):
+two sweeps of Riccati recursions from the guess that those bounds of the slew bind which bound in the last sample, and a
+certificate in one more pass; that is the usual case.
+{rest}
 
 Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} moves, {rows} rows):
 
@@ -65,10 +68,27 @@ Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} mov
 | model over a sample | {stages} | {usual_stages} |
 | its derivatives | {slopes} | {usual_slopes} |
 | allocations | {allocations} | {allocations} |
-| Givens rotations (2 to {rotation} multiplications each) in the condensing | {givens} | {givens} |
-| iterations of the QP solver | {iterations} | 5 to 30 |
-| least squares of {moves} unknowns, where the QP fails | {faces} | 0 |
+| sweeps, backward and forward | {sweeps} | {usual_sweeps} |
+{worst}
+| Newton steps on the recursions, where the QP fails | {faces} | 0 |
 {single}"""
+
+_REST = {
+    "double": """\
+What they do not settle an interior point on the recursions solves, whose answer is proved, too. Time and memory grow
+with N, not with its cube.""",
+    "single": """\
+What they do not settle DAQP's core solves (`src/daqp`, MIT), a dual active-set method, on the QP in dense form
+(`src/condense.c`), and what it says is checked before it is used: single precision has too few digits for an interior
+point. Its time grows with the cube of N; at N = 20 such a step takes about ten times as long as the usual one.""",
+}
+
+_WORST = {
+    "double": "| iterations of the interior point, two Newton steps each | {iterations} | 0 to 10 |",
+    "single": """\
+| Givens rotations (2 to {rotation} multiplications each) in the condensing | {givens} | 0 |
+| iterations of DAQP | {iterations} | 0 to 30 |""",
+}
 
 _CONTROL_SINGLE = """
 In single precision commands differ by about 1e-5 of the supply. Where prices far apart meet (weights much sharper than
@@ -98,23 +118,32 @@ def readme(
 
 
 def _control(controller: TrackingMPC, single: bool) -> str:
+    from mpc.tracking.compiled.interior import MOST
+    from mpc.tracking.compiled.solve import SWEEPS
+
     N, blocks = controller.N, len(controller.problem.blocks)
-    delay, qps = controller.ahead - N, controller.iterations
-    moves, rows = 2 * blocks, 6 * N
+    delay, qps, name = controller.ahead - N, controller.iterations, "single" if single else "double"
+    moves, rounds = 2 * blocks, 1 if single else ROUNDS
+    worst = _WORST[name].format(
+        givens=qps * (3 * (N - 1) + 2 * N + 6) * moves,
+        rotation=4 * moves,
+        iterations=qps * rounds * qp_iterations(controller, single),
+    )
     return _CONTROL.format(
         dt=controller.dt,
         plant=controller.plant.summary,
         N=N,
         moves=moves,
-        rows=rows,
+        rows=6 * N,
+        rest=_REST[name],
+        sweeps=qps * SWEEPS * (1 if single else 1 + MOST),
+        usual_sweeps=f"{qps} to {qps * SWEEPS}",
+        worst=worst,
         stages=delay + qps * N + 5 * N,  # the dead time, every QP, every rung
         usual_stages=delay + (qps + 1) * N,
         slopes=qps * N + 4,  # the observer's, with a belief for every sensor that repeats itself
         usual_slopes=qps * N + 1,
         allocations=N + 1,
-        givens=qps * (3 * (N - 1) + 2 * N + 6) * moves,
-        rotation=4 * moves,
-        iterations=qps * 5 * (moves + 2 + rows),
         faces=10 * 4 * moves,
         single=_CONTROL_SINGLE if single else "",
     )

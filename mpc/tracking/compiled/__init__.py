@@ -1,16 +1,16 @@
 """The controller's step is compiled here by numba; nothing of it is imported before it is needed, nor numba with it.
 
-What has to be written in C, too, has the same names there (`mpc/export/c/mpc`):
+The QP's solver is written here once: `stage`, `riccati`, `newton`, `certificate`, and in double precision `rows`,
+`interior` and `solve`, are printed as C (`mpc.export.recursions`), and so is what of `commands` they take. What has to
+be written in C, too, has the same names there (`mpc/export/c`):
 
-    step.feed_forward        feedforward.c, ant_feed_forward
-    step.rollout             rollout.c, ant_rollout
-    commands                 limits.c, ant_limit; slew_bounds in condense.c
-    certificate              certificate.c
-    mpc.tracking.qp.condense condense.c: acting, unroll; _rows is rows.c
-    mpc.tracking.base        controller.c; preview, fallback, rest, softened have files of their names
-
-C has no recursions (`stage`, `riccati`, `newton`, `rows`, `interior`): it gives the least-squares form of the QP to
-DAQP (qp.c).
+    step.feed_forward        mpc/feedforward.c, ant_feed_forward
+    step.linearise           mpc/structured.c, ant_linearise
+    step.rollout             mpc/rollout.c, ant_rollout
+    structured               mpc/structured.c: ant_solve
+    commands.limit           mpc/limits.c, ant_limit
+    mpc.tracking.base        mpc/controller.c; preview, fallback, rest, softened have files of their names
+    mpc.tracking.qp.condense dense/condense.c, with rows.c and certificate.c; for single precision only
 """
 
 __all__: list[str] = []

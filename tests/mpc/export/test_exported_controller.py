@@ -114,6 +114,7 @@ def test_single_precision_keeps_commands_to_a_thousandth_of_the_supply(faulty_lo
 
 
 @needs_gcc
+@pytest.mark.parametrize(("precision", "near"), [("double", 1e-8), ("single", 1e-3)])
 @pytest.mark.parametrize(
     ("settings", "angle", "K"),
     [
@@ -123,16 +124,16 @@ def test_single_precision_keeps_commands_to_a_thousandth_of_the_supply(faulty_lo
     ],
     ids=["joint range", "taut muscles", "blocked moves, two QPs"],
 )
-def test_limits_that_bind_bind_in_c_as_they_do_in_python(settings, angle, K, tmp_path):
+def test_limits_that_bind_bind_in_c_as_they_do_in_python(settings, angle, K, precision, near, tmp_path):
     plant = Plant()
     controller, observer = pair(plant, 12, **settings)
     reference = sine(amplitude=angle, K=K, K_amplitude=0.0, frequency=0.5, duration=1.4, ramp=0.3)
     samples, wanted = recorded(plant, controller, observer, reference, failing={60, 61})
-    directory = export(tmp_path / "c", controller=controller, observer=observer)
+    directory = export(tmp_path / "c", controller=controller, observer=observer, precision=precision)
     got = replayed(tools.compiled(directory, CONTROL, "vectors"), samples)
     assert wanted[:, MOVED].max() > 0.1
     np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
-    assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-8 * SPAN
+    assert np.abs(got[:, U] - wanted[:, U]).max() < near * SPAN
 
 
 @needs_gcc
@@ -236,6 +237,14 @@ def test_ten_samples_ahead_fit_into_128_kib_of_flash_and_64_kib_of_memory(export
     size = tools.linked_size(exported["single"])
     assert size.code <= 128 * 1024
     assert size.memory <= 64 * 1024
+
+
+@needs_arm_gcc
+def test_twenty_samples_ahead_fit_into_40_kib_of_memory_in_single_and_48_in_double_precision(tmp_path):
+    controller, observer = pair(STANDARD.nominal, 20, STANDARD.known(), weights=Weights.calm())
+    for precision, most in (("single", 40), ("double", 48)):
+        made = export(tmp_path / precision, controller=controller, observer=observer, precision=precision)
+        assert tools.linked_size(made).memory <= most * 1024
 
 
 @needs_gcc

@@ -4,6 +4,14 @@
 #include <stdio.h>
 
 #include "antagonist.h"
+#include "settings.h"
+
+/* In double precision the interior point has up to three rounds. */
+#ifdef ANT_SINGLE
+enum { BOUND = ANT_ITERATIONS * ANT_QP_ITERATIONS };
+#else
+enum { BOUND = 3 * ANT_ITERATIONS * ANT_QP_ITERATIONS };
+#endif
 
 static ant_controller controller;
 static double in[4 + 2 * (ANT_AHEAD + 1)];
@@ -22,6 +30,7 @@ int main(int argc, char **argv) {
             reference.K[k] = (ant_real)in[4 + ANT_AHEAD + 1 + k];
         }
         ant_step(&controller, &reading, &reference, &plan);
+        if (plan.iterations > BOUND || (controller.iteration_limit == 0 && plan.iterations > 0)) return 3;
         const ant_verdict *verdicts = controller.observer.verdicts;
         const double out[12] = {plan.u[0][0], plan.u[0][1],     plan.status,   plan.rung,
                                 plan.slack,   plan.slack_force, plan.moved[0], plan.moved[1],
