@@ -94,6 +94,12 @@ class Bodies:
         """Return the number of links, and of joints."""
         return len(self.length)
 
+    @property
+    def summary(self) -> str:
+        """Return what they are, in some words."""
+        lengths, masses = (", ".join(f"{value:g}" for value in row) for row in (self.length, self.mass))
+        return f"links of {lengths} m and {masses} kg"
+
     # --- formulas ---------------------------------------------------------------------------------------------------
 
     def mass_matrix(self, q: Value) -> Value:

@@ -11,6 +11,8 @@ import numpy as np
 
 from allocator.errors import InvalidInput
 from allocator.mechanism import Pulleys, Routes, Sites
+from allocator.mechanism.endpoint.endpoint import Endpoint
+from allocator.mechanism.endpoint.points import LinkagePoint
 from allocator.mechanism.routes import FunctionRoutes, JointRoutes
 from allocator.mechanism.routes.linkage import GROUND
 
@@ -27,6 +29,25 @@ def symbolic_lengths(routes: Routes, q: Any) -> Any:
             return ca.SX(ca.vertcat(*formula(routes, q)))
     known = ", ".join(kind.__name__ for kind in _FORMULAS)
     raise InvalidInput(f"{type(routes).__name__}: an arm's model needs lengths that are formulas, of {known}")
+
+
+def has_formulas(routes: Routes) -> bool:
+    """Return whether `symbolic_lengths` has formulas of these routes."""
+    return isinstance(routes, tuple(_FORMULAS))
+
+
+def symbolic_jacobian(endpoint: Endpoint, q: Any) -> Any:
+    """Return J = ∂x/∂q (dim, n) of an endpoint as a formula of the CasADi column `q` (n, 1)."""
+    import casadi as ca
+
+    point: Any = endpoint.kinematics
+    if isinstance(point, LinkagePoint):
+        R, origin = _frames(point.linkage.links, q)[point.site.link]
+        x = ca.SX(origin + R @ ca.DM(point.site.position))
+        x = ca.vertcat(*(x["xyz".index(axis)] for axis in point.axes))
+    else:
+        x = point.column(q)
+    return ca.densify(ca.jacobian(x, q))
 
 
 def _pulleys(routes: Any, q: Any) -> list[Any]:
@@ -85,4 +106,4 @@ _FORMULAS: dict[type[Routes], Callable[[Any, Any], list[Any]]] = {
     Sites: _sites,
 }
 
-__all__ = ["symbolic_lengths"]
+__all__ = ["has_formulas", "symbolic_jacobian", "symbolic_lengths"]

@@ -7,21 +7,25 @@ The state is x = (q, ω, P) ∈ R^(2n+m), in SI units. Over a sample of constant
 P(t) = u + (P - u) exp(-t/τ), and the bodies are integrated by the classical Runge–Kutta method along them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, sqrt
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.mechanism import Mechanism, machines
+from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
+from allocator.muscles import Muscle
 from allocator.units import BAR
-from mpc.arm.bodies import BODIES, Bodies
-from mpc.arm.lengths import symbolic_lengths
+from mpc.arm.bodies import BODIES
+from mpc.arm.lengths import has_formulas, symbolic_jacobian, symbolic_lengths
+from mpc.arm.mujoco_mechanics import MujocoBodies
 from mpc.model.experiment import RESOLUTION
 
 _MOST_SUBSTEPS = 1000  # in a sample
@@ -37,22 +41,59 @@ class Statics(NamedTuple):
     forces: Any  # F (m, 1) [N]
 
 
+class MovingBodies(Protocol):
+    """`MovingBodies` are what an arm asks of its bodies, such as `Bodies`, `TreeBodies` or `MujocoBodies`.
+
+    Postures and velocities are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1) where there are formulas.
+    """
+
+    @property
+    def n(self) -> int:
+        """Return the number of joints."""
+
+    @property
+    def damping(self) -> Any:
+        """Return the damping of the hinges (n,) [N·m·s/rad]."""
+
+    @property
+    def summary(self) -> str:
+        """Return what they are, in some words."""
+
+    def mass_matrix(self, q: Value) -> Value:
+        """Return M(q) (…, n, n) [kg·m²]."""
+
+    def bias(self, q: Value, omega: Value) -> Value:
+        """Return the torques (…, n) [N·m] of a motion without acceleration."""
+
+    def torque_for(self, q: Value, omega: Value, alpha: Value) -> Value:
+        """Return the torques (…, n) [N·m] of a motion."""
+
+    def gravity_torque(self, q: Value) -> Value:
+        """Return the torques (…, n) [N·m] that hold a posture."""
+
+    def gravity_stiffness(self, q: Value) -> Value:
+        """Return the slope (…, n, n) [N·m/rad] of these."""
+
+
 @dataclass(frozen=True)
 class Arm:
     """An `Arm` is a mechanism with bodies and regulators; immutable. SI units."""
 
     mechanism: Mechanism
-    bodies: Bodies
+    bodies: Any  # `MovingBodies`
     lag: float | tuple[float, ...] = 0.1  # τ of the regulators [s], one or m of them
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
+    endpoint: Endpoint | None = None  # whose stiffness K_x [N/m] is tracked; None: K of the joints
 
     def __post_init__(self) -> None:
         """Check the parts against each other. Raises `InvalidInput`."""
-        if not isinstance(self.mechanism, Mechanism) or not isinstance(self.bodies, Bodies):
+        if not isinstance(self.mechanism, Mechanism) or not hasattr(self.bodies, "mass_matrix"):
             raise InvalidInput("Arm: expected a Mechanism and its Bodies, such as Arm.machine('arm26')")
         n, m = self.mechanism.n, self.mechanism.m
         if self.bodies.n != n:
             raise InvalidInput(f"Arm: bodies of {self.bodies.n} links for a mechanism with n = {n} joints")
+        if self.endpoint is not None:
+            self._check_endpoint(self.endpoint)
         lag = checks.real("Arm: lag", self.lag, "s")
         if lag.shape not in ((), (m,)) or not ((lag >= 1e-4) & (lag <= 10)).all():
             raise InvalidInput(f"Arm: lag = {checks.brief(self.lag)} has to be one time, or m = {m}, of 0.0001 to 10 s")
@@ -63,12 +104,45 @@ class Arm:
                 f"Arm: slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5"
             )
 
+    def _check_endpoint(self, endpoint: Any) -> None:
+        if not isinstance(endpoint, Endpoint):
+            raise InvalidInput(f"Arm: endpoint is a {type(endpoint).__name__}; expected an Endpoint")
+        if not endpoint.dim <= endpoint.n == self.mechanism.n:
+            raise InvalidInput(f"Arm: {endpoint.text} for a mechanism with n = {self.mechanism.n} joints")
+
     @classmethod
     def machine(cls, name: str) -> "Arm":
         """Return the ready-made machine of this name, a key of `BODIES`. Raises `MissingBackend` for another name."""
         if name not in BODIES:
             raise MissingBackend("arm", name, list(BODIES))
         return cls(machines.MACHINES[name](), BODIES[name]())
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        source: Any,
+        muscles: Muscle | Sequence[Muscle],
+        rest_length: Any = None,
+        *,
+        cable: Any = None,
+        contraction: Any = None,
+        pressure_limits: tuple[float, float] = (0.0, 5 * BAR),
+        lag: float | tuple[float, ...] = 0.1,
+        slew: float = 5 * BAR,
+    ) -> Self:
+        """Return the arm of a MuJoCo model: a file, MJCF text or an `MjModel`, whose joints are hinges.
+
+        `muscles`, one for all tendons or m of them, and `rest_length` and `cable` [m] are those of
+        `Mechanism.from_mjcf`; instead of `cable` the `contraction` [-] may be given that the muscles have in the
+        model's own posture. What has formulas gets them; else MuJoCo is asked (`mpc.arm.reading`), and the
+        controller's step is slow. Contacts, stops, dry friction and actuators are not in the arm. Raises
+        `InvalidFile`, also for joints of other kinds and for equality constraints, `InvalidInput` and
+        `MissingPackage`.
+        """
+        from mpc.arm.reading import read_arm
+
+        read = read_arm(source, muscles, rest_length, cable, contraction, pressure_limits)
+        return cls(read.mechanism, read.bodies, lag, slew)
 
     @property
     def n(self) -> int:
@@ -103,6 +177,18 @@ class Arm:
         """Return K (…, n, n) [N·m/rad] in the states `x` (…, 2n + m)."""
         return self.mechanism.stiffness(*self._held(x))
 
+    def tracked_stiffness(self, x: Array) -> Array:
+        """Return K (…, k, k) in the states `x` (…, 2n + m): of the joints [N·m/rad], or of the endpoint [N/m].
+
+        It is what the muscles make; gravity adds to it what `bodies.gravity_stiffness` says. NaN where an endpoint
+        has none.
+        """
+        return self.seen(np.asarray(x[..., : self.n]), self.stiffness(x))
+
+    def seen(self, q: Array, K: Array) -> Array:
+        """Return what is tracked (…, k, k) of a stiffness `K` (…, n, n) of the joints at the postures `q` (…, n)."""
+        return K if self.endpoint is None else stiffness_of(self.endpoint.at(q), K)
+
     def forces(self, x: Array) -> Array:
         """Return the muscles' forces (…, m) [N] in the states `x` (…, 2n + m); negative means slack."""
         return self.mechanism.forces(*self._held(x))
@@ -111,14 +197,36 @@ class Arm:
         return x[..., : self.n], x[..., 2 * self.n :]
 
     def at_rest(self, q: ArrayLike, K: ArrayLike, min_force: float = 0.0) -> Array:
-        """Return the state (2n + m,) in equilibrium at `q` (n,) [rad], as stiff as `K` (n, n) if the arm can be."""
+        """Return the state (2n + m,) in equilibrium at `q` (n,) [rad], as stiff as `K` (k, k) if the arm can be."""
         from allocator.mechanism import allocate_mechanism
 
         posture = self.mechanism.posture(q)
-        held = allocate_mechanism(self.mechanism, posture, K, self.bodies.gravity_torque(posture), min_force=min_force)
+        held = allocate_mechanism(
+            self.mechanism,
+            posture,
+            K,
+            self.bodies.gravity_torque(posture),
+            min_force=min_force,
+            endpoint=self.endpoint,
+        )
         return np.concatenate([posture, np.zeros(self.n), held.P])
 
     # --- formulas ---------------------------------------------------------------------------------------------------
+
+    @property
+    def has_formulas(self) -> bool:
+        """Return whether all of it has formulas, which compilers and CasADi need."""
+        return not self.unformulated
+
+    @property
+    def unformulated(self) -> str:
+        """Return what of it has no formulas, in some words; "" if all has."""
+        routes, found = self.mechanism.routes, []
+        if not has_formulas(routes):
+            found.append(f"{type(routes).__name__}, the muscles' ways,")
+        if isinstance(self.bodies, MujocoBodies):
+            found.append(f"{type(self.bodies).__name__}")
+        return f"{' and '.join(found)} have no formulas" if found else ""
 
     @cached_property
     def statics(self) -> Statics:
@@ -133,20 +241,64 @@ class Arm:
         return Statics(q, P, torque, -ca.jacobian(torque, q), F)  # (M2)
 
     @property
+    def tracked(self) -> int:
+        """Return the number of rows of the stiffness that is tracked: n joints, or the coordinates of the endpoint."""
+        return self.n if self.endpoint is None else self.endpoint.dim
+
+    @property
+    def stiffnesses(self) -> int:
+        """Return the number of entries of svec K."""
+        return self.tracked * (self.tracked + 1) // 2
+
+    @property
+    def stiffness_unit(self) -> str:
+        """Return the unit of the stiffness that is tracked."""
+        return "N·m/rad" if self.endpoint is None else "N/m"
+
+    @cached_property
+    def lever(self) -> float:
+        """Return the lever [m/rad] by whose square a stiffness of the endpoint [N/m] is weighed as a joint's.
+
+        It is the mean size of the endpoint's Jacobian over some postures of its range; 1 for the joints' own.
+        """
+        if self.endpoint is None:
+            return 1.0
+        J = self.endpoint.jacobian(self._about_the_middle)
+        return float(np.sqrt(np.mean((J**2).sum(axis=(-1, -2)) / self.tracked)))
+
+    @cached_property
+    def middle(self) -> Array:
+        """Return a posture (n,) [rad] in the middle of the ranges; about it, where that is singular for an endpoint."""
+        low, high = self.angle_limits
+        if self.endpoint is None:
+            return np.asarray((low + high) / 2)
+        sizes = np.linalg.svd(self.endpoint.jacobian(self._about_the_middle), compute_uv=False)
+        return np.asarray(self._about_the_middle[np.argmax(sizes[:, -1])])
+
+    @property
+    def _about_the_middle(self) -> Array:
+        """Return some postures (32, n) [rad] of the middle halves of the ranges."""
+        low, high = self.angle_limits
+        return np.asarray(low + (0.25 + 0.5 * np.random.default_rng(0).random((32, self.n))) * (high - low))
+
+    @property
     def entries(self) -> tuple[Any, Any, Array]:
-        """Return rows, columns and factors of svec K: K11, √2 K12, …, K22, …, whose square is that of all of K."""
-        rows, columns = np.triu_indices(self.n)
-        return rows, columns, np.where(rows == columns, 1.0, sqrt(2))
+        """Return rows, columns and factors of svec K: K11, √2 K12, …, K22, …, whose square is that of all of K.
+
+        The endpoint's are those of `lever`² K_x [N·m/rad].
+        """
+        rows, columns = np.triu_indices(self.tracked)
+        return rows, columns, self.lever**2 * np.where(rows == columns, 1.0, sqrt(2))
 
     def svec(self, K: Array) -> Array:
-        """Return svec K (…, n(n+1)/2) of matrices (…, n, n)."""
+        """Return svec K (…, k(k+1)/2) of matrices (…, k, k)."""
         rows, columns, factors = self.entries
         return np.asarray(K[..., rows, columns] * factors)
 
     def matrix(self, vector: Array) -> Array:
-        """Return the matrices (…, n, n) of svec K (…, n(n+1)/2)."""
+        """Return the matrices (…, k, k) of svec K (…, k(k+1)/2)."""
         rows, columns, factors = self.entries
-        K = np.empty((*vector.shape[:-1], self.n, self.n))
+        K = np.empty((*vector.shape[:-1], self.tracked, self.tracked))
         K[..., rows, columns] = K[..., columns, rows] = vector / factors
         return K
 
@@ -157,6 +309,13 @@ class Arm:
 
         rows, columns, factors = self.entries
         K = self.statics.stiffness
+        if self.endpoint is not None:
+            J = symbolic_jacobian(self.endpoint, self.statics.q)
+            if self.tracked == self.n:  # (M4) without a force
+                turned = ca.inv(J)
+                K = turned.T @ K @ turned
+            else:
+                K = ca.inv(J @ ca.solve(K, J.T))
         entries = [f * K[int(i), int(j)] for i, j, f in zip(rows, columns, factors.tolist(), strict=True)]
         return ca.vertcat(*entries, self.statics.forces)
 
@@ -225,9 +384,8 @@ class Arm:
         lags = "/".join(f"{lag:g}" for lag in dict.fromkeys(self.lags.tolist()))
         return (
             f"{self.n} joints, {self.m} muscles, lag {lags} s, slew "
-            f"{self.slew / BAR:g} bar/s, links of {', '.join(f'{length:g}' for length in self.bodies.length)} m and "
-            f"{', '.join(f'{mass:g}' for mass in self.bodies.mass)} kg"
+            f"{self.slew / BAR:g} bar/s, {self.bodies.summary}"
         )
 
 
-__all__ = ["Arm", "Statics"]
+__all__ = ["Arm", "MovingBodies", "Statics"]

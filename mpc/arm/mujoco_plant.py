@@ -24,6 +24,7 @@ from allocator.mechanism.routes.mjcf import load, said, tendon_lengths
 from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.arm.pneumatics import Pneumatics
+from mpc.arm.tendon_jacobian import TendonJacobian
 
 _NODES, _SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
 _STILL = 1e-9  # [rad/s] a pushed machine that moves no faster has come to rest
@@ -128,7 +129,7 @@ class MujocoPlant:
         self.pressure_noise = _size("pressure_noise", pressure_noise, "Pa")
         self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)  # older versions want to be asked
         self.data = mujoco.MjData(self.model)
-        self._jacobian = _TendonJacobian(self.model, self.data)
+        self._jacobian = TendonJacobian(self.model, self.data)
         self.reset()
 
     @property
@@ -392,27 +393,6 @@ class MujocoPlant:
         if array.shape not in ((), (size,)):
             raise InvalidInput(f"{name} has the shape {array.shape}; expected ({size},) [{unit}]")
         return np.broadcast_to(array, (size,)).astype(float)
-
-
-class _TendonJacobian:
-    """A `_TendonJacobian` reads ∂l/∂q (m, nv) [m] of all tendons, which newer versions of MuJoCo keep sparse."""
-
-    def __init__(self, model: Any, data: Any) -> None:
-        self._data, self._dense = data, np.zeros((model.ntendon, model.nv))
-        self._sparse = np.asarray(data.ten_J).shape != self._dense.shape
-        if self._sparse:
-            import mujoco
-
-            self._to_dense = mujoco.mju_sparse2dense
-            holder = data if hasattr(data, "ten_J_rownnz") else model
-            self._layout = [getattr(holder, f"ten_J_{part}").ravel() for part in ("rownnz", "rowadr", "colind")]
-
-    def __call__(self) -> Array:
-        """Return it as it is now; to be used before the next call."""
-        if not self._sparse:
-            return np.asarray(self._data.ten_J)
-        self._to_dense(self._dense, self._data.ten_J.ravel(), *self._layout)
-        return self._dense
 
 
 def _size(name: str, value: Any, unit: str) -> float:

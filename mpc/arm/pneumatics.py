@@ -88,6 +88,13 @@ class Pneumatics:
         """Return the forces F ≥ 0 (…, m) [N] at `length` (…, m) [m] and `P` (…, m) [Pa]; of a slack cable 0."""
         return np.maximum(self.laws(length, P), 0.0)
 
+    def force_slopes(self, length: Array, P: Array) -> Array:
+        """Return ∂F/∂P (…, m) [N/Pa] of muscles at `length` (…, m) [m] and `P` (…, m) [Pa], as their laws say."""
+        eps, gains = self.contraction(length), np.empty(P.shape)
+        for muscle, at in self._kinds:
+            gains[..., at] = self.force_gains[at] * muscle.gain(P[..., at], eps[..., at])
+        return gains
+
     def own_stiffness(self, length: Array, P: Array) -> Array:
         """Return the muscles' own stiffness k = ∂F/∂l (m,) [N/m] at constant pressures `P` (m,)."""
         eps, k = self.contraction(length), np.empty(self.m)

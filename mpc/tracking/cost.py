@@ -37,9 +37,12 @@ class Residual(NamedTuple):
     entries: tuple[int, ...]  # of the row
 
 
-def residuals(n: int = 1, m: int = 2) -> tuple[Residual, ...]:
-    """Return the table for n joints and m muscles; a matrix K counts by svec K, whose square is that of K's entries."""
-    joints, stiffness, muscles = range(n), range(n * (n + 1) // 2), range(m)
+def residuals(n: int = 1, m: int = 2, stiffnesses: int = 1) -> tuple[Residual, ...]:
+    """Return the table for n joints and m muscles; a matrix K counts by its svec K, whose square is that of K's entries.
+
+    `stiffnesses` is the number of entries of svec K.
+    """
+    joints, stiffness, muscles = range(n), range(stiffnesses), range(m)
     return (
         Residual("theta", "x", tuple(joints)),  # θ_k - θ*_k
         Residual("omega", "x", tuple(n + i for i in joints)),  # ω_k - θ*'_k

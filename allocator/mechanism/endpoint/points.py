@@ -97,6 +97,13 @@ class FunctionPoint:
     def _column(self) -> SymbolicColumn:
         return SymbolicColumn("Endpoint.from_function", self.joints, self.function)
 
+    def column(self, q: Any) -> Any:
+        """Return x (dim, 1) as a formula of the CasADi column `q` (n, 1)."""
+        import casadi as ca
+
+        symbol, value = self._column.expression
+        return ca.substitute(value, symbol, q)
+
     @property
     def n(self) -> int:
         """Return the number of joints."""

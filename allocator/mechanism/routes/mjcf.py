@@ -45,7 +45,7 @@ def read_mjcf(source: Any, rest_length: Any = None, cable: Any = None) -> Model:
     model, file, wrap = load(source), said(source), mujoco.mjtWrap
     if not model.ntendon:
         raise InvalidFile(file, "has no tendons; the tendons of the model are the muscles")
-    links, frames = _linkage(file, mujoco, model)
+    links, frames = linkage_of(model, source)
     lengths = tendon_lengths(model, source, rest_length, cable)
     try:
         if (model.wrap_type == int(wrap.mjWRAP_JOINT)).all():
@@ -58,8 +58,8 @@ def read_mjcf(source: Any, rest_length: Any = None, cable: Any = None) -> Model:
     limited = bool(np.all(model.jnt_limited))
     return Model(
         routes,
-        tuple(_name(model.tendon(j), j) for j in range(model.ntendon)),
-        tuple(_name(model.joint(i), i) for i in range(model.njnt)),
+        tuple(name_of(model.tendon(j), j) for j in range(model.ntendon)),
+        tuple(name_of(model.joint(i), i) for i in range(model.njnt)),
         tuple((float(low), float(high)) for low, high in model.jnt_range) if limited else None,
     )
 
@@ -70,10 +70,8 @@ def read_point(file: str | PathLike[str], name: str) -> tuple[Linkage, Site]:
     Raises `MissingPackage` without MuJoCo, `InvalidFile` for a file that MuJoCo does not read, without joints, with
     joints other than hinges and slides, or without such a site or body.
     """
-    import mujoco
-
     model = load(file)
-    links, frames = _linkage(file, mujoco, model)
+    links, frames = linkage_of(model, file)
     sites, bodies = [model.site(i).name for i in range(model.nsite)], [model.body(i).name for i in range(model.nbody)]
     if name in sites:
         i = sites.index(name)
@@ -123,12 +121,13 @@ def tendon_lengths(model: Any, source: Any, rest_length: Any, cable: Any) -> tup
         return rest_length, 0.0 if cable is None else cable
     if cable is not None:
         raise InvalidInput("cable [m] is given without rest_length [m]; give both, or neither of a model that tells")
-    if not _marked(model):
+    if not tells(model):
         raise InvalidInput(f"rest_length [m] of the muscles has to be given: {said(source)} does not tell")
     return model.tendon_user[:, 0], model.tendon_user[:, 1]
 
 
-def _marked(model: Any) -> bool:
+def tells(model: Any) -> bool:
+    """Return whether a model tells rest length and cable of its tendons."""
     import mujoco
 
     return bool(model.nuser_tendon == 2 and mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, MARK) >= 0)
@@ -144,18 +143,26 @@ def _pulleys(model: Any, rest_length: Any, cable: Any) -> Pulleys:
     return Pulleys(rest_length, arms, 1 + np.asarray(cable, float) / L)
 
 
-def _linkage(file: Any, mujoco: Any, model: Any) -> tuple[list[Link], list[tuple[int, Array, Array]]]:
-    """Return the links and the places of the bodies, see `_links`."""
+def linkage_of(model: Any, source: Any) -> tuple[list[Link], list[tuple[int, Array, Array]]]:
+    """Return the links of a model, one a joint, and of every body (link, rotation, position in the link's frame).
+
+    `source` is what to call the model in messages. Raises `InvalidFile` without joints, and for joints other than
+    hinges and slides.
+    """
+    import mujoco
+
+    file = said(source)
     if not model.njnt:
         raise InvalidFile(file, "has no joints")
     moving, still = (int(mujoco.mjtJoint.mjJNT_HINGE), "hinge"), (int(mujoco.mjtJoint.mjJNT_SLIDE), "slide")
     for i in range(model.njnt):
         if model.jnt_type[i] not in (moving[0], still[0]):
-            raise InvalidFile(file, f"joint {_name(model.joint(i), i)} is neither a hinge nor a slide")
+            raise InvalidFile(file, f"joint {name_of(model.joint(i), i)} is neither a hinge nor a slide")
     return _links(model, dict((moving, still)))
 
 
-def _name(element: Any, index: int) -> str:
+def name_of(element: Any, index: int) -> str:
+    """Return what to call an element of a model: its name, or its number."""
     return str(element.name) or str(index + 1)
 
 
@@ -189,7 +196,7 @@ def _path(file: Any, model: Any, tendon: int, frames: list[tuple[int, Array, Arr
     wraps = range(first, first + int(model.tendon_num[tendon]))
     if any(int(model.wrap_type[w]) != site for w in wraps):
         what = "runs round a geom or a pulley, or is fixed (a sum of angles)"
-        name = _name(model.tendon(tendon), tendon)
+        name = name_of(model.tendon(tendon), tendon)
         raise InvalidFile(
             file, f"tendon {name} {what}; only straight lines between sites are read: use Pulleys or Tables"
         )
@@ -213,4 +220,4 @@ def _matrix(quaternion: Array) -> Array:
     )
 
 
-__all__ = ["MARK", "Model", "load", "read_mjcf", "read_point", "said", "tendon_lengths"]
+__all__ = ["MARK", "Model", "linkage_of", "load", "name_of", "read_mjcf", "read_point", "said", "tells", "tendon_lengths"]

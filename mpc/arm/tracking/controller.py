@@ -22,7 +22,7 @@ from mpc.arm.model import Arm
 from mpc.arm.tracking.compiled.factory import factory
 from mpc.arm.tracking.feedforward import ArmInverseDynamics
 from mpc.arm.tracking.limits import ArmLimits
-from mpc.arm.tracking.prediction import ArmPredictor
+from mpc.arm.tracking.prediction import predictor_of
 from mpc.arm.tracking.preview import ArmPreview
 from mpc.arm.tracking.problem import ArmProblem
 from mpc.tracking.fallback import Ladder
@@ -83,7 +83,7 @@ class ArmMPC(OptimisingController):
         if sum(self.blocks) != self.N or min(self.blocks) < 1:
             raise InvalidInput(f"blocks = {self.blocks} have to be lengths of 1 or more, N = {self.N} in all")
         self.limits = limits = ArmLimits.of_arm(self.arm, self.dt, self.min_force)
-        delay, predictor = round(self.dead_time / self.dt), ArmPredictor(self.arm, self.dt, self.N)
+        delay, predictor = round(self.dead_time / self.dt), predictor_of(self.arm, self.dt, self.N)
         self._preview: Any = ArmPreview(self.arm, self.dt, self.N, delay, limits)  # in place of a joint's
         self.rest_mode: Any = _NoRest()
         self.ladder = Ladder(limits, predictor)  # type: ignore[arg-type]  # it asks no more of a predictor
@@ -116,8 +116,9 @@ class ArmMPC(OptimisingController):
         self.reset()
         budget, self.budget = self.budget, None
         (left, right), P = self.limits.theta, np.full(self.arm.m, np.mean(self.limits.pressure))
-        x = np.concatenate([(left + right) / 2, np.zeros(self.arm.n), P])
-        self.step(x, 0.4 * left + 0.6 * right, np.diag(np.diag(self.arm.stiffness(x))))
+        x = np.concatenate([self.arm.middle, np.zeros(self.arm.n), P])
+        q = np.clip(self.arm.middle + 0.1 * (right - left), left, right)
+        self.step(x, q, np.diag(np.diag(self.arm.tracked_stiffness(x))))
         self.budget = budget
 
     def _plan(self, situation: Any, status: PlanStatus, rung: Rung, motion: Motion, side: float, times: Times) -> Plan:

@@ -55,10 +55,13 @@ class ArmInverseDynamics:
         q = np.clip(asked, *arm.angle_limits)
         omega, alpha = (D @ q for D in self.slopes)
         T = arm.bodies.torque_for(q, omega, alpha) - d
-        held = allocate_mechanism(arm.mechanism, q, K, T, min_force=self.min_force, trajectory=True)
+        held = allocate_mechanism(
+            arm.mechanism, q, K, T, min_force=self.min_force, trajectory=True, endpoint=arm.endpoint
+        )
         u = (held.P[1:] - self.alpha * held.P[:-1]) / (1 - self.alpha)
-        y = np.hstack([arm.svec(held.K), np.zeros_like(held.P)])
-        moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - q, held.K_error, held.T_error)))
+        given, missed = (held.K, held.K_error) if arm.endpoint is None else (held.K_x, held.K_x_error)
+        y = np.hstack([arm.svec(given), np.zeros_like(held.P)])
+        moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - q, missed, held.T_error)))
         return ArmFeedForward(np.hstack([q, omega, held.P]), y, u, moved)
 
 

@@ -8,6 +8,7 @@ commands that act now, past their dead time. A reading that is NaN, or beyond wh
 """
 
 from collections import deque
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 from mpc.arm.model import Arm
+from mpc.arm.tracking.differences import DifferencePredictor
 from mpc.model.buffered import Buffered
 from mpc.observer.filter import Noise
 
@@ -47,7 +49,7 @@ class ArmObserver:
         fast, much = np.full(n, _FASTEST), np.full(n, _MOST_TORQUE)
         self._low = np.concatenate([self._read_low[:n], -fast, np.full(m, low), -much])
         self._high = np.concatenate([self._read_high[:n], fast, np.full(m, high), much])
-        self._model = Buffered(self._discrete())
+        self._model = self._discrete()
         self.reset()
 
     def reset(self) -> None:
@@ -101,7 +103,7 @@ class ArmObserver:
         size, xi = self.arm.size, np.clip(self._xi, self._low, self._high)
         x, slope = self._model(xi[:size], self._commands[0], xi[size:])
         A = np.vstack([slope, np.eye(xi.size)[size:]])
-        later = np.append(x[0], xi[size:])
+        later = np.append(x, xi[size:])
         if np.isfinite(later).all() and np.isfinite(A).all():
             self._xi, self._covariance = later, A @ self._covariance @ A.T + self._Q
 
@@ -116,14 +118,17 @@ class ArmObserver:
         self._xi = self._xi + gain @ (read[there] - C @ self._xi)
         self._covariance = left @ self._covariance @ left.T + gain @ R @ gain.T  # Joseph's form: stays symmetric
 
-    def _discrete(self) -> Any:
-        """Return (x, v, d) ↦ x and its derivative by (x, d), transposed because `Buffered` hands back transposes."""
+    def _discrete(self) -> Callable[[Array, Array, Array], Sequence[Array]]:
+        """Return (x, v, d) ↦ x and its derivative (2n + m, 3n + m) by (x, d)."""
+        if not self.arm.has_formulas:
+            return DifferencePredictor(self.arm, self.dt, 1).sample
         import casadi as ca
 
         x, v, d = (ca.MX.sym(name, size) for name, size in (("x", self.arm.size), ("v", self.arm.m), ("d", self.arm.n)))
         x_next = self.arm.discrete(self.dt)(x, v, d)
+        # transposed because `Buffered` hands back transposes
         slope = ca.densify(ca.horzcat(ca.jacobian(x_next, x), ca.jacobian(x_next, d)).T)
-        return ca.Function("observed", [x, v, d], [x_next, slope])
+        return Buffered(ca.Function("observed", [x, v, d], [x_next, slope]))
 
 
 __all__ = ["ArmObserver"]

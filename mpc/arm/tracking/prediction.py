@@ -11,6 +11,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.arm.model import Arm
+from mpc.arm.tracking.differences import DifferencePredictor
 from mpc.model.buffered import Buffered
 from mpc.tracking.linearise import Linearisation, Motion
 
@@ -38,7 +39,7 @@ class ArmPredictor:
     def stationary(self, x: Array, u: Array) -> Motion:
         """Return no motion at all from `x` (2n + m,) under the commands `u` (N, m), where the model has none."""
         rows, arm = len(u) + 1, self.arm
-        return Motion(u, np.tile(x, (rows, 1)), np.zeros((rows, arm.n * (arm.n + 1) // 2)), np.zeros((rows, arm.m)))
+        return Motion(u, np.tile(x, (rows, 1)), np.zeros((rows, arm.stiffnesses)), np.zeros((rows, arm.m)))
 
     def _outputs(self, y: Array) -> tuple[Array, Array]:
         return y[:, : -self.arm.m], y[:, -self.arm.m :]
@@ -91,4 +92,9 @@ class ArmPredictor:
         return ca.Function("along", [s.q, s.P], [ca.densify(value)]).map(self.N + 1)
 
 
-__all__ = ["ArmPredictor"]
+def predictor_of(arm: Arm, dt: float, N: int) -> "ArmPredictor | DifferencePredictor":
+    """Return a predictor of `arm`: by its formulas, or by differences where it has none."""
+    return ArmPredictor(arm, dt, N) if arm.has_formulas else DifferencePredictor(arm, dt, N)
+
+
+__all__ = ["ArmPredictor", "predictor_of"]

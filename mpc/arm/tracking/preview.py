@@ -16,7 +16,7 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 from mpc.arm.model import Arm
 from mpc.arm.tracking.limits import ArmLimits
-from mpc.arm.tracking.prediction import ArmPredictor
+from mpc.arm.tracking.prediction import predictor_of
 from mpc.tracking.preview import BadNumbers, Task
 
 _BEYOND = 10 * DEG  # an angle may be read beyond its range
@@ -33,7 +33,7 @@ class ArmPreview:
         self.arm, self.dt, self.delay, self.limits = arm, dt, delay, limits
         self.ahead = N + delay  # samples of preview wanted
         self.strict = False  # raises `InvalidInput` for references that cannot be meant, instead of warning
-        self._under_way = ArmPredictor(arm, dt, delay)
+        self._under_way = predictor_of(arm, dt, delay)
         (low, high), (left, right) = limits.pressure, limits.theta
         fast, of_muscles = np.full(arm.n, _FASTEST), np.ones(arm.m)
         self._lower = np.concatenate([left - _BEYOND, -fast, (low - _BELOW) * of_muscles])
@@ -58,7 +58,7 @@ class ArmPreview:
         except _Meaningless as meaningless:
             self._warn(meaningless)
             rows = self.ahead + 1
-            q, K, torque = np.tile(x[:n], (rows, 1)), np.tile(np.eye(n), (rows, 1, 1)), np.zeros(n)
+            q, K, torque = np.tile(x[:n], (rows, 1)), np.tile(np.eye(self.arm.tracked), (rows, 1, 1)), np.zeros(n)
             refused = True
         if self._blind == inf and not refused:
             x[:n] = np.clip(q[0], *self.limits.theta)
@@ -107,11 +107,16 @@ class ArmPreview:
         array = self._reference("q_ref", given, (self.arm.n,), "rad")
         if np.abs(array).max() > _TURN:
             raise _Meaningless(f"q_ref = {np.abs(array).max():g} rad is more than a turn; if degrees, divide by 57.3")
+        if (endpoint := self.arm.endpoint) is not None:
+            try:
+                endpoint.check_rank(endpoint.at(np.clip(array, *self.limits.theta)))
+            except InvalidInput as singular:
+                raise _Meaningless(f"q_ref: {singular}") from None
         return array
 
     def _stiffness(self, given: Any) -> Array:
         """Return the reference (ahead + 1, n, n) of the stiffness."""
-        K = self._reference("K_ref", given, (self.arm.n, self.arm.n), "N·m/rad")
+        K = self._reference("K_ref", given, (self.arm.tracked, self.arm.tracked), self.arm.stiffness_unit)
         if np.abs(K - K.swapaxes(-1, -2)).max() > _SYMMETRIC * np.abs(K).max():
             raise _Meaningless("K_ref is not symmetric: a stiffness is, K_ij = K_ji")
         try:

@@ -8,7 +8,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.arm.model import Arm
-from mpc.arm.tracking.prediction import ArmPredictor
+from mpc.arm.tracking.prediction import predictor_of
 from mpc.tracking.cost import Rows, charged
 from mpc.tracking.weights import Weights
 
@@ -44,11 +44,10 @@ def arm_terminal_factor(arm: Arm, dt: float, weights: Weights, rows: Rows) -> Ar
 
 def _middle(arm: Arm, dt: float) -> tuple[Array, Array, Array]:
     """Return A, B and the outputs' slope about rest in the middle, moved by no torque: gravity is held from outside."""
-    low, high = arm.angle_limits
-    q, P = (low + high) / 2, np.full(arm.m, np.mean(arm.mechanism.pressure_limits))
+    q, P = arm.middle, np.full(arm.m, np.mean(arm.mechanism.pressure_limits))
     x = np.concatenate([q, np.zeros(arm.n), P])
     held = arm.bodies.gravity_torque(q) - arm.mechanism.torque(q, P)
-    model = ArmPredictor(arm, dt, 1).linearise(x, P[None], held[None])
+    model = predictor_of(arm, dt, 1).linearise(x, P[None], held[None])
     return model.A[0], model.B[0], model.slope[0]
 
 

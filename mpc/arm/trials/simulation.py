@@ -49,8 +49,8 @@ class ArmRun:
     x: Array  # (M+1, 2n + m) true states
     u: Array  # (M, m) commands, u[k] sent at t[k] [Pa]
     q_ref: Array  # (M+1, n) [rad]
-    K_ref: Array  # (M+1, n, n) [N·m/rad]
-    K: Array  # (M+1, n, n) stiffness (M2) of the plant's muscles [N·m/rad]
+    K_ref: Array  # (M+1, k, k)
+    K: Array  # (M+1, k, k) stiffness (M2) of the plant's muscles [N·m/rad], or of the arm's endpoint [N/m]
     forces: Array  # (M+1, m) [N]
     d: Array  # (M, n) torques that the controller was told [N·m]
     step_time: Array  # (M,) [s]
@@ -125,7 +125,8 @@ def begin(plant: MujocoPlant, arm: Arm, reference: ArmReference, seed: int = 0, 
     q, K = reference.sampled(np.linspace(0.0, 2 * _DIFFERENCE, 3))
     omega = (-1.5 * q[0] + 2 * q[1] - 0.5 * q[2]) / _DIFFERENCE if caught else np.zeros(arm.n)
     alpha = (q[0] - 2 * q[1] + q[2]) / _DIFFERENCE**2 if caught else np.zeros(arm.n)
-    held = allocate_mechanism(arm.mechanism, q[0], K[0], arm.bodies.torque_for(q[0], omega, alpha))
+    torque = arm.bodies.torque_for(q[0], omega, alpha)
+    held = allocate_mechanism(arm.mechanism, q[0], K[0], torque, endpoint=arm.endpoint)
     plant.reset(q[0], held.P, omega=omega, seed=seed)
 
 
@@ -138,7 +139,8 @@ def _stiffness(arm: Arm, x: Array, gains: Array) -> Array:
     q, P = x[:, : arm.n], x[:, 2 * arm.n :]
     gains = np.broadcast_to(gains, (arm.m,))
     muscles = zip(arm.mechanism.at(q), P.T, gains.tolist(), strict=True)
-    return np.asarray(sum(gain * muscle.stiffness(pressure) for muscle, pressure, gain in muscles))
+    K = np.asarray(sum(gain * muscle.stiffness(pressure) for muscle, pressure, gain in muscles))
+    return arm.seen(q, K)
 
 
 __all__ = ["ArmController", "ArmRun", "begin", "simulate_arm"]

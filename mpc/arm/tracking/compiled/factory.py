@@ -26,12 +26,17 @@ def factory(
 ) -> ArmParts:
     """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails."""
     ready = feed_forward.ready()
+    asked: Any = predictor
+    if not arm.has_formulas:
+        notice(f"the controller's step is not compiled and takes some hundred times as long: {arm.unformulated}", SlowStep)
+        return ArmParts(ReadableQPStep(problem, asked), ready)
     try:
         from mpc.arm.tracking.compiled.module import compiled_arm
         from mpc.arm.tracking.compiled.qp_step import CompiledArmFeedForward, CompiledArmQPStep
 
         made = compiled_arm(arm, dt)
-        parts = ArmParts(CompiledArmQPStep(arm, dt, made, problem), CompiledArmFeedForward(arm, made, ready))
+        feed: Any = ready if arm.endpoint is not None else CompiledArmFeedForward(arm, made, ready)
+        parts = ArmParts(CompiledArmQPStep(arm, dt, made, problem), feed)
         _compile(arm, problem, *parts)
         return parts
     except (
@@ -39,16 +44,15 @@ def factory(
     ) as failure:  # no compiler, no place for its work, a formula too long, or a fault of the compiler's own
         reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
     notice(f"the controller's step is not compiled and takes some ten times as long: {reason}", SlowStep)
-    asked: Any = predictor
     return ArmParts(ReadableQPStep(problem, asked), ready)
 
 
 def _compile(arm: Arm, problem: ArmProblem, step: Any, feed_forward: Any) -> None:
     """Compile now, and not when the arm is waiting for its first command."""
-    N, low, high = sum(problem.blocks), *arm.angle_limits
+    N = sum(problem.blocks)
     P = np.full(arm.m, np.mean(problem.limits.pressure))
-    x = np.concatenate([(low + high) / 2, np.zeros(arm.n), P])
-    K, d = np.diag(np.diag(arm.stiffness(x))), np.zeros((N + 1, arm.n))
+    x = np.concatenate([arm.middle, np.zeros(arm.n), P])
+    K, d = np.diag(np.diag(arm.tracked_stiffness(x))), np.zeros((N + 1, arm.n))
     feed = feed_forward(np.tile(x[: arm.n], (N + 1, 1)), np.tile(K, (N + 1, 1, 1)), d)
     step(x, np.tile(P, (N, 1)), d[:-1], feed, PreviousSample(P, P), DAQP(), inf)
     step.whole_qp()

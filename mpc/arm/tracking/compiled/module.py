@@ -30,7 +30,7 @@ class CompiledArm(NamedTuple):
 def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
     """Return the compiled functions for `arm` at the sample time `dt` [s]."""
     text, c = (
-        f"import math\n\nn, m, STIFFNESSES, SIZE = {arm.n}, {arm.m}, {arm.n * (arm.n + 1) // 2}, {arm.size}\n\n\n",
+        f"import math\n\nn, m, STIFFNESSES, SIZE = {arm.n}, {arm.m}, {arm.stiffnesses}, {arm.size}\n\n\n",
         np.zeros(0),
     )
     for name, function in _functions(arm).items():

@@ -43,7 +43,7 @@ class CompiledArmQPStep:
         self._given = arm, dt, made, problem
         self._step, self._problem = made.step, problem
         N, n, m, size, blocks = sum(problem.blocks), arm.n, arm.m, arm.size, len(problem.blocks)
-        outputs, z = n * (n + 1) // 2 + m, m * blocks
+        outputs, z = arm.stiffnesses + m, m * blocks
         limits, weights, starts = problem.limits, problem.weights, problem.starts.astype(np.int64)
         self._integration = made.c, made.h, made.decay
         self._bounds = np.array([*limits.pressure, limits.step])

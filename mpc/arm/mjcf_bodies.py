@@ -1,0 +1,79 @@
+"""The bodies of a MuJoCo model become `TreeBodies` here, as far as its physics are what the formulas say."""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidFile
+from allocator.mechanism.routes.mjcf import linkage_of, name_of, said
+from mpc.arm.tree import TreeBodies
+
+
+def check_hinges(model: Any, source: Any) -> None:
+    """Insist that a model is moved by free hinges alone.
+
+    Raises `InvalidFile` for joints of other kinds, and for equality constraints that are active: joints tied to each
+    other are fewer than they seem.
+    """
+    import mujoco
+
+    file = said(source)
+    for i in np.flatnonzero(model.jnt_type != int(mujoco.mjtJoint.mjJNT_HINGE)).tolist():
+        raise InvalidFile(file, f"joint {name_of(model.joint(i), i)} is no hinge; an arm's joints are hinges")
+    for i in np.flatnonzero(model.eq_active0).tolist():
+        raise InvalidFile(
+            file,
+            f"the equality constraint {name_of(model.equality(i), i)} ties joints or bodies together; an arm's joints "
+            "are free: leave it out, or fix the body instead",
+        )
+
+
+def without_formulas(model: Any) -> str:
+    """Return what of a model's bodies is not in the formulas of `TreeBodies`, in some words; "" if nothing."""
+    found = {
+        "a fluid": bool(model.opt.density or model.opt.viscosity),
+        "gravity compensation": bool(np.any(model.body_gravcomp)),
+        "springs along tendons": bool(np.any(model.tendon_stiffness)),
+        "damping along tendons": bool(np.any(model.tendon_damping)),
+        "armature of tendons": bool(np.any(getattr(model, "tendon_armature", 0.0))),
+    }
+    return ", ".join(what for what, there in found.items() if there)
+
+
+def tree_of(model: Any, source: Any) -> TreeBodies:
+    """Return the bodies of a model whose joints are hinges. Raises `InvalidFile`."""
+    links, frames = linkage_of(model, source)
+    n = len(links)
+    mass, first, second = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))  # moments about the links' origins
+    for body in range(1, model.nbody):
+        link, R, p = frames[body]
+        if link < 0:
+            continue  # it stands on the ground
+        m, c = float(model.body_mass[body]), p + R @ model.body_ipos[body]
+        turned = R @ _matrix(model.body_iquat[body])
+        mass[link] += m
+        first[link] += m * c
+        second[link] += turned @ np.diag(model.body_inertia[body]) @ turned.T + m * _about(c)
+    centre = np.divide(first, mass[:, None], out=np.zeros((n, 3)), where=mass[:, None] > 0)
+    inertia = second - mass[:, None, None] * np.array([_about(c) for c in centre])
+    place = model.jnt_qposadr
+    return TreeBodies(
+        tuple(links), mass, centre, (inertia + inertia.swapaxes(1, 2)) / 2, model.dof_damping[model.jnt_dofadr],
+        model.dof_armature[model.jnt_dofadr], model.jnt_stiffness, model.qpos_spring[place], model.opt.gravity.copy(),
+    )  # fmt: skip
+
+
+def _about(c: Array) -> Array:
+    """Return the inertia (3, 3) of a unit mass at `c` (3,) [m] about the origin [m²]."""
+    return np.asarray(c @ c * np.eye(3) - np.outer(c, c))
+
+
+def _matrix(quaternion: Array) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    w, x, y, z = quaternion
+    return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())
+
+
+__all__ = ["check_hinges", "tree_of", "without_formulas"]

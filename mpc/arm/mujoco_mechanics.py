@@ -1,0 +1,162 @@
+"""Tendons and bodies that only MuJoCo knows are asked of it, posture by posture: tendons round geoms, fluids, ….
+
+`MujocoTendons` are the routes and `MujocoBodies` the bodies of an `Arm` that has no formulas; its controller
+differentiates them by differences. What a model has of contacts, stops, dry friction and actuators is not in them.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.mechanism.routes.base import RoutedLengths, Routes, per_muscle, rest_lengths
+from mpc.arm.tendon_jacobian import TendonJacobian
+
+_DIFFERENCE = 1e-5  # [rad] of central differences, whose error is of its square
+
+
+class Mechanics:
+    """`Mechanics` are a copy of a model to ask at stacks of postures; not to be used by two threads at a time."""
+
+    def __init__(self, model: Any) -> None:
+        """Take a copy without what is no smooth function of the posture."""
+        from copy import copy
+
+        import mujoco
+
+        self.model = copy(model)
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        self.data = mujoco.MjData(self.model)
+        self._jacobian = TendonJacobian(self.model, self.data)
+        self._places, self._speeds = self.model.jnt_qposadr, self.model.jnt_dofadr
+
+    def tendons(self, q: Array) -> tuple[Array, Array]:
+        """Return lengths (k, m) [m] and slopes ∂l/∂q (k, m, n) [m/rad] at the postures `q` (k, n)."""
+        found = []
+        for row in q:
+            self._pose(row)
+            found.append((self.data.ten_length.copy(), self._jacobian()[:, self._speeds].copy()))
+        lengths, slopes = zip(*found, strict=True)
+        return np.array(lengths), np.array(slopes)
+
+    def masses(self, q: Array) -> Array:
+        """Return M (k, n, n) [kg·m²] at the postures `q` (k, n)."""
+        import mujoco
+
+        found, M = [], np.zeros((self.model.nv, self.model.nv))
+        for row in q:
+            self._pose(row)
+            for unit, line in zip(np.eye(self.model.nv), M, strict=True):
+                mujoco.mj_mulM(self.model, self.data, line, unit)
+            found.append(M[np.ix_(self._speeds, self._speeds)])
+        return np.array(found)
+
+    def bias(self, q: Array, omega: Array) -> Array:
+        """Return the torques (k, n) [N·m] of motions (k, n) without acceleration, springs and damping included."""
+        import mujoco
+
+        found = []
+        for row, speed in zip(q, omega, strict=True):
+            self.data.qvel[self._speeds] = speed
+            self._pose(row)
+            mujoco.mj_fwdVelocity(self.model, self.data)
+            found.append((self.data.qfrc_bias - self.data.qfrc_passive)[self._speeds])
+        return np.array(found)
+
+    def _pose(self, q: Array) -> None:
+        import mujoco
+
+        self.data.qpos[self._places] = q
+        mujoco.mj_fwdPosition(self.model, self.data)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Mechanics":
+        """Return one with data of its own."""
+        return Mechanics(self.model)
+
+
+@dataclass(frozen=True, eq=False)
+class MujocoTendons(Routes):
+    """`MujocoTendons` are muscles along a model's tendons, whatever these run round; SI units.
+
+    Lengths and arms are MuJoCo's; bends are central differences of the arms, and infinite slopes of arms where a tendon
+    touches a geom or leaves it are as these differences have them.
+    """
+
+    cable: tuple[float, ...]  # (m,) [m]
+    mechanics: Mechanics = field(repr=False)
+
+    @classmethod
+    def of(cls, mechanics: Mechanics, rest_length: Any, cable: Any) -> "MujocoTendons":
+        """Return them with these rest lengths and cables [m], numbers or rows (m,). Raises `InvalidInput`."""
+        m = int(mechanics.model.ntendon)
+        lengths = rest_lengths("MujocoTendons", rest_length, m)
+        return cls(lengths, tuple(per_muscle("MujocoTendons: cable", cable, m, "m").tolist()), mechanics)
+
+    @property
+    def n(self) -> int:
+        """Return the number of joints."""
+        return int(self.mechanics.model.njnt)
+
+    def ways(self, q: Array) -> tuple[Array, Array]:
+        """Return lengths (…, m) [m] and arms (…, m, n) [m] at the postures `q` (…, n)."""
+        flat = q.reshape(-1, self.n)
+        length, slope = self.mechanics.tendons(flat)
+        shape = q.shape[:-1]
+        return (length - self.cable).reshape(*shape, self.m), -slope.reshape(*shape, self.m, self.n)
+
+    def at(self, q: Array) -> RoutedLengths:
+        """Return lengths, arms and bends of all muscles at the postures `q` (…, n)."""
+        h = _DIFFERENCE * np.eye(self.n)
+        ahead, behind = (self.ways(q[..., None, :] + step)[1] for step in (h, -h))  # (…, n, m, n)
+        bend = np.moveaxis(behind - ahead, -3, -1) / (2 * _DIFFERENCE)
+        return RoutedLengths(*self.ways(q), (bend + bend.swapaxes(-1, -2)) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class MujocoBodies:
+    """`MujocoBodies` are the bodies of a model on n hinges, as MuJoCo moves them; for numbers only."""
+
+    mechanics: Mechanics = field(repr=False)
+
+    @property
+    def n(self) -> int:
+        """Return the number of joints."""
+        return int(self.mechanics.model.njnt)
+
+    @property
+    def damping(self) -> Array:
+        """Return the damping of the hinges (n,) [N·m·s/rad]."""
+        return np.array(self.mechanics.model.dof_damping[self.mechanics.model.jnt_dofadr])
+
+    @property
+    def summary(self) -> str:
+        """Return what they are, in some words."""
+        return f"{float(np.sum(self.mechanics.model.body_mass)):.3g} kg on {self.n} hinges, as MuJoCo has them"
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Return M(q) (…, n, n) [kg·m²] at the postures `q` (…, n)."""
+        return self.mechanics.masses(q.reshape(-1, self.n)).reshape(*q.shape, self.n)
+
+    def bias(self, q: Array, omega: Array) -> Array:
+        """Return the torques (…, n) [N·m] of a motion without acceleration."""
+        q, omega = np.broadcast_arrays(q, omega)
+        return self.mechanics.bias(q.reshape(-1, self.n), omega.reshape(-1, self.n)).reshape(q.shape)
+
+    def gravity_torque(self, q: Array) -> Array:
+        """Return g(q) (…, n) [N·m]: what the muscles have to hold, against gravity and springs."""
+        return self.bias(q, np.zeros_like(q))
+
+    def gravity_stiffness(self, q: Array) -> Array:
+        """Return ∂g/∂q (…, n, n) [N·m/rad], by central differences."""
+        h = _DIFFERENCE * np.eye(self.n)
+        ahead, behind = (self.gravity_torque(q[..., None, :] + step) for step in (h, -h))
+        slope = (ahead - behind) / (2 * _DIFFERENCE)
+        return np.asarray((slope + slope.swapaxes(-1, -2)) / 2)
+
+    def torque_for(self, q: Array, omega: Array, alpha: Array) -> Array:
+        """Return the joints' torques τ (…, n) [N·m] of a motion (inverse dynamics)."""
+        return np.asarray((self.mass_matrix(q) @ np.asarray(alpha)[..., None])[..., 0] + self.bias(q, omega))
+
+
+__all__ = ["Mechanics", "MujocoBodies", "MujocoTendons"]

@@ -1,0 +1,132 @@
+"""An arm is read from a MuJoCo model here: its tendons are the muscles, its bodies are moved by hinges.
+
+What has formulas gets them: straight tendons through sites or sums of angles, and bodies without anything but masses,
+armatures, springs and damping. Anything else is asked of MuJoCo itself (`mpc.arm.mujoco_mechanics`).
+"""
+
+from collections.abc import Sequence
+from copy import copy
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.mechanism import Mechanism
+from allocator.mechanism.routes import Routes
+from allocator.mechanism.routes.base import per_muscle, rest_lengths
+from allocator.mechanism.routes.mjcf import load, name_of, read_mjcf, said, tendon_lengths, tells
+from allocator.muscles import Muscle
+from mpc.arm.mjcf_bodies import check_hinges, tree_of, without_formulas
+from mpc.arm.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
+from mpc.arm.tree import TreeBodies
+
+
+class Read(NamedTuple):
+    """What was `Read` of a model."""
+
+    model: Any  # an `MjModel` for a `MujocoPlant`, whose actuators are switched off
+    mechanism: Mechanism
+    bodies: TreeBodies | MujocoBodies
+    cable: Array  # (m,) [m] for a `MujocoPlant`
+    asked_of_mujoco: str  # what of it has no formulas; "" if all has
+    left_out: str  # what of the model the prediction does not know; "" if nothing
+
+
+def read_arm(
+    source: Any,
+    muscles: Muscle | Sequence[Muscle],
+    rest_length: Any = None,
+    cable: Any = None,
+    contraction: Any = None,
+    pressure_limits: tuple[float, float] = (0.0, 5e5),
+) -> Read:
+    """Read an arm from a file, MJCF text or an `MjModel`.
+
+    `rest_length` and `cable` [m] are numbers or rows (m,); instead of `cable` the `contraction` [-] may be given that
+    the muscles have in the model's own posture. Raises `InvalidFile`, `InvalidInput` and `MissingPackage`.
+    """
+    import mujoco
+
+    model = copy(load(source))
+    if not model.ntendon:
+        raise InvalidFile(said(source), "has no tendons; the tendons of the model are the muscles")
+    check_hinges(model, source)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    lengths, cables = _lengths(model, source, rest_length, cable, contraction)
+    mechanics, unread = Mechanics(model), [without_formulas(model), _winding(model)]
+    bodies = MujocoBodies(mechanics) if unread[0] else tree_of(model, source)
+    names: dict[str, Any] = {
+        "muscle_names": tuple(name_of(model.tendon(j), j) for j in range(model.ntendon)),
+        "joint_names": tuple(name_of(model.joint(i), i) for i in range(model.njnt)),
+    }
+    limited = bool(np.all(model.jnt_limited))
+    routes: Routes = (
+        MujocoTendons.of(mechanics, lengths, cables) if unread[1] else read_mjcf(model, lengths, cables).routes
+    )
+    mechanism = Mechanism(
+        routes,
+        muscles,  # type: ignore[arg-type]  # one or a sequence, see its __post_init__
+        pressure_limits,
+        angle_limits=tuple(map(tuple, model.jnt_range.tolist())) if limited else None,
+        **names,
+    )
+    return Read(model, mechanism, bodies, cables, ", ".join(filter(None, unread)), _left_out(model))
+
+
+def _lengths(model: Any, source: Any, rest_length: Any, cable: Any, contraction: Any) -> tuple[Array, Array]:
+    """Return rest lengths and cables (m,) [m]. Raises `InvalidInput`."""
+    m, now = int(model.ntendon), Mechanics(model).tendons(model.qpos0[model.jnt_qposadr][None])[0][0]
+    if rest_length is None and not tells(model):
+        listed = ", ".join(f"{1e3 * length:.4g}" for length in now.tolist())
+        raise InvalidInput(
+            f"the rest lengths of the muscles have to be given: {said(source)} does not tell; its tendons are {listed} "
+            "mm long in its own posture"
+        )
+    if contraction is None or rest_length is None:
+        if contraction is not None:
+            raise InvalidInput("contraction is given without the rest lengths of the muscles")
+        lengths, cables = tendon_lengths(model, source, rest_length, cable)
+        return np.array(rest_lengths("muscles", lengths, m)), per_muscle("cable", cables, m, "m")
+    if cable is not None:
+        raise InvalidInput("cable and contraction are both given; each of them says where the muscles begin")
+    lengths, eps = np.array(rest_lengths("muscles", rest_length, m)), per_muscle("contraction", contraction, m, "-")
+    if (wrong := ~((eps >= -0.1) & (eps <= 0.5))).any():
+        raise InvalidInput(f"contraction{checks.at(eps, wrong)} has to be a ratio of -0.1 to 0.5, not per cent")
+    return lengths, now - lengths * (1 - eps)
+
+
+def _winding(model: Any) -> str:
+    """Return which tendons are neither straight lines nor, all of them, sums of angles; "" if none is."""
+    import mujoco
+
+    kinds = np.asarray(model.wrap_type)
+    if (kinds == int(mujoco.mjtWrap.mjWRAP_JOINT)).all() or (kinds == int(mujoco.mjtWrap.mjWRAP_SITE)).all():
+        return ""
+    odd = []
+    for j in range(model.ntendon):
+        first = int(model.tendon_adr[j])
+        if (kinds[first : first + int(model.tendon_num[j])] != int(mujoco.mjtWrap.mjWRAP_SITE)).any():
+            odd.append(name_of(model.tendon(j), j))
+    return f"the way of {', '.join(odd)}"
+
+
+def _left_out(model: Any) -> str:
+    """Return what of a model the prediction of its motion does not know, in some words."""
+    found = {
+        f"{model.nu} actuators (switched off)": bool(model.nu),
+        "dry friction": bool(np.any(model.dof_frictionloss)) or bool(np.any(model.tendon_frictionloss)),
+        "contacts": bool(np.any((model.geom_contype != 0) & (model.geom_bodyid != 0))) and not _no_contacts(model),
+        "limits of tendons": bool(np.any(model.tendon_limited)),
+    }
+    return ", ".join(what for what, there in found.items() if there)
+
+
+def _no_contacts(model: Any) -> bool:
+    import mujoco
+
+    return bool(model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT))
+
+
+__all__ = ["Read", "read_arm"]

@@ -1,0 +1,142 @@
+"""Along a horizon an arm without formulas has a motion, too; its derivatives are differences.
+
+As `mpc.arm.tracking.prediction`, in numbers: the bodies are integrated by the classical Runge–Kutta method, as
+`Arm.discrete` says, and linearised once a sample, in the middle of it. With z' = F z + G (u, d) there,
+
+    exp [F G; 0 0] dt = [A B; 0 1]
+
+are the sample's derivatives up to an error of the third order in dt. The acceleration is differentiated by central
+differences over angles and velocities; over pressures its slope M⁻¹ rᵀ F_P needs none.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.arm.model import Arm
+from mpc.arm.mujoco_mechanics import MujocoTendons
+from mpc.arm.pneumatics import Pneumatics
+from mpc.model.experiment import RESOLUTION
+from mpc.tracking.linearise import Linearisation, Motion
+
+_ANGLE, _SPEED = 1e-5, 1e-4  # [rad], [rad/s] of central differences
+_BEND = 1e-4  # [rad], of what is itself a difference
+
+
+class DifferencePredictor:
+    """A predictor makes motions and linearisations of `arm` over `N` samples of `dt` [s]."""
+
+    def __init__(self, arm: Arm, dt: float, N: int) -> None:
+        self.arm, self.dt, self.N = arm, dt, N
+        mechanism = arm.mechanism
+        self._muscles = Pneumatics(mechanism.muscles, mechanism.routes.rest_length, arm.lags)
+        self._substeps = arm.substeps(dt, RESOLUTION)
+
+    def motion(self, x0: Array, u: Array, d: Array) -> Motion:
+        """Return the motion from `x0` (2n + m,) under the commands `u` (N, m) and the torques `d` (N, n) [N·m]."""
+        x = self._states(x0, u, d)
+        return Motion(u, x, *self._outputs(x))
+
+    def linearise(self, x0: Array, u: Array, d: Array) -> Linearisation:
+        """Return the motion of `motion` with its derivatives."""
+        x = self._states(x0, u, d)
+        K, F = self._outputs(x)
+        A, B, _ = self._slopes((x[:-1] + x[1:]) / 2, d)
+        return Linearisation(u, x, K, F, A, B, *self._output_slopes(x))
+
+    def stationary(self, x: Array, u: Array) -> Motion:
+        """Return no motion at all from `x` (2n + m,) under the commands `u` (N, m), where the model has none."""
+        rows, arm = len(u) + 1, self.arm
+        return Motion(u, np.tile(x, (rows, 1)), np.zeros((rows, arm.stiffnesses)), np.zeros((rows, arm.m)))
+
+    def sample(self, x: Array, u: Array, d: Array) -> tuple[Array, Array]:
+        """Return the state (2n + m,) a sample later and its derivative (2n + m, 3n + m) by (x, d)."""
+        later = self._later(x, u, d)
+        A, _, D = self._slopes(((x + later) / 2)[None], d[None])
+        return later, np.hstack([A[0], D[0]])
+
+    # --- motion -----------------------------------------------------------------------------------------------------
+
+    def _states(self, x0: Array, u: Array, d: Array) -> Array:
+        x = [np.asarray(x0, float)]
+        for command, torque in zip(u, d, strict=True):
+            x.append(self._later(x[-1], command, torque))
+        return np.array(x)
+
+    def _later(self, x: Array, u: Array, d: Array) -> Array:
+        n, h = self.arm.n, self.dt / self._substeps
+        q, omega, P = x[:n], x[n : 2 * n], x[2 * n :]
+        for _ in range(self._substeps):
+            middle, end = (u + np.exp(-t / self.arm.lags) * (P - u) for t in (h / 2, h))
+            a1 = self._acceleration(q, omega, P, d)
+            v2 = omega + h / 2 * a1
+            a2 = self._acceleration(q + h / 2 * omega, v2, middle, d)
+            v3 = omega + h / 2 * a2
+            a3 = self._acceleration(q + h / 2 * v2, v3, middle, d)
+            v4 = omega + h * a3
+            a4 = self._acceleration(q + h * v3, v4, end, d)
+            q = q + h / 6 * (omega + 2 * v2 + 2 * v3 + v4)
+            omega = omega + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+            P = end
+        return np.concatenate([q, omega, P])
+
+    def _acceleration(self, q: Array, omega: Array, P: Array, d: Array) -> Array:
+        """Return ω' (…, n) of states and torques (…, …)."""
+        length, arms = self._ways(q)
+        torque = (self._muscles.laws(length, P)[..., None, :] @ arms)[..., 0, :]
+        bodies = self.arm.bodies
+        pushing = torque - bodies.bias(q, omega) + d
+        return np.asarray(np.linalg.solve(bodies.mass_matrix(q), pushing[..., None])[..., 0])
+
+    def _ways(self, q: Array) -> tuple[Array, Array]:
+        """Return the muscles' lengths (…, m) and arms (…, m, n) [m]."""
+        routes = self.arm.mechanism.routes
+        return routes.ways(q) if isinstance(routes, MujocoTendons) else routes.at(q)[:2]
+
+    # --- derivatives ------------------------------------------------------------------------------------------------
+
+    def _slopes(self, x: Array, d: Array) -> tuple[Array, Array, Array]:
+        """Return ∂x⁺/∂x (N, s, s), ∂x⁺/∂u (N, s, m) and ∂x⁺/∂d (N, s, n) of samples about the states `x` (N, s)."""
+        from scipy.linalg import expm
+
+        n, m, size = self.arm.n, self.arm.m, self.arm.size
+        q, omega, P = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+        rates = np.zeros((len(x), size + m + n, size + m + n))
+        rates[:, :n, n : 2 * n] = np.eye(n)
+        for begin, step in ((0, _ANGLE), (n, _SPEED)):
+            for i in range(n):
+                away = np.zeros(2 * n)
+                away[begin + i] = step
+                ends = [
+                    self._acceleration(q + sign * away[:n], omega + sign * away[n:], P, d) for sign in (1.0, -1.0)
+                ]
+                rates[:, n : 2 * n, begin + i] = (ends[0] - ends[1]) / (2 * step)
+        length, arms = self._ways(q)
+        gains = self._muscles.force_slopes(length, P)  # (N, m)
+        M = self.arm.bodies.mass_matrix(q)
+        rates[:, n : 2 * n, 2 * n : size] = np.linalg.solve(M, (gains[..., None] * arms).swapaxes(-1, -2))
+        rates[:, n : 2 * n, size + m :] = np.linalg.inv(M)
+        rates[:, 2 * n : size, 2 * n : size] = -np.diag(1 / self.arm.lags)
+        rates[:, 2 * n : size, size : size + m] = np.diag(1 / self.arm.lags)
+        found = expm(rates * self.dt)[:, :size]
+        return found[:, :, :size], found[:, :, size : size + m], found[:, :, size + m :]
+
+    def _outputs(self, x: Array) -> tuple[Array, Array]:
+        """Return svec K (N+1, …) and the forces (N+1, m)."""
+        return self.arm.svec(self.arm.tracked_stiffness(x)), self.arm.forces(x)
+
+    def _output_slopes(self, x: Array) -> tuple[Array, Array]:
+        """Return the derivatives (N+1, k, s) and (N+1, m, s) of the outputs by the states."""
+        n, m = self.arm.n, self.arm.m
+        found: Any = None
+        for i in (*range(n), *range(2 * n, 2 * n + m)):
+            step = _BEND if i < n else _BEND * self.arm.mechanism.pressure_span
+            away = step * np.eye(self.arm.size)[i]
+            ends = [np.hstack(self._outputs(x + sign * away)) for sign in (1.0, -1.0)]
+            found = np.zeros((*ends[0].shape, self.arm.size)) if found is None else found
+            found[..., i] = (ends[0] - ends[1]) / (2 * step)
+        return found[:, : self.arm.stiffnesses], found[:, self.arm.stiffnesses :]
+
+
+__all__ = ["DifferencePredictor"]

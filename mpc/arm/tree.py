@@ -1,0 +1,194 @@
+"""Bodies that hang on each other by hinges, in space and as branched as they like, have formulas here.
+
+They are those of J. Y. S. Luh, M. W. Walker and R. P. C. Paul, "On-Line Computational Scheme for Mechanical
+Manipulators", J. Dyn. Sys. Meas. Control 102 (1980), in the frames of the links, from the ground outwards
+
+    w = Rᵀ w_p + s q',   w' = Rᵀ w_p' + (Rᵀ w_p) × s q' + s q'',   a = Rᵀ (a_p + w_p' × o + w_p × (w_p × o)),   a_0 = -γ
+
+with s the axis, o the place of the hinge and R(q) the rotation of a link in its parent p; and inwards the forces
+
+    f = m (a + w' × c + w × (w × c)) + Σ R f_i,      t = I w' + w × I w + c × (f of its own) + Σ (R t_i + o_i × R f_i)
+    τ = s·t + J q'' + D q' + k (q - q_0)
+
+which is linear in q'': M(q) is the slope, the rest the bias.
+"""
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array, Value, is_symbol
+from allocator.errors import InvalidInput
+from allocator.mechanism.routes.linkage import GROUND, Link, Linkage
+
+_UNITS = {
+    "mass": "kg", "centre": "m", "inertia": "kg·m²", "damping": "N·m·s/rad", "armature": "kg·m²",
+    "spring": "N·m/rad", "spring_zero": "rad",
+}  # fmt: skip
+_TURNS = 1e-12  # of the greatest entry: inertia that a hinge has to have, in the posture where all are 0
+_SYMMETRIC = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class TreeBodies:
+    """`TreeBodies` are rigid bodies, one on every one of n `links`, all of whose joints are hinges; immutable.
+
+    Postures and velocities are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1), of which formulas are made.
+    """
+
+    links: tuple[Link, ...]
+    mass: Any  # m (n,) [kg]; 0 of a link between two hinges of one body
+    centre: Any  # c (n, 3) [m] of mass, in the link's frame, whose origin is on its hinge
+    inertia: Any  # I (n, 3, 3) [kg·m²] about the centre, in the link's frame
+    damping: Any  # D (n,) [N·m·s/rad]
+    armature: Any  # J (n,) [kg·m²] that turns with a hinge, such as a pulley's or a motor's
+    spring: Any  # k (n,) [N·m/rad]
+    spring_zero: Any  # q_0 (n,) [rad]
+    gravity: Any = (0.0, 0.0, 0.0)  # γ (3,) [m/s²]
+
+    def __post_init__(self) -> None:
+        """Check and make arrays. Raises `InvalidInput`."""
+        links = Linkage(self.links).links
+        object.__setattr__(self, "links", links)
+        n = len(links)
+        if not n or any(link.kind != "hinge" for link in links):
+            raise InvalidInput("TreeBodies: links have to be one or more, all on hinges")
+        shapes = {"centre": (n, 3), "inertia": (n, 3, 3), "gravity": (3,)}
+        for f in fields(self)[1:]:
+            shape, unit = shapes.get(f.name, (n,)), _UNITS.get(f.name, "m/s²")
+            array = checks.real(f"TreeBodies: {f.name}", getattr(self, f.name), unit)
+            if array.shape not in ((), shape):
+                raise InvalidInput(f"TreeBodies: {f.name} has the shape {array.shape}; expected {shape} [{unit}]")
+            array = np.broadcast_to(array, shape).astype(float)
+            if f.name not in ("centre", "inertia", "spring_zero", "gravity") and (array < 0).any():
+                raise InvalidInput(f"TreeBodies: {f.name}{checks.at(array, array < 0)} {unit} has to be 0 or more")
+            object.__setattr__(self, f.name, array)
+        I = self.inertia  # noqa: E741
+        if (np.abs(I - I.swapaxes(1, 2)) > _SYMMETRIC * np.abs(I).max(initial=0.0)).any() or (
+            np.linalg.eigvalsh(I) < -_SYMMETRIC * np.abs(I).max(initial=0.0)
+        ).any():
+            raise InvalidInput("TreeBodies: inertia has to be symmetric and not negative [kg·m²]")
+        sizes = np.linalg.eigvalsh(self.mass_matrix(np.array([link.zero for link in links])))
+        if not sizes[0] > _TURNS * sizes[-1] or not sizes[-1] > 0:
+            raise InvalidInput("TreeBodies: a hinge turns nothing that has an inertia; give masses, or an armature")
+
+    @property
+    def n(self) -> int:
+        """Return the number of joints."""
+        return len(self.links)
+
+    @property
+    def summary(self) -> str:
+        """Return what they are, in some words."""
+        return f"{float(self.mass.sum()):.3g} kg on {self.n} hinges"
+
+    # --- formulas ---------------------------------------------------------------------------------------------------
+
+    def torque_for(self, q: Value, omega: Value, alpha: Value) -> Value:
+        """Return the joints' torques τ (…, n) [N·m] of a motion (inverse dynamics)."""
+        return self._evaluated("torque", q, omega, alpha)
+
+    def mass_matrix(self, q: Value) -> Value:
+        """Return M(q) (…, n, n) [kg·m²], symmetric and positive definite."""
+        return self._evaluated("mass_matrix", q)
+
+    def bias(self, q: Value, omega: Value) -> Value:
+        """Return the torques (…, n) [N·m] of a motion without acceleration."""
+        return self._evaluated("bias", q, omega)
+
+    def gravity_torque(self, q: Value) -> Value:
+        """Return g(q) (…, n) [N·m]: what the muscles have to hold, against gravity and springs."""
+        return self._evaluated("gravity_torque", q)
+
+    def gravity_stiffness(self, q: Value) -> Value:
+        """Return ∂g/∂q (…, n, n) [N·m/rad]: what gravity and springs add to the muscles' stiffness."""
+        return self._evaluated("gravity_stiffness", q)
+
+    # --- the pieces -------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _functions(self) -> dict[str, Any]:
+        import casadi as ca
+
+        q, omega, alpha = (ca.SX.sym(name, self.n) for name in ("q", "omega", "alpha"))
+        zero = ca.SX.zeros(self.n)
+        torque, held = self._recursion(q, omega, alpha), self._recursion(q, zero, zero)
+        made = {
+            "torque": ([q, omega, alpha], torque),
+            "mass_matrix": ([q], ca.jacobian(torque, alpha)),
+            "bias": ([q, omega], self._recursion(q, omega, zero)),
+            "gravity_torque": ([q], held),
+            "gravity_stiffness": ([q], ca.jacobian(held, q)),
+        }
+        return {name: ca.Function(name, given, [ca.densify(value)]) for name, (given, value) in made.items()}
+
+    def _evaluated(self, name: str, *given: Value) -> Value:
+        """Return a formula, or its numbers for stacks of postures."""
+        function = self._functions[name]
+        if any(is_symbol(value) for value in given):
+            return function(*given)
+        arrays = np.broadcast_arrays(*(np.asarray(value, float) for value in given))
+        if not arrays[0].ndim or arrays[0].shape[-1] != self.n:
+            raise InvalidInput(f"q has the shape {arrays[0].shape}; expected (…, {self.n}) of n = {self.n} hinges")
+        shape, flat = arrays[0].shape[:-1], [array.reshape(-1, self.n) for array in arrays]
+        found = function.map(len(flat[0]))(*(array.T for array in flat)).full()
+        columns = function.size2_out(0)
+        stacked = found.reshape(found.shape[0], len(flat[0]), columns).swapaxes(0, 1)
+        return np.asarray(stacked.reshape(*shape, self.n) if columns == 1 else stacked.reshape(*shape, self.n, columns))
+
+    def _recursion(self, q: Any, omega: Any, alpha: Any) -> Any:
+        """Return the torques (n, 1) of a motion as a formula."""
+        import casadi as ca
+
+        turned, moved = self._outwards(q, omega, alpha)
+        forces, moments = [None] * self.n, [None] * self.n
+        torque: list[Any] = [None] * self.n
+        for i in reversed(range(self.n)):
+            link, (w, dw, a) = self.links[i], moved[i]
+            c, I = ca.DM(self.centre[i]), ca.DM(self.inertia[i])  # noqa: E741
+            own = float(self.mass[i]) * (a + ca.cross(dw, c) + ca.cross(w, ca.cross(w, c)))
+            turning = I @ dw + ca.cross(w, I @ w) + ca.cross(c, own)
+            f = own if forces[i] is None else own + forces[i]
+            t = turning if moments[i] is None else turning + moments[i]
+            torque[i] = (
+                ca.dot(ca.DM(link.axis), t)
+                + float(self.armature[i]) * alpha[i]
+                + float(self.damping[i]) * omega[i]
+                + float(self.spring[i]) * (q[i] - float(self.spring_zero[i]))
+            )
+            if (p := link.parent) != GROUND:
+                f, t = turned[i] @ f, turned[i] @ t
+                t = t + ca.cross(ca.DM(link.origin), f)
+                forces[p] = f if forces[p] is None else forces[p] + f
+                moments[p] = t if moments[p] is None else moments[p] + t
+        return ca.vertcat(*torque)
+
+    def _outwards(self, q: Any, omega: Any, alpha: Any) -> tuple[list[Any], list[tuple[Any, Any, Any]]]:
+        """Return of every link its rotation in the parent, and turning, its rate and the acceleration of its origin."""
+        import casadi as ca
+
+        still = ca.SX.zeros(3)
+        ground = still, still, ca.SX(ca.DM(-self.gravity))
+        turned: list[Any] = []
+        moved: list[tuple[Any, Any, Any]] = []
+        for i, link in enumerate(self.links):
+            w, dw, a = ground if link.parent == GROUND else moved[link.parent]
+            s, o, angle = ca.DM(link.axis), ca.DM(link.origin), q[i] - link.zero
+            W = ca.skew(s)
+            R = ca.DM(np.array(link.orientation)) @ (
+                ca.DM.eye(3) + ca.sin(angle) * W + (1 - ca.cos(angle)) * (W @ W)
+            )
+            turned.append(R)
+            w_in = R.T @ w
+            moved.append((
+                w_in + s * omega[i],
+                R.T @ dw + ca.cross(w_in, s * omega[i]) + s * alpha[i],
+                R.T @ (a + ca.cross(dw, o) + ca.cross(w, ca.cross(w, o))),
+            ))  # fmt: skip
+        return turned, moved
+
+
+__all__ = ["TreeBodies"]
