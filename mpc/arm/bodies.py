@@ -24,6 +24,8 @@ from allocator import checks
 from allocator.calculus import Array, Value, cos, is_symbol, sin
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
+from allocator.mechanism.endpoint import Endpoint
+from allocator.mechanism.routes.linkage import GROUND, Link
 from allocator.muscles import storage
 
 EARTH = 9.81  # [m/s²]
@@ -93,6 +95,18 @@ class Bodies:
     def n(self) -> int:
         """Return the number of links, and of joints."""
         return len(self.length)
+
+    @property
+    def links(self) -> tuple[Link, ...]:
+        """Return the chain as links of a `Linkage`."""
+        ends = [0.0, *self.length]
+        return tuple(Link(i - 1 if i else GROUND, (ends[i], 0.0), (0.0, 0.0, s)) for i, s in enumerate(self.sense))
+
+    @property
+    def endpoint(self) -> Endpoint:
+        """Return the end of the last link, with its coordinates in the plane; of a single link y alone."""
+        axes = "xy" if self.n > 1 else "y"
+        return Endpoint.on_link(self.links, self.n - 1, (self.length[-1], 0.0), axes=axes)
 
     @property
     def summary(self) -> str:

@@ -1,5 +1,6 @@
 """The command `antagonist arm` is here: an arm in closed loop on MuJoCo; degrees and bar at the edge, SI behind."""
 
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter, sleep
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,11 +11,12 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell.options import finite, within
 from allocator.shell.outputs import IMAGES, Force, claim
 from allocator.shell.printing import say
-from allocator.units import BAR, DEG
+from allocator.units import BAR, DEG, MM
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from allocator.mechanism.endpoint import Endpoint
     from mpc.arm.model import Arm
     from mpc.arm.mujoco_plant import MujocoPlant
     from mpc.arm.trials.metrics import ArmMetrics
@@ -25,12 +27,34 @@ _FILMS = (".gif", ".mp4")
 _SUFFIXES = (*IMAGES, *_FILMS, ".csv")
 _NOMINAL, _REAL = "nominal", "real"
 _REAL_EFFECTS = {"dead_time": 0.02, "encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}
+_JOINTS, _HAND = _TRACKED = "joints", "hand"
+_MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # where nothing else is said of a model's muscles
+_OF_TENDONS = ("rest-length", "mm"), ("contraction", "-")
 _OFF = 0.05  # of the muscles' forces, on a real plant
 
 
 def arm_command(
-    machine: Annotated[str, typer.Option(help="arm26, arm48 or leg37")] = "arm26",
-    reference: Annotated[str, typer.Option(help="circle, reach, hold, or draw (two joints)")] = "circle",
+    machine: Annotated[
+        str, typer.Option(help="arm26, arm48, leg37, or a MuJoCo model (.xml) on hinges whose tendons are the muscles")
+    ] = "arm26",
+    muscle: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="of a .xml: a name that `antagonist muscles` lists, or a TOML file; several times: one a tendon"
+        ),
+    ] = None,
+    rest_length: Annotated[
+        str | None, typer.Option(help="of a .xml: of all muscles, or one each with commas between them [mm]")
+    ] = None,
+    contraction: Annotated[
+        str | None,
+        typer.Option(help="of a .xml: contraction ratio in the model's own posture, one or one each; 0.1375"),
+    ] = None,
+    hand: Annotated[
+        str | None, typer.Option(help="of a .xml: a site or body, or some of its coordinates, such as tip:xy")
+    ] = None,
+    track: Annotated[str, typer.Option(help="whose stiffness follows: joints, or hand")] = "joints",
+    reference: Annotated[str, typer.Option(help="circle, reach, hold, or draw (arm26)")] = "circle",
     out: Annotated[
         list[Path] | None,
         typer.Option(
@@ -66,7 +90,8 @@ def arm_command(
     for path in files:
         if path.suffix.lower() in _FILMS:
             check_film(path)
-    arm, tested = _machine(machine, plant, seed)
+    given = {"muscle": muscle, "rest-length": rest_length, "contraction": contraction, "hand": hand}
+    arm, tested, point, notes = _machine(machine, given, track, plant, seed)
     asked = asked_for(reference, arm)
     half_way = asked.duration / 2
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 30 seconds)"):
@@ -85,8 +110,10 @@ def arm_command(
 
         done = simulate_arm(tested, arm, controller, asked, observer=observer, load=push, seed=seed, watch=watch)
     for path in files:
-        _write(done, film, path)
+        _write(done, film, path, point)
     say(console, f"arm: {arm.summary}")
+    for note in notes:
+        say(console, note)
     say(console, f"reference: {asked.name}, {asked.duration:g} s")
     console.print(_summary(done, arm_metrics(done), controller.implementation))
     if filmed:
@@ -104,23 +131,84 @@ def _files(out: list[Path]) -> list[Path]:
     return files
 
 
-def _machine(name: str, kind: str, seed: int) -> "tuple[Arm, MujocoPlant]":
-    """Return the arm of this name or file, and its plant."""
+def _machine(
+    name: str, given: dict[str, Any], track: str, kind: str, seed: int
+) -> "tuple[Arm, MujocoPlant, Endpoint | None, list[str]]":
+    """Return the arm of this name or file, its plant, its hand, and what is to be said of it."""
     import numpy as np
 
-    from mpc.arm.mjcf import to_mjcf
-    from mpc.arm.model import Arm
     from mpc.arm.mujoco_plant import MujocoPlant
 
-    if kind not in (_NOMINAL, _REAL):
-        raise MissingBackend("plant", kind, [_NOMINAL, _REAL])
-    arm = Arm.machine(name)
+    for option, value, known in (("plant", kind, [_NOMINAL, _REAL]), ("stiffness to track", track, _TRACKED)):
+        if value not in known:
+            raise MissingBackend(option, value, known)
+    model, arm, hand, notes, of_tendons = (_from_file if name.endswith(".xml") else _ready_made)(name, given)
+    if track == _HAND:
+        if hand is None:
+            raise InvalidInput(f"--track hand: {name} has no hand; name a site or a body with --hand")
+        arm = replace(arm, endpoint=hand)
     effects: dict[str, Any] = {}
     if kind == _REAL:
         signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)
         effects = {"force_gains": 1 + _OFF * signs, **_REAL_EFFECTS}
-    model = to_mjcf(arm.mechanism, arm.bodies)
-    return arm, MujocoPlant(model, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, **effects)
+    plant = MujocoPlant(model, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, **of_tendons, **effects)
+    return arm, plant, hand, notes
+
+
+def _ready_made(name: str, given: dict[str, Any]) -> "tuple[Any, Arm, Endpoint, list[str], dict[str, Any]]":
+    from mpc.arm.bodies import BODIES
+    from mpc.arm.mjcf import to_mjcf
+    from mpc.arm.model import Arm
+
+    for option, value in given.items():
+        if value:
+            raise InvalidInput(f"--{option} is of a MuJoCo model: --machine FILE.xml; {name} has its own")
+    if name not in BODIES:
+        raise MissingBackend("arm", name, [*BODIES, "a file ending in .xml"])
+    arm = Arm.machine(name)
+    return to_mjcf(arm.mechanism, arm.bodies), arm, arm.bodies.endpoint, [], {}
+
+
+def _from_file(name: str, given: dict[str, Any]) -> "tuple[Any, Arm, Endpoint | None, list[str], dict[str, Any]]":
+    """Read the arm of a MuJoCo model. Raises `InvalidFile`, `InvalidInput`, `MissingBackend` and `MissingPackage`."""
+    from allocator.muscles.catalogue import named_muscle
+    from mpc.arm.model import Arm
+    from mpc.arm.reading import read_arm
+
+    muscles = [named_muscle(muscle) for muscle in given["muscle"] or [_MUSCLE]]
+    lengths, eps = (_numbers(f"--{option}", given[option], unit) for option, unit in _OF_TENDONS)
+    if lengths is not None:
+        for length in lengths:
+            within("--rest-length", length, "mm", 1, 10_000)
+        lengths, eps = [length * MM for length in lengths], eps or [_CONTRACTION]
+    one = muscles[0] if len(muscles) == 1 else muscles
+    read = read_arm(name, one, _one_or_all(lengths), None, _one_or_all(eps), hand=given["hand"])
+    notes = [f"muscles: {', '.join(given['muscle'] or [_MUSCLE])}"]
+    if read.hand is not None:
+        coordinates = getattr(read.hand.kinematics, "axes", "")
+        notes.append(f"hand: {read.hand_name} ({', '.join(coordinates)})")
+    if read.asked_of_mujoco:
+        notes.append(f"without formulas, so that a step is slow: {read.asked_of_mujoco}")
+    if read.left_out:
+        notes.append(f"not in the controller's model: {read.left_out}")
+    rest = {"rest_length": read.mechanism.routes.rest_length, "cable": read.cable}
+    return read.model, Arm(read.mechanism, read.bodies), read.hand, notes, rest
+
+
+def _numbers(option: str, text: str | None, unit: str) -> list[float] | None:
+    if text is None:
+        return None
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InvalidInput(f"{option} {text}: expected numbers with commas between them [{unit}]") from None
+    for value in found:
+        finite(option, value, unit)
+    return found
+
+
+def _one_or_all(numbers: list[float] | None) -> float | list[float] | None:
+    return numbers[0] if numbers is not None and len(numbers) == 1 else numbers
 
 
 def _loop(arm: "Arm", kind: str, dt: float, horizon: int) -> tuple[Any, Any]:
@@ -162,7 +250,7 @@ class _Window:
             self._viewer.close()
 
 
-def _write(run: Any, film: Any, path: Path) -> None:
+def _write(run: Any, film: Any, path: Path, hand: Any) -> None:
     from mpc.arm.trials.files import save_arm_run
     from mpc.arm.trials.plotting import save_arm_figure
 
@@ -171,7 +259,7 @@ def _write(run: Any, film: Any, path: Path) -> None:
     elif path.suffix.lower() in _FILMS:
         film.save(path)
     else:
-        save_arm_figure(run, path)
+        save_arm_figure(run, path, hand)
 
 
 def _summary(run: "ArmRun", m: "ArmMetrics", implementation: str) -> "Table":
@@ -180,11 +268,12 @@ def _summary(run: "ArmRun", m: "ArmMetrics", implementation: str) -> "Table":
     arm, table = run.arm, Table("", "RMS, median", "worst, 99 %", title="arm")
     for i, name in enumerate(arm.mechanism.joint_names):
         table.add_row(f"angle error, {name} [°]", f"{m.angle_rms[i]:.3g}", f"{m.angle_worst[i]:.3g}")
-    for i in range(arm.n):
-        for j in range(i, arm.n):
+    for i in range(arm.tracked):
+        for j in range(i, arm.tracked):
             if abs(run.K[:, i, j]).max() > 1e-6:  # else no muscle crosses both joints
                 rms, worst = f"{m.K_rms[i, j]:.3g}", f"{m.K_worst[i, j]:.3g}"
-                table.add_row(f"stiffness error, K{i + 1}{j + 1} [N·m/rad]", rms, worst)
+                entry = f"{arm.stiffness_name}{i + 1}{j + 1} [{arm.stiffness_unit}]"
+                table.add_row(f"stiffness error, {entry}", rms, worst)
     table.add_section()
     for limit, (excess, unit) in m.violations.items():
         table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")

@@ -43,7 +43,7 @@ def to_mjcf(mechanism: Mechanism, bodies: Bodies, *, name: str = "antagonist", t
     _settings(root, bodies, timestep)
     world = Tree.SubElement(root, "worldbody")
     Tree.SubElement(world, "light", pos="0 0 3", dir="0 0 -1", directional="true", diffuse="0.4 0.4 0.4")
-    parts = _links(world, mechanism, _chain(bodies) if isinstance(routes, Pulleys) else routes.links, bodies)
+    parts = _links(world, mechanism, bodies.links if isinstance(routes, Pulleys) else routes.links, bodies)
     tendons = Tree.SubElement(root, "tendon")
     if isinstance(routes, Sites):
         _spatial(tendons, mechanism, routes, parts)
@@ -73,12 +73,6 @@ def _settings(root: Tree.Element, bodies: Bodies, timestep: float) -> None:
     Tree.SubElement(drawn, "geom", contype="0", conaffinity="0", mass="0", rgba=_GREY)
     sky = {"type": "skybox", "builtin": "gradient", "rgb1": "1 1 1", "rgb2": "0.8 0.85 0.9"}
     Tree.SubElement(Tree.SubElement(root, "asset"), "texture", {**sky, "width": "64", "height": "64"})
-
-
-def _chain(bodies: Bodies) -> tuple[Link, ...]:
-    """Return the links of the bodies' chain in the plane."""
-    ends = [0.0, *bodies.length]
-    return tuple(Link(i - 1 if i else GROUND, (ends[i], 0.0), (0.0, 0.0, s)) for i, s in enumerate(bodies.sense))
 
 
 def _links(

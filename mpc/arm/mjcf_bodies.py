@@ -1,13 +1,17 @@
 """The bodies of a MuJoCo model become `TreeBodies` here, as far as its physics are what the formulas say."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidFile
+from allocator.mechanism.routes.linkage import Link
 from allocator.mechanism.routes.mjcf import linkage_of, name_of, said
 from mpc.arm.tree import TreeBodies
+
+_ROUNDING = 1e-14  # of the greatest entry
 
 
 def check_hinges(model: Any, source: Any) -> None:
@@ -57,11 +61,24 @@ def tree_of(model: Any, source: Any) -> TreeBodies:
         second[link] += turned @ np.diag(model.body_inertia[body]) @ turned.T + m * _about(c)
     centre = np.divide(first, mass[:, None], out=np.zeros((n, 3)), where=mass[:, None] > 0)
     inertia = second - mass[:, None, None] * np.array([_about(c) for c in centre])
+    centre, inertia = _clean(centre), _clean((inertia + inertia.swapaxes(1, 2)) / 2)
     place = model.jnt_qposadr
     return TreeBodies(
-        tuple(links), mass, centre, (inertia + inertia.swapaxes(1, 2)) / 2, model.dof_damping[model.jnt_dofadr],
+        tuple(map(_tidy, links)), mass, centre, inertia, model.dof_damping[model.jnt_dofadr],
         model.dof_armature[model.jnt_dofadr], model.jnt_stiffness, model.qpos_spring[place], model.opt.gravity.copy(),
     )  # fmt: skip
+
+
+def _clean(array: Array) -> Array:
+    """Return `array` with zeros for what is rounding: formulas become shorter by them."""
+    return np.where(np.abs(array) > _ROUNDING * np.abs(array).max(initial=0.0), array, 0.0)
+
+
+def _tidy(link: Link) -> Link:
+    """Return a link with zeros for what is rounding."""
+    rows = tuple(map(tuple, _clean(np.array(link.orientation)).tolist()))
+    place, axis = (tuple(_clean(np.array(row)).tolist()) for row in (link.origin, link.axis))
+    return replace(link, origin=place, axis=axis, orientation=rows)
 
 
 def _about(c: Array) -> Array:

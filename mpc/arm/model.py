@@ -251,6 +251,11 @@ class Arm:
         return self.tracked * (self.tracked + 1) // 2
 
     @property
+    def stiffness_name(self) -> str:
+        """Return what the stiffness that is tracked is called."""
+        return "K" if self.endpoint is None else "Kx"
+
+    @property
     def stiffness_unit(self) -> str:
         """Return the unit of the stiffness that is tracked."""
         return "N·m/rad" if self.endpoint is None else "N/m"
@@ -382,10 +387,7 @@ class Arm:
     def summary(self) -> str:
         """Return its numbers in a line."""
         lags = "/".join(f"{lag:g}" for lag in dict.fromkeys(self.lags.tolist()))
-        return (
-            f"{self.n} joints, {self.m} muscles, lag {lags} s, slew "
-            f"{self.slew / BAR:g} bar/s, {self.bodies.summary}"
-        )
+        return f"{self.n} joints, {self.m} muscles, lag {lags} s, slew {self.slew / BAR:g} bar/s, {self.bodies.summary}"
 
 
 __all__ = ["Arm", "MovingBodies", "Statics"]

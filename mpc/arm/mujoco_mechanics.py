@@ -26,10 +26,13 @@ class Mechanics:
         import mujoco
 
         self.model = copy(model)
-        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        self.model.opt.disableflags |= int(
+            mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_ACTUATION
+        )
         self.data = mujoco.MjData(self.model)
         self._jacobian = TendonJacobian(self.model, self.data)
         self._places, self._speeds = self.model.jnt_qposadr, self.model.jnt_dofadr
+        self._units = np.eye(self.model.nv)
 
     def tendons(self, q: Array) -> tuple[Array, Array]:
         """Return lengths (k, m) [m] and slopes ∂l/∂q (k, m, n) [m/rad] at the postures `q` (k, n)."""
@@ -42,27 +45,40 @@ class Mechanics:
 
     def masses(self, q: Array) -> Array:
         """Return M (k, n, n) [kg·m²] at the postures `q` (k, n)."""
-        import mujoco
-
-        found, M = [], np.zeros((self.model.nv, self.model.nv))
+        found = []
         for row in q:
             self._pose(row)
-            for unit, line in zip(np.eye(self.model.nv), M, strict=True):
-                mujoco.mj_mulM(self.model, self.data, line, unit)
-            found.append(M[np.ix_(self._speeds, self._speeds)])
+            found.append(self._mass())
         return np.array(found)
 
     def bias(self, q: Array, omega: Array) -> Array:
         """Return the torques (k, n) [N·m] of motions (k, n) without acceleration, springs and damping included."""
-        import mujoco
-
         found = []
         for row, speed in zip(q, omega, strict=True):
-            self.data.qvel[self._speeds] = speed
             self._pose(row)
-            mujoco.mj_fwdVelocity(self.model, self.data)
-            found.append((self.data.qfrc_bias - self.data.qfrc_passive)[self._speeds])
+            found.append(self._rubbing(speed))
         return np.array(found)
+
+    def moving(self, q: Array, omega: Array) -> tuple[Array, Array, Array, Array]:
+        """Return what `tendons`, `masses` and `bias` do of one posture and velocity (n,), without the axis k."""
+        self._pose(q)
+        slope = self._jacobian()[:, self._speeds].copy()
+        return self.data.ten_length.copy(), slope, self._mass(), self._rubbing(omega)
+
+    def _mass(self) -> Array:
+        import mujoco
+
+        M = np.zeros((self.model.nv, self.model.nv))
+        for unit, line in zip(self._units, M, strict=True):
+            mujoco.mj_mulM(self.model, self.data, line, unit)
+        return np.asarray(M[self._speeds][:, self._speeds])
+
+    def _rubbing(self, omega: Array) -> Array:
+        import mujoco
+
+        self.data.qvel[self._speeds] = omega
+        mujoco.mj_fwdVelocity(self.model, self.data)
+        return np.asarray((self.data.qfrc_bias - self.data.qfrc_passive)[self._speeds])
 
     def _pose(self, q: Array) -> None:
         import mujoco

@@ -6,21 +6,25 @@ armatures, springs and damping. Anything else is asked of MuJoCo itself (`mpc.ar
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.mechanism import Mechanism
+from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.routes import Routes
 from allocator.mechanism.routes.base import per_muscle, rest_lengths
-from allocator.mechanism.routes.mjcf import load, name_of, read_mjcf, said, tendon_lengths, tells
+from allocator.mechanism.routes.mjcf import load, name_of, read_mjcf, said, tells, tendon_lengths
 from allocator.muscles import Muscle
 from mpc.arm.mjcf_bodies import check_hinges, tree_of, without_formulas
 from mpc.arm.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
 from mpc.arm.tree import TreeBodies
+
+_STILL = 1e-9  # [m/rad] or of the greatest: what moves a point less does not move it
 
 
 class Read(NamedTuple):
@@ -32,6 +36,8 @@ class Read(NamedTuple):
     cable: Array  # (m,) [m] for a `MujocoPlant`
     asked_of_mujoco: str  # what of it has no formulas; "" if all has
     left_out: str  # what of the model the prediction does not know; "" if nothing
+    hand: Endpoint | None  # the site that was named, or the last site on the last body that has any
+    hand_name: str
 
 
 def read_arm(
@@ -41,11 +47,13 @@ def read_arm(
     cable: Any = None,
     contraction: Any = None,
     pressure_limits: tuple[float, float] = (0.0, 5e5),
+    hand: str | None = None,
 ) -> Read:
     """Read an arm from a file, MJCF text or an `MjModel`.
 
     `rest_length` and `cable` [m] are numbers or rows (m,); instead of `cable` the `contraction` [-] may be given that
-    the muscles have in the model's own posture. Raises `InvalidFile`, `InvalidInput` and `MissingPackage`.
+    the muscles have in the model's own posture. `hand` is the name of a site or body, with ":xy" behind it where only
+    some of its coordinates count. Raises `InvalidFile`, `InvalidInput` and `MissingPackage`.
     """
     import mujoco
 
@@ -56,7 +64,7 @@ def read_arm(
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
     lengths, cables = _lengths(model, source, rest_length, cable, contraction)
     mechanics, unread = Mechanics(model), [without_formulas(model), _winding(model)]
-    bodies = MujocoBodies(mechanics) if unread[0] else tree_of(model, source)
+    bodies = MujocoBodies(mechanics) if any(unread) else tree_of(model, source)
     names: dict[str, Any] = {
         "muscle_names": tuple(name_of(model.tendon(j), j) for j in range(model.ntendon)),
         "joint_names": tuple(name_of(model.joint(i), i) for i in range(model.njnt)),
@@ -72,7 +80,11 @@ def read_arm(
         angle_limits=tuple(map(tuple, model.jnt_range.tolist())) if limited else None,
         **names,
     )
-    return Read(model, mechanism, bodies, cables, ", ".join(filter(None, unread)), _left_out(model))
+    name, _, axes = (hand or _last_site(model)).partition(":")
+    point = Endpoint.from_mjcf(model, name, axes=axes or "xyz") if name else None
+    if point is not None and not axes and not (point := _moved(point, mechanism)):
+        name = ""
+    return Read(model, mechanism, bodies, cables, ", ".join(filter(None, unread)), _left_out(model), point, name)
 
 
 def _lengths(model: Any, source: Any, rest_length: Any, cable: Any, contraction: Any) -> tuple[Array, Array]:
@@ -94,7 +106,21 @@ def _lengths(model: Any, source: Any, rest_length: Any, cable: Any, contraction:
     lengths, eps = np.array(rest_lengths("muscles", rest_length, m)), per_muscle("contraction", contraction, m, "-")
     if (wrong := ~((eps >= -0.1) & (eps <= 0.5))).any():
         raise InvalidInput(f"contraction{checks.at(eps, wrong)} has to be a ratio of -0.1 to 0.5, not per cent")
-    return lengths, now - lengths * (1 - eps)
+    cables = now - lengths * (1 - eps)
+    if (short := (cables < 0) & _drawn(model)).any():
+        j = int(np.argmax(short))
+        raise InvalidInput(
+            f"tendon {name_of(model.tendon(j), j)} of {said(source)} is {1e3 * now[j]:.4g} mm long in the model's own "
+            f"posture, shorter than its muscle, {1e3 * (now - cables)[j]:.4g} mm"
+        )
+    return lengths, cables
+
+
+def _drawn(model: Any) -> Mask:
+    """Return which tendons (m,) run through space; the others are sums of angles, whose lengths are none."""
+    import mujoco
+
+    return np.asarray(model.wrap_type[model.tendon_adr] != int(mujoco.mjtWrap.mjWRAP_JOINT))
 
 
 def _winding(model: Any) -> str:
@@ -110,6 +136,24 @@ def _winding(model: Any) -> str:
         if (kinds[first : first + int(model.tendon_num[j])] != int(mujoco.mjtWrap.mjWRAP_SITE)).any():
             odd.append(name_of(model.tendon(j), j))
     return f"the way of {', '.join(odd)}"
+
+
+def _last_site(model: Any) -> str:
+    """Return the name of the last site that has one, on the last body that has such sites; "" without any."""
+    named = [(int(model.site_bodyid[i]), i) for i in range(model.nsite) if model.site(i).name]
+    return str(model.site(max(named)[1]).name) if named else ""
+
+
+def _moved(point: Endpoint, mechanism: Mechanism) -> Endpoint | None:
+    """Return the point with as many coordinates as joints can move, those that they move most; None without any."""
+    low, high = (-1.0, 1.0) if mechanism.angle_limits is None else np.transpose(mechanism.angle_limits)
+    shares = np.random.default_rng(0).random((32, mechanism.n))
+    J = point.jacobian(low + shares * (np.asarray(high) - low))
+    sizes = np.linalg.svd(J, compute_uv=False)
+    rank = int((sizes.max(axis=0) > _STILL * max(sizes.max(), _STILL)).sum())
+    most = np.sort(np.argsort(-(J**2).sum(axis=(0, 2)), kind="stable")[:rank])
+    kinematics: Any = point.kinematics
+    return replace(point, kinematics=replace(kinematics, axes="".join("xyz"[i] for i in most))) if rank else None
 
 
 def _left_out(model: Any) -> str:

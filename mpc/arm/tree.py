@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array, Value, is_symbol
+from allocator.calculus import Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.mechanism.routes.linkage import GROUND, Link, Linkage
 
@@ -134,7 +134,7 @@ class TreeBodies:
         if not arrays[0].ndim or arrays[0].shape[-1] != self.n:
             raise InvalidInput(f"q has the shape {arrays[0].shape}; expected (…, {self.n}) of n = {self.n} hinges")
         shape, flat = arrays[0].shape[:-1], [array.reshape(-1, self.n) for array in arrays]
-        found = function.map(len(flat[0]))(*(array.T for array in flat)).full()
+        found = np.atleast_2d(function(*(array.T for array in flat)).full())
         columns = function.size2_out(0)
         stacked = found.reshape(found.shape[0], len(flat[0]), columns).swapaxes(0, 1)
         return np.asarray(stacked.reshape(*shape, self.n) if columns == 1 else stacked.reshape(*shape, self.n, columns))
@@ -178,9 +178,7 @@ class TreeBodies:
             w, dw, a = ground if link.parent == GROUND else moved[link.parent]
             s, o, angle = ca.DM(link.axis), ca.DM(link.origin), q[i] - link.zero
             W = ca.skew(s)
-            R = ca.DM(np.array(link.orientation)) @ (
-                ca.DM.eye(3) + ca.sin(angle) * W + (1 - ca.cos(angle)) * (W @ W)
-            )
+            R = ca.DM(np.array(link.orientation)) @ (ca.DM.eye(3) + ca.sin(angle) * W + (1 - ca.cos(angle)) * (W @ W))
             turned.append(R)
             w_in = R.T @ w
             moved.append((

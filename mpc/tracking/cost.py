@@ -38,9 +38,9 @@ class Residual(NamedTuple):
 
 
 def residuals(n: int = 1, m: int = 2, stiffnesses: int = 1) -> tuple[Residual, ...]:
-    """Return the table for n joints and m muscles; a matrix K counts by its svec K, whose square is that of K's entries.
+    """Return the table for n joints and m muscles; a matrix K counts by svec K.
 
-    `stiffnesses` is the number of entries of svec K.
+    `stiffnesses` is the number of entries of svec K, whose square is that of K's entries.
     """
     joints, stiffness, muscles = range(n), range(stiffnesses), range(m)
     return (

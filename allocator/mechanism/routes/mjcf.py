@@ -220,4 +220,15 @@ def _matrix(quaternion: Array) -> Array:
     )
 
 
-__all__ = ["MARK", "Model", "linkage_of", "load", "name_of", "read_mjcf", "read_point", "said", "tells", "tendon_lengths"]
+__all__ = [
+    "MARK",
+    "Model",
+    "linkage_of",
+    "load",
+    "name_of",
+    "read_mjcf",
+    "read_point",
+    "said",
+    "tells",
+    "tendon_lengths",
+]

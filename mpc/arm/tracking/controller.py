@@ -118,7 +118,7 @@ class ArmMPC(OptimisingController):
         (left, right), P = self.limits.theta, np.full(self.arm.m, np.mean(self.limits.pressure))
         x = np.concatenate([self.arm.middle, np.zeros(self.arm.n), P])
         q = np.clip(self.arm.middle + 0.1 * (right - left), left, right)
-        self.step(x, q, np.diag(np.diag(self.arm.tracked_stiffness(x))))
+        self.step(x, q, np.diag(np.abs(np.diag(self.arm.tracked_stiffness(x)))))
         self.budget = budget
 
     def _plan(self, situation: Any, status: PlanStatus, rung: Rung, motion: Motion, side: float, times: Times) -> Plan:

@@ -9,29 +9,32 @@ are the sample's derivatives up to an error of the third order in dt. The accele
 differences over angles and velocities; over pressures its slope M⁻¹ rᵀ F_P needs none.
 """
 
-from typing import Any
-
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.arm.model import Arm
-from mpc.arm.mujoco_mechanics import MujocoTendons
+from mpc.arm.mujoco_mechanics import MujocoBodies, MujocoTendons
 from mpc.arm.pneumatics import Pneumatics
-from mpc.model.experiment import RESOLUTION
 from mpc.tracking.linearise import Linearisation, Motion
 
 _ANGLE, _SPEED = 1e-5, 1e-4  # [rad], [rad/s] of central differences
+_COARSE = 1.0  # steps of the integration, in times of the fastest eigenvalue
 _BEND = 1e-4  # [rad], of what is itself a difference
 
 
 class DifferencePredictor:
-    """A predictor makes motions and linearisations of `arm` over `N` samples of `dt` [s]."""
+    """A predictor makes motions and linearisations of `arm` over `N` samples of `dt` [s].
 
-    def __init__(self, arm: Arm, dt: float, N: int) -> None:
+    Steps of the integration are at most `resolution` times of its fastest eigenvalue, as of `Arm.discrete`.
+    """
+
+    def __init__(self, arm: Arm, dt: float, N: int, resolution: float = _COARSE) -> None:
         self.arm, self.dt, self.N = arm, dt, N
         mechanism = arm.mechanism
         self._muscles = Pneumatics(mechanism.muscles, mechanism.routes.rest_length, arm.lags)
-        self._substeps = arm.substeps(dt, RESOLUTION)
+        self._substeps = arm.substeps(dt, resolution)
+        routes = mechanism.routes
+        self._tendons = routes if isinstance(routes, MujocoTendons) else None
 
     def motion(self, x0: Array, u: Array, d: Array) -> Motion:
         """Return the motion from `x0` (2n + m,) under the commands `u` (N, m) and the torques `d` (N, n) [N·m]."""
@@ -83,6 +86,11 @@ class DifferencePredictor:
 
     def _acceleration(self, q: Array, omega: Array, P: Array, d: Array) -> Array:
         """Return ω' (…, n) of states and torques (…, …)."""
+        tendons = self._tendons
+        if q.ndim == 1 and tendons is not None and isinstance(self.arm.bodies, MujocoBodies):
+            length, slope, M, bias = tendons.mechanics.moving(q, omega)  # all at once
+            pull = self._muscles.laws(length - tendons.cable, P)
+            return np.asarray(np.linalg.solve(M, d - bias - pull @ slope))
         length, arms = self._ways(q)
         torque = (self._muscles.laws(length, P)[..., None, :] @ arms)[..., 0, :]
         bodies = self.arm.bodies
@@ -108,9 +116,7 @@ class DifferencePredictor:
             for i in range(n):
                 away = np.zeros(2 * n)
                 away[begin + i] = step
-                ends = [
-                    self._acceleration(q + sign * away[:n], omega + sign * away[n:], P, d) for sign in (1.0, -1.0)
-                ]
+                ends = [self._acceleration(q + sign * away[:n], omega + sign * away[n:], P, d) for sign in (1.0, -1.0)]
                 rates[:, n : 2 * n, begin + i] = (ends[0] - ends[1]) / (2 * step)
         length, arms = self._ways(q)
         gains = self._muscles.force_slopes(length, P)  # (N, m)
@@ -124,19 +130,31 @@ class DifferencePredictor:
 
     def _outputs(self, x: Array) -> tuple[Array, Array]:
         """Return svec K (N+1, …) and the forces (N+1, m)."""
-        return self.arm.svec(self.arm.tracked_stiffness(x)), self.arm.forces(x)
+        q, P = x[:, : self.arm.n], x[:, 2 * self.arm.n :].T
+        muscles = self.arm.mechanism.at(q)
+        K = sum(muscle.stiffness(pressure) for muscle, pressure in zip(muscles, P, strict=True))
+        F = np.stack([muscle.force(pressure) for muscle, pressure in zip(muscles, P, strict=True)], axis=-1)
+        return self.arm.svec(self.arm.seen(q, np.asarray(K))), F
 
     def _output_slopes(self, x: Array) -> tuple[Array, Array]:
         """Return the derivatives (N+1, k, s) and (N+1, m, s) of the outputs by the states."""
-        n, m = self.arm.n, self.arm.m
-        found: Any = None
-        for i in (*range(n), *range(2 * n, 2 * n + m)):
-            step = _BEND if i < n else _BEND * self.arm.mechanism.pressure_span
-            away = step * np.eye(self.arm.size)[i]
-            ends = [np.hstack(self._outputs(x + sign * away)) for sign in (1.0, -1.0)]
-            found = np.zeros((*ends[0].shape, self.arm.size)) if found is None else found
-            found[..., i] = (ends[0] - ends[1]) / (2 * step)
-        return found[:, : self.arm.stiffnesses], found[:, self.arm.stiffnesses :]
+        n, q, P = self.arm.n, x[:, : self.arm.n], x[:, 2 * self.arm.n :].T
+        K, F = self._outputs(x)
+        C, D = np.zeros((*K.shape, self.arm.size)), np.zeros((*F.shape, self.arm.size))
+        for i in range(n):
+            away = _BEND * np.eye(self.arm.size)[i]
+            ahead, behind = self._outputs(x + away), self._outputs(x - away)
+            for slope, one, other in zip((C, D), ahead, behind, strict=True):
+                slope[..., i] = (one - other) / (2 * _BEND)
+        muscles = self.arm.mechanism.at(q)
+        joints = np.asarray(sum(muscle.stiffness(pressure) for muscle, pressure in zip(muscles, P, strict=True)))
+        for j, (muscle, pressure) in enumerate(zip(muscles, P, strict=True)):
+            D[:, j, 2 * n + j] = muscle.force_gain(pressure)
+            step = _BEND * self.arm.mechanism.pressure_span
+            gain = muscle.stiffness_gain(pressure) * step
+            ends = [self.arm.svec(self.arm.seen(q, joints + sign * gain)) for sign in (1.0, -1.0)]
+            C[..., 2 * n + j] = (ends[0] - ends[1]) / (2 * step)
+        return C, D
 
 
 __all__ = ["DifferencePredictor"]

@@ -11,7 +11,9 @@ from mpc.arm.trials.simulation import ArmRun
 
 
 def columns(run: ArmRun) -> dict[str, Array]:
-    """Return the run as columns (M+1,) by their names, which carry units; stiffness in N·m/rad, forces in N.
+    """Return the run as columns (M+1,) by their names, which carry units; forces in N.
+
+    Stiffness is that of the joints, K11 …, in N·m/rad, or of the endpoint, Kx11 …, in N/m.
 
     The commands of a line hold until the next, the last line repeats them.
     """
@@ -20,8 +22,8 @@ def columns(run: ArmRun) -> dict[str, Array]:
     found = {"t": run.t}
     for i, name in enumerate(arm.mechanism.joint_names):
         found[f"{name}_deg"], found[f"{name}_ref_deg"] = run.q[:, i] / DEG, run.q_ref[:, i] / DEG
-    for row, column in zip(*np.triu_indices(arm.n), strict=True):
-        entry = f"K{row + 1}{column + 1}"
+    for row, column in zip(*np.triu_indices(arm.tracked), strict=True):
+        entry = f"{arm.stiffness_name}{row + 1}{column + 1}"
         found[entry], found[f"{entry}_ref"] = run.K[:, row, column], run.K_ref[:, row, column]
     for j, name in enumerate(arm.mechanism.muscle_names):
         found[f"{name}_bar"], found[f"{name}_command_bar"] = run.P[:, j] / BAR, sent[:, j] / BAR

@@ -13,8 +13,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator.calculus import Array
 from allocator.errors import CannotWrite, MissingBackend
 from allocator.units import BAR
+from mpc.arm.bodies import Bodies
 from mpc.arm.model import Arm
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.picture import Camera
@@ -104,8 +106,14 @@ class _Drawing:
         figure = Figure(figsize=(SIZE[0] / 80, SIZE[1] / 80), dpi=80, layout="constrained")
         self._canvas: Any = FigureCanvasAgg(figure)
         plane, bars = figure.subplots(1, 2, width_ratios=[3, 2])
-        reach = 1.1 * sum(arm.bodies.length)
-        plane.set(xlim=(-0.4 * reach, reach), ylim=(-reach, reach), xlabel="x [m]", ylabel="y [m]", aspect="equal")
+        self._two = np.array([0, 1])
+        if isinstance(arm.bodies, Bodies):
+            reach = 1.1 * sum(arm.bodies.length)
+            limits = (-0.4 * reach, reach), (-reach, reach)
+        else:
+            limits = self._seen_from()
+        names = "xyz"[self._two[0]], "xyz"[self._two[1]]
+        plane.set(xlim=limits[0], ylim=limits[1], xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]", aspect="equal")
         (self._links,) = plane.plot([], [], color=COLOURS[7], lw=6, marker="o", mfc=COLOURS[6], solid_capstyle="round")
         (self._way,) = plane.plot([], [], color=COLOURS[1], lw=1)
         self._trace: list[Any] = []
@@ -115,7 +123,7 @@ class _Drawing:
 
     def render(self) -> Picture:
         """Return the drawing of the plant as it is now (height, width, 3)."""
-        points = self._arm.bodies.points(self._plant.q)
+        points = self._points()
         self._trace.append(points[-1])
         self._links.set_data(points[:, 0], points[:, 1])
         self._way.set_data(*np.transpose(self._trace))
@@ -123,6 +131,24 @@ class _Drawing:
             bar.set_width(pressure)
         self._canvas.draw()
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _points(self) -> Array:
+        """Return the hinges and the end of the arm in the plane that is drawn (k, 2) [m]."""
+        if isinstance(self._arm.bodies, Bodies):
+            return np.asarray(self._arm.bodies.points(self._plant.q))
+        return self._in_space()[:, self._two]
+
+    def _in_space(self) -> Array:
+        data = self._plant.data
+        return np.vstack([data.xanchor, data.xipos[-1:]])
+
+    def _seen_from(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Choose the two axes along which the model is largest; return how far it may reach along them."""
+        points = self._in_space()
+        self._two = np.sort(np.argsort(-np.ptp(points, axis=0), kind="stable")[:2])
+        reach = 1.2 * float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        x, y = points[0, self._two].tolist()
+        return (x - reach, x + reach), (y - reach, y + reach)
 
 
 __all__ = ["FILMS", "Film", "check_film"]

@@ -8,7 +8,9 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
+from allocator.mechanism import Pulleys
 from allocator.units import DEG
+from mpc.arm.bodies import Bodies
 from mpc.arm.model import Arm
 
 
@@ -18,7 +20,7 @@ class ArmReference:
 
     name: str
     duration: float  # [s]
-    at: Callable[[Array], tuple[Array, Array]]  # t (k,) [s] ↦ angles (k, n) [rad], stiffness (k, n, n) [N·m/rad]
+    at: Callable[[Array], tuple[Array, Array]]  # t (k,) [s] ↦ angles (k, n) [rad], stiffness as the arm's is tracked
 
     def __post_init__(self) -> None:
         """Check the duration. Raises `InvalidInput`."""
@@ -26,7 +28,10 @@ class ArmReference:
             raise InvalidInput(f"duration = {self.duration:g} s has to be above 0 and at most an hour")
 
     def sampled(self, t: Array) -> tuple[Array, Array]:
-        """Return angles (k, n) [rad] and stiffness (k, n, n) [N·m/rad] at the times `t` (k,) [s]."""
+        """Return angles (k, n) [rad] and stiffness at the times `t` (k,) [s].
+
+        That is (k, n, n) [N·m/rad], or (k, dim, dim) [N/m] of an arm whose endpoint's stiffness is tracked.
+        """
         return self.at(np.asarray(t, float))
 
 
@@ -34,31 +39,43 @@ _STIFFNESS = {2: [[12.0, 4.6], [4.6, 9.5]]}
 _EACH = 6.0  # [N·m/rad] of every joint of other arms
 _SWING = 23.0, 17.0, 15.0, 12.0  # [°]
 _K_SWING = 1.5  # [N·m/rad] of K11
+_MOST = 0.6  # of a joint's range is swung through
+_SHARES = 1.0, 0.7, 0.5, 0.35, 0.25  # of a swing, of which the first is taken that the arm holds
+_HELD = 0.1  # of the least stiffness in the middle that has to be left elsewhere
 
 
 def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1.0) -> ArmReference:
     """Return joints that swing a quarter of a period after each other, ±23°, ±17°, … times `size`, while K11 swings.
 
-    K = [[12 ± 1.5, 4.6], [4.6, 9.5]] of two joints, which a biarticular pair can give; else diag(6 ± 1.5, 6, …).
+    They swing about the middles of their ranges, and less where the arm would not hold itself. K = [[12 ± 1.5, 4.6],
+    [4.6, 9.5]] of two joints on pulleys, which a biarticular pair can give; diag(6 ± 1.5, 6, …) of others on pulleys;
+    else what the muscles make of middle pressures, ± 10 %. Raises `InvalidInput`.
     """
     frequency = _positive("frequency", frequency, "Hz")
-    swings = size * np.resize(_SWING, arm.n) * DEG
-    K_mean, w = _usual_stiffness(arm), 2 * np.pi * frequency
+    swings, w = _swings(arm, size * np.resize(_SWING, arm.n) * DEG), 2 * np.pi * frequency
+    middle, K_of = _middle(arm), _usual_stiffness(arm)
 
     def at(t: Array) -> tuple[Array, Array]:
         phase = w * t[:, None] + np.arange(arm.n) * np.pi / 2
-        K = np.tile(K_mean, (t.size, 1, 1))
-        K[:, 0, 0] += _K_SWING * np.sin(w * t)
-        return swings * np.sin(phase), K
+        q = middle + swings * np.sin(phase)
+        K = K_of(q)
+        if _on_pulleys(arm):
+            K[:, 0, 0] += _K_SWING * np.sin(w * t)
+        else:
+            K *= 1 + 0.1 * np.sin(w * t)[:, None, None]
+        return q, arm.seen(q, K)
 
     return ArmReference("circle", _positive("turns", turns, "-") / frequency, at)
 
 
 def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> ArmReference:
-    """Return minimum-jerk movements from one side to the other and back, with rests of `rest` [s] at the ends."""
+    """Return minimum-jerk movements from one side to the other and back, with rests of `rest` [s] at the ends.
+
+    Raises `InvalidInput`.
+    """
     seconds, rest = _positive("seconds", seconds, "s"), _positive("rest", rest, "s")
-    ends = np.resize([20.0, -15.0], arm.n) * DEG
-    K_mean, period = _usual_stiffness(arm), seconds + rest
+    ends, middle = _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG), _middle(arm)
+    K_of, period = _usual_stiffness(arm), seconds + rest
 
     def at(t: Array) -> tuple[Array, Array]:
         whole = np.minimum(t // period, 2)
@@ -66,14 +83,16 @@ def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> ArmReference:
         done = share**3 * (10 - 15 * share + 6 * share**2)
         done = np.where(whole % 2 == 0, done, 1 - done)
         done = np.where(whole >= 2, 0.0, done)
-        return (2 * done[:, None] - 1) * ends, np.tile(K_mean, (t.size, 1, 1))
+        q = middle + (2 * done[:, None] - 1) * ends
+        return q, arm.seen(q, K_of(q))
 
     return ArmReference("reach", 2 * period + rest, at)
 
 
 def hold(arm: Arm, seconds: float = 4.0) -> ArmReference:
-    """Return a posture that is held."""
-    posture, K = np.resize([20.0, -15.0], arm.n) * DEG, _usual_stiffness(arm)
+    """Return a posture that is held. Raises `InvalidInput`."""
+    posture = _middle(arm) + _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG)
+    K = arm.seen(posture[None], _usual_stiffness(arm)(posture[None]))[0]
     return ArmReference("hold", seconds, lambda t: (np.tile(posture, (t.size, 1)), np.tile(K, (t.size, 1, 1))))
 
 
@@ -84,8 +103,10 @@ def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> ArmReference:
     eight; what the hand shows of it is K_x with K = JᵀK_x J (M4). Raises `InvalidInput` for an arm with other than
     two joints.
     """
-    if arm.n != 2:
-        raise InvalidInput(f"draw is for an arm with n = 2 joints, whose hand's position says the angles; n = {arm.n}")
+    if arm.n != 2 or not isinstance(arm.bodies, Bodies) or not _on_pulleys(arm):
+        raise InvalidInput(
+            f"draw is for arm26, with n = 2 joints in the plane, whose hand's position says the angles; n = {arm.n}"
+        )
     seconds = _positive("seconds", seconds, "s")
     first, second = arm.bodies.length
     middle = 0.91 * (first + second)
@@ -95,20 +116,60 @@ def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> ArmReference:
         x, y = middle + 0.033 * middle * np.sin(2 * phase), 0.1 * middle * np.sin(phase)
         elbow = np.arccos(np.clip((x**2 + y**2 - first**2 - second**2) / (2 * first * second), -1.0, 1.0))
         shoulder = np.arctan2(y, x) - np.arctan2(second * np.sin(elbow), first + second * np.cos(elbow))
-        K = np.tile(_usual_stiffness(arm), (t.size, 1, 1))
+        q = np.stack([shoulder, elbow], axis=-1)
+        K = _usual_stiffness(arm)(q)
         K[:, 0, 0] += 2.0 * np.sin(phase)
         K[:, 1, 1] -= 1.5 * np.sin(phase)
         K[:, 0, 1] += 0.8 * np.cos(phase)
         K[:, 1, 0] += 0.8 * np.cos(phase)
-        return np.stack([shoulder, elbow], axis=-1), K
+        return q, arm.seen(q, K)
 
     return ArmReference("draw", _positive("turns", turns, "-") * seconds, at)
 
 
-def _usual_stiffness(arm: Arm) -> Array:
+def _usual_stiffness(arm: Arm) -> Callable[[Array], Array]:
+    """Return the joints' stiffness (k, n, n) [N·m/rad] over postures (k, n).
+
+    On pulleys it is the same everywhere; elsewhere it is that of middle pressures.
+    """
+    if not _on_pulleys(arm):
+        P = np.full(arm.m, np.mean(arm.mechanism.pressure_limits))
+        return lambda q: arm.mechanism.stiffness(q, np.broadcast_to(P, (len(q), arm.m)))
     crossing = arm.mechanism.arms(np.zeros(arm.n))
     coupled = arm.n == 2 and bool((np.abs(crossing) > 0).all(axis=1).any())
-    return np.array(_STIFFNESS[2]) if coupled else _EACH * np.eye(arm.n)
+    K = np.array(_STIFFNESS[2]) if coupled else _EACH * np.eye(arm.n)
+    return lambda q: np.tile(K, (len(q), 1, 1))
+
+
+def _on_pulleys(arm: Arm) -> bool:
+    return isinstance(arm.mechanism.routes, Pulleys)
+
+
+def _middle(arm: Arm) -> Array:
+    low, high = arm.angle_limits
+    return np.asarray((low + high) / 2)
+
+
+def _swings(arm: Arm, wanted: Array) -> Array:
+    """Return how far the joints (n,) [rad] may swing to both sides of the middle, at most as `wanted`.
+
+    Raises `InvalidInput` for an arm that does not hold itself in the middle of its ranges.
+    """
+    (low, high), middle, K_of = arm.angle_limits, _middle(arm), _usual_stiffness(arm)
+    swings = np.clip(wanted, -_MOST * (high - low) / 2, _MOST * (high - low) / 2)
+    least = np.linalg.eigvalsh(K_of(middle[None]))[0, 0]
+    if not least > 0:
+        raise InvalidInput(
+            f"with middle pressures the arm does not hold itself in the middle of its ranges: an eigenvalue of its "
+            f"stiffness is {least:.3g} N·m/rad; its muscles' arms grow too fast as they shorten"
+        )
+    away = np.random.default_rng(0).uniform(-1.0, 1.0, (256, arm.n))
+    away[::2] /= np.abs(away[::2]).max(axis=1, keepdims=True)  # on the sides of the box
+    for share in _SHARES:
+        held = np.linalg.eigvalsh(K_of(middle + share * swings * away))[:, 0]
+        if held.min() > _HELD * least:
+            break
+    return np.asarray(share * swings)
 
 
 def _positive(name: str, value: float, unit: str) -> float:

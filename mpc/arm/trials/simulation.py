@@ -50,13 +50,14 @@ class ArmRun:
     u: Array  # (M, m) commands, u[k] sent at t[k] [Pa]
     q_ref: Array  # (M+1, n) [rad]
     K_ref: Array  # (M+1, k, k)
-    K: Array  # (M+1, k, k) stiffness (M2) of the plant's muscles [N·m/rad], or of the arm's endpoint [N/m]
+    K: Array  # (M+1, k, k) as it is tracked: the joints' [N·m/rad], or the endpoint's [N/m]
     forces: Array  # (M+1, m) [N]
     d: Array  # (M, n) torques that the controller was told [N·m]
     step_time: Array  # (M,) [s]
     status: NDArray[np.int64]  # (M,) PlanStatus
     rung: NDArray[np.int64]  # (M,) Rung
     slack: Array  # (M,) [rad]
+    K_joints: Any = None  # (M+1, n, n) stiffness (M2) of the plant's muscles [N·m/rad]; None: K is that
 
     @property
     def q(self) -> Array:
@@ -114,9 +115,23 @@ def simulate_arm(
     t = np.linspace(0.0, dt * steps, steps + 1)
     states, (sent, told, took_all, status, rung, slack) = np.array(x), map(np.array, zip(*rows, strict=True))
     gains = np.asarray(plant.pneumatics.force_gains, float)
-    K = _stiffness(arm, states, gains)
+    joints = _stiffness(arm, states, gains)
+    K = arm.seen(states[:, :n], joints)
     return ArmRun(
-        arm, dt, t, states, sent, *reference.sampled(t), K, np.array(forces), told, took_all, status, rung, slack
+        arm,
+        dt,
+        t,
+        states,
+        sent,
+        *reference.sampled(t),
+        K,
+        np.array(forces),
+        told,
+        took_all,
+        status,
+        rung,
+        slack,
+        joints,
     )
 
 
@@ -139,8 +154,7 @@ def _stiffness(arm: Arm, x: Array, gains: Array) -> Array:
     q, P = x[:, : arm.n], x[:, 2 * arm.n :]
     gains = np.broadcast_to(gains, (arm.m,))
     muscles = zip(arm.mechanism.at(q), P.T, gains.tolist(), strict=True)
-    K = np.asarray(sum(gain * muscle.stiffness(pressure) for muscle, pressure, gain in muscles))
-    return arm.seen(q, K)
+    return np.asarray(sum(gain * muscle.stiffness(pressure) for muscle, pressure, gain in muscles))
 
 
 __all__ = ["ArmController", "ArmRun", "begin", "simulate_arm"]

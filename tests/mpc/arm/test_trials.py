@@ -15,7 +15,7 @@ from mpc.arm.trials import film as filming
 from mpc.arm.trials.files import columns, save_arm_run
 from mpc.arm.trials.film import Film, check_film
 from mpc.arm.trials.metrics import arm_metrics
-from mpc.arm.trials.plotting import arm_figure, endpoint_jacobian
+from mpc.arm.trials.plotting import arm_figure
 from mpc.arm.trials.reference import draw
 from mpc.arm.trials.simulation import ArmRun
 
@@ -64,7 +64,7 @@ def test_the_table_has_every_sample_in_degrees_and_bar(run, tmp_path):
 def test_the_hand_s_jacobian_is_the_slope_of_its_position():
     q, h = np.array([0.3, 0.7]), 1e-6
     slopes = [(ARM.bodies.points(q + h * e) - ARM.bodies.points(q - h * e))[-1] / (2 * h) for e in np.eye(2)]
-    np.testing.assert_allclose(endpoint_jacobian(ARM.bodies, q), np.transpose(slopes), atol=1e-9)
+    np.testing.assert_allclose(ARM.bodies.endpoint.jacobian(q), np.transpose(slopes), atol=1e-9)
 
 
 def test_the_figure_shows_every_muscle_and_joint(run):

@@ -8,7 +8,6 @@ import numpy as np
 from allocator.notices import notice
 from mpc.arm.model import Arm
 from mpc.arm.tracking.feedforward import ArmInverseDynamics
-from mpc.arm.tracking.prediction import ArmPredictor
 from mpc.arm.tracking.problem import ArmProblem
 from mpc.tracking.qp.solvers import DAQP
 from mpc.tracking.qp.step import PreviousSample, QPStep, ReadableQPStep, SlowStep
@@ -21,14 +20,14 @@ class ArmParts(NamedTuple):
     feed_forward: Any
 
 
-def factory(
-    arm: Arm, dt: float, problem: ArmProblem, predictor: ArmPredictor, feed_forward: ArmInverseDynamics
-) -> ArmParts:
+def factory(arm: Arm, dt: float, problem: ArmProblem, predictor: Any, feed_forward: ArmInverseDynamics) -> ArmParts:
     """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails."""
     ready = feed_forward.ready()
     asked: Any = predictor
     if not arm.has_formulas:
-        notice(f"the controller's step is not compiled and takes some hundred times as long: {arm.unformulated}", SlowStep)
+        notice(
+            f"the controller's step is not compiled and takes some hundred times as long: {arm.unformulated}", SlowStep
+        )
         return ArmParts(ReadableQPStep(problem, asked), ready)
     try:
         from mpc.arm.tracking.compiled.module import compiled_arm
