@@ -1,0 +1,112 @@
+"""The stiffness of a hand follows, and is what pushing the hand in MuJoCo finds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allocator import InvalidInput
+from allocator.mechanism import Endpoint, allocate_mechanism
+from allocator.units import DEG
+from mpc.arm.mjcf import to_mjcf
+from mpc.arm.model import Arm
+from mpc.arm.mujoco_plant import MujocoPlant
+from mpc.arm.tracking.controller import ArmMPC
+from mpc.arm.tracking.feedforward import ArmInverseDynamics
+from mpc.arm.trials.reference import draw, hold
+from mpc.arm.trials.simulation import simulate_arm
+from mpc.tracking.plan import PlanStatus, Rung
+
+JOINTS = Arm.machine("arm26")
+ARM = replace(JOINTS, endpoint=JOINTS.bodies.endpoint)
+
+
+@pytest.fixture(scope="module")
+def controller():
+    return ArmMPC(ARM)
+
+
+@pytest.fixture
+def plant():
+    return MujocoPlant(to_mjcf(ARM.mechanism, ARM.bodies), ARM.mechanism.muscles, lag=ARM.lag, slew=ARM.slew)
+
+
+def pushed_hand(plant, force=0.2):
+    """Return K_x (2, 2) [N/m] by forces at the hand, of which MuJoCo makes torques itself."""
+    body = plant.model.nbody - 1
+    moved = np.empty((2, 2))
+    for i, direction in enumerate(np.eye(2)):
+        ends = []
+        for sign in (1.0, -1.0):
+            f = np.append(sign * force * direction, 0.0)
+            for _ in range(3):  # the hand moves, and its lever with it
+                place = plant.data.xpos[body] + plant.data.xmat[body].reshape(3, 3) @ [ARM.bodies.length[-1], 0, 0]
+                plant.data.xfrc_applied[body] = np.concatenate([f, np.cross(place - plant.data.xipos[body], f)])
+                rest = plant.settle()
+            ends.append(ARM.bodies.points(rest)[-1])
+            plant.data.xfrc_applied[body] = 0.0
+        moved[:, i] = (ends[0] - ends[1]) / (2 * force)
+    return np.linalg.inv(moved)
+
+
+@pytest.mark.slow
+def test_the_hand_s_stiffness_turns_as_asked(controller, plant):
+    run = simulate_arm(plant, ARM, controller, draw(ARM, turns=0.5))
+    assert (np.sqrt(np.mean((run.q - run.q_ref) ** 2, axis=0)) <= 0.05 * DEG).all()
+    error = np.sqrt(np.mean((run.K - run.K_ref)[50:] ** 2, axis=0)).max()
+    assert error <= 0.002 * np.abs(run.K_ref).max()
+    assert set(run.rung) == {Rung.QP}
+    assert (run.forces > 0).all()
+
+
+@pytest.mark.slow
+def test_pushing_the_hand_finds_the_stiffness_that_was_asked(controller, plant):
+    asked = hold(replace(ARM, endpoint=None), 0.6)
+    K_x = ARM.seen(*(part[0] for part in asked.sampled(np.zeros(1))))
+    simulate_arm(plant, ARM, controller, replace(asked, at=lambda t: (asked.at(t)[0], np.tile(K_x, (t.size, 1, 1)))))
+    rest = plant.settle()
+    np.testing.assert_allclose(ARM.seen(rest, ARM.mechanism.stiffness(rest, plant.P)), K_x, rtol=2e-3)
+    np.testing.assert_allclose(pushed_hand(plant), K_x, rtol=5e-3)
+
+
+def test_the_formula_is_that_of_the_endpoint():
+    import casadi as ca
+
+    s = ARM.statics
+    outputs = ca.Function("outputs", [s.q, s.P], [ARM.outputs])
+    rng = np.random.default_rng(4)
+    for _ in range(5):
+        x = np.concatenate([rng.uniform(0.2, 0.8, 2), np.zeros(2), rng.uniform(2e5, 4e5, 6)])
+        K = ARM.matrix(outputs(x[:2], x[4:]).full().ravel()[:3])
+        np.testing.assert_allclose(K, ARM.tracked_stiffness(x), rtol=1e-10)
+        expected = ARM.endpoint.stiffness(x[:2], ARM.mechanism.stiffness(x[:2], x[4:]))
+        np.testing.assert_allclose(K, expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["arm26", "leg37"])
+def test_the_feed_forward_asks_the_hand(name):
+    arm = Arm.machine(name)
+    arm = replace(arm, endpoint=arm.bodies.endpoint)  # of leg37 with three joints, two coordinates
+    N, q = 6, np.full(arm.n, 0.4) + 0.02 * np.arange(7)[:, None]
+    K = arm.seen(q, np.tile(6 * np.eye(arm.n), (7, 1, 1)))
+    feed = ArmInverseDynamics(arm, 0.01, N)(q, K, np.zeros((7, arm.n)))
+    T = arm.bodies.torque_for(feed.x[:, : arm.n], feed.x[:, arm.n : 2 * arm.n], np.zeros((7, arm.n)))
+    held = allocate_mechanism(arm.mechanism, q, K, T, endpoint=arm.endpoint)
+    np.testing.assert_allclose(arm.matrix(feed.y[:, : arm.stiffnesses]), held.K_x, rtol=1e-3, atol=1e-3 * K.max())
+
+
+@pytest.mark.slow
+def test_a_singular_hand_is_refused_and_not_raised(controller):
+    controller.reset()
+    x = ARM.at_rest(np.array([0.3, 0.5]), 200 * np.eye(2))
+    with pytest.warns(UserWarning, match="singular"):
+        plan = controller.step(x, np.array([0.3, 0.0]), 200 * np.eye(2))
+    assert plan.status is PlanStatus.BAD_INPUT
+    controller.reset()
+
+
+def test_an_endpoint_has_to_be_one_of_the_arm():
+    with pytest.raises(InvalidInput, match="n = 2 joints"):
+        replace(JOINTS, endpoint=Endpoint.planar([0.3, 0.3, 0.3]))
+    with pytest.raises(InvalidInput, match="expected an Endpoint"):
+        replace(JOINTS, endpoint="hand")
