@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from mpc.tracking.qp.solvers import DAQP, OSQP, SCS, Clarabel, Riccati
     from mpc.tracking.qp.step import SlowStep
     from mpc.tracking.weights import Weights
+    from mpc.trials.many.entry import simulate_many
+    from mpc.trials.many.runs import Runs
     from mpc.trials.reference import Reference, sine
     from mpc.trials.simulation import Run, simulate
     from mpc.yardsticks.nlp_solvers import IPOPT, Fatrop
@@ -40,11 +42,13 @@ else:
         "Riccati": "tracking.qp.solvers",
         "Rung": "tracking.plan",
         "Run": "trials.simulation",
+        "Runs": "trials.many.runs",
         "SCS": "tracking.qp.solvers",
         "SlowStep": "tracking.qp.step",
         "TrackingMPC": "tracking.controller",
         "Weights": "tracking.weights",
         "simulate": "trials.simulation",
+        "simulate_many": "trials.many.entry",
         "sine": "trials.reference",
     }
 
@@ -77,10 +81,12 @@ __all__ = [
     "Riccati",
     "Rung",
     "Run",
+    "Runs",
     "SCS",
     "SlowStep",
     "TrackingMPC",
     "Weights",
     "simulate",
+    "simulate_many",
     "sine",
 ]

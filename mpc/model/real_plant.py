@@ -231,6 +231,11 @@ def delayed(dead_time: float, dt: float) -> tuple[list[float], int]:
     return pieces, whole + len(pieces) - 1
 
 
+def outside_torque(profile: tuple[tuple[float, float], ...], t: float) -> float:
+    """Return the torque [N·m] of a `torque_profile` at the time `t` [s]; 0 before it begins."""
+    return next((torque for start, torque in reversed(profile) if t >= start - 1e-9), 0.0)
+
+
 class RealExperiment:
     """A real experiment is one on a `RealPlant`: its state, what its sensors say, and time going on."""
 
@@ -288,7 +293,7 @@ class RealExperiment:
         own.
         """
         t = self._sample * self.dt
-        d += next((torque for start, torque in reversed(self.real.torque_profile) if t >= start - 1e-9), 0.0)
+        d += outside_torque(self.real.torque_profile, t)
         self._waiting.append(np.array(u))
         for command, duration in zip(self._waiting, self._pieces, strict=False):
             for fault in self._faults:
@@ -329,4 +334,4 @@ class RealExperiment:
 
 _UNITS = (("dead_time", "s"), ("dead_band", "Pa"), ("flow", "Pa/s"), ("encoder", "rad"), ("pressure_noise", "Pa"))
 
-__all__ = ["RealExperiment", "RealPlant", "delayed"]
+__all__ = ["RealExperiment", "RealPlant", "delayed", "outside_torque"]

@@ -16,7 +16,7 @@ was hit, and an encoder that has lost its zero, are found again, in motion too.
 
 from collections import deque
 from math import isfinite, nan, sqrt
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -35,6 +35,7 @@ COARSEST = 1 * DEG  # step of an encoder
 _THETA, _PRESSURES = 0, (1, 2)  # sensors
 
 
+@runtime_checkable
 class Observer(Protocol):
     """An observer makes a state of what the sensors say, sample by sample."""
 

@@ -7,10 +7,10 @@ stands an observer, which makes a state and a disturbance torque of what is meas
 difference of the angles where the velocity is not measured, and nothing else.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,12 @@ from mpc.observer.kalman import Differentiator, Observer
 from mpc.tracking.plan import Moved, Plan
 from mpc.trials.reference import Reference
 
+T = TypeVar("T")
 
+
+@runtime_checkable
 class Controller(Protocol):
-    """A controller has what `simulate` asks of it."""
+    """A controller has what `simulate` asks of it: dt, ahead, reset and step."""
 
     dt: float
 
@@ -43,6 +46,7 @@ class Controller(Protocol):
         """Return the plan from the state `x` for the previews (ahead + 1,) under the disturbance torque `d` [N·m]."""
 
 
+@runtime_checkable
 class Process(Protocol):
     """A process has what `simulate` asks of a plant: `Plant` and `RealPlant` have it."""
 
@@ -173,7 +177,7 @@ def simulate(
     wanted = reference.resampled(dt)
     steps = wanted.t.size - 1
     x, estimate = np.empty((steps + 1, NX)), np.empty((steps, NX + 1))
-    x[0] = plant.at_rest(float(wanted.theta[0]), float(wanted.K[0])) if x0 is None else _state(x0)
+    x[0] = plant.at_rest(float(wanted.theta[0]), float(wanted.K[0])) if x0 is None else state(x0)
     u, took, slack = np.empty((steps, NU)), np.empty(steps), np.empty(steps)
     rung, status = np.empty(steps, int), np.empty(steps, int)
     slack_force, moved = np.empty(steps), np.full((steps, len(Moved._fields)), np.nan)
@@ -182,7 +186,7 @@ def simulate(
     observer = Differentiator(dt) if observer is None else observer
     observer.reset()
     controller.reset()
-    for k in _counted(steps, progress):
+    for k in tracked(range(steps), steps, progress):
         measured = experiment.measure()
         began = perf_counter()
         estimated, d = observer.estimate(measured, u[k - 1] if k else x[0, 2:])
@@ -203,22 +207,25 @@ def simulate(
     )  # fmt: skip
 
 
-def _state(x0: Any) -> Array:
+def state(x0: Any) -> Array:
+    """Return `x0` as a state (4,) to begin from. Raises `InvalidInput`."""
     x = np.asarray(x0, float)
     if x.shape != (NX,) or not np.isfinite(x).all():
         raise InvalidInput(f"x0 = {x0!r} has to be 4 finite numbers (theta [rad], omega [rad/s], P1 [Pa], P2 [Pa])")
     return x
 
 
-def _counted(steps: int, progress: bool) -> Iterable[int]:
+def tracked(items: Iterable[T], total: int, progress: bool) -> Iterator[T]:
+    """Yield the items, with a bar that counts them up to their `total`, if `progress` and there is a terminal."""
     if not progress:
-        return range(steps)
+        yield from items
+        return
     from rich.console import Console
     from rich.progress import track
 
     console = Console(stderr=True)
-    hidden = not console.is_terminal
-    return track(range(steps), description="simulating", console=console, transient=True, disable=hidden)
+    shown: Any = {"console": console, "transient": True, "disable": not console.is_terminal}
+    yield from track(items, "simulating", total, **shown)
 
 
-__all__ = ["Controller", "Process", "Run", "simulate"]
+__all__ = ["Controller", "Process", "Run", "simulate", "state", "tracked"]

@@ -26,6 +26,12 @@ def compiled(function: F) -> F:
     return keep(made) if function.__module__.startswith(KEPT) else made
 
 
+def exactly(function: F) -> F:
+    """Compile `function` as `compiled` does, but fuse nothing: what comes out is what Python would give, bit by bit."""
+    made: F = njit(error_model="numpy")(function)
+    return keep(made) if function.__module__.startswith(KEPT) else made
+
+
 def inlined(function: F) -> F:
     """Compile `function` as a part of compiled functions that call it; Python cannot."""
     made: F = njit(**_INNER, **_OPTIONS)(function)
@@ -38,4 +44,4 @@ def merged(function: F) -> F:
     return made
 
 
-__all__ = ["KEPT", "compiled", "inlined", "merged"]
+__all__ = ["KEPT", "compiled", "exactly", "inlined", "merged"]

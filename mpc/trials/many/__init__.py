@@ -1,0 +1,3 @@
+"""Many closed loops run here in compiled code: the plant under test, the controller's sample and the loop of both."""
+
+__all__: list[str] = []

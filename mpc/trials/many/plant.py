@@ -1,0 +1,139 @@
+"""Plants under test become compiled functions: the formula of a fine step, and the loop over a sample around it.
+
+The formula is the one that `mpc.model.real_plant` has for CasADi and for the exported C. Plants that differ in their
+numbers only share what is compiled. Faults, and processes of other kinds, are not compiled.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.codegen.graphs import Untranslatable
+from mpc.codegen.python_text import filling
+from mpc.model.experiment import FINE
+from mpc.model.integration import integrated
+from mpc.model.plant import NU, NX, Plant
+from mpc.model.real_plant import RealPlant, delayed, outside_torque
+from mpc.tracking.compiled.module import imported, with_formulas
+from mpc.trials.simulation import Process
+
+_TEMPLATE = Path(__file__).with_name("process.py")
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledPlant:
+    """A compiled plant does what the plant under test `process` does, whose kind has been compiled."""
+
+    process: Plant | RealPlant
+    dt: float  # [s]
+    module: ModuleType  # `mpc.trials.many.process` with the formula
+    c: Array  # its numbers
+    durations: Array  # of the pieces of a sample [s]
+    substeps: int  # of each piece
+    sensors: Array  # (3,), see `mpc.trials.many.process.read`
+    waiting: int  # commands on their way, the one given last included
+
+    @property
+    def nominal(self) -> Plant:
+        """Return the plant without the effects that its model does not know."""
+        return self.process.nominal
+
+    def at_rest(self, theta: float, K: float) -> Array:
+        """Return the state (4,) to begin from."""
+        return self.process.at_rest(theta, K)
+
+    def begin(self, dt: float, x0: Array, seed: int) -> "CompiledExperiment":
+        """Begin an experiment from `x0` (4,); `dt` [s] is the one that it was compiled for."""
+        if dt != self.dt:
+            raise ValueError(f"compiled for samples of {self.dt:g} s, not of {dt:g} s")
+        return CompiledExperiment(self, x0, seed)
+
+    def stiffness(self, x: Any) -> Any:
+        """Return the true stiffness [N·m/rad] in the states `x` [4, ...], of the nominal plant's kind."""
+        return self.process.stiffness(x)
+
+    def forces(self, x: Any) -> tuple[Any, Any]:
+        """Return the true muscle forces [N] in the states `x` [4, ...]."""
+        return self.process.forces(x)
+
+
+class CompiledExperiment:
+    """A compiled experiment is one on a `CompiledPlant`: all that the future depends on is in flat arrays."""
+
+    def __init__(self, plant: CompiledPlant, x0: Array, seed: int) -> None:
+        process = plant.process
+        self.plant, self._noise, self._sample = plant, np.random.default_rng(seed), 0
+        friction = process.friction.begun(float(x0[0])) if isinstance(process, RealPlant) else []
+        self.full = np.append(x0, friction)  # (n,) state and friction's memory
+        self.waiting = np.tile(
+            np.asarray(x0, float)[2:], (plant.waiting, 1)
+        )  # (w, 2) [Pa], oldest first; the last to fill in
+
+    @property
+    def x(self) -> Array:
+        """Return the true state (4,)."""
+        return self.full[:NX].copy()
+
+    def measure(self) -> Array:
+        """Read the sensors (4,); every call draws new noise."""
+        y = np.empty(NX)
+        self.plant.module.read(self.plant.sensors, self.full, self.noise(1)[0], y)
+        return y
+
+    def advance(self, u: Array) -> None:
+        """Advance by one sample with the commands `u` (2,) [Pa] given now."""
+        plant = self.plant
+        self.waiting[-1] = u
+        torque = float(self.torques(1)[0])
+        plant.module.advance(plant.c, plant.durations, plant.substeps, self.full, self.waiting, torque)
+        self._sample += 1
+
+    def noise(self, samples: int) -> Array:
+        """Draw the noise (samples, 2) of the pressure sensors in standard deviations: as sample by sample."""
+        return self._noise.standard_normal((samples, NU))
+
+    def torques(self, samples: int) -> Array:
+        """Return the torques (samples,) [N·m] from outside, from now on."""
+        if isinstance(self.plant.process, Plant):
+            return np.zeros(samples)
+        profile, times = self.plant.process.torque_profile, range(self._sample, self._sample + samples)
+        return np.array([outside_torque(profile, k * self.plant.dt) for k in times])
+
+
+def compiled_plant(process: Process, dt: float) -> CompiledPlant:
+    """Return `process` compiled, at the sample time `dt` [s].
+
+    Raises `Untranslatable` for what is not compiled, an `ImportError` or `OSError` where nothing can be.
+    """
+    if not isinstance(process, Plant | RealPlant):
+        raise Untranslatable(f"a {type(process).__name__} is not compiled, a Plant and a RealPlant are")
+    if isinstance(process, RealPlant) and process.faults:
+        raise Untranslatable(f"a plant with faults ({len(process.faults)} of them) is not compiled")
+    source = filling("stepped", _stepped(process))
+    module = imported(with_formulas(_TEMPLATE, f"import math\n\n\n@exactly\n{source.text}\n\n"))
+    substeps = process.nominal.substeps(dt, FINE)
+    pieces, waiting, sensors = [dt], 0, (0.0, 0.0, 0.0)
+    if isinstance(process, RealPlant):
+        pieces, waiting = delayed(process.dead_time, dt)
+        sensors = process.encoder, process.pressure_noise, np.nan
+    return CompiledPlant(process, dt, module, source.c, np.array(pieces), substeps, np.array(sensors), waiting + 1)
+
+
+def _stepped(process: Plant | RealPlant) -> Any:
+    """Return (full, u, (d, h)) ↦ full after a fine step of h [s], a CasADi function."""
+    import casadi as ca
+
+    size = NX + (process.friction.size if isinstance(process, RealPlant) else 0)
+    full, u, dh = ca.SX.sym("full", size), ca.SX.sym("u", NU), ca.SX.sym("dh", 2)
+    if isinstance(process, RealPlant):
+        later: Any = ca.vertcat(*process.stepped(full[:NX], full[NX:], u, dh[0], dh[1]))
+    else:
+        later = integrated(lambda x: ca.vertcat(*process.rate(x, u, dh[0])), full, dh[1], 1)
+    return ca.Function("stepped", [full, u, dh], [ca.cse(ca.densify(later))])
+
+
+__all__ = ["CompiledExperiment", "CompiledPlant", "compiled_plant"]

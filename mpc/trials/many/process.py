@@ -1,0 +1,50 @@
+"""The template moves a plant under test by a sample, and reads its sensors.
+
+`mpc.trials.many.plant` puts the formula of a plant in the place of the lines below that begin with `FORMULAS`:
+`stepped(full, u, dh, c, out)` fills in the state after a fine step of h = dh[1] [s] under the commands u (2,) [Pa] and
+the torque dh[0] [N·m]. `full` (n,) is the state (θ, ω, P1, P2) with what friction remembers, c the formula's numbers.
+Nothing is contracted here: the answers are those of CasADi's interpreter, bit by bit.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.tracking.compiled.jit import exactly
+
+FORMULAS: Any = None
+stepped = FORMULAS
+
+
+@exactly
+def advance(c: Array, durations: Array, substeps: int, full: Array, waiting: Array, d: float) -> None:
+    """Move `full` (n,) by a sample, the oldest of the commands `waiting` (w, 2) [Pa] first, and let these move up.
+
+    `durations` [s] are the pieces of a sample, each in `substeps`; `d` [N·m] is the torque from outside.
+    """
+    dh, later = np.empty(2), np.empty(full.size)
+    dh[0] = d
+    for piece in range(durations.size):
+        dh[1] = durations[piece] / substeps
+        for _ in range(substeps):
+            stepped(full, waiting[piece], dh, c, later)
+            for i in range(full.size):
+                full[i] = later[i]
+    for i in range(waiting.shape[0] - 1):
+        waiting[i, 0], waiting[i, 1] = waiting[i + 1, 0], waiting[i + 1, 1]
+
+
+@exactly
+def read(sensors: Array, full: Array, noise: Array, y: Array) -> None:
+    """Fill in what the sensors say (4,) of the state `full` with `noise` (2,) in standard deviations.
+
+    `sensors` has the encoder's step [rad], the standard deviation [Pa], and 0 where the velocity is measured, else NaN.
+    """
+    step = sensors[0]
+    y[0] = step * np.round(full[0] / step) if step > 0 else full[0]
+    y[1] = full[1] + sensors[2]
+    y[2], y[3] = full[2] + sensors[1] * noise[0], full[3] + sensors[1] * noise[1]
+
+
+__all__ = ["advance", "read"]

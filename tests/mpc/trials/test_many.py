@@ -1,0 +1,179 @@
+"""Many runs are those of `simulate`, whatever is compiled of them, on however many processes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allocator import BAR, DEG, InvalidInput
+from mpc import KalmanObserver, PlanStatus, RealPlant, Reference, TrackingMPC, Weights, simulate, simulate_many
+from mpc.codegen.graphs import Untranslatable
+from mpc.model.faults import SilentSensors
+from mpc.trials.many.plant import compiled_plant
+from mpc.trials.metrics import metrics
+from mpc.yardsticks.baselines import FeedForwardControl, PIDControl, PIDGains
+
+DT = 0.01
+REAL = RealPlant.standard(torque_profile=((0.3, 0.5), (0.6, -0.5)))
+MODEL = REAL.nominal
+MOVE = Reference(np.linspace(0, 1, 11), 20 * DEG * np.sin(np.linspace(0, 3, 11)), np.full(11, 5.5))
+FIELDS = (
+    "t", "x", "estimate", "u", "theta_ref", "K_ref", "K", "forces", "rung", "status", "slack", "slack_force", "moved",
+)  # fmt: skip
+KINDS = {
+    "nominal": MODEL,
+    "all effects": REAL,
+    "half a sample late": replace(REAL, dead_time=0.037, encoder=0.0),
+    "gas behind a shut valve, Dahl": replace(
+        REAL, nominal=replace(MODEL, gas=True), shut=(True, False), friction=REAL.friction.as_dahl(MODEL)
+    ),
+}
+
+
+def same(one, other):
+    return all(np.allclose(getattr(one, f), getattr(other, f), rtol=1e-9, atol=1e-9, equal_nan=True) for f in FIELDS)
+
+
+# --- the plant --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow  # compiles
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_compiled_plant_is_the_plant_bit_by_bit(kind):
+    process, rng = KINDS[kind], np.random.default_rng(7)
+    x0 = process.at_rest(0.1, 5.5)
+    ours, theirs = (p.begin(DT, x0, 3) for p in (compiled_plant(process, DT), process))
+    for u in rng.uniform(0.5 * BAR, 4.5 * BAR, (100, 2)):
+        np.testing.assert_array_equal(ours.measure(), theirs.measure())
+        ours.advance(u)
+        theirs.advance(u)
+        np.testing.assert_array_equal(ours.x, theirs.x)
+
+
+def test_plants_that_differ_in_numbers_share_what_is_compiled():
+    one, other = (compiled_plant(RealPlant.standard(gains), DT) for gains in ((1.1, 0.9), (0.95, 1.07)))
+    assert one.module is other.module
+    assert (one.c != other.c).any()
+
+
+def test_what_is_not_compiled_says_so():
+    with pytest.raises(Untranslatable, match=r"a plant with faults \(1 of them\) is not compiled"):
+        compiled_plant(replace(REAL, faults=(SilentSensors(),)), DT)
+    with pytest.raises(ValueError, match=r"compiled for samples of 0.01 s, not of 0.02 s"):
+        compiled_plant(REAL, DT).begin(0.02, REAL.at_rest(0.0, 5.5), 0)
+
+
+# --- the runs ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def driver():
+    known = REAL.known()
+    controller = TrackingMPC(MODEL, DT, N=5, weights=Weights.calm(), compensation=known)
+    return controller, KalmanObserver(MODEL, DT, compensation=known)
+
+
+@pytest.mark.slow
+def test_every_run_is_the_one_of_simulate(driver):
+    controller, observer = driver
+    plants = [REAL, RealPlant.standard((0.9, 1.05)), replace(REAL, faults=(SilentSensors(0.5, 0.7),)), MODEL]
+    seeds, x0 = (5, 6, 7, 8), np.array([MODEL.at_rest(angle, 6.0) for angle in (0.0, 0.1, 0.0, -0.1)])
+    many = simulate_many(plants, controller, MOVE, x0=x0, observers=observer, seeds=seeds, keep=True)
+    assert len(many) == 4
+    for i in range(4):
+        alone = simulate(plants[i], controller, MOVE, x0=x0[i], observer=observer, seed=seeds[i])
+        assert same(many[i], alone)
+        assert many.theta_rms[i] == pytest.approx(metrics(alone).theta_rms, rel=1e-9)
+        assert many.statuses[i].sum() == many.rungs[i].sum() == alone.u.shape[0]
+    blind = many.statuses[:, list(PlanStatus).index(PlanStatus.NO_MEASUREMENT)]
+    assert blind[2] > 0
+    assert (blind[[0, 1, 3]] == 0).all()
+
+
+@pytest.mark.slow
+def test_two_processes_answer_as_one():
+    gains = [PIDControl(MODEL, gains=PIDGains(40.0, 200.0, d)) for d in (2.0, 3.0, 4.0)]
+    one, two = (simulate_many(REAL, gains, MOVE, seeds=range(3), keep=True, workers=n) for n in (1, 2))
+    assert (one.theta_rms == two.theta_rms).all()
+    assert (one.to_dict()["seed"] == [0, 1, 2]).all()
+    assert all(same(a, b) for a, b in zip(one.kept, two.kept, strict=True))
+
+
+def test_the_noise_of_a_seed_is_the_same_and_of_others_another():
+    runs = simulate_many(REAL, FeedForwardControl(MODEL), MOVE, seeds=[4, 4, 5], keep=True)
+    assert (runs[0].estimate == runs[1].estimate).all()
+    assert (runs[0].estimate != runs[2].estimate).any()
+
+
+# --- what is said of them ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def three():
+    return simulate_many(MODEL, FeedForwardControl(MODEL), MOVE, seeds=range(3))
+
+
+def test_runs_have_columns_and_a_line(three):
+    table = three.to_dict()
+    assert {len(column) for column in table.values()} == {3}
+    assert (table["after_rest.theta_rms"] == [m.after_rest.theta_rms for m in three.metrics]).all()
+    assert (three.column("pressure slew") == 0).all()
+    assert three.limits_kept.tolist() == [m.limits_kept for m in three.metrics]
+    assert repr(three).startswith("3 runs: RMS angle error ")
+    assert "CLOSED_FORM 300" in repr(three)
+    assert "<td>runs with a limit broken</td>" in three._repr_html_()
+
+
+def test_what_is_not_there_is_said(three):
+    with pytest.raises(InvalidInput, match=r"runs have no column 'rms'; they have theta_rms, theta_worst"):
+        three.column("rms")
+    with pytest.raises(InvalidInput, match=r"only figures were kept of these 3 runs; say keep=True"):
+        three[0]
+
+
+CONTROL = FeedForwardControl(MODEL)
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "said"),
+    [
+        ((MODEL, CONTROL, MOVE), {"seeds": [0, -1]}, r"seeds\[1\] = -1 has to be a whole number, 0 or more"),
+        ((MODEL, CONTROL, MOVE), {"seeds": 0.5}, r"seeds\[0\] = 0.5 has to be a whole number"),
+        (([MODEL] * 2, CONTROL, MOVE), {"seeds": range(3)}, "different lengths.*: plants 2, seeds 3"),
+        ((MODEL, [], MOVE), {}, "nothing in them: controllers 0"),
+        ((RealPlant, CONTROL, MOVE), {}, r"plants\[0\] = <class .*> is no plant. A process has"),
+        ((MODEL, "mpc", MOVE), {}, r"controllers\[0\] = 'mpc' is no controller. A controller has"),
+        ((MODEL, CONTROL, 0.3), {}, r"references\[0\] = 0.3 is no reference"),
+        ((MODEL, CONTROL, MOVE), {"observers": MODEL}, r"observers\[0\] = .* is no observer"),
+        ((MODEL, CONTROL, MOVE), {"x0": [0.0, 0.0]}, r"x0 = \[0.0, 0.0\] has to be 4 finite numbers"),
+        ((MODEL, CONTROL, MOVE), {"x0": np.zeros((2, 4)), "seeds": range(3)}, "different lengths.*: x0 2, seeds 3"),
+        ((MODEL, CONTROL, MOVE), {"workers": 0}, "workers = 0 has to be a whole number, 1 or more"),
+    ],
+)
+def test_wrong_input_is_refused_in_a_sentence(given, options, said):
+    with pytest.raises(InvalidInput, match=said):
+        simulate_many(*given, **options)
+
+
+class Failing(FeedForwardControl):
+    """A controller that breaks."""
+
+    def step(self, *arguments):
+        """Raise."""
+        raise RuntimeError("no more")
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_an_error_says_in_which_run_it_was(workers):
+    controllers = [CONTROL, Failing(MODEL)]
+    with pytest.raises(RuntimeError, match="no more") as caught:
+        simulate_many(MODEL, controllers, MOVE, seeds=[3, 9], workers=workers)
+    assert caught.value.__notes__ == ["in run 1, with the seed 9"]
+
+
+def test_what_cannot_be_sent_to_a_process_is_refused():
+    class Local(FeedForwardControl):
+        """A class that no other process finds."""
+
+    with pytest.raises(InvalidInput, match=r"runs 0 to 0 cannot be sent to another process, say workers=1: "):
+        simulate_many(MODEL, Local(MODEL), MOVE, seeds=range(2), workers=2)
