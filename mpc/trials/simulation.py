@@ -81,7 +81,7 @@ class Run:
     K_ref: Array  # (M+1,) [N·m/rad]
     K: Array  # (M+1,) stiffness of the plant [N·m/rad], isobaric unless the plant says another `frequency`
     forces: Array  # (M+1, 2) muscle forces [N]; negative: slack
-    step_time: Array  # (M,) time that the controller took [s]
+    step_time: Array  # (M,) time that the controller took [s]; NaN where the whole loop was compiled
     rung: NDArray[np.int64]  # (M,) Rung
     status: NDArray[np.int64]  # (M,) PlanStatus
     slack: Array  # (M,) predicted excursion from the joint range [rad]
@@ -173,38 +173,62 @@ def simulate(
     progress: bool = False,
 ) -> Run:
     """Let `controller` drive `plant` along `reference` from its first sample to its last; see the module's text."""
-    dt = controller.dt
-    wanted = reference.resampled(dt)
-    steps = wanted.t.size - 1
-    x, estimate = np.empty((steps + 1, NX)), np.empty((steps, NX + 1))
-    x[0] = plant.at_rest(float(wanted.theta[0]), float(wanted.K[0])) if x0 is None else state(x0)
-    u, took, slack = np.empty((steps, NU)), np.empty(steps), np.empty(steps)
-    rung, status = np.empty(steps, int), np.empty(steps, int)
-    slack_force, moved = np.empty(steps), np.full((steps, len(Moved._fields)), np.nan)
+    loop = ClosedLoop(plant, controller, reference, x0, observer, seed)
+    for k in tracked(range(loop.steps), loop.steps, progress):
+        loop.sample(k)
+    return loop.run()
 
-    experiment = plant.begin(dt, x[0], checks.count("seed", seed, least=0))
-    observer = Differentiator(dt) if observer is None else observer
-    observer.reset()
-    controller.reset()
-    for k in tracked(range(steps), steps, progress):
-        measured = experiment.measure()
+
+class ClosedLoop:
+    """A closed loop is a run under way: what takes part in it, and what happened in its `steps` samples so far."""
+
+    def __init__(
+        self,
+        plant: Process,
+        controller: Controller,
+        reference: Reference,
+        x0: Any,
+        observer: Observer | None,
+        seed: int,
+    ) -> None:
+        dt = controller.dt
+        self.plant, self.controller, self.wanted = plant, controller, reference.resampled(dt)
+        self.steps = steps = self.wanted.t.size - 1
+        self.x, self.estimate = np.empty((steps + 1, NX)), np.empty((steps, NX + 1))
+        first = float(self.wanted.theta[0]), float(self.wanted.K[0])
+        self.x[0] = plant.at_rest(*first) if x0 is None else state(x0)
+        self.u, self.took, self.slack = np.empty((steps, NU)), np.full(steps, np.nan), np.empty(steps)
+        self.rung, self.status = np.empty(steps, int), np.empty(steps, int)
+        self.slack_force, self.moved = np.empty(steps), np.full((steps, len(Moved._fields)), np.nan)
+        self.experiment = plant.begin(dt, self.x[0], checks.count("seed", seed, least=0))
+        self.observer = Differentiator(dt) if observer is None else observer
+        self.observer.reset()
+        controller.reset()
+
+    def sample(self, k: int) -> None:
+        """Go on by the sample `k`."""
+        measured = self.experiment.measure()
         began = perf_counter()
-        estimated, d = observer.estimate(measured, u[k - 1] if k else x[0, 2:])
-        plan = controller.step(estimated, *wanted.preview(k, controller.ahead), d)
-        took[k] = perf_counter() - began
-        estimate[k] = *estimated, d
-        u[k], rung[k], status[k], slack[k] = plan.u[0], plan.rung, plan.status, plan.slack
-        slack_force[k] = plan.slack_force
+        estimated, d = self.observer.estimate(measured, self.u[k - 1] if k else self.x[0, 2:])
+        plan = self.controller.step(estimated, *self.wanted.preview(k, self.controller.ahead), d)
+        self.took[k] = perf_counter() - began
+        self.estimate[k] = *estimated, d
+        self.u[k], self.rung[k], self.status[k], self.slack[k] = plan.u[0], plan.rung, plan.status, plan.slack
+        self.slack_force[k] = plan.slack_force
         if plan.moved is not None:
-            moved[k] = plan.moved
-        experiment.advance(u[k])
-        x[k + 1] = experiment.x
+            self.moved[k] = plan.moved
+        self.experiment.advance(self.u[k])
+        self.x[k + 1] = self.experiment.x
 
-    K, forces = plant.stiffness(x.T), np.stack(plant.forces(x.T), axis=1)
-    return Run(
-        plant.nominal, dt, wanted.t, x, estimate, u, wanted.theta, wanted.K, K, forces, took,
-        rung, status, slack, slack_force, moved, getattr(controller, "implementation", ""),
-    )  # fmt: skip
+    def run(self) -> Run:
+        """Return the run, when all samples are done."""
+        plant, x, wanted = self.plant, self.x, self.wanted
+        K, forces = plant.stiffness(x.T), np.stack(plant.forces(x.T), axis=1)
+        return Run(
+            plant.nominal, self.controller.dt, wanted.t, x, self.estimate, self.u, wanted.theta, wanted.K, K, forces,
+            self.took, self.rung, self.status, self.slack, self.slack_force, self.moved,
+            getattr(self.controller, "implementation", ""),
+        )  # fmt: skip
 
 
 def state(x0: Any) -> Array:
@@ -228,4 +252,4 @@ def tracked(items: Iterable[T], total: int, progress: bool) -> Iterator[T]:
     yield from track(items, "simulating", total, **shown)
 
 
-__all__ = ["Controller", "Process", "Run", "simulate", "state", "tracked"]
+__all__ = ["ClosedLoop", "Controller", "Process", "Run", "simulate", "state", "tracked"]

@@ -1,6 +1,6 @@
 """A loop is one run, and what does it: `simulate`, on a compiled plant where there is one."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, Self
 
 from allocator import checks
@@ -9,7 +9,7 @@ from allocator.errors import InvalidInput
 from mpc.observer.kalman import Observer
 from mpc.trials.many.runs import Outcome
 from mpc.trials.reference import Reference
-from mpc.trials.simulation import Controller, Process, Run, simulate
+from mpc.trials.simulation import ClosedLoop, Controller, Process, Run, simulate
 
 
 class Loop(NamedTuple):
@@ -36,44 +36,66 @@ class Loop(NamedTuple):
 
 def outcomes(loops: Sequence[Loop], keep: bool) -> Iterator[tuple[int, Outcome]]:
     """Yield the number of each loop and its outcome."""
-    plants = CompiledPlants()
+    made = Compiled()
     for loop in loops:
         try:
-            run, implementation = _run(loop, plants)
+            run, implementation = _run(loop, made)
         except Exception as error:
             error.add_note(f"in run {loop.number}, with the seed {loop.seed}")
             raise
         yield loop.number, Outcome.of(run, implementation, keep)
 
 
-class CompiledPlants:
-    """Compiled plants are found again as long as the same plants come."""
+class Compiled:
+    """What was compiled is found again as long as the same plants, controllers and observers come."""
 
     def __init__(self) -> None:
-        self._last: dict[tuple[int, float], tuple[Process, Process]] = {}
+        self._kept: dict[tuple[Any, ...], tuple[Any, ...]] = {}
 
-    def __call__(self, plant: Process, dt: float) -> Process:
+    def plant(self, plant: Process, dt: float) -> Process:
         """Return `plant` compiled, or itself where that cannot be done."""
-        key = id(plant), dt
-        if key not in self._last:
-            self._last[key] = plant, _compiled(plant, dt)
-        return self._last[key][1]
+        return self._found((id(plant), dt), plant, lambda: _compiled_plant(plant, dt)) or plant
+
+    def driving(self, plant: Process, loop: Loop) -> Any:
+        """Return the loop's compiled `Driving` of a compiled plant, None where that cannot be done."""
+        parts = plant, loop.controller, loop.observer
+        return self._found(tuple(map(id, parts)), parts, lambda: _driving(*parts))
+
+    def _found(self, key: tuple[Any, ...], of: Any, make: Callable[[], Any]) -> Any:
+        """Return what is made for a `key`, in which the identities are `of` what is kept, too."""
+        if key not in self._kept:
+            try:
+                made = make()
+            except (ImportError, OSError, InvalidInput):  # no compiler, no place for its work, too long a formula
+                made = None
+            self._kept[key] = of, made
+        return self._kept[key][1]
 
 
-def _compiled(plant: Process, dt: float) -> Process:
-    try:
-        from mpc.trials.many.plant import compiled_plant
+def _compiled_plant(plant: Process, dt: float) -> Any:
+    from mpc.trials.many.plant import compiled_plant
 
-        return compiled_plant(plant, dt)
-    except (ImportError, OSError, InvalidInput):  # no compiler, no place for its work, a plant that is not compiled
-        return plant
+    return compiled_plant(plant, dt)
 
 
-def _run(loop: Loop, plants: CompiledPlants) -> tuple[Run, str]:
-    """Return the run, and "compiled" or "readable"."""
-    plant = plants(loop.plant, loop.controller.dt)
-    settings: dict[str, Any] = {"x0": loop.x0, "observer": loop.observer, "seed": loop.seed}
-    return simulate(plant, loop.controller, loop.reference, **settings), "readable"
+def _driving(plant: Any, controller: Any, observer: Any) -> Any:
+    from mpc.trials.many.driving import Driving, drives
+    from mpc.trials.many.plant import CompiledPlant
+
+    able = isinstance(plant, CompiledPlant) and drives(controller, observer)
+    return Driving(plant, controller, observer) if able else None
+
+
+def _run(loop: Loop, made: Compiled) -> tuple[Run, str]:
+    """Return the run, and whether its loop was "compiled" or "readable"."""
+    plant = made.plant(loop.plant, loop.controller.dt)
+    given = plant, loop.controller, loop.reference
+    driving = made.driving(plant, loop)
+    if driving is not None:
+        closed = ClosedLoop(*given, loop.x0, loop.observer, loop.seed)
+        if driving.drive(closed):
+            return closed.run(), "compiled"
+    return simulate(*given, x0=loop.x0, observer=loop.observer, seed=loop.seed), "readable"
 
 
 __all__ = ["Loop", "outcomes"]

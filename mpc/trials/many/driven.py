@@ -1,0 +1,355 @@
+"""The template lets a controller drive a plant, sample by sample, as long as nothing out of the ordinary happens.
+
+`mpc.trials.many.driving` puts modules in the place of the lines below that begin with `FORMULAS`: `process` has the
+plant under test, `joint` the compiled step of the controller's plant, `solution` that of its QP, and `told` what is
+known of the plant beyond it: `observed` (x, v, d) ↦ the next state and its Jacobian by (x, d), `torque` (x, memory) ↦
+T_f and `moved` (x, memory, motion) ↦ memory of friction in contact at x, `turning` x ↦
+the isobaric stiffness and ∂T/∂P.
+
+What is ordinary: every reading is believed, all problems are solved and proved, the state is measured. Of anything else
+the loop says that it happened, and the run is left to `simulate`.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.units import BAR
+from mpc.model.compensation import JITTER, SOFT
+from mpc.observer.gating import NEAR_A_TURN, ROUGH, SIGMAS, TURN
+from mpc.observer.kalman import DOUBT
+from mpc.tracking.compiled.flat_records import given_in
+from mpc.tracking.compiled.jit import compiled, inlined
+from mpc.tracking.preview import CORRECTED
+from mpc.tracking.rest import MOST as MOST_CORRECTED
+from mpc.tracking.rest import NOISE
+from mpc.trials.many import rest
+from mpc.trials.many.algebra import PLACES, SIZE, corrected, propagated, sound
+from mpc.trials.many.records import Answers, Belief, Filter, Known, Memory, Plant, Step
+
+FORMULAS: Any = None
+process = joint = solution = told = FORMULAS
+
+OPTIMAL, RESTING, QP, ALLOCATION = 0, 9, 0, 3  # of `PlanStatus` and `Rung`
+
+
+@compiled
+def driven(
+    first: int, plant: Plant, f: Filter, b: Belief, known: Known, step: Step, m: Memory, theta: Array, K: Array,
+    answers: Answers,
+) -> int:  # fmt: skip
+    """Go on from the sample `first` to the last, and return at which one something was out of the ordinary; M if none.
+
+    `theta`, `K` (M + ahead,) are the reference, whose last sample is held.
+    """
+    N, M, y = len(m.u), len(answers.u), np.empty(4)
+    ahead = N + known.delay
+    for k in range(first, M):
+        process.read(plant.sensors, plant.full, plant.noise[k], y)
+        if not estimated(f, b, y, answers.u[k - 1]):
+            return k
+        for i in range(SIZE):
+            answers.estimate[k, i] = b.xi[i]
+        if not answered(known, step, m, b.xi, theta[k : k + ahead + 1], K[k : k + ahead + 1], k, answers):
+            return k
+        plant.waiting[-1, 0], plant.waiting[-1, 1] = answers.u[k, 0], answers.u[k, 1]
+        process.advance(plant.c, plant.durations, plant.substeps, plant.full, plant.waiting, plant.torques[k])
+        for i in range(4):
+            answers.x[k + 1, i] = plant.full[i]
+    return M
+
+
+# --- the observer -----------------------------------------------------------------------------------------------------
+
+
+@inlined
+def estimated(f: Filter, b: Belief, y: Array, u: Array) -> bool:
+    """Estimate from `y` (4,) and the command `u` (2,) sent last; return whether that was ordinary."""
+    said, all_there = np.empty(3), np.ones(3, np.bool_)
+    said[0], said[1], said[2] = y[0], y[2], y[3]
+    change = abs(said[0] - b.read[0])
+    if 0 < change < b.step[0]:
+        b.step[0] = change
+        rough = max(f.theta_noise, change / np.sqrt(12.0))
+        b.variances[0], b.floor[0] = rough * rough, max(f.theta_floor, ROUGH * rough)
+    for j in range(b.commands.shape[0] - 1):
+        b.commands[j] = b.commands[j + 1]
+    for i in range(2):
+        if not f.outer[0, 2 + i] <= u[i] <= f.outer[1, 2 + i]:
+            return False
+        b.commands[-1, i] = u[i]
+    follow_seen(f, b)
+    before, P = b.xi.copy(), b.covariance.copy()
+    T_f = np.empty(1)
+    predicted(f, b, before, P, f.Q, T_f, b.xi, b.covariance)
+    if not sound(b.xi, b.covariance) or not believed(f, b, said):
+        return False
+    if not repetitions(f, b, said, before, P, T_f):
+        return False
+    if not corrected(b.xi, b.covariance, said, all_there, b.variances):
+        return False
+    b.read[:] = said
+    return True
+
+
+@inlined
+def believed(f: Filter, b: Belief, said: Array) -> bool:
+    """Return whether all readings are near to what is expected, and no angle has to be unwrapped."""
+    if abs(b.xi[0] - said[0]) > TURN / 2 - NEAR_A_TURN:
+        return False
+    for s in range(3):
+        i = PLACES[s]
+        variance = b.covariance[i, i] + b.variances[s]
+        if not f.possible[0, s] <= said[s] <= f.possible[1, s]:
+            return False
+        if not abs(said[s] - b.xi[i]) <= max(SIGMAS * np.sqrt(variance), b.floor[s]):
+            return False
+    return True
+
+
+@inlined
+def repetitions(f: Filter, b: Belief, said: Array, before: Array, P: Array, T_f: Array) -> bool:
+    """Follow what is thought without sensors that repeat; return whether none of them is frozen."""
+    others = np.empty(3, np.bool_)
+    for s in range(3):
+        others[s] = said[s] != b.read[s]
+    for s in range(3):
+        if others[s]:
+            b.repeating[s], b.repeats[s] = 0.0, False
+            continue
+        b.repeating[s] += f.dt
+        xi, covariance = (b.without[s].copy(), b.doubt[s].copy()) if b.repeats[s] else (before, P)
+        predicted(f, b, xi, covariance, f.Q_rest, T_f, b.without[s], b.doubt[s])
+        i = PLACES[s]
+        variance = b.doubt[s, i, i] + b.variances[s]
+        if b.repeating[s] > f.tolerance and (said[s] - b.without[s, i]) ** 2 > DOUBT**2 * variance:
+            return False
+        corrected(b.without[s], b.doubt[s], said, others, b.variances)
+        b.repeats[s] = True
+    return True
+
+
+@inlined
+def follow_seen(f: Filter, b: Belief) -> None:
+    """Let the friction that the observer knows follow the angle."""
+    near, to, n = np.empty(4), np.empty(1), b.memory.size
+    nearest(f, b.xi, near)
+    to[0] = b.xi[0] - b.theta[0]
+    if abs(to[0]) > JITTER:
+        b.theta[0] = b.xi[0]
+    else:
+        to[0] = 0.0
+    moved = np.empty(n)
+    told.moved(near, b.memory, to, f.c, moved)
+    b.memory[:] = moved
+
+
+@inlined
+def nearest(f: Filter, xi: Array, near: Array) -> None:
+    """Fill in the nearest state (4,) for which the muscles' laws are made."""
+    for i in range(4):
+        x = min(max(xi[i], f.outer[0, i]), f.outer[1, i])
+        near[i] = min(max(x, f.inner[0, i]), f.inner[1, i])
+
+
+@inlined
+def predicted(f: Filter, b: Belief, xi: Array, P: Array, Q: Array, T_f: Array, later: Array, covariance: Array) -> None:
+    """Fill in what is expected of ξ and its covariance a sample after `xi` (5,) and `P` (5, 5)."""
+    x, near, v, d, J = np.empty(4), np.empty(4), np.empty(2), np.empty(1), np.empty(20)
+    A, x_next, rest_band = np.zeros((SIZE, SIZE)), np.empty(4), f.dead_band / 2
+    nearest(f, xi, near)
+    for i in range(4):
+        x[i] = min(max(xi[i], f.outer[0, i]), f.outer[1, i])
+    disturbance = min(max(xi[4], f.outer[0, 4]), f.outer[1, 4])
+    told.torque(near, b.memory, f.c, T_f)
+    for i in range(2):
+        e = b.commands[0, i] - x[2 + i]
+        v[i] = x[2 + i] + e - min(max(e, -rest_band), rest_band)
+    d[0] = disturbance - T_f[0]
+    told.observed(near, v, d, f.c, x_next, J)
+    for i in range(4):
+        later[i] = x_next[i]
+        for j in range(SIZE):
+            A[i, j] = J[i + 4 * j]
+        for j in range(4):
+            later[i] += A[i, j] * (x[j] - near[j])
+    later[4], A[4, 4] = disturbance, 1.0
+    propagated(A, P, Q, covariance)
+
+
+# --- the controller ---------------------------------------------------------------------------------------------------
+
+
+@inlined
+def answered(known: Known, step: Step, m: Memory, xi: Array, theta: Array, K: Array, k: int, answers: Answers) -> bool:
+    """Make and record the plan of the sample `k` from `xi` (5,) and the preview; return whether that was ordinary."""
+    for i in range(4):
+        if not known.lower[i] <= xi[i] <= known.upper[i]:
+            return False
+    delay, expected = known.delay, m.expected[0]
+    torques, start = np.empty(theta.size), np.empty(4)
+    if not friction_ahead(known, m, xi, theta, torques):
+        return False
+    for j in range(theta.size):
+        torques[j] = xi[4] - torques[j]
+    for i in range(4):
+        start[i] = xi[i]
+    if delay > 0:
+        way, u = np.empty((delay + 1, 4)), m.waiting / BAR
+        joint.motion(step.c, start, u, torques[:delay], step.h, step.substeps, way)
+        m.expected[0] = way[1, 0]
+        for i in range(4):
+            start[i] = way[delay, i]
+    held = known.rests and rests(known, m, xi, theta[delay:], K[delay:], expected)
+    reference_of = given_in(step.given).reference
+    sure, x_star, y_star, u_star, moved = joint.feed_forward(
+        step.c, step.p, step.physics, step.slopes1, step.slopes2, theta[delay:], K[delay:], torques[delay:]
+    )
+    if not sure:
+        return False
+    reference_of.x[:], reference_of.y[:], reference_of.u[:] = x_star, y_star, u_star
+    ahead = approached(known, step, m, start, torques[delay:], k, answers) if held else False
+    if (held and not ahead) or (not held and not optimised(known, step, m, start, torques[delay:], u_star, k, answers)):
+        return False
+    m.u_star[0], m.u_star[1] = u_star[0, 0], u_star[0, 1]
+    for i in range(3):
+        answers.moved[k, i] = moved[i]
+    return True
+
+
+@inlined
+def friction_ahead(known: Known, m: Memory, x: Array, theta: Array, torques: Array) -> bool:
+    """Fill in the friction torque [N·m] along the preview; return whether it is finite."""
+    torques[:] = 0.0
+    if known.frictionless:
+        return True
+    to, T_f, at, moved = np.empty(1), np.empty(1), np.empty(m.memory.size), np.empty(m.memory.size)
+    contact = x[:4]
+    to[0] = x[0] - m.theta[0]
+    if abs(to[0]) > JITTER:
+        m.theta[0] = x[0]
+    else:
+        to[0] = 0.0
+    told.moved(contact, m.memory, to, known.c, at)
+    m.memory[:] = at
+    last = theta[0] + (0.0 if m.rest[rest.RINGS] > 0 else CORRECTED) * (x[0] - theta[0])
+    for j in range(theta.size):
+        if j > 0:
+            to[0] = theta[j] - last
+            last = theta[j]
+            told.moved(contact, at, to, known.c, moved)
+            at[:] = moved
+        told.torque(contact, at, known.c, T_f)
+        if not np.isfinite(T_f[0]):
+            return False
+        torques[j] = T_f[0]
+    return True
+
+
+@inlined
+def rests(known: Known, m: Memory, x: Array, theta: Array, K: Array, expected: float) -> bool:
+    """Return whether pressures are held, those in `m.p`."""
+    if not rest.constant(m, known.resting, theta, K) or rest.pushed(m, x[0], expected):
+        rest.begin(m)
+        return False
+    m.rest[rest.SAMPLES] += 1
+    if rest.quarter_ended(m, x):
+        if m.rest[rest.RESTS] > 0:
+            wanted, mean, swings = rest.correction(m, known.resting)
+            if wanted:
+                turn(known, m, mean, swings)
+        elif m.rest[rest.COUNTED] == rest.QUARTERS:
+            rest.check(m, known.resting)
+    return bool(m.rest[rest.RESTS] > 0)
+
+
+@inlined
+def turn(known: Known, m: Memory, mean: float, swings: bool) -> None:
+    """Correct the mean error [rad]."""
+    x, o, s = np.zeros(4), np.empty(3), m.rest
+    x[0], x[2], x[3] = m.reference[0] + mean, m.p[0], m.p[1]
+    told.turning(x, known.c, o)
+    K, side = o[0], s[rest.SIDE]
+    if not K > 0:
+        return
+    torque = -mean * (K if swings or s[rest.RINGS] > 0 else rest.gain(m, mean, K))
+    for i in range(2):
+        change = min(side * torque / o[1 + i], MOST_CORRECTED)
+        if change > 0:
+            m.p[i] = side * (max(side * m.p[i], side * rest.pressure(m, rest.HALF, i) - NOISE) + change)
+    s[rest.SINCE], s[rest.TORQUE], s[rest.ERROR], s[rest.FREE] = 0.0, torque, mean, abs(torque) / K
+
+
+@inlined
+def optimised(
+    known: Known, step: Step, m: Memory, start: Array, d: Array, u_star: Array, k: int, answers: Answers
+) -> bool:
+    """Record the answer of the QP; return whether there is one."""
+    given, N = given_in(step.given), m.u.shape[0]
+    for j in range(N - 1):
+        given.u[j, 0], given.u[j, 1] = m.u[j + 1, 0], m.u[j + 1, 1]
+    for i in range(2):
+        given.u[N - 1, i] = m.u[N - 1, i] + (u_star[N - 1, i] - u_star[N - 2, i])
+        given.last[0, i], given.last[1, i] = m.u[0, i], m.u_star[i]
+    given.x[:], given.d[:] = start, d[:N]
+    before = step.guess.copy()
+    for j in range(before.size):
+        step.guess[j] = before[step.shifted[j]]
+    fixed = step.c, step.h, step.substeps, step.numbers, step.starts, step.given, step.buffer
+    joint.linearise(*fixed)
+    solved, _ = solution.settle(step.numbers, step.starts, step.given, step.buffer, step.guess, step.z)
+    if not solved:
+        return False
+    finite, u, x, _, F = joint.rollout(*fixed, step.z)
+    record(known, m, u, x, F, 0.0, k, answers)
+    answers.rung[k], answers.status[k] = QP, OPTIMAL
+    return bool(finite)
+
+
+@inlined
+def approached(known: Known, step: Step, m: Memory, start: Array, d: Array, k: int, answers: Answers) -> bool:
+    """Record the approach to the pressures that are held; return whether its motion is finite."""
+    N, (low, high), most = m.u.shape[0], (known.limits[0], known.limits[1]), known.limits[2]
+    u, x, F, good = np.empty((N, 2)), np.empty((N + 1, 4)), np.empty((N + 1, 2)), True
+    for i in range(2):
+        last = m.u[0, i]
+        for j in range(N):
+            last = min(max(min(max(m.p[i], low), high), last - most), last + most)
+            u[j, i] = last
+    joint.motion(step.c, start, u / BAR, d[:N], step.h, step.substeps, x)
+    for j in range(N + 1):
+        _, F[j, 0], F[j, 1] = joint.outputs(x[j, 0], x[j, 1], x[j, 2], x[j, 3], step.c)
+        good = good and np.isfinite(F[j, 0]) and np.isfinite(F[j, 1]) and np.isfinite(x[j]).all()
+    record(known, m, u, x, F, m.rest[rest.SIDE], k, answers)
+    answers.rung[k], answers.status[k] = ALLOCATION, RESTING
+    return good
+
+
+@inlined
+def record(known: Known, m: Memory, u: Array, x: Array, F: Array, side: float, k: int, answers: Answers) -> None:
+    """Record and remember what is sent for the motion `x` under `u` (N, 2)."""
+    low, high, most, left, right, least = known.limits
+    m.u[:] = u
+    for j in range(known.delay - 1):
+        m.waiting[j] = m.waiting[j + 1]
+    if known.delay > 0:
+        m.waiting[-1] = u[0]
+    else:
+        m.expected[0] = x[1, 0]
+    for i in range(2):
+        sent = u[0, i]
+        if known.dead_band > 0:
+            edge = side if side != 0.0 else np.tanh((sent - x[0, 2 + i]) / SOFT)
+            wanted = min(max(sent + known.dead_band / 2 * edge, low), high)
+            sent = min(max(wanted, m.sent[i] - most), m.sent[i] + most)
+        m.sent[i] = answers.u[k, i] = sent
+    slack, slack_force = 0.0, 0.0
+    for j in range(x.shape[0]):
+        slack = max(slack, left - x[j, 0], x[j, 0] - right)
+        if j > 0:
+            slack_force = max(slack_force, least - F[j, 0], least - F[j, 1])
+    answers.slack[k], answers.slack_force[k] = slack, slack_force
+
+
+__all__ = ["driven"]

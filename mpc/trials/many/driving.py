@@ -1,0 +1,133 @@
+"""A controller and its observer that drive a compiled plant are compiled with it, where all three can be.
+
+That is a `TrackingMPC` whose step is compiled, with the `KalmanObserver` of the same plant and `Compensation`. The
+first samples of a run are made by the readable parts, and the flat values are then taken from these; a run in which
+anything is out of the ordinary (`mpc.trials.many.driven`) is left to `simulate`.
+"""
+
+from hashlib import sha256
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.codegen.graphs import Untranslatable
+from mpc.codegen.python_text import filling
+from mpc.model.compensation import Compensation
+from mpc.model.contact import Contact
+from mpc.model.plant import NU, NX
+from mpc.model.plant import Plant as Model
+from mpc.observer.kalman import KalmanObserver, Observer
+from mpc.tracking.compiled.module import imported, solve_module, with_formulas
+from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
+from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.qp.solvers import Riccati
+from mpc.trials.many.plant import CompiledExperiment, CompiledPlant
+from mpc.trials.many.records import Answers, Plant
+from mpc.trials.many.taken import belief_of, filter_of, known_of, memory_of, ordinary, step_of
+from mpc.trials.reference import Reference
+from mpc.trials.simulation import ClosedLoop, Controller
+
+READABLE = 2  # samples that the readable parts begin with: these then remember what later ones do
+LEAST = 1e-300  # [N·m/rad] of a stiffness, as in `mpc.tracking.preview`
+
+_HERE = Path(__file__).parent
+_TEMPLATE, _PARTS = _HERE / "driven.py", ("algebra.py", "records.py", "rest.py")
+
+
+class Driving:
+    """Driving is the compiled loop of a controller and its observer with one plant, and the numbers of its formulas."""
+
+    def __init__(self, plant: CompiledPlant, controller: TrackingMPC, observer: KalmanObserver) -> None:
+        """Compile. Raises `Untranslatable` for formulas that are too long."""
+        self._controller, self._observer = controller, observer
+        text, self.c = _told(controller.plant, controller.compensation, observer)
+        qp_step: Any = controller._qp_step
+        modules = {
+            "process": plant.module,
+            "joint": qp_step._plant.step,
+            "solution": solve_module(),
+            "told": imported(text),
+        }
+        loads = "".join(f"import {module.__name__} as {name}\n" for name, module in modules.items())
+        self.module: ModuleType = imported(f"# of {_parts()}\n" + with_formulas(_TEMPLATE, f"\n{loads}\n"))
+
+    def drive(self, loop: ClosedLoop) -> bool:
+        """Let the compiled loop do the samples of `loop`, which has this plant, controller and observer; return whether
+        all of them were ordinary.
+        """
+        controller, observer, experiment = self._controller, self._observer, loop.experiment
+        if loop.steps <= READABLE or not _meant(loop.wanted):
+            return False
+        for k in range(READABLE):
+            loop.sample(k)
+        if not ordinary(controller, observer):
+            return False
+        assert isinstance(experiment, CompiledExperiment)  # of a `CompiledPlant`
+        plant, left = experiment.plant, loop.steps - READABLE
+        under_way = Plant(
+            plant.c, plant.durations, plant.substeps, plant.sensors, experiment.full, experiment.waiting,
+            np.vstack([np.empty((READABLE, NU)), experiment.noise(left)]),
+            np.concatenate([np.empty(READABLE), experiment.torques(left)]),
+        )  # fmt: skip
+        answers = Answers(
+            loop.x, loop.estimate, loop.u, loop.rung, loop.status, loop.slack, loop.slack_force, loop.moved
+        )
+        previews = loop.wanted.preview(0, loop.steps + controller.ahead)
+        known = filter_of(observer, self.c), belief_of(observer), known_of(controller, self.c), step_of(controller)
+        done = self.module.driven(READABLE, under_way, *known, memory_of(controller), *previews, answers)
+        loop.took[:] = np.nan
+        return bool(done == loop.steps)
+
+
+def _meant(wanted: Reference) -> bool:
+    """Return whether all of a reference can be meant, as `mpc.tracking.preview` asks."""
+    return bool((np.abs(wanted.theta) <= 2 * np.pi).all() and (wanted.K >= LEAST).all())
+
+
+def drives(controller: Controller, observer: Observer | None) -> bool:
+    """Return whether controller and observer are such that they are compiled."""
+    if not (type(controller) is TrackingMPC and type(observer) is KalmanObserver):
+        return False
+    compiled = (controller._qp_step, CompiledQPStep), (controller._feed_forward, CompiledFeedForward)
+    told = (controller.plant, controller.compensation, controller.dt)
+    return (
+        all(isinstance(part, kind) for part, kind in compiled)
+        and isinstance(controller._solve, Riccati)
+        and controller.iterations == 1
+        and controller.budget is None  # nobody waits for a command here: what takes too long would depend on the day
+        and told == (observer.plant, observer.compensation, observer.dt)
+    )
+
+
+def _told(plant: Model, known: Compensation, observer: KalmanObserver) -> tuple[str, Array]:
+    """Return a module of the formulas, and its numbers."""
+    import casadi as ca
+
+    friction = known.friction
+    x, memory, motion = ca.SX.sym("x", NX), ca.SX.sym("memory", friction.size), ca.SX.sym("motion")
+    v, d, contact = ca.SX.sym("v", NU), ca.SX.sym("d"), Contact(plant, x)
+    x_next = plant.discrete(observer.dt)(x, v, d)
+    slopes = ca.densify(ca.jacobian(x_next, ca.vertcat(x, d)))
+    gains = [side.torque_gain(x[2 + i]) for i, side in enumerate(plant.joint.sides(x[0]))]
+    formulas = {
+        "observed": ([x, v, d], [x_next, slopes]),
+        "torque": ([x, memory], [ca.SX(friction.torque(memory, contact))]),
+        "moved": ([x, memory, motion], [ca.SX(friction.moved(memory, motion, contact))]),
+        "turning": ([x], [ca.vertcat(plant.isobaric(x), *gains)]),
+    }
+    text, c = "import math\n\nimport numpy as np\n\nfrom mpc.tracking.compiled.jit import inlined\n\n\n", np.zeros(0)
+    for name, (given, found) in formulas.items():
+        source = filling(name, ca.Function(name, given, ca.cse([ca.densify(one) for one in found])), c.size)
+        text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
+    return text, c
+
+
+def _parts() -> str:
+    """Return the hash of what the template calls besides, so that a change of it is compiled, too."""
+    return sha256("".join((_HERE / name).read_text(encoding="utf-8") for name in _PARTS).encode()).hexdigest()
+
+
+__all__ = ["Driving", "Untranslatable", "drives"]

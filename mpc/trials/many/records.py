@@ -1,0 +1,121 @@
+"""These are the flat values that a compiled closed loop works on: what is known, and what is remembered.
+
+They are filled from the readable parts by `mpc.trials.many.taken`, whose names they have.
+"""
+
+from typing import Any, NamedTuple
+
+from allocator.calculus import Array
+
+
+class Plant(NamedTuple):
+    """The plant under test, see `mpc.trials.many.process`."""
+
+    c: Array
+    durations: Array
+    substeps: int
+    sensors: Array
+    full: Array
+    waiting: Array
+    noise: Array  # (M, 2)
+    torques: Array  # (M,)
+
+
+class Filter(NamedTuple):
+    """What is known of `mpc.observer.filter.Filter` and its gates."""
+
+    c: Array  # numbers of the formulas
+    inner: Array  # (2, 4)
+    outer: Array  # (2, 5)
+    Q: Array  # (5, 5)
+    Q_rest: Array  # (5, 5)
+    possible: Array  # (2, 3) readings
+    dt: float  # [s]
+    tolerance: float  # [s]
+    dead_band: float  # [Pa]
+    theta_noise: float  # [rad]
+    theta_floor: float  # [rad]
+
+
+class Belief(NamedTuple):
+    """What `mpc.observer.kalman.KalmanObserver` remembers."""
+
+    xi: Array  # (5,)
+    covariance: Array  # (5, 5)
+    variances: Array  # (3,)
+    floor: Array  # (3,)
+    read: Array  # (3,)
+    repeating: Array  # (3,) [s]
+    repeats: Any  # (3,) whether there is a belief without the sensor
+    without: Array  # (3, 5)
+    doubt: Array  # (3, 5, 5), covariances of these
+    memory: Array  # of friction
+    theta: Array  # (1,) that it has followed to [rad]
+    step: Array  # (1,) of the encoder [rad]
+    commands: Array  # (delay + 1, 2) [Pa]
+
+
+class Known(NamedTuple):
+    """What is known of a `mpc.tracking.controller.TrackingMPC`."""
+
+    c: Array  # numbers of the formulas
+    lower: Array  # (4,) of a state that counts as measured
+    upper: Array  # (4,)
+    delay: int
+    frictionless: bool
+    rests: bool
+    dead_band: float  # [Pa]
+    limits: tuple[float, ...]  # (6,) least and greatest pressure, step [Pa], joint range [rad], least force [N]
+    resting: Array  # (8,), see `mpc.trials.many.rest`
+
+
+class Step(NamedTuple):
+    """What the compiled step takes, see `mpc.tracking.compiled.qp_step`."""
+
+    c: Array
+    h: float
+    substeps: int
+    numbers: Array
+    starts: Any
+    given: Array
+    buffer: Array
+    guess: Any
+    shifted: Any
+    z: Array
+    p: Any
+    physics: Array
+    slopes1: Array
+    slopes2: Array
+
+
+class Memory(NamedTuple):
+    """What preview, ladder and rest mode of a controller remember."""
+
+    waiting: Array  # (delay, 2) commands as they will act [Pa]
+    sent: Array  # (2,) [Pa]
+    expected: Array  # (1,) angle [rad]
+    memory: Array  # of friction
+    theta: Array  # (1,) that it has followed to [rad]
+    u: Array  # (N, 2) the last plan [Pa]
+    u_star: Array  # (2,) [Pa]
+    rest: Array  # numbers of the rest mode, see `mpc.trials.many.rest`
+    reference: Array  # (2,) that stands still
+    p: Array  # (2,) pressures that are held [Pa]
+    quarters: Array  # (4, 5)
+    total: Array  # (3,)
+
+
+class Answers(NamedTuple):
+    """What is recorded of M samples: see `mpc.trials.simulation.Run`."""
+
+    x: Array  # (M+1, 4)
+    estimate: Array  # (M, 5)
+    u: Array  # (M, 2)
+    rung: Any
+    status: Any
+    slack: Array
+    slack_force: Array
+    moved: Array  # (M, 3)
+
+
+__all__ = ["Answers", "Belief", "Filter", "Known", "Memory", "Plant", "Step"]

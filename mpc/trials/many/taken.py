@@ -1,0 +1,115 @@
+"""The flat values of a compiled closed loop are taken from the readable parts here, after their first samples."""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.observer.gating import Verdict
+from mpc.observer.kalman import KalmanObserver
+from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.rest import RestMode
+from mpc.trials.many import rest
+from mpc.trials.many.records import Belief, Filter, Known, Memory, Step
+
+
+def ordinary(controller: TrackingMPC, observer: KalmanObserver) -> bool:
+    """Return whether what the readable parts remember has its place in the flat values."""
+    followed = [part._theta is not None for part in (observer._friction, controller._preview._friction)]
+    gates = all(np.isnan(gate._refused) and gate._since == 0 for gate in observer._gates)
+    return (
+        observer.belief is not None
+        and all(verdict is Verdict.BELIEVED for verdict in observer.verdicts)
+        and observer._rival is None
+        and gates
+        and not observer._frozen.any()
+        and followed[0]
+        and (followed[1] or controller._preview._frictionless)
+        and controller.ladder._motion is not None
+        and controller.ladder._u_star is not None
+        and controller._preview._blind == 0
+    )
+
+
+def filter_of(observer: KalmanObserver, c: Array) -> Filter:
+    """Return what is known of the filter; `c` are the numbers of the formulas."""
+    own, gate = observer.filter, observer.gate
+    return Filter(
+        c, np.array(own._inner), np.array(own._outer), own.Q, own.Q_rest, np.array([gate.lower, gate.upper]),
+        observer.dt, observer.tolerance, observer.compensation.dead_band, observer.noise.theta, gate.floor[0],
+    )  # fmt: skip
+
+
+def belief_of(observer: KalmanObserver) -> Belief:
+    """Return what the observer remembers; copies."""
+    belief, without, doubt = observer.belief, np.zeros((3, 5)), np.zeros((3, 5, 5))
+    assert belief is not None  # `ordinary` has looked
+    repeats = np.zeros(3, bool)
+    for sensor, own in observer._without.items():
+        repeats[sensor], without[sensor], doubt[sensor] = True, own.xi, own.covariance
+    floor, memory = np.array([gate.floor for gate in observer._gates]), np.atleast_1d(observer._friction.memory)
+    return Belief(
+        belief.xi.copy(), belief.covariance.copy(), observer._variances.copy(), floor, observer._read.copy(),
+        observer._repeating.copy(), repeats, without, doubt, _floats(memory), _floats([observer._friction._theta]),
+        _floats([observer._step]), _floats(list(observer._commands)),
+    )  # fmt: skip
+
+
+def known_of(controller: TrackingMPC, c: Array) -> Known:
+    """Return what is known of the controller; `c` are the numbers of the formulas."""
+    preview, mode, limits = controller._preview, controller.rest_mode, controller.limits
+    resting = [0.0] * 8
+    resting[rest.INERTIA], resting[rest.DT] = mode.plant.inertia, mode.dt
+    resting[rest.SETTLING], resting[rest.DWELL] = mode.settling, mode.dwell
+    resting[rest.SHORTEST], resting[rest.LONGEST] = mode.quarter_range
+    resting[rest.DEAD_BAND], resting[rest.HIGHEST] = mode.compensation.dead_band, mode.limits.pressure[1]
+    return Known(
+        c, preview._lower, preview._upper, preview.delay, preview._frictionless, controller.rest and mode.worthwhile,
+        float(controller.compensation.dead_band), (*limits.pressure, limits.step, *limits.theta, limits.min_force),
+        _floats(resting),
+    )  # fmt: skip
+
+
+def step_of(controller: TrackingMPC) -> Step:
+    """Return what the compiled step takes; its buffers are the controller's own."""
+    qp_step: Any = controller._qp_step
+    feed_forward: Any = controller._feed_forward
+    structured = qp_step.structured
+    c, p, physics, slopes1, slopes2 = feed_forward._fixed
+    h, substeps = qp_step._all[1:3]
+    numbers, starts, given, buffer = structured.arrays
+    return Step(
+        c, h, substeps, numbers, starts, given, buffer, structured.guess, structured._shifted, structured.z, p, physics,
+        slopes1, slopes2,
+    )  # fmt: skip
+
+
+def memory_of(controller: TrackingMPC) -> Memory:
+    """Return what the controller remembers; copies."""
+    preview, ladder, mode = controller._preview, controller.ladder, controller.rest_mode
+    expected = np.nan if preview._expected is None else preview._expected[0]
+    followed = np.nan if preview._friction._theta is None else preview._friction._theta
+    assert ladder._motion is not None  # `ordinary` has looked
+    memory = _floats(np.atleast_1d(preview._friction.memory))
+    waiting = _floats(preview._waiting).reshape(-1, 2)
+    return Memory(
+        waiting, _floats(preview._sent), _floats([expected]), memory, _floats([followed]), _floats(ladder._motion.u),
+        _floats(ladder._u_star), _rest(mode), mode._reference.copy(), _floats(mode._p), mode._quarters.copy(),
+        mode._sum.copy(),
+    )  # fmt: skip
+
+
+def _rest(mode: RestMode) -> Array:
+    s = np.zeros(14)
+    s[rest.SINCE], s[rest.TORQUE], s[rest.ERROR], s[rest.FREE] = mode._since, mode._torque, mode._error, mode._free
+    s[rest.SIDE], s[rest.RINGS], s[rest.QUARTER], s[rest.RESTS] = mode.side, mode.ringing, mode._quarter, mode.resting
+    s[rest.SAMPLES], s[rest.COUNTED], s[rest.SWUNG] = mode._samples, mode._counted, mode._swings
+    s[rest.IN_SUM], s[rest.LEAST], s[rest.MOST] = mode._in_sum, mode._low, mode._high
+    return s
+
+
+def _floats(given: Any) -> Array:
+    return np.array(given, float)
+
+
+__all__ = ["belief_of", "filter_of", "known_of", "memory_of", "ordinary", "step_of"]
