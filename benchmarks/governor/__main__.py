@@ -5,11 +5,9 @@ from time import process_time
 
 import numpy as np
 
-from allocator.mechanism import machines
 from allocator.units import BAR
-from benchmarks.governor.arm import symbolic_mass_matrix
-from benchmarks.governor.closed_loop import COMMANDERS, DT, SLEW, run
-from mpc.governor import GovernorStatus, PressureGovernor, warm_up
+from benchmarks.governor.closed_loop import COMMANDERS, DT, MACHINES, SLEW, closed_loop, machine
+from mpc.governor import GovernorStatus, PressureGovernor
 
 
 def main() -> None:
@@ -18,28 +16,30 @@ def main() -> None:
     parser.add_argument("--arms", type=int, default=20, help="in each closed loop, 0 for none")
     parser.add_argument("--seconds", type=float, default=3.0, help="of each closed loop")
     arguments = parser.parse_args()
-    if not warm_up():
-        raise SystemExit("numba cannot compile here; there is nothing to measure")
-    adversarial(arguments.commands)
+    if arguments.commands:
+        adversarial(arguments.commands)
     if arguments.arms:
         loops(arguments.arms, arguments.seconds)
+        margins(arguments.arms, arguments.seconds)
 
 
 def adversarial(N: int, chunk: int = 50_000) -> None:
     """Random states and commands of any size, some no numbers: limits that are broken, what is safe and was moved."""
-    arm, rng = machines.arm26(), np.random.default_rng(0)
-    governor = PressureGovernor(arm, DT, SLEW, inertia=symbolic_mass_matrix, lag=0.02)
+    arm, rng = machine("arm26", 0.02), np.random.default_rng(0)
+    mechanism, governor = arm.mechanism, PressureGovernor.of_arm(arm, DT)
+    if not governor.warm_up():
+        raise SystemExit("numba cannot compile here; there is nothing to measure")
     broken = changed = 0
     time, counts = 0.0, dict.fromkeys(GovernorStatus, 0)
     for _ in range(N // chunk):
         q = rng.uniform(-1.0, 1.0, (chunk, 2))
-        omega, P = rng.normal(0, 2, (chunk, 2)), rng.uniform(*arm.pressure_box(q))
+        omega, P = rng.normal(0, 2, (chunk, 2)), rng.uniform(*mechanism.pressure_box(q))
         command = P + rng.choice([1e-2, 0.1, 1.0, 1e3], (chunk, 1)) * rng.normal(0, 1, P.shape) * BAR
         command[::20] = rng.choice([np.nan, np.inf, -np.inf, 1e300], command[::20].shape)
         begin = process_time()
         safe, status = governor.govern(q, omega, P, command)
         time += process_time() - begin
-        lo, hi = arm.pressure_box(q, previous=P, max_step=SLEW * DT)
+        lo, hi = mechanism.pressure_box(q, previous=P, max_step=SLEW * DT)
         broken += int(((safe < lo - 1e-3) | (safe > hi + 1e-3)).any(axis=1).sum())
         changed += int(((safe != command).any(axis=1) & (status == GovernorStatus.SAFE)).sum())
         for value, count in zip(*np.unique(status, return_counts=True), strict=True):
@@ -50,16 +50,32 @@ def adversarial(N: int, chunk: int = 50_000) -> None:
 
 
 def loops(arms: int, seconds: float) -> None:
-    """Arms in the loop, with muscles as the model has them and 10 % off: how far beyond their range they get."""
-    print("commander   lag [s]  off  margin [°]  beyond the range [°]  outside limits  not kept")
-    for name, commander in COMMANDERS.items():
-        for lag in (0.02, 0.1):
-            for off, margin in ((0.0, 0.0), (0.1, 0.0), (0.1, 10.0)):
-                r = run(commander, arms, seconds, lag=lag, margin=np.deg2rad(margin), off=off)
+    """Arms in the loop that are the model: how far beyond their range they get, with the governor and without."""
+    print("machine  commander  lag [s]  beyond the range [°]  ungoverned  outside limits  not kept  moved")
+    for name in MACHINES:
+        for commander in COMMANDERS:
+            for lag in (0.02, 0.1):
+                r = closed_loop(name, commander, arms, seconds, lag=lag)
+                free = closed_loop(name, commander, arms, seconds, lag=lag, governed=False)
                 print(
-                    f"{name:10} {lag:8} {off:5} {margin:11} {np.degrees(r.beyond):21.2f} {r.broken:15} {r.unable:9.4f}",
+                    f"{name:8} {commander:10} {lag:7} {np.degrees(r.beyond):21.2f} {np.degrees(free.beyond):11.1f} "
+                    f"{r.broken:15} {r.unable:9.4f} {r.moved:6.3f}",
                     flush=True,
                 )
+
+
+def margins(arms: int, seconds: float) -> None:
+    """Muscles 10 % off: how far beyond the range that was asked for they get, and so the margin that they need."""
+    print("machine  lag [s]  margin [°]  beyond the range that is left [°]: " + " ".join(COMMANDERS))
+    for name in MACHINES:
+        for lag in (0.02, 0.1):
+            for margin in (0.0, 5.0, 10.0):
+                runs = (
+                    closed_loop(name, commander, arms, seconds, lag=lag, margin=np.deg2rad(margin), off=0.1)
+                    for commander in COMMANDERS
+                )
+                found = " ".join(f"{np.degrees(r.beyond) + margin:7.2f}" for r in runs)
+                print(f"{name:8} {lag:7} {margin:11} {found}", flush=True)
 
 
 if __name__ == "__main__":

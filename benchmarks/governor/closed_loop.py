@@ -1,41 +1,63 @@
 """Arms under a governor, commanded by those who mean harm: how far beyond their range do the joints get?"""
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
+from allocator import report_joint
+from allocator.mechanism import Mechanism
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
-from benchmarks.governor.arm import Arms, symbolic_mass_matrix
+from mpc.arm.bodies import Bodies
+from mpc.arm.learning.plant import ArmBatch, VariedArm
+from mpc.arm.model import Arm
 from mpc.governor import GovernorStatus, PressureGovernor
 
 DT, SLEW = 0.01, 20 * BAR
-Commander = Callable[[Arms, np.random.Generator, int], np.ndarray]
+Commander = Callable[[ArmBatch, np.random.Generator, int], np.ndarray]
+MACHINES = "joint", "arm26", "leg37"  # of 1, 2 and 3 joints, the last with gravity
 
 
-def noise(arms: Arms, rng: np.random.Generator, k: int) -> np.ndarray:
+@cache
+def machine(name: str, lag: float) -> Arm:
+    """Return an arm with fast valves."""
+    if name != "joint":
+        return replace(Arm.machine(name), lag=lag, slew=SLEW)
+    mechanism = Mechanism.from_joint(report_joint(SAROSI_DMSP_20_400N))
+    return Arm(mechanism, Bodies.rods((0.3,), (1.0,), 0.05), lag, SLEW)
+
+
+def noise(arms: ArmBatch, rng: np.random.Generator, k: int) -> np.ndarray:
     """Anything, another thing every sample."""
     return rng.uniform(-2, 7, arms.P.shape) * BAR
 
 
-def held(arms: Arms, rng: np.random.Generator, k: int) -> np.ndarray:
+def held(arms: ArmBatch, rng: np.random.Generator, k: int) -> np.ndarray:
     """Anything within the supply, for 0.5 s."""
     return np.random.default_rng(k // 50).uniform(0, 5, arms.P.shape) * BAR
 
 
-def outward(arms: Arms, rng: np.random.Generator, k: int) -> np.ndarray:
-    """All muscles that pull both joints towards one of their ends, the others nothing; anew every second."""
-    side = np.where(np.random.default_rng(k // 100).random((len(arms.q), 1, 2)) < 0.5, -1, 1)
-    return np.where((arms.mechanism.arms(arms.q) * side).sum(axis=2) > 0, 5.0, 0.0) * BAR
+def outward(arms: ArmBatch, rng: np.random.Generator, k: int) -> np.ndarray:
+    """All muscles that pull the joints towards one of their ends, the others nothing; anew every second."""
+    side = np.where(np.random.default_rng(k // 100).random((len(arms.q), 1, arms.q.shape[1])) < 0.5, -1, 1)
+    return np.where((arms.varied.arm.mechanism.arms(arms.q) * side).sum(axis=2) > 0, 5.0, 0.0) * BAR
 
 
-def pump(arms: Arms, rng: np.random.Generator, k: int) -> np.ndarray:
-    """Whatever gives the arm more energy."""
-    power = np.einsum("nji,ni->nj", arms.mechanism.arms(arms.q), arms.omega + 1e-3)
+def bang(arms: ArmBatch, rng: np.random.Generator, k: int) -> np.ndarray:
+    """All or nothing for every muscle, anew every 0.1 s."""
+    return np.where(np.random.default_rng(k // 10).random(arms.P.shape) < 0.5, 5.0, 0.0) * BAR
+
+
+def resonance(arms: ArmBatch, rng: np.random.Generator, k: int) -> np.ndarray:
+    """Whatever gives the arm more energy: in time with its own motion."""
+    power = np.einsum("nji,ni->nj", arms.varied.arm.mechanism.arms(arms.q), arms.omega + 1e-3)
     return np.where(power > 0, 5.0, 0.0) * BAR
 
 
-COMMANDERS: dict[str, Commander] = {"noise": noise, "held": held, "outward": outward, "pump": pump}
+COMMANDERS: dict[str, Commander] = {f.__name__: f for f in (noise, held, outward, bang, resonance)}
 
 
 class Run(NamedTuple):
@@ -43,42 +65,36 @@ class Run(NamedTuple):
 
     beyond: float  # the farthest a joint was beyond its range [rad]; negative: it kept that much off
     broken: int  # commands outside supply, slew or tautness
-    unable: float  # share of samples in which no pressures kept the joints in range
-    moved: float  # share of commands that were moved
+    unable: float  # share of samples in which nothing was sure to keep the joints in range
+    moved: float  # share of commands within supply, slew and tautness that were moved
 
 
-def run(
-    commander: Commander, N: int, seconds: float, *, lag: float, margin: float, off: float, governed: bool = True,
-    damping: float = 0.1, known_lag: bool = True, seed: int = 0,
+def closed_loop(
+    name: str, commander: str, arms: int, seconds: float, *, lag: float = 0.02, margin: float = 0.0, off: float = 0.0,
+    governed: bool = True, seed: int = 0,
 ) -> Run:  # fmt: skip
-    """Command N arms for so long; `off` is how far every muscle's force is from its model."""
-    rng = np.random.default_rng(seed)
-    arms = Arms.at_rest(N, lag, damping, off, rng)
-    governor = PressureGovernor(
-        arms.mechanism, DT, SLEW, inertia=symbolic_mass_matrix, lag=lag if known_lag else 0.0, margin=margin
-    )
-    limits = np.array(arms.mechanism.angle_limits)
-    u, beyond, broken, unable, moved = arms.P.copy(), -np.inf, 0, 0, 0
-    for k in range(round(seconds / DT)):
-        command = commander(arms, rng, k)
-        if governed:
-            safe, status = governor.govern(arms.q, arms.omega, arms.P, command, u)
-            unable += int((status == GovernorStatus.NOT_KEPT).sum())
-        else:
-            lo, hi = arms.mechanism.pressure_box(arms.q, previous=u, max_step=SLEW * DT)
-            safe = np.clip(command, lo, hi)
-        moved += int((safe != command).any(axis=1).sum())
-        broken += outside(arms, safe, u)
-        arms.step(safe, DT)
-        u = safe
-        beyond = max(beyond, float(np.maximum(limits[:, 0] - arms.q, arms.q - limits[:, 1]).max()))
-    samples = N * round(seconds / DT)
-    return Run(beyond, broken, unable / samples, moved / samples)
+    """Command so many arms for so long; every muscle's force is `off` of its model's too great or too small.
 
-
-def outside(arms: Arms, u: np.ndarray, previous: np.ndarray) -> int:
-    """How many commands leave supply, slew or, where the slew lets them, tautness, by more than rounding."""
-    taut = np.clip(arms.mechanism.pressure_box(arms.q)[0], previous - SLEW * DT, previous + SLEW * DT)
-    near = 1e-9 * 5 * BAR
-    wrong = (u < -near) | (u > 5 * BAR + near) | (np.abs(u - previous) > SLEW * DT + near) | (u < taut - near)
-    return int(wrong.any(axis=1).sum())
+    They have no end stops.
+    """
+    arm, rng = machine(name, lag), np.random.default_rng(seed)
+    mechanism = arm.mechanism
+    batch = ArmBatch(VariedArm(replace(arm, mechanism=replace(mechanism, angle_limits=None))), arms, DT)
+    batch.v[:, batch.varied.places["gains"]] += off * rng.choice([-1.0, 1.0], batch.P.shape)
+    governor = PressureGovernor.of_arm(arm, DT, margin=margin)
+    governor.warm_up()
+    batch.P[:] = governor.made.rules.rest
+    batch.q[:] = np.mean(arm.angle_limits, axis=0)
+    u, push, (low, high) = batch.P.copy(), np.zeros((arms, arm.n)), arm.angle_limits
+    beyond, broken, unable, moved, samples = -np.inf, 0, 0, 0, round(seconds / DT)
+    for k in range(samples):
+        box = mechanism.pressure_box(batch.q, previous=u, max_step=SLEW * DT)
+        command = np.clip(COMMANDERS[commander](batch, rng, k), *box)
+        safe, status = governor.govern(batch.q, batch.omega, batch.P, command, u)
+        unable += int((status == GovernorStatus.NOT_KEPT).sum())
+        moved += int((np.abs(safe - command) > 1.0).any(axis=1).sum())
+        safe = safe if governed else command
+        broken += int(((safe < box[0] - 1e-3) | (safe > box[1] + 1e-3)).any(axis=1).sum())
+        batch.advance(safe, push)
+        u, beyond = safe, max(beyond, float(np.maximum(low - batch.q, batch.q - high).max()))
+    return Run(beyond, broken, unable / samples / arms, moved / samples / arms)

@@ -1,203 +1,306 @@
-"""One command is governed here: rows that keep the joints in their range, and the nearest pressures that keep the rows.
+"""One command is governed here: the box of pressures, the energy, and whether the joints can still be kept in range.
 
-It is plain Python for arrays that numba compiles as it stands, and that `mpc.export` prints as C.
+A command is let through if the model, simulated under it for a sample and then under a *backup*, stays in the range
+until it is certain that it always will (K. P. Wabersich and M. N. Zeilinger, "Linear model predictive safety
+certification for learning-based control", CDC 2018; O. Bastani, "Safe reinforcement learning with nonlinear dynamics
+via model predictive shielding", ACC 2021). The backup drives the pressures to those of a stiff rest and brakes on the
+way. What was let through leaves the backup as a command for the next sample, so that on the model there always is one.
+
+It is plain Python for arrays that numba compiles as it stands, and that `mpc.export.governor` prints as C. In the place
+of the lines below that begin with `FORMULAS` come the formulas of `mpc.governor.model`: `motion(q, omega, P, c, alpha,
+gain, force, speed, energy)` and `potential(q, c, level)`, which fill arrays; c holds the formulas' numbers.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
 # numba compiles the functions for arrays; types would say Any
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from allocator.allocation.kernels.source import clip, interval
-from allocator.mechanism.kernel import levels as least_squares
-from allocator.mechanism.kernel.data import Box, Levels
-from allocator.mechanism.kernel.levels import prepare, solve
+FORMULAS: Any = None
+motion = potential = FORMULAS
 
 SAFE, MOVED, NOT_KEPT, BAD_INPUT = 0, 1, 2, -1
-KEPT = 1e-8  # of a row's size: it is exceeded by more
+CONFLICT, SLACK, OUTSIDE_LIMITS = 5, 6, 9
 ENORMOUS = 1e30  # [Pa] no command
-
-
-class Ways(NamedTuple):
-    """The `Ways` are what the mechanism's formulas say of a state (`mpc.governor.model`); r of them at ends."""
-
-    gain: Any  # A (m) of the forces A P + B [N/Pa]
-    force: Any  # B (m) [N]
-    torque_gain: Any  # (n, m) of the torques [N·m/Pa]
-    torque: Any  # (n) without pressure [N·m]
-    now: Any  # (n) at the pressures now [N·m]
-    passed: Any  # (n) how far the joints get until the pressures have followed [rad]
-    kinetic: Any  # (1) energy [J]
-    work_gain: Any  # (r, m) of the work on the way to an end, over its length [N·m/Pa]
-    work: Any  # (r) without pressure, with the load's [N·m]
-    way: Any  # (r) how far it is to the end [rad]
+HALVINGS = 3  # of the segment from the backup to the command
+STEPS = 60  # of the bisection that finds the multiplier of the energy
+KEPT = 1e-8  # of a row's size: it is exceeded by more
+LEAST, MIN_FORCE, REACH, SLEW, NEAR, REACTION, ENERGY, LOWEST, ROOT, BRAKE, INNER, RANGED = range(12)  # of `numbers`
 
 
 class Rules(NamedTuple):
-    """The `Rules` are the governor's numbers."""
+    """The `Rules` are the governor's numbers: of n joints and m muscles."""
 
-    load: Any  # (n) greatest torque from outside [N·m]
+    numbers: Any  # (12) as the constants above say: SI units
     most: Any  # (m) supply or validity [Pa]
-    least: Any  # [Pa]
-    min_force: Any  # [N]
-    step: Any  # by which a command may change [Pa]
-    near: Any  # a pressure this near to a bound lies on it [Pa]
-    unit: Any  # in which pressures are solved for [Pa]
-    reaction: Any  # until a command has its effect [s]
-    energy: Any  # greatest kinetic energy [J], inf: any
+    load: Any  # (n) greatest torque from outside [N·m]
+    ends: Any  # (n, 2) of the range [rad]
+    rest: Any  # P_b (m) of the stiff rest [Pa]
+    weight: Any  # w (m) of the pressures' way to the rest [√J/(Pa·s)]
+    lag: Any  # (m) [s]
+    steps: Any  # (2) [s] of the integration, in the first sample and later
+    decay: Any  # (2, m) exp(-step/lag)
+    counts: Any  # (4) integers: steps in the first sample and in later ones; samples; dt in a later sample
+    motion: Any  # numbers of the formulas
+    potential: Any
 
 
 class Memory(NamedTuple):
-    """The `Memory` is what `govern` works in, p = r + 1; `memory_for` makes it."""
+    """The `Memory` is what `govern` works in; `mpc.governor.rules.memory_for` makes it."""
 
-    rows: Any
-    right: Any
-    onesided: Any
-    ends: Any
-    lo: Any
-    hi: Any
-    centre: Any
-    x: Any
-    side: Any
-    mu: Any
-
-
-def memory_for(p: int, m: int) -> Memory:
-    """Return the memory for p rows and m muscles."""
-    return Memory(
-        np.empty((p, m)),
-        np.empty(p),
-        np.empty(p, np.bool_),
-        np.empty(1, np.int64),
-        np.empty(m),
-        np.empty(m),
-        np.empty(m),
-        np.empty(m),
-        np.empty(m + p, np.int8),
-        np.empty((2, p)),
-    )
+    angles: Any  # (n) of the state under way [rad]
+    rates: Any  # (n) [rad/s]
+    guess: Any  # (n) [rad/s] at the end of a step
+    pressures: Any  # (m) [Pa]
+    commands: Any  # (m) [Pa]
+    alpha: Any  # (n) [rad/s²]
+    later: Any  # (n) [rad/s²] at the end of a step
+    gain: Any  # A (m) of the forces A P + B [N/Pa]
+    force: Any  # B (m) [N]
+    speed: Any  # -l' (m), at which muscles shorten [m/s]
+    energy: Any  # (2) kinetic [J], and gravity's power [W]
+    level: Any  # (1) potential [J]
+    within: Any  # (n, 2) that the joints have to keep [rad]
+    lo: Any  # (m) [Pa]
+    hi: Any  # (m) [Pa]
+    wanted: Any  # (m) what comes next to the command [Pa]
+    first: Any  # (m) of the backup [Pa]
 
 
-def govern_batch(ways, rules, omega, previous, command, safe, status, memory, work):
-    """Govern N commands; arrays of `ways` and the others have a leading axis (N), of which `status` (N) is one."""
-    for i in range(len(command)):
-        one = Ways(
-            ways.gain[i],
-            ways.force[i],
-            ways.torque_gain[i],
-            ways.torque[i],
-            ways.now[i],
-            ways.passed[i],
-            ways.kinetic[i],
-            ways.work_gain[i],
-            ways.work[i],
-            ways.way[i],
-        )
-        found = 0
-        for j in range(command.shape[1]):
-            taut = (rules.min_force - one.force[j]) / one.gain[j]
-            slew = previous[i, j] - rules.step, previous[i, j] + rules.step
-            ends = interval((rules.least, rules.most[j], taut, np.inf, slew[0], slew[1]), rules.near)
-            memory.lo[j], memory.hi[j], found = ends[0], ends[1], max(found, ends[2])
-        status[i] = govern(one, rules, omega[i], previous[i], command[i], found, safe[i], memory, work)
+def govern_batch(rules, q, omega, P, previous, command, safe, status, memory):
+    """Govern N commands; all arrays but those of `rules` and `memory` have a leading axis (N)."""
+    for i in range(len(status)):
+        status[i] = govern(rules, q[i], omega[i], P[i], previous[i], command[i], safe[i], memory)
 
 
-def govern(ways, rules, omega, previous, command, found, safe, memory, work):
-    """Fill `safe` (m) with the pressures nearest to `command` (m) that keep the rows; return what became of it.
-
-    Whatever the rows ask for, they lie between `memory.lo` and `memory.hi`, of which `found` says what no pressure can
-    keep. `work` is that of the kernel.
-    """
-    lo, hi, centre = memory.lo, memory.hi, memory.centre
+def govern(rules, q, omega, P, previous, command, safe, memory):
+    """Fill `safe` (m) with the pressures next to `command` (m) that keep all limits; return what became of it."""
+    motion(
+        q, omega, P, rules.motion, memory.alpha, memory.gain, memory.force, memory.speed, memory.energy,
+    )  # fmt: skip
+    found = limit(rules, previous, memory)
     status = found
     for j in range(len(command)):
-        centre[j] = command[j]
+        memory.wanted[j] = command[j]
         if not abs(command[j]) < ENORMOUS:
-            centre[j], status = previous[j], BAD_INPUT
+            memory.wanted[j], status = previous[j], BAD_INPUT
+    slowed = nearest(rules, omega, safe, memory)
     for j in range(len(command)):
-        safe[j] = clip(centre[j], lo[j], hi[j])
-        if safe[j] != centre[j] and status == SAFE:
+        memory.wanted[j] = safe[j]
+        if safe[j] != command[j] and status == SAFE:
             status = MOVED
-    range_rows(ways, rules, memory)
-    energy_row(ways, rules, omega, memory)
-    if kept(memory, safe, rules.unit):
-        return status
-    nearest(memory, safe, rules.unit, work)
-    if status != SAFE and status != MOVED:
-        return status
-    return MOVED if kept(memory, safe, rules.unit) else NOT_KEPT
+    kept = 1
+    if rules.numbers[RANGED] > 0.0:
+        kept = shielded(rules, q, omega, P, previous, safe, memory)
+        if kept != 1 and status == SAFE:
+            status = MOVED
+    if (slowed == 0 or kept == 0) and status == MOVED:
+        status = NOT_KEPT
+    return status
 
 
-def range_rows(ways, rules, memory):
-    """Fill in a row for each posture at an end: held at u, the pressures stop the arm before it gets there.
+def limit(rules, previous, memory):
+    """Fill in the box of pressures that keep supply, tautness and slew; return what no pressure can keep.
 
-    That is so if the muscles' work W(u) on the way, and the load's, use up the kinetic energy: ½ ωᵀM ω + W(u) ≤ 0.
-    Until the pressures have followed, the joints pass Δ, on which the torques τ(P) do the work and not yet τ(u):
-    ½ ωᵀM ω + W(u) + (τ(P) - τ(u))·Δ ≤ 0, here over the length of the way.
+    The slew comes before the supply and that before tautness, as in `Mechanism.pressure_box`.
     """
-    rows, right, passed = memory.rows, memory.right, ways.passed
-    early = ways.kinetic[0]
-    for i in range(len(passed)):
-        early += (ways.now[i] - ways.torque[i]) * passed[i]
-    for r in range(len(ways.way)):
-        right[r] = -(ways.work[r] + early / ways.way[r])
-        for j in range(rows.shape[1]):
-            gain = ways.work_gain[r, j]
-            for i in range(len(passed)):
-                gain -= passed[i] / ways.way[r] * ways.torque_gain[i, j]
-            rows[r, j] = gain * rules.unit
+    numbers, status = rules.numbers, SAFE
+    least, near = numbers[LEAST], numbers[NEAR]
+    for j in range(len(previous)):
+        most, nearest_, farthest = rules.most[j], previous[j] - numbers[REACH], previous[j] + numbers[REACH]
+        taut = (numbers[MIN_FORCE] - memory.force[j]) / memory.gain[j]
+        high = min(max(most, nearest_), farthest)
+        memory.lo[j], memory.hi[j] = min(max(min(max(taut, least), most), nearest_), farthest), high
+        if nearest_ > most + near or farthest < least - near:
+            status = OUTSIDE_LIMITS
+        elif taut > high + near:
+            status = max(status, SLACK)
+        elif taut > most + near:
+            status = max(status, CONFLICT)
+    return status
 
 
-def energy_row(ways, rules, omega, memory):
-    """Fill in the last row: in the time of reaction the torques' power keeps the kinetic energy below its bound.
+def nearest(rules, omega, safe, memory):
+    """Fill `safe` with the pressures of the box nearest to those wanted that keep the energy; return whether they do.
 
-    ½ ωᵀM ω + t ω·τ(u) ≤ E, the load included; 0 ≤ 0 where there is no bound.
+    In the time t of reaction the torques' power keeps the kinetic energy below its bound, ½ ωᵀM ω + t ω·τ(u) ≤ E, the
+    load included. That is one row a·u ≤ b, and u = clip(wanted - μ a): its multiplier μ is found by bisection.
     """
-    rows, right = memory.rows, memory.right
-    last = len(right) - 1
-    bounded = rules.energy < ENORMOUS
-    right[last] = rules.energy / rules.reaction if bounded else 0.0
-    for j in range(rows.shape[1]):
-        rows[last, j] = 0.0
-    if bounded:
-        right[last] -= ways.kinetic[0] / rules.reaction
-        for i in range(len(omega)):
-            right[last] -= omega[i] * ways.torque[i] + abs(omega[i]) * rules.load[i]
-            for j in range(rows.shape[1]):
-                rows[last, j] += omega[i] * ways.torque_gain[i, j] * rules.unit
+    numbers, m = rules.numbers, len(safe)
+    excess = projected(0.0, safe, memory)
+    if not numbers[ENERGY] < ENORMOUS:
+        return 1
+    room = (numbers[ENERGY] - memory.energy[0]) / numbers[REACTION] - memory.energy[1]
+    size = abs(room)
+    for i in range(len(omega)):
+        room -= abs(omega[i]) * rules.load[i]
+    for j in range(m):
+        room -= memory.force[j] * memory.speed[j]
+        size += abs(memory.gain[j] * memory.speed[j]) * rules.most[j]
+    if excess <= room + KEPT * size:
+        return 1
+    low, high = 0.0, 1.0
+    for j in range(m):
+        a = abs(memory.gain[j] * memory.speed[j])
+        if a > 0.0:
+            high = max(high, (abs(memory.wanted[j]) + memory.hi[j] + rules.most[j]) / a)
+    if projected(high, safe, memory) > room + KEPT * size:
+        return 0
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        if projected(middle, safe, memory) > room:
+            low = middle
+        else:
+            high = middle
+    projected(high, safe, memory)
+    return 1
 
 
-def kept(memory, safe, unit):
-    """Return whether pressures keep all rows, up to rounding."""
-    rows, right = memory.rows, memory.right
-    for r in range(len(right)):
-        left, size = right[r], abs(right[r])
-        for j in range(len(safe)):
-            left -= rows[r, j] * safe[j] / unit
-            size += abs(rows[r, j])
-        if left < -KEPT * size:
-            return False
-    return True
-
-
-def nearest(memory, safe, unit, work):
-    """Fill `safe` with the pressures nearest to the centre [Pa] that exceed the rows by the least squares."""
-    lo, hi, centre, x = memory.lo, memory.hi, memory.centre, memory.x
+def projected(mu, safe, memory):
+    """Fill `safe` with clip(wanted - μ a) within the box; return a·safe [W] of a, the muscles' power per pressure."""
+    power = 0.0
     for j in range(len(safe)):
-        lo[j], hi[j], centre[j] = lo[j] / unit, hi[j] / unit, centre[j] / unit
-    for r in range(len(memory.right)):
-        memory.onesided[r] = True
-    memory.ends[0] = len(memory.right)
-    levels = Levels(memory.rows, memory.right, memory.onesided, memory.ends)
-    prepare(levels, work)
-    if solve(levels, Box(lo, hi, centre), x, memory.side, memory.mu, False, work) > 0:
-        for j in range(len(safe)):
-            safe[j] = clip(x[j], lo[j], hi[j]) * unit
+        a = memory.gain[j] * memory.speed[j]
+        safe[j] = min(max(memory.wanted[j] - mu * a, memory.lo[j]), memory.hi[j])
+        power += a * safe[j]
+    return power
 
 
-_OWN: tuple[Callable[..., Any], ...] = (interval, clip, govern, range_rows, energy_row, kept, nearest)
-FUNCTIONS = least_squares.FUNCTIONS + _OWN
+def shielded(rules, q, omega, P, previous, safe, memory):
+    """Move `safe`, which is also what is wanted, towards the backup's commands until the joints can be kept in range.
 
-__all__ = ["FUNCTIONS", "Memory", "Rules", "Ways", "govern_batch", "memory_for"]
+    Return 1 if it may stay as it is, 2 if it was moved, 0 if not even the backup keeps the range.
+    """
+    if stays(rules, q, omega, P, previous, safe, 1, memory):
+        return 1
+    first(rules, q, omega, P, previous, memory)
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        share = 0.5 * (low + high)
+        towards(share, safe, memory)
+        if stays(rules, q, omega, P, previous, safe, 1, memory):
+            low = share
+        else:
+            high = share
+    towards(low, safe, memory)
+    return 2 if low > 0.0 or stays(rules, q, omega, P, previous, safe, 0, memory) else 0
+
+
+def towards(share, safe, memory):
+    """Fill `safe` with what lies at this share of the way from the backup's commands to those wanted."""
+    for j in range(len(safe)):
+        safe[j] = memory.first[j] + share * (memory.wanted[j] - memory.first[j])
+
+
+def first(rules, q, omega, P, previous, memory):
+    """Fill in the backup's first command in this state."""
+    begin(rules, q, omega, P, previous, memory)
+    brake(rules, 1, certain(rules, memory), memory)
+    for j in range(len(P)):
+        memory.first[j] = memory.commands[j]
+
+
+def begin(rules, q, omega, P, previous, memory):
+    """Copy the state to where it goes on from."""
+    for i in range(len(q)):
+        memory.angles[i], memory.rates[i] = q[i], omega[i]
+    for j in range(len(P)):
+        memory.pressures[j], memory.commands[j] = P[j], previous[j]
+    motion(
+        memory.angles, memory.rates, memory.pressures, rules.motion,
+        memory.alpha, memory.gain, memory.force, memory.speed, memory.energy,
+    )  # fmt: skip
+
+
+def stays(rules, q, omega, P, previous, command, given, memory):
+    """Return whether the joints stay in range under `command` for a sample, if it is `given`, and then the backup.
+
+    A command that is given has to keep a little more, by which the integration may err; a joint that has less now,
+    what it has.
+    """
+    begin(rules, q, omega, P, previous, memory)
+    inner = rules.numbers[INNER] if given else 0.0
+    for i in range(len(q)):
+        memory.within[i, 0] = max(min(rules.ends[i, 0] + inner, q[i]), rules.ends[i, 0])
+        memory.within[i, 1] = min(max(rules.ends[i, 1] - inner, q[i]), rules.ends[i, 1])
+    for k in range(rules.counts[2]):
+        if k == 0 and given:
+            for j in range(len(P)):
+                memory.commands[j] = command[j]
+        else:
+            calm = certain(rules, memory)
+            if k > 0 and calm:
+                return True
+            brake(rules, 1 if k == 0 else rules.counts[3], calm, memory)
+        stage = 0 if k == 0 else 1
+        for _ in range(rules.counts[stage]):
+            if not advance(rules, stage, memory):
+                return False
+    return False
+
+
+def brake(rules, samples, calm, memory):
+    """Fill in the backup's commands some `samples` later: towards the rest, and against the motion unless `calm`.
+
+    u = P_b - β s with the speeds s at which the muscles shorten takes energy from the bodies.
+    """
+    numbers = rules.numbers
+    reach = numbers[REACH] * samples
+    for j in range(len(rules.rest)):
+        aim = rules.rest[j]
+        if not calm:
+            taut = (numbers[MIN_FORCE] - memory.force[j]) / memory.gain[j]
+            aim = min(max(aim - numbers[BRAKE] * memory.speed[j], taut, numbers[LEAST]), rules.most[j])
+        memory.commands[j] = min(max(aim, memory.commands[j] - reach), memory.commands[j] + reach)
+
+
+def certain(rules, memory):
+    """Return whether the joints stay in range for ever if the pressures go to the rest now, by the bodies' energy.
+
+    With E the energy over that of the rest, pressures that are off by δ let it grow by (√E)' ≤ ‖∂τ/∂P δ‖_{M⁻¹}/√2, in
+    all by less than w·∫|δ|dt, where ∫|δ_j|dt ≤ (u_j - P_bj)²/2r + τ |P_j - P_bj| with the slew r and the lag τ. The
+    potential at the ends is nowhere less than ROOT² above the rest's.
+    """
+    numbers = rules.numbers
+    grows = 0.0
+    for j in range(len(rules.rest)):
+        off = memory.commands[j] - rules.rest[j]
+        grows += rules.weight[j] * (
+            0.5 * off * off / numbers[SLEW] + rules.lag[j] * abs(memory.pressures[j] - rules.rest[j])
+        )
+    left = numbers[ROOT] - grows
+    if left <= 0.0 or memory.energy[0] >= left * left:
+        return False
+    potential(memory.angles, rules.potential, memory.level)
+    return memory.energy[0] + memory.level[0] - numbers[LOWEST] < left * left
+
+
+def advance(rules, stage, memory):
+    """Take a step of velocity Verlet; return whether all joints are within their range.
+
+    Between two steps a joint that turns is at most h²|ω'|/8 farther than at their ends.
+    """
+    h = rules.steps[stage]
+    for j in range(len(rules.rest)):
+        u = memory.commands[j]
+        memory.pressures[j] = u + rules.decay[stage, j] * (memory.pressures[j] - u)
+    for i in range(len(memory.angles)):
+        memory.angles[i] += h * (memory.rates[i] + 0.5 * h * memory.alpha[i])
+        memory.guess[i] = memory.rates[i] + h * memory.alpha[i]
+    motion(
+        memory.angles, memory.guess, memory.pressures, rules.motion,
+        memory.later, memory.gain, memory.force, memory.speed, memory.energy,
+    )  # fmt: skip
+    inside = True
+    for i in range(len(memory.angles)):
+        old = memory.rates[i]
+        memory.rates[i] += 0.5 * h * (memory.alpha[i] + memory.later[i])
+        memory.alpha[i] = memory.later[i]
+        beyond = 0.125 * h * h * abs(memory.alpha[i]) if old * memory.rates[i] < 0.0 else 0.0
+        if memory.angles[i] - beyond < memory.within[i, 0] or memory.angles[i] + beyond > memory.within[i, 1]:
+            inside = False
+    return inside
+
+
+FUNCTIONS = (projected, limit, nearest, certain, brake, begin, advance, first, stays, towards, shielded, govern)
+
+__all__ = ["FUNCTIONS", "Memory", "Rules", "govern_batch"]
