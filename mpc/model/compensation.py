@@ -100,21 +100,25 @@ class FrictionState:
     def __init__(self, friction: Hysteresis) -> None:
         self.friction = friction
         self.memory: Value = friction.begun(0.0)
-        self._theta: float | None = None
+        self.theta: float | None = None
 
     def follow(self, theta: float, contact: Contact) -> Value:
         """Return the memory at the angle `theta` [rad], to which the joint has turned from that of the last call, and
         in `contact`.
         """
-        if self._theta is None:
-            self._theta, self.memory = theta, self.friction.begun(theta)
-        motion = theta - self._theta
+        if self.theta is None:
+            self.theta, self.memory = theta, self.friction.begun(theta)
+        motion = theta - self.theta
         if abs(motion) > JITTER:
-            self._theta = theta
+            self.theta = theta
         else:
             motion = 0.0
         self.memory = self.friction.moved(self.memory, motion, contact)
         return self.memory
+
+    def go_on(self, theta: float, memory: Array) -> None:
+        """Take note that it was followed elsewhere to a `memory` (size,) at the angle `theta` [rad]."""
+        self.theta, self.memory = theta, float(memory[0]) if isinstance(self.memory, float) else memory.copy()
 
 
 __all__ = ["JITTER", "SOFT", "Compensation", "FrictionState"]

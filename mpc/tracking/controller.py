@@ -106,7 +106,7 @@ class TrackingMPC(OptimisingController):
         whole = self._whole
         if whole is None:
             return None
-        one_qp = self.iterations == 1 and isinstance(self._solve, Riccati)
+        one_qp = self.iterations == 1 and isinstance(self._solve, Riccati) and self.rest == whole.rest
         if one_qp and whole.qp_step is self._qp_step and whole.feed_forward is self._feed_forward:
             plan = whole.plan(x, theta_ref, K_ref, d, began, self._deadline(began))
             if plan is not None:
@@ -156,12 +156,13 @@ class TrackingMPC(OptimisingController):
     def _join(self) -> None:
         """Join the compiled parts, where all of an ordinary step is compiled."""
         self._whole: WholeStep | None = None
-        if self.compensation != Compensation():
-            return
         if isinstance(self._qp_step, CompiledQPStep) and isinstance(self._feed_forward, CompiledFeedForward):
-            from mpc.tracking.compiled.sample import whole
+            from mpc.tracking.compiled.sample import friction, whole
 
-            self._whole = whole.WholeStep(self._qp_step, self._feed_forward, self._preview, self.ladder)
+            numbers = friction.friction_numbers(self.compensation.friction)
+            if numbers is not None:
+                parts = whole.Parts(self._preview, self.ladder, self.rest_mode, self.rest)
+                self._whole = whole.WholeStep(self._qp_step, self._feed_forward, parts, numbers)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what does the work, which each process makes for itself."""

@@ -68,7 +68,7 @@ class Preview:
         self.plant, self.dt, self.compensation, self.limits = plant, dt, compensation, limits
         self.delay = compensation.delay(dt)
         self.ahead = N + self.delay  # samples of preview wanted
-        self._frictionless = compensation.friction.absent
+        self.frictionless = compensation.friction.absent
         self._under_way = Predictor(plant, dt, self.delay)
         gate = Gate.of(plant, dt)
         self.strict = False  # raises `InvalidInput` for references that cannot be meant, instead of warning
@@ -78,12 +78,12 @@ class Preview:
 
     def reset(self) -> None:
         """Forget the past."""
-        self._waiting: list[Array] = []  # commands as they will act, oldest first
+        self.waiting: list[Array] = []  # commands as they will act, oldest first
         self.last_sent: Array | None = None  # (2,)
         self.expected: Array | None = None  # the state that was predicted for the next sample (4,)
         self._blind = inf  # samples since the angle was measured
         self._warned = False
-        self._friction = FrictionState(self.compensation.friction)
+        self.friction = FrictionState(self.compensation.friction)
 
     def task(self, x: object, theta_ref: object, K_ref: object, d: object, ringing: bool = False) -> Task:
         """Check what `step` of a controller was given and look ahead by the dead time.
@@ -108,8 +108,8 @@ class Preview:
             self.last_sent = x[2:]
         m, then = self.delay, x
         if m:
-            self._waiting = self._waiting or [x[2:]] * m
-            path = self._under_way.motion(x, np.array(self._waiting), torques[:m]).x
+            self.waiting = self.waiting or [x[2:]] * m
+            path = self._under_way.motion(x, np.array(self.waiting), torques[:m]).x
             self._expect(path[1])
             then = path[m]
         blind, now = self._blind * self.dt, float(theta[0])
@@ -120,7 +120,7 @@ class Preview:
 
         A `side` of ±1 says on which edge of the dead band the regulators are to hold `u`, whatever the pressures are.
         """
-        self._waiting = [*self._waiting[1:], u[0]] if self.delay else []
+        self.waiting = [*self.waiting[1:], u[0]] if self.delay else []
         if not self.delay:
             self._expect(x[1])
         if self.compensation.dead_band:
@@ -132,9 +132,9 @@ class Preview:
         self.last_sent = u[0]
         return u
 
-    def go_on(self, sent: Array, expected: Array) -> None:
-        """Take note of an ordinary sample: what was `sent` (2,), and the state `expected` (4,) at the next one."""
-        self.last_sent, self.expected, self._blind = sent, expected, 0
+    def go_on(self, sent: Array, expected: Array, waiting: list[Array]) -> None:
+        """Take note of an ordinary sample: what was `sent` (2,), the state `expected` (4,) next, what is `waiting`."""
+        self.last_sent, self.expected, self.waiting, self._blind = sent, expected, waiting, 0
 
     # --- the pieces -------------------------------------------------------------------------------------------------
 
@@ -211,10 +211,10 @@ class Preview:
         its muscles, and an error would hardly move a controller that does not count with it; one that counts with all
         of it would shake a joint without friction.
         """
-        if self._frictionless:
+        if self.frictionless:
             return np.zeros(self.ahead + 1)
         contact, friction = Contact(self.plant, x), self.compensation.friction
-        memory = self._friction.follow(float(x[0]), contact)
+        memory = self.friction.follow(float(x[0]), contact)
         back = theta[0] + corrected * (float(x[0]) - theta[0])
         torques = friction.torque(friction.along(memory, np.append(back, theta[1:]), contact), contact)
         # the motion from a state without a finite torque will not be, either: the controller finds that out

@@ -70,6 +70,7 @@ class RestMode:
     def reset(self) -> None:
         """Forget the past."""
         self._reference = np.full(2, np.nan)  # θ* [rad] and K* [N·m/rad] while they stand still
+        self._moved: Array | None = None  # the reference (2,) of an ordinary sample, of which no note was taken yet
         self.ringing = False
         self._quarter = 1  # of the joint's free period [samples]
         self._p, self.side = np.zeros(NU), 0.0  # pressures that are held [Pa], edge of the dead band
@@ -88,10 +89,23 @@ class RestMode:
         self._sum, self._in_sum = np.zeros(1 + NU), 0  # of e, P1, P2 in the quarter that runs, and of how many samples
         self._low, self._high = np.inf, -np.inf  # e there [rad]
 
+    @property
+    def reference(self) -> Array:
+        """The reference (2,) is θ* [rad] and K* [N·m/rad] while they stand still."""
+        return self._reference if self._moved is None else self._moved
+
+    def go_on(self, reference: Array) -> None:
+        """Take note of a sample in which the preview was not constant, the `reference` (2,) being its beginning."""
+        self._moved, self.resting, self.ringing = reference.copy(), False, False
+
     def pressures(self, task: Task) -> Array | None:
         """Return the pressures (2,) [Pa] to hold in the situation of `task`, to be called at every sample; None: no
         rest.
         """
+        if self._moved is not None:
+            self._follow(*self._moved.tolist())
+            self._moved = None
+            self.begin()
         known = task.measured and not task.refused
         if not (known and self._constant(task.theta, task.K)) or self._pushed(task):
             self.begin()
@@ -109,12 +123,16 @@ class RestMode:
     def _constant(self, theta: Array, K: Array) -> bool:
         if np.abs(theta - self._reference[0]).max() <= SAME[0] and np.abs(K - self._reference[1]).max() <= SAME[1]:
             return True
-        self._reference = np.array([theta[0], K[0]])
+        self._follow(float(theta[0]), float(K[0]))
+        return False
+
+    def _follow(self, theta: float, K: float) -> None:
+        """Follow a reference that has moved to `theta` [rad] and `K` [N·m/rad]."""
+        self._reference = np.array([theta, K])
         least, most = self.quarter_range
-        quarter = pi / 2 * sqrt(self.plant.inertia / K[0]) / self.dt
+        quarter = pi / 2 * sqrt(self.plant.inertia / K) / self.dt
         self._quarter = int(min(max(quarter, least), most) + 0.5)
         self.ringing = False
-        return False
 
     def _pushed(self, task: Task) -> bool:
         if not self.resting:

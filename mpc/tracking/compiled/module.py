@@ -108,6 +108,7 @@ def _functions(plant: Plant) -> dict[str, Any]:
         "outputs": ca.Function("outputs", [x], ca.cse([y])),
         "output_slopes": ca.Function("output_slopes", [x], ca.cse([y, ca.densify(ca.jacobian(y, x))])),
         "expansion": ca.Function("expansion", [x], ca.cse([ca.densify(ca.SX(ca.vertcat(*plant.expansion(x))))])),
+        "pressing": ca.Function("pressing", [x], ca.cse([ca.densify(ca.vertcat(plant.pull(x), plant.isobaric(x)))])),
         **_coefficients(plant),
     }
 

@@ -3,7 +3,7 @@
 `mpc.tracking.compiled.module` puts the formulas of the joint in the place of the lines below that
 begin with `FORMULAS`, as functions of scalars that return tuples: `rate` (x, u, d) ↦ x', `rate_slopes` (x, u, d) ↦ (x',
 its Jacobian by x and u), `outputs` x ↦ y = (K, F1, F2), `output_slopes` x ↦ (y, its Jacobian), `expansion` x ↦ the
-pressures' fall as the muscles swell; Jacobians by columns.
+pressures' fall as the muscles swell, `pressing` x ↦ what presses on that which rubs; Jacobians by columns.
 `allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of `allocator.allocation` for the joint, if there is one.
 The array c holds the numbers of all of them, p those of the kernel.
 
@@ -23,29 +23,36 @@ from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
 from mpc.tracking.compiled.jit import compiled, inlined, merged
 from mpc.tracking.compiled.records import Path, Reference
 from mpc.tracking.compiled.sample.calls import seconds_at, settle_at
-from mpc.tracking.compiled.sample.layout import Known, Made, asked_in, known_in, made_in, state_in
+from mpc.tracking.compiled.sample.friction import ABSENT, Pressed, followed, less_friction
+from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State, asked_in, known_in, made_in, state_in
 from mpc.tracking.compiled.sample.stages import (
     FEED,
     LINEARISE,
     ROLLOUT,
     WHOLE,
     copy_set,
+    invert_dead_band,
+    moves,
     plausible,
     remember,
+    remember_friction,
     shift_set,
     take,
-)  # fmt: skip
+    under_way,
+)
+from mpc.tracking.preview import CORRECTED
 
 FORMULAS: Any = None
-rate = rate_slopes = outputs = output_slopes = expansion = allocated = FORMULAS
+rate = rate_slopes = outputs = output_slopes = expansion = pressing = allocated = FORMULAS
 
 NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
 
 
 @compiled
 def step(
-    what: int, settle: int, clock: int, name: int, c: Array, p: Any, known: Array, slopes: Array, numbers: Array,
-    starts: Any, asked: Array, state: Array, given: Array, buffer: Array, guess: Any, z: Array, out: Array,
+    what: int, settle: int, clock: int, name: int, c: Array, p: Any, known: Array, slopes: Array, friction: Array,
+    numbers: Array, starts: Any, asked: Array, state: Array, given: Array, buffer: Array, guess: Any, z: Array,
+    out: Array,
 ) -> bool:  # fmt: skip
     """Make the whole step or one part of it, and return whether that could be done; if not, `state` and `guess` stay.
 
@@ -53,17 +60,19 @@ def step(
     (`mpc.tracking.compiled.sample.calls`). The parts are the feed-forward for previews and `torques` of `asked`, the
     linear model for what is `given`, and the rollout of `z`.
     """
-    k, want, made, now = known_in(known), asked_in(asked), made_in(out), given_in(given)
-    memory, before, whole, done = state_in(state), np.empty(guess.size, np.int8), what == WHOLE, True
+    k, want, made, now, n = known_in(known), asked_in(asked), made_in(out), given_in(given), (friction.size - 4) // 2
+    m = want.theta.size - now.u.shape[0] - 1
+    memory, before, whole, done = state_in(state, n, m), np.empty(guess.size, np.int8), what == WHOLE, True
+    felt, angle, path, theta, torques = np.empty(n), 0.0, np.empty((m + 1, 4)), want.theta[m:], want.torques[m:]
     began = seconds_at(clock, name)
     copy_set(guess, before)
     if whole:
-        done = plausible(k, want)
+        done, angle = foreseen(c, k, friction, want, memory, felt, path)
     if done and (whole or what == FEED):
-        done = feed_forward(c, p, k, slopes, want.theta, want.K, want.torques, now.reference, made.tail[2:5])
+        done = feed_forward(c, p, k, slopes, theta, want.K[m:], torques, now.reference, made.tail[2:5])
     fed = seconds_at(clock, name)
     if whole and done:
-        take(want, memory, now)
+        take(path[m], torques, memory, now)
         shift_set(starts, before, guess)
     if done and (whole or what == LINEARISE):
         linearise(c, k.h, k.substeps, numbers, starts, given, buffer)
@@ -74,11 +83,38 @@ def step(
     if done and (whole or what == ROLLOUT):
         done = rollout(c, k.h, k.substeps, numbers, starts, given, buffer, z, made)
     if whole and done:
-        remember(now, made, memory)
+        invert_dead_band(k, setting_in(numbers, starts).bounds, want, memory, made)
+        remember(want, now, path, made, memory)
+        remember_friction(angle, felt, memory)
         made.tail[5], made.tail[6], made.tail[7] = fed - began, linearised - fed, seconds_at(clock, name) - linearised
     elif whole:
         copy_set(before, guess)
     return done
+
+
+@inlined
+def foreseen(
+    c: Array, known: Known, friction: Array, asked: Asked, state: State, felt: Array, path: Array
+) -> tuple[bool, float]:
+    """Fill in what `Preview.task` foresees: the torques, what friction has `felt` (n,), and the motion `path` (m+1, 4)
+    up to when a command acts; return whether the sample is an ordinary one, and friction's angle.
+    """
+    m, x, d, angle = path.shape[0] - 1, asked.x, asked.d[0], state.angle[0]
+    if not (plausible(known, asked) and (not known.rests or moves(state.rest, asked.theta[m:], asked.K[m:]))):
+        return False, angle
+    if friction[0] == ABSENT:
+        for k in range(asked.torques.size):
+            asked.torques[k] = d
+    else:
+        pulled, stiffness = pressing(x[0], x[1], x[2], x[3], c)
+        pressed = Pressed(pulled, x[2] + x[3], stiffness)
+        angle = followed(friction, x[0], pressed, angle, state.memory, felt)
+        back = asked.theta[0] + CORRECTED * (x[0] - asked.theta[0])
+        less_friction(friction, felt, back, asked.theta, pressed, d, asked.torques)
+    waiting = np.empty((m, 2))
+    under_way(state, x, waiting)
+    motion(c, x, waiting, asked.torques, known.h, known.substeps, path)
+    return finite(path), angle
 
 
 @inlined
@@ -139,7 +175,7 @@ def rollout(
     """
     bounds, (_, u) = setting_in(numbers, starts).bounds, path_in(buffer)
     x0, _, d, _, last = given_in(given)
-    N, (moved, x, K, F, tail) = u.shape[0], made
+    N, (moved, _, x, K, F, tail) = u.shape[0], made
     cumulative(starts, z, moved)
     for k in range(N):
         moved[k, 0] += u[k, 0]

@@ -6,9 +6,12 @@ from copy import copy, deepcopy
 import numpy as np
 import pytest
 
-from allocator import BAR
+from allocator import BAR, DEG
 from allocator.errors import InvalidInput
-from mpc import PlanStatus, Plant, Rung, TrackingMPC
+from allocator.joint.hysteresis import PrandtlIshlinskii
+from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Rung, TrackingMPC, Weights
+from mpc.model.friction import Friction
+from mpc.model.hysteresis import MaxwellSlip
 from mpc.tracking.preview import BadNumbers
 
 N = 12
@@ -33,20 +36,20 @@ class Pair:
     def step(self, x, theta, K, d=0.0):
         plan, wanted = self.whole.step(x, theta, K, d), self.staged.step(x, theta, K, d)
         self.taken.append(not self.whole._whole.behind)
+        near = 0.0 if self.whole.compensation == Compensation() else 1e-9  # what is known is reckoned in another order
+        assert (plan.moved is None) == (wanted.moved is None)
+        for name in ("u", "x", "K", "slack", "slack_force") + ("moved",) * (plan.moved is not None):
+            np.testing.assert_allclose(getattr(plan, name), getattr(wanted, name), rtol=near, atol=near)
         for name in ("u", "x", "K"):
-            np.testing.assert_array_equal(getattr(plan, name), getattr(wanted, name))
             assert not getattr(plan, name).flags.writeable
-        assert (plan.status, plan.rung, plan.slack, plan.slack_force) == (
-            wanted.status, wanted.rung, wanted.slack, wanted.slack_force,
-        )  # fmt: skip
-        assert plan.moved == wanted.moved
+        assert (plan.status, plan.rung) == (wanted.status, wanted.rung)
         np.testing.assert_array_equal(self.whole._qp_step.active_set, self.staged._qp_step.active_set)
         return plan
 
 
-def reference(k):
+def reference(k, ahead=N):
     """A sine with jumps, of which slew and joint range take something."""
-    t = 0.01 * (k + np.arange(N + 1))
+    t = 0.01 * (k + np.arange(ahead + 1))
     return 0.4 * np.sin(6.0 * t) + 1.2 * (np.floor(t / 0.4) % 3 == 2), 7.6 + 0.8 * (np.floor(t / 0.5) % 2 == 1)
 
 
@@ -181,3 +184,63 @@ def test_a_plan_is_the_same_value_however_it_is_looked_at():
         _ = plan.v
     with pytest.raises(AttributeError):
         plan.rung = Rung.HOLD
+
+
+# --- dead time, friction, dead band -----------------------------------------------------------------------------------
+
+REAL = RealPlant.standard()
+KNOWN = {
+    "standard": REAL.known(),
+    "Maxwell slip": Compensation(MaxwellSlip.of_width(REAL.nominal, 4 * DEG), 0.02, 0.1 * BAR),
+    "hysteresis of the angle": Compensation(PrandtlIshlinskii((0.7, 0.2, 0.1), (0.01, 0.03)), 0.0, 0.05 * BAR),
+    "dead time": Compensation(dead_time=0.03),
+    "dead band": Compensation(dead_band=0.1 * BAR),
+    "Coulomb friction": Compensation(Friction(coulomb=0.2)),
+}
+
+
+def moving(k, ahead):
+    """A sine that begins and ends at rest, with a jump."""
+    t = np.minimum(0.01 * (k + np.arange(ahead + 1)), 1.6)
+    return 0.3 * np.sin(5.0 * t) * np.minimum(t, 1.0) + 0.3 * (t > 1.1), np.full(ahead + 1, 5.5)
+
+
+@pytest.mark.parametrize("known", KNOWN.values(), ids=KNOWN.keys())
+def test_with_what_is_known_of_a_real_joint_the_whole_step_is_that_of_the_stages(known):
+    pair = Pair(REAL.nominal, compensation=known, weights=Weights.calm())
+    observer = KalmanObserver(REAL.nominal, 0.01, compensation=known)
+    x0 = REAL.at_rest(0.0, 5.5)
+    experiment, u = REAL.begin(0.01, x0, 3), x0[2:]
+    silent = {60, 61, 62, *range(90, 125)}  # for a moment, and until the controller is blind
+    for k in range(230):
+        x, d = observer.estimate(np.where(k in silent, np.nan, experiment.measure()), u)
+        u = pair.step(x, *moving(k, pair.whole.ahead), d).u[0]
+        experiment.advance(u)
+    taken = np.array(pair.taken)
+    assert taken[:90].mean() > 0.9
+    assert taken[126:150].all()
+    if pair.whole.rests:
+        assert not taken[165:].any()  # the preview stands still: that is for the rest mode
+    else:
+        assert taken[126:].all()
+
+
+def test_friction_of_an_own_kind_is_left_to_the_stages():
+    class Own(Friction):
+        """A friction that the compiled step does not know."""
+
+    mpc = TrackingMPC(REAL.nominal, N=N, compensation=Compensation(Own(mu=0.1)))
+    assert mpc._whole is None
+    assert mpc.step(REAL.at_rest(0.0, 5.5), 0.1, 5.5).rung is Rung.QP
+
+
+def test_a_swing_that_rings_is_left_to_the_rest_mode_and_comes_back():
+    pair = Pair(REAL.nominal, compensation=REAL.known())
+    x, ahead = REAL.at_rest(0.0, 5.5), pair.whole.ahead
+    for k in range(400):
+        held = k < 380
+        theta = np.zeros(ahead + 1) if held else 0.01 * (k - 379 + np.arange(ahead + 1))
+        pair.step(x + np.array([0.02 * np.sin(0.3 * k), 0.0, 0.0, 0.0]), theta, 5.5)
+        assert pair.whole.rest_mode.ringing == pair.staged.rest_mode.ringing
+    assert pair.taken[-1]
+    assert not any(pair.taken[1:380])

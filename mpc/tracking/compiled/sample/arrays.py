@@ -1,6 +1,6 @@
 """The arrays are what the compiled step works on, and the call of it."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,19 @@ _NO_GATE = np.zeros(NX), np.zeros(NX)
 _SETTING = 60  # numbers of a setting, see `mpc.tracking.compiled.flat_records`
 
 
+class Beyond(NamedTuple):
+    """What is known beyond the plant."""
+
+    friction: Array  # numbers, see `mpc.tracking.compiled.sample.friction`
+    delay: int  # [samples]
+    dead_band: float  # [Pa]
+    rests: bool  # whether commands come to rest at a constant reference
+
+
+_NO_FRICTION = np.zeros(6)
+_NOTHING = Beyond(_NO_FRICTION, 0, 0.0, rests=False)
+
+
 class StepArrays:
     """The arrays are those of one controller of N samples: they must not be used by two threads at a time.
 
@@ -36,12 +49,14 @@ class StepArrays:
         structured: "StructuredQP | None" = None,
         inverse: InverseDynamics | None = None,
         gate: tuple[Array, Array] = _NO_GATE,
+        beyond: Beyond = _NOTHING,
     ) -> None:
-        asked, state, self.size = lengths(N, N)
+        n = (beyond.friction.size - _NO_FRICTION.size) // 2 + 1
+        asked, state, self.size = lengths(N, beyond.delay, n)
         self.asked, self.state = np.zeros(asked), np.full(state, np.nan)
-        self.ask, self.memory = asked_of(self.asked), state_of(self.state)
+        self.ask, self.memory = asked_of(self.asked), state_of(self.state, n, beyond.delay)
         slopes = np.zeros((2, N + 1, N + 1)) if inverse is None else np.stack([D.T for D in inverse.slopes])
-        fixed = plant.c, plant.p, known_of(_known(plant, inverse, gate)), np.ascontiguousarray(slopes)
+        fixed = plant.c, plant.p, known_of(_known(plant, inverse, gate, beyond)), np.ascontiguousarray(slopes)
         if structured is None:
             address, (given, path) = 0, map(np.zeros, record_lengths(N))
             setting: Any
@@ -51,7 +66,18 @@ class StepArrays:
             solution = structured.guess, structured.z
         views: Any = given_in
         self.given: Given = views.py_func(given)
-        self._arguments = address, *_CLOCK, *fixed, *setting, self.asked, self.state, given, path, *solution
+        self._arguments = (
+            address,
+            *_CLOCK,
+            *fixed,
+            beyond.friction,
+            *setting,
+            self.asked,
+            self.state,
+            given,
+            path,
+            *solution,
+        )
         self._step = plant.step.step
 
     def whole(self) -> tuple[bool, Array]:
@@ -77,8 +103,9 @@ class StepArrays:
         return self._step(what, *self._arguments, out), made_of(out)
 
 
-def _known(plant: "CompiledPlant", inverse: InverseDynamics | None, gate: tuple[Array, Array]) -> Known:
-    nothing = Known(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, plant.h, plant.substeps, 0.0, 0.0, 0.0, *gate)
+def _known(plant: "CompiledPlant", inverse: InverseDynamics | None, gate: tuple[Array, Array], beyond: Beyond) -> Known:
+    steps = plant.h, plant.substeps
+    nothing = Known(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *steps, 0.0, 0.0, 0.0, *gate, beyond.dead_band, beyond.rests)
     if inverse is None:
         return nothing
     physical, (alpha1, alpha2) = inverse.plant, inverse.alpha.tolist()
@@ -89,4 +116,4 @@ def _known(plant: "CompiledPlant", inverse: InverseDynamics | None, gate: tuple[
     )  # fmt: skip
 
 
-__all__ = ["StepArrays"]
+__all__ = ["Beyond", "StepArrays"]

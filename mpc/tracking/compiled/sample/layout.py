@@ -13,7 +13,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined
 
-_ASKED, _STATE, _TAIL = 5, 8, 9
+_ASKED, _STATE, _TAIL = 5, 11, 9
 
 
 class Asked(NamedTuple):
@@ -27,11 +27,15 @@ class Asked(NamedTuple):
 
 
 class State(NamedTuple):
-    """The state is what `Ladder` and `Preview` remember."""
+    """The state is what `Ladder`, `Preview` and `FrictionState` remember, with n numbers and a delay of m samples."""
 
     u_star: Array  # (2,) the feed-forward of the previous sample [Pa]
     sent: Array  # (2,) [Pa]
     expected: Array  # (4,) the state that was predicted for now
+    angle: Array  # (1,) from which the motion counts that friction remembers [rad]
+    rest: Array  # (2,) the reference while it stands still [rad], [N·m/rad]
+    memory: Array  # (n,) of friction
+    waiting: Array  # (m, 2) commands as they will act, oldest first [Pa]
     u: Array  # (N, 2) the last plan's commands as they should act [Pa]
 
 
@@ -39,6 +43,7 @@ class Made(NamedTuple):
     """What is made is a plan."""
 
     u: Array  # (N, 2) as it should act [Pa]
+    sent: Array  # (N, 2) what has to be sent for that [Pa]
     x: Array  # (N+1, 4)
     K: Array  # (N+1,)
     F: Array  # (N+1, 2)
@@ -62,11 +67,14 @@ class Known(NamedTuple):
     min_force: float  # [N]
     lower: Array  # (4,)
     upper: Array  # (4,)
+    dead_band: float  # [Pa]
+    rests: bool  # whether commands come to rest at a constant reference
 
 
-def lengths(N: int, ahead: int) -> tuple[int, int, int]:
+def lengths(N: int, delay: int, memory: int) -> tuple[int, int, int]:
     """Return the lengths of `asked`, `state` and `out`."""
-    return _ASKED + 3 * (ahead + 1), _STATE + 2 * N, 2 * N + 7 * (N + 1) + _TAIL
+    previews = N + delay + 1
+    return _ASKED + 3 * previews, _STATE + memory + 2 * (delay + N), 4 * N + 7 * (N + 1) + _TAIL
 
 
 @inlined
@@ -78,19 +86,23 @@ def asked_in(asked: Array) -> Asked:
 
 
 @inlined
-def state_in(state: Array) -> State:
-    """Return views into `state`."""
-    N = (state.size - _STATE) // 2
-    return State(state[0:2], state[2:4], state[4:8], state[_STATE:].reshape(N, 2))
+def state_in(state: Array, memory: int, delay: int) -> State:
+    """Return views into `state`, with `memory` numbers of friction and a `delay` [samples]."""
+    rest, n = state[_STATE + memory :], 2 * delay
+    N = (rest.size - n) // 2
+    waiting, u = rest[:n].reshape(delay, 2), rest[n:].reshape(N, 2)
+    return State(
+        state[0:2], state[2:4], state[4:8], state[8:9], state[9:11], state[_STATE : _STATE + memory], waiting, u
+    )
 
 
 @inlined
 def made_in(out: Array) -> Made:
     """Return views into `out`."""
-    N = (out.size - _TAIL - 7) // 9
-    M, rest = N + 1, out[2 * N :]
+    N = (out.size - _TAIL - 7) // 11
+    M, n, rest = N + 1, 2 * N, out[4 * N :]
     x, K, F = rest[: 4 * M].reshape(M, 4), rest[4 * M : 5 * M], rest[5 * M : 7 * M].reshape(M, 2)
-    return Made(out[: 2 * N].reshape(N, 2), x, K, F, rest[7 * M :])
+    return Made(out[:n].reshape(N, 2), out[n : 2 * n].reshape(N, 2), x, K, F, rest[7 * M :])
 
 
 @inlined
@@ -98,7 +110,7 @@ def known_in(known: Array) -> Known:
     """Return what `known_of` has written."""
     k = known
     lags = k[3], k[4], k[5], k[6]
-    return Known(k[0], k[1], k[2], *lags, k[7], int(k[8]), k[9], k[10], k[11], k[12:16], k[16:20])
+    return Known(k[0], k[1], k[2], *lags, k[7], int(k[8]), k[9], k[10], k[11], k[12:16], k[16:20], k[20], k[21] != 0.0)
 
 
 def asked_of(asked: Array) -> Asked:
@@ -106,9 +118,9 @@ def asked_of(asked: Array) -> Asked:
     return _python(asked_in)(asked)  # type: ignore[no-any-return]
 
 
-def state_of(state: Array) -> State:
+def state_of(state: Array, memory: int, delay: int) -> State:
     """Return views into `state`, in Python."""
-    return _python(state_in)(state)  # type: ignore[no-any-return]
+    return _python(state_in)(state, memory, delay)  # type: ignore[no-any-return]
 
 
 def made_of(out: Array) -> Made:
@@ -121,7 +133,7 @@ def _python(views: Any) -> Any:
 
 
 def known_of(known: Known) -> Array:
-    """Return the numbers (20,) of `known`."""
+    """Return the numbers (22,) of `known`."""
     return np.hstack(known).astype(float)
 
 

@@ -8,10 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from allocator.calculus import Array
+from allocator.units import BAR
+from mpc.model.compensation import SOFT
 from mpc.model.plant import NU
+from mpc.tracking.compiled.commands import limit
 from mpc.tracking.compiled.flat_records import Given
 from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.records import Bounds
 from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State
+from mpc.tracking.rest import SAME
 
 WHOLE, FEED, LINEARISE, ROLLOUT = range(4)  # what of a step is made
 _TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] as in `mpc.tracking.preview`
@@ -19,28 +25,44 @@ _TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] as in `mpc.tracking.preview`
 
 @inlined
 def plausible(known: Known, asked: Asked) -> bool:
-    """Return whether all of the state was measured, and the references and the torque can be meant; fill in torques."""
+    """Return whether all of the state was measured, and the references and the torque can be meant."""
     for i in range(4):
         if not known.lower[i] <= asked.x[i] <= known.upper[i]:
             return False
     for k in range(asked.theta.size):
         if not (-_TURN <= asked.theta[k] <= _TURN and _LEAST <= asked.K[k] < inf):
             return False
-        asked.torques[k] = asked.d[0]
     return bool(np.isfinite(asked.d[0]))
 
 
 @inlined
-def take(asked: Asked, state: State, given: Given) -> None:
-    """Set what is new in a step: see `Ladder.previous` and `Ladder.shift`."""
+def moves(rest: Array, theta: Array, K: Array) -> bool:
+    """Return whether the previews are not the constant reference `rest` (2,) [rad], [N·m/rad]: see `RestMode`."""
+    moved = False
+    for k in range(theta.size):
+        moved = moved or not (abs(theta[k] - rest[0]) <= SAME[0] and abs(K[k] - rest[1]) <= SAME[1])
+    return moved
+
+
+@inlined
+def under_way(state: State, x: Array, waiting: Array) -> None:
+    """Fill in the commands (m, 2) [bar] that are under way; before the first one the pressures of `x` (4,) are."""
+    for k in range(waiting.shape[0]):
+        for i in range(2):
+            waiting[k, i] = (x[2 + i] if np.isnan(state.waiting[k, i]) else state.waiting[k, i]) / BAR
+
+
+@inlined
+def take(x: Array, torques: Array, state: State, given: Given) -> None:
+    """Set what is new in a step that begins in `x` (4,): see `Ladder.previous` and `Ladder.shift`."""
     u_star, N = given.reference.u, given.u.shape[0]
     for k in range(N):
-        given.d[k] = asked.torques[k]
+        given.d[k] = torques[k]
     for i in range(4):
-        given.x[i] = asked.x[i]
+        given.x[i] = x[i]
     for i in range(2):
         first = np.isnan(state.u[0, i])
-        given.last[0, i] = asked.x[2 + i] if first else state.u[0, i]
+        given.last[0, i] = x[2 + i] if first else state.u[0, i]
         given.last[1, i] = u_star[0, i] if np.isnan(state.u_star[i]) else state.u_star[i]
         for k in range(N):
             given.u[k, i] = u_star[k, i] if first else state.u[min(k + 1, N - 1), i]
@@ -69,17 +91,49 @@ def copy_set(one: Any, other: Any) -> None:
 
 
 @inlined
-def remember(given: Given, made: Made, state: State) -> None:
-    """Remember the plan."""
-    u_star = given.reference.u
+def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, made: Made) -> None:
+    """Fill in what has to be sent for the plan's commands to act: see `Preview.sent`."""
+    N, half = made.u.shape[0], known.dead_band / 2
+    for k in range(N):
+        for i in range(2):
+            v = made.u[k, i]
+            made.sent[k, i] = v if half == 0.0 else (v + half * np.tanh((v - made.x[k, 2 + i]) / SOFT)) / BAR
+    if half == 0.0:
+        return
+    none = np.isnan(state.sent[0])
+    last1, last2 = asked.x[2] if none else state.sent[0], asked.x[3] if none else state.sent[1]
+    limit(bounds, last1 / BAR, last2 / BAR, made.sent)
+    for k in range(N):
+        made.sent[k, 0], made.sent[k, 1] = BAR * made.sent[k, 0], BAR * made.sent[k, 1]
+
+
+@inlined
+def remember(asked: Asked, given: Given, path: Array, made: Made, state: State) -> None:
+    """Remember the plan, `path` (m+1, 4) being the motion up to when it acts."""
+    u_star, m = given.reference.u, path.shape[0] - 1
     known_star = np.isfinite(u_star[0, 0]) and np.isfinite(u_star[0, 1])
     for i in range(2):
-        state.sent[i] = made.u[0, i]
+        state.sent[i] = made.sent[0, i]
         state.u_star[i] = u_star[0, i] if known_star else state.u_star[i]
+        for k in range(m):
+            later = state.waiting[k + 1, i] if k + 1 < m else made.u[0, i]
+            state.waiting[k, i] = asked.x[2 + i] if np.isnan(later) else later
         for k in range(made.u.shape[0]):
             state.u[k, i] = made.u[k, i]
     for i in range(4):
-        state.expected[i] = made.x[1, i]
+        state.expected[i] = path[1, i] if m > 0 else made.x[1, i]
+    state.rest[0], state.rest[1] = asked.theta[m], asked.K[m]
 
 
-__all__ = ["FEED", "LINEARISE", "ROLLOUT", "WHOLE", "copy_set", "plausible", "remember", "shift_set", "take"]
+@inlined
+def remember_friction(angle: float, felt: Array, state: State) -> None:
+    """Remember what friction has `felt` (n,) up to the `angle` [rad]."""
+    state.angle[0] = angle
+    for i in range(felt.size):
+        state.memory[i] = felt[i]
+
+
+__all__ = [
+    "FEED", "LINEARISE", "ROLLOUT", "WHOLE", "copy_set", "invert_dead_band", "moves", "plausible", "remember",
+    "remember_friction", "shift_set", "take", "under_way",
+]  # fmt: skip
