@@ -98,14 +98,18 @@ class RestMode:
         """Take note of a sample in which the preview was not constant, the `reference` (2,) being its beginning."""
         self._moved, self.resting, self.ringing = reference.copy(), False, False
 
-    def pressures(self, task: Task) -> Array | None:
-        """Return the pressures (2,) [Pa] to hold in the situation of `task`, to be called at every sample; None: no
-        rest.
-        """
+    def catch_up(self) -> None:
+        """Do what the last `go_on` has put off."""
         if self._moved is not None:
             self._follow(*self._moved.tolist())
             self._moved = None
             self.begin()
+
+    def pressures(self, task: Task) -> Array | None:
+        """Return the pressures (2,) [Pa] to hold in the situation of `task`, to be called at every sample; None: no
+        rest.
+        """
+        self.catch_up()
         known = task.measured and not task.refused
         if not (known and self._constant(task.theta, task.K)) or self._pushed(task):
             self.begin()

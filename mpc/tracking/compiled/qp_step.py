@@ -90,7 +90,7 @@ class CompiledFeedForward:
         from mpc.tracking.compiled.sample.arrays import StepArrays
 
         self._plant, self.readable = plant, readable
-        self._arrays = StepArrays(plant, len(readable.slopes[0]) - 1, inverse=readable)
+        self.arrays = StepArrays(plant, len(readable.slopes[0]) - 1, inverse=readable)
         rest = np.zeros(len(readable.slopes[0]))
         self(rest, rest + 1.0, rest)  # compiles it
 
@@ -100,12 +100,12 @@ class CompiledFeedForward:
 
     def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:
         """Return the feed-forward for `theta` [rad] and `K` [N·m/rad] under torques `d` [N·m], (N+1,)."""
-        ask = self._arrays.ask
+        ask = self.arrays.ask
         ask.theta[:], ask.K[:], ask.torques[:] = theta, K, d
-        sure, moved = self._arrays.feed_forward()
+        sure, moved = self.arrays.feed_forward()
         if not sure:
             return self.readable(theta, K, d)
-        found = self._arrays.given.reference
+        found = self.arrays.given.reference
         return FeedForward(found.x.copy(), found.y.copy(), found.u.copy(), Moved(*moved.tolist()))
 
 

@@ -24,7 +24,17 @@ from mpc.tracking.compiled.jit import compiled, inlined, merged
 from mpc.tracking.compiled.records import Path, Reference
 from mpc.tracking.compiled.sample.calls import seconds_at, settle_at
 from mpc.tracking.compiled.sample.friction import ABSENT, Pressed, followed, less_friction
-from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State, asked_in, known_in, made_in, state_in
+from mpc.tracking.compiled.sample.layout import (
+    Asked,
+    Known,
+    Made,
+    State,
+    asked_in,
+    known_in,
+    length_of,
+    made_in,
+    state_in,
+)
 from mpc.tracking.compiled.sample.stages import (
     FEED,
     LINEARISE,
@@ -267,4 +277,4 @@ def read_outputs(c: Array, path: Path) -> None:
                 path.slope[k, i, j] = o[3 + 3 * j + i]
 
 
-__all__ = ["step"]
+__all__ = ["feed_forward", "known_in", "length_of", "linearise", "made_in", "rollout", "step"]

@@ -203,18 +203,16 @@ def answered(known: Known, step: Step, m: Memory, xi: Array, theta: Array, K: Ar
             start[i] = way[delay, i]
     held = known.rests and rests(known, m, xi, theta[delay:], K[delay:], expected)
     reference_of = given_in(step.given).reference
-    sure, x_star, y_star, u_star, moved = joint.feed_forward(
-        step.c, step.p, step.physics, step.slopes1, step.slopes2, theta[delay:], K[delay:], torques[delay:]
-    )
-    if not sure:
+    u_star, moved = reference_of.u, answers.moved[k]
+    if not joint.feed_forward(
+        step.c, step.p, joint.known_in(step.known), step.slopes, theta[delay:], K[delay:], torques[delay:],
+        reference_of, moved,
+    ):  # fmt: skip
         return False
-    reference_of.x[:], reference_of.y[:], reference_of.u[:] = x_star, y_star, u_star
     ahead = approached(known, step, m, start, torques[delay:], k, answers) if held else False
     if (held and not ahead) or (not held and not optimised(known, step, m, start, torques[delay:], u_star, k, answers)):
         return False
     m.u_star[0], m.u_star[1] = u_star[0, 0], u_star[0, 1]
-    for i in range(3):
-        answers.moved[k, i] = moved[i]
     return True
 
 
@@ -301,8 +299,9 @@ def optimised(
     solved, _ = solution.settle(step.numbers, step.starts, step.given, step.buffer, step.guess, step.z)
     if not solved:
         return False
-    finite, u, x, _, F = joint.rollout(*fixed, step.z)
-    record(known, m, u, x, F, 0.0, k, answers)
+    made = joint.made_in(np.empty(joint.length_of(N)))
+    finite = joint.rollout(*fixed, step.z, made)
+    record(known, m, made.u, made.x, made.F, 0.0, k, answers)
     answers.rung[k], answers.status[k] = QP, OPTIMAL
     return bool(finite)
 

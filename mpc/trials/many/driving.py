@@ -47,7 +47,7 @@ class Driving:
         qp_step: Any = controller._qp_step
         modules = {
             "process": plant.module,
-            "joint": qp_step._plant.step,
+            "joint": qp_step.plant.step,
             "solution": solve_module(),
             "told": imported(text),
         }

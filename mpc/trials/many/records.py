@@ -83,9 +83,8 @@ class Step(NamedTuple):
     shifted: Any
     z: Array
     p: Any
-    physics: Array
-    slopes1: Array
-    slopes2: Array
+    known: Array  # see `mpc.tracking.compiled.sample.layout`
+    slopes: Array
 
 
 class Memory(NamedTuple):

@@ -15,7 +15,7 @@ from mpc.trials.many.records import Belief, Filter, Known, Memory, Step
 
 def ordinary(controller: TrackingMPC, observer: KalmanObserver) -> bool:
     """Return whether what the readable parts remember has its place in the flat values."""
-    followed = [part._theta is not None for part in (observer._friction, controller._preview._friction)]
+    followed = [part.theta is not None for part in (observer._friction, controller._preview.friction)]
     gates = all(np.isnan(gate._refused) and gate._since == 0 for gate in observer._gates)
     return (
         observer.belief is not None
@@ -24,9 +24,9 @@ def ordinary(controller: TrackingMPC, observer: KalmanObserver) -> bool:
         and gates
         and not observer._frozen.any()
         and followed[0]
-        and (followed[1] or controller._preview._frictionless)
-        and controller.ladder._motion is not None
-        and controller.ladder._u_star is not None
+        and (followed[1] or controller._preview.frictionless)
+        and controller.ladder.motion is not None
+        and controller.ladder.u_star is not None
         and controller._preview._blind == 0
     )
 
@@ -50,7 +50,7 @@ def belief_of(observer: KalmanObserver) -> Belief:
     floor, memory = np.array([gate.floor for gate in observer._gates]), np.atleast_1d(observer._friction.memory)
     return Belief(
         belief.xi.copy(), belief.covariance.copy(), observer._variances.copy(), floor, observer._read.copy(),
-        observer._repeating.copy(), repeats, without, doubt, _floats(memory), _floats([observer._friction._theta]),
+        observer._repeating.copy(), repeats, without, doubt, _floats(memory), _floats([observer._friction.theta]),
         _floats([observer._step]), _floats(list(observer._commands)),
     )  # fmt: skip
 
@@ -64,7 +64,7 @@ def known_of(controller: TrackingMPC, c: Array) -> Known:
     resting[rest.SHORTEST], resting[rest.LONGEST] = mode.quarter_range
     resting[rest.DEAD_BAND], resting[rest.HIGHEST] = mode.compensation.dead_band, mode.limits.pressure[1]
     return Known(
-        c, preview._lower, preview._upper, preview.delay, preview._frictionless, controller.rest and mode.worthwhile,
+        c, preview.lower, preview.upper, preview.delay, preview.frictionless, controller.rest and mode.worthwhile,
         float(controller.compensation.dead_band), (*limits.pressure, limits.step, *limits.theta, limits.min_force),
         _floats(resting),
     )  # fmt: skip
@@ -75,26 +75,27 @@ def step_of(controller: TrackingMPC) -> Step:
     qp_step: Any = controller._qp_step
     feed_forward: Any = controller._feed_forward
     structured = qp_step.structured
-    c, p, physics, slopes1, slopes2 = feed_forward._fixed
-    h, substeps = qp_step._all[1:3]
+    c, p, known, slopes = feed_forward.arrays.fixed
+    h, substeps = qp_step.plant.h, qp_step.plant.substeps
     numbers, starts, given, buffer = structured.arrays
     return Step(
-        c, h, substeps, numbers, starts, given, buffer, structured.guess, structured._shifted, structured.z, p, physics,
-        slopes1, slopes2,
+        c, h, substeps, numbers, starts, given, buffer, structured.guess, structured._shifted, structured.z, p, known,
+        slopes,
     )  # fmt: skip
 
 
 def memory_of(controller: TrackingMPC) -> Memory:
     """Return what the controller remembers; copies."""
     preview, ladder, mode = controller._preview, controller.ladder, controller.rest_mode
-    expected = np.nan if preview._expected is None else preview._expected[0]
-    followed = np.nan if preview._friction._theta is None else preview._friction._theta
-    assert ladder._motion is not None  # `ordinary` has looked
-    memory = _floats(np.atleast_1d(preview._friction.memory))
-    waiting = _floats(preview._waiting).reshape(-1, 2)
+    mode.catch_up()
+    expected = np.nan if preview.expected is None else preview.expected[0]
+    followed = np.nan if preview.friction.theta is None else preview.friction.theta
+    assert ladder.motion is not None  # `ordinary` has looked
+    memory = _floats(np.atleast_1d(preview.friction.memory))
+    waiting = _floats(preview.waiting).reshape(-1, 2)
     return Memory(
-        waiting, _floats(preview._sent), _floats([expected]), memory, _floats([followed]), _floats(ladder._motion.u),
-        _floats(ladder._u_star), _rest(mode), mode._reference.copy(), _floats(mode._p), mode._quarters.copy(),
+        waiting, _floats(preview.last_sent), _floats([expected]), memory, _floats([followed]), _floats(ladder.motion.u),
+        _floats(ladder.u_star), _rest(mode), mode._reference.copy(), _floats(mode._p), mode._quarters.copy(),
         mode._sum.copy(),
     )  # fmt: skip
 

@@ -56,7 +56,7 @@ class StepArrays:
         self.asked, self.state = np.zeros(asked), np.full(state, np.nan)
         self.ask, self.memory = asked_of(self.asked), state_of(self.state, n, beyond.delay)
         slopes = np.zeros((2, N + 1, N + 1)) if inverse is None else np.stack([D.T for D in inverse.slopes])
-        fixed = plant.c, plant.p, known_of(_known(plant, inverse, gate, beyond)), np.ascontiguousarray(slopes)
+        self.fixed = plant.c, plant.p, known_of(_known(plant, inverse, gate, beyond)), np.ascontiguousarray(slopes)
         if structured is None:
             address, (given, path) = 0, map(np.zeros, record_lengths(N))
             setting: Any
@@ -69,7 +69,7 @@ class StepArrays:
         self._arguments = (
             address,
             *_CLOCK,
-            *fixed,
+            *self.fixed,
             beyond.friction,
             *setting,
             self.asked,

@@ -74,7 +74,13 @@ class Known(NamedTuple):
 def lengths(N: int, delay: int, memory: int) -> tuple[int, int, int]:
     """Return the lengths of `asked`, `state` and `out`."""
     previews = N + delay + 1
-    return _ASKED + 3 * previews, _STATE + memory + 2 * (delay + N), 4 * N + 7 * (N + 1) + _TAIL
+    return _ASKED + 3 * previews, _STATE + memory + 2 * (delay + N), _python(length_of)(N)
+
+
+@inlined
+def length_of(N: int) -> int:
+    """Return the length of `out`."""
+    return 4 * N + 7 * (N + 1) + _TAIL
 
 
 @inlined
@@ -138,6 +144,6 @@ def known_of(known: Known) -> Array:
 
 
 __all__ = [
-    "Asked", "Known", "Made", "State", "asked_in", "asked_of", "known_in", "known_of", "lengths", "made_in", "made_of",
-    "state_in", "state_of",
+    "Asked", "Known", "Made", "State", "asked_in", "asked_of", "known_in", "known_of", "length_of", "lengths",
+    "made_in", "made_of", "state_in", "state_of",
 ]  # fmt: skip
