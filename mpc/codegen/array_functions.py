@@ -245,8 +245,9 @@ class _Function(Expressions):
                 continue
             if self.new_array(value):
                 yield from self.memory(target, value, depth)
-            elif isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
-                yield from self.filled(target.value, value, depth)
+            elif isinstance(target, ast.Subscript) and any(isinstance(n, ast.Slice) for n in ast.walk(target.slice)):
+                places = target.slice.elts if isinstance(target.slice, ast.Tuple) else [target.slice]
+                yield from self.filled(target.value, places, value, depth)
             else:
                 yield from wrapped(f"{self.target(target)} = {self.text(value)};", depth)
 
@@ -259,17 +260,25 @@ class _Function(Expressions):
         zeros = " = {0}" if ast.unparse(value).startswith("np.zeros") else ""
         yield f"{'    ' * depth}{kind.memory(target.id)}{zeros};"
         if isinstance(value, ast.Call) and isinstance(value.func, ast.Attribute) and value.func.attr == "copy":
-            yield from self.filled(target, value.func.value, depth)
+            yield from self.filled(target, [], value.func.value, depth)
 
-    def filled(self, array: ast.expr, value: ast.expr, depth: int) -> Iterator[str]:
-        """Yield the lines that fill an array with a number, or with the elements of another one."""
-        sizes, copied = self.sizes(array), isinstance(self.kind(value), ArrayKind)
-        pad = "    " * depth
-        for i, size in enumerate(sizes):
-            yield f"{pad}{'    ' * i}for (int at{i} = 0; at{i} < {size}; at{i}++)"
-        places = "".join(f"[at{i}]" for i in range(len(sizes)))
-        wanted = f"{self.text(value, ATOM)}{places}" if copied else self.text(value)
-        yield f"{pad}{'    ' * len(sizes)}{self.text(array, ATOM)}{places} = {wanted};"
+    def filled(self, array: ast.expr, places: Sequence[ast.expr], value: ast.expr, depth: int) -> Iterator[str]:
+        """Yield the lines that fill an array, or what the slices among `places` leave of it, with a number or with the
+        elements of another array.
+        """
+        sizes, indices, loops = self.sizes(array), "", 0
+        for axis, size in enumerate(sizes):
+            match places[axis] if axis < len(places) else ast.Slice():
+                case ast.Slice(lower, upper, None):
+                    at, first = f"at{loops}", self.text(lower) if lower else "0"
+                    most = self.text(upper, SUM) if upper else size
+                    yield f"{'    ' * (depth + loops)}for (int {at} = {first}; {at} < {most}; {at}++)"
+                    indices, loops = f"{indices}[{at}]", loops + 1
+                case place:
+                    indices += f"[{self.text(place)}]"
+        copied = isinstance(self.kind(value), ArrayKind)
+        wanted = self.text(value, ATOM) + "".join(f"[at{i}]" for i in range(loops)) if copied else self.text(value)
+        yield f"{'    ' * (depth + loops)}{self.text(array, ATOM)}{indices} = {wanted};"
 
     def target(self, node: ast.expr) -> str:
         """Return what is assigned to; a variable that is new is declared."""
@@ -293,6 +302,21 @@ class _Function(Expressions):
             refuse(sequence, "a loop over something else than a range in steps of 1 or -1")
         sign, step = (">", "--") if down else ("<", "++")
         yield f"{pad}for (int {name} = {self.text(begin)}; {name} {sign} {self.text(end, SUM)}; {name}{step}) {{"
+
+
+def with_called(functions: Sequence[Callable[..., Any]]) -> list[Callable[..., Any]]:
+    """Return `functions` and those that they call, and these in turn, which are found as Python would."""
+    found: dict[str, Callable[..., Any]] = {}
+    left = [*functions]
+    while left:
+        function = left.pop(0)
+        node, names = _parsed(function), getattr(function, "py_func", function).__globals__
+        if node.name in found:
+            continue
+        found[node.name] = function
+        called = [n.func.id for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
+        left += [names[name] for name in dict.fromkeys(called) if name in names]
+    return [*found.values()]
 
 
 def _asks_for_a_size(node: ast.AST) -> bool:
@@ -328,4 +352,4 @@ def _check_order(node: ast.Assign, pairs: Sequence[tuple[ast.expr, ast.expr]]) -
             refuse(node, "a value asks for a name that has just been assigned")
 
 
-__all__ = ["Printed", "c_functions"]
+__all__ = ["Printed", "c_functions", "with_called"]

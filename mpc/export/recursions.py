@@ -2,23 +2,12 @@
 
 from typing import Any
 
-from mpc.codegen.array_functions import c_functions
+from mpc.codegen.array_functions import c_functions, with_called
 from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, StructKind
 from mpc.export import text
 
 _N, _AFTER, _BLOCKS = "ANT_HORIZON", "ANT_HORIZON + 1", "ANT_BLOCKS"
 _SIDE = "signed char"
-_NEWTON = (
-    "gradients",
-    "adjoint",
-    "left_over",
-    "factorise",
-    "direction",
-    "values",
-    "sides",
-    "fall_to",
-    "brought_within",
-)
 
 
 def recursion_files(single: bool) -> dict[str, str]:
@@ -26,23 +15,15 @@ def recursion_files(single: bool) -> dict[str, str]:
 
     In single precision there is no interior point: it would not come near enough to the solution.
     """
-    from mpc.tracking.compiled import certificate, commands, interior, newton, riccati, rows, solve, stage
+    from mpc.tracking.compiled import certificate, commands, newton, rows, solve
 
-    functions: list[Any] = [
-        *(stage.across, stage.decided, stage.linear_before, stage.advance, stage.charge_square, stage.charge_state),
-        *(stage.changed, newton.gradients, newton.adjoint, newton.pressed, newton.left_over, newton.factorise),
-        *(newton.press, newton.border_before, newton.invert, newton.decided_border, newton.direction, newton.follow),
-        *(commands.slew_bounds, commands.deviations, riccati.settled, riccati.backward, riccati.choose),
-        *(riccati.forward, certificate.brought_within, certificate.needed, certificate.proved),
-        *(solve.swept, solve.confirmed, rows.values, rows.sides, interior.fall_to),
-    ]
-    if not single:
-        functions += [rows.begin, rows.measure, rows.row_steps, rows.products_after, rows.aim_at, rows.go]
-        functions += [rows.bring_near, interior.gap_of, interior.interior, interior.binding, solve.persistent]
-    names = ("slew_bounds", "deviations", "swept", *_NEWTON, *([] if single else ["persistent"]))
-    entries = {name: f"ant_{name}" for name in names}
+    entries: list[Any] = [commands.slew_bounds, commands.deviations, solve.swept]
+    entries += [newton.gradients, newton.adjoint, newton.left_over, newton.factorise, newton.direction]  # softened.c
+    entries += [rows.values, rows.sides, certificate.brought_within]
+    entries += [] if single else [solve.persistent]
+    names = {entry.__name__: f"ant_{entry.__name__}" for entry in entries}
     structs = _structs()
-    made = c_functions(functions, _kinds(structs), single, entries, {})
+    made = c_functions(with_called(entries), _kinds(structs), single, names, {})
     about = "The QP of a step, solved sample by sample; printed from Python's text of it."
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head])
     body = "\n\n".join([f'/* {about} */\n#include "recursions.h"\n\n#include "real.h"', _SMALL, made.body])

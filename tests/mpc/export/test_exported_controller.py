@@ -113,9 +113,7 @@ def test_single_precision_keeps_commands_to_a_thousandth_of_the_supply(faulty_lo
     assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-3 * SPAN
 
 
-@needs_gcc
-@pytest.mark.parametrize(("precision", "near"), [("double", 1e-8), ("single", 1e-3)])
-@pytest.mark.parametrize(
+BINDING = pytest.mark.parametrize(
     ("settings", "angle", "K"),
     [
         ({}, 140 * DEG, 12.0),  # beyond the joint range, and stiffer than can be
@@ -124,16 +122,36 @@ def test_single_precision_keeps_commands_to_a_thousandth_of_the_supply(faulty_lo
     ],
     ids=["joint range", "taut muscles", "blocked moves, two QPs"],
 )
-def test_limits_that_bind_bind_in_c_as_they_do_in_python(settings, angle, K, precision, near, tmp_path):
+
+
+def limited(directory, precision, settings, angle, K):
+    """What the exported controller and Python's answer along a reference that cannot be followed."""
     plant = Plant()
     controller, observer = pair(plant, 12, **settings)
     reference = sine(amplitude=angle, K=K, K_amplitude=0.0, frequency=0.5, duration=1.4, ramp=0.3)
     samples, wanted = recorded(plant, controller, observer, reference, failing={60, 61})
-    directory = export(tmp_path / "c", controller=controller, observer=observer, precision=precision)
-    got = replayed(tools.compiled(directory, CONTROL, "vectors"), samples)
     assert wanted[:, MOVED].max() > 0.1
+    made = export(directory, controller=controller, observer=observer, precision=precision)
+    return replayed(tools.compiled(made, CONTROL, "vectors"), samples), wanted
+
+
+@needs_gcc
+@BINDING
+def test_limits_that_bind_bind_in_c_as_they_do_in_python(settings, angle, K, tmp_path):
+    got, wanted = limited(tmp_path / "c", "double", settings, angle, K)
     np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
-    assert np.abs(got[:, U] - wanted[:, U]).max() < near * SPAN
+    assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-8 * SPAN
+
+
+@needs_gcc
+@BINDING
+def test_single_precision_refuses_few_answers_where_limits_bind_and_commands_the_same(settings, angle, K, tmp_path):
+    got, wanted = limited(tmp_path / "c", "single", settings | {"weights": Weights.calm()}, angle, K)
+    differs = (got[:, [STATUS, RUNG]] != wanted[:, [STATUS, RUNG]]).any(axis=1)
+    assert differs.mean() <= 0.03
+    assert (got[differs, STATUS] == PlanStatus.REFUSED).all()
+    assert (got[differs, RUNG] == Rung.SOFTENED).all()
+    assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-3 * SPAN
 
 
 @needs_gcc

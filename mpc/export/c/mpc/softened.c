@@ -39,14 +39,18 @@ static void differentiate(const softened *s) {
     w->rows.push[N][0] = w->rows.push[N][1] = 0;
 }
 
-/* At the point, after differentiate. */
+/* At the point, above the origin's but for its rows; after differentiate. */
 static ant_real cost(const softened *s) {
-    ant_real sum = -ant_fall_to(&s->q.path, &ANT_SETTING, &s->q.at, s->q.bounded.there, &s->q.work);
-    for (int k = 0; k < N; k++)
+    const ant_qp_work *w = &s->q.work;
+    ant_real sum = 0;
+    ant_adjoint(&s->q.path, w->gx, w->gv, w->r);
+    for (int k = 0; k < N; k++) {
+        for (int i = 0; i < 2; i++) sum += (w->first[k][i] + w->r[k][i]) / 2 * s->q.at.v[k][i];
         for (int row = SUPPLY; row < ALL; row++) {
             const ant_real beyond = breach(s, k, row);
             if (beyond > 0) sum += charge_of(row) / 2 * beyond * beyond;
         }
+    }
     return sum;
 }
 
