@@ -20,6 +20,13 @@ from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, Kinds, StructKin
 from mpc.codegen.array_simplified import simplified
 from mpc.codegen.c_text import number
 
+MIN_AND_MAX = "\n".join(
+    f"static inline {kind} ant_{name}{suffix}({kind} a, {kind} b) {{ return a {sign} b ? a : b; }}"
+    for kind, suffix in ((REAL, ""), (INT, "_int"))
+    for name, sign in (("min", "<"), ("max", ">"))
+)
+"""What printed functions take for min and max, to be put before them."""
+
 
 class Printed(NamedTuple):
     """`Printed` are the prototypes of the functions for others, and the text of all."""
@@ -352,4 +359,4 @@ def _check_order(node: ast.Assign, pairs: Sequence[tuple[ast.expr, ast.expr]]) -
             refuse(node, "a value asks for a name that has just been assigned")
 
 
-__all__ = ["Printed", "c_functions", "with_called"]
+__all__ = ["MIN_AND_MAX", "Printed", "c_functions", "with_called"]

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from mpc.codegen.array_functions import c_functions, with_called
+from mpc.codegen.array_functions import MIN_AND_MAX, c_functions, with_called
 from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, StructKind
 from mpc.export import text
 
@@ -26,17 +26,11 @@ def recursion_files(single: bool) -> dict[str, str]:
     made = c_functions(with_called(entries), _kinds(structs), single, names, {})
     about = "The QP of a step, solved sample by sample; printed from Python's text of it."
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head])
-    body = "\n\n".join([f'/* {about} */\n#include "recursions.h"\n\n#include "real.h"', _SMALL, made.body])
+    body = "\n\n".join([f'/* {about} */\n#include "recursions.h"\n\n#include "real.h"', MIN_AND_MAX, made.body])
     return {
         "src/recursions.h": text.header("ANT_RECURSIONS_H", about, head, ["antagonist.h"]),
         "src/recursions.c": f"{body}\n",
     }
-
-
-_SMALL = "\n".join(
-    f"static inline {REAL} ant_{name}({REAL} a, {REAL} b) {{ return a {sign} b ? a : b; }}"
-    for name, sign in (("min", "<"), ("max", ">"))
-)
 
 
 def _array(*sizes: str | int, element: str = REAL, constant: bool = False) -> ArrayKind:
@@ -101,7 +95,7 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
     """Return what arguments are, by their names in all functions."""
     sweep, rows, factors = structs["sweep"].fields, structs["rows"].fields, structs["factors"].fields
     per_u = sweep["gv"]
-    reals = ("w", "least0", "least1", "total", "product", "share", "mean")
+    reals = ("w", "least0", "least1", "total", "worst", "product", "share", "mean", "tolerance", "c0", "c1")
     return {
         **structs,
         **{name: structs["path"].fields[name] for name in ("A", "B", "slope")},
@@ -109,7 +103,13 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         **{name: factors[name] for name in ("sigma", "inverse")},
         **dict.fromkeys(("W", "b", "value", "push"), rows["b"]),
         **dict.fromkeys(("gradient", "v", "lower", "upper"), per_u),
-        **{"at": structs["point"], "by": structs["point"], "f": structs["factors"], "xi": _array(_AFTER, 6)},
+        **{
+            "at": structs["point"],
+            "by": structs["point"],
+            "trial": structs["point"],
+            "f": structs["factors"],
+            "xi": _array(_AFTER, 6),
+        },
         **{"S": _array(6, 6), "SA": _array(6, 6), "P": _array(6, 2), "G": _array(2, 2), "F": sweep["feedback"]},
         **{"s": _array(6), "p": _array(6), "e": _given(2), "slack": _given(4), "last": _given(2, 2)},
         **{"u": _given(_N, 2), "guess": _array(f"2 * {_BLOCKS}", element=_SIDE)},

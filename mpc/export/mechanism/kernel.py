@@ -9,7 +9,7 @@ from allocator.allocation.kernels import source
 from allocator.allocation.kernels.printer import Outside, Source, c_form
 from allocator.allocation.status import Status
 from allocator.mechanism.kernel import data, levels, residual
-from mpc.codegen.array_functions import c_functions
+from mpc.codegen.array_functions import MIN_AND_MAX, c_functions
 from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, StructKind
 from mpc.export import text
 
@@ -38,18 +38,15 @@ def kernel_files(single: bool) -> dict[str, str]:
     about = "Lexicographic least squares in a box, printed from Python's text of it."
     bounds = c_form(Source.of(source), "interval", _OUTSIDE)
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head, bounds.head])
-    body = "\n\n".join([f'/* {about} */\n#include "antagonist.h"\n#include "real.h"', _SMALL, made.body, bounds.body])
+    body = "\n\n".join(
+        [f'/* {about} */\n#include "antagonist.h"\n#include "real.h"', MIN_AND_MAX, made.body, bounds.body]
+    )
     return {
         "src/kernel.h": text.header("ANT_KERNEL_H", about, head),
         "src/kernel.c": f"{body}\n",
     }
 
 
-_SMALL = "\n".join(
-    f"static inline {kind} ant_{name}{suffix}({kind} a, {kind} b) {{ return a {sign} b ? a : b; }}"
-    for kind, suffix in ((REAL, ""), (INT, "_int"))
-    for name, sign in (("min", "<"), ("max", ">"))
-)
 _OUTSIDE = Outside(
     names={"clip": "ant_clip"} | {s.name: f"ANT_{s.name}" for s in Status if hasattr(source, s.name)},
     functions={"interval": "ant_interval"},

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allocator.allocation.kernels.printer import Unprintable
-from mpc.codegen.array_functions import c_functions, with_called
+from mpc.codegen.array_functions import MIN_AND_MAX, c_functions, with_called
 from mpc.codegen.array_kinds import INT, REAL, ArrayKind, StructKind
 
 from ...rigs import toolchain as tools
@@ -73,10 +73,6 @@ KINDS = {
     "box": StructKind("box", dict.fromkeys(("lower", "upper"), ArrayKind(REAL, (str(N),), True)), False),
 }
 KINDS["work"] = StructKind("work", {"box": KINDS["box"], "places": ArrayKind(INT, ("3",), True)}, False)
-SMALL = "\n".join(
-    f"static inline {REAL} ant_{name}({REAL} a, {REAL} b) {{ return a {sign} b ? a : b; }}"
-    for name, sign in (("min", "<"), ("max", ">"))
-)
 
 
 def compiled(folder, single):
@@ -84,7 +80,7 @@ def compiled(folder, single):
     made = c_functions(with_called([mixed]), KINDS, single, {"mixed": "ant_mixed"}, {})
     structs = "\n".join(KINDS[name].definition() for name in ("box", "work"))
     (folder / "antagonist_config.h").write_text("#define ANT_SINGLE\n" if single else "\n")
-    (folder / "mixed.c").write_text(f'#include "real.h"\n\n{structs}\n{SMALL}\n{made.head}\n\n{made.body}\n')
+    (folder / "mixed.c").write_text(f'#include "real.h"\n\n{structs}\n{MIN_AND_MAX}\n{made.head}\n\n{made.body}\n')
     flags = *tools.STRICT, "-Wdouble-promotion", "-O2", "-shared", "-fPIC", f"-I{SOURCES}", f"-I{SOURCES / 'allocate'}"
     subprocess.run(["gcc", *flags, "mixed.c", "-lm", "-o", "mixed.so"], cwd=folder, check=True)
     run = ctypes.CDLL(str(folder / "mixed.so")).ant_mixed
