@@ -80,7 +80,8 @@ with N, not with its cube.""",
     "single": """\
 What they do not settle DAQP's core solves (`src/daqp`, MIT), a dual active-set method, on the QP in dense form
 (`src/condense.c`), and what it says is checked before it is used: single precision has too few digits for an interior
-point. Its time grows with the cube of N; at N = 20 such a step takes about ten times as long as the usual one.""",
+point. Its time grows with the cube of N; at N = 20 such a step takes about ten times as long as the usual one. Of the
+rows DAQP is given those that an answer has broken, at most 4 N; where that is not enough the softened QP answers.""",
 }
 
 _WORST = {

@@ -1,6 +1,4 @@
 /* What the sweeps do not settle an interior point solves, in double precision. */
-#include <string.h>
-
 #include "control.h"
 
 ant_plan_status ant_persist(ant_controller *c, const ant_real u_last[2], int count, ant_real z[ANT_DECISIONS],
