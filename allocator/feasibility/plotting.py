@@ -49,7 +49,7 @@ def plot_map(feasible: FeasibilityMap, axes: Any = None) -> Any:
     name_axes(axes, _named(x, [feasible]), _named(y, [feasible]))
     _show_range(axes, [feasible])
     _label_edges(axes, feasible, x, y)
-    axes.set_title("\n".join(filter(None, (_held(feasible), feasible.assumed))), fontsize="medium", loc="left")
+    _title(axes, f"feasible {_held(feasible)}", feasible.assumed)
     return axes
 
 
@@ -75,7 +75,9 @@ def plot_maps(maps: Mapping[str, FeasibilityMap], axes: Any = None, *, title: st
         axes.plot([], [], color=GREY, linestyle=dash, label=text)
     name_axes(axes, _named(x, maps.values()), _named(y, maps.values()))
     _show_range(axes, list(maps.values()))
-    _note(axes, maps)
+    held = {_held(m) for m in maps.values()}
+    shown = f"feasible by {title}" if title else "feasible"
+    _title(axes, f"{shown} {held.pop()}" if len(held) == 1 else shown, _assumed(maps))
     legend_outside(axes, title)
     return axes
 
@@ -102,16 +104,20 @@ def plot_pressures(feasible: FeasibilityMap, figure: Any = None) -> Any:
     panels[1].set_ylabel("")
     figure.colorbar(colours, ax=panels, label=QUANTITIES["P"].label, ticks=np.linspace(0, float(top), 6))
     _show_range(panels[0], [feasible])
-    if feasible.assumed:
-        figure.suptitle(feasible.assumed, fontsize="small")
+    figure.suptitle("\n".join(filter(None, (f"pressures {_held(feasible)}", feasible.assumed))), fontsize="medium")
     return figure
 
 
-def _note(axes: Any, maps: Mapping[str, FeasibilityMap]) -> None:
-    """Say over the picture of several maps which of them rest on assumed slack limits."""
-    if assumed := {name: m.assumed for name, m in maps.items() if m.assumed}:
-        which = "" if len(assumed) == len(maps) else f"{', '.join(assumed)}: "
-        axes.set_title(which + next(iter(assumed.values())), fontsize="small", loc="left")
+def _title(axes: Any, shown: str, assumed: str) -> None:
+    """Say over the picture what it shows, and which slack limits are assumed."""
+    axes.set_title("\n".join(filter(None, (shown, assumed))), fontsize="medium", loc="left")
+
+
+def _assumed(maps: Mapping[str, FeasibilityMap]) -> str:
+    """Return which of the maps rest on assumed slack limits, if any."""
+    assumed = {name: m.assumed for name, m in maps.items() if m.assumed}
+    which = "" if len(assumed) == len(maps) else f"{', '.join(assumed)}: "
+    return which + next(iter(assumed.values())) if assumed else ""
 
 
 # --- curves ---------------------------------------------------------------------------------------------------------

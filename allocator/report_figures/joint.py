@@ -13,7 +13,7 @@ from allocator.units import BAR, DEG
 
 _ANGLE = "joint angle θ [°]"
 _STEPS = 501
-_LETTERS = (("(a)", "P1 - P2 [bar]"), ("(b)", "P1 + P2 [bar]"))
+_LETTERS = (("(a) difference of the pressures", "P1 - P2 [bar]"), ("(b) sum of the pressures", "P1 + P2 [bar]"))
 MCKIBBEN_STIFFNESSES = np.arange(1.0, 6.5, 1.0)  # [N·m/rad]
 FESTO_STIFFNESSES = np.arange(6.0, 9.1, 0.5)  # [N·m/rad]; the report gives the range, not the step
 

@@ -22,8 +22,8 @@ def plot_polygon(polygon: Polygon, axes: Any = None) -> Any:
     axes = new_axes(7.8) if axes is None else axes
     x, y = polygon.axes
     name_axes(axes, x.label, y.label)
-    title = f"at {polygon.held}" if polygon.held else ""
-    axes.set_title(title if len(polygon.vertices) else f"nothing exists {title}", fontsize="medium", loc="left")
+    exists = "feasible" if len(polygon.vertices) else "nothing exists"
+    axes.set_title(f"{exists} at {polygon.held}" if polygon.held else exists, fontsize="medium", loc="left")
     if not len(polygon.vertices):
         return axes
     axes.fill(*polygon.vertices.T, facecolor=FILL, edgecolor="black", linewidth=1.5)

@@ -27,6 +27,8 @@ def plot_workspace(found: EndpointEllipses, axes: Any = None) -> Any:
     axes = new_axes(8.2, 5.6) if axes is None else axes
     axes.set_aspect("equal")
     name_axes(axes, "x of the hand [m]", "y of the hand [m]")
+    numbers = "; beside it the longest half axis [N/m]" if np.count_nonzero(found.exists) <= _MOST_NUMBERS else ""
+    axes.set_title(f"stiffness of the hand{numbers}", fontsize="medium", loc="left")
     x, softest, stiffest, tilt = (part[found.exists] for part in (found.x, found.softest, found.stiffest, found.tilt))
     missing = found.x[~found.exists]
     if len(missing):

@@ -134,6 +134,6 @@ def test_edges_carry_the_letters_of_the_muscles():
     assert any("SF↑" in text for text in texts)
     assert any("shoulder flexor" in text for text in texts)
     assert axes.get_xlabel() == "stiffness K11 [N·m/rad]"
-    assert axes.get_title(loc="left") == "at T1 = 2 N·m, T2 = 1 N·m"
+    assert axes.get_title(loc="left") == "feasible at T1 = 2 N·m, T2 = 1 N·m"
     empty = feasible_targets(ARM, [0.4, -0.3]).polygon("K11", "K22", {"T1": 90.0}).plot()
     assert empty.get_title(loc="left") == "nothing exists at T1 = 90 N·m"
