@@ -1,6 +1,7 @@
 """What the documents name is there."""
 
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -23,3 +24,13 @@ def test_every_file_and_folder_named_in_a_document_exists(document):
 def test_every_link_within_the_project_leads_somewhere(document):
     links = re.findall(r"\]\((?!https?:)([^)#]+)(?:#[^)]*)?\)", (ROOT / document).read_text())
     assert [link for link in links if not ((ROOT / document).parent / link).exists()] == []
+
+
+@pytest.mark.parametrize("document", [*DOCUMENTS, "CHANGELOG.md"])
+def test_no_line_and_no_row_of_a_table_stands_twice(document):
+    """Two branches that both add to a list leave both, when they are merged, in one document."""
+    text = re.sub(r"^(```|~~~).*?^\1", "", (ROOT / document).read_text(), flags=re.MULTILINE | re.DOTALL)
+    prose = [line for line in text.splitlines() if len(line) > 40 and not line.startswith(("    ", "|--", "|:-"))]
+    rows = [cell for cell in re.findall(r"^\| (`[^|]*`) \|", text, re.MULTILINE) if "/" in cell]
+    names = re.findall(r"^- `((?:mpc|allocator)[\w.]*)`:", text, re.MULTILINE)
+    assert [line for line, count in Counter([*prose, *rows, *names]).items() if count > 1] == []

@@ -60,6 +60,7 @@ def test_the_version_is_the_same_everywhere():
     pyproject, citation = (ROOT / "pyproject.toml").read_text(), (ROOT / "CITATION.cff").read_text()
     version = re.search(r'^version = "(.+)"', pyproject, re.MULTILINE).group(1)
     assert f"\nversion: {version}\n" in citation
+    assert f"version = {{{version}}}" in (ROOT / "docs" / "index.md").read_text()
 
 
 def test_both_packages_say_that_they_are_typed():
