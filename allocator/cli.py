@@ -88,6 +88,8 @@ def allocate(
     from allocator.allocation import allocate as solve
     from allocator.units import DEG
 
+    if priority not in ("torque", "stiffness"):
+        raise InvalidInput(f"--priority {priority}: choose torque or stiffness; allocate() in Python has weights, too")
     if mechanism_options.mechanism is not None:
         mechanism_options.alone(options, stiffness_options, theta)
         asked: dict[str, Any] = {"priority": priority, "method": method, "solver": solver, "min_force": min_force}

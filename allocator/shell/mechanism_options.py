@@ -43,7 +43,10 @@ class MechanismOptions:
         if theta is not None:
             raise InvalidInput("--theta is of a joint; a mechanism has a --posture")
         if stiffness != StiffnessOptions():
-            raise InvalidInput("--valves, --frequency and --lag are of a joint; a mechanism's stiffness is isobaric")
+            raise InvalidInput(
+                "--valves, --frequency and --lag are of a joint: with a mechanism K is isobaric here; "
+                "allocate_mechanism() in Python takes valves, frequency and lag, too"
+            )
         if joint != JointOptions():
             raise InvalidInput(
                 "--mechanism goes without the options of a joint; a mechanism's muscles stand in its file"

@@ -144,7 +144,7 @@ def _pymodbus() -> Any:
 def open_modbus(address: str) -> ModbusDevice:
     """Drive a Modbus valve terminal: modbus:HOST[:PORT][:MAP.toml], or modbus:/dev/tty…[:MAP.toml] for RTU."""
     parts = _ADDRESS.fullmatch(address)
-    if parts is None:
+    if parts is None or parts["place"].endswith(".toml"):  # a map alone
         raise InvalidInput(f"device modbus:{address}: expected HOST:PORT or /dev/ttyUSB0, and then :MAP.toml")
     place, port, file = parts["place"], parts["port"] or str(PORT), parts["map"]
     known = RegisterMap.generic() if file is None else RegisterMap.load(file)

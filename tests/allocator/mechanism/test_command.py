@@ -60,7 +60,7 @@ def test_a_file_stands_for_a_machine(tmp_path):
         (("--stiffness", "9,50,9", "--posture", "1,2"), "has to be positive definite"),
         (("--stiffness", "9", "--posture", "1,2", "--theta", "5"), "--theta is of a joint"),
         (("--stiffness", "9", "--posture", "1,2", "--radius", "20"), "without the options of a joint"),
-        (("--stiffness", "9", "--posture", "1,2", "--valves", "shut"), "a mechanism.s stiffness is isobaric"),
+        (("--stiffness", "9", "--posture", "1,2", "--valves", "shut"), "K is isobaric here"),
         (("--stiffness", "9", "--posture", "1,2", "--torque", "1,2,3"), "--torque 1,2,3: expected 1"),
     ],
 )
@@ -119,6 +119,7 @@ def test_at_least_a_stiffness():
         (("--stiffness", "9", "--posture", "1,20", *LINKS, "--push", "1"), "--push 1: expected 2 .its x and y"),
         (("--stiffness", "9,8,7,6", "--posture", "1,20", *LINKS), r"expected 1 .* 2 .* 3 .* \[N/m\]"),
         (("--stiffness", "9", "--posture", "1,20", "--at-least", "--priority", "stiffness"), "--at-least goes without"),
+        (("--stiffness", "9", "--posture", "1,20", "--priority", "weighted"), "choose torque or stiffness"),
     ],
 )
 def test_wrong_options_of_a_hand(arguments, sentence):

@@ -159,6 +159,7 @@ def test_registers_apart_are_requests_apart(tmp_path, terminal):
         ("host:port", "'port' is no port"),
         ("host:1:2", "expected"),
         ("host:70000", "no port"),
+        ("map.toml", "expected HOST:PORT"),
     ],
 )
 def test_an_address_that_is_none_is_refused(address, said):

@@ -111,6 +111,8 @@ def plan_joint_experiment(
         Levels [Pa] that both pressures may have; six from 1.5 bar to the supply by default.
     weights
         Torques [N·m] that can be hung; by default those that move the joint by 5°, 8° and 12°.
+
+    Raises `InvalidInput` for what cannot be, and for a weight that the joint holds nowhere.
     """
     if not 0 < accuracy < 1:
         raise InvalidInput(f"accuracy = {accuracy!r} has to be a share of K, such as 0.05")
@@ -140,6 +142,8 @@ def _plan(joint: AntagonistJoint, accuracy: float, sigma: float, levels: Array, 
     problem, x, angle = _candidates(joint, levels, W)
     B = problem.jacobian(x)[: problem.samples.n].reshape(2, -1, x.size).swapaxes(0, 1) / sigma  # (setpoints, 2, m)
     T = problem.samples.torque.reshape(2, -1)[0]
+    if not T.any():
+        raise InvalidInput(f"a weight of {W:g} N·m is more than the joint holds at any of these pressures; hang less")
     C, goal = _prior(problem, x), _goal(joint, problem, x, angle, T == 0)
     chosen: list[int] = []
     reached = _accuracy(goal, C)
