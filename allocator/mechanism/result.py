@@ -86,7 +86,7 @@ class MechanismAllocation:
             kkt_residual=form(found.residual),
             rounds=form(found.solved.rounds),
             gap=form(left),
-            lower_bounds=found.bounds.reshape(*shape, -1),
+            lower_bounds=found.bounds.reshape(*shape, found.bounds.shape[-1]),
             method=method,
             _problem=problem,
             _mu=found.solved.mu,
@@ -116,7 +116,9 @@ class MechanismAllocation:
     @property
     def q(self) -> Array:
         """Return the postures that are answered (…, n) [rad]: those asked for, within the joints' range."""
-        return np.broadcast_to(self._problem.q, (self._problem.size, self.mechanism.n)).reshape(*self._shape, -1)
+        return np.broadcast_to(self._problem.q, (self._problem.size, self.mechanism.n)).reshape(
+            *self._shape, self.mechanism.n
+        )
 
     @property
     def T_error(self) -> Array:
@@ -142,7 +144,7 @@ class MechanismAllocation:
         rows, ends = self._problem.rows
         y = self._problem.given(self.P.reshape(-1, self.mechanism.m))[:, rows]
         squares = self._problem.weights[rows] * (y - self._problem.y[:, rows]) ** 2
-        return np.add.reduceat(squares, [0, *ends[:-1].tolist()], axis=1).reshape(*self._shape, -1)
+        return np.add.reduceat(squares, [0, *ends[:-1].tolist()], axis=1).reshape(*self._shape, ends.size)
 
     @cached_property
     def forces(self) -> Array:

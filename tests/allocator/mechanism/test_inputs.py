@@ -5,7 +5,17 @@ import numpy as np
 import pytest
 
 from allocator import InvalidInput, MissingBackend
-from allocator.mechanism import Link, Mechanism, Pulleys, Sites, Tables, allocate_mechanism, from_function, machines
+from allocator.mechanism import (
+    Endpoint,
+    Link,
+    Mechanism,
+    Pulleys,
+    Sites,
+    Tables,
+    allocate_mechanism,
+    from_function,
+    machines,
+)
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR
 
@@ -122,3 +132,10 @@ def test_answers_are_frozen():
     assert many.P.shape == (3, 4, 6)
     assert many.status.shape == many.active.shape == (3, 4)
     assert "12 targets" in repr(many)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "qp"}, {"endpoint": Endpoint.planar([0.3, 0.25])}], ids=str)
+def test_no_targets_have_no_answers(options):
+    a = allocate_mechanism(ARM, np.zeros((0, 2)), 10.0, **options)
+    assert (a.P.shape, a.K.shape, a.costs.shape, a.lower_bounds.shape) == ((0, 6), (0, 2, 2), (0, 2), (0, 2))
+    assert (a.status.shape, a.forces.shape) == ((0,), (0, 6))
