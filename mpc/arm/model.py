@@ -312,7 +312,6 @@ class Arm:
         """Return the CasADi column (svec K, F) over `statics.q` and `statics.P`."""
         import casadi as ca
 
-        rows, columns, factors = self.entries
         K = self.statics.stiffness
         if self.endpoint is not None:
             J = symbolic_jacobian(self.endpoint, self.statics.q)
@@ -321,8 +320,18 @@ class Arm:
                 K = turned.T @ K @ turned
             else:
                 K = ca.inv(J @ ca.solve(K, J.T))
-        entries = [f * K[int(i), int(j)] for i, j, f in zip(rows, columns, factors.tolist(), strict=True)]
+        entries = [f * K[int(i), int(j)] for i, j, f in zip(*self.entries, strict=True)]
         return ca.vertcat(*entries, self.statics.forces)
+
+    @property
+    def joint_svec(self) -> Any:
+        """Return svec of the joints' stiffness as a CasADi column, whatever stiffness is tracked."""
+        import casadi as ca
+
+        rows, columns = np.triu_indices(self.n)
+        K = self.statics.stiffness
+        pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+        return ca.vertcat(*(K[i, j] if i == j else sqrt(2) * K[i, j] for i, j in pairs))
 
     def acceleration(self) -> Any:
         """Return the CasADi function (q, ω, P, d) ↦ ω', with P in Pa and torques d (n,) [N·m] from outside."""

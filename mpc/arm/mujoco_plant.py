@@ -24,13 +24,10 @@ from allocator.mechanism.routes.mjcf import load, said, tendon_lengths
 from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.arm.pneumatics import Pneumatics
+from mpc.arm.pushing import pushed_stiffness, settle
 from mpc.arm.tendon_jacobian import TendonJacobian
 
 _NODES, _SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
-_STILL = 1e-9  # [rad/s] a pushed machine that moves no faster has come to rest
-_LONGEST_REST = 60.0  # [s] of waiting for it
-_SLOWEST = 1.0  # [1/s] what no muscle holds is braked as if it moved at this rate
-_FINE, _COARSE = 0.3, 0.01  # steps while it settles: in times of the fastest mode, and [s] at most
 
 
 class Readings(NamedTuple):
@@ -258,19 +255,7 @@ class MujocoPlant:
         With `shut` valves the gas is trapped instead, so that pressures follow the motion (needs `gas`). A damping that
         is there for the settling alone takes the energy. Raises `InvalidInput` where there is no rest within a minute.
         """
-        if shut and self.pneumatics.gas is None:
-            raise InvalidInput("shut valves trap gas, and this plant has none: say gas=True")
-        self._load[self._speeds] = self._row("load", load, self.n, "N·m")
-        begin, (brake, step) = self.time, self._brake()
-        while self.time - begin < _LONGEST_REST:
-            for _ in range(10):
-                self._substep(step, brake, shut)
-            self._look()
-            if np.abs(self.data.qvel).max() < _STILL:
-                return self.q
-        raise InvalidInput(
-            f"the machine does not come to rest within {_LONGEST_REST:g} s: its stiffness holds no posture"
-        )
+        return settle(self, self._row("load", load, self.n, "N·m"), shut)
 
     def pushed_stiffness(self, push: float = 0.05, load: ArrayLike = 0.0, *, shut: bool = False) -> Array:
         """Measure the stiffness (n, n) [N·m/rad] where the machine comes to rest under a `load` (n,) [N·m].
@@ -282,39 +267,36 @@ class MujocoPlant:
         push = checks.number("push", push, "N·m")
         if not push > 0:
             raise InvalidInput(f"push = {push:g} N·m has to be positive")
-        kept = self._kept()
-        held = self._row("load", load, self.n, "N·m")
-        self.settle(held, shut=shut)
-        rest, compliance = self._kept(), np.empty((self.n, self.n))
-        for i, unit in enumerate(np.eye(self.n)):
-            ends = []
-            for sign in (+1.0, -1.0):
-                self._restore(rest)
-                ends.append(self.settle(held + sign * push * unit, shut=shut))
-            compliance[:, i] = (ends[0] - ends[1]) / (2 * push)
-        self._restore(kept)
-        K = np.linalg.inv(compliance)
-        return np.asarray((K + K.T) / 2)
+        return pushed_stiffness(self, push, self._row("load", load, self.n, "N·m"), shut)
 
-    def _brake(self) -> tuple[Array, float]:
-        """Return a damping (nv, nv) [N·m·s/rad] in which no mode swings any more, and a step [s] fine enough for it."""
+    def inertia(self) -> Array:
+        """Return MuJoCo's mass matrix (nv, nv) [kg·m²] now."""
         import mujoco
-        from scipy.linalg import eigh
 
-        M, J = np.zeros((self.model.nv, self.model.nv)), self._jacobian()
+        M = np.zeros((self.model.nv, self.model.nv))
         for row, unit in zip(M, np.eye(self.model.nv), strict=True):
             mujoco.mj_mulM(self.model, self.data, row, unit)
-        squares, modes = eigh(J.T @ (self.pneumatics.own_stiffness(self.lengths, self._P)[:, None] * J), M)
-        rates = np.sqrt(np.maximum(squares, _SLOWEST**2))
-        moved = M @ modes
-        step = max(min(_FINE / float(rates.max()), _COARSE), float(self.model.opt.timestep))
-        return (2 * rates * moved) @ moved.T, step
+        return M
 
-    def _kept(self) -> tuple[Any, ...]:
+    def own_stiffness(self) -> Array:
+        """Return what the muscles' own stiffness makes of that of all degrees of freedom (nv, nv) [N·m/rad] now."""
+        J = self._jacobian()
+        return np.asarray(J.T @ (self.pneumatics.own_stiffness(self.lengths, self._P)[:, None] * J))
+
+    def held(self, load: Array, steps: int, step: float, brake: Array, shut: bool) -> None:
+        """Advance by `steps` of `step` [s] with frozen or `shut` valves, under a `load` (n,) and a `brake` (nv, nv)."""
+        self._load[self._speeds] = load
+        for _ in range(steps):
+            self._substep(step, brake, shut)
+        self._look()
+
+    def kept(self) -> tuple[Any, ...]:
+        """Return the state, for `restore`."""
         d = self.data
         return float(d.time), d.qpos.copy(), d.qvel.copy(), self._P.copy(), self._load.copy(), list(self._waiting)
 
-    def _restore(self, kept: tuple[Any, ...]) -> None:
+    def restore(self, kept: tuple[Any, ...]) -> None:
+        """Go back to the state that was `kept`."""
         d = self.data
         d.time, d.qpos[:], d.qvel[:] = kept[:3]
         self._P, self._load = kept[3].copy(), kept[4].copy()

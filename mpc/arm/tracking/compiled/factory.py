@@ -34,7 +34,8 @@ def factory(arm: Arm, dt: float, problem: ArmProblem, predictor: Any, feed_forwa
         from mpc.arm.tracking.compiled.qp_step import CompiledArmFeedForward, CompiledArmQPStep
 
         made = compiled_arm(arm, dt)
-        feed: Any = ready if arm.endpoint is not None else CompiledArmFeedForward(arm, made, ready)
+        redundant = arm.tracked < arm.n  # K_x is not linear in the pressures then
+        feed: Any = ready if redundant else CompiledArmFeedForward(arm, made, ready)
         parts = ArmParts(CompiledArmQPStep(arm, dt, made, problem), feed)
         _compile(arm, problem, *parts)
         return parts

@@ -15,13 +15,14 @@ from mpc.codegen.python_text import filling
 from mpc.model.experiment import RESOLUTION
 from mpc.tracking.compiled.module import imported, with_formulas
 
-_TEMPLATE = Path(__file__).with_name("step.py")
+_STEP, _FEED_FORWARD = (Path(__file__).with_name(f"{name}.py") for name in ("step", "feedforward"))
 
 
 class CompiledArm(NamedTuple):
     """A compiled arm is what is compiled for a family of arms, and the numbers of one."""
 
     step: ModuleType  # `mpc.arm.tracking.compiled.step` with the formulas
+    feed_forward: ModuleType  # `mpc.arm.tracking.compiled.feedforward`, likewise
     c: Array
     h: float  # step of the integration [s]
     decay: Array  # (substeps, 3, m) what is left of a pressure's error at beginning, middle and end of each step
@@ -29,17 +30,17 @@ class CompiledArm(NamedTuple):
 
 def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
     """Return the compiled functions for `arm` at the sample time `dt` [s]."""
-    text, c = (
-        f"import math\n\nn, m, STIFFNESSES, SIZE = {arm.n}, {arm.m}, {arm.stiffnesses}, {arm.size}\n\n\n",
-        np.zeros(0),
-    )
+    sizes = f"import math\n\nn, m, STIFFNESSES, SIZE = {arm.n}, {arm.m}, {arm.stiffnesses}, {arm.size}\n\n\n"
+    texts, c = {_STEP: sizes, _FEED_FORWARD: sizes}, np.zeros(0)
     for name, function in _functions(arm).items():
         source = filling(name, function, c.size)
-        text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
+        texts[_FEED_FORWARD if name == "statics" else _STEP] += f"@inlined\n{source.text}\n\n"
+        c = np.concatenate([c, source.c])
+    step, feed_forward = (imported(with_formulas(template, text)) for template, text in texts.items())
     substeps = arm.substeps(dt, RESOLUTION)
     h = dt / substeps
     times = h * (np.arange(substeps)[:, None] + [0.0, 0.5, 1.0])
-    return CompiledArm(imported(with_formulas(_TEMPLATE, text)), c, h, np.exp(-times[..., None] / arm.lags))
+    return CompiledArm(step, feed_forward, c, h, np.exp(-times[..., None] / arm.lags))
 
 
 def _functions(arm: Arm) -> dict[str, Any]:
@@ -52,7 +53,7 @@ def _functions(arm: Arm) -> dict[str, Any]:
     held = [s.q, omega, s.P]
     left = ca.jacobian(pushing - M @ alpha, ca.vertcat(*held))
     slope = ca.jacobian(y, ca.vertcat(s.q, s.P))
-    stacked = ca.vertcat(s.torque, y[: -arm.m])
+    stacked = ca.vertcat(s.torque, arm.joint_svec)
     empty = ca.substitute([stacked, s.forces], [s.P], [ca.SX.zeros(arm.m)])
     gains = [ca.jacobian(stacked, s.P), ca.diag(ca.jacobian(s.forces, s.P))]
     made = {

@@ -8,7 +8,7 @@ the QP's, and the step is done; else the whole QP, the same that `mpc.tracking.q
 from copy import deepcopy
 from math import inf
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from allocator.units import BAR
 from mpc.arm.model import Arm
 from mpc.arm.tracking.compiled.module import CompiledArm
 from mpc.arm.tracking.feedforward import ArmFeedForward, ArmInverseDynamics
+from mpc.arm.tracking.hand_targets import HandTargets
 from mpc.arm.tracking.problem import ArmProblem
 from mpc.tracking.linearise import Motion
 from mpc.tracking.plan import Moved, PlanStatus
@@ -149,13 +150,21 @@ def _risen(starts: Any, N: int, left: Array) -> Array:
     return np.asarray(BAR * (1 - left ** since[..., None]))
 
 
+class _Given(NamedTuple):
+    """What was `_Given` is what is asked, of an endpoint's stiffness where that is tracked."""
+
+    q: Array
+    K: Array
+
+
 class CompiledArmFeedForward:
     """It is `mpc.arm.tracking.feedforward.ArmInverseDynamics`, which answers itself where the kernel is not sure."""
 
     def __init__(self, arm: Arm, made: CompiledArm, readable: ArmInverseDynamics) -> None:
-        self._readable, self._step, self._c = readable, made.step, made.c
         rows, n, m = len(readable.slopes[0]), arm.n, arm.m
-        self._n, d = n, n + n * (n + 1) // 2
+        self._arm, self._stiffnesses = arm, n * (n + 1) // 2
+        self._readable, self._compiled, self._c = readable, made.feed_forward, made.c
+        d = n + self._stiffnesses
         low, high = arm.mechanism.pressure_limits
         most = [min(muscle.max_pressure, high) for muscle in arm.mechanism.muscles]
         self._limits = *map(np.ascontiguousarray, readable.slopes), np.array(arm.angle_limits)
@@ -185,23 +194,34 @@ class CompiledArmFeedForward:
         return other
 
     def __call__(self, q: Array, K: Array, d: Array) -> ArmFeedForward:
-        """Return the feed-forward for previews `q` (N+1, n) [rad], `K` (N+1, n, n), and torques `d` (N+1, n) [N·m]."""
+        """Return the feed-forward for previews `q` (N+1, n) [rad], `K` (N+1, k, k), and torques `d` (N+1, n) [N·m]."""
         rows, size, outputs, m = self._sizes
+        given, hand = _Given(q, K), None
+        if self._arm.endpoint is not None:
+            hand = HandTargets.at(self._arm, q, K)
+            K = hand.joint_stiffness
         x, y, u = np.empty((rows, size)), np.zeros((rows, outputs)), np.empty((rows - 1, m))
         lo, hi, centre = self._box
         problem = self._A, self._b, *self._rows_are, lo, hi, centre, self._which
         asked = self._c, *self._limits, self._supply, q, K, d
-        if not self._step.targets(*asked, x, self._T, self._A, self._b, lo, hi):
-            return self._readable(q, K, d)
+        if not self._compiled.targets(*asked, x, self._T, self._A, self._b, lo, hi):
+            return self._readable(given.q, given.K, d)
+        straight = self._A, self._b
+        if hand is not None:
+            problem = *hand.turned(*straight), *problem[2:]
         found, side, mu, rounds = self._found
         side[0] = 0
         held, work = self._memory
         batches.loop("allocate_batch")(*problem, True, found, side, mu, rounds, work)
         batches.loop("residual_batch")(*problem, found, mu, 0.0, BINDS, self._residual, held, work)
         if not (rounds.all() and self._residual.max() <= _SURE):
-            return self._readable(q, K, d)
-        moved = self._step.follow(self._alpha, self._unit, q, self._A, self._b, found, K, x, y, u)
-        return ArmFeedForward(x, y, u, Moved(*moved))
+            return self._readable(given.q, given.K, d)
+        moved = Moved(*self._compiled.follow(self._alpha, self._unit, q, *straight, found, K, x, y, u))
+        if hand is not None:
+            K_x = hand.seen(y[:, : self._stiffnesses])
+            y[:, : self._stiffnesses] = self._arm.svec(K_x)
+            moved = moved._replace(K=float(np.abs(given.K - K_x).max()))
+        return ArmFeedForward(x, y, u, moved)
 
 
 __all__ = ["CompiledArmFeedForward", "CompiledArmQPStep"]

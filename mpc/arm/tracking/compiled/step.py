@@ -1,4 +1,4 @@
-"""The template has the step of an arm: feed-forward, linearisation, condensing, and the rollout of an answer.
+"""The template has the step of an arm: linearisation, condensing, and the rollout of an answer.
 
 `mpc.arm.tracking.compiled.module` puts the sizes and formulas of the arm in the place of the lines below that begin
 with `FORMULAS`: n joints, m muscles, the numbers of entries of svec K and of states, and functions that
@@ -7,8 +7,6 @@ fill flat arrays, matrices by columns:
     dynamics         (q, ω, P, d) ↦ M, τ - C - Dω - g + d
     dynamics_slopes  (q, ω, P, ω') ↦ the Jacobian of the latter less M ω', by q, ω and P
     output_slopes    (q, P) ↦ y = (svec K, F), its Jacobian by q and P
-    statics          (q, ω, ω') ↦ M ω' + C + Dω + g, and what y' = (τ, svec K) is at no pressure, its Jacobian by P, and
-                     the forces at no pressure and their slopes by P
 
 The array c holds the numbers of all of them. Pressures are in Pa, decisions z in bar, as in `mpc.tracking.qp.condense`.
 The motion is that of `mpc.arm.model`; ∂ω' = M⁻¹ ∂(τ - C - Dω - g + d - M ω') with ω' held differentiates it exactly.
@@ -26,84 +24,10 @@ from mpc.tracking.compiled.certificate import finite
 from mpc.tracking.compiled.jit import compiled, inlined
 
 FORMULAS: Any = None
-n = m = STIFFNESSES = SIZE = dynamics = dynamics_slopes = output_slopes = statics = FORMULAS
+n = m = STIFFNESSES = SIZE = dynamics = dynamics_slopes = output_slopes = FORMULAS
 
 NODES, SHARES, PLACES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6), (0, 1, 1, 2)  # of Runge and Kutta
 SOLVED, ROWS, REFUSED = 0, 1, 2
-
-
-@compiled
-def targets(
-    c: Array, slopes1: Array, slopes2: Array, limits: Array, supply: Array, asked: Array, K: Array, d: Array,
-    x: Array, T: Array, A: Array, b: Array, lo: Array, hi: Array,
-) -> bool:  # fmt: skip
-    """Fill in what the allocation is asked at every sample, and angles and velocities of `x`; False if it cannot be.
-
-    `limits` (2, n) [rad], `supply` (m + 3,): greatest pressures, the least one, the unit of A's columns, least force.
-    """
-    samples, d_y = asked.shape[0], n + STIFFNESSES
-    alpha, y0, M, F0, gain = np.empty(n), np.empty(d_y), np.empty(d_y * m), np.empty(m), np.empty(m)
-    low, unit, min_force = supply[m], supply[m + 1], supply[m + 2]
-    for k in range(samples):
-        for i in range(n):
-            x[k, i] = min(max(asked[k, i], limits[0, i]), limits[1, i])
-    for k in range(samples):
-        for i in range(n):
-            omega = speeding = 0.0
-            for l in range(samples):  # noqa: E741
-                omega += slopes1[k, l] * x[l, i]
-                speeding += slopes2[k, l] * x[l, i]
-            x[k, n + i], alpha[i] = omega, speeding
-        statics(x[k, :n], x[k, n : 2 * n], alpha, c, T[k], y0, M, F0, gain)
-        for i in range(n):
-            T[k, i] -= d[k, i]
-            b[k, i] = T[k, i] - y0[i]
-        row = n
-        for i in range(n):
-            for j in range(i, n):
-                b[k, row] = (K[k, i, j] if i == j else 2**0.5 * K[k, i, j]) - y0[row]
-                row += 1
-        for j in range(m):
-            for i in range(d_y):
-                A[k, i, j] = M[j * d_y + i] * unit
-            hi[k, j] = supply[j] / unit
-            lo[k, j] = max(low, (min_force - F0[j]) / gain[j]) / unit
-            if not (gain[j] > 0.0 and lo[k, j] <= hi[k, j]):
-                return False
-    return finite(b)
-
-
-@compiled
-def follow(
-    lags: Array, unit: float, asked: Array, A: Array, b: Array, found: Array, K: Array, x: Array, y: Array, u: Array
-) -> tuple[float, float, float]:
-    """Fill in pressures of `x`, stiffness of `y` and commands `u` of what was `found`; return how far it is moved."""
-    samples, off, missed, short = asked.shape[0], 0.0, 0.0, 0.0
-    for k in range(samples):
-        for j in range(m):
-            x[k, 2 * n + j] = unit * found[k, j]
-        row = n
-        for i in range(n):
-            off = max(off, abs(asked[k, i] - x[k, i]))
-            short = max(short, abs(left_of(A[k, i], b[k, i], found[k])))
-            for j in range(i, n):
-                gap, factor = left_of(A[k, row], b[k, row], found[k]), 1.0 if i == j else 2**0.5
-                y[k, row - n] = factor * K[k, i, j] - gap
-                missed = max(missed, abs(gap) / factor)
-                row += 1
-        if k > 0:
-            for j in range(m):
-                now, before = x[k, 2 * n + j], x[k - 1, 2 * n + j]
-                u[k - 1, j] = (now - lags[j] * before) / (1 - lags[j])
-    return off, missed, short
-
-
-@inlined
-def left_of(row: Array, b: float, x: Array) -> float:
-    """Return b - row·x."""
-    for j in range(m):
-        b -= row[j] * x[j]
-    return b
 
 
 @compiled
@@ -141,12 +65,8 @@ def advance(c: Array, h: float, decay: Array, x: Array, u: Array, d: Array, afte
     """Fill in the state a sample later and the Jacobian `S` (2n, 2n + 2m) of its (q, ω)."""
     columns = 2 * n + 2 * m
     s, K, total, P = np.empty(2 * n), np.zeros(2 * n), np.empty(2 * n), np.empty(m)
-    SK, St, here, now = (
-        np.zeros((2 * n, columns)),
-        np.empty((2 * n, columns)),
-        np.empty((2 * n, columns)),
-        np.empty(2 * n),
-    )
+    SK, St = np.zeros((2 * n, columns)), np.empty((2 * n, columns))
+    here, now = np.empty((2 * n, columns)), np.empty(2 * n)
     M, a, R = np.empty(n * n), np.empty(n), np.empty((SIZE, n))
     for i in range(2 * n):
         s[i] = x[i]
@@ -475,4 +395,4 @@ def rows_of(
                 R[right, w] = R[left, w] = G[k + 1, i, w]
 
 
-__all__ = ["condense", "finish", "follow", "linearise", "rows_of", "targets"]
+__all__ = ["condense", "finish", "linearise", "rows_of"]

@@ -1,0 +1,60 @@
+"""A machine is pushed at rest here: its stiffness is what forces need to move it, pressures frozen or valves shut."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from mpc.arm.mujoco_plant import MujocoPlant
+
+_STILL = 1e-9  # [rad/s] a pushed machine that moves no faster has come to rest
+_LONGEST_REST = 60.0  # [s] of waiting for it
+_BETWEEN = 10  # steps from look to look
+_SLOWEST = 1.0  # [1/s] what no muscle holds is braked as if it moved at this rate
+_FINE, _COARSE = 0.3, 0.01  # steps while it settles: in times of the fastest mode, and [s] at most
+
+
+def settle(plant: "MujocoPlant", load: Array, shut: bool) -> Array:
+    """Let `plant` come to rest under a `load` (n,) [N·m], as its method of this name says; return the angles (n,)."""
+    if shut and plant.pneumatics.gas is None:
+        raise InvalidInput("shut valves trap gas, and this plant has none: say gas=True")
+    begin, (brake, step) = plant.time, _brake(plant)
+    while plant.time - begin < _LONGEST_REST:
+        plant.held(load, _BETWEEN, step, brake, shut)
+        if np.abs(plant.data.qvel).max() < _STILL:
+            return plant.q
+    raise InvalidInput(f"the machine does not come to rest within {_LONGEST_REST:g} s: its stiffness holds no posture")
+
+
+def pushed_stiffness(plant: "MujocoPlant", push: float, load: Array, shut: bool) -> Array:
+    """Return the stiffness (n, n) [N·m/rad] that pushes of ± `push` [N·m] find, as the plant's method says."""
+    kept = plant.kept()
+    settle(plant, load, shut)
+    rest, compliance = plant.kept(), np.empty((plant.n, plant.n))
+    for i, unit in enumerate(np.eye(plant.n)):
+        ends = []
+        for sign in (+1.0, -1.0):
+            plant.restore(rest)
+            ends.append(settle(plant, load + sign * push * unit, shut))
+        compliance[:, i] = (ends[0] - ends[1]) / (2 * push)
+    plant.restore(kept)
+    K = np.linalg.inv(compliance)
+    return np.asarray((K + K.T) / 2)
+
+
+def _brake(plant: "MujocoPlant") -> tuple[Array, float]:
+    """Return a damping (nv, nv) [N·m·s/rad] in which no mode swings any more, and a step [s] fine enough for it."""
+    from scipy.linalg import eigh
+
+    M = plant.inertia()
+    squares, modes = eigh(plant.own_stiffness(), M)
+    rates = np.sqrt(np.maximum(squares, _SLOWEST**2))
+    moved = M @ modes
+    step = max(min(_FINE / float(rates.max()), _COARSE), float(plant.model.opt.timestep))
+    return (2 * rates * moved) @ moved.T, step
+
+
+__all__ = ["pushed_stiffness", "settle"]
