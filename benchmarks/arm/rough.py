@@ -96,6 +96,20 @@ TUNED: dict[tuple[str, str], dict[str, float]] = {
     ("MPC", "arm26"): {"theta": 0.234, "omega": 10.07, "rate": 1.526, "d_walk": 2.09, "pressure_walk": 0.00501},
     ("MPC", "arm48"): {"theta": 0.234, "omega": 10.07, "rate": 1.526, "d_walk": 2.09, "pressure_walk": 0.00501},
     ("PID", "arm26"): {"P1": 0.366, "I1": 52.9, "D1": 1.80, "P2": 0.321, "I2": 46.0, "D2": 0.0343},
+    ("PID", "arm48"): {
+        "P1": 0.191,
+        "I1": 17.8,
+        "D1": 1.73,
+        "P2": 1.25,
+        "I2": 8.95,
+        "D2": 0.0607,
+        "P3": 1.60,
+        "I3": 2.37,
+        "D3": 0.3,
+        "P4": 1.12,
+        "I4": 9.30,
+        "D4": 0.0994,
+    },
 }
 """The numbers that it found, by controller and arm; the MPC of arm48 has those of arm26."""
 

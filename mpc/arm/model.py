@@ -3,30 +3,37 @@
     q' = ω,   M(q) ω' = τ(q, P) - C(q, ω) - D ω - g(q) + d,   τ_j P_j' = u_j - P_j
     K(q, P) = -∂τ/∂q at constant pressures                                                                        (M2)
 
-The state is x = (q, ω, P) ∈ R^(2n+m), in SI units. Over a sample of constant commands the pressures are known,
-P(t) = u + (P - u) exp(-t/τ), and the bodies are integrated by the classical Runge–Kutta method along them.
+With `gas` the motion moves the pressures, P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff                       (G3)
+
+The state is x = (q, ω, P) ∈ R^(2n+m), in SI units. Over a sample of constant commands the pressures are known
+without gas, P(t) = u + (P - u) exp(-t/τ), and the bodies are integrated by the classical Runge–Kutta method along
+them; with gas pressures are integrated, too.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, sqrt
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array, Value
+from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
+from allocator.joint.gas import Gas
 from allocator.mechanism import Mechanism, machines
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.arm.bodies import BODIES
+from mpc.arm.gas import gas_motion, squeezed
 from mpc.arm.lengths import has_formulas, symbolic_jacobian, symbolic_lengths
 from mpc.arm.mujoco_mechanics import MujocoBodies
+from mpc.arm.pneumatics import Pneumatics
 from mpc.model.experiment import RESOLUTION
+from mpc.model.integration import integrated
 
 _MOST_SUBSTEPS = 1000  # in a sample
 
@@ -41,49 +48,16 @@ class Statics(NamedTuple):
     forces: Any  # F (m, 1) [N]
 
 
-class MovingBodies(Protocol):
-    """`MovingBodies` are what an arm asks of its bodies, such as `Bodies`, `TreeBodies` or `MujocoBodies`.
-
-    Postures and velocities are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1) where there are formulas.
-    """
-
-    @property
-    def n(self) -> int:
-        """Return the number of joints."""
-
-    @property
-    def damping(self) -> Any:
-        """Return the damping of the hinges (n,) [N·m·s/rad]."""
-
-    @property
-    def summary(self) -> str:
-        """Return what they are, in some words."""
-
-    def mass_matrix(self, q: Value) -> Value:
-        """Return M(q) (…, n, n) [kg·m²]."""
-
-    def bias(self, q: Value, omega: Value) -> Value:
-        """Return the torques (…, n) [N·m] of a motion without acceleration."""
-
-    def torque_for(self, q: Value, omega: Value, alpha: Value) -> Value:
-        """Return the torques (…, n) [N·m] of a motion."""
-
-    def gravity_torque(self, q: Value) -> Value:
-        """Return the torques (…, n) [N·m] that hold a posture."""
-
-    def gravity_stiffness(self, q: Value) -> Value:
-        """Return the slope (…, n, n) [N·m/rad] of these."""
-
-
 @dataclass(frozen=True)
 class Arm:
     """An `Arm` is a mechanism with bodies and regulators; immutable. SI units."""
 
     mechanism: Mechanism
-    bodies: Any  # `MovingBodies`
+    bodies: Any  # `MovingBodies`: `Bodies`, `TreeBodies` or `MujocoBodies`
     lag: float | tuple[float, ...] = 0.1  # τ of the regulators [s], one or m of them
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
     endpoint: Endpoint | None = None  # whose stiffness K_x [N/m] is tracked; None: K of the joints
+    gas: Gas | bool | None = None  # in the muscles; True: the mechanism's; None: regulators hold against every motion
 
     def __post_init__(self) -> None:
         """Check the parts against each other. Raises `InvalidInput`."""
@@ -94,6 +68,7 @@ class Arm:
             raise InvalidInput(f"Arm: bodies of {self.bodies.n} links for a mechanism with n = {n} joints")
         if self.endpoint is not None:
             self._check_endpoint(self.endpoint)
+        self._check_gas()
         lag = checks.real("Arm: lag", self.lag, "s")
         if lag.shape not in ((), (m,)) or not ((lag >= 1e-4) & (lag <= 10)).all():
             raise InvalidInput(f"Arm: lag = {checks.brief(self.lag)} has to be one time, or m = {m}, of 0.0001 to 10 s")
@@ -103,6 +78,19 @@ class Arm:
             raise InvalidInput(
                 f"Arm: slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5"
             )
+
+    def _check_gas(self) -> None:
+        gas = self.mechanism.gas if self.gas is True else None if self.gas is False else self.gas
+        if gas is not None and not isinstance(gas, Gas):
+            raise InvalidInput(f"Arm: gas = {checks.brief(self.gas)} has to be a Gas(kappa, atmosphere), True or None")
+        object.__setattr__(self, "gas", gas)
+        if gas is None:
+            return
+        if not self.has_formulas:
+            raise InvalidInput(f"Arm: gas needs formulas, and {self.unformulated}")
+        if self.mechanism.gas != gas:
+            object.__setattr__(self, "mechanism", replace(self.mechanism, gas=gas))
+        Pneumatics(self.mechanism.muscles, self.mechanism.routes.rest_length, gas=gas)  # that volumes are known
 
     def _check_endpoint(self, endpoint: Any) -> None:
         if not isinstance(endpoint, Endpoint):
@@ -210,6 +198,10 @@ class Arm:
             endpoint=self.endpoint,
         )
         return np.concatenate([posture, np.zeros(self.n), held.P])
+
+    def squeezed(self, q: Array, omega: Array, P: Array) -> Array:
+        """Return how fast motion raises the pressures (…, m) [Pa/s] in states (…, …); 0 without gas   (G3)"""
+        return np.zeros(np.shape(P)) if self.gas is None else squeezed(self.mechanism, q, omega, P)
 
     # --- formulas ---------------------------------------------------------------------------------------------------
 
@@ -349,6 +341,10 @@ class Arm:
 
         n, m, substeps = self.n, self.m, self.substeps(dt, resolution)
         x, u, d = ca.MX.sym("x", self.size), ca.MX.sym("u", m), ca.MX.sym("d", n)
+        if self.gas is not None:
+            rate = gas_motion(self)
+            later = integrated(lambda z: rate(z, u, d), x, dt, substeps)
+            return ca.Function("discrete", [x, u, d], [later], ["x", "u", "d"], ["x_next"])
         q, omega, P, h, alpha = x[:n], x[n : 2 * n], x[2 * n :], dt / substeps, self.acceleration()
         for _ in range(substeps):
             middle, end = (u + ca.DM(np.exp(-t / self.lags)) * (P - u) for t in (h / 2, h))
@@ -372,7 +368,8 @@ class Arm:
         for share in (0.0, 0.25, 0.5, 0.75, 1.0):
             q = low + share * (high - low) if self.mechanism.angle_limits else np.zeros(self.n)
             P = np.full(self.m, self.mechanism.pressure_limits[1])
-            stiff = self.mechanism.stiffness(q, P) + self.bodies.gravity_stiffness(q)
+            valves = "open" if self.gas is None else "shut"  # how stiff fast motions find it
+            stiff = self.mechanism.stiffness(q, P, valves) + self.bodies.gravity_stiffness(q)
             M = self.bodies.mass_matrix(q)
             below = -np.linalg.solve(M, np.hstack([stiff, np.diag(self.bodies.damping)]))
             both = np.vstack([np.hstack([np.zeros((self.n, self.n)), np.eye(self.n)]), below])
@@ -399,4 +396,4 @@ class Arm:
         return f"{self.n} joints, {self.m} muscles, lag {lags} s, slew {self.slew / BAR:g} bar/s, {self.bodies.summary}"
 
 
-__all__ = ["Arm", "MovingBodies", "Statics"]
+__all__ = ["Arm", "Statics"]

@@ -116,14 +116,18 @@ class Pneumatics:
         Where the valves are `shut` no regulator works.
         """
         held = np.zeros(self.m) if shut else (u - P) / self.lag
-        if self.gas is None:
-            return np.asarray(held)
-        eps = self.contraction(length)
-        for muscle, at in self._kinds:
-            side = OneMuscle(muscle, "muscle", self.rest_length[at], eps[at], 1.0, 0.0, 1.0, self._filled)
-            taut = forces[at] > 0  # a slack cable moves no muscle
-            held[at] += taut * fall(side, P[at], self.force_gains[at]) * speed[at]
+        if self.gas is not None:
+            held += (forces > 0) * self.squeezed(P, length, speed)  # a slack cable moves no muscle
         return np.asarray(held)
+
+    def squeezed(self, P: Array, length: Array, speed: Array) -> Array:
+        """Return how fast the pressures (…, m) [Pa/s] rise as the muscles lengthen by `speed` (…, m) [m/s]   (G3)"""
+        eps = self.contraction(length)
+        rise = np.empty(np.broadcast_shapes(P.shape, eps.shape))
+        for muscle, at in self._kinds:
+            side = OneMuscle(muscle, "muscle", self.rest_length[at], eps[..., at], 1.0, 0.0, 1.0, self._filled)
+            rise[..., at] = fall(side, P[..., at], self.force_gains[at]) * speed[..., at]
+        return rise
 
     @property
     def _filled(self) -> Gas:

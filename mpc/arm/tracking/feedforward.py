@@ -59,6 +59,9 @@ class ArmInverseDynamics:
             arm.mechanism, q, K, T, min_force=self.min_force, trajectory=True, endpoint=arm.endpoint
         )
         u = (held.P[1:] - self.alpha * held.P[:-1]) / (1 - self.alpha)
+        if arm.gas is not None:  # the regulators work against what the motion does to the pressures
+            squeezed = arm.squeezed(q, omega, held.P)
+            u -= arm.lags * (squeezed[1:] + squeezed[:-1]) / 2
         given, missed = (held.K, held.K_error) if arm.endpoint is None else (held.K_x, held.K_x_error)
         y = np.hstack([arm.svec(given), np.zeros_like(held.P)])
         moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - q, missed, held.T_error)))

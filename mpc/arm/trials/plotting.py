@@ -15,6 +15,7 @@ from mpc.arm.trials.simulation import ArmRun
 # Okabe & Ito's colours, told apart by colour-blind eyes
 COLOURS = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8c8c8c"
 _BLACK = "#000000"
+_SHOWN = 0.02  # [m] to all sides
 _GOLDEN = 0.5 * (5**0.5 - 1)  # whose multiples meet no period twice
 
 
@@ -83,8 +84,9 @@ def _hand(axes: Any, run: ArmRun, way: Way) -> None:
     if isinstance(run.arm.bodies, Bodies):
         points = run.arm.bodies.points(run.q[-1])
         axes.plot(points[:, 0], points[:, 1], color=COLOURS[7], lw=3, marker="o", zorder=0)
+    _at_least(axes, way.asked)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]")
+    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="the way of the hand")
     axes.legend(frameon=False, fontsize="small")
 
 
@@ -101,6 +103,12 @@ def _ellipses(axes: Any, run: ArmRun, way: Way) -> None:
         axes.plot(x, y, ".", color=COLOURS[1], ms=3)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="where 1 N moves the hand")
+
+
+def _at_least(axes: Any, points: Array) -> None:
+    """Let `axes` show some centimetres about `points` (…, 2): a hand that is held is no microscope's object."""
+    middle, half = points.mean(axis=0), np.maximum(np.ptp(points, axis=0) / 2, _SHOWN)
+    axes.plot(*np.transpose([middle - half, middle + half]), alpha=0.0)
 
 
 def _angles(axes: Any, errors: Any, run: ArmRun) -> None:

@@ -24,10 +24,9 @@ def factory(arm: Arm, dt: float, problem: ArmProblem, predictor: Any, feed_forwa
     """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails."""
     ready = feed_forward.ready()
     asked: Any = predictor
-    if not arm.has_formulas:
-        notice(
-            f"the controller's step is not compiled and takes some hundred times as long: {arm.unformulated}", SlowStep
-        )
+    if not arm.has_formulas or arm.gas is not None:
+        why = arm.unformulated or "with gas the motion moves the pressures"
+        notice(f"the controller's step is not compiled and takes longer: {why}", SlowStep)
         return ArmParts(ReadableQPStep(problem, asked), ready)
     try:
         from mpc.arm.tracking.compiled.module import compiled_arm

@@ -1,0 +1,78 @@
+"""An arm whose muscles hold gas is predicted as MuJoCo's bodies with that gas move."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allocator import InvalidInput
+from allocator.joint.gas import Gas
+from allocator.units import DEG
+from mpc.arm.mjcf import to_mjcf
+from mpc.arm.model import Arm
+from mpc.arm.mujoco_plant import MujocoPlant
+from mpc.arm.tracking.controller import ArmMPC
+from mpc.arm.tracking.prediction import ArmPredictor
+from mpc.arm.trials.reference import circle
+from mpc.arm.trials.simulation import simulate_arm
+from mpc.tracking.qp.step import SlowStep
+
+PLAIN = Arm.machine("arm26")
+FILLED = replace(PLAIN, gas=True)
+
+
+def plant(**given):
+    arm, text = PLAIN, to_mjcf(PLAIN.mechanism, PLAIN.bodies, timestep=0.0005)
+    return MujocoPlant(text, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, gas=True, **given)
+
+
+def test_the_motion_is_that_of_mujoco_s_bodies_and_gas():
+    tested, N, dt = plant(), 20, 0.01
+    x = np.concatenate([[0.3, -0.2], [2.0, -3.0], np.linspace(2.5e5, 3.5e5, 6)])
+    tested.reset(x[:2], x[4:], omega=x[2:4])
+    u = np.tile(x[4:], (N, 1)) + 2e4 * np.sin(np.arange(N))[:, None]
+    predicted = {
+        arm.gas is not None: ArmPredictor(arm, dt, N).motion(x, u, np.zeros((N, 2))) for arm in (PLAIN, FILLED)
+    }
+    tested.slew = np.inf
+    for command in u:
+        tested.step(command, dt)
+    end = np.concatenate([tested.q, tested.omega, tested.P / 1e5])
+    with_gas, without = (np.append(predicted[key].x[-1, :4], predicted[key].x[-1, 4:] / 1e5) for key in (True, False))
+    assert np.abs(end - with_gas).max() < 2e-3
+    assert np.abs(end - without).max() > 0.1
+
+
+def test_the_derivatives_of_the_formula_are_differences():
+    N, dt = 2, 0.01
+    model = ArmPredictor(FILLED, dt, N)
+    x = np.concatenate([[0.3, -0.2], [2.0, -3.0], np.linspace(2.5e5, 3.5e5, 6)])
+    u, d = np.tile(x[4:], (N, 1)), np.zeros((N, 2))
+    slope = model.linearise(x, u, d).A[0]
+    steps = np.append(np.full(4, 1e-5), np.full(6, 1.0))
+    for i, step in enumerate(steps):
+        away = step * np.eye(10)[i]
+        ends = [model.motion(x + sign * away, u, d).x[1] for sign in (1, -1)]
+        np.testing.assert_allclose(
+            slope[:, i], (ends[0] - ends[1]) / (2 * step), rtol=1e-5, atol=1e-6 * abs(slope[:, i]).max()
+        )
+
+
+@pytest.mark.slow
+def test_a_controller_that_knows_the_gas_follows_more_closely():
+    asked, errors = circle(PLAIN, frequency=1.0, turns=1), {}
+    with pytest.warns(SlowStep, match="gas"):
+        controllers = {"knows": ArmMPC(FILLED), "does not": ArmMPC(PLAIN)}
+    for name, controller in controllers.items():
+        run = simulate_arm(plant(), controller.arm, controller, asked)
+        errors[name] = np.sqrt(np.mean((run.q - run.q_ref)[30:] ** 2, axis=0)) / DEG
+        assert set(run.rung) == {0}
+    assert (errors["knows"] <= 0.05).all()
+    assert (errors["knows"] <= errors["does not"] / 5).all()
+
+
+def test_gas_that_there_is_not_is_one_sentence():
+    with pytest.raises(InvalidInput, match="True or None"):
+        replace(PLAIN, gas=1.3)
+    assert replace(PLAIN, gas=Gas(kappa=1.4)).mechanism.gas.kappa == 1.4
+    assert replace(PLAIN, gas=False).gas is None
