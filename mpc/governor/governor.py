@@ -17,12 +17,12 @@ from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.mechanism import Mechanism
 from mpc.governor import kernel
-from mpc.governor.loop import Loop, compiled_loop, plain_loop
+from mpc.governor.loop import Loop, Packed, compiled_loop, packed, plain_loop
 from mpc.governor.model import Dynamics
 from mpc.governor.rules import Limits, Made, make, memory_for
 
 _PAYS = 500  # commands for which a call may wait for the compiler
-_NAMES = "q", "omega", "P", "command", "previous"
+_NAMES = "q", "omega", "P", "previous", "command"
 
 
 class GovernorStatus(IntEnum):
@@ -35,6 +35,9 @@ class GovernorStatus(IntEnum):
     SLACK = kernel.SLACK  # a muscle can have no pressure that keeps it taut
     OUTSIDE_LIMITS = kernel.OUTSIDE_LIMITS  # the slew leaves a muscle no pressure in its supply
     BAD_INPUT = kernel.BAD_INPUT  # a command is no number: the muscle's previous one is in its place
+
+
+_STATUS = {int(status): status for status in GovernorStatus}
 
 
 class Governed(NamedTuple):
@@ -53,7 +56,7 @@ class PressureGovernor:
     the next sample, so that on the model an arm that begins in range stays there, for any number of joints: up to the
     error of the integration, for which commands are held off the ends by 0.5°. For muscles unlike their model keep a
     `margin`; `python -m benchmarks.governor` measures which. A command that does not pass is moved towards those of the
-    backup, to the first of 8 steps that does.
+    backup, to the first of 16 steps that does.
 
     The first call with many commands compiles, and so does `warm_up`; before, a command takes some ten milliseconds.
     """
@@ -132,25 +135,33 @@ class PressureGovernor:
         InvalidInput
             For shapes that do not fit, and angles, rates or pressures that are not finite.
         """
-        q, omega, P, command, before = self._checked(q, omega, P, command, P if previous is None else previous)
-        shape = command.shape[:-1]
-        flat = [np.ascontiguousarray(a.reshape(-1, a.shape[-1])) for a in (q, omega, P, before, command)]
-        safe, status = np.empty_like(flat[3]), np.empty(len(flat[3]), np.int64)
-        self._loop(len(safe)).govern(self.made.rules, *flat, safe, status, self._memory)
+        rows = self._rows((q, omega, P, P if previous is None else previous, command))
+        shape = rows.shape[:-1]
+        flat = rows.reshape(-1, rows.shape[-1])
+        safe, status = np.empty((len(flat), self.mechanism.m)), np.empty(len(flat), np.int64)
+        self._loop(len(flat)).govern(self._table, self._packed.counts, flat, safe, status)
         if not shape:
-            return Governed(safe[0], GovernorStatus(int(status[0])))
+            return Governed(safe[0], _STATUS[int(status[0])])
         return Governed(safe.reshape(*shape, -1), status.reshape(shape))
 
-    def _checked(self, *given: Any) -> list[Array]:
-        """Return q, ω, P, command and the previous one as arrays with a common leading shape. Raises `InvalidInput`."""
+    def _rows(self, given: tuple[Any, ...]) -> Array:
+        """Return rows (…, 2n + 3m) of q, ω, P, the last command and the next. Raises `InvalidInput`."""
         arrays = [np.asarray(value, float) for value in given]
-        for name, array, size in zip(_NAMES, arrays, self._sizes, strict=True):
+        if tuple(array.shape for array in arrays) != self._shapes:
+            arrays = self._spread(arrays)
+        rows = np.concatenate(arrays, axis=-1)
+        known = rows[..., : -self.mechanism.m]
+        if not isfinite(np.add.reduce(known, axis=None)):  # in half the time of isfinite
+            for name, array in zip(_NAMES[:4], arrays[:4], strict=True):
+                if not np.isfinite(array).all():
+                    raise InvalidInput(f"{name} has to be finite; only a command may be anything")
+        return rows
+
+    def _spread(self, arrays: list[Array]) -> list[Array]:
+        """Return arrays with a common leading shape. Raises `InvalidInput`."""
+        for name, array, (size,) in zip(_NAMES, arrays, self._shapes, strict=True):
             if array.ndim == 0 or array.shape[-1] != size:
                 raise InvalidInput(f"{name} has the shape {array.shape}; expected (…, {size})")
-            if name != "command" and not isfinite(np.add.reduce(array, axis=None)):  # in half the time of isfinite
-                raise InvalidInput(f"{name} has to be finite; only a command may be anything")
-        if all(array.ndim == 1 for array in arrays):
-            return arrays
         try:
             shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
         except ValueError:
@@ -162,10 +173,9 @@ class PressureGovernor:
 
         It takes some ten seconds for a new kind of mechanism and bodies, and a moment once that is kept on disk.
         """
-        n, m = self.mechanism.n, self.mechanism.m
-        made = compiled_loop(self.made.text)
-        none = [np.zeros((0, size)) for size in (n, n, m, m, m, m)]
-        made.govern(self.made.rules, *none, np.zeros(0, np.int64), self._memory)
+        made, m = compiled_loop(self._packed.text), self.mechanism.m
+        rows = np.zeros((0, sum(size for (size,) in self._shapes)))
+        made.govern(self._table, self._packed.counts, rows, np.zeros((0, m)), np.zeros(0, np.int64))
         self.__dict__["_ready"] = made
         return made.compiled
 
@@ -174,7 +184,7 @@ class PressureGovernor:
         if "_ready" not in self.__dict__ and commands >= _PAYS:
             self.warm_up()
         ready: Loop | None = self.__dict__.get("_ready")
-        return ready or plain_loop(self.made.text)
+        return ready or plain_loop(self._packed.text)
 
     @cached_property
     def made(self) -> Made:
@@ -187,20 +197,25 @@ class PressureGovernor:
         return make(dynamics, limits)
 
     @cached_property
-    def _sizes(self) -> tuple[int, ...]:
-        return (self.mechanism.n,) * 2 + (self.mechanism.m,) * 3
+    def _packed(self) -> Packed:
+        return packed(self.made.text, self.made.rules, memory_for(self.mechanism.n, self.mechanism.m))
+
+    @cached_property
+    def _shapes(self) -> tuple[tuple[int], ...]:
+        n, m = self.mechanism.n, self.mechanism.m
+        return (n,), (n,), (m,), (m,), (m,)
 
     @cached_property
     def _kept(self) -> threading.local:
         return threading.local()
 
     @property
-    def _memory(self) -> kernel.Memory:
-        """Return the kernel's memory, which every thread has for itself."""
-        kept: dict[str, kernel.Memory] = self._kept.__dict__
-        if "memory" not in kept:
-            kept["memory"] = memory_for(self.mechanism.n, self.mechanism.m)
-        return kept["memory"]
+    def _table(self) -> Array:
+        """Return the kernel's numbers and memory, which every thread has for itself."""
+        kept: dict[str, Array] = self._kept.__dict__
+        if "table" not in kept:
+            kept["table"] = self._packed.table.copy()
+        return kept["table"]
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields alone: what has been made of them is made again in another process."""

@@ -21,7 +21,7 @@ motion = potential = FORMULAS
 SAFE, MOVED, NOT_KEPT, BAD_INPUT = 0, 1, 2, -1
 CONFLICT, SLACK, OUTSIDE_LIMITS = 5, 6, 9
 ENORMOUS = 1e30  # [Pa] no command
-HALVINGS = 3  # of the segment from the backup to the command
+HALVINGS = 4  # of the segment from the backup to the command
 STEPS = 60  # of the bisection that finds the multiplier of the energy
 KEPT = 1e-8  # of a row's size: it is exceeded by more
 LEAST, MIN_FORCE, REACH, SLEW, NEAR, REACTION, ENERGY, LOWEST, ROOT, BRAKE, INNER, RANGED = range(12)  # of `numbers`
@@ -66,17 +66,9 @@ class Memory(NamedTuple):
     first: Any  # (m) of the backup [Pa]
 
 
-def govern_batch(rules, q, omega, P, previous, command, safe, status, memory):
-    """Govern N commands; all arrays but those of `rules` and `memory` have a leading axis (N)."""
-    for i in range(len(status)):
-        status[i] = govern(rules, q[i], omega[i], P[i], previous[i], command[i], safe[i], memory)
-
-
 def govern(rules, q, omega, P, previous, command, safe, memory):
     """Fill `safe` (m) with the pressures next to `command` (m) that keep all limits; return what became of it."""
-    motion(
-        q, omega, P, rules.motion, memory.alpha, memory.gain, memory.force, memory.speed, memory.energy,
-    )  # fmt: skip
+    begin(rules, q, omega, P, previous, memory)
     found = limit(rules, previous, memory)
     status = found
     for j in range(len(command)):
@@ -170,33 +162,29 @@ def shielded(rules, q, omega, P, previous, safe, memory):
 
     Return 1 if it may stay as it is, 2 if it was moved, 0 if not even the backup keeps the range.
     """
-    if stays(rules, q, omega, P, previous, safe, 1, memory):
-        return 1
-    first(rules, q, omega, P, previous, memory)
-    low, high = 0.0, 1.0
-    for _ in range(HALVINGS):
-        share = 0.5 * (low + high)
-        towards(share, safe, memory)
-        if stays(rules, q, omega, P, previous, safe, 1, memory):
-            low = share
-        else:
-            high = share
-    towards(low, safe, memory)
-    return 2 if low > 0.0 or stays(rules, q, omega, P, previous, safe, 0, memory) else 0
-
-
-def towards(share, safe, memory):
-    """Fill `safe` with what lies at this share of the way from the backup's commands to those wanted."""
-    for j in range(len(safe)):
-        safe[j] = memory.first[j] + share * (memory.wanted[j] - memory.first[j])
-
-
-def first(rules, q, omega, P, previous, memory):
-    """Fill in the backup's first command in this state."""
-    begin(rules, q, omega, P, previous, memory)
     brake(rules, 1, certain(rules, memory), memory)
-    for j in range(len(P)):
+    for j in range(len(safe)):
         memory.first[j] = memory.commands[j]
+    low, high, share, kept = 0.0, 1.0, 1.0, False
+    for k in range(HALVINGS + 2):
+        given = 0 if k == 1 else 1  # the backup's own is asked for less
+        for j in range(len(safe)):
+            safe[j] = memory.wanted[j]
+            if k > 0:
+                safe[j] = memory.first[j] + share * (memory.wanted[j] - memory.first[j])
+        kept = stays(rules, q, omega, P, previous, safe, given, memory)
+        if k == 0 and kept:
+            return 1
+        if k == 1 and not kept:
+            return 0
+        if k > 1 and kept:
+            low = share
+        elif k > 1:
+            high = share
+        share = 0.0 if k == 0 else 0.5 * (low + high)
+    for j in range(len(safe)):
+        safe[j] = memory.first[j] + low * (memory.wanted[j] - memory.first[j])
+    return 2
 
 
 def begin(rules, q, omega, P, previous, memory):
@@ -249,7 +237,7 @@ def brake(rules, samples, calm, memory):
         aim = rules.rest[j]
         if not calm:
             taut = (numbers[MIN_FORCE] - memory.force[j]) / memory.gain[j]
-            aim = min(max(aim - numbers[BRAKE] * memory.speed[j], taut, numbers[LEAST]), rules.most[j])
+            aim = min(max(aim - numbers[BRAKE] * memory.speed[j], max(taut, numbers[LEAST])), rules.most[j])
         memory.commands[j] = min(max(aim, memory.commands[j] - reach), memory.commands[j] + reach)
 
 
@@ -301,6 +289,6 @@ def advance(rules, stage, memory):
     return inside
 
 
-FUNCTIONS = (projected, limit, nearest, certain, brake, begin, advance, first, stays, towards, shielded, govern)
+FUNCTIONS = (projected, limit, nearest, certain, brake, begin, advance, stays, shielded, govern)
 
-__all__ = ["FUNCTIONS", "Memory", "Rules", "govern_batch"]
+__all__ = ["FUNCTIONS", "Memory", "Rules", "govern"]

@@ -1,57 +1,99 @@
-"""The kernel becomes a function here: compiled by numba with a mechanism's formulas, or plain Python with the same."""
+"""The kernel becomes a loop over commands here: compiled by numba with a mechanism's formulas, or plain Python.
+
+numba takes as long to look at thirty arrays as the kernel to govern some commands. So its numbers and memory are parts
+of one table, and the states and commands rows of another.
+"""
 
 from collections.abc import Callable
 from functools import cache
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from allocator.calculus import Array
 from allocator.notices import notice
 from mpc.governor import kernel
 from mpc.tracking.qp.step import SlowStep
 
 _PLACE = "FORMULAS: Any = None\nmotion = potential = FORMULAS\n"  # of the formulas, in the kernel's text
+_LOOP = '''
+
+def govern_rows(table, counts, rows, safe, status):
+    """Govern the commands in `rows` (N, 2n + 3m) of q, ω, P, the last command and the next."""
+    rules = Rules({rules})
+    memory = Memory({memory})
+    for i in range(len(status)):
+        status[i] = govern(rules, {row}, safe[i], memory)
+'''
 _COMPILED = """
 
-from mpc.tracking.compiled.jit import compiled, inlined
+from allocator.compilation.jit import compiled, register
 
-motion, potential = inlined(motion), inlined(potential)
-{inner} = map(inlined, ({inner}))
-govern_batch = compiled(govern_batch)
+register((motion, potential), inline=False, unaliased=True)  # which are long
+govern_rows = compiled(govern_rows, FUNCTIONS, inline=True, unaliased=True)
 """
 
 
 class Loop(NamedTuple):
-    """A `Loop` is `mpc.governor.kernel.govern_batch` with formulas."""
+    """A `Loop` fills `safe` (N, m) and `status` (N): (table, counts, rows, safe, status) ↦ None."""
 
     govern: Callable[..., None]
     compiled: bool
 
 
+class Packed(NamedTuple):
+    """The `Packed` are a kernel's numbers and memory, and the text of the loop that takes them apart."""
+
+    table: Array
+    counts: Any
+    text: str
+
+
+def packed(formulas: str, rules: kernel.Rules, memory: kernel.Memory) -> Packed:
+    """Return the table of `rules` and `memory`, and the kernel's text with the `formulas` and the loop."""
+    parts = [*rules, *memory]
+    ends = [0, *accumulate(part.size for part in parts if part is not rules.counts)]
+    views = iter(pairwise(ends))
+    texts = ["counts" if part is rules.counts else _view("table[{}:{}]", part, *next(views)) for part in parts]
+    n, m = memory.angles.size, memory.pressures.size
+    states = [0, *accumulate((n, n, m, m, m))]
+    row = ", ".join(f"rows[i, {begin}:{end}]" for begin, end in pairwise(states))
+    given = {"rules": ", ".join(texts[: len(rules)]), "memory": ", ".join(texts[len(rules) :]), "row": row}
+    table = np.concatenate([part.ravel() for part in parts if part is not rules.counts])
+    head, place, rest = Path(str(kernel.__file__)).read_text(encoding="utf-8").partition(_PLACE)
+    assert place
+    return Packed(table, rules.counts, head + formulas + rest + _LOOP.format(**given))
+
+
+def _view(text: str, part: Array, begin: int, end: int) -> str:
+    shape = f".reshape({', '.join(map(str, part.shape))})" if part.ndim > 1 else ""
+    return text.format(begin, end) + shape
+
+
 @cache
-def plain_loop(formulas: str) -> Loop:
-    """Return the kernel with the formulas in a text, as Python runs it."""
+def plain_loop(text: str) -> Loop:
+    """Return the loop of a `Packed.text`, as Python runs it."""
     names: dict[str, Any] = {"__name__": "mpc.governor.kernel with formulas"}
-    exec(compile(_with(formulas), "mpc/governor/kernel.py with formulas", "exec"), names)
-    return Loop(names["govern_batch"], False)
+    exec(compile(text, "mpc/governor/kernel.py with formulas", "exec"), names)
+    return Loop(names["govern_rows"], False)
 
 
 @cache
-def compiled_loop(formulas: str) -> Loop:
+def compiled_loop(text: str) -> Loop:
     """Return it for numba, which compiles at the first call; plain, with a `SlowStep` warning, where it cannot."""
+    reason = "numba is missing, or told not to compile"
     try:
         from mpc.tracking.compiled.module import imported
 
-        inner = ", ".join(function.__name__ for function in kernel.FUNCTIONS)
-        return Loop(imported(_with(formulas) + _COMPILED.format(inner=inner)).govern_batch, True)
+        made = imported(text + _COMPILED).govern_rows
+        if made is not None:
+            return Loop(made, True)
     except (ImportError, OSError) as failure:  # no numba, or no place for what it compiles
-        notice(f"the governor is not compiled and takes some thousand times as long: {failure}", SlowStep)
-    return plain_loop(formulas)
+        reason = str(failure)
+    notice(f"the governor is not compiled and takes some thousand times as long: {reason}", SlowStep)
+    return plain_loop(text)
 
 
-def _with(formulas: str) -> str:
-    head, place, rest = Path(str(kernel.__file__)).read_text(encoding="utf-8").partition(_PLACE)
-    assert place
-    return head + formulas + rest
-
-
-__all__ = ["Loop", "compiled_loop", "plain_loop"]
+__all__ = ["Loop", "Packed", "compiled_loop", "packed", "plain_loop"]

@@ -13,7 +13,7 @@ from allocator.calculus import Array
 from allocator.mechanism import Mechanism
 from mpc.arm.lengths import symbolic_lengths
 
-_NODES = 5  # of the quadrature of a potential
+_NODES = 3  # of the quadrature of a potential
 
 
 class Dynamics(NamedTuple):

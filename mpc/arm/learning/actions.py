@@ -11,6 +11,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.mechanism import allocate_mechanism, warm_up
 from mpc.arm.model import Arm
+from mpc.governor import PressureGovernor
 
 
 def within(values: Array, low: Any, high: Any) -> Array:
@@ -37,6 +38,18 @@ class BoxAndSlew:
     def __call__(self, q: Array, omega: Array, P: Array, command: Array, previous: Array) -> Array:
         """Return the commands (N, m) [Pa] within the limits."""
         return within(within(command, *self._limits), previous - self._reach, previous + self._reach)
+
+
+def governor_of(arm: Arm, dt: float, delay: int) -> Governor:
+    """Return the governor of an arm whose valves get commands `delay` samples of `dt` [s] late, compiled.
+
+    It takes dead time for more lag. Muscles that are not affine in the pressure have `BoxAndSlew` only.
+    """
+    if not arm.mechanism.affine:
+        return BoxAndSlew(arm, dt)
+    governor = PressureGovernor.of_arm(arm, dt, lag=tuple(arm.lags + delay * dt))
+    governor.warm_up()
+    return governor
 
 
 class Pressures:
@@ -85,4 +98,4 @@ class PostureAndStiffness:
 KINDS: dict[str, Any] = {"pressures": Pressures, "posture-stiffness": PostureAndStiffness}
 """Every meaning of actions, by its name."""
 
-__all__ = ["KINDS", "BoxAndSlew", "Governor", "PostureAndStiffness", "Pressures", "within"]
+__all__ = ["KINDS", "BoxAndSlew", "Governor", "PostureAndStiffness", "Pressures", "governor_of", "within"]

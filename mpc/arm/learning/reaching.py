@@ -16,7 +16,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Gas
 from allocator.units import BAR, DEG
-from mpc.arm.learning.actions import KINDS, BoxAndSlew, Governor, within
+from mpc.arm.learning.actions import KINDS, Governor, governor_of, within
 from mpc.arm.learning.plant import ArmBatch, VariedArm
 from mpc.arm.learning.variation import Variation
 from mpc.arm.model import Arm
@@ -71,7 +71,7 @@ class Reachers:
         task.variation.check(varied)
         self.batch: Any = _BATCHES[task.dynamics](varied, size, task.dt)
         self.action = KINDS[task.actions](arm)
-        self.governor: Governor = BoxAndSlew(arm, task.dt) if governor is None else governor
+        self.governor = governor_of(arm, task.dt, task.delay) if governor is None else governor
         low, high = arm.angle_limits
         self.asked_range = (low + high) / 2 + task.reach * np.array([[-1.0], [1.0]]) * (high - low) / 2
         self.seen_range = self._seen_range(low, high)
