@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from mpc.tracking.pace import LongStep
     from mpc.tracking.plan import Plan, PlanStatus, Rung
     from mpc.tracking.qp.solvers import DAQP, OSQP, SCS, Clarabel, Riccati
-    from mpc.tracking.qp.step import SlowStep
+    from mpc.tracking.qp.step import CompilingBeside, SlowStep
     from mpc.tracking.weights import Weights
     from mpc.trials.many.entry import simulate_many
     from mpc.trials.many.runs import Runs
@@ -27,6 +27,7 @@ else:
     _HOMES = {
         "Clarabel": "tracking.qp.solvers",
         "Compensation": "model.compensation",
+        "CompilingBeside": "tracking.qp.step",
         "DAQP": "tracking.qp.solvers",
         "Fatrop": "yardsticks.nlp_solvers",
         "IPOPT": "yardsticks.nlp_solvers",
@@ -66,6 +67,7 @@ else:
 __all__ = [
     "Clarabel",
     "Compensation",
+    "CompilingBeside",
     "DAQP",
     "Fatrop",
     "IPOPT",

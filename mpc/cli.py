@@ -95,6 +95,15 @@ def track(
     payload: Annotated[float, typer.Option(help="load that nobody tells of, from half-way on [N·m]")] = 0.0,
     seed: Annotated[int, typer.Option(help="of the sensors' noise")] = 0,
     show: Annotated[bool, typer.Option("--show", help="open the picture when it is written")] = False,
+    wait: Annotated[
+        bool,
+        typer.Option(
+            "--wait",
+            envvar="ANTAGONIST_WAIT",
+            help="wait where mpc's step is not compiled yet (once after an installation); else it is compiled beside "
+            "this run, which takes the readable step",
+        ),
+    ] = False,
     force: Force = False,
 ) -> None:
     """Let a controller follow a trajectory of angle and stiffness, and say how well it did."""
@@ -115,10 +124,10 @@ def track(
     half_way = float(reference.t[-1] - reference.t[0]) / 2
     known = options.compensation()
     tested, settings = _tested(plant, nominal, known, ((half_way, payload),) if payload else ())
-    settings = settings._replace(dt=dt, N=horizon, solver=solver)
+    settings = settings._replace(dt=dt, N=horizon, solver=solver, wait=wait)
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
-    with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
+    with Console(stderr=True).status("building the controller"):
         driver, estimator = loop(controller, settings, observer)
     done = simulate(tested, driver, reference, observer=estimator, seed=seed, progress=True)
 

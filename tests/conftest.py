@@ -15,6 +15,8 @@ from allocator.units import BAR, DEG
 
 sys.path.append(str(Path(__file__).parents[1]))  # `benchmarks`; last, so that what is installed is tested
 
+os.environ.setdefault("ANTAGONIST_WAIT", "1")  # commands compile in their own process, and leave none behind
+
 settings.register_profile("project", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("project")
 

@@ -11,23 +11,45 @@ import os
 import pickle
 import stat
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
+from time import time
 from typing import Any, TypeVar
 
 import numba
 from numba.core.caching import FunctionCache
 from numba.core.serialize import dumps
 
+from allocator.compilation import beside
 from allocator.files.atomic import replacing
 from allocator.notices import CacheFault, notice_once
 
 F = TypeVar("F")
 _HASH = 32  # bytes of SHA-256
+_DAY = 86400.0  # [s]
+_UNUSED = 7 * _DAY  # [s] without use, after which what another version has kept is cleared
 
 
 class Refused(OSError):
     """A directory was refused, because others may write to it."""
+
+
+def clear_stale(directory: Path, ours: str, current: str) -> None:
+    """Remove from `directory` what other versions have kept, and nobody has used for a week.
+
+    All names begin with `ours`, those of this version with `current`. A week, because two environments may take turns.
+    """
+    families: dict[str, list[Path]] = {}
+    for folder in (directory, directory / "__pycache__"):
+        for file in [*folder.glob(f"{ours}*"), *folder.glob(f".{ours}*")]:  # the latter: drafts of who was interrupted
+            stem = file.name if file.name.startswith(".") else file.name.partition(".")[0]
+            families.setdefault(stem, []).append(file)
+    for stem, files in families.items():
+        with suppress(OSError):  # somebody else has removed it, or it is not ours to remove
+            if not stem.startswith(current) and max(f.stat().st_mtime for f in files) < time() - _UNUSED:
+                for file in files:
+                    file.unlink()
 
 
 def keep(dispatcher: F, callees: Iterable[Callable[..., Any]] = ()) -> F:
@@ -76,12 +98,16 @@ class _Files:
 
     def load(self, key: object) -> Any:
         """Return what is kept for `key`; None if nothing is."""
+        file = self._file(key)
         try:
-            content = self._file(key).read_bytes()
+            content, used = file.read_bytes(), file.stat().st_mtime
         except FileNotFoundError:
             return None
         if content[:_HASH] != sha256(content[_HASH:]).digest():
             raise ValueError("not what was written")
+        if used < time() - _DAY:
+            with suppress(OSError):  # a directory that is not ours to write to
+                os.utime(file)  # it is in use: `clear_stale`
         return pickle.loads(content[_HASH:])
 
     def save(self, key: object, data: object) -> None:
@@ -107,12 +133,18 @@ class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
         self._cache_file = _Files(self.cache_path, self._impl.filename_base, stamps)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what is kept for arguments of the types `sig`; None if nothing is, or nothing that could be used."""
+        """Return what is kept for arguments of the types `sig`; None if nothing is, or nothing that could be used.
+
+        Raises `beside.NotKept` then if only what is kept may be used.
+        """
         try:
-            return super().load_overload(sig, target_context)
+            found = super().load_overload(sig, target_context)
         except Exception:  # whatever may come of reading what was not written like this
             notice_once(f"compiled code in {self.cache_path} is damaged and is made anew", CacheFault)
-            return None
+            found = None
+        if found is None:
+            beside.check_may_compile(self._name)
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep it, if that is possible."""
@@ -125,4 +157,4 @@ class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
             notice_once(said, CacheFault)
 
 
-__all__ = ["Refused", "check_own", "keep"]
+__all__ = ["Refused", "check_own", "clear_stale", "keep"]

@@ -81,6 +81,7 @@ class TrackingMPC(OptimisingController):
     budget: float | None = None  # time for a step [s]
     patience: float = 0.2  # [s]
     rest: bool = True  # whether commands come to rest at a constant reference, if the compensation knows anything
+    wait: bool = True  # for what is not compiled yet; else another process compiles, and the readable step answers
 
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
@@ -116,8 +117,8 @@ class TrackingMPC(OptimisingController):
 
     @property
     def implementation(self) -> str:
-        """The implementation of a step is "compiled", or "readable", about ten times as slowly (then `SlowStep` has
-        warned).
+        """The implementation of a step is "compiled", or "readable", about ten times as slowly (then `SlowStep` or
+        `CompilingBeside` has warned), from the first step to the last.
         """
         return self._qp_step.implementation
 
@@ -150,7 +151,9 @@ class TrackingMPC(OptimisingController):
         """Make or load what does the work of a step: the solver, and compiled code."""
         self._solve = solver_of(self.solver)
         feed_forward = InverseDynamics(self.plant, self.dt, self.N, self.limits.min_force)
-        self._qp_step, self._feed_forward = factory(self.plant, self.dt, self.problem, self._predictor, feed_forward)
+        self._qp_step, self._feed_forward = factory(
+            self.plant, self.dt, self.problem, self._predictor, feed_forward, wait=self.wait
+        )
         self._join()
 
     def _join(self) -> None:

@@ -24,10 +24,12 @@ class Settings(NamedTuple):
     compensation: Compensation = Compensation()
     weights: Weights = Weights()
     solver: Any = None  # of the QPs or the NLPs: a name, options or a value; None: the controller's own choice
+    wait: bool = True  # see `TrackingMPC`
 
 
 def _mpc(s: Settings) -> Controller:
-    return TrackingMPC(s.plant, s.dt, s.N, s.weights, s.solver or "riccati", compensation=s.compensation)
+    solver = s.solver or "riccati"
+    return TrackingMPC(s.plant, s.dt, s.N, s.weights, solver, compensation=s.compensation, wait=s.wait)
 
 
 def _nmpc(s: Settings) -> Controller:

@@ -1,9 +1,13 @@
 """The factory makes what a controller works with: compiled where that can be had, and else readable."""
 
+import warnings
+from contextlib import nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from allocator.compilation import beside
 from allocator.notices import notice
 from allocator.units import BAR
 from mpc.model.plant import Plant
@@ -12,7 +16,7 @@ from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE
 from mpc.tracking.qp.condense import TrackingProblem
-from mpc.tracking.qp.step import QPStep, ReadableQPStep, SlowStep
+from mpc.tracking.qp.step import CompilingBeside, QPStep, ReadableQPStep, SlowStep
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.structured import StructuredQP
@@ -26,15 +30,31 @@ class Parts(NamedTuple):
 
 
 def factory(
-    plant: Plant, dt: float, problem: TrackingProblem, predictor: Predictor, feed_forward: InverseDynamics
+    plant: Plant,
+    dt: float,
+    problem: TrackingProblem,
+    predictor: Predictor,
+    feed_forward: InverseDynamics,
+    *,
+    wait: bool = True,
 ) -> Parts:
-    """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails."""
+    """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails.
+
+    Who does not `wait` gets the readable ones, too, with a `CompilingBeside` warning, where nothing is compiled yet and
+    another process can do it. Where the joint has no kernel all wait: the search of its optimum has to be compiled.
+    """
     try:
         from mpc.tracking.compiled.module import compiled_plant
 
         made = compiled_plant(plant, dt)
-        inverse = CompiledFeedForward(made, feed_forward) if made.p else feed_forward.ready()
-        return Parts(CompiledQPStep(made, problem), inverse)
+        with nullcontext() if wait or not made.p else beside.only_kept():
+            inverse = CompiledFeedForward(made, feed_forward) if made.p else feed_forward.ready()
+            return Parts(CompiledQPStep(made, problem), inverse)
+    except beside.NotKept:
+        if not beside.begin(made.step.__name__, Path(str(made.step.__file__)).parent, compile_step, plant, dt):
+            return factory(plant, dt, problem, predictor, feed_forward)
+        notice(_BESIDE, CompilingBeside)
+        return Parts(ReadableQPStep(problem, predictor), feed_forward)
     except (
         Exception
     ) as failure:  # no compiler, no place for its work, a formula too long, or a fault of the compiler's own
@@ -42,6 +62,21 @@ def factory(
     said = f"the controller's step is not compiled and takes about ten times as long: {reason}"
     notice(said, SlowStep)
     return Parts(ReadableQPStep(problem, predictor, _structured(problem)), feed_forward.ready())
+
+
+_BESIDE = (
+    "another process compiles the controller's step for the next run, some 30 seconds; this run takes the readable "
+    "one, about ten times as slow (--wait, or wait=True, waits)"
+)
+
+
+def compile_step(plant: Plant, dt: float) -> None:
+    """Compile what controllers of `plant` at the sample time `dt` [s] need, to be kept. Raises `SlowStep`."""
+    from mpc.tracking.controller import TrackingMPC
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SlowStep)
+        TrackingMPC(plant, dt)
 
 
 def _structured(problem: TrackingProblem) -> "StructuredQP | None":
@@ -69,4 +104,4 @@ def setting(problem: TrackingProblem) -> Any:
     return Setting(cost, bounds, problem.curvature, LAZY_TOLERANCE, ACCURACY, slack, problem.starts.astype(np.int64))
 
 
-__all__ = ["Parts", "factory", "setting"]
+__all__ = ["Parts", "compile_step", "factory", "setting"]

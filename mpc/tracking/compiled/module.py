@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 
 from allocator import units
@@ -22,7 +23,7 @@ from allocator.allocation.kernels import source as kernels
 from allocator.allocation.kernels.choice import JointKernel, coefficients, kernel_of
 from allocator.calculus import Array
 from allocator.compilation import jit
-from allocator.compilation.cache import check_own
+from allocator.compilation.cache import check_own, clear_stale
 from allocator.files.atomic import write_text
 from allocator.units import BAR
 from mpc.codegen.python_text import translated
@@ -141,13 +142,15 @@ def with_formulas(template: Path, formulas: str) -> str:
 @cache
 def imported(text: str) -> ModuleType:
     """Return the module of this text, from the cache directory if it is there."""
-    name = f"{KEPT}{sha256((text + _surroundings()).encode()).hexdigest()[:24]}"
+    version = f"{KEPT}{_hash(_surroundings(), numba.__version__, length=8)}_"
+    name = version + _hash(text, length=24)
     directory = _directory()
     directory.mkdir(mode=0o700, parents=True, exist_ok=True)
     check_own(directory)
     file = directory / f"{name}.py"
     if not _holds(file, text):
         write_text(file, text)
+        clear_stale(directory, KEPT, version)
     module = ModuleType(name)
     module.__file__ = str(file)
     sys.modules[name] = module  # numba looks for it there when it loads what it kept
@@ -157,6 +160,10 @@ def imported(text: str) -> ModuleType:
         del sys.modules[name]
         raise
     return module
+
+
+def _hash(*texts: str, length: int) -> str:
+    return sha256("\0".join(texts).encode()).hexdigest()[:length]
 
 
 def _holds(file: Path, text: str) -> bool:

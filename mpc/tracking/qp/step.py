@@ -27,6 +27,10 @@ class SlowStep(UserWarning):
     """A controller's step could not be compiled: the readable one answers, about ten times as slowly."""
 
 
+class CompilingBeside(UserWarning):
+    """A controller's step is being compiled by another process: the readable one answers, about ten times as slowly."""
+
+
 class PreviousSample(NamedTuple):
     """The previous sample is what its successor knows of it.
 
@@ -125,4 +129,13 @@ def commands(problem: TrackingProblem, u: Array, z: Array, previous: PreviousSam
     return problem.limits.limited(previous.u, u + problem.E @ z)
 
 
-__all__ = ["PreviousSample", "QPAnswer", "QPStep", "ReadableQPStep", "SlowStep", "commands", "dense_answer"]
+__all__ = [
+    "CompilingBeside",
+    "PreviousSample",
+    "QPAnswer",
+    "QPStep",
+    "ReadableQPStep",
+    "SlowStep",
+    "commands",
+    "dense_answer",
+]

@@ -10,9 +10,13 @@ import numpy as np
 import pytest
 
 from allocator import BAR
+from allocator.compilation import beside
 from allocator.files import atomic
-from mpc import PlanStatus, Plant, SlowStep, TrackingMPC
+from mpc import CompilingBeside, PlanStatus, Plant, SlowStep, TrackingMPC
 from mpc.tracking.compiled import module
+from mpc.tracking.compiled.factory import compile_step
+from mpc.tracking.linearise import Predictor
+from mpc.tracking.qp.step import ReadableQPStep
 
 ROOT = Path(__file__).parents[3]
 
@@ -94,6 +98,60 @@ def test_without_a_home_the_readable_step_answers(monkeypatch):
     module.imported.cache_clear()
     with pytest.warns(SlowStep, match="no directory to keep compiled code in"):
         assert TrackingMPC(Plant(), N=12).implementation == "readable"
+
+
+# --- beside -----------------------------------------------------------------------------------------------------------
+
+
+def test_who_does_not_wait_gets_the_readable_step_and_another_process_compiles(caches, monkeypatch):
+    begun = []
+    monkeypatch.setattr(beside, "begin", lambda *arguments: begun.append(arguments) or True)
+    plant = Plant()
+    with pytest.warns(CompilingBeside, match="another process compiles the controller's step") as said:
+        mpc = TrackingMPC(plant, N=12, wait=False)
+    assert (len(said), mpc.implementation) == (1, "readable")
+    [(name, directory, *work)] = begun
+    assert (directory / f"{name}.py").exists()
+    assert work == [compile_step, plant, 0.01]
+    module.imported.cache_clear()
+    monkeypatch.undo()
+    x, compiled = plant.at_rest(0.0, 7.6), TrackingMPC(plant, N=12)
+    for k in range(20):  # with limits that bind
+        reference = 0.5 * np.sin(0.3 * k), 7.6 + 0.2 * np.cos(0.3 * k)
+        plan = mpc.step(x, *reference)
+        np.testing.assert_allclose(plan.u, compiled.step(x, *reference).u, atol=1e-6 * BAR)
+        x = plan.x[1]
+
+
+def test_what_is_compiled_is_taken_by_who_does_not_wait():
+    TrackingMPC(Plant(), N=12)
+    assert TrackingMPC(Plant(), N=12, wait=False).implementation == "compiled"
+
+
+def test_where_no_process_can_compile_beside_all_wait(caches, monkeypatch):
+    monkeypatch.setattr(beside, "begin", lambda *_: False)
+    monkeypatch.setattr("mpc.tracking.compiled.factory.CompiledQPStep", Loaded)
+    monkeypatch.setattr("mpc.tracking.compiled.factory.CompiledFeedForward", lambda plant, readable: readable)
+    mpc = TrackingMPC(Plant(), N=12, wait=False)
+    assert mpc.implementation == "loaded"
+
+
+class Loaded(ReadableQPStep):
+    """A step that is not there when nothing may be compiled, and takes no time to compile else."""
+
+    implementation = "loaded"
+
+    def __init__(self, plant, problem):
+        beside.check_may_compile("step")
+        super().__init__(problem, Predictor(Plant(), 0.01, 12))
+
+
+@pytest.mark.slow
+def test_another_process_compiles_what_a_controller_needs(tmp_path):
+    TrackingMPC(Plant())  # here it is compiled, and found there
+    assert beside.begin("work", tmp_path, compile_step, Plant(), 0.01)
+    assert beside._STARTED[-1].wait(timeout=120) == 0
+    assert not [*tmp_path.iterdir()]
 
 
 # --- what is kept on disk ---------------------------------------------------------------------------------------------
