@@ -5,6 +5,7 @@ has started it, works at a low priority, and holds a lock on a file as long as i
 a process that was ended or has failed.
 """
 
+import gc
 import os
 import pickle
 import subprocess
@@ -108,6 +109,7 @@ def main() -> None:
             return
         if hasattr(os, "nice"):
             os.nice(_NICE)
+        gc.disable()  # a compiler makes little garbage and many objects to look through: a tenth of its time
         work(*arguments)
     lock.unlink(missing_ok=True)
 

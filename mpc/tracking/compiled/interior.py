@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.jit import assign, inlined
 from mpc.tracking.compiled.newton import ALL, BOUNDS, Factors, adjoint, direction, factorise, gradients, left_over
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.riccati import FREE, LOWER, UPPER, Sweep, settled
@@ -129,7 +129,8 @@ def interior(
         if count == BOUNDS and total < SHOWS * most:
             binding(rows, setting.starts, guess)
             if settled(path, setting, work.origin_x, work.origin_v, bounded, guess, 2, work.by, work.sweep):
-                at.xi[:], at.v[:] = work.by.xi, work.by.v
+                assign(at.xi, work.by.xi)
+                assign(at.v, work.by.v)
                 return iteration
         factorise(path, cost, slack, rows.W, there, count, work.factors)
         direction(path, work.factors, slack, at, work.gx, work.gv, rows.push, count, work.by)

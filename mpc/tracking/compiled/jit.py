@@ -5,6 +5,7 @@ from typing import Any, TypeVar
 
 from numba import config, njit
 
+from allocator.calculus import Array
 from allocator.compilation.cache import keep
 
 if config.DISABLE_JIT:
@@ -44,4 +45,14 @@ def merged(function: F) -> F:
     return made
 
 
-__all__ = ["KEPT", "compiled", "exactly", "inlined", "merged"]
+@inlined
+def assign(target: Array, source: Array) -> None:
+    """Copy `source` into `target`, of the same shape.
+
+    With `target[:] = source` numba compiles, for three seconds, what writes the message that two shapes differ.
+    """
+    for i in range(target.size):
+        target.flat[i] = source.flat[i]
+
+
+__all__ = ["KEPT", "assign", "compiled", "exactly", "inlined", "merged"]
