@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from benchmarks.speed import allocation, mpc_step, processes, report
+from benchmarks.speed import allocation, mpc_step, processes, report, whole_sample
 from benchmarks.speed.clock import Measurement
 from benchmarks.speed.truth import BenchmarkFailure
 
@@ -14,6 +14,7 @@ PARTS: dict[str, Callable[[bool], Iterator[Measurement]]] = {
     "allocation": allocation.measure,
     "processes": processes.measure,
     "control": mpc_step.measure,
+    "sample": whole_sample.measure,
 }
 
 

@@ -79,7 +79,8 @@ LIMITATIONS = (
     "MPC: up to N = 40 a QP's solution takes so little that the rest of a step is most of it: checks, what is to be "
     "followed, the linear model, the prediction. The slowest steps are those whose QP the sweeps leave to the interior "
     "point.",
-    "MPC: only the controller's step is timed, not the observer. cvxpy is timed without what makes the QP.",
+    "MPC: under Control only the controller's step is timed, not the observer; under Sample both are, on another plant "
+    "than IPOPT's. cvxpy is timed without what makes the QP.",
 )
 
 

@@ -8,7 +8,8 @@ have the same interface, so that each of them may be in the plant under test and
 from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 from allocator.calculus import Array, Value
-from mpc.model.plant import Plant
+from mpc.model.buffered import Buffered
+from mpc.model.plant import NX, Plant
 
 
 class Pressing(Protocol):
@@ -19,6 +20,25 @@ class Pressing(Protocol):
 
     def isobaric(self, x: Value) -> Value:
         """Return the isobaric stiffness [N·m/rad] in the state `x` [4, ...]."""
+
+
+class BufferedPressing:
+    """What presses is a plant's, in one CasADi function: for numbers that takes a fifth of the plant's own time."""
+
+    def __init__(self, plant: Plant) -> None:
+        import casadi as ca
+
+        x = ca.SX.sym("x", NX)
+        both = ca.densify(ca.vertcat(plant.pull(x), plant.isobaric(x)))
+        self._both = Buffered(ca.Function("pressing", [x], [both]))
+
+    def pull(self, x: Value) -> Value:
+        """Return a1 F1 + a2 F2 [N·m] in the state `x` (4,)."""
+        return float(self._both(x)[0][0, 0])
+
+    def isobaric(self, x: Value) -> Value:
+        """Return the isobaric stiffness [N·m/rad] in the state `x` (4,)."""
+        return float(self._both(x)[0][0, 1])
 
 
 class Contact(NamedTuple):
@@ -85,4 +105,4 @@ class Hysteresis(Protocol):
         """Return Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar."""
 
 
-__all__ = ["Contact", "Hysteresis", "Pressing"]
+__all__ = ["BufferedPressing", "Contact", "Hysteresis", "Pressing"]

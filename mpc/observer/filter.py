@@ -18,7 +18,7 @@ from allocator.calculus import Array, Mask, Value
 from allocator.units import BAR, DEG
 from mpc.model.buffered import Buffered
 from mpc.model.compensation import Compensation
-from mpc.model.contact import Contact
+from mpc.model.contact import BufferedPressing, Contact
 from mpc.model.plant import NU, NX, Plant
 from mpc.observer.gating import Gate
 
@@ -77,6 +77,7 @@ class Filter:
             np.array([gate.upper[0], gate.max_speed, *gate.upper[1:], gate.max_torque]),
         )
         self._model = Buffered(self._discrete(dt))
+        self._pressing = BufferedPressing(plant)
         self.stationary = self._stationary()  # covariance (5, 5) before a measurement once it has run for long
         self.unsure = np.diag(_UNSURE * np.diag(self.stationary))  # where nothing but the readings is known
         self.unsure[1, 1], self.unsure[NX, NX] = (gate.max_speed / 3) ** 2, (gate.max_torque / 9) ** 2
@@ -84,14 +85,14 @@ class Filter:
     def contact(self, belief: Belief) -> Contact:
         """Return what presses on that which rubs, in the nearest state for which the muscles' laws are made."""
         x = self.within(belief.xi)[:NX]
-        return Contact(self.plant, np.minimum(np.maximum(x, self._inner[0]), self._inner[1]))
+        return Contact(self._pressing, np.minimum(np.maximum(x, self._inner[0]), self._inner[1]))
 
     def predicted(self, belief: Belief, v: Array, memory: Value, Q: Array) -> Belief:
         """Predict one sample on, the commands `v` (2,) [Pa] acting and what friction remembers being `memory`."""
         xi = self.within(belief.xi)
         x, d = xi[:NX], float(xi[NX])
         near = np.minimum(np.maximum(x, self._inner[0]), self._inner[1])
-        T_f = self.compensation.friction.torque(memory, Contact(self.plant, near))
+        T_f = self.compensation.friction.torque(memory, Contact(self._pressing, near))
         x_next, A = self._model(near, self.compensation.after_dead_band(v, x[2:]), d - T_f)
         A = _with_walk(A)
         later = np.append(x_next[0], d)
