@@ -1,7 +1,7 @@
 """The template lets a controller drive a plant, sample by sample, as long as nothing out of the ordinary happens.
 
 `mpc.trials.many.driving` puts modules in the place of the lines below that begin with `FORMULAS`: `process` has the
-plant under test, `joint` the compiled step of the controller's plant, `solution` that of its QP, and `told` what is
+plant under test, `joint` the compiled step of the controller's plant, and `told` what is
 known of the plant beyond it: `observed` (x, v, d) ↦ the next state and its Jacobian by (x, d), `torque` (x, memory) ↦
 T_f and `moved` (x, memory, motion) ↦ memory of friction in contact at x, `turning` x ↦
 the isobaric stiffness and ∂T/∂P.
@@ -21,6 +21,8 @@ from mpc.observer.gating import NEAR_A_TURN, ROUGH, SIGMAS, TURN
 from mpc.observer.kalman import DOUBT
 from mpc.tracking.compiled.flat_records import given_in
 from mpc.tracking.compiled.jit import compiled, inlined
+from mpc.tracking.compiled.sample.calls import settle_at
+from mpc.tracking.compiled.sample.layout import known_in, made_in
 from mpc.tracking.preview import CORRECTED
 from mpc.tracking.rest import MOST as MOST_CORRECTED
 from mpc.tracking.rest import NOISE
@@ -29,7 +31,7 @@ from mpc.trials.many.algebra import PLACES, SIZE, corrected, propagated, sound
 from mpc.trials.many.records import Answers, Belief, Filter, Known, Memory, Plant, Step
 
 FORMULAS: Any = None
-process = joint = solution = told = FORMULAS
+process = joint = told = FORMULAS
 
 OPTIMAL, RESTING, QP, ALLOCATION = 0, 9, 0, 3  # of `PlanStatus` and `Rung`
 
@@ -202,13 +204,10 @@ def answered(known: Known, step: Step, m: Memory, xi: Array, theta: Array, K: Ar
         for i in range(4):
             start[i] = way[delay, i]
     held = known.rests and rests(known, m, xi, theta[delay:], K[delay:], expected)
-    reference_of = given_in(step.given).reference
-    u_star, moved = reference_of.u, answers.moved[k]
-    if not joint.feed_forward(
-        step.c, step.p, joint.known_in(step.known), step.slopes, theta[delay:], K[delay:], torques[delay:],
-        reference_of, moved,
-    ):  # fmt: skip
+    feed, moved, fixed = given_in(step.given).reference, answers.moved[k], (step.c, step.p, known_in(step.known))
+    if not joint.feed_forward(*fixed, step.slopes, theta[delay:], K[delay:], torques[delay:], feed, moved):
         return False
+    u_star = feed.u
     ahead = approached(known, step, m, start, torques[delay:], k, answers) if held else False
     if (held and not ahead) or (not held and not optimised(known, step, m, start, torques[delay:], u_star, k, answers)):
         return False
@@ -296,10 +295,10 @@ def optimised(
         step.guess[j] = before[step.shifted[j]]
     fixed = step.c, step.h, step.substeps, step.numbers, step.starts, step.given, step.buffer
     joint.linearise(*fixed)
-    solved, _ = solution.settle(step.numbers, step.starts, step.given, step.buffer, step.guess, step.z)
+    solved, _ = settle_at(step.settle, step.numbers, step.starts, step.given, step.buffer, step.guess, step.z)
     if not solved:
         return False
-    made = joint.made_in(np.empty(joint.length_of(N)))
+    made = made_in(step.out)
     finite = joint.rollout(*fixed, step.z, made)
     record(known, m, made.u, made.x, made.F, 0.0, k, answers)
     answers.rung[k], answers.status[k] = QP, OPTIMAL

@@ -5,6 +5,7 @@ first samples of a run are made by the readable parts, and the flat values are t
 anything is out of the ordinary (`mpc.trials.many.driven`) is left to `simulate`.
 """
 
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
@@ -13,18 +14,17 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.python_text import filling
 from mpc.model.compensation import Compensation
 from mpc.model.contact import Contact
 from mpc.model.plant import NU, NX
 from mpc.model.plant import Plant as Model
 from mpc.observer.kalman import KalmanObserver, Observer
-from mpc.tracking.compiled.module import imported, solve_module, with_formulas
+from mpc.tracking.compiled.module import imported, with_formulas
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.qp.solvers import Riccati
-from mpc.trials.many.plant import CompiledExperiment, CompiledPlant
+from mpc.trials.many.plant import CompiledExperiment
 from mpc.trials.many.records import Answers, Plant
 from mpc.trials.many.taken import belief_of, filter_of, known_of, memory_of, ordinary, step_of
 from mpc.trials.reference import Reference
@@ -38,21 +38,20 @@ _TEMPLATE, _PARTS = _HERE / "driven.py", ("algebra.py", "records.py", "rest.py")
 
 
 class Driving:
-    """Driving is the compiled loop of a controller and its observer with one plant, and the numbers of its formulas."""
+    """Driving is the compiled loop of a controller and its observer with plants, and the numbers of its formulas."""
 
-    def __init__(self, plant: CompiledPlant, controller: TrackingMPC, observer: KalmanObserver) -> None:
-        """Compile. Raises `Untranslatable` for formulas that are too long."""
+    def __init__(self, controller: TrackingMPC, observer: KalmanObserver) -> None:
+        """Write the formulas. Raises `Untranslatable` for those that are too long."""
         self._controller, self._observer = controller, observer
         text, self.c = _told(controller.plant, controller.compensation, observer)
         qp_step: Any = controller._qp_step
-        modules = {
-            "process": plant.module,
-            "joint": qp_step.plant.step,
-            "solution": solve_module(),
-            "told": imported(text),
-        }
+        self._modules = {"joint": qp_step.plant.step, "told": imported(text)}
+
+    def _loop(self, process: ModuleType) -> ModuleType:
+        """Return the loop with plants under test of the kind `process`."""
+        modules = self._modules | {"process": process}
         loads = "".join(f"import {module.__name__} as {name}\n" for name, module in modules.items())
-        self.module: ModuleType = imported(f"# of {_parts()}\n" + with_formulas(_TEMPLATE, f"\n{loads}\n"))
+        return imported(f"# of {_parts()}\n" + with_formulas(_TEMPLATE, f"\n{loads}\n"))
 
     def drive(self, loop: ClosedLoop) -> bool:
         """Let the compiled loop do the samples of `loop`, which has this plant, controller and observer; return whether
@@ -77,7 +76,7 @@ class Driving:
         )
         previews = loop.wanted.preview(0, loop.steps + controller.ahead)
         known = filter_of(observer, self.c), belief_of(observer), known_of(controller, self.c), step_of(controller)
-        done = self.module.driven(READABLE, under_way, *known, memory_of(controller), *previews, answers)
+        done = self._loop(plant.module).driven(READABLE, under_way, *known, memory_of(controller), *previews, answers)
         loop.took[:] = np.nan
         return bool(done == loop.steps)
 
@@ -87,19 +86,23 @@ def _meant(wanted: Reference) -> bool:
     return bool((np.abs(wanted.theta) <= 2 * np.pi).all() and (wanted.K >= LEAST).all())
 
 
-def drives(controller: Controller, observer: Observer | None) -> bool:
-    """Return whether controller and observer are such that they are compiled."""
+def driving(controller: Controller, observer: Observer | None) -> Driving | None:
+    """Return what drives plants as controller and observer do, if these are such that they are compiled.
+
+    Raises `Untranslatable` for formulas that are too long.
+    """
     if not (type(controller) is TrackingMPC and type(observer) is KalmanObserver):
-        return False
+        return None
     compiled = (controller._qp_step, CompiledQPStep), (controller._feed_forward, CompiledFeedForward)
     told = (controller.plant, controller.compensation, controller.dt)
-    return (
+    able = (
         all(isinstance(part, kind) for part, kind in compiled)
         and isinstance(controller._solve, Riccati)
         and controller.iterations == 1
         and controller.budget is None  # nobody waits for a command here: what takes too long would depend on the day
         and told == (observer.plant, observer.compensation, observer.dt)
     )
+    return Driving(controller, observer) if able else None
 
 
 def _told(plant: Model, known: Compensation, observer: KalmanObserver) -> tuple[str, Array]:
@@ -125,9 +128,10 @@ def _told(plant: Model, known: Compensation, observer: KalmanObserver) -> tuple[
     return text, c
 
 
+@cache
 def _parts() -> str:
     """Return the hash of what the template calls besides, so that a change of it is compiled, too."""
     return sha256("".join((_HERE / name).read_text(encoding="utf-8") for name in _PARTS).encode()).hexdigest()
 
 
-__all__ = ["Driving", "Untranslatable", "drives"]
+__all__ = ["Driving", "driving"]

@@ -56,9 +56,9 @@ class Compiled:
         """Return `plant` compiled, or itself where that cannot be done."""
         return self._found((id(plant), dt), plant, lambda: _compiled_plant(plant, dt)) or plant
 
-    def driving(self, plant: Process, loop: Loop) -> Any:
-        """Return the loop's compiled `Driving` of a compiled plant, None where that cannot be done."""
-        parts = plant, loop.controller, loop.observer
+    def driving(self, controller: Controller, observer: Observer | None) -> Any:
+        """Return what drives compiled plants as controller and observer do, None where that cannot be compiled."""
+        parts = controller, observer
         return self._found(tuple(map(id, parts)), parts, lambda: _driving(*parts))
 
     def _found(self, key: tuple[Any, ...], of: Any, make: Callable[[], Any]) -> Any:
@@ -78,20 +78,17 @@ def _compiled_plant(plant: Process, dt: float) -> Any:
     return compiled_plant(plant, dt)
 
 
-def _driving(plant: Any, controller: Any, observer: Any) -> Any:
-    from mpc.trials.many.driving import Driving, drives
-    from mpc.trials.many.plant import CompiledPlant
+def _driving(controller: Controller, observer: Observer | None) -> Any:
+    from mpc.trials.many.driving import driving
 
-    able = isinstance(plant, CompiledPlant) and drives(controller, observer)
-    return Driving(plant, controller, observer) if able else None
+    return driving(controller, observer)
 
 
 def _run(loop: Loop, made: Compiled) -> tuple[Run, str]:
     """Return the run, and whether its loop was "compiled" or "readable"."""
-    plant = made.plant(loop.plant, loop.controller.dt)
+    plant, driving = made.plant(loop.plant, loop.controller.dt), made.driving(loop.controller, loop.observer)
     given = plant, loop.controller, loop.reference
-    driving = made.driving(plant, loop)
-    if driving is not None:
+    if driving is not None and plant is not loop.plant:
         closed = ClosedLoop(*given, loop.x0, loop.observer, loop.seed)
         if driving.drive(closed):
             return closed.run(), "compiled"

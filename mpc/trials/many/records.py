@@ -70,8 +70,9 @@ class Known(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What the compiled step takes, see `mpc.tracking.compiled.qp_step`."""
+    """What the compiled step takes, see `mpc.tracking.compiled.sample.arrays`."""
 
+    settle: int  # address of the QP's solution
     c: Array
     h: float
     substeps: int
@@ -83,8 +84,9 @@ class Step(NamedTuple):
     shifted: Any
     z: Array
     p: Any
-    known: Array  # see `mpc.tracking.compiled.sample.layout`
+    known: Array
     slopes: Array
+    out: Array
 
 
 class Memory(NamedTuple):

@@ -76,11 +76,10 @@ def step_of(controller: TrackingMPC) -> Step:
     feed_forward: Any = controller._feed_forward
     structured = qp_step.structured
     c, p, known, slopes = feed_forward.arrays.fixed
-    h, substeps = qp_step.plant.h, qp_step.plant.substeps
     numbers, starts, given, buffer = structured.arrays
     return Step(
-        c, h, substeps, numbers, starts, given, buffer, structured.guess, structured._shifted, structured.z, p, known,
-        slopes,
+        structured.address, c, qp_step.plant.h, qp_step.plant.substeps, numbers, starts, given, buffer,
+        structured.guess, structured._shifted, structured.z, p, known, slopes, np.empty(feed_forward.arrays.size),
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
+from multiprocessing.context import BaseContext
 from typing import Any
 
 from allocator.errors import InvalidInput
@@ -13,18 +14,27 @@ from mpc.trials.many.runs import Outcome
 
 _BATCHES = 8  # for each process: some take longer than others
 
-_stop: Any = None  # an event, in processes that work for others
+_given: Any = None  # loops, whether to keep runs, and an event that says stop: in processes that work for others
 
 
-def spread(loops: Sequence[Loop], keep: bool, workers: int) -> Iterator[tuple[int, Outcome]]:
-    """Yield the number of each loop and its outcome as they come from so many processes."""
-    size = -(-len(loops) // (_BATCHES * workers))
-    batches = [_pickled(loops[i : i + size]) for i in range(0, len(loops), size)]
-    context = get_context()
+def spread(
+    loops: Sequence[Loop], keep: bool, workers: int, context: BaseContext | None = None
+) -> Iterator[tuple[int, Outcome]]:
+    """Yield the number of each loop and its outcome as they come from so many processes.
+
+    The first loop is this process's, which compiles what the others then have. Raises `InvalidInput` for loops that
+    cannot be sent to processes that do not begin as copies of this one.
+    """
+    yield from outcomes(loops[:1], keep)
+    context = get_context() if context is None else context
+    if context.get_start_method() != "fork":
+        _check_sendable(loops)
+    size = -(-len(loops[1:]) // (_BATCHES * workers)) or 1
+    batches = [(i, min(i + size, len(loops))) for i in range(1, len(loops), size)]
     stop = context.Event()
-    with ProcessPoolExecutor(workers, context, _begin, (stop,)) as pool:
+    with ProcessPoolExecutor(workers, context, _begin, (loops, keep, stop)) as pool:
         try:
-            for future in as_completed([pool.submit(_batch, batch, keep) for batch in batches]):
+            for future in as_completed([pool.submit(_batch, *batch) for batch in batches]):
                 yield from future.result()
         except BaseException:
             stop.set()
@@ -32,28 +42,27 @@ def spread(loops: Sequence[Loop], keep: bool, workers: int) -> Iterator[tuple[in
             raise
 
 
-def _pickled(loops: Sequence[Loop]) -> bytes:
+def _check_sendable(loops: Sequence[Loop]) -> None:
     try:
-        return pickle.dumps(loops)
+        pickle.dumps(loops)
     except Exception as failure:  # whatever is in them says why
-        raise InvalidInput(
-            f"runs {loops[0].number} to {loops[-1].number} cannot be sent to another process, say workers=1: {failure}"
-        ) from None
+        raise InvalidInput(f"these loops cannot be sent to other processes, say workers=1: {failure}") from None
 
 
-def _begin(stop: Any) -> None:
+def _begin(*given: Any) -> None:
     """Prepare a process: an interrupt is for the one that it works for, which then says stop."""
-    global _stop
-    _stop = stop
+    global _given
+    _given = given
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _batch(loops: bytes, keep: bool) -> list[tuple[int, Outcome]]:
+def _batch(begin: int, end: int) -> list[tuple[int, Outcome]]:
     """Return the outcomes of a batch; of those before the stop."""
+    loops, keep, stop = _given
     found = []
-    for one in outcomes(pickle.loads(loops), keep):
+    for one in outcomes(loops[begin:end], keep):
         found.append(one)
-        if _stop.is_set():
+        if stop.is_set():
             break
     return found
 

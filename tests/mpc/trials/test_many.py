@@ -1,6 +1,7 @@
 """Many runs are those of `simulate`, whatever is compiled of them, on however many processes."""
 
 from dataclasses import replace
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -9,7 +10,10 @@ from allocator import BAR, DEG, InvalidInput
 from mpc import KalmanObserver, PlanStatus, RealPlant, Reference, TrackingMPC, Weights, simulate, simulate_many
 from mpc.codegen.graphs import Untranslatable
 from mpc.model.faults import SilentSensors
+from mpc.trials.many.driving import driving
+from mpc.trials.many.loop import Loop
 from mpc.trials.many.plant import compiled_plant
+from mpc.trials.many.workers import spread
 from mpc.trials.metrics import metrics
 from mpc.yardsticks.baselines import FeedForwardControl, PIDControl, PIDGains
 
@@ -76,7 +80,9 @@ def driver():
 @pytest.mark.slow
 def test_every_run_is_the_one_of_simulate(driver):
     controller, observer = driver
-    plants = [REAL, RealPlant.standard((0.9, 1.05)), replace(REAL, faults=(SilentSensors(0.5, 0.7),)), MODEL]
+    late = replace(RealPlant.standard((0.9, 1.05)), dead_time=0.014)
+    hit = replace(REAL, torque_profile=((0.3, 40.0), (0.35, 0.0)))  # the observer's gates take it for wrong readings
+    plants = [REAL, late, replace(REAL, faults=(SilentSensors(0.5, 0.7),)), hit]
     seeds, x0 = (5, 6, 7, 8), np.array([MODEL.at_rest(angle, 6.0) for angle in (0.0, 0.1, 0.0, -0.1)])
     many = simulate_many(plants, controller, MOVE, x0=x0, observers=observer, seeds=seeds, keep=True)
     assert len(many) == 4
@@ -85,9 +91,35 @@ def test_every_run_is_the_one_of_simulate(driver):
         assert same(many[i], alone)
         assert many.theta_rms[i] == pytest.approx(metrics(alone).theta_rms, rel=1e-9)
         assert many.statuses[i].sum() == many.rungs[i].sum() == alone.u.shape[0]
+    assert many.implementation == ("compiled", "compiled", "readable", "readable")
     blind = many.statuses[:, list(PlanStatus).index(PlanStatus.NO_MEASUREMENT)]
     assert blind[2] > 0
-    assert (blind[[0, 1, 3]] == 0).all()
+    assert (blind[[0, 1]] == 0).all()
+
+
+@pytest.mark.slow
+def test_a_compiled_loop_rests_as_simulate_does(driver):
+    controller, observer = driver
+    t = np.linspace(0, 1, 21)
+    there = Reference([*t, 5.0], 10 * DEG * np.append(1 - np.cos(np.pi * t), 2.0), np.full(22, 5.5))
+    many = simulate_many(REAL, controller, there, observers=observer, seeds=[11], keep=True)
+    alone = simulate(REAL, controller, there, observer=observer, seed=11)
+    assert many.implementation == ("compiled",)
+    assert same(many[0], alone)
+    assert (many[0].status == PlanStatus.RESTING).sum() > 50
+    assert np.isnan(many[0].step_time).all()
+
+
+@pytest.mark.parametrize("other", [{"iterations": 2}, {"budget": 10.0}, {"solver": "daqp"}])
+def test_controllers_that_are_not_compiled_are_left_to_simulate(driver, other):
+    controller = replace(driver[0], **other)
+    assert driving(controller, driver[1]) is None
+    assert driving(*driver) is not None
+
+
+def test_an_observer_that_is_told_something_else_is_left_to_simulate(driver):
+    assert driving(driver[0], KalmanObserver(MODEL, DT)) is None
+    assert driving(driver[0], None) is None
 
 
 @pytest.mark.slow
@@ -175,5 +207,6 @@ def test_what_cannot_be_sent_to_a_process_is_refused():
     class Local(FeedForwardControl):
         """A class that no other process finds."""
 
-    with pytest.raises(InvalidInput, match=r"runs 0 to 0 cannot be sent to another process, say workers=1: "):
-        simulate_many(MODEL, Local(MODEL), MOVE, seeds=range(2), workers=2)
+    loops = [Loop(i, MODEL, Local(MODEL), MOVE, None, None, i) for i in range(2)]
+    with pytest.raises(InvalidInput, match=r"these loops cannot be sent to other processes, say workers=1: .*Local"):
+        list(spread(loops, keep=False, workers=2, context=get_context("spawn")))
