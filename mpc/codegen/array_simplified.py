@@ -34,6 +34,13 @@ class _Simple(ast.NodeTransformer):
                 return self.visit_Call(_at(node, ast.Call(name, [ast.Call(name, most, []), last], [])))
         return node
 
+    def visit_Expr(self, node: ast.Expr) -> Any:
+        """Return `mpc.tracking.compiled.jit.assign` as what it stands for."""
+        match node.value:
+            case ast.Call(ast.Name("assign"), [target, source], []):
+                return _at(node, ast.Assign([ast.Subscript(target, ast.Slice(), ast.Store())], source))
+        return self.generic_visit(node)
+
     def visit_Assign(self, node: ast.Assign) -> Any:
         """Return one assignment for each target, and a choice for each element of a chosen tuple."""
         self.generic_visit(node)

@@ -4,7 +4,8 @@ import re
 
 import numpy as np
 
-from mpc.codegen.array_functions import INT, REAL, ArrayKind, Kind, StructKind, c_functions
+from mpc.codegen.array_functions import MIN_AND_MAX, c_functions
+from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, StructKind
 from mpc.export import text
 from mpc.governor import kernel
 
@@ -37,10 +38,6 @@ static void potential(const ant_real *q, const ant_real *c, ant_real *level) {
     ant_model_potential(q, level);
 }
 """
-_SMALL = "\n".join(
-    f"static inline {kind} ant_{name}{suffix}({kind} a, {kind} b) {{ return a {sign} b ? a : b; }}"
-    for kind, suffix, name, sign in ((REAL, "", "min", "<"), (REAL, "", "max", ">"), (INT, "_int", "max", ">"))
-)
 
 
 def motion(q, omega, P, c, alpha, gain, force, speed, energy):  # type: ignore[no-untyped-def]
@@ -66,7 +63,7 @@ def kernel_files(single: bool) -> dict[str, str]:
         "src/kernel.h": text.header(
             "ANT_KERNEL_H", about, f"{rules.definition()}\n\n{made.head}", ["antagonist_memory.h"]
         ),
-        "src/kernel.c": "\n\n".join([f"/* {about} */\n{includes}", _SMALL, _FORMULAS, body]) + "\n",
+        "src/kernel.c": "\n\n".join([f"/* {about} */\n{includes}", MIN_AND_MAX, _FORMULAS, body]) + "\n",
     }
 
 

@@ -28,6 +28,11 @@ class Work(NamedTuple):
     places: np.ndarray
 
 
+def assign(target, source):
+    """Copy as `mpc.tracking.compiled.jit.assign` does, which only compiled functions can call."""
+    target[:] = source
+
+
 def ends(x):
     """Return the least and the greatest of `x`, and whether all are finite."""
     least, greatest, sound = x[0], x[0], True
@@ -62,7 +67,7 @@ def mixed(work, x, out):
         own[k] = sums[0, 1] = high**2 - low**3
         sums[1, 2] += max(low, high, 1.5, own[k])
     if sound and not any_negative:
-        own[:] = work.box.upper
+        assign(own, work.box.upper)
         out[1, 1:3] = own[4]
     return float(sums[0, 1] + sums[1, 2] + least * greatest + found + 10.0 ** out[0, 0] + abs(box.upper[0]))
 
