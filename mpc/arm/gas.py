@@ -1,4 +1,4 @@
-"""The gas in an arm's muscles: what its motion makes of their pressures, in numbers and as a formula.
+"""The gas in an arm's muscles is here: what its motion makes of their pressures, in numbers and as a formula.
 
 A muscle that lengthens by l' squeezes its gas; with the isobaric gain F_P of its force and all of the gas in V^eff
 

@@ -3,7 +3,7 @@
     q' = ω,   M(q) ω' = τ(q, P) - C(q, ω) - D ω - g(q) + d,   τ_j P_j' = u_j - P_j
     K(q, P) = -∂τ/∂q at constant pressures                                                                        (M2)
 
-With `gas` the motion moves the pressures, P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff                       (G3)
+With `gas` the motion moves the pressures, P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff                      (G3)
 
 The state is x = (q, ω, P) ∈ R^(2n+m), in SI units. Over a sample of constant commands the pressures are known
 without gas, P(t) = u + (P - u) exp(-t/τ), and the bodies are integrated by the classical Runge–Kutta method along

@@ -28,7 +28,7 @@ _STILL = 1e-9  # [m/rad] or of the greatest: what moves a point less does not mo
 
 
 class Read(NamedTuple):
-    """What was `Read` of a model."""
+    """A `Read` is what was read of a model."""
 
     model: Any  # an `MjModel` for a `MujocoPlant`, whose actuators are switched off
     mechanism: Mechanism

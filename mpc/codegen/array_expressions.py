@@ -32,7 +32,7 @@ class Unit(Protocol):
 
 
 class Expressions:
-    """The expressions of one function: `known` are its arguments, `local` its variables, `loops` those of loops."""
+    """The expressions are those of one function: `known` its arguments, `local` its variables, `loops` of loops."""
 
     def __init__(self, unit: Unit, known: dict[str, Kind], loops: set[str]) -> None:
         self.unit, self.known, self.loops = unit, known, loops

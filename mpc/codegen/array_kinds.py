@@ -1,4 +1,4 @@
-"""The kinds of values that `mpc.codegen.array_functions` prints: numbers, arrays, structs for tuples."""
+"""The kinds of values that `mpc.codegen.array_functions` prints are here: numbers, arrays, structs for tuples."""
 
 from collections.abc import Mapping
 from typing import NamedTuple, TypeAlias

@@ -14,8 +14,9 @@ VERBS = frozenset(  # that the sentences use; add yours
     re.findall(
         r"\w+",
         """
-        answer answers are assess becomes brings cannot come comes contains control decides depend describe describes
-        does drives ends fails feed find finds follows gives go goes has have hold holds is keep keeps knows leads lies
+        answer answers are assess become becomes brings cannot come comes compiles contains control decides depend
+        describe describes does drives ends fails feed fills find finds follows gives go goes has have hold holds is
+        keep keeps knows leads lies
         limits list lists load make makes may multiply name names needs plot print project pulls raise raises read
         proves record records refuses remembers repeat report rest return returns route run runs sample say says search
         serves show shows solves stand stays step takes tell tells turns works write writes

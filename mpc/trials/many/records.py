@@ -9,7 +9,7 @@ from allocator.calculus import Array
 
 
 class Plant(NamedTuple):
-    """The plant under test, see `mpc.trials.many.process`."""
+    """A `Plant` is the plant under test, see `mpc.trials.many.process`."""
 
     c: Array
     durations: Array

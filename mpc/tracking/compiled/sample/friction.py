@@ -20,7 +20,7 @@ _SPAN = 2 * WIDTH_AT  # [Pa]
 
 
 class Pressed(NamedTuple):
-    """What presses on that which rubs, see `mpc.model.contact.Contact`."""
+    """A `Pressed` is what presses on that which rubs, see `mpc.model.contact.Contact`."""
 
     pulled: float  # [N·m]
     filled: float  # [Pa]
