@@ -48,7 +48,10 @@ def simulate_many(
     progress
         Whether to show a bar.
 
-    Raises `InvalidInput` for lists of different lengths and for what is no plant, controller or reference.
+    Raises
+    ------
+    InvalidInput
+        For lists of different lengths and for what is no plant, controller or reference.
     """
     loops = _loops(plants, controllers, references, observers, x0, seeds)
     workers = min(checks.count("workers", workers, least=1), len(loops))

@@ -112,7 +112,10 @@ def plan_joint_experiment(
     weights
         Torques [N·m] that can be hung; by default those that move the joint by 5°, 8° and 12°.
 
-    Raises `InvalidInput` for what cannot be, and for a weight that the joint holds nowhere.
+    Raises
+    ------
+    InvalidInput
+        For what cannot be, and for a weight that the joint holds nowhere.
     """
     if not 0 < accuracy < 1:
         raise InvalidInput(f"accuracy = {accuracy!r} has to be a share of K, such as 0.05")
