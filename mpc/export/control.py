@@ -29,7 +29,6 @@ from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.qp import certified, softened
 
-ROUNDS = 3  # of the interior point, each with more rows
 _GAP = 1e-3  # in single precision it cannot be bounded as closely as in `mpc.tracking.qp.certified`
 
 
@@ -64,7 +63,7 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
 
 
 def qp_iterations(controller: TrackingMPC, single: bool) -> int:
-    """Return the bound of DAQP's iterations in a QP; in double precision the interior point's in each of its rounds."""
+    """Return the bound of DAQP's iterations in a QP; in double precision the interior point's."""
     from mpc.tracking.compiled.interior import MOST
 
     limits = 2 * len(controller.problem.blocks) + 2 + 6 * controller.N
@@ -261,4 +260,4 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
     ]
 
 
-__all__ = ["ROUNDS", "check_pair", "control_files", "model_functions", "qp_iterations", "sizes_of"]
+__all__ = ["check_pair", "control_files", "model_functions", "qp_iterations", "sizes_of"]

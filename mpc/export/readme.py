@@ -1,7 +1,7 @@
 """The README of the exported files is written here."""
 
 from allocator.joint.antagonist import AntagonistJoint
-from mpc.export.control import ROUNDS, qp_iterations
+from mpc.export.control import qp_iterations
 from mpc.tracking.controller import TrackingMPC
 
 _HEAD = """\
@@ -85,7 +85,8 @@ rows DAQP is given those that an answer has broken, at most 4 N; where that is n
 }
 
 _WORST = {
-    "double": "| iterations of the interior point, two Newton steps each | {iterations} | 0 to 10 |",
+    "double": "| iterations of the interior point, two Newton steps each | {iterations} | 0 to 10 |\n"
+    "| rounds of the method of multipliers | {turns} | 0 to 5 |",
     "single": """\
 | Givens rotations (2 to {rotation} multiplications each) in the condensing | {givens} | 0 |
 | iterations of DAQP | {iterations} | 0 to 30 |""",
@@ -119,16 +120,17 @@ def readme(
 
 
 def _control(controller: TrackingMPC, single: bool) -> str:
-    from mpc.tracking.compiled.interior import MOST
-    from mpc.tracking.compiled.solve import SWEEPS
+    from mpc.tracking.compiled.interior import MOST, SWEEPS
+    from mpc.tracking.compiled.multipliers import TURNS
 
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps, name = controller.ahead - N, controller.iterations, "single" if single else "double"
-    moves, rounds = 2 * blocks, 1 if single else ROUNDS
+    moves = 2 * blocks
     worst = _WORST[name].format(
         givens=qps * (3 * (N - 1) + 2 * N + 6) * moves,
         rotation=4 * moves,
-        iterations=qps * rounds * qp_iterations(controller, single),
+        turns=qps * TURNS * MOST,
+        iterations=qps * qp_iterations(controller, single),
     )
     return _CONTROL.format(
         dt=controller.dt,

@@ -84,7 +84,7 @@ def _structs() -> dict[str, StructKind]:
     setting |= {"slack": _given(4), "starts": _given(_BLOCKS, element=INT)}
     work: dict[str, Kind] = {"rows": structs["rows"], "factors": structs["factors"], "by": structs["point"]}
     work |= {"sweep": structs["sweep"], "gx": _array(_AFTER, 6), "gv": per_u, "r": per_u, "first": per_u}
-    work |= {"origin_x": _array(_AFTER, 6), "origin_v": per_u}
+    work |= {"origin_x": _array(_AFTER, 6), "origin_v": per_u, "trial": structs["point"]}
     return structs | {
         "setting": StructKind("ant_qp_setting", setting, False),
         "work": StructKind("ant_qp_work", work, False),

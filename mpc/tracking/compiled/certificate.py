@@ -11,8 +11,8 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined
-from mpc.tracking.compiled.newton import ALL, BOUNDS, SUPPLY
-from mpc.tracking.compiled.records import Bounded, Path, Point, Setting
+from mpc.tracking.compiled.newton import ALL, BOUNDS, SUPPLY, adjoint, gradients
+from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.stage import advance, changed
 
 
@@ -35,6 +35,16 @@ def proved(gradient: Array, bounded: Bounded, v: Array, setting: Setting) -> boo
 
 
 @inlined
+def confirmed(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, gx: Array, gv: Array, r: Array
+) -> bool:
+    """Return whether the point, within its bounds, is the solution but for the rows."""
+    gradients(path, errors, setting.cost, at, gx, gv)
+    adjoint(path, gx, gv, r)
+    return proved(r, bounded, at.v, setting)
+
+
+@inlined
 def brought_within(path: Path, bounded: Bounded, at: Point) -> None:
     """Move the changes to within their bounds, and the rest of the point to where they lead."""
     for k in range(at.v.shape[0]):
@@ -45,11 +55,12 @@ def brought_within(path: Path, bounded: Bounded, at: Point) -> None:
 
 
 @inlined
-def needed(path: Path, setting: Setting, u: Array, at: Point) -> int:
+def needed(path: Path, setting: Setting, u: Array, at: Point, tolerance: float) -> int:
     """Return how many rows of a sample the linear model needs to keep supply, joint range and least forces, by what it
-    breaks at a point: none but those of the changes where it breaks nothing; `u` (N, 2) [bar].
+    breaks at a point by more than a `tolerance`: none but those of the changes where it breaks nothing; `u` (N, 2)
+    [bar].
     """
-    bounds, tolerance, xi, count = setting.bounds, setting.tolerance, at.xi, BOUNDS
+    bounds, xi, count = setting.bounds, at.xi, BOUNDS
     for k in range(u.shape[0]):
         for i in range(2):  # what is outside already need not come back at once
             w = xi[k + 1, 4 + i]
@@ -72,4 +83,4 @@ def finite(array: Array) -> bool:
     return True
 
 
-__all__ = ["brought_within", "finite", "needed", "proved"]
+__all__ = ["brought_within", "confirmed", "finite", "needed", "proved"]

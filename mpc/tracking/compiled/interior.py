@@ -1,10 +1,15 @@
 """The QP is solved by an interior point on Riccati recursions where the sweeps do not settle, rows and slacks included.
 
 Mehrotra's predictor and corrector (S. Mehrotra, SIAM J. Optimization 2, 1992) on the recursion, as in HPIPM (G. Frison
-and M. Diehl, IFAC-PapersOnLine 53, 2020): O(N) an iteration, and MOST iterations at most. An answer is one only if it
-passes the certificate of `mpc.tracking.qp.programme`, with the iteration's own multipliers, ½ rᵀH⁻¹r taken as the
-greater ½|r|²/c. What is found to bind where only changes have bounds may be handed back to the sweeps, `binding`, which
-come to the same point to all digits.
+and M. Diehl, IFAC-PapersOnLine 53, 2020): O(N) an iteration, and MOST iterations at most. It does not finish by itself:
+once what binds begins to show, that is handed to the sweeps, or with rows to `mpc.tracking.compiled.multipliers`, which
+come to the solution to all digits, multipliers included, and to its proof. An interior point's own multipliers, λ up to
+1e10 beside distances of 1e-18, are spoilt by rounding: one in fifty of the worst QPs was left without a proof by them.
+
+Rows that the solution keeps anyway take no part: they are added when an iterate breaks them, and the iteration goes on.
+To begin again with them took up to twice as many iterations. Tried, without a gain: multipliers that are improved from
+the solution without the rows, where the sets cycle; earlier and later looks at what binds (SHOWS, AGAIN), other
+products where rows are added (LIFT), and other shares of the way (SHORT): all within a tenth.
 """
 
 from typing import Any, NamedTuple
@@ -12,29 +17,37 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import assign, inlined
+from mpc.tracking.compiled.certificate import confirmed, needed
+from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.multipliers import GAP, PRIMAL, guess_held, hold_guessed, multiplied
 from mpc.tracking.compiled.newton import ALL, BOUNDS, Factors, adjoint, direction, factorise, gradients, left_over
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.riccati import FREE, LOWER, UPPER, Sweep, settled
 from mpc.tracking.compiled.rows import (
+    NEAR,
     Rows,
+    add,
     aim_at,
-    begin,
     bring_near,
     go,
     measure,
+    none,
     products_after,
     row_steps,
     sides,
 )
 
 MOST = 60  # iterations
-PRIMAL = 1e-7  # by which a row may be off at the end [bar], [rad], [N]
-GAP = 1e-3  # [-] of the gap that may be: the aim, which grows tenfold
-TRIES = 16  # with each iteration at it whose proof is hidden by rounding, as often at most
+SWEEPS = 2  # from a set that is guessed
 SHORT = 0.995  # of the way to the boundary
-BINDS = 1e3  # λ/t of rows that bind [cost]/[bar]²
-SHOWS = 100.0  # [-] of the gap that may be: below, what binds begins to show
+BINDS = 1e3  # λ/t of bounds that bind [cost]/[bar]²
+SHOWS = 1e4  # [-] of the gap that may be: sum of the products t λ below which what binds begins to show
+AGAIN = 0.1  # [-] of the products at which it did not: below, it is looked for again
+LEAST = 1e-4  # [-] of the gap that may be: products below are rounding
+FEW = 0.01  # [-] of the greatest gradient [cost]/[bar]: products t λ of the changes' rows at first; with all rows, 1
+EARLY = 0.1  # [-] of the products at first: below, rows that an iterate breaks are added
+LIFT = 1e-3  # [-] of the greatest gradient at first: products where rows are added, at least
+BEGUN = 1e-3  # [bar], [rad], [N] by which an iterate may be off there
 
 
 class Work(NamedTuple):
@@ -50,6 +63,7 @@ class Work(NamedTuple):
     first: Array  # (N, 2) gradient of the cost at the origin
     origin_x: Array  # that by ξ and v, as `gradients` sets them
     origin_v: Array
+    trial: Point  # what may be the solution; in the place of the three above, which are not needed at the same time
 
 
 @inlined
@@ -66,19 +80,8 @@ def new_work(N: int, sweep: Sweep) -> Work:
     rows = Rows(span, lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], lines[6], lines[7])
     factors = Factors(sweep.R, sweep.feedback, np.empty((N, 2, 2)), sweep.D, np.empty(3))
     first, origin_x, origin_v = np.empty((N, 2)), np.empty((N + 1, 6)), np.empty((N, 2))
-    return Work(rows, factors, new_point(N), sweep, sweep.gx, sweep.gv, sweep.r, first, origin_x, origin_v)
-
-
-@inlined
-def gap_of(path: Path, setting: Setting, at: Point, there: Any, total: float, count: int, work: Work) -> float:
-    """Return what the point costs above the least cost, at most, its products being `total` in sum."""
-    square, slack = 0.0, setting.slack
-    c0, c1 = left_over(path, slack, at, work.gx, work.gv, work.rows.multiplier, count, work.r)
-    for k in range(there.size):
-        if there[k]:
-            square += work.r[k, 0] ** 2 + work.r[k, 1] ** 2
-    square /= setting.curvature
-    return total + 0.5 * (square + (c0**2 / slack[1] + c1**2 / slack[3] if count == ALL else 0.0))
+    trial = Point(origin_x, origin_v, first[0])
+    return Work(rows, factors, new_point(N), sweep, sweep.gx, sweep.gv, sweep.r, first, origin_x, origin_v, trial)
 
 
 @inlined
@@ -97,49 +100,114 @@ def interior(
     path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Any,
     at: Point, work: Work, limit: int
 ) -> int:  # fmt: skip
-    """Return after how many iterations `at` is a solution with the first `count` rows, proved; -1: after `limit` none.
+    """Return after how many iterations `at` is a solution, proved; -1: after `limit` none.
 
-    With changes only, BOUNDS, the sweeps are given the set that begins to show.
+    It begins at the origin with the first `count` rows of every sample; `guess` becomes the bounds that bind.
     """
-    rows, slack, cost, there = work.rows, setting.slack, setting.cost, bounded.there
+    rows, slack, there = work.rows, setting.slack, bounded.there
     most = 0.5 * setting.curvature * setting.accuracy**2
     sides(path, u, setting.bounds, bounded, rows.b)
-    at.xi[:], at.v[:], at.sigma[:] = 0.0, 0.0, 0.0
-    gradients(path, errors, cost, at, work.origin_x, work.origin_v)
+    steepest = steepest_at_origin(path, errors, setting, there, at, work)
+    number = add(path, rows, slack, there, count, steepest * (1.0 if count == ALL else FEW), at)
+    shows, early = SHOWS * most, 0.0
+    for iteration in range(limit + 1):
+        total, worst = measure(path, at, rows, count)
+        if iteration == limit or not np.isfinite(total):
+            break
+        early = EARLY * total if iteration == 0 else early
+        gradients(path, errors, setting.cost, at, work.gx, work.gv)
+        if total < GAP * most and own_proof(path, setting, u, bounded, total, worst, count, guess, at, work):
+            return iteration
+        more, tried = count, total < shows and worst < BEGUN
+        if tried:
+            shows = AGAIN * total
+            if finished(path, errors, setting, bounded, count, guess, at, work):
+                more = needed(path, setting, u, work.by, setting.tolerance)
+                if more <= count:
+                    at.xi[:], at.v[:] = work.by.xi, work.by.v
+                    return iteration
+        elif count < ALL and total < early:
+            more = needed(path, setting, u, at, BEGUN)
+        if more > count:
+            product, count, shows = max(total / number, LIFT * steepest), more, SHOWS * most
+            bring_near(rows, slack, product / NEAR)
+            number = add(path, rows, slack, there, count, product, at)
+        if tried or more > count:
+            total, worst = measure(path, at, rows, count)
+            gradients(path, errors, setting.cost, at, work.gx, work.gv)
+        improve(path, setting, there, total, count, number, at, work)
+    return -1
+
+
+@inlined
+def improve(
+    path: Path, setting: Setting, there: Any, total: float, count: int, number: int, at: Point, work: Work
+) -> None:
+    """Take a step from a point that is measured, its products being `total` in sum and `number` in number."""
+    rows, f, by, slack = work.rows, work.factors, work.by, setting.slack
+    least = LEAST * 0.5 * setting.curvature * setting.accuracy**2
+    factorise(path, setting.cost, slack, rows.W, there, count, f)
+    direction(path, f, slack, at, work.gx, work.gv, rows.push, count, by)
+    free = products_after(rows, row_steps(path, rows, count, by)) / total
+    aim_at(rows, max(min(free**3, 1.0) * total, least) / number)
+    direction(path, f, slack, at, work.gx, work.gv, rows.push, count, by)
+    step = min(1.0, SHORT * row_steps(path, rows, count, by))
+    bring_near(rows, slack, go(rows, step, at, by) / number)
+
+
+@inlined
+def steepest_at_origin(path: Path, errors: Errors, setting: Setting, there: Any, at: Point, work: Work) -> float:
+    """Begin at the origin without a row, and return the greatest entry of the gradient there, 1 at least."""
+    none(work.rows, at)
+    gradients(path, errors, setting.cost, at, work.origin_x, work.origin_v)
     adjoint(path, work.origin_x, work.origin_v, work.first)
     steepest = 1.0
     for k in range(there.size):
         steepest = max(steepest, abs(work.first[k, 0]), abs(work.first[k, 1])) if there[k] else steepest
-    number = begin(rows, there, slack, count, steepest * (1.0 if count == ALL else 0.01), at)
-    tries = 0
-    for iteration in range(limit + 1):
-        gradients(path, errors, cost, at, work.gx, work.gv)
-        total, worst = measure(path, at, rows, count)
-        wanted = min(GAP * 10.0**tries, 0.5) * most
-        if worst < PRIMAL and total < most:
-            wanted = max(wanted, min(1e-12 * abs(fall_to(path, setting, at, there, work)), most))
-            if total < wanted:
-                if gap_of(path, setting, at, there, total, count, work) < (wanted if tries == 0 else most):
-                    return iteration
-                tries += 1
-                if tries == TRIES:
-                    break
-        if iteration == limit or not np.isfinite(total):
-            break
-        if count == BOUNDS and total < SHOWS * most:
-            binding(rows, setting.starts, guess)
-            if settled(path, setting, work.origin_x, work.origin_v, bounded, guess, 2, work.by, work.sweep):
-                assign(at.xi, work.by.xi)
-                assign(at.v, work.by.v)
-                return iteration
-        factorise(path, cost, slack, rows.W, there, count, work.factors)
-        direction(path, work.factors, slack, at, work.gx, work.gv, rows.push, count, work.by)
-        free = products_after(rows, row_steps(path, rows, count, work.by)) / total
-        aim_at(rows, max(min(free**3, 1.0) * total, 0.1 * wanted) / number)
-        direction(path, work.factors, slack, at, work.gx, work.gv, rows.push, count, work.by)
-        step = min(1.0, SHORT * row_steps(path, rows, count, work.by))
-        bring_near(rows, slack, go(rows, step, at, work.by) / number)
-    return -1
+    return steepest
+
+
+@inlined
+def finished(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, count: int, guess: Any, at: Point, work: Work
+) -> bool:
+    """Return whether the point `by` of `work` is the solution with the first `count` rows, proved, which is found
+    from what seems to bind at an iterate; W and residuals of the rows are lost.
+    """
+    rows, trial, by, gx, gv, r = work.rows, work.trial, work.by, work.gx, work.gv, work.r
+    binding(rows, setting.starts, guess)
+    if count == BOUNDS:
+        done = settled(path, setting, work.origin_x, work.origin_v, bounded, guess, SWEEPS, by, work.sweep)
+        return done and confirmed(path, errors, setting, bounded, by, gx, gv, r)
+    trial.xi[:], trial.v[:], trial.sigma[:], rows.change[:] = at.xi, at.v, at.sigma, rows.multiplier
+    hold_guessed(rows, setting.starts, guess)
+    done = multiplied(
+        path, errors, setting, bounded, count, rows, work.factors, trial, work.by, work.gx, work.gv, work.r
+    )
+    if done:
+        guess_held(rows, setting.starts, guess)
+        by.xi[:], by.v[:], by.sigma[:] = trial.xi, trial.v, trial.sigma
+    return done
+
+
+@inlined
+def own_proof(
+    path: Path, setting: Setting, u: Array, bounded: Bounded, total: float, worst: float, count: int, guess: Any,
+    at: Point, work: Work
+) -> bool:  # fmt: skip
+    """Return whether the iteration's own multipliers prove that an iterate is the solution, and keep the rest of the
+    rows; ½ rᵀH⁻¹r is taken as the greater ½|r|²/c.
+    """
+    square, slack, most = 0.0, setting.slack, 0.5 * setting.curvature * setting.accuracy**2
+    if worst > PRIMAL or needed(path, setting, u, at, setting.tolerance) > count:
+        return False
+    c0, c1 = left_over(path, slack, at, work.gx, work.gv, work.rows.multiplier, count, work.r)
+    for k in range(bounded.there.size):
+        if bounded.there[k]:
+            square += work.r[k, 0] ** 2 + work.r[k, 1] ** 2
+    square /= setting.curvature
+    binding(work.rows, setting.starts, guess)
+    return total + 0.5 * (square + (c0**2 / slack[1] + c1**2 / slack[3] if count == ALL else 0.0)) < most
 
 
 @inlined
@@ -153,4 +221,4 @@ def binding(rows: Rows, starts: Any, guess: Any) -> None:
             guess[2 * block + i] = UPPER if above else LOWER if below else FREE
 
 
-__all__ = ["MOST", "Work", "binding", "interior", "new_point", "new_work"]
+__all__ = ["MOST", "Work", "interior", "new_point", "new_work"]

@@ -68,23 +68,31 @@ def sides(path: Path, u: Array, bounds: Bounds, bounded: Bounded, b: Array) -> N
 
 
 @inlined
-def begin(rows: Rows, there: Any, slack: Array, count: int, product: float, at: Point) -> int:
-    """Begin at the origin with products t λ of `product`; return how many rows there are."""
-    N, number = there.size, 0
-    at.xi[:], at.v[:], at.sigma[:], rows.multiplier[:], rows.t[:] = 0.0, 0.0, 0.0, 0.0, 1.0
-    rows.W[:], rows.push[:] = 0.0, 0.0
+def none(rows: Rows, at: Point) -> None:
+    """Begin at the origin without any row."""
+    at.xi[:], at.v[:], at.sigma[:] = 0.0, 0.0, 0.0
+    rows.multiplier[:], rows.t[:], rows.W[:], rows.push[:], rows.span[:] = 0.0, 1.0, 0.0, 0.0, 0
+
+
+@inlined
+def add(path: Path, rows: Rows, slack: Array, there: Any, count: int, product: float, at: Point) -> int:
+    """Add what is missing of the first `count` rows of a sample, with products t λ of `product`; return how many rows
+    there are now.
+    """
+    N, number, first = at.v.shape[0], 0, rows.span[0, 1]
+    values(path, at, count, rows.residual)
     left0, left1 = slack[0], slack[2]
     for k in range(N):
         rows.span[k, 0], rows.span[k, 1] = 0 if there[k] else BOUNDS, count
-        for j in range(rows.span[k, 0], count):
-            rows.t[k, j] = max(rows.b[k, j], WIDTH[j])
+        for j in range(max(first, rows.span[k, 0]), count):
+            rows.t[k, j] = max(rows.b[k, j] - rows.residual[k, j], WIDTH[j])
             rows.multiplier[k, j] = product / rows.t[k, j]
-            number += 1
+        number += count - rows.span[k, 0]
         left0 -= rows.multiplier[k, 8] + rows.multiplier[k, 9]
         left1 -= rows.multiplier[k, 10] + rows.multiplier[k, 11]
-    rows.span[N, 0], rows.span[N, 1] = 0, 2 if count == ALL else 0
     if count < ALL:
         return number
+    rows.span[N, 1] = 2
     rows.multiplier[N, 0], rows.multiplier[N, 1] = max(left0, 0.1 * slack[0]), max(left1, 0.1 * slack[2])
     for i in range(2):
         rows.t[N, i] = at.sigma[i] = product / rows.multiplier[N, i]
@@ -181,4 +189,17 @@ def bring_near(rows: Rows, slack: Array, mean: float) -> None:
                 rows.multiplier[k, j] = max(multiplier, least / rows.t[k, j])
 
 
-__all__ = ["Rows", "aim_at", "begin", "bring_near", "go", "measure", "products_after", "row_steps", "sides", "values"]
+__all__ = [
+    "NEAR",
+    "Rows",
+    "add",
+    "aim_at",
+    "bring_near",
+    "go",
+    "measure",
+    "none",
+    "products_after",
+    "row_steps",
+    "sides",
+    "values",
+]

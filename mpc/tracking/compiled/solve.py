@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.certificate import brought_within, needed, proved
+from mpc.tracking.compiled.certificate import brought_within, confirmed, needed
 from mpc.tracking.compiled.commands import deviations, new_errors, slew_bounds
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
-from mpc.tracking.compiled.interior import MOST, Work, binding, interior, new_point, new_work
+from mpc.tracking.compiled.interior import MOST, SWEEPS, Work, interior, new_point, new_work
 from mpc.tracking.compiled.jit import compiled, inlined
-from mpc.tracking.compiled.newton import ALL, BOUNDS, adjoint, gradients
+from mpc.tracking.compiled.newton import BOUNDS, gradients
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.riccati import Sweep, new_sweep, settled
-
-SWEEPS = 2  # before the interior point
 
 
 @compiled
@@ -56,17 +54,9 @@ def swept(
     gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
     solved = settled(path, setting, sweep.gx, sweep.gv, bounded, guess, SWEEPS, at, sweep)
     brought_within(path, bounded, at)
-    solved = solved and confirmed(path, errors, setting, bounded, at, sweep)
-    count = needed(path, setting, u, at)
+    solved = solved and confirmed(path, errors, setting, bounded, at, sweep.gx, sweep.gv, sweep.r)
+    count = needed(path, setting, u, at, setting.tolerance)
     return 0 if solved and count == BOUNDS else count
-
-
-@inlined
-def confirmed(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep) -> bool:
-    """Return whether the point, within its bounds, is the solution but for the rows."""
-    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-    adjoint(path, sweep.gx, sweep.gv, sweep.r)
-    return proved(sweep.r, bounded, at.v, setting)
 
 
 @inlined
@@ -76,23 +66,12 @@ def persistent(
 ) -> tuple[bool, int]:  # fmt: skip
     """Return whether the interior point comes to a solution `at`, and after how many iterations.
 
-    It begins with the first `count` rows of every sample, and again with more where the solution breaks others: at
-    most three times, with `limit` iterations each.
+    It begins with the first `count` rows of every sample, adds others that are broken, and takes `limit` iterations at
+    most.
     """
-    iterations = 0
-    while True:
-        spent = interior(path, errors, setting, u, bounded, count, guess, at, work, limit)
-        iterations += spent if spent >= 0 else limit
-        solved = spent >= 0
-        brought_within(path, bounded, at)
-        if solved and count == BOUNDS:
-            solved = confirmed(path, errors, setting, bounded, at, work.sweep)
-        elif solved:
-            binding(work.rows, setting.starts, guess)
-        more = needed(path, setting, u, at) if solved else ALL
-        if count == ALL or (solved and more <= count):
-            return solved, iterations
-        count = more
+    iterations = interior(path, errors, setting, u, bounded, count, guess, at, work, limit)
+    brought_within(path, bounded, at)
+    return iterations >= 0, iterations if iterations >= 0 else limit
 
 
 __all__ = ["settle"]

@@ -7,6 +7,7 @@ import pytest
 
 from allocator import BAR, DEG
 from mpc import PlanStatus, Plant, TrackingMPC
+from mpc.tracking.compiled.interior import MOST
 from mpc.tracking.compiled.structured import StructuredQP
 from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import condense
@@ -95,6 +96,51 @@ def test_what_the_structured_solver_cannot_prove_daqp_answers(mpc, monkeypatch):
     assert answer.status is PlanStatus.OPTIMAL
     assert answer.qp is not None
     np.testing.assert_allclose(answer.u, wanted.u, atol=1e-4 * BAR)
+
+
+# state, previous command and the commands to begin from [Pa], their swing, reference (angles before and after a jump,
+# its place, stiffness), load: found by benchmarks.speed.worst_cases, where an interior point's own multipliers, 1e10
+# beside distances of 1e-18, proved nothing
+HARD = {
+    "blocks": ((1,) * 10 + (2,) * 5, [-1.75, 9.112, 458500.0, 173400.0], [152100.0, 114600.0], [448700.0, 392200.0],
+               [14220.0, -6135.0], [-1.861, -1.313, 0.5122, 4.682], -1.524),
+    "samples": (None, [-1.749, 9.114, 458500.0, 173300.0], [152000.0, 114600.0], [448500.0, 392300.0],
+                [14220.0, -6139.0], [-1.861, -1.314, 0.5123, 4.683], -1.523),
+}  # fmt: skip
+
+
+def situation(mpc, x, previous, begin, swing, reference, load):
+    """What a QP step is given."""
+    k = np.arange(mpc.N + 1)
+    theta = np.where(k < reference[2] * mpc.N, reference[0], reference[1])
+    d = np.full(mpc.N + 1, load)
+    feed = mpc._feed_forward(theta, np.full(mpc.N + 1, reference[3]), d)
+    u = np.array(begin) + np.array(swing) * np.sin(1.3 * k[:-1, None])
+    return np.array(x), u, d[:-1], feed, PreviousSample(np.array(previous), feed.u[0])
+
+
+@pytest.mark.parametrize(("blocks", "numbers"), [(blocks, rest) for blocks, *rest in HARD.values()], ids=HARD.keys())
+def test_multipliers_that_are_great_beside_small_distances_are_proved(blocks, numbers):
+    mpc = TrackingMPC(Plant(), N=20, **({} if blocks is None else {"blocks": blocks}))
+    given = situation(mpc, *numbers)
+    exact = certified(DAQP, dense(mpc, given), math.inf, mpc.problem.curvature)
+    assert exact.status is PlanStatus.OPTIMAL
+    assert exact.z[-2:].min() > 0.1  # both slacks are great
+    answer, structured = mpc._qp_step(*given, RICCATI, math.inf), mpc._qp_step.structured
+    assert answer.status is PlanStatus.OPTIMAL
+    assert answer.qp is None
+    assert 0 < structured.iterations <= MOST
+    np.testing.assert_allclose(structured.z, exact.z[:-2], atol=1e-7)
+
+
+def test_no_qp_takes_more_iterations_than_the_bound_or_another_solver(mpc):
+    rng, iterations = np.random.default_rng(8), []
+    for _ in range(300):
+        answer = mpc._qp_step(*anything(mpc, rng), RICCATI, math.inf)
+        assert answer.status is PlanStatus.OPTIMAL
+        assert answer.qp is None
+        iterations.append(mpc._qp_step.structured.iterations)
+    assert 10 < max(iterations) <= MOST
 
 
 def test_what_is_not_finite_is_said_and_does_not_last(mpc):

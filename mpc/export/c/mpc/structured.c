@@ -35,7 +35,8 @@ ant_structured ant_structured_of(ant_qp *qp) {
          s->r,
          i->first,
          i->origin_x,
-         i->origin_v}};
+         i->origin_v,
+         {i->origin_x, i->origin_v, i->first[0]}}};
     return made;
 }
 
