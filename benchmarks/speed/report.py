@@ -75,7 +75,7 @@ LIMITATIONS = (
     "Those of MPC steps are the calling thread's: what solvers do in other threads is not counted.",
     "MPC: the nonlinear MPCs solve their problem to the end at every sample, TrackingMPC one QP of it; the costs of "
     "the closed loops stand beside the times. One joint, one trajectory. In do-mpc every stage has slacks of its own. "
-    "acados (RTI, HPIPM) has no package for this machine: its place is open.",
+    "acados (RTI, HPIPM) could not be installed where this was written: its place is open.",
     "MPC: up to N = 40 a QP's solution takes so little that the rest of a step is most of it: checks, what is to be "
     "followed, the linear model, the prediction. The slowest steps are those whose QP the sweeps leave to the interior "
     "point.",
