@@ -368,8 +368,9 @@ class Arm:
         for share in (0.0, 0.25, 0.5, 0.75, 1.0):
             q = low + share * (high - low) if self.mechanism.angle_limits else np.zeros(self.n)
             P = np.full(self.m, self.mechanism.pressure_limits[1])
-            valves = "open" if self.gas is None else "shut"  # how stiff fast motions find it
-            stiff = self.mechanism.stiffness(q, P, valves) + self.bodies.gravity_stiffness(q)
+            # how stiff fast motions find it
+            own = self.mechanism.stiffness(q, P, "open" if self.gas is None else "shut")
+            stiff = own + self.bodies.gravity_stiffness(q)
             M = self.bodies.mass_matrix(q)
             below = -np.linalg.solve(M, np.hstack([stiff, np.diag(self.bodies.damping)]))
             both = np.vstack([np.hstack([np.zeros((self.n, self.n)), np.eye(self.n)]), below])

@@ -30,6 +30,7 @@ _UNITS = {
 }  # fmt: skip
 _TURNS = 1e-12  # of the greatest entry: inertia that a hinge has to have, in the posture where all are 0
 _SYMMETRIC = 1e-9
+_VECTORS = "torque", "bias", "gravity_torque"  # of the formulas; the others are matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +136,8 @@ class TreeBodies:
             raise InvalidInput(f"q has the shape {arrays[0].shape}; expected (…, {self.n}) of n = {self.n} hinges")
         shape, flat = arrays[0].shape[:-1], [array.reshape(-1, self.n) for array in arrays]
         found = np.atleast_2d(function(*(array.T for array in flat)).full())
-        columns = function.size2_out(0)
-        stacked = found.reshape(found.shape[0], len(flat[0]), columns).swapaxes(0, 1)
-        return np.asarray(stacked.reshape(*shape, self.n) if columns == 1 else stacked.reshape(*shape, self.n, columns))
+        stacked = found.reshape(self.n, len(flat[0]), -1).swapaxes(0, 1)
+        return np.asarray(stacked.reshape(*shape, self.n, *(() if name in _VECTORS else (self.n,))))
 
     def _recursion(self, q: Any, omega: Any, alpha: Any) -> Any:
         """Return the torques (n, 1) of a motion as a formula."""

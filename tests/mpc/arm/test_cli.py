@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 
 from mpc.arm.trials import reference as references
 from mpc.cli import app
+from mpc.tracking.qp.step import SlowStep
 
 
 def run(*options):
@@ -47,6 +48,38 @@ def test_a_real_plant_under_a_load_is_followed_too(folder):
     assert [path.name for path in folder.iterdir()] == ["run.csv"]
 
 
+ARM = """<mujoco><worldbody><site name="a" pos="-.3 .05 0"/><site name="b" pos="-.3 -.05 0"/>
+<body><joint name="elbow" axis="0 0 1" damping=".2" range="-45 45"/>
+<geom name="roll" type="cylinder" size=".06 .02" mass=".1"/>
+<site name="s" pos="0 .08 0"/><site name="t" pos="0 -.08 0"/>
+<geom type="capsule" fromto="0 0 0 .25 0 0" size=".01" mass=".5" contype="0" conaffinity="0"/>
+<site name="c" pos=".05 .05 0"/><site name="d" pos=".05 -.05 0"/><site name="tip" pos=".25 0 0"/></body></worldbody>
+<tendon><spatial name="flexor"><site site="a"/>{over}<site site="c"/></spatial>
+<spatial name="extensor"><site site="b"/>{under}<site site="d"/></spatial></tendon></mujoco>"""
+STRAIGHT = {"over": "", "under": ""}
+ROUND = {"over": '<geom geom="roll" sidesite="s"/>', "under": '<geom geom="roll" sidesite="t"/>'}
+
+
+@pytest.mark.slow
+def test_a_stranger_s_model_is_moved_and_drawn(folder, brief):
+    (folder / "mine.xml").write_text(ARM.format(**ROUND), encoding="utf-8")
+    given = ("--machine", "mine.xml", "--rest-length", "300", "--reference", "hold", "--dt", "0.02", "--horizon", "6")
+    with pytest.warns(SlowStep, match="not compiled"):
+        result = run(*given, "--out", "run.png", "--out", "run.csv")
+    assert result.exit_code == 0, result.output
+    for text in ("readable", "the way of flexor", "angle error, elbow [°]", "hand: tip", "sarosi-dmsp-20-400n"):
+        assert text in " ".join(result.output.split())
+    with (folder / "run.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert abs(float(rows[-1]["elbow_deg"]) - float(rows[-1]["elbow_ref_deg"])) < 0.1
+
+
+def test_a_model_that_does_not_tell_its_muscles_lengths_is_asked_for_them(folder):
+    (folder / "mine.xml").write_text(ARM.format(**STRAIGHT), encoding="utf-8")
+    result = run("--machine", "mine.xml")
+    assert "its tendons are 350" in str(result.exception)
+
+
 def test_other_files_are_not_replaced_silently(folder):
     (folder / "run.csv").write_text("mine\n")
     result = run("--out", "run.csv")
@@ -61,6 +94,9 @@ def test_other_files_are_not_replaced_silently(folder):
         (("--machine", "arm99"), "arm26"),
         (("--reference", "square"), "circle"),
         (("--reference", "draw", "--machine", "arm48"), "n = 2 joints"),
+        (("--machine", "nowhere.xml"), "does not exist"),
+        (("--muscle", "sarosi-dmsp-20-400n"), "--machine FILE.xml"),
+        (("--track", "foot"), "hand, joints"),
         (("--plant", "odd"), "nominal"),
         (("--out", "run.txt"), "a run is written as"),
         (("--dt", "5"), "--dt 5"),

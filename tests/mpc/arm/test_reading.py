@@ -6,7 +6,7 @@ import pytest
 
 from allocator import InvalidInput
 from allocator.errors import InvalidFile
-from allocator.mechanism import Endpoint
+from allocator.mechanism import Endpoint, Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N as MUSCLE
 from mpc.arm.model import Arm
 from mpc.arm.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
@@ -85,6 +85,10 @@ def test_stacks_of_postures_and_slopes_of_gravity_are_those_of_single_ones():
         one = bodies.torque_for(q[k], omega[k], alpha[k]), bodies.mass_matrix(q[k]), bodies.gravity_stiffness(q[k])
         for stack, single in zip(whole, one, strict=True):
             np.testing.assert_allclose(stack[k], single, atol=1e-13)
+    single = TreeBodies((Link(),), 1.0, [[0.1, 0, 0]], [np.eye(3) * 0.01], 0.1, 0.0, 0.0, 0.0, (0.0, -9.81, 0.0))
+    assert single.mass_matrix([0.3]).shape == (1, 1)
+    assert single.mass_matrix(np.zeros((5, 1))).shape == single.gravity_stiffness(np.zeros((5, 1))).shape == (5, 1, 1)
+    np.testing.assert_allclose(single.gravity_torque([[0.0], [np.pi]]), [[0.981], [-0.981]])
     h = 1e-6 * np.eye(4)
     slope = (bodies.gravity_torque(q[0, 0] + h) - bodies.gravity_torque(q[0, 0] - h)) / 2e-6
     np.testing.assert_allclose(whole[2][0, 0], slope, atol=1e-7)
