@@ -1,6 +1,7 @@
 """Let arms follow on MuJoCo, and measure it: `python -m benchmarks.arm --help`."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -53,6 +54,17 @@ def nominal_lines(name: str, turns: float, rests: int, rounds: int) -> list[Line
     return lines
 
 
+def gas_lines(name: str, turns: float) -> list[Line]:
+    """The circle at 1 Hz on a plant with gas, which the controller knows or not; it is told, and not asked for."""
+    arm, lines = Arm.machine(name), []
+    for what, known in (("known", replace(arm, gas=True)), ("not known", arm)):
+        run = simulate_arm(plant(arm, gas=True), known, ArmMPC(known), circle(arm, frequency=1.0, turns=turns))
+        found = nominal.tracking(run)
+        lines.append(Line(name, f"1 Hz, gas in the plant, {what}: angle RMS [°]", found.angle))
+        lines.append(Line(name, f"1 Hz, gas in the plant, {what}: stiffness RMS [N·m/rad]", found.stiffness))
+    return lines
+
+
 def rival_lines(name: str, turns: float) -> list[Line]:
     """IPOPT on the same programmes, in the same run."""
     found = nominal.rival(Arm.machine(name), turns=turns)
@@ -93,6 +105,7 @@ def main() -> int:
     parser.add_argument("--rests", type=int, default=5, help="at which stiffness is measured by pushing")
     parser.add_argument("--rounds", type=int, default=5, help="of the times; 0 measures none")
     parser.add_argument("--ipopt", type=float, default=0.5, help="turns of the circle with IPOPT; 0: without")
+    parser.add_argument("--gas", type=float, default=2.0, help="turns of the circle with gas in the plant; 0: without")
     parser.add_argument("--seeds", type=int, default=3, help="rough plants; 0: none")
     parser.add_argument("--growth", action="store_true", help="how the time grows (compiles five arms)")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the report")
@@ -102,6 +115,7 @@ def main() -> int:
         for more in (
             lambda name=name: nominal_lines(name, given.turns, given.rests, given.rounds),
             lambda name=name: rival_lines(name, given.ipopt) if given.ipopt else [],
+            lambda name=name: gas_lines(name, given.gas) if given.gas else [],
             lambda name=name: rough_lines(name, rough.JUDGED_ON[: given.seeds]) if given.seeds else [],
         ):
             lines += (found := more())
