@@ -151,7 +151,7 @@ def _risen(starts: Any, N: int, left: Array) -> Array:
 
 
 class _Given(NamedTuple):
-    """What was `_Given` is what is asked, of an endpoint's stiffness where that is tracked."""
+    """A `_Given` is what is asked, of an endpoint's stiffness where that is tracked."""
 
     q: Array
     K: Array
