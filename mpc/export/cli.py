@@ -30,6 +30,9 @@ def export_command(
         typer.Option("--fmu", help="write plant.fmu and controller.fmu (FMI 3.0 co-simulation) into --out instead"),
     ] = False,
     mechanism: Annotated[str | None, typer.Option(help="arm26, arm48, leg37 or a TOML file: its allocation")] = None,
+    governor: Annotated[
+        str | None, typer.Option(help="arm26, arm48 or leg37: the governor of its pressures, every 10 ms")
+    ] = None,
 ) -> None:
     """Write allocator and controller as plain C99, for a microcontroller or a real-time PC; or as FMUs."""
     from rich.console import Console
@@ -38,6 +41,11 @@ def export_command(
 
     if fmu and (board.serial or precision != "double" or what != "all"):
         raise InvalidInput("--fmu: an FMU has all in double precision; leave --target, --what and --precision away")
+    if governor is not None:
+        if fmu or board.serial or what != "all" or mechanism is not None:
+            raise InvalidInput("--governor: it comes alone; leave --mechanism, --what, --fmu and --target away")
+        _governor(out, governor, precision)
+        return
     if mechanism is not None:
         if fmu or board.serial or what == "mpc":
             raise InvalidInput(
@@ -84,6 +92,19 @@ def _mechanism(out: Path, name: str, precision: str) -> None:
     from mpc.export.mechanism.entry import export_mechanism
 
     made = export_mechanism(out, machines.machine(name), precision=precision)
+    files = sum(path.is_file() for path in made.rglob("*"))
+    say(Console(), f"written: {files} files in {made}; {made / 'README.md'} says how to build them")
+
+
+def _governor(out: Path, name: str, precision: str) -> None:
+    """Write the governor of the machine called `name`. Raises `InvalidInput` and `MissingBackend`."""
+    from rich.console import Console
+
+    from mpc.arm.model import Arm
+    from mpc.export.governor.entry import export_governor
+    from mpc.governor import PressureGovernor
+
+    made = export_governor(out, PressureGovernor.of_arm(Arm.machine(name), 0.01), precision=precision)
     files = sum(path.is_file() for path in made.rglob("*"))
     say(Console(), f"written: {files} files in {made}; {made / 'README.md'} says how to build them")
 

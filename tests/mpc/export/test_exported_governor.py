@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.mechanism import machines
 from allocator.units import BAR
+from mpc.cli import app
 from mpc.export.governor.entry import export_governor
 from mpc.governor import GovernorStatus, PressureGovernor
 
@@ -78,6 +80,15 @@ def test_the_demonstration_prints_what_its_readme_says(tmp_path):
     printed = tools.run(tools.compiled(out, out / "main.c", "demonstration")).strip()
     assert printed in (out / "README.md").read_text()
     assert "status 2" in printed or "status 1" in printed
+
+
+def test_a_command_exports_the_governor_of_a_machine(tmp_path):
+    made = CliRunner().invoke(app, ["export", "--out", str(tmp_path / "c"), "--governor", "arm26"])
+    assert made.exit_code == 0, made.output
+    assert "ant_govern" in (tmp_path / "c" / "README.md").read_text()
+    wrong = CliRunner().invoke(app, ["export", "--out", str(tmp_path / "d"), "--governor", "arm26", "--fmu"])
+    assert wrong.exit_code != 0
+    assert not (tmp_path / "d").exists()
 
 
 def test_what_is_no_governor_is_refused(tmp_path):

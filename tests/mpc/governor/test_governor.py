@@ -109,9 +109,9 @@ def test_one_joint_is_stopped_before_its_end_as_late_as_its_backup_allows():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["joint", "arm26", "leg37"])
+@pytest.mark.parametrize("name", ["joint", "arm26"])
 def test_joints_never_leave_their_range_on_the_model(name):
-    """Pushed to their ends with all force, at random, to and fro, and in time with their own motion; n = 1, 2, 3."""
+    """Pushed to their ends with all force, at random, to and fro, and in time with their own motion; n = 1 and 2."""
     for commander in COMMANDERS:
         run = closed_loop(name, commander, arms=8, seconds=1.5)
         assert run.beyond <= 0

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from allocator import InvalidInput, MissingBackend
+from allocator import InvalidInput, MissingBackend, report_joint
 from allocator.mechanism import allocate_mechanism
 from allocator.units import BAR
-from mpc.arm.learning.actions import BoxAndSlew, PostureAndStiffness
+from mpc.arm.learning.actions import BoxAndSlew, PostureAndStiffness, governor_of
 from mpc.arm.learning.environment import NAME, ReachEnvironment, ReachVectorEnvironment
 from mpc.arm.learning.reaching import Reaching
 from mpc.arm.learning.variation import Variation
 from mpc.arm.model import Arm
+from mpc.governor import PressureGovernor
 
 ARM = Arm.machine("arm26")
 VARIED = Variation(gains=0.05, lags=0.1, mass=0.1, damping=0.2)
@@ -120,6 +121,15 @@ def test_a_governor_of_ones_own_has_the_last_word():
     env.step(np.ones(6))
     shapes = (1, 2), (1, 2), (1, 6), (1, 6)
     assert seen == [(*shapes, 2.5 * BAR), (*shapes, 2 * BAR)]
+
+
+def test_by_default_a_governor_keeps_the_joints_in_range():
+    env = ReachVectorEnvironment(2, Reaching(ARM))
+    governor = env.reachers.governor
+    assert isinstance(governor, PressureGovernor)
+    assert governor.lag == pytest.approx(ARM.lags + 0.01)  # dead time counts as lag
+    steep = replace(ARM.mechanism, muscles=(report_joint().agonist,) * 6)
+    assert isinstance(governor_of(replace(ARM, mechanism=steep), 0.01, 1), BoxAndSlew)
 
 
 def test_box_and_slew_change_nothing_that_is_within():
