@@ -67,7 +67,7 @@ def loops(arms: int, seconds: float) -> None:
 def margins(arms: int, seconds: float) -> None:
     """Muscles 10 % off: how far beyond the range that was asked for they get, and so the margin that they need."""
     print("machine  lag [s]  margin [°]  beyond the range that is left [°]: " + " ".join(COMMANDERS))
-    for name in MACHINES:
+    for name in MACHINES[:2]:  # gravity leaves the leg no rest within a smaller range
         for lag in (0.02, 0.1):
             for margin in (0.0, 5.0, 10.0):
                 runs = (
