@@ -14,9 +14,14 @@ from numba.extending import intrinsic
 _SETTLED: Any = types.Tuple((types.boolean, types.int64))  # type: ignore[attr-defined]
 
 
-def address_of(dispatcher: Any) -> int:
-    """Return the address of a compiled function, which has been called with one kind of arguments."""
-    [made] = dispatcher.overloads.values()
+def address_of(settle: Any) -> int:
+    """Return the address of `mpc.tracking.compiled.solve.settle`, which has been called with one kind of arguments.
+
+    Raises a `TypeError` if it does not return what `settle_at` takes.
+    """
+    [made] = settle.overloads.values()
+    if made.signature.return_type != _SETTLED:
+        raise TypeError(f"{settle.__name__} returns {made.signature.return_type}, not {_SETTLED}")
     return int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
 
 
