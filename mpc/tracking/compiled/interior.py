@@ -18,7 +18,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.tracking.compiled.certificate import confirmed, needed
-from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.jit import assign, inlined
 from mpc.tracking.compiled.multipliers import GAP, PRIMAL, guess_held, hold_guessed, multiplied
 from mpc.tracking.compiled.newton import ALL, BOUNDS, Factors, adjoint, direction, factorise, gradients, left_over
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
@@ -124,7 +124,8 @@ def interior(
             if finished(path, errors, setting, bounded, count, guess, at, work):
                 more = needed(path, setting, u, work.by, setting.tolerance)
                 if more <= count:
-                    at.xi[:], at.v[:] = work.by.xi, work.by.v
+                    assign(at.xi, work.by.xi)
+                    assign(at.v, work.by.v)
                     return iteration
         elif count < ALL and total < early:
             more = needed(path, setting, u, at, BEGUN)
@@ -179,14 +180,19 @@ def finished(
     if count == BOUNDS:
         done = settled(path, setting, work.origin_x, work.origin_v, bounded, guess, SWEEPS, by, work.sweep)
         return done and confirmed(path, errors, setting, bounded, by, gx, gv, r)
-    trial.xi[:], trial.v[:], trial.sigma[:], rows.change[:] = at.xi, at.v, at.sigma, rows.multiplier
+    assign(trial.xi, at.xi)
+    assign(trial.v, at.v)
+    assign(trial.sigma, at.sigma)
+    assign(rows.change, rows.multiplier)
     hold_guessed(rows, setting.starts, guess)
     done = multiplied(
         path, errors, setting, bounded, count, rows, work.factors, trial, work.by, work.gx, work.gv, work.r
     )
     if done:
         guess_held(rows, setting.starts, guess)
-        by.xi[:], by.v[:], by.sigma[:] = trial.xi, trial.v, trial.sigma
+        assign(by.xi, trial.xi)
+        assign(by.v, trial.v)
+        assign(by.sigma, trial.sigma)
     return done
 
 
