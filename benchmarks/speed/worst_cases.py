@@ -19,7 +19,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc import PlanStatus, Plant, TrackingMPC, Weights
-from mpc.tracking.compiled.interior import MOST
+from mpc.tracking.compiled.structured_qp.interior import MOST
 from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import condense
 from mpc.tracking.qp.solvers import solver

@@ -14,9 +14,9 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism
-from mpc.arm.lengths import symbolic_lengths
 from mpc.arm.pneumatics import Pneumatics
 from mpc.model.gas import fall
+from mpc.model.lengths import symbolic_lengths
 
 if TYPE_CHECKING:
     from mpc.arm.model import Arm

@@ -29,11 +29,11 @@ from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.arm.bodies import BODIES
 from mpc.arm.gas import gas_motion, squeezed
-from mpc.arm.lengths import has_formulas, symbolic_jacobian, symbolic_lengths
-from mpc.arm.mujoco_mechanics import MujocoBodies
+from mpc.arm.mechanics.mujoco_mechanics import MujocoBodies
 from mpc.arm.pneumatics import Pneumatics
 from mpc.model.experiment import RESOLUTION
 from mpc.model.integration import integrated
+from mpc.model.lengths import has_formulas, symbolic_jacobian, symbolic_lengths
 
 _MOST_SUBSTEPS = 1000  # in a sample
 
@@ -53,7 +53,7 @@ class Arm:
     """An `Arm` is a mechanism with bodies and regulators; immutable. SI units."""
 
     mechanism: Mechanism
-    bodies: Any  # `MovingBodies`: `Bodies`, `TreeBodies` or `MujocoBodies`
+    bodies: Any  # `mechanics.moving_bodies`: `Bodies`, `TreeBodies` or `MujocoBodies`
     lag: float | tuple[float, ...] = 0.1  # τ of the regulators [s], one or m of them
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
     endpoint: Endpoint | None = None  # whose stiffness K_x [N/m] is tracked; None: K of the joints

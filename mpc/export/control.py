@@ -64,7 +64,7 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
 
 def qp_iterations(controller: TrackingMPC, single: bool) -> int:
     """Return the bound of DAQP's iterations in a QP; in double precision the interior point's."""
-    from mpc.tracking.compiled.interior import MOST
+    from mpc.tracking.compiled.structured_qp.interior import MOST
 
     limits = 2 * len(controller.problem.blocks) + 2 + 6 * controller.N
     return 5 * limits if single else MOST

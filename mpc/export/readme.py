@@ -120,8 +120,8 @@ def readme(
 
 
 def _control(controller: TrackingMPC, single: bool) -> str:
-    from mpc.tracking.compiled.interior import MOST, SWEEPS
-    from mpc.tracking.compiled.multipliers import TURNS
+    from mpc.tracking.compiled.structured_qp.interior import MOST, SWEEPS
+    from mpc.tracking.compiled.structured_qp.multipliers import TURNS
 
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps, name = controller.ahead - N, controller.iterations, "single" if single else "double"

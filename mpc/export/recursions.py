@@ -15,7 +15,8 @@ def recursion_files(single: bool) -> dict[str, str]:
 
     In single precision there is no interior point: it would not come near enough to the solution.
     """
-    from mpc.tracking.compiled import certificate, commands, newton, rows, solve
+    from mpc.tracking.compiled import commands
+    from mpc.tracking.compiled.structured_qp import certificate, newton, rows, solve
 
     entries: list[Any] = [commands.slew_bounds, commands.deviations, solve.swept]
     entries += [newton.gradients, newton.adjoint, newton.left_over, newton.factorise, newton.direction]  # softened.c

@@ -11,7 +11,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.mechanism import Mechanism
-from mpc.arm.lengths import symbolic_lengths
+from mpc.model.lengths import symbolic_lengths
 
 _NODES = 3  # of the quadrature of a potential
 

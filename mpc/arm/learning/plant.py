@@ -20,12 +20,12 @@ from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle
 from allocator.notices import notice
-from mpc.arm.lengths import symbolic_lengths
 from mpc.arm.model import Arm
 from mpc.codegen.python_text import filling
 from mpc.model.buffered import Buffered
 from mpc.model.gas import fall
 from mpc.model.integration import integrated
+from mpc.model.lengths import symbolic_lengths
 from mpc.tracking.qp.step import SlowStep
 
 _STOP = 50.0  # Ω [1/s] of the end stops; MuJoCo's have the time constant 0.02 s, too

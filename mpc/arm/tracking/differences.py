@@ -12,8 +12,8 @@ differences over angles and velocities; over pressures its slope M⁻¹ rᵀ F_P
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.arm.mechanics.mujoco_mechanics import MujocoBodies, MujocoTendons
 from mpc.arm.model import Arm
-from mpc.arm.mujoco_mechanics import MujocoBodies, MujocoTendons
 from mpc.arm.pneumatics import Pneumatics
 from mpc.tracking.linearise import Linearisation, Motion
 

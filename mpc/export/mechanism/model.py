@@ -4,7 +4,7 @@ from typing import Any
 
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
-from mpc.arm.lengths import symbolic_lengths
+from mpc.model.lengths import symbolic_lengths
 
 
 def map_function(mechanism: Mechanism) -> Any:

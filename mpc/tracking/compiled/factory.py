@@ -19,7 +19,7 @@ from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.step import CompilingBeside, QPStep, ReadableQPStep, SlowStep
 
 if TYPE_CHECKING:
-    from mpc.tracking.compiled.structured import StructuredQP
+    from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 
 
 class Parts(NamedTuple):
@@ -81,7 +81,7 @@ def compile_step(plant: Plant, dt: float) -> None:
 
 def _structured(problem: TrackingProblem) -> "StructuredQP | None":
     """Return the structured QP, None where nothing at all can be compiled: of that `SlowStep` has told."""
-    from mpc.tracking.compiled.structured import StructuredQP
+    from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 
     try:
         return StructuredQP(problem)

@@ -38,7 +38,7 @@ from allocator.allocation.kernels.source import affine_exact, tondu_exact
 
 """
 _TEMPLATE = Path(__file__).with_name("step.py")
-_SOLVE = Path(__file__).with_name("solve.py")
+_SOLVE = Path(__file__).with_name("structured_qp") / "solve.py"
 
 
 class CompiledPlant(NamedTuple):
@@ -65,7 +65,7 @@ def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
 
 
 def solve_module() -> ModuleType:
-    """Return `mpc.tracking.compiled.solve`, which does not depend on the plant."""
+    """Return `mpc.tracking.compiled.structured_qp.solve`, which does not depend on the plant."""
     return imported(_SOLVE.read_text(encoding="utf-8"))
 
 

@@ -1,6 +1,6 @@
 """The compiled step is `mpc.tracking.qp.step` in compiled code: tens of microseconds where that takes hundreds.
 
-The QP is solved as it is, sample by sample (`mpc.tracking.compiled.solve`): by sweeps of Riccati recursions from the
+The QP is solved as it is, sample by sample (`structured_qp.solve`): by sweeps of Riccati recursions from the
 guess that those bounds bind which bound in the last one, or by an interior point. Other solvers are given the same
 dense QP as by the readable step, and so is DAQP where the structured one has no proof.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.structured import StructuredQP
+from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.linearise import Motion
 from mpc.tracking.plan import Moved, PlanStatus

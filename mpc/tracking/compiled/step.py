@@ -17,7 +17,6 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.tracking.compiled.certificate import finite
 from mpc.tracking.compiled.commands import cumulative, limit
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
 from mpc.tracking.compiled.jit import compiled, inlined, merged
@@ -50,6 +49,7 @@ from mpc.tracking.compiled.sample.stages import (
     take,
     under_way,
 )
+from mpc.tracking.compiled.structured_qp.certificate import finite
 from mpc.tracking.preview import CORRECTED
 
 FORMULAS: Any = None

@@ -20,7 +20,7 @@ from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import Riccati, Solver
 
 if TYPE_CHECKING:
-    from mpc.tracking.compiled.structured import StructuredQP
+    from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 
 
 class SlowStep(UserWarning):

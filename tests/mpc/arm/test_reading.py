@@ -8,13 +8,13 @@ from allocator import InvalidInput
 from allocator.errors import InvalidFile
 from allocator.mechanism import Endpoint, Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N as MUSCLE
+from mpc.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
+from mpc.arm.mechanics.tree import TreeBodies
 from mpc.arm.model import Arm
-from mpc.arm.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
 from mpc.arm.reading import read_arm
 from mpc.arm.tendon_jacobian import TendonJacobian
 from mpc.arm.tracking.differences import DifferencePredictor
 from mpc.arm.tracking.prediction import ArmPredictor
-from mpc.arm.tree import TreeBodies
 from mpc.model.experiment import RESOLUTION
 
 CROOKED = """<mujoco><compiler angle="degree"/><option gravity="1 -2 -9"/>

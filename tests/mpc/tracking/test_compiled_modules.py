@@ -215,7 +215,7 @@ from mpc.tracking.compiled import module
 chosen = module.imported('''
 import numpy as np
 from mpc.tracking.compiled.jit import compiled
-from mpc.tracking.compiled.riccati import choose
+from mpc.tracking.compiled.structured_qp.riccati import choose
 
 @compiled
 def chosen(v):

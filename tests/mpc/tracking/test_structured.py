@@ -7,8 +7,8 @@ import pytest
 
 from allocator import BAR, DEG
 from mpc import PlanStatus, Plant, TrackingMPC
-from mpc.tracking.compiled.interior import MOST
-from mpc.tracking.compiled.structured import StructuredQP
+from mpc.tracking.compiled.structured_qp.interior import MOST
+from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import condense
 from mpc.tracking.qp.solvers import solver

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.certificate import finite
 from mpc.tracking.compiled.jit import compiled, inlined
+from mpc.tracking.compiled.structured_qp.certificate import finite
 
 FORMULAS: Any = None
 n = m = STIFFNESSES = statics = FORMULAS

@@ -20,8 +20,8 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.tracking.compiled.certificate import finite
 from mpc.tracking.compiled.jit import compiled, inlined
+from mpc.tracking.compiled.structured_qp.certificate import finite
 
 FORMULAS: Any = None
 n = m = STIFFNESSES = SIZE = dynamics = dynamics_slopes = output_slopes = FORMULAS

@@ -15,7 +15,7 @@ from mpc.tracking.feedforward import InverseDynamics
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.module import CompiledPlant
-    from mpc.tracking.compiled.structured import StructuredQP
+    from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 
 _CLOCK = clock()
 _NO_GATE = np.zeros(NX), np.zeros(NX)

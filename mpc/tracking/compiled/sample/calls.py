@@ -15,7 +15,7 @@ _SETTLED: Any = types.Tuple((types.boolean, types.int64))  # type: ignore[attr-d
 
 
 def address_of(settle: Any) -> int:
-    """Return the address of `mpc.tracking.compiled.solve.settle`, which has been called with one kind of arguments.
+    """Return the address of `structured_qp.solve.settle`, which has been called with one kind of arguments.
 
     Raises a `TypeError` if it does not return what `settle_at` takes.
     """
@@ -36,7 +36,7 @@ def clock() -> tuple[int, int]:
 def settle_at(
     typing: Any, address: Any, numbers: Any, starts: Any, given: Any, buffer: Any, guess: Any, z: Any
 ) -> tuple[Any, Any]:
-    """Call `mpc.tracking.compiled.solve.settle`, which stands at this address."""
+    """Call `structured_qp.solve.settle`, which stands at this address."""
     arrays = (numbers, starts, given, buffer, guess, z)
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:

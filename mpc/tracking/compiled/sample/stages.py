@@ -74,7 +74,7 @@ def take(x: Array, torques: Array, state: State, given: Given) -> None:
 
 @inlined
 def shift_set(starts: Any, before: Any, guess: Any) -> None:
-    """Set the `guess` (n,) to what it was `before` (n,), one sample later: see `mpc.tracking.compiled.structured`."""
+    """Set the `guess` (n,) to what it was `before` (n,), one sample later: see `structured_qp.structured`."""
     later = 0
     for block in range(starts.size):
         while later + 1 < starts.size and starts[later + 1] <= starts[block] + 1:

@@ -11,9 +11,9 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined
-from mpc.tracking.compiled.newton import ALL, BOUNDS, SUPPLY, adjoint, gradients
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.stage import advance, changed
+from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, SUPPLY, adjoint, gradients
+from mpc.tracking.compiled.structured_qp.stage import advance, changed
 
 
 @inlined

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.certificate import brought_within, confirmed, needed
 from mpc.tracking.compiled.commands import deviations, new_errors, slew_bounds
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
-from mpc.tracking.compiled.interior import MOST, SWEEPS, Work, interior, new_point, new_work
 from mpc.tracking.compiled.jit import compiled, inlined
-from mpc.tracking.compiled.newton import BOUNDS, gradients
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.riccati import Sweep, new_sweep, settled
+from mpc.tracking.compiled.structured_qp.certificate import brought_within, confirmed, needed
+from mpc.tracking.compiled.structured_qp.interior import MOST, SWEEPS, Work, interior, new_point, new_work
+from mpc.tracking.compiled.structured_qp.newton import BOUNDS, gradients
+from mpc.tracking.compiled.structured_qp.riccati import Sweep, new_sweep, settled
 
 
 @compiled

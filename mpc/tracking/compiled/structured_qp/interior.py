@@ -2,7 +2,7 @@
 
 Mehrotra's predictor and corrector (S. Mehrotra, SIAM J. Optimization 2, 1992) on the recursion, as in HPIPM (G. Frison
 and M. Diehl, IFAC-PapersOnLine 53, 2020): O(N) an iteration, and MOST iterations at most. It does not finish by itself:
-once what binds begins to show, that is handed to the sweeps, or with rows to `mpc.tracking.compiled.multipliers`, which
+once what binds begins to show, that is handed to the sweeps, or with rows to `multipliers`, which
 come to the solution to all digits, multipliers included, and to its proof. An interior point's own multipliers, λ up to
 1e10 beside distances of 1e-18, are spoilt by rounding: one in fifty of the worst QPs was left without a proof by them.
 
@@ -17,13 +17,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.certificate import confirmed, needed
 from mpc.tracking.compiled.jit import assign, inlined
-from mpc.tracking.compiled.multipliers import GAP, PRIMAL, guess_held, hold_guessed, multiplied
-from mpc.tracking.compiled.newton import ALL, BOUNDS, Factors, adjoint, direction, factorise, gradients, left_over
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.riccati import FREE, LOWER, UPPER, Sweep, settled
-from mpc.tracking.compiled.rows import (
+from mpc.tracking.compiled.structured_qp.certificate import confirmed, needed
+from mpc.tracking.compiled.structured_qp.multipliers import GAP, PRIMAL, guess_held, hold_guessed, multiplied
+from mpc.tracking.compiled.structured_qp.newton import (
+    ALL,
+    BOUNDS,
+    Factors,
+    adjoint,
+    direction,
+    factorise,
+    gradients,
+    left_over,
+)
+from mpc.tracking.compiled.structured_qp.riccati import FREE, LOWER, UPPER, Sweep, settled
+from mpc.tracking.compiled.structured_qp.rows import (
     NEAR,
     Rows,
     add,

@@ -1,7 +1,7 @@
 """The QP is solved by a method of multipliers from a point that shows which of its rows bind, or nearly.
 
 The quadratic part of a step has a weight W for each row that binds that stays as it is, where
-`mpc.tracking.compiled.interior` has λ/t, which rounding spoils as soon as λ is great and t small. With r = a·y - b,
+`interior` has λ/t, which rounding spoils as soon as λ is great and t small. With r = a·y - b,
 
     binds:  λ + W r > 0,        λ ← max(λ + W (r + a Δy), 0)
 
@@ -9,7 +9,7 @@ The quadratic part of a step has a weight W for each row that binds that stays a
 what is left by a number far above 1. A change of a command that is held at its bound has the weight HELD, so that it is
 there after one round; its multiplier is what the gradient leaves there, and has no rounding of its own.
 
-The changes' rows have no other multipliers; those of the rest are in `change` of `mpc.tracking.compiled.rows.Rows`.
+The changes' rows have no other multipliers; those of the rest are in `change` of `rows.Rows`.
 """
 
 from typing import Any
@@ -18,11 +18,11 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined
-from mpc.tracking.compiled.newton import ALL, BOUNDS, Factors, direction, factorise, gradients, left_over
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.riccati import LOWER, UPPER
-from mpc.tracking.compiled.rows import Rows, values
-from mpc.tracking.compiled.stage import advance
+from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, Factors, direction, factorise, gradients, left_over
+from mpc.tracking.compiled.structured_qp.riccati import LOWER, UPPER
+from mpc.tracking.compiled.structured_qp.rows import Rows, values
+from mpc.tracking.compiled.structured_qp.stage import advance
 
 TURNS = 12  # at most
 GIVES_UP = 2  # rounds after which what binds must not change any more

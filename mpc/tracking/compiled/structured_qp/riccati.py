@@ -10,7 +10,7 @@ with D = W_ww + ρ I
 An active-set method of the primal–dual kind: sweep backward and forward with the bounds held that are guessed to bind,
 then guess anew: what breaks a bound is held, what is held with λ of the wrong sign is let go. A guess that repeats
 itself is the solution; that takes a sweep or two from the last sample's set, and sometimes does not come about: then
-`mpc.tracking.compiled.interior` solves the QP. It is the caller's business to prove the answer.
+`interior` solves the QP. It is the caller's business to prove the answer.
 """
 
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined, merged
 from mpc.tracking.compiled.records import Bounded, Cost, Path, Point, Setting
-from mpc.tracking.compiled.stage import across, advance, charge_state, decided, linear_before
+from mpc.tracking.compiled.structured_qp.stage import across, advance, charge_state, decided, linear_before
 
 FREE, LOWER, UPPER = 0, -1, 1
 

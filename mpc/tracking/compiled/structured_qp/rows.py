@@ -1,4 +1,4 @@
-"""The rows of the QP, of which `mpc.tracking.compiled.interior` keeps the distance: a·y ≤ b with t > 0 left, and λ > 0.
+"""The rows of the QP, of which `interior` keeps the distance: a·y ≤ b with t > 0 left, and λ > 0.
 
 In this order, those of a sample k (w and δx of k + 1), and in a last line those of both slacks:
 
@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined
-from mpc.tracking.compiled.newton import ALL, BOUNDS, SUPPLY
 from mpc.tracking.compiled.records import Bounded, Bounds, Path, Point
-from mpc.tracking.compiled.stage import changed
+from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, SUPPLY
+from mpc.tracking.compiled.structured_qp.stage import changed
 
 RESOLVED = 1e-10  # [bar], [rad], [N] below which a residual is none
 NEAR = 0.03  # products t λ are no less than this share of their mean

@@ -1,4 +1,4 @@
-"""A Newton step of `mpc.tracking.compiled.interior` is a problem without rows: its matrices, and its solution.
+"""A Newton step of `interior` is a problem without rows: its matrices, and its solution.
 
 With W = λ/t of the rows, σ = (s, s_F) carried beside S as a border, P = ∂²V/∂ξ∂σ and Σ = ∂²V/∂σ², which is equal to two
 constant states more and takes less. All is in differences from the iterate, which keeps digits.
@@ -11,7 +11,15 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined, merged
 from mpc.tracking.compiled.records import Cost, Errors, Path, Point
-from mpc.tracking.compiled.stage import across, advance, changed, charge_square, charge_state, decided, linear_before
+from mpc.tracking.compiled.structured_qp.stage import (
+    across,
+    advance,
+    changed,
+    charge_square,
+    charge_state,
+    decided,
+    linear_before,
+)
 
 BOUNDS, SUPPLY, ALL = 4, 8, 12  # rows of a sample: of the changes alone, with those of the commands, and all
 
