@@ -1,3 +1,3 @@
-"""This room has bodies and tendons beyond a chain in the plane: trees of hinges in space, and what only MuJoCo knows."""
+"""Bodies and tendons beyond a chain in the plane are here: trees of hinges in space, and what only MuJoCo knows."""
 
 __all__: list[str] = []
