@@ -163,8 +163,8 @@ typedef struct {
 } ant_qp;
 
 typedef struct {
-    /* Of DAQP, in double precision of each of three rounds of the interior point; may be set, 0 leaves the QP out;
-     * ant_reset sets ANT_QP_ITERATIONS. */
+    /* Of DAQP, in double precision of the interior point; may be set, 0 leaves the QP out; ant_reset sets
+     * ANT_QP_ITERATIONS. */
     int iteration_limit;
 
     ant_observer observer;

@@ -6,12 +6,7 @@
 #include "antagonist.h"
 #include "settings.h"
 
-/* In double precision the interior point has up to three rounds. */
-#ifdef ANT_SINGLE
 enum { BOUND = ANT_ITERATIONS * ANT_QP_ITERATIONS };
-#else
-enum { BOUND = 3 * ANT_ITERATIONS * ANT_QP_ITERATIONS };
-#endif
 
 static ant_controller controller;
 static double in[4 + 2 * (ANT_AHEAD + 1)];
