@@ -233,7 +233,7 @@ def test_an_edit_in_what_compiled_code_calls_is_seen(tmp_path):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     home = dict.fromkeys(("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"), str(tmp_path / "caches"))
     places = {"folder": tmp_path, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": "", **home}
-    edited = tmp_path / "mpc" / "tracking" / "compiled" / "riccati.py"
+    edited = tmp_path / "mpc" / "tracking" / "compiled" / "structured_qp" / "riccati.py"
     value, hits, file = python(CHOOSE, **places).split()
     assert Path(file).parent == edited.parent
     assert (float(value), int(hits)) == (3.0, 0)

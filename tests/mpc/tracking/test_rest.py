@@ -201,4 +201,5 @@ def test_what_the_loop_does_before_its_first_rest_does_not_depend_on_the_mode(dr
     with_it, without = driven(driver, REAL), driven((controller, driver[1]), REAL)
     first = int(np.argmax(resting(with_it)))
     assert first > round(MOVED / DT)
-    np.testing.assert_array_equal(with_it.u[:first], without.u[:first])
+    # with the mode, previews that stand still are answered by the readable stages, whose last digit is another one
+    np.testing.assert_allclose(with_it.u[:first], without.u[:first], rtol=1e-12)
