@@ -11,7 +11,7 @@ from mpc.export.control import check_pair, control_files, model_functions, sizes
 from mpc.export.control_demonstration import lines as control_lines
 from mpc.export.directory import check, write
 from mpc.export.joint import kernel_of
-from mpc.export.parts import Files, allocation_files, copied, kernel_functions, model_files
+from mpc.export.parts import Files, allocation_files, copied, is_single, kernel_functions, model_files
 from mpc.export.readme import readme
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
@@ -20,7 +20,6 @@ from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
 
 WHAT = ("allocate", "mpc", "all")
-PRECISIONS = ("double", "single")
 
 
 def export(
@@ -56,10 +55,8 @@ def export(
     """
     if what not in WHAT:
         raise MissingBackend("part to export", what, WHAT)
-    if precision not in PRECISIONS:
-        raise MissingBackend("precision", precision, PRECISIONS)
+    single = is_single(precision)
     check(Path(out))
-    single = precision == "single"
     if what == "allocate":
         joint = _joint(joint, None if controller is None else controller.plant.joint)
         return write(_allocation(joint, single), out)
@@ -131,4 +128,4 @@ def _config(single: bool, sizes: dict[str, tuple[float | int, str]]) -> str:
     return text.header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))
 
 
-__all__ = ["PRECISIONS", "WHAT", "controller_files", "default_controller", "export", "pair"]
+__all__ = ["WHAT", "controller_files", "default_controller", "export", "pair"]

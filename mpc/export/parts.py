@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.errors import MissingBackend
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.codegen import c_text
 from mpc.export import text
@@ -13,7 +14,29 @@ from mpc.export.kernel import kernel_files
 
 Files = dict[str, str]  # path within the exported directory: content
 
+PRECISIONS = ("double", "single")
+BUILD = """\
+    cmake -S . -B build && cmake --build build && build/demonstration
+
+or
+
+    cc -O2 -std=c99 -I. -Isrc main.c src/*.c -lm -o demonstration
+
+which prints, according to Python{rounded}:
+
+```text
+{printed}
+```
+"""  # of a directory's README
+
 _C = Path(__file__).parent / "c"
+
+
+def is_single(precision: str) -> bool:
+    """Return whether `precision` is "single". Raises `MissingBackend` for an unknown one."""
+    if precision not in PRECISIONS:
+        raise MissingBackend("precision", precision, PRECISIONS)
+    return precision == "single"
 
 
 def copied(directory: str, to: str) -> Iterator[tuple[str, str]]:
@@ -60,4 +83,4 @@ def model_files(functions: list[tuple[Any, str]], single: bool) -> Files:
     }
 
 
-__all__ = ["Files", "allocation_files", "copied", "kernel_functions", "model_files"]
+__all__ = ["BUILD", "Files", "allocation_files", "copied", "is_single", "kernel_functions", "model_files"]

@@ -2,9 +2,11 @@
 
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.export.control import qp_iterations
+from mpc.export.parts import BUILD
 from mpc.tracking.controller import TrackingMPC
 
-_HEAD = """\
+_HEAD = (
+    """\
 # A pneumatic-muscle joint in C
 
 Exported from the Python package `antagonist`, in {precision} precision, for: {joint}.
@@ -12,17 +14,9 @@ Plain C99; no heap, no global state, nothing but `math.h`, every loop bounded. `
 units are SI. Written for this joint: {written}.
 The other files are the same for every joint.
 
-    cmake -S . -B build && cmake --build build && build/demonstration
-
-or
-
-    cc -O2 -std=c99 -I. -Isrc main.c src/*.c -lm -o demonstration
-
-which prints, according to Python{rounded}:
-
-```text
-{printed}
-```
+"""
+    + BUILD
+    + """\
 
 ## Allocation
 
@@ -30,6 +24,7 @@ which prints, according to Python{rounded}:
 `allocator.allocate(..., method="exact")` does. What makes no sense (NaN, K <= 0, an angle beyond a turn) is answered by
 `ANT_BAD_INPUT` and pressures within the supply. {cost}
 {single}"""
+)
 
 _COST = {
     "tondu": """A call costs at most 7 square roots, some 40

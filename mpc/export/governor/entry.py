@@ -6,15 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.errors import InvalidInput, MissingBackend
+from allocator.errors import InvalidInput
 from mpc.codegen.c_text import number
 from mpc.export import text
 from mpc.export.directory import check, write
 from mpc.export.governor.kernel import kernel_files, numbers_file
-from mpc.export.parts import Files, copied, model_files
+from mpc.export.parts import BUILD, Files, copied, is_single, model_files
 from mpc.governor import PressureGovernor
 
-PRECISIONS = ("double", "single")
 _SEED = 20  # of the demonstration's commands
 
 
@@ -33,10 +32,9 @@ def export_governor(out: str | PathLike[str], governor: PressureGovernor, *, pre
     """
     if not isinstance(governor, PressureGovernor):
         raise InvalidInput(f"governor is a {type(governor).__name__}; expected a PressureGovernor")
-    if precision not in PRECISIONS:
-        raise MissingBackend("precision", precision, PRECISIONS)
+    single = is_single(precision)
     check(Path(out))
-    return write(_files(governor, precision == "single"), out)
+    return write(_files(governor, single), out)
 
 
 def _files(governor: PressureGovernor, single: bool) -> Files:
@@ -100,7 +98,8 @@ def _shown(governor: PressureGovernor) -> list[str]:
     return lines
 
 
-_README = """\
+_README = (
+    """\
 # A governor of pressures in C
 
 Exported from the Python package `antagonist`, in {precision} precision: {n} joints ({joints}), {m} muscles
@@ -108,22 +107,15 @@ Exported from the Python package `antagonist`, in {precision} precision: {n} joi
 {most} evaluations of the arm's motion. All units are SI. Written for this governor: `antagonist_config.h`,
 `src/governor.h`, `src/model.c`, `src/demonstration.h`; `src/kernel.c` is printed from the text that Python runs.
 
-    cmake -S . -B build && cmake --build build && build/demonstration
-
-or
-
-    cc -O2 -std=c99 -I. -Isrc main.c src/*.c -lm -o demonstration
-
-which prints, according to Python{rounded}:
-
-```text
-{printed}
-```
+"""
+    + BUILD
+    + """\
 
 `ant_govern` (`antagonist_governor.h`) takes the state of the arm, the commands given last and those that somebody would
 like to give, and fills in those to be given, as `mpc.governor.PressureGovernor.govern` does. All memory is in
 `ant_memory`, of fixed size.
 """
+)
 
 
 def _readme(governor: PressureGovernor, single: bool) -> str:
@@ -141,4 +133,4 @@ def _readme(governor: PressureGovernor, single: bool) -> str:
     )
 
 
-__all__ = ["PRECISIONS", "export_governor"]
+__all__ = ["export_governor"]

@@ -7,16 +7,15 @@ import numpy as np
 
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array
-from allocator.errors import InvalidInput, MissingBackend
+from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism, allocate_mechanism
 from mpc.codegen.c_text import number
 from mpc.export import text
 from mpc.export.directory import check, write
 from mpc.export.mechanism.kernel import kernel_files
 from mpc.export.mechanism.model import map_function
-from mpc.export.parts import Files, copied, model_files
+from mpc.export.parts import BUILD, Files, copied, is_single, model_files
 
-PRECISIONS = ("double", "single")
 _FREE = 4 * np.pi  # [rad] of a joint without end stops
 _SEED = 19  # of the demonstration's targets
 
@@ -37,10 +36,9 @@ def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precisio
     """
     if not isinstance(mechanism, Mechanism):
         raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism")
-    if precision not in PRECISIONS:
-        raise MissingBackend("precision", precision, PRECISIONS)
+    single = is_single(precision)
     check(Path(out))
-    return write(_files(mechanism, precision == "single"), out)
+    return write(_files(mechanism, single), out)
 
 
 def _files(mechanism: Mechanism, single: bool) -> Files:
@@ -132,7 +130,8 @@ def _shown(mechanism: Mechanism) -> list[str]:
     return lines
 
 
-_README = """\
+_README = (
+    """\
 # Pressures of a mechanism in C
 
 Exported from the Python package `antagonist`, in {precision} precision: {n} joints ({joints}), {m} muscles
@@ -140,17 +139,9 @@ Exported from the Python package `antagonist`, in {precision} precision: {n} joi
 to read; all units are SI. Written for this mechanism: `antagonist_config.h`, `src/mechanism.h`, `src/model.c`,
 `src/demonstration.h`; `src/kernel.c` is printed from the text that Python runs.
 
-    cmake -S . -B build && cmake --build build && build/demonstration
-
-or
-
-    cc -O2 -std=c99 -I. -Isrc main.c src/*.c -lm -o demonstration
-
-which prints, according to Python{rounded}:
-
-```text
-{printed}
-```
+"""
+    + BUILD
+    + """\
 
 `ant_allocate` gives the pressures for torques and a stiffness at a posture, or the nearest that the limits allow, as
 `allocator.mechanism.allocate_mechanism` does: torque first or stiffness first, then the least pressures or those
@@ -160,6 +151,7 @@ last are one Cholesky factor of at most {m} × {m}; at most {most}, after which 
 pressures are within the limits. `follow` begins with what bound the last time: sooner, where targets follow each other.
 All memory is in `ant_memory`, of fixed size, which is best made static.
 """
+)
 
 
 def _readme(mechanism: Mechanism, single: bool) -> str:
@@ -175,4 +167,4 @@ def _readme(mechanism: Mechanism, single: bool) -> str:
     )
 
 
-__all__ = ["PRECISIONS", "export_mechanism"]
+__all__ = ["export_mechanism"]

@@ -4,10 +4,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from allocator.errors import MissingBackend
 from mpc.export.directory import check, write
-from mpc.export.entry import PRECISIONS, controller_files, pair
-from mpc.export.parts import Files
+from mpc.export.entry import controller_files, pair
+from mpc.export.parts import Files, is_single
 from mpc.export.plant import real_plant, start_of
 from mpc.export.serial.files import firmware_files, simulation_files
 from mpc.export.serial.safety import Safety
@@ -51,10 +50,9 @@ def export_board(
     MissingBackend
         For an unknown `precision`.
     """
-    if precision not in PRECISIONS:
-        raise MissingBackend("precision", precision, PRECISIONS)
+    single = is_single(precision)
     check(Path(out))
-    return write(board_files(process, controller, observer, safety or Safety(), precision == "single", x0), out)
+    return write(board_files(process, controller, observer, safety or Safety(), single, x0), out)
 
 
 def board_files(
