@@ -11,6 +11,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
 from benchmarks.speed.clock import MISSED, Measurement, seconds
+from benchmarks.speed.hpipm import alone
 from benchmarks.speed.mpc_loop import DT, Loop, closed_loop
 from benchmarks.speed.mpc_rivals import CvxpyOSQP, DoMPC
 from benchmarks.speed.truth import BenchmarkFailure
@@ -31,6 +32,7 @@ NONLINEAR: dict[str, Maker] = {
 }
 WANTED = {("IPOPT", 20): 150.0, ("do-mpc", 20): 250.0}
 AT_MOST = {20: {"tail": 3.5, "outside": 0.5, "cost": 1.01}, 40: {"tail": 5.0}, 80: {"tail": 6.0}}  # asked at a horizon
+ALONE = (20, 40, 80)  # horizons whose QPs HPIPM solves, too
 GROWTH = 4.5  # at most, of the mean time of a step from N = 20 to N = 80
 FLOORS = {("IPOPT", 20): 30.0}
 BLOCKS = {20: (1,) * 10 + (2,) * 5, 40: (1,) * 10 + (2,) * 5 + (4,) * 5, 80: (1,) * 10 + (2,) * 5 + (4,) * 5 + (8,) * 5}
@@ -46,6 +48,8 @@ def measure(light: bool) -> Iterator[Measurement]:
         check_commands(N, chosen)
         yield from loops(N, chosen, duration=1.5 if light else 3.0)
         yield from qps(N, rounds=5 if light else 15)
+        if not light and N in ALONE:
+            yield from alone.measure(N)
     if not light:
         yield growth()
 
