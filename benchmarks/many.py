@@ -1,15 +1,19 @@
 """How much faster are many closed loops in compiled code than `simulate`, and do they come out the same?
 
-    python -m benchmarks.many [--runs 1000] [--pairs 12] [--out benchmarks/results/many.md]
+    python -m benchmarks.many [--runs 1000] [--pairs 20] [--out benchmarks/results]
 
 Loops of 14 s on the standard real plant: MPC of N = 20 with its observer and all that it is told, a sine with a load
 that comes at 9 s. Either all runs have one plant and differ in the noise, or every run has a plant of its own besides:
-gains of the muscles, inertia, lags, share of the friction. First `simulate` and `simulate_many` answer the same in
-turns, which gives the differences and the ratio of the processor's time on one core; then all runs are made on one
-process and on two, which gives the ratio of the wall's.
+gains of the muscles, inertia, lags, share of the friction.
+
+All runs are made on one process, in as many batches as there are pairs. Before each batch its first run is made by
+`simulate`, too: whatever it comes to has to be equal, or nothing is written. That gives the ratio of the processor's
+time of a run, batch by batch. Then all runs are made once more by two processes, which gives the ratio of the wall's,
+in one call and with all that it takes to begin.
 """
 
 import argparse
+import csv
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -20,11 +24,16 @@ import numpy as np
 
 from allocator.files.atomic import write_text
 from benchmarks.allocators.machine import machine
+from benchmarks.speed.allocation import machine_threads
+from benchmarks.speed.truth import BenchmarkFailure
 from mpc import KalmanObserver, RealPlant, Run, TrackingMPC, Weights, simulate, simulate_many
+from mpc.trials.simulation import tracked
 from mpc.trials.trajectories import rested_sine
 
 LOAD = ((9.0, 1.0),)  # from [s] on, [N·m]
-WANTED, WANTED_OF_TWO = 6.0, 2.0  # times as fast as `simulate` on one core, and two cores as one
+RESULTS = Path(__file__).parent / "results"
+WANTED, WANTED_OF_TWO = 6.0, 1.9  # times as fast as `simulate` on one core, and two processes as one
+SAME = 1e-9  # of the differences
 STATE = np.array([1.0, 10.0, 1e5, 1e5])  # [rad], [rad/s], [Pa]: scales of differences
 
 
@@ -69,74 +78,124 @@ def difference(one: Run, other: Run) -> float:
     return float(max(x, np.abs(one.u - other.u).max() / STATE[2], np.abs(one.K - other.K).max()))
 
 
-def ratios(s: Setting, plants: Sequence[RealPlant], pairs: int) -> Iterator[tuple[float, float, float, str]]:
-    """Both ways in turns, a batch of runs against one: CPU seconds of a run by either, difference, implementation."""
-    reference, batch = rested_sine(), max(len(plants) // pairs, 1)
-    for pair in range(min(pairs, len(plants))):
-        own = range(pair * batch, (pair + 1) * batch)
+class Pair(NamedTuple):
+    """A run by `simulate`, and the batch that begins with the same."""
+
+    alone: float  # [s] of the processor
+    share: float  # [s] of the processor, of one run of the batch
+    wall: float  # [s] of the batch
+    difference: float
+    compiled: int  # runs of the batch
+
+
+class Row(NamedTuple):
+    """What is written of one kind of plants."""
+
+    plants: str
+    runs: int
+    pairs: int
+    simulate: float  # [s] a run
+    simulate_many: float  # [s] a run
+    ratio: float  # on one core; median of the pairs
+    least: float
+    most: float
+    difference: float  # greatest
+    compiled: int  # runs
+    one: float  # [s] of all runs on one process
+    two: float  # [s] on two
+    of_two: float  # ratio of both
+    machine: float  # what hashing gains by a second thread
+
+
+def pairs_of(s: Setting, plants: Sequence[RealPlant], number: int) -> Iterator[Pair]:
+    """Make all runs, in so many batches, and one of each by `simulate` before it."""
+    reference = rested_sine()
+    for own in np.array_split(np.arange(len(plants)), min(number, len(plants))):
+        first, seeds = plants[own[0]], own.tolist()
         begun = time.process_time()
-        alone = simulate(plants[own[0]], s.controller, reference, observer=s.observer, seed=own[0])
-        took = time.process_time() - begun
-        begun = time.process_time()
-        many = simulate_many(
-            [plants[i] for i in own], s.controller, reference, observers=s.observer, seeds=own, keep=True
-        )
-        share = (time.process_time() - begun) / batch
-        yield took, share, difference(alone, many[0]), many.implementation[0]
+        alone = simulate(first, s.controller, reference, observer=s.observer, seed=seeds[0])
+        took, begun, wall = time.process_time() - begun, time.process_time(), time.perf_counter()
+        batch = [plants[i] for i in seeds]
+        many = simulate_many(batch, s.controller, reference, observers=s.observer, seeds=seeds, keep=True)
+        share, wall = (time.process_time() - begun) / own.size, time.perf_counter() - wall
+        yield Pair(took, share, wall, difference(alone, many[0]), many.implementation.count("compiled"))
 
 
-def spread(s: Setting, plants: Sequence[RealPlant], rounds: int) -> list[list[float]]:
-    """Wall seconds of all runs on one process and on two, in turns."""
-    found = []
-    for _ in range(rounds):
-        took = []
-        for workers in (1, 2):
-            begun = time.perf_counter()
-            simulate_many(
-                plants, s.controller, rested_sine(), observers=s.observer, seeds=range(len(plants)), workers=workers
-            )
-            took.append(time.perf_counter() - begun)
-        found.append(took)
-    return found
+def by_two(s: Setting, plants: Sequence[RealPlant]) -> float:
+    """Make all runs by two processes; return how long that takes [s]."""
+    begun = time.perf_counter()
+    shared = {"observers": s.observer, "seeds": range(len(plants)), "workers": 2, "progress": True}
+    simulate_many(plants, s.controller, rested_sine(), **shared)
+    return time.perf_counter() - begun
 
 
-def report(runs: int, pairs: int, rounds: int) -> Iterator[str]:
-    """Lines as they come."""
-    s = setting()
-    yield (
-        "| plants | runs | `simulate`, a run [ms] | `simulate_many` [ms] | ratio on one core | asked | greatest "
-        "difference | compiled | one process [s] | two [s] | ratio of two to one | asked |"
+def measured(name: str, s: Setting, plants: Sequence[RealPlant], pairs: int) -> Row:
+    """Make all runs of one kind of plants. Raises `BenchmarkFailure` where both ways do not come to the same."""
+    simulate_many(plants[:1], s.controller, rested_sine(), observers=s.observer)  # compiles
+    found = [*tracked(pairs_of(s, plants, pairs), min(pairs, len(plants)), progress=True)]
+    alone, share, walls, differences, compiled = map(np.array, zip(*found, strict=True))
+    if not (worst := differences.max()) <= SAME:
+        raise BenchmarkFailure(f"plants: {name}: `simulate` and `simulate_many` differ by {worst:.1e}, over {SAME:g}")
+    ratios, one, two = alone / share, float(walls.sum()), by_two(s, plants)
+    own, spread = (float(np.median(alone)), float(np.median(share))), (float(ratios.min()), float(ratios.max()))
+    counted = len(plants), len(found)
+    rest = float(worst), int(compiled.sum()), one, two, one / two, machine_threads(3).ratio
+    return Row(name, *counted, *own, float(np.median(ratios)), *spread, *rest)
+
+
+HEADER = (
+    "| plants | runs, of these by both ways | `simulate`, a run [ms] | `simulate_many` [ms] | ratio on one core | "
+    "asked | greatest difference | compiled | one process [s] | two [s] | ratio | asked | of hashing by two threads |"
+)
+
+
+def line(row: Row) -> str:
+    """A row of the table."""
+    ratio, of_two = (f"{x:.2f}{'' if x >= wanted else ', missed'}" for x, wanted in asked(row))
+    return (
+        f"| {row.plants} | {row.runs}, {row.pairs} | {1e3 * row.simulate:.0f} | {1e3 * row.simulate_many:.1f} | "
+        f"{ratio} ({row.least:.1f} to {row.most:.1f}) | {WANTED:g} | {row.difference:.1e} | {row.compiled} | "
+        f"{row.one:.1f} | {row.two:.1f} | {of_two} | {WANTED_OF_TWO:g} | {row.machine:.2f} |"
     )
-    yield "|---" + "|--:" * 11 + "|"
-    for name, plants in (("one", one_plant(runs)), ("each its own", many_plants(runs))):
-        simulate_many(plants[:1], s.controller, rested_sine(), observers=s.observer)  # compiles
-        took, share, differences, made = zip(*ratios(s, plants, pairs), strict=True)
-        times = np.array(took) / np.array(share)
-        walls = np.array(spread(s, plants, rounds))
-        yield (
-            f"| {name} | {runs} | {1e3 * np.median(took):.0f} | {1e3 * np.median(share):.1f} | {np.median(times):.1f} "
-            f"({times.min():.1f} to {times.max():.1f}) | {WANTED:g} | {max(differences):.1e} | "
-            f"{made.count('compiled')} of {len(made)} | {walls[:, 0].min():.1f} | {walls[:, 1].min():.1f} | "
-            f"{np.median(walls[:, 0] / walls[:, 1]):.2f} | {WANTED_OF_TWO:g} |"
-        )
 
 
-def main() -> None:
+def asked(row: Row) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Both ratios with what was asked for."""
+    return (row.ratio, WANTED), (row.of_two, WANTED_OF_TWO)
+
+
+def write(rows: Sequence[Row], folder: Path) -> None:
+    """`many.md` and `many.csv`."""
     assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=100, help="of each kind")
-    parser.add_argument("--pairs", type=int, default=10, help="of both ways, in turns")
-    parser.add_argument("--rounds", type=int, default=1, help="on one process and on two")
-    parser.add_argument("--out", type=Path, help="a .md to write")
+    question, _, text = __doc__.partition("\n")
+    table = "\n".join([HEADER, "|---" + "|--:" * HEADER.count(" | ") + "|", *map(line, rows)])
+    write_text(folder / "many.md", f"# Many runs\n\n{question}\n{text}\n{table}\n\n{machine()}.\n")
+    with (folder / "many.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(Row._fields)
+        writer.writerows(rows)
+
+
+def main() -> int:
+    """Measure, print and write; 1 where both ways do not come to the same."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.many", description="Time many closed loops.")
+    parser.add_argument("--runs", type=int, default=1000, help="of each kind")
+    parser.add_argument("--pairs", type=int, default=20, help="of these, by `simulate` too")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of many.md and many.csv")
     given = parser.parse_args()
-    lines = []
-    for line in report(given.runs, given.pairs, given.rounds):
-        print(line, flush=True)
-        lines.append(line)
-    if given.out is not None:
-        head, rest = __doc__.partition("\n")[::2]
-        write_text(given.out, f"# Many runs\n\n{head}\n{rest}\n{machine()}\n\n" + "\n".join(lines) + "\n")
+    s, rows = setting(), []
+    print(HEADER)
+    try:
+        for name, plants in (("one", one_plant(given.runs)), ("each its own", many_plants(given.runs))):
+            rows.append(measured(name, s, plants, given.pairs))
+            print(line(rows[-1]), flush=True)
+    except BenchmarkFailure as failure:
+        print(f"Stopped, nothing written: {failure}")
+        return 1
+    given.out.mkdir(parents=True, exist_ok=True)
+    write(rows, given.out)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

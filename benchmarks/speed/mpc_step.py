@@ -1,6 +1,7 @@
 """A step of the MPC in closed loop, against nonlinear MPCs on the same problem and against other ways to its QP."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from math import inf, nan
 from time import thread_time
@@ -10,8 +11,9 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
+from benchmarks.speed.acados import alone
+from benchmarks.speed.acados.rti import AcadosRTI, available
 from benchmarks.speed.clock import MISSED, Measurement, seconds
-from benchmarks.speed.hpipm import alone
 from benchmarks.speed.mpc_loop import DT, Loop, closed_loop
 from benchmarks.speed.mpc_rivals import CvxpyOSQP, DoMPC
 from benchmarks.speed.truth import BenchmarkFailure
@@ -30,6 +32,8 @@ NONLINEAR: dict[str, Maker] = {
     "IPOPT": lambda plant, N: NonlinearMPC(plant, DT, N, solver="ipopt"),
     "fatrop": lambda plant, N: NonlinearMPC(plant, DT, N, solver="fatrop"),
 }
+RTI = "acados, RTI, its C function alone"
+SETTLED: dict[str, Maker] = {RTI: lambda plant, N: AcadosRTI(plant, DT, N, iterations=20)}  # for the check
 WANTED = {("IPOPT", 20): 150.0, ("do-mpc", 20): 250.0}
 AT_MOST = {20: {"tail": 3.5, "outside": 0.5, "cost": 1.01}, 40: {"tail": 5.0}, 80: {"tail": 6.0}}  # asked at a horizon
 ALONE = (20, 40, 80)  # horizons whose QPs HPIPM solves, too
@@ -43,6 +47,10 @@ def measure(light: bool) -> Iterator[Measurement]:
     rivals = dict(NONLINEAR)
     if find_spec("do_mpc"):
         rivals["do-mpc"] = lambda plant, N: DoMPC(plant, DT, N)
+    if available():
+        rivals[RTI] = lambda plant, N: AcadosRTI(plant, DT, N)
+    elif not light:
+        yield Measurement(PART, "MPC step by acados, RTI", nan, "step", note="not found: its place is open")
     for N in (20,) if light else (10, 20, 40, 80):
         chosen = {"IPOPT": rivals["IPOPT"]} if light else rivals
         check_commands(N, chosen)
@@ -65,6 +73,7 @@ def check_commands(N: int, rivals: dict[str, Maker]) -> None:
     for theta, K, d in tasks(N):
         right = mpc(plant, N, iterations=20).step(x, theta, K, d).u
         for name, make in rivals.items():
+            make = SETTLED.get(name, make)
             found = make(plant, N).step(x, theta, K, d).u
             if not (off := np.abs(found - right[: len(found)]).max()) <= CLOSE:
                 raise BenchmarkFailure(f"{name}, N = {N}: commands {off / BAR:.2g} bar from those of repeated QPs")
@@ -81,7 +90,7 @@ def loops(N: int, rivals: dict[str, Maker], duration: float) -> Iterator[Measure
     """Step against step of two runs of the same trajectory; this project's runs before and after each rival's."""
     own = [closed_loop(lambda plant: mpc(plant, N), duration)]
     for name, make in rivals.items():
-        other = closed_loop(lambda plant, make=make: make(plant, N), duration)
+        other = rival_loop(lambda plant, make=make: make(plant, N), duration)
         own.append(closed_loop(lambda plant: mpc(plant, N), duration))
         yield compared(f"MPC step, N = {N}", own[-2:], name, other, N)
         if name == "IPOPT" and (blocks := BLOCKS.get(N)):
@@ -89,6 +98,18 @@ def loops(N: int, rivals: dict[str, Maker], duration: float) -> Iterator[Measure
             share = blocked[1].cost(N) / own[-1].cost(N)
             note = f"cost {share:.4f} of that without blocks"
             yield compared(f"MPC step, N = {N} in {len(blocks)} blocks", blocked, name, other, N, note)
+
+
+def rival_loop(make: Callable[[Plant], Controller], duration: float) -> Loop:
+    """One run of a rival; of acados the time of its C function counts, not that of handing over."""
+    made: list[Controller] = []
+
+    def remembered(plant: Plant) -> Controller:
+        made.append(make(plant))
+        return made[0]
+
+    loop = closed_loop(remembered, duration)
+    return replace(loop, seconds=np.array(made[0].seconds)) if isinstance(made[0], AcadosRTI) else loop
 
 
 def compared(what: str, own: list[Loop], name: str, other: Loop, N: int, note: str = "") -> Measurement:

@@ -75,9 +75,10 @@ LIMITATIONS = (
     "Those of MPC steps are the calling thread's: what solvers do in other threads is not counted.",
     "MPC: the nonlinear MPCs solve their problem to the end at every sample, TrackingMPC one QP of it; the costs of "
     "the closed loops stand beside the times. One joint, one trajectory. In do-mpc every stage has slacks of its own. "
-    "acados itself is not run; the solver of its QPs is: HPIPM.",
-    "HPIPM: only its solution of a QP is timed, not what hands the QP over; ours is timed with its proof. Both are the "
-    "faster of runs in a row. A BLASFEO for this processor is taken where `$ACADOS_SOURCE_DIR` has one.",
+    "acados has them, too; only its C function is timed, which linearises and solves a QP, of TrackingMPC all of a "
+    "step in Python.",
+    "HPIPM alone: its solution of a QP is timed, not what hands the QP over; ours is timed with its proof. Both are "
+    "the faster of runs in a row. A BLASFEO for this processor is taken where `$ACADOS_SOURCE_DIR` has one.",
     "MPC: up to N = 40 a QP's solution takes so little that the rest of a step is most of it: checks, what is to be "
     "followed, the linear model, the prediction. The slowest steps are those whose QP the sweeps leave to the interior "
     "point.",

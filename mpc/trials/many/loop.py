@@ -34,9 +34,9 @@ class Loop(NamedTuple):
         return self._replace(seed=checks.count(f"seeds[{self.number}]", self.seed, least=0))
 
 
-def outcomes(loops: Sequence[Loop], keep: bool) -> Iterator[tuple[int, Outcome]]:
-    """Yield the number of each loop and its outcome."""
-    made = Compiled()
+def outcomes(loops: Sequence[Loop], keep: bool, made: "Compiled | None" = None) -> Iterator[tuple[int, Outcome]]:
+    """Yield the number of each loop and its outcome; what is compiled is added to `made`."""
+    made = Compiled() if made is None else made
     for loop in loops:
         try:
             run, implementation = _run(loop, made)

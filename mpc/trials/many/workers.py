@@ -9,12 +9,13 @@ from multiprocessing.context import BaseContext
 from typing import Any
 
 from allocator.errors import InvalidInput
-from mpc.trials.many.loop import Loop, outcomes
+from mpc.trials.many.loop import Compiled, Loop, outcomes
 from mpc.trials.many.runs import Outcome
 
 _BATCHES = 8  # for each process: some take longer than others
 
-_given: Any = None  # loops, whether to keep runs, and an event that says stop: in processes that work for others
+_given: Any = None  # in processes that work for others: loops, whether to keep runs, an event that says stop, and what
+# was compiled in earlier batches
 
 
 def spread(
@@ -52,15 +53,15 @@ def _check_sendable(loops: Sequence[Loop]) -> None:
 def _begin(*given: Any) -> None:
     """Prepare a process: an interrupt is for the one that it works for, which then says stop."""
     global _given
-    _given = given
+    _given = (*given, Compiled())
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _batch(begin: int, end: int) -> list[tuple[int, Outcome]]:
     """Return the outcomes of a batch; of those before the stop."""
-    loops, keep, stop = _given
+    loops, keep, stop, made = _given
     found = []
-    for one in outcomes(loops[begin:end], keep):
+    for one in outcomes(loops[begin:end], keep, made):
         found.append(one)
         if stop.is_set():
             break

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from allocator.calculus import Array
-from benchmarks.speed.hpipm.stages import NG, NV, NX, SLACKS, Stages, W
+from benchmarks.speed.acados.stages import NG, NV, NX, SLACKS, Stages, W
 
 ALIGNMENT = 64  # [B] of memories
 MOST = 50  # iterations, as acados has it

@@ -16,7 +16,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from benchmarks.speed.hpipm.recorded import RecordedQP
+from benchmarks.speed.acados.recorded import RecordedQP
 from mpc.tracking.qp.condense import TrackingProblem
 
 NX, NV, NG = 8, 2, 4  # states, inputs, rows

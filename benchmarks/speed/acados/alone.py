@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
+from benchmarks.speed.acados.library import HPIPM, Library, Mode, Settings
+from benchmarks.speed.acados.recorded import LOOPS, RecordedQP, Recording
+from benchmarks.speed.acados.stages import stages
 from benchmarks.speed.clock import Measurement
-from benchmarks.speed.hpipm.library import HPIPM, Library, Mode, Settings
-from benchmarks.speed.hpipm.recorded import LOOPS, RecordedQP, Recording
-from benchmarks.speed.hpipm.stages import stages
 from benchmarks.speed.truth import BenchmarkFailure
 
 PART = "control"

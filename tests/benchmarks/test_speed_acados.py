@@ -17,7 +17,7 @@ N = 10
 @pytest.fixture
 def part(benchmark_module):
     """A module of this part of the benchmark, by its name."""
-    return lambda name: benchmark_module(f"speed.hpipm.{name}")
+    return lambda name: benchmark_module(f"speed.acados.{name}")
 
 
 @pytest.fixture(params=["bare loop", "real plant"])
@@ -90,8 +90,12 @@ def test_a_setting_whose_answers_are_off_is_not_timed(part):
     assert "answers are off" in row.note
 
 
-def test_where_there_is_no_hpipm_the_row_says_so(part, monkeypatch):
-    alone = part("alone")
+def test_where_there_is_no_hpipm_or_acados_the_row_says_so(part, monkeypatch, tmp_path):
+    rti, alone = part("rti"), part("alone")
+    monkeypatch.setenv("ACADOS_SOURCE_DIR", str(tmp_path))
+    assert not rti.available()
+    monkeypatch.delenv("ACADOS_SOURCE_DIR")
+    assert not rti.available()
     monkeypatch.setattr(alone.Library, "found", classmethod(lambda cls: None))
     rows = list(alone.measure(N))
     assert len(rows) == len(alone.LOOPS)
