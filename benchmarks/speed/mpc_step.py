@@ -35,7 +35,7 @@ NONLINEAR: dict[str, Maker] = {
 RTI = "acados, RTI, its C function alone"
 SETTLED: dict[str, Maker] = {RTI: lambda plant, N: AcadosRTI(plant, DT, N, iterations=20)}  # for the check
 WANTED = {("IPOPT", 20): 150.0, ("do-mpc", 20): 250.0}
-AT_MOST = {20: {"tail": 3.5, "outside": 0.5, "cost": 1.01}, 40: {"tail": 5.0}, 80: {"tail": 6.0}}  # asked at a horizon
+AT_MOST = {20: {"tail": 3.5, "outside": 0.5, "cost": 1.0005}, 40: {"tail": 5.0}, 80: {"tail": 6.0}}  # asked
 ALONE = (20, 40, 80)  # horizons whose QPs HPIPM solves, too
 GROWTH = 4.5  # at most, of the mean time of a step from N = 20 to N = 80
 FLOORS = {("IPOPT", 20): 30.0}
@@ -101,15 +101,19 @@ def loops(N: int, rivals: dict[str, Maker], duration: float) -> Iterator[Measure
 
 
 def rival_loop(make: Callable[[Plant], Controller], duration: float) -> Loop:
-    """One run of a rival; of acados the time of its C function counts, not that of handing over."""
+    """One run of a rival; of acados the faster of two, as of this project, and of its C function alone."""
     made: list[Controller] = []
 
     def remembered(plant: Plant) -> Controller:
         made.append(make(plant))
-        return made[0]
+        return made[-1]
 
     loop = closed_loop(remembered, duration)
-    return replace(loop, seconds=np.array(made[0].seconds)) if isinstance(made[0], AcadosRTI) else loop
+    if not isinstance(first := made[0], AcadosRTI):
+        return loop
+    once = np.array(first.seconds)  # that a second run forgets
+    closed_loop(lambda plant: first, duration)
+    return replace(loop, seconds=np.minimum(once, first.seconds))
 
 
 def compared(what: str, own: list[Loop], name: str, other: Loop, N: int, note: str = "") -> Measurement:

@@ -116,6 +116,7 @@ class AcadosRTI(BaseController):
         options.qp_solver_cond_N = max(self.N // CONDENSED, 1)
         options.qp_solver_iter_max, options.qp_tol, options.print_level = MOST, TOLERANCE, 0
         options.ext_fun_compile_flags = "-O3 -march=native"
+        os.environ.setdefault("ACADOS_PYTHON_INTERFACE_PATH", str(Path(acados_template.__file__).parent))
         lib = Path(os.environ["ACADOS_SOURCE_DIR"], "lib")
         for name in LIBRARIES:
             ctypes.CDLL(str(lib / name))
