@@ -9,11 +9,13 @@ gains of the muscles, inertia, lags, share of the friction.
 All runs are made on one process, in as many batches as there are pairs. Before each batch its first run is made by
 `simulate`, too: whatever it comes to has to be equal, or nothing is written. That gives the ratio of the processor's
 time of a run, batch by batch. Then all runs are made once more by two processes, which gives the ratio of the wall's,
-in one call and with all that it takes to begin.
+in one call and with all that it takes to begin. Two columns say what there was to gain: the work of both processes as a
+multiple of that of one, and how much faster hashing was by two threads, which on a busy machine is not 2.
 """
 
 import argparse
 import csv
+import os
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -83,6 +85,7 @@ class Pair(NamedTuple):
 
     alone: float  # [s] of the processor
     share: float  # [s] of the processor, of one run of the batch
+    batch: float  # [s] of the processor, of all of it
     wall: float  # [s] of the batch
     difference: float
     compiled: int  # runs of the batch
@@ -104,6 +107,7 @@ class Row(NamedTuple):
     one: float  # [s] of all runs on one process
     two: float  # [s] on two
     of_two: float  # ratio of both
+    work: float  # processors' time of two processes, of that of one
     machine: float  # what hashing gains by a second thread
 
 
@@ -117,35 +121,37 @@ def pairs_of(s: Setting, plants: Sequence[RealPlant], number: int) -> Iterator[P
         took, begun, wall = time.process_time() - begun, time.process_time(), time.perf_counter()
         batch = [plants[i] for i in seeds]
         many = simulate_many(batch, s.controller, reference, observers=s.observer, seeds=seeds, keep=True)
-        share, wall = (time.process_time() - begun) / own.size, time.perf_counter() - wall
-        yield Pair(took, share, wall, difference(alone, many[0]), many.implementation.count("compiled"))
+        worked, wall = time.process_time() - begun, time.perf_counter() - wall
+        compiled = many.implementation.count("compiled")
+        yield Pair(took, worked / own.size, worked, wall, difference(alone, many[0]), compiled)
 
 
-def by_two(s: Setting, plants: Sequence[RealPlant]) -> float:
-    """Make all runs by two processes; return how long that takes [s]."""
-    begun = time.perf_counter()
+def by_two(s: Setting, plants: Sequence[RealPlant]) -> tuple[float, float]:
+    """Make all runs by two processes; return how long that takes [s], and the processors' time [s]."""
+    begun, worked = time.perf_counter(), sum(os.times()[:4])
     shared = {"observers": s.observer, "seeds": range(len(plants)), "workers": 2, "progress": True}
     simulate_many(plants, s.controller, rested_sine(), **shared)
-    return time.perf_counter() - begun
+    return time.perf_counter() - begun, sum(os.times()[:4]) - worked
 
 
 def measured(name: str, s: Setting, plants: Sequence[RealPlant], pairs: int) -> Row:
     """Make all runs of one kind of plants. Raises `BenchmarkFailure` where both ways do not come to the same."""
     simulate_many(plants[:1], s.controller, rested_sine(), observers=s.observer)  # compiles
     found = [*tracked(pairs_of(s, plants, pairs), min(pairs, len(plants)), progress=True)]
-    alone, share, walls, differences, compiled = map(np.array, zip(*found, strict=True))
+    alone, share, batches, walls, differences, compiled = map(np.array, zip(*found, strict=True))
     if not (worst := differences.max()) <= SAME:
         raise BenchmarkFailure(f"plants: {name}: `simulate` and `simulate_many` differ by {worst:.1e}, over {SAME:g}")
-    ratios, one, two = alone / share, float(walls.sum()), by_two(s, plants)
+    ratios, one, (two, worked) = alone / share, float(walls.sum()), by_two(s, plants)
     own, spread = (float(np.median(alone)), float(np.median(share))), (float(ratios.min()), float(ratios.max()))
     counted = len(plants), len(found)
-    rest = float(worst), int(compiled.sum()), one, two, one / two, machine_threads(3).ratio
-    return Row(name, *counted, *own, float(np.median(ratios)), *spread, *rest)
+    rest = float(worst), int(compiled.sum()), one, two, one / two, worked / float(batches.sum())
+    return Row(name, *counted, *own, float(np.median(ratios)), *spread, *rest, machine_threads(3).ratio)
 
 
 HEADER = (
     "| plants | runs, of these by both ways | `simulate`, a run [ms] | `simulate_many` [ms] | ratio on one core | "
-    "asked | greatest difference | compiled | one process [s] | two [s] | ratio | asked | of hashing by two threads |"
+    "asked | greatest difference | compiled | one process [s] | two [s] | ratio | asked | work | "
+    "hashing |"
 )
 
 
@@ -155,7 +161,8 @@ def line(row: Row) -> str:
     return (
         f"| {row.plants} | {row.runs}, {row.pairs} | {1e3 * row.simulate:.0f} | {1e3 * row.simulate_many:.1f} | "
         f"{ratio} ({row.least:.1f} to {row.most:.1f}) | {WANTED:g} | {row.difference:.1e} | {row.compiled} | "
-        f"{row.one:.1f} | {row.two:.1f} | {of_two} | {WANTED_OF_TWO:g} | {row.machine:.2f} |"
+        f"{row.one:.1f} | {row.two:.1f} | {of_two} | {WANTED_OF_TWO:g} | {row.work:.2f} | "
+        f"{row.machine:.2f} |"
     )
 
 
