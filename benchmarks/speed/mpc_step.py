@@ -98,6 +98,22 @@ def loops(N: int, rivals: dict[str, Maker], duration: float) -> Iterator[Measure
             share = blocked[1].cost(N) / own[-1].cost(N)
             note = f"cost {share:.4f} of that without blocks"
             yield compared(f"MPC step, N = {N} in {len(blocks)} blocks", blocked, name, other, N, note)
+    if N in AT_MOST:
+        yield from shares(N, own)
+
+
+def shares(N: int, own: list[Loop]) -> Iterator[Measurement]:
+    """The slowest steps beside the median, and what is spent outside the QP, of all runs' fastest steps."""
+    what, asked, runs = f"MPC step, N = {N}", AT_MOST[N], np.array([loop.seconds for loop in own])
+    fastest = runs.min(axis=0)
+    median, slow = float(np.median(fastest)), float(np.quantile(fastest, 0.99))
+    low, high = np.quantile(np.median(runs, axis=1) / np.quantile(runs, 0.99, axis=1), (0.25, 0.75))
+    means = f"{what}, 99 % of the steps", slow, "step", "its median", median
+    yield Measurement(PART, *means, median / slow, low, high, 1 / asked["tail"])
+    outside = np.array([loop.outside for loop in own])
+    low, share, high = np.quantile(outside, (0.25, 0.5, 0.75))
+    means = f"{what}, outside the QP", float(share * median), "step", "the whole step", median
+    yield Measurement(PART, *means, 1 / share, 1 / high, 1 / low, 1 / asked["outside"] if "outside" in asked else nan)
 
 
 def rival_loop(make: Callable[[Plant], Controller], duration: float) -> Loop:
@@ -120,14 +136,11 @@ def compared(what: str, own: list[Loop], name: str, other: Loop, N: int, note: s
     """The faster of this project's two runs, sample by sample, against a rival's."""
     mine = np.minimum(own[0].seconds, own[1].seconds)
     low, ratio, high = np.quantile(other.seconds / mine, (0.25, 0.5, 0.75))
-    cost, tail = own[1].cost(N) / other.cost(N), float(np.quantile(mine, 0.99) / np.median(mine))
-    most, outside = AT_MOST.get(N, {}), own[1].outside
+    cost = own[1].cost(N) / other.cost(N)
     notes = (
         f"limits bind in {own[1].saturated:.0%} of the plans",
-        judged(f"cost {cost:.4f} of the rival's", cost, most.get("cost")),
+        judged(f"cost {cost:.4f} of the rival's", cost, AT_MOST.get(N, {}).get("cost")),
         note,
-        judged(f"99th percentile {tail:.2g} medians", tail, most.get("tail")),
-        judged(f"{outside:.0%} outside the QP", outside, most.get("outside")),
     )
     return Measurement(
         *(PART, what, float(np.median(mine)), "step", name, float(np.median(other.seconds)), ratio, low, high),
