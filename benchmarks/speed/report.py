@@ -78,7 +78,8 @@ LIMITATIONS = (
     "acados has them, too; only its C function is timed, which linearises and solves a QP, of TrackingMPC all of a "
     "step in Python.",
     "HPIPM alone: its solution of a QP is timed, not what hands the QP over; ours is timed with its proof. Both are "
-    "the faster of runs in a row. A BLASFEO for this processor is taken where `$ACADOS_SOURCE_DIR` has one.",
+    "the faster of runs in a row. A BLASFEO for this processor is taken where `$ACADOS_SOURCE_DIR` has one; the rest "
+    "of HPIPM and acados is as it was built for any processor of its kind, where numba compiles for this one.",
     "MPC: up to N = 40 a QP's solution takes so little that the rest of a step is most of it: checks, what is to be "
     "followed, the linear model, the prediction. The slowest steps are those whose QP the sweeps leave to the interior "
     "point.",
