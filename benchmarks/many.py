@@ -34,7 +34,7 @@ from mpc.trials.trajectories import rested_sine
 
 LOAD = ((9.0, 1.0),)  # from [s] on, [N·m]
 RESULTS = Path(__file__).parent / "results"
-WANTED, WANTED_OF_TWO = 6.0, 1.9  # times as fast as `simulate` on one core, and two processes as one
+WANTED, WANTED_OF_TWO = 6.0, 2.0  # times as fast as `simulate` on one core, and two processes as one
 SAME = 1e-9  # of the differences
 STATE = np.array([1.0, 10.0, 1e5, 1e5])  # [rad], [rad/s], [Pa]: scales of differences
 

@@ -45,7 +45,7 @@ def test_runs_that_come_out_otherwise_end_it(many, monkeypatch):
 def test_what_was_asked_for_and_missed_is_said(many):
     row = many.Row("one", 10, 2, 0.4, 0.05, 8.0, 7.0, 9.0, 1e-13, 10, 2.0, 1.25, 1.6, 1.02, 1.7)
     assert "8.00 (7.0 to 9.0) | 6 |" in many.line(row)
-    assert "1.60, missed | 1.9 | 1.02 | 1.70 |" in many.line(row)
+    assert "1.60, missed | 2 | 1.02 | 1.70 |" in many.line(row)
 
 
 def test_a_status_that_differs_is_a_difference(many):

@@ -29,7 +29,7 @@ from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.terminal import terminal_factor
 
 NX, NV = 6, 2
-CONDENSED = 4  # stages to one of the QP; the fastest of 1, 2, 4 and all at N = 20
+CONDENSED = 4  # stages to one of the QP; at N = 20 the fastest of 1, 2, 4 and all, in a run each
 UNITS = np.array([1.0, 1.0, BAR, BAR])
 FORCE = 100.0  # [N], the unit of forces
 LIBRARIES = ("libblasfeo.so", "libhpipm.so", "libqpOASES_e.so.3.1")  # before libacados.so, which has no path to them
