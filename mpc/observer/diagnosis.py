@@ -4,11 +4,13 @@ Three parts look for what they understand: `mpc.observer.pressure_diagnosis` at 
 command, `mpc.observer.torque_diagnosis` at the disturbance torque, and this file at the observer's own flags. One cause
 is assumed where one explains all: two pressures that are both too low have a low supply, and a torque that a broken
 cable or a drifting pressure sensor accounts for is no load.
+
+What is remembered as numbers is followed by functions that numba compiles, too (`mpc.observer.compiled`).
 """
 
 from collections.abc import Iterator, Sequence
 from math import inf, isfinite, nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,9 +18,10 @@ from allocator.calculus import Array
 from mpc.model.buffered import Buffered
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, NX, Plant
+from mpc.observer import pressure_diagnosis, torque_diagnosis
 from mpc.observer.gating import Verdict
 from mpc.observer.health import MUSCLES, SENSORS, WELL, FaultKind, Finding, Health, Part, Suspect
-from mpc.observer.pressure_diagnosis import PressureDiagnosis
+from mpc.observer.pressure_diagnosis import Numbers, PressureDiagnosis, Sound
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
 
 _FORGETTING = 1.0  # [s]: readings lost longer ago hardly count
@@ -34,6 +37,14 @@ _LOAD = Suspect(FaultKind.LOAD, Part.JOINT), Suspect(FaultKind.DRIFTING_SENSOR, 
 _LOW_SUPPLY = (Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY),)
 
 
+class Joint(NamedTuple):
+    """What is known of the joint's parts."""
+
+    first: Sound
+    second: Sound
+    usual: float  # torque of a muscle [N·m]
+
+
 class Diagnosis:
     """A diagnosis is fed once a sample by the observer of `plant`, whose sensors deviate by `sigma` [Pa] in the
     pressures.
@@ -43,26 +54,37 @@ class Diagnosis:
 
     def __init__(self, plant: Plant, dt: float, sigma: float, compensation: Compensation, tolerance: float) -> None:
         self.dt, self.tolerance = dt, tolerance
-        self._pulls = Buffered(_pulls(plant))
+        self._pulls = Buffered(pulling(plant))
         middle, P = float(np.mean(plant.joint.angle_range)), float(np.mean(plant.joint.pressure_limits))
         usual = float(np.abs(self._pulls(np.array([middle, 0.0, P, P]))[0][0, :NU]).mean())
-        self._pressures = [PressureDiagnosis(lag, dt, compensation.dead_band, sigma, usual) for lag in plant.lags]
-        self._torque = TorqueDiagnosis(dt, usual)
+        self.pressures = [PressureDiagnosis(lag, dt, compensation.dead_band, sigma, usual) for lag in plant.lags]
+        self.torque = TorqueDiagnosis(dt, usual)
+        self.sound = Joint(self.pressures[0].sound, self.pressures[1].sound, usual)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
         self.health = WELL
-        self._t = 0.0
-        self._theta = nan  # last reading
-        self._lost = [0.0, 0.0, 0.0]  # of each sensor's readings lately [s]
-        self._said = [nan, nan, nan]  # by a sensor whose readings are being lost, a sample ago
-        self._sensors: list[Finding | None] = [None, None, None]
+        self.t = 0.0
+        self.theta = nan  # last reading
+        self.lost = [0.0, 0.0, 0.0]  # of each sensor's readings lately [s]
+        self.said = [nan, nan, nan]  # by a sensor whose readings are being lost, a sample ago
+        self.sensors: list[Finding | None] = [None, None, None]
         self._known: tuple[Any, ...] = ()
         self._low_supply = False
-        self._torque.reset()
-        for pressure in self._pressures:
+        self.torque.reset()
+        for pressure in self.pressures:
             pressure.reset()
+
+    def go_on(self, t: float, theta: float, lost: Array, said: Array, found: Array, numbers: Sequence[Array]) -> None:
+        """Go on where it was followed elsewhere: to the time `t` [s], the angle `theta` [rad], what sensors have `lost`
+        (3,) [s] and `said` (3,) then, whether one is `found` (3,) wrong, and the `numbers` of pressures and torque.
+        """
+        self.t, self.theta, self.lost, self.said = t, theta, lost.tolist(), said.tolist()
+        self.sensors = [one if wrong else None for one, wrong in zip(self.sensors, found, strict=True)]
+        parts: tuple[Any, ...] = (*self.pressures, self.torque)
+        for part, values in zip(parts, numbers, strict=True):
+            part.numbers = values.tolist()
 
     def follow(self, said: Array, verdicts: Sequence[Verdict], v: Array, xi: Array) -> None:
         """Follow what the sensors have `said` (3,), which was checked.
@@ -72,41 +94,37 @@ class Diagnosis:
         believed = [self._sensor(i, *one) for i, one in enumerate(zip(said.tolist(), verdicts, strict=True))]
         d, pulls = float(xi[NX]), self._pulls(xi[:NX])[0][0].tolist()
         if all(map(isfinite, (d, *pulls))):
-            self._follow(believed, v.tolist(), d, *pulls, known=all(verdict.counts for verdict in verdicts))
-        self._t += self.dt
-        self._conclude()
-
-    def _follow(
-        self, believed: list[float], v: list[float], d: float, T1: float, T2: float, *rest: float, known: bool
-    ) -> None:
-        (one, two), (gain1, gain2, q1, q2) = self._pressures, rest
-        one.follow(self._t, believed[1], v[0], gain1, d, two, q1)
-        two.follow(self._t, believed[2], v[1], gain2, d, one, q2)
-        if known and believed[0] != self._theta:  # d̂ makes up for what is not known; a repeated angle may be frozen
-            self._torque.follow(self._t, d, T1, T2)
-        self._theta = believed[0]
+            known = all(verdict.counts for verdict in verdicts)  # d̂ makes up for what is not
+            (one, two), torque = self.pressures, self.torque
+            moved = known and believed[0] != self.theta  # a repeated angle may be frozen
+            self.theta, *read = believed
+            follow(one.numbers, two.numbers, torque.numbers, self.sound, self.t, read, v.tolist(), d, pulls, moved)
+        self.t += self.dt
+        self.conclude()
 
     def _sensor(self, i: int, said: float, verdict: Verdict) -> float:
         """Return the reading, NaN if it is not believed; note whether the sensor is suspected."""
         lost = not verdict.counts
-        if not lost and not self._lost[i]:
+        if not lost and not self.lost[i]:
             return said
-        if verdict is Verdict.REJECTED and i and self._pressures[i - 1].suspected:
+        if verdict is Verdict.REJECTED and i and self.pressures[i - 1].suspected:
             return said  # the observer does not know of what would explain it
-        self._lost[i] += self.dt * lost - self.dt / _FORGETTING * self._lost[i]
-        old, repeated = self._sensors[i], said == self._said[i]
-        self._said[i] = said
-        if lost and (self._lost[i] > self.tolerance or verdict is Verdict.FROZEN):
+        old, repeated = self.sensors[i], said == self.said[i]
+        self.said[i] = said
+        if not lost:
+            self.lost[i], little = less_lost(self.lost[i], self.dt, self.tolerance)
+            self.sensors[i] = None if little else old
+            return said
+        self.lost[i] += self.dt - self.dt / _FORGETTING * self.lost[i]
+        if self.lost[i] > self.tolerance or verdict is Verdict.FROZEN:
             kind = FaultKind.FROZEN_SENSOR if repeated and verdict is Verdict.REJECTED else _FLAGS[verdict]
-            self._sensors[i] = Finding((Suspect(kind, SENSORS[i]),), old.since if old else self._t)
-        elif not lost and self._lost[i] < self.tolerance / 2:
-            self._sensors[i] = None
-            self._lost[i] *= self._lost[i] > self.dt / 10  # else forgotten
-        return nan if lost else said
+            self.sensors[i] = Finding((Suspect(kind, SENSORS[i]),), old.since if old else self.t)
+        return nan
 
-    def _conclude(self) -> None:
-        torque, (one, two) = self._torque, self._pressures
-        known = one.suspected, two.suspected, torque.broken, torque.loaded, *self._sensors
+    def conclude(self) -> None:
+        """Say what is wrong, where that has changed."""
+        torque, (one, two) = self.torque, self.pressures
+        known = one.suspected, two.suspected, torque.broken, torque.loaded, *self.sensors
         if known == self._known:
             return
         self._known = known
@@ -114,37 +132,62 @@ class Diagnosis:
         self.health = Health(tuple(findings)) if findings else WELL
 
     def _of_sensors(self) -> Iterator[Finding]:
-        others = [own.since for own in self._pressures if own.suspected]
-        others += [] if self._torque.broken is None else [self._torque.since]
-        for finding in self._sensors:
+        others = [own.since for own in self.pressures if own.suspected]
+        others += [] if self.torque.broken is None else [self.torque.since]
+        for finding in self.sensors:
             if finding and not (finding.suspects[0] == _REJECTED_ANGLE and min(others, default=inf) < finding.since):
                 yield finding  # else another fault threw the joint out of its range
 
     def _of_pressures(self) -> Iterator[Finding]:
-        one, two = self._pressures
+        one, two = self.pressures
         common = FaultKind.SUPPLY_DROP in one.suspected & two.suspected or bool(one.low and two.low)
-        suspected = [own for own in self._pressures if own.suspected]
+        suspected = [own for own in self.pressures if own.suspected]
         self._low_supply = bool(suspected) and (self._low_supply or (len(suspected) == NU and common))
         if self._low_supply:
             yield Finding(_LOW_SUPPLY, min(own.since for own in suspected))
         else:
-            yield from (self._of_pressure(i) for i, own in enumerate(self._pressures) if own.suspected)
+            yield from (self._of_pressure(i) for i, own in enumerate(self.pressures) if own.suspected)
 
     def _of_torque(self) -> Iterator[Finding]:
-        torque = self._torque
-        drifting = any(FaultKind.DRIFTING_SENSOR in own.suspected for own in self._pressures)
+        torque = self.torque
+        drifting = any(FaultKind.DRIFTING_SENSOR in own.suspected for own in self.pressures)
         if torque.broken is not None:
             yield Finding((Suspect(FaultKind.BROKEN_CABLE, MUSCLES[torque.broken]),), torque.since)
         elif torque.loaded is not None and not drifting:
             yield Finding(_LOAD, torque.loaded)
 
     def _of_pressure(self, i: int) -> Finding:
-        own = self._pressures[i]
+        own = self.pressures[i]
         kinds = [kind for kind in FaultKind if kind in own.suspected]
         return Finding(tuple(Suspect(kind, _PARTS.get(kind, MUSCLES)[i]) for kind in kinds), own.since)
 
 
-def _pulls(plant: Plant) -> Any:
+def follow(
+    one: Numbers, two: Numbers, torque: Numbers, k: Joint, t: float, read: Any, v: Any, d: float, pulls: Any,
+    moved: bool,
+) -> None:  # fmt: skip
+    """Follow both muscles and the torque at `t` [s] by what is remembered of each.
+
+    The pressures `read` (2,) [Pa] are NaN if not believed, the commands `v` (2,) [Pa] act, `d` [N·m] is estimated, and
+    the muscles of the model do what `pulls` (6,) says, see `pulling`. The joint has `moved` if all readings are
+    believed, and the angle's is a new one.
+    """
+    pressure_diagnosis.follow(one, two, k.first, t, read[0], v[0], pulls[2], d, pulls[4])
+    pressure_diagnosis.follow(two, one, k.second, t, read[1], v[1], pulls[3], d, pulls[5])
+    if moved:
+        torque_diagnosis.follow(torque, k.first.dt, k.usual, t, d, pulls[0], pulls[1])
+
+
+def less_lost(lost: float, dt: float, tolerance: float) -> tuple[float, bool]:
+    """Return how much of a sensor's readings counts as `lost` [s] after one that is believed, and whether that is
+    little.
+    """
+    lost -= dt / _FORGETTING * lost
+    little = lost < tolerance / 2
+    return (lost if lost > dt / 10 or not little else 0.0), little  # else forgotten
+
+
+def pulling(plant: Plant) -> Any:
     """Return the state (4,) ↦ the muscles' torques [N·m], their gains ∂T/∂P [N·m/Pa] and what the motion takes from
     their pressures [Pa/s] (6,), a CasADi function.
     """
@@ -156,4 +199,4 @@ def _pulls(plant: Plant) -> Any:
     return ca.Function("pulls", [x], [ca.densify(ca.vertcat(T, *gains, *plant.expansion(x)))])
 
 
-__all__ = ["Diagnosis"]
+__all__ = ["Diagnosis", "Joint", "follow", "less_lost", "pulling"]

@@ -10,7 +10,7 @@ slope there is continued: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the neare
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -55,6 +55,16 @@ class Belief(NamedTuple):
     xi: Array  # (5,)
     covariance: Array  # (5, 5)
 
+    @classmethod
+    def of(cls, flat: Array) -> Self:
+        """Return a belief from its numbers (30,), copied."""
+        return cls(flat[: NX + 1].copy(), flat[NX + 1 :].reshape(NX + 1, NX + 1).copy())
+
+    @property
+    def flat(self) -> Array:
+        """Return its numbers (30,), ξ before the covariance, row by row."""
+        return np.append(self.xi, self.covariance)
+
     @property
     def sound(self) -> bool:
         """Return whether all of it is finite, and no variance negative."""
@@ -67,12 +77,12 @@ class Filter:
     """The filter holds the equations; it remembers nothing."""
 
     def __init__(self, plant: Plant, dt: float, noise: Noise, compensation: Compensation, gate: Gate) -> None:
-        self.plant, self.compensation, self.gate = plant, compensation, gate
+        self.plant, self.dt, self.noise, self.compensation, self.gate = plant, dt, noise, compensation, gate
         self.Q, self.R = noise.Q(dt), noise.R
         self.Q_rest = replace(noise, d_walk=0.0).Q(dt)  # a load that came would have moved a sensor that repeats
         (left, right), (low, high) = plant.joint.angle_range, plant.joint.pressure_limits
-        self._inner = np.array([left, -gate.max_speed, low, low]), np.array([right, gate.max_speed, high, high])
-        self._outer = (
+        self.inner = np.array([left, -gate.max_speed, low, low]), np.array([right, gate.max_speed, high, high])
+        self.outer = (
             np.array([gate.lower[0], -gate.max_speed, *gate.lower[1:], -gate.max_torque]),
             np.array([gate.upper[0], gate.max_speed, *gate.upper[1:], gate.max_torque]),
         )
@@ -85,13 +95,13 @@ class Filter:
     def contact(self, belief: Belief) -> Contact:
         """Return what presses on that which rubs, in the nearest state for which the muscles' laws are made."""
         x = self.within(belief.xi)[:NX]
-        return Contact(self._pressing, np.minimum(np.maximum(x, self._inner[0]), self._inner[1]))
+        return Contact(self._pressing, np.minimum(np.maximum(x, self.inner[0]), self.inner[1]))
 
     def predicted(self, belief: Belief, v: Array, memory: Value, Q: Array) -> Belief:
         """Predict one sample on, the commands `v` (2,) [Pa] acting and what friction remembers being `memory`."""
         xi = self.within(belief.xi)
         x, d = xi[:NX], float(xi[NX])
-        near = np.minimum(np.maximum(x, self._inner[0]), self._inner[1])
+        near = np.minimum(np.maximum(x, self.inner[0]), self.inner[1])
         T_f = self.compensation.friction.torque(memory, Contact(self._pressing, near))
         x_next, A = self._model(near, self.compensation.after_dead_band(v, x[2:]), d - T_f)
         A = _with_walk(A)
@@ -116,11 +126,11 @@ class Filter:
 
     def can_be_sent(self, u: Array) -> Mask:
         """Return whether commands `u` (2,) [Pa] are numbers that a regulator was given."""
-        return np.asarray((self._outer[0][2:NX] <= u) & (u <= self._outer[1][2:NX]))
+        return np.asarray((self.outer[0][2:NX] <= u) & (u <= self.outer[1][2:NX]))
 
     def within(self, xi: Array) -> Array:
         """Return the nearest ξ (5,) that the gate calls possible."""
-        return np.asarray(np.minimum(np.maximum(xi, self._outer[0]), self._outer[1]))
+        return np.asarray(np.minimum(np.maximum(xi, self.outer[0]), self.outer[1]))
 
     # --- what does not change ---------------------------------------------------------------------------------------
 

@@ -31,6 +31,7 @@ Triple = tuple[float, float, float]  # of the sensors of θ [rad], P1, P2 [Pa]
 
 SIGMAS = 6.0  # √S between reading and expectation beyond which a reading is not believed
 TURN, MOST_TURNS = 2 * pi, 1e6  # [rad] by which an encoder may be off once, and how often at most
+DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
 NEAR_A_TURN = 20 * DEG  # an angle is off by whole turns if it is that near to the expected one without them
 _MARGIN, _NO_STOPS = 10 * DEG, 90 * DEG  # of the joint range, with end stops and without
 _BELOW, _ABOVE, _JUMP = 0.06, 0.1, 0.1  # of the supply range: margins of pressures, and a jump of them
@@ -157,10 +158,15 @@ class SensorGate:
         """Return how far a reading may be from what is expected, `variance` being that of their difference."""
         return max(SIGMAS * sqrt(variance), self.floor)
 
+    @property
+    def quiet(self) -> bool:
+        """Return whether it has nothing to remember."""
+        return self._since == 0 and not isfinite(self._refused)
+
     def frozen(self, read: float) -> None:
         """Take note that the sensor is frozen and says `read`."""
         self.reset()
         self._refused = read
 
 
-__all__ = ["MOST_TURNS", "NEAR_A_TURN", "ROUGH", "SIGMAS", "TURN", "Gate", "SensorGate", "Verdict"]
+__all__ = ["DOUBT", "MOST_TURNS", "NEAR_A_TURN", "ROUGH", "SIGMAS", "TURN", "Gate", "SensorGate", "Verdict"]

@@ -16,7 +16,7 @@ was hit, and an encoder that has lost its zero, are found again, in motion too.
 
 from collections import deque
 from math import isfinite, nan, sqrt
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -24,12 +24,16 @@ from allocator.calculus import Array, Mask, Value
 from allocator.units import DEG
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.plant import NX, Plant
+from mpc.observer.compiled.factory import compiled_estimate
+from mpc.observer.compiled.layout import State
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import MEASURED, Belief, Filter, Noise
-from mpc.observer.gating import ROUGH, Gate, SensorGate, Verdict
+from mpc.observer.gating import DOUBT, ROUGH, Gate, SensorGate, Verdict
 from mpc.observer.health import Health
 
-DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
+if TYPE_CHECKING:
+    from mpc.observer.compiled.whole import CompiledEstimate  # which imports numba
+
 FIRST = 3  # samples up to which what is rejected may as well be right: nothing has confirmed the first reading
 COARSEST = 1 * DEG  # step of an encoder
 _THETA, _PRESSURES = 0, (1, 2)  # sensors
@@ -90,8 +94,9 @@ class KalmanObserver:
         compensation: Compensation | None = None,
         tolerance: float = 0.1,
         gate: Gate | None = None,
+        wait: bool = True,
     ) -> None:
-        self.plant, self.dt, self.tolerance = plant, dt, tolerance
+        self.plant, self.dt, self.tolerance, self.wait = plant, dt, tolerance, wait
         self.noise = Noise() if noise is None else noise
         self.compensation = Compensation() if compensation is None else compensation
         self.gate = Gate.of(plant, dt, (self.noise.theta, self.noise.pressure)) if gate is None else gate
@@ -99,13 +104,16 @@ class KalmanObserver:
         times = self.gate.hesitation, self.gate.patience, tolerance
         self.hesitation, self.patience, self.crossing = (round(time / dt) for time in times)  # [samples]
         self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(MEASURED.size)]
-        self._diagnosis = Diagnosis(plant, dt, self.noise.pressure, self.compensation, tolerance)
+        self.diagnosis = Diagnosis(plant, dt, self.noise.pressure, self.compensation, tolerance)
+        self.compiled: CompiledEstimate | None = None
         self.reset()
+        self._compile()
 
     def reset(self) -> None:
         """Forget the past: the next measurement is the state, and no torque disturbs."""
-        self.belief: Belief | None = None
-        self.verdicts = [Verdict.SILENT] * MEASURED.size  # on the last readings of θ, P1, P2
+        self._catch_up()
+        self._belief: Belief | None = None
+        self._verdicts = [Verdict.SILENT] * MEASURED.size  # on the last readings of θ, P1, P2
         self.rebuilt = 0  # how often the state was not finite and had to be built anew
         self._read = np.full(MEASURED.size, np.nan)  # what the sensors said a sample ago
         self._silent = np.zeros(MEASURED.size)  # for how long [s]
@@ -125,37 +133,74 @@ class KalmanObserver:
         for gate in self._gates:
             gate.reset()
         self._gates[_THETA].floor = self.gate.floor[_THETA]
-        self._diagnosis.reset()
+        self.diagnosis.reset()
+
+    @property
+    def belief(self) -> Belief | None:
+        """The belief is what the filter thinks, None before the first angle that can be believed."""
+        self._catch_up()
+        return self._belief
+
+    @belief.setter
+    def belief(self, belief: Belief | None) -> None:
+        self._catch_up()
+        self._belief = belief
+
+    @property
+    def verdicts(self) -> list[Verdict]:
+        """The verdicts are those on the last readings of θ, P1, P2."""
+        ordinary = self.compiled is not None and self.compiled.ahead
+        return [Verdict.BELIEVED] * MEASURED.size if ordinary else self._verdicts
+
+    @property
+    def encoder_step(self) -> float:
+        """Return the least change of the angle's reading so far [rad], `COARSEST` at most."""
+        self._catch_up()
+        return self._step
+
+    @property
+    def implementation(self) -> str:
+        """The implementation of an ordinary sample is "compiled", or "readable", about ten times as slowly."""
+        return "readable" if self.compiled is None else "compiled"
 
     @property
     def health(self) -> Health:
         """Return what may be broken, as of the last estimate."""
-        return self._diagnosis.health
+        return self.diagnosis.health
 
-    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
         """Return the state (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured.
 
         `u` (2,) [Pa] was sent last.
         """
-        said, u = np.asarray(y, float)[MEASURED], np.asarray(u, float)
-        if self.belief is None:
+        y, u, compiled = np.asarray(y, float), np.asarray(u, float), self.compiled
+        if compiled is not None:
+            found = compiled.answer(y, u)
+            if found is not None:
+                return found
+            compiled.give()
+        return self._estimated(y[MEASURED], u)
+
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
+    def _estimated(self, said: Array, u: Array) -> tuple[Array, float]:
+        """Return what `estimate` does, whatever the sensors have `said` (3,)."""
+        if self._belief is None:
             self._begin(said, u)
         else:
             self._learn_step(abs(float(said[_THETA] - self._read[_THETA])))
             self._commands.append(np.where(self.filter.can_be_sent(u), u, self._commands[-1]))
-            self._go_on(self.belief, said)
+            self._go_on(self._belief, said)
         there = self._believed
         self._silent = np.where(there, 0.0, np.maximum(self._silent, self._frozen * self._repeating) + self.dt)
         self._read = said
-        if self.belief is not None:
-            self._diagnosis.follow(said, self.verdicts, self._commands[0], self.belief.xi)
+        if self._belief is not None:
+            self.diagnosis.follow(said, self._verdicts, self._commands[0], self._belief.xi)
         return self._answer(said, there)
 
     @property
     def _believed(self) -> Mask:
         """Return which readings (3,) count."""
-        return np.array([verdict.counts for verdict in self.verdicts])
+        return np.array([verdict.counts for verdict in self._verdicts])
 
     def _learn_step(self, change: float) -> None:
         """Learn the step of an encoder, whose readings change by whole ones: the least `change` [rad] so far, if it has
@@ -166,18 +211,77 @@ class KalmanObserver:
             rough = max(self.noise.theta, change / sqrt(12))
             self._variances[_THETA], self._gates[_THETA].floor = rough**2, max(self.gate.floor[_THETA], ROUGH * rough)
 
+    # --- the compiled estimate --------------------------------------------------------------------------------------
+
+    def _compile(self) -> None:
+        """Make or load the compiled estimate, where there can be one."""
+        again = KalmanObserver, self.plant, self.dt, self.noise, self.compensation  # compiles it in another process
+        self.compiled = compiled_estimate(self.filter, self.diagnosis, self, self.wait, again)
+
+    def _catch_up(self) -> None:
+        """Take back what the compiled estimate has remembered."""
+        if self.compiled is not None:
+            self.compiled.give()
+
+    def remembered(self) -> dict[str, Any] | None:
+        """Return what a compiled estimate goes on from, a `State`; None if what is remembered is not ordinary."""
+        belief, friction, diagnosis = self._belief, self._friction, self.diagnosis
+        quiet = self._rival is None and not self._frozen.any() and all(gate.quiet for gate in self._gates)
+        if belief is None or friction.theta is None or not quiet:
+            return None
+        without = [self._without.get(sensor, belief) for sensor in range(MEASURED.size)]
+        one, two = diagnosis.pressures
+        return {
+            "belief": belief.flat, "variances": self._variances, "floor": [gate.floor for gate in self._gates],
+            "read": self._read, "repeating": self._repeating, "step": self._step, "samples": 0.0,
+            "repeats": [sensor in self._without for sensor in range(MEASURED.size)],
+            "without": [other.flat for other in without],
+            "angle": friction.theta, "memory": friction.memory, "commands": self._commands, "t": diagnosis.t,
+            "last": diagnosis.theta, "lost": diagnosis.lost, "said": diagnosis.said, "one": one.numbers,
+            "found": [found is not None for found in diagnosis.sensors], "two": two.numbers,
+            "torque": diagnosis.torque.numbers,
+        }  # fmt: skip
+
+    def go_on(self, state: State) -> None:
+        """Go on from copies of what is in `state`, after ordinary samples."""
+        samples, sensors = int(state.samples[0]), range(MEASURED.size)
+        self._belief, self._verdicts = Belief.of(state.belief), [Verdict.BELIEVED] * len(sensors)
+        self._read, self._repeating, self._silent = state.read.copy(), state.repeating.copy(), np.zeros(len(sensors))
+        self._without = {i: Belief.of(state.without[i]) for i in sensors if state.repeats[i]}
+        self._step, self._variances = float(state.step[0]), state.variances.copy()
+        self._gates[_THETA].floor = float(state.floor[_THETA])
+        self._samples, self._unrivalled = min(self._samples + samples, FIRST + 1), self._unrivalled + samples
+        self._friction.go_on(float(state.angle[0]), state.memory)
+        self._commands.extend(state.commands.copy())
+        diagnosed = state.lost, state.said, state.found, (state.one, state.two, state.torque)
+        self.diagnosis.go_on(float(state.t[0]), float(state.last[0]), *diagnosed)
+
+    def conclude(self) -> None:
+        """Say anew what is wrong with the joint."""
+        self.diagnosis.conclude()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what is compiled, which each process makes for itself."""
+        self._catch_up()
+        return self.__dict__ | {"compiled": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Go on where the copied one was."""
+        self.__dict__.update(state)
+        self._compile()
+
     # --- a sample ---------------------------------------------------------------------------------------------------
 
     def _begin(self, said: Array, u: Array) -> None:
         """Begin with the first angle that can be one; a pressure that is not measured is the one that was sent."""
         gate, read = self.gate, said.copy()
         read[_THETA] = gate.unwrapped(float(said[_THETA]), float(np.mean(self.plant.joint.angle_range)), within=np.pi)
-        self.verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
+        self._verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
         believed = self._believed
         theta, *P = np.where(believed, read, [np.nan, *u]).tolist()
         if believed[_THETA] and all(map(gate.possible, _PRESSURES, P)):
             begun = Belief(np.array([theta, 0.0, *P, 0.0]), self.filter.stationary)
-            self.belief = self.filter.corrected(begun, read, believed, self._variances)
+            self._belief = self.filter.corrected(begun, read, believed, self._variances)
             self._commands.extend([np.where(self.filter.can_be_sent(u), u, P)] * (self.compensation.delay(self.dt) + 1))
 
     def _first_verdict(self, sensor: int, read: float) -> Verdict:
@@ -191,18 +295,18 @@ class KalmanObserver:
         expected = self.filter.predicted(previous, self._commands[0], memory, self.filter.Q)
         read = said.copy()
         if not expected.sound:
-            self.verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
-            self.belief = self._rebuilt(previous, read, self._believed)
+            self._verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
+            self._belief = self._rebuilt(previous, read, self._believed)
             return
         read[_THETA] = self.gate.unwrapped(float(said[_THETA]), float(expected.xi[0]))
-        self.verdicts = self._checked(read, expected)
+        self._verdicts = self._checked(read, expected)
         repeated = said == self._read
         expected = self._without_frozen(previous, expected, repeated, read, memory)
         expected = self._rival_or(expected, read, repeated, memory)
         believed = self._believed
         found = self.filter.corrected(expected, read, believed, self._variances)
         self._samples = min(self._samples + 1, FIRST + 1)
-        self.belief = found if found.sound else self._rebuilt(previous, read, believed)
+        self._belief = found if found.sound else self._rebuilt(previous, read, believed)
 
     def _checked(self, read: Array, expected: Belief) -> list[Verdict]:
         i = MEASURED
@@ -223,7 +327,7 @@ class KalmanObserver:
                 expected = foreseen
             if self._frozen[i]:
                 self._gates[i].frozen(float(read[i]))
-                self.verdicts[i] = Verdict.FROZEN
+                self._verdicts[i] = Verdict.FROZEN
             self._without[i] = self.filter.corrected(foreseen, read, others, self._variances)
         return expected
 
@@ -236,7 +340,7 @@ class KalmanObserver:
         """Return `expected`, or what a rival belief expects that has explained the rejected readings for long
         enough.
         """
-        rejected = np.array([verdict is Verdict.REJECTED for verdict in self.verdicts])
+        rejected = np.array([verdict is Verdict.REJECTED for verdict in self._verdicts])
         self._unrivalled = 0 if rejected.any() else self._unrivalled + 1
         if self._unrivalled > self.crossing:  # not at once: it is near by chance when two motions cross
             self._end_rivalry()
@@ -256,7 +360,7 @@ class KalmanObserver:
             self._rival = self.filter.corrected(rival, read, used, self._variances)
             return expected
         for i in np.flatnonzero(rejected).tolist():
-            self.verdicts[i] = Verdict.ACCEPTED
+            self._verdicts[i] = Verdict.ACCEPTED
             self._gates[i].reset()
         self._end_rivalry()
         self._without = {}
@@ -283,13 +387,13 @@ class KalmanObserver:
         return self.filter.unsure_at(Belief(self.filter.within(xi), previous.covariance), read, believed)
 
     def _answer(self, said: Array, there: Mask) -> tuple[Array, float]:
-        if self.belief is None:
+        if self._belief is None:
             x = np.full(NX, np.nan)
             x[MEASURED[there]] = said[there]
             return x, 0.0
-        x = self.belief.xi[:NX].copy()
+        x = self._belief.xi[:NX].copy()
         x[MEASURED[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
-        return x, float(self.belief.xi[NX])
+        return x, float(self._belief.xi[NX])
 
 
 __all__ = ["COARSEST", "DOUBT", "FIRST", "Differentiator", "KalmanObserver", "Noise", "Observer"]

@@ -19,10 +19,13 @@ until the pressure has been well for `HOLD` seconds, by
 The last two are told by the regression coefficient of d̂ on -(∂T/∂P) r with a memory of MEMORY seconds, 1 for a drift
 and 0 for the others. What is more than noise is counted in standard deviations σ of the sensor. If nothing were left,
 as when a fault ends, the last explanations stay.
+
+The functions work on what is remembered as numbers m, each in its place: a list in Python, a part of a flat array where
+numba compiles them (`mpc.observer.compiled`). Sets of explanations are sums of STUCK, LEAK, DROP and DRIFT.
 """
 
-from collections import deque
-from math import exp
+from math import exp, nan
+from typing import Any, NamedTuple
 
 from mpc.observer.health import FaultKind
 
@@ -39,8 +42,53 @@ _SMOOTH = 0.3  # weight of a new reading in what is compared
 _SEEN = 0.12  # of the joint's usual torque: standard deviation of (∂T/∂P) r from which the regression counts
 _NO_DRIFT, _DRIFT = 0.35, 0.65  # regression coefficients at most, and at least
 
-_ANY = frozenset({FaultKind.STUCK_VALVE, FaultKind.LEAK, FaultKind.SUPPLY_DROP, FaultKind.DRIFTING_SENSOR})
-_DRIFTING = frozenset({FaultKind.DRIFTING_SENSOR})
+STUCK, LEAK, DROP, DRIFT = 1, 2, 4, 8
+_ANY = STUCK + LEAK + DROP + DRIFT
+_KINDS = {
+    STUCK: FaultKind.STUCK_VALVE, LEAK: FaultKind.LEAK, DROP: FaultKind.SUPPLY_DROP, DRIFT: FaultKind.DRIFTING_SENSOR
+}  # fmt: skip
+
+(
+    P,  # smoothed [Pa]
+    R,  # r, smoothed [Pa]
+    READ,  # the last reading [Pa]
+    LOW, HIGH,  # sums of r [Pa]
+    QUICK, SLOW,  # m of the quick and of the slow regulator [Pa]
+    MEAN_X, MEAN_Y, VARIANCE, COVARIANCE,  # of (∂T/∂P) r and d̂ [N·m]
+    SUSPECTED,  # explanations that are left; 0: nothing is suspected
+    SINCE,  # onset of what is suspected [s]
+    OPEN,  # whether explanations are being struck out, which may be POSSIBLE
+    POSSIBLE,
+    ONSET, BEGUN, LEAST,  # P and the time [s] then, the least P since [Pa]
+    ABOVE,  # for how long the other muscle has held more [s]
+    ILL,  # when it last was [s]
+    COUNT,  # of what was put into PAST
+    PAST,  # and following: (P, r) of the samples within LATELY
+) = range(22)  # fmt: skip
+
+Numbers = Any  # a list of floats, or an array of them
+
+
+class Sound(NamedTuple):
+    """What is known of one muscle and its sensor."""
+
+    quick: float  # share of a step that the quick regulator makes in a sample [-]
+    slow: float
+    rest: float  # half of the dead band [Pa]
+    dt: float  # [s]
+    sigma: float  # [Pa]
+    seen: float  # [N²·m²]
+
+    @classmethod
+    def of(cls, lag: float, dt: float, dead_band: float, sigma: float, usual_torque: float) -> "Sound":
+        """Return what follows from the time constant `lag` [s], `dead_band` and deviation `sigma` [Pa]."""
+        gains = 1 - exp(-dt * SPREAD / lag), 1 - exp(-dt / (SPREAD * lag))
+        return cls(*gains, dead_band / 2, dt, sigma, (_SEEN * usual_torque) ** 2)
+
+
+def places(dt: float) -> int:
+    """Return how many numbers are remembered at the sample time `dt` [s]."""
+    return PAST + 2 * max(round(_LATELY / dt), 1)
 
 
 class PressureDiagnosis:
@@ -49,94 +97,126 @@ class PressureDiagnosis:
     """
 
     def __init__(self, lag: float, dt: float, dead_band: float, sigma: float, usual_torque: float) -> None:
-        self._gains = 1 - exp(-dt * SPREAD / lag), 1 - exp(-dt / (SPREAD * lag))
-        self._rest, self.dt, self.sigma = dead_band / 2, dt, sigma
-        self._seen = (_SEEN * usual_torque) ** 2
+        self.sound = Sound.of(lag, dt, dead_band, sigma, usual_torque)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
-        self.P = float("nan")  # smoothed [Pa]
-        self.low = self.high = 0.0  # sums of r [Pa]
-        self.since = 0.0  # [s] onset of what is suspected
-        self.suspected: frozenset[FaultKind] = frozenset()
-        self._models = [0.0, 0.0]  # m of the quick and of the slow regulator [Pa]
-        self._last = self._r = 0.0  # the last reading, and r smoothed
-        self._means, self._variance, self._covariance = [0.0, 0.0], 0.0, 0.0
-        self._past: deque[tuple[float, float]] = deque(maxlen=max(round(_LATELY / self.dt), 1))  # (P, r)
-        self._open = False  # whether explanations are being struck out
-        self._ill = 0.0  # [s] when it last was
+        self.numbers: list[float] = [0.0] * places(self.sound.dt)
+        self.numbers[P] = nan
+
+    @property
+    def suspected(self) -> frozenset[FaultKind]:
+        """The suspected are the explanations that are left, if something is wrong."""
+        left = int(self.numbers[SUSPECTED])
+        return frozenset(kind for bit, kind in _KINDS.items() if left & bit)
+
+    @property
+    def since(self) -> float:
+        """Return the onset of what is suspected [s]."""
+        return self.numbers[SINCE]
+
+    @property
+    def low(self) -> float:
+        """Return the sum of residuals below [Pa]."""
+        return self.numbers[LOW]
 
     def follow(
-        self, t: float, P: float, v: float, gain: float, d: float, other: "PressureDiagnosis", q: float = 0.0
+        self, t: float, read: float, v: float, gain: float, d: float, other: "PressureDiagnosis", q: float = 0.0
     ) -> None:
-        """Follow the sensor, which says `P` [Pa] at `t` [s], NaN if not believed, while the command `v` [Pa] acts.
-
-        `gain` is ∂T/∂P [N·m/Pa], `d` the observer's disturbance torque [N·m], `q` the pressure's fall by the motion
-        [Pa/s]. A repeated reading says nothing.
-        """
-        if self.P != self.P:  # NaN: the first one
-            self.P, self._models = P, [P, P]
-        quick, slow = self._models = [
-            m + g * self._dead(v - m) - self.dt * q for m, g in zip(self._models, self._gains, strict=True)
-        ]
-        if P != P or P == self._last:
-            return
-        self._last = P
-        r = P - min(max(P, min(quick, slow)), max(quick, slow))
-        self.P += _SMOOTH * (P - self.P)
-        self._r += _SMOOTH * (r - self._r)
-        self._regress(gain * self._r, d)
-        most, margin = 2 * LIMIT * self.sigma, MARGIN * self.sigma
-        self.low = min(max(self.low - r - margin, 0.0), most)
-        self.high = min(max(self.high + r - margin, 0.0), most)
-        self._check(t, v, other)
-        self._past.append((self.P, self._r))
-
-    def _dead(self, e: float) -> float:
-        return e - min(max(e, -self._rest), self._rest)
-
-    def _regress(self, x: float, y: float) -> None:
-        weight = self.dt / MEMORY
-        dx, dy = x - self._means[0], y - self._means[1]
-        self._means = [self._means[0] + weight * dx, self._means[1] + weight * dy]
-        self._variance = (1 - weight) * (self._variance + weight * dx * dx)
-        self._covariance = (1 - weight) * (self._covariance + weight * dx * dy)
-
-    def _check(self, t: float, v: float, other: "PressureDiagnosis") -> None:
-        wrong = self.low > 0 or self.high > 0
-        if wrong and not self._open:
-            self._open, self._possible, self._onset, self._begun = True, _ANY, self.P, t
-            self._least, self._above = self.P, 0.0
-        if not self._open:
-            return
-        self._ill = t if wrong else self._ill
-        if t - self._ill > (HOLD if self.suspected else 0.0):
-            self._open, self.suspected = False, frozenset()
-            return
-        self._possible = self._possible - self._struck_out(t, v, other) or self._possible
-        if self.suspected:
-            self.suspected = self._possible
-        elif max(self.low, self.high) > LIMIT * self.sigma:
-            self.suspected, self.since = self._possible, self._begun
-
-    def _struck_out(self, t: float, v: float, other: "PressureDiagnosis") -> set[FaultKind]:
-        sigma, (P_lately, r_lately) = self.sigma, self._past[0] if self._past else (self.P, self._r)
-        self._least = min(self._least, self.P)
-        falls_on = self.low > 0 and v > self.P and self.P < P_lately - _FALLS * sigma and t - self._begun > SETTLED
-        self._above += self.dt * (self.low > 0 == other.low and other.P > self.P + _HIGHER * sigma)
-        too_high = self.high > LIMIT / 2 * sigma
-        answers = -self._covariance / self._variance if self._variance > self._seen else 0.5
-        out = set(_ANY - _DRIFTING) if answers > _DRIFT else set()
-        if abs(self.P - self._onset) > _MOVED * sigma:
-            out.add(FaultKind.STUCK_VALVE)
-        if too_high or self.P > self._least + _MOVED * sigma:
-            out.add(FaultKind.LEAK)
-        if too_high or falls_on or self._above > _LATELY:
-            out.add(FaultKind.SUPPLY_DROP)
-        if answers < _NO_DRIFT or abs(self._r - r_lately) > _QUICK * sigma:
-            out.add(FaultKind.DRIFTING_SENSOR)
-        return out
+        """Follow the sensor, as the function does; `other` is the other muscle's diagnosis."""
+        follow(self.numbers, other.numbers, self.sound, t, read, v, gain, d, q)
 
 
-__all__ = ["HOLD", "LIMIT", "MARGIN", "MEMORY", "SETTLED", "SPREAD", "PressureDiagnosis"]
+def follow(
+    m: Numbers, other: Numbers, k: Sound, t: float, read: float, v: float, gain: float, d: float, q: float
+) -> None:
+    """Follow the sensor, which has `read` [Pa] at `t` [s], NaN if not believed, while the command `v` [Pa] acts.
+
+    `gain` is ∂T/∂P [N·m/Pa], `d` the observer's disturbance torque [N·m], `q` the pressure's fall by the motion
+    [Pa/s], and `other` what is remembered of the other muscle. A repeated reading says nothing.
+    """
+    if m[P] != m[P]:  # NaN: the first one
+        m[P] = m[QUICK] = m[SLOW] = read
+    m[QUICK] = m[QUICK] + k.quick * beyond(v - m[QUICK], k.rest) - k.dt * q
+    m[SLOW] = m[SLOW] + k.slow * beyond(v - m[SLOW], k.rest) - k.dt * q
+    if read != read or read == m[READ]:
+        return
+    m[READ] = read
+    r = read - min(max(read, min(m[QUICK], m[SLOW])), max(m[QUICK], m[SLOW]))
+    m[P] += _SMOOTH * (read - m[P])
+    m[R] += _SMOOTH * (r - m[R])
+    regress(m, k.dt / MEMORY, gain * m[R], d)
+    most, margin = 2 * LIMIT * k.sigma, MARGIN * k.sigma
+    m[LOW] = min(max(m[LOW] - r - margin, 0.0), most)
+    m[HIGH] = min(max(m[HIGH] + r - margin, 0.0), most)
+    check(m, other, k, t, v)
+    size = (len(m) - PAST) // 2
+    place = PAST + 2 * (int(m[COUNT]) % size)
+    m[place], m[place + 1] = m[P], m[R]
+    m[COUNT] = m[COUNT] + 1 if m[COUNT] + 1 < 2 * size else float(size)  # it only matters where, and whether all are
+
+
+def beyond(e: float, rest: float) -> float:
+    """Return `e` less what a dead band of ±`rest` takes."""
+    return e - min(max(e, -rest), rest)
+
+
+def regress(m: Numbers, weight: float, x: float, y: float) -> None:
+    """Let `x` and `y` [N·m] count in means, variance and covariance."""
+    dx, dy = x - m[MEAN_X], y - m[MEAN_Y]
+    m[MEAN_X] += weight * dx
+    m[MEAN_Y] += weight * dy
+    m[VARIANCE] = (1 - weight) * (m[VARIANCE] + weight * dx * dx)
+    m[COVARIANCE] = (1 - weight) * (m[COVARIANCE] + weight * dx * dy)
+
+
+def check(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> None:
+    """Begin to strike out explanations, go on with it, or end it."""
+    wrong = m[LOW] > 0 or m[HIGH] > 0
+    if wrong and m[OPEN] == 0:
+        m[OPEN], m[POSSIBLE], m[ONSET], m[BEGUN] = 1.0, float(_ANY), m[P], t
+        m[LEAST], m[ABOVE] = m[P], 0.0
+    if m[OPEN] == 0:
+        return
+    if wrong:
+        m[ILL] = t
+    if t - m[ILL] > (HOLD if m[SUSPECTED] > 0 else 0.0):
+        m[OPEN] = m[SUSPECTED] = 0.0
+        return
+    left = int(m[POSSIBLE]) & ~struck_out(m, other, k, t, v)
+    if left != 0:
+        m[POSSIBLE] = float(left)
+    if m[SUSPECTED] > 0:
+        m[SUSPECTED] = m[POSSIBLE]
+    elif max(m[LOW], m[HIGH]) > LIMIT * k.sigma:
+        m[SUSPECTED], m[SINCE] = m[POSSIBLE], m[BEGUN]
+
+
+def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
+    """Return what explains nothing, as the module's text says."""
+    sigma, size, count = k.sigma, (len(m) - PAST) // 2, int(m[COUNT])
+    first = PAST + 2 * (count % size if count >= size else 0)  # the oldest of the past
+    P_lately, r_lately = (m[first], m[first + 1]) if count > 0 else (m[P], m[R])
+    m[LEAST] = min(m[LEAST], m[P])
+    falls_on = m[LOW] > 0 and v > m[P] and m[P] < P_lately - _FALLS * sigma and t - m[BEGUN] > SETTLED
+    if m[LOW] > 0 and other[LOW] == 0 and other[P] > m[P] + _HIGHER * sigma:
+        m[ABOVE] += k.dt
+    too_high = m[HIGH] > LIMIT / 2 * sigma
+    answers = -m[COVARIANCE] / m[VARIANCE] if m[VARIANCE] > k.seen else 0.5
+    out = _ANY - DRIFT if answers > _DRIFT else 0
+    if abs(m[P] - m[ONSET]) > _MOVED * sigma:
+        out |= STUCK
+    if too_high or m[P] > m[LEAST] + _MOVED * sigma:
+        out |= LEAK
+    if too_high or falls_on or m[ABOVE] > _LATELY:
+        out |= DROP
+    if answers < _NO_DRIFT or abs(m[R] - r_lately) > _QUICK * sigma:
+        out |= DRIFT
+    return out
+
+
+__all__ = [
+    "DRIFT", "DROP", "HOLD", "LEAK", "LIMIT", "LOW", "MARGIN", "MEMORY", "SETTLED", "SPREAD", "STUCK", "SUSPECTED",
+    "Numbers", "PressureDiagnosis", "Sound", "beyond", "check", "follow", "places", "regress", "struck_out",
+]  # fmt: skip

@@ -12,12 +12,13 @@ until its muscle is seen to pull for `HOLD` seconds.
 
 Whatever makes |d̂| more than LOAD T_usual + MISMATCH (|T_1| + |T_2|) for LASTING seconds is a load, or an angle that is
 read wrongly: at constant stiffness an error δ of the angle is the torque K δ, and no sensor tells the two apart.
+
+The functions work on numbers m as those of `mpc.observer.pressure_diagnosis` do.
 """
 
-from collections import deque
-from math import inf
+from math import inf, nan
 
-from mpc.observer.pressure_diagnosis import HOLD
+from mpc.observer.pressure_diagnosis import HOLD, Numbers
 
 MEMORY = 2.0  # [s]
 SPREAD = 0.05  # of an increment of d̂ [T_usual]
@@ -30,6 +31,24 @@ LASTING = 0.3  # [s], longer than a broken cable takes
 _NEAR = 0.2  # of T_i and of T_usual: how near d̂ has to be to b - T_i
 _PULLS = 0.4  # [T_usual]
 
+(
+    BROKEN,  # muscle 0 or 1, NONE of them
+    SINCE,  # its cable is suspected [s]
+    LOADED,  # since when there is more than a usual load [s]; NaN: there is not
+    MEAN,  # b [N·m]; NaN at first
+    FROM, ILL,  # when |d̂| began to be large, and when the cable last was to be suspected [s]
+    RATIO, _,  # Λ of both muscles
+    MISSING, _,  # when d̂ last was where a broken cable of each would put it [s]
+    COUNT,  # of what was put into PAST
+    PAST,  # and following: (d̂, T_1, T_2) of the samples within LATELY
+) = range(12)  # fmt: skip
+NONE = -1.0
+
+
+def places(dt: float) -> int:
+    """Return how many numbers are remembered at the sample time `dt` [s]."""
+    return PAST + 3 * max(round(LATELY / dt), 1)
+
 
 class TorqueDiagnosis:
     """The diagnosis is of one joint whose muscles usually pull with `usual` [N·m] each."""
@@ -40,50 +59,67 @@ class TorqueDiagnosis:
 
     def reset(self) -> None:
         """Forget the past."""
-        self.broken: int | None = None  # muscle 0 or 1
-        self.since = 0.0  # [s] its cable is suspected
-        self.loaded: float | None = None  # since when [s] there is more than a usual load
-        self._ratios = [0.0, 0.0]  # Λ
-        self._past: deque[tuple[float, float, float]] = deque(maxlen=max(round(LATELY / self.dt), 1))
-        self._mean: float | None = None  # b [N·m]
-        self._from = self._ill = 0.0  # [s] when |d̂| began to be large, and when the cable last was to be suspected
-        self._missing = [-inf, -inf]  # [s] when d̂ last was where a broken cable would put it
+        self.numbers: list[float] = [0.0] * places(self.dt)
+        self.numbers[BROKEN], self.numbers[LOADED], self.numbers[MEAN] = NONE, nan, nan
+        self.numbers[MISSING] = self.numbers[MISSING + 1] = -inf
+
+    @property
+    def broken(self) -> int | None:
+        """Return muscle 0 or 1, whose cable is suspected."""
+        return None if self.numbers[BROKEN] == NONE else int(self.numbers[BROKEN])
+
+    @property
+    def since(self) -> float:
+        """Return since when a cable is suspected [s]."""
+        return self.numbers[SINCE]
+
+    @property
+    def loaded(self) -> float | None:
+        """Return since when [s] there is more than a usual load."""
+        return None if self.numbers[LOADED] != self.numbers[LOADED] else self.numbers[LOADED]
 
     def follow(self, t: float, d: float, T1: float, T2: float) -> None:
-        """Follow the observer, which finds `d` at `t` [s] while the muscles of its model pull with `T1` and `T2`
-        [N·m].
-        """
-        now = d, T1, T2
-        self._mean = d if self._mean is None else self._mean
-        self._compare(t, now, self._mean)
-        self._weigh(t, now)
-        if self.broken is None:
-            self._mean += self.dt / MEMORY * (d - self._mean)
-        self._past.append(now)
-
-    def _compare(self, t: float, now: tuple[float, float, float], b: float) -> None:
-        if len(self._past) < (self._past.maxlen or 0):
-            return
-        (d, *T), (d_past, *T_past), s = now, self._past[0], SPREAD * self.usual
-        as_load = min((d - d_past) ** 2 / s**2, Z**2)
-        for i in (0, 1):
-            as_broken = min((d - d_past + T[i] - T_past[i]) ** 2 / s**2, Z**2)
-            self._ratios[i] = min(max(self._ratios[i] + (as_load - as_broken) / 2, 0.0), 2 * LIMIT)
-            pull = -T[i] if i else T[i]
-            pulls = pull > _PULLS * self.usual  # else nothing can be told of its cable
-            if pulls and abs(d + T[i] - b) < _NEAR * (pull + self.usual) and abs(d - b) > pull / 2:
-                self._missing[i] = t
-            if self.broken == i:
-                self._ill = max(self._ill, self._missing[i]) if pulls else t
-                self.broken = None if t - self._ill > HOLD else i
-            elif self.broken is None and self._ratios[i] > LIMIT and t - self._missing[i] < LASTING / 2:
-                self.broken, self.since, self._ill = i, t, t
-
-    def _weigh(self, t: float, now: tuple[float, float, float]) -> None:
-        d, T1, T2 = now
-        if abs(d) <= LOAD * self.usual + MISMATCH * (abs(T1) + abs(T2)):
-            self._from = t
-        self.loaded = self._from if t - self._from > LASTING else None
+        """Follow the observer, as the function does."""
+        follow(self.numbers, self.dt, self.usual, t, d, T1, T2)
 
 
-__all__ = ["LASTING", "LATELY", "LIMIT", "LOAD", "MEMORY", "MISMATCH", "SPREAD", "TorqueDiagnosis", "Z"]
+def follow(m: Numbers, dt: float, usual: float, t: float, d: float, T1: float, T2: float) -> None:
+    """Follow the observer, which finds `d` at `t` [s] while the muscles of its model pull with `T1` and `T2` [N·m]."""
+    size, count = (len(m) - PAST) // 3, int(m[COUNT])
+    place = PAST + 3 * (count % size)  # of the oldest of the past, which is forgotten
+    if m[MEAN] != m[MEAN]:
+        m[MEAN] = d
+    if count >= size:
+        compare(m, place, usual, t, d, T1, T2)
+    if abs(d) <= LOAD * usual + MISMATCH * (abs(T1) + abs(T2)):
+        m[FROM] = t
+    m[LOADED] = m[FROM] if t - m[FROM] > LASTING else nan
+    if m[BROKEN] == NONE:
+        m[MEAN] += dt / MEMORY * (d - m[MEAN])
+    m[place], m[place + 1], m[place + 2] = d, T1, T2
+    m[COUNT] = m[COUNT] + 1 if m[COUNT] + 1 < 2 * size else float(size)  # it only matters where, and whether all are
+
+
+def compare(m: Numbers, past: int, usual: float, t: float, d: float, T1: float, T2: float) -> None:
+    """Compare what a load and what broken cables explain of the increments since what is at `past`."""
+    T, s, b = (T1, T2), SPREAD * usual, m[MEAN]
+    increment = d - m[past]
+    as_load = min(increment**2 / s**2, Z**2)
+    for i in range(2):
+        as_broken = min((increment + T[i] - m[past + 1 + i]) ** 2 / s**2, Z**2)
+        m[RATIO + i] = min(max(m[RATIO + i] + (as_load - as_broken) / 2, 0.0), 2 * LIMIT)
+        pull = T[i] if i == 0 else -T[i]
+        pulls = pull > _PULLS * usual  # else nothing can be told of its cable
+        if pulls and abs(d + T[i] - b) < _NEAR * (pull + usual) and abs(d - b) > pull / 2:
+            m[MISSING + i] = t
+        if m[BROKEN] == i:
+            m[ILL] = max(m[ILL], m[MISSING + i]) if pulls else t
+            m[BROKEN] = NONE if t - m[ILL] > HOLD else float(i)
+        elif m[BROKEN] == NONE and m[RATIO + i] > LIMIT and t - m[MISSING + i] < LASTING / 2:
+            m[BROKEN], m[SINCE], m[ILL] = float(i), t, t
+
+
+__all__ = [
+    "BROKEN", "LASTING", "LATELY", "LIMIT", "LOAD", "LOADED", "MEMORY", "MISMATCH", "SPREAD", "Numbers",
+    "TorqueDiagnosis", "Z", "compare", "follow", "places",
+]  # fmt: skip

@@ -73,7 +73,8 @@ def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[C
         raise InvalidInput(f"solver = {settings.solver!r} belongs to the controllers mpc and nmpc, not {name}")
     build, watched = CONTROLLERS[name]
     if watched if observer is None else observer:
-        return build(settings), KalmanObserver(settings.plant, settings.dt, compensation=settings.compensation)
+        observing = KalmanObserver(settings.plant, settings.dt, compensation=settings.compensation, wait=settings.wait)
+        return build(settings), observing
     return build(settings), Differentiator(settings.dt)
 
 

@@ -1,10 +1,9 @@
 """The template lets a controller drive a plant, sample by sample, as long as nothing out of the ordinary happens.
 
 `mpc.trials.many.driving` puts modules in the place of the lines below that begin with `FORMULAS`: `process` has the
-plant under test, `joint` the compiled step of the controller's plant, and `told` what is
-known of the plant beyond it: `observed` (x, v, d) ↦ the next state and its Jacobian by (x, d), `torque` (x, memory) ↦
-T_f and `moved` (x, memory, motion) ↦ memory of friction in contact at x, `turning` x ↦
-the isobaric stiffness and ∂T/∂P.
+plant under test, `observer` the compiled sample of the observer, `joint` the compiled step of the controller's plant,
+and `told` what is known of the plant beyond it: `torque` (x, memory) ↦ T_f and `moved` (x, memory, motion) ↦ memory of
+friction in contact at x, `turning` x ↦ the isobaric stiffness and ∂T/∂P.
 
 What is ordinary: every reading is believed, all problems are solved and proved, the state is measured. Of anything else
 the loop says that it happened, and the run is left to `simulate`.
@@ -17,8 +16,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.model.compensation import JITTER, SOFT
-from mpc.observer.gating import NEAR_A_TURN, ROUGH, SIGMAS, TURN
-from mpc.observer.kalman import DOUBT
+from mpc.observer.compiled.layout import SIZE
 from mpc.tracking.compiled.flat_records import given_in
 from mpc.tracking.compiled.jit import compiled, inlined
 from mpc.tracking.compiled.sample.calls import settle_at
@@ -27,157 +25,39 @@ from mpc.tracking.preview import CORRECTED
 from mpc.tracking.rest import MOST as MOST_CORRECTED
 from mpc.tracking.rest import NOISE
 from mpc.trials.many import rest
-from mpc.trials.many.algebra import PLACES, SIZE, corrected, propagated, sound
-from mpc.trials.many.records import Answers, Belief, Filter, Known, Memory, Plant, Step
+from mpc.trials.many.records import Answers, Known, Memory, Plant, Step
 
 FORMULAS: Any = None
-process = joint = told = FORMULAS
+process = observer = joint = told = FORMULAS
 
 OPTIMAL, RESTING, QP, ALLOCATION = 0, 9, 0, 3  # of `PlanStatus` and `Rung`
 
 
 @compiled
 def driven(
-    first: int, plant: Plant, f: Filter, b: Belief, known: Known, step: Step, m: Memory, theta: Array, K: Array,
+    first: int, plant: Plant, observed: Array, s: Array, known: Known, step: Step, m: Memory, theta: Array, K: Array,
     answers: Answers,
 ) -> int:  # fmt: skip
     """Go on from the sample `first` to the last, and return at which one something was out of the ordinary; M if none.
 
-    `theta`, `K` (M + ahead,) are the reference, whose last sample is held.
+    `theta`, `K` (M + ahead,) are the reference, whose last sample is held; `observed` and `s` are what the observer
+    knows, and its state, which begins with ξ.
     """
     N, M, y = len(m.u), len(answers.u), np.empty(4)
     ahead = N + known.delay
     for k in range(first, M):
         process.read(plant.sensors, plant.full, plant.noise[k], y)
-        if not estimated(f, b, y, answers.u[k - 1]):
+        if not observer.filtered(observed, s, y[0], y[2], y[3], answers.u[k - 1, 0], answers.u[k - 1, 1]):
             return k
         for i in range(SIZE):
-            answers.estimate[k, i] = b.xi[i]
-        if not answered(known, step, m, b.xi, theta[k : k + ahead + 1], K[k : k + ahead + 1], k, answers):
+            answers.estimate[k, i] = s[i]
+        if not answered(known, step, m, s[:SIZE], theta[k : k + ahead + 1], K[k : k + ahead + 1], k, answers):
             return k
         plant.waiting[-1, 0], plant.waiting[-1, 1] = answers.u[k, 0], answers.u[k, 1]
         process.advance(plant.c, plant.durations, plant.substeps, plant.full, plant.waiting, plant.torques[k])
         for i in range(4):
             answers.x[k + 1, i] = plant.full[i]
     return M
-
-
-# --- the observer -----------------------------------------------------------------------------------------------------
-
-
-@inlined
-def estimated(f: Filter, b: Belief, y: Array, u: Array) -> bool:
-    """Estimate from `y` (4,) and the command `u` (2,) sent last; return whether that was ordinary."""
-    said, all_there = np.empty(3), np.ones(3, np.bool_)
-    said[0], said[1], said[2] = y[0], y[2], y[3]
-    change = abs(said[0] - b.read[0])
-    if 0 < change < b.step[0]:
-        b.step[0] = change
-        rough = max(f.theta_noise, change / np.sqrt(12.0))
-        b.variances[0], b.floor[0] = rough * rough, max(f.theta_floor, ROUGH * rough)
-    for j in range(b.commands.shape[0] - 1):
-        b.commands[j] = b.commands[j + 1]
-    for i in range(2):
-        if not f.outer[0, 2 + i] <= u[i] <= f.outer[1, 2 + i]:
-            return False
-        b.commands[-1, i] = u[i]
-    follow_seen(f, b)
-    before, P = b.xi.copy(), b.covariance.copy()
-    T_f = np.empty(1)
-    predicted(f, b, before, P, f.Q, T_f, b.xi, b.covariance)
-    if not sound(b.xi, b.covariance) or not believed(f, b, said):
-        return False
-    if not repetitions(f, b, said, before, P, T_f):
-        return False
-    if not corrected(b.xi, b.covariance, said, all_there, b.variances):
-        return False
-    b.read[:] = said
-    return True
-
-
-@inlined
-def believed(f: Filter, b: Belief, said: Array) -> bool:
-    """Return whether all readings are near to what is expected, and no angle has to be unwrapped."""
-    if abs(b.xi[0] - said[0]) > TURN / 2 - NEAR_A_TURN:
-        return False
-    for s in range(3):
-        i = PLACES[s]
-        variance = b.covariance[i, i] + b.variances[s]
-        if not f.possible[0, s] <= said[s] <= f.possible[1, s]:
-            return False
-        if not abs(said[s] - b.xi[i]) <= max(SIGMAS * np.sqrt(variance), b.floor[s]):
-            return False
-    return True
-
-
-@inlined
-def repetitions(f: Filter, b: Belief, said: Array, before: Array, P: Array, T_f: Array) -> bool:
-    """Follow what is thought without sensors that repeat; return whether none of them is frozen."""
-    others = np.empty(3, np.bool_)
-    for s in range(3):
-        others[s] = said[s] != b.read[s]
-    for s in range(3):
-        if others[s]:
-            b.repeating[s], b.repeats[s] = 0.0, False
-            continue
-        b.repeating[s] += f.dt
-        xi, covariance = (b.without[s].copy(), b.doubt[s].copy()) if b.repeats[s] else (before, P)
-        predicted(f, b, xi, covariance, f.Q_rest, T_f, b.without[s], b.doubt[s])
-        i = PLACES[s]
-        variance = b.doubt[s, i, i] + b.variances[s]
-        if b.repeating[s] > f.tolerance and (said[s] - b.without[s, i]) ** 2 > DOUBT**2 * variance:
-            return False
-        corrected(b.without[s], b.doubt[s], said, others, b.variances)
-        b.repeats[s] = True
-    return True
-
-
-@inlined
-def follow_seen(f: Filter, b: Belief) -> None:
-    """Let the friction that the observer knows follow the angle."""
-    near, to, n = np.empty(4), np.empty(1), b.memory.size
-    nearest(f, b.xi, near)
-    to[0] = b.xi[0] - b.theta[0]
-    if abs(to[0]) > JITTER:
-        b.theta[0] = b.xi[0]
-    else:
-        to[0] = 0.0
-    moved = np.empty(n)
-    told.moved(near, b.memory, to, f.c, moved)
-    b.memory[:] = moved
-
-
-@inlined
-def nearest(f: Filter, xi: Array, near: Array) -> None:
-    """Fill in the nearest state (4,) for which the muscles' laws are made."""
-    for i in range(4):
-        x = min(max(xi[i], f.outer[0, i]), f.outer[1, i])
-        near[i] = min(max(x, f.inner[0, i]), f.inner[1, i])
-
-
-@inlined
-def predicted(f: Filter, b: Belief, xi: Array, P: Array, Q: Array, T_f: Array, later: Array, covariance: Array) -> None:
-    """Fill in what is expected of ξ and its covariance a sample after `xi` (5,) and `P` (5, 5)."""
-    x, near, v, d, J = np.empty(4), np.empty(4), np.empty(2), np.empty(1), np.empty(20)
-    A, x_next, rest_band = np.zeros((SIZE, SIZE)), np.empty(4), f.dead_band / 2
-    nearest(f, xi, near)
-    for i in range(4):
-        x[i] = min(max(xi[i], f.outer[0, i]), f.outer[1, i])
-    disturbance = min(max(xi[4], f.outer[0, 4]), f.outer[1, 4])
-    told.torque(near, b.memory, f.c, T_f)
-    for i in range(2):
-        e = b.commands[0, i] - x[2 + i]
-        v[i] = x[2 + i] + e - min(max(e, -rest_band), rest_band)
-    d[0] = disturbance - T_f[0]
-    told.observed(near, v, d, f.c, x_next, J)
-    for i in range(4):
-        later[i] = x_next[i]
-        for j in range(SIZE):
-            A[i, j] = J[i + 4 * j]
-        for j in range(4):
-            later[i] += A[i, j] * (x[j] - near[j])
-    later[4], A[4, 4] = disturbance, 1.0
-    propagated(A, P, Q, covariance)
 
 
 # --- the controller ---------------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from mpc.model.compensation import Compensation
 from mpc.model.contact import Contact
 from mpc.model.plant import NU, NX
 from mpc.model.plant import Plant as Model
+from mpc.observer.compiled.whole import CompiledEstimate
 from mpc.observer.kalman import KalmanObserver, Observer
 from mpc.tracking.compiled.module import imported, with_formulas
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
@@ -26,7 +27,7 @@ from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.qp.solvers import Riccati
 from mpc.trials.many.plant import CompiledExperiment
 from mpc.trials.many.records import Answers, Plant
-from mpc.trials.many.taken import belief_of, filter_of, known_of, memory_of, ordinary, step_of
+from mpc.trials.many.taken import known_of, memory_of, ordinary, step_of
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import ClosedLoop, Controller
 
@@ -34,18 +35,18 @@ READABLE = 2  # samples that the readable parts begin with: these then remember 
 LEAST = 1e-300  # [N·m/rad] of a stiffness, as in `mpc.tracking.preview`
 
 _HERE = Path(__file__).parent
-_TEMPLATE, _PARTS = _HERE / "driven.py", ("algebra.py", "records.py", "rest.py")
+_TEMPLATE, _PARTS = _HERE / "driven.py", ("records.py", "rest.py")
 
 
 class Driving:
     """Driving is the compiled loop of a controller and its observer with plants, and the numbers of its formulas."""
 
-    def __init__(self, controller: TrackingMPC, observer: KalmanObserver) -> None:
+    def __init__(self, controller: TrackingMPC, estimate: CompiledEstimate) -> None:
         """Write the formulas. Raises `Untranslatable` for those that are too long."""
-        self._controller, self._observer = controller, observer
-        text, self.c = _told(controller.plant, controller.compensation, observer)
+        self._controller, self._estimate = controller, estimate
+        text, self.c = _told(controller.plant, controller.compensation)
         qp_step: Any = controller._qp_step
-        self._modules = {"joint": qp_step.plant.step, "told": imported(text)}
+        self._modules = {"observer": estimate.module, "joint": qp_step.plant.step, "told": imported(text)}
 
     def _loop(self, process: ModuleType) -> ModuleType:
         """Return the loop with plants under test of the kind `process`."""
@@ -57,12 +58,13 @@ class Driving:
         """Let the compiled loop do the samples of `loop`, which has this plant, controller and observer; return whether
         all of them were ordinary.
         """
-        controller, observer, experiment = self._controller, self._observer, loop.experiment
+        controller, experiment = self._controller, loop.experiment
         if loop.steps <= READABLE or not _meant(loop.wanted):
             return False
         for k in range(READABLE):
             loop.sample(k)
-        if not ordinary(controller, observer):
+        observed = self._estimate.taken()
+        if observed is None or not ordinary(controller):
             return False
         assert isinstance(experiment, CompiledExperiment)  # of a `CompiledPlant`
         plant, left = experiment.plant, loop.steps - READABLE
@@ -75,7 +77,7 @@ class Driving:
             loop.x, loop.estimate, loop.u, loop.rung, loop.status, loop.slack, loop.slack_force, loop.moved
         )
         previews = loop.wanted.preview(0, loop.steps + controller.ahead)
-        known = filter_of(observer, self.c), belief_of(observer), known_of(controller, self.c), step_of(controller)
+        known = *observed, known_of(controller, self.c), step_of(controller)
         done = self._loop(plant.module).driven(READABLE, under_way, *known, memory_of(controller), *previews, answers)
         loop.took[:] = np.nan
         return bool(done == loop.steps)
@@ -102,21 +104,18 @@ def driving(controller: Controller, observer: Observer | None) -> Driving | None
         and controller.budget is None  # nobody waits for a command here: what takes too long would depend on the day
         and told == (observer.plant, observer.compensation, observer.dt)
     )
-    return Driving(controller, observer) if able else None
+    return Driving(controller, observer.compiled) if able and observer.compiled is not None else None
 
 
-def _told(plant: Model, known: Compensation, observer: KalmanObserver) -> tuple[str, Array]:
+def _told(plant: Model, known: Compensation) -> tuple[str, Array]:
     """Return a module of the formulas, and its numbers."""
     import casadi as ca
 
     friction = known.friction
     x, memory, motion = ca.SX.sym("x", NX), ca.SX.sym("memory", friction.size), ca.SX.sym("motion")
-    v, d, contact = ca.SX.sym("v", NU), ca.SX.sym("d"), Contact(plant, x)
-    x_next = plant.discrete(observer.dt)(x, v, d)
-    slopes = ca.densify(ca.jacobian(x_next, ca.vertcat(x, d)))
+    contact = Contact(plant, x)
     gains = [side.torque_gain(x[2 + i]) for i, side in enumerate(plant.joint.sides(x[0]))]
     formulas = {
-        "observed": ([x, v, d], [x_next, slopes]),
         "torque": ([x, memory], [ca.SX(friction.torque(memory, contact))]),
         "moved": ([x, memory, motion], [ca.SX(friction.moved(memory, motion, contact))]),
         "turning": ([x], [ca.vertcat(plant.isobaric(x), *gains)]),

@@ -21,40 +21,6 @@ class Plant(NamedTuple):
     torques: Array  # (M,)
 
 
-class Filter(NamedTuple):
-    """What is known of `mpc.observer.filter.Filter` and its gates."""
-
-    c: Array  # numbers of the formulas
-    inner: Array  # (2, 4)
-    outer: Array  # (2, 5)
-    Q: Array  # (5, 5)
-    Q_rest: Array  # (5, 5)
-    possible: Array  # (2, 3) readings
-    dt: float  # [s]
-    tolerance: float  # [s]
-    dead_band: float  # [Pa]
-    theta_noise: float  # [rad]
-    theta_floor: float  # [rad]
-
-
-class Belief(NamedTuple):
-    """What `mpc.observer.kalman.KalmanObserver` remembers."""
-
-    xi: Array  # (5,)
-    covariance: Array  # (5, 5)
-    variances: Array  # (3,)
-    floor: Array  # (3,)
-    read: Array  # (3,)
-    repeating: Array  # (3,) [s]
-    repeats: Any  # (3,) whether there is a belief without the sensor
-    without: Array  # (3, 5)
-    doubt: Array  # (3, 5, 5), covariances of these
-    memory: Array  # of friction
-    theta: Array  # (1,) that it has followed to [rad]
-    step: Array  # (1,) of the encoder [rad]
-    commands: Array  # (delay + 1, 2) [Pa]
-
-
 class Known(NamedTuple):
     """What is known of a `mpc.tracking.controller.TrackingMPC`."""
 
@@ -119,4 +85,4 @@ class Answers(NamedTuple):
     moved: Array  # (M, 3)
 
 
-__all__ = ["Answers", "Belief", "Filter", "Known", "Memory", "Plant", "Step"]
+__all__ = ["Answers", "Known", "Memory", "Plant", "Step"]

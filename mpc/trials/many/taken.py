@@ -5,54 +5,21 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.observer.gating import Verdict
-from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.rest import RestMode
 from mpc.trials.many import rest
-from mpc.trials.many.records import Belief, Filter, Known, Memory, Step
+from mpc.trials.many.records import Known, Memory, Step
 
 
-def ordinary(controller: TrackingMPC, observer: KalmanObserver) -> bool:
+def ordinary(controller: TrackingMPC) -> bool:
     """Return whether what the readable parts remember has its place in the flat values."""
-    followed = [part.theta is not None for part in (observer._friction, controller._preview.friction)]
-    gates = all(np.isnan(gate._refused) and gate._since == 0 for gate in observer._gates)
+    preview, ladder = controller._preview, controller.ladder
     return (
-        observer.belief is not None
-        and all(verdict is Verdict.BELIEVED for verdict in observer.verdicts)
-        and observer._rival is None
-        and gates
-        and not observer._frozen.any()
-        and followed[0]
-        and (followed[1] or controller._preview.frictionless)
-        and controller.ladder.motion is not None
-        and controller.ladder.u_star is not None
-        and controller._preview._blind == 0
+        (preview.friction.theta is not None or preview.frictionless)
+        and ladder.motion is not None
+        and ladder.u_star is not None
+        and preview._blind == 0
     )
-
-
-def filter_of(observer: KalmanObserver, c: Array) -> Filter:
-    """Return what is known of the filter; `c` are the numbers of the formulas."""
-    own, gate = observer.filter, observer.gate
-    return Filter(
-        c, np.array(own._inner), np.array(own._outer), own.Q, own.Q_rest, np.array([gate.lower, gate.upper]),
-        observer.dt, observer.tolerance, observer.compensation.dead_band, observer.noise.theta, gate.floor[0],
-    )  # fmt: skip
-
-
-def belief_of(observer: KalmanObserver) -> Belief:
-    """Return what the observer remembers; copies."""
-    belief, without, doubt = observer.belief, np.zeros((3, 5)), np.zeros((3, 5, 5))
-    assert belief is not None  # `ordinary` has looked
-    repeats = np.zeros(3, bool)
-    for sensor, own in observer._without.items():
-        repeats[sensor], without[sensor], doubt[sensor] = True, own.xi, own.covariance
-    floor, memory = np.array([gate.floor for gate in observer._gates]), np.atleast_1d(observer._friction.memory)
-    return Belief(
-        belief.xi.copy(), belief.covariance.copy(), observer._variances.copy(), floor, observer._read.copy(),
-        observer._repeating.copy(), repeats, without, doubt, _floats(memory), _floats([observer._friction.theta]),
-        _floats([observer._step]), _floats(list(observer._commands)),
-    )  # fmt: skip
 
 
 def known_of(controller: TrackingMPC, c: Array) -> Known:
@@ -112,4 +79,4 @@ def _floats(given: Any) -> Array:
     return np.array(given, float)
 
 
-__all__ = ["belief_of", "filter_of", "known_of", "memory_of", "ordinary", "step_of"]
+__all__ = ["known_of", "memory_of", "ordinary", "step_of"]

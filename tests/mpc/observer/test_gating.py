@@ -140,7 +140,7 @@ def test_a_coarse_encoder_s_step_is_learnt():
     pair, wanted = loop(real), reference(600)
     run = simulate(real, pair[0], wanted, observer=pair[1])
     assert np.sqrt(np.mean((run.theta - run.theta_ref)[200:] ** 2)) < 1.5 * DEG
-    assert pair[1]._step == pytest.approx(0.5 * DEG)
+    assert pair[1].encoder_step == pytest.approx(0.5 * DEG)
 
 
 @settings(max_examples=40, deadline=None)
