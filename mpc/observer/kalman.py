@@ -84,6 +84,10 @@ class KalmanObserver:
     should measure is answered as NaN until it speaks again: a controller then knows that it is blind, and
     `TrackingMPC` says so in the status of its plans. Numbers never make it raise; before the first angle that can be
     believed all that is answered is NaN, but for the pressures.
+
+    Ordinary samples, in which all readings are believed, are compiled (`implementation`): for some seconds when the
+    first observer of a kind of plant is made, unless it is told not to `wait`, when another process compiles for the
+    next.
     """
 
     def __init__(

@@ -27,7 +27,7 @@ def compiled_estimate(
 
         made = compiled_filter(own)
         with nullcontext() if wait else beside.only_kept():
-            return CompiledEstimate(made, known_of(own, diagnosis, made.c), readable)
+            return CompiledEstimate(made, known_of(made, own, diagnosis), readable)
     except beside.NotKept:
         module = made.module
         if beside.begin(module.__name__, Path(str(module.__file__)).parent, *again):

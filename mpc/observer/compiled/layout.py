@@ -42,13 +42,16 @@ class Known(NamedTuple):
     slow: Array  # (2,)
     usual: float  # [N·m]
     places: Array  # (5,) in the state: of COMMANDS, ONE, TWO, TORQUE and its length
+    friction_at: float  # place of `friction`
     numbers: Array  # of the formulas
+    friction: Array  # numbers of `mpc.tracking.compiled.sample.friction`
 
 
 (
     INNER, OUTER, Q, Q_REST, POSSIBLE, DT, H, SUBSTEPS, TOLERANCE, DEAD_BAND, THETA_NOISE, THETA_FLOOR, SIGMA, SEEN,
-    QUICK, SLOW, USUAL, COMMANDS, ONE, TWO, TORQUE, LENGTH, NUMBERS,
-) = accumulate((8, 10, 25, 25, 6, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 1, 1, 1, 1, 1, 1), initial=0)  # fmt: skip
+    QUICK, SLOW, USUAL, COMMANDS, ONE, TWO, TORQUE, LENGTH, FRICTION,
+    NUMBERS,
+) = accumulate((8, 10, 25, 25, 6, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 1, 1, 1, 1, 1, 1, 1), initial=0)  # fmt: skip
 
 
 class State(NamedTuple):
@@ -78,8 +81,10 @@ class State(NamedTuple):
 
 (
     XI, WITHOUT, VARIANCES, FLOOR, READ, REPEATING, REPEATS, STEP, ANGLE, SAMPLES, TIME, LAST, LOST, SAID, FOUND,
-    NEAR, FELT, GAIN, S, K, TOTAL, PRODUCT, MEMORY,
-) = accumulate((30, 90, 3, 3, 3, 3, 3, 1, 1, 1, 1, 1, 3, 3, 3, 4, 1, 5, 30, 24, 24, 25), initial=0)  # fmt: skip
+    NEAR, INSIDE, ACTING, GAIN, S, AT, K, TOTAL, PRODUCT, MEMORY,  # up to here places to reckon in
+) = accumulate(
+    (30, 90, 3, 3, 3, 3, 3, 1, 1, 1, 1, 1, 3, 3, 3, 4, 5, 2, 5, 30, 24, 24, 24, 25), initial=0
+)  # fmt: skip
 
 
 def places(memory: int, delay: int, pressure: int, torque: int) -> Array:
@@ -111,9 +116,10 @@ def _slices(flat: Array, at: tuple[int, ...]) -> Iterator[Array]:
 
 
 __all__ = [
-    "ANGLE", "ASKED", "BELIEF", "COMMANDS", "COVARIANCE", "DEAD_BAND", "DT", "FELT", "FLOOR", "FOUND", "GAIN", "H",
-    "INNER", "K", "LAST", "LENGTH", "LOST", "MEASURED", "MEMORY", "NEAR", "NUMBERS", "ONE", "OUTER", "POSSIBLE",
-    "PRODUCT", "Q", "QUICK", "Q_REST", "READ", "REPEATING", "REPEATS", "S", "SAID", "SAMPLES", "SEEN", "SIGMA", "SIZE",
-    "SLOW", "STEP", "SUBSTEPS", "THETA_FLOOR", "THETA_NOISE", "TIME", "TOLERANCE", "TORQUE", "TOTAL", "TWO", "USUAL",
-    "VARIANCES", "WITHOUT", "XI", "Known", "State", "known_of", "places", "state_of",
+    "ACTING", "ANGLE", "ASKED", "AT", "BELIEF", "COMMANDS", "COVARIANCE", "DEAD_BAND", "DT", "FLOOR", "FOUND",
+    "FRICTION", "GAIN", "H", "INNER", "INSIDE", "K", "LAST", "LENGTH", "LOST", "MEASURED", "MEMORY", "NEAR",
+    "NUMBERS", "ONE", "OUTER", "POSSIBLE", "PRODUCT", "Q", "QUICK", "Q_REST", "READ", "REPEATING", "REPEATS", "S",
+    "SAID", "SAMPLES", "SEEN", "SIGMA", "SIZE", "SLOW", "STEP", "SUBSTEPS", "THETA_FLOOR", "THETA_NOISE", "TIME",
+    "TOLERANCE", "TORQUE", "TOTAL", "TWO", "USUAL", "VARIANCES", "WITHOUT", "XI", "Known", "State", "known_of",
+    "places", "state_of",
 ]  # fmt: skip

@@ -1,9 +1,9 @@
 """The template estimates a sample in which nothing is out of the ordinary.
 
 `mpc.observer.compiled.module` puts the formulas of a plant in the place of the lines below that begin with `FORMULAS`:
-`rate_slopes` (x, v, d) ↦ x' and its Jacobian by (x, d), columns first, and `pulls` x ↦ what `mpc.observer.diagnosis`
-asks of the muscles, functions of scalars that return tuples; `torque` (x, memory) ↦ T_f and `moved` (x, memory, motion)
-↦ memory of friction in contact at x, which fill arrays. Their numbers are among what is known.
+`rate_slopes` (x, v, d) ↦ x' and its Jacobian by (x, d), columns first, and `muscles` x ↦ what `mpc.observer.diagnosis`
+asks of the muscles, and the isobaric stiffness: functions of scalars that return tuples. Their numbers are among what
+is known.
 
 What is ordinary: every reading is believed at once, and so was the last one of each sensor; a sensor may repeat itself
 as long as that is no reason to doubt it. All else is for the readable observer. The arrays k, known, and s, the state,
@@ -15,20 +15,22 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.model.compensation import JITTER
 from mpc.observer import pressure_diagnosis, torque_diagnosis
 from mpc.observer.compiled.layout import (
+    ACTING,
     ANGLE,
+    AT,
     BELIEF,
     COMMANDS,
     COVARIANCE,
     DEAD_BAND,
     DT,
-    FELT,
     FLOOR,
     FOUND,
+    FRICTION,
     GAIN,
     INNER,
+    INSIDE,
     LAST,
     LENGTH,
     LOST,
@@ -71,10 +73,11 @@ from mpc.observer.compiled.layout import (
 from mpc.observer.diagnosis import Joint, follow, less_lost
 from mpc.observer.gating import DOUBT, NEAR_A_TURN, ROUGH, SIGMAS, TURN
 from mpc.observer.pressure_diagnosis import Sound
-from mpc.tracking.compiled.jit import compiled, inlined, merged
+from mpc.tracking.compiled.jit import compiled, inlined
+from mpc.tracking.compiled.sample.friction import ABSENT, SLIP, Pressed, followed
 
 FORMULAS: Any = None
-rate_slopes = pulls = torque = moved = FORMULAS
+rate_slopes = muscles = FORMULAS
 
 NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
 
@@ -114,7 +117,10 @@ def filtered(k: Array, s: Array, theta: float, P1: float, P2: float, u1: float, 
         s[i] = s[i + 2]
     s[last], s[last + 1] = u1, u2
     s[READ], s[READ + 1], s[READ + 2] = theta, P1, P2
-    learn_step(k, s, abs(theta - s[past + READ]))
+    change = abs(theta - s[past + READ])
+    if 0 < change < s[STEP]:  # of an encoder
+        rough = max(k[THETA_NOISE], change / np.sqrt(12.0))
+        s[STEP], s[VARIANCES], s[FLOOR] = change, rough * rough, max(k[THETA_FLOOR], ROUGH * rough)
     follow_friction(k, s)
     predicted(k, s, past + XI, Q, XI)
     if not (sound(s, XI) and believed(k, s) and not_frozen(k, s)):
@@ -122,14 +128,6 @@ def filtered(k: Array, s: Array, theta: float, P1: float, P2: float, u1: float, 
     for sensor in range(3):
         correct(s, XI, sensor)
     return sound(s, XI)
-
-
-@inlined
-def learn_step(k: Array, s: Array, change: float) -> None:
-    """Learn the step of an encoder, see `KalmanObserver`."""
-    if 0 < change < s[STEP]:
-        rough = max(k[THETA_NOISE], change / np.sqrt(12.0))
-        s[STEP], s[VARIANCES], s[FLOOR] = change, rough * rough, max(k[THETA_FLOOR], ROUGH * rough)
 
 
 @inlined
@@ -169,90 +167,92 @@ def not_frozen(k: Array, s: Array) -> bool:
 @inlined
 def follow_friction(k: Array, s: Array) -> None:
     """Let the friction that is known follow the angle: see `FrictionState.follow`."""
-    past, first, last = int(k[LENGTH]), MEMORY, int(k[COMMANDS])
+    past, first, last, friction = int(k[LENGTH]), MEMORY, int(k[COMMANDS]), k[int(k[FRICTION]) :]
     nearest(k, s, XI)
-    s[FELT] = s[XI] - s[ANGLE]
-    if abs(s[FELT]) > JITTER:
-        s[ANGLE] = s[XI]
-    else:
-        s[FELT] = 0.0
-    moved(s[NEAR : NEAR + 4], s[past + first : past + last], s[FELT : FELT + 1], k, s[first:last])
+    s[ANGLE] = followed(friction, s[XI], pressing(k, s), s[ANGLE], s[past + first : past + last], s[first:last])
 
 
 @inlined
-def within(k: Array, i: int, value: float) -> float:
-    """Return the nearest ξ_i that is possible."""
-    return float(min(max(value, k[OUTER + i]), k[OUTER + SIZE + i]))
+def pressing(k: Array, s: Array) -> Pressed:
+    """Return what presses on that which rubs in the nearest state."""
+    o = muscles(s[NEAR], s[NEAR + 1], s[NEAR + 2], s[NEAR + 3], k)
+    return Pressed(o[0] - o[1], s[NEAR + 2] + s[NEAR + 3], o[6])
+
+
+@inlined
+def rubbing(k: Array, s: Array) -> float:
+    """Return the friction torque [N·m] in the nearest state."""
+    friction, total = k[int(k[FRICTION]) :], 0.0
+    if friction[0] == ABSENT:
+        return 0.0
+    pressed = pressing(k, s)
+    if friction[0] != SLIP:
+        return float((friction[1] * pressed.pulled + friction[2]) * s[MEMORY])
+    for i in range(int(k[COMMANDS]) - MEMORY):
+        total += friction[4 + i] * s[MEMORY + i]
+    return float(total * pressed.stiffness if friction[2] != 0.0 else total)
 
 
 @inlined
 def nearest(k: Array, s: Array, belief: int) -> None:
-    """Fill in the nearest state (4,) for which the muscles' laws are made."""
+    """Fill in the nearest ξ (5,) that is possible, and the nearest state (4,) for which the muscles' laws are made."""
+    for i in range(SIZE):
+        s[INSIDE + i] = min(max(s[belief + i], k[OUTER + i]), k[OUTER + SIZE + i])
     for i in range(4):
-        s[NEAR + i] = min(max(within(k, i, s[belief + i]), k[INNER + i]), k[INNER + 4 + i])
-
-
-@inlined
-def acting(k: Array, P: float, u: float) -> float:
-    """Return the command [Pa] that moves a regulator without dead band as `u` moves this one at the pressure `P`."""
-    e, rest = u - P, k[DEAD_BAND] / 2
-    return float(P + e - min(max(e, -rest), rest))
+        s[NEAR + i] = min(max(s[INSIDE + i], k[INNER + i]), k[INNER + 4 + i])
 
 
 @inlined
 def predicted(k: Array, s: Array, belief: int, noise: int, target: int) -> None:
     """Put at `target` what is expected of a `belief` a sample later, with the covariance at `noise`: see `Filter`."""
-    commands = int(k[COMMANDS])
+    commands, rest = int(k[COMMANDS]), k[DEAD_BAND] / 2
     nearest(k, s, belief)
-    torque(s[NEAR : NEAR + 4], s[MEMORY:commands], k, s[FELT : FELT + 1])
-    d = within(k, 4, s[belief + 4])
-    v1 = acting(k, within(k, 2, s[belief + 2]), s[commands])
-    v2 = acting(k, within(k, 3, s[belief + 3]), s[commands + 1])
-    advance(k, s, v1, v2, d - s[FELT])
+    for i in range(2):
+        e = s[commands + i] - s[INSIDE + 2 + i]
+        s[ACTING + i] = s[INSIDE + 2 + i] + e - min(max(e, -rest), rest)
+    advance(k, s, s[INSIDE + 4] - rubbing(k, s))
     for i in range(4):
         x = s[S + 6 * i + 5]
         for j in range(4):
-            x += s[S + 6 * i + j] * (within(k, j, s[belief + j]) - s[NEAR + j])
+            x += s[S + 6 * i + j] * (s[INSIDE + j] - s[NEAR + j])
         s[target + i] = x
-    s[target + 4] = d
+    s[target + 4] = s[INSIDE + 4]
     propagate(k, s, belief + COVARIANCE, noise, target + COVARIANCE)
 
 
 @inlined
-def advance(k: Array, s: Array, v1: float, v2: float, d: float) -> None:
-    """Leave in S (5, 6) the Jacobian by ξ of a sample from what is nearest, and beside it the state at its end."""
+def advance(k: Array, s: Array, d: float) -> None:
+    """Leave in S (5, 6) the Jacobian by ξ of a sample from what is nearest, and beside it the state at its end.
+
+    From one of Runge and Kutta's slopes to the next, K (4, 6) at S + a K, which b times adds to the total.
+    """
     for i in range(5):
         for j in range(5):
             s[S + 6 * i + j] = 1.0 if i == j else 0.0
     for i in range(4):
         s[S + 6 * i + 5] = s[NEAR + i]
-    for _ in range(int(k[SUBSTEPS])):
+    for n in range(4 * int(k[SUBSTEPS])):
+        a, b = k[H] * NODES[n % 4], k[H] * SHARES[n % 4]
+        if n % 4 == 0:
+            for i in range(24):
+                s[K + i] = s[TOTAL + i] = 0.0
         for i in range(24):
-            s[K + i] = s[TOTAL + i] = 0.0
-        for n in range(4):
-            stage(k, s, v1, v2, d, k[H] * NODES[n], k[H] * SHARES[n])
+            s[AT + i] = s[S + i] + a * s[K + i]
+        o = rate_slopes(s[AT + 5], s[AT + 11], s[AT + 17], s[AT + 23], s[ACTING], s[ACTING + 1], d, k)
+        for j in range(5):
+            s0, s1, s2, s3 = s[AT + j], s[AT + 6 + j], s[AT + 12 + j], s[AT + 18 + j]
+            s[K + j] = o[4] * s0 + o[8] * s1 + o[12] * s2 + o[16] * s3
+            s[K + 6 + j] = o[5] * s0 + o[9] * s1 + o[13] * s2 + o[17] * s3
+            s[K + 12 + j] = o[6] * s0 + o[10] * s1 + o[14] * s2 + o[18] * s3
+            s[K + 18 + j] = o[7] * s0 + o[11] * s1 + o[15] * s2 + o[19] * s3
+        for i in range(4):
+            s[K + 6 * i + 4] += o[20 + i]
+            s[K + 6 * i + 5] = o[i]
         for i in range(24):
-            s[S + i] += s[TOTAL + i]
-
-
-@merged
-def stage(k: Array, s: Array, v1: float, v2: float, d: float, a: float, b: float) -> None:
-    """Go from one of Runge and Kutta's slopes, K (4, 6), to the next, at S + a K; the total grows by b times that."""
-    x0, x1 = s[S + 5] + a * s[K + 5], s[S + 11] + a * s[K + 11]
-    x2, x3 = s[S + 17] + a * s[K + 17], s[S + 23] + a * s[K + 23]
-    o = rate_slopes(x0, x1, x2, x3, v1, v2, d, k)
-    for j in range(5):
-        s0, s1 = s[S + j] + a * s[K + j], s[S + 6 + j] + a * s[K + 6 + j]
-        s2, s3 = s[S + 12 + j] + a * s[K + 12 + j], s[S + 18 + j] + a * s[K + 18 + j]
-        s[K + j] = o[4] * s0 + o[8] * s1 + o[12] * s2 + o[16] * s3
-        s[K + 6 + j] = o[5] * s0 + o[9] * s1 + o[13] * s2 + o[17] * s3
-        s[K + 12 + j] = o[6] * s0 + o[10] * s1 + o[14] * s2 + o[18] * s3
-        s[K + 18 + j] = o[7] * s0 + o[11] * s1 + o[15] * s2 + o[19] * s3
-    for i in range(4):
-        s[K + 6 * i + 4] += o[20 + i]
-        s[K + 6 * i + 5] = o[i]
-    for i in range(24):
-        s[TOTAL + i] += b * s[K + i]
+            s[TOTAL + i] += b * s[K + i]
+        if n % 4 == 3:
+            for i in range(24):
+                s[S + i] += s[TOTAL + i]
 
 
 @inlined
@@ -316,7 +316,7 @@ def diagnosed(k: Array, s: Array) -> int:
     range.
     """
     commands, first, second, third, end = int(k[COMMANDS]), int(k[ONE]), int(k[TWO]), int(k[TORQUE]), int(k[LENGTH])
-    o = pulls(s[XI], s[XI + 1], s[XI + 2], s[XI + 3], k)
+    o = muscles(s[XI], s[XI + 1], s[XI + 2], s[XI + 3], k)
     for i in range(6):
         if not np.isfinite(o[i]):
             return 0
