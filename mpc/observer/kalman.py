@@ -24,7 +24,7 @@ from allocator.calculus import Array, Mask, Value
 from allocator.units import DEG
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.plant import NX, Plant
-from mpc.observer.compiled.factory import compiled_estimate
+from mpc.observer.compiled.factory import Readable, compiled_estimate
 from mpc.observer.compiled.layout import State
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import MEASURED, Belief, Filter, Noise
@@ -220,14 +220,15 @@ class KalmanObserver:
     def _compile(self) -> None:
         """Make or load the compiled estimate, where there can be one."""
         again = KalmanObserver, self.plant, self.dt, self.noise, self.compensation  # compiles it in another process
-        self.compiled = compiled_estimate(self.filter, self.diagnosis, self, self.wait, again)
+        readable = Readable(self._remembered, self._go_on_from, self.diagnosis.conclude)
+        self.compiled = compiled_estimate(self.filter, self.diagnosis, readable, self.wait, again)
 
     def _catch_up(self) -> None:
         """Take back what the compiled estimate has remembered."""
         if self.compiled is not None:
             self.compiled.give()
 
-    def remembered(self) -> dict[str, Any] | None:
+    def _remembered(self) -> dict[str, Any] | None:
         """Return what a compiled estimate goes on from, a `State`; None if what is remembered is not ordinary."""
         belief, friction, diagnosis = self._belief, self._friction, self.diagnosis
         quiet = self._rival is None and not self._frozen.any() and all(gate.quiet for gate in self._gates)
@@ -246,7 +247,7 @@ class KalmanObserver:
             "torque": diagnosis.torque.numbers,
         }  # fmt: skip
 
-    def go_on(self, state: State) -> None:
+    def _go_on_from(self, state: State) -> None:
         """Go on from copies of what is in `state`, after ordinary samples."""
         samples, sensors = int(state.samples[0]), range(MEASURED.size)
         self._belief, self._verdicts = Belief.of(state.belief), [Verdict.BELIEVED] * len(sensors)
@@ -259,10 +260,6 @@ class KalmanObserver:
         self._commands.extend(state.commands.copy())
         diagnosed = state.lost, state.said, state.found, (state.one, state.two, state.torque)
         self.diagnosis.go_on(float(state.t[0]), float(state.last[0]), *diagnosed)
-
-    def conclude(self) -> None:
-        """Say anew what is wrong with the joint."""
-        self.diagnosis.conclude()
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what is compiled, which each process makes for itself."""

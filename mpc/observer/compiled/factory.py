@@ -1,21 +1,31 @@
 """The factory makes the compiled estimate of an observer, where that can be had."""
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from allocator.compilation import beside
+from mpc.observer.compiled.layout import State
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import Filter
 
 if TYPE_CHECKING:
-    from mpc.observer.compiled.whole import CompiledEstimate, Readable  # which import numba
+    from mpc.observer.compiled.whole import CompiledEstimate  # which imports numba
+
+
+class Readable(NamedTuple):
+    """What is readable says what it remembers, and goes on from what it is told."""
+
+    remembered: Callable[[], dict[str, Any] | None]  # the fields of a `State`, None where some have no place in it
+    go_on: Callable[[State], None]  # from copies of what is in the state
+    conclude: Callable[[], None]  # anew what is wrong with the joint
 
 
 def compiled_estimate(
-    own: Filter, diagnosis: Diagnosis, readable: "Readable", wait: bool, again: tuple[Any, ...]
+    own: Filter, diagnosis: Diagnosis, readable: Readable, wait: bool, again: tuple[Any, ...]
 ) -> "CompiledEstimate | None":
-    """Return the compiled estimate of the `readable` observer, ready; None where compiling fails.
+    """Return the compiled estimate of what is `readable`, ready; None where compiling fails.
 
     Who does not `wait` gets None, too, where nothing is compiled yet and another process can do it, by a call of
     again[0] with the other elements. Nobody is warned: the readable observer is quick enough for any loop, and what
@@ -39,4 +49,4 @@ def compiled_estimate(
         return None
 
 
-__all__ = ["compiled_estimate"]
+__all__ = ["Readable", "compiled_estimate"]

@@ -4,29 +4,15 @@ Either the flat array is up to date or the readable parts are. What is not ordin
 taken from them anew.
 """
 
-from typing import Any, Protocol
-
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.model.plant import NU, NX
+from mpc.observer.compiled.factory import Readable
 from mpc.observer.compiled.layout import ASKED, Known, State, known_of, state_of
 from mpc.observer.compiled.module import CompiledFilter
 
 _CHANGED = 2  # what the compiled function answers where the health has to be looked at
-
-
-class Readable(Protocol):
-    """A readable observer says what it remembers, and goes on from what it is told."""
-
-    def remembered(self) -> dict[str, Any] | None:
-        """Return the fields of a `State`, None where some have no place in it."""
-
-    def go_on(self, state: State) -> None:
-        """Go on from copies of what is in `state`."""
-
-    def conclude(self) -> None:
-        """Say what is wrong with the joint."""
 
 
 class CompiledEstimate:
@@ -77,4 +63,4 @@ class CompiledEstimate:
             self._readable.go_on(self.state)
 
 
-__all__ = ["CompiledEstimate", "Readable"]
+__all__ = ["CompiledEstimate"]

@@ -60,7 +60,7 @@ class Pair:
         np.testing.assert_allclose(one.xi, other.xi, rtol=1e-9, atol=1e-10)
         scale = np.sqrt(np.outer(*2 * [np.diag(other.covariance)]))
         np.testing.assert_allclose(one.covariance / scale, other.covariance / scale, atol=1e-9)
-        left, right = (pair.remembered() for pair in (self.compiled, self.readable))
+        left, right = (pair._remembered() for pair in (self.compiled, self.readable))
         assert (left is None) == (right is None)
         for name in () if left is None else set(left) - {"belief", "without", "samples"}:
             np.testing.assert_allclose(left[name], np.array(right[name], float), rtol=1e-9, atol=1e-9, err_msg=name)
