@@ -170,6 +170,44 @@ def test_what_is_not_ordinary_the_readable_parts_answer_and_give_back(case):
     pair.same()
 
 
+def spoilt(y, previous, rng):
+    """Readings `y` (4,) of which something is wrong."""
+    j, noise = rng.choice([0, 2, 3]), rng.normal()
+    wrong = y.copy()
+    match rng.integers(6):
+        case 0:
+            wrong[j] = rng.choice([np.nan, np.inf, 1e300, -3.0])
+        case 1:
+            wrong[0] += 2 * np.pi * rng.integers(-3, 4)
+        case 2:
+            wrong[j] += noise * (0.2 if j == 0 else BAR)
+        case 3:
+            wrong[j] += noise * (2 * DEG if j == 0 else 0.1 * BAR)
+        case 4:
+            wrong[j] = previous[j]
+        case 5:
+            wrong = previous.copy()
+    return wrong
+
+
+@pytest.mark.parametrize(("share", "tolerance", "encoder"), [(0.02, 0.1, 0.1), (0.2, 0.05, 0.02), (0.5, 0.0, 0.5)])
+def test_whatever_the_sensors_say_the_answers_are_those_of_the_readable_observer(share, tolerance, encoder):
+    pair, rng = Pair(compensation=TOLD, tolerance=tolerance), np.random.default_rng(5)
+    experiment, u = replace(REAL, encoder=encoder * DEG).begin(DT, REST, 5), REST[2:]
+    y = previous = experiment.measure()
+    for k in range(600):
+        if 300 <= k < 330:  # it sticks
+            y[0] = previous[0]
+        elif rng.random() < share:
+            y = spoilt(y, previous, rng)
+        pair.estimate(y, u)
+        u, previous = swinging(k) * (np.nan if rng.random() < 0.1 * share else 1.0), y
+        experiment.advance(swinging(k))
+        y = experiment.measure()
+    assert 0.1 < np.mean(pair.taken) < 1.0
+    pair.same()
+
+
 def test_numbers_of_any_type_are_the_same_question():
     pair = Pair(compensation=TOLD)
     for k in range(20):
