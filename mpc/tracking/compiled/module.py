@@ -30,10 +30,12 @@ from mpc.codegen.python_text import translated
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
 from mpc.tracking.compiled.jit import KEPT
+from mpc.tracking.compiled.variational import layout, variational
 
 _IMPORTS = """import math
 
 from allocator.allocation.kernels.source import affine_exact, tondu_exact
+from mpc.tracking.compiled.jit import merged
 
 
 """
@@ -54,8 +56,9 @@ class CompiledPlant(NamedTuple):
 def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
     """Return the compiled functions for `plant` at the sample time `dt` [s]."""
     substeps = plant.substeps(dt, RESOLUTION)
-    text, c = "", np.zeros(0)
-    for name, function in _functions(plant).items():
+    functions, c = _functions(plant), np.zeros(0)
+    text = layout(functions["variational"])
+    for name, function in functions.items():
         source = translated(name, function, c.size)
         text, c = text + f"@merged\n{source.text}\n\n", np.concatenate([c, source.c])
     kernel = _kernel_of(plant)
@@ -96,16 +99,15 @@ def allocated(theta, K, T, p, left, right, min_force, c):
 
 
 def _functions(plant: Plant) -> dict[str, Any]:
-    """Return CasADi functions of the rate of change x' and of the outputs (K, F1, F2), without and with derivatives."""
+    """Return the CasADi functions that the template lists."""
     import casadi as ca
 
     x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
     rate: Any = ca.vertcat(*plant.rate(x, BAR * u, d))
     y: Any = ca.vertcat(plant.stiffness(x), *plant.forces(x))
-    slopes = [ca.densify(ca.jacobian(rate, v)) for v in (x, u)]
     return {
         "rate": ca.Function("rate", [x, u, d], ca.cse([rate])),
-        "rate_slopes": ca.Function("rate_slopes", [x, u, d], ca.cse([rate, *slopes])),
+        "variational": variational(x, u, d, rate),
         "outputs": ca.Function("outputs", [x], ca.cse([y])),
         "output_slopes": ca.Function("output_slopes", [x], ca.cse([y, ca.densify(ca.jacobian(y, x))])),
         "expansion": ca.Function("expansion", [x], ca.cse([ca.densify(ca.SX(ca.vertcat(*plant.expansion(x))))])),

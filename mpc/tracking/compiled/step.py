@@ -1,9 +1,10 @@
 """The template has what of a step depends on the joint: feed-forward, linearisation, and the rollout of an answer.
 
 `mpc.tracking.compiled.module` puts the formulas of the joint in the place of the lines below that
-begin with `FORMULAS`, as functions of scalars that return tuples: `rate` (x, u, d) ↦ x', `rate_slopes` (x, u, d) ↦ (x',
-its Jacobian by x and u), `outputs` x ↦ y = (K, F1, F2), `output_slopes` x ↦ (y, its Jacobian), `expansion` x ↦ the
-pressures' fall as the muscles swell, `pressing` x ↦ what presses on that which rubs; Jacobians by columns.
+begin with `FORMULAS`, as functions of scalars that return tuples: `rate` (x, u, d) ↦ x', `variational` (x, S, u, d) ↦
+(x', S') with the `layout` of `mpc.tracking.compiled.variational`, `outputs` x ↦ y = (K, F1, F2), `output_slopes` x ↦
+(y, its Jacobian by columns), `expansion` x ↦ the pressures' fall as the muscles swell, `pressing` x ↦ what presses on
+that which rubs.
 `allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of `allocator.allocation` for the joint, if there is one.
 The array c holds the numbers of all of them, p those of the kernel.
 
@@ -19,7 +20,7 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.tracking.compiled.commands import cumulative, limit
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
-from mpc.tracking.compiled.jit import compiled, inlined, merged
+from mpc.tracking.compiled.jit import compiled, inlined
 from mpc.tracking.compiled.records import Path, Reference
 from mpc.tracking.compiled.sample.calls import seconds_at, settle_at
 from mpc.tracking.compiled.sample.friction import ABSENT, Pressed, followed, less_friction
@@ -53,7 +54,7 @@ from mpc.tracking.compiled.structured_qp.certificate import finite
 from mpc.tracking.preview import CORRECTED
 
 FORMULAS: Any = None
-rate = rate_slopes = outputs = output_slopes = expansion = pressing = allocated = FORMULAS
+rate = variational = begun = advanced = ended = outputs = output_slopes = expansion = pressing = allocated = FORMULAS
 
 NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
 
@@ -223,46 +224,19 @@ def motion(c: Array, start: Array, u: Array, d: Array, h: float, substeps: int, 
 
 @inlined
 def linear_model(c: Array, start: Array, u: Array, d: Array, h: float, substeps: int, path: Path) -> None:
-    """Fill in the motion and its Jacobians A, B, sample by sample; a column beside them is the motion's own."""
-    x, S, K, total = path.x, np.empty((4, 7)), np.empty((4, 7)), np.empty((4, 7))  # S = (A, B, x)
+    """Fill in the motion and its Jacobians A, B, sample by sample: see `mpc.tracking.compiled.variational`."""
+    x = path.x
     for i in range(4):
-        x[0, i] = S[i, 6] = start[i]
+        x[0, i] = start[i]
     for k in range(u.shape[0]):
-        for i in range(4):
-            for j in range(6):
-                S[i, j] = 1.0 if i == j else 0.0
+        y = begun(x[k])
         for _ in range(substeps):
-            K[:], total[:] = 0.0, 0.0
+            slope, total = y, y  # times 0, to begin with
             for i in range(4):
-                stage(c, S, u[k, 0], u[k, 1], d[k], h * NODES[i], h * SHARES[i], K, total)
-            for i in range(4):
-                for j in range(7):
-                    S[i, j] += total[i, j]
-        for i in range(4):
-            x[k + 1, i] = S[i, 6]
-            for j in range(4):
-                path.A[k, i, j] = S[i, j]
-            for j in range(2):
-                path.B[k, i, j] = S[i, 4 + j]
-
-
-@merged
-def stage(c: Array, S: Array, u0: float, u1: float, d: float, a: float, b: float, K: Array, total: Array) -> None:
-    """Go from one of Runge and Kutta's slopes, `K` (4, 7), to the next, at S + a K; `total` grows by b times that."""
-    x0, x1, x2, x3 = S[0, 6] + a * K[0, 6], S[1, 6] + a * K[1, 6], S[2, 6] + a * K[2, 6], S[3, 6] + a * K[3, 6]
-    o = rate_slopes(x0, x1, x2, x3, u0, u1, d, c)
-    for j in range(6):
-        s0, s1, s2, s3 = S[0, j] + a * K[0, j], S[1, j] + a * K[1, j], S[2, j] + a * K[2, j], S[3, j] + a * K[3, j]
-        K[0, j] = o[4] * s0 + o[8] * s1 + o[12] * s2 + o[16] * s3
-        K[1, j] = o[5] * s0 + o[9] * s1 + o[13] * s2 + o[17] * s3
-        K[2, j] = o[6] * s0 + o[10] * s1 + o[14] * s2 + o[18] * s3
-        K[3, j] = o[7] * s0 + o[11] * s1 + o[15] * s2 + o[19] * s3
-    for i in range(4):
-        K[i, 4] += o[20 + i]
-        K[i, 5] += o[24 + i]
-        K[i, 6] = o[i]
-        for j in range(7):
-            total[i, j] += b * K[i, j]
+                slope = variational(*advanced(y, h * NODES[i], slope), u[k, 0], u[k, 1], d[k], c)
+                total = advanced(total, h * SHARES[i], slope)
+            y = total
+        ended(y, x[k + 1], path.A[k], path.B[k])
 
 
 @inlined

@@ -38,7 +38,8 @@ def evaluated(function, *values):
     """The outputs (n,) of the CasADi `function`, by CasADi and by its translation."""
     source, names = translated("law", function), {"math": math, "np": np}
     exec(source.text, names)
-    wanted = np.concatenate([np.ravel(v.full(), "F") for v in function.call([ca.DM(v) for v in values])])
+    given = [ca.DM(function.sparsity_in(i), np.ravel(v)) for i, v in enumerate(values)]
+    wanted = np.concatenate([v.nonzeros() for v in function.call(given)])
     return wanted, np.array(names["law"](*np.concatenate([np.ravel(v) for v in values]).tolist(), source.c))
 
 
@@ -48,7 +49,8 @@ def test_every_joint_s_law_is_translated_to_the_last_digits(joint):
     for name, function in module._functions(plant).items():
         for _ in range(5):
             x = np.array([RNG.uniform(left, right), RNG.normal(), *RNG.uniform(1 * BAR, 4 * BAR, 2)])
-            given = {1: (x,), 3: (x, RNG.uniform(1, 4, 2), RNG.normal())}[function.n_in()]
+            S, u, d = RNG.normal(size=function.nnz_in(1 % function.n_in())), RNG.uniform(1, 4, 2), RNG.normal()
+            given = {1: (x,), 3: (x, u, d), 4: (x, S, u, d)}[function.n_in()]
             wanted, found = evaluated(function, *((x[0],) if name == "coefficients" else given))
             np.testing.assert_allclose(found, wanted, rtol=1e-13, atol=1e-13)
 
