@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 
 from allocator.errors import InvalidInput
 
-_LEAST = 1e-150  # a constant between this and its inverse has an inverse that is as exact
-
 
 class Untranslatable(InvalidInput):
     """A CasADi function cannot be written in a language; the message says why."""
@@ -43,13 +41,18 @@ class Output(NamedTuple):
 
 
 def steps(
-    function: Any, language: Language, entry: Callable[[int, int], str], number: Callable[[float], str]
+    function: Any,
+    language: Language,
+    entry: Callable[[int, int], str],
+    number: Callable[[float], str],
+    *,
+    inverses: bool = False,
 ) -> Iterator[Temporary | Output]:
     """Yield the CasADi SX `function` in `language`, step by step.
 
     `entry(i, j)` writes the nonzero j of input i. `number` writes a constant, and is asked at every place where one is
-    used. Divided by a constant is multiplied by its inverse, which takes a third of the time. Raises `Untranslatable`
-    for an operation that the language's table has not.
+    used. With `inverses` what is divided by a constant is multiplied by its inverse, which takes a third of the time
+    and may change the last bit. Raises `Untranslatable` for an operation that the language's table has not.
     """
     import casadi as ca
 
@@ -71,12 +74,17 @@ def steps(
             registers[given[0]] = float(function.instruction_constant(k))
         else:
             operands = [registers[register] for register in taken]
-            if kind == ca.OP_DIV and isinstance(divisor := operands[1], float) and _LEAST < abs(divisor) < 1 / _LEAST:
-                kind, operands[1] = ca.OP_MUL, 1 / divisor
+            if inverses and kind == ca.OP_DIV and isinstance(by := operands[1], float) and _invertible(by):
+                kind, operands[1] = ca.OP_MUL, 1 / by
             expression = _form(kind, function, language).format(*map(operand, operands))
             registers[given[0]] = name = language.temporary.format(used)
             used += 1
             yield Temporary(name, expression)
+
+
+def _invertible(value: float) -> bool:
+    """Return whether the inverse of `value` is as exact as itself."""
+    return 1e-150 < abs(value) < 1e150
 
 
 def _form(kind: int, function: Any, language: Language) -> str:

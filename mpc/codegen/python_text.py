@@ -28,13 +28,13 @@ class Source:
 def translated(name: str, function: Any, first: int = 0) -> Source:
     """Write the CasADi SX `function` as the Python function `name(i0_0, i0_1, …, c)`: inputs element by element.
 
-    Its numbers are c[first], c[first + 1], … Raises `Untranslatable` for an operation that is not in the table, and
-    where there are too many to compile.
+    Its numbers are c[first], c[first + 1], …, the inverses of those that divide. Raises `Untranslatable` for an
+    operation that is not in the table, and where there are too many to compile.
     """
     numbers = _Numbers(name, function, first)
     results: dict[tuple[int, int], str] = {}
     body: list[str] = []
-    for step in steps(function, PYTHON, "i{}_{}".format, numbers):
+    for step in steps(function, PYTHON, "i{}_{}".format, numbers, inverses=True):
         if isinstance(step, Output):
             results[step.output, step.entry] = step.expression
         else:
@@ -49,7 +49,7 @@ def filling(name: str, function: Any, first: int = 0) -> Source:
     """Write the CasADi SX `function` as the Python function `name(i0, i1, …, c, o0, o1, …)`, which fills arrays.
 
     Inputs and outputs are flat arrays of the nonzeros, columns first; no output may be an input, too. Numbers and
-    errors are those of `translated`.
+    errors are those of `translated`, but none is inverted: what comes out is what CasADi gives, bit by bit.
     """
     numbers = _Numbers(name, function, first)
     body = []

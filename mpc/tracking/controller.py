@@ -112,7 +112,7 @@ class TrackingMPC(OptimisingController):
             plan = whole.plan(x, theta_ref, K_ref, d, began, self._deadline(began))
             if plan is not None:
                 return plan
-        whole.behind = True
+        whole.give()
         return None
 
     @property

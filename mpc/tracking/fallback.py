@@ -12,7 +12,7 @@ everything stays as it was last known. Letting out keeps the ratio of the two pr
 The next good sample leads back to the first rung.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
+from mpc.tracking.deferred import Deferred
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import Rung
@@ -27,8 +28,10 @@ from mpc.tracking.qp.step import PreviousSample
 
 
 @dataclass
-class Ladder:
+class Ladder(Deferred):
     """A ladder remembers the commands of the last plan as they should act on the muscles."""
+
+    _put_off = "motion", "u_star", "_left", "_held"
 
     limits: Limits
     predictor: Predictor
@@ -41,17 +44,11 @@ class Ladder:
 
     def reset(self) -> None:
         """Forget the past."""
-        self._kept: Motion | Callable[[], Motion] | None = None  # of the last plan, or what makes it
+        self.catch_up()
+        self.motion: Motion | None = None  # of the last plan, under the commands as they should act
         self._left = 0  # samples to the end of the last plan that was optimised
         self._held = 0  # samples spent on the last rung
         self.u_star: Array | None = None  # the feed-forward of the previous sample (2,)
-
-    @property
-    def motion(self) -> Motion | None:
-        """The motion is that of the last plan, under the commands as they should act."""
-        if callable(self._kept):
-            self._kept = self._kept()
-        return self._kept
 
     def previous(self, x: Array, u_star: Array) -> PreviousSample:
         """Return the previous sample; if there was none, the pressures in `x` (4,) and feed-forward `u_star` (2,)."""
@@ -110,7 +107,7 @@ class Ladder:
 
     def remember(self, rung: Rung, motion: Motion, u_star: Array | None = None) -> None:
         """Remember that commands of `motion`, of `rung`, are given, and their feed-forward `u_star` (2,), if finite."""
-        self._kept = motion
+        self.motion = motion
         if rung in (Rung.QP, Rung.SOFTENED):
             self._left = len(motion.u)
         else:
@@ -119,9 +116,9 @@ class Ladder:
         if u_star is not None and isfinite(u_star[0]) and isfinite(u_star[1]):
             self.u_star = u_star
 
-    def remember_later(self, motion: Callable[[], Motion], u_star: Array) -> None:
-        """Remember a plan of the first rung, whose `motion` is asked for when it is wanted."""
-        self._kept, self._left, self._held, self.u_star = motion, self.predictor.N, 0, u_star
+    def go_on(self, motion: Motion, u_star: Array) -> None:
+        """Take note of an ordinary sample: its `motion`, and its feed-forward `u_star` (2,)."""
+        self.motion, self.u_star, self._left, self._held = motion, u_star, self.predictor.N, 0
 
 
 __all__ = ["Ladder"]

@@ -11,6 +11,7 @@ from enum import IntEnum
 from typing import Any, NamedTuple, Self
 
 from allocator.calculus import Array
+from mpc.tracking.deferred import Deferred
 
 
 class Rung(IntEnum):
@@ -90,7 +91,7 @@ class Times(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(Deferred):
     """A plan has the commands for the horizon and what they are expected to do; time runs along the first axis.
     Read-only.
     """
@@ -112,23 +113,16 @@ class Plan:
             array.setflags(write=False)
 
     @classmethod
-    def later(cls, fields: Callable[[], dict[str, Any]]) -> Self:
-        """Return a plan of these `fields`, which are asked for when somebody looks at one of them."""
+    def later(cls, fields: Callable[..., dict[str, Any]], *values: Any) -> Self:
+        """Return a plan of the fields `fields(*values)`, which are asked for when somebody looks at one of them."""
         plan = object.__new__(cls)
-        plan.__dict__["_fields"] = fields
+        plan.defer(_fill, fields, values)
         return plan
 
-    def __getattr__(self, name: str) -> Any:
-        """Fill in the fields of a plan that was made `later`."""
-        if (fields := self.__dict__.pop("_fields", None)) is None:
-            raise AttributeError(f"a plan has no {name!r}", name=name, obj=self)
-        self.__dict__.update(fields())
-        self.__post_init__()
-        return getattr(self, name)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the fields."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+def _fill(plan: Plan, fields: Callable[..., dict[str, Any]], values: tuple[Any, ...]) -> None:
+    plan.__dict__.update(fields(*values))
+    plan.__post_init__()
 
 
 def status_of(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:

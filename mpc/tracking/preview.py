@@ -23,6 +23,7 @@ from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.contact import Contact
 from mpc.model.plant import NX, Plant
 from mpc.observer.gating import Gate
+from mpc.tracking.deferred import Deferred
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import PlanStatus
@@ -61,8 +62,10 @@ class Task(NamedTuple):
         return PlanStatus.BLIND if self.blind > patience * (1 + 1e-9) else None
 
 
-class Preview:
+class Preview(Deferred):
     """A preview of N samples knows dead time, friction and dead band of `compensation` for a controller of `plant`."""
+
+    _put_off = "waiting", "last_sent", "expected", "_blind", "friction"
 
     def __init__(self, plant: Plant, dt: float, N: int, compensation: Compensation, limits: Limits) -> None:
         self.plant, self.dt, self.compensation, self.limits = plant, dt, compensation, limits
@@ -78,6 +81,7 @@ class Preview:
 
     def reset(self) -> None:
         """Forget the past."""
+        self.catch_up()
         self.waiting: list[Array] = []  # commands as they will act, oldest first
         self.last_sent: Array | None = None  # (2,)
         self.expected: Array | None = None  # the state that was predicted for the next sample (4,)
@@ -132,9 +136,12 @@ class Preview:
         self.last_sent = u[0]
         return u
 
-    def go_on(self, sent: Array, expected: Array, waiting: list[Array]) -> None:
-        """Take note of an ordinary sample: what was `sent` (2,), the state `expected` (4,) next, what is `waiting`."""
-        self.last_sent, self.expected, self.waiting, self._blind = sent, expected, waiting, 0
+    def go_on(self, sent: Array, expected: Array, waiting: list[Array], friction: FrictionState) -> None:
+        """Take note of an ordinary sample: what was `sent` (2,), the state `expected` (4,) next, what is `waiting`, and
+        the `friction` followed.
+        """
+        self.last_sent, self.expected, self.waiting, self.friction = sent, expected, waiting, friction
+        self._blind = 0
 
     # --- the pieces -------------------------------------------------------------------------------------------------
 

@@ -30,6 +30,7 @@ from allocator.calculus import Array
 from allocator.units import BAR, DEG
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, NX, Plant
+from mpc.tracking.deferred import Deferred
 from mpc.tracking.limits import Limits
 from mpc.tracking.preview import Task
 
@@ -55,8 +56,10 @@ _SWINGS = _QUARTERS + _HALF  # a load that throws the joint off is in _QUARTERS 
 _E, _P, _LOW, _HIGH = 0, slice(1, 3), 3, 4  # columns
 
 
-class RestMode:
+class RestMode(Deferred):
     """Rest mode decides when a controller of `plant` rests, and which pressures are held then."""
+
+    _put_off = "reference", "resting", "ringing"  # what else begins anew, `pressures` looks at after these
 
     def __init__(self, plant: Plant, dt: float, compensation: Compensation, limits: Limits) -> None:
         self.plant, self.dt, self.compensation, self.limits = plant, dt, compensation, limits
@@ -69,8 +72,8 @@ class RestMode:
 
     def reset(self) -> None:
         """Forget the past."""
-        self._reference = np.full(2, np.nan)  # θ* [rad] and K* [N·m/rad] while they stand still
-        self._moved: Array | None = None  # the reference (2,) of an ordinary sample, of which no note was taken yet
+        self.catch_up()
+        self.reference = np.full(2, np.nan)  # θ* [rad] and K* [N·m/rad] while they stand still
         self.ringing = False
         self._quarter = 1  # of the joint's free period [samples]
         self._p, self.side = np.zeros(NU), 0.0  # pressures that are held [Pa], edge of the dead band
@@ -89,27 +92,15 @@ class RestMode:
         self._sum, self._in_sum = np.zeros(1 + NU), 0  # of e, P1, P2 in the quarter that runs, and of how many samples
         self._low, self._high = np.inf, -np.inf  # e there [rad]
 
-    @property
-    def reference(self) -> Array:
-        """The reference (2,) is θ* [rad] and K* [N·m/rad] while they stand still."""
-        return self._reference if self._moved is None else self._moved
-
-    def go_on(self, reference: Array) -> None:
-        """Take note of a sample in which the preview was not constant, the `reference` (2,) being its beginning."""
-        self._moved, self.resting, self.ringing = reference.copy(), False, False
-
-    def catch_up(self) -> None:
-        """Do what the last `go_on` has put off."""
-        if self._moved is not None:
-            self._follow(*self._moved.tolist())
-            self._moved = None
-            self.begin()
+    def go_on(self, theta: float, K: float) -> None:
+        """Take note of a sample whose preview was not constant, beginning with `theta` [rad] and `K` [N·m/rad]."""
+        self._follow(theta, K)
+        self.begin()
 
     def pressures(self, task: Task) -> Array | None:
         """Return the pressures (2,) [Pa] to hold in the situation of `task`, to be called at every sample; None: no
         rest.
         """
-        self.catch_up()
         known = task.measured and not task.refused
         if not (known and self._constant(task.theta, task.K)) or self._pushed(task):
             self.begin()
@@ -125,14 +116,14 @@ class RestMode:
     # --- to be quiet or not -----------------------------------------------------------------------------------------
 
     def _constant(self, theta: Array, K: Array) -> bool:
-        if np.abs(theta - self._reference[0]).max() <= SAME[0] and np.abs(K - self._reference[1]).max() <= SAME[1]:
+        if np.abs(theta - self.reference[0]).max() <= SAME[0] and np.abs(K - self.reference[1]).max() <= SAME[1]:
             return True
         self._follow(float(theta[0]), float(K[0]))
         return False
 
     def _follow(self, theta: float, K: float) -> None:
         """Follow a reference that has moved to `theta` [rad] and `K` [N·m/rad]."""
-        self._reference = np.array([theta, K])
+        self.reference = np.array([theta, K])
         least, most = self.quarter_range
         quarter = pi / 2 * sqrt(self.plant.inertia / K) / self.dt
         self._quarter = int(min(max(quarter, least), most) + 0.5)
@@ -142,7 +133,7 @@ class RestMode:
         if not self.resting:
             return False
         mean, swing = self._swing(_QUARTERS)
-        away = abs(task.seen[0] - self._reference[0] - mean)
+        away = abs(task.seen[0] - self.reference[0] - mean)
         jolt = JOLT * (2 if self.ringing else 1)  # friction that is not there is predicted, too
         return bool(abs(task.seen[0] - task.expected) > jolt or away > PUSH + swing + self._free)
 
@@ -167,7 +158,7 @@ class RestMode:
 
     def _quarter_ended(self, seen: Array) -> bool:
         """Return whether a quarter of a period ends with this sample."""
-        e = float(seen[0] - self._reference[0])
+        e = float(seen[0] - self.reference[0])
         self._sum += (e, *seen[NX - NU :])
         self._in_sum += 1
         self._low, self._high = min(self._low, e), max(self._high, e)
@@ -204,7 +195,7 @@ class RestMode:
 
     def _turn(self, m: float, swings: bool, P: Array) -> None:
         """Correct the mean error `m` [rad]; the pressures (2,) [Pa] have been `P` of late."""
-        x = np.array([self._reference[0] + m, 0.0, *self._p])
+        x = np.array([self.reference[0] + m, 0.0, *self._p])
         if not (K := float(self.plant.isobaric(x))) > 0:
             return
         torque = -m * (K if swings or self.ringing else self._gain(m, K))

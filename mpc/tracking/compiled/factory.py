@@ -47,8 +47,8 @@ def factory(
         from mpc.tracking.compiled.module import compiled_plant
 
         made = compiled_plant(plant, dt)
-        with nullcontext() if wait or not made.p else beside.only_kept():
-            inverse = CompiledFeedForward(made, feed_forward) if made.p else feed_forward.ready()
+        with nullcontext() if wait or not made.p.size else beside.only_kept():
+            inverse = CompiledFeedForward(made, feed_forward) if made.p.size else feed_forward.ready()
             return Parts(CompiledQPStep(made, problem), inverse)
     except beside.NotKept:
         if not beside.begin(made.step.__name__, Path(str(made.step.__file__)).parent, compile_step, plant, dt):

@@ -48,7 +48,7 @@ class CompiledPlant(NamedTuple):
 
     step: ModuleType  # `mpc.tracking.compiled.step` with the formulas
     c: Array
-    p: tuple[Any, ...]  # of the kernel; empty if there is none
+    p: Array  # those of the kernel; empty if there is none
     h: float  # step of the integration [s]
     substeps: int  # a sample
 
@@ -63,8 +63,9 @@ def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
         text, c = text + f"@merged\n{source.text}\n\n", np.concatenate([c, source.c])
     kernel = _kernel_of(plant)
     compiled.register()
-    step = imported(with_formulas(_TEMPLATE, _IMPORTS + text + _ALLOCATED[kernel.name]))
-    return CompiledPlant(step, c, kernel.p, dt / substeps, substeps)
+    numbers = ", ".join(f"int(p[{i}])" if isinstance(value, int) else f"p[{i}]" for i, value in enumerate(kernel.p))
+    step = imported(with_formulas(_TEMPLATE, _IMPORTS + text + _ALLOCATED[kernel.name].format(numbers=numbers)))
+    return CompiledPlant(step, c, np.array(kernel.p, float), dt / substeps, substeps)
 
 
 def solve_module() -> ModuleType:
@@ -76,7 +77,7 @@ _ALLOCATED = {
     "tondu": """
 @inlined
 def allocated(theta, K, T, p, left, right, min_force, c):
-    return tondu_exact(theta, K, T, p, min_force)
+    return tondu_exact(theta, K, T, ({numbers}), min_force)
 
 
 """,
@@ -84,7 +85,8 @@ def allocated(theta, K, T, p, left, right, min_force, c):
 @inlined
 def allocated(theta, K, T, p, left, right, min_force, c):
     o = coefficients(min(max(theta, left), right), c)
-    return affine_exact(theta, K, T, (o[0], o[1], o[2], o[3], o[4]), (o[5], o[6], o[7], o[8], o[9]), p, min_force)
+    one, two = (o[0], o[1], o[2], o[3], o[4]), (o[5], o[6], o[7], o[8], o[9])
+    return affine_exact(theta, K, T, one, two, ({numbers}), min_force)
 
 
 """,

@@ -30,6 +30,7 @@ from mpc.tracking.compiled.sample.layout import (
     Made,
     State,
     asked_in,
+    inputs_at,
     known_in,
     length_of,
     made_in,
@@ -45,7 +46,6 @@ from mpc.tracking.compiled.sample.stages import (
     moves,
     plausible,
     remember,
-    remember_friction,
     shift_set,
     take,
     under_way,
@@ -60,46 +60,49 @@ NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the
 
 
 @compiled
-def step(
-    what: int, settle: int, clock: int, name: int, c: Array, p: Any, known: Array, slopes: Array, friction: Array,
-    numbers: Array, starts: Any, asked: Array, state: Array, given: Array, buffer: Array, guess: Any, z: Array,
-    out: Array,
-) -> bool:  # fmt: skip
-    """Make the whole step or one part of it, and return whether that could be done; if not, `state` and `guess` stay.
+def step(what: int, table: int, last: Array, out: Array) -> bool:
+    """Make the whole step or one part of it, and return whether that could be done; if not, the guess stays.
 
-    The arrays are those of `mpc.tracking.compiled.sample.arrays`; `settle` and `clock` are addresses
-    (`mpc.tracking.compiled.sample.calls`). The parts are the feed-forward for previews and `torques` of `asked`, the
+    `table` is the address of one of `Inputs`, `last` what the previous step made, `out` what this one makes
+    (`mpc.tracking.compiled.sample.layout`). The parts are the feed-forward for previews and `torques` of `asked`, the
     linear model for what is `given`, and the rollout of `z`.
     """
-    k, want, made, now, n = known_in(known), asked_in(asked), made_in(out), given_in(given), (friction.size - 4) // 2
-    m = want.theta.size - now.u.shape[0] - 1
-    memory, before, whole, done = state_in(state, n, m), np.empty(guess.size, np.int8), what == WHOLE, True
-    felt, angle, path, theta, torques = np.empty(n), 0.0, np.empty((m + 1, 4)), want.theta[m:], want.torques[m:]
-    began = seconds_at(clock, name)
-    copy_set(guess, before)
+    i = inputs_at(table)
+    began = seconds_at(i.clock, i.name)
+    k, want, now, n = known_in(i.known), asked_in(i.asked), given_in(i.given), (i.friction.size - 4) // 2
+    N, whole, done, angle = now.u.shape[0], what == WHOLE, True, 0.0
+    m, size = want.theta.size - N - 1, length_of(N)
+    made, before, after = made_in(out[:size]), state_in(last, N, size, n), state_in(out, N, size, n)
+    theta, torques, path, guess = (
+        want.theta[m:],
+        want.torques[m:],
+        np.empty((m + 1, 4)),
+        np.empty(i.guess.size, np.int8),
+    )
+    copy_set(i.guess, guess)
     if whole:
-        done, angle = foreseen(c, k, friction, want, memory, felt, path)
+        done, angle = foreseen(i.c, k, i.friction, want, before, after.memory, path)
     if done and (whole or what == FEED):
-        done = feed_forward(c, p, k, slopes, theta, want.K[m:], torques, now.reference, made.tail[2:5])
-    fed = seconds_at(clock, name)
+        slopes = i.slopes.reshape(2, N + 1, N + 1)
+        done = feed_forward(i.c, i.p, k, slopes, theta, want.K[m:], torques, now.reference, made.tail[2:5])
+    fed = seconds_at(i.clock, i.name)
     if whole and done:
-        take(path[m], torques, memory, now)
-        shift_set(starts, before, guess)
+        take(path[m], torques, before, now)
+        shift_set(i.starts, guess, i.guess)
     if done and (whole or what == LINEARISE):
-        linearise(c, k.h, k.substeps, numbers, starts, given, buffer)
-    linearised = seconds_at(clock, name)
+        linearise(i.c, k.h, k.substeps, i.numbers, i.starts, i.given, i.buffer)
+    linearised = seconds_at(i.clock, i.name)
     if whole and done:
-        done, iterations = settle_at(settle, numbers, starts, given, buffer, guess, z)
-        made.tail[8] = iterations
+        done, i.counted[0] = settle_at(i.settle, i.numbers, i.starts, i.given, i.buffer, i.guess, i.z)
     if done and (whole or what == ROLLOUT):
-        done = rollout(c, k.h, k.substeps, numbers, starts, given, buffer, z, made)
+        done = rollout(i.c, k.h, k.substeps, i.numbers, i.starts, i.given, i.buffer, i.z, made)
     if whole and done:
-        invert_dead_band(k, setting_in(numbers, starts).bounds, want, memory, made)
-        remember(want, now, path, made, memory)
-        remember_friction(angle, felt, memory)
-        made.tail[5], made.tail[6], made.tail[7] = fed - began, linearised - fed, seconds_at(clock, name) - linearised
+        invert_dead_band(k, setting_in(i.numbers, i.starts).bounds, want, before, made)
+        remember(want, now, path, angle, made, before, after)
+        made.tail[5], made.tail[6] = fed - began, linearised - fed
+        made.tail[7] = seconds_at(i.clock, i.name) - linearised
     elif whole:
-        copy_set(before, guess)
+        copy_set(guess, i.guess)
     return done
 
 
@@ -116,6 +119,7 @@ def foreseen(
     if friction[0] == ABSENT:
         for k in range(asked.torques.size):
             asked.torques[k] = d
+        felt[:] = state.memory
     else:
         pulled, stiffness = pressing(x[0], x[1], x[2], x[3], c)
         pressed = Pressed(pulled, x[2] + x[3], stiffness)

@@ -61,7 +61,7 @@ def memory_of(controller: TrackingMPC) -> Memory:
     waiting = _floats(preview.waiting).reshape(-1, 2)
     return Memory(
         waiting, _floats(preview.last_sent), _floats([expected]), memory, _floats([followed]), _floats(ladder.motion.u),
-        _floats(ladder.u_star), _rest(mode), mode._reference.copy(), _floats(mode._p), mode._quarters.copy(),
+        _floats(ladder.u_star), _rest(mode), mode.reference.copy(), _floats(mode._p), mode._quarters.copy(),
         mode._sum.copy(),
     )  # fmt: skip
 

@@ -8,9 +8,18 @@ from allocator.calculus import Array
 from mpc.model.plant import NU, NX
 from mpc.tracking.compiled.flat_records import Given, given_in
 from mpc.tracking.compiled.flat_records import lengths as record_lengths
-from mpc.tracking.compiled.sample.calls import clock
-from mpc.tracking.compiled.sample.layout import Known, Made, asked_of, known_of, lengths, made_of, state_of
-from mpc.tracking.compiled.sample.stages import FEED, LINEARISE, ROLLOUT, WHOLE
+from mpc.tracking.compiled.sample.calls import clock, entry_of
+from mpc.tracking.compiled.sample.layout import (
+    Inputs,
+    Known,
+    Made,
+    asked_of,
+    known_of,
+    lengths,
+    made_of,
+    table_of,
+)
+from mpc.tracking.compiled.sample.stages import FEED, LINEARISE, ROLLOUT
 from mpc.tracking.feedforward import InverseDynamics
 
 if TYPE_CHECKING:
@@ -29,6 +38,11 @@ class Beyond(NamedTuple):
     delay: int  # [samples]
     dead_band: float  # [Pa]
     rests: bool  # whether commands come to rest at a constant reference
+
+    @property
+    def memory(self) -> int:
+        """The numbers that friction remembers."""
+        return (self.friction.size - 4) // 2
 
 
 _NO_FRICTION = np.zeros(6)
@@ -51,39 +65,24 @@ class StepArrays:
         gate: tuple[Array, Array] = _NO_GATE,
         beyond: Beyond = _NOTHING,
     ) -> None:
-        n = (beyond.friction.size - _NO_FRICTION.size) // 2 + 1
-        asked, state, self.size = lengths(N, beyond.delay, n)
-        self.asked, self.state = np.zeros(asked), np.full(state, np.nan)
-        self.ask, self.memory = asked_of(self.asked), state_of(self.state, n, beyond.delay)
+        asked, self.size, length = lengths(N, beyond.delay, beyond.memory)
+        self.nothing = np.full(length, np.nan)  # made yet
+        asks = np.zeros(asked)
+        self.ask = asked_of(asks)
         slopes = np.zeros((2, N + 1, N + 1)) if inverse is None else np.stack([D.T for D in inverse.slopes])
         self.fixed = plant.c, plant.p, known_of(_known(plant, inverse, gate, beyond)), np.ascontiguousarray(slopes)
-        if structured is None:
-            address, (given, path) = 0, map(np.zeros, record_lengths(N))
-            setting: Any
-            setting, solution = (np.zeros(_SETTING), np.zeros(1, np.int64)), (np.zeros(NU, np.int8), np.zeros(NU))
-        else:
-            (*setting, given, path), address = structured.arrays, structured.address
-            solution = structured.guess, structured.z
+        z, guess, counted, address = np.zeros(NU), np.zeros(NU, np.int8), np.zeros(1, np.int64), 0
+        numbers, starts, (given, path) = np.zeros(_SETTING), np.zeros(1, np.int64), map(np.zeros, record_lengths(N))
+        if structured is not None:
+            (numbers, starts, given, path), address = structured.arrays, structured.address
+            z, guess, counted = structured.z, structured.guess, structured.counted
         views: Any = given_in
         self.given: Given = views.py_func(given)
-        self._arguments = (
-            address,
-            *_CLOCK,
-            *self.fixed,
-            beyond.friction,
-            *setting,
-            self.asked,
-            self.state,
-            given,
-            path,
-            *solution,
-        )
-        self._step = plant.step.step
-
-    def whole(self) -> tuple[bool, Array]:
-        """Return whether a whole step could be made of what is asked, and what was made of it, flat (size,)."""
-        out = np.empty(self.size)
-        return self._step(WHOLE, *self._arguments, out), out
+        before = *self.fixed, beyond.friction, numbers, asks, given, path, z
+        self._inputs = Inputs(*before, starts, counted, guess, address, *_CLOCK)
+        self._table = table_of(self._inputs)
+        self.step = entry_of(plant.step.step, "(int64, int64, float64[::1], float64[::1])")
+        self.address: int = self._table.ctypes.data  # for as long as these arrays live
 
     def feed_forward(self) -> tuple[bool, Array]:
         """Return whether there is a feed-forward for what is asked, then in `given`, and how far all was moved (3,)."""
@@ -99,8 +98,8 @@ class StepArrays:
         return self._part(ROLLOUT)
 
     def _part(self, what: int) -> tuple[bool, Made]:
-        out = np.empty(self.size)
-        return self._step(what, *self._arguments, out), made_of(out)
+        out = np.empty(self.nothing.size)
+        return self.step(what, self.address, self.nothing, out), made_of(out[: self.size])
 
 
 def _known(plant: "CompiledPlant", inverse: InverseDynamics | None, gate: tuple[Array, Array], beyond: Beyond) -> Known:

@@ -1,8 +1,7 @@
 """The layout says what lies where in the flat arrays of a sample, for Python and for compiled code.
 
 asked  what a caller asks: the state, the torque from outside, previews over the dead time and the horizon
-state  what a controller remembers from sample to sample; NaN where there is nothing yet
-out    what a sample makes: a plan, and what is said of it
+out    what a sample makes: a plan, what is said of it, and what the controller remembers; NaN where nothing is yet
 known  what is known of the plant, and does not change
 """
 
@@ -12,8 +11,9 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.sample.calls import floats_at, integers_at, signs_at
 
-_ASKED, _STATE, _TAIL = 5, 11, 9
+_ASKED, _STATE, _TAIL = 5, 11, 8
 
 
 class Asked(NamedTuple):
@@ -26,8 +26,29 @@ class Asked(NamedTuple):
     torques: Array  # (ahead + 1,) from outside and of friction, to be filled in [N·m]
 
 
+class Inputs(NamedTuple):
+    """The inputs are all that the compiled step works on; most of it never changes."""
+
+    c: Array  # numbers of the formulas
+    p: Array  # of the kernel
+    known: Array
+    slopes: Array  # (2, N+1, N+1) of the feed-forward
+    friction: Array  # see `mpc.tracking.compiled.sample.friction`
+    numbers: Array  # of the setting, as what follows: see `mpc.tracking.compiled.flat_records`
+    asked: Array
+    given: Array
+    buffer: Array
+    z: Array  # (n,) decisions
+    starts: Any  # (blocks,) integers
+    counted: Any  # (1,) iterations of the interior point
+    guess: Any  # (n,) signs
+    settle: int  # addresses, see `mpc.tracking.compiled.sample.calls`
+    clock: int
+    name: int
+
+
 class State(NamedTuple):
-    """The state is what `Ladder`, `Preview` and `FrictionState` remember, with n numbers and a delay of m samples."""
+    """The state is what `Ladder`, `Preview`, `RestMode` and `FrictionState` remember."""
 
     u_star: Array  # (2,) the feed-forward of the previous sample [Pa]
     sent: Array  # (2,) [Pa]
@@ -47,7 +68,7 @@ class Made(NamedTuple):
     x: Array  # (N+1, 4)
     K: Array  # (N+1,)
     F: Array  # (N+1, 2)
-    tail: Array  # (9,) slack [rad], slack of forces [N], `Moved` (3,), and `Times` without the total (4,)
+    tail: Array  # (8,) slack [rad], slack of forces [N], `Moved` (3,), times of feed-forward, linearising, solving [s]
 
 
 class Known(NamedTuple):
@@ -72,15 +93,41 @@ class Known(NamedTuple):
 
 
 def lengths(N: int, delay: int, memory: int) -> tuple[int, int, int]:
-    """Return the lengths of `asked`, `state` and `out`."""
-    previews = N + delay + 1
-    return _ASKED + 3 * previews, _STATE + memory + 2 * (delay + N), _python(length_of)(N)
+    """Return the lengths of `asked`, of the plan in `out`, and of `out`."""
+    plan: int = _python(length_of)(N)
+    return _ASKED + 3 * (N + delay + 1), plan, plan + _STATE + memory + 2 * delay
 
 
 @inlined
 def length_of(N: int) -> int:
-    """Return the length of `out`."""
+    """Return the length of a plan."""
     return 4 * N + 7 * (N + 1) + _TAIL
+
+
+def table_of(inputs: Inputs) -> Array:
+    """Return where all `inputs` lie, which compiled code is told by one address: (address, length) of arrays, numbers.
+
+    Raises a `TypeError` for an array that does not lie there as it is read.
+    """
+    table: list[int] = []
+    kinds = 10 * (np.float64,) + 2 * (np.int64,) + (np.int8,)
+    for array, kind in zip(inputs[:13], kinds, strict=True):
+        if array.dtype != kind or not (array.flags.c_contiguous and array.flags.aligned):
+            raise TypeError(f"numbers of the kind {array.dtype} are not {kind.__name__} in one piece")
+        table += [array.ctypes.data, array.size]
+    return np.array([*table, *inputs[13:]], np.int64)
+
+
+@inlined
+def inputs_at(table: int) -> Inputs:
+    """Return the inputs of the `table_of` them that stands at this address."""
+    t = integers_at(table, 29)
+    return Inputs(
+        floats_at(t[0], t[1]), floats_at(t[2], t[3]), floats_at(t[4], t[5]), floats_at(t[6], t[7]),
+        floats_at(t[8], t[9]), floats_at(t[10], t[11]), floats_at(t[12], t[13]), floats_at(t[14], t[15]),
+        floats_at(t[16], t[17]), floats_at(t[18], t[19]), integers_at(t[20], t[21]), integers_at(t[22], t[23]),
+        signs_at(t[24], t[25]), t[26], t[27], t[28],
+    )  # fmt: skip
 
 
 @inlined
@@ -92,19 +139,17 @@ def asked_in(asked: Array) -> Asked:
 
 
 @inlined
-def state_in(state: Array, memory: int, delay: int) -> State:
-    """Return views into `state`, with `memory` numbers of friction and a `delay` [samples]."""
-    rest, n = state[_STATE + memory :], 2 * delay
-    N = (rest.size - n) // 2
-    waiting, u = rest[:n].reshape(delay, 2), rest[n:].reshape(N, 2)
-    return State(
-        state[0:2], state[2:4], state[4:8], state[8:9], state[9:11], state[_STATE : _STATE + memory], waiting, u
-    )
+def state_in(out: Array, N: int, plan: int, memory: int) -> State:
+    """Return views into `out`, in which a `plan` has so many numbers, and friction `memory`."""
+    u, state = out[: 2 * N].reshape(N, 2), out[plan:]
+    felt, rest = state[_STATE : _STATE + memory], state[_STATE + memory :]
+    waiting = rest.reshape(rest.size // 2, 2)
+    return State(state[0:2], state[2:4], state[4:8], state[8:9], state[9:11], felt, waiting, u)
 
 
 @inlined
 def made_in(out: Array) -> Made:
-    """Return views into `out`."""
+    """Return views into the plan in `out`, which has nothing else."""
     N = (out.size - _TAIL - 7) // 11
     M, n, rest = N + 1, 2 * N, out[4 * N :]
     x, K, F = rest[: 4 * M].reshape(M, 4), rest[4 * M : 5 * M], rest[5 * M : 7 * M].reshape(M, 2)
@@ -124,13 +169,13 @@ def asked_of(asked: Array) -> Asked:
     return _python(asked_in)(asked)  # type: ignore[no-any-return]
 
 
-def state_of(state: Array, memory: int, delay: int) -> State:
-    """Return views into `state`, in Python."""
-    return _python(state_in)(state, memory, delay)  # type: ignore[no-any-return]
+def state_of(out: Array, N: int, plan: int, memory: int) -> State:
+    """Return views into `out`, in Python."""
+    return _python(state_in)(out, N, plan, memory)  # type: ignore[no-any-return]
 
 
 def made_of(out: Array) -> Made:
-    """Return views into `out`, in Python."""
+    """Return views into the plan in `out`, which has nothing else, in Python."""
     return _python(made_in)(out)  # type: ignore[no-any-return]
 
 
@@ -144,6 +189,6 @@ def known_of(known: Known) -> Array:
 
 
 __all__ = [
-    "Asked", "Known", "Made", "State", "asked_in", "asked_of", "known_in", "known_of", "length_of", "lengths",
-    "made_in", "made_of", "state_in", "state_of",
+    "Asked", "Inputs", "Known", "Made", "State", "asked_in", "asked_of", "inputs_at", "known_in", "known_of",
+    "length_of", "lengths", "made_in", "made_of", "state_in", "state_of", "table_of",
 ]  # fmt: skip

@@ -108,32 +108,22 @@ def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, m
 
 
 @inlined
-def remember(asked: Asked, given: Given, path: Array, made: Made, state: State) -> None:
-    """Remember the plan, `path` (m+1, 4) being the motion up to when it acts."""
+def remember(asked: Asked, given: Given, path: Array, angle: float, made: Made, before: State, after: State) -> None:
+    """Remember the plan, `path` (m+1, 4) being the motion up to when it acts, and the `angle` that friction knows."""
     u_star, m = given.reference.u, path.shape[0] - 1
     known_star = np.isfinite(u_star[0, 0]) and np.isfinite(u_star[0, 1])
     for i in range(2):
-        state.sent[i] = made.sent[0, i]
-        state.u_star[i] = u_star[0, i] if known_star else state.u_star[i]
+        after.sent[i] = made.sent[0, i]
+        after.u_star[i] = u_star[0, i] if known_star else before.u_star[i]
         for k in range(m):
-            later = state.waiting[k + 1, i] if k + 1 < m else made.u[0, i]
-            state.waiting[k, i] = asked.x[2 + i] if np.isnan(later) else later
-        for k in range(made.u.shape[0]):
-            state.u[k, i] = made.u[k, i]
+            later = before.waiting[k + 1, i] if k + 1 < m else made.u[0, i]
+            after.waiting[k, i] = asked.x[2 + i] if np.isnan(later) else later
     for i in range(4):
-        state.expected[i] = path[1, i] if m > 0 else made.x[1, i]
-    state.rest[0], state.rest[1] = asked.theta[m], asked.K[m]
-
-
-@inlined
-def remember_friction(angle: float, felt: Array, state: State) -> None:
-    """Remember what friction has `felt` (n,) up to the `angle` [rad]."""
-    state.angle[0] = angle
-    for i in range(felt.size):
-        state.memory[i] = felt[i]
+        after.expected[i] = path[1, i] if m > 0 else made.x[1, i]
+    after.rest[0], after.rest[1], after.angle[0] = asked.theta[m], asked.K[m], angle
 
 
 __all__ = [
     "FEED", "LINEARISE", "ROLLOUT", "WHOLE", "copy_set", "invert_dead_band", "moves", "plausible", "remember",
-    "remember_friction", "shift_set", "take", "under_way",
+    "shift_set", "take", "under_way",
 ]  # fmt: skip

@@ -1,7 +1,7 @@
-"""The whole step is one compiled call; it has the state of a controller's preview and ladder in flat arrays besides.
+"""The whole step is one compiled call; it has the state of a controller's parts in a flat array besides.
 
 What it does not answer, because it is not ordinary, the stages of `mpc.tracking.base` do; the flat state is then taken
-from theirs anew.
+from theirs anew. The parts are given it when somebody looks at them.
 """
 
 from math import inf
@@ -13,15 +13,18 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from mpc.model.plant import NX
+from mpc.model.compensation import FrictionState
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.compiled.sample.arrays import Beyond, StepArrays
-from mpc.tracking.compiled.sample.layout import made_of
+from mpc.tracking.compiled.sample.layout import Made, State, made_of, state_of
+from mpc.tracking.compiled.sample.stages import WHOLE
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.linearise import Motion
 from mpc.tracking.plan import Moved, Plan, PlanStatus, Rung, Times
 from mpc.tracking.preview import Preview
 from mpc.tracking.rest import RestMode
+
+_FLOAT = np.dtype(float)
 
 
 class Parts(NamedTuple):
@@ -33,109 +36,147 @@ class Parts(NamedTuple):
     rest: bool  # whether the commands may come to rest
 
 
+class Newest:
+    """The newest is what the last whole step has made (`mpc.tracking.compiled.sample.layout`), and the state in it."""
+
+    def __init__(self, nothing: Array, N: int, plan: int, memory: int) -> None:
+        self.out, self._counts = nothing, (N, plan, memory)
+        self.known = False  # whether a part was looked at, which now remembers all this
+
+    @property
+    def made(self) -> Made:
+        """Views into the plan."""
+        return made_of(self.out[: self._counts[1]])
+
+    @property
+    def state(self) -> State:
+        """Views into the state."""
+        return state_of(self.out, *self._counts)
+
+    def defer(self, parts: Parts) -> None:
+        """Let the parts remember the newest state there is when somebody looks at them."""
+        preview, ladder, rest_mode, rest = parts
+        preview.defer(_fill_preview, self, preview.friction)
+        ladder.defer(_fill_ladder, self)
+        if rest_mode.worthwhile and rest:
+            rest_mode.defer(_fill_rest_mode, self)
+        self.known = False
+
+
+def _fill_preview(preview: Preview, newest: Newest, friction: FrictionState) -> None:
+    state, newest.known = newest.state, True
+    if not preview.frictionless:
+        friction.go_on(float(state.angle[0]), state.memory)
+    preview.go_on(state.sent.copy(), state.expected.copy(), list(state.waiting.copy()), friction)
+
+
+def _fill_ladder(ladder: Ladder, newest: Newest) -> None:
+    made, newest.known = newest.made, True
+    ladder.go_on(Motion(made.u, made.x, made.K, made.F), newest.state.u_star.copy())
+
+
+def _fill_rest_mode(rest_mode: RestMode, newest: Newest) -> None:
+    newest.known = True
+    rest_mode.go_on(*newest.state.rest.tolist())
+
+
 class WholeStep:
     """The whole step works for one controller and its parts; of the friction it has the `numbers`."""
 
     def __init__(
         self, qp_step: CompiledQPStep, feed_forward: CompiledFeedForward, parts: Parts, numbers: Array
     ) -> None:
-        self.qp_step, self.feed_forward, self._parts = qp_step, feed_forward, parts
-        preview, ladder, rest_mode, self.rest = parts
-        N, self._delay = ladder.predictor.N, preview.delay
-        rests = parts.rest and rest_mode.worthwhile
+        self.qp_step, self.feed_forward, self._parts, self.rest = qp_step, feed_forward, parts, parts.rest
+        preview, N = parts.preview, parts.ladder.predictor.N
+        rests = parts.rest and parts.rest_mode.worthwhile
         beyond = Beyond(numbers, preview.delay, preview.compensation.dead_band, rests)
         gate = preview.lower, preview.upper
-        self._arrays = StepArrays(qp_step.plant, N, qp_step.structured, feed_forward.readable, gate, beyond)
-        self._state = self._arrays.memory
-        ask, shapes = self._arrays.ask, ((), self._arrays.ask.theta.shape)
-        self._ask = (ask.x, ask.theta, ask.K, ask.d), (((NX,),), shapes, shapes, ((),))  # what may have which shapes
+        self._arrays = arrays = StepArrays(qp_step.plant, N, qp_step.structured, feed_forward.readable, gate, beyond)
+        self._step, self._table, self._size = arrays.step, arrays.address, arrays.nothing.size
+        self._newest = Newest(arrays.nothing, N, arrays.size, beyond.memory)
         self.behind = True  # whether the flat state is not that of the parts
 
     def plan(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float, deadline: float) -> Plan | None:
         """Return the plan of an ordinary step by the `deadline`; None, and nothing has changed, if there is none."""
-        if self._parts.rest_mode.ringing or not self._asked(x, theta_ref, K_ref, d):
+        newest = self._newest
+        if (self.behind and self._parts.rest_mode.ringing) or not self._asked(x, theta_ref, K_ref, d):
             return None
         if self.behind:
             self._take()
-        self.behind = True  # until what was made is used
         guess = None if deadline == inf else self.qp_step.active_set
-        done, out = self._arrays.whole()
+        out = np.empty(self._size)
+        if not self._step(WHOLE, self._table, newest.out, out):
+            return None
         now = perf_counter()
-        if not done or now > deadline:
+        if now > deadline:
             self.qp_step.active_set = guess
             return None
-        record = _Record(out, now - began)
-        self.qp_step.structured.iterations = int(out[-1])
-        self._give(record)
-        return Plan.later(record.fields)
+        newest.out = out
+        if newest.known:
+            newest.defer(self._parts)
+        self.behind = False
+        return Plan.later(_fields, self._arrays.size, out, now - began)
+
+    def give(self) -> None:
+        """Give the state to the parts, which go on from it."""
+        self.behind = True
+        self._parts.preview.catch_up()
+        self._parts.ladder.catch_up()
+        self._parts.rest_mode.catch_up()
 
     def _asked(self, x: Any, theta_ref: Any, K_ref: Any, d: Any) -> bool:
         """Return whether what is asked has shapes and kinds that can be copied; the readable stages say what is wrong
         with others.
         """
+        ask = self._arrays.ask
         try:
-            for array, shapes, given in zip(*self._ask, (x, theta_ref, K_ref, d), strict=True):
-                value = _numbers(given)
-                if getattr(value, "shape", ()) not in shapes:
-                    return False
-                array[...] = value
+            return (
+                _copied(x, ask.x, ask.x.shape, None)
+                and _copied(theta_ref, ask.theta, ask.theta.shape, ())
+                and _copied(K_ref, ask.K, ask.K.shape, ())
+                and _copied(d, ask.d, (), ())
+            )
         except (InvalidInput, ValueError, TypeError):
             return False
-        return True
 
     def _take(self) -> None:
         """Take the state from the parts."""
-        state, (preview, ladder, rest_mode, _) = self._state, self._parts
-        u = None if ladder.motion is None else ladder.motion.u
-        friction, waiting = preview.friction, preview.waiting or None
+        newest, (preview, ladder, rest_mode, _) = self._newest, self._parts
+        newest.out, newest.known = self._arrays.nothing.copy(), True
+        state, friction, u = newest.state, preview.friction, None if ladder.motion is None else ladder.motion.u
         for array, value in (
-            (state.u, u), (state.u_star, ladder.u_star), (state.sent, preview.last_sent), (state.waiting, waiting),
-            (state.expected, preview.expected), (state.angle, friction.theta), (state.memory, friction.memory),
-            (state.rest, rest_mode.reference),
+            (state.u, u), (state.u_star, ladder.u_star), (state.sent, preview.last_sent),
+            (state.waiting, preview.waiting or None), (state.expected, preview.expected), (state.angle, friction.theta),
+            (state.memory, friction.memory), (state.rest, rest_mode.reference),
         ):  # fmt: skip
             array[...] = np.nan if value is None else value
 
-    def _give(self, record: "_Record") -> None:
-        """Give the state to the parts, which have to go on from it where a sample is not ordinary."""
-        state, (preview, ladder, rest_mode, _) = self._state, self._parts
-        ladder.remember_later(record.motion, state.u_star.copy())
-        preview.go_on(state.sent.copy(), state.expected.copy(), list(state.waiting.copy()) if self._delay else [])
-        if not preview.frictionless:
-            preview.friction.go_on(float(state.angle[0]), state.memory)
-        if rest_mode.worthwhile and self.rest:
-            rest_mode.go_on(state.rest)
-        self.behind = False
+
+def _fields(size: int, out: Array, took: float) -> dict[str, Any]:
+    """Return the fields of the plan that was made."""
+    made = made_of(out[:size])
+    slack, slack_force, theta, K, T, feed_forward, linearise, solve = made.tail.tolist()
+    return {
+        "u": made.sent, "x": made.x, "K": made.K, "status": PlanStatus.OPTIMAL, "rung": Rung.QP, "slack": slack,
+        "times": Times(feed_forward, linearise, 0.0, solve, took), "slack_force": slack_force,
+        "moved": Moved(theta, K, T),
+    }  # fmt: skip
 
 
-class _Record:
-    """A record is what a whole step has made, of which a plan is made when somebody looks at it."""
-
-    __slots__ = ("_out", "_took")
-
-    def __init__(self, out: Array, took: float) -> None:
-        self._out, self._took = out, took
-
-    def motion(self) -> Motion:
-        """Return the motion under the plan's commands as they act."""
-        made = made_of(self._out)
-        return Motion(made.u, made.x, made.K, made.F)
-
-    def fields(self) -> dict[str, Any]:
-        """Return the fields of the plan."""
-        made = made_of(self._out)
-        slack, slack_force, theta, K, T, feed_forward, linearise, solve, _ = made.tail.tolist()
-        times = Times(feed_forward, linearise, 0.0, solve, self._took)
-        return {
-            "u": made.sent, "x": made.x, "K": made.K, "status": PlanStatus.OPTIMAL, "rung": Rung.QP, "slack": slack,
-            "times": times, "slack_force": slack_force, "moved": Moved(theta, K, T),
-        }  # fmt: skip
+def _copied(given: Any, array: Array, shape: tuple[int, ...], other: tuple[int, ...] | None) -> bool:
+    """Copy what is `given` into `array`, and return whether that has one of these shapes; or raise."""
+    if given.__class__ is float and other is not None:
+        array.fill(given)
+        return True
+    value = (
+        given
+        if given.__class__ is np.ndarray and given.dtype is _FLOAT
+        else checks.floats("a number", given, "SI unit")
+    )
+    if value.shape != shape and value.shape != other:
+        return False
+    array[...] = value
+    return True
 
 
-def _numbers(given: Any) -> Any:
-    """Return what is `given` as something that can be copied into an array, or raise."""
-    if given.__class__ is float or (given.__class__ is np.ndarray and given.dtype == np.float64):
-        return given
-    return checks.floats("a number", given, "SI unit")
-
-
-__all__ = ["WholeStep"]
+__all__ = ["Parts", "WholeStep"]

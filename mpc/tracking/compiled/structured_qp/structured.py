@@ -37,7 +37,7 @@ class StructuredQP:
         self.arrays = flat(made), made.starts, given, buffer  # what compiled functions take
         self.guess = np.zeros(NU * len(problem.blocks), np.int8)  # sign of the multipliers
         self.z = np.zeros(self.guess.size)
-        self.iterations = 0  # of the interior point for the last QP; 0: the sweeps settled
+        self.counted = np.zeros(1, np.int64)
         self._previous: PreviousSample | None = None  # of the sample that the guess is about
         self._shifted = _shifted(problem.starts)
         self._settle(*self.arrays, self.guess, self.z)  # compiles it
@@ -65,8 +65,13 @@ class StructuredQP:
 
     def solved(self) -> bool:
         """Return whether `z` is now the proved solution."""
-        done, self.iterations = self._settle(*self.arrays, self.guess, self.z)
+        done, self.counted[0] = self._settle(*self.arrays, self.guess, self.z)
         return bool(done)
+
+    @property
+    def iterations(self) -> int:
+        """The iterations are those of the interior point for the last QP; 0: the sweeps settled."""
+        return int(self.counted[0])
 
     @property
     def address(self) -> int:
