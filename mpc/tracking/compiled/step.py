@@ -22,7 +22,7 @@ from mpc.tracking.compiled.commands import cumulative, limit
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
 from mpc.tracking.compiled.jit import compiled, inlined
 from mpc.tracking.compiled.records import Path, Reference
-from mpc.tracking.compiled.sample.calls import seconds_at, settle_at
+from mpc.tracking.compiled.sample.calls import floats_at, seconds_at, settle_at
 from mpc.tracking.compiled.sample.friction import ABSENT, Pressed, followed, less_friction
 from mpc.tracking.compiled.sample.layout import (
     Asked,
@@ -69,6 +69,7 @@ def step(what: int, table: int, last: Array, out: Array) -> bool:
     """
     i = inputs_at(table)
     began = seconds_at(i.clock, i.name)
+    last, out = floats_at(last.ctypes.data, last.size), floats_at(out.ctypes.data, out.size)  # not to be counted
     k, want, now, n = known_in(i.known), asked_in(i.asked), given_in(i.given), (i.friction.size - 4) // 2
     N, whole, done, angle = now.u.shape[0], what == WHOLE, True, 0.0
     m, size = want.theta.size - N - 1, length_of(N)
