@@ -116,7 +116,7 @@ class Plan(Deferred):
     def later(cls, fields: Callable[..., dict[str, Any]], *values: Any) -> Self:
         """Return a plan of the fields `fields(*values)`, which are asked for when somebody looks at one of them."""
         plan = object.__new__(cls)
-        plan.defer(_fill, fields, values)
+        plan.__dict__["_fill"] = _fill, (fields, values)
         return plan
 
 

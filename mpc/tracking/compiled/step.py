@@ -41,6 +41,7 @@ from mpc.tracking.compiled.sample.stages import (
     LINEARISE,
     ROLLOUT,
     WHOLE,
+    ask,
     copy_set,
     invert_dead_band,
     moves,
@@ -60,12 +61,12 @@ NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the
 
 
 @compiled
-def step(what: int, table: int, last: Array, out: Array) -> bool:
+def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array, K: Array, d: float) -> bool:
     """Make the whole step or one part of it, and return whether that could be done; if not, the guess stays.
 
     `table` is the address of one of `Inputs`, `last` what the previous step made, `out` what this one makes
-    (`mpc.tracking.compiled.sample.layout`). The parts are the feed-forward for previews and `torques` of `asked`, the
-    linear model for what is `given`, and the rollout of `z`.
+    (`mpc.tracking.compiled.sample.layout`). The parts are the feed-forward for what is `asked`, the linear model for
+    what is `given`, and the rollout of `z`; the whole step is for the state `x`, previews `theta` and `K`, torque `d`.
     """
     i = inputs_at(table)
     began = seconds_at(i.clock, i.name)
@@ -74,21 +75,17 @@ def step(what: int, table: int, last: Array, out: Array) -> bool:
     N, whole, done, angle = now.u.shape[0], what == WHOLE, True, 0.0
     m, size = want.theta.size - N - 1, length_of(N)
     made, before, after = made_in(out[:size]), state_in(last, N, size, n), state_in(out, N, size, n)
-    theta, torques, path, guess = (
-        want.theta[m:],
-        want.torques[m:],
-        np.empty((m + 1, 4)),
-        np.empty(i.guess.size, np.int8),
-    )
+    path, guess = np.empty((m + 1, 4)), np.empty(i.guess.size, np.int8)
     copy_set(i.guess, guess)
     if whole:
+        ask(x, theta, K, d, want)
         done, angle = foreseen(i.c, k, i.friction, want, before, after.memory, path)
     if done and (whole or what == FEED):
-        slopes = i.slopes.reshape(2, N + 1, N + 1)
-        done = feed_forward(i.c, i.p, k, slopes, theta, want.K[m:], torques, now.reference, made.tail[2:5])
+        previews, slopes = (want.theta[m:], want.K[m:], want.torques[m:]), i.slopes.reshape(2, N + 1, N + 1)
+        done = feed_forward(i.c, i.p, k, slopes, *previews, now.reference, made.tail[2:5])
     fed = seconds_at(i.clock, i.name)
     if whole and done:
-        take(path[m], torques, before, now)
+        take(path[m], want.torques[m:], before, now)
         shift_set(i.starts, guess, i.guess)
     if done and (whole or what == LINEARISE):
         linearise(i.c, k.h, k.substeps, i.numbers, i.starts, i.given, i.buffer)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _CLOCK = clock()
 _NO_GATE = np.zeros(NX), np.zeros(NX)
+_KINDS = "(int64, int64, float64[::1], float64[::1], float64[:], float64[:], float64[:], float64)"
 _SETTING = 60  # numbers of a setting, see `mpc.tracking.compiled.flat_records`
 
 
@@ -81,7 +82,7 @@ class StepArrays:
         before = *self.fixed, beyond.friction, numbers, asks, given, path, z
         self._inputs = Inputs(*before, starts, counted, guess, address, *_CLOCK)
         self._table = table_of(self._inputs)
-        self.step = entry_of(plant.step.step, "(int64, int64, float64[::1], float64[::1])")
+        self.step = entry_of(plant.step.step, _KINDS)
         self.address: int = self._table.ctypes.data  # for as long as these arrays live
 
     def feed_forward(self) -> tuple[bool, Array]:
@@ -99,7 +100,8 @@ class StepArrays:
 
     def _part(self, what: int) -> tuple[bool, Made]:
         out = np.empty(self.nothing.size)
-        return self.step(what, self.address, self.nothing, out), made_of(out[: self.size])
+        asked = self.ask.x, self.ask.theta, self.ask.K, 0.0
+        return self.step(what, self.address, self.nothing, out, *asked), made_of(out[: self.size])
 
 
 def _known(plant: "CompiledPlant", inverse: InverseDynamics | None, gate: tuple[Array, Array], beyond: Beyond) -> Known:

@@ -24,6 +24,16 @@ _TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] as in `mpc.tracking.preview`
 
 
 @inlined
+def ask(x: Array, theta: Array, K: Array, d: float, asked: Asked) -> None:
+    """Ask for what was given, of which the shapes are those of `asked`."""
+    for i in range(4):
+        asked.x[i] = x[i]
+    for k in range(asked.theta.size):
+        asked.theta[k], asked.K[k] = theta[k], K[k]
+    asked.d[0] = d
+
+
+@inlined
 def plausible(known: Known, asked: Asked) -> bool:
     """Return whether all of the state was measured, and the references and the torque can be meant."""
     for i in range(4):
@@ -124,6 +134,6 @@ def remember(asked: Asked, given: Given, path: Array, angle: float, made: Made, 
 
 
 __all__ = [
-    "FEED", "LINEARISE", "ROLLOUT", "WHOLE", "copy_set", "invert_dead_band", "moves", "plausible", "remember",
+    "FEED", "LINEARISE", "ROLLOUT", "WHOLE", "ask", "copy_set", "invert_dead_band", "moves", "plausible", "remember",
     "shift_set", "take", "under_way",
 ]  # fmt: skip

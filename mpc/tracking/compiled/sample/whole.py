@@ -14,6 +14,7 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.model.compensation import FrictionState
+from mpc.model.plant import NX
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.compiled.sample.arrays import Beyond, StepArrays
 from mpc.tracking.compiled.sample.layout import Made, State, made_of, state_of
@@ -24,7 +25,7 @@ from mpc.tracking.plan import Moved, Plan, PlanStatus, Rung, Times
 from mpc.tracking.preview import Preview
 from mpc.tracking.rest import RestMode
 
-_FLOAT = np.dtype(float)
+_FLOAT, _STATE = np.dtype(float), (NX,)
 
 
 class Parts(NamedTuple):
@@ -93,19 +94,29 @@ class WholeStep:
         gate = preview.lower, preview.upper
         self._arrays = arrays = StepArrays(qp_step.plant, N, qp_step.structured, feed_forward.readable, gate, beyond)
         self._step, self._table, self._size = arrays.step, arrays.address, arrays.nothing.size
+        self._shape = arrays.ask.theta.shape
         self._newest = Newest(arrays.nothing, N, arrays.size, beyond.memory)
         self.behind = True  # whether the flat state is not that of the parts
 
     def plan(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float, deadline: float) -> Plan | None:
         """Return the plan of an ordinary step by the `deadline`; None, and nothing has changed, if there is none."""
         newest = self._newest
-        if (self.behind and self._parts.rest_mode.ringing) or not self._asked(x, theta_ref, K_ref, d):
-            return None
         if self.behind:
+            if self._parts.rest_mode.ringing:
+                return None
             self._take()
+        if not (
+            d.__class__ is float and x.__class__ is theta_ref.__class__ is K_ref.__class__ is np.ndarray
+            and x.dtype is theta_ref.dtype is K_ref.dtype is _FLOAT
+            and x.shape == _STATE and theta_ref.shape == K_ref.shape == self._shape
+        ):  # fmt: skip
+            try:
+                x, theta_ref, K_ref, d = self._numbers(x, theta_ref, K_ref, d)
+            except (InvalidInput, ValueError, TypeError):
+                return None  # the readable stages say what is wrong
         guess = None if deadline == inf else self.qp_step.active_set
         out = np.empty(self._size)
-        if not self._step(WHOLE, self._table, newest.out, out):
+        if not self._step(WHOLE, self._table, newest.out, out, x, theta_ref, K_ref, d):
             return None
         now = perf_counter()
         if now > deadline:
@@ -124,20 +135,19 @@ class WholeStep:
         self._parts.ladder.catch_up()
         self._parts.rest_mode.catch_up()
 
-    def _asked(self, x: Any, theta_ref: Any, K_ref: Any, d: Any) -> bool:
-        """Return whether what is asked has shapes and kinds that can be copied; the readable stages say what is wrong
-        with others.
+    def _numbers(self, *given: Any) -> tuple[Array, Array, Array, float]:
+        """Return the state (4,), previews (ahead + 1,) and torque that were given in whatever kind of numbers; or raise
+        an `InvalidInput`, a `ValueError` or a `TypeError`.
         """
-        ask = self._arrays.ask
-        try:
-            return (
-                _copied(x, ask.x, ask.x.shape, None)
-                and _copied(theta_ref, ask.theta, ask.theta.shape, ())
-                and _copied(K_ref, ask.K, ask.K.shape, ())
-                and _copied(d, ask.d, (), ())
-            )
-        except (InvalidInput, ValueError, TypeError):
-            return False
+        ask, constant = self._arrays.ask, ()
+        x, theta, K, d = (
+            value if value.__class__ is float else checks.floats("a number", value, "") for value in given
+        )
+        for array, value, other in ((ask.x, x, _STATE), (ask.theta, theta, constant), (ask.K, K, constant)):
+            if getattr(value, "shape", constant) not in (array.shape, other):
+                raise InvalidInput("a shape is wrong")
+            array[...] = value
+        return ask.x, ask.theta, ask.K, float(d)
 
     def _take(self) -> None:
         """Take the state from the parts."""
@@ -161,22 +171,6 @@ def _fields(size: int, out: Array, took: float) -> dict[str, Any]:
         "times": Times(feed_forward, linearise, 0.0, solve, took), "slack_force": slack_force,
         "moved": Moved(theta, K, T),
     }  # fmt: skip
-
-
-def _copied(given: Any, array: Array, shape: tuple[int, ...], other: tuple[int, ...] | None) -> bool:
-    """Copy what is `given` into `array`, and return whether that has one of these shapes; or raise."""
-    if given.__class__ is float and other is not None:
-        array.fill(given)
-        return True
-    value = (
-        given
-        if given.__class__ is np.ndarray and given.dtype is _FLOAT
-        else checks.floats("a number", given, "SI unit")
-    )
-    if value.shape != shape and value.shape != other:
-        return False
-    array[...] = value
-    return True
 
 
 __all__ = ["Parts", "WholeStep"]
