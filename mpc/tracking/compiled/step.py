@@ -20,7 +20,7 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.tracking.compiled.commands import cumulative, limit
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
-from mpc.tracking.compiled.jit import compiled, inlined
+from mpc.tracking.compiled.jit import assign, compiled, inlined
 from mpc.tracking.compiled.records import Path, Reference
 from mpc.tracking.compiled.sample.calls import floats_at, seconds_at, settle_at
 from mpc.tracking.compiled.sample.friction import ABSENT, Pressed, followed, less_friction
@@ -117,7 +117,7 @@ def foreseen(
     if friction[0] == ABSENT:
         for k in range(asked.torques.size):
             asked.torques[k] = d
-        felt[:] = state.memory
+        assign(felt, state.memory)
     else:
         pulled, stiffness = pressing(x[0], x[1], x[2], x[3], c)
         pressed = Pressed(pulled, x[2] + x[3], stiffness)

@@ -1,4 +1,4 @@
-"""The variational equations move a state's derivatives along with it: S' = ∂f/∂x S + (0, ∂f/∂u), from S = (1, 0).
+"""The variational equations are those of a state's derivatives on its way: S' = ∂f/∂x S + (0, ∂f/∂u), from S = (1, 0).
 
 S = (A, B) has zeros that stay: what only the regulators move, it says little of. The other entries alone are reckoned
 with, as scalars of one tuple y = (x, entries of S, columns first), which never goes through the memory.

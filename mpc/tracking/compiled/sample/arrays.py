@@ -42,7 +42,7 @@ class Beyond(NamedTuple):
 
     @property
     def memory(self) -> int:
-        """The numbers that friction remembers."""
+        """Return how many numbers friction remembers."""
         return (self.friction.size - 4) // 2
 
 

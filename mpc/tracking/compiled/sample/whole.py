@@ -46,12 +46,12 @@ class Newest:
 
     @property
     def made(self) -> Made:
-        """Views into the plan."""
+        """Return views into the plan."""
         return made_of(self.out[: self._counts[1]])
 
     @property
     def state(self) -> State:
-        """Views into the state."""
+        """Return views into the state."""
         return state_of(self.out, *self._counts)
 
     def defer(self, parts: Parts) -> None:
@@ -65,6 +65,7 @@ class Newest:
 
 
 def _fill_preview(preview: Preview, newest: Newest, friction: FrictionState) -> None:
+    """Let `preview` take note of the newest sample."""
     state, newest.known = newest.state, True
     if not preview.frictionless:
         friction.go_on(float(state.angle[0]), state.memory)
@@ -72,11 +73,13 @@ def _fill_preview(preview: Preview, newest: Newest, friction: FrictionState) -> 
 
 
 def _fill_ladder(ladder: Ladder, newest: Newest) -> None:
+    """Let `ladder` take note of the newest sample."""
     made, newest.known = newest.made, True
     ladder.go_on(Motion(made.u, made.x, made.K, made.F), newest.state.u_star.copy())
 
 
 def _fill_rest_mode(rest_mode: RestMode, newest: Newest) -> None:
+    """Let `rest_mode` take note of the newest sample."""
     newest.known = True
     rest_mode.go_on(*newest.state.rest.tolist())
 
