@@ -12,9 +12,12 @@ from allocator.joint.hysteresis import PrandtlIshlinskii
 from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Rung, TrackingMPC, Weights
 from mpc.model.friction import Friction
 from mpc.model.hysteresis import MaxwellSlip
+from mpc.tracking.compiled.sample.layout import table_of
+from mpc.tracking.linearise import Motion
 from mpc.tracking.preview import BadNumbers
 
 N = 12
+REAL = RealPlant.standard()
 SETTINGS = {
     "report": {},
     "blocks": {"blocks": (1, 1, 1, 1, 2, 2, 4)},
@@ -186,9 +189,74 @@ def test_a_plan_is_the_same_value_however_it_is_looked_at():
         plan.rung = Rung.HOLD
 
 
+@pytest.mark.parametrize("every", [1, 3, 100])
+def test_whoever_looks_at_a_part_finds_what_the_stages_remember(every):
+    pair = Pair(REAL.nominal, compensation=REAL.known())
+    parts = [(c.ladder, c.rest_mode, c._preview) for c in (pair.whole, pair.staged)]  # held from the beginning
+    x = REAL.at_rest(0.0, 5.5)
+    for k in range(12):
+        plan = pair.step(x, *moving(k, pair.whole.ahead))
+        if k % every == 0 or k == 11:
+            for name in ("motion", "u_star", "_left", "_held"):
+                compare(*(getattr(ladder, name) for ladder, _, _ in parts))
+            for name in ("reference", "resting", "ringing", "_samples", "_quarter", "_counted"):
+                compare(*(getattr(rest_mode, name) for _, rest_mode, _ in parts))
+            for name in ("last_sent", "expected", "waiting", "_blind"):
+                compare(*(getattr(preview, name) for *_, preview in parts))
+            compare(*(preview.friction.theta for *_, preview in parts))
+            compare(*(preview.friction.memory for *_, preview in parts))
+        x = plan.x[1]
+    assert all(pair.taken)
+
+
+def compare(one, other):
+    """Insist that two memories are equal, but for rounding."""
+    if isinstance(one, Motion):
+        for name in ("u", "x", "K", "F"):
+            compare(getattr(one, name), getattr(other, name))
+    else:
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
+def test_a_step_that_fails_leaves_parts_and_state_as_they_were():
+    pair = Pair()
+    for k in range(3):
+        pair.step(pair.x, *reference(k))
+    whole = pair.whole._whole
+    newest = whole._newest.out
+    before = newest.copy(), pair.whole._qp_step.active_set
+    theta, K = reference(3)
+    for ask in ((np.full(4, np.nan), theta, K, 0.0), (pair.x, theta, K, 1e300), (pair.x, theta[1:], K, 0.0)):
+        assert whole.plan(*ask, 0.0, np.inf) is None
+    assert whole.plan(pair.x, theta, K, 0.0, 0.0, 0.0) is None  # late
+    assert whole._newest.out is newest
+    np.testing.assert_array_equal(newest, before[0])
+    np.testing.assert_array_equal(pair.whole._qp_step.active_set, before[1])
+    pair.step(pair.x, theta, K)
+    assert all(pair.taken)
+
+
+def test_previews_in_strides_and_ones_that_cannot_be_written_are_read_as_they_are():
+    pair, (theta, K) = Pair(), reference(5)
+    wide = np.zeros((N + 1, 3))
+    wide[:, 0], wide[:, 2] = theta, K
+    wide.setflags(write=False)
+    state = np.repeat(pair.x, 2)[::2]
+    state.setflags(write=False)
+    np.testing.assert_array_equal(pair.step(state, wide[:, 0], wide[:, 2]).u, Pair().step(pair.x, theta, K).u)
+    assert all(pair.taken)
+
+
+def test_the_table_takes_no_array_that_does_not_lie_there_as_it_is_read():
+    inputs = Pair().whole._whole._arrays._inputs
+    assert table_of(inputs).size == 29
+    for wrong in (inputs.asked.astype(np.float32), np.zeros(8)[::2]):
+        with pytest.raises(TypeError, match="in one piece"):
+            table_of(inputs._replace(asked=wrong))
+
+
 # --- dead time, friction, dead band -----------------------------------------------------------------------------------
 
-REAL = RealPlant.standard()
 KNOWN = {
     "standard": REAL.known(),
     "Maxwell slip": Compensation(MaxwellSlip.of_width(REAL.nominal, 4 * DEG), 0.02, 0.1 * BAR),
