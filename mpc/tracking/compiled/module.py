@@ -75,14 +75,14 @@ def solve_module() -> ModuleType:
 
 _ALLOCATED = {
     "tondu": """
-@inlined
+@inlined_flat
 def allocated(theta, K, T, p, left, right, min_force, c):
     return tondu_exact(theta, K, T, ({numbers}), min_force)
 
 
 """,
     "affine": """
-@inlined
+@inlined_flat
 def allocated(theta, K, T, p, left, right, min_force, c):
     o = coefficients(min(max(theta, left), right), c)
     one, two = (o[0], o[1], o[2], o[3], o[4]), (o[5], o[6], o[7], o[8], o[9])
@@ -91,7 +91,7 @@ def allocated(theta, K, T, p, left, right, min_force, c):
 
 """,
     "": """
-@inlined
+@inlined_flat
 def allocated(theta, K, T, p, left, right, min_force, c):
     return 0.0, 0.0, T, K, 0, 0, False
 

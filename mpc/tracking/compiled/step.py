@@ -20,7 +20,7 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.tracking.compiled.commands import cumulative, limit
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
-from mpc.tracking.compiled.jit import assign, compiled, inlined
+from mpc.tracking.compiled.jit import assign, compiled_flat, inlined_flat
 from mpc.tracking.compiled.records import Path, Reference
 from mpc.tracking.compiled.sample.calls import floats_at, seconds_at, settle_at
 from mpc.tracking.compiled.sample.friction import ABSENT, Pressed, followed, less_friction
@@ -60,7 +60,7 @@ rate = variational = begun = advanced = ended = outputs = output_slopes = expans
 NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
 
 
-@compiled
+@compiled_flat
 def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array, K: Array, d: float) -> bool:
     """Make the whole step or one part of it, and return whether that could be done; if not, the guess stays.
 
@@ -75,18 +75,18 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
     N, whole, done, angle = now.u.shape[0], what == WHOLE, True, 0.0
     m, size = want.theta.size - N - 1, length_of(N)
     made, before, after = made_in(out[:size]), state_in(last, N, size, n), state_in(out, N, size, n)
-    path, guess = np.empty((m + 1, 4)), np.empty(i.guess.size, np.int8)
-    copy_set(i.guess, guess)
+    path, waiting = i.work[: 4 * (m + 1)].reshape(m + 1, 4), i.work[4 * (m + 1) :].reshape(m, 2)
+    copy_set(i.guess, i.kept)
     if whole:
         ask(x, theta, K, d, want)
-        done, angle = foreseen(i.c, k, i.friction, want, before, after.memory, path)
+        done, angle = foreseen(i.c, k, i.friction, want, before, after.memory, waiting, path)
     if done and (whole or what == FEED):
         previews, slopes = (want.theta[m:], want.K[m:], want.torques[m:]), i.slopes.reshape(2, N + 1, N + 1)
         done = feed_forward(i.c, i.p, k, slopes, *previews, now.reference, made.tail[2:5])
     fed = seconds_at(i.clock, i.name)
     if whole and done:
         take(path[m], want.torques[m:], before, now)
-        shift_set(i.starts, guess, i.guess)
+        shift_set(i.starts, i.kept, i.guess)
     if done and (whole or what == LINEARISE):
         linearise(i.c, k.h, k.substeps, i.numbers, i.starts, i.given, i.buffer)
     linearised = seconds_at(i.clock, i.name)
@@ -100,13 +100,13 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
         made.tail[5], made.tail[6] = fed - began, linearised - fed
         made.tail[7] = seconds_at(i.clock, i.name) - linearised
     elif whole:
-        copy_set(guess, i.guess)
+        copy_set(i.kept, i.guess)
     return done
 
 
-@inlined
+@inlined_flat
 def foreseen(
-    c: Array, known: Known, friction: Array, asked: Asked, state: State, felt: Array, path: Array
+    c: Array, known: Known, friction: Array, asked: Asked, state: State, felt: Array, waiting: Array, path: Array
 ) -> tuple[bool, float]:
     """Fill in what `Preview.task` foresees: the torques, what friction has `felt` (n,), and the motion `path` (m+1, 4)
     up to when a command acts; return whether the sample is an ordinary one, and friction's angle.
@@ -124,13 +124,12 @@ def foreseen(
         angle = followed(friction, x[0], pressed, angle, state.memory, felt)
         back = asked.theta[0] + CORRECTED * (x[0] - asked.theta[0])
         less_friction(friction, felt, back, asked.theta, pressed, d, asked.torques)
-    waiting = np.empty((m, 2))
     under_way(state, x, waiting)
     motion(c, x, waiting, asked.torques, known.h, known.substeps, path)
     return finite(path), angle
 
 
-@inlined
+@inlined_flat
 def feed_forward(
     c: Array, p: Any, known: Known, slopes: Array, asked: Array, K: Array, d: Array, found: Reference, moved: Array
 ) -> bool:
@@ -142,32 +141,31 @@ def feed_forward(
     inertia, damping, gravity, alpha1, alpha2 = known.inertia, known.damping, known.gravity, known.alpha1, known.alpha2
     left, right, half_lag1, half_lag2 = known.left, known.right, known.lag1 / 2, known.lag2 / 2
     M, q1, q2, sure, x, y, u = asked.size, 0.0, 0.0, True, found.x, found.y, found.u
-    omega, speeding = np.zeros(M), np.zeros(M)
+    for k in range(M):
+        x[k, 0], x[k, 1], x[k, 2] = min(max(asked[k], left), right), 0.0, 0.0
     for j in range(M):
-        theta = min(max(asked[j], left), right)
-        x[j, 0] = theta
         for k in range(M):
-            omega[k] += slopes[0, j, k] * theta
-            speeding[k] += slopes[1, j, k] * theta
+            x[k, 1] += slopes[0, j, k] * x[j, 0]
+            x[k, 2] += slopes[1, j, k] * x[j, 0]  # the acceleration, where the pressures will be
     moved[0] = moved[1] = moved[2] = 0.0
     for k in range(M):
-        theta = x[k, 0]
-        T = inertia * speeding[k] + damping * omega[k] + gravity * np.sin(theta) - d[k]
+        theta, omega = x[k, 0], x[k, 1]
+        T = inertia * x[k, 2] + damping * omega + gravity * np.sin(theta) - d[k]
         pair = allocated(theta, K[k], T, p, left, right, known.min_force, c)
-        x[k, 1], x[k, 2], x[k, 3] = omega[k], pair[0], pair[1]
+        x[k, 2], x[k, 3] = pair[0], pair[1]
         y[k, 0], y[k, 1], y[k, 2], sure = pair[3], 0.0, 0.0, sure and pair[6]
         moved[0] = max(moved[0], abs(asked[k] - theta))
         moved[1] = max(moved[1], abs(K[k] - y[k, 0]))
         moved[2] = max(moved[2], abs(T - pair[2]))
         last1, last2 = q1, q2
-        q1, q2 = expansion(theta, omega[k], pair[0], pair[1], c)
+        q1, q2 = expansion(theta, omega, pair[0], pair[1], c)
         if k > 0:
             u[k - 1, 0] = (x[k, 2] - alpha1 * x[k - 1, 2]) / (1 - alpha1) + half_lag1 * (q1 + last1)
             u[k - 1, 1] = (x[k, 3] - alpha2 * x[k - 1, 3]) / (1 - alpha2) + half_lag2 * (q2 + last2)
     return sure
 
 
-@inlined
+@inlined_flat
 def linearise(c: Array, h: float, substeps: int, numbers: Array, starts: Any, given: Array, buffer: Array) -> None:
     """Leave in `buffer` the commands of `given`, moved to within the limits, and the linear model along them."""
     setting, path, u = setting_in(numbers, starts), *path_in(buffer)
@@ -179,7 +177,7 @@ def linearise(c: Array, h: float, substeps: int, numbers: Array, starts: Any, gi
     read_outputs(c, path)
 
 
-@inlined
+@inlined_flat
 def rollout(
     c: Array, h: float, substeps: int, numbers: Array, starts: Any, given: Array, buffer: Array, z: Array, made: Made
 ) -> bool:
@@ -207,7 +205,7 @@ def rollout(
     return finite(moved) and finite(x) and finite(F)
 
 
-@inlined
+@inlined_flat
 def motion(c: Array, start: Array, u: Array, d: Array, h: float, substeps: int, x: Array) -> None:
     """Fill in the states `x` (N+1, 4) from `start` (4,) under the commands `u` (N, 2) [bar], in steps of `h` [s]."""
     x0, x1, x2, x3 = start[0], start[1], start[2], start[3]
@@ -224,7 +222,7 @@ def motion(c: Array, start: Array, u: Array, d: Array, h: float, substeps: int, 
         x[k + 1, 0], x[k + 1, 1], x[k + 1, 2], x[k + 1, 3] = x0, x1, x2, x3
 
 
-@inlined
+@inlined_flat
 def linear_model(c: Array, start: Array, u: Array, d: Array, h: float, substeps: int, path: Path) -> None:
     """Fill in the motion and its Jacobians A, B, sample by sample: see `mpc.tracking.compiled.variational`."""
     x = path.x
@@ -241,7 +239,7 @@ def linear_model(c: Array, start: Array, u: Array, d: Array, h: float, substeps:
         ended(y, x[k + 1], path.A[k], path.B[k])
 
 
-@inlined
+@inlined_flat
 def read_outputs(c: Array, path: Path) -> None:
     """Fill in outputs and their gradients along the motion."""
     for k in range(path.x.shape[0]):

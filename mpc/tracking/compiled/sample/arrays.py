@@ -79,8 +79,8 @@ class StepArrays:
             z, guess, counted = structured.z, structured.guess, structured.counted
         views: Any = given_in
         self.given: Given = views.py_func(given)
-        before = *self.fixed, beyond.friction, numbers, asks, given, path, z
-        self._inputs = Inputs(*before, starts, counted, guess, address, *_CLOCK)
+        before = *self.fixed, beyond.friction, numbers, asks, given, path, z, np.zeros(6 * beyond.delay + 4)
+        self._inputs = Inputs(*before, starts, counted, guess, np.zeros_like(guess), address, *_CLOCK)
         self._table = table_of(self._inputs)
         self.step = entry_of(plant.step.step, _KINDS)
         self.address: int = self._table.ctypes.data  # for as long as these arrays live

@@ -13,7 +13,7 @@ from mpc.model.compensation import JITTER
 from mpc.model.contact import Hysteresis
 from mpc.model.friction import WIDTH_AT, Friction
 from mpc.model.hysteresis import MaxwellSlip
-from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.jit import inlined_flat
 
 ABSENT, DAHL, SLIP = range(3)
 _SPAN = 2 * WIDTH_AT  # [Pa]
@@ -37,20 +37,20 @@ def friction_numbers(friction: Hysteresis) -> Array | None:
     return None
 
 
-@inlined
+@inlined_flat
 def dahl(z: float, motion: float, presliding: float) -> float:
     """Return z after turning by `motion` [rad], see `allocator.joint.history.dahl`."""
     s = copysign(1.0, motion)
     return s - (s - z) * exp(-abs(motion) / presliding)
 
 
-@inlined
+@inlined_flat
 def width_of(numbers: Array, i: int, filled: float) -> float:
     """Return the half width ρ_i [rad] of an element of `MaxwellSlip`."""
     return float((numbers[1] + (1 - numbers[1]) * filled / _SPAN) * numbers[4 + (numbers.size - 4) // 2 + i])
 
 
-@inlined
+@inlined_flat
 def followed(numbers: Array, theta: float, pressed: Pressed, last: float, memory: Array, now: Array) -> float:
     """Set `now` (n,) to what friction remembers at `theta` [rad], having remembered `memory` (n,) at the angle `last`,
     NaN for none; return the angle from which its motion counts on: see `FrictionState.follow`.
@@ -70,7 +70,7 @@ def followed(numbers: Array, theta: float, pressed: Pressed, last: float, memory
     return theta if begins or motion != 0.0 else last
 
 
-@inlined
+@inlined_flat
 def less_friction(
     numbers: Array, now: Array, back: float, theta: Array, pressed: Pressed, d: float, torques: Array
 ) -> None:

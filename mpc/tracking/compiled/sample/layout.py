@@ -39,9 +39,11 @@ class Inputs(NamedTuple):
     given: Array
     buffer: Array
     z: Array  # (n,) decisions
+    work: Array  # (6 m + 4,) room for m samples of delay
     starts: Any  # (blocks,) integers
     counted: Any  # (1,) iterations of the interior point
     guess: Any  # (n,) signs
+    kept: Any  # (n,) room for them
     settle: int  # addresses, see `mpc.tracking.compiled.sample.calls`
     clock: int
     name: int
@@ -110,23 +112,23 @@ def table_of(inputs: Inputs) -> Array:
     Raises a `TypeError` for an array that does not lie there as it is read.
     """
     table: list[int] = []
-    kinds = 10 * (np.float64,) + 2 * (np.int64,) + (np.int8,)
-    for array, kind in zip(inputs[:13], kinds, strict=True):
+    kinds = 11 * (np.float64,) + 2 * (np.int64,) + 2 * (np.int8,)
+    for array, kind in zip(inputs[:15], kinds, strict=True):
         if array.dtype != kind or not (array.flags.c_contiguous and array.flags.aligned):
             raise TypeError(f"numbers of the kind {array.dtype} are not {kind.__name__} in one piece")
         table += [array.ctypes.data, array.size]
-    return np.array([*table, *inputs[13:]], np.int64)
+    return np.array([*table, *inputs[15:]], np.int64)
 
 
 @inlined
 def inputs_at(table: int) -> Inputs:
     """Return the inputs of the `table_of` them that stands at this address."""
-    t = integers_at(table, 29)
+    t = integers_at(table, 33)
     return Inputs(
         floats_at(t[0], t[1]), floats_at(t[2], t[3]), floats_at(t[4], t[5]), floats_at(t[6], t[7]),
         floats_at(t[8], t[9]), floats_at(t[10], t[11]), floats_at(t[12], t[13]), floats_at(t[14], t[15]),
-        floats_at(t[16], t[17]), floats_at(t[18], t[19]), integers_at(t[20], t[21]), integers_at(t[22], t[23]),
-        signs_at(t[24], t[25]), t[26], t[27], t[28],
+        floats_at(t[16], t[17]), floats_at(t[18], t[19]), floats_at(t[20], t[21]), integers_at(t[22], t[23]),
+        integers_at(t[24], t[25]), signs_at(t[26], t[27]), signs_at(t[28], t[29]), t[30], t[31], t[32],
     )  # fmt: skip
 
 

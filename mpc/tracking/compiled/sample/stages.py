@@ -14,7 +14,7 @@ from mpc.model.compensation import SOFT
 from mpc.model.plant import NU
 from mpc.tracking.compiled.commands import limit
 from mpc.tracking.compiled.flat_records import Given
-from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.jit import inlined_flat
 from mpc.tracking.compiled.records import Bounds
 from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State
 from mpc.tracking.rest import SAME
@@ -23,7 +23,7 @@ WHOLE, FEED, LINEARISE, ROLLOUT = range(4)  # what of a step is made
 _TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] as in `mpc.tracking.preview`
 
 
-@inlined
+@inlined_flat
 def ask(x: Array, theta: Array, K: Array, d: float, asked: Asked) -> None:
     """Ask for what was given, of which the shapes are those of `asked`."""
     for i in range(4):
@@ -33,7 +33,7 @@ def ask(x: Array, theta: Array, K: Array, d: float, asked: Asked) -> None:
     asked.d[0] = d
 
 
-@inlined
+@inlined_flat
 def plausible(known: Known, asked: Asked) -> bool:
     """Return whether all of the state was measured, and the references and the torque can be meant."""
     for i in range(4):
@@ -45,7 +45,7 @@ def plausible(known: Known, asked: Asked) -> bool:
     return bool(np.isfinite(asked.d[0]))
 
 
-@inlined
+@inlined_flat
 def moves(rest: Array, theta: Array, K: Array) -> bool:
     """Return whether the previews are not the constant reference `rest` (2,) [rad], [N·m/rad]: see `RestMode`."""
     moved = False
@@ -54,7 +54,7 @@ def moves(rest: Array, theta: Array, K: Array) -> bool:
     return moved
 
 
-@inlined
+@inlined_flat
 def under_way(state: State, x: Array, waiting: Array) -> None:
     """Fill in the commands (m, 2) [bar] that are under way; before the first one the pressures of `x` (4,) are."""
     for k in range(waiting.shape[0]):
@@ -62,7 +62,7 @@ def under_way(state: State, x: Array, waiting: Array) -> None:
             waiting[k, i] = (x[2 + i] if np.isnan(state.waiting[k, i]) else state.waiting[k, i]) / BAR
 
 
-@inlined
+@inlined_flat
 def take(x: Array, torques: Array, state: State, given: Given) -> None:
     """Set what is new in a step that begins in `x` (4,): see `Ladder.previous` and `Ladder.shift`."""
     u_star, N = given.reference.u, given.u.shape[0]
@@ -82,7 +82,7 @@ def take(x: Array, torques: Array, state: State, given: Given) -> None:
         given.u[N - 1, 1] += turn1
 
 
-@inlined
+@inlined_flat
 def shift_set(starts: Any, before: Any, guess: Any) -> None:
     """Set the `guess` (n,) to what it was `before` (n,), one sample later: see `structured_qp.structured`."""
     later = 0
@@ -93,14 +93,14 @@ def shift_set(starts: Any, before: Any, guess: Any) -> None:
             guess[NU * block + i] = before[NU * later + i]
 
 
-@inlined
+@inlined_flat
 def copy_set(one: Any, other: Any) -> None:
     """Copy the active set `one` (n,) to the `other` (n,)."""
     for i in range(one.size):
         other[i] = one[i]
 
 
-@inlined
+@inlined_flat
 def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, made: Made) -> None:
     """Fill in what has to be sent for the plan's commands to act: see `Preview.sent`."""
     N, half = made.u.shape[0], known.dead_band / 2
@@ -117,7 +117,7 @@ def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, m
         made.sent[k, 0], made.sent[k, 1] = BAR * made.sent[k, 0], BAR * made.sent[k, 1]
 
 
-@inlined
+@inlined_flat
 def remember(asked: Asked, given: Given, path: Array, angle: float, made: Made, before: State, after: State) -> None:
     """Remember the plan, `path` (m+1, 4) being the motion up to when it acts, and the `angle` that friction knows."""
     u_star, m = given.reference.u, path.shape[0] - 1
