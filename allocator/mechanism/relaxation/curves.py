@@ -153,11 +153,21 @@ def _roots(series: Any) -> Array:
     return np.asarray(real[np.abs(real) < 1.0])
 
 
+def rises(side: OneMuscle, lo: float, hi: float) -> bool:
+    """Return whether the force of a muscle rises with the pressure between lo and hi [Pa]."""
+    ends = [lo, *(kink for kink in side.muscle.basis.kinks if lo < kink < hi), hi]
+    return side.affine or all(_rises(_series(side, a, b)[0]) for a, b in pairwise(ends))
+
+
 def _check_rises(side: OneMuscle, a: float, b: float, gain: Array) -> None:
     """Insist on a force that rises with the pressure."""
-    x = np.linspace(-1.0, 1.0, 33) if gain.size == 1 else np.concatenate([np.linspace(-1.0, 1.0, 33), _roots(gain)])
-    if chebyshev.chebval(x, gain).min() <= 0 or (gain.size > 1 and _roots(gain).size):
+    if not _rises(gain):
         raise not_rising(side, a, b)
+
+
+def _rises(gain: Array) -> bool:
+    x = np.linspace(-1.0, 1.0, 33) if gain.size == 1 else np.concatenate([np.linspace(-1.0, 1.0, 33), _roots(gain)])
+    return bool(chebyshev.chebval(x, gain).min() > 0) and not (gain.size > 1 and _roots(gain).size)
 
 
 def not_rising(side: OneMuscle, a: float, b: float) -> InvalidInput:
@@ -184,4 +194,4 @@ def _series(side: OneMuscle, a: float, b: float) -> tuple[Array, Array]:
     )
 
 
-__all__ = ["Curve", "not_rising"]
+__all__ = ["Curve", "not_rising", "rises"]

@@ -13,7 +13,7 @@ from mpc.codegen.array_functions import MIN_AND_MAX, c_functions
 from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, StructKind
 from mpc.export import text
 
-_SIZES = {"m": "ANT_MUSCLES", "p": "ANT_ROWS", "K": "ANT_LEVELS"}
+_SIZES = {"m": "ANT_VARIABLES", "p": "ANT_LINES", "K": "ANT_LEVELS"}
 _SIDE = "signed char"
 _ELEMENTS = {"np.int64": INT, "np.int8": _SIDE, "np.bool_": _SIDE}
 

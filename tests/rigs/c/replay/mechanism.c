@@ -1,5 +1,6 @@
 /* Targets of a mechanism from standard input, one a row: q, T, K, least and greatest force, pressures now, step, nearest,
- * follow, priority. Prints pressures, what they give, residual and status; with an argument, the time of a target. */
+ * follow, priority. Prints pressures, what they give, residual and status, of curved muscles nodes, gap and bounds; with an argument, the
+ * time of a target. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
@@ -11,9 +12,10 @@ static double rows[MOST][COLUMNS];
 static ant_memory memory;
 
 static ant_target target_of(const double *row) {
-    ant_target t;
-    for (int i = 0; i < ANT_JOINTS; i++) t.q[i] = (ant_real)*row++;
-    for (int i = 0; i < ANT_JOINTS; i++) t.T[i] = (ant_real)*row++;
+    ant_real q[ANT_JOINTS], T[ANT_JOINTS];
+    for (int i = 0; i < ANT_JOINTS; i++) q[i] = (ant_real)*row++;
+    for (int i = 0; i < ANT_JOINTS; i++) T[i] = (ant_real)*row++;
+    ant_target t = ant_target_of(q, T);
     for (int i = 0; i < ANT_STIFFNESSES; i++) t.K[i] = (ant_real)*row++;
     t.min_force = (ant_real)*row++;
     t.max_force = (ant_real)*row++;
@@ -60,7 +62,11 @@ int main(int argc, char **argv) {
         for (int k = 0; k < ANT_MUSCLES; k++) printf("%.17g ", (double)a.P[k]);
         for (int k = 0; k < ANT_JOINTS; k++) printf("%.17g ", (double)a.T[k]);
         for (int k = 0; k < ANT_STIFFNESSES; k++) printf("%.17g ", (double)a.K[k]);
-        printf("%.17g %d\n", (double)a.residual, (int)a.status);
+        printf("%.17g %d", (double)a.residual, (int)a.status);
+#ifdef ANT_CURVED
+        printf(" %d %.17g %.17g %.17g", a.rounds, (double)a.gap, (double)a.bounds[0], (double)a.bounds[1]);
+#endif
+        printf("\n");
     }
     return 0;
 }

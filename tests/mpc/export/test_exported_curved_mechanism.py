@@ -1,0 +1,306 @@
+"""The exported allocation of muscles that are not affine in the pressure says and proves what Python's does."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from allocator.calculus import cos, is_symbol, sin
+from allocator.errors import InvalidInput
+from allocator.mechanism import Link, Mechanism, MechanismStatus, Pulleys, Sites, allocate_mechanism, machines
+from allocator.muscles import Andrikopoulos2016, Muscle, TonduLopez2000, Wickramatunge2010
+from allocator.muscles.basis import Basis
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
+from allocator.units import BAR, DEG
+from mpc.export.mechanism import curved
+from mpc.export.mechanism.entry import export_mechanism
+
+from ...rigs import toolchain as tools
+from ...rigs.needs import needs
+from .test_exported_mechanism import MAIN, answered
+
+TONDU = TONDU_DMSP_20_400N
+LOPEZ = TonduLopez2000(0.01, 25 * DEG, 1.2, 0.5, 1 * BAR)
+ANDRIKOPOULOS = Andrikopoulos2016(0.01, 25 * DEG, 1.5, 2.0, 1 * BAR, 0.8)
+KINKED = Wickramatunge2010(0.4, 0.29, 2e3, 1e5, 0.03, 2e-8, 1e-8, 2.5 * BAR)
+FAILED = MechanismStatus.SOLVER_FAILED
+GAP = 1e-3
+
+needs_gcc = needs("gcc")
+
+
+def sites(muscles: Muscle | Sequence[Muscle]) -> Mechanism:
+    """An arm of two links whose six muscles run between sites: bends count."""
+    links = [Link(), Link(0, origin=(0.0, 0.3))]
+    paths = [[(-1, (0.0, -0.3)), (0, (side * 0.03, 0.0))] for side in (-1, 1)]
+    paths += [[(0, (0.0, 0.0)), (1, (side * 0.03, 0.0))] for side in (-1, 1)]
+    paths += [[(-1, (0.0, -0.3)), (0, (side * 0.03, 0.0)), (1, (side * 0.02, 0.0))] for side in (-1, 1)]
+    routes = Sites(0.4, links, paths, cable=[-0.0435] * 4 + [0.2565] * 2)
+    return Mechanism(routes, muscles, angle_limits=((-0.5, 0.5), (-0.4, 0.4)))
+
+
+MECHANISMS = {
+    "one joint": Mechanism(Pulleys(0.4, [(0.02,), (-0.02,)], 0.1375), TONDU),
+    "Tondu2021": machines.arm26().with_muscles(TONDU),
+    "Wickramatunge2010": machines.arm26().with_muscles(KINKED),
+    "bends, five laws": sites((LOPEZ, ANDRIKOPOULOS, KINKED, TONDU, SAROSI_DMSP_20_400N, TONDU)),
+    "leg37": machines.leg37().with_muscles(TONDU),
+}
+CASES = [
+    ("torque", 0.0, np.inf, False, False),
+    ("stiffness", 0.0, np.inf, True, True),
+    ("torque", 40.0, 350.0, False, False),
+    ("torque", 0.0, np.inf, True, True),
+    ("stiffness", 0.0, np.inf, False, False),
+]
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """Return what exports a mechanism of the list, once, and the directory."""
+
+    @cache
+    def made(name, precision="double"):
+        return export_mechanism(tmp_path_factory.mktemp("c") / "c", MECHANISMS[name], precision=precision)
+
+    return made
+
+
+@dataclass(frozen=True)
+class Questions:
+    """Rows for C, and what Python says: pressures, torques, stiffnesses, costs of both levels, status, gap, bounds."""
+
+    mechanism: Mechanism
+    rows: np.ndarray
+    P: np.ndarray
+    y: np.ndarray
+    status: np.ndarray
+    PARTS: ClassVar = ("P", "y", "residual", "status", "nodes", "gap", "bounds")
+
+    def of_c(self, printed):
+        """What C prints, by name."""
+        n, m = self.mechanism.n, self.mechanism.m
+        ends = np.cumsum([m, n + n * (n + 1) // 2, 1, 1, 1, 1])
+        parts = dict(zip(self.PARTS, np.split(printed, ends, axis=1), strict=True))
+        return {name: part if part.shape[1] > 1 else part[:, 0] for name, part in parts.items()}
+
+    def costs(self, y):
+        """The squared errors (N, 2) of both levels, in the order of the priority."""
+        n, m = self.mechanism.n, self.mechanism.m
+        rows, columns = self.mechanism.upper_triangle
+        asked = self.rows[:, n : n + y.shape[1]]
+        squares = np.nan_to_num((y - asked) ** 2) * np.concatenate([np.ones(n), 1.0 + (rows != columns)])
+        torque, stiffness = squares[:, :n].sum(axis=1), squares[:, n:].sum(axis=1)
+        second = self.rows[:, -1:] == 1
+        assert self.rows.shape[1] == n + y.shape[1] + 2 + m + 4
+        return np.where(second, np.stack([stiffness, torque], 1), np.stack([torque, stiffness], 1))
+
+
+@cache
+def questions(mechanism, N, seed=0, dtype=float):
+    """Targets within reach and beyond it, with torques up to four and stiffnesses from 0.3 to 3 times what there is."""
+    rng = np.random.default_rng(seed)
+    n, m = mechanism.n, mechanism.m
+    rows, found = [], []
+    for priority, least, greatest, slew, diagonal in CASES:
+        q = rng.uniform(-0.3, 0.3, n).astype(dtype).astype(float)
+        P = rng.uniform(*mechanism.pressure_box(q), (N, m))
+        far, stiff = rng.choice([1.0, 1.0, 2.5], N), rng.choice([0.3, 1.0, 1.0, 1.7, 3.0], N)
+        T = (mechanism.torque(q, P) * far[:, None]).astype(dtype).astype(float)
+        K = (mechanism.stiffness(q, P) * stiff[:, None, None]).astype(dtype).astype(float)
+        T, K, P = (a[np.linalg.eigvalsh(K)[:, 0] > 0.05] for a in (T, K, P))  # others are none to ask for
+        now = np.clip((P + rng.uniform(-1, 1, P.shape) * BAR).astype(dtype).astype(float), 0, 5 * BAR)
+        triangle = K[:, *mechanism.upper_triangle]
+        if diagonal:
+            triangle[:, mechanism.upper_triangle[0] != mechanism.upper_triangle[1]] = np.nan
+        limits = {"min_force": least, "max_force": None if np.isinf(greatest) else greatest, "priority": priority}
+        for i in range(len(T)):
+            moved = {"previous": now[i], "max_step": 0.3 * BAR} if slew else {}
+            a = allocate_mechanism(mechanism, q, np.diag(K[i]) if diagonal else K[i], T[i], **limits, **moved)
+            tail = [0.3 * BAR if slew else np.inf, slew, 0, priority != "torque"]
+            rows.append([*q, *T[i], *triangle[i], least, greatest, *now[i], *tail])
+            found.append((a.P, [*a.T, *a.K[mechanism.upper_triangle]], int(a.status)))
+    P, y, status = zip(*found, strict=True)
+    return Questions(mechanism, np.array(rows, float), np.array(P), np.array(y), np.array(status))
+
+
+@needs_gcc
+@pytest.mark.tools
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_c_gives_pythons_pressures_statuses_and_costs_and_proves_them(name, exported):
+    asked = questions(MECHANISMS[name], 3)
+    made = asked.of_c(answered(tools.compiled(exported(name), MAIN, "replay"), asked.rows))
+    given, expected = asked.costs(made["y"]), asked.costs(asked.y)
+    assert np.abs(made["P"] - asked.P).max() < 1e-8 * 5 * BAR
+    assert given == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    same = made["status"] == asked.status
+    assert (same | (asked.status == FAILED)).all()  # what Python cannot prove C may
+    assert (made["status"] != FAILED).all()
+    assert (made["gap"] <= GAP).all()
+    assert (made["bounds"] <= expected * (1 + 1e-9) + 1e-9).all()
+    assert {MechanismStatus.EXACT, MechanismStatus.STIFFNESS_LIMITED} & {*asked.status}
+    assert (asked.status != MechanismStatus.EXACT).any()
+
+
+@needs_gcc
+@pytest.mark.tools
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["Tondu2021", "bends, five laws"])
+def test_single_precision_differs_by_its_digits_and_says_what_it_cannot_prove(name, exported):
+    asked = questions(MECHANISMS[name], 5, seed=1, dtype=np.float32)
+    out = exported(name, "single")
+    made = asked.of_c(answered(tools.compiled(out, MAIN, "replay", "-O2", "-Wdouble-promotion"), asked.rows))
+    failed = made["status"] == FAILED
+    given, expected = asked.costs(made["y"]), asked.costs(asked.y)
+    assert given[~failed] == pytest.approx(expected[~failed], rel=1e-4, abs=1e-4)
+    assert (given <= expected * 1.0001 + 1e-4).all()
+    assert np.median(np.abs(made["P"] - asked.P).max(axis=1)) < 1e-5 * 5 * BAR
+    assert np.mean(made["status"] == asked.status) > 0.9
+    assert failed.mean() < 0.1
+    assert (made["gap"][~failed & (made["status"] >= 0)] <= GAP * 1.01).all()
+    assert (made["bounds"] <= asked.costs(asked.y) * 1.001 + 1e-4).all()
+
+
+@needs_gcc
+@pytest.mark.tools
+@pytest.mark.slow
+def test_no_pressures_that_give_the_torque_are_nearer_in_stiffness_than_the_proof_says(exported):
+    """One joint against all its pressures: for every P1 the P2 that gives the torque, by the law's own inverse."""
+    mechanism, rng = MECHANISMS["one joint"], np.random.default_rng(3)
+    rows = []
+    for q, P1, P2, factor in rng.uniform((-0.3, 1.5e5, 1.5e5, 0.2), (0.3, 5e5, 5e5, 2.5), (40, 4)).tolist():
+        T, K = mechanism.torque([q], [P1, P2])[0], factor * mechanism.stiffness([q], [P1, P2])[0, 0]
+        rows.append([q, T, K, 0.0, np.inf, 0.0, 0.0, np.inf, 0, 0, 0])
+    made = answered(tools.compiled(exported("one joint"), MAIN, "replay"), rows)
+    met = 0
+    for row, line in zip(rows, made, strict=True):
+        (q, T, K), (lo, hi) = row[:3], mechanism.pressure_box(row[:1])
+        muscles, P1 = mechanism.at(np.array([q])), np.linspace(lo[0], hi[0], 20_001)
+        F2 = muscles[0].force(P1) - T / 0.02
+        P2 = muscles[1].muscle.pressure(F2, muscles[1].contraction)
+        there = (P2 >= lo[1]) & (P2 <= hi[1])
+        pairs = np.stack([P1[there], P2[there]], axis=-1)
+        cost = (mechanism.stiffness([q], pairs)[:, 0, 0] - K) ** 2
+        assert line[2] == pytest.approx(T, abs=1e-6)
+        own = (line[3] - K) ** 2
+        met += int(line[5]) == MechanismStatus.EXACT
+        assert own <= cost.min() + 1e-9
+        assert line[9] <= cost.min() + 1e-9  # the bound
+        assert own - line[9] <= GAP * (1 + own)
+    assert 5 < met < 35
+
+
+@needs_gcc
+@pytest.mark.tools
+def test_what_is_not_proved_is_said_and_stays_within_the_limits(exported):
+    out = exported("one joint")
+    main = (out / "main.c").read_text().replace("#include <stdio.h>", "#include <stdio.h>\n#include <stdlib.h>")
+    main = main.replace("(void)", "(int argc, char **argv)", 1).replace(
+        "ant_allocation a;", "ant_allocation a; target.nodes = atoi(argv[argc - 1]);"
+    )
+    (out / "by_nodes.c").write_text(main)
+    program = tools.compiled(out, out / "by_nodes.c", "by_nodes")
+    shown = {nodes: tools.run(program, str(nodes)) for nodes in (0, 1, 500)}
+    statuses = {nodes: [int(line.split()[-1]) for line in text.splitlines()] for nodes, text in shown.items()}
+    assert FAILED in statuses[0]
+    assert FAILED not in statuses[500]
+    proved = [s == t for s, t in zip(statuses[0], statuses[500], strict=True)]
+    assert all(good or s == FAILED for good, s in zip(proved, statuses[0], strict=True))
+    for text in shown.values():
+        P = np.array([line.split(": P ")[1].split(" Pa")[0].split() for line in text.splitlines()], float)
+        assert ((P >= 0) & (P <= 5 * BAR)).all()
+
+
+@needs_gcc
+@pytest.mark.tools
+def test_a_force_that_does_not_rise_is_said_where_python_refuses(tmp_path):
+    mechanism = Mechanism(Pulleys(0.4, [(0.02,), (-0.02,)], 0.13), ANDRIKOPOULOS)
+    with pytest.raises(InvalidInput, match="does not rise with the pressure"):
+        allocate_mechanism(mechanism, [0.0], [[8.0]], [1.0], min_force=None)
+    out = export_mechanism(tmp_path / "c", mechanism)
+    row = [0.0, 1.0, 8.0, -np.inf, np.inf, 2e5, 2e5, np.inf, 0, 0, 0]
+    program = tools.compiled(out, MAIN, "replay", *tools.SANITISED)
+    slack, taut = answered(program, [row, [*row[:3], 0.0, *row[4:]]])
+    assert slack[5] == FAILED
+    assert taut[5] == int(allocate_mechanism(mechanism, [0.0], [[8.0]], [1.0]).status)
+    assert (slack[:2] >= 0).all()
+    assert (slack[:2] <= 5 * BAR).all()
+
+
+@needs_gcc
+@pytest.mark.tools
+def test_senseless_questions_are_answered_within_the_supply(exported):
+    good = questions(MECHANISMS["Tondu2021"], 3).rows[0]
+    wrong = []
+    for place in (0, 2, 4, 7, 8, 9, 15, 18):  # q, T, K11, both forces, the pressures now, step, priority
+        for value in (np.nan, np.inf, -np.inf, 1e300, -1.0):
+            row = good.copy()
+            row[place] = value
+            wrong.append(row)
+    flags = *tools.SANITISED, "-fno-sanitize=float-cast-overflow"
+    program = tools.compiled(exported("Tondu2021"), MAIN, "sane", *flags)
+    made = answered(program, wrong)
+    assert ((made[:, :6] >= 0) & (made[:, :6] <= 5 * BAR)).all()
+    assert (made[[0, 1, 2, 5, 6, 7, 25, 26, 27], 12] == -1).all()
+
+
+@needs_gcc
+@pytest.mark.tools
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_the_readmes_line_builds_the_demonstration_which_prints_what_the_readme_says(precision, exported):
+    out = exported("Wickramatunge2010" if precision == "double" else "Tondu2021", precision)
+    program = tools.compiled(out, out / "main.c", "demonstration")
+    readme = (out / "README.md").read_text()
+    shown, said = tools.run(program).splitlines(), readme.split("```text\n")[1].split("```")[0].splitlines()
+    if precision == "double":
+        assert shown == said
+    assert [line.split()[-1] for line in shown] == [line.split()[-1] for line in said]
+    assert "branch and bound" in readme
+
+
+@needs_gcc
+@pytest.mark.tools
+def test_a_followed_target_begins_at_the_last_answer(exported):
+    asked = questions(MECHANISMS["Tondu2021"], 3)
+    rows = np.repeat(asked.rows, 2, axis=0)
+    rows[1::2, -2] = 1  # every target twice, and the second time it follows
+    made = asked.of_c(answered(tools.compiled(exported("Tondu2021"), MAIN, "replay"), rows))
+    assert made["P"][1::2] == pytest.approx(made["P"][::2], abs=1e-3)
+    assert (made["status"][1::2] == made["status"][::2]).all()
+
+
+@dataclass(frozen=True)
+class Waving(Muscle):
+    """A law whose stiffness over its force turns every 9 kPa, or jumps at 2.5 bar."""
+
+    jump: float = 0.0
+    citation: ClassVar[str] = "none"
+
+    @property
+    def basis(self):
+        return Basis("smooth", kinks=(2.5e5,) if self.jump else ())
+
+    def law(self, P, eps):
+        import casadi as ca
+
+        high = ca.if_else(P > 2.5e5, 1.0, 0.0) if is_symbol(P) else np.where(np.real(P) > 2.5e5, 1.0, 0.0)
+        wave = 0.0 if self.jump else 3.0 * eps * sin(P / 9e3)
+        return 1e-3 * P * (1 - 2 * eps) + wave - 100.0 * eps + self.jump * high * eps
+
+    def gain(self, P, eps):
+        return 1e-3 * (1 - 2 * eps) + (0.0 * P if self.jump else 3.0 / 9e3 * eps * cos(P / 9e3))
+
+
+@pytest.mark.parametrize(
+    ("muscle", "said"), [(Waving(), "more often than the exported search can follow"), (Waving(5.0), "jumps at 250000")]
+)
+def test_a_law_whose_curve_c_cannot_follow_is_refused_in_a_sentence(muscle, said, tmp_path, monkeypatch):
+    monkeypatch.setattr(curved, "_MOST_SAMPLES", 20)
+    monkeypatch.setattr(curved, "_CONTRACTIONS", 3)
+    with pytest.raises(InvalidInput, match=said):
+        export_mechanism(tmp_path / "c", Mechanism(Pulleys(0.4, [(0.02,), (-0.02,)], 0.13), muscle))
+    assert not (tmp_path / "c").exists()
