@@ -1,5 +1,6 @@
 """`antagonist export` writes allocator and controller as C. Heavy libraries load when it runs."""
 
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -29,7 +30,9 @@ def export_command(
         bool,
         typer.Option("--fmu", help="write plant.fmu and controller.fmu (FMI 3.0 co-simulation) into --out instead"),
     ] = False,
-    mechanism: Annotated[str | None, typer.Option(help="arm26, arm48, leg37 or a TOML file: its allocation")] = None,
+    mechanism: Annotated[
+        str | None, typer.Option(help="arm26, arm48, leg37 or a TOML file: its allocation, with --muscle if given")
+    ] = None,
     governor: Annotated[
         str | None, typer.Option(help="arm26, arm48 or leg37: the governor of its pressures, every 10 ms")
     ] = None,
@@ -51,7 +54,7 @@ def export_command(
             raise InvalidInput(
                 "--mechanism: of a mechanism there is the allocation as C only; leave --what, --fmu away"
             )
-        _mechanism(out, mechanism, precision)
+        _mechanism(out, mechanism, options, precision)
         return
     plant = options.plant()
     known = options.compensation()
@@ -84,14 +87,25 @@ def _fmus(out: Path, plant: "Plant", known: "Compensation", controller: "Trackin
     return out
 
 
-def _mechanism(out: Path, name: str, precision: str) -> None:
-    """Write the allocation of the mechanism called `name`. Raises `InvalidInput` and `MissingBackend`."""
+def _mechanism(out: Path, name: str, options: PlantOptions, precision: str) -> None:
+    """Write the allocation of the mechanism called `name`, with --muscle if given. Raises `AntagonistError`."""
     from rich.console import Console
 
     from allocator.mechanism import machines
+    from allocator.muscles.catalogue import named_muscle
     from mpc.export.mechanism.entry import export_mechanism
 
-    made = export_mechanism(out, machines.machine(name), precision=precision)
+    given = [field.name for field in fields(options) if getattr(options, field.name) is not None]
+    others = [name for name in given if name != "muscle"]
+    if others or len(options.muscle or ()) > 1:
+        raise InvalidInput(
+            f"--mechanism: of the joint's options there is one --muscle, for all its muscles; leave "
+            f"--{others[0].replace('_', '-') if others else 'muscle'} away, and write what differs into its TOML file"
+        )
+    mechanism = machines.machine(name)
+    if options.muscle:
+        mechanism = mechanism.with_muscles(named_muscle(options.muscle[0]))
+    made = export_mechanism(out, mechanism, precision=precision)
     files = sum(path.is_file() for path in made.rglob("*"))
     say(Console(), f"written: {files} files in {made}; {made / 'README.md'} says how to build them")
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from allocator.calculus import cos, is_symbol, sin
 from allocator.errors import InvalidInput
@@ -15,6 +16,7 @@ from allocator.muscles import Andrikopoulos2016, Muscle, TonduLopez2000, Wickram
 from allocator.muscles.basis import Basis
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR, DEG
+from mpc.cli import app
 from mpc.export.mechanism import curved
 from mpc.export.mechanism.entry import export_mechanism
 
@@ -271,6 +273,20 @@ def test_a_followed_target_begins_at_the_last_answer(exported):
     made = asked.of_c(answered(tools.compiled(exported("Tondu2021"), MAIN, "replay"), rows))
     assert made["P"][1::2] == pytest.approx(made["P"][::2], abs=1e-3)
     assert (made["status"][1::2] == made["status"][::2]).all()
+
+
+@pytest.mark.tools
+def test_the_command_exports_a_mechanism_with_another_muscle(tmp_path):
+    def invoke(*more):
+        return CliRunner().invoke(app, ["export", "--mechanism", "leg37", "--out", str(tmp_path / "c"), *more])
+
+    refused = invoke("--supply", "6", "--muscle", "tondu-dmsp-20-400n")
+    assert "leave --supply away" in str(refused.exception)
+    made = invoke("--muscle", "tondu-dmsp-20-400n", "--precision", "single")
+    assert made.exit_code == 0, made.output
+    config = (tmp_path / "c" / "antagonist_config.h").read_text()
+    assert "#define ANT_CURVED" in config
+    assert "#define ANT_SINGLE" in config
 
 
 @dataclass(frozen=True)
