@@ -8,6 +8,7 @@ import typer
 
 from allocator.errors import InvalidInput
 from allocator.shell.options import grouped
+from allocator.shell.outputs import claim
 from allocator.shell.printing import say
 from mpc.export.serial.cli import BoardOptions
 from mpc.plant_cli import PlantOptions
@@ -20,12 +21,23 @@ if TYPE_CHECKING:
 
 @grouped
 def export_command(
-    out: Annotated[Path, typer.Option(help="new or empty directory for the C files")],
+    out: Annotated[Path, typer.Option(help="new or empty directory for the C files; the file of --tuning")],
     options: PlantOptions,
     board: BoardOptions,
     what: Annotated[str, typer.Option(help="allocate, mpc or all")] = "all",
     precision: Annotated[str, typer.Option(help="double, or single for an FPU without double")] = "double",
     horizon: Annotated[int, typer.Option(help="samples of 10 ms that the controller looks ahead")] = 10,
+    errors: Annotated[
+        str | None,
+        typer.Option(
+            help="the controller's weights by errors that cost one half, e.g. theta=0.1,rate=0.3: theta [°], omega "
+            "[°/s], K [N·m/rad], u [bar], rate [bar/s]"
+        ),
+    ] = None,
+    tuning: Annotated[
+        bool,
+        typer.Option("--tuning", help="write numbers to --out that retune a controller in C without a compiler"),
+    ] = False,
     fmu: Annotated[
         bool,
         typer.Option("--fmu", help="write plant.fmu and controller.fmu (FMI 3.0 co-simulation) into --out instead"),
@@ -41,9 +53,14 @@ def export_command(
     from rich.console import Console
 
     from mpc.export.entry import default_controller, export
+    from mpc.export.tuning import weights_from, write_tuning
 
     if fmu and (board.serial or precision != "double" or what != "all"):
         raise InvalidInput("--fmu: an FMU has all in double precision; leave --target, --what and --precision away")
+    if (errors is not None or tuning) and (what == "allocate" or mechanism is not None or governor is not None):
+        raise InvalidInput("--errors, --tuning: they are the controller's; leave --what, --mechanism, --governor away")
+    if tuning and (fmu or board.serial or what != "all"):
+        raise InvalidInput("--tuning: it writes one file of numbers; leave --what, --fmu and --target away")
     if governor is not None:
         if fmu or board.serial or what != "all" or mechanism is not None:
             raise InvalidInput("--governor: it comes alone; leave --mechanism, --what, --fmu and --target away")
@@ -59,7 +76,13 @@ def export_command(
     plant = options.plant()
     known = options.compensation()
     allocates = what == "allocate" or (board.serial and board.variant == "terminal")
-    controller = None if allocates else default_controller(plant, horizon, known)
+    weights = None if errors is None else weights_from(errors)
+    controller = None if allocates else default_controller(plant, horizon, known, weights)
+    if tuning:
+        claim(out)
+        write_tuning(out, controller, precision=precision)
+        say(Console(), f"written: {out}, for a build of the same plant in {precision} precision; its README says how")
+        return
     if fmu:
         made, read = _fmus(out, plant, known, controller), "any tool that reads FMI 3.0 takes them"
     elif board.serial:

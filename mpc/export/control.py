@@ -19,12 +19,12 @@ from mpc.export.friction import (
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied
 from mpc.export.recursions import recursion_files
+from mpc.export.tuning import tuning_constants, tuning_definition
 from mpc.model import compensation
 from mpc.model.plant import NU, NX
 from mpc.observer import gating, kalman
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking import preview, rest
-from mpc.tracking.compiled.factory import setting
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.qp import certified, softened
@@ -84,6 +84,7 @@ def control_files(controller: TrackingMPC, observer: KalmanObserver, single: boo
     for name, meaning, values in _tables(controller, observer):
         heads.append(text.table_head(name, meaning, values))
         bodies.append(text.table(name, values, single))
+    bodies.append(tuning_definition(controller, single))
     about = "The controller's tables."
     files["src/tables.h"] = text.header("ANT_TABLES_H", about, "\n".join(heads), ["antagonist.h"])
     files["src/tables.c"] = f'/* {about} */\n#include "tables.h"\n\n' + "\n\n".join(bodies) + "\n"
@@ -122,17 +123,16 @@ def model_functions(controller: TrackingMPC) -> list[tuple[Any, str]]:
 def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Numbers:
     plant, known, ladder = controller.plant, controller.compensation, controller.ladder
     late = 1 + (1e-4 if single else 1e-9)  # of a time that is summed from samples
-    limits, dt = controller.limits, controller.dt
+    dt = controller.dt
     return (
-        _weights(controller)
+        {"CHARGE": (softened.COMMAND, "price of commands beyond the supply when softened [1/bar^2]")}
+        | tuning_constants(controller)
         | friction_numbers(known.friction)
         | _rest(controller)
         | demonstrated(plant)
         | {
             "DT": (dt, "sample time [s]"),
             "BAR": (BAR, "[Pa]"),
-            "STEP": (limits.step, "greatest change of a command in a sample [Pa]"),
-            "MIN_FORCE": (limits.min_force, "least force of the muscles [N]"),
             "ITERATIONS": (controller.iterations, "QPs in a step"),
             "PATIENCE": (controller.patience * late, "for which the angle may be predicted [s]"),
             "HOLDING": (ladder.holding, "for which pressures are held on the last rung [s]"),
@@ -143,7 +143,6 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
             ),
             "GAP": (_GAP, "to the least cost, of what the moves gain, in single precision [-]"),
             "ACCURACY": (certified.ACCURACY, "from an answer's changes to the solution's at most [bar]"),
-            "CURVATURE": (controller.problem.curvature, "that the charge on a change gives the cost [1/bar^2]"),
             "LAZY": (
                 1e-5 if single else certified.LAZY_TOLERANCE,
                 "below which a row that was left out counts as kept",
@@ -180,19 +179,6 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
     )
 
 
-def _weights(controller: TrackingMPC) -> Numbers:
-    w = controller.weights
-    return {
-        "SLACK": (w.slack, "price of the joint range's slack [1/rad]"),
-        "SLACK_SQUARE": (w.slack_square, "[1/rad^2]"),
-        "ROOT_SLACK": (w.slack_square**0.5, ""),
-        "SLACK_FORCE": (w.slack_force, "price of the forces' slack [1/N]"),
-        "SLACK_FORCE_SQUARE": (w.slack_force_square, "[1/N^2]"),
-        "ROOT_SLACK_FORCE": (w.slack_force_square**0.5, ""),
-        "CHARGE": (softened.COMMAND, "price of commands beyond the supply when softened [1/bar^2]"),
-    }
-
-
 def _rest(controller: TrackingMPC) -> Numbers:
     mode = controller.rest_mode
     return {
@@ -227,24 +213,11 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
     plant, dt, starts = controller.plant, controller.dt, np.asarray(controller.problem.starts)
     inverse = InverseDynamics(plant, dt, controller.N)
     acting = np.searchsorted(starts, np.arange(controller.N), side="right")
-    roots = [np.sqrt(weights) for weights in controller.problem.rows]
-    made = setting(controller.problem)
     return [
-        ("ANT_ROOT_X", "roots of the weights of theta, its rate, P1, P2", roots[0]),
-        ("ANT_ROOT_Y", "of the outputs K, F1, F2", roots[1]),
-        ("ANT_ROOT_E", "of the commands away from the feed-forward", roots[2]),
-        ("ANT_ROOT_RATE", "and of their rate", roots[3]),
         ("ANT_D1", "derivative of a spline through the samples of a preview [1/s]", inverse.slopes[0]),
         ("ANT_D2", "and its second derivative [1/s^2]", inverse.slopes[1]),
         ("ANT_LAG", "time constants of the pressures [s]", inverse.lags),
         ("ANT_KEPT", "what is left of a pressure's error after a sample [-]", inverse.alpha),
-        ("ANT_TERMINAL", "L, the terminal cost is |L xi|^2/2", controller.problem.L),
-        ("ANT_COST_X", "weights of theta, its rate, P1, P2", made.cost.x),
-        ("ANT_COST_Y", "of the outputs K, F1, F2", made.cost.y),
-        ("ANT_COST_E", "of the commands away from the feed-forward [1/bar^2]", made.cost.e),
-        ("ANT_COST_CHANGE", "and of their changes [1/bar^2]", made.cost.change),
-        ("ANT_COST_END", "of xi with commands in bar, the terminal cost is xi^T ... xi/2", made.cost.end),
-        ("ANT_SLACKS", "prices rho, rho_2, rho_F, rho_F2 of the slacks", made.slack),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),
         ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(observer.filter.Q)),

@@ -64,7 +64,9 @@ def export(
     return write(controller_files(controller, observer, single, alone=what == "mpc"), out)
 
 
-def default_controller(plant: Plant, horizon: int = 10, compensation: Compensation | None = None) -> TrackingMPC:
+def default_controller(
+    plant: Plant, horizon: int = 10, compensation: Compensation | None = None, weights: Weights | None = None
+) -> TrackingMPC:
     """Return the controller for `plant` where none is given; its weights are for joints unlike their model.
 
     It is told the joint's own hysteresis or friction, or `compensation`.
@@ -72,7 +74,7 @@ def default_controller(plant: Plant, horizon: int = 10, compensation: Compensati
     """
     kernel_of(plant.joint)
     known = Compensation.of(plant.joint) if compensation is None else compensation
-    return TrackingMPC(plant, N=horizon, weights=Weights.calm(), compensation=known)
+    return TrackingMPC(plant, N=horizon, weights=weights or Weights.calm(), compensation=known)
 
 
 def _joint(given: AntagonistJoint | None, own: AntagonistJoint | None) -> AntagonistJoint:

@@ -3,6 +3,7 @@
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.export.control import qp_iterations
 from mpc.export.parts import BUILD
+from mpc.export.tuning import tuning_numbers
 from mpc.tracking.controller import TrackingMPC
 
 _HEAD = (
@@ -50,6 +51,15 @@ silent reads NaN. All memory is in `ant_controller`, which is best made static. 
 budget `iteration_limit` bounds what solves the QP where sweeps do not; 0 leaves the QP out, and the next rungs answer.
 
 The plant that it controls: {plant}.
+
+Its weights, the prices of the slacks, the slew and the least force can be tuned while it runs, without a compiler:
+
+    antagonist export --tuning --out tuning.txt --errors theta=0.1,rate=0.3{options}
+
+writes the {count} numbers of an `ant_tuning` (with the terminal cost that belongs to the weights), for the options that
+this directory was exported with otherwise. `build/demonstration tuning.txt` shows what they do. On the board hand them
+to `ant_tuning_from`, which refuses those of another plant or sample time, and the tuning to `ant_tune`, after
+`ant_reset`, or between two steps. N, the sample time, the supply, the joint range and the observer are the build's.
 
 The QP is solved as it is, sample by sample, as in Python and by the same text (`src/recursions.c` is printed from it):
 two sweeps of Riccati recursions from the guess that those bounds of the slew bind which bound in the last sample, and a
@@ -127,7 +137,10 @@ def _control(controller: TrackingMPC, single: bool) -> str:
         turns=qps * TURNS * MOST,
         iterations=qps * qp_iterations(controller, single),
     )
+    single_only = " --precision single" if single else ""
     return _CONTROL.format(
+        options=single_only,
+        count=2 + sum(values.size for _, values in tuning_numbers(controller, single)),
         dt=controller.dt,
         plant=controller.plant.summary,
         N=N,

@@ -140,6 +140,16 @@ void ant_reset(ant_controller *controller);
 /* One sample: reading and reference in, plan out. Sends nothing: plan->u[0] is meant to be sent now. */
 void ant_step(ant_controller *controller, const ant_reading *reading, const ant_reference *reference, ant_plan *plan);
 
+/* Controls with `tuning` from now on, to be called after ant_reset, which goes back to ANT_TUNING; it has to stay where
+ * it is. Returns 0, and changes nothing, for one that cannot be: a number that is not finite, a weight or price that is
+ * not positive. */
+extern const ant_tuning ANT_TUNING; /* the export's */
+int ant_tune(ant_controller *controller, const ant_tuning *tuning);
+
+/* Fills in a tuning from the numbers that `antagonist export --tuning` writes. Returns 0, and changes nothing, where
+ * their count is not ANT_TUNING_NUMBERS, or where they were made for another sample time or another plant. */
+int ant_tuning_from(const ant_real *numbers, int count, ant_tuning *tuning);
+
 /* The two halves of ant_step, for those who have an observer of their own. The state x is theta [rad], its rate
  * [rad/s], P1, P2 [Pa], NaN where unknown; d is the torque from outside [N*m]; sent is what was commanded a sample ago
  * [Pa]. What the observer thinks of the readings is in observer->verdicts. */

@@ -16,11 +16,12 @@ static void show(const ant_real *numbers) {
            a.limits);
 }
 
-int main(void) {
+int main(int argc, char **argv) {
     for (int i = 0; i < ANT_DEMONSTRATIONS; i++) show(ANT_DEMONSTRATION[i]);
 #ifdef ANT_HORIZON
-    return demonstrate_control();
+    return demonstrate_control(argc > 1 ? argv[1] : NULL);
 #else
+    (void)argc, (void)argv;
     return 0;
 #endif
 }

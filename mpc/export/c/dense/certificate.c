@@ -51,10 +51,12 @@ static ant_real stationarity(const ant_qp *qp, const ant_real *z, ant_real *push
         for (int j = i; j < ANT_MOVES; j++) residual += Ri[j] * z[j];
         square += (residual + pushes[i]) * (residual + pushes[i]);
     }
-    const ant_real s = ANT_ROOT_SLACK * z[ANT_MOVES] + (ANT_SLACK + pushes[ANT_MOVES]) / ANT_ROOT_SLACK;
-    const ant_real s_F =
-        ANT_ROOT_SLACK_FORCE * z[ANT_MOVES + 1] + (ANT_SLACK_FORCE + pushes[ANT_MOVES + 1]) / ANT_ROOT_SLACK_FORCE;
-    return (square + s * s + s_F * s_F) / 2;
+    for (int i = 0; i < 2; i++) {
+        const ant_real *price = qp->tuning->slack + 2 * i, root = ANT_F(sqrt)(price[1]);
+        const ant_real s = root * z[ANT_MOVES + i] + (price[0] + pushes[ANT_MOVES + i]) / root;
+        square += s * s;
+    }
+    return square / 2;
 }
 
 int ant_certified(const ant_qp *qp, const ant_real z[ANT_DECISIONS], const ant_real multipliers[ANT_LIMITS]) {

@@ -40,14 +40,14 @@ static void add_state(ant_qp *qp, const ant_feed *feed, int k) {
     ant_real row[ANT_MOVES];
     const ant_real(*G)[ANT_MOVES] = (const ant_real(*)[ANT_MOVES])qp->work.dense.work.G[(k + 1) % 2];
     for (int i = 0; i < 4; i++) {
-        if (!(ANT_ROOT_X[i] > 0)) continue;
+        if (!(qp->tuning->root_x[i] > 0)) continue;
         memcpy(row, G[i], sizeof row);
-        add(qp, acting(k), ANT_ROOT_X[i], row, qp->motion.x[k + 1][i] - feed->x[k + 1][i]);
+        add(qp, acting(k), qp->tuning->root_x[i], row, qp->motion.x[k + 1][i] - feed->x[k + 1][i]);
     }
     for (int i = 0; i < 3; i++) {
-        if (!(ANT_ROOT_Y[i] > 0)) continue;
+        if (!(qp->tuning->root_y[i] > 0)) continue;
         through(qp->slope[k + 1][i], G, row);
-        add(qp, acting(k), ANT_ROOT_Y[i], row, qp->y[k + 1][i] - feed->y[k + 1][i]);
+        add(qp, acting(k), qp->tuning->root_y[i], row, qp->y[k + 1][i] - feed->y[k + 1][i]);
     }
 }
 
@@ -57,7 +57,7 @@ static void begin_with_rates(ant_qp *qp, const ant_feed *feed, const ant_real e_
     for (int b = 0; b < ANT_BLOCKS; b++)
         for (int i = 0; i < 2; i++) {
             const int k = ANT_STARTS[b], j = 2 * b + i;
-            const ant_real root = ANT_ROOT_RATE[i] / ANT_DT, e = qp->motion.u[k][i] - feed->u[k][i];
+            const ant_real root = qp->tuning->root_rate[i] / ANT_DT, e = qp->motion.u[k][i] - feed->u[k][i];
             const ant_real previous = k > 0 ? qp->motion.u[k - 1][i] - feed->u[k - 1][i] : e_last[i];
             qp->work.dense.R[ant_at(ANT_MOVES, j) + j] = root * ANT_BAR;
             qp->work.dense.v[j] = root * (e - previous);
@@ -69,7 +69,7 @@ static void add_commands(ant_qp *qp, const ant_feed *feed, int k) {
     for (int i = 0; i < 2; i++) {
         ant_real row[ANT_MOVES];
         for (int j = 0; j < acting(k); j++) row[j] = j % 2 == i ? ANT_BAR : 0;
-        add(qp, acting(k), ANT_ROOT_E[i], row, qp->motion.u[k][i] - feed->u[k][i]);
+        add(qp, acting(k), qp->tuning->root_e[i], row, qp->motion.u[k][i] - feed->u[k][i]);
     }
 }
 
@@ -81,10 +81,10 @@ static void add_terminal(ant_qp *qp, const ant_feed *feed) {
     for (int i = 0; i < 2; i++) xi[4 + i] = qp->motion.u[last - 1][i] - feed->u[last - 1][i];
     for (int m = 0; m < 6; m++) {
         ant_real row[ANT_MOVES], r = 0;
-        for (int l = 0; l < 6; l++) r += ANT_TERMINAL[m][l] * xi[l];
+        for (int l = 0; l < 6; l++) r += qp->tuning->terminal[m][l] * xi[l];
         for (int j = 0; j < ANT_MOVES; j++) {
-            row[j] = ANT_BAR * ANT_TERMINAL[m][4 + j % 2];
-            for (int l = 0; l < 4; l++) row[j] += ANT_TERMINAL[m][l] * qp->work.dense.work.G[last % 2][l][j];
+            row[j] = ANT_BAR * qp->tuning->terminal[m][4 + j % 2];
+            for (int l = 0; l < 4; l++) row[j] += qp->tuning->terminal[m][l] * qp->work.dense.work.G[last % 2][l][j];
         }
         add(qp, ANT_MOVES, 1, row, r);
     }

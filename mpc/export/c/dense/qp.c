@@ -42,10 +42,11 @@ static void invert(const ant_qp *qp, ant_solver *s) {
         }
     }
     memcpy(s->v, qp->work.dense.v, sizeof qp->work.dense.v);
-    s->Rinv[ant_at(n, moves) + moves] = 1 / ANT_ROOT_SLACK;
-    s->Rinv[ant_at(n, moves + 1) + moves + 1] = 1 / ANT_ROOT_SLACK_FORCE;
-    s->v[moves] = ANT_SLACK / ANT_ROOT_SLACK;
-    s->v[moves + 1] = ANT_SLACK_FORCE / ANT_ROOT_SLACK_FORCE;
+    for (int i = 0; i < 2; i++) {
+        const ant_real *price = qp->tuning->slack + 2 * i, root = ANT_F(sqrt)(price[1]);
+        s->Rinv[ant_at(n, moves + i) + moves + i] = 1 / root;
+        s->v[moves + i] = price[0] / root;
+    }
 }
 
 /* Limit `id`, lower <= m (u - v) <= upper, its row m made a unit vector as DAQP likes it. */
@@ -137,8 +138,8 @@ static void balance(const ant_qp *qp, const ant_real *multipliers, ant_real *z) 
         for (int j = i + 1; j < n; j++) sum += Ri[j] * z[j];
         z[i] = -sum / Ri[i];
     }
-    z[n] = -(ANT_SLACK + pushes[n]) / ANT_SLACK_SQUARE;
-    z[n + 1] = -(ANT_SLACK_FORCE + pushes[n + 1]) / ANT_SLACK_FORCE_SQUARE;
+    const ant_real *price = qp->tuning->slack;
+    for (int i = 0; i < 2; i++) z[n + i] = -(price[2 * i] + pushes[n + i]) / price[2 * i + 1];
 }
 
 /* DAQP's answer for the limits that it found active, its multipliers refined until these are met to the last digits. */

@@ -75,7 +75,7 @@ static ant_bound row_bounds(const ant_qp *qp, int i) {
     } else if (i < LOWER) {
         at.lower = ANT_LEFT - m->x[i - UPPER + 1][0];
     } else {
-        at.lower = ANT_MIN_FORCE - m->F[(i - LOWER) / 2 + 1][(i - LOWER) % 2];
+        at.lower = qp->tuning->min_force - m->F[(i - LOWER) / 2 + 1][(i - LOWER) % 2];
     }
     return at;
 }

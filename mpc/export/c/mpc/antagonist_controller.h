@@ -11,6 +11,25 @@ enum {
 };
 #define ANT_TRIANGLE(n) ((n) * ((n) + 1) / 2) /* elements of a triangular matrix */
 
+/* What may be tuned while the program runs; src/tuning.c has the one of the export. The terminal cost belongs to the
+ * weights: take numbers that Python has made together, see ant_tuning_from. */
+typedef struct {
+    ant_real x[4];      /* weights of theta, its rate, P1, P2 */
+    ant_real y[3];      /* of the outputs K, F1, F2 */
+    ant_real e[2];      /* of the commands away from the feed-forward [1/bar^2] */
+    ant_real change[2]; /* and of their changes [1/bar^2] */
+    ant_real end[6][6]; /* of xi with commands in bar, the terminal cost is xi^T ... xi/2 */
+    ant_real slack[4];  /* prices rho [1/rad], rho_2 [1/rad^2], rho_F [1/N], rho_F2 [1/N^2] of the slacks */
+    ant_real curvature; /* that the charge on a change gives the cost [1/bar^2] */
+    ant_real step;      /* greatest change of a command in a sample [Pa] */
+    ant_real min_force; /* least force of the muscles [N] */
+#ifdef ANT_SINGLE       /* for the dense QP, in SI units */
+    ant_real root_x[4], root_y[3], root_e[2], root_rate[2]; /* roots of the weights */
+    ant_real terminal[6][6];                                /* L, the terminal cost is |L xi|^2/2 */
+#endif
+} ant_tuning;
+enum { ANT_TUNING_NUMBERS = 2 + sizeof(ant_tuning) / sizeof(ant_real) };
+
 /* What friction remembers of the way of the angle. */
 typedef struct {
     ant_real memory[ANT_ELEMENTS]; /* z [-] of Dahl's model, or the elements' springs [rad] of Maxwell slip */
@@ -146,6 +165,7 @@ typedef struct {
 
 /* The QP of a step, sample by sample: its linear model along a motion, commands in bar, and the bounds of the slew. */
 typedef struct {
+    const ant_tuning *tuning;
     ant_motion motion; /* of z = 0 */
     ant_real u[ANT_HORIZON][2], y[ANT_HORIZON + 1][3];
     ant_real A[ANT_HORIZON][4][4], B[ANT_HORIZON][4][2], slope[ANT_HORIZON + 1][3][4];

@@ -37,9 +37,9 @@ int ant_sound(const ant_belief *b); /* finite, and no variance negative */
 void ant_unsure(ant_belief *b, const ant_real read[3], const int there[3]); /* at the readings, little certain */
 
 /* limits.c */
-void ant_limit(const ant_real u_last[2], ant_real u[ANT_HORIZON][2]); /* slew and supply, in place */
-ant_real ant_excursion(const ant_motion *m);                          /* from the joint range [rad] */
-ant_real ant_slackening(const ant_motion *m);                         /* below the least force [N] */
+void ant_limit(ant_real step, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]); /* slew, supply; in place */
+ant_real ant_excursion(const ant_motion *m);                      /* from the joint range [rad] */
+ant_real ant_slackening(ant_real min_force, const ant_motion *m); /* below the least force [N] */
 
 /* rollout.c */
 int ant_finite(const ant_real *numbers, int n);
@@ -62,10 +62,11 @@ void ant_send(ant_controller *c, ant_plan *plan, ant_real side); /* side: of the
 int ant_rest_follow(ant_rest *r, const ant_task *task); /* at every sample: whether to rest, at r->p */
 
 /* feedforward.c */
-void ant_feed_forward(const ant_task *task, ant_feed *feed);
+void ant_feed_forward(const ant_task *task, ant_real min_force, ant_feed *feed);
 
 /* structured.c: the QP of a step, sample by sample, as recursions.c takes it */
 typedef struct {
+    ant_qp_setting setting;
     ant_qp_path path;
     ant_qp_errors errors;
     ant_qp_bounded bounded;
@@ -73,7 +74,6 @@ typedef struct {
     ant_qp_point at;        /* what is found */
     ant_qp_work work;
 } ant_structured;
-extern const ant_qp_setting ANT_SETTING;
 ant_structured ant_structured_of(ant_qp *qp);
 int ant_linearise(ant_controller *c, const ant_task *task, const ant_real u_last[2]); /* whether all is finite */
 void ant_expect_shifted(ant_controller *c); /* that what bound in the last sample's QP binds one sample earlier */

@@ -12,7 +12,7 @@ typedef struct {
 } outcome;
 
 /* u + E z, within the limits. */
-static void move(ant_real u[ANT_HORIZON][2], const ant_real z[ANT_DECISIONS], const ant_real u_last[2]) {
+static void move(ant_real step, ant_real u[ANT_HORIZON][2], const ant_real z[ANT_DECISIONS], const ant_real u_last[2]) {
     ant_real sum[2] = {0, 0};
     for (int k = 0, b = 0; k < ANT_HORIZON; k++) {
         const int begins = b < ANT_BLOCKS && ANT_STARTS[b] == k;
@@ -22,7 +22,7 @@ static void move(ant_real u[ANT_HORIZON][2], const ant_real z[ANT_DECISIONS], co
         }
         b += begins;
     }
-    ant_limit(u_last, u);
+    ant_limit(step, u_last, u);
 }
 
 /* The commands after ANT_ITERATIONS QPs, or up to one that failed; the softened QP's if it was the first. */
@@ -42,19 +42,19 @@ static outcome optimise(ant_controller *c, const ant_task *task, const ant_real 
             o.status = status;
             o.rung = ANT_RUNG_SOFTENED;
             o.found = finite && ant_soften(c, u_last, z);
-            if (o.found) move(u, z, u_last);
+            if (o.found) move(c->qp.tuning->step, u, z, u_last);
             break;
         }
-        move(u, z, u_last);
+        move(c->qp.tuning->step, u, z, u_last);
         o.found = 1;
     }
     return o;
 }
 
 /* The pressures of a rest, approached as the limits allow. */
-static outcome resting_at(const ant_rest *rest, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
-    for (int k = 0; k < ANT_HORIZON; k++) memcpy(u[k], rest->p, sizeof u[k]);
-    ant_limit(u_last, u);
+static outcome resting_at(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
+    for (int k = 0; k < ANT_HORIZON; k++) memcpy(u[k], c->rest.p, sizeof u[k]);
+    ant_limit(c->qp.tuning->step, u_last, u);
     return (outcome){ANT_PLAN_RESTING, 1, ANT_RUNG_ALLOCATION, 0};
 }
 
@@ -71,7 +71,7 @@ static int try_rung(ant_controller *c, ant_rung rung, const ant_task *task, cons
     } else if (rung == ANT_RUNG_ALLOCATION) {
         if (!c->feed.finite) return 0;
         memcpy(m->u, c->feed.u, sizeof m->u);
-        ant_limit(u_last, m->u);
+        ant_limit(c->qp.tuning->step, u_last, m->u);
     } else
         return 0;
     return ant_rollout(task->x, task->d, m);
@@ -102,7 +102,7 @@ static void report(ant_controller *c, ant_plan *plan) {
     memcpy(plan->x, c->last.x, sizeof plan->x);
     memcpy(plan->K, c->last.K, sizeof plan->K);
     plan->slack = ant_excursion(&c->last);
-    plan->slack_force = ant_slackening(&c->last);
+    plan->slack_force = ant_slackening(c->qp.tuning->min_force, &c->last);
     memcpy(plan->moved, c->feed.moved, sizeof plan->moved);
 }
 
@@ -119,12 +119,12 @@ void ant_control(ant_controller *c, const ant_real x[4], ant_real d, const ant_r
     if (task.refused)
         memset(c->feed.moved, 0, sizeof c->feed.moved);
     else
-        ant_feed_forward(&task, &c->feed);
+        ant_feed_forward(&task, c->qp.tuning->min_force, &c->feed);
     ant_real best[ANT_HORIZON][2];
     const outcome halted = {task.refused ? ANT_PLAN_BAD_INPUT : ANT_PLAN_BLIND, 0, ANT_RUNG_QP, 0};
     const int rests = ANT_RESTS && ant_rest_follow(&c->rest, &task), halts = task.refused || task.lost;
     const outcome o = halts   ? halted
-                      : rests ? resting_at(&c->rest, u_last, best)
+                      : rests ? resting_at(c, u_last, best)
                               : optimise(c, &task, u_last, best);
     plan->rung = descend(c, &task, &o, u_last, best);
     ant_remember(c, plan->rung);
@@ -148,4 +148,5 @@ void ant_step(ant_controller *c, const ant_reading *reading, const ant_reference
 void ant_reset(ant_controller *c) {
     memset(c, 0, sizeof *c);
     c->iteration_limit = ANT_QP_ITERATIONS;
+    c->qp.tuning = &ANT_TUNING;
 }

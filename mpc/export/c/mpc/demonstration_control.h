@@ -7,6 +7,7 @@
 
 #include "control.h"
 #include "model.h"
+#include "tuning_file.h"
 
 enum { ANT_SAMPLES = 100, ANT_SHOWN = 10 };
 
@@ -31,13 +32,19 @@ static void turn(ant_real x[4], ant_real waiting[ANT_DELAY + 1][2], const ant_re
     memcpy(x, later, sizeof later);
 }
 
-static int demonstrate_control(void) {
+/* `name`: a file with a tuning, or NULL. */
+static int demonstrate_control(const char *name) {
     static ant_controller controller;
+    static ant_tuning tuning;
     static ant_reference reference;
     static ant_plan plan;
     ant_real x[4] = {ANT_DEMO_MIDDLE, 0, ANT_DEMO_P1, ANT_DEMO_P2}, waiting[ANT_DELAY + 1][2];
     for (int k = 0; k <= ANT_DELAY; k++) memcpy(waiting[k], &x[2], sizeof waiting[k]);
     ant_reset(&controller);
+    if (name != NULL && !(ant_read_tuning(name, &tuning) && ant_tune(&controller, &tuning))) {
+        fprintf(stderr, "%s is no tuning for this build\n", name);
+        return 1;
+    }
     for (int sample = 0; sample < ANT_SAMPLES; sample++) {
         const ant_reading reading = {x[0], x[2], x[3]};
         refer(&reference, sample);

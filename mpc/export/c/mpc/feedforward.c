@@ -17,7 +17,7 @@ static void worst(ant_real *most, ant_real gap) {
     if (ant_abs(gap) > *most) *most = ant_abs(gap);
 }
 
-void ant_feed_forward(const ant_task *task, ant_feed *feed) {
+void ant_feed_forward(const ant_task *task, ant_real min_force, ant_feed *feed) {
     enum { n = ANT_HORIZON + 1 };
     feed->finite = 1;
     for (int i = 0; i < 3; i++) feed->moved[i] = 0;
@@ -30,7 +30,7 @@ void ant_feed_forward(const ant_task *task, ant_feed *feed) {
         const ant_real theta = x[0], omega = derivative(ANT_D1[k], feed), alpha = derivative(ANT_D2[k], feed);
         const ant_real T = ANT_INERTIA * alpha + ANT_DAMPING * omega + ANT_GRAVITY * ANT_F(sin)(theta) - task->d[k];
         ant_target target = ant_target_of(theta, task->K[k], T);
-        target.min_force = ANT_MIN_FORCE;
+        target.min_force = min_force;
         const ant_allocation held = ant_allocate(&target);
         x[1] = omega, x[2] = held.P1, x[3] = held.P2;
         y[0] = held.K, y[1] = y[2] = 0;

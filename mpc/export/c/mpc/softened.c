@@ -20,8 +20,8 @@ typedef struct {
     signed char side[N][2]; /* -1, 1: held at its lower, upper bound */
 } softened;
 
-static ant_real charge_of(int row) {
-    return row < RANGE ? ANT_CHARGE : row < FORCES ? ANT_SLACK_SQUARE : ANT_SLACK_FORCE_SQUARE;
+static ant_real charge_of(const softened *s, int row) {
+    return row < RANGE ? ANT_CHARGE : s->q.setting.slack[row < FORCES ? 1 : 3];
 }
 
 static ant_real breach(const softened *s, int k, int row) {
@@ -31,11 +31,11 @@ static ant_real breach(const softened *s, int k, int row) {
 /* Gradient, rows and what these push at the point. */
 static void differentiate(const softened *s) {
     const ant_qp_work *w = &s->q.work;
-    ant_gradients(&s->q.path, &s->q.errors, &ANT_SETTING.cost, &s->q.at, w->gx, w->gv);
+    ant_gradients(&s->q.path, &s->q.errors, &s->q.setting.cost, &s->q.at, w->gx, w->gv);
     ant_values(&s->q.path, &s->q.at, ALL, w->rows.residual);
     for (int k = 0; k < N; k++)
         for (int row = 0; row < ALL; row++)
-            w->rows.push[k][row] = s->charged[k][row] ? charge_of(row) * breach(s, k, row) : 0;
+            w->rows.push[k][row] = s->charged[k][row] ? charge_of(s, row) * breach(s, k, row) : 0;
     w->rows.push[N][0] = w->rows.push[N][1] = 0;
 }
 
@@ -48,7 +48,7 @@ static ant_real cost(const softened *s) {
         for (int i = 0; i < 2; i++) sum += (w->first[k][i] + w->r[k][i]) / 2 * s->q.at.v[k][i];
         for (int row = SUPPLY; row < ALL; row++) {
             const ant_real beyond = breach(s, k, row);
-            if (beyond > 0) sum += charge_of(row) / 2 * beyond * beyond;
+            if (beyond > 0) sum += charge_of(s, row) / 2 * beyond * beyond;
         }
     }
     return sum;
@@ -59,10 +59,10 @@ static void step(const softened *s) {
     const ant_qp_work *w = &s->q.work;
     for (int k = 0; k < N; k++)
         for (int row = 0; row < ALL; row++)
-            w->rows.W[k][row] = row < 2 && s->side[k][row] != 0 ? HELD : s->charged[k][row] ? charge_of(row) : 0;
+            w->rows.W[k][row] = row < 2 && s->side[k][row] != 0 ? HELD : s->charged[k][row] ? charge_of(s, row) : 0;
     w->rows.W[N][0] = w->rows.W[N][1] = HELD; /* no slacks */
-    ant_factorise(&s->q.path, &ANT_SETTING.cost, ANT_SETTING.slack, w->rows.W, s->q.bounded.there, ALL, &w->factors);
-    ant_direction(&s->q.path, &w->factors, ANT_SETTING.slack, &s->q.at, w->gx, w->gv, w->rows.push, ALL, &w->by);
+    ant_factorise(&s->q.path, &s->q.setting.cost, s->q.setting.slack, w->rows.W, s->q.bounded.there, ALL, &w->factors);
+    ant_direction(&s->q.path, &w->factors, s->q.setting.slack, &s->q.at, w->gx, w->gv, w->rows.push, ALL, &w->by);
 }
 
 /* By the step, up to the first bound met, where that change is held; whether one was. */
@@ -97,7 +97,7 @@ static int release(softened *s) {
     const ant_qp_work *w = &s->q.work;
     ant_real most = 0;
     signed char *which = NULL;
-    ant_left_over(&s->q.path, ANT_SETTING.slack, &s->q.at, w->gx, w->gv, w->rows.push, ALL, w->r);
+    ant_left_over(&s->q.path, s->q.setting.slack, &s->q.at, w->gx, w->gv, w->rows.push, ALL, w->r);
     for (int k = 0; k < N; k++)
         for (int i = 0; i < 2; i++)
             if (s->side[k][i] * w->r[k][i] > most) {
@@ -130,7 +130,7 @@ int ant_soften(ant_controller *c, const ant_real u_last[2], ant_real best[ANT_DE
     softened s = {ant_structured_of(&c->qp), {{0}}, {{0}}, {{0}}};
     int found = 0;
     ant_deviate(c, &s.q, u_last);
-    ant_sides(&s.q.path, s.q.u, &ANT_SETTING.bounds, &s.q.bounded, s.q.work.rows.b);
+    ant_sides(&s.q.path, s.q.u, &s.q.setting.bounds, &s.q.bounded, s.q.work.rows.b);
     to_origin(&s);
     differentiate(&s);
     ant_adjoint(&s.q.path, s.q.work.gx, s.q.work.gv, s.q.work.first);

@@ -5,21 +5,25 @@
 #include "model.h"
 #include "tables.h"
 
-const ant_qp_setting ANT_SETTING = {
-    {ANT_COST_X, ANT_COST_Y, ANT_COST_E, ANT_COST_CHANGE, ANT_COST_END},
-    {ANT_SUPPLY_LO / ANT_BAR, ANT_SUPPLY_HI / ANT_BAR, ANT_STEP / ANT_BAR, ANT_LEFT, ANT_RIGHT, ANT_MIN_FORCE},
-    ANT_CURVATURE,
-    ANT_LAZY,
-    ANT_ACCURACY,
-    ANT_SLACKS,
-    ANT_STARTS,
-};
+static ant_qp_setting setting_of(const ant_tuning *t) {
+    const ant_qp_setting made = {
+        {t->x, t->y, t->e, t->change, t->end},
+        {ANT_SUPPLY_LO / ANT_BAR, ANT_SUPPLY_HI / ANT_BAR, t->step / ANT_BAR, ANT_LEFT, ANT_RIGHT, t->min_force},
+        t->curvature,
+        ANT_LAZY,
+        ANT_ACCURACY,
+        t->slack,
+        ANT_STARTS,
+    };
+    return made;
+}
 
 ant_structured ant_structured_of(ant_qp *qp) {
     ant_sweeps *s = &qp->work.structured.sweeps;
     ant_iteration *i = &qp->work.structured.iteration;
     const ant_qp_sweep sweep = {s->R, s->D, s->g, s->feedback, s->held, s->gx, s->gv, s->r};
     const ant_structured made = {
+        setting_of(qp->tuning),
         {(const ant_real(*)[4])qp->motion.x, (const ant_real(*)[3])qp->y, (const ant_real(*)[4][4])qp->A,
          (const ant_real(*)[4][2])qp->B, (const ant_real(*)[3][4])qp->slope},
         {s->x, s->y, s->e, s->change, s->end},
@@ -62,7 +66,8 @@ int ant_linearise(ant_controller *c, const ant_task *task, const ant_real u_last
     const ant_real *star = c->starred ? c->u_star : c->feed.u[0];
     const ant_real last[2][2] = {{u_last[0], u_last[1]}, {star[0], star[1]}};
     const ant_qp_bounded bounded = {qp->lower, qp->upper, qp->there};
-    ant_slew_bounds(&ANT_SETTING, (const ant_real(*)[2])qp->u, last, &bounded);
+    const ant_qp_setting setting = setting_of(qp->tuning);
+    ant_slew_bounds(&setting, (const ant_real(*)[2])qp->u, last, &bounded);
     return ant_finite(qp->A[0][0], 16 * ANT_HORIZON) && ant_finite(qp->B[0][0], 8 * ANT_HORIZON) &&
            ant_finite(qp->slope[1][0], 12 * ANT_HORIZON);
 }
@@ -86,7 +91,7 @@ ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[2], ant_real 
     *iterations = 0;
     if (c->iteration_limit <= 0) return ANT_PLAN_UNSOLVED;
     ant_deviate(c, &s, u_last);
-    const int count = ant_swept(&s.path, &s.errors, &ANT_SETTING, s.u, &s.bounded, c->qp.guess, &s.at, &s.work.sweep);
+    const int count = ant_swept(&s.path, &s.errors, &s.setting, s.u, &s.bounded, c->qp.guess, &s.at, &s.work.sweep);
     if (count > 0) return ant_persist(c, u_last, count, z, iterations);
     ant_decisions(&c->qp, z);
     return ANT_PLAN_OPTIMAL;

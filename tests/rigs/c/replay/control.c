@@ -1,10 +1,10 @@
-/* Reads samples from one file and writes what ant_step answers to another: rows
- * of doubles. A sample is the reading (theta, P1, P2), whether the QP solver is
- * to fail, and the reference. */
+/* Reads samples from one file and writes what ant_step answers to another, with the tuning in a third, if there is one:
+ * rows of doubles. A sample is the reading (theta, P1, P2), whether the QP solver is to fail, and the reference. */
 #include <stdio.h>
 
 #include "antagonist.h"
 #include "settings.h"
+#include "tuning_file.h"
 
 enum { BOUND = ANT_ITERATIONS * ANT_QP_ITERATIONS };
 
@@ -12,9 +12,11 @@ static ant_controller controller;
 static double in[4 + 2 * (ANT_AHEAD + 1)];
 
 int main(int argc, char **argv) {
-    FILE *from = argc == 3 ? fopen(argv[1], "rb") : NULL, *to = argc == 3 ? fopen(argv[2], "wb") : NULL;
+    FILE *from = argc >= 3 ? fopen(argv[1], "rb") : NULL, *to = argc >= 3 ? fopen(argv[2], "wb") : NULL;
+    static ant_tuning tuning;
     if (from == NULL || to == NULL) return 1;
     ant_reset(&controller);
+    if (argc > 3 && !(ant_read_tuning(argv[3], &tuning) && ant_tune(&controller, &tuning))) return 4;
     while (fread(in, sizeof in, 1, from) == 1) {
         const ant_reading reading = {(ant_real)in[0], (ant_real)in[1], (ant_real)in[2]};
         static ant_reference reference;

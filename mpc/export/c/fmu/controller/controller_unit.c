@@ -33,6 +33,7 @@ void unit_advance(unit_memory *memory, double *v) {
         reference.theta[k] = (ant_real)v[UNIT_THETA_REF + k];
         reference.K[k] = (ant_real)v[UNIT_K_REF + k];
     }
+    ant_tune(&memory->controller, &ANT_TUNING); /* a state may come from another process, with its addresses */
     ant_step(&memory->controller, &reading, &reference, &memory->plan);
     show(&memory->plan, v);
 }

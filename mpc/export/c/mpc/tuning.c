@@ -1,0 +1,32 @@
+/* What may be tuned while the program runs: checked, and read from numbers. */
+#include <string.h>
+
+#include "control.h"
+
+static int positive(const ant_real *numbers, int count, int zero_too) {
+    for (int i = 0; i < count; i++)
+        if (!(isfinite(numbers[i]) && (numbers[i] > 0 || (zero_too && numbers[i] == 0)))) return 0;
+    return 1;
+}
+
+int ant_tune(ant_controller *c, const ant_tuning *t) {
+    int good = positive(t->x, 4, 1) && positive(t->y, 3, 1) && positive(t->e, 2, 0) && positive(t->change, 2, 0);
+    good = good && positive(t->slack, 4, 0) && positive(&t->step, 1, 0) && positive(&t->min_force, 1, 1);
+    good = good && positive(&t->curvature, 1, 0) && ant_finite(t->end[0], 36);
+    for (int i = 0; i < 6; i++) good = good && t->end[i][i] > 0;
+#ifdef ANT_SINGLE
+    good = good && positive(t->root_x, 4, 1) && positive(t->root_y, 3, 1) && positive(t->root_e, 2, 0);
+    good = good && positive(t->root_rate, 2, 0) && ant_finite(t->terminal[0], 36);
+#endif
+    if (good) c->qp.tuning = t;
+    return good;
+}
+
+static int near(ant_real a, ant_real b, ant_real share) { return ant_abs(a - b) <= share * ant_abs(b); }
+
+int ant_tuning_from(const ant_real *numbers, int count, ant_tuning *t) {
+    if (count != ANT_TUNING_NUMBERS) return 0;
+    if (!near(numbers[0], ANT_DT, ANT_R(1e-6)) || !near(numbers[1], ANT_PLANT, ANT_R(1e-4))) return 0;
+    memcpy(t, numbers + 2, sizeof *t); /* it holds nothing but ant_real */
+    return 1;
+}

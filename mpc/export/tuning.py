@@ -1,0 +1,122 @@
+"""What a user tunes on the bench, weights, prices of the slacks, slew and least force, as numbers for a build in C.
+
+The terminal cost belongs to the weights, and takes an algebraic Riccati equation of the plant at the sample time: it is
+made here, and C takes all numbers together, in the order of `ant_tuning`. Before them stand two that must be those of
+the build: the sample time, and a number of the plant.
+"""
+
+from dataclasses import replace
+from os import PathLike
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.files.atomic import write_text
+from allocator.shell.options import numbers, within
+from allocator.units import BAR, DEG
+from mpc.codegen.c_text import number
+from mpc.export.joint import Numbers
+from mpc.model.plant import Plant
+from mpc.tracking.compiled.factory import setting
+from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.terminal import terminal_factor
+from mpc.tracking.weights import Weights
+
+Entry = tuple[str, Array]  # what the numbers are, and these
+
+
+def plant_number(plant: Plant, dt: float) -> float:
+    """Return a number that tells whether a tuning was made for the same plant and sample time."""
+    return float(np.log(np.abs(np.diag(terminal_factor(plant, dt, Weights())))).sum())
+
+
+def tuning_numbers(controller: TrackingMPC, single: bool) -> list[Entry]:
+    """Return the fields of `ant_tuning`, in their order."""
+    made, problem = setting(controller.problem), controller.problem
+    limits = controller.limits
+    entries = [
+        ("weights of theta, its rate, P1, P2", made.cost.x),
+        ("of the outputs K, F1, F2", made.cost.y),
+        ("of the commands away from the feed-forward [1/bar^2]", made.cost.e),
+        ("and of their changes [1/bar^2]", made.cost.change),
+        ("of the state at the end of the horizon, rows", made.cost.end),
+        ("prices of the slacks [1/rad], [1/rad^2], [1/N], [1/N^2]", made.slack),
+        ("curvature of the cost [1/bar^2]", np.array([problem.curvature])),
+        ("greatest change of a command in a sample [Pa]", np.array([limits.step])),
+        ("least force of the muscles [N]", np.array([limits.min_force])),
+    ]
+    if single:
+        kinds = "state", "outputs", "commands [1/Pa]", "rate of the commands [s/Pa]"
+        entries += [(f"roots of the weights: {what}", np.sqrt(w)) for what, w in zip(kinds, problem.rows, strict=True)]
+        entries += [("factor of the terminal cost, rows", problem.L)]
+    return entries
+
+
+def tuning_definition(controller: TrackingMPC, single: bool) -> str:
+    """Return the definition of `ANT_TUNING`, what the build begins with."""
+    lines = [f"    /* {what} */\n    {_listed(values, single)}," for what, values in tuning_numbers(controller, single)]
+    return "\n".join(["const ant_tuning ANT_TUNING = {", *lines, "};"])
+
+
+def _listed(values: Array, single: bool) -> str:
+    """Return an initialiser; that of a single number stands without braces."""
+    if values.ndim == 2:
+        return "{" + ",\n     ".join(_listed(row, single) for row in values) + "}"
+    listed = ", ".join(number(value, single) for value in values.tolist())
+    return listed if values.size == 1 else f"{{{listed}}}"
+
+
+def tuning_constants(controller: TrackingMPC) -> Numbers:
+    """Return what the build defines to know its tunings by."""
+    return {"PLANT": (plant_number(controller.plant, controller.dt), "a tuning's second number, see tuning.c")}
+
+
+def tuning_text(controller: TrackingMPC, precision: str = "double") -> str:
+    """Return the numbers for `ant_tuning_from` as text, one a line, with what they are behind `#`."""
+    single = precision == "single"
+    entries = [
+        ("sample time [s], that of the build", np.array([controller.dt])),
+        ("of the plant, that of the build", np.array([plant_number(controller.plant, controller.dt)])),
+        *tuning_numbers(controller, single),
+    ]
+    lines = [f"# A tuning for a controller in C, {precision} precision, see ant_tuning_from in antagonist.h"]
+    for what, values in entries:
+        first, *others = (repr(float(value)) for value in np.ravel(values))
+        lines += [f"{first}  # {what}", *others]
+    return "\n".join(lines) + "\n"
+
+
+def write_tuning(path: str | PathLike[str], controller: TrackingMPC, *, precision: str = "double") -> None:
+    """Write a tuning for a build that has been exported: its controller goes on with other weights, without a compiler.
+
+    `controller` is that of the build but for `weights`, `min_force` and the plant's `slew`, in the build's `precision`;
+    `N` and everything else stay those of the build. The numbers are for `ant_tuning_from`, one a line. Raises
+    `MissingBackend` for an unknown precision, `CannotWrite`.
+    """
+    from mpc.export.parts import is_single
+
+    is_single(precision)
+    write_text(path, tuning_text(controller, precision))
+
+
+_ERRORS = {"theta": DEG, "omega": DEG, "K": 1.0, "u": BAR, "rate": BAR}  # weights by errors, in units of SI's
+
+
+def weights_from(errors: str) -> Weights:
+    """Return the export's weights with some changed: "theta=0.1,rate=0.3", the errors that cost one half.
+
+    Units are degrees, degrees/s, N·m/rad, bar and bar/s. Raises `InvalidInput`.
+    """
+    changed = {}
+    for part in errors.split(","):
+        name, _, value = (piece.strip() for piece in part.partition("="))
+        if name not in _ERRORS:
+            raise InvalidInput(f"--errors {part.strip()!r}: expected NAME=ERROR, NAME being {', '.join(_ERRORS)}")
+        [error] = numbers(f"--errors {name}", value, 1, 1, f"{name}=0.5")
+        within(f"--errors {name}", error, "(an error that costs one half)", 1e-9, 1e9)
+        changed[name] = 1 / (error * _ERRORS[name]) ** 2
+    return replace(Weights.calm(), **changed)
+
+
+__all__ = ["tuning_constants", "tuning_definition", "tuning_numbers", "tuning_text", "weights_from", "write_tuning"]
