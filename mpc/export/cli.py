@@ -78,7 +78,7 @@ def export_command(
     allocates = what == "allocate" or (board.serial and board.variant == "terminal")
     weights = None if errors is None else weights_from(errors)
     controller = None if allocates else default_controller(plant, horizon, known, weights)
-    if tuning:
+    if tuning and controller is not None:
         claim(out)
         write_tuning(out, controller, precision=precision)
         say(Console(), f"written: {out}, for a build of the same plant in {precision} precision; its README says how")

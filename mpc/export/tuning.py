@@ -20,15 +20,17 @@ from mpc.export.joint import Numbers
 from mpc.model.plant import Plant
 from mpc.tracking.compiled.factory import setting
 from mpc.tracking.controller import TrackingMPC
-from mpc.tracking.terminal import terminal_factor
 from mpc.tracking.weights import Weights
 
 Entry = tuple[str, Array]  # what the numbers are, and these
 
 
 def plant_number(plant: Plant, dt: float) -> float:
-    """Return a number that tells whether a tuning was made for the same plant and sample time."""
-    return float(np.log(np.abs(np.diag(terminal_factor(plant, dt, Weights())))).sum())
+    """Return a number that tells whether a tuning was made for the same plant: how it moves in a sample, all in one."""
+    (left, right), most = plant.joint.angle_range, plant.joint.pressure_limits[1]
+    x = np.array([left + 0.6 * (right - left), 1.0, 0.4 * most, 0.7 * most])
+    moved = np.array(plant.discrete(dt)(x, [0.8 * most, 0.5 * most], 0.3)).ravel() - x
+    return float(moved @ [1.0, 2.0, 1 / BAR, 2 / BAR] / dt)
 
 
 def tuning_numbers(controller: TrackingMPC, single: bool) -> list[Entry]:
