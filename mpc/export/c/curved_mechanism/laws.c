@@ -3,7 +3,7 @@
 #include "mechanism.h"
 #include "real.h"
 
-enum { ROOT_STEPS = 80, LOOKED_AT = 32 }; /* of Newton and halves; pressures */
+enum { ROOT_STEPS = 80, LOOKED_AT = 32, CLOSER = 4 }; /* of Newton and halves; pressures, and how often */
 
 ant_state ant_at(const ant_memory *o, int j, ant_real P) {
     ant_real given[6];
@@ -19,18 +19,24 @@ void ant_force(const ant_memory *o, int j, ant_real P, ant_real *F, ant_real *F_
     *F_P = given[1];
 }
 
-/* The last pressure up to `hi` at which the force is below `wanted`, of some that are looked at; 0 where it is at none. A
- * law may fall before it rises, where its muscle is slack: what is meant is the rising part. */
+/* The last pressure up to `hi` at which the force is below `wanted`, of some that are looked at, the closer to 0 the closer
+ * together where the law falls there; 0 where it is at none. A law may fall before it rises, where its muscle is slack:
+ * what is meant is the rising part. */
 static ant_real last_below(const ant_memory *o, int j, ant_real hi, ant_real wanted, ant_real *above) {
-    ant_real F = 0, gain;
+    ant_real at_zero, falls, F, gain;
+    ant_force(o, j, 0, &at_zero, &falls);
     *above = hi;
-    for (int i = LOOKED_AT - 1; i >= 0; i--) {
-        const ant_real P = hi * (ant_real)i / (ant_real)LOOKED_AT;
-        ant_force(o, j, P, &F, &gain);
-        if (F < wanted) return P;
-        *above = P;
+    for (int closer = 0; closer < CLOSER; closer++) {
+        for (int i = LOOKED_AT - 1; i > 0; i--) {
+            const ant_real P = hi * (ant_real)i / (ant_real)LOOKED_AT;
+            ant_force(o, j, P, &F, &gain);
+            if (F < wanted) return P;
+            *above = P;
+        }
+        if (!(falls < 0)) break;
+        hi /= (ant_real)LOOKED_AT;
     }
-    return F > wanted ? -ANT_INFINITY : 0;
+    return at_zero > wanted ? -ANT_INFINITY : 0;
 }
 
 /* Newton's steps within a bracket, halved where they leave it. */
