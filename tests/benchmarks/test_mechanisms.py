@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.mechanisms import nonaffine
+from benchmarks.mechanisms import exported, nonaffine
 from benchmarks.mechanisms.accuracy import Check
+
+from ..rigs.needs import needs
 
 pytestmark = pytest.mark.slow
 
@@ -42,3 +44,11 @@ def test_the_gap_of_muscles_that_are_not_affine_is_closed_and_no_start_ends_belo
     assert found.allocation.kkt_residual.max() < 1e-7
     assert found.starts >= 20
     assert found.below == 0
+
+
+@needs("gcc", "arm-none-eabi-gcc", "qemu-system-arm")
+@pytest.mark.tools
+def test_the_exported_search_is_compared_and_counted():
+    line = exported.compared("one joint", "single", 5)
+    assert "20 statuses equal, not proved 0 in C" in line
+    assert float(line.split("Cortex-M4F: ")[1].split(" million")[0]) < 5

@@ -1,6 +1,5 @@
 """The exported allocation of muscles that are not affine in the pressure says and proves what Python's does."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar
@@ -11,52 +10,21 @@ from typer.testing import CliRunner
 
 from allocator.calculus import cos, is_symbol, sin
 from allocator.errors import InvalidInput
-from allocator.mechanism import Link, Mechanism, MechanismStatus, Pulleys, Sites, allocate_mechanism, machines
-from allocator.muscles import Andrikopoulos2016, Muscle, TonduLopez2000, Wickramatunge2010
+from allocator.mechanism import Mechanism, MechanismStatus, Pulleys, allocate_mechanism
+from allocator.muscles import Muscle
 from allocator.muscles.basis import Basis
-from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
-from allocator.units import BAR, DEG
+from allocator.units import BAR
+from benchmarks.mechanisms.exported import ANDRIKOPOULOS, FAILED, MAIN, MECHANISMS, answered, questions
 from mpc.cli import app
 from mpc.export.mechanism import curved
 from mpc.export.mechanism.entry import export_mechanism
 
 from ...rigs import toolchain as tools
 from ...rigs.needs import needs
-from .test_exported_mechanism import MAIN, answered
 
-TONDU = TONDU_DMSP_20_400N
-LOPEZ = TonduLopez2000(0.01, 25 * DEG, 1.2, 0.5, 1 * BAR)
-ANDRIKOPOULOS = Andrikopoulos2016(0.01, 25 * DEG, 1.5, 2.0, 1 * BAR, 0.8)
-KINKED = Wickramatunge2010(0.4, 0.29, 2e3, 1e5, 0.03, 2e-8, 1e-8, 2.5 * BAR)
-FAILED = MechanismStatus.SOLVER_FAILED
 GAP = 1e-3
 
 needs_gcc = needs("gcc")
-
-
-def sites(muscles: Muscle | Sequence[Muscle]) -> Mechanism:
-    """An arm of two links whose six muscles run between sites: bends count."""
-    links = [Link(), Link(0, origin=(0.0, 0.3))]
-    paths = [[(-1, (0.0, -0.3)), (0, (side * 0.03, 0.0))] for side in (-1, 1)]
-    paths += [[(0, (0.0, 0.0)), (1, (side * 0.03, 0.0))] for side in (-1, 1)]
-    paths += [[(-1, (0.0, -0.3)), (0, (side * 0.03, 0.0)), (1, (side * 0.02, 0.0))] for side in (-1, 1)]
-    routes = Sites(0.4, links, paths, cable=[-0.0435] * 4 + [0.2565] * 2)
-    return Mechanism(routes, muscles, angle_limits=((-0.5, 0.5), (-0.4, 0.4)))
-
-
-MECHANISMS = {
-    "one joint": Mechanism(Pulleys(0.4, [(0.02,), (-0.02,)], 0.1375), TONDU),
-    "Tondu2021": machines.arm26().with_muscles(TONDU),
-    "bends, five laws": sites((LOPEZ, ANDRIKOPOULOS, KINKED, TONDU, SAROSI_DMSP_20_400N, TONDU)),
-    "leg37": machines.leg37().with_muscles(TONDU),
-}
-CASES = [
-    ("torque", 0.0, np.inf, False, False),
-    ("stiffness", 0.0, np.inf, True, True),
-    ("torque", 40.0, 350.0, False, False),
-    ("torque", 0.0, np.inf, True, True),
-    ("stiffness", 0.0, np.inf, False, False),
-]
 
 
 @pytest.fixture(scope="module")
@@ -68,64 +36,6 @@ def exported(tmp_path_factory):
         return export_mechanism(tmp_path_factory.mktemp("c") / "c", MECHANISMS[name], precision=precision)
 
     return made
-
-
-@dataclass(frozen=True)
-class Questions:
-    """Rows for C, and what Python says: pressures, torques, stiffnesses, costs of both levels, status, gap, bounds."""
-
-    mechanism: Mechanism
-    rows: np.ndarray
-    P: np.ndarray
-    y: np.ndarray
-    status: np.ndarray
-    PARTS: ClassVar = ("P", "y", "residual", "status", "nodes", "gap", "bounds")
-
-    def of_c(self, printed):
-        """What C prints, by name."""
-        n, m = self.mechanism.n, self.mechanism.m
-        ends = np.cumsum([m, n + n * (n + 1) // 2, 1, 1, 1, 1])
-        parts = dict(zip(self.PARTS, np.split(printed, ends, axis=1), strict=True))
-        return {name: part if part.shape[1] > 1 else part[:, 0] for name, part in parts.items()}
-
-    def costs(self, y):
-        """The squared errors (N, 2) of both levels, in the order of the priority."""
-        n, m = self.mechanism.n, self.mechanism.m
-        rows, columns = self.mechanism.upper_triangle
-        asked = self.rows[:, n : n + y.shape[1]]
-        squares = np.nan_to_num((y - asked) ** 2) * np.concatenate([np.ones(n), 1.0 + (rows != columns)])
-        torque, stiffness = squares[:, :n].sum(axis=1), squares[:, n:].sum(axis=1)
-        second = self.rows[:, -1:] == 1
-        assert self.rows.shape[1] == n + y.shape[1] + 2 + m + 4
-        return np.where(second, np.stack([stiffness, torque], 1), np.stack([torque, stiffness], 1))
-
-
-@cache
-def questions(mechanism, N, seed=0, dtype=float):
-    """Targets within reach and beyond it, with torques up to four and stiffnesses from 0.3 to 3 times what there is."""
-    rng = np.random.default_rng(seed)
-    n, m = mechanism.n, mechanism.m
-    rows, found = [], []
-    for priority, least, greatest, slew, diagonal in CASES:
-        q = rng.uniform(-0.3, 0.3, n).astype(dtype).astype(float)
-        P = rng.uniform(*mechanism.pressure_box(q), (N, m))
-        far, stiff = rng.choice([1.0, 1.0, 2.5], N), rng.choice([0.3, 1.0, 1.0, 1.7, 3.0], N)
-        T = (mechanism.torque(q, P) * far[:, None]).astype(dtype).astype(float)
-        K = (mechanism.stiffness(q, P) * stiff[:, None, None]).astype(dtype).astype(float)
-        T, K, P = (a[np.linalg.eigvalsh(K)[:, 0] > 0.05] for a in (T, K, P))  # others are none to ask for
-        now = np.clip((P + rng.uniform(-1, 1, P.shape) * BAR).astype(dtype).astype(float), 0, 5 * BAR)
-        triangle = K[:, *mechanism.upper_triangle]
-        if diagonal:
-            triangle[:, mechanism.upper_triangle[0] != mechanism.upper_triangle[1]] = np.nan
-        limits = {"min_force": least, "max_force": None if np.isinf(greatest) else greatest, "priority": priority}
-        for i in range(len(T)):
-            moved = {"previous": now[i], "max_step": 0.3 * BAR} if slew else {}
-            a = allocate_mechanism(mechanism, q, np.diag(K[i]) if diagonal else K[i], T[i], **limits, **moved)
-            tail = [0.3 * BAR if slew else np.inf, slew, 0, priority != "torque"]
-            rows.append([*q, *T[i], *triangle[i], least, greatest, *now[i], *tail])
-            found.append((a.P, [*a.T, *a.K[mechanism.upper_triangle]], int(a.status)))
-    P, y, status = zip(*found, strict=True)
-    return Questions(mechanism, np.array(rows, float), np.array(P), np.array(y), np.array(status))
 
 
 @needs_gcc
