@@ -19,7 +19,7 @@ from mpc.export.friction import (
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied
 from mpc.export.recursions import recursion_files
-from mpc.export.tuning import tuning_constants, tuning_definition
+from mpc.export.tuning.numbers import tuning_constants, tuning_definition
 from mpc.model import compensation
 from mpc.model.plant import NU, NX
 from mpc.observer import gating, kalman
@@ -72,7 +72,8 @@ def qp_iterations(controller: TrackingMPC, single: bool) -> int:
 
 def control_files(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:
     """Return all files beyond the allocation's but the model."""
-    files = dict(copied("mpc", "src/")) | dict(copied("dense" if single else "interior", "src/"))
+    files = dict(copied("mpc", "src/")) | dict(copied("tuning", "src/"))
+    files |= dict(copied("dense" if single else "interior", "src/"))
     files |= dict(copied("daqp", "src/daqp/")) if single else {}
     files |= recursion_files(single)
     files["antagonist_controller.h"] = files.pop("src/antagonist_controller.h")

@@ -3,7 +3,7 @@
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.export.control import qp_iterations
 from mpc.export.parts import BUILD
-from mpc.export.tuning import tuning_numbers
+from mpc.export.tuning.numbers import tuning_numbers
 from mpc.tracking.controller import TrackingMPC
 
 _HEAD = (
