@@ -57,21 +57,33 @@ def settled(
     blocks nothing may change: all is held there, at 0.
     """
     starts, N, lower, upper, held = setting.starts, path.A.shape[0], bounded.lower, bounded.upper, sweep.held
-    held[:] = LOWER
-    for block in range(starts.size):
-        for i in range(2):
-            held[starts[block], i] = guess[2 * block + i]
+    take_set(starts, guess, held)
     for _ in range(sweeps):
         for k in range(N):
             for i in range(2):
                 at.v[k, i] = lower[k, i] if held[k, i] == LOWER else upper[k, i]  # of those held
         backward(path, setting.cost, gx, gv, at.v, sweep)
         if not forward(path, lower, upper, sweep, at):
-            for block in range(starts.size):
-                for i in range(2):
-                    guess[2 * block + i] = held[starts[block], i]
+            give_set(starts, held, guess)
             return True
     return False
+
+
+@inlined
+def take_set(starts: Any, guess: Any, held: Any) -> None:
+    """Set what is `held` (N, 2) to a `guess` (n,), and all else to be."""
+    held[:] = LOWER
+    for block in range(starts.size):
+        for i in range(2):
+            held[starts[block], i] = guess[2 * block + i]
+
+
+@inlined
+def give_set(starts: Any, held: Any, guess: Any) -> None:
+    """Set the `guess` (n,) to what is `held` (N, 2)."""
+    for block in range(starts.size):
+        for i in range(2):
+            guess[2 * block + i] = held[starts[block], i]
 
 
 @inlined
@@ -144,4 +156,4 @@ def forward(path: Path, lower: Array, upper: Array, sweep: Sweep, at: Point) -> 
     return changed
 
 
-__all__ = ["FREE", "LOWER", "UPPER", "Sweep", "new_sweep", "settled"]
+__all__ = ["FREE", "LOWER", "UPPER", "Sweep", "give_set", "new_sweep", "settled", "take_set"]

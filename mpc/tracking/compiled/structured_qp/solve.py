@@ -13,10 +13,11 @@ from mpc.tracking.compiled.commands import deviations, new_errors, slew_bounds
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
 from mpc.tracking.compiled.jit import compiled, inlined
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
+from mpc.tracking.compiled.structured_qp.active_set import Columns, along_edges, few_free, new_columns
 from mpc.tracking.compiled.structured_qp.certificate import brought_within, confirmed, needed
 from mpc.tracking.compiled.structured_qp.interior import MOST, SWEEPS, Work, interior, new_point, new_work
 from mpc.tracking.compiled.structured_qp.newton import BOUNDS, gradients
-from mpc.tracking.compiled.structured_qp.riccati import Sweep, new_sweep, settled
+from mpc.tracking.compiled.structured_qp.riccati import Sweep, give_set, new_sweep, settled, take_set
 
 
 @compiled
@@ -33,7 +34,7 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
     bounded = Bounded(np.empty((N, 2)), np.empty((N, 2)), np.empty(N, np.bool_))
     slew_bounds(setting, u, last, bounded)
     solved, iterations = True, 0
-    count = swept(path, errors, setting, u, bounded, guess, at, sweep)
+    count = swept(path, errors, setting, u, bounded, guess, at, sweep, new_columns(N))
     if count > 0:
         work = new_work(N, sweep)
         solved, iterations = persistent(path, errors, setting, u, bounded, count, guess, at, work, MOST)
@@ -45,14 +46,21 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
 
 @inlined
 def swept(
-    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, guess: Any, at: Point, sweep: Sweep
+    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, guess: Any, at: Point, sweep: Sweep,
+    columns: Columns
 ) -> int:
     """Set the point to what sweeps come to; return 0 if that is the proved solution, or how many rows of every sample
     the interior point is to begin with.
     """
     at.xi[:], at.v[:] = 0.0, 0.0
-    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-    solved = settled(path, setting, sweep.gx, sweep.gv, bounded, guess, SWEEPS, at, sweep)
+    take_set(setting.starts, guess, sweep.held)
+    if few_free(bounded.there, sweep.held):
+        solved = along_edges(path, errors, setting, bounded, at, sweep.held, columns, sweep.gx, sweep.gv, sweep.r)
+        if solved:
+            give_set(setting.starts, sweep.held, guess)
+    else:
+        gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+        solved = settled(path, setting, sweep.gx, sweep.gv, bounded, guess, SWEEPS, at, sweep)
     brought_within(path, bounded, at)
     solved = solved and confirmed(path, errors, setting, bounded, at, sweep.gx, sweep.gv, sweep.r)
     count = needed(path, setting, u, at, setting.tolerance)
