@@ -36,6 +36,7 @@ class Sweep(NamedTuple):
     gx: Array  # (N+1, 6) gradient of the cost by ξ
     gv: Array  # (N, 2) and by v
     r: Array  # (N, 2) and by v alone, ξ following from it
+    inverse: Array  # (N, 3) of D, of what is free: entries 00, 01, 11
 
 
 @inlined
@@ -43,7 +44,7 @@ def new_sweep(N: int) -> Sweep:
     """Return the arrays of a sweep."""
     R, D, g, feedback = np.empty((N, 2, 6)), np.empty((N, 3)), np.empty((N, 2)), np.empty((N, 2, 7))
     gx, gv, r = np.empty((N + 1, 6)), np.empty((N, 2)), np.empty((N, 2))
-    return Sweep(R, D, g, feedback, np.empty((N, 2), np.int8), gx, gv, r)
+    return Sweep(R, D, g, feedback, np.empty((N, 2), np.int8), gx, gv, r, np.empty((N, 3)))
 
 
 @inlined
@@ -96,7 +97,7 @@ def backward(path: Path, cost: Cost, gx: Array, gv: Array, v: Array, sweep: Swee
         linear_before(s, path.A, path.B, k)
         D[k, 0], D[k, 1], D[k, 2] = R[k, 0, 4] + cost.change[0], R[k, 0, 5], R[k, 1, 5] + cost.change[1]
         g[k, 0], g[k, 1] = s[4] + gv[k, 0], s[5] + gv[k, 1]
-        choose(R, D, g, v, sweep.held, k, feedback)
+        choose(R, D, g, v, sweep.held, k, sweep.inverse, feedback)
         decided(path.A, k, SA, R, feedback, S)
         f0, f1 = feedback[k, 0, 6], feedback[k, 1, 6]
         for i in range(6):
@@ -108,7 +109,7 @@ def backward(path: Path, cost: Cost, gx: Array, gv: Array, v: Array, sweep: Swee
 
 
 @merged
-def choose(R: Array, D: Array, g: Array, v: Array, held: Any, k: int, feedback: Array) -> None:
+def choose(R: Array, D: Array, g: Array, v: Array, held: Any, k: int, inverse: Array, feedback: Array) -> None:
     """Set the feedback (2, 7) of stage `k`, D v + R ξ + g = 0 for the free inputs, v for those held."""
     a, b, c = 0.0, 0.0, 0.0  # of the inverse of D, negative
     c0, c1 = g[k, 0], g[k, 1]
@@ -121,6 +122,7 @@ def choose(R: Array, D: Array, g: Array, v: Array, held: Any, k: int, feedback: 
     elif held[k, 1] == FREE:
         c = -1.0 / D[k, 2]
         c1 += D[k, 1] * v[k, 0]
+    inverse[k, 0], inverse[k, 1], inverse[k, 2] = -a, -b, -c
     for j in range(6):
         feedback[k, 0, j] = a * R[k, 0, j] + b * R[k, 1, j]
         feedback[k, 1, j] = b * R[k, 0, j] + c * R[k, 1, j]

@@ -13,10 +13,10 @@ from mpc.tracking.compiled.commands import deviations, new_errors, slew_bounds
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
 from mpc.tracking.compiled.jit import compiled, inlined
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.active_set import Columns, along_edges, few_free, new_columns
+from mpc.tracking.compiled.structured_qp.active_set import Active, active_set, new_active
 from mpc.tracking.compiled.structured_qp.certificate import brought_within, confirmed, needed
-from mpc.tracking.compiled.structured_qp.interior import MOST, SWEEPS, Work, interior, new_point, new_work
-from mpc.tracking.compiled.structured_qp.newton import BOUNDS, gradients
+from mpc.tracking.compiled.structured_qp.interior import MOST, Work, interior, new_point, new_work
+from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, gradients
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, give_set, new_sweep, settled, take_set
 
 
@@ -34,7 +34,7 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
     bounded = Bounded(np.empty((N, 2)), np.empty((N, 2)), np.empty(N, np.bool_))
     slew_bounds(setting, u, last, bounded)
     solved, iterations = True, 0
-    count = swept(path, errors, setting, u, bounded, guess, at, sweep, new_columns(N))
+    count = swept(path, errors, setting, u, bounded, guess, at, sweep, new_active(N))
     if count > 0:
         work = new_work(N, sweep)
         solved, iterations = persistent(path, errors, setting, u, bounded, count, guess, at, work, MOST)
@@ -47,24 +47,23 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
 @inlined
 def swept(
     path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, guess: Any, at: Point, sweep: Sweep,
-    columns: Columns
+    a: Active
 ) -> int:
     """Set the point to what sweeps come to; return 0 if that is the proved solution, or how many rows of every sample
     the interior point is to begin with.
     """
     at.xi[:], at.v[:] = 0.0, 0.0
+    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+    if settled(path, setting, sweep.gx, sweep.gv, bounded, guess, 1, at, sweep):
+        brought_within(path, bounded, at)
+        if confirmed(path, errors, setting, bounded, at, sweep.gx, sweep.gv, sweep.r):
+            if needed(path, setting, u, at, setting.tolerance) == BOUNDS:
+                return 0
     take_set(setting.starts, guess, sweep.held)
-    if few_free(bounded.there, sweep.held):
-        solved = along_edges(path, errors, setting, bounded, at, sweep.held, columns, sweep.gx, sweep.gv, sweep.r)
-        if solved:
-            give_set(setting.starts, sweep.held, guess)
-    else:
-        gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-        solved = settled(path, setting, sweep.gx, sweep.gv, bounded, guess, SWEEPS, at, sweep)
-    brought_within(path, bounded, at)
-    solved = solved and confirmed(path, errors, setting, bounded, at, sweep.gx, sweep.gv, sweep.r)
-    count = needed(path, setting, u, at, setting.tolerance)
-    return 0 if solved and count == BOUNDS else count
+    if active_set(path, errors, setting, u, bounded, ALL, at, sweep, a):
+        give_set(setting.starts, sweep.held, guess)
+        return 0
+    return needed(path, setting, u, at, setting.tolerance)
 
 
 @inlined
