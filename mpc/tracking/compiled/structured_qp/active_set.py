@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.jit import inlined, merged
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.newton import BOUNDS, adjoint, gradients
 from mpc.tracking.compiled.structured_qp.responses import (
@@ -36,13 +36,13 @@ from mpc.tracking.compiled.structured_qp.responses import (
     row_value,
 )
 from mpc.tracking.compiled.structured_qp.riccati import FREE, LOWER, UPPER, Sweep
-from mpc.tracking.compiled.structured_qp.rows import WIDTH, side
+from mpc.tracking.compiled.structured_qp.rows import WIDTH, sides, values
 from mpc.tracking.compiled.structured_qp.stage import advance
 
-STEPS = 60
+STEPS = 48
 PUSHES = 1e-3  # [-] of the gradient that is allowed to be left: less pushes nothing
-BREAKS = 1e-10  # [-] of WIDTH: less breaks no bound
-ROW_BREAKS = 1e-8  # [-] of WIDTH: less breaks no row
+BREAKS = 1e-12  # [bar], [rad], [N]: less breaks no bound
+ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less breaks no row
 FLAT = 1e-10  # [-] of its terms: less is no slope
 LAST = FEW - 1  # the item that enters
 
@@ -58,21 +58,23 @@ class Active(NamedTuple):
     r: Array  # (N + 1, 2) gradient of the Lagrangian without the bounds' multipliers
     dz: Array  # (N + 1, 2)
     dr: Array  # (N + 1, 2)
+    b: Array  # (N + 1, 12) of the rows
+    value: Array  # (N + 1, 12)
     xi: Array  # (N + 1, 6)
     items: Items
 
 
-@inlined
+@merged
 def new_active(N: int) -> Active:
     """Return an active set that is not set yet."""
     sides, numbers = np.empty((2, N + 1, 2), np.int8), np.empty((6, N + 1, 2))
     return Active(
         sides[0], sides[1], numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5],
-        np.empty((N + 1, 6)), new_items(N),
+        np.empty((N + 1, 12)), np.empty((N + 1, 12)), np.empty((N + 1, 6)), new_items(N),
     )  # fmt: skip
 
 
-@inlined
+@merged
 def active_set(
     path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, at: Point, sweep: Sweep,
     a: Active
@@ -80,18 +82,53 @@ def active_set(
     """Return whether `at` comes from a sweep's solution to that of the QP with the first `count` rows of every sample,
     proved; what is `held` of the sweep becomes what is held then.
     """
-    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-    adjoint(path, sweep.gx, sweep.gv, sweep.r)
     begin(bounded, setting.slack, sweep, at, a)
-    size = exchanged(path, setting, sweep, u, count, let_go(path, setting, sweep, a), a)
+    sides(path, u, setting.bounds, bounded, a.b)
+    size = exchanged(path, setting, sweep, count, let_go(path, setting, sweep, a), at, a)
     if size < 0:
         return False
     end(path, bounded, at, sweep, a)
     gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-    return proved_with_rows(path, setting, u, bounded, size, at, sweep, a.items)
+    return proved_with_rows(path, setting, bounded, size, at, sweep, a)
 
 
-@inlined
+@merged
+def reversed_instead(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, first: Array, at: Point, other: Point, sweep: Sweep
+) -> bool:  # fmt: skip
+    """Reverse what is `held` of a sweep and pushed away from its bound, if most of it is and that costs less; return
+    whether that is so. The cost's gradient by v is `r` of the sweep at the point and `first` (N, 2) at the origin.
+    """
+    N, held, r, wrong, number, cost, turned = at.v.shape[0], sweep.held, sweep.r, 0, 0, 0.0, 0.0
+    other.xi[0, :] = 0.0
+    for k in range(N):
+        for i in range(2):
+            side, lower, upper = held[k, i], bounded.lower[k, i], bounded.upper[k, i]
+            if side != FREE and lower < upper:
+                number += 1
+                if side * r[k, i] > 0.0:
+                    wrong += 1
+                    side = -side
+            cost += (first[k, i] + r[k, i]) * at.v[k, i]
+            other.v[k, i] = lower if side == LOWER else upper if side == UPPER else 0.0
+            other.xi[k + 1, 4 + i] = other.xi[k, 4 + i] + other.v[k, i]
+        advance(path.A, path.B, k, other.xi)
+    if 2 * wrong <= number:
+        return False
+    gradients(path, errors, setting.cost, other, sweep.gx, sweep.gv)
+    adjoint(path, sweep.gx, sweep.gv, sweep.g)
+    for k in range(N):
+        turned += (first[k, 0] + sweep.g[k, 0]) * other.v[k, 0] + (first[k, 1] + sweep.g[k, 1]) * other.v[k, 1]
+    if turned >= cost:
+        return False
+    for k in range(N):
+        for i in range(2):
+            if held[k, i] * r[k, i] > 0.0 and bounded.lower[k, i] < bounded.upper[k, i]:
+                held[k, i] = -held[k, i]
+    return True
+
+
+@merged
 def begin(bounded: Bounded, slack: Array, sweep: Sweep, at: Point, a: Active) -> None:
     """Begin where a sweep has come to."""
     N, items = sweep.r.shape[0], a.items
@@ -107,7 +144,7 @@ def begin(bounded: Bounded, slack: Array, sweep: Sweep, at: Point, a: Active) ->
     items.kind[LAST], items.sample[LAST], items.muscle[LAST], items.side[LAST] = BOUND, 0, 0, 0
 
 
-@inlined
+@merged
 def end(path: Path, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> None:
     """Set the point to where the active set has come to, within its bounds."""
     for k in range(sweep.r.shape[0]):
@@ -121,14 +158,14 @@ def end(path: Path, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> Non
     at.sigma[0], at.sigma[1] = max(a.z[sweep.r.shape[0], 0], 0.0), max(a.z[sweep.r.shape[0], 1], 0.0)
 
 
-@inlined
+@merged
 def proved_with_rows(
-    path: Path, setting: Setting, u: Array, bounded: Bounded, size: int, at: Point, sweep: Sweep, items: Items
+    path: Path, setting: Setting, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Active
 ) -> bool:  # fmt: skip
     """Return whether the point is the solution, by the multipliers of its rows: see `certificate`; the gradients `gx`
     and `gv` of the sweep are the cost's, of which the first is lost.
     """
-    slack, total, square = setting.slack, 0.0, 0.0
+    slack, items, total, square = setting.slack, a.items, 0.0, 0.0
     c0, c1 = slack[0] + slack[1] * at.sigma[0], slack[2] + slack[3] * at.sigma[1]
     p = np.empty(6)
     for q in range(size):
@@ -137,7 +174,7 @@ def proved_with_rows(
             row_gradient(path.slope, k, kind, p)
             for i in range(6):
                 sweep.gx[k + 1, i] += multiplier * p[i]
-            over = row_value(path.slope, k, kind, at.xi) - side(path, u, setting.bounds, k, kind)
+            over = row_value(path.slope, k, kind, at.xi) - a.b[k, kind]
             if kind >= 10:
                 over, c1 = over - at.sigma[1], c1 - multiplier
             elif kind >= SOFT:
@@ -154,7 +191,7 @@ def proved_with_rows(
     return total + 0.5 * rest <= 0.5 * setting.curvature * setting.accuracy**2
 
 
-@inlined
+@merged
 def let_go(path: Path, setting: Setting, sweep: Sweep, a: Active) -> int:
     """Let go what its bound pushes in vain, and return with how many items that was done; -1: there are too many."""
     size, least, items = 0, PUSHES * setting.accuracy * setting.curvature, a.items
@@ -179,7 +216,7 @@ def let_go(path: Path, setting: Setting, sweep: Sweep, a: Active) -> int:
     return -1
 
 
-@inlined
+@merged
 def add_gone(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, a: Active) -> int:
     """Let go a change of the base, add its item, and return how many there are."""
     items = a.items
@@ -191,15 +228,15 @@ def add_gone(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, 
     return size + 1
 
 
-@inlined
-def exchanged(path: Path, setting: Setting, sweep: Sweep, u: Array, count: int, begun: int, a: Active) -> int:
+@merged
+def exchanged(path: Path, setting: Setting, sweep: Sweep, count: int, begun: int, at: Point, a: Active) -> int:
     """Let enter what is broken of the bounds and the first `count` rows of every sample until nothing is, and return
     with how many items; -1: it has given up. There are those that it has `begun` with, -1 for too many.
     """
     size, steps, items, violation = begun, 0, a.items, 0.0
     while size >= 0 and steps < STEPS:
         if violation == 0.0:
-            violation = most_broken(path, setting, u, count, size, a)
+            violation = most_broken(path, count, size, at, a)
             if violation == 0.0:
                 return size
             respond(path, sweep, a.base, setting.slack, LAST, items, a.xi)
@@ -220,8 +257,8 @@ def exchanged(path: Path, setting: Setting, sweep: Sweep, u: Array, count: int, 
     return -1
 
 
-@inlined
-def most_broken(path: Path, setting: Setting, u: Array, count: int, size: int, a: Active) -> float:
+@merged
+def most_broken(path: Path, count: int, size: int, at: Point, a: Active) -> float:
     """Set the item that enters to the bound or the row that is broken most, and return by how much; 0.0: none is."""
     N, worst, violation, items = path.A.shape[0], 0.0, 0.0, a.items
     for k in range(N + 1):
@@ -230,24 +267,24 @@ def most_broken(path: Path, setting: Setting, u: Array, count: int, size: int, a
                 width = WIDTH[0] if k < N else WIDTH[SOFT + 2 * i]
                 below, above = a.lower[k, i] - a.z[k, i], a.z[k, i] - a.upper[k, i]
                 over = max(below, above)
-                if over > max(worst, BREAKS) * width:
+                if over > max(worst * width, BREAKS):
                     violation, worst = over, over / width
                     items.kind[LAST], items.sample[LAST], items.muscle[LAST] = BOUND, k, i
                     items.side[LAST] = LOWER if below > above else UPPER
-    if violation == 0.0 and count > BOUNDS:
-        lead_on(path, a)
-        for k in range(N):
-            for j in range(BOUNDS, count):
-                over = row_value(path.slope, k, j, a.xi) - side(path, u, setting.bounds, k, j)
-                if j >= SOFT:
-                    over -= a.z[N, 0] if j < 10 else a.z[N, 1]
-                if over > max(worst, ROW_BREAKS) * WIDTH[j] and not is_item(k, j, size, items):
+    if violation > 0.0 or count == BOUNDS:
+        return violation
+    values(path, lead_on(path, a, at), count, a.value)
+    for k in range(N):
+        for j in range(BOUNDS, count):
+            over = a.value[k, j] - a.b[k, j]
+            if over > ROW_BREAKS:
+                if over > worst * WIDTH[j] and not is_item(k, j, size, items):
                     violation, worst = over, over / WIDTH[j]
                     items.kind[LAST], items.sample[LAST], items.muscle[LAST] = j, k, 0
     return violation
 
 
-@inlined
+@merged
 def is_item(k: int, j: int, size: int, items: Items) -> bool:
     """Return whether the row j of the sample k is one of the items."""
     for q in range(size):
@@ -256,17 +293,20 @@ def is_item(k: int, j: int, size: int, items: Items) -> bool:
     return False
 
 
-@inlined
-def lead_on(path: Path, a: Active) -> None:
-    """Set ξ to where the changes lead."""
-    for i in range(6):
-        a.xi[0, i] = 0.0
-    for k in range(path.A.shape[0]):
-        a.xi[k + 1, 4], a.xi[k + 1, 5] = a.xi[k, 4] + a.z[k, 0], a.xi[k, 5] + a.z[k, 1]
-        advance(path.A, path.B, k, a.xi)
+@merged
+def lead_on(path: Path, a: Active, at: Point) -> Point:
+    """Set the point to where the changes lead, and return it."""
+    N = path.A.shape[0]
+    for k in range(N):
+        for i in range(2):
+            at.v[k, i] = a.z[k, i]
+            at.xi[k + 1, 4 + i] = at.xi[k, 4 + i] + at.v[k, i]
+        advance(path.A, path.B, k, at.xi)
+    at.sigma[0], at.sigma[1] = a.z[N, 0], a.z[N, 1]
+    return at
 
 
-@inlined
+@merged
 def find_step(size: int, a: Active) -> float:
     """Set the direction in which a multiplier of the item that enters leads, and return by how much it breaks less."""
     items, K = a.items, a.items.K
@@ -281,7 +321,7 @@ def find_step(size: int, a: Active) -> float:
     return slope if slope > FLAT * terms else 0.0
 
 
-@inlined
+@merged
 def solve_items(size: int, items: Items) -> None:
     """Replace `step` (size,) by the solution x of K x = step; K is factorised as L D Lᵀ, what was let go first."""
     L, order, x, number = items.L, items.order, items.step, 0
@@ -306,7 +346,7 @@ def solve_items(size: int, items: Items) -> None:
             x[p] -= L[n, m] * x[order[n]]
 
 
-@inlined
+@merged
 def direct(size: int, entering: float, a: Active) -> None:
     """Set the direction to what the items' steps make of their answers, and so much of what answers to the last."""
     items, dz, dr = a.items, a.dz, a.dr
@@ -321,7 +361,7 @@ def direct(size: int, entering: float, a: Active) -> None:
                 dr[k, i] += step * items.r[q, k, i]
 
 
-@inlined
+@merged
 def longest(size: int, a: Active) -> int:
     """Set the last `step` to how far the direction may be gone before a multiplier changes its sign; return whose: an
     item's number, or FEW + 2 k + i for a change that is held.
@@ -341,7 +381,7 @@ def longest(size: int, a: Active) -> int:
     return first
 
 
-@inlined
+@merged
 def go(size: int, share: float, entering: float, a: Active) -> None:
     """Go this share of the direction."""
     for q in range(size):
@@ -353,7 +393,7 @@ def go(size: int, share: float, entering: float, a: Active) -> None:
             a.r[k, i] += share * a.dr[k, i]
 
 
-@inlined
+@merged
 def enter(size: int, a: Active) -> int:
     """Let the item that enters hold, and return how many there are then; -1: too many."""
     items = a.items
@@ -372,7 +412,7 @@ def enter(size: int, a: Active) -> int:
     return size + 1
 
 
-@inlined
+@merged
 def leave(path: Path, slack: Array, sweep: Sweep, size: int, first: int, a: Active) -> int:
     """Let go what comes `first`, and return how many items there are then; -1: too many."""
     items = a.items
@@ -385,4 +425,4 @@ def leave(path: Path, slack: Array, sweep: Sweep, size: int, first: int, a: Acti
     return add_gone(path, slack, sweep, (first - FEW) // 2, (first - FEW) % 2, size, a)
 
 
-__all__ = ["Active", "active_set", "new_active"]
+__all__ = ["Active", "active_set", "new_active", "reversed_instead"]

@@ -106,6 +106,8 @@ def back(path: Path, sweep: Sweep, base: Any, c: int, items: Items) -> None:
 @merged
 def row_gradient(slope: Array, k: int, kind: int, p: Array) -> None:
     """Set `p` (6,) to the gradient of the row `kind` by ξ[k + 1]."""
+    for i in range(6):
+        p[i] = 0.0
     if kind < SOFT:
         p[4 + kind % 2] = 1.0 if kind < 6 else -1.0
     elif kind < 10:
@@ -189,5 +191,6 @@ def copy_item(source: int, target: int, size: int, items: Items) -> None:
 
 
 __all__ = [
-    "BOUND", "FEW", "GONE", "SOFT", "Items", "compare", "copy_item", "new_items", "remove", "respond", "row_value",
+    "BOUND", "FEW", "GONE", "SOFT", "Items", "compare", "copy_item", "new_items", "remove", "respond", "row_gradient",
+    "row_value",
 ]  # fmt: skip

@@ -12,7 +12,7 @@ In this order, those of a sample k (w and δx of k + 1), and in a last line thos
 from typing import Any, NamedTuple
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined, merged
+from mpc.tracking.compiled.jit import inlined
 from mpc.tracking.compiled.records import Bounded, Bounds, Path, Point
 from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, SUPPLY
 from mpc.tracking.compiled.structured_qp.stage import changed
@@ -60,19 +60,11 @@ def sides(path: Path, u: Array, bounds: Bounds, bounded: Bounded, b: Array) -> N
     for k in range(N):
         for i in range(2):
             b[k, i], b[k, 2 + i] = bounded.upper[k, i], -bounded.lower[k, i]
-        for j in range(BOUNDS, ALL):
-            b[k, j] = side(path, u, bounds, k, j)
+            # what is outside already need not come back at once
+            b[k, 4 + i], b[k, 6 + i] = max(bounds.high - u[k, i], 0.0), -min(bounds.low - u[k, i], 0.0)
+            b[k, 10 + i] = path.y[k + 1, 1 + i] - bounds.min_force
+        b[k, 8], b[k, 9] = bounds.right - path.x[k + 1, 0], path.x[k + 1, 0] - bounds.left
     b[N, 0], b[N, 1] = 0.0, 0.0
-
-
-@merged
-def side(path: Path, u: Array, bounds: Bounds, k: int, j: int) -> float:
-    """Return b of the row j of the sample k, none of those of the changes."""
-    if j < 8:  # what is outside already need not come back at once
-        return max(bounds.high - u[k, j - 4], 0.0) if j < 6 else -min(bounds.low - u[k, j - 6], 0.0)
-    if j < 10:
-        return bounds.right - path.x[k + 1, 0] if j == 8 else path.x[k + 1, 0] - bounds.left
-    return path.y[k + 1, j - 9] - bounds.min_force
 
 
 @inlined
@@ -208,7 +200,6 @@ __all__ = [
     "none",
     "products_after",
     "row_steps",
-    "side",
     "sides",
     "values",
 ]

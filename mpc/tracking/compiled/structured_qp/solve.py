@@ -13,10 +13,10 @@ from mpc.tracking.compiled.commands import deviations, new_errors, slew_bounds
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
 from mpc.tracking.compiled.jit import compiled, inlined
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.active_set import Active, active_set, new_active
+from mpc.tracking.compiled.structured_qp.active_set import Active, active_set, new_active, reversed_instead
 from mpc.tracking.compiled.structured_qp.certificate import brought_within, confirmed, needed
 from mpc.tracking.compiled.structured_qp.interior import MOST, Work, interior, new_point, new_work
-from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, gradients
+from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, adjoint, gradients
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, give_set, new_sweep, settled, take_set
 
 
@@ -54,12 +54,24 @@ def swept(
     """
     at.xi[:], at.v[:] = 0.0, 0.0
     gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+    adjoint(path, sweep.gx, sweep.gv, sweep.r)
+    first, other = sweep.r.copy(), new_point(path.A.shape[0])
     if settled(path, setting, sweep.gx, sweep.gv, bounded, guess, 1, at, sweep):
         brought_within(path, bounded, at)
         if confirmed(path, errors, setting, bounded, at, sweep.gx, sweep.gv, sweep.r):
             if needed(path, setting, u, at, setting.tolerance) == BOUNDS:
                 return 0
     take_set(setting.starts, guess, sweep.held)
+    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+    adjoint(path, sweep.gx, sweep.gv, sweep.r)
+    if reversed_instead(path, errors, setting, bounded, first, at, other, sweep):
+        give_set(setting.starts, sweep.held, guess)
+        at.xi[:], at.v[:] = 0.0, 0.0
+        gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+        settled(path, setting, sweep.gx, sweep.gv, bounded, guess, 1, at, sweep)
+        take_set(setting.starts, guess, sweep.held)
+        gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+        adjoint(path, sweep.gx, sweep.gv, sweep.r)
     if active_set(path, errors, setting, u, bounded, ALL, at, sweep, a):
         give_set(setting.starts, sweep.held, guess)
         return 0
