@@ -25,6 +25,7 @@ from mpc.model.plant import NU, NX
 from mpc.observer import gating, kalman
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking import preview, rest
+from mpc.tracking.compiled.structured_qp.responses import ITEMS
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.qp import certified, softened
@@ -58,6 +59,7 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
         "BLOCKS": (blocks, "samples at which its commands may leave the previous plan"),
         "DELAY": (delay, "dead time in samples"),
         "AHEAD": (controller.ahead, "samples of reference wanted after the present one"),
+        "ITEMS": (ITEMS, "changes of what is held, at most, that are made one after the other"),
         "QP_ITERATIONS": (qp_iterations(controller, single), "most iterations of the QP solver at a time"),
     } | friction_sizes(controller.compensation.friction)
 

@@ -8,6 +8,7 @@ from mpc.export import text
 
 _N, _AFTER, _BLOCKS = "ANT_HORIZON", "ANT_HORIZON + 1", "ANT_BLOCKS"
 _SIDE = "signed char"
+_SINGLE = {"PUSHES": 0.5, "BREAKS": 1e-7, "ROW_BREAKS": 1e-5, "FLAT": 1e-5}  # what rounding is, of float32
 
 
 def recursion_files(single: bool) -> dict[str, str]:
@@ -24,7 +25,7 @@ def recursion_files(single: bool) -> dict[str, str]:
     entries += [] if single else [solve.persistent]
     names = {entry.__name__: f"ant_{entry.__name__}" for entry in entries}
     structs = _structs()
-    made = c_functions(with_called(entries), _kinds(structs), single, names, {})
+    made = c_functions(with_called(entries), _kinds(structs), single, names, _SINGLE if single else {})
     about = "The QP of a step, solved sample by sample; printed from Python's text of it."
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head])
     body = "\n\n".join([f'/* {about} */\n#include "recursions.h"\n\n#include "real.h"', MIN_AND_MAX, made.body])
@@ -69,6 +70,7 @@ def _structs() -> dict[str, StructKind]:
             "gx": _array(_AFTER, 6),
             "gv": per_u,
             "r": per_u,
+            "inverse": _array(_N, 3),
         },
         "factors": {
             "R": _array(_N, 2, 6),
@@ -79,6 +81,18 @@ def _structs() -> dict[str, StructKind]:
         },
         "rows": {"span": _array(_AFTER, 2, element=INT), **dict.fromkeys(lines, row)},
     }
+    line, few = _array(_AFTER, 2), "ANT_ITEMS"
+    sides, numbers, counts = _array(_AFTER, 2, element=_SIDE), _array(few), _array(few, element=INT)
+    made["items"] = {
+        "z": _array(few, _AFTER, 2),
+        "r": _array(few, _AFTER, 2),
+        "K": _array(few, few),
+        **dict.fromkeys(("kind", "sample", "muscle", "side"), counts),
+        "multiplier": numbers,
+        "step": numbers,
+        "L": _array(few, few),
+        "order": counts,
+    }
     structs = {name: StructKind(f"ant_qp_{name}", fields, False) for name, fields in made.items()}
     setting: dict[str, Kind] = {"cost": structs["cost"], "bounds": structs["bounds"]}
     setting |= dict.fromkeys(("curvature", "tolerance", "accuracy"), REAL)
@@ -86,7 +100,12 @@ def _structs() -> dict[str, StructKind]:
     work: dict[str, Kind] = {"rows": structs["rows"], "factors": structs["factors"], "by": structs["point"]}
     work |= {"sweep": structs["sweep"], "gx": _array(_AFTER, 6), "gv": per_u, "r": per_u, "first": per_u}
     work |= {"origin_x": _array(_AFTER, 6), "origin_v": per_u, "trial": structs["point"]}
+    active: dict[str, Kind] = {"base": sides, "held": sides}
+    active |= dict.fromkeys(("lower", "upper", "z", "r", "dz", "dr"), line)
+    active |= {"b": row, "value": row, "xi": _array(_AFTER, 6), "first": per_u}
+    active |= {"other": structs["point"], "items": structs["items"]}
     return structs | {
+        "active": StructKind("ant_qp_active", active, False),
         "setting": StructKind("ant_qp_setting", setting, False),
         "work": StructKind("ant_qp_work", work, False),
     }
@@ -96,7 +115,7 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
     """Return what arguments are, by their names in all functions."""
     sweep, rows, factors = structs["sweep"].fields, structs["rows"].fields, structs["factors"].fields
     per_u = sweep["gv"]
-    reals = ("w", "least0", "least1", "total", "worst", "product", "share", "mean", "tolerance", "c0", "c1")
+    reals = ("w", "least0", "least1", "total", "worst", "product", "share", "mean", "tolerance", "c0", "c1", "entering")
     return {
         **structs,
         **{name: structs["path"].fields[name] for name in ("A", "B", "slope")},
@@ -108,6 +127,8 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
             "at": structs["point"],
             "by": structs["point"],
             "trial": structs["point"],
+            "a": structs["active"],
+            "base": structs["active"].fields["base"],
             "f": structs["factors"],
             "xi": _array(_AFTER, 6),
         },

@@ -149,8 +149,21 @@ typedef struct {
     ant_real xi[ANT_HORIZON + 1][6], v[ANT_HORIZON][2], sigma[2];
     ant_real R[ANT_HORIZON][2][6], D[ANT_HORIZON][3], g[ANT_HORIZON][2], feedback[ANT_HORIZON][2][7];
     ant_real gx[ANT_HORIZON + 1][6], gv[ANT_HORIZON][2], r[ANT_HORIZON][2];
+    ant_real inverse[ANT_HORIZON][3];
     signed char held[ANT_HORIZON][2];
 } ant_sweeps;
+
+/* Workspace of the active set; see src/recursions.h. */
+typedef struct {
+    ant_real lower[ANT_HORIZON + 1][2], upper[ANT_HORIZON + 1][2], z[ANT_HORIZON + 1][2], r[ANT_HORIZON + 1][2];
+    ant_real dz[ANT_HORIZON + 1][2], dr[ANT_HORIZON + 1][2], b[ANT_HORIZON + 1][12], value[ANT_HORIZON + 1][12];
+    ant_real xi[ANT_HORIZON + 1][6], first[ANT_HORIZON][2];
+    ant_real other_xi[ANT_HORIZON + 1][6], other_v[ANT_HORIZON][2], other_sigma[2];
+    ant_real item_z[ANT_ITEMS][ANT_HORIZON + 1][2], item_r[ANT_ITEMS][ANT_HORIZON + 1][2];
+    ant_real K[ANT_ITEMS][ANT_ITEMS], L[ANT_ITEMS][ANT_ITEMS], multiplier[ANT_ITEMS], step[ANT_ITEMS];
+    int kind[ANT_ITEMS], sample[ANT_ITEMS], muscle[ANT_ITEMS], side[ANT_ITEMS], order[ANT_ITEMS];
+    signed char base[ANT_HORIZON + 1][2], held[ANT_HORIZON + 1][2];
+} ant_exchange;
 
 /* Workspace of a Newton step; see src/recursions.h. */
 typedef struct {
@@ -174,7 +187,10 @@ typedef struct {
     union {
         struct {
             ant_sweeps sweeps;
-            ant_iteration iteration;
+            union {
+                ant_exchange exchange;
+                ant_iteration iteration;
+            } work;
         } structured;
 #ifdef ANT_SINGLE
         ant_dense dense;

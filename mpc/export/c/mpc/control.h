@@ -73,6 +73,7 @@ typedef struct {
     const ant_real (*u)[2]; /* [bar] */
     ant_qp_point at;        /* what is found */
     ant_qp_work work;
+    ant_qp_active active;
 } ant_structured;
 ant_structured ant_structured_of(ant_qp *qp);
 int ant_linearise(ant_controller *c, const ant_task *task, const ant_real u_last[2]); /* whether all is finite */

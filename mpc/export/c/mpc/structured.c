@@ -20,8 +20,9 @@ static ant_qp_setting setting_of(const ant_tuning *t) {
 
 ant_structured ant_structured_of(ant_qp *qp) {
     ant_sweeps *s = &qp->work.structured.sweeps;
-    ant_iteration *i = &qp->work.structured.iteration;
-    const ant_qp_sweep sweep = {s->R, s->D, s->g, s->feedback, s->held, s->gx, s->gv, s->r};
+    ant_iteration *i = &qp->work.structured.work.iteration;
+    ant_exchange *a = &qp->work.structured.work.exchange;
+    const ant_qp_sweep sweep = {s->R, s->D, s->g, s->feedback, s->held, s->gx, s->gv, s->r, s->inverse};
     const ant_structured made = {
         setting_of(qp->tuning),
         {(const ant_real(*)[4])qp->motion.x, (const ant_real(*)[3])qp->y, (const ant_real(*)[4][4])qp->A,
@@ -40,7 +41,21 @@ ant_structured ant_structured_of(ant_qp *qp) {
          i->first,
          i->origin_x,
          i->origin_v,
-         {i->origin_x, i->origin_v, i->first[0]}}};
+         {i->origin_x, i->origin_v, i->first[0]}},
+        {a->base,
+         a->held,
+         a->lower,
+         a->upper,
+         a->z,
+         a->r,
+         a->dz,
+         a->dr,
+         a->b,
+         a->value,
+         a->xi,
+         a->first,
+         {a->other_xi, a->other_v, a->other_sigma},
+         {a->item_z, a->item_r, a->K, a->kind, a->sample, a->muscle, a->side, a->multiplier, a->step, a->L, a->order}}};
     return made;
 }
 
@@ -91,7 +106,8 @@ ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[2], ant_real 
     *iterations = 0;
     if (c->iteration_limit <= 0) return ANT_PLAN_UNSOLVED;
     ant_deviate(c, &s, u_last);
-    const int count = ant_swept(&s.path, &s.errors, &s.setting, s.u, &s.bounded, c->qp.guess, &s.at, &s.work.sweep);
+    const int count = ant_swept(&s.path, &s.errors, &s.setting, s.u, &s.bounded, c->qp.guess, &s.at, &s.work.sweep,
+                                &s.active);
     if (count > 0) return ant_persist(c, u_last, count, z, iterations);
     ant_decisions(&c->qp, z);
     return ANT_PLAN_OPTIMAL;

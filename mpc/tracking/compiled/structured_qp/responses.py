@@ -7,9 +7,9 @@ A sweep has solved the QP with a set of changes held, the base. What is asked be
     a row holds                         the same, a the row's gradient
 
 H⁻¹ being that of what is free in the base; r = H z + a is what the gradient of the Lagrangian answers, 0 there. The
-slacks s and s_F are two changes more, of the line N, held at 0 in the base; no stage answers to them but their rows.
-With what the items' own rows and gradients say to each other's answers, K, all else about them is a small symmetric
-matrix: positive where changes are let go, negative where something holds (quasi-definite).
+slacks s and s_F are two changes more, of the line N, held at 0 in the base; nothing answers to them but their rows.
+With K, what the items say to each other's answers, all else about them is a small symmetric matrix: positive where
+changes are let go, negative where something holds (R. J. Vanderbei's quasi-definite).
 """
 
 from typing import Any, NamedTuple
@@ -22,31 +22,32 @@ from mpc.tracking.compiled.records import Path
 from mpc.tracking.compiled.structured_qp.riccati import FREE, Sweep
 from mpc.tracking.compiled.structured_qp.stage import advance, changed, linear_before
 
-FEW = 24  # items, the one that enters included
-GONE, BOUND, SOFT = -1, 0, 8  # kinds: let go, held at a bound; the first of the soft rows, as in `rows`
+ITEMS = 24  # items, the one that enters included
+LAST = ITEMS - 1  # the one that enters
+GONE, BOUND, SOFT, FORCE = -1, 0, 8, 10  # kinds: let go, held at a bound; the first soft rows, as in `rows`
 
 
 class Items(NamedTuple):
-    """The items are lines of arrays, of which the last is for the one that enters."""
+    """The items are lines of arrays."""
 
-    z: Array  # (FEW, N + 1, 2)
-    r: Array  # (FEW, N + 1, 2)
-    K: Array  # (FEW, FEW)
-    kind: Any  # (FEW,) GONE, BOUND, or which row
-    sample: Any  # (FEW,)
-    muscle: Any  # (FEW,)
-    side: Any  # (FEW,) of a bound
-    multiplier: Array  # (FEW,)
-    step: Array  # (FEW,)
-    L: Array  # (FEW, FEW) factor of K
-    order: Any  # (FEW,) in which it is factorised
+    z: Array  # (ITEMS, N + 1, 2)
+    r: Array  # (ITEMS, N + 1, 2)
+    K: Array  # (ITEMS, ITEMS)
+    kind: Any  # (ITEMS,) GONE, BOUND, or which row
+    sample: Any  # (ITEMS,)
+    muscle: Any  # (ITEMS,) of a change
+    side: Any  # (ITEMS,) of a bound
+    multiplier: Array  # (ITEMS,)
+    step: Array  # (ITEMS,) by which the multipliers, or the changes that were let go, move
+    L: Array  # (ITEMS, ITEMS) factor of K
+    order: Any  # (ITEMS,) in which it is factorised
 
 
 @inlined
 def new_items(N: int) -> Items:
     """Return items that are not set yet."""
-    lines, few, counts = np.empty((2, FEW, N + 1, 2)), np.empty((2, FEW, FEW)), np.empty((5, FEW), np.int64)
-    numbers = np.empty((2, FEW))
+    lines, few, counts = np.empty((2, ITEMS, N + 1, 2)), np.empty((2, ITEMS, ITEMS)), np.empty((5, ITEMS), np.int64)
+    numbers = np.empty((2, ITEMS))
     return Items(
         lines[0], lines[1], few[0], counts[0], counts[1], counts[2], counts[3], numbers[0], numbers[1], few[1],
         counts[4],
@@ -57,69 +58,46 @@ def new_items(N: int) -> Items:
 def respond(path: Path, sweep: Sweep, base: Any, slack: Array, c: int, items: Items, xi: Array) -> None:
     """Set what answers to the item `c`, and `xi` (N + 1, 6) to where its changes lead."""
     N, kind, last, muscle = path.A.shape[0], items.kind[c], items.sample[c], items.muscle[c]
-    z, r = items.z, items.r
-    z[c, N, 0], z[c, N, 1], r[c, N, 0], r[c, N, 1] = 0.0, 0.0, 0.0, 0.0
-    if kind == BOUND and (last == N or base[last, muscle] != FREE):
-        # what was let go before: nothing answers
-        for k in range(N):
-            z[c, k, 0], z[c, k, 1], r[c, k, 0], r[c, k, 1] = 0.0, 0.0, 0.0, 0.0
+    for k in range(N + 1):
+        items.z[c, k, 0], items.z[c, k, 1], items.r[c, k, 0], items.r[c, k, 1] = 0.0, 0.0, 0.0, 0.0
+    if kind == BOUND and (last == N or base[last, muscle] != FREE):  # what was let go before
         xi[:] = 0.0
-        r[c, last, muscle] = 1.0 * items.side[c]
+        items.r[c, last, muscle] = 1.0 * items.side[c]
     elif last == N:
-        for k in range(N):
-            z[c, k, 0], z[c, k, 1], r[c, k, 0], r[c, k, 1] = 0.0, 0.0, 0.0, 0.0
         xi[:] = 0.0
-        z[c, N, muscle], r[c, N, muscle] = 1.0, slack[1 + 2 * muscle]
+        items.z[c, N, muscle], items.r[c, N, muscle] = 1.0, slack[1 + 2 * muscle]
     else:
         if kind >= SOFT:
-            r[c, N, (kind - SOFT) // 2] = -1.0
-        back(path, sweep, base, c, items)
-        forth(path, sweep, base, c, items, xi)
+            items.r[c, N, 1 if kind >= FORCE else 0] = -1.0
+        respond_at_rest(path, sweep, base, c, items)
+        respond_along(path, sweep, base, c, items, xi)
 
 
 @inlined
-def back(path: Path, sweep: Sweep, base: Any, c: int, items: Items) -> None:
-    """Set z of the item `c` to what the changes are where ξ is 0, and r to the gradient there."""
-    N, kind, last, muscle, p = path.A.shape[0], items.kind[c], items.sample[c], items.muscle[c], np.zeros(6)
+def respond_at_rest(path: Path, sweep: Sweep, base: Any, c: int, items: Items) -> None:
+    """Set z of the item `c` to what the changes are where ξ is 0, and r to the gradient there: a pass backward."""
+    kind, last, muscle, side, p = items.kind[c], items.sample[c], items.muscle[c], items.side[c], np.zeros(6)
     R, D, inverse, z, r = sweep.R, sweep.D, sweep.inverse, items.z, items.r
-    for k in range(last + 1, N):
-        z[c, k, 0], z[c, k, 1], r[c, k, 0], r[c, k, 1] = 0.0, 0.0, 0.0, 0.0
     if kind > BOUND:
         row_gradient(path.slope, last, kind, p)
     for k in range(last, -1, -1):
         linear_before(p, path.A, path.B, k)
-        g0, g1, v0, v1 = p[4], p[5], 0.0, 0.0
+        g0, g1 = p[4], p[5]
         if k == last and kind == BOUND:
-            g0, g1 = (1.0 * items.side[c], g1) if muscle == 0 else (g0, 1.0 * items.side[c])
-        elif k == last and kind == GONE:
-            v0, v1 = 1.0 - muscle, 1.0 * muscle
-            if base[k, 1 - muscle] == FREE:
-                v0, v1 = (v0, -inverse[k, 2] * D[k, 1]) if muscle == 0 else (-inverse[k, 0] * D[k, 1], v1)
-        if k != last or kind != GONE:
-            v0, v1 = -inverse[k, 0] * g0 - inverse[k, 1] * g1, -inverse[k, 1] * g0 - inverse[k, 2] * g1
+            g0, g1 = (1.0 * side if muscle == 0 else 0.0), (1.0 * side if muscle == 1 else 0.0)
+        v0, v1 = -inverse[k, 0] * g0 - inverse[k, 1] * g1, -inverse[k, 1] * g0 - inverse[k, 2] * g1
+        if k == last and kind == GONE:
+            v0 = 1.0 if muscle == 0 else -inverse[k, 0] * D[k, 1]
+            v1 = 1.0 if muscle == 1 else -inverse[k, 2] * D[k, 1]
         z[c, k, 0], z[c, k, 1] = v0, v1
         r[c, k, 0], r[c, k, 1] = g0 + D[k, 0] * v0 + D[k, 1] * v1, g1 + D[k, 1] * v0 + D[k, 2] * v1
         for i in range(6):
             p[i] += R[k, 0, i] * v0 + R[k, 1, i] * v1
 
 
-@merged
-def row_gradient(slope: Array, k: int, kind: int, p: Array) -> None:
-    """Set `p` (6,) to the gradient of the row `kind` by ξ[k + 1]."""
-    for i in range(6):
-        p[i] = 0.0
-    if kind < SOFT:
-        p[4 + kind % 2] = 1.0 if kind < 6 else -1.0
-    elif kind < 10:
-        p[0] = 1.0 if kind == 8 else -1.0
-    else:
-        for i in range(4):
-            p[i] = -slope[k + 1, kind - 9, i]
-
-
 @inlined
-def forth(path: Path, sweep: Sweep, base: Any, c: int, items: Items, xi: Array) -> None:
-    """Set z and r of the item `c` from where ξ is 0 to where they lead."""
+def respond_along(path: Path, sweep: Sweep, base: Any, c: int, items: Items, xi: Array) -> None:
+    """Add to z and r of the item `c` what is due to where they lead: a pass forward."""
     R, D, feedback, z, r = sweep.R, sweep.D, sweep.feedback, items.z, items.r
     for i in range(6):
         xi[0, i] = 0.0
@@ -141,9 +119,12 @@ def forth(path: Path, sweep: Sweep, base: Any, c: int, items: Items, xi: Array) 
 @inlined
 def compare(path: Path, size: int, c: int, items: Items, xi: Array) -> None:
     """Set K of the item `c`, whose answer leads to `xi`, with itself, the first `size`, and the one that enters."""
-    for q in range(FEW):
-        if q < size or q == c or q == FEW - 1:
+    N = path.A.shape[0]
+    for q in range(ITEMS):
+        wanted = q < size or q == LAST
+        if wanted or q == c:
             k, i, kind = items.sample[q], items.muscle[q], items.kind[q]
+            said = 0.0
             if kind == GONE:
                 said = items.r[c, k, i]
             elif kind == BOUND:
@@ -151,18 +132,59 @@ def compare(path: Path, size: int, c: int, items: Items, xi: Array) -> None:
             else:
                 said = row_value(path.slope, k, kind, xi)
                 if kind >= SOFT:
-                    said -= items.z[c, path.A.shape[0], (kind - SOFT) // 2]
-            items.K[q, c] = items.K[c, q] = said
+                    said -= items.z[c, N, 1 if kind >= FORCE else 0]
+            items.K[q, c] = said
+            items.K[c, q] = said
 
 
 @merged
+def row_gradient(slope: Array, k: int, kind: int, p: Array) -> None:
+    """Set `p` (6,) to the gradient of the row `kind` by ξ[k + 1]."""
+    for i in range(6):
+        p[i] = 0.0
+    if kind < SOFT:
+        p[5 if kind == 5 or kind == 7 else 4] = 1.0 if kind < 6 else -1.0
+    elif kind < FORCE:
+        p[0] = 1.0 if kind == SOFT else -1.0
+    else:
+        for i in range(4):
+            p[i] = -slope[k + 1, kind - 9, i]
+
+
+@inlined
 def row_value(slope: Array, k: int, kind: int, xi: Array) -> float:
     """Return the value of the row `kind` of the sample k, without its slack."""
     if kind < SOFT:
-        return float(xi[k + 1, 4 + kind % 2] if kind < 6 else -xi[k + 1, 4 + kind % 2])
-    if kind < 10:
-        return float(xi[k + 1, 0] if kind == 8 else -xi[k + 1, 0])
+        w = xi[k + 1, 5 if kind == 5 or kind == 7 else 4]
+        return float(w if kind < 6 else -w)
+    if kind < FORCE:
+        return float(xi[k + 1, 0] if kind == SOFT else -xi[k + 1, 0])
     return -changed(slope, k + 1, kind - 9, xi)
+
+
+@inlined
+def solve_items(size: int, items: Items) -> None:
+    """Replace `step` (size,) by the solution x of K x = step; K is factorised as L D Lᵀ, what was let go first."""
+    L, order, x, number = items.L, items.order, items.step, 0
+    for turn in range(2):
+        for q in range(size):
+            if (items.kind[q] == GONE) == (turn == 0):
+                order[number] = q
+                number += 1
+    for m in range(size):
+        p = order[m]
+        for n in range(m + 1):
+            total = items.K[p, order[n]]
+            for j in range(n):
+                total -= L[m, j] * L[n, j] * L[j, j]
+            L[m, n] = total / L[n, n] if n < m else total
+        for n in range(m):
+            x[p] -= L[m, n] * x[order[n]]
+    for m in range(size - 1, -1, -1):
+        p = order[m]
+        x[p] /= L[m, m]
+        for n in range(m + 1, size):
+            x[p] -= L[n, m] * x[order[n]]
 
 
 @inlined
@@ -175,22 +197,22 @@ def remove(size: int, c: int, items: Items) -> int:
 
 @inlined
 def copy_item(source: int, target: int, size: int, items: Items) -> None:
-    """Copy an item over another one, of `size` before it; what the one that enters has to say to it, too."""
+    """Copy an item over another one, and what it says to the first `size` and to the one that enters."""
     for k in range(items.z.shape[1]):
         for i in range(2):
             items.z[target, k, i], items.r[target, k, i] = items.z[source, k, i], items.r[source, k, i]
-    items.kind[target], items.sample[target], items.muscle[target] = (
-        items.kind[source], items.sample[source], items.muscle[source],
-    )  # fmt: skip
-    items.side[target], items.multiplier[target] = items.side[source], items.multiplier[source]
+    items.kind[target], items.sample[target] = items.kind[source], items.sample[source]
+    items.muscle[target], items.side[target] = items.muscle[source], items.side[source]
+    items.multiplier[target] = items.multiplier[source]
     own = items.K[source, source]
-    for q in range(FEW):
-        if q < size or q == FEW - 1:
-            items.K[target, q] = items.K[q, target] = items.K[source, q]
+    for q in range(ITEMS):
+        if q < size or q == LAST:
+            items.K[target, q] = items.K[source, q]
+            items.K[q, target] = items.K[source, q]
     items.K[target, target] = own
 
 
 __all__ = [
-    "BOUND", "FEW", "GONE", "SOFT", "Items", "compare", "copy_item", "new_items", "remove", "respond", "row_gradient",
-    "row_value",
+    "BOUND", "FORCE", "GONE", "ITEMS", "LAST", "SOFT", "Items", "compare", "copy_item", "new_items", "remove",
+    "respond", "row_gradient", "row_value", "solve_items",
 ]  # fmt: skip

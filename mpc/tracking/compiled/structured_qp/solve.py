@@ -1,4 +1,5 @@
-"""A path leads to the best decisions, proved: by sweeps, or where these do not settle by an interior point.
+"""A path leads to the best decisions, proved: by a sweep, where that does not settle by an
+exchange of what it holds, and where that takes too long by an interior point.
 
 `buffer` holds the path, `given` what is new in the step (`mpc.tracking.compiled.flat_records`). This file is used by
 way of a copy, `mpc.tracking.compiled.module` says why.
@@ -13,10 +14,11 @@ from mpc.tracking.compiled.commands import deviations, new_errors, slew_bounds
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
 from mpc.tracking.compiled.jit import compiled, inlined
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.active_set import Active, active_set, new_active, reversed_instead
+from mpc.tracking.compiled.structured_qp.active_set import active_set, new_active, reversed_instead
 from mpc.tracking.compiled.structured_qp.certificate import brought_within, confirmed, needed
+from mpc.tracking.compiled.structured_qp.exchange import Active
 from mpc.tracking.compiled.structured_qp.interior import MOST, Work, interior, new_point, new_work
-from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, adjoint, gradients
+from mpc.tracking.compiled.structured_qp.newton import BOUNDS, adjoint, gradients
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, give_set, new_sweep, settled, take_set
 
 
@@ -48,34 +50,44 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
 def swept(
     path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, guess: Any, at: Point, sweep: Sweep,
     a: Active
-) -> int:
-    """Set the point to what sweeps come to; return 0 if that is the proved solution, or how many rows of every sample
-    the interior point is to begin with.
+) -> int:  # fmt: skip
+    """Set the point to what a sweep comes to, or an exchange of what it holds; return 0 if that is the proved solution,
+    or how many rows of every sample the interior point is to begin with.
     """
-    at.xi[:], at.v[:] = 0.0, 0.0
-    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-    adjoint(path, sweep.gx, sweep.gv, sweep.r)
-    first, other = sweep.r.copy(), new_point(path.A.shape[0])
-    if settled(path, setting, sweep.gx, sweep.gv, bounded, guess, 1, at, sweep):
+    if begun(path, errors, setting, bounded, guess, at, sweep, a):
         brought_within(path, bounded, at)
-        if confirmed(path, errors, setting, bounded, at, sweep.gx, sweep.gv, sweep.r):
-            if needed(path, setting, u, at, setting.tolerance) == BOUNDS:
-                return 0
+        proved = confirmed(path, errors, setting, bounded, at, sweep.gx, sweep.gv, sweep.r)
+        if proved and needed(path, setting, u, at, setting.tolerance) == BOUNDS:
+            return 0
+    held_gradient(path, errors, setting, guess, at, sweep)
+    if reversed_instead(path, errors, setting, bounded, at, sweep, a):
+        give_set(setting.starts, sweep.held, guess)
+        begun(path, errors, setting, bounded, guess, at, sweep, a)
+        held_gradient(path, errors, setting, guess, at, sweep)
+    if active_set(path, errors, setting, u, bounded, at, sweep, a):
+        give_set(setting.starts, sweep.held, guess)
+        return 0
+    brought_within(path, bounded, at)
+    return needed(path, setting, u, at, setting.tolerance)
+
+
+@inlined
+def begun(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, guess: Any, at: Point, sweep: Sweep, a: Active
+) -> bool:  # fmt: skip
+    """Return whether the sweep of a guess settles the QP without its rows, to which the point is set."""
+    at.xi[:], at.v[:], at.sigma[:] = 0.0, 0.0, 0.0
+    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+    adjoint(path, sweep.gx, sweep.gv, a.first)
+    return settled(path, setting, sweep.gx, sweep.gv, bounded, guess, 1, at, sweep)
+
+
+@inlined
+def held_gradient(path: Path, errors: Errors, setting: Setting, guess: Any, at: Point, sweep: Sweep) -> None:
+    """Set what is held to the guess again, and the gradient by v at the point."""
     take_set(setting.starts, guess, sweep.held)
     gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
     adjoint(path, sweep.gx, sweep.gv, sweep.r)
-    if reversed_instead(path, errors, setting, bounded, first, at, other, sweep):
-        give_set(setting.starts, sweep.held, guess)
-        at.xi[:], at.v[:] = 0.0, 0.0
-        gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-        settled(path, setting, sweep.gx, sweep.gv, bounded, guess, 1, at, sweep)
-        take_set(setting.starts, guess, sweep.held)
-        gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-        adjoint(path, sweep.gx, sweep.gv, sweep.r)
-    if active_set(path, errors, setting, u, bounded, ALL, at, sweep, a):
-        give_set(setting.starts, sweep.held, guess)
-        return 0
-    return needed(path, setting, u, at, setting.tolerance)
 
 
 @inlined

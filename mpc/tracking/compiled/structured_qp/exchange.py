@@ -1,0 +1,281 @@
+"""What is held by a sweep is exchanged, one after the other, until it is what holds in the solution.
+
+First what is pushed away from its bound is let go. Then the bounds and rows enter that are broken, each with as much of
+its multiplier t as
+
+    full        it needs to hold:  t = violation / (-a·dz)
+    partial     another multiplier allows before it changes its sign: that one goes, and the same one enters again
+
+(D. Goldfarb and A. Idnani, Mathematical Programming 27, 1983.) Every step raises the dual cost. What answers to whom is
+in `responses`.
+"""
+
+from typing import Any, NamedTuple
+
+from allocator.calculus import Array
+from mpc.tracking.compiled.jit import inlined, merged
+from mpc.tracking.compiled.records import Path, Point, Setting
+from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS
+from mpc.tracking.compiled.structured_qp.responses import (
+    BOUND,
+    GONE,
+    ITEMS,
+    LAST,
+    SOFT,
+    Items,
+    compare,
+    copy_item,
+    remove,
+    respond,
+    solve_items,
+)
+from mpc.tracking.compiled.structured_qp.riccati import FREE, LOWER, UPPER, Sweep
+from mpc.tracking.compiled.structured_qp.rows import WIDTH, values
+from mpc.tracking.compiled.structured_qp.stage import advance
+
+MORE = 16  # steps at most, beyond one for each sample
+PUSHES = 1e-3  # [-] of the gradient that is allowed to be left: less pushes nothing
+BREAKS = 1e-12  # [bar], [rad], [N]: less breaks no bound
+ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less breaks no row
+FLAT = 1e-10  # [-] of its terms: less is no slope
+HUGE = 1e30  # no bound, and no end of a step
+
+
+class Active(NamedTuple):
+    """The active set is what holds, and what is known of the point where it does; slacks are in the last lines."""
+
+    base: Any  # (N + 1, 2) what is held in the sweep's solution
+    held: Any  # (N + 1, 2) what is held now
+    lower: Array  # (N + 1, 2)
+    upper: Array  # (N + 1, 2)
+    z: Array  # (N + 1, 2) changes and slacks
+    r: Array  # (N + 1, 2) gradient of the Lagrangian without the bounds' multipliers
+    dz: Array  # (N + 1, 2)
+    dr: Array  # (N + 1, 2)
+    b: Array  # (N + 1, 12) of the rows
+    value: Array  # (N + 1, 12) of the rows
+    xi: Array  # (N + 1, 6)
+    first: Array  # (N, 2) gradient of the cost at the origin
+    other: Point  # a point to be compared
+    items: Items
+
+
+@merged
+def let_go(path: Path, setting: Setting, sweep: Sweep, a: Active) -> int:
+    """Let go what its bound pushes in vain, and return with how many items that was done; -1: there are too many."""
+    size, least, items = 0, PUSHES * setting.accuracy * setting.curvature, a.items
+    while size >= 0:
+        worst, sample, muscle = least, -1, 0
+        for k in range(a.r.shape[0]):
+            for i in range(2):
+                push = pushes_in_vain(k, i, a)
+                if push > worst:
+                    worst, sample, muscle = push, k, i
+        if sample < 0:
+            return size
+        size = add_gone(path, setting.slack, sweep, sample, muscle, size, a)
+        if size > 0:
+            for q in range(size):
+                items.step[q] = -a.r[items.sample[q], items.muscle[q]]
+            solve_items(size, items)
+            direct(size, 0.0, a)
+            walk(size, 1.0, 0.0, a)
+    return -1
+
+
+@merged
+def pushes_in_vain(k: int, i: int, a: Active) -> float:
+    """Return by how much a change that is held is pushed away from its bound."""
+    if a.held[k, i] == FREE or not a.lower[k, i] < a.upper[k, i]:
+        return 0.0
+    return float(-a.r[k, i] if a.held[k, i] == LOWER else a.r[k, i])
+
+
+@inlined
+def add_gone(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, a: Active) -> int:
+    """Let go a change of the base, add its item, and return how many there are; -1: too many."""
+    items = a.items
+    if size == LAST:
+        return -1
+    a.held[k, i] = FREE
+    items.kind[size], items.sample[size], items.muscle[size], items.side[size] = GONE, k, i, 0
+    items.multiplier[size] = 0.0
+    respond(path, sweep, a.base, slack, size, items, a.xi)
+    compare(path, size, size, items, a.xi)
+    return size + 1
+
+
+@merged
+def exchanged(path: Path, setting: Setting, sweep: Sweep, begun: int, at: Point, a: Active) -> int:
+    """Let enter what is broken of bounds and rows until nothing is, and return with how many items, having `begun` with
+    so many; -1: it has given up.
+    """
+    size, steps, items, violation = begun, 0, a.items, 0.0
+    while size >= 0 and steps < path.A.shape[0] + MORE:
+        if violation == 0.0:
+            violation = most_broken(path, size, at, a)
+            if violation == 0.0:
+                return size
+            respond(path, sweep, a.base, setting.slack, LAST, items, a.xi)
+            compare(path, size, LAST, items, a.xi)
+            items.multiplier[LAST] = 0.0
+        slope = find_step(size, a)
+        q, k, i = longest(size, a)
+        share, full = items.step[LAST], violation / slope if slope > 0.0 else HUGE
+        if not min(share, full) < HUGE:
+            return -1
+        walk(size, min(share, full), min(share, full), a)
+        steps += 1
+        if full <= share:
+            violation = 0.0
+            size = enter(size, a)
+        else:
+            violation -= share * slope
+            size = leave(path, setting.slack, sweep, size, q, k, i, a)
+    return -1
+
+
+@merged
+def most_broken(path: Path, size: int, at: Point, a: Active) -> float:
+    """Set the item that enters to the bound that is broken most, or where none is to the row, and return by how much it
+    is; 0.0: nothing is.
+    """
+    N, worst, violation, items = path.A.shape[0], 0.0, 0.0, a.items
+    for k in range(N + 1):
+        for i in range(2):
+            if a.held[k, i] == FREE:
+                below, above = a.lower[k, i] - a.z[k, i], a.z[k, i] - a.upper[k, i]
+                over, width = max(below, above), WIDTH[0] if k < N else WIDTH[SOFT + 2 * i]
+                if over > max(worst * width, BREAKS):
+                    violation, worst = over, over / width
+                    items.kind[LAST], items.sample[LAST], items.muscle[LAST] = BOUND, k, i
+                    items.side[LAST] = LOWER if below > above else UPPER
+    if violation > 0.0:
+        return violation
+    lead_on(path, at, a)
+    values(path, at, ALL, a.value)
+    for k in range(N):
+        for j in range(BOUNDS, ALL):
+            over = a.value[k, j] - a.b[k, j]
+            if over > max(worst * WIDTH[j], ROW_BREAKS) and not is_item(k, j, size, items):
+                violation, worst = over, over / WIDTH[j]
+                items.kind[LAST], items.sample[LAST], items.muscle[LAST] = j, k, 0
+    return violation
+
+
+@merged
+def is_item(k: int, j: int, size: int, items: Items) -> bool:
+    """Return whether the row j of the sample k is one of the items."""
+    found = False
+    for q in range(size):
+        if items.kind[q] == j and items.sample[q] == k:
+            found = True
+    return found
+
+
+@merged
+def lead_on(path: Path, at: Point, a: Active) -> None:
+    """Set the point to where the changes lead."""
+    N = path.A.shape[0]
+    for k in range(N):
+        for i in range(2):
+            at.v[k, i] = a.z[k, i]
+            at.xi[k + 1, 4 + i] = at.xi[k, 4 + i] + at.v[k, i]
+        advance(path.A, path.B, k, at.xi)
+    at.sigma[0], at.sigma[1] = a.z[N, 0], a.z[N, 1]
+
+
+@merged
+def find_step(size: int, a: Active) -> float:
+    """Set the direction in which a multiplier of the item that enters leads, and return by how much it breaks less."""
+    items, K = a.items, a.items.K
+    for q in range(size):
+        items.step[q] = -K[q, LAST]
+    solve_items(size, items)
+    slope, terms = -K[LAST, LAST], abs(K[LAST, LAST])
+    for q in range(size):
+        slope -= items.step[q] * K[LAST, q]
+        terms += abs(items.step[q] * K[LAST, q])
+    direct(size, 1.0, a)
+    return slope if slope > FLAT * terms else 0.0
+
+
+@inlined
+def direct(size: int, entering: float, a: Active) -> None:
+    """Set the direction to what the items' steps make of their answers, and so much of what answers to the last."""
+    items, dz, dr = a.items, a.dz, a.dr
+    for k in range(dz.shape[0]):
+        for i in range(2):
+            dz[k, i], dr[k, i] = entering * items.z[LAST, k, i], entering * items.r[LAST, k, i]
+    for q in range(size):
+        step = items.step[q]
+        for k in range(dz.shape[0]):
+            for i in range(2):
+                dz[k, i] += step * items.z[q, k, i]
+                dr[k, i] += step * items.r[q, k, i]
+
+
+@merged
+def longest(size: int, a: Active) -> tuple[int, int, int]:
+    """Set the last `step` to how far the direction may be gone before a multiplier changes its sign; return whose: the
+    number of an item, or ITEMS and a change that is held.
+    """
+    items, share, first, sample, muscle = a.items, HUGE, ITEMS, 0, 0
+    for q in range(size):
+        step, multiplier = items.step[q], items.multiplier[q]
+        if items.kind[q] != GONE and step < 0.0 and multiplier < -share * step:
+            share, first = -multiplier / step, q
+    for k in range(a.r.shape[0]):
+        for i in range(2):
+            if a.held[k, i] != FREE and a.base[k, i] != FREE and a.lower[k, i] < a.upper[k, i]:
+                sign = 1.0 if a.held[k, i] == LOWER else -1.0
+                push, change = max(sign * a.r[k, i], 0.0), sign * a.dr[k, i]
+                if change < 0.0 and push < -share * change:
+                    share, first, sample, muscle = -push / change, ITEMS, k, i
+    items.step[LAST] = share
+    return first, sample, muscle
+
+
+@inlined
+def walk(size: int, share: float, entering: float, a: Active) -> None:
+    """Go this share of the direction."""
+    for q in range(size):
+        a.items.multiplier[q] += share * a.items.step[q]
+    a.items.multiplier[LAST] += entering
+    for k in range(a.z.shape[0]):
+        for i in range(2):
+            a.z[k, i] += share * a.dz[k, i]
+            a.r[k, i] += share * a.dr[k, i]
+
+
+@merged
+def enter(size: int, a: Active) -> int:
+    """Let the item that enters hold, and return how many there are then; -1: too many."""
+    items = a.items
+    k, i, side = items.sample[LAST], items.muscle[LAST], items.side[LAST]
+    if items.kind[LAST] == BOUND:
+        a.held[k, i] = side
+        a.z[k, i] = a.lower[k, i] if side == LOWER else a.upper[k, i]
+        if a.base[k, i] != FREE:
+            a.r[k, i] = -side * items.multiplier[LAST]
+            for q in range(size):
+                if items.kind[q] == GONE and items.sample[q] == k and items.muscle[q] == i:
+                    return remove(size, q, items)
+    if size == LAST:
+        return -1
+    copy_item(LAST, size, size, items)
+    return size + 1
+
+
+@merged
+def leave(path: Path, slack: Array, sweep: Sweep, size: int, q: int, k: int, i: int, a: Active) -> int:
+    """Let go the item `q`, if that is ITEMS the change `i` of the sample k; return how many there are; -1: too many."""
+    items = a.items
+    if q == ITEMS:
+        return add_gone(path, slack, sweep, k, i, size, a)
+    if items.kind[q] == BOUND:
+        a.held[items.sample[q], items.muscle[q]] = FREE
+    return remove(size, q, items)
+
+
+__all__ = ["HUGE", "Active", "exchanged", "let_go"]
