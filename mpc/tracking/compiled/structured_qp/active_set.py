@@ -127,7 +127,8 @@ def proved_with_rows(
     c1 = 0.0 if at.sigma[1] == 0.0 and c1 > 0.0 else c1
     square /= setting.curvature
     square += c0 * c0 / slack[1] + c1 * c1 / slack[3]
-    return total + 0.5 * square <= 0.5 * setting.curvature * setting.accuracy**2
+    gap, most = total + 0.5 * square, 0.5 * setting.curvature * setting.accuracy**2
+    return float(gap) <= most
 
 
 @merged
