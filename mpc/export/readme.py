@@ -62,8 +62,9 @@ to `ant_tuning_from`, which refuses those of another plant or sample time, and t
 `ant_reset`, or between two steps. N, the sample time, the supply, the joint range and the observer are the build's.
 
 The QP is solved as it is, sample by sample, as in Python and by the same text (`src/recursions.c` is printed from it):
-two sweeps of Riccati recursions from the guess that those bounds of the slew bind which bound in the last sample, and a
-certificate in one more pass; that is the usual case.
+a sweep of Riccati recursions from the guess that those bounds of the slew bind which bound in the last sample, or two if
+the joint was thrown aside, and a certificate in one more pass. Where a few of them do not bind, or others do, these are
+exchanged one after the other, each with two passes; that is the usual case where limits bind.
 {rest}
 
 Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} moves, {rows} rows):
@@ -73,7 +74,8 @@ Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} mov
 | model over a sample | {stages} | {usual_stages} |
 | its derivatives | {slopes} | {usual_slopes} |
 | allocations | {allocations} | {allocations} |
-| sweeps, backward and forward | {sweeps} | {usual_sweeps} |
+| sweeps, backward and forward | {sweeps} | {qps} |
+| exchanges of what binds | {exchanges} | 0 to 10 |
 {worst}
 | Newton steps on the recursions, where the QP fails | {faces} | 0 |
 {single}"""
@@ -125,8 +127,10 @@ def readme(
 
 
 def _control(controller: TrackingMPC, single: bool) -> str:
+    from mpc.tracking.compiled.structured_qp.exchange import MORE
     from mpc.tracking.compiled.structured_qp.interior import MOST, SWEEPS
     from mpc.tracking.compiled.structured_qp.multipliers import TURNS
+    from mpc.tracking.compiled.structured_qp.responses import ITEMS
 
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps, name = controller.ahead - N, controller.iterations, "single" if single else "double"
@@ -147,8 +151,9 @@ def _control(controller: TrackingMPC, single: bool) -> str:
         moves=moves,
         rows=6 * N,
         rest=_REST[name],
-        sweeps=qps * SWEEPS * (1 if single else 1 + MOST),
-        usual_sweeps=f"{qps} to {qps * SWEEPS}",
+        sweeps=qps * (2 + (0 if single else SWEEPS * MOST)),
+        qps=qps,
+        exchanges=qps * (ITEMS + N + MORE),
         worst=worst,
         stages=delay + qps * N + 5 * N,  # the dead time, every QP, every rung
         usual_stages=delay + (qps + 1) * N,

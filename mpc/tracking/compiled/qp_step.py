@@ -1,7 +1,8 @@
 """The compiled step is `mpc.tracking.qp.step` in compiled code: tens of microseconds where that takes hundreds.
 
-The QP is solved as it is, sample by sample (`structured_qp.solve`): by sweeps of Riccati recursions from the
-guess that those bounds bind which bound in the last one, or by an interior point. Other solvers are given the same
+The QP is solved as it is, sample by sample (`structured_qp.solve`): by a sweep of Riccati recursions from the
+guess that those bounds bind which bound in the last one, by exchanging what that held wrongly, or by an interior point.
+Other solvers are given the same
 dense QP as by the readable step, and so is DAQP where the structured one has no proof.
 """
 

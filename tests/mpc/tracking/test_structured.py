@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG
-from mpc import PlanStatus, Plant, TrackingMPC
+from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, TrackingMPC, simulate, sine
 from mpc.tracking.compiled.structured_qp.interior import MOST
 from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 from mpc.tracking.qp.certified import certified
@@ -59,6 +59,40 @@ def test_whatever_binds_the_solution_is_that_of_the_dense_qp(mpc):
         slack += exact.z[n:] > 1e-6
     assert bound.min() >= 3
     assert slack.max() >= 3
+
+
+def test_a_set_that_is_wrong_in_a_few_members_is_exchanged_for_that_of_the_solution(mpc):
+    rng, structured, exchanged, tried = np.random.default_rng(11), mpc._qp_step.structured, 0, 0
+    changes = 2 * len(mpc.blocks)
+    for _ in range(40):
+        given = anything(mpc, rng)
+        assert mpc._qp_step(*given, RICCATI, math.inf).status is PlanStatus.OPTIMAL
+        z, right = structured.z.copy(), structured.guess.copy()
+        for wrong in (rng.choice([-1, 0, 1], changes), np.where(rng.random(changes) < 0.2, -right, right), -right):
+            structured.guess[:] = wrong
+            assert structured.solved()
+            np.testing.assert_allclose(structured.z, z, atol=1e-4)
+            np.testing.assert_array_equal(structured.guess, right, str(structured.iterations))
+            tried, exchanged = tried + 1, exchanged + (structured.iterations == 0)
+    assert exchanged > 0.6 * tried
+
+
+def test_noise_along_the_slew_needs_no_interior_point():
+    plant = RealPlant.standard()
+    known, iterations = plant.known(), []
+    mpc = TrackingMPC(plant.nominal, compensation=known)
+
+    class Counted:
+        dt, ahead, reset = mpc.dt, mpc.ahead, mpc.reset
+
+        def step(self, x, theta_ref, K_ref, d=0.0):
+            plan = mpc.step(x, theta_ref, K_ref, d)
+            iterations.append(mpc._qp_step.structured.iterations)
+            return plan
+
+    reference = sine(20 * DEG, 0.5, K=7.6, duration=1.5, ramp=0.5)
+    simulate(plant, Counted(), reference, observer=KalmanObserver(plant.nominal, mpc.dt, compensation=known))
+    assert np.mean(np.array(iterations) == 0) > 0.9  # every second one had needed it, and an exchange of nothing
 
 
 def test_the_readable_step_is_given_the_structured_solution_too(mpc):
