@@ -62,9 +62,9 @@ to `ant_tuning_from`, which refuses those of another plant or sample time, and t
 `ant_reset`, or between two steps. N, the sample time, the supply, the joint range and the observer are the build's.
 
 The QP is solved as it is, sample by sample, as in Python and by the same text (`src/recursions.c` is printed from it):
-a sweep of Riccati recursions from the guess that those bounds of the slew bind which bound in the last sample, or two if
-the joint was thrown aside, and a certificate in one more pass. Where a few of them do not bind, or others do, these are
-exchanged one after the other, each with two passes; that is the usual case where limits bind.
+a sweep of Riccati recursions from the guess that those bounds of the slew bind which bound in the last sample, or two
+if the joint was thrown aside, and a certificate in one more pass. Where a few of them do not bind, or others do, these
+are exchanged one after the other, each with two passes; that is the usual case where limits bind.
 {rest}
 
 Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} moves, {rows} rows):
