@@ -18,14 +18,13 @@ from mpc.export.friction import (
 )
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied
-from mpc.export.recursions import recursion_files
+from mpc.export.recursions import items_in, recursion_files
 from mpc.export.tuning.numbers import tuning_constants, tuning_definition
 from mpc.model import compensation
 from mpc.model.plant import NU, NX
 from mpc.observer import gating, kalman
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking import preview, rest
-from mpc.tracking.compiled.structured_qp.responses import ITEMS
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.qp import certified, softened
@@ -59,7 +58,7 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
         "BLOCKS": (blocks, "samples at which its commands may leave the previous plan"),
         "DELAY": (delay, "dead time in samples"),
         "AHEAD": (controller.ahead, "samples of reference wanted after the present one"),
-        "ITEMS": (ITEMS, "changes of what is held, at most, that are made one after the other"),
+        "ITEMS": (items_in(single), "changes of what is held, at most, that are made one after the other"),
         "QP_ITERATIONS": (qp_iterations(controller, single), "most iterations of the QP solver at a time"),
     } | friction_sizes(controller.compensation.friction)
 

@@ -3,6 +3,7 @@
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.export.control import qp_iterations
 from mpc.export.parts import BUILD
+from mpc.export.recursions import items_in
 from mpc.export.tuning.numbers import tuning_numbers
 from mpc.tracking.controller import TrackingMPC
 
@@ -130,7 +131,6 @@ def _control(controller: TrackingMPC, single: bool) -> str:
     from mpc.tracking.compiled.structured_qp.exchange import MORE
     from mpc.tracking.compiled.structured_qp.interior import MOST, SWEEPS
     from mpc.tracking.compiled.structured_qp.multipliers import TURNS
-    from mpc.tracking.compiled.structured_qp.responses import ITEMS
 
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps, name = controller.ahead - N, controller.iterations, "single" if single else "double"
@@ -153,7 +153,7 @@ def _control(controller: TrackingMPC, single: bool) -> str:
         rest=_REST[name],
         sweeps=qps * (2 + (0 if single else SWEEPS * MOST)),
         qps=qps,
-        exchanges=qps * (ITEMS + N + MORE),
+        exchanges=qps * (items_in(single) + N + MORE),
         worst=worst,
         stages=delay + qps * N + 5 * N,  # the dead time, every QP, every rung
         usual_stages=delay + (qps + 1) * N,

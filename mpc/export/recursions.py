@@ -9,6 +9,7 @@ from mpc.export import text
 _N, _AFTER, _BLOCKS = "ANT_HORIZON", "ANT_HORIZON + 1", "ANT_BLOCKS"
 _SIDE = "signed char"
 _SINGLE = {"PUSHES": 0.5, "BREAKS": 1e-7, "ROW_BREAKS": 1e-5, "FLAT": 1e-5}  # what rounding is, of float32
+_ITEMS = {True: 24, False: 12}  # by single precision: no more than what follows has memory for anyway
 
 
 def recursion_files(single: bool) -> dict[str, str]:
@@ -24,8 +25,9 @@ def recursion_files(single: bool) -> dict[str, str]:
     entries += [rows.values, rows.sides, certificate.brought_within]
     entries += [] if single else [solve.persistent]
     names = {entry.__name__: f"ant_{entry.__name__}" for entry in entries}
-    structs = _structs()
-    made = c_functions(with_called(entries), _kinds(structs), single, names, _SINGLE if single else {})
+    structs, items = _structs(), items_in(single)
+    numbers = {"ITEMS": items, "LAST": items - 1} | (_SINGLE if single else {})
+    made = c_functions(with_called(entries), _kinds(structs), single, names, numbers)
     about = "The QP of a step, solved sample by sample; printed from Python's text of it."
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head])
     body = "\n\n".join([f'/* {about} */\n#include "recursions.h"\n\n#include "real.h"', MIN_AND_MAX, made.body])
@@ -33,6 +35,11 @@ def recursion_files(single: bool) -> dict[str, str]:
         "src/recursions.h": text.header("ANT_RECURSIONS_H", about, head, ["antagonist.h"]),
         "src/recursions.c": f"{body}\n",
     }
+
+
+def items_in(single: bool) -> int:
+    """Return how many items an exchange of what holds has at most (`structured_qp.responses`)."""
+    return _ITEMS[single]
 
 
 def _array(*sizes: str | int, element: str = REAL, constant: bool = False) -> ArrayKind:
@@ -141,4 +148,4 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
     }
 
 
-__all__ = ["recursion_files"]
+__all__ = ["items_in", "recursion_files"]

@@ -34,7 +34,7 @@ from mpc.tracking.compiled.structured_qp.rows import WIDTH, values
 from mpc.tracking.compiled.structured_qp.stage import advance
 
 MORE = 16  # steps at most, beyond one for each sample
-PUSHES = 1e-3  # [-] of the gradient that is allowed to be left: less pushes nothing
+PUSHES = 1e-5  # [-] of the gradient that is allowed to be left: less pushes nothing
 BREAKS = 1e-12  # [bar], [rad], [N]: less breaks no bound
 ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less breaks no row
 FLAT = 1e-10  # [-] of its terms: less is no slope
