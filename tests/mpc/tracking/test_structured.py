@@ -62,19 +62,18 @@ def test_whatever_binds_the_solution_is_that_of_the_dense_qp(mpc):
 
 
 def test_a_set_that_is_wrong_in_a_few_members_is_exchanged_for_that_of_the_solution(mpc):
-    rng, structured, exchanged, tried = np.random.default_rng(11), mpc._qp_step.structured, 0, 0
-    changes = 2 * len(mpc.blocks)
+    rng, structured, iterations, changes = np.random.default_rng(11), mpc._qp_step.structured, [], 2 * len(mpc.blocks)
     for _ in range(40):
-        given = anything(mpc, rng)
-        assert mpc._qp_step(*given, RICCATI, math.inf).status is PlanStatus.OPTIMAL
+        assert mpc._qp_step(*anything(mpc, rng), RICCATI, math.inf).status is PlanStatus.OPTIMAL
         z, right = structured.z.copy(), structured.guess.copy()
-        for wrong in (rng.choice([-1, 0, 1], changes), np.where(rng.random(changes) < 0.2, -right, right), -right):
+        for wrong in (np.where(rng.random(changes) < 0.15, -right, right), -right, rng.choice([-1, 0, 1], changes)):
             structured.guess[:] = wrong
             assert structured.solved()
             np.testing.assert_allclose(structured.z, z, atol=1e-4)
-            np.testing.assert_array_equal(structured.guess, right, str(structured.iterations))
-            tried, exchanged = tried + 1, exchanged + (structured.iterations == 0)
-    assert exchanged > 0.6 * tried
+            np.testing.assert_array_equal(structured.guess, right)
+            iterations.append(structured.iterations)
+    few, *_ = np.reshape(iterations, (-1, 3)).T
+    assert np.mean(few == 0) > 0.8
 
 
 def test_noise_along_the_slew_needs_no_interior_point():

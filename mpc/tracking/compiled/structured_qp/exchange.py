@@ -78,7 +78,7 @@ def let_go(path: Path, setting: Setting, sweep: Sweep, a: Active) -> int:
             for q in range(size):
                 items.step[q] = -a.r[items.sample[q], items.muscle[q]]
             solve_items(size, items)
-            direct(size, 0.0, a)
+            direct(size, False, a)
             walk(size, 1.0, 0.0, a)
     return -1
 
@@ -196,17 +196,18 @@ def find_step(size: int, a: Active) -> float:
     for q in range(size):
         slope -= items.step[q] * K[LAST, q]
         terms += abs(items.step[q] * K[LAST, q])
-    direct(size, 1.0, a)
+    direct(size, True, a)
     return slope if slope > FLAT * terms else 0.0
 
 
 @inlined
-def direct(size: int, entering: float, a: Active) -> None:
-    """Set the direction to what the items' steps make of their answers, and so much of what answers to the last."""
+def direct(size: int, enters: bool, a: Active) -> None:
+    """Set the direction to what the items' steps make of their answers, and what answers to the one that enters."""
     items, dz, dr = a.items, a.dz, a.dr
     for k in range(dz.shape[0]):
         for i in range(2):
-            dz[k, i], dr[k, i] = entering * items.z[LAST, k, i], entering * items.r[LAST, k, i]
+            dz[k, i] = items.z[LAST, k, i] if enters else 0.0
+            dr[k, i] = items.r[LAST, k, i] if enters else 0.0
     for q in range(size):
         step = items.step[q]
         for k in range(dz.shape[0]):
