@@ -99,6 +99,7 @@ def _structs() -> dict[str, StructKind]:
         "step": numbers,
         "L": _array(few, few),
         "order": counts,
+        "p": _array(6),
     }
     structs = {name: StructKind(f"ant_qp_{name}", fields, False) for name, fields in made.items()}
     setting: dict[str, Kind] = {"cost": structs["cost"], "bounds": structs["bounds"]}

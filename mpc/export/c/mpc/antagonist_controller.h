@@ -161,6 +161,7 @@ typedef struct {
     ant_real other_xi[ANT_HORIZON + 1][6], other_v[ANT_HORIZON][2], other_sigma[2];
     ant_real item_z[ANT_ITEMS][ANT_HORIZON + 1][2], item_r[ANT_ITEMS][ANT_HORIZON + 1][2];
     ant_real K[ANT_ITEMS][ANT_ITEMS], L[ANT_ITEMS][ANT_ITEMS], multiplier[ANT_ITEMS], step[ANT_ITEMS];
+    ant_real item_p[6];
     int kind[ANT_ITEMS], sample[ANT_ITEMS], muscle[ANT_ITEMS], side[ANT_ITEMS], order[ANT_ITEMS];
     signed char base[ANT_HORIZON + 1][2], held[ANT_HORIZON + 1][2];
 } ant_exchange;

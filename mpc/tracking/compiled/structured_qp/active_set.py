@@ -101,11 +101,13 @@ def proved_with_rows(
     """Return whether the point is the solution, by the multipliers of its rows: see `certificate`; the gradients `gx`
     and `gv` of the sweep are the cost's, of which the first is lost.
     """
-    slack, items, total, square, p = setting.slack, a.items, 0.0, 0.0, np.empty(6)
+    slack, items, p, total, square = setting.slack, a.items, a.items.p, 0.0, 0.0
     c0, c1 = slack[0] + slack[1] * at.sigma[0], slack[2] + slack[3] * at.sigma[1]
     for q in range(size):
         kind, sample, multiplier = items.kind[q], items.sample[q], items.multiplier[q]
         if kind > BOUND:
+            for i in range(6):
+                p[i] = 0.0
             row_gradient(path.slope, sample, kind, p)
             for i in range(6):
                 sweep.gx[sample + 1, i] += multiplier * p[i]

@@ -13,7 +13,7 @@ in `responses`.
 from typing import Any, NamedTuple
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined, merged
+from mpc.tracking.compiled.jit import inlined_flat, merged
 from mpc.tracking.compiled.records import Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS
 from mpc.tracking.compiled.structured_qp.responses import (
@@ -91,7 +91,7 @@ def pushes_in_vain(k: int, i: int, a: Active) -> float:
     return float(-a.r[k, i] if a.held[k, i] == LOWER else a.r[k, i])
 
 
-@inlined
+@inlined_flat
 def add_gone(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, a: Active) -> int:
     """Let go a change of the base, add its item, and return how many there are; -1: too many."""
     items = a.items
@@ -200,7 +200,7 @@ def find_step(size: int, a: Active) -> float:
     return slope if slope > FLAT * terms else 0.0
 
 
-@inlined
+@inlined_flat
 def direct(size: int, enters: bool, a: Active) -> None:
     """Set the direction to what the items' steps make of their answers, and what answers to the one that enters."""
     items, dz, dr = a.items, a.dz, a.dr
@@ -237,7 +237,7 @@ def longest(size: int, a: Active) -> tuple[int, int, int]:
     return first, sample, muscle
 
 
-@inlined
+@inlined_flat
 def walk(size: int, share: float, entering: float, a: Active) -> None:
     """Go this share of the direction."""
     for q in range(size):

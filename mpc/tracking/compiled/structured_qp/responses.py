@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined, merged
+from mpc.tracking.compiled.jit import inlined, inlined_flat, merged
 from mpc.tracking.compiled.records import Path
 from mpc.tracking.compiled.structured_qp.riccati import FREE, Sweep
 from mpc.tracking.compiled.structured_qp.stage import advance, changed, linear_before
@@ -41,20 +41,21 @@ class Items(NamedTuple):
     step: Array  # (ITEMS,) by which the multipliers, or the changes that were let go, move
     L: Array  # (ITEMS, ITEMS) factor of K
     order: Any  # (ITEMS,) in which it is factorised
+    p: Array  # (6,) a gradient by ξ
 
 
 @inlined
 def new_items(N: int) -> Items:
     """Return items that are not set yet."""
     lines, few, counts = np.empty((2, ITEMS, N + 1, 2)), np.empty((2, ITEMS, ITEMS)), np.empty((5, ITEMS), np.int64)
-    numbers = np.empty((2, ITEMS))
+    numbers, p = np.empty((2, ITEMS)), np.empty(6)
     return Items(
         lines[0], lines[1], few[0], counts[0], counts[1], counts[2], counts[3], numbers[0], numbers[1], few[1],
-        counts[4],
+        counts[4], p,
     )  # fmt: skip
 
 
-@inlined
+@inlined_flat
 def respond(path: Path, sweep: Sweep, base: Any, slack: Array, c: int, items: Items, xi: Array) -> None:
     """Set what answers to the item `c`, and `xi` (N + 1, 6) to where its changes lead."""
     N, kind, last, muscle = path.A.shape[0], items.kind[c], items.sample[c], items.muscle[c]
@@ -73,11 +74,13 @@ def respond(path: Path, sweep: Sweep, base: Any, slack: Array, c: int, items: It
         respond_along(path, sweep, base, c, items, xi)
 
 
-@inlined
+@inlined_flat
 def respond_at_rest(path: Path, sweep: Sweep, base: Any, c: int, items: Items) -> None:
     """Set z of the item `c` to what the changes are where ξ is 0, and r to the gradient there: a pass backward."""
-    kind, last, muscle, side, p = items.kind[c], items.sample[c], items.muscle[c], items.side[c], np.zeros(6)
+    kind, last, muscle, side, p = items.kind[c], items.sample[c], items.muscle[c], items.side[c], items.p
     R, D, inverse, z, r = sweep.R, sweep.D, sweep.inverse, items.z, items.r
+    for i in range(6):
+        p[i] = 0.0
     if kind > BOUND:
         row_gradient(path.slope, last, kind, p)
     for k in range(last, -1, -1):
@@ -95,7 +98,7 @@ def respond_at_rest(path: Path, sweep: Sweep, base: Any, c: int, items: Items) -
             p[i] += R[k, 0, i] * v0 + R[k, 1, i] * v1
 
 
-@inlined
+@inlined_flat
 def respond_along(path: Path, sweep: Sweep, base: Any, c: int, items: Items, xi: Array) -> None:
     """Add to z and r of the item `c` what is due to where they lead: a pass forward."""
     R, D, feedback, z, r = sweep.R, sweep.D, sweep.feedback, items.z, items.r
@@ -116,7 +119,7 @@ def respond_along(path: Path, sweep: Sweep, base: Any, c: int, items: Items, xi:
         advance(path.A, path.B, k, xi)
 
 
-@inlined
+@inlined_flat
 def compare(path: Path, size: int, c: int, items: Items, xi: Array) -> None:
     """Set K of the item `c`, whose answer leads to `xi`, with itself, the first `size`, and the one that enters."""
     N = path.A.shape[0]
@@ -139,19 +142,17 @@ def compare(path: Path, size: int, c: int, items: Items, xi: Array) -> None:
 
 @merged
 def row_gradient(slope: Array, k: int, kind: int, p: Array) -> None:
-    """Set `p` (6,) to the gradient of the row `kind` by ξ[k + 1]."""
-    for i in range(6):
-        p[i] = 0.0
+    """Add to `p` (6,) the gradient of the row `kind` by ξ[k + 1]."""
     if kind < SOFT:
-        p[5 if kind == 5 or kind == 7 else 4] = 1.0 if kind < 6 else -1.0
+        p[5 if kind == 5 or kind == 7 else 4] += 1.0 if kind < 6 else -1.0
     elif kind < FORCE:
-        p[0] = 1.0 if kind == SOFT else -1.0
+        p[0] += 1.0 if kind == SOFT else -1.0
     else:
         for i in range(4):
-            p[i] = -slope[k + 1, kind - 9, i]
+            p[i] -= slope[k + 1, kind - 9, i]
 
 
-@inlined
+@inlined_flat
 def row_value(slope: Array, k: int, kind: int, xi: Array) -> float:
     """Return the value of the row `kind` of the sample k, without its slack."""
     if kind < SOFT:
@@ -162,7 +163,7 @@ def row_value(slope: Array, k: int, kind: int, xi: Array) -> float:
     return -changed(slope, k + 1, kind - 9, xi)
 
 
-@inlined
+@inlined_flat
 def solve_items(size: int, items: Items) -> None:
     """Replace `step` (size,) by the solution x of K x = step; K is factorised as L D Lᵀ, what was let go first."""
     L, order, x, number = items.L, items.order, items.step, 0
@@ -187,7 +188,7 @@ def solve_items(size: int, items: Items) -> None:
             x[p] -= L[n, m] * x[order[n]]
 
 
-@inlined
+@inlined_flat
 def remove(size: int, c: int, items: Items) -> int:
     """Remove the item `c` of the first `size`, and return how many are left: the last one takes its place."""
     if c != size - 1:
@@ -195,7 +196,7 @@ def remove(size: int, c: int, items: Items) -> int:
     return size - 1
 
 
-@inlined
+@inlined_flat
 def copy_item(source: int, target: int, size: int, items: Items) -> None:
     """Copy an item over another one, and what it says to the first `size` and to the one that enters."""
     for k in range(items.z.shape[1]):
