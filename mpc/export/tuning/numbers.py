@@ -1,4 +1,4 @@
-"""What a user tunes on the bench, weights, prices of the slacks, slew and least force, as numbers for a build in C.
+"""The tuning is what a user sets on the bench: weights, prices of the slacks, slew and least force, as numbers in C.
 
 The terminal cost belongs to the weights, and takes an algebraic Riccati equation of the plant at the sample time: it is
 made here, and C takes all numbers together, in the order of `ant_tuning`. Before them stand two that must be those of

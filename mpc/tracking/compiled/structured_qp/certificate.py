@@ -10,13 +10,13 @@ is used where no soft limit is broken without it.
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, SUPPLY, adjoint, gradients
 from mpc.tracking.compiled.structured_qp.stage import advance, changed
 
 
-@inlined
+@inlined_flat
 def proved(gradient: Array, bounded: Bounded, v: Array, setting: Setting) -> bool:
     """Return whether the changes `v` (N, 2) are near enough to the solution, from the cost's `gradient` (N, 2) there.
 
@@ -44,7 +44,7 @@ def confirmed(
     return proved(r, bounded, at.v, setting)
 
 
-@inlined
+@inlined_flat
 def brought_within(path: Path, bounded: Bounded, at: Point) -> None:
     """Move the changes to within their bounds, and the rest of the point to where they lead."""
     for k in range(at.v.shape[0]):
@@ -54,7 +54,7 @@ def brought_within(path: Path, bounded: Bounded, at: Point) -> None:
         advance(path.A, path.B, k, at.xi)
 
 
-@inlined
+@inlined_flat
 def needed(path: Path, setting: Setting, u: Array, at: Point, tolerance: float) -> int:
     """Return how many rows of a sample the linear model needs to keep supply, joint range and least forces, by what it
     breaks at a point by more than a `tolerance`: none but those of the changes where it breaks nothing; `u` (N, 2)

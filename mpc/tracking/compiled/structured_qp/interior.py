@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import assign, inlined
+from mpc.tracking.compiled.jit import assign, inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.certificate import confirmed, needed
 from mpc.tracking.compiled.structured_qp.multipliers import GAP, PRIMAL, guess_held, hold_guessed, multiplied
@@ -225,7 +225,7 @@ def own_proof(
     return total + 0.5 * (square + (c0**2 / slack[1] + c1**2 / slack[3] if count == ALL else 0.0)) < most
 
 
-@inlined
+@inlined_flat
 def binding(rows: Rows, starts: Any, guess: Any) -> None:
     """Set `guess` (n,) to the bounds of the changes that bind."""
     for block in range(starts.size):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, Factors, direction, factorise, gradients, left_over
 from mpc.tracking.compiled.structured_qp.riccati import LOWER, UPPER
@@ -34,7 +34,7 @@ WEIGHT = (0.0, 0.0, 0.0, 0.0, 1e12, 1e12, 1e12, 1e12, 2.5e13, 2.5e13, 6e8, 6e8) 
 SLACK_WEIGHT = 100.0  # [-] weight of σ ≥ 0 in what the square of a slack costs
 
 
-@inlined
+@inlined_flat
 def hold_guessed(rows: Rows, starts: Any, guess: Any) -> None:
     """Set the weights of the changes' rows to those of a `guess` (n,)."""
     rows.W[:, :BOUNDS] = 0.0
@@ -46,7 +46,7 @@ def hold_guessed(rows: Rows, starts: Any, guess: Any) -> None:
                 rows.W[starts[block], 2 + i] = HELD
 
 
-@inlined
+@inlined_flat
 def guess_held(rows: Rows, starts: Any, guess: Any) -> None:
     """Set a `guess` (n,) to the changes that are held."""
     for block in range(starts.size):
@@ -55,7 +55,7 @@ def guess_held(rows: Rows, starts: Any, guess: Any) -> None:
             guess[2 * block + i] = UPPER if rows.W[k, i] > 0.0 else LOWER if rows.W[k, 2 + i] > 0.0 else 0
 
 
-@inlined
+@inlined_flat
 def hold(rows: Rows, bounded: Bounded, at: Point, r: Array) -> bool:
     """Hold the changes that break their bounds, let go those that `r` (N, 2) pushes inwards; set W and `push` of their
     rows, and return whether others are held than before.
@@ -81,7 +81,7 @@ def hold(rows: Rows, bounded: Bounded, at: Point, r: Array) -> bool:
     return new
 
 
-@inlined
+@inlined_flat
 def weigh(rows: Rows, slack: Array) -> tuple[float, float, bool]:
     """Set W and `push` of all rows but the changes', `residual` being a·y; return the sum of |λ r|, the greatest
     violation, and whether other rows bind than before.
@@ -99,7 +99,7 @@ def weigh(rows: Rows, slack: Array) -> tuple[float, float, bool]:
     return total, worst, new
 
 
-@inlined
+@inlined_flat
 def estimate(path: Path, rows: Rows, count: int, by: Point) -> None:
     """Set the multipliers to what a step makes of them."""
     values(path, by, count, rows.dt)
@@ -109,7 +109,7 @@ def estimate(path: Path, rows: Rows, count: int, by: Point) -> None:
             rows.change[k, j] = max(rows.push[k, j] + rows.W[k, j] * rows.dt[k, j], 0.0)
 
 
-@inlined
+@inlined_flat
 def step_on(path: Path, rows: Rows, bounded: Bounded, at: Point, by: Point) -> None:
     """Take a step; what is held comes to its bound, and the states to where the changes lead."""
     for k in range(at.v.shape[0]):
@@ -125,7 +125,7 @@ def step_on(path: Path, rows: Rows, bounded: Bounded, at: Point, by: Point) -> N
         at.sigma[i] += by.sigma[i]
 
 
-@inlined
+@inlined_flat
 def cost_of(there: Any, rows: Rows, setting: Setting, r: Array, c0: float, c1: float, count: int) -> float:
     """Return what the gradient of the Lagrangian costs at most, by what is not held."""
     square, slack = 0.0, setting.slack

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined, merged
+from mpc.tracking.compiled.jit import inlined, inlined_flat, merged
 from mpc.tracking.compiled.records import Cost, Errors, Path, Point
 from mpc.tracking.compiled.structured_qp.stage import (
     across,
@@ -34,7 +34,7 @@ class Factors(NamedTuple):
     sigma: Array  # (3,) Σ: entries 00, 01, 11
 
 
-@inlined
+@inlined_flat
 def gradients(path: Path, errors: Errors, cost: Cost, at: Point, gx: Array, gv: Array) -> None:
     """Set the gradient of the cost without rows at a point: `gx` (N+1, 6) by ξ_k, k > 0, `gv` (N, 2) by v_k."""
     N, xi = gv.shape[0], at.xi
@@ -224,7 +224,7 @@ def direction(
     follow(path, f, count, by)
 
 
-@inlined
+@inlined_flat
 def follow(path: Path, f: Factors, count: int, by: Point) -> None:
     """Add the feedback to the changes of the step `by`, and set where they lead."""
     xi, v = by.xi, by.v

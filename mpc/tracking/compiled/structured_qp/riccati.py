@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined, merged
+from mpc.tracking.compiled.jit import inlined, inlined_flat, merged
 from mpc.tracking.compiled.records import Bounded, Cost, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.stage import across, advance, charge_state, decided, linear_before
 
@@ -70,7 +70,7 @@ def settled(
     return False
 
 
-@inlined
+@inlined_flat
 def take_set(starts: Any, guess: Any, held: Any) -> None:
     """Set what is `held` (N, 2) to a `guess` (n,), and all else to be."""
     held[:] = LOWER
@@ -79,7 +79,7 @@ def take_set(starts: Any, guess: Any, held: Any) -> None:
             held[starts[block], i] = guess[2 * block + i]
 
 
-@inlined
+@inlined_flat
 def give_set(starts: Any, held: Any, guess: Any) -> None:
     """Set the `guess` (n,) to what is `held` (N, 2)."""
     for block in range(starts.size):
@@ -130,7 +130,7 @@ def choose(R: Array, D: Array, g: Array, v: Array, held: Any, k: int, inverse: A
     feedback[k, 1, 6] = b * c0 + c * c1 if held[k, 1] == FREE else v[k, 1]
 
 
-@inlined
+@inlined_flat
 def forward(path: Path, lower: Array, upper: Array, sweep: Sweep, at: Point) -> bool:
     """Set the point by the feedback and guess `held` anew; return whether the guess has changed."""
     v, xi, changed = at.v, at.xi, False

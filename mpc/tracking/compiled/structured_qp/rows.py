@@ -12,7 +12,7 @@ In this order, those of a sample k (w and δx of k + 1), and in a last line thos
 from typing import Any, NamedTuple
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined
+from mpc.tracking.compiled.jit import inlined_flat
 from mpc.tracking.compiled.records import Bounded, Bounds, Path, Point
 from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, SUPPLY
 from mpc.tracking.compiled.structured_qp.stage import changed
@@ -36,7 +36,7 @@ class Rows(NamedTuple):
     change: Array  # Δλ
 
 
-@inlined
+@inlined_flat
 def values(path: Path, at: Point, count: int, value: Array) -> None:
     """Set `value` to a·y at a point."""
     N, xi, v, sigma = at.v.shape[0], at.xi, at.v, at.sigma
@@ -53,7 +53,7 @@ def values(path: Path, at: Point, count: int, value: Array) -> None:
     value[N, 0], value[N, 1] = -sigma[0], -sigma[1]
 
 
-@inlined
+@inlined_flat
 def sides(path: Path, u: Array, bounds: Bounds, bounded: Bounded, b: Array) -> None:
     """Set `b` for a path with the commands `u` (N, 2)."""
     N = u.shape[0]
@@ -67,14 +67,14 @@ def sides(path: Path, u: Array, bounds: Bounds, bounded: Bounded, b: Array) -> N
     b[N, 0], b[N, 1] = 0.0, 0.0
 
 
-@inlined
+@inlined_flat
 def none(rows: Rows, at: Point) -> None:
     """Begin at the origin without any row."""
     at.xi[:], at.v[:], at.sigma[:] = 0.0, 0.0, 0.0
     rows.multiplier[:], rows.t[:], rows.W[:], rows.push[:], rows.span[:] = 0.0, 1.0, 0.0, 0.0, 0
 
 
-@inlined
+@inlined_flat
 def add(path: Path, rows: Rows, slack: Array, there: Any, count: int, product: float, at: Point) -> int:
     """Add what is missing of the first `count` rows of a sample, with products t λ of `product`; return how many rows
     there are now.
@@ -99,7 +99,7 @@ def add(path: Path, rows: Rows, slack: Array, there: Any, count: int, product: f
     return number + 2
 
 
-@inlined
+@inlined_flat
 def measure(path: Path, at: Point, rows: Rows, count: int) -> tuple[float, float]:
     """Set residuals, W, and `push` for a step to the boundary; return the sum of the products t λ, and the greatest
     residual.
@@ -117,7 +117,7 @@ def measure(path: Path, at: Point, rows: Rows, count: int) -> tuple[float, float
     return total, worst
 
 
-@inlined
+@inlined_flat
 def row_steps(path: Path, rows: Rows, count: int, by: Point) -> float:
     """Set the rows' part of the step `by`; return how much of it may be gone before a t or a λ is 0, at most 1."""
     share = 1.0
@@ -134,7 +134,7 @@ def row_steps(path: Path, rows: Rows, count: int, by: Point) -> float:
     return share
 
 
-@inlined
+@inlined_flat
 def products_after(rows: Rows, share: float) -> float:
     """Return the sum of the products t λ after this share of the step."""
     total = 0.0
@@ -145,7 +145,7 @@ def products_after(rows: Rows, share: float) -> float:
     return total
 
 
-@inlined
+@inlined_flat
 def aim_at(rows: Rows, product: float) -> None:
     """Correct `push` for products t λ of `product`, to second order."""
     for k in range(rows.b.shape[0]):
@@ -153,7 +153,7 @@ def aim_at(rows: Rows, product: float) -> None:
             rows.push[k, j] += (product - rows.dt[k, j] * rows.change[k, j]) / rows.t[k, j]
 
 
-@inlined
+@inlined_flat
 def go(rows: Rows, share: float, at: Point, by: Point) -> float:
     """Go this share of the step; return the sum of the products t λ."""
     total = 0.0
@@ -172,7 +172,7 @@ def go(rows: Rows, share: float, at: Point, by: Point) -> float:
     return total
 
 
-@inlined
+@inlined_flat
 def bring_near(rows: Rows, slack: Array, mean: float) -> None:
     """Bring products t λ that are far below their `mean` up to NEAR of it; without that one in a hundred stalls."""
     least, last = NEAR * mean, rows.b.shape[0] - 1
