@@ -15,8 +15,9 @@ was hit, and an encoder that has lost its zero, are found again, in motion too.
 """
 
 from collections import deque
+from copy import deepcopy
 from math import isfinite, nan, sqrt
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from allocator.calculus import Array, Mask, Value
 from allocator.units import DEG
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.plant import NX, Plant
+from mpc.observer.base import Differentiator, Observer
 from mpc.observer.compiled.factory import Readable, compiled_estimate
 from mpc.observer.compiled.layout import State
 from mpc.observer.diagnosis import Diagnosis
@@ -37,42 +39,6 @@ if TYPE_CHECKING:
 FIRST = 3  # samples up to which what is rejected may as well be right: nothing has confirmed the first reading
 COARSEST = 1 * DEG  # step of an encoder
 _THETA, _PRESSURES = 0, (1, 2)  # sensors
-
-
-@runtime_checkable
-class Observer(Protocol):
-    """An observer makes a state of what the sensors say, sample by sample."""
-
-    def reset(self) -> None:
-        """Forget the past."""
-
-    def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """Return the state (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured.
-
-        `u` (2,) [Pa] was sent last.
-        """
-
-
-class Differentiator:
-    """The differentiator is no observer at all: a velocity that is not measured is the difference of the last two
-    angles.
-    """
-
-    def __init__(self, dt: float) -> None:
-        self.dt = dt
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past."""
-        self._theta: float | None = None
-
-    def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """Return `y` (4,) with the velocity filled in, and no disturbance torque."""
-        x = np.array(y)
-        if np.isnan(x[1]):
-            x[1] = 0.0 if self._theta is None else (x[0] - self._theta) / self.dt
-        self._theta = float(x[0])
-        return x, 0.0
 
 
 class KalmanObserver:
@@ -220,8 +186,11 @@ class KalmanObserver:
     def _compile(self) -> None:
         """Make or load the compiled estimate, where there can be one."""
         again = KalmanObserver, self.plant, self.dt, self.noise, self.compensation  # compiles it in another process
-        readable = Readable(self._remembered, self._go_on_from, self.diagnosis.conclude)
-        self.compiled = compiled_estimate(self.filter, self.diagnosis, readable, self.wait, again)
+        self.compiled = compiled_estimate(self.filter, self.diagnosis, self._readable, self.wait, again)
+
+    @property
+    def _readable(self) -> Readable:
+        return Readable(self._remembered, self._go_on_from, self.diagnosis.conclude)
 
     def _catch_up(self) -> None:
         """Take back what the compiled estimate has remembered."""
@@ -270,6 +239,14 @@ class KalmanObserver:
         """Go on where the copied one was."""
         self.__dict__.update(state)
         self._compile()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Copy all but what is compiled, which both use."""
+        other = object.__new__(type(self))
+        memo[id(self)] = other
+        other.__dict__.update(deepcopy(self.__getstate__(), memo))
+        other.compiled = None if self.compiled is None else self.compiled.of(other._readable)
+        return other
 
     # --- a sample ---------------------------------------------------------------------------------------------------
 

@@ -19,6 +19,7 @@ class CompiledEstimate:
     """A compiled estimate works for one observer: its arrays must not be used by two threads at a time."""
 
     def __init__(self, made: CompiledFilter, known: Known, readable: Readable) -> None:
+        self._made, self._fields = made, known
         self._known, self._flat = known_of(known), np.full(2 * int(known.places[-1]), np.nan)
         self.state = state_of(self._flat, known.places)
         self.module, self._estimate, self._readable = made.module, made.module.estimate, readable
@@ -42,6 +43,10 @@ class CompiledEstimate:
             self.give()
             self._readable.conclude()
         return found
+
+    def of(self, readable: Readable) -> "CompiledEstimate":
+        """Return the compiled estimate of a copy."""
+        return CompiledEstimate(self._made, self._fields, readable)
 
     def taken(self) -> tuple[Array, Array] | None:
         """Return what is known and a copy of the state, both flat; None if what is remembered has no place there."""
