@@ -201,7 +201,7 @@ class KalmanObserver:
         """Return what a compiled estimate goes on from, a `State`; None if what is remembered is not ordinary."""
         belief, friction, diagnosis = self._belief, self._friction, self.diagnosis
         quiet = self._rival is None and not self._frozen.any() and all(gate.quiet for gate in self._gates)
-        if belief is None or friction.theta is None or not quiet:
+        if belief is None or not quiet:
             return None
         without = [self._without.get(sensor, belief) for sensor in range(MEASURED.size)]
         one, two = diagnosis.pressures
@@ -210,10 +210,10 @@ class KalmanObserver:
             "read": self._read, "repeating": self._repeating, "step": self._step, "samples": 0.0,
             "repeats": [sensor in self._without for sensor in range(MEASURED.size)],
             "without": [other.flat for other in without],
-            "angle": friction.theta, "memory": friction.memory, "commands": self._commands, "t": diagnosis.t,
-            "last": diagnosis.theta, "lost": diagnosis.lost, "said": diagnosis.said, "one": one.numbers,
-            "found": [found is not None for found in diagnosis.sensors], "two": two.numbers,
-            "torque": diagnosis.torque.numbers,
+            "angle": nan if friction.theta is None else friction.theta, "memory": friction.memory,
+            "commands": self._commands, "t": diagnosis.t, "last": diagnosis.theta, "lost": diagnosis.lost,
+            "said": diagnosis.said, "found": [found is not None for found in diagnosis.sensors],
+            "one": one.numbers, "two": two.numbers, "torque": diagnosis.torque.numbers,
         }  # fmt: skip
 
     def _go_on_from(self, state: State) -> None:
