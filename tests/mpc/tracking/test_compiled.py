@@ -137,7 +137,7 @@ def case(request, joints):
 @pytest.mark.slow
 def test_the_compiled_step_is_used_here(case):
     assert isinstance(case.qp_step, CompiledQPStep)
-    assert isinstance(case.feed_forward, CompiledFeedForward) == bool(module.compiled_plant(case.plant, case.dt).p)
+    assert isinstance(case.feed_forward, CompiledFeedForward) == bool(module.compiled_plant(case.plant, case.dt).p.size)
 
 
 def test_the_compiled_qp_is_the_readable_one(case):
