@@ -20,7 +20,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.tracking.deferred import Deferred
+from mpc.deferred import Deferred
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import Rung

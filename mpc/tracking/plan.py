@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import Any, NamedTuple, Self
 
 from allocator.calculus import Array
-from mpc.tracking.deferred import Deferred
+from mpc.deferred import Deferred
 
 
 class Rung(IntEnum):

@@ -19,11 +19,11 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from mpc.deferred import Deferred
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.contact import Contact
 from mpc.model.plant import NX, Plant
 from mpc.observer.gating import Gate
-from mpc.tracking.deferred import Deferred
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import PlanStatus

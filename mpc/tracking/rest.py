@@ -28,9 +28,9 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
+from mpc.deferred import Deferred
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, NX, Plant
-from mpc.tracking.deferred import Deferred
 from mpc.tracking.limits import Limits
 from mpc.tracking.preview import Task
 
