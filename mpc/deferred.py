@@ -1,4 +1,4 @@
-"""What an object holds may be filled in when somebody looks at it: a sample does not wait for what nobody looks at."""
+"""A deferred object is filled in when somebody looks at it: a sample does not wait for what nobody looks at."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar
