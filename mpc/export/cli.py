@@ -38,6 +38,7 @@ def export_command(
         bool,
         typer.Option("--tuning", help="write numbers to --out that retune a controller in C without a compiler"),
     ] = False,
+    force: Annotated[bool, typer.Option("--force", help="replace the file of --tuning")] = False,
     fmu: Annotated[
         bool,
         typer.Option("--fmu", help="write plant.fmu and controller.fmu (FMI 3.0 co-simulation) into --out instead"),
@@ -57,10 +58,13 @@ def export_command(
 
     if fmu and (board.serial or precision != "double" or what != "all"):
         raise InvalidInput("--fmu: an FMU has all in double precision; leave --target, --what and --precision away")
-    if (errors is not None or tuning) and (what == "allocate" or mechanism is not None or governor is not None):
-        raise InvalidInput("--errors, --tuning: they are the controller's; leave --what, --mechanism, --governor away")
+    allocates = what == "allocate" or (board.serial and board.variant == "terminal")
+    if (errors is not None or tuning) and (allocates or mechanism is not None or governor is not None):
+        raise InvalidInput("--errors, --tuning: they are the controller's, and here there is none")
     if tuning and (fmu or board.serial or what != "all"):
         raise InvalidInput("--tuning: it writes one file of numbers; leave --what, --fmu and --target away")
+    if force and not tuning:
+        raise InvalidInput("--force: it replaces the file of --tuning; directories have to be new or empty")
     if governor is not None:
         if fmu or board.serial or what != "all" or mechanism is not None:
             raise InvalidInput("--governor: it comes alone; leave --mechanism, --what, --fmu and --target away")
@@ -75,11 +79,10 @@ def export_command(
         return
     plant = options.plant()
     known = options.compensation()
-    allocates = what == "allocate" or (board.serial and board.variant == "terminal")
     weights = None if errors is None else weights_from(errors)
     controller = None if allocates else default_controller(plant, horizon, known, weights)
     if tuning and controller is not None:
-        claim(out)
+        claim(out, force=force)
         write_tuning(out, controller, precision=precision)
         say(Console(), f"written: {out}, for a build of the same plant in {precision} precision; its README says how")
         return

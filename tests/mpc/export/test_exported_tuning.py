@@ -138,6 +138,8 @@ def test_a_stranger_tunes_the_demonstration_without_a_compiler(tmp_path):
     assert tuned in (tmp_path / "other" / "README.md").read_text()
     again = invoke("--tuning", "--out", tmp_path / "t.txt")
     assert "t.txt" in str(again.exception)  # which is there
+    assert invoke("--tuning", "--out", tmp_path / "t.txt", "--force").exit_code == 0
+    assert "--tuning" in str(invoke("--out", tmp_path / "new", "--force").exception)
     other = CliRunner().invoke(app, ["export", "--tuning", "--out", str(tmp_path / "u.txt")])  # another plant
     assert other.exit_code == 0
     with pytest.raises(RuntimeError, match="no tuning for this build"):
