@@ -22,6 +22,7 @@ _LEAST_SAMPLES, _MOST_SAMPLES = 9, 129  # pressures between which C looks for a 
 _FINER = 3  # samples between two turns, and between a turn and the end
 _DEPTH = 64  # nodes that wait on the stack
 NODES, GAP = 500, 1e-3  # by default, as Python has them
+ROUNDS = 400  # of guesses that the kernel may make; a node that takes more has its parent's bound
 
 _ROUNDING: dict[str, tuple[float, float, str]] = {  # in double and in single precision
     "SETTLED": (1e-13, 3e-7, "of the supply: a smaller step ends a descent"),
@@ -196,4 +197,4 @@ def _turns_at(muscle: Muscle, L: float, supply: tuple[float, float], eps: float)
     return [(curve.breaks[(curve.breaks > a) & (curve.breaks < b)] - a) / (b - a) for a, b in pairwise(ends)]
 
 
-__all__ = ["GAP", "NODES", "curved_functions", "curved_numbers", "curved_sizes", "curved_tables"]
+__all__ = ["GAP", "NODES", "ROUNDS", "curved_functions", "curved_numbers", "curved_sizes", "curved_tables"]

@@ -12,7 +12,15 @@ from allocator.mechanism import Mechanism, allocate_mechanism
 from mpc.codegen.c_text import number
 from mpc.export import text
 from mpc.export.directory import check, write
-from mpc.export.mechanism.curved import GAP, NODES, curved_functions, curved_numbers, curved_sizes, curved_tables
+from mpc.export.mechanism.curved import (
+    GAP,
+    NODES,
+    ROUNDS,
+    curved_functions,
+    curved_numbers,
+    curved_sizes,
+    curved_tables,
+)
 from mpc.export.mechanism.kernel import kernel_files
 from mpc.export.mechanism.model import map_function
 from mpc.export.parts import BUILD, Files, copied, is_single, model_files
@@ -56,7 +64,7 @@ def _files(mechanism: Mechanism, single: bool) -> Files:
         **own,
         **dict(copied("mechanism/src", "src/")),
         "src/real.h": dict(copied("allocate", ""))["real.h"],
-        **kernel_files(single),
+        **(kernel_files(single) if mechanism.affine else kernel_files(single, ROUNDS)),
         **model_files(functions, single),
         "src/mechanism.h": _numbers(mechanism, single),
         "antagonist_config.h": _config(mechanism, single),

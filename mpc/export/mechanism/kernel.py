@@ -17,7 +17,7 @@ _SIZES = {"m": "ANT_VARIABLES", "p": "ANT_LINES", "K": "ANT_LEVELS"}
 _SIDE = "signed char"
 _ELEMENTS = {"np.int64": INT, "np.int8": _SIDE, "np.bool_": _SIDE}
 
-MOST_ROUNDS = {"MOST_ROUNDS": 1000, "MOST_FIRST": 200}  # in C: a bound for the longest call
+MOST_ROUNDS, MOST_FIRST = 1000, 200  # in C: a bound for the longest call
 SINGLE = {  # what rounding of single precision leaves
     "GAP": 3e2,
     "POSITIVE": 1e-6,
@@ -30,11 +30,15 @@ SINGLE = {  # what rounding of single precision leaves
 ENTRIES = {name: f"ant_kernel_{name}" for name in ("prepare", "scale", "solve", "residual")}
 
 
-def kernel_files(single: bool) -> dict[str, str]:
-    """Return the files of the kernel, which are the same for every mechanism; sizes stand in antagonist_config.h."""
+def kernel_files(single: bool, rounds: int = MOST_ROUNDS) -> dict[str, str]:
+    """Return the files of the kernel, which are the same for every mechanism; sizes stand in antagonist_config.h.
+
+    A call ends after so many `rounds` of guesses.
+    """
     structs = _structs()
     functions = (*levels.FUNCTIONS, *residual.FUNCTIONS)
-    made = c_functions(functions, _kinds(structs), single, ENTRIES, MOST_ROUNDS | (SINGLE if single else {}))
+    numbers = {"MOST_ROUNDS": rounds, "MOST_FIRST": MOST_FIRST} | (SINGLE if single else {})
+    made = c_functions(functions, _kinds(structs), single, ENTRIES, numbers)
     about = "Lexicographic least squares in a box, printed from Python's text of it."
     bounds = c_form(Source.of(source), "interval", _OUTSIDE)
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head, bounds.head])
