@@ -168,7 +168,6 @@ def test_where_rows_bind_the_commands_are_those_of_the_whole_qp(case):
     qp = readable.qp
     z, multipliers = DAQP(qp)
     assert multipliers[z.size :].any()
-    assert case.qp_step.structured.iterations > 0
     assert compiled.motion is not None  # no other solver was asked
     assert compiled.status is readable.status is PlanStatus.OPTIMAL
     np.testing.assert_allclose(compiled.u, readable.u, atol=1e-5 * BAR)

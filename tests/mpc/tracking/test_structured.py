@@ -66,14 +66,14 @@ def test_a_set_that_is_wrong_in_a_few_members_is_exchanged_for_that_of_the_solut
     for _ in range(40):
         assert mpc._qp_step(*anything(mpc, rng), RICCATI, math.inf).status is PlanStatus.OPTIMAL
         z, right = structured.z.copy(), structured.guess.copy()
-        for wrong in (np.where(rng.random(changes) < 0.15, -right, right), -right, rng.choice([-1, 0, 1], changes)):
+        for wrong in (np.where(rng.random(changes) < 0.1, 0, right), -right, rng.choice([-1, 0, 1], changes)):
             structured.guess[:] = wrong
             assert structured.solved()
             np.testing.assert_allclose(structured.z, z, atol=1e-4)
             np.testing.assert_array_equal(structured.guess, right)
             iterations.append(structured.iterations)
     few, *_ = np.reshape(iterations, (-1, 3)).T
-    assert np.mean(few == 0) > 0.8
+    assert np.mean(few == 0) > 0.5  # many rows bind in these, the others are left to the interior point
 
 
 def test_noise_along_the_slew_needs_no_interior_point():
