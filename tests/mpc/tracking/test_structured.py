@@ -73,7 +73,7 @@ def test_a_set_that_is_wrong_in_a_few_members_is_exchanged_for_that_of_the_solut
             np.testing.assert_array_equal(structured.guess, right)
             iterations.append(structured.iterations)
     few, *_ = np.reshape(iterations, (-1, 3)).T
-    assert np.mean(few == 0) > 0.5  # many rows bind in these, the others are left to the interior point
+    assert np.mean(few == 0) > 0.2  # where many rows bind the interior point is quicker
 
 
 def test_noise_along_the_slew_needs_no_interior_point():
