@@ -51,12 +51,14 @@ def steps(
     """Yield the CasADi SX `function` in `language`, step by step.
 
     `entry(i, j)` writes the nonzero j of input i. `number` writes a constant, and is asked at every place where one is
-    used. With `inverses` what is divided by a constant is multiplied by its inverse, which takes a third of the time
-    and may change the last bit. Raises `Untranslatable` for an operation that the language's table has not.
+    used. With `inverses` what is divided is multiplied by the inverse, that of a constant, or that of a result, once
+    for all that it divides: this takes a third of the time and may change the last bit. Raises `Untranslatable` for an
+    operation that the language's table has not.
     """
     import casadi as ca
 
     registers: dict[int, str | float] = {}  # what CasADi's work vector holds: an expression, or a number
+    inverse: dict[str | float, str | float] = {}  # of what divides
     used = 0
 
     def operand(value: str | float) -> str:
@@ -74,17 +76,22 @@ def steps(
             registers[given[0]] = float(function.instruction_constant(k))
         else:
             operands = [registers[register] for register in taken]
-            if inverses and kind == ca.OP_DIV and isinstance(by := operands[1], float) and _invertible(by):
-                kind, operands[1] = ca.OP_MUL, 1 / by
+            if inverses and kind == ca.OP_DIV and _invertible(by := operands[1]):
+                if by not in inverse:
+                    inverse[by] = 1 / by if isinstance(by, float) else language.temporary.format(used)
+                    if isinstance(by, str):
+                        used += 1
+                        yield Temporary(str(inverse[by]), _form(ca.OP_INV, function, language).format(operand(by)))
+                kind, operands[1] = ca.OP_MUL, inverse[by]
             expression = _form(kind, function, language).format(*map(operand, operands))
             registers[given[0]] = name = language.temporary.format(used)
             used += 1
             yield Temporary(name, expression)
 
 
-def _invertible(value: float) -> bool:
-    """Return whether the inverse of `value` is as exact as itself."""
-    return 1e-150 < abs(value) < 1e150
+def _invertible(by: str | float) -> bool:
+    """Return whether the inverse of what divides is as exact as itself: of a result, and of most constants."""
+    return isinstance(by, str) or 1e-150 < abs(by) < 1e150
 
 
 def _form(kind: int, function: Any, language: Language) -> str:
