@@ -1,9 +1,10 @@
-"""It is decided here which column of a file holds which quantity, with its numbers in SI units.
+"""Columns of a file by quantity, with their numbers in SI units.
 
-The names tell (see `headers`), or the caller: `columns={"pressure": "p:bar", "force": "F:-N"}`, quantity, name of the
-column and unit, is on the command line `--columns pressure=p:bar,force=F:-N`. A minus sign before the unit turns the
-sign round; `bar(abs)` takes the standard atmosphere off. What the caller says is believed; a unit that a name says is
-doubted where the greatest number cannot be in it.
+The quantities follow from the names (see `headers`), or from the caller: `columns={"pressure": "p:bar", "force":
+"F:-N"}`, quantity, name of the column and unit, is on the command line `--columns pressure=p:bar,force=F:-N`. A minus
+sign before the unit turns the sign round; `bar(abs)` takes the standard atmosphere off; `ignore=a;b` leaves columns
+unread. The caller is believed; the unit of a name is doubted where the greatest number cannot be in it. All columns
+that are not read are listed in `Measured.notes`.
 """
 
 import re
@@ -12,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
+from allocator.files.cells import listed
 from allocator.files.csv_table import FilePath, Table, read_table
-from allocator.identification.headers import UNITS, Meaning, meaning_of, quantity_named, unit_of
+from allocator.identification.headers import UNITS, Meaning, is_unit, meaning_of, quantity_named, unit_of, unit_said
 from allocator.units import BAR, DEG
 
 ATMOSPHERE = 1.01325 * BAR
@@ -28,8 +30,16 @@ _PLAUSIBLE = {  # between which the greatest magnitude of a quantity lies, in SI
 }
 
 
+_WEIGHTS = {"kgf", "gf", "lbf", "N", "kN", "mN"}
+_IGNORE = "ignore"  # the word for columns that are not to be read
+_STAMPS = 1e6  # [s] from which on times are counted from the first row
+_RISING = "up rising rise inflating inflation loading increasing auf steigend aufwärts montant + ↑"
+_FALLING = "down falling fall deflating deflation unloading decreasing ab fallend abwärts descendant - ↓"
+_DIRECTIONS = dict.fromkeys(_RISING.split(), 1.0) | dict.fromkeys(_FALLING.split(), -1.0)
+
+
 class Column(NamedTuple):
-    """A match is a column of a file and what it holds."""
+    """A column of a file, its quantity and its unit."""
 
     place: int  # counted from 0
     name: str
@@ -41,16 +51,26 @@ class Column(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """The quantities of a file are kept by name: their columns, and their values (n,) in SI units."""
+    """Quantities of a file by name: their columns, and their values (n,) in SI units."""
 
     table: Table
     columns: Mapping[str, Column]
     values: Mapping[str, Array]
+    notes: tuple[str, ...] = ()  # sentences about what was not read, or left out
 
     def mistake(self, quantity: str, sentence: str, row: int | None = None) -> InvalidFile:
         """Return the error that says what is wrong with this quantity, in that row if one is given."""
         line = None if row is None else self.table.lines[row]
         return InvalidFile(self.table.path, sentence, line=line, column=self.columns[quantity].name)
+
+    def lines(self, rows: Mask) -> str:
+        """Return the lines of the marked rows (n,) in words."""
+        return listed([self.table.lines[i] for i in np.flatnonzero(rows)])
+
+    def where(self, keep: Mask, note: str) -> "Measured":
+        """Return the rows marked in `keep`, with a note about the others."""
+        values = {quantity: array[keep] for quantity, array in self.values.items()}
+        return self._replace(table=self.table.where(keep), values=values, notes=(*self.notes, note))
 
 
 def read_columns(
@@ -58,15 +78,36 @@ def read_columns(
     wanted: Sequence[tuple[str, ...]],
     optional: Sequence[str] = (),
     columns: Mapping[str, str] | None = None,
+    *,
+    skip_rows: int = 0,
+    drop_missing: bool | None = None,
 ) -> Measured:
     """Read the quantities `wanted`, one of each tuple of alternatives, and those of the `optional` that are there.
 
-    Raises `InvalidFile`, with line and column, at anything that is missing, said twice, or cannot be in its unit.
+    `skip_rows` lines are left out at the beginning of the file. With `drop_missing`, rows without a number in one of
+    the columns are left out; where it is False the messages offer that by its option, --drop-spikes.
+
+    Raises `InvalidFile`, with line and column, for a column that is missing, given twice, or cannot be in its unit, and
+    for an unread column whose unit is a torque if one is wanted.
     """
-    table = read_table(path)
-    chosen = _choose(table, [*wanted, *((quantity,) for quantity in optional)], len(wanted), columns or {})
-    values = {q: table.numbers(c.place) * c.scale - c.offset for q, c in chosen.items()}
-    measured = Measured(table, chosen, values)
+    table = read_table(path, skip_rows=skip_rows, is_unit=is_unit)
+    mapping = dict(columns or {})
+    ignored = _ignored(table, mapping.pop(_IGNORE, ""))
+    groups = [*wanted, *((quantity,) for quantity in optional)]
+    chosen = _choose(table, groups, len(wanted), mapping, ignored)
+    unused = [i for i, name in enumerate(table.names) if name and i not in {c.place for c in chosen.values()}]
+    _refuse_torque(table, [i for i in unused if i not in ignored], groups, chosen)
+    values = {quantity: _values(table, column, drop_missing) for quantity, column in chosen.items()}
+    notes = table.notes
+    if unused:
+        notes = (*notes, f"columns not used: {', '.join(table.names[i] for i in unused)}")
+    measured = Measured(table, chosen, values, notes)
+    missing = np.asarray(np.isnan(np.stack(list(values.values()))).any(axis=0))
+    if missing.all():
+        raise InvalidFile(path, f"no row has a number in each of the columns {', '.join(chosen)}")
+    if missing.any():
+        note = f"rows without a number in every column were left out: {measured.lines(missing)}"
+        measured = measured.where(~missing, note)
     for kind in _PLAUSIBLE:
         _check_unit(measured, kind)
     return measured
@@ -85,26 +126,79 @@ def parse_columns(text: str | None) -> dict[str, str]:
     return {quantity.strip(): column.strip() for quantity, _, column in parts}
 
 
+def _values(table: Table, column: Column, drop_missing: bool | None) -> Array:
+    """Return the column (n,) in SI units; with `drop_missing`, NaN in cells without a number."""
+    gaps = bool(drop_missing)
+    hint = "; --drop-spikes (drop_spikes=True) leaves such rows out" if drop_missing is False else ""
+    if column.quantity == "time":
+        times = table.times(column.place, gaps=gaps, hint=hint)
+        scale = 1.0 if table.is_clock(column.place) else column.scale
+        first = times[np.isfinite(times)][:1]
+        if first.size and abs(first[0]) * scale > _STAMPS:
+            times = times - first[0]
+        return np.asarray(times * scale)
+    if column.quantity == "direction":
+        hint = "; give +1 or up (rising), -1 or down (falling), or 0 (not known)"
+        table = table.spelled(column.place, _DIRECTIONS)
+    return np.asarray(table.numbers(column.place, gaps=gaps, hint=hint) * column.scale - column.offset)
+
+
 # --- which column ---------------------------------------------------------------------------------------------------
 
 
+def _fault(table: Table, sentence: str, column: str | None = None) -> InvalidFile:
+    """Return the error that says what is wrong with the names of the columns."""
+    return InvalidFile(table.path, sentence, line=table.names_line, column=column)
+
+
+def _ignored(table: Table, text: str) -> set[int]:
+    """Return the places of the columns that the caller leaves unread, `a` or `a;b`."""
+    return {_place(table, name.strip()) for name in text.split(";") if name.strip()}
+
+
+def _refuse_torque(
+    table: Table, unused: Sequence[int], groups: Sequence[tuple[str, ...]], chosen: Mapping[str, Column]
+) -> None:
+    """Refuse an unread column with a unit of torque where a torque could be read and none is."""
+    if ("torque",) not in groups or "torque" in chosen:
+        return
+    for i in unused:
+        unit = unit_said(table.names[i])
+        if unit in UNITS["torque"]:
+            raise _fault(
+                table,
+                f"has a unit of torque, but its name is not known: if it is the torque of the weight, name it 'torque "
+                f'[{unit}]\' or say --columns "torque={table.names[i]}:{unit}"; if not, --columns '
+                f'"{_IGNORE}={table.names[i]}"',
+                column=table.names[i],
+            )
+
+
 def _choose(
-    table: Table, groups: Sequence[tuple[str, ...]], n_wanted: int, mapping: Mapping[str, str]
+    table: Table,
+    groups: Sequence[tuple[str, ...]],
+    n_wanted: int,
+    mapping: Mapping[str, str],
+    ignored: set[int],
 ) -> dict[str, Column]:
     """Choose the column of every group, the first `n_wanted` of which have to be there."""
     if not mapping and all(_is_number(name) for name in table.names):
-        raise InvalidFile(table.path, f"has no column names: name them, such as {_examples(groups[:n_wanted])}", line=1)
+        raise _fault(
+            table,
+            f"has no column names: name them, such as {_examples(groups[:n_wanted])}; or leave lines out by "
+            "--skip-rows",
+        )
     chosen = dict(_mapped(table, quantity, text) for quantity, text in mapping.items())
     if strange := [quantity for quantity in chosen if not any(quantity in group for group in groups)]:
         known = ", ".join(q for group in groups for q in group)
         raise InvalidInput(f"columns: there is no {strange[0]} to be read here, only {known}")
-    taken = {column.place for column in chosen.values()}
+    taken = {column.place for column in chosen.values()} | ignored
     named = [(i, name, meaning_of(name)) for i, name in enumerate(table.names) if i not in taken]
     unclear: list[tuple[str, str]] = []  # names without a unit, and their quantities
     for number, group in enumerate(groups):
         if any(quantity in chosen for quantity in group):
             continue
-        found = _found(table, [(i, n, m) for i, n, m in named if m and m.quantity in group], number < n_wanted)
+        found = _found(table, [(i, n, m) for i, n, m in named if m and m.quantity in group])
         if found is None:
             if number < n_wanted:
                 raise _missing(table, group)
@@ -117,7 +211,7 @@ def _choose(
     return chosen
 
 
-def _found(table: Table, named: list[tuple[int, str, Meaning]], wanted: bool) -> Column | tuple[str, str] | None:
+def _found(table: Table, named: list[tuple[int, str, Meaning]]) -> Column | tuple[str, str] | None:
     """Return the one column among these; its name and quantity if it has no unit; None if there is none."""
     known = [each for each in named if each[2].unit in UNITS[each[2].quantity]]
     bare = [each for each in named if not each[2].unit]
@@ -127,8 +221,8 @@ def _found(table: Table, named: list[tuple[int, str, Meaning]], wanted: bool) ->
     if known:
         index, name, (quantity, unit, absolute) = known[0]
         if absolute:
-            raise InvalidFile(
-                table.path,
+            raise _fault(
+                table,
                 "is absolute, gauge pressure is wanted: --columns "
                 f'"{quantity}={name}:{unit}(abs)" takes the standard atmosphere off, {ATMOSPHERE / BAR:g} bar',
                 column=name,
@@ -136,9 +230,12 @@ def _found(table: Table, named: list[tuple[int, str, Meaning]], wanted: bool) ->
         return Column(index, name, quantity, unit, UNITS[quantity][unit], 0.0, False)
     if bare:
         return bare[0][1], bare[0][2].quantity
-    if named and wanted:
+    if named:
         _, name, (quantity, unit, _) = named[0]
-        raise InvalidFile(table.path, f"has an unknown unit {unit!r}; known are {_units(quantity)}", column=name)
+        sentence = f"has an unknown unit {unit!r}; known are {_units(quantity) or 'none'}"
+        if quantity == "torque" and unit in _WEIGHTS:
+            sentence = "is a weight, not a torque: multiply it by its lever arm, and name it torque [Nm]"
+        raise _fault(table, f'{sentence}; or leave it out by --columns "{_IGNORE}={name}"', column=name)
     return None
 
 
@@ -149,21 +246,29 @@ def _mapped(table: Table, word: str, text: str) -> tuple[str, Column]:
         raise InvalidInput(f"columns: {word!r} is no quantity; known are {', '.join(UNITS)}")
     name, _, said = text.rpartition(":") if text not in table.names and ":" in text else (text, "", "")
     name, said = name.strip(), said.strip()
+    place = _place(table, name)
     unit, absolute = unit_of(said.removeprefix("-"))
-    meaning = meaning_of(name)
+    meaning = meaning_of(table.names[place])
     if not said and meaning and meaning.quantity == quantity:
         _, unit, absolute = meaning
+    elif not said:
+        unit = unit_said(table.names[place])
     if unit not in UNITS[quantity]:
         raise InvalidInput(f"columns: {word}={text} needs a unit after a colon, one of {_units(quantity)}")
+    scale = (-1 if said.startswith("-") else 1) * UNITS[quantity][unit]
+    return quantity, Column(place, name, quantity, unit, scale, ATMOSPHERE if absolute else 0.0, bool(said))
+
+
+def _place(table: Table, name: str) -> int:
+    """Return the place of the column with this name, whatever its case, with or without its unit."""
     same = [i for i, other in enumerate(table.names) if other == name]
     same = same or [i for i, other in enumerate(table.names) if other.casefold() == name.casefold()]
     same = same or [i for i, other in enumerate(table.names) if _without_brackets(other) == name.casefold()]
     if not same:
-        raise InvalidFile(table.path, f"has no column {name!r} among {', '.join(table.names)}")
+        raise _fault(table, f"has no column {name!r} among {', '.join(table.names)}")
     if len(same) > 1:
-        raise InvalidFile(table.path, f"has {len(same)} columns of the name {name!r}")
-    scale = (-1 if said.startswith("-") else 1) * UNITS[quantity][unit]
-    return quantity, Column(same[0], name, quantity, unit, scale, ATMOSPHERE if absolute else 0.0, bool(said))
+        raise _fault(table, f"has {len(same)} columns of the name {name!r}")
+    return same[0]
 
 
 def _without_brackets(name: str) -> str:
@@ -174,15 +279,15 @@ def _without_brackets(name: str) -> str:
 def _several(table: Table, named: list[tuple[int, str, Meaning]]) -> InvalidFile:
     (_, first, one), (_, second, other), *_ = named
     if one.quantity != other.quantity:
-        return InvalidFile(
-            table.path,
+        return _fault(
+            table,
             f"has a {one.quantity}, {first!r}, and a {other.quantity}, {second!r}: choose by --columns "
             f'"{one.quantity}={first}" or "{other.quantity}={second}"',
         )
     if first == second:
-        return InvalidFile(table.path, f"has two columns of the name {first!r}; rename one")
-    return InvalidFile(
-        table.path,
+        return _fault(table, f"has two columns of the name {first!r}; rename one")
+    return _fault(
+        table,
         f"columns {first!r} and {second!r} give the {one.quantity} twice; choose by --columns "
         f'"{one.quantity}={first}:{one.unit or _usual(one.quantity)}"',
     )
@@ -190,8 +295,8 @@ def _several(table: Table, named: list[tuple[int, str, Meaning]]) -> InvalidFile
 
 def _missing(table: Table, group: tuple[str, ...]) -> InvalidFile:
     quantity, names = group[0], ", ".join(name for name in table.names if name)
-    return InvalidFile(
-        table.path,
+    return _fault(
+        table,
         f"has no column for the {' or '.join(group)} among {names}; name it such as {quantity} [{_usual(quantity)}], "
         f"or say --columns {quantity}=NAME:{_usual(quantity)}",
     )
@@ -201,8 +306,8 @@ def _without_unit(table: Table, unclear: list[tuple[str, str]]) -> InvalidFile:
     (name, first), names = unclear[0], ", ".join(repr(name) for name, _ in unclear)
     say = ",".join(f"{quantity}={name}:{_usual(quantity)}" for name, quantity in unclear)
     which = f"column {names} has" if len(unclear) == 1 else f"columns {names} have"
-    return InvalidFile(
-        table.path,
+    return _fault(
+        table,
         f"{which} no unit: name them such as '{name} [{_usual(first)}]', or say --columns \"{say}\" with your units",
     )
 
@@ -236,6 +341,8 @@ def _check_unit(measured: Measured, kind: str) -> None:
     values = {q: v for q, v in measured.values.items() if q in (kind, f"{kind}1", f"{kind}2")}
     if not values:
         return
+    if "time" in measured.values:
+        values = {q: _without_single_rows(v) for q, v in values.items()}
     quantity = max(values, key=lambda q: float(np.abs(values[q]).max()))
     column, (low, high) = measured.columns[quantity], _PLAUSIBLE[kind]
     row = int(np.argmax(np.abs(values[quantity])))
@@ -251,6 +358,13 @@ def _check_unit(measured: Measured, kind: str) -> None:
     what = f"{read} is too much" if greatest > high else f"never exceeds {read}, too little"
     sentence = f'{what}; was {shown} meant? If not, say --columns "{quantity}={column.name}:{unit}"'
     raise measured.mistake(quantity, sentence, row)
+
+
+def _without_single_rows(values: Array) -> Array:
+    """Return the values (n,) of a log without what less than four rows show, such as spikes."""
+    from scipy.ndimage import median_filter
+
+    return np.asarray(median_filter(values, 7, mode="nearest"))
 
 
 def _with_unit(number: float, unit: str) -> str:

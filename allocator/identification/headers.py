@@ -1,8 +1,8 @@
-"""The name of a column says what it holds: a quantity and its unit, in the words of several languages.
+"""Names of columns: the quantity and unit that a name stands for, in the words of several languages.
 
-`eps [%]`, `Pressure (kPa)`, `Kraft in N`, `P1_bar` and `p/bar` are all read: the last word is the unit, in brackets or
-not, and the words before it are the quantity; case, spaces and underscores do not count. A name that has further words
-(`theta_ref_deg`) means something else.
+`eps [%]`, `Pressure (kPa)`, `Kraft in N`, `P1_bar` and `p/bar` are all read: the last words are the unit, in brackets
+or not, and the words before it are the quantity; case, spaces and underscores do not count. A name that has further
+words (`theta_ref_deg`) means something else. `T` and `M` are torques where their unit is one.
 """
 
 import re
@@ -12,6 +12,7 @@ from typing import NamedTuple
 from allocator.units import BAR, DEG, KPA, MM, MPA, PERCENT, PSI
 
 _PRESSURE = {"bar": BAR, "kPa": KPA, "MPa": MPA, "psi": PSI, "Pa": 1.0, "mbar": 1e-3 * BAR, "hPa": 100.0}
+_LBF, _KGF = 4.4482216152605, 9.80665  # [N]
 _LENGTH = {"mm": MM, "m": 1.0, "cm": 1e-2, "in": 0.0254}
 
 UNITS: dict[str, dict[str, float]] = {  # by quantity, the usual unit first; "" where a name needs none
@@ -21,10 +22,14 @@ UNITS: dict[str, dict[str, float]] = {  # by quantity, the usual unit first; "" 
     "pressure": _PRESSURE,
     "pressure1": _PRESSURE,
     "pressure2": _PRESSURE,
-    "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605, "kgf": 9.80665, "gf": 9.80665e-3},
+    "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": _LBF, "kgf": _KGF, "gf": 1e-3 * _KGF},
     "theta": {"deg": DEG, "rad": 1.0},
-    "torque": {"Nm": 1.0, "Nmm": 1e-3, "Ncm": 1e-2},
-    "time": {"s": 1.0, "ms": 1e-3, "": 1.0},
+    "torque": {
+        **{"Nm": 1.0, "Nmm": 1e-3, "Ncm": 1e-2, "kNm": 1e3, "mNm": 1e-3},
+        **{"kgf m": _KGF, "kgf cm": 1e-2 * _KGF, "gf cm": 1e-5 * _KGF},
+        **{"lbf in": 0.0254 * _LBF, "lbf ft": 0.3048 * _LBF, "ozf in": 0.0254 * _LBF / 16},
+    },
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "": 1.0},
     "direction": {"": 1.0},
     "sweep": {"": 1.0},
     "slack": {"": 1.0},
@@ -40,9 +45,11 @@ _NAMES = {
     "pressure2": "pressure2 p2 antagonistpressure pressureantagonist pantagonist druck2 pression2",
     "force": "force f muscleforce load tension pull kraft zugkraft",
     "theta": "theta θ phi φ angle jointangle winkel gelenkwinkel",
-    "torque": "torque drehmoment couple",
-    "time": "time t zeit temps",
-    "direction": "direction richtung",
+    "torque": "torque drehmoment couple tau τ moment lastmoment loadtorque torqueload externaltorque weight last poids "
+    "gewicht gewichtsmoment",
+    "time": "time t zeit temps timestamp stamp zeitstempel uhrzeit datetime datumzeit datumuhrzeit xvalue xaxis "
+    "elapsed elapsedtime relativetime rosbagtimestamp zeitpunkt horodatage clock clocktime timeofday",
+    "direction": "direction richtung dir sens bewegungsrichtung drehrichtung branch",
     "sweep": "sweep",
     "slack": "slack schlaff",
     "rest_length": "restlength l0 initiallength nominallength ruhelänge",
@@ -60,10 +67,31 @@ _UNIT_WORDS = {
     "lbf": "lb lbs",
     "m": "metre meter",
     "in": "inch inches",
-    "s": "sec second seconds",
+    "s": "sec secs second seconds sekunde sekunden",
+    "ms": "msec millisecond milliseconds",
+    "us": "µs μs usec microsecond microseconds",
+    "ns": "nsec nanosecond nanoseconds",
+    "min": "minute minutes minuten",
+    "h": "hour hours stunde stunden",
+    "Nm": "newtonmeter newtonmeters newtonmetre newtonmetres",
 }
 _SPELLED = {word: unit for unit, words in _UNIT_WORDS.items() for word in words.split()}
 _SPELLED |= {unit.lower(): unit for units in UNITS.values() for unit in units if unit}
+_FORCES = {"kgf": "kgf kg kp kgforce", "gf": "gf g", "lbf": "lbf lb lbs pound pounds", "ozf": "ozf oz"}
+_ARMS = {"m": "m metre meter", "cm": "cm", "in": "in inch inches", "ft": "ft foot feet"}
+_SPELLED |= {  # lbf in, in lbf, kgf·cm, oz-in
+    words: f"{force} {arm}"
+    for force, forces in _FORCES.items()
+    for arm, arms in _ARMS.items()
+    if f"{force} {arm}" in UNITS["torque"]
+    for f in forces.split()
+    for a in arms.split()
+    for words in (f"{f} {a}", f"{a} {f}", f"{f}{a}", f"{a}{f}")
+}
+_WORDS_OF_A_UNIT = max(unit.count(" ") for unit in _SPELLED) + 1
+_LETTERS = {"t": "torque", "m": "torque"}  # that are this quantity where the unit is one of it
+_TEMPERATURES = {"c", "°c", "degc", "celsius", "k", "kelvin", "f", "°f"}
+_CLOCK = re.compile(r"\bh{1,2}:m{1,2}(:s{1,2})?([.,:](f+|s+|m?s|0+|x+))?")
 
 _ABSOLUTE = {"abs", "absolute", "absolut", "absolue"}
 _GAUGE = {"gauge", "gage", "rel", "relative", "relativ"}
@@ -71,7 +99,7 @@ _MARKED = {f"{unit.lower()}{mark}": (unit, mark == "a") for unit in _PRESSURE fo
 
 
 class Meaning(NamedTuple):
-    """A meaning is what a name says; a `unit` that is not in `UNITS[quantity]` was not understood."""
+    """Quantity and unit of a name; a `unit` that is not in `UNITS[quantity]` was not understood."""
 
     quantity: str
     unit: str  # "" if the name gives none
@@ -85,12 +113,13 @@ def meaning_of(name: str) -> Meaning | None:
         return None
     if quantity := _QUANTITIES.get("".join(words)):
         return Meaning(quantity, "", absolute)
-    *before, last = words
-    if before and before[-1] == "in":  # Druck in bar
-        before.pop()
-    quantity = _QUANTITIES.get("".join(before))
-    unit, marked = _MARKED.get(last, (_SPELLED.get(last, last), False))
-    return None if quantity is None else Meaning(quantity, unit, absolute or marked)
+    before, unit, marked = _split_unit(words)
+    quantity, other = (known.get("".join(before)) for known in (_QUANTITIES, _LETTERS))
+    if other is not None and unit in UNITS[other]:
+        quantity = other
+    if quantity is None or UNITS[quantity].keys() == {""} or (before == ["t"] and unit in _TEMPERATURES):
+        return None
+    return Meaning(quantity, unit, absolute or marked)
 
 
 def unit_of(text: str) -> tuple[str, bool]:
@@ -98,8 +127,20 @@ def unit_of(text: str) -> tuple[str, bool]:
     `psia`.
     """
     words, absolute = _words(text)
-    unit, marked = _MARKED.get("".join(words), (_SPELLED.get("".join(words), text), False))
-    return unit, absolute or marked
+    before, unit, marked = _split_unit(words) if words else ([], text, False)
+    return (text if before else unit), absolute or marked
+
+
+def is_unit(text: str) -> bool:
+    """Return whether the text is a unit of any quantity, such as `bar`, `[deg]` or `N m`."""
+    return bool(text.strip()) and unit_of(text)[0] in _ALL_UNITS
+
+
+def unit_said(name: str) -> str:
+    """Return the unit at the end of a name whatever its quantity, in its usual spelling; "" if there is none."""
+    words, _ = _words(name)
+    unit = _split_unit(words)[1] if words else ""
+    return unit if unit in _ALL_UNITS else ""
 
 
 def quantity_named(text: str) -> str | None:
@@ -107,14 +148,33 @@ def quantity_named(text: str) -> str | None:
     return _QUANTITIES.get("".join(_words(text)[0]))
 
 
+def _split_unit(words: list[str]) -> tuple[list[str], str, bool]:
+    """Return the words before the unit, the unit in its usual spelling, and whether it is marked as absolute."""
+    for count in range(min(_WORDS_OF_A_UNIT, len(words)), 1, -1):
+        named = len(words) > count or words[0] not in _LETTERS
+        if named and (text := " ".join(words[-count:])) in _SPELLED:
+            return _without_in(words[:-count]), _SPELLED[text], False
+    last = words[-1]
+    unit, marked = _MARKED.get(last, (_SPELLED.get(last, last), False))
+    return _without_in(words[:-1]), unit, marked
+
+
+def _without_in(words: list[str]) -> list[str]:
+    """Return the words without the last one of `Druck in bar`."""
+    return words[:-1] if words[-1:] == ["in"] else words
+
+
 def _words(text: str) -> tuple[list[str], bool]:
     """Return the words of a name in lower case, without "absolute" and "gauge"; whether it was absolute."""
     text = unicodedata.normalize("NFKC", text).casefold()
-    text = re.sub(r"\bn\s*[·⋅*.\s-]\s*(c|m)?m\b", r"n\1m", text)  # N·m, N mm
+    text = _CLOCK.sub("", text)
+    text = re.sub(r"\b(k|m)?n\s*[·⋅∙•*×.\s-]\s*(c|m)?m\b", r"\1n\2m", text)  # N·m, N mm
     words = re.findall(r"[^\W_]+|[%°]", text)
     if len(words) > 1 and words[-1] in ("a", "g") and words[-2] in _SPELLED:  # bar(a), bar(g)
         words[-2:] = [words[-2] + words[-1]]
     return [word for word in words if word not in _ABSOLUTE | _GAUGE], any(word in _ABSOLUTE for word in words)
 
 
-__all__ = ["UNITS", "Meaning", "meaning_of", "quantity_named", "unit_of"]
+_ALL_UNITS = {unit for units in UNITS.values() for unit in units if unit} - {"ratio"}
+
+__all__ = ["UNITS", "Meaning", "is_unit", "meaning_of", "quantity_named", "unit_of", "unit_said"]

@@ -8,6 +8,7 @@ length l0 that shortens by l0 dε does the work F l0 dε = F a dθ:
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,8 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array, Value, cos, derivative, increasing_root, sin, sqrt
 from allocator.errors import InvalidInput
+from allocator.joint import table_error
+from allocator.joint.table_error import TableError
 from allocator.spline import Spline
 from allocator.units import DEG
 
@@ -128,7 +131,10 @@ class Lever(Geometry):
 
 @dataclass(frozen=True)
 class Table(Geometry):
-    """A `Table` is a mechanism known by samples: contraction of both muscles at n angles, joined by cubic splines."""
+    """Mechanism known by samples: contraction of both muscles at n angles, joined by cubic splines.
+
+    Its `error` says how far to trust it. Raises InvalidInput where the samples contradict each other too much.
+    """
 
     theta: Array = field(repr=False)  # [rad], increasing, (n,)
     contraction1: Array = field(repr=False)  # ε1 [-], (n,)
@@ -155,6 +161,21 @@ class Table(Geometry):
                     f"Table: contraction{number} has the wrong slope at {fine[np.argmin(routing.arm)]:.3g} rad; "
                     "contraction1 has to rise and contraction2 to fall with theta"
                 )
+        arms = [routing.arm.max() for routing in (self.agonist(fine), self.antagonist(fine))]
+        table_error.check("Table", self.error, np.array(arms), self.theta.size)
+
+    @cached_property
+    def error(self) -> TableError:
+        """Differences of agonist and antagonist to the splines through every second sample."""
+        fine = np.linspace(self.theta[0], self.theta[-1], 8 * self.theta.size)
+        found = np.zeros((3, 2, fine.size, 2))
+        for i, kept in enumerate(table_error.halves(self.theta.size)):
+            for j, samples in enumerate((self.contraction1, self.contraction2)):
+                fewer = Spline(self.theta[kept], samples[kept]) if len(kept) > 2 else None
+                for order in range(3):
+                    other = fewer(fine, order) if fewer else 0.0
+                    found[order, i, :, j] = self.rest_length * (self._splines[j](fine, order) - other)
+        return table_error.greatest(found, fine[:, None])
 
     def __eq__(self, other: object) -> bool:
         """Compare the samples."""

@@ -17,6 +17,8 @@ rest_length = 0.25
 model = "Sarosi2012"
 [agonist.parameters]
 …
+[agonist.measured]             # if it was fitted to forces
+…
 
 [gas]                          # in the muscles; or without this table
 kappa = 1.3
@@ -90,7 +92,7 @@ def dumps(joint: AntagonistJoint, *, scale_known: bool = True, source: Mapping[s
         lines += ["", *muscle_lines(name, muscle)]
     lines += gas_lines(joint.gas)
     if source:
-        lines += ["", "[source]", *(f"{name} = {_toml(value)}" for name, value in source.items())]
+        lines += ["", "[source]", *(f"{storage.toml_key(name)} = {_toml(value)}" for name, value in source.items())]
     if joint.covariance is not None:
         rows = (f"    {_toml(row)}," for row in joint.covariance)
         lines += ["", "[covariance]  # of the agonist's and then the antagonist's parameters", "rows = [", *rows, "]"]
@@ -150,7 +152,7 @@ def _geometry_lines(geometry: Geometry) -> list[str]:
 def muscle_lines(name: str, muscle: Muscle) -> list[str]:
     """Return the text of a muscle's file without its covariance, its tables moved below `name`."""
     text = storage.dumps(muscle, {}).partition("\n[covariance]")[0].rstrip("\n")
-    for table in ("parameters", "volume"):
+    for table in ("parameters", "volume", "measured"):
         text = text.replace(f"[{table}]", f"[{name}.{table}]")
     return [f"[{name}]", *text.splitlines()]
 

@@ -18,6 +18,7 @@ from allocator.muscles.models.mckibben import TonduLopez1995
 from allocator.muscles.models.polynomial import PolynomialMcKibben
 from allocator.muscles.models.pressure_dependent import Andrikopoulos2016, TonduLopez2000
 from allocator.muscles.models.sarosi import Sarosi2012
+from allocator.muscles.models.threshold import ThresholdPolynomial
 from allocator.muscles.models.tondu import Tondu2021
 from allocator.muscles.models.wickramatunge import Wickramatunge2010
 from allocator.muscles.monotonicity import monotonicity_failure
@@ -50,6 +51,7 @@ __all__ = [
     "Recipe",
     "Sarosi2012",
     "TableMuscle",
+    "ThresholdPolynomial",
     "Tondu2021",
     "TonduLopez1995",
     "TonduLopez2000",

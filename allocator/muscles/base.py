@@ -12,6 +12,7 @@ from which the uniqueness of the inverse follows (see `allocator.inverse`).
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from os import PathLike
 from typing import ClassVar, Self, TypeAlias
 
@@ -23,6 +24,7 @@ from allocator.calculus import Array, Mask, Value, derivative, increasing_root
 from allocator.errors import InvalidInput
 from allocator.muscles import volume
 from allocator.muscles.basis import Basis
+from allocator.muscles.measured import Edges, MeasuredRegion, continued, continued_integral, held
 from allocator.muscles.recipe import Recipe
 
 Covariance: TypeAlias = tuple[tuple[float, ...], ...]
@@ -50,8 +52,17 @@ class Muscle(ABC):
     strength: ClassVar[Mapping[str, float]] = {}
     """The powers of s by which parameters grow for a muscle that pulls s times as hard; empty where not known."""
 
+    assumed_contraction: ClassVar[float] = 0.35
+    """Greatest contraction [-] of a muscle of this model that was not measured."""
+
     covariance: Covariance | None = field(default=None, kw_only=True, repr=False, metadata=NOT_A_NUMBER)
     """Covariance of the parameters of a fitted muscle; None: no uncertainty is known."""
+
+    has_threshold: ClassVar[bool] = False
+    """Whether the law has a threshold pressure, below which the bladder does not press on the braid."""
+
+    measured: MeasuredRegion | None = field(default=None, kw_only=True, repr=False, metadata=NOT_A_NUMBER)
+    """Where the samples of its fit lie; None: not known. Beyond its contractions the law goes on linearly   (R1)"""
 
     inner_radius: float | None = field(default=None, kw_only=True, repr=False, metadata=NOT_A_NUMBER)
     """Radius of the tube at rest [m], for laws that have none of their own; see `volume`."""
@@ -72,6 +83,8 @@ class Muscle(ABC):
                 expected = "a row of finite numbers" if is_row else "a finite number"
                 raise InvalidInput(f"{type(self).__name__}: {name} = {checks.brief(value)} is not {expected}") from None
             object.__setattr__(self, name, numbers if is_row else numbers[0])
+        if not isinstance(self.measured, MeasuredRegion | None):
+            raise InvalidInput(f"measured = {checks.brief(self.measured)} has to be a MeasuredRegion, or None")
         self._check_covariance()
         self._check_volumes()
 
@@ -105,12 +118,20 @@ class Muscle(ABC):
 
     @property
     def max_contraction(self) -> float:
-        """Return the contraction ratio [-] up to which the law is meant to be used."""
-        return 0.35
+        """Greatest contraction ratio [-] of the samples, or `assumed_contraction` of a muscle without any."""
+        return self.assumed_contraction if self.measured is None else self.measured.contractions[1]
 
     def covers(self, P: Array, eps: Array) -> Mask:
         """Return whether the law is meant for these contractions (at these pressures, if that matters) while F ≥ 0."""
         return np.asarray((eps >= self.min_contraction) & (eps <= self.max_contraction))
+
+    @cached_property
+    def edges(self) -> Edges | None:
+        """Contractions [-] beyond which the law goes on linearly; None if it is the formula everywhere   (R1)"""
+        if self.measured is None:
+            return None
+        least, most = self.measured.contractions
+        return (least if least > self.min_contraction else -np.inf), most
 
     @property
     def basis(self) -> Basis:
@@ -250,6 +271,7 @@ class Muscle(ABC):
         unchanged = {f.name: getattr(self, f.name) for f in fields(self)}
         for name, value in (unchanged | self._grouped(values) | {"covariance": None}).items():
             object.__setattr__(copy, name, value)
+        object.__setattr__(copy, "edges", self.edges)  # numbers, whatever the parameters are
         return copy
 
     def _grouped(self, values: Sequence[Value]) -> dict[str, Value]:
@@ -290,10 +312,11 @@ SEARCH_CEILING = 20e5  # [Pa] far above any pneumatic muscle's burst pressure
 
 
 class AffineMuscle(Muscle):
-    """An affine muscle has a law affine in pressure, F(P, ε) = P·A(ε) + B(ε): two one-line functions make a model.
+    """Muscle with a law affine in pressure, F(P, ε) = P·A(ε) + B(ε): two one-line functions make a model.
 
-    Most published laws are of this kind. Torque and stiffness are then affine in the two pressures, and every inverse
-    is in closed form.
+    A and B are the formulas; `law` and all that follows from it continue them beyond what was measured. Most published
+    laws are of this kind. Torque and stiffness are then affine in the two pressures, and every inverse is in closed
+    form.
     """
 
     @abstractmethod
@@ -310,24 +333,28 @@ class AffineMuscle(Muscle):
         return Basis("quadratic")
 
     def law(self, P: Value, eps: Value) -> Value:
-        """Return F = P·A(ε) + B(ε) [N]."""
-        return P * self.A(eps) + self.B(eps)
+        """Return F = P·A(ε) + B(ε) [N], beyond what was measured by (R1)."""
+        return P * continued(self.A, eps, self.edges) + continued(self.B, eps, self.edges)
 
     def gain(self, P: Value, eps: Value) -> Value:
         """Return ∂F/∂P = A(ε) [N/Pa]."""
-        return self.A(eps) + 0.0 * P
+        return continued(self.A, eps, self.edges) + 0.0 * P
 
     def slope(self, P: Value, eps: Value) -> Value:
         """Return ∂F/∂ε = P·A'(ε) + B'(ε) [N]."""
-        return P * derivative(self.A, eps) + derivative(self.B, eps)
+        return P * self.gain_slope(0.0, eps) + self.passive_slope(eps)
+
+    def passive_slope(self, eps: Value) -> Value:
+        """Return ∂F/∂ε at zero pressure, B'(ε) [N]."""
+        return derivative(self.B, eps if self.edges is None else held(eps, self.edges))
 
     def gain_slope(self, P: Value, eps: Value) -> Value:
         """Return ∂²F/∂P∂ε = A'(ε) [N/Pa]."""
-        return derivative(self.A, eps) + 0.0 * P
+        return derivative(self.A, eps if self.edges is None else held(eps, self.edges)) + 0.0 * P
 
     def gain_integral(self, P: Value, eps: Value) -> Value:
         """Return ∫_0^ε A(ε') dε' [N/Pa]: the volume does not depend on the pressure."""
-        return self.A_integral(eps) + 0.0 * P
+        return continued_integral(self.A, self.A_integral, eps, self.edges) + 0.0 * P
 
     def gain_integral_slope(self, P: Value, eps: Value) -> Value:
         """Return 0."""
@@ -339,7 +366,7 @@ class AffineMuscle(Muscle):
 
     def pressure(self, F: Value, eps: Value) -> Array:
         """Return P = (F - B(ε))/A(ε) [Pa]."""
-        return np.asarray((F - self.B(eps)) / self.A(eps))
+        return np.asarray((F - self.law(0.0, eps)) / self.gain(0.0, eps))
 
 
 __all__ = ["AffineMuscle", "Covariance", "Muscle", "NOT_A_NUMBER", "SEARCH_CEILING", "STRUCTURE"]

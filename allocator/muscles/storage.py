@@ -11,6 +11,10 @@ inner_radius = 0.01     # [m], for laws that have no radius
 rest_volume = 1.257e-4  # [m³] at rest length
 tube_volume = 2e-5      # [m³] between muscle and valve
 
+[measured]              # corners of the convex hull of the samples of its fit, see `allocator.muscles.measured`
+contraction = [0.0, …]  # [-]
+pressure = [35000.0, …] # [Pa]
+
 [source]                # where the numbers come from, for the reader; ignored when loading
 
 [covariance]            # of a fitted muscle
@@ -29,6 +33,7 @@ import numpy as np
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
 from allocator.muscles.base import Muscle
+from allocator.muscles.measured import MeasuredRegion
 from allocator.units import BAR
 
 M = TypeVar("M", bound=Muscle)
@@ -51,8 +56,11 @@ def dumps(muscle: Muscle, source: Mapping[str, str | float]) -> str:
     lines += [f"{name} = {toml(getattr(muscle, name))}" for name in fields]
     if volume := {name: getattr(muscle, name) for name in _VOLUME if getattr(muscle, name)}:
         lines += ["", "[volume]  # of the gas: m, m³", *(f"{name} = {toml(value)}" for name, value in volume.items())]
+    if (region := muscle.measured) is not None:
+        lines += ["", "[measured]  # convex hull of the samples: ratio, Pa"]
+        lines += [f"contraction = {toml(region.contraction)}", f"pressure = {toml(region.pressure)}"]
     if source:
-        lines += ["", "[source]", *(f"{_key(name)} = {toml(value)}" for name, value in source.items())]
+        lines += ["", "[source]", *(f"{toml_key(name)} = {toml(value)}" for name, value in source.items())]
     if muscle.covariance is not None:
         lines += ["", f"[covariance]  # of {', '.join(muscle.parameters)}", "rows = ["]
         lines += [*(f"    {toml(row)}," for row in muscle.covariance), "]"]
@@ -73,9 +81,9 @@ def muscle_from(cls: type[M], path: str | PathLike[str], content: dict[str, Any]
     _compare(path, model, given)
     if surplus := content.keys() - _ENTRIES:
         raise InvalidFile(path, f"a muscle has no {', '.join(sorted(surplus))}; it has {', '.join(_ENTRIES)}")
-    rows, volume = covariance_rows(path, content), _volume(path, content)
+    rows, volume, region = covariance_rows(path, content), _volume(path, content), _measured(path, content)
     try:
-        muscle = model(**given, **volume, covariance=rows)
+        muscle = model(**given, **volume, covariance=rows, measured=region)
     except (InvalidInput, TypeError, ValueError) as error:
         raise InvalidFile(path, str(error)) from None
     _try(path, muscle)
@@ -118,6 +126,19 @@ def _volume(path: str | PathLike[str], content: dict[str, Any]) -> dict[str, Any
     return table
 
 
+def _measured(path: str | PathLike[str], content: dict[str, Any]) -> MeasuredRegion | None:
+    """Return the region of the table [measured], None if there is no such table."""
+    table = content.get("measured")
+    if table is None:
+        return None
+    if not isinstance(table, dict) or table.keys() != set(_MEASURED):
+        raise InvalidFile(path, f"[measured] has to be a table of the rows {' and '.join(_MEASURED)}")
+    try:
+        return MeasuredRegion(**table)
+    except (InvalidInput, TypeError, ValueError) as error:
+        raise InvalidFile(path, f"[measured]: {error}") from None
+
+
 def _try(path: str | PathLike[str], muscle: Muscle) -> None:
     """Refuse parameters with which the law divides by zero, exceeds what any muscle pulls, or pushes."""
     try:
@@ -131,8 +152,9 @@ def _try(path: str | PathLike[str], muscle: Muscle) -> None:
         raise InvalidFile(path, f"the force of this {type(muscle).__name__} {wrong}; check {given}")
 
 
-_ENTRIES = ("model", "parameters", "source", "covariance", "volume")  # of a file
+_ENTRIES = ("model", "parameters", "source", "covariance", "volume", "measured")  # of a file
 _VOLUME = ("inner_radius", "rest_volume", "tube_volume")
+_MEASURED = ("contraction", "pressure")
 _USUAL = 5 * BAR, 0.0  # pressure [Pa] and contraction ratio [-] at which every muscle pulls
 _MOST = 1e7  # [N] far above any muscle
 
@@ -164,7 +186,7 @@ def _compare(path: str | PathLike[str], model: type[Muscle], given: dict[str, An
 def toml(value: object) -> str:
     """Return a value in TOML."""
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)  # TOML's basic strings are written like JSON's
+        return _text(value)
     if isinstance(value, tuple):
         return f"[{', '.join(map(toml, value))}]"
     if isinstance(value, bool):
@@ -174,8 +196,16 @@ def toml(value: object) -> str:
     raise InvalidInput(f"source: {value!r} is neither text nor a number")
 
 
-def _key(name: str) -> str:
-    return name if name.replace("_", "").isalnum() and name.isascii() else json.dumps(name)
+def toml_key(name: str) -> str:
+    """Return the name of an entry in TOML, in quotation marks where it needs them."""
+    return name if name.replace("_", "").isalnum() and name.isascii() else _text(name)
 
 
-__all__ = ["covariance_rows", "dumps", "load", "muscle_from", "read", "save", "toml"]
+def _text(value: str) -> str:
+    """Return a string in TOML: as in JSON, but U+007F has to be escaped as well."""
+    if any("\ud800" <= character <= "\udfff" for character in value):
+        raise InvalidInput(f"the text {value!r} has half a character (a lone surrogate), which no UTF-8 file can hold")
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+__all__ = ["covariance_rows", "dumps", "load", "muscle_from", "read", "save", "toml", "toml_key"]

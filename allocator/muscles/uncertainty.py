@@ -10,6 +10,7 @@ Where several muscles share the parameters (a joint with two of the same kind) t
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
@@ -27,6 +28,17 @@ class ParameterSensitivities(NamedTuple):
     names: tuple[str, ...]  # m names, as in `Muscle.parameters`
     force: Array  # ∂F/∂p (…, m) [N / unit of p]
     slope: Array  # ∂F_ε/∂p (…, m) [N / unit of p]
+
+
+def covariance_root(covariance: ArrayLike) -> Array:
+    """Return L (m, m) with L Lᵀ = `covariance`, from its eigenvalues: directions that the data left open have none.
+
+    The parameters are scaled first: their units differ by powers of ten, and rounding would drown the small ones.
+    """
+    C = np.asarray(covariance, float)
+    scale = np.sqrt(np.maximum(np.diag(C), 1e-300))
+    values, vectors = np.linalg.eigh(C / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def force_gradient(muscle: Muscle, P: Array, eps: Array, names: tuple[str, ...] | None = None) -> Array:
@@ -75,6 +87,7 @@ def slope_std(muscle: Muscle, P: Array, eps: Array) -> Array:
 
 __all__ = [
     "ParameterSensitivities",
+    "covariance_root",
     "force_gradient",
     "force_std",
     "parameter_sensitivities",

@@ -20,6 +20,7 @@ from allocator.identification.joint.reading import JointLog, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
 from allocator.identification.joint.result import JointFit
 from allocator.identification.muscle.cli import columns_option
+from allocator.identification.options import DropSpikes, SkipRows
 from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.presentation.plotting import save_figure
 from allocator.shell.options import numbers, within
@@ -42,6 +43,8 @@ def fit_joint_command(
         float | None, typer.Option(help="Rest length of the muscles [mm], unless the file has a column of it.")
     ] = None,
     columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
+    skip_rows: SkipRows = 0,
+    drop_spikes: DropSpikes = False,
     model: Annotated[str, typer.Option(help="Muscle model.")] = "Sarosi2012",
     every: Annotated[bool, typer.Option("--all", help="Compare all models, in angle and in stiffness.")] = False,
     average: Annotated[bool, typer.Option("--average", help="Fit the mean of both directions.")] = False,
@@ -72,7 +75,9 @@ def fit_joint_command(
     check_ending("--plot", plot, IMAGES)
     claim(out, plot, inputs=(log,), force=force)
     console = Console(stderr=as_json)
-    data = read_joint_log(log, _sweeps(sweep or []), parse_columns(columns))
+    data = read_joint_log(
+        log, _sweeps(sweep or []), parse_columns(columns), skip_rows=skip_rows, drop_spikes=drop_spikes
+    )
     _describe_log(data, console)
     geometry, groups = _geometry(lever, pulley, rest_length, data.rest_length)
     options: dict[str, Any] = {
@@ -161,6 +166,8 @@ def _progress(models: Iterable[Any], console: Console) -> Iterable[Any]:
 
 
 def _describe_log(log: JointLog, console: Console) -> None:
+    for note in log.notes:
+        say(console, note)
     if log.used < log.rows:
         console.print(
             f"{log.theta.size} equilibria in {log.rows} rows of a raw log; {log.dropped_share:.0%} of the rows were "
@@ -187,15 +194,15 @@ def _report(comparison: JointComparison, console: Console) -> None:
 
 def _describe(fit: JointFit, console: Console) -> None:
     """Print what was found, how far to trust it, and what the data do not tell."""
-    s, std = fit.samples, found_std(fit)
+    s, std, found = fit.samples, found_std(fit), fit.doubt.discrepancy
     means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
     lines = [
         f"{fit.model}, {s.n} equilibria{means}: {fit.rms / DEG:.2f}° RMS",
         f"  encoder zero {fit.zero / DEG:+.2f}{_plus_minus(std['zero'] / DEG)}°, antagonist "
         f"{fit.ratio:.3f}{_plus_minus(std['ratio'])} times as strong as the agonist, "
         f"friction μ = {fit.friction:.3f}{_plus_minus(std['friction'])}",
-        f"  ± is one standard deviation, robust to errors alike in {fit.doubt.clusters} {fit.doubt.clustering}"
-        + (", with what the choices below change" if fit.doubt.choices else ""),
+        f"  ± is one standard deviation. It allows for a smooth error of the force law ({found.law:.1%} of the mean "
+        f"force) and reading noise of {found.noise / DEG:.2f}°, both estimated from the residuals",
         *(f"  {line}" for line in choice_lines(fit)),
     ]
     if not np.isnan(fit.hysteresis_share):
@@ -221,8 +228,7 @@ def _stiffness_line(fit: JointFit) -> str:
             f"  stiffness: relative only, K/K_ref to ± {np.median(fit.stiffness_ratio_std()):.2g} (K_ref at {where}); "
             "absolute after a known weight was hung"
         )
-    law = "" if fit.doubt.choices else ", if the law is right"
-    return f"  stiffness: known to {fit.scale_std:.1%} (one standard deviation){law}"
+    return f"  stiffness: known to {fit.scale_std:.1%} (one standard deviation)"
 
 
 def _plus_minus(std: float) -> str:
@@ -252,8 +258,8 @@ def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, Any]:
         "force_scale": fit.scale,
         "force_scale_std": None if fit.scale is None else fit.scale_std,
         "samples_left_out": fit.samples.dropped,
-        "clusters": fit.doubt.clusters,
-        "clusters_are": fit.doubt.clustering,
+        "law_error": fit.doubt.discrepancy.law,
+        "noise_deg": fit.doubt.discrepancy.noise / DEG,
         "choices": [choice_values(choice) for choice in fit.doubt.choices],
         "unseen": fit.unseen,
         "warnings": fit.warnings,

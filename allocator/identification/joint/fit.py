@@ -90,8 +90,8 @@ def fit_joint(
     leave_one_out
         Whether each group is also predicted from the others.
     choices
-        Whether greater dead bands and other laws are fitted too, and what they change goes into the covariance, see
-        `allocator.identification.joint.doubt`. Without it the error of the law is not in the standard deviations.
+        Whether fits with greater dead bands and other laws are made as well and reported. They do not change the
+        covariance, which allows for a smooth error of the law, see `allocator.identification.joint.doubt.discrepancy`.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def _prototype(
     recipe = model.recipe(np.concatenate([eps1, eps2]), P, np.ones(P.size))
     projected = recipe.starts[0] if recipe.linear and not hold else None
     prototype = start or projected or starting_muscle(model, samples, hold)
-    prototype = replace(prototype.with_parameters(hold), covariance=None)
+    prototype = replace(prototype.with_parameters(hold), covariance=None, measured=None)
     fixed = {n for n in prototype.parameters if n in hold or {n, n.partition("[")[0]} & set(recipe.conventional)}
     return prototype, recipe, frozenset(fixed)
 

@@ -28,6 +28,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from allocator.calculus import Array, Mask
+from allocator.identification.joint.sag import weighed
 from allocator.identification.joint.samples import JointSamples, Routes, SlackReadings
 from allocator.muscles import Muscle, force_gradient
 
@@ -204,7 +205,8 @@ class JointProblem:
         if self.pull is not None:
             rows.append(np.array([self.pull.weight * (self.pull_share(u) - self.pull.value)]))
         if self.sag is not None:
-            rows.append(self.sag_weight * self.sag_error(u))
+            error = weighed(self.sag, self.sag_error(u), self.prototype.has_threshold)
+            rows.append(self.sag_weight * error)
         return np.concatenate(rows) if rows else np.zeros(0)
 
     def gradient(self, quantity: Callable[[Unknowns], Array], x: Array) -> Array:

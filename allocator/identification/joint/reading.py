@@ -1,19 +1,22 @@
-"""Measured equilibria are read from a CSV file, or picked out of a raw time log.
+"""Measured equilibria of a CSV file, or of the steady parts of a raw log.
 
-Columns by name and unit as for `read_samples` (`phi [deg]`, `P1_bar`, …), in any order, others are ignored:
+Columns by name and unit as for `read_samples` (`phi [deg]`, `P1_bar`, …), in any order; others are listed in the notes,
+and refused if their unit is a torque:
 
     theta [deg, rad]            pressure1, pressure2 [bar, mbar, kPa, MPa, Pa, psi], gauge
-    torque [Nm]                 of the weight, positive where it pulls θ down; 0 without this column
-    direction                   +1 where θ was rising into the equilibrium, -1 falling, 0 not known
+    torque [Nm, lbf in, …]      of the weight, positive where it pulls θ down; 0 without this column
+    direction                   +1 where θ was rising into the equilibrium, -1 falling, 0 not known; also up, down
     sweep                       instead of it: a number whose direction the caller gives
     slack                       of a sag test: 1 where the cable of the agonist just went slack, 2 of the antagonist,
                                 3 both, 0 in rows that are equilibria
     rest_length [mm, m]         of the muscles, where samples of several lengths are in one file
-    time [s, ms]                makes the file a raw log, of which the steady parts are used; s without a unit
+    time [s, ms, us, ns, min]   makes the file a raw log, of which the steady parts are used; s without a unit; also
+                                clock times (12:03:04.567, ISO 8601)
 
 Of a raw log a row is steady if over the second before it neither pressure moved by more than 0.05 bar nor the angle by
 more than 0.3°. Every uninterrupted run of steady rows is one equilibrium, its values the means of the run's last
-second; its direction is the sign of the way that θ came since the equilibrium before, 0 if less than 0.3°.
+second; its direction is the sign of the way that θ came since the equilibrium before, 0 if less than 0.3° or across a
+gap of more than a second.
 """
 
 from collections.abc import Mapping
@@ -26,6 +29,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidFile
 from allocator.files.csv_table import FilePath
 from allocator.identification.columns import Measured, read_columns
+from allocator.identification.recording import in_time, note_spikes, stretches, without_spikes
 from allocator.units import BAR, DEG
 
 _WINDOW = 1.0  # [s]
@@ -48,6 +52,7 @@ class JointLog(NamedTuple):
     rows: int  # of the file
     used: int  # rows that went into an equilibrium
     slack: Array | None = None  # 1, 2 or 3: a row of a sag test, see `fit_joint`; None: there are none
+    notes: tuple[str, ...] = ()  # sentences about what was not read, or left out
 
     @property
     def dropped_share(self) -> float:
@@ -56,15 +61,27 @@ class JointLog(NamedTuple):
 
 
 def read_joint_log(
-    path: FilePath, sweeps: Mapping[float, float] | None = None, columns: Mapping[str, str] | None = None
+    path: FilePath,
+    sweeps: Mapping[float, float] | None = None,
+    columns: Mapping[str, str] | None = None,
+    *,
+    skip_rows: int = 0,
+    drop_spikes: bool = False,
 ) -> JointLog:
     """Read equilibria; `sweeps` gives the direction (+1, -1) of each number in the column `sweep`.
 
     `columns` says which column is what where the names do not: ``{"theta": "phi:deg", "pressure1": "p1:bar"}``.
 
+    `skip_rows` lines are left out at the beginning of the file. With `drop_spikes`, rows are left out in which a
+    reading is missing, and those of a raw log in which one jumps there and back or is a pressure that drops out.
+    `JointLog.notes` lists what was not used.
+
     Raises `InvalidFile`, with line and column, at anything that cannot be read.
     """
-    measured = read_columns(path, _WANTED, _OPTIONAL, columns)
+    measured = read_columns(path, _WANTED, _OPTIONAL, columns, skip_rows=skip_rows, drop_missing=drop_spikes)
+    if "time" in measured.values:
+        measured = in_time(measured)
+        measured = without_spikes(measured) if drop_spikes else note_spikes(measured)
     values = measured.values
     rows = values["theta"].size
     given = {
@@ -77,20 +94,33 @@ def read_joint_log(
     if "time" not in values:
         way = _directions(measured, sweeps or {})
         slack = _slack(measured)
-        return JointLog(**given, direction=way, rest_length=lengths, rows=rows, used=rows, slack=slack)
+        return JointLog(
+            **given, direction=way, rest_length=lengths, rows=rows, used=rows, slack=slack, notes=measured.notes
+        )
+    return _rests(measured, given)
+
+
+def _rests(measured: Measured, given: Mapping[str, Array]) -> JointLog:
+    """Return the means of the steady runs of a raw log; `given` are its rows (n,) by the names in `JointLog`."""
+    t, lengths = measured.values["time"], measured.values.get("rest_length")
     if (marked := _slack(measured)) is not None and marked.any():
         raise measured.mistake(
             "slack", "a raw log holds no sag test: give its rows without a time", int(marked.argmax())
         )
-    step = float(np.median(np.diff(values["time"]))) if rows > 1 else _MOST_STEP
+    step = float(np.median(np.diff(t))) if t.size > 1 else _MOST_STEP
     if step > _MOST_STEP:
-        raise measured.mistake("time", f"samples are {step:g} s apart, too far to see what rests; ms for s?")
-    runs = steady_runs(values["time"], given["theta"], given["P1"], given["P2"])
+        raise measured.mistake("time", f"samples are {step:g} s apart, too far to see what rests")
+    parts = [
+        [part.start + run for run in steady_runs(t[part], *(given[name][part] for name in ("theta", "P1", "P2")))]
+        for part in stretches(t)
+    ]
+    runs = [run for part in parts for run in part]
     if not runs:
-        raise InvalidFile(path, "never is steady for a second: hold the pressures until the angle rests")
+        raise InvalidFile(measured.table.path, "never is steady for a second: hold the pressures until the angle rests")
     means = {name: np.array([a[run].mean() for run in runs]) for name, a in given.items()}
+    way = np.concatenate([_ways(np.array([given["theta"][run].mean() for run in part])) for part in parts])
     lengths = None if lengths is None else np.array([lengths[run[-1]] for run in runs])
-    return JointLog(**means, direction=_ways(means["theta"]), rest_length=lengths, rows=rows, used=_rows(runs))
+    return JointLog(**means, direction=way, rest_length=lengths, rows=t.size, used=_rows(runs), notes=measured.notes)
 
 
 def steady_runs(time: Array, theta: Array, P1: Array, P2: Array) -> list[NDArray[np.intp]]:

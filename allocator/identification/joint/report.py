@@ -230,6 +230,15 @@ def _zero_warning(zero: float) -> tuple[str, ...]:
     )
 
 
+def check_friction(friction: float, noise: float) -> None:
+    """Refuse a μ that is negative by more than four standard deviations of the readings' noise."""
+    if friction < -max(_NO_FRICTION, 4 * noise):
+        raise InvalidInput(
+            f"friction μ = {friction:.3g} is negative, which no joint has, so nothing was written: "
+            "direction has to be +1 where θ was rising, -1 where falling; turn its sign"
+        )
+
+
 def _friction_warnings(problem: JointProblem, u: Unknowns, share: float) -> tuple[str, ...]:
     if "friction" in problem.extra and u.friction < -_NO_FRICTION:
         return (f"μ = {u.friction:.3g} is negative: the directions look swapped",)
@@ -274,6 +283,7 @@ __all__ = [
     "Findings",
     "GroupError",
     "at_bound",
+    "check_friction",
     "checked",
     "findings",
     "groups",

@@ -259,7 +259,12 @@ class JointFit:
         return replace(self, **changes)
 
     def save(self, path: str | PathLike[str], group: Any = None) -> None:
-        """Write the joint (of `group`) as TOML for `load_joint` and every command's --joint."""
+        """Write the joint (of `group`) as TOML for `load_joint` and every command's --joint.
+
+        Raises InvalidInput where μ is negative beyond doubt: friction would drive the joint.
+        """
+        noise = dict(zip(self.problem.names, np.sqrt(np.diag(self.doubt.formal)).tolist(), strict=True))
+        report.check_friction(self.friction, noise.get("friction", 0.0))
         chosen = self.joint if group is None else self.joint_of(group)
         joint = chosen.shape if isinstance(chosen, RelativeJoint) else chosen
         source: dict[str, str | float] = {
@@ -296,8 +301,8 @@ def solved(
     x, converged = minimise(problem, x)
     u = report.checked(problem, x)
     error = problem.angle_error(x)
-    doubted = doubt(problem, x, ~report.at_bound(problem, x), choices)
-    covariance = doubted.covariance + common.covariance
+    doubted = doubt(problem, x, ~report.at_bound(problem, x), common, choices)
+    covariance = doubted.covariance
     joints = report.joints(problem, u, covariance, common.unseen)
     found = report.findings(problem, u, joints.values(), covariance, converged)
     return JointFit(

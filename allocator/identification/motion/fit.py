@@ -9,15 +9,16 @@ from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
+from allocator.identification.motion.bands import Bands
 from allocator.identification.motion.problem import LOWER, STIFFEST, UPPER, MotionProblem, Prediction
-from allocator.identification.motion.result import Errors, Estimate, MotionFit
+from allocator.identification.motion.result import TRAINED, Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.search import Found, extended, search, without
 from allocator.identification.motion.static import Difference, Equilibrium
+from allocator.identification.motion.unexplained import possible_changes
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import BAR, DEG
 
-TRAINED = 0.6  # the share of the log that the held-out rest is predicted from
 _MOST_SUPPLY = 2.0  # greatest pressure of a log in the supply of the joint that is given
 LEFT_OUT = 5  # contiguous blocks, left out in turn to be predicted
 _JACKKNIFE = 10  # contiguous blocks, left out in turn for the intervals
@@ -97,22 +98,26 @@ def fit_motion(
     tell("all rows")
     found = search(trained.problem, every, trained.x)
     task = _Task(trained.problem, found.x)
-    blocks = [_left_out(task, rows & every, every & ~rows, tell) for rows in _blocks(log.n, LEFT_OUT)]
+    left_out = [_left_out(task, rows & every, every & ~rows, tell) for rows in _blocks(log.n, LEFT_OUT)]
     jackknife = [_fit_without(task, rows & every, tell) for rows in _blocks(log.n, _JACKKNIFE)]
     choices = _other_choices(task, MotionLog.checked(t, theta, P1, P2, medians=False), found.rms, tell)
     run = task.problem.run(task.x, every)
+    changes = possible_changes(task.problem, task.x, every, lambda x: _named(_Task(task.problem, x), every))
+    errors = np.where(every, np.nansum([error for _, error in left_out], axis=0), np.nan)
     return MotionFit(
         operator=task.problem.operator(task.x, run.weights),
-        parameters=_estimates(_named(task, every), jackknife, choices, log, found.rms * DEG),
+        parameters=_estimates(_named(task, every), jackknife, choices, changes, log, found.rms * DEG),
         error=_errors(task, every, every),
         held_out=_errors(trained, early, every & ~early),
-        blocks=tuple(blocks),
+        blocks=tuple(errors for errors, _ in left_out),
+        bands=Bands.of(errors, _block(log.n, LEFT_OUT), task.problem.taut(run)),
         unseen=(*unseen, *_taken(task, run)),
         converged=found.converged,
         given=joint,
         scale_known=scale_known,
         problem=task.problem,
         x=task.x,
+        x_early=trained.x,
     )
 
 
@@ -207,8 +212,12 @@ def _at_most(task: _Task, run: Prediction) -> bool:
 
 def _blocks(n: int, count: int) -> list[Mask]:
     """Return which rows (n,) are left in each time, without one of `count` contiguous blocks."""
-    place = np.arange(n) * count // n
-    return [place != block for block in range(count)]
+    return [_block(n, count) != block for block in range(count)]
+
+
+def _block(n: int, count: int) -> Array:
+    """Return in which of `count` contiguous blocks each row (n,) is."""
+    return np.asarray(np.arange(n) * count // n, float)
 
 
 def _fitted(task: _Task, used: Mask) -> _Task:
@@ -220,9 +229,12 @@ def _fit_without(task: _Task, rows: Mask, tell: Callable[[str], Any]) -> dict[st
     return _named(_fitted(task, rows), rows)
 
 
-def _left_out(task: _Task, rows: Mask, judged: Mask, tell: Callable[[str], Any]) -> Errors:
+def _left_out(task: _Task, rows: Mask, judged: Mask, tell: Callable[[str], Any]) -> tuple[Errors, Array]:
+    """Return the errors of the rows `judged` (n,) predicted from `rows`: RMS, and each one (n,) [rad], else NaN."""
     tell("left-out blocks")
-    return _errors(_fitted(task, rows), rows, judged)
+    fitted = _fitted(task, rows)
+    error = task.problem.log.theta - fitted.problem.run(fitted.x, rows).theta
+    return _errors(fitted, rows, judged), np.where(judged, error, np.nan)
 
 
 def _errors(task: _Task, used: Mask, judged: Mask) -> Errors:
@@ -277,13 +289,15 @@ def _estimates(
     here: dict[str, float],
     jackknife: list[dict[str, float]],
     choices: list[dict[str, float]],
+    changes: dict[str, float],
     log: MotionLog,
     rms: float,
 ) -> dict[str, Estimate]:
-    """Return values and 95 % intervals by the jackknife over contiguous blocks, since errors are correlated within
-    them. By how much another choice moves a value counts as one standard deviation more; so does what is not known:
-    when within a sample a command began to act and the lag with it, how far the model is from the joint, what the
-    stiffness was, and whether the angle that the free run leaves unexplained, `rms` [rad], is hysteresis too.
+    """Return values and 95 % intervals by the jackknife over contiguous blocks, since errors are correlated in them.
+
+    Each of these counts as one standard deviation more: the effect of another choice; the `changes` that the structure
+    of the residual leaves possible; the time within a sample at which a command began to act; the usual distance of the
+    model from a joint; the spread of the stiffness; for the loop, the unexplained angle `rms` [rad].
     """
     from scipy.stats import t as student
 
@@ -293,6 +307,7 @@ def _estimates(
         factor = float(student.ppf(0.975, n - 1))
         left_out, chosen = (np.array([o[name] for o in others if name in o]) for others in (jackknife, choices))
         variance = (n - 1) / n * np.sum((left_out - left_out.mean()) ** 2) + np.sum((chosen - value) ** 2)
+        variance += changes.get(name, 0.0) ** 2
         variance += ((_MODEL_OF_LOOPS if name in _LOOPS else _MODEL) * value) ** 2
         variance += rms**2 if name == "loop_width" else 0.0
         variance += log.step**2 / 12 if name in _TIMES else 0.0
@@ -304,4 +319,4 @@ def _estimates(
     return found
 
 
-__all__ = ["LEFT_OUT", "STEPS", "TRAINED", "fit_motion"]
+__all__ = ["LEFT_OUT", "STEPS", "fit_motion"]

@@ -37,7 +37,10 @@ def _angles(fit: MotionFit, axes: Any) -> None:
 
 def _errors(fit: MotionFit, axes: Any) -> None:
     t = fit.log.t - fit.log.t[0]
+    _, low, high = fit.bands.about(0 * t, fit.problem.taut(fit.run))
+    axes.fill_between(t, low / DEG, high / DEG, color="C0", alpha=0.3, linewidth=0, label="band of 95 %")
     axes.plot(t, fit.errors() / DEG, color="C3", linewidth=0.6)
+    axes.legend(frameon=False, fontsize="small")
     axes.axhline(0, color="0.6", linewidth=1)
     axes.axvspan(_HELD * t[-1], t[-1], color="0.92", zorder=0)
     held, left_out = fit.held_out.every / DEG, fit.left_out.every / DEG

@@ -173,18 +173,22 @@ class MotionProblem:
         stops = theta - loops.plays(theta, self._scale(u, P1, P2, x), self.widths)
         return best_weights(stops[:, used], (u - theta)[used], _STRONGEST)
 
-    def elsewhere(self, t: Array, commands: tuple[Array, Array], x: Array, weights: Array) -> Array:
-        """Return the angle (m,) [rad] of a free run over other rows: times [s], commands (m,) [Pa] of both muscles."""
+    def elsewhere(self, t: Array, commands: tuple[Array, Array], x: Array, weights: Array) -> Prediction:
+        """Return a free run over other rows: times [s], commands (m,) [Pa] of both muscles."""
         if not evenly(t):
             even = even_times(t)
             before = np.searchsorted(t, even, side="right") - 1
             one, two = commands
-            return np.interp(t, even, self.elsewhere(even, (one[before], two[before]), x, weights))
+            run = self.elsewhere(even, (one[before], two[before]), x, weights)
+            theta, u, P1, P2 = (np.interp(t, even, rows) for rows in run[:4])
+            return Prediction(theta, u, P1, P2, weights)
         P1, P2 = (loops.pressures(t, command, *self._lags(x)) for command in commands)
         u = np.einsum("j,jn", self.coefficients(x), self.basis(P1, P2))
         if self.swings:
-            return self.swung(u, P1, P2, x, weights, float(np.median(np.diff(t))))
-        return np.asarray(u + np.einsum("i,in", weights, self.behind(u, P1, P2, x)))
+            theta = self.swung(u, P1, P2, x, weights, float(np.median(np.diff(t))))
+        else:
+            theta = np.asarray(u + np.einsum("i,in", weights, self.behind(u, P1, P2, x)))
+        return Prediction(theta, u, P1, P2, weights)
 
     # --- least squares ----------------------------------------------------------------------------------------------
 

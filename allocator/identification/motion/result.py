@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from os import PathLike
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -11,21 +10,17 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.files.atomic import write_text
+from allocator.identification.motion.bands import AngleBand, Bands
 from allocator.identification.motion.muscles import fit_muscles
 from allocator.identification.motion.problem import MotionProblem, Prediction
 from allocator.identification.motion.samples import MotionLog
-from allocator.identification.motion.static import Equilibrium
-from allocator.joint import storage
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.hysteresis import PrandtlIshlinskii
-from allocator.muscles.storage import toml
 from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 
+TRAINED = 0.6  # share of the log that the held-out rest is predicted from
 _GAINS = 0.8, 1.25  # between which the same kind of joint moves
-_LEAST_LAG = 1e-3  # [s] a plant has
-_LEAST_BAND = 100.0  # [Pa] less is none
 _BEYOND = 1.05  # greatest pressure that is predicted for, in that of the log
 _MUSCLE_ROWS = 400  # of the log, at which the muscles are fitted to the static angle
 
@@ -52,12 +47,15 @@ class Errors(NamedTuple):
         return cls(_rms(error[judged]), _rms(error[judged & taut]))
 
 
-class _Muscles(NamedTuple):
-    """The muscles that hold the static angles of the log."""
+class MovingJoint(NamedTuple):
+    """Joint whose muscles hold the static angles of a log, with what the log shows of its motion."""
 
     joint: AntagonistJoint
     zero: float  # of the encoder [rad]
-    rms: float  # of the free run with them, all rows [rad]
+    values: Mapping[str, float]  # nonlinear unknowns by name; 0 of those that the log does not show
+    stiffness: float  # at the mean pressures [N·m/rad], in the scale of the joint's forces, as are the next two
+    damping: float  # [N·m·s/rad]
+    inertia: float  # [kg·m²]
 
 
 @dataclass(frozen=True)
@@ -73,12 +71,14 @@ class MotionFit:
     error: Errors  # of the log that was fitted
     held_out: Errors  # of the last 40 %, predicted from the first 60 %
     blocks: tuple[Errors, ...]  # of five contiguous blocks, each predicted from the others
+    bands: Bands  # about predicted angles
     unseen: tuple[str, ...]  # what the log does not show, and what would
     converged: bool
     given: AntagonistJoint | None = field(repr=False)  # joint to begin with
     scale_known: bool = field(repr=False)
     problem: MotionProblem = field(repr=False)
     x: Array = field(repr=False)  # its unknowns
+    x_early: Array = field(repr=False)  # the same, fitted to the first 60 % of the rows
 
     @property
     def log(self) -> MotionLog:
@@ -116,6 +116,15 @@ class MotionFit:
     def predicted(self, t: Any, P1: Any, P2: Any) -> Array:
         """Return the angle (m,) [rad] of a free run over other times t [s] and pressures [Pa], arrays (m,).
 
+        See `band`, whose first part it is.
+        """
+        return self.band(t, P1, P2).theta
+
+    def band(self, t: Any, P1: Any, P2: Any) -> AngleBand:
+        """Return the free run over other times t [s] and pressures [Pa], arrays (m,), with the band of 95 %.
+
+        The widths of the band are errors on blocks of the log that were predicted from the others; `bands.coverage` is
+        the share that they held of blocks that they were not taken from. They hold for motion like that of the log.
         It begins at rest, without memory. Raises `InvalidInput` at what is no row of such numbers, and at pressures far
         above those of the log.
         """
@@ -130,33 +139,43 @@ class MotionFit:
                     f"{name} goes up to {P.max() / BAR:.3g} bar, and that of the log that was fitted up to "
                     f"{self.log.greatest_pressure / BAR:.3g} bar: what the joint does beyond is not known"
                 )
-        return self.problem.elsewhere(times, (one, two), self.x, self.run.weights)
+        run = self.problem.elsewhere(times, (one, two), self.x, self.run.weights)
+        return self.bands.about(run.theta, self.problem.taut(run))
 
-    # --- a plant ----------------------------------------------------------------------------------------------------
+    # --- a joint with muscles ---------------------------------------------------------------------------------------
 
     @property
     def joint(self) -> AntagonistJoint:
         """Return the joint whose muscles hold the static angles of this log, with the hysteresis.
 
         Its muscles are those of the joint that was given, changed as little as the angles need: see `fit_muscles`.
-        Raises `InvalidInput` where no joint was given.
+        Raises `InvalidInput` if no joint was given.
         """
-        return self._muscles.joint
-
-    @property
-    def joint_rms(self) -> float:
-        """Return the error [rad] of the free run with the muscles of `joint` in the place of the polynomial."""
-        return self._muscles.rms
+        return self.moving.joint
 
     @cached_property
-    def _muscles(self) -> _Muscles:
+    def moving(self) -> "MovingJoint":
+        """The joint with what the whole log shows of its motion. Raises `InvalidInput` if no joint was given."""
+        return self._moving(self.x, self.log.settled)
+
+    @cached_property
+    def moving_early(self) -> "MovingJoint":
+        """The same as `moving`, from the first 60 % of the log alone."""
+        return self._moving(self.x_early, self.log.settled & self.early)
+
+    @property
+    def early(self) -> Mask:
+        """The rows (n,) that the last 40 % are predicted from."""
+        return np.asarray(np.arange(self.log.n) < TRAINED * self.log.n)
+
+    def _moving(self, x: Array, used: Mask) -> "MovingJoint":
         if self.given is None:
             raise InvalidInput(
                 "no joint was given, so that there are no muscles and no plant: fit_motion(…, joint=…), or --joint "
                 "with a joint of fit-joint"
             )
-        run, given, log = self.run, self.given, self.log
-        rows = np.linspace(0, log.n - 1, min(log.n, _MUSCLE_ROWS)).astype(int)
+        run, given, log = self.problem.run(x, used), self.given, self.log
+        rows = np.flatnonzero(used)[np.linspace(0, used.sum() - 1, min(int(used.sum()), _MUSCLE_ROWS)).astype(int)]
         agonist, antagonist, zero = fit_muscles(given, run.static[rows], run.P1[rows], run.P2[rows])
         low, high = given.pressure_limits
         joint = replace(
@@ -167,49 +186,12 @@ class MotionFit:
             pressure_limits=(low, max(high, log.greatest_pressure)),
             friction=0.0,
             covariance=None,
-            hysteresis=self.operator,
+            hysteresis=self.problem.operator(x, run.weights),
         )
-        u = zero + Equilibrium(joint, log.greatest_pressure)(run.P1, run.P2)
-        moved = self.problem.hysteretic(u, run.P1, run.P2, self.x, log.settled)
-        return _Muscles(joint, zero, _rms((log.theta - moved.theta)[log.settled]))
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the plant as TOML: joint, hysteresis, [plant] and [regulators], for every command's --joint.
-
-        Raises `InvalidInput` where no joint was given, and `CannotWrite`.
-        """
-        write_text(path, self.dumps())
-
-    def dumps(self) -> str:
-        """Return the text of the plant's file."""
-        values, joint = self.problem.values(self.x), self.joint
-        if values["dead_band"] < _LEAST_BAND:
-            values |= {"dead_band": 0.0}
-        source: dict[str, str | float] = {
-            "rows": self.log.n,
-            "free_run_rms_deg": round(self._muscles.rms / DEG, 4),
-            "held_out_rms_deg": round(self.held_out.every / DEG, 4),
-            "encoder_zero_deg": round(self._muscles.zero / DEG, 4),
-            "unseen": "; ".join(self.unseen),
-        }
-        lines = [storage.dumps(joint, scale_known=self.scale_known, source=source)]
-        lines += ["[plant]  # SI units: kg·m², N·m·s/rad, s, N·m, Pa/s; what was not seen is as in `Plant()`"]
-        lines += [f"{name} = {toml(value)}" for name, value in self._plant().items()]
-        lines += ["", "[regulators]  # s, Pa"]
-        lines += [f"{name} = {toml(values[name])}" for name in ("dead_time", "dead_band", "lag_up", "lag_down")]
-        return "\n".join(lines) + "\n"
-
-    def _plant(self) -> dict[str, float | tuple[float, float]]:
-        """Return what [plant] takes: one lag for both pressures, and inertia and damping where they were seen."""
-        p, numbers = self.parameters, dict[str, float | tuple[float, float]]()
-        if "lag_up" in p:
-            lag = max((p["lag_up"].value + p["lag_down"].value) / 2, _LEAST_LAG)
-            numbers["lag"] = (lag, lag)
-        if self.scale_known and "inertia" in p:
-            P1, P2 = float(self.run.P1.mean()), float(self.run.P2.mean())
-            K = float(np.median(self.joint.stiffness(self.joint.equilibrium(P1, P2), P1, P2)))
-            numbers |= {name: p[name].value * K for name in ("inertia", "damping")}
-        return numbers
+        P1, P2 = float(run.P1.mean()), float(run.P2.mean())
+        K = float(np.median(joint.stiffness(joint.equilibrium(P1, P2), P1, P2)))
+        values = self.problem.values(x)
+        return MovingJoint(joint, zero, values, K, values["damping"] * K, values["inertia"] * K)
 
     # --- in words ---------------------------------------------------------------------------------------------------
 
@@ -223,9 +205,12 @@ class MotionFit:
             "held_out_taut_deg": self.held_out.taut / DEG,
             "left_out_deg": self.left_out.every / DEG,
             "left_out_taut_deg": self.left_out.taut / DEG,
+            "band_deg": self.bands.other / DEG,
+            "band_taut_deg": self.bands.taut / DEG,
+            "band_coverage": self.bands.coverage,
         }
         for name, e in self.parameters.items():
-            key, _, unit = LABELS[name]
+            key, unit = LABELS[name].key, LABELS[name].unit
             row |= {key: e.value / unit, f"{key}_low": e.low / unit, f"{key}_high": e.high / unit}
         return row
 
@@ -252,25 +237,31 @@ class MotionFit:
 
 
 class Label(NamedTuple):
-    """A label is how a parameter is called, in files and in tables, and the unit shown in SI."""
+    """Name of a parameter in files and in tables, with the unit that is shown."""
 
     key: str
-    words: str
-    unit: float
+    quantity: str
+    symbol: str  # of the unit; "-" of a ratio
+    unit: float  # in SI
+
+    @property
+    def words(self) -> str:
+        """The quantity with its unit in brackets."""
+        return self.quantity if self.symbol == "-" else f"{self.quantity} [{self.symbol}]"
 
 
 LABELS = {
-    "lag_up": Label("lag_up_s", "lag of a rising pressure [s]", 1.0),
-    "lag_down": Label("lag_down_s", "lag of a falling pressure [s]", 1.0),
-    "dead_time": Label("dead_time_s", "dead time [s]", 1.0),
-    "dead_band": Label("dead_band_bar", "dead band, total [bar]", BAR),
-    "filling": Label("filling_s_per_bar", "time to fill at least [s/bar]", 1 / BAR),
-    "base": Label("width_without_pressure", "share of the loop's width left at 0 bar", 1.0),
-    "loop_width": Label("loop_width_deg", "width of the hysteresis loop at P1 + P2 = 5 bar [°]", DEG),
-    "stuck_slope": Label("stuck_slope", "motion of a joint that sticks, in that of one that slides", 1.0),
-    "gain": Label("gain", "static angle, in that of --joint", 1.0),
-    "damping": Label("damping_over_stiffness_s", "damping over stiffness [s]", 1.0),
-    "inertia": Label("inertia_over_stiffness_s2", "inertia over stiffness [s²]", 1.0),
+    "lag_up": Label("lag_up_s", "lag of a rising pressure", "s", 1.0),
+    "lag_down": Label("lag_down_s", "lag of a falling pressure", "s", 1.0),
+    "dead_time": Label("dead_time_s", "dead time", "s", 1.0),
+    "dead_band": Label("dead_band_bar", "dead band, total", "bar", BAR),
+    "filling": Label("filling_s_per_bar", "time to fill at least", "s/bar", 1 / BAR),
+    "base": Label("width_without_pressure", "share of the loop's width left at 0 bar", "-", 1.0),
+    "loop_width": Label("loop_width_deg", "width of the hysteresis loop at P1 + P2 = 5 bar", "°", DEG),
+    "stuck_slope": Label("stuck_slope", "slope while the joint sticks over the slope while it slides", "-", 1.0),
+    "gain": Label("gain", "static angle over that of --joint", "-", 1.0),
+    "damping": Label("damping_over_stiffness_s", "damping over stiffness", "s", 1.0),
+    "inertia": Label("inertia_over_stiffness_s2", "inertia over stiffness", "s²", 1.0),
 }
 
 
@@ -286,4 +277,4 @@ def _rms(error: Array) -> float:
     return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
 
 
-__all__ = ["LABELS", "Errors", "Estimate", "MotionFit"]
+__all__ = ["LABELS", "TRAINED", "Errors", "Estimate", "MotionFit", "MovingJoint"]

@@ -8,6 +8,8 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
+from allocator.identification.recording import GAP
+from allocator.identification.spikes import angle_spikes, pressure_spikes
 from allocator.units import BAR, DEG
 
 TAUT_FROM = 1.5 * BAR  # both pressures, above which muscles of this kind are taut
@@ -21,10 +23,8 @@ _LEAST_TURNS = 3
 _SPEED_OVER = 0.3  # [s] over which a speed is measured
 _SAME_SPEED = 0.9  # squared cosine between v and sign(v); 1 on ramps, 0.81 on a sine, less with steps
 _MEDIAN_OVER = 0.25  # [s]
-_SPIKE = 2 * DEG, 10.0, 3.0  # least there and back within a row; in that of 99 % of the rows; in the four rows around
-_BURST = 3.0  # least step to a single pressure and back, in the range that the others have
+_SHOWN = 10  # spikes that are listed
 _UNEVEN = 0.05  # standard deviation of the steps in their median, above which rows are put at even times
-_GAP = 1.0  # [s]
 _MOST_ROWS = 15_000  # of more, every second, third … is used
 
 
@@ -37,6 +37,7 @@ class MotionLog:
     P1: Array  # agonist, commanded or measured, gauge [Pa]
     P2: Array  # antagonist [Pa]
     every: int = 1  # each of so many rows is used
+    notes: tuple[str, ...] = ()  # sentences about what was not read, or left out
 
     @classmethod
     def checked(cls, t: Any, theta: Any, P1: Any, P2: Any, *, medians: bool = True) -> Self:
@@ -153,14 +154,25 @@ class MotionLog:
                 f"rows are {self.step:g} s apart, too far to see how the joint moves: record at 20 Hz; ms for s?"
             )
         gap = int(np.argmax(np.diff(self.t))) + 1
-        if (missing := float(self.t[gap] - self.t[gap - 1])) > _GAP:
+        if (missing := float(self.t[gap] - self.t[gap - 1])) > GAP:
             raise InvalidInput(
                 f"t[{gap}] is {missing:.3g} s after the row before it: what the joint did in between is not known; "
                 "take the longest part of the log without such a gap"
             )
 
     def _check_readings(self) -> None:
-        """Refuse angles and pressures that no joint goes through: turns within a row, and single rows far from all."""
+        """Refuse angles and pressures that no joint goes through: rows that jump there and back, turns within a row."""
+        spikes = {
+            "theta": angle_spikes(self.t, self.theta),
+            "P1": pressure_spikes(self.t, self.P1),
+            "P2": pressure_spikes(self.t, self.P2),
+        }
+        if wrong := [f"{name}[{i}]" for name, mask in spikes.items() for i in np.flatnonzero(mask)]:
+            more = f" and {len(wrong) - _SHOWN} more" if len(wrong) > _SHOWN else ""
+            raise InvalidInput(
+                f"spikes in {', '.join(wrong[:_SHOWN])}{more}, which jump there and back as no joint does; "
+                "leave these rows out"
+            )
         turned = np.abs(np.diff(self.theta)) > np.pi
         if turned.any():
             i = int(np.argmax(turned)) + 1
@@ -168,24 +180,6 @@ class MotionLog:
                 f"theta[{i}] is {abs(self.theta[i] - self.theta[i - 1]) / DEG:.3g}° from the row before it: a wrap "
                 "or a missed reading; unwrap the angle (numpy.unwrap), or leave the row out"
             )
-        if self.n < _LEAST_ROWS:
-            return
-        spikes, around = _spikes(self.theta)
-        usual = max(_SPIKE[0], _SPIKE[1] * float(np.quantile(spikes, 0.99)))
-        if (wrong := (spikes > usual) & (spikes > _SPIKE[2] * around)).any():
-            i = int(np.argmax(wrong))
-            raise InvalidInput(
-                f"theta[{i + 2}] is {spikes[i] / DEG:.3g}° from the rows on both sides of it: a spike, which least "
-                "squares would follow; leave the row out"
-            )
-        for name, P in (("P1", self.P1), ("P2", self.P2)):
-            spikes, _ = _spikes(P)
-            i = int(np.argmax(spikes))
-            if spikes[i] > max(BAR, _BURST * float(np.ptp(np.delete(P, i + 2)))):
-                raise InvalidInput(
-                    f"{name}[{i + 2}] is {spikes[i] / BAR:.3g} bar from the rows on both sides of it: a spike, which "
-                    "no regulator follows; leave the row out"
-                )
 
     def _check_excitation(self) -> None:
         """Refuse a log that cannot tell lags from hysteresis, and say which experiment would."""
@@ -234,15 +228,6 @@ def even_times(t: Array) -> Array:
     """Return times [s] from the first to the last of t (n,), with its median step or a longer one."""
     step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / _MOST_ROWS)
     return np.asarray(t[0] + step * np.arange(int((t[-1] - t[0]) / step * (1 + 1e-12)) + 1))
-
-
-def _spikes(a: Array) -> tuple[Array, Array]:
-    """Return how far each row but two at either end (n - 4,) lies from both its neighbours, on the same side of them (0
-    where between), and how far the four rows around it lie from each other.
-    """
-    into, out = a[2:-2] - a[1:-3], a[2:-2] - a[3:-1]
-    there = np.where(into * out > 0, np.minimum(np.abs(into), np.abs(out)), 0.0)
-    return there, np.ptp(np.stack([a[:-4], a[1:-3], a[3:-1], a[4:]]), axis=0)
 
 
 __all__ = ["TAUT_FROM", "MotionLog", "even_times", "evenly"]

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -18,6 +19,7 @@ from allocator.identification.muscle.ranking import Ranking, rank_models
 from allocator.identification.muscle.reading import read_samples
 from allocator.identification.muscle.result import Fit
 from allocator.identification.muscle.samples import Samples
+from allocator.identification.options import SkipRows
 from allocator.muscles import MODELS, Muscle
 from allocator.presentation.plotting import save_figure
 from allocator.shell.options import within
@@ -25,6 +27,7 @@ from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, MM
 
+_MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further
 _DEFAULT = "dmsp-20-300-map"
 
 
@@ -32,7 +35,7 @@ def columns_option(example: str) -> Any:
     """Return the option --columns with an example of the command's own quantities."""
     return typer.Option(
         help=f"Which column is what, where the names do not tell: {example} (name and unit; :-N turns the sign round, "
-        ":bar(abs) takes the atmosphere off)."
+        ":bar(abs) takes the atmosphere off; ignore=NAME leaves a column out)."
     )
 
 
@@ -44,6 +47,7 @@ def fit_command(
     every: Annotated[bool, typer.Option("--all", help="Fit all models and rank them (default).")] = False,
     rest_length: Annotated[float | None, typer.Option(help="Rest length of the muscle [mm], for lengths.")] = None,
     columns: Annotated[str | None, columns_option("pressure=p:bar,force=F:N")] = None,
+    skip_rows: SkipRows = 0,
     hold: Annotated[
         list[str] | None, typer.Option(help="Parameter not to be fitted, in SI units: r0=0.0109. Repeatable.")
     ] = None,
@@ -72,7 +76,7 @@ def fit_command(
     check_ending("--plot", plot, IMAGES)
     claim(out, plot, inputs=(data,), force=force)
     console = Console(stderr=as_json)
-    samples = _samples(data, rest_length, columns)
+    samples = _samples(data, rest_length, columns, skip_rows)
     options: dict[str, Any] = {
         "hold": _held(hold or []),
         "pressure_range": (-float("inf") if min_pressure is None else min_pressure * BAR, float("inf")),
@@ -89,17 +93,18 @@ def fit_command(
         _report(ranking, console)
         _describe(best, console)
     if out is not None:
-        best.save(out, {"data": Path(data).name})
+        best.save(out, {"data": Path(data).name.encode(errors="replace").decode()})
         say(console, f"written: {out}")
     if plot is not None:
         _draw(best, plot)
         say(console, f"written: {plot}")
 
 
-def _samples(data: str, rest_length: float | None, columns: str | None) -> Samples:
+def _samples(data: str, rest_length: float | None, columns: str | None, skip_rows: int) -> Samples:
     if data in DATASETS:
         return DATASETS[data].samples()
-    return read_samples(data, None if rest_length is None else rest_length * MM, parse_columns(columns))
+    length = None if rest_length is None else rest_length * MM
+    return read_samples(data, length, parse_columns(columns), skip_rows=skip_rows)
 
 
 def _models(name: str | None) -> tuple[type[Muscle], ...]:
@@ -171,16 +176,30 @@ def _describe(fit: Fit[Any], console: Console) -> None:
     for name, std in fit.standard_deviations.items():
         spread = f"± {std:.2g}" if name in fit.free else "(held)"
         console.print(f"  {name} = {fit.muscle.parameters[name]:.6g} {spread}", markup=False, highlight=False)
+    console.print(f"  measured at {fit.muscle.measured}; {_greatest(fit)}", markup=False, highlight=False)
     if fit.samples.zero_noise > 0:
         console.print(
             f"  slack is a force below {fit.samples.slack_limit:.3g} N, three times the zero noise", markup=False
         )
+    if not fit.samples.zero_seen:
+        console.print("  the load cell's zero was not seen: no plateau of slack readings shows it", markup=False)
     for note in fit.samples.notes:
         console.print(f"  {note}", markup=False)
     for reason, n in fit.samples.dropped.items():
         console.print(f"  {n} samples left out: {reason}", markup=False)
     for warning in fit.warnings:
         console.print(f"  beware: {warning}", markup=False)
+
+
+def _greatest(fit: Fit[Any]) -> str:
+    """Return at which contraction the muscle pulls no more at the highest pressure, and whether that was measured."""
+    P, most = float(fit.samples.pressure.max()), float(fit.samples.contraction.max())
+    eps = np.linspace(0.0, _MOST_CONTRACTION, 2001)
+    slack = np.flatnonzero(fit.muscle.law(P, eps) <= 0)
+    at = f"at {P / BAR:.3g} bar the muscle goes slack at a contraction of"
+    if not slack.size:
+        return f"{at} more than {_MOST_CONTRACTION:g}, by extrapolation"
+    return f"{at} {eps[slack[0]]:.3g}{'' if eps[slack[0]] <= most else ', by extrapolation'}"
 
 
 def _draw(fit: Fit[Any], path: Path) -> None:
@@ -214,6 +233,8 @@ def _values(ranking: Ranking, best: Fit[Any]) -> dict[str, Any]:
             "rms_N": best.rms,
             "max_error_N": best.max_error,
             "samples_left_out": best.samples.dropped,
+            "notes": best.samples.notes,
+            "measured": None if best.muscle.measured is None else vars(best.muscle.measured),
             "warnings": best.warnings,
         },
     }

@@ -5,12 +5,13 @@ from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.identifiability import Determination, determine
+from allocator.identification.muscle.hysteresis import hysteresis
 from allocator.identification.muscle.load_cell import weighted, zeroed
 from allocator.identification.muscle.problem import MuscleProblem, Solution
 from allocator.identification.muscle.result import Fit, Level
@@ -18,6 +19,7 @@ from allocator.identification.muscle.samples import Samples
 from allocator.identification.muscle.thinning import thinned
 from allocator.muscles import Muscle, Recipe, monotonicity_failure
 from allocator.muscles.base import Covariance
+from allocator.muscles.measured import MeasuredRegion
 from allocator.units import BAR
 
 M = TypeVar("M", bound=Muscle)
@@ -96,7 +98,12 @@ def prepared(
     samples = _within(samples, pressure_range, contraction_range)
     if not samples.n:
         raise InvalidInput("no samples are left to fit")
-    return weighted(thinned(zeroed(samples, zero_noise))) if taut_only else thinned(samples)
+    if not taut_only:
+        return thinned(samples)
+    samples = zeroed(samples, zero_noise)
+    for branches in hysteresis(samples):
+        samples = samples.noted(str(branches))
+    return weighted(thinned(samples))
 
 
 class BuiltProblem(NamedTuple):
@@ -136,7 +143,7 @@ def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str
     """Return the model's recipe, starting from `start` if given and at the values that are held."""
     recipe = model.recipe(samples.contraction, samples.pressure, np.where(samples.slack, 0.0, samples.force))
     if start is not None:
-        recipe = replace(recipe, starts=(start,))
+        recipe = replace(recipe, starts=(replace(start, measured=None),))  # the formula is fitted, not its continuation
     if not recipe.starts:
         raise InvalidInput(f"{model.__name__} does not say from where to search; pass start=")
     return replace(recipe, starts=tuple(s.with_parameters(hold) for s in recipe.starts))
@@ -181,7 +188,8 @@ def conclude(
         raise InvalidInput(f"the best {model.__name__} makes no sense as a muscle: {error}") from None
     at_bound = _at_bound(problem, x)
     determined = _determination(problem, solution, ~at_bound)
-    muscle = replace(muscle, covariance=_embedded(problem, determined.covariance, ~at_bound))
+    region = MeasuredRegion.of(samples.contraction, samples.pressure)
+    muscle = replace(muscle, covariance=_embedded(problem, determined.covariance, ~at_bound), measured=region)
     residual = (muscle.law(samples.pressure, samples.contraction) - samples.force)[~slack]
     failure = monotonicity_failure(muscle, *_domain(muscle, samples))
     pulls = muscle.law(samples.pressure, samples.contraction)[slack]
@@ -280,14 +288,23 @@ def _cross_validated(problem: MuscleProblem, muscle: Muscle, folds: int) -> floa
 
 def _levels(P: Array, error: Array) -> tuple[Level, ...]:
     different = np.unique(P)
-    if different.size <= _MOST_LEVELS:
-        group = np.searchsorted(different, P)
-    else:
-        group = np.minimum(((P - P.min()) / np.ptp(P) * _CLASSES).astype(int), _CLASSES - 1)
+    group = np.searchsorted(different, P) if different.size <= _MOST_LEVELS else _classes(P)
     return tuple(
         Level(float(P[m].mean()), int(m.sum()), float(error[m].mean()), _rms(error[m]))
         for m in (group == g for g in np.unique(group))
     )
+
+
+def _classes(P: Array) -> NDArray[np.intp]:
+    """Return the class (n,) of each pressure: clusters where they stand apart, as about setpoints; else equal parts."""
+    order = np.argsort(P)
+    apart = np.diff(P[order], prepend=P[order[0]]) > np.ptp(P) / (4 * _CLASSES)
+    cluster = np.empty(P.size, np.intp)
+    cluster[order] = np.cumsum(apart)
+    widest = max(float(np.ptp(P[cluster == g])) for g in range(int(cluster.max()) + 1))
+    if widest < np.ptp(P) / _CLASSES:
+        return cluster
+    return np.asarray(np.minimum((P - P.min()) / np.ptp(P) * _CLASSES, _CLASSES - 1), np.intp)
 
 
 def _rms(error: Array) -> float:

@@ -49,7 +49,8 @@ def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
     zero = find_zero(samples.where(_evenly(samples.n)))
     if zero is None:
         return replace(samples, zero_noise=zero_noise or 0.0)
-    samples = replace(samples, zero_noise=zero.noise if zero_noise is None else zero_noise, cut=zero.cut)
+    noise = zero.noise if zero_noise is None else zero_noise
+    samples = replace(samples, zero_seen=True, zero_noise=noise, cut=zero.cut)
     if zero.offset == 0:
         return samples
     note = f"slack readings lie round {zero.offset:.3g} N: taken for the load cell's zero and subtracted"
@@ -129,7 +130,7 @@ def weighted(samples: Samples) -> Samples:
 def reading_variance(samples: Samples) -> Array | None:
     """Return σ² (n,) [N²] of the readings by a two-component model; None if too few are taut to tell."""
     taut = ~samples.slack
-    terms = _polynomial(samples, int(taut.sum()))
+    terms = polynomial(samples, int(taut.sum()))
     if terms is None:
         return None
     y, w = samples.force[taut], samples.weights[taut]
@@ -144,7 +145,7 @@ def reading_variance(samples: Samples) -> Array | None:
     return np.asarray(a**2 + (share * np.where(taut, F, 0.0)) ** 2)
 
 
-def _polynomial(samples: Samples, n: int) -> Array | None:
+def polynomial(samples: Samples, n: int) -> Array | None:
     """Return the Chebyshev polynomials (n, terms) in contraction and pressure, as many as `n` samples can determine."""
     x, y = (2 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1 for q in (samples.contraction, samples.pressure))
     for degrees in _DEGREES:
@@ -164,4 +165,4 @@ def _most_likely(square: Array, F: Array, zero_noise: float) -> tuple[float, flo
     return float(a[i]), float(share[j])
 
 
-__all__ = ["Zero", "find_zero", "reading_variance", "weighted", "zeroed"]
+__all__ = ["Zero", "find_zero", "polynomial", "reading_variance", "weighted", "zeroed"]

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from allocator.calculus import Array
 from allocator.identification.muscle.result import Fit, Level
 from allocator.presentation.plotting import FILL, legend_outside, new_axes, new_figure, shades
 from allocator.units import BAR
@@ -50,7 +51,7 @@ def plot_isobars(fit: Fit[Any], axes: Any = None) -> Any:
     for level, colour in zip(levels, shades(len(levels)), strict=True):
         F = fit.muscle.force(level.pressure, eps)
         axes.plot(100 * eps, np.where(F >= 0, F, np.nan), color=colour, label=f"{level.pressure / BAR:.3g} bar")
-        near = np.abs(samples.pressure - level.pressure) <= _NEAR * samples.pressure.max()
+        near = np.abs(samples.pressure - level.pressure) <= _within(fit.levels, samples.pressure)
         for group, marker in ((near & ~fit.slack, "o"), (near & fit.slack, "x")):
             axes.plot(100 * samples.contraction[group], samples.force[group], marker, color=colour, markersize=4)
     axes.plot([], [], "o", color="0.4", markersize=4, label="taut sample")
@@ -62,6 +63,17 @@ def plot_isobars(fit: Fit[Any], axes: Any = None) -> Any:
     axes.set_title(f"{fit.model}: {fit.rms:.1f} N RMS ({fit.rms_percent:.1f} % of full scale)")
     legend_outside(axes)
     return axes
+
+
+def _within(levels: tuple[Level, ...], pressure: Array) -> float:
+    """Return how far [Pa] a sample's pressure may be from its isobar: half-way to the next level, where all are apart.
+
+    Where the levels are classes of pressures that vary continuously, a tenth of their distance.
+    """
+    P = np.sort([level.pressure for level in levels])
+    apart = float(np.diff(P).min()) if P.size > 1 else float(np.inf)
+    exact = np.unique(pressure).size <= len(levels)
+    return min(apart / 2, _NEAR * float(pressure.max())) if exact else max(0.1 * apart, _NEAR * float(pressure.max()))
 
 
 def _chosen(levels: tuple[Level, ...]) -> tuple[Level, ...]:

@@ -1,16 +1,18 @@
-"""Measured forces are read from a CSV file.
+"""CSV tables of measured forces.
 
-One line of column names, one sample a line, `#` starts a comment; the separator is a comma, a semicolon or a tab, and
-with the latter two numbers may have decimal commas. Columns, in any order, others are ignored:
+One line of column names, one sample a line (`allocator.files.csv_table`). Columns, in any order; others are listed in
+the notes:
 
     contraction [%] or as a ratio without a unit, or length or shortening [mm, cm, m, in]   (these need the rest length)
     pressure [bar, mbar, kPa, MPa, Pa, psi], gauge
     force [N, kN, mN, lbf, kgf, gf]
+    direction +1, up, inflating, … where the varied quantity rises; -1, down, deflating, … where it falls
 
 in the words of `headers`: `eps [%]`, `Pressure (kPa)`, `force_N`, `Kraft [N]`, …; for other names see `columns`.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,22 +26,29 @@ _CONTRACTION = ("contraction", "length", "shortening")
 _WANTED = (_CONTRACTION, ("pressure",), ("force",))
 
 
-def read_samples(path: FilePath, rest_length: float | None = None, columns: Mapping[str, str] | None = None) -> Samples:
+def read_samples(
+    path: FilePath,
+    rest_length: float | None = None,
+    columns: Mapping[str, str] | None = None,
+    *,
+    skip_rows: int = 0,
+) -> Samples:
     """Read measured forces; `rest_length` [m] is needed for a length or a shortening.
 
     `columns` says which column is what where the names do not: ``{"pressure": "p:bar", "force": "F:-N"}``, name and
-    unit; a minus turns the sign round, ``bar(abs)`` takes the atmosphere off.
+    unit; a minus turns the sign round, ``bar(abs)`` takes the atmosphere off. `skip_rows` lines are left out at the
+    beginning of the file. `Samples.notes` lists what was not used.
 
     Raises `InvalidFile`, with line and column, at anything that cannot be read or cannot be right.
     """
-    measured = read_columns(path, _WANTED, columns=columns)
+    measured = read_columns(path, _WANTED, ("direction",), columns, skip_rows=skip_rows)
     P, F = measured.values["pressure"], measured.values["force"]
     eps = _contraction(measured, rest_length)
     if mistake := find_mistake(eps, P, F):
         held = next(quantity for quantity in _CONTRACTION if quantity in measured.values)
         quantity = held if mistake.quantity == "contraction" else mistake.quantity
         raise measured.mistake(quantity, mistake.sentence, mistake.place)
-    return Samples.checked(eps, P, F)
+    return replace(Samples.checked(eps, P, F), direction=measured.values.get("direction"), notes=measured.notes)
 
 
 def _contraction(measured: Measured, rest_length: float | None) -> Array:

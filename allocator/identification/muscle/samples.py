@@ -35,8 +35,10 @@ class Samples:
     dropped: Mapping[str, int] = field(default_factory=dict)  # how many samples were left out, by reason
     zero_noise: float = 0.0  # standard deviation of the readings at no force [N]
     cut: bool = False  # whether the cell cuts its readings off at zero
+    zero_seen: bool = False  # whether slack readings show the cell's zero
     scatter: Array | None = None  # standard deviation [N] of the readings that a sample is the mean of; None: of one
     notes: tuple[str, ...] = ()  # what was done to the readings
+    direction: Array | None = None  # +1 where the quantity that was varied rises, -1 where it falls; None: not told
 
     @classmethod
     def checked(
@@ -110,7 +112,8 @@ class Samples:
         """Return the samples marked in `keep`."""
         eps, P, F, w = (_frozen(array[keep]) for array in (self.contraction, self.pressure, self.force, self.weights))
         scatter = None if self.scatter is None else _frozen(self.scatter[keep])
-        return replace(self, contraction=eps, pressure=P, force=F, weights=w, scatter=scatter)
+        way = None if self.direction is None else _frozen(self.direction[keep])
+        return replace(self, contraction=eps, pressure=P, force=F, weights=w, scatter=scatter, direction=way)
 
     def noted(self, note: str) -> Self:
         """Return these samples with one more note."""

@@ -43,6 +43,7 @@ def thinned(samples: Samples) -> Samples:
         force=means[2],
         weights=np.minimum(total / np.median(total), 1.0),
         scatter=np.ptp(rows.force) * _scatter(moments),
+        direction=None,  # both branches are in a cell
     )
     return cells.noted(
         f"{samples.n} rows became {total.size} samples, means over cells of contraction and pressure (loading and "

@@ -12,6 +12,7 @@ from allocator.muscles.models.mckibben import TonduLopez1995
 from allocator.muscles.models.polynomial import PolynomialMcKibben
 from allocator.muscles.models.pressure_dependent import Andrikopoulos2016, TonduLopez2000
 from allocator.muscles.models.sarosi import Sarosi2012
+from allocator.muscles.models.threshold import ThresholdPolynomial
 from allocator.muscles.models.tondu import Tondu2021
 from allocator.muscles.models.wickramatunge import Wickramatunge2010
 
@@ -31,6 +32,7 @@ MODELS: dict[str, type[Muscle]] = {
         Tondu2021,
         KazemipourKatzschmann2025,
         AffinePolynomial,
+        ThresholdPolynomial,
         TableMuscle,
     )
 }

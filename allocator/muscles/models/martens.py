@@ -27,6 +27,7 @@ class MartensBoblan2017(AffineMuscle):
     """
 
     citation = "Martens & Boblan, Actuators 6(4):33, 2017; erratum 7(1):9, 2018"
+    assumed_contraction: ClassVar[float] = 0.26  # of the shortest length measured
     strength: ClassVar[Mapping[str, float]] = dict.fromkeys(("D0", "c0", "c1", "c2", "c3"), 0.5)  # A ~ D0², B ~ D0 E
 
     L0: float  # rest length [m]
@@ -46,11 +47,6 @@ class MartensBoblan2017(AffineMuscle):
                 f"MartensBoblan2017 needs positive L0, D0, H0 [m] and theta0 between 0 and π/2 rad; got "
                 f"{self.L0:g}, {self.D0:g}, {self.H0:g} and {self.theta0:g}"
             )
-
-    @property
-    def max_contraction(self) -> float:
-        """Return 0.26, the shortest length measured [-]."""
-        return 0.26
 
     @property
     def fibre_length(self) -> Value:

@@ -12,6 +12,7 @@ from allocator.calculus import Array, Mask, Value, exp, increasing_root
 from allocator.errors import InvalidInput
 from allocator.muscles.base import SEARCH_CEILING
 from allocator.muscles.basis import Basis
+from allocator.muscles.measured import continued, continued_integral
 from allocator.muscles.models.mckibben import BRAID, Braided, braid_constants
 from allocator.muscles.recipe import Recipe
 from allocator.units import BAR, DEG
@@ -68,22 +69,34 @@ class PressureDependent(Braided):
         return Basis("exponential", shape=self.P_k) if self.k_1 else Basis("quadratic")
 
     def law(self, P: Value, eps: Value) -> Value:
-        """Return F = S q P [a(1 - k(P)ε)² - b]   (11), (12)"""
+        """Return F = S q P [a(1 - k(P)ε)² - b]   (11), (12), beyond what was measured by (R1)"""
+        return continued(lambda e: self._force(P, e), eps, self.edges)
+
+    def _force(self, P: Value, eps: Value) -> Value:
         return self.efficiency * self.S * P * (self.a * (1 - self.k(P) * eps) ** 2 - self.b)
 
     def gain(self, P: Value, eps: Value) -> Value:
         """Return ∂F/∂P = S q [a(1-kε)² - b - 2a(1-kε) ε P k'(P)]"""
+        return continued(lambda e: self._gain(P, e), eps, self.edges)
+
+    def _gain(self, P: Value, eps: Value) -> Value:
         short, fall = 1 - self.k(P) * eps, self._k_slope(P)
         return self.efficiency * self.S * (self.a * short**2 - self.b - 2 * self.a * short * eps * P * fall)
 
     def gain_integral(self, P: Value, eps: Value) -> Value:
         """Return ∫_0^ε F_P = S q [a(ε - kε² + k²ε³/3) - bε - a P k'(P) (ε² - 2kε³/3)]"""
+        formulas = (lambda e: self._gain(P, e)), (lambda e: self._gain_integral(P, e))
+        return continued_integral(*formulas, eps, self.edges)
+
+    def _gain_integral(self, P: Value, eps: Value) -> Value:
         k, fall = self.k(P), self._k_slope(P)
         steady = self.a * (eps - k * eps**2 + k**2 * eps**3 / 3) - self.b * eps
         return self.efficiency * self.S * (steady - self.a * P * fall * (eps**2 - 2 * k * eps**3 / 3))
 
     def gain_integral_slope(self, P: Value, eps: Value) -> Value:
         """Return its derivative by P, S q a [-(2k' + P k'')(ε² - 2kε³/3) + 2 P k'² ε³/3]"""
+        if self.edges is not None:
+            return super().gain_integral_slope(P, eps)
         k, fall = self.k(P), self._k_slope(P)
         bent = (2 * fall - P * fall / self.P_k) * (eps**2 - 2 * k * eps**3 / 3)  # k'' = -k'/P_k
         return self.efficiency * self.S * self.a * (2 * P * fall**2 * eps**3 / 3 - bent)
@@ -112,6 +125,22 @@ class PressureDependent(Braided):
         Below `taut_pressure` the law first falls and then rises to zero; the rising part alone is searched.
         """
         F, eps = np.broadcast_arrays(np.asarray(F, float), np.asarray(eps, float))
+        if self.edges is None:
+            return self._pressure(F, eps)
+        within = (eps >= self.edges[0]) & (eps <= self.edges[1])
+        return np.where(within, self._pressure(F, eps), self._last_rise(F, eps))
+
+    def _last_rise(self, F: Array, eps: Array) -> Array:
+        """Return the greatest pressure [Pa] through which the continued law rises to `F`; ∓inf as `pressure`."""
+        grid = np.linspace(0.0, SEARCH_CEILING, _GRID).reshape(-1, *[1] * eps.ndim)
+        below = self.law(grid, eps) < F
+        last = _GRID - 1 - below[::-1].argmax(axis=0)  # the last pressure with too small a force
+        lo, hi = (np.take_along_axis(grid, np.minimum(i, _GRID - 1)[None], 0)[0] for i in (last, last + 1))
+        P = increasing_root(lambda P, F, e: self.law(P, e) - F, lo, hi, F, eps)
+        never = np.where(np.isnan(F + eps), np.nan, -np.inf)
+        return np.where(below.any(axis=0), np.where(below[-1], np.inf, P), never)
+
+    def _pressure(self, F: Array, eps: Array) -> Array:
         taut = self.taut_pressure(eps)
         reached = taut < SEARCH_CEILING
         if not F.any():
@@ -136,6 +165,7 @@ class PressureDependent(Braided):
         return Recipe(starts, bounds=bounds)
 
 
+_GRID = 401  # pressures, 0.05 bar apart, between which the continued law is taken to rise or fall
 _STARTS = ((1.2, 0.5, 1 * BAR), (1.5, 2.0, 1 * BAR), (1.0, 2.0, 2 * BAR), (1.2, 0.1, 3 * BAR))
 
 

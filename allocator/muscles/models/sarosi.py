@@ -20,6 +20,7 @@ class Sarosi2012(AffineMuscle):
     """
 
     citation = "Sárosi & Fabulya, Trans. on Mechanics, Timisoara, 57(71):59-64, 2012"
+    assumed_contraction: ClassVar[float] = 0.30  # of the published curves
     strength: ClassVar[Mapping[str, float]] = dict.fromkeys(("c1", "c2", "c3", "c4", "c5"), 1.0)
 
     c1: float  # [N/Pa]
@@ -35,11 +36,6 @@ class Sarosi2012(AffineMuscle):
         percent.
         """
         return cls(c1=a1 / BAR, c2=a4 / BAR / PERCENT, c3=a5 / BAR, c4=-a2, c5=a6, c6=a3 / PERCENT)
-
-    @property
-    def max_contraction(self) -> float:
-        """Return the contraction ratio up to which the published curves go [-]."""
-        return 0.30
 
     def A(self, eps: Value) -> Value:
         """Return A(ε) = c1 e^{c6 ε} + c2 ε + c3   (17)"""

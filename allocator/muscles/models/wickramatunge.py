@@ -10,6 +10,7 @@ from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.muscles.base import Muscle
 from allocator.muscles.basis import Basis
+from allocator.muscles.measured import continued, continued_integral
 from allocator.muscles.recipe import Recipe
 from allocator.units import BAR
 
@@ -66,23 +67,33 @@ class Wickramatunge2010(Muscle):
         return Basis("quadratic", kinks=(self.P_switch,))
 
     def law(self, P: Value, eps: Value) -> Value:
-        """Return F = (c3 P² + c2 P ls + c1 ls² + c0) ls   (20), continuous at P_switch"""
+        """Return F = (c3 P² + c2 P ls + c1 ls² + c0) ls   (20), continuous at P_switch, continued by (R1)"""
+        return continued(lambda e: self._force(P, e), eps, self.edges)
+
+    def _force(self, P: Value, eps: Value) -> Value:
         ls = self.stretched_length(eps)
         quadratic = self._low(P) * self.c3_low + self._high(P) * self.c3_high
         return (quadratic + self.c2 * P * ls + self.c1 * ls**2 + self.c0) * ls
 
     def gain(self, P: Value, eps: Value) -> Value:
         """Return ∂F/∂P = (2 c3 P + c2 ls) ls"""
+        return continued(lambda e: self._gain(P, e), eps, self.edges)
+
+    def _gain(self, P: Value, eps: Value) -> Value:
         ls = self.stretched_length(eps)
         return (2 * self._c3(P) * P + self.c2 * ls) * ls
 
     def gain_integral(self, P: Value, eps: Value) -> Value:
         """Return ∫_0^ε F_P = 2 c3 P ∫ls + c2 ∫ls²; it jumps at P_switch as F_P does."""
+        formulas = (lambda e: self._gain(P, e)), (lambda e: self._gain_integral(P, e))
+        return continued_integral(*formulas, eps, self.edges)
+
+    def _gain_integral(self, P: Value, eps: Value) -> Value:
         once, square = self._length_integrals(eps)
         return 2 * self._c3(P) * P * once + self.c2 * square
 
     def gain_integral_slope(self, P: Value, eps: Value) -> Value:
-        """Return its derivative by P, 2 c3 ∫ls"""
+        """Return its derivative by P, 2 c3 ∫ls, of which (R1) changes nothing: ls is linear."""
         return 2 * self._c3(P) * self._length_integrals(eps)[0]
 
     def _length_integrals(self, eps: Value) -> tuple[Value, Value]:
@@ -99,6 +110,12 @@ class Wickramatunge2010(Muscle):
         It is inf where c3 < 0 and F is out of reach.
         """
         F, eps = np.broadcast_arrays(np.asarray(F, float), np.asarray(eps, float))
+        if self.edges is None:
+            return self._root(F, eps)
+        within = (eps >= self.edges[0]) & (eps <= self.edges[1])
+        return np.where(within, self._root(F, eps), super().pressure(F, eps))
+
+    def _root(self, F: Array, eps: Array) -> Array:
         ls = self.stretched_length(eps)
         high = self.law(self.P_switch, eps) < F
         c3 = np.where(high, self.c3_high, self.c3_low)

@@ -136,7 +136,7 @@ def test_the_citation_names_authors_and_year(muscle):
     name = type(muscle).__name__
     expected = (
         "of the user"
-        if name in ("FunctionMuscle", "TableMuscle", "AffinePolynomial")
+        if name in ("FunctionMuscle", "TableMuscle", "AffinePolynomial", "ThresholdPolynomial")
         else name[-4:]
         if name[-4:].isdigit()
         else "2021"

@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from allocator.errors import InvalidFile
+from allocator.errors import InvalidFile, InvalidInput
 from allocator.identification import fit, load_dataset
 from allocator.muscles import Muscle, Sarosi2012, TonduLopez1995
 from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N
@@ -26,6 +26,20 @@ def test_the_file_is_plain_toml_that_a_person_can_write(path):
 def test_whole_numbers_may_be_written_without_a_point(path):
     path.write_text('model = "Hogan1984"\nparameters = { F_max = 1500, eps_max = 0.3, P_max = 500_000 }\n')
     assert Muscle.load(path).F_max == 1500.0
+
+
+@pytest.mark.parametrize("character", [chr(code) for code in (0, 7, 9, 10, 13, 31, 34, 92, 127, 128, 0x2028, 0x1F600)])
+def test_every_character_survives_in_texts_and_in_names_of_entries(path, character):
+    SAROSI_DMSP_20_400N.save(path, {f"made{character}by": f"a{character}b"})
+    assert Muscle.load(path) == SAROSI_DMSP_20_400N
+    with path.open("rb") as file:
+        assert tomllib.load(file)["source"] == {f"made{character}by": f"a{character}b"}
+
+
+def test_half_a_character_is_refused_before_anything_is_written(path):
+    with pytest.raises(InvalidInput, match="half a character"):
+        SAROSI_DMSP_20_400N.save(path, {"by": "a\ud800"})
+    assert not path.exists()
 
 
 def test_every_digit_survives(path):

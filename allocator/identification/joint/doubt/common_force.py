@@ -47,6 +47,8 @@ _SLACK = 0.02  # of the forces, at the cautious assumption
 _KNOWN = 1e-9  # relative change of φ below which the unknowns do not move it
 _ALIKE = 0.1  # standard deviation of φ between muscles of one type, if the prior has no covariance [-]
 _FREE = ("coulomb", "play")  # what friction may be beside μ
+_ASSUMED = 0.15  # standard deviation of a φ that is assumed [-]
+_NORMAL = 1.96
 _LEAST_ERROR = 1e-6  # [rad] the noise of data that have none
 
 
@@ -59,8 +61,9 @@ class CommonForce:
     high: float  # … and more it may be; 95 % where it is seen or that of a prior, else the bounds of physics
     seen: bool
     source: str  # what it is taken from, in words fit for a sentence
-    covariance: Array  # (m, m) that its interval adds to that of the unknowns
+    ends: tuple[Array, Array] | None  # unknowns (m,) of the best fits at two φ, four standard deviations apart
     prior: "Prior | None" = None  # that it is taken from
+    share_std: float = _ASSUMED  # standard deviation of φ [-]
 
     @property
     def unseen(self) -> tuple[str, ...]:
@@ -154,7 +157,8 @@ def _seen(profile: "Profile", low: float, high: float) -> CommonForce:
     """Return the common force that a sag test shows, φ being between `low` and `high`."""
     best = profile.best
     less, more = ((share - best.share) * _per_share(profile.problem, best.x) for share in (low, high))
-    return CommonForce(best.share, less, more, True, "the sag test", profile.spread(low, high))
+    std = (high - low) / (2 * _NORMAL)
+    return CommonForce(best.share, less, more, True, "the sag test", profile.ends(low, high), share_std=std)
 
 
 def _held(problem: JointProblem, profile: "Profile", share: float) -> JointProblem:
@@ -172,9 +176,7 @@ def _set(problem: JointProblem, profile: "Profile", prior: Prior | None) -> tupl
     start = profile.at(float(np.clip(np.clip(wanted, low, high), _PLAUSIBLE, _MOST)))
     source = "the assumption that no cable was far from slack" if prior is None else f"the prior {prior.name}"
     half = np.inf if prior is None else 2 * prior.std
-    found = replace(
-        _assumed(profile.problem, start.x, source, prior), covariance=profile.spread(wanted - half, wanted + half)
-    )
+    found = replace(_assumed(profile.problem, start.x, source, prior), ends=profile.ends(wanted - half, wanted + half))
     return _held(problem, profile, found.share), start.x[: profile.unknowns], found
 
 
@@ -185,7 +187,7 @@ def _assumed(problem: JointProblem, x: Array, source: str, prior: Prior | None) 
     if prior is not None:
         off, half = ((part * _per_share(problem, x)) for part in (prior.share - share, 2 * prior.std))
         low, high = min(off, 0.0) - half, max(off, 0.0) + half
-    return CommonForce(share, low, high, False, source, np.zeros((x.size, x.size)), prior)
+    return CommonForce(share, low, high, False, source, None, prior, _ASSUMED if prior is None else prior.std)
 
 
 def _bounds(problem: JointProblem, x: Array) -> tuple[float, float]:
@@ -304,14 +306,11 @@ class Profile:
         rises = [(p.cost - best.cost) * (_STEP / (p.share - best.share)) ** 2 for p in beside]
         return best.x if min(rises) > _RISE * self.variance else None
 
-    def spread(self, low: float, high: float) -> Array:
-        """Return the covariance (m, m) of the unknowns, φ being between these within four standard deviations.
-
-        No further than the cost allows by chance.
-        """
-        ends = [self.end(side, _RISE * self.variance)[0] for side in (-1, 1)]
-        one, other = (self.at(min(max(share, ends[0]), ends[1])).x[: self.unknowns] for share in (low, high))
-        return np.outer(other - one, other - one) / 16
+    def ends(self, low: float, high: float) -> tuple[Array, Array]:
+        """Return the unknowns (m,) of the best fits at the ends of φ, no further than the cost allows by chance."""
+        least, most = (self.end(side, _RISE * self.variance)[0] for side in (-1, 1))
+        one, other = (self.at(min(max(share, least), most)).x[: self.unknowns] for share in (low, high))
+        return one, other
 
     def at(self, share: float) -> Point:
         """Return the least cost at this φ."""

@@ -55,14 +55,17 @@ def _scale(fit: Any) -> float:
 
 
 def _held(fit: Any, joint: AntagonistJoint) -> Array:
-    """Return the covariance of the parameters of both muscles, the common force held where the scale was fitted."""
+    """Return the covariance of the parameters of both muscles, φ of `problem` held where the scale was fitted."""
     n = len(joint.agonist.parameters) + len(joint.antagonist.parameters)
     if joint.covariance is None:
         return np.zeros((n, n))
     if fit.problem.conventional:
         return np.asarray(joint.covariance)
+    C = fit.doubt.covariance
+    gradient = fit.problem.gradient(lambda u: np.array([fit.problem.pull_share(u)]), fit.x)[0]
+    share, variance = C @ gradient, float(gradient @ C @ gradient)
     J = parameter_jacobian(fit.problem, fit.problem.unknowns(fit.x))
-    return np.asarray(np.asarray(joint.covariance) - J @ fit.common.covariance @ J.T)
+    return np.asarray(J @ (C - np.outer(share, share) / max(variance, 1e-300)) @ J.T)
 
 
 __all__ = ["ForceIntervals", "force_intervals"]

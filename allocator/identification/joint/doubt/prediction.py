@@ -11,6 +11,7 @@ from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.samples import JointSamples
 from allocator.joint.geometry import Geometry
 
+_GROWTH = 20.0  # of the error, per half width of the measured region outside it: seen on lengths that were left out
 _MOST_BEYOND = 0.35  # [rad] beyond the measured angles that equilibria are looked for
 
 
@@ -43,15 +44,15 @@ def angle_std(fit: Any, problem: JointProblem, new_group: bool) -> Array:
 
     The error of the law is in the errors of the angles already; another law that fits as well predicts the same.
     """
-    error = fit.left_out if new_group else fit.rms
+    error = fit.left_out * np.sqrt(1 + 1 / len(fit.groups)) if new_group else fit.rms
     if np.isnan(error):
         raise InvalidInput(
             "no group was left out in turn: how far off this fit is for another one is not known; fit several groups "
             "with leave_one_out=True"
         )
-    J = problem.jacobian(fit.x)[: problem.samples.n]
-    variance = np.einsum("ni,ij,nj->n", J, fit.doubt.robust, J)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0) + error**2))
+    found = fit.doubt.discrepancy
+    error = error * (1 + _GROWTH * found.outside(problem, fit.x))
+    return np.asarray(np.sqrt(found.angle_variance(problem, fit.x) + error**2))
 
 
 __all__ = ["Prediction", "angle_std", "predict"]

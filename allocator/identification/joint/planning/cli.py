@@ -20,10 +20,13 @@ _HEADER = "theta_deg,pressure1_bar,pressure2_bar,torque_Nm,direction,slack,expec
 @grouped
 def plan_joint_command(
     options: JointOptions,
-    accuracy: Annotated[float, typer.Option(help="standard deviation of K that is wanted [%]")] = 5.0,
+    accuracy: Annotated[float, typer.Option(help="standard deviation of K that the noise may leave [%]")] = 5.0,
     noise: Annotated[float, typer.Option(help="standard deviation of a reading of the angle [degrees]")] = 0.5,
     weight: Annotated[
         list[float] | None, typer.Option(help="torque of a weight that can be hung [N·m]; repeatable")
+    ] = None,
+    setpoints: Annotated[
+        int | None, typer.Option(help="number of setpoints; three times the unknowns of the fit by default")
     ] = None,
     lowest: Annotated[float | None, typer.Option(help="least pressure to visit [bar]; 1.5 by default")] = None,
     out: Annotated[
@@ -42,7 +45,7 @@ def plan_joint_command(
     import numpy as np
     from rich.console import Console
 
-    from allocator.identification.joint.planning.plan import plan_joint_experiment
+    from allocator.identification.joint.planning.plan import LEVELS, plan_joint_experiment
 
     within("--accuracy", accuracy, "%", 0.01, 99)
     within("--noise", noise, "degrees", 1e-4, 45)
@@ -56,7 +59,8 @@ def plan_joint_command(
         accuracy=accuracy * PERCENT,
         noise=noise * DEG,
         weights=weight,
-        pressures=None if lowest is None else np.linspace(lowest * BAR, supply, 6),
+        setpoints=setpoints,
+        pressures=None if lowest is None else np.linspace(lowest * BAR, supply, LEVELS),
     )
     console = Console(stderr=as_json)
     if as_json:
@@ -89,7 +93,9 @@ def _values(plan: "JointPlan") -> dict[str, Any]:
     return {
         "weight_Nm": plan.weight,
         "accuracy_of_stiffness": plan.accuracy,
+        "expected_error_of_stiffness": plan.expected,
         "reached": plan.reached,
+        "unknowns_of_the_fit": plan.unknowns,
         "setpoints": [
             {
                 "torque_Nm": s.torque,

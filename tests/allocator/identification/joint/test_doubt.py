@@ -2,46 +2,88 @@
 
 import numpy as np
 import pytest
-from scipy.stats import t
 
 from allocator import Lever
-from allocator.identification.identifiability import determine
 from allocator.identification.joint.dead_band import estimate_dead_band
-from allocator.identification.joint.doubt import covariance as doubt
+from allocator.identification.joint.doubt import discrepancy as model
+from allocator.identification.joint.doubt.effects import Effects
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import read_joint_log
+from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
 from allocator.units import BAR, DEG
 from benchmarks.joint_coverage import Covered, campaign
 
 
-def test_the_robust_covariance_is_that_of_fits_without_each_cluster_in_turn():
-    """A linear problem with errors that clusters share: the delete-one-cluster jackknife, by refitting."""
+def test_the_discrepancy_is_the_posterior_of_a_linear_gaussian_model():
+    """The root of the second moment against the textbook formula: flat unknowns follow c, noise comes on top."""
     rng = np.random.default_rng(3)
-    label = np.repeat(np.arange(8), 12)
-    X = rng.standard_normal((96, 3)) + rng.standard_normal((8, 3))[label]
-    beta = np.array([1.0, -2.0, 0.5])
-    y = X @ beta + 3.0 * rng.standard_normal(8)[label] + 0.01 * rng.standard_normal(96)
-    best = np.linalg.lstsq(X, y)[0]
-    without = [np.linalg.lstsq(X[label != g], y[label != g])[0] - best for g in range(8)]
-    jackknife = 7 / 8 * sum(np.outer(d, d) for d in without)
-    r = y - X @ best
-    found = determine(-X, float(r @ r), ("a", "b", "c"), best)
-    robust = doubt._clustered(r, -X, found, label)
-    root = doubt._root(found.covariance)
-    values = np.linalg.eigvalsh(np.linalg.solve(root, np.linalg.solve(root, jackknife).T))  # in units of the formal
-    assert values.min() * (t.ppf(0.975, 7) / 1.959964) ** 2 > 1  # so that nothing is raised to the formal one
-    np.testing.assert_allclose(robust, jackknife * (t.ppf(0.975, 7) / 1.959964) ** 2, rtol=1e-5)
+    n, m, k = 60, 3, 4
+    X, B, N = (rng.standard_normal((n, columns)) for columns in (m, k, 6))
+    r = B @ rng.normal(0, 0.5, k) + 0.1 * rng.standard_normal(n)
+    X, N = np.vstack([X, np.zeros((6, m))]), np.vstack([N, 1e-3 * np.eye(6)])
+    e = model.Evidence(np.append(r, np.zeros(6)), X, np.vstack([B, np.zeros((6, k))]), N, n - m - 6)
+    Q = np.linalg.qr(np.hstack([X, N]))[0]
+    y, Z = (part - Q @ (Q.T @ part) for part in (e.r, e.B))
+    C, tau, sigma = model._field(y, Z, e.free)
+    root, found_tau, found_sigma = model._posterior(e)
+    assert (found_tau, found_sigma) == pytest.approx((tau, sigma))
+    assert 0.08 < sigma < 0.12
+    mean = C[1:, 0]
+    spread = C[1:, 1:] - np.outer(mean, mean)
+    flat = np.hstack([X, N])
+    shift = np.linalg.lstsq(flat, e.r - e.B @ mean)[0]
+    follow = -np.linalg.lstsq(flat, e.B)[0]
+    z = np.concatenate([shift[:m], mean, shift[m:]])
+    L = np.vstack([follow[:m], np.eye(k), follow[m:]])
+    noise = sigma**2 * np.linalg.inv(flat.T @ flat)
+    place = np.append(np.arange(m), m + k + np.arange(6))
+    moment = np.outer(z, z) + L @ spread @ L.T
+    moment[np.ix_(place, place)] += noise
+    np.testing.assert_allclose(root @ root.T, moment, rtol=1e-6, atol=1e-9 * moment.max())
 
 
-def test_no_direction_is_known_better_than_by_the_formal_covariance():
-    rng = np.random.default_rng(0)
-    X, r = rng.standard_normal((60, 4)), rng.standard_normal(60)
-    r -= X @ np.linalg.lstsq(X, r)[0]
-    found = determine(X, float(r @ r), ("a", "b", "c", "d"), np.ones(4))
-    for label in (np.zeros(60, int), np.arange(60) % 2, np.arange(60) // 3):
-        gap = np.linalg.eigvalsh(doubt._clustered(r, X, found, label) - found.covariance)
-        assert gap.min() > -1e-12
+def test_an_error_of_the_law_that_the_angles_show_is_found_again():
+    """Errors of a force field through the same equations: its size is found, and noise is not taken for it."""
+    rng = np.random.default_rng(1)
+    X, B = rng.standard_normal((200, 5)), 0.3 * rng.standard_normal((200, 21))
+    N = rng.standard_normal((200, 6))
+    for true in (0.0, 0.05):
+        r = B @ rng.normal(0, true, 21) + X @ rng.standard_normal(5) + 0.01 * rng.standard_normal(200)
+        _, tau, sigma = model._posterior(model.Evidence(r, X, B, N, 189))
+        assert sigma == pytest.approx(0.01, rel=0.2)
+        assert tau < 0.005 if true == 0 else tau == pytest.approx(true, rel=0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sarosi-pulley", "martens-lever"])
+def test_the_change_of_forces_and_stiffness_is_imitated_by_the_unknowns(all_twins, log_maker, name):
+    """A change within the law comes back as the unknowns that made it, in K and F; none becomes huge."""
+    joint = all_twins[name]
+    (theta, P1, P2), given = log_maker(joint, 3, noise=0.1 * DEG).fit_arguments()
+    fit = fit_joint(
+        theta, P1, P2, **given, geometry=joint.geometry, model=type(joint.agonist), choices=False, leave_one_out=False
+    )
+    effects = Effects.of(fit.problem, fit.x, np.ones(fit.x.size, bool))
+    moved = fit.x * (1 + 1e-5 * np.random.default_rng(0).standard_normal(fit.x.size))
+    target = effects.difference(fit.problem, moved)
+    change = effects.imitated(target[:, None])[:, 0]
+    assert np.linalg.norm(effects.gradient @ change - target) < 0.02 * np.linalg.norm(target)
+    anything = np.random.default_rng(1).standard_normal((target.size, 1))
+    assert np.linalg.norm(effects.gradient @ effects.imitated(anything)) <= np.linalg.norm(anything)
+
+
+@pytest.mark.slow
+def test_readings_of_a_few_setpoints_never_state_absurd_intervals(all_twins, log_maker):
+    """As many equilibria as unknowns and a few: an encoder is set to better than 30°, a ratio known to a factor."""
+    joint = all_twins["sarosi-pulley"]
+    (theta, P1, P2), given = log_maker(joint, 3, noise=0.1 * DEG).fit_arguments()
+    some = np.append(np.arange(0, theta.size - 12, 9), np.arange(theta.size - 6, theta.size))
+    given = {key: value[some] for key, value in given.items()}
+    options = {"geometry": joint.geometry, "choices": False, "leave_one_out": False}
+    fit = fit_joint(theta[some], P1[some], P2[some], **given, **options)
+    assert fit.standard_deviations["zero"] < 30 * DEG
+    assert fit.standard_deviations["log_ratio"] < 1
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +94,7 @@ def wrong(all_twins, log_maker):
     return fit_joint(theta, P1, P2, **given, geometry=joint.geometry, model="AffinePolynomial", leave_one_out=False)
 
 
+@pytest.mark.slow
 def test_other_choices_are_named_with_what_they_change(wrong):
     kinds = {choice.kind for choice in wrong.doubt.choices}
     assert kinds == {"dead band", "law"}
@@ -60,28 +103,10 @@ def test_other_choices_are_named_with_what_they_change(wrong):
     assert max(choice.stiffness for choice in wrong.doubt.choices) > 0.01
 
 
-def test_the_change_of_the_unknowns_has_the_effect_of_the_choice_on_stiffness(wrong):
-    """`change` to first order moves K at the samples as the other law does, most of the way."""
-    law = next(c for c in wrong.doubt.choices if c.name == "MartensBoblan2017")
-    x, problem = wrong.x, wrong.problem
-    samples = problem.samples
-
-    def K(x):
-        u = problem.unknowns(x)
-        (eps1, a1, da1), (eps2, a2, da2), l0 = samples.routes(samples.theta - u.zero)
-        F1, F2 = u.muscle.law(samples.P1, eps1), u.ratio * u.muscle.law(samples.P2, eps2)
-        slopes = u.muscle.slope(samples.P1, eps1), u.ratio * u.muscle.slope(samples.P2, eps2)
-        return -(a1**2 * slopes[0] + a2**2 * slopes[1]) / l0 - (da1 * F1 - da2 * F2)
-
-    moved = (K(x + 1e-4 * law.change) - K(x)) / 1e-4 / K(x)
-    assert np.sqrt(np.mean(moved**2)) == pytest.approx(law.stiffness, rel=0.35)
-
-
+@pytest.mark.slow
 def test_standard_deviations_grow_by_what_is_not_noise(wrong):
-    formal = np.sqrt(np.diag(wrong.doubt.formal))
-    stated = np.array([*wrong.standard_deviations.values()])
-    assert (stated >= formal * (1 - 1e-9)).all()
-    assert np.median(stated / formal) > 1.5
+    K, J = wrong.stiffness(), parameter_jacobian(wrong.problem, wrong.problem.unknowns(wrong.x))
+    assert np.median(wrong.stiffness_std() / K.std(J @ wrong.doubt.formal @ J.T)) > 1.5
 
 
 def test_a_prediction_says_how_far_it_may_be_off(wrong, all_twins, truth_of):
@@ -111,19 +136,23 @@ def test_the_dead_band_is_found_where_muscles_begin_to_act(all_twins, log_maker)
 
 
 @pytest.mark.slow
-def test_the_stated_interval_of_the_stiffness_holds_under_hysteresis_and_a_wrong_law():
-    """Three joints of `python -m benchmarks.joint_coverage`; two hundred are counted there."""
-    found = [each for each in campaign(range(3, 6)) if isinstance(each, Covered)]
+@pytest.mark.parametrize("foreign", [False, True])
+def test_the_stated_interval_of_the_stiffness_holds_under_hysteresis_and_a_wrong_law(foreign):
+    """Three joints of `python -m benchmarks.joint_coverage`, whose report has 56."""
+    found = [each for each in campaign(range(3, 6), foreign) if isinstance(each, Covered)]
     assert len(found) == 3
     assert np.concatenate([c.inside for c in found]).mean() >= 0.9
     formal = np.concatenate([np.abs(c.error) <= 1.96 * c.formal for c in found])
-    assert formal.mean() < 0.8  # what it was, and why
+    assert formal.mean() < 0.85  # errors are not independent
+    error = np.concatenate([c.error / c.true for c in found])
     width = np.concatenate([c.std / c.true for c in found])
-    assert np.median(width) < 0.1  # an interval that says nothing would hold as well
+    assert np.median(width) < 2 * np.sqrt(np.mean(error**2))  # an interval that says nothing would hold as well
 
 
 @pytest.mark.slow
-def test_a_muscle_length_left_out_is_predicted_within_the_stated_interval(shared):
+@pytest.mark.parametrize(("model", "most"), [("AffinePolynomial", 1.6 * DEG), ("Sarosi2012", 4 * DEG)])
+def test_a_muscle_length_left_out_is_predicted_within_the_stated_interval(shared, model, most):
+    """240 mm lies outside the lengths fitted, where Sarosi2012 is 5° off."""
     log = read_joint_log(shared("data/joint_angle_grid.csv"), {1: -1.0, 2: 1.0})
     label = np.array([f"{length * 1e3:.0f}" for length in log.rest_length])
     geometry = {mm: Lever(float(mm) / 1000, 0.1655, 0.05094, 0.051) for mm in np.unique(label).tolist()}
@@ -133,7 +162,7 @@ def test_a_muscle_length_left_out_is_predicted_within_the_stated_interval(shared
     def some(keep):
         return {name: array[keep] for name, array in arrays.items()}
 
-    law = {"model": "AffinePolynomial", "average": True, "dead_band": 2 * BAR, "choices": False}
+    law = {"model": model, "average": True, "dead_band": 2 * BAR, "choices": False}
     errors, inside = [], []
     for mm, mechanism in geometry.items():
         acting = (label == mm) & (np.minimum(log.P1, log.P2) >= 2 * BAR)
@@ -141,6 +170,6 @@ def test_a_muscle_length_left_out_is_predicted_within_the_stated_interval(shared
         told = fit_joint(**some(label != mm), geometry=geometry, **law).predict(rows.P1, rows.P2, geometry=mechanism)
         errors.append(rows.theta - told.theta)
         inside.append(np.abs(errors[-1]) < 1.96 * told.std)
-        assert np.median(told.std) < 5 * DEG
-    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 1.6 * DEG
-    assert np.concatenate(inside).mean() >= 0.9
+        assert inside[-1].mean() >= 0.9
+        assert np.median(told.std) < 10 * DEG
+    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < most

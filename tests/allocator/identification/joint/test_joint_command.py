@@ -32,6 +32,7 @@ def table(all_twins, log_maker, tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_log_becomes_a_joint_that_allocates(table, tmp_path, all_twins):
     joint, picture = tmp_path / "joint.toml", tmp_path / "joint.png"
     result = run(
@@ -55,6 +56,7 @@ def test_a_log_becomes_a_joint_that_allocates(table, tmp_path, all_twins):
     assert answer.K == pytest.approx(true, rel=0.08)
 
 
+@pytest.mark.slow
 def test_without_a_weight_it_says_that_stiffness_is_relative(table, tmp_path):
     rows = [row for row in table.read_text().splitlines() if row.split(",")[3] in ("torque_Nm", "0")]
     table.write_text("\n".join(rows))
@@ -64,6 +66,7 @@ def test_without_a_weight_it_says_that_stiffness_is_relative(table, tmp_path):
     assert "all forces times one factor" in result.output
 
 
+@pytest.mark.slow
 def test_several_rest_lengths_in_one_file(all_twins, log_maker, tmp_path):
     log = log_maker(all_twins["sarosi-pulley"], 0)
     path = tmp_path / "log.csv"

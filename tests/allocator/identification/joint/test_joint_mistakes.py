@@ -85,6 +85,7 @@ def test_an_unknown_model(data):
     refused(data, "unknown model 'Sarosi'", model="Sarosi")
 
 
+@pytest.mark.slow
 def test_without_directions_the_report_says_where_hysteresis_goes(data):
     still = data["torque"] == 0
     fit = fit_joint(
@@ -94,9 +95,13 @@ def test_without_directions_the_report_says_where_hysteresis_goes(data):
     assert any("no direction of motion" in warning for warning in fit.warnings)
 
 
-def test_swapped_directions_show_as_negative_friction(data):
+@pytest.mark.slow
+def test_swapped_directions_show_as_negative_friction_and_are_not_written(data, tmp_path):
     fit = fit_joint(**{**data, "direction": -data["direction"]})
     assert any("the directions look swapped" in warning for warning in fit.warnings)
+    with pytest.raises(ValueError, match=r"friction μ = -.* is negative, which no joint has"):
+        fit.save(tmp_path / "joint.toml")
+    assert not (tmp_path / "joint.toml").exists()
 
 
 def test_a_weight_with_the_other_sign(data):

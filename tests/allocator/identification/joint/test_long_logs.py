@@ -60,6 +60,7 @@ def test_few_samples_are_left_as_they_are(repeated):
     assert samples.binned(samples.n) is samples
 
 
+@pytest.mark.slow
 def test_a_raw_log_of_200_000_rows_gives_its_equilibria(tmp_path):
     t = np.arange(200_000) / 100
     step = np.floor(t / 4)
@@ -83,6 +84,7 @@ def stretched(all_twins, log_maker):
     return data, int((np.minimum(*eps) < 0).sum())
 
 
+@pytest.mark.slow
 def test_samples_that_the_law_cannot_take_are_left_out_and_counted(stretched):
     data, short = stretched
     assert 0 < short < data["theta"].size / 2
@@ -90,6 +92,7 @@ def test_samples_that_the_law_cannot_take_are_left_out_and_counted(stretched):
     assert fit.samples.dropped == {"a contraction below 0, where Hildebrandt2005 ends": short}
 
 
+@pytest.mark.slow
 def test_models_that_take_different_samples_are_compared_on_those_that_both_take(stretched):
     data, short = stretched
     compared = compare_joint_models(**data, models=("Sarosi2012", "Hildebrandt2005"))

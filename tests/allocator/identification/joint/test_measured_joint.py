@@ -41,7 +41,7 @@ def fitted(measured):
 
     @cache
     def fitted(model, **options):
-        return fit_joint(**measured, geometry=geometry, dead_band=1.5 * BAR, model=model, **options)
+        return fit_joint(**measured, geometry=geometry, dead_band=1.5 * BAR, model=model, choices=False, **options)
 
     return fitted
 

@@ -15,8 +15,10 @@ from allocator.identification.joint.reading import read_joint_log
 from allocator.joint.antagonist import report_joint
 from allocator.joint.limits import COMMON_FORCE
 from allocator.joint.storage import load_joint
-from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from allocator.muscles import scaled
+from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
+from benchmarks.joint_plan import FRICTION, kept
 
 KINDS = {"a sag test", "a second weight", "a push with shut valves"}
 
@@ -133,6 +135,7 @@ def test_the_filled_table_is_fitted_as_it_is_and_shows_where_cables_go_slack(tmp
         (("--weight", -1), "positive torques"),
         (("--weight", 1e6), "more than the joint holds"),
         (("--lowest", 9), "--lowest"),
+        (("--setpoints", 1), "setpoints = 1 has to be a whole number, 2 or more"),
         (("--out", "plan.png"), "the ending has to be one of .csv"),
     ],
 )
@@ -140,3 +143,46 @@ def test_wrong_input_is_one_sentence(arguments, sentence):
     result = run(*arguments)
     assert result.exit_code != 0
     assert sentence in str(result.exception)
+
+
+def test_a_plan_promises_no_more_than_a_wrong_law_leaves(all_twins):
+    """A force law wrong by some per cent cannot be measured away: the promise is far above what noise leaves."""
+    joint = replace(all_twins["sarosi-pulley"], angle_limits=(-100 * DEG, 100 * DEG))
+    few, many = (plan_joint_experiment(joint, accuracy=a) for a in (0.05, 0.01))
+    assert many.accuracy < few.accuracy
+    for plan in (few, many):
+        assert 0.03 < plan.expected < 0.3
+        assert plan.expected > 2 * plan.accuracy
+        assert f"known to about {plan.expected:.0%}" in str(plan).splitlines()[0]
+
+
+def test_a_plan_has_more_setpoints_than_unknowns_unless_the_user_wants_fewer(all_twins):
+    joint = all_twins["sarosi-pulley"]
+    usual, few = plan_joint_experiment(joint), plan_joint_experiment(joint, setpoints=10)
+    assert usual.unknowns == len(joint.agonist.parameters) + 3  # ratio of strengths, zero of the encoder, friction
+    assert len(usual.setpoints) >= 3 * usual.unknowns
+    assert len(few.setpoints) == 10
+    assert "10 setpoints for the 9 unknowns of the fit are few" in str(few)
+    assert few.expected > usual.expected
+    assert json.loads(run("--setpoints", 7, "--json").stdout)["setpoints"][6:]
+
+
+@pytest.mark.parametrize("name", ["sarosi-pulley", "sarosi-lever"])
+def test_setpoints_survive_on_a_joint_that_is_not_the_one_guessed(all_twins, truth_of, name):
+    """Another law, muscles of unequal strength and more than twice the friction: few setpoints end at a stop."""
+    guess = replace(all_twins[name], friction=0.05)
+    plan = plan_joint_experiment(guess)
+    strength = SAROSI_DMSP_20_400N.force(3 * BAR, 0.1) / MARTENS_DMSP_20_300.force(3 * BAR, 0.1)
+    muscle = scaled(MARTENS_DMSP_20_300, float(strength))
+    joint = replace(guess, agonist=muscle, antagonist=scaled(muscle, 1.1), friction=FRICTION)
+    T, P1, P2 = (np.repeat([getattr(s, part) for s in plan.setpoints], 2) for part in ("torque", "P1", "P2"))
+    way = np.tile([-1.0, 1.0], len(plan.setpoints))
+    assert np.isfinite(truth_of(joint, P1, P2, T, way)).mean() > 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1001, 1004])
+def test_muscles_of_another_law_are_fitted_and_err_by_no_more_than_twice_the_promise(seed):
+    """On foreign muscles with friction as measured: `benchmarks.joint_plan` counts how often over many joints."""
+    found = kept(seed)
+    assert np.sqrt(np.mean(found.error**2)) < 2 * found.expected

@@ -236,7 +236,11 @@ def test_a_joint_log_without_units_is_asked_for_them_and_takes_a_mapping(tmp_pat
             "column 'phi_deg': never exceeds 0.349066 deg, too little; was 0.349066 rad",
         ),
         ("t,p1_bar,p2_bar,phi_rad", (1, 1, 1), "20 rad is too much; was 20 deg meant?"),
-        ("t,p1_bar,p2_bar,phi_deg", (1000, 1, 1), "column 't': samples are 50 s apart, too far to see what rests; ms"),
+        (
+            "t,p1_bar,p2_bar,phi_deg",
+            (1000, 1, 1),
+            "line 2, column 't': samples are 50 s apart, too far to see what moves; ms",
+        ),
         ("t,p1_bar,p2_bar,phi_deg", (1, 100, 1), "column 'p2_bar': 300 bar is too much; was 300 kPa meant?"),
     ],
 )

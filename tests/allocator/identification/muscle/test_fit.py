@@ -350,6 +350,7 @@ def test_without_cross_validation_models_are_ranked_on_the_same_samples_too(shee
     assert errors == sorted(errors)
 
 
+@pytest.mark.slow
 def test_a_model_that_cannot_be_fitted_is_ranked_with_the_reason(measured):
     few = measured.where(np.isin(np.arange(measured.n), [30, 40, 60, 100, 110]) | (measured.pressure > 6.7 * BAR))
     ranking = rank_models(few)
@@ -357,6 +358,7 @@ def test_a_model_that_cannot_be_fitted_is_ranked_with_the_reason(measured):
     assert len(ranking.fits) + len(ranking.failures) == len(MODELS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DATASETS)
 def test_a_joint_of_fitted_muscles_is_allocated_exactly(name):
     options = {} if name == "dmsp-20-300-map" else WORKING

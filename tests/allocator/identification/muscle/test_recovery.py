@@ -14,6 +14,7 @@ from allocator.muscles import (
     KazemipourKatzschmann2025,
     PolynomialMcKibben,
     TableMuscle,
+    ThresholdPolynomial,
     TonduLopez2000,
     Wickramatunge2010,
     slope_std,
@@ -43,6 +44,7 @@ TRUTHS = {  # a muscle, and what has to be held so that forces determine the res
     "tondu-2021": (TONDU_DMSP_20_400N, {"r0": BRAID[0]}),
     "kazemipour": (KazemipourKatzschmann2025(1500.0, -2800.0, -11000.0, 4.7, 5 * BAR), {"P_max": 5 * BAR}),
     "affine-polynomial": (AffinePolynomial((2.8e-3, -1.2e-2, 1.9e-2), (-130.0, -1570.0)), {}),
+    "threshold": (ThresholdPolynomial((2.8e-3, -1.2e-2, 1.9e-2), (-10.0, -1570.0), 0.3 * BAR), {"P_t": 0.3 * BAR}),
     "table": (TableMuscle(KNOTS, SAROSI_DMSP_20_400N.A(KNOTS), SAROSI_DMSP_20_400N.B(KNOTS)), {}),
 }
 COLLINEAR = {  # left free: what forces cannot tell apart

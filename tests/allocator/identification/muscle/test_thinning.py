@@ -37,9 +37,11 @@ def test_ten_minutes_at_100_hz_are_fitted_in_bounded_memory():
     tracemalloc.stop()
     assert peak < 200e6  # bytes
     assert found.samples.n <= MOST_ROWS
-    assert found.samples.notes[0].startswith(f"60000 rows became {found.samples.n} samples, means over cells")
+    said = f"60000 rows became {found.samples.n} samples, means over cells"
+    assert any(note.startswith(said) for note in found.samples.notes)
 
 
+@pytest.mark.slow
 def test_the_parameters_of_a_log_are_within_three_standard_deviations():
     for seed in range(8):
         found = fit(Sarosi2012, *log(30_000, seed), folds=0)

@@ -1,0 +1,173 @@
+"""The rows of a log in time: their order, the unit of the stamps, spikes, and gaps."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.calculus import Array
+from allocator.errors import InvalidFile
+from allocator.files.cells import listed
+from allocator.identification.columns import Measured
+from allocator.identification.headers import UNITS
+from allocator.identification.spikes import angle_spikes, pressure_spikes
+from allocator.units import BAR, DEG
+
+GAP = 1.0  # [s] without a row, over which a log is not continued
+_PLAUSIBLE_STEP = (1e-4, 0.5)  # [s] between rows
+_LEAST_DURATION = 1.0  # [s]
+_LOG = ("theta", "pressure1", "pressure2")
+
+
+def in_time(measured: Measured) -> Measured:
+    """Return the log without rows that are there twice.
+
+    Raises `InvalidFile`, with lines, for times that go back or stand still, or cannot be in their unit.
+    """
+    measured = _once(measured)
+    t = measured.values["time"]
+    if t.size < 2:
+        return measured
+    steps = np.diff(t)
+    back, still = (np.flatnonzero(wrong) + 1 for wrong in (steps < 0, steps == 0))
+    if back.size:
+        what = (
+            "the rows run backwards in time" if back.size > t.size / 2 else f"time goes back in {_at(measured, back)}"
+        )
+        raise measured.mistake("time", f"{what}: a log is in the order of time, and of one recording", int(back[0]))
+    if still.size:
+        what = f"time stands still in {_at(measured, still)}: the stamps are too coarse, or rows are there twice"
+        raise measured.mistake("time", f"{what}; record finer stamps", int(still[0]))
+    _check_unit(measured, float(np.median(steps)), float(t[-1] - t[0]))
+    return measured
+
+
+def without_spikes(measured: Measured) -> Measured:
+    """Return the log without the rows in which a reading is a spike."""
+    found = _spikes(measured)
+    if not found:
+        return measured
+    drop = np.zeros(measured.values["time"].size, bool)
+    for rows in found.values():
+        drop[rows] = True
+    return measured.where(~drop, f"rows with spikes were left out: {describe_spikes(measured, found)}")
+
+
+def refuse_spikes(measured: Measured) -> None:
+    """Raise `InvalidFile` with the lines of all spikes, if there are any."""
+    if found := _spikes(measured):
+        raise InvalidFile(
+            measured.table.path,
+            f"some readings jump there and back, which no joint or regulator does: {describe_spikes(measured, found)}; "
+            "--drop-spikes (drop_spikes=True) leaves these rows out",
+        )
+
+
+def note_spikes(measured: Measured) -> Measured:
+    """Return the log with a note of its spikes, for an evaluation that does not use the rows around them."""
+    if not (found := _spikes(measured)):
+        return measured
+    note = f"some readings jump there and back: {describe_spikes(measured, found)}; --drop-spikes leaves them out"
+    return measured._replace(notes=(*measured.notes, note))
+
+
+def refuse_turns(measured: Measured) -> None:
+    """Raise `InvalidFile` with the lines of angles that are more than half a turn from the row before."""
+    steps = np.abs(np.diff(measured.values["theta"], prepend=measured.values["theta"][:1]))
+    turned = np.flatnonzero(steps > np.pi)
+    if turned.size:
+        what = f"{steps[turned[0]] / DEG:.3g}° from the row before, as in {_at(measured, turned)}"
+        sentence = f"{what}: a wrap, or a missed reading; unwrap the angle (numpy.unwrap), or leave the rows out"
+        raise measured.mistake("theta", sentence, int(turned[0]))
+
+
+def describe_spikes(measured: Measured, found: dict[str, list[int]]) -> str:
+    """Return the columns and lines of spikes in words, each with the reading of the first."""
+    parts = []
+    for quantity, rows in found.items():
+        value = measured.values[quantity][rows[0]]
+        shown = f"{value / DEG:.4g}°" if quantity == "theta" else f"{value / BAR:.4g} bar"
+        lines = listed([measured.table.lines[i] for i in rows])
+        parts.append(f"column {measured.columns[quantity].name!r} in {lines} ({'the first ' * (len(rows) > 1)}{shown})")
+    return ", ".join(parts)
+
+
+def stretches(t: Array) -> list[slice]:
+    """Return the parts of a log with times t (n,) [s] in which no gap is longer than 1 s."""
+    ends = [*(np.flatnonzero(np.diff(t) > GAP) + 1).tolist(), t.size]
+    return [slice(first, last) for first, last in zip([0, *ends[:-1]], ends, strict=True)]
+
+
+def longest_stretch(measured: Measured) -> Measured:
+    """Return the longest part of a log without a gap of more than 1 s, with a note of the rows that were left out."""
+    t = measured.values["time"]
+    parts = stretches(t)
+    if len(parts) == 1:
+        return measured
+    best = max(parts, key=lambda part: float(t[part.stop - 1] - t[part.start]))
+    lines = measured.table.lines
+    used = f"lines {lines[best.start]} to {lines[best.stop - 1]}, {t[best.stop - 1] - t[best.start]:.3g} s, are used"
+    left = t.size - (best.stop - best.start)
+    gaps = f"{len(parts) - 1} {'gap' if len(parts) == 2 else 'gaps'} of more than {GAP:g} s"
+    begins = listed([lines[part.start] for part in parts[1:]])
+    note = f"the log has {gaps} (before {begins}): {used}, the longest part; {left} rows in the others were left out"
+    keep = np.zeros(t.size, bool)
+    keep[best] = True
+    return measured.where(keep, note)
+
+
+def _spikes(measured: Measured) -> dict[str, list[int]]:
+    """Return the rows of spikes by quantity."""
+    t = measured.values["time"]
+    found = {}
+    for quantity in _LOG:
+        values = measured.values[quantity]
+        mask = angle_spikes(t, values) if quantity == "theta" else pressure_spikes(t, values)
+        if mask.any():
+            found[quantity] = np.flatnonzero(mask).tolist()
+    return found
+
+
+def _once(measured: Measured) -> Measured:
+    """Leave out rows that repeat the row before in every quantity, the time included."""
+    table = np.stack(list(measured.values.values()))
+    twice = np.concatenate([[False], (np.diff(table) == 0).all(axis=0)])
+    if not twice.any():
+        return measured
+    return measured.where(~twice, f"rows that repeat the row before were left out: {measured.lines(twice)}")
+
+
+def _check_unit(measured: Measured, step: float, duration: float) -> None:
+    """Refuse stamps whose steps are plausible in another unit only."""
+    low, high = _PLAUSIBLE_STEP
+    column = measured.columns["time"]
+    if column.certain or measured.table.is_clock(column.place):
+        return
+    unit, units = column.unit or "s", UNITS["time"]
+    raw = step / units[unit]
+    if step > high:
+        likely = [name for name in ("ms", "us", "ns") if low <= raw * units[name] <= high]
+        what = f"samples are {step:g} s apart, too far to see what moves"
+    elif duration < _LEAST_DURATION:
+        likely = [n for n in ("s", "ms") if n != unit and units[n] > units[unit] and low <= raw * units[n] <= high]
+        what = f"the log lasts {duration:.3g} s only"
+    else:
+        return
+    if likely:
+        say = f'--columns "time={column.name}:{likely[0]}"'
+        raise measured.mistake("time", f"{what}; {likely[0]} for {unit}? If so, say {say}", 0)
+
+
+def _at(measured: Measured, rows: NDArray[np.intp]) -> str:
+    return listed([measured.table.lines[i] for i in rows])
+
+
+__all__ = [
+    "GAP",
+    "describe_spikes",
+    "in_time",
+    "longest_stretch",
+    "note_spikes",
+    "refuse_spikes",
+    "refuse_turns",
+    "stretches",
+    "without_spikes",
+]
