@@ -1,6 +1,7 @@
 """What comes in from outside is checked here: one clear sentence for every wrong input."""
 
 import operator
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -145,6 +146,21 @@ def pressure_pair(name: str, value: Any, labels: tuple[str, str]) -> dict[str, A
     return dict(zip(labels, pair, strict=True))
 
 
+def one_of(name: str, value: Any, among: Iterable[str]) -> str:
+    """Return one of the words `among`."""
+    words = tuple(among)
+    if not isinstance(value, str) or value not in words:
+        raise InvalidInput(f"{name} = {brief(value)} is unknown; choose one of {', '.join(words)}")
+    return value
+
+
+def flag(name: str, value: Any) -> bool:
+    """Return a truth value, True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise InvalidInput(f"{name} = {brief(value)} has to be True or False")
+    return bool(value)
+
+
 def number(name: str, value: Any, unit: str) -> float:
     """Return one finite real number."""
     array = real(name, value, unit)
@@ -238,9 +254,11 @@ __all__ = [
     "contraction",
     "count",
     "covariance",
+    "flag",
     "limits",
     "not_negative",
     "number",
+    "one_of",
     "positive_pressure",
     "pressure",
     "pressure_and_contraction",

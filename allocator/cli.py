@@ -9,7 +9,6 @@ from allocator.errors import InvalidInput
 from allocator.feasibility.cli import map_command
 from allocator.identification.joint.cli import fit_joint_command
 from allocator.identification.joint.planning.cli import plan_joint_command
-from allocator.identification.motion.cli import fit_motion_command
 from allocator.identification.muscle.cli import fit_command
 from allocator.mechanism.cli import answer
 from allocator.presentation.tables import number
@@ -137,9 +136,12 @@ def _values(a: "Allocation") -> dict[str, Any]:
         "stiffness_std_Nm_per_rad": a.K_std,
         "F1_N": a.forces[0],
         "F2_N": a.forces[1],
+        "F1_std_N": None if a.forces_std is None else a.forces_std[0],
+        "F2_std_N": None if a.forces_std is None else a.forces_std[1],
         "torque_reachable_Nm": a.torque_interval,
         "stiffness_reachable_Nm_per_rad": a.stiffness_interval,
         "slack_assumed": a.joint.slack_assumed,
+        "assumed": a.assumed,
         "message": a.message,
     }
 
@@ -156,6 +158,7 @@ def _table(a: "Allocation") -> "Table":
     from rich.table import Table
     from rich.text import Text
 
+    from allocator.joint.assumption import visits
     from allocator.units import BAR, DEG
 
     table = Table("", "asked", "given", "reachable", title=f"{number(a.theta / DEG)}° · {a.status.name}")
@@ -163,14 +166,20 @@ def _table(a: "Allocation") -> "Table":
     table.add_row("torque [N·m]", number(a.T_target), number(a.T), f"{T_min} … {T_max}")
     table.add_row(f"{a.stiffness_name} [N·m/rad]", number(a.K_target), number(a.K), f"{K_min} … {K_max} at this torque")
     if a.K_std is not None:
-        table.add_row("  its standard deviation", "", number(a.K_std, 2), "from the fit, not from the choice of model")
+        table.add_row("  its standard deviation", "", number(a.K_std, 2), "from the fit")
     if not a.kind.isobaric:
         table.add_row("  isobaric [N·m/rad]", "", number(a.isobaric_stiffness), "with the pressures held")
-    for name, pressure, force in zip(("agonist", "antagonist"), (a.P1, a.P2), a.forces, strict=True):
-        table.add_row(Text(f"{name} pressure [bar]"), "", f"{pressure / BAR:.4f}", f"pulls {number(force)} N")
+    unseen = ", a common force was not seen" if a.joint.slack_assumed else ""
+    for i, (name, pressure) in enumerate((("agonist", a.P1), ("antagonist", a.P2))):
+        std = "" if a.forces_std is None else f" ± {number(a.forces_std[i], 2)}"
+        pull = f"pulls {number(a.forces[i])}{std} N{unseen}"
+        table.add_row(Text(f"{name} pressure [bar]"), "", f"{pressure / BAR:.4f}", pull)
     table.add_row("binding limits", "", ", ".join(a.active) or "none", "")
-    if a.assumed:
+    if a.joint.slack_assumed:
         table.add_row("slack limits", "", "assumed", "not seen in the fit of the joint")
+    for visit in visits(a.joint, a.theta, a.P1, a.P2):
+        within = "extrapolated" if visit.extrapolates.any() else "measured"
+        table.add_row(f"force of the {visit.name}", "", within, Text(str(visit.region)))
     return table
 
 
@@ -200,9 +209,6 @@ def muscles() -> None:
 app.command("fit", cls=Command, short_help="a muscle from measured forces (CSV)")(fit_command)
 app.command("fit-joint", cls=Command, short_help="a joint from angles at pressures (CSV)")(fit_joint_command)
 app.command("plan-joint", cls=Command, short_help="what to measure for fit-joint")(plan_joint_command)
-app.command("fit-motion", cls=Command, short_help="lags and hysteresis from a log of a moving joint (CSV)")(
-    fit_motion_command
-)
 app.command("map", cls=Command, short_help="which angles, stiffnesses and torques exist")(map_command)
 
 __all__ = ["app"]

@@ -35,6 +35,7 @@ def problem_from(
     """
     named = {"theta": checks.angle("theta", theta), "K": checks.stiffness("K", K), "T": checks.real("T", T, "N·m")}
     named |= _slew(limits)
+    chosen = _priority(priority)
     rho = checks.not_negative("pull", pull, "cost/Pa²")
     if (reference is not None) is not (rho > 0):
         raise InvalidInput("pull > 0 and reference = (P1, P2) go together; one came without the other")
@@ -48,10 +49,10 @@ def problem_from(
         theta=np.clip(flat["theta"], *joint.angle_range),
         K=flat["K"],
         T=flat["T"],
-        priority=_priority(priority),
-        weights=_weights(priority, weights),
+        priority=chosen,
+        weights=_weights(chosen, weights),
         limits=Limits(low, high, _cocontraction(joint, limits), _pair(flat, "P1_now", "P2_now"), flat.get("max_step")),
-        stiffness_tolerance=_tolerance(priority, stiffness_tolerance),
+        stiffness_tolerance=_tolerance(chosen, stiffness_tolerance),
         pull=rho,
         reference=_pair(flat, "P1_ref", "P2_ref"),
     )
@@ -74,9 +75,7 @@ def _pair(flat: dict[str, Array], first: str, second: str) -> Pair | None:
 
 
 def _priority(priority: Any) -> Priority:
-    if priority not in PRIORITIES:
-        raise InvalidInput(f"priority = {priority!r} is unknown; choose one of {', '.join(PRIORITIES)}")
-    return priority  # type: ignore[no-any-return]  # narrowed by the line above
+    return checks.one_of("priority", priority, PRIORITIES)  # type: ignore[return-value]  # one of these words
 
 
 def _weights(priority: Priority, weights: Any) -> tuple[float, float]:

@@ -126,6 +126,8 @@ def allocate(
         For an unknown method or solver; the message lists the ones there are.
     """
     joint = report_joint() if joint is None else joint
+    if not isinstance(joint, AntagonistJoint):
+        raise _refused(joint)
     kind = ISOBARIC
     if not (isinstance(valves, str) and valves == "open" and frequency is lag is None):
         kind = StiffnessKind.of(valves, frequency, lag)
@@ -135,7 +137,8 @@ def allocate(
     if not (taut and max_force is min_cocontraction is previous is max_step is None):  # type: ignore[comparison-overlap]  # all None
         limits = Limits(min_force, max_force, min_cocontraction, previous, max_step)
     if (
-        method == "exact"
+        isinstance(method, str)  # and no array
+        and method == "exact"
         and solver is weights is reference is uncertainty is along is None  # type: ignore[comparison-overlap]  # all None
         and _ordinary(joint, direction, stiffness_tolerance, pull)
     ):
@@ -176,6 +179,12 @@ def allocate(
     return with_friction(answer, problem, np.broadcast_to(s, asked.shape).ravel())
 
 
+def _refused(joint: Any) -> InvalidInput:
+    """Return what to raise for a joint that is none; one without a force scale raises its own sentence."""
+    getattr(joint, "sides", None)
+    return InvalidInput(f"joint = {checks.brief(joint)} has to be an AntagonistJoint")
+
+
 def _answer(problem: Problem, solve: Solve, kind: StiffnessKind) -> Allocation:
     """Return what `solve` finds for the stiffness that is meant; free valves are as they serve best."""
     if kind.shares is None:
@@ -196,7 +205,7 @@ def _ordinary(joint: AntagonistJoint, direction: Any, stiffness_tolerance: Any, 
 
 def _check_method(method: Any, solver: Any, uncertainty: Any) -> None:
     """Refuse methods that there are not, and options that belong to other methods."""
-    if method not in METHODS:
+    if not isinstance(method, str) or method not in METHODS:
         raise MissingBackend("method", method, METHODS)
     if solver is not None and method not in backends.OPTIMISERS:
         raise InvalidInput(

@@ -34,7 +34,13 @@ def stiffness_ends(problem: Problem, T: Array, signs: Array | None = None) -> tu
         far = _FAR * part.scales[1]
         for pair, K in zip((low, high), (-far, far), strict=True):
             pair[0][where], pair[1][where], _ = search.optima(part.curves, T[where], K, "torque")
-    return low, high
+    return _inside(problem, low), _inside(problem, high)
+
+
+def _inside(problem: Problem, pair: Pair) -> Pair:
+    """Return the pressures, within the box: where it is empty a muscle may have none for the torque (infinity)."""
+    P1, P2 = (np.clip(P, side.lo, side.hi) for P, side in zip(pair, problem.box, strict=True))
+    return P1, P2
 
 
 def stiffness_range(problem: Problem) -> tuple[Pair, Pair]:

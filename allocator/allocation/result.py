@@ -16,11 +16,11 @@ from allocator.allocation.message import sentence
 from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.status import Status
 from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
-from allocator.allocation.uncertain.spread import stiffness_std
+from allocator.allocation.uncertain.spread import forces_std, stiffness_std
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.assumption import assumption
+from allocator.joint.assumption import assumptions
 from allocator.joint.gas import ISOBARIC, StiffnessKind
 from allocator.joint.limits import Limits, names
 from allocator.joint.torque_levels import Pair, torque_interval
@@ -86,12 +86,14 @@ class Allocation:
 
     @property
     def assumed(self) -> str:
-        """Return what the answer rests on without having been seen, in a sentence; empty where there is nothing.
+        """Sentence listing the assumptions behind the answer that the data could not confirm, or "".
 
-        Equilibria of some joints do not show a force common to both muscles. Then nobody knows at which pressures the
-        cables go slack, and a target that is met is met if they are taut.
+        Equilibria of some joints do not show a force common to both muscles: the pressures at which cables go slack
+        are then assumed, and a target is met if the cables are taut. A muscle fitted to forces is extrapolated beyond
+        the contractions and pressures at which it was measured.
         """
-        return assumption(self.joint)
+        theta = np.clip(np.ravel(self.theta), *self.joint.angle_range)  # where the pressures belong
+        return assumptions(self.joint, theta, np.ravel(self.P1), np.ravel(self.P2))
 
     @property
     def T_error(self) -> Any:
@@ -182,7 +184,7 @@ class Allocation:
     def K_std(self) -> Any:
         """Return the standard deviation of K [N·m/rad] from the covariance of fitted muscles; None if they have none.
 
-        The error of the muscle law itself is not in it: compare models to see that.
+        That of a fitted joint allows for a smooth error of its force law; that of muscles fitted to forces does not.
         """
         std = stiffness_std(self._problem, np.ravel(self.P1), np.ravel(self.P2))
         return None if std is None else shaped(std, self._shape)
@@ -192,6 +194,15 @@ class Allocation:
         """Return the muscle forces (F1, F2) [N] at these pressures."""
         one, two = self._problem.sides
         return self._shaped(one.force(np.ravel(self.P1)), two.force(np.ravel(self.P2)))
+
+    @cached_property
+    def forces_std(self) -> Pair | None:
+        """Return the standard deviations of (F1, F2) [N] from the covariance of fitted muscles; None without one.
+
+        A joint whose fit has not seen the force common to both muscles has a wide one.
+        """
+        std = forces_std(self._problem, np.ravel(self.P1), np.ravel(self.P2))
+        return None if std is None else self._shaped(*std)
 
     @property
     def torques(self) -> tuple[Array, Array]:

@@ -70,7 +70,7 @@ def map_command(
     from allocator.units import DEG
 
     check_ending("--out", out, _ENDINGS)
-    claim(out, inputs=options.files, force=force, own=(_OWN_NAME,))
+    claim(out, inputs=(*options.files, mechanism_options.mechanism), force=force, own=(_OWN_NAME,))
     within("--max-memory", max_memory, "GB", 1e-6, 1e6)
     if mechanism_options.mechanism is not None:
         mechanism_options.alone(options, stiffness_options, theta)
@@ -182,6 +182,7 @@ def _values(name: str, found: "FeasibilityMap") -> dict[str, Any]:
         "existing_share": found.share,
         "ended_by": _ended_by(found),
         "slack_assumed": found.joint.slack_assumed,
+        "assumed": found.assumed,
     }
 
 

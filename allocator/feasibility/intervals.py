@@ -8,9 +8,10 @@ be had are found between the zeros of how far it is inside its interval.
 `valves`, `frequency` and `lag` say which stiffness is meant, as in `allocate`. With valves="free" an interval of
 stiffnesses reaches from the least to the greatest of all states of the valves, and there may be gaps in it.
 
-Where the fit of a joint has not seen at which pressures its cables go slack (`AntagonistJoint.slack_assumed`) the
-intervals are those of cables that are always taut: `min_force` is not applied, since it would cut them at an assumed
-limit. They are then too wide rather than false, and that is warned of once (`AssumedSlack`).
+The limits are those of `allocate`: a stiffness is inside its interval if and only if `allocate` gives it. Where the fit
+of a joint has not seen at which pressures its cables go slack (`AntagonistJoint.slack_assumed`) an end that a slack
+limit sets is as assumed as that limit. `AssumedSlack` warns of it once. If a muscle was fitted to forces and the
+pressures at an angle leave the region in which it was measured, `Extrapolated` warns once.
 """
 
 import numpy as np
@@ -18,15 +19,17 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.allocation import reach
+from allocator.allocation.problem import Problem
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.assumption import AssumedSlack, assumption
+from allocator.joint.assumption import AssumedSlack, Extrapolated, assumption, visits
 from allocator.joint.gas import StiffnessKind, Valves
 from allocator.joint.torque_levels import Pair, stiffness
 from allocator.joint.torque_levels import torque_interval as torque_interval_in
+from allocator.muscles.measured import extrapolation
 from allocator.notices import notice_once
 
 
@@ -51,6 +54,7 @@ def torque_interval(
     setting = _setting(joint, min_force, max_force, min_cocontraction, kind)
     problem, asked = setting.problem(theta)
     none = problem.box.empty | (problem.theta != asked.ravel())
+    _tell_extrapolation(problem, *_corners(problem))
     return _shaped(asked.shape, none, *torque_interval_in(problem.sides, problem.box))
 
 
@@ -77,6 +81,7 @@ def stiffness_interval(
     asked, T = checks.broadcast(theta=checks.angle("theta", theta), T=checks.real("T", T, "N·m"))
     found = setting.columns(asked, T)
     none = ~found.exists | (found.problem.theta != asked.ravel())
+    _tell_extrapolation(found.problem, found.low, found.high)
     return _shaped(asked.shape, none, found.K_min, found.K_max)
 
 
@@ -117,6 +122,7 @@ def _torque_intervals(setting: Setting, asked: Array, K: Array) -> Array:
     K_min, K_max = (stiffness(problem.sides, pair) for pair in reach.stiffness_range(problem))
     beyond = np.maximum(K_min - problem.K, problem.K - K_max) > CLOSED_FORM.met * problem.scales[1]
     found = reach.torque_intervals(problem, problem.K)  # (n, m, 2)
+    _tell_extrapolation(problem, *_corners(problem))
     found[beyond | problem.box.empty | (problem.theta != asked.ravel())] = np.nan
     return found
 
@@ -196,6 +202,10 @@ def angle_intervals(
     setting = _setting(joint, min_force, max_force, min_cocontraction, kind)
     K, T = checks.broadcast(K=checks.stiffness("K", K), T=checks.real("T", T, "N·m"))
     found = spans(lambda x, K, T: margin(setting, x, K, T), *setting.joint.angle_range, K.ravel(), T.ravel())
+    for ends in found:
+        if (there := ends[~np.isnan(ends)]).size:
+            problem, _ = setting.problem(there)
+            _tell_extrapolation(problem, *_corners(problem))
     return found[0].reshape(-1, *K.shape), found[1].reshape(-1, *K.shape)
 
 
@@ -223,12 +233,24 @@ def _setting(
     min_cocontraction: float | None,
     kind: StiffnessKind,
 ) -> Setting:
-    """Return the setting, without a least force where the slack limits are assumed."""
+    """Return the setting; warn once of slack limits that are assumed."""
     setting = Setting.of(joint, min_force, max_force, min_cocontraction, kind)
-    if min_force is None or not (assumed := assumption(setting.joint)):
-        return setting
-    notice_once(f"{assumed}; intervals are given for cables that are always taut, too wide at worst", AssumedSlack)
-    return Setting.of(joint, None, max_force, min_cocontraction, kind)
+    if min_force is not None and (assumed := assumption(setting.joint)):
+        notice_once(f"{assumed}; so are the ends of intervals that a slack limit sets", AssumedSlack)
+    return setting
+
+
+def _corners(problem: Problem) -> tuple[Pair, Pair]:
+    """Return the pressures [Pa] of the least and of the greatest torque."""
+    one, two = problem.box.agonist, problem.box.antagonist
+    return (one.lo, two.hi), (one.hi, two.lo)
+
+
+def _tell_extrapolation(problem: Problem, *pairs: Pair) -> None:
+    """Warn, once, if these pairs of pressures (n,) lie beyond what was measured of a muscle."""
+    at = [visits(problem.joint, problem.theta, P1, P2) for P1, P2 in pairs]
+    if said := next(filter(None, (extrapolation(pair, counted=False) for pair in at)), ""):
+        notice_once(f"{said}; intervals reach pressures or angles where it is", Extrapolated)
 
 
 def _shaped(shape: tuple[int, ...], none: Mask | bool, *ends: Array | float) -> Pair:

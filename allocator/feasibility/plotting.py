@@ -1,14 +1,13 @@
 """Feasible sets are drawn here."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.feasibility.edges import Edge
-from allocator.feasibility.result import FeasibilityMap
 from allocator.joint.limits import Limit, names
 from allocator.presentation.plotting import (
     FILL,
@@ -23,6 +22,9 @@ from allocator.presentation.plotting import (
     shades,
 )
 
+if TYPE_CHECKING:
+    from allocator.feasibility.result import FeasibilityMap
+
 _MOST_SLICES = 7
 
 _LETTER = 5  # pixels
@@ -34,7 +36,7 @@ _OTHER_DASH = (0, (6, 1.5, 1, 1.5, 1, 1.5))
 _DASH_OF = ((_SUPPLY, "-"), (_SLACK, (0, (5, 1.5))), (_ENDS, ":"), (Limit.COCONTRACTION, "-."))
 
 
-def plot_map(feasible: FeasibilityMap, axes: Any = None) -> Any:
+def plot_map(feasible: "FeasibilityMap", axes: Any = None) -> Any:
     """Draw the feasible set of a map with every edge labelled; with three axes the sets at up to seven torques."""
     if len(feasible.varied) == 3:
         chosen = np.unique(np.linspace(0, feasible.T.size - 1, min(_MOST_SLICES, feasible.T.size)).astype(int))
@@ -53,7 +55,7 @@ def plot_map(feasible: FeasibilityMap, axes: Any = None) -> Any:
     return axes
 
 
-def plot_maps(maps: Mapping[str, FeasibilityMap], axes: Any = None, *, title: str | None = None) -> Any:
+def plot_maps(maps: Mapping[str, "FeasibilityMap"], axes: Any = None, *, title: str | None = None) -> Any:
     """Draw several feasible sets on one picture, by their names: torques, angles, muscles, models.
 
     The colour tells the set, the dashes the limit: solid where the supply or the model's validity binds, dashed where a
@@ -82,7 +84,7 @@ def plot_maps(maps: Mapping[str, FeasibilityMap], axes: Any = None, *, title: st
     return axes
 
 
-def plot_pressures(feasible: FeasibilityMap, figure: Any = None) -> Any:
+def plot_pressures(feasible: "FeasibilityMap", figure: Any = None) -> Any:
     """Draw both pressures over the feasible cells of a map with two axes; returns the Matplotlib figure."""
     x, y = _drawn(feasible)
     figure = new_figure(9.0, 3.9) if figure is None else figure
@@ -113,7 +115,7 @@ def _title(axes: Any, shown: str, assumed: str) -> None:
     axes.set_title("\n".join(filter(None, (shown, assumed))), fontsize="medium", loc="left")
 
 
-def _assumed(maps: Mapping[str, FeasibilityMap]) -> str:
+def _assumed(maps: Mapping[str, "FeasibilityMap"]) -> str:
     """Return which of the maps rest on assumed slack limits, if any."""
     assumed = {name: m.assumed for name, m in maps.items() if m.assumed}
     which = "" if len(assumed) == len(maps) else f"{', '.join(assumed)}: "
@@ -123,7 +125,7 @@ def _assumed(maps: Mapping[str, FeasibilityMap]) -> str:
 # --- curves ---------------------------------------------------------------------------------------------------------
 
 
-def outlines(feasible: FeasibilityMap) -> dict[int, Array]:
+def outlines(feasible: "FeasibilityMap") -> dict[int, Array]:
     """Return the border of each connected part of the feasible set by its number: a closed curve (2, n) in the units
     of the picture.
     """
@@ -150,7 +152,7 @@ def _curve(edge: Edge, x: str, y: str) -> tuple[Array, Array]:
     return QUANTITIES[x].shown(getattr(edge, x)), QUANTITIES[y].shown(getattr(edge, y))
 
 
-def _drawn(feasible: FeasibilityMap) -> tuple[str, str]:
+def _drawn(feasible: "FeasibilityMap") -> tuple[str, str]:
     """Return the names of what goes to the right and of what goes up."""
     if len(feasible.varied) != 2:
         raise InvalidInput("a picture shows two quantities; take one of the map's slices")
@@ -158,11 +160,11 @@ def _drawn(feasible: FeasibilityMap) -> tuple[str, str]:
     return (y, x) if (x, y) == ("K", "T") else (x, y)
 
 
-def _shown(feasible: FeasibilityMap, name: str) -> Array:
+def _shown(feasible: "FeasibilityMap", name: str) -> Array:
     return QUANTITIES[name].shown(getattr(feasible, name))
 
 
-def _named(quantity: str, maps: Iterable[FeasibilityMap]) -> str:
+def _named(quantity: str, maps: Iterable["FeasibilityMap"]) -> str:
     """Return what stands on an axis: of a stiffness which it is, if it is the same in all maps."""
     kinds = {m.kind.text for m in maps}
     if quantity != "K" or len(kinds) > 1:
@@ -170,7 +172,7 @@ def _named(quantity: str, maps: Iterable[FeasibilityMap]) -> str:
     return QUANTITIES["K"].label.replace("stiffness K", f"{kinds.pop()} K")
 
 
-def _show_range(axes: Any, maps: Iterable[FeasibilityMap]) -> None:
+def _show_range(axes: Any, maps: Iterable["FeasibilityMap"]) -> None:
     """Show the whole grid that was asked for, with a margin for lines on its border."""
     maps = list(maps)
     for name, setter in zip(_drawn(maps[0]), (axes.set_xlim, axes.set_ylim), strict=True):
@@ -193,7 +195,7 @@ def limit_text(limits: int) -> str:
     return kinds.get(Limit(limits), " + ".join(names(limits)))
 
 
-def _held(feasible: FeasibilityMap) -> str:
+def _held(feasible: "FeasibilityMap") -> str:
     """Return what is the same all over the map."""
     (name,) = {"theta", "K", "T"} - set(feasible.varied)
     symbol, unit = {"theta": ("θ", "°"), "K": ("K", " N·m/rad"), "T": ("T", " N·m")}[name]
@@ -211,7 +213,7 @@ def _dashes_used(edges: Iterable[Edge]) -> list[tuple[str, Any]]:
     return [(text, dash) for text, dash in zip(texts, dashes, strict=True) if dash in used]
 
 
-def _label_edges(axes: Any, feasible: FeasibilityMap, x: str, y: str) -> None:
+def _label_edges(axes: Any, feasible: "FeasibilityMap", x: str, y: str) -> None:
     """Write what binds along the middle of every edge: outside the set, at the ends of the joint range inside."""
     to_pixels = axes.transData.transform
     loops = outlines(feasible)

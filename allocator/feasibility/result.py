@@ -16,7 +16,7 @@ from allocator.feasibility.edges import Edge, edges_at_angle, edges_at_stiffness
 from allocator.feasibility.setting import Setting
 from allocator.files.atomic import replacing
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.assumption import assumption
+from allocator.joint.assumption import assumptions, extrapolates
 from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import names
 from allocator.units import BAR, DEG
@@ -61,8 +61,16 @@ class FeasibilityMap:
 
     @property
     def assumed(self) -> str:
-        """Return what the map rests on without having been seen, in a sentence; empty where there is nothing."""
-        return assumption(self.joint)
+        """Sentence listing the assumptions behind the feasible cells that the data could not confirm, or ""."""
+        theta, P1, P2 = self._feasible_points
+        return assumptions(self.joint, theta, P1, P2)
+
+    @property
+    def _feasible_points(self) -> tuple[Array, Array, Array]:
+        """Angles [rad] and pressures [Pa] of all cells, with NaN pressures where nothing is feasible."""
+        theta = self.theta.reshape(-1, *[1] * (len(self.varied) - 1)) if self.theta.ndim else self.theta
+        P1, P2 = (np.where(self.feasible, P, np.nan) for P in (self.P1, self.P2))
+        return np.broadcast_to(theta, P1.shape), P1, P2
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -124,12 +132,18 @@ class FeasibilityMap:
     def to_csv(self, path: str | PathLike[str]) -> None:
         """Write one row a cell: degrees, N·m/rad, N·m, the status and the limits by name, bar.
 
-        Where slack limits are assumed a last column says so.
+        A last column tells where slack limits are assumed, and one which feasible cells are extrapolated beyond what
+        was measured of a muscle.
         """
+        outside = extrapolates(self.joint, *self._feasible_points)
         with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
-            more = ("slack_limits", "assumed") if self.assumed else ()
-            file.write(",".join((self._header, *more[:1])) + "\n")
-            file.writelines(",".join((row, *more[1:])) + "\n" for row in self._rows())
+            header, ends = self._header, np.full(self.status.size, "", object)
+            if self.joint.slack_assumed:
+                header, ends = header + ",slack_limits", ends + ",assumed"
+            if outside is not None:
+                header, ends = header + ",forces", ends + np.where(outside.ravel(), ",extrapolated", ",measured")
+            file.write(header + "\n")
+            file.writelines(row + end + "\n" for row, end in zip(self._rows(), ends, strict=True))
 
     @property
     def _header(self) -> str:

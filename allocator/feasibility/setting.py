@@ -97,7 +97,7 @@ def columns(problem: Problem, signs: Array | None = None) -> Columns:
     scale = problem.scales[0]
     T = np.clip(problem.T, T_min, T_max)
     signs = exact.determinant_signs(problem) if signs is None else signs
-    low, high = (_inside(problem, pair) for pair in reach.stiffness_ends(problem, T, signs))
+    low, high = reach.stiffness_ends(problem, T, signs)
     return Columns(
         problem,
         low,
@@ -135,12 +135,6 @@ def _with_states(found: list[Columns], which: NDArray[np.intp]) -> Problem:
     """Return the problems with the valves of these states."""
     one, two = np.array(StiffnessKind.free)[which].T
     return replace(found[0].problem, shares=(one, two))
-
-
-def _inside(problem: Problem, pair: Pair) -> Pair:
-    """Return the pressures, within the box: where it is empty a muscle may have none for the torque (infinity)."""
-    P1, P2 = (np.clip(P, side.lo, side.hi) for P, side in zip(pair, problem.box, strict=True))
-    return P1, P2
 
 
 __all__ = ["Columns", "Setting", "columns"]

@@ -43,7 +43,11 @@ def replacing(path: str | PathLike[str]) -> Iterator[Path]:
 def check_writable(path: str | PathLike[str]) -> None:
     """Insist that `path` is no directory, not below a file, and not write-protected. Raises `CannotWrite`."""
     target = Path(path)
-    if target.is_dir():
+    try:
+        directory = target.is_dir()
+    except OSError as error:  # such as a name that is too long
+        raise CannotWrite(path, error) from None
+    if directory:
         raise CannotWrite(path, "it is a directory")
     if target.exists() and not os.access(target, os.W_OK):
         raise CannotWrite(path, "it is write-protected")

@@ -1,134 +1,181 @@
-"""The text of a CSV file is taken apart here.
+"""Tables of CSV files: one line of column names, one sample a line.
 
-One line of column names, one sample a line. `#` starts a comment but among the names; the separator is a comma, a
-semicolon or a tab, and with the latter two numbers may have decimal commas. The text is UTF-8, UTF-16 with its mark, or
-else Windows-1252.
+Separators are a comma, a semicolon, a tab or spaces; with all but the comma numbers may have decimal commas. `#` begins
+a comment. Lines above the names, a row of units below them, and the headers of LabVIEW files are recognised
+(`allocator.files.layout`, `allocator.files.labview`).
 """
 
-import csv
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Iterator
-from os import PathLike
-from pathlib import Path
-from typing import NamedTuple, TypeAlias
+import re
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array
-from allocator.errors import InvalidFile
-
-FilePath: TypeAlias = str | PathLike[str]
+from allocator.calculus import Array, Mask
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.files import labview
+from allocator.files.cells import complaint, floats, is_missing, is_number, listed, thousands
+from allocator.files.clock import clock_seconds, is_clock
+from allocator.files.layout import Layout, lay_out
+from allocator.files.text import FilePath, read_text
 
 
 class Table(NamedTuple):
-    """A table holds the cells of a file, not yet numbers."""
+    """Cells of a file, not yet numbers."""
 
     path: FilePath
     names: list[str]  # of the columns, as written
     rows: list[list[str]]
     lines: list[int]  # of the rows, counted from 1
     decimal_comma: bool
+    names_line: int = 1
+    notes: tuple[str, ...] = ()  # about lines that were not read
 
-    def numbers(self, index: int) -> Array:
-        """Return the column (n,) as floats. Raises `InvalidFile` with the line of a cell that is no finite number."""
+    def numbers(self, index: int, *, gaps: bool = False, hint: str = "") -> Array:
+        """Return the column (n,) as floats; with `gaps` a cell without a finite number is NaN.
+
+        `hint` is added to the message about such cells. Raises `InvalidFile` with the lines of all cells that are no
+        finite numbers, or whose commas are ambiguous.
+        """
         cells = [row[index] for row in self.rows]
         if self.decimal_comma:
-            self._refuse_both_marks(index, cells)
-            cells = [cell.replace(",", ".") for cell in cells]
-        try:
-            values = np.fromiter(map(float, cells), float, len(cells))
-        except ValueError:
-            values = np.array([_float_or_nan(cell) for cell in cells])
-        if (wrong := ~np.isfinite(values)).any():
-            i = int(np.argmax(wrong))
-            raise InvalidFile(self.path, _complaint(self.rows[i][index]), line=self.lines[i], column=self.names[index])
-        return values
+            self._refuse_two_marks(index, cells)
+        return self._known(index, floats(cells, self.decimal_comma), gaps, hint)
 
-    def _refuse_both_marks(self, index: int, cells: list[str]) -> None:
-        """Refuse a column with decimal commas and points: one of the two may separate thousands."""
+    def times(self, index: int, *, gaps: bool = False, hint: str = "") -> Array:
+        """Return the column (n,) as `numbers` does, or in seconds if it holds clock times. Raises `InvalidFile`."""
+        cells = [row[index] for row in self.rows]
+        if not self.is_clock(index):
+            return self.numbers(index, gaps=gaps, hint=hint)
+        return self._known(index, clock_seconds(cells), gaps, hint)
+
+    def is_clock(self, index: int) -> bool:
+        """Return whether the first cell of the column in which a value is not missing is a clock time."""
+        return is_clock(
+            next((row[index] for row in self.rows if row[index].strip() and not is_missing(row[index])), "")
+        )
+
+    def spelled(self, index: int, numbers: Mapping[str, float]) -> "Table":
+        """Return the table with the words of a column replaced by `numbers`, whatever their case."""
+        rows = [list(row) for row in self.rows]
+        for row in rows:
+            number = numbers.get(row[index].strip().casefold())
+            row[index] = row[index] if number is None else f"{number:g}"
+        return self._replace(rows=rows)
+
+    def where(self, keep: Mask) -> "Table":
+        """Return the table with those rows (n,) that are marked in `keep`."""
+        chosen = np.flatnonzero(keep)
+        return self._replace(rows=[self.rows[i] for i in chosen], lines=[self.lines[i] for i in chosen])
+
+    def _known(self, index: int, values: Array, gaps: bool, hint: str) -> Array:
+        wrong = ~np.isfinite(values)
+        if not wrong.any():
+            return values
+        if gaps:
+            values[wrong] = np.nan
+            return values
+        i, *others = np.flatnonzero(wrong).tolist()
+        sentence = complaint(self.rows[i][index])
+        if others:
+            sentence += f"; nor is there a number in {listed([self.lines[k] for k in others])}"
+        said = f"{sentence}{hint}" if 2 * len(others) < len(values) else sentence
+        raise InvalidFile(self.path, said, line=self.lines[i], column=self.names[index])
+
+    def _refuse_two_marks(self, index: int, cells: list[str]) -> None:
+        """Refuse a column in which a comma or a point may separate thousands."""
         comma = next((i for i, cell in enumerate(cells) if "," in cell), None)
-        point = next((i for i, cell in enumerate(cells) if "." in cell), None)
-        if comma is not None and point is not None:
+        point = next((i for i, cell in enumerate(cells) if "." in cell and is_number(cell)), None)
+        like = "write all decimals alike, and thousands without a separator"
+        if comma is not None and any("." in cell for cell in cells):
+            point = next(i for i, cell in enumerate(cells) if "." in cell)
             what = f"{cells[comma]} has a comma and {cells[point]} (line {self.lines[point]}) a point"
-            sentence = f"{what}; write all decimals alike, and thousands without a separator"
-            raise InvalidFile(self.path, sentence, line=self.lines[comma], column=self.names[index])
+            raise InvalidFile(self.path, f"{what}; {like}", line=self.lines[comma], column=self.names[index])
+        if (i := thousands(cells)) is not None:
+            what = f"the comma in {cells[i].strip()} seems to separate thousands"
+            raise InvalidFile(self.path, f"{what}; {like}", line=self.lines[i], column=self.names[index])
+        other = None if point is None else self._decimal_comma_elsewhere()
+        if (
+            other is not None
+            and point is not None
+            and thousands([cell.replace(".", ",") for cell in cells]) is not None
+        ):
+            what = f"{cells[point]} has a point and {other[1]} (line {other[0]}) a comma"
+            raise InvalidFile(self.path, f"{what}; {like}", line=self.lines[point], column=self.names[index])
+
+    def _decimal_comma_elsewhere(self) -> tuple[int, str] | None:
+        """Return the line and text of a cell with a decimal comma, None if there is none."""
+        for line, row in zip(self.lines, self.rows, strict=True):
+            for cell in row:
+                if re.fullmatch(r"[+-]?\d+,\d+", cell):
+                    return line, cell
+        return None
 
 
-def _float_or_nan(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")
+def read_table(path: FilePath, *, skip_rows: int = 0, is_unit: Callable[[str], bool] = lambda text: False) -> Table:
+    """Read a table, by whatever separator it uses.
 
+    `skip_rows` lines are left out at the beginning of the file; `is_unit` tells a row of units by its cells.
 
-def _complaint(cell: str) -> str:
-    if not cell.strip():
-        return "a value is missing"
-    shown = cell if len(cell) <= 40 else f"{cell[:40]}…"
-    words = np.isnan(_float_or_nan(cell)) and cell.strip().lower() != "nan"
-    return f"{shown!r} is not a number" if words else f"{shown} is not a finite number"
-
-
-def read_table(path: FilePath) -> Table:
-    """Take the file apart, by whatever separator it uses."""
-    content = [(i, line) for i, line in enumerate(_text(path).splitlines(), 1) if line.partition("#")[0].strip()]
-    if not content:
-        raise InvalidFile(path, "is empty")
-    header = content[0][1]
-    content[1:] = [(i, line.partition("#")[0]) for i, line in content[1:]]  # a name may be "Sample #"
-    separator = max(";\t,", key=header.count)
-    numbered = _cells(path, content, separator)
-    _, names = next(numbered)
-    names = [name.strip() for name in names]
-    lines, rows = [], []
-    for line, row in numbered:
-        if len(row) > len(names) and not any(row[len(names) :]):  # a spreadsheet's empty cells
-            row = row[: len(names)]
-        if len(row) != len(names):
-            hint = "; with decimal commas, separate the columns by semicolons" if separator == "," else ""
-            raise InvalidFile(path, f"has {len(row)} values under {len(names)} column names{hint}", line=line)
-        if any(row):
-            lines.append(line)
-            rows.append(row)
+    Raises `InvalidFile` for a file that is no table, and `InvalidInput` for more `skip_rows` than there are lines.
+    """
+    text = read_text(path)
+    lines = list(enumerate(re.split("\r\n|\r|\n", text), 1))
+    if not 0 <= skip_rows < len(lines):
+        raise InvalidInput(f"skip_rows = {skip_rows}: expected 0 to {len(lines) - 1}, as {path} has {len(lines)} lines")
+    lines = lines[skip_rows:]
+    header = labview.without_headers(lines)
+    found = lay_out(path, lines if header is None else header.lines, is_unit)
+    names = found.names if header is None else labview.filled_names(found.names, header.units)
+    while len(names) > 1 and not names[-1] and all(len(row) < len(names) or not row[-1] for _, row in found.rows):
+        names = names[:-1]
+    numbers, rows, repeated, cut = _samples(path, names, found, whole=text.endswith(("\n", "\r")))
     if not rows:
         raise InvalidFile(path, "has column names but no samples")
-    return Table(path, names, rows, lines, separator != ",")
+    if header is not None:
+        labview.fill_times(names, rows, header.step)
+    first = min((i for i, line in lines if line.strip()), default=1)
+    notes = []
+    if header is not None or found.before:
+        above = f"lines {first} to {found.line - 1}" if first < found.line - 1 else f"line {first}"
+        notes.append(f"not read: {above}, above the column names")
+    notes += [f"the column names are repeated in {listed(repeated)}"] if repeated else []
+    notes += [f"line {cut}, the last one, is cut off and was not read"] if cut else []
+    return Table(path, names, rows, numbers, found.separator != ",", found.line, tuple(notes))
 
 
-def _text(path: FilePath) -> str:
-    try:
-        data = Path(path).read_bytes()
-    except FileNotFoundError:
-        raise InvalidFile(path, "does not exist") from None
-    except OSError as error:
-        raise InvalidFile(path, f"cannot be read ({error.strerror})") from None
-    wide = data.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
-    for encoding in ("utf-16",) if wide else ("utf-8-sig", "cp1252"):
-        try:
-            text = data.decode(encoding)
-        except UnicodeDecodeError:
+def _samples(
+    path: FilePath, names: list[str], found: Layout, whole: bool
+) -> tuple[list[int], list[list[str]], list[int], int | None]:
+    """Return lines and cells of the samples, the lines that repeat the names, and a last line that is cut off."""
+    lines: list[int] = []
+    rows: list[list[str]] = []
+    repeated: list[int] = []
+    plain = [re.sub(r"\s*\[[^]]*\]$", "", name) for name in names]
+    heads = (names[0], plain[0], *found.units[:1])
+    for k, (line, row) in enumerate(found.rows):
+        if len(row) > len(names) and not any(row[len(names) :]):  # a spreadsheet's empty cells
+            row = row[: len(names)]
+        if not any(row):
             continue
-        if "\0" in text:
-            break
-        return text
-    raise InvalidFile(path, "is not a text file; save a spreadsheet as CSV")
+        if row[0].strip() in heads and [cell.strip() for cell in row] in (names, plain, found.units):
+            repeated.append(line)
+            continue
+        if len(row) != len(names):
+            if len(row) < len(names) and k == len(found.rows) - 1 and rows and not whole:
+                return lines, rows, repeated, line
+            raise InvalidFile(path, _uneven(len(row), names, found), line=line)
+        lines.append(line)
+        rows.append(row)
+    return lines, rows, repeated, None
 
 
-def _cells(path: FilePath, content: list[tuple[int, str]], separator: str) -> Iterator[tuple[int, list[str]]]:
-    """Return the line and cells of every row; a quoted cell may go over several lines, of which the last is counted."""
-    reader = csv.reader((line for _, line in content), delimiter=separator, strict=True)
-    first = 0
-    while True:
-        try:
-            row = next(reader)
-        except StopIteration:
-            return
-        except csv.Error as error:
-            long = "limit" in str(error)
-            what = f"a cell has over {csv.field_size_limit()} characters" if long else "a quotation mark is not closed"
-            raise InvalidFile(path, what, line=content[first][0]) from None
-        first = min(reader.line_num, len(content) - 1)
-        yield content[reader.line_num - 1][0], row
+def _uneven(count: int, names: list[str], found: Layout) -> str:
+    commas = found.separator == "," and count > len(names) > 1
+    hint = "; with decimal commas, separate the columns by semicolons" if commas else ""
+    above = f"has {count} values under {len(names)} column names"
+    where = f" (line {found.line}; if that is not the line of names, say --skip-rows)" if len(names) == 1 else ""
+    return f"{above}{where}{hint}"
 
 
 __all__ = ["FilePath", "Table", "read_table"]

@@ -48,8 +48,7 @@ def problem_from(
     others = [x.shape[:-1] for x in (posture, torque, now, pull) if x is not None]
     stiffness, own_only = _stiffness(asked_of, K, _common(others, n, m))
     shape = _common([*others, stiffness.shape[:-2], () if step is None else step.shape], n, m)
-    if priority not in PRIORITIES:
-        raise InvalidInput(f"priority = {priority!r} is unknown; choose one of {', '.join(PRIORITIES)}")
+    checks.one_of("priority", priority, PRIORITIES)
     asked, hand = _flat(posture, shape, 1), None
     torque = np.broadcast_to(torque, (*shape, n)).reshape(-1, n)
     if endpoint is not None:

@@ -103,7 +103,7 @@ def allocate_mechanism(
         raise InvalidInput(
             f"mechanism is a {type(mechanism).__name__}; expected a Mechanism, such as Mechanism.from_joint"
         )
-    if method not in METHODS:
+    if not isinstance(method, str) or method not in METHODS:
         raise MissingBackend("method", method, METHODS)
     if solver is not None and method != "qp":
         raise InvalidInput(f"solver = {solver!r} belongs to the method 'qp', not {method!r}")
@@ -124,7 +124,7 @@ def allocate_mechanism(
     )
     if not 0 < checks.number("gap", gap, "of 1 + cost") < 1:
         raise InvalidInput(f"gap = {gap:g} has to lie between 0 and 1, a share of 1 + cost")
-    problem, found = _solved(problem, method, solver, trajectory, gap)
+    problem, found = _solved(problem, method, solver, checks.flag("trajectory", trajectory), gap)
     return MechanismAllocation.of(problem, found, shape, method, gap)
 
 

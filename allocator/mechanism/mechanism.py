@@ -103,8 +103,8 @@ class Mechanism:
 
         `file` may also be MJCF text or an `MjModel`. Spatial tendons through sites become `Sites`, fixed ones
         `Pulleys`. `rest_length` and `cable` [m] (the part of the tendon that is cable, by default 0) are numbers or
-        rows (m,), and only models that `mpc.arm.to_mjcf` has written tell them. Joints have to be hinges or slides; of
-        their ranges angle limits are made where all have one. Needs `antagonist[mujoco]`.
+        rows (m,), and only models that `mpc.arm.mjcf.to_mjcf` has written tell them. Joints have to be hinges or
+        slides; of their ranges angle limits are made where all have one. Needs `antagonist[mujoco]`.
         Raises `InvalidFile`, also for a model without tendons, `InvalidInput` and `MissingBackend`.
         """
         from allocator.mechanism.routes.mjcf import read_mjcf

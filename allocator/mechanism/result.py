@@ -20,6 +20,7 @@ from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.problem import MechanismProblem
 from allocator.mechanism.relaxation import Nearby
 from allocator.mechanism.status import MechanismStatus, decide
+from allocator.muscles.measured import Visit, extrapolation
 from allocator.presentation.tables import number
 from allocator.units import BAR, DEG
 
@@ -248,8 +249,19 @@ class MechanismAllocation:
         return names.reshape(self._shape) if self._shape else names[0]
 
     @property
+    def assumed(self) -> str:
+        """Sentence that names the muscles used beyond the contractions and pressures of their measurements, or ""."""
+        flat = self.P.reshape(-1, self.mechanism.m)
+        named = zip(self.mechanism.muscle_names, self._problem.muscles, flat.T, strict=True)
+        return extrapolation(Visit(name, side.muscle.measured, side.contraction, P) for name, side, P in named)
+
+    @property
     def message(self) -> str:
-        """Return a sentence that says what was reached and what is in the way."""
+        """Return a sentence that says what was reached, what is in the way and what is assumed."""
+        return "; ".join(filter(None, (self._outcome, self.assumed)))
+
+    @property
+    def _outcome(self) -> str:
         if self._shape:
             values, counts = np.unique(self.status, return_counts=True)
             listed = ", ".join(f"{n} {MechanismStatus(int(v)).name}" for v, n in zip(values, counts, strict=True))
@@ -274,6 +286,7 @@ class MechanismAllocation:
             "stiffness_Nm_per_rad": self.K,
             "status": MechanismStatus(self.status).name if not self._shape else _status_names(self.status),
             "limits": self.active,
+            **({"assumed": self.assumed} if self.assumed else {}),
             **({} if self.kind.isobaric else {"isobaric_stiffness_Nm_per_rad": self.isobaric_stiffness}),
         }
 
@@ -286,7 +299,7 @@ class MechanismAllocation:
             f"  torques {vector(self.T)} N·m, {self.kind.text} {vector(self.K)} N·m/rad",
         ]
         lines += [] if self.endpoint is None else [f"  stiffness {vector(self.K_x)} N/m at the endpoint"]
-        return "\n".join([*lines, f"  {self.message}"] if not self.success else lines)
+        return "\n".join([*lines, f"  {self.message}"] if self.assumed or not self.success else lines)
 
 
 def vector(values: Array) -> str:

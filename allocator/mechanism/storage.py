@@ -104,7 +104,7 @@ def load_mechanism(path: FilePath) -> Mechanism:
 
 
 def _line(name: str, value: Any) -> str:
-    return f"{name} = {storage.toml(value)}"
+    return f"{storage.toml_key(name)} = {storage.toml(value)}"
 
 
 def _route_lines(routes: Routes) -> list[str]:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from allocator.calculus import Array
 from allocator.files.atomic import replacing
+from allocator.presentation.captions import fit_captions
 from allocator.units import BAR, DEG
 
 GREY = "#8c8c8c"
@@ -107,7 +108,8 @@ def categories(n: int) -> list[Any]:
 
 
 def save_figure(figure: Any, path: Any, dpi: float = 130) -> None:
-    """Write a figure as an image of the kind that its name ends with, whole or not at all."""
+    """Write a figure as an image of the kind that its name ends with, whole or not at all; long captions are broken."""
+    fit_captions(figure)
     with replacing(path) as draft:
         figure.savefig(draft, dpi=dpi)
 

@@ -20,6 +20,7 @@ from allocator.search.curves import CHEBYSHEV, EXPONENTIAL, HEAD, QUADRATIC, RAT
 
 _KINDS = {"rational": RATIONAL, "exponential": EXPONENTIAL, "quadratic": QUADRATIC, "smooth": CHEBYSHEV}
 _SIZES = (9, 17, 33, 65)  # of a polynomial whose degree is to be found
+_HALVINGS = 12  # of the pressures between two kinks, until a law that is still no polynomial is taken for kinked
 _TAIL = 1e-13  # of the greatest coefficient: smaller ones are rounding
 
 
@@ -33,8 +34,28 @@ def rows(side: OneMuscle, lo: float, hi: float, box: PressureInterval | None = N
         return _gas_rows(side, *((lo, hi) if box is None else (box.lo, box.hi)))
     basis = side.muscle.basis
     ends = [lo, *(kink for kink in basis.kinks if lo < kink < hi), hi]
-    segments = [_segment(side, basis, a, b) for a, b in pairwise(ends)]
-    return _stacked(segments)
+    return _stacked([segment for a, b in pairwise(ends) for segment in _segments(side, basis, a, b, _HALVINGS)])
+
+
+def _segments(side: OneMuscle, basis: Basis, lo: float, hi: float, halvings: int) -> list[Array]:
+    """Return the segments between two kinks: one, or several where a smooth law is too steep for one polynomial."""
+    try:
+        return [_segment(side, basis, lo, hi)]
+    except _Steep:
+        if halvings == 0:
+            raise InvalidInput(
+                f"{type(side.muscle).__name__}: the force has a kink or a jump in pressure near {(lo + hi) / 2:.6g} "
+                "Pa; a law with kinks has to declare them, see Basis"
+            ) from None
+    middle = (lo + hi) / 2
+    return [
+        *_segments(side, basis, lo, middle, halvings - 1),
+        *_segments(side, basis, middle, hi, halvings - 1),
+    ]
+
+
+class _Steep(Exception):
+    """No polynomial of the degrees looked at is the law up to rounding."""
 
 
 def _stacked(segments: list[Array]) -> Array:
@@ -77,8 +98,8 @@ def _series(side: OneMuscle, centre: Array, half: Array) -> tuple[Array, Array]:
         if (kept := _length(found)) is not None:
             return found[0][:kept], found[1][:kept]
     raise InvalidInput(
-        f"{type(side.muscle).__name__}: with trapped gas the stiffness is not smooth in the pressure; a law with kinks "
-        "has to declare them, see Basis"
+        f"{type(side.muscle).__name__}: with trapped gas the stiffness is no polynomial of degree {_SIZES[-1] - 1} in "
+        "the pressure: the law is too steep, or has kinks that it has to declare, see Basis"
     )
 
 
@@ -112,10 +133,7 @@ def _coefficients(side: OneMuscle, basis: Basis, lo: float, hi: float) -> tuple[
         found = _sampled(side, basis, lo, hi, size)
         if (kept := _length(found)) is not None:
             return found[0][:kept], found[1][:kept]
-    raise InvalidInput(
-        f"{type(side.muscle).__name__}: the force is not smooth in the pressure between {lo:g} and {hi:g} Pa; "
-        "a law with kinks has to declare them, see Basis"
-    )
+    raise _Steep
 
 
 def _length(found: Sequence[Array]) -> int | None:

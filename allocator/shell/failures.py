@@ -1,15 +1,18 @@
-"""A user reads this when a command fails: one sentence on stderr, and an exit code.
+"""Message of a command that fails, one sentence on stderr, and its exit code.
 
 0    done
 1    standard output is gone, or something nobody foresaw
 2    wrong input, or a file that cannot be written
 3    `antagonist allocate`: the target is not met
+4    `antagonist run`, `sweep`: the loop ended itself, for safety
 130  interrupted
+143  `antagonist run`, `sweep`: terminated, or the terminal was closed
 """
 
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import metadata
 from io import TextIOWrapper
 
@@ -25,13 +28,14 @@ def run(command: Callable[[], object]) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # and not that of a notebook
             stream.reconfigure(errors="replace")  # ° and θ where the encoding has none
+    code = 0
     try:
         code = _told(command)
         sys.stdout.flush()
     except BrokenPipeError:
-        code = _silenced(1)  # whoever read has read enough
+        return _silenced(code or 1)  # the reader has read enough
     except OSError as error:
-        code = _silenced(_fail(f"standard output cannot be written ({error.strerror})", 1))
+        return _silenced(code or _fail(f"standard output cannot be written ({error.strerror})", 1))
     return code
 
 
@@ -65,7 +69,8 @@ def _told(command: Callable[[], object]) -> int:
 def _fail(sentence: str, code: int) -> int:
     """Print the sentence in one line; returns `code`."""
     if sys.stderr is not None:
-        print(f"antagonist: {' '.join(sentence.split())}", file=sys.stderr)
+        with suppress(OSError):  # the terminal is closed: there is only the code
+            print(f"antagonist: {' '.join(sentence.split())}", file=sys.stderr)
     return code
 
 

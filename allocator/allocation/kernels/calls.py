@@ -28,7 +28,7 @@ from allocator.allocation.kernels.compiled import kernel
 from allocator.allocation.kernels.scalars import number, pair
 from allocator.allocation.problem import PRIORITIES, Priority, Problem
 from allocator.allocation.result import Allocation, from_fields, shaped, single
-from allocator.checks import LOOKS_LIKE_BAR
+from allocator.checks import LOOKS_LIKE_BAR, one_of
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.joint.gas import ISOBARIC, StiffnessKind
@@ -166,8 +166,9 @@ def warm_up(
     """
     joint = report_joint() if joint is None else joint
     chosen, limits = kernel_of(joint), Limits(min_force, max_force)
-    if priority not in PRIORITIES or _forces(limits) is None:
-        raise InvalidInput(f"there are no questions with {priority=}, {min_force=} N, {max_force=} N")
+    one_of("priority", priority, PRIORITIES)
+    if _forces(limits) is None:
+        raise InvalidInput(f"there are no questions with {min_force=} N, {max_force=} N")
     if not chosen.name or priority not in _FIRST or (gas and chosen.name != "affine"):
         return not joint.affine and _search_ready(joint)
     kind = chosen.name, min_force is not None, max_force is not None, slew, _FIRST[priority]

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
-from allocator.calculus import Array, Value, derivative
+from allocator.calculus import Array, Value
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import Shares
 from allocator.joint.one_muscle import OneMuscle
@@ -62,7 +62,7 @@ def _coefficients(side: OneMuscle) -> tuple[Value, ...]:
     A, B = muscle.gain(0.0, eps), muscle.law(0.0, eps)
     elastic, geometric = -(side.arm**2) / side.rest_length, side.bend
     k1 = elastic * muscle.gain_slope(0.0, eps) + geometric * A
-    k0 = elastic * derivative(muscle.B, eps) + geometric * B
+    k0 = elastic * muscle.passive_slope(eps) + geometric * B
     if side.share is None:
         return A, B, side.moment_arm, k1, k0
     side.check_volume(0.0)

@@ -149,16 +149,21 @@ class _Model:
         if self.goal.kept is not None:
             t, k = self._gains(P)
             row = (t if self.goal.kept == "torque" else k) / self.kept_scale
-            P = P + row * (self.kept_value - self._kept(P)) / (row**2).sum(axis=0)
+            square = (row**2).sum(axis=0)  # 0: no pressure changes this goal
+            P = P + row * (self.kept_value - self._kept(P)) / np.where(square > 0, square, 1.0)
         return np.stack(self.problem.box.project(*(P * SCALE))) / SCALE
 
 
 def _convexified(H: Array, curvature: Array) -> Array:
-    """Return H + diag(curvature) where that is positive definite, else H; slightly damped, (2, 2, n)."""
+    """Return H + diag(curvature) where that is positive definite, else H; slightly damped, (2, 2, n).
+
+    A goal that no pressure changes has H = 0: it gets the identity, and its step is zero.
+    """
     full = H + curvature[:, None] * np.eye(2)[:, :, None]
     trace, det = full[0, 0] + full[1, 1], full[0, 0] * full[1, 1] - full[0, 1] ** 2
     chosen = np.where((trace > 0) & (det > 1e-9 * trace**2), full, H)
-    return np.asarray(chosen + _DAMPING * (chosen[0, 0] + chosen[1, 1]) * np.eye(2)[:, :, None])
+    trace = chosen[0, 0] + chosen[1, 1]
+    return np.asarray(chosen + np.where(trace > 0, _DAMPING * trace, 1.0) * np.eye(2)[:, :, None])
 
 
 __all__ = ["SmallQP", "solve"]

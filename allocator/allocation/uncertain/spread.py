@@ -15,6 +15,7 @@ from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle, parameter_sensitivities
+from allocator.muscles.uncertainty import covariance_root
 
 _STEP = 1e-30  # of the complex step, absolute
 
@@ -46,6 +47,15 @@ def stiffness_std(problem: Problem, P1: Array, P2: Array) -> Array | None:
     return np.asarray(np.linalg.norm(spread(problem, P1, P2).stiffness, axis=1))
 
 
+def forces_std(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array] | None:
+    """Return the standard deviations of both forces [N] from the covariance of fitted muscles; None without one."""
+    joint = problem.joint
+    if joint.covariance is None and joint.agonist.covariance is None and joint.antagonist.covariance is None:
+        return None
+    one, two = (np.asarray(np.linalg.norm(part, axis=1)) for part in spread(problem, P1, P2).forces)
+    return one, two
+
+
 def _of_muscle(side: OneMuscle, P: Array, root: Array) -> tuple[Array, Array, Array]:
     """Return (torque, stiffness, force) of one muscle, each (n, m), by its `root` (parameters, m)."""
     _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
@@ -71,7 +81,7 @@ def roots(joint: AntagonistJoint) -> tuple[Array, Array]:
     """Return the rows of L (parameters, m) that belong to the agonist and to the antagonist."""
     if joint.covariance is None:
         return _root_of(joint.agonist), _root_of(joint.antagonist)
-    root = _root(np.asarray(joint.covariance))
+    root = covariance_root(joint.covariance)
     split = len(joint.agonist.parameters)
     return root[:split], root[split:]
 
@@ -79,14 +89,7 @@ def roots(joint: AntagonistJoint) -> tuple[Array, Array]:
 def _root_of(muscle: Muscle) -> Array:
     if muscle.covariance is None:
         return np.zeros((len(muscle.parameters), 1))
-    return _root(np.asarray(muscle.covariance))
+    return covariance_root(muscle.covariance)
 
 
-def _root(covariance: Array) -> Array:
-    """Return L with L Lᵀ = covariance, from its eigenvalues, since directions that the data left open have none."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))  # parameters of very different size
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-__all__ = ["Spread", "roots", "spread", "stiffness_std"]
+__all__ = ["Spread", "forces_std", "roots", "spread", "stiffness_std"]

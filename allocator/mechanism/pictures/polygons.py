@@ -1,20 +1,22 @@
 """A polygon of two targets is drawn with what binds along each of its edges."""
 
 from collections import Counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.mechanism.feasibility.polygon import Edge, Polygon
 from allocator.presentation.plotting import FILL, name_axes, new_axes
+
+if TYPE_CHECKING:
+    from allocator.mechanism.feasibility.polygon import Edge, Polygon
 
 _MARKS = {"upper": "↑", "slack": "↓", "lower": "↓"}  # of the limits that have one
 _OUTSIDE = 11  # points between an edge and its text
 _LETTER = 5.0  # points
 
 
-def plot_polygon(polygon: Polygon, axes: Any = None) -> Any:
+def plot_polygon(polygon: "Polygon", axes: Any = None) -> Any:
     """Draw a polygon; on its edges stand the muscles that bind, ↑ at the greatest pressure, ↓ where they go slack.
 
     The muscles' letters are explained beside the picture. Returns the Matplotlib axes.
@@ -60,7 +62,7 @@ def _letters(names: set[str]) -> dict[str, str]:
     return short
 
 
-def _name(axes: Any, edge: Edge, centre: Array, letters: dict[str, str], others: list[Any]) -> None:
+def _name(axes: Any, edge: "Edge", centre: Array, letters: dict[str, str], others: list[Any]) -> None:
     """Write what binds beside the middle of an edge, outside, clear of other texts; of a short edge upright."""
     to_points = 72 / axes.figure.dpi
     start, end, inside = (axes.transData.transform(point) * to_points for point in (edge.start, edge.end, centre))

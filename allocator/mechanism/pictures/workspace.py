@@ -1,12 +1,14 @@
 """The stiffness ellipses that a hand can have are drawn where the hand is."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.mechanism.feasibility.ellipses import EndpointEllipses
 from allocator.presentation.plotting import GREY, legend_outside, name_axes, new_axes
+
+if TYPE_CHECKING:
+    from allocator.mechanism.feasibility.ellipses import EndpointEllipses
 
 _MOST_NUMBERS = 60
 _TURN = np.linspace(0, 2 * np.pi, 73)
@@ -18,7 +20,7 @@ def ellipse(K: Array) -> Array:
     return np.asarray(K @ np.stack([np.cos(_TURN), np.sin(_TURN)]))
 
 
-def plot_workspace(found: EndpointEllipses, axes: Any = None) -> Any:
+def plot_workspace(found: "EndpointEllipses", axes: Any = None) -> Any:
     """Draw the softest and the stiffest ellipse at every place, over the fan of tilts that its long axis can have.
 
     Every place has a scale of its own; the number beside it is the longest half axis [N/m]. Returns the Matplotlib

@@ -14,7 +14,7 @@ that it declares; nothing else.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -25,6 +25,7 @@ from allocator.joint.one_muscle import OneMuscle
 from allocator.units import BAR
 
 _SIZES = (9, 17, 33, 65, 129)  # of a series whose degree is to be found
+_HALVINGS = 12  # of the pressures between two kinks, until a law that is still no series is taken for kinked
 _TAIL = 1e-13  # of the greatest coefficient: smaller ones are rounding
 _STRAIGHT = 1e-10  # of its terms: a smaller k'' F' - k' F'' is rounding
 _REAL = 1e-6  # imaginary parts of roots below it, of half the width, are rounding
@@ -136,7 +137,11 @@ def _turns(side: OneMuscle, a: float, b: float) -> list[float]:
     if side.affine:
         _check_rises(side, a, b, np.array([float(side.force_gain(a))]))
         return []
-    gain, own = _series(side, a, b)
+    return [turn for part in _smooth_parts(side, a, b) for turn in _turns_of(side, part)]
+
+
+def _turns_of(side: OneMuscle, part: "_Part") -> list[float]:
+    a, b, gain, own = part
     _check_rises(side, a, b, gain)
     terms = chebyshev.chebmul(chebyshev.chebder(own), gain), chebyshev.chebmul(own, chebyshev.chebder(gain))
     bent = chebyshev.chebsub(*terms)
@@ -156,7 +161,7 @@ def _roots(series: Any) -> Array:
 def rises(side: OneMuscle, lo: float, hi: float) -> bool:
     """Return whether the force of a muscle rises with the pressure between lo and hi [Pa]."""
     ends = [lo, *(kink for kink in side.muscle.basis.kinks if lo < kink < hi), hi]
-    return side.affine or all(_rises(_series(side, a, b)[0]) for a, b in pairwise(ends))
+    return side.affine or all(_rises(part.gain) for a, b in pairwise(ends) for part in _smooth_parts(side, a, b))
 
 
 def _check_rises(side: OneMuscle, a: float, b: float, gain: Array) -> None:
@@ -179,8 +184,31 @@ def not_rising(side: OneMuscle, a: float, b: float) -> InvalidInput:
     )
 
 
-def _series(side: OneMuscle, a: float, b: float) -> tuple[Array, Array]:
-    """Return the Chebyshev series of F' and k' between two kinks, of as many terms as leave nothing but rounding."""
+class _Part(NamedTuple):
+    """Pressures a to b [Pa] between which F' and k' are the Chebyshev series `gain` and `own`."""
+
+    a: float
+    b: float
+    gain: Array
+    own: Array
+
+
+def _smooth_parts(side: OneMuscle, a: float, b: float, halvings: int = _HALVINGS) -> list[_Part]:
+    """Return the parts between two kinks: one, or several where a smooth law is too steep for one series."""
+    series = _series(side, a, b)
+    if series is not None:
+        return [_Part(a, b, *series)]
+    middle = (a + b) / 2
+    if halvings == 0:
+        raise InvalidInput(
+            f"{type(side.muscle).__name__} of {side.name} has a kink or a jump in pressure near {middle / BAR:.6g} "
+            "bar; a law with kinks has to declare them, see Basis"
+        )
+    return _smooth_parts(side, a, middle, halvings - 1) + _smooth_parts(side, middle, b, halvings - 1)
+
+
+def _series(side: OneMuscle, a: float, b: float) -> tuple[Array, Array] | None:
+    """Return the Chebyshev series of F' and k', of as many terms as leave nothing but rounding; None for too many."""
     for size in _SIZES:
         x = chebyshev.chebpts1(size)
         P = (a + b) / 2 + (b - a) / 2 * x
@@ -188,10 +216,7 @@ def _series(side: OneMuscle, a: float, b: float) -> tuple[Array, Array]:
         found = [np.linalg.solve(chebyshev.chebvander(x, size - 1), value) for value in values]
         if all(np.abs(c[-2:]).max() <= _TAIL * size * np.abs(c).max() for c in found):
             return found[0], found[1]
-    raise InvalidInput(
-        f"{type(side.muscle).__name__} of {side.name} is not smooth in the pressure between {a / BAR:.4g} and "
-        f"{b / BAR:.4g} bar; a law with kinks has to declare them, see Basis"
-    )
+    return None
 
 
 __all__ = ["Curve", "not_rising", "rises"]

@@ -100,9 +100,16 @@ def load(source: str | PathLike[str] | Any) -> Any:
     if not text and not Path(source).is_file():
         raise InvalidFile(source, "does not exist")
     try:
-        return mujoco.MjModel.from_xml_string(source) if text else mujoco.MjModel.from_xml_path(str(source))
+        model = mujoco.MjModel.from_xml_string(source) if text else mujoco.MjModel.from_xml_path(str(source))
+        for names in (model.names, model.text_data):  # which MuJoCo takes as they come, from included files as well
+            names.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InvalidFile(
+            said(source), f"is not in UTF-8 ({error.reason}); save it, and what it includes, as UTF-8"
+        ) from None
     except (ValueError, mujoco.FatalError) as error:
         raise InvalidFile(said(source), f"is not read by MuJoCo ({error})") from None
+    return model
 
 
 def said(source: Any) -> str:

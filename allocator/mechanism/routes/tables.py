@@ -1,4 +1,7 @@
-"""Muscles whose lengths are known by samples over a grid of postures."""
+"""Muscles whose lengths are known by samples over a grid of postures.
+
+A table states its own `error` and is refused where it cannot be drawn, see `allocator.joint.table_error`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,9 +13,13 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.joint import table_error
+from allocator.joint.table_error import TableError
 from allocator.mechanism.routes.base import RoutedLengths, Routes, check_arms, rest_lengths
 
 _FEWEST = 4  # samples of a joint: what a cubic takes
+_PARTS = (8, 4, 2)  # of the distance between two samples, of tables over one, two and more joints
+_MOST_POINTS = 20_001  # at which a table is compared with its half
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,8 @@ class Tables(Routes):
         object.__setattr__(self, "rest_length", rest_lengths("Tables", rest_length, l_.shape[-1]))
         spread = [np.ptp(l_, axis=i).max(axis=tuple(range(len(rows) - 1))) for i in range(len(rows))]
         check_arms("Tables", np.stack(spread, axis=-1))
+        arms = np.abs(self.at(self._grid_points).arm).max(axis=(0, 2))
+        table_error.check("Tables", self.error, arms, min(shape))
 
     @property
     def n(self) -> int:
@@ -48,27 +57,61 @@ class Tables(Routes):
 
     @cached_property
     def _spline(self) -> Any:
-        from scipy.interpolate import NdBSpline, make_interp_spline
+        return _spline_through(self.grid, np.array(self.lengths))
 
-        coefficients = np.array(self.lengths)
-        knots: list[Any] = []
-        for i, row in enumerate(self.grid):
-            spline = make_interp_spline(row, coefficients, k=3, axis=i)
-            coefficients = np.moveaxis(spline.c, 0, i)
-            knots.append(spline.t)
+    @property
+    def _grid_points(self) -> Array:
+        """Postures (p, n) at the samples and between them [rad], evenly chosen where there are many."""
+        part = 1 / _PARTS[min(self.n, 3) - 1]
+        rows = [np.interp(np.arange(0, len(row) - 1 + part / 2, part), np.arange(len(row)), row) for row in self.grid]
+        sizes = [row.size for row in rows]
+        total = int(np.prod(sizes))
+        stride = max(1, -(-total // _MOST_POINTS)) | 1  # odd: of samples and what lies between alike
+        places = np.unravel_index(np.arange(0, total, stride), sizes)
+        return np.stack([row[i] for row, i in zip(rows, places, strict=True)], axis=-1)
 
-        return NdBSpline(tuple(knots), coefficients, 3, extrapolate=True)
+    @cached_property
+    def error(self) -> TableError:
+        """Differences of every muscle to the splines through every second sample of all joints."""
+        q = self._grid_points
+        mine = self.at(q)
+        found = []
+        for kept in zip(*(table_error.halves(len(row)) for row in self.grid), strict=True):
+            grid = [[row[i] for i in places] for row, places in zip(self.grid, kept, strict=True)]
+            other = _evaluated(_spline_through(grid, np.array(self.lengths)[np.ix_(*kept)]), q, self.m)
+            arm = np.linalg.norm(mine.arm - other.arm, axis=-1)
+            bend = np.abs(mine.bend - other.bend).max(axis=(-1, -2))
+            found.append([mine.length - other.length, arm, bend])
+        return table_error.greatest(np.array(found).swapaxes(0, 1), q)
 
     def at(self, q: Array) -> RoutedLengths:
         """Return lengths, arms and bends at the postures `q` (…, n); beyond the grid the end pieces go on."""
-        unit = np.eye(self.n, dtype=int)
-        arm = np.empty((*q.shape[:-1], self.m, self.n))
-        bend = np.empty((*q.shape[:-1], self.m, self.n, self.n))
-        for a in range(self.n):
-            arm[..., a] = -self._spline(q, nu=unit[a])
-            for b in range(a, self.n):
-                bend[..., a, b] = bend[..., b, a] = self._spline(q, nu=unit[a] + unit[b])
-        return RoutedLengths(self._spline(q), arm, bend)
+        return _evaluated(self._spline, q, self.m)
+
+
+def _spline_through(grid: Sequence[Sequence[float]], lengths: Array) -> Any:
+    """Return the tensor product of splines through lengths (n1, …, nn, m): cubic, or less where samples are few."""
+    from scipy.interpolate import NdBSpline, make_interp_spline
+
+    knots, degrees = [], []
+    for i, row in enumerate(grid):
+        degrees.append(min(3, len(row) - 1))
+        spline = make_interp_spline(row, lengths, k=degrees[-1], axis=i)
+        lengths = np.moveaxis(spline.c, 0, i)
+        knots.append(spline.t)
+    return NdBSpline(tuple(knots), lengths, tuple(degrees), extrapolate=True)
+
+
+def _evaluated(spline: Any, q: Array, m: int) -> RoutedLengths:
+    """Return lengths, arms and bends of m muscles at the postures (…, n)."""
+    n = q.shape[-1]
+    unit = np.eye(n, dtype=int)
+    arm, bend = np.empty((*q.shape[:-1], m, n)), np.empty((*q.shape[:-1], m, n, n))
+    for a in range(n):
+        arm[..., a] = -spline(q, nu=unit[a])
+        for b in range(a, n):
+            bend[..., a, b] = bend[..., b, a] = spline(q, nu=unit[a] + unit[b])
+    return RoutedLengths(spline(q), arm, bend)
 
 
 def _nested(value: Any) -> Any:

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allocator import AntagonistError, MissingBackend, Status, allocate
+from allocator import AntagonistError, MissingBackend, Status, allocate, report_joint
 from allocator.allocation.optimisers import backends, common
+from allocator.muscles import PolynomialMcKibben
 from allocator.units import BAR
 
 BACKENDS = {
@@ -210,6 +211,18 @@ def test_limits_that_cannot_be_kept_together_are_reported():
 def test_wrong_arguments_are_named(arguments, said):
     with pytest.raises(AntagonistError, match=re.escape(said)):
         allocate(0.3, 7.5, 1.0, **arguments)
+
+
+@pytest.mark.parametrize("backend", BACKENDS.values(), ids=BACKENDS.keys())
+@pytest.mark.parametrize("priority", PRIORITIES)
+def test_a_stiffness_that_no_pressure_changes_is_missed_and_the_torque_met(backend, priority):
+    """The counter-force of `PolynomialMcKibben` does not see the pressure: the stiffness has no gradient at all."""
+    joint = report_joint(PolynomialMcKibben(0.00975, 0.4485, (2.0e7, -6.8e7, 2.63e8)))  # fitted to measured forces
+    K = joint.stiffness(0.1, 2 * BAR, 2 * BAR)
+    a = allocate(0.1, 1.2 * K, 0.5, joint=joint, **backend, **options(priority))
+    assert a.T == pytest.approx(0.5, abs=1e-6)
+    assert a.K == pytest.approx(K, rel=1e-9)
+    assert a.status in (Status.STIFFNESS_LIMITED, Status.SOLVER_FAILED)
 
 
 def test_a_back_end_that_is_not_installed_is_a_missing_backend():

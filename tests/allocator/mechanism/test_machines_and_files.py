@@ -54,7 +54,7 @@ MECHANISMS = {
         ),
         (SAROSI_DMSP_20_200N, MARTENS_DMSP_20_300),
         pressure_limits=(0.2 * BAR, 6 * BAR),
-        muscle_names=("short", 'the "long" one'),
+        muscle_names=("short", 'the "long" one\x7f'),
     ),
     "tables": Mechanism(Tables(0.4, [_GRID], 0.35 + np.outer(_GRID, [-0.02, 0.02])), SAROSI_DMSP_20_400N),
 }

@@ -247,6 +247,7 @@ def test_different_muscles_and_unequal_lengths():
     assert (a.P**2).sum() <= (P**2).sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_targets_at_corners_of_the_box_are_proved_too(seed):
     """Dependent columns, corners moved by a millionth, weights a million apart: where rounding may decide wrongly."""

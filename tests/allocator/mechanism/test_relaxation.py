@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from allocator import Gas, InvalidInput, allocate
@@ -48,11 +48,13 @@ def beyond(polygon, points):
 @pytest.mark.parametrize("share", [None, 1.0], ids=["isobaric", "shut"])
 @pytest.mark.parametrize("law", LAWS)
 @given(eps=st.floats(0.03, 0.2), ends=st.tuples(UNIT, UNIT))
+@example(eps=0.125, ends=(0.0, 0.5))  # it ends at a jump
 def test_polygons_enclose_the_curve(law, share, eps, ends):
     curve = curve_of(law, eps, share)
     a, b = curve.lo + np.sort(ends) * (curve.hi - curve.lo)
-    polygon = curve.enclosure(float(a), float(b))
-    assert beyond(polygon, curve.at(np.linspace(a, b, 400))) < 1e-10
+    polygon, P = curve.enclosure(float(a), float(b)), np.linspace(a, b, 400)
+    P = P[~np.isin(P, curve.jumps)]  # one that ends the part may belong to its neighbour
+    assert P.size == 0 or beyond(polygon, curve.at(P)) < 1e-10
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -188,6 +190,7 @@ def test_pressures_are_those_nearest_to_the_previous():
     assert not slow.success
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 def test_every_law_of_the_catalogue_is_answered(law):
     """Mixed with affine muscles, with trapped gas, within the gap; what is given is what the mechanism says."""

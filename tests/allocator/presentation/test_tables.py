@@ -40,7 +40,7 @@ def joint_fit(joints):
     return fit_joint(theta, P1, P2, torque=T, geometry=joint.geometry, model="Sarosi2012")
 
 
-@pytest.fixture(params=["one", "batch", "run", "sheet_fit", "joint_fit"])
+@pytest.fixture(params=["one", "batch", pytest.param("run", marks=pytest.mark.compiles), "sheet_fit", "joint_fit"])
 def shown(request):
     return allocate(0.5, 7.5, 30.0) if request.param == "one" else request.getfixturevalue(request.param)
 
@@ -142,6 +142,7 @@ def test_no_answers_are_a_table_without_rows():
     assert {len(column) for column in allocate(np.zeros(0), 7.5).to_dict().values()} == {0}
 
 
+@pytest.mark.compiles
 def test_a_run_is_the_table_that_track_writes(run, tmp_path):
     save_run(run, tmp_path / "run.csv")
     written = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)

@@ -7,6 +7,7 @@ import pytest
 
 from allocator import BAR, AntagonistJoint, InvalidInput, Lever, Muscle, Pulley, allocate, inverse
 from allocator.calculus import cos, exp, sin
+from allocator.mechanism import Mechanism, allocate_mechanism
 from allocator.muscles import MODELS
 from allocator.muscles.basis import Basis
 from allocator.search import curves
@@ -138,8 +139,44 @@ def test_what_a_stranger_s_law_gives_is_met(name, priority):
 
 
 def test_a_law_with_a_kink_that_is_not_declared_is_refused():
-    with pytest.raises(InvalidInput, match="not smooth in the pressure"):
+    with pytest.raises(InvalidInput, match="kink or a jump in pressure near 2000"):
         allocate(0.1, 5.0, joint=joint_with(Kinked(declared=0.0)))
+
+
+@dataclass(frozen=True)
+class Threshold(Muscle):
+    """A smooth law that rises steeply, as tanh, over `width` about 2.5 bar."""
+
+    citation = "made up for this test"
+
+    width: float = 0.1 * BAR
+
+    def law(self, P, eps):
+        """Return the force."""
+        return (P + 0.3 * BAR * self._tanh(P)) * (3e-3 - 1.1e-2 * eps) - 20 + 0 * eps
+
+    def gain(self, P, eps):
+        """Return its derivative by the pressure."""
+        return (1 + 0.3 * BAR / self.width * (1 - self._tanh(P) ** 2)) * (3e-3 - 1.1e-2 * eps)
+
+    def _tanh(self, P):
+        e = exp(-2 * (P - 2.5 * BAR) / self.width)
+        return (1 - e) / (1 + e)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1.0, 0.3, 0.1, 0.02])
+def test_a_smooth_law_is_taken_however_steep_it_is(width):
+    joint = joint_with(Threshold(width * BAR))
+    P1, P2 = np.array([2.9, 2.6, 2.52, 1.1]) * BAR, np.array([2.4, 2.45, 2.49, 3.3]) * BAR
+    theta = np.array([0.2, 0.1, 0.0, -0.3])
+    T, K = joint.torque(theta, P1, P2), joint.stiffness(theta, P1, P2)
+    a = allocate(theta, K, T, joint=joint)
+    assert a.success.all()
+    assert np.abs(a.T_error).max() < 1e-8
+    assert (a.gap <= 1e-9).all()
+    mechanism = Mechanism.from_joint(joint)
+    assert allocate_mechanism(mechanism, [0.2], [[K[0]]], [T[0]]).success
 
 
 def test_an_edge_that_starts_vertical_does_not_hide_its_optimum():

@@ -83,6 +83,7 @@ def test_a_joint_goes_from_file_to_pressures(tmp_path):
     assert f"{allocate(10 * DEG, 6.0, joint=joint).P1 / BAR:.4f}" in result.output
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize("command", ["allocate", "map", "fit", "fit-joint", "plan-joint", "track"])
 def test_the_help_keeps_the_units(command):
     shown = CliRunner().invoke(app, [command, "--help"]).output

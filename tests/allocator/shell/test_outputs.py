@@ -31,6 +31,7 @@ def refused(*arguments):
 # --- commands -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.compiles
 def test_no_command_writes_over_what_it_reads(here):
     (here / "data.csv").write_text(CSV)
     (here / "track.csv").write_text("t,theta_deg,stiffness\n0,0,7\n1,1,7\n")
@@ -84,6 +85,7 @@ def test_one_file_cannot_be_two_outputs(here):
         claim(here / "x.png", here / "sub" / ".." / "x.png")
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize(
     "arguments",
     [

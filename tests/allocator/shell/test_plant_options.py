@@ -108,6 +108,7 @@ def test_every_command_takes_the_plant_s_file(tmp_path):
     assert numbers in (tmp_path / "c" / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.compiles
 def test_the_inertia_of_the_shell_reaches_the_run_and_the_c_code(tmp_path):
     run = tmp_path / "run.npz"
     said = antagonist("track", "steps", "--inertia", 0.03, "--gravity", 0.7, "--out", run, *SHORT)

@@ -117,6 +117,7 @@ def test_json_is_all_that_stands_on_standard_output():
     assert done.stderr == ""
 
 
+@pytest.mark.slow
 def test_the_exit_code_tells_whether_the_target_is_met():
     assert shell('"$@"').returncode == 0
     assert shell('"$@" --torque 50').returncode == 3
@@ -128,6 +129,7 @@ def test_the_version_is_the_package_s():
     assert done.stdout.startswith("antagonist 0.")
 
 
+@pytest.mark.slow
 def test_completion_can_be_installed():
     done = shell('"$1" -m mpc --show-completion bash; "$1" -m mpc --help')
     assert "--install-completion" in done.stdout

@@ -119,6 +119,7 @@ def test_with_more_joints_no_local_search_improves_the_answer():
     settled = a.kkt_residual < 1e-9
     assert settled.sum() >= 5
     bounds = np.stack(LEG.pressure_box(Q3), axis=-1) / BAR
+    searched = 0
     for i in np.flatnonzero(settled):
         torque = {"type": "eq", "fun": lambda bar, i=i: LEG.torque(Q3, bar * BAR) - a.T[i]}
 
@@ -127,7 +128,10 @@ def test_with_more_joints_no_local_search_improves_the_answer():
 
         start = np.clip(a.P[i] / BAR + 1e-3 * np.sin(np.arange(7)), *bounds.T)
         found = minimize(error, start, method="SLSQP", bounds=bounds, constraints=[torque], options={"ftol": 1e-14})
-        assert a.endpoint_error[i] ** 2 <= found.fun + 1e-7
+        if np.abs(torque["fun"](found.x)).max() < 1e-9:  # else the search has found nothing
+            searched += 1
+            assert a.endpoint_error[i] ** 2 <= found.fun + 1e-7
+    assert searched >= 4
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,47 @@
+"""The text of a file in any of the encodings that spreadsheets and loggers write."""
+
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from os import PathLike
+from pathlib import Path
+from typing import TypeAlias
+
+from allocator.errors import InvalidFile
+
+FilePath: TypeAlias = str | PathLike[str]
+
+_LOOKED_AT = 4096  # bytes, in which UTF-16 is recognised
+_PACKED = (b"PK\x03\x04", b"\x1f\x8b")  # how zip archives (.xlsx) and gzip files begin
+_LEAST = 4  # characters that tell it
+_HALF = 0.4  # share of zeros among every second byte, above which it is UTF-16 without a mark
+
+
+def read_text(path: FilePath) -> str:
+    """Return the text of `path`: UTF-8, UTF-16, or else Windows-1252. Raises `InvalidFile` if it is not text."""
+    try:
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise InvalidFile(path, "does not exist") from None
+    except OSError as error:
+        raise InvalidFile(path, f"cannot be read ({error.strerror})") from None
+    for encoding in () if data.startswith(_PACKED) else _encodings(data):
+        try:
+            text = data.decode(encoding).rstrip("\0")  # which a loss of power leaves at the end
+        except UnicodeDecodeError:
+            continue
+        if "\0" in text:
+            break
+        return text
+    raise InvalidFile(path, "is not a text file; save a spreadsheet as CSV")
+
+
+def _encodings(data: bytes) -> tuple[str, ...]:
+    if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        return ("utf-16",)
+    begin = data[:_LOOKED_AT]
+    for encoding, zeros in (("utf-16-le", begin[1::2]), ("utf-16-be", begin[::2])):
+        if len(zeros) >= _LEAST and zeros.count(0) > _HALF * len(zeros):
+            return (encoding,)
+    return "utf-8-sig", "cp1252"
+
+
+__all__ = ["FilePath", "read_text"]
