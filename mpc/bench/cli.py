@@ -1,15 +1,15 @@
 """Commands about hardware are here: `antagonist devices`, `run` and `sweep`; degrees and bar here, SI behind."""
 
-import sys
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import typer
 
-from allocator.errors import InvalidInput
+from allocator import checks
+from allocator.errors import AntagonistError, InvalidInput
 from allocator.shell.options import finite, grouped, numbers, within
 from allocator.shell.outputs import IMAGES, Force, claim
 from allocator.shell.printing import say
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from mpc.bench.clock import Clock
-    from mpc.bench.cycle import Settings
+    from mpc.bench.cycle import Cycle, Settings
     from mpc.bench.device import Device
     from mpc.bench.lateness import Lateness
     from mpc.bench.logs import Record
@@ -62,8 +62,8 @@ class BenchOptions:
     def opened(self, options: PlantOptions) -> "Opened":
         """Return the device, the clock of its loop, and what the options tell of the joint.
 
-        A `sim` without a file simulates the joint of the options, with what a bench does besides; its controller is
-        told what a fit would find.
+        A `sim` without a file simulates the joint of the options, with what a bench does besides. Its controller is
+        told what the options tell, as on any other device, and of the rest what a fit would find.
         """
         from mpc.bench.clock import MonotonicClock, SimulatedClock
         from mpc.bench.devices.registry import open_device
@@ -76,7 +76,8 @@ class BenchOptions:
         if name == _SIM and not address:
             plant = RealPlant.standard().nominal if options == PlantOptions() else plant
             real = simulated(plant, known)
-            return Opened(SimulatedDevice(real, clock), clock, plant, real.known(share=1.0))
+            found = replace(real.known(share=1.0), **known.told)
+            return Opened(SimulatedDevice(real, clock), clock, plant, found)
         if name == _SIM:
             return Opened(open_simulated(address, clock), clock, plant, known)
         if self.fast:
@@ -108,6 +109,13 @@ class Opened(NamedTuple):
     clock: "Clock"
     plant: "Plant"
     known: "Compensation"
+
+    def assumed(self, options: PlantOptions) -> str:
+        """Return what is known of a joint from a file without standing there, or ""."""
+        from mpc.model.compensation import Compensation
+
+        told = options.compensation().told if options.joint else self.known.told
+        return Compensation(**{name: value for name, value in self.known.told.items() if name not in told}).summary
 
 
 def _chosen(option: str, value: str, among: Iterable[str]) -> None:
@@ -151,10 +159,10 @@ def run_command(
 ) -> None:
     """Let a controller drive a joint on a device along a trajectory of angle and stiffness.
 
-    It begins with a soft start from the pressures of now, and ends with the pressures as --stop says, whatever ends it:
-    the end of the trajectory, Ctrl-C (twice: vent at once), SIGTERM, a device or a log that fails. Exit code 0 at the
-    end, 130 and 143 after Ctrl-C and SIGTERM, 4 where the loop ended itself. With .npz or .png alone the samples go
-    into a .csv beside it, which is removed when all is well.
+    It begins with a soft start from the present pressures, and ends with the pressures as --stop says, whatever ends
+    it: the end of the trajectory, Ctrl-C (twice: vent at once), SIGTERM, a closed terminal, a device or a log that
+    fails. Exit code 0 at the end, 130 after Ctrl-C, 143 after SIGTERM or a closed terminal, 4 if the loop ended itself.
+    With .npz or .png alone the samples go into a .csv beside it, which is removed when all is well.
     """
     from rich.console import Console
 
@@ -171,22 +179,26 @@ def run_command(
     plant, known = opened.plant, opened.known
     reference = reference_called(trajectory, stiffness, plant)
     say(console, f"plant: {plant.summary}" + f"; {known.summary}" * bool(known.summary))
+    if assumed := opened.assumed(options):
+        say(console, f"not in --joint, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
         driver, observer = _loop(controller, opened, dt, horizon)
         watch = _Watch(plant.joint.pressure_limits[1], dt, bench)
         loop = RealTimeLoop(
             opened.device, driver, observer, reference, plant=plant, start=settings.start, stop=settings.stop,
-            watchdog=settings.watchdog, overrun=settings.overrun, log=journal, clock=opened.clock,
+            watchdog=settings.watchdog, overrun=settings.overrun, log=journal, replace=force, clock=opened.clock,
             watch=watch,
         )  # fmt: skip
     watch.health = lambda: "" if loop.tracking.health.well else loop.tracking.health
-    with watch:
-        record = loop.run()
-    _report(record, console)
-    if record.controlled:
-        _write(record, files, journal, console)
-    raise typer.Exit(_code(record.ending))
+    _run(loop.cycle, watch, console)
+    record = loop.record
+    with _exiting(record.ending):
+        if record.controlled:
+            _write(record, files, journal)
+        _report(record, console)
+        if record.controlled and files:
+            say(console, f"written: {', '.join(map(str, files))}")
 
 
 @grouped
@@ -226,6 +238,7 @@ def sweep_command(
     within("--motion", motion, "s", 0, 86_400)
     within("--rate", rate, "bar/s", 1e-3, 100)
     within("--dt", dt, "s", 1e-4, 0.1)
+    checks.count("--seed", seed, least=0)
     files = [out / name for name in ("joint_log.csv", "motion_log.csv", "sweep.csv")]
     claim(*files, inputs=options.files, force=force)
     settings = bench.settings()
@@ -241,58 +254,56 @@ def sweep_command(
     )
     watch = _Watch(limits.pressure[1], dt, bench)
     cycle = Cycle(
-        opened.device, source, limits, settings, log=files[-1], about=about(dt), clock=opened.clock, watch=watch
-    )
-    with watch:
-        ending = cycle.run()
-    _say_ending(ending, cycle.lateness, console)
-    if source.restless:
-        say(
-            console, f"{source.restless} visits were left out: the angle did not come to rest within {pace.longest:g} s"
-        )
-    say(console, f"written: {', '.join(str(path) for path in files if path.exists())}")
-    raise typer.Exit(_code(ending))
+        opened.device, source, limits, settings, log=files[-1], replace=force, about=about(dt), clock=opened.clock,
+        watch=watch,
+    )  # fmt: skip
+    ending = _run(cycle, watch, console)
+    with _exiting(ending):
+        _say_ending(ending, cycle.lateness, console)
+        if source.restless:
+            over = f"the angle did not come to rest within {pace.longest:g} s"
+            say(console, f"{source.restless} visits were left out: {over}")
+        written = [*source.written, *[files[-1]] * (cycle.recorder.columns["t"].size > 0)]
+        say(console, f"written: {', '.join(map(str, written)) or 'nothing'}")
 
 
 def _hanger(device: "Device", console: "Console") -> "Callable[[float], bool]":
-    """Return who asks for weights: a simulated joint hangs them itself, a person presses Enter."""
+    """Return the function that asks for weights: a simulated joint hangs them itself, a person presses Enter."""
     from mpc.bench.devices.simulated import SimulatedDevice
+    from mpc.bench.display.asking import REQUEST, Asking
 
     if isinstance(device, SimulatedDevice):
         return device.hang
-    return Asking(lambda torque: say(console, f"\n{_REQUEST.format(abs(torque), 'down' if torque > 0 else 'up')}"))
+    return Asking(lambda torque: say(console, f"\n{REQUEST.format(abs(torque), 'down' if torque > 0 else 'up')}"))
 
 
-_REQUEST = "hang the weight so that it pulls θ {1} with {0:.3g} N·m, and press Enter; the pressures are held"
+def _run(cycle: "Cycle", watch: "_Watch", console: "Console") -> "Ending":
+    """Run to the end and return it; an exception of a device's own kind is an ending."""
+    from mpc.bench.safety import Reason
+
+    try:
+        with watch:
+            return cycle.run()
+    except Exception as error:
+        ending = cycle.ending
+        if ending is None or ending.action is None:  # nothing was commanded
+            raise
+        if ending.reason is not Reason.DEVICE or isinstance(error, AntagonistError):
+            _say_ending(ending, cycle.lateness, console)
+            raise
+        return ending
 
 
-class Asking:
-    """Asking for a weight does not stop a loop: a thread waits for the Enter key."""
-
-    def __init__(self, ask: "Callable[[float], None]") -> None:
-        self._ask = ask
-        self._wanted: float | None = None
-        self._line: str | None = None
-        self._thread: Thread | None = None
-
-    def __call__(self, torque: float) -> bool:
-        """Return whether Enter was pressed since this torque [N·m] was asked for.
-
-        Raises `Stopped` where the input ends.
-        """
-        from mpc.bench.safety import Reason, Stopped
-
-        if self._wanted != torque:
-            self._wanted, self._line = torque, None
-            self._ask(torque)
-            self._thread = Thread(target=self._read, daemon=True)
-            self._thread.start()
-        if self._line == "":
-            raise Stopped(Reason.REQUESTED, "nobody is there to hang the weight: standard input is at its end")
-        return self._line is not None
-
-    def _read(self) -> None:
-        self._line = sys.stdin.readline()
+@contextmanager
+def _exiting(ending: "Ending") -> Iterator[None]:
+    """Exit with the code of an ending after a report, also where standard output is gone with its terminal."""
+    code = _code(ending)
+    try:
+        yield
+    except OSError as error:
+        if not code or isinstance(error, AntagonistError) or error.filename is not None:
+            raise
+    raise typer.Exit(code)
 
 
 def _loop(name: str, opened: Opened, dt: float, horizon: int) -> "tuple[Controller, Observer]":
@@ -343,7 +354,7 @@ def _journal(files: list[Path]) -> Path | None:
     return next((path for path in files if path.suffix == ".csv"), files[0].with_suffix(".partial.csv"))
 
 
-def _write(record: "Record", files: list[Path], journal: Path | None, console: "Console") -> None:
+def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
     """Write the other files, and remove a journal that nobody asked for."""
     from mpc.trials.plotting import save_tracking_figure
 
@@ -354,8 +365,6 @@ def _write(record: "Record", files: list[Path], journal: Path | None, console: "
             save_tracking_figure(record.run(), path)
     if journal is not None and journal not in files:
         journal.unlink()
-    if files:
-        say(console, f"written: {', '.join(map(str, files))}")
 
 
 def _report(record: "Record", console: "Console") -> None:
@@ -377,4 +386,4 @@ def _code(ending: "Ending") -> int:
     return _EXITS.get(str(ending.reason), _STOPPED)
 
 
-__all__ = ["Asking", "BenchOptions", "devices_command", "run_command", "sweep_command"]
+__all__ = ["BenchOptions", "devices_command", "run_command", "sweep_command"]

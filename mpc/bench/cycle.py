@@ -1,4 +1,4 @@
-"""The cycle is what every loop on a device has in common, whatever decides on the commands.
+"""The sequence that all loops on a device have in common, whichever source decides on the commands.
 
     wait for the deadline t0 + k dt          absolute, so that lateness does not add up
     read                                     `NoAnswer`: a sample without a reading
@@ -7,12 +7,12 @@
     guard and write                          within the supply's range and the slew limit
     record                                   after the command, in the time that is left
 
-It begins with a soft start and ends with a safe stop (`mpc.bench.safety`), in every case: normally, by a signal, an
-exception, a device that is lost or a log that cannot be written.
+A loop begins with a soft start and ends with a safe stop (`mpc.bench.safety`), whatever ends it: the end of the
+commands, a signal, a log that cannot be written, or any exception of the device, the source or `watch`. The safe stop
+raises nothing: a ramp that fails becomes a vent, and a vent is tried several times. Then the exception is raised.
 """
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from enum import IntEnum
 from functools import partial
 from math import ceil, inf, isfinite, nan
@@ -20,21 +20,22 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from allocator.errors import CannotWrite
-from allocator.units import BAR, DEG
 from mpc.bench.clock import Clock, MonotonicClock
-from mpc.bench.device import Device, DeviceError, NoAnswer, Reading
+from mpc.bench.device import Device, DeviceError, DeviceLost, NoAnswer, Reading
+from mpc.bench.guard import Guard, Pressures, checked
 from mpc.bench.lateness import Lateness
 from mpc.bench.record import Recorder, Row
 from mpc.bench.safety import Action, Ending, Reason, RefusedStart, SafeStop, SoftStart, Stopped, Watchdog
-from mpc.bench.stops import Stops
+from mpc.bench.stops import Stops, said
 from mpc.tracking.limits import Limits
 
-Pressures = tuple[float, float]
 _PATIENCE = 5  # readings to wait for before a start
+_PAUSE = 0.05  # between two tries of the last command [s]
+_OF_DEVICE = "read", "write"
 
 
 class Phase(IntEnum):
-    """A phase is a part of a loop's life."""
+    """Part of a loop's life."""
 
     RAMP = 0  # soft start: to the pressures of the first command
     SETTLE = 1  # controlled, at the first point of the reference
@@ -43,7 +44,7 @@ class Phase(IntEnum):
 
 
 class Overrun(IntEnum):
-    """An overrun policy says what follows where a sample took longer than there is between two."""
+    """Policy for samples that take longer than the sample time."""
 
     SKIP = 0  # leave out the samples that are over: the reference goes with the clock
     CATCH_UP = 1  # do all of them, at once
@@ -51,7 +52,7 @@ class Overrun(IntEnum):
 
 
 class Tick(NamedTuple):
-    """A tick is one sample of a loop."""
+    """One sample of a loop."""
 
     k: int  # by the clock: those left out count
     missed: int  # left out before it
@@ -61,7 +62,7 @@ class Tick(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """A decision is what to send, and what a row says of it."""
+    """Pressures to send, and the fields of their row in the log."""
 
     u: Pressures  # [Pa]
     phase: Phase = Phase.RUN
@@ -69,22 +70,22 @@ class Decision(NamedTuple):
 
 
 class CommandSource(Protocol):
-    """A command source decides on the commands, one pair a sample of `dt` [s]."""
+    """Source of the commands, one pair per sample of `dt` [s]."""
 
     @property
     def dt(self) -> float:
-        """Return the sample time [s]."""
+        """Sample time [s]."""
 
     @property
     def first(self) -> Pressures:
-        """Return the pressures [Pa] that a soft start leads to."""
+        """Pressures [Pa] that a soft start leads to."""
 
     def decide(self, tick: Tick) -> Decision | None:
         """Return the commands of this sample, None at the end. Raises `Stopped` where the joint is not well."""
 
 
 class Settings(NamedTuple):
-    """The settings of a cycle are those that every loop has."""
+    """Settings that all loops have in common."""
 
     overrun: Overrun = Overrun.SKIP
     start: SoftStart = SoftStart()
@@ -93,7 +94,11 @@ class Settings(NamedTuple):
 
 
 class Cycle:
-    """A cycle runs once; `run` returns how it ended."""
+    """One run of a source's commands on a device; `run` returns how it ended.
+
+    `ending` is also set where `run` raises. `replace` says whether a `log` that exists may be replaced. A `watch` that
+    raises ends the loop like any other exception, and is not called again.
+    """
 
     def __init__(
         self,
@@ -103,47 +108,81 @@ class Cycle:
         settings: Settings,
         *,
         log: str | Path | None = None,
+        replace: bool = False,
         about: Sequence[str] = (),
         clock: Clock | None = None,
         watch: Callable[[Row], None] | None = None,
     ) -> None:
         self.device, self.source, self.dt, self.limits, self.settings = device, source, source.dt, limits, settings
         self.clock: Clock = MonotonicClock() if clock is None else clock
-        self.recorder = Recorder(log, about)
+        self.recorder = Recorder(log, about, replace=replace)
         self.ending: Ending | None = None
         self._watch = watch
+        self._guard = Guard(limits, settings.watchdog, settings.start.angle_margin)
         self._stops = Stops(device, settings.watchdog.stall)
+        self._calling = ""  # function of the device, or `watch`, that is being called
+        self._commanded, self._sighted = False, True
+        self._unforeseen: BaseException | None = None
 
     def request_stop(self) -> None:
         """Ask for the end, from any thread; asked twice a ramp becomes a vent."""
         self._stops.request()
 
     def run(self) -> Ending:
-        """Run to the end and return it. What a controller or a device raises unforeseen is raised after the safe stop.
+        """Run to the end and return it. An unforeseen exception of device, source or `watch` follows the safe stop.
 
-        Raises `RefusedStart`, `DeviceError` where no connection is made, and `CannotWrite` where the log cannot begin.
+        Raises `RefusedStart` and `DeviceError` before the first command, `InvalidInput` for a log that exists, and
+        `CannotWrite` where the log cannot begin.
         """
-        with self.recorder, self.device, self._stops:
+        try:
+            with self.recorder, self.device, self._stops:
+                ending = self._live()
+        finally:
+            if self._unforeseen is not None:  # and not what closing the device may raise then
+                raise self._unforeseen
+        return ending
+
+    def _live(self) -> Ending:
+        """Drive until something ends it, and stop safely."""
+        try:
+            self._drive()
+            ending = Ending(Reason.FINISHED, "")
+        except BaseException as raised:
+            self._stops.interruptible = False
+            ending, foreseen = self._ending(raised)
+            self._unforeseen = None if foreseen else raised
+        self.ending = ending = self._end(ending)
+        return ending
+
+    def _drive(self) -> None:
+        self._stops.interruptible = True
+        try:
             self._begin()
-            unforeseen = None
-            try:
-                self._ramp_up()
-                while self._tick(self.source.decide):
-                    pass
-                ending = Ending(Reason.FINISHED, "")
-            except RefusedStart:
-                raise
-            except BaseException as raised:
-                ending = _ending(raised)
-                unforeseen = raised if ending.reason is Reason.ERROR else None
-            self.ending = self._end(ending)
-        if unforeseen is not None:
-            raise unforeseen
-        return self.ending
+            self._ramp_up()
+            while self._tick(self.source.decide):
+                pass
+        finally:
+            self._stops.interruptible = False
+
+    def _ending(self, raised: BaseException) -> tuple[Ending, bool]:
+        """Return the ending that an exception means, and whether it is foreseen."""
+        if isinstance(raised, Stopped):
+            return raised.ending, True
+        if isinstance(raised, KeyboardInterrupt):
+            return Ending(Reason.INTERRUPTED, ""), True
+        if isinstance(raised, CannotWrite):
+            return Ending(Reason.LOG, str(raised)), True
+        if isinstance(raised, RefusedStart) and not self._commanded:
+            return Ending(Reason.REFUSED, str(raised)), False
+        if isinstance(raised, DeviceError):
+            lost = isinstance(raised, DeviceLost)  # there may be nobody to ramp with
+            return Ending(Reason.DEVICE, str(raised), Action.VENT if lost else None), self._commanded
+        message = f"{self._calling}() raised {said(raised)}" if self._calling else said(raised)
+        return Ending(Reason.DEVICE if self._calling in _OF_DEVICE else Reason.ERROR, message), False
 
     @property
     def lateness(self) -> Lateness:
-        """Return the distribution of lateness so far, without that of the safe stop."""
+        """Distribution of lateness so far, without that of the safe stop."""
         columns = self.recorder.columns
         here = columns["phase"] != Phase.STOP
         return Lateness.of(columns["late"][here], columns["missed"][here], self.dt)
@@ -162,8 +201,7 @@ class Cycle:
                     "--present on the command line (0:0 after venting)"
                 )
             measured = present
-        self._angle_margin = self.settings.start.angle_margin
-        if wrong := self._broken(reading):
+        if wrong := self._guard.broken(reading):
             raise RefusedStart(f"{wrong.message}; nothing was commanded")
         low, high = self.limits.pressure
         one, two = (min(max(P, low), high) for P in measured)
@@ -171,12 +209,12 @@ class Cycle:
         self._began = self._seen = self._taken = self.clock.now()
         self._last_read = -inf  # that one may be read again
         self._next, self._missed = 0, 0
-        self._commanded = False
 
     def _first_reading(self) -> Reading:
         for _ in range(_PATIENCE):
+            self._stops.beat()
             try:
-                reading = self.device.read()
+                reading = self._asked()
             except NoAnswer as silent:
                 why = str(silent)
                 self.clock.sleep_until(self.clock.now() + self.dt)
@@ -199,7 +237,7 @@ class Cycle:
 
         while self._next < steps + round(start.dwell / self.dt):
             self._tick(decide)
-        self._angle_margin = self.settings.watchdog.angle_margin
+        self._guard.angle_margin = self.settings.watchdog.angle_margin
 
     # --- a sample ---------------------------------------------------------------------------------------------------
 
@@ -212,24 +250,33 @@ class Cycle:
         self._stops.check()
         reading = self._read()
         self._check(reading)
+        self._calling = ""
         decision = decide(Tick(self._next, self._missed, reading, self._sent, deadline))
         if decision is None:
             return False
-        taken = self._write(self._guarded(decision.u))
+        taken = self._write(self._guard.command(decision.u, self._sent))
         took = self.clock.now() - began
-        self._record(reading, decision, began, began - deadline, took, taken)
+        row = self._row(reading, decision, began, began - deadline, took, taken)
+        self.recorder.add(row)
+        self._show(row)
         self._next, self._missed = self._next + 1, 0
         return True
 
     def _read(self) -> Reading:
         """Return the reading of now; NaN where there is none, or an old one."""
         try:
-            reading = self.device.read()
+            reading = self._asked()
         except NoAnswer:
             return Reading(nan)
         if not reading.t > self._last_read:
             return Reading(reading.t)
         self._last_read = reading.t
+        return reading
+
+    def _asked(self) -> Reading:
+        self._calling = "read"
+        reading = checked(self.device.read())
+        self._calling = ""
         return reading
 
     def _check(self, reading: Reading) -> None:
@@ -241,55 +288,33 @@ class Cycle:
             raise Stopped(Reason.SILENT, f"no angle was read for {now - self._seen:.3g} s")
         if now - self._taken > patience:
             raise Stopped(Reason.SILENT, f"the device took no command for {now - self._taken:.3g} s")
-        if wrong := self._broken(reading):
+        if wrong := self._guard.broken(reading):
             raise wrong
 
-    def _broken(self, reading: Reading) -> Stopped | None:
-        """Return which limit a reading breaks; what is not measured breaks none."""
-        watchdog, margin = self.settings.watchdog, self._angle_margin
-        left, right = self.limits.theta
-        if reading.theta < left - margin or reading.theta > right + margin:
-            where = f"the joint's range {left / DEG:.1f} … {right / DEG:.1f}°"
-            return Stopped(Reason.LIMIT, f"the angle {reading.theta / DEG:.1f}° is outside {where}")
-        low, high = self.limits.pressure
-        for name, P in (("P1", reading.P1), ("P2", reading.P2)):
-            if P < low - watchdog.pressure_margin or P > high + watchdog.pressure_margin:
-                where = f"the supply's range {low / BAR:g} … {high / BAR:g} bar"
-                return Stopped(Reason.LIMIT, f"{name} = {P / BAR:.2f} bar is outside {where}", Action.VENT)
-        return None
-
-    def _guarded(self, u: Pressures) -> Pressures:
-        """Return the command within supply and slew. Raises `Stopped` for one that is no number."""
-        if not all(map(isfinite, u)):
-            raise Stopped(Reason.COMMAND, f"the command was {u[0]} and {u[1]} Pa")
-        (low, high), step = self.limits.pressure, self.limits.step
-        one, two = (
-            min(max(min(max(P, low), high), last - step), last + step) for P, last in zip(u, self._sent, strict=True)
-        )
-        return float(one), float(two)
-
     def _write(self, u: Pressures) -> bool:
-        self._commanded = True
+        self._commanded, self._calling = True, "write"
         try:
             self.device.write(*u)
         except NoAnswer:
             taken = False
         else:
             taken, self._taken = True, self.clock.now()
-        self._sent = u
+        self._sent, self._calling = u, ""
         return taken
 
-    def _record(
-        self, reading: Reading, decision: Decision, began: float, late: float, took: float, taken: bool
-    ) -> None:
+    def _row(self, reading: Reading, decision: Decision, began: float, late: float, took: float, taken: bool) -> Row:
         zero = self._began
-        row = Row(
+        return Row(
             began - zero, reading.theta, reading.P1, reading.P2, *self._sent, int(decision.phase), self._missed, late,
             took, reading.t - zero, int(taken), **decision.about,
         )  # fmt: skip
-        self.recorder.add(row)
-        if self._watch is not None:
-            self._watch(row)
+
+    def _show(self, row: Row) -> None:
+        """Call `watch`, which is gone if it raises."""
+        watch, self._watch, self._calling = self._watch, None, "watch"
+        if watch is not None:
+            watch(row)
+        self._watch, self._calling = watch, ""
 
     def _leave_out(self) -> None:
         """Leave out the samples that are over already, if that is the policy: the last one took too long, or so did the
@@ -306,22 +331,22 @@ class Cycle:
     # --- end --------------------------------------------------------------------------------------------------------
 
     def _end(self, ending: Ending) -> Ending:
-        """Bring the pressures to where they are to be; return what was done."""
+        """Bring the pressures to where they are to be; return what was done. Whatever fails is not raised."""
         if not self._commanded:
             return ending
         action = ending.action or self.settings.stop.action
-        if ending.reason is Reason.DEVICE:
-            action = Action.VENT  # there may be nobody to ramp with
-        try:
-            if action is Action.RAMP:
-                self._ramp_down()
-            said = self._insist(partial(self.device.write, *self._sent) if action is Action.HOLD else self.device.vent)
-        except Stopped as stalled:  # a call hung, now of all times
-            said = self._insist(self.device.vent) or str(stalled.ending)
-        ending = ending._replace(action=action, delivered=not said)
-        what = f"the device did not take it ({said})" if said else "done"
-        with suppress(CannotWrite):  # whoever reads the log misses this line: the rows before it are there
-            self.recorder.remark(f"ended: {ending}; {action}: {what}")
+        ramp = self._stops.attempt(self._ramp_down)[1] if action is Action.RAMP else None
+        hold = action is Action.HOLD
+        refused = self._stops.insist(partial(self.device.write, *self._sent) if hold else self.device.vent, self._pause)
+        what = f"the device did not take it ({refused})" if refused else "done"
+        if refused and not hold:  # a device that cannot vent may still take a command
+            low = self.limits.pressure[0]
+            if not self._stops.insist(partial(self.device.write, low, low), self._pause):
+                what += f", but a command of {low:g} Pa"
+        if ramp is not None:
+            what += f"; the ramp ended early ({said(ramp)})"
+        ending = ending._replace(action=action, delivered=not refused)
+        self._stops.attempt(partial(self.recorder.remark, f"ended: {ending}; {action}: {what}"))
         return ending
 
     def _ramp_down(self) -> None:
@@ -329,49 +354,31 @@ class Cycle:
         begin, low, began = self._sent, self.limits.pressure[0], self.clock.now()
         self._taken = began
         steps = ceil((max(begin) - low) / self.settings.stop.rate / self.dt)
-        for k in range(1, steps + 1):
-            deadline = began + k * self.dt
+        k = 0
+        while k < steps:
+            deadline = began + (k + 1) * self.dt
             self.clock.sleep_until(deadline)
             now = self.clock.now()
+            k = min(max(k + 1, int((now - began) / self.dt)), steps)  # by the clock: slow calls do not prolong it
             self._stops.beat()
             if self._stops.urgent or now - self._taken > self.settings.watchdog.silence:
                 return
             one, two = (low + (1 - k / steps) * max(P - low, 0.0) for P in begin)
-            try:
-                reading = self._read()
-                taken = self._write((one, two))
-            except DeviceError:
-                return
-            with suppress(CannotWrite):  # the recorder has said so before, or will not be asked again
-                self._record(reading, Decision((one, two), Phase.STOP), now, now - deadline, 0.0, taken)
+            self._descend((one, two), now, now - deadline)
 
-    def _insist(self, command: Callable[[], None]) -> str:
-        """Send the last command, up to three times; return why it was not taken, or nothing."""
-        why = ""
-        for _ in range(3):
-            self._stops.beat()
-            try:
-                command()
-            except NoAnswer as silent:
-                why = str(silent) or "no answer"
-            except Exception as error:  # of whoever wrote the device: the ending tells it
-                return f"{type(error).__name__}: {error}"
-            else:
-                return ""
-        return why
+    def _descend(self, u: Pressures, now: float, late: float) -> None:
+        """Do a sample of the ramp. Only the command has to succeed; after a reading that failed there are none."""
+        reading = None
+        if self._sighted:
+            reading, failed = self._stops.attempt(self._read)
+            self._sighted = failed is None
+        taken = self._write(u)
+        row = self._row(reading or Reading(nan), Decision(u, Phase.STOP), now, late, 0.0, taken)
+        for note in (self.recorder.add, self._show):
+            self._stops.attempt(partial(note, row))
 
-
-def _ending(raised: BaseException) -> Ending:
-    """Return the ending that an exception means."""
-    if isinstance(raised, Stopped):
-        return raised.ending
-    if isinstance(raised, KeyboardInterrupt):
-        return Ending(Reason.INTERRUPTED, "")
-    if isinstance(raised, DeviceError):
-        return Ending(Reason.DEVICE, str(raised))
-    if isinstance(raised, CannotWrite):
-        return Ending(Reason.LOG, str(raised))
-    return Ending(Reason.ERROR, f"{type(raised).__name__}: {raised}")
+    def _pause(self) -> None:
+        self.clock.sleep_until(self.clock.now() + _PAUSE)
 
 
 __all__ = ["CommandSource", "Cycle", "Decision", "Overrun", "Phase", "Pressures", "Settings", "Tick"]

@@ -1,4 +1,4 @@
-"""Logs of a bench are read, turned into runs and kept as NPZ here.
+"""Logs of a bench: read, turned into runs, kept as NPZ.
 
 A log is the CSV of `mpc.bench.record`, in SI units. `read_log` takes one that ends in the middle of a line. A log's
 samples under control make a `Run`, so that all that metrics, pictures and recordings say of simulations they say
@@ -74,6 +74,7 @@ class Record:
         save_recording(self.run(), path, {f"log_{name}": column for name, column in self.columns.items()})
 
 
+_MOST = 2.0**53  # up to which floats have all whole numbers
 _MOVING = (Phase.RAMP, Phase.SETTLE, Phase.RUN)
 _LEAST = 2  # samples of a run
 _CONTROLLED = (Phase.SETTLE, Phase.RUN)
@@ -111,24 +112,29 @@ def read_log(path: str | Path) -> dict[str, NDArray[Any]]:
         raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError:
         raise InvalidFile(path, "is no text") from None
-    whole = text[: text.rfind("\n") + 1].splitlines()
-    lines = [(number, line) for number, line in enumerate(whole, 1) if not line.startswith("#")]
+    ended = text[: text.rfind("\n") + 1].splitlines()
+    lines = [(number, line) for number, line in enumerate(ended, 1) if not line.startswith("#")]
     if not lines:
         raise InvalidFile(path, "has no line of column names")
     names = [re.sub(r" \[.*\]$", "", name) for name in lines[0][1].split(",")]
     if missing := set(Row._fields) - set(names):
         raise InvalidFile(path, f"is no log of a loop: {', '.join(sorted(missing))} missing", line=lines[0][0])
-    rows = np.array([_numbers(path, number, line, len(names)) for number, line in lines[1:]]).reshape(-1, len(names))
+    whole = [i for i, name in enumerate(names) if name in INTEGERS]
+    rows = np.array([_numbers(path, number, line, len(names), whole) for number, line in lines[1:]])
+    rows = rows.reshape(-1, len(names))
     return {name: rows[:, i].astype(int) if name in INTEGERS else rows[:, i] for i, name in enumerate(names)}
 
 
-def _numbers(path: str | Path, number: int, line: str, n: int) -> list[float]:
+def _numbers(path: str | Path, number: int, line: str, n: int, whole: list[int]) -> list[float]:
+    """Return the n values of a line, those at the places `whole` being whole numbers."""
     try:
         values = [float(cell) for cell in line.split(",")]
     except ValueError:
         raise InvalidFile(path, "has a cell that is no number", line=number) from None
     if len(values) != n:
         raise InvalidFile(path, f"has {len(values)} cells, not {n}", line=number)
+    if any(not abs(values[i]) < _MOST or values[i] % 1 for i in whole):
+        raise InvalidFile(path, "has a phase, count or status that is no whole number", line=number)
     return values
 
 

@@ -1,11 +1,11 @@
-"""The real-time loop is a controller and its observer on a device, along a reference.
+"""Real-time loop of a controller and its observer on a device, along a reference.
 
     loop = RealTimeLoop(device, controller, KalmanObserver(plant, dt), reference, log="run.csv")
     record = loop.run()
     print(record.ending, record.lateness)
 
-What controller and observer do on a simulated plant (`mpc.trials.simulation.simulate`) they do here, sample by sample;
-`mpc.bench.tracking` does, and `mpc.bench.cycle` keeps the time and everything safe.
+Controller and observer do on a device what they do on a simulated plant (`mpc.trials.simulation.simulate`).
+`mpc.bench.tracking` decides on the commands, `mpc.bench.cycle` keeps the time, the limits and the safe stop.
 """
 
 from collections.abc import Callable
@@ -29,12 +29,12 @@ from mpc.trials.simulation import Controller
 
 
 class RealTimeLoop:
-    """A real-time loop is a run of `controller` and `observer` on `device` along `reference`; it runs once.
+    """One run of `controller` and `observer` on `device` along `reference`.
 
     Parameters
     ----------
     device
-        What reads and writes; it is entered by `run`.
+        The joint's sensors and valves; `run` enters it.
     controller, observer
         As for `mpc.simulate`; the sample time is the controller's.
     reference
@@ -45,10 +45,13 @@ class RealTimeLoop:
         See `mpc.bench.safety` and `mpc.bench.cycle.Overrun`.
     log
         A CSV file that is written sample by sample; see `mpc.bench.record`.
+    replace
+        Whether a `log` that exists may be replaced; the first sample does it.
     clock
         By default this computer's monotonic one; a `SimulatedDevice` that runs faster has its own.
     watch
-        Is called with every `Row`, after its command was sent: for a display. It must not take long.
+        Is called with every `Row`, after its command was sent: for a display. It must not take long. If it raises, the
+        loop ends with the safe stop, and `run` raises the exception.
     """
 
     def __init__(
@@ -64,6 +67,7 @@ class RealTimeLoop:
         watchdog: Watchdog | None = None,
         overrun: Overrun = Overrun.SKIP,
         log: str | Path | None = None,
+        replace: bool = False,
         clock: Clock | None = None,
         watch: Callable[[Row], None] | None = None,
     ) -> None:
@@ -74,18 +78,25 @@ class RealTimeLoop:
         _rehearse(self.plant, controller, observer, reference)
         self.tracking = Tracking(self.plant, controller, observer, reference, settings.start.settle, settings.watchdog)
         self.cycle = Cycle(
-            device, self.tracking, limits, settings, log=log, about=about(dt), clock=clock, watch=watch
-        )  # fmt: skip
+            device, self.tracking, limits, settings, log=log, replace=replace, about=about(dt), clock=clock, watch=watch
+        )
 
     def run(self) -> Record:
         """Run to the end of the reference, or until something else ends it; return the record of it.
 
-        Raises `RefusedStart` before the first command where the joint is not where it may be, `DeviceError` where no
-        connection is made, `CannotWrite` where the log cannot begin; and whatever controller or observer raise, after
-        the safe stop.
+        Raises `RefusedStart` and `DeviceError` before the first command, `InvalidInput` for a log that exists, and
+        `CannotWrite` where the log cannot begin. Any exception of device, controller, observer or `watch` that is not a
+        `DeviceError` is raised after the safe stop; `record` then has what was recorded.
         """
-        ending = self.cycle.run()
-        return Record(self.plant, self.cycle.dt, self.cycle.recorder.columns, ending)
+        self.cycle.run()
+        return self.record
+
+    @property
+    def record(self) -> Record:
+        """Record of a loop that has ended, by an exception or not. Raises `InvalidInput` before."""
+        if self.cycle.ending is None:
+            raise InvalidInput("the loop has not run, or has not ended: there is no record of it")
+        return Record(self.plant, self.cycle.dt, self.cycle.recorder.columns, self.cycle.ending)
 
     def stop(self) -> None:
         """Ask for the safe stop, from any thread."""

@@ -1,8 +1,11 @@
-"""Everything that happens in a loop is recorded, sample by sample: in memory, and in a file that is never behind.
+"""The record of a loop, sample by sample: in memory, and in a file that is never behind.
 
-The file is a CSV with a line a sample, written to the system at once and without a buffer of ours: what a killed
-process has done can be read up to its last sample. Where the disk is full the line that did not fit is taken back. SI
-units, numbers exact (`repr`), so that a log can be replayed; `NaN` is what was not measured.
+The file is a CSV with a line per sample, written to the system at once and without a buffer of ours, so that the log of
+a killed process is complete up to its last sample. If the disk is full, the line that did not fit is taken back. SI
+units, numbers exact (`repr`), so that a log can be replayed; `NaN` is a quantity that was not measured.
+
+A log that exists is replaced only on request, and only by the first row: until then the head of the new log is in a
+file of its own, which shows that the disk takes it. A loop that never comes to a first row leaves no file behind.
 """
 
 import os
@@ -15,7 +18,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.errors import CannotWrite
+from allocator.errors import CannotWrite, InvalidInput
 from allocator.files.atomic import check_writable
 from mpc.tracking.plan import Plan
 
@@ -23,7 +26,7 @@ _CHUNK = 4096  # rows
 
 
 class Row(NamedTuple):
-    """A row is a sample of a loop; SI units."""
+    """One sample of a loop; SI units."""
 
     t: float  # [s] when it began, since the first one
     theta: float  # measured [rad]; NaN: no reading
@@ -84,37 +87,52 @@ def header(names: Sequence[str] = Row._fields) -> str:
 
 
 class Recorder:
-    """A recorder keeps the rows of a loop, and writes them to the file `path` if one is given.
+    """Rows of a loop in memory, and in the file `path` if one is given.
 
-    Entered as a context, it opens the file. Raises `CannotWrite`.
+    Entered as a context, it begins the file. Raises `CannotWrite`, and `InvalidInput` for a file that exists unless
+    `replace`.
     """
 
-    def __init__(self, path: str | Path | None, about: Sequence[str] = ()) -> None:
-        self._path, self._about = path, about
+    def __init__(self, path: str | Path | None, about: Sequence[str] = (), *, replace: bool = False) -> None:
+        self._path, self._about, self._replace = path, about, replace
         self._file: int | None = None
+        self._target: Path | None = None  # that the first row makes of the draft
+        self._draft: Path | None = None  # is removed if no row comes
         self._chunks: list[Array] = []
         self._used = _CHUNK  # rows of the last chunk
 
     def __enter__(self) -> Self:
-        """Open the file and write its head."""
+        """Begin the file with its head."""
         if self._path is not None:
             check_writable(self._path)
+            target = Path(os.path.realpath(self._path))
+            exists = target.is_file()
+            if exists and not self._replace:
+                raise InvalidInput(f"log = {os.fspath(self._path)!r} exists; give another name, or replace=True")
+            self._target = target if exists else None
+            self._draft = _beside(target) if exists else None if target.exists() else target
             try:
-                Path(self._path).absolute().parent.mkdir(parents=True, exist_ok=True)
-                flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | getattr(os, "O_BINARY", 0)
-                self._file = os.open(self._path, flags, 0o644)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                self._file = _opened(self._draft or target, os.O_EXCL if self._draft else 0)
             except OSError as error:
                 raise CannotWrite(self._path, error) from None
-            self._write("".join(f"# {line}\n" for line in self._about) + header() + "\n")
+            try:
+                self._write("".join(f"# {line}\n" for line in self._about) + header() + "\n")
+            except CannotWrite:
+                self.__exit__(None, None, None)
+                raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Close the file."""
-        if self._file is not None:
-            os.close(self._file)
-            self._file = None
+        """Close the file; without a row there is none."""
+        file, self._file = self._file, None
+        if file is not None:
+            os.close(file)
+        if self._draft is not None:
+            self._draft.unlink(missing_ok=True)
+            self._draft = None
 
     def add(self, row: Row) -> None:
         """Keep a row. Raises `CannotWrite`; the file then ends with the row before, and nothing more goes into it."""
@@ -124,6 +142,7 @@ class Recorder:
         self._chunks[-1][self._used] = row
         self._used += 1
         if self._file is not None:
+            self._settle()
             self._write(",".join([repr(kind(value)) for kind, value in zip(_KINDS, row, strict=True)]) + "\n")
 
     def remark(self, line: str) -> None:
@@ -131,9 +150,25 @@ class Recorder:
         if self._file is not None:
             self._write(f"# {line}\n")
 
+    def _settle(self) -> None:
+        """Let the draft take the place of the log, now that there is a row."""
+        draft, self._draft = self._draft, None
+        if draft is None or self._target is None:
+            return
+        assert self._file is not None
+        try:
+            draft.chmod(self._target.stat().st_mode)
+            os.close(self._file)  # Windows renames no file that is open
+            self._file = None
+            os.replace(draft, self._target)
+            self._file = _opened(self._target)
+        except OSError as error:
+            draft.unlink(missing_ok=True)
+            raise CannotWrite(self._path, error) from None
+
     @property
     def columns(self) -> dict[str, Array]:
-        """Return the rows so far as columns (n,) by name."""
+        """Rows so far, as columns (n,) by name."""
         rows = np.concatenate([*self._chunks[:-1], self._chunks[-1][: self._used]]) if self._chunks else _NONE
         return {name: column.astype(int) if name in INTEGERS else column for name, column in _named(rows)}
 
@@ -154,6 +189,17 @@ class Recorder:
         if written:
             os.ftruncate(file, os.fstat(file).st_size - written)
         os.close(file)
+
+
+def _beside(target: Path) -> Path:
+    """Return a name for a draft in the folder of `target`."""
+    return target.with_name(f".{target.stem[:64]}-{os.urandom(8).hex()}{target.suffix}")
+
+
+def _opened(path: Path, more: int = 0) -> int:
+    """Return the descriptor of a file; a pipe without a reader, or a full one, raises instead of blocking."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
+    return os.open(path, flags | more, 0o644)
 
 
 _NONE = np.empty((0, len(Row._fields)))

@@ -27,10 +27,10 @@ class Reason(StrEnum):
     """A reason is why a loop ended."""
 
     FINISHED = "finished"
-    INTERRUPTED = "interrupted"  # Ctrl-C
-    TERMINATED = "terminated"  # SIGTERM, or the terminal was closed
+    INTERRUPTED = "interrupted"  # Ctrl-C, Ctrl-Z
+    TERMINATED = "terminated"  # SIGTERM, SIGQUIT, or the terminal was closed
     REQUESTED = "stopped by the program"
-    DEVICE = "device lost"
+    DEVICE = "device lost"  # or it raised an exception
     SILENT = "no reading"
     STALLED = "no progress"
     LATE = "a sample was missed"
@@ -38,6 +38,7 @@ class Reason(StrEnum):
     LIMIT = "a limit was broken"
     COMMAND = "no command that could be sent"
     LOG = "the log cannot be written"
+    REFUSED = "the start was refused"
     ERROR = "an error in the program"
 
 

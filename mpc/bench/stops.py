@@ -1,36 +1,51 @@
-"""Whatever wants a loop to end comes here: Ctrl-C, SIGTERM, a closed terminal, the program, or a call that hangs.
+"""Requests that end a loop, and calls that must not: signals, the program, calls that hang or raise.
 
-A signal only sets a flag, which the loop sees at its next sample: a command on its way is not torn. A second one makes
-a ramp that is under way a vent. Where no sample was done for `stall` seconds a thread interrupts whatever call hangs,
-by a signal whose handler raises `Stopped` in it. If that does not help for as long again, the device is vented
-from that thread, and the process ends with exit code 4. Signals reach the main thread only: a loop that runs in
-another one stops by `request`, and its hanging calls cannot be interrupted.
+A signal only sets a flag, which the loop reads at its next sample, so that a command under way is not torn. Ctrl-C
+(SIGINT), Ctrl-Z (SIGTSTP), SIGTERM and a closed terminal (SIGHUP, unless it is ignored as under nohup) ask for the safe
+stop; a second signal, or SIGQUIT, asks for a vent at once. If no sample is finished for `stall` seconds, a thread
+interrupts the call that hangs by a signal whose handler raises `Stopped` in it. If that does not help twice, the device
+is vented from that thread, and the process ends with exit code 4.
+
+Signals reach the main thread only. A loop in another thread stops by `request` and when the process exits; its
+hanging calls cannot be interrupted.
 """
 
 import _thread
+import atexit
 import os
 import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
 from types import FrameType, TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
+from allocator.errors import AntagonistError
 from mpc.bench.device import Device
 from mpc.bench.safety import Reason, Stopped
 
 EXIT = 4  # exit code of a process that had to be ended
 _PATIENCE = 2  # interruptions before the process is ended
-_ENDING = {"SIGINT": Reason.INTERRUPTED, "SIGTERM": Reason.TERMINATED, "SIGHUP": Reason.TERMINATED}
+_TRIES = 8  # of a command that has to arrive
+_ENDING = {
+    "SIGINT": Reason.INTERRUPTED,
+    "SIGTSTP": Reason.INTERRUPTED,  # a suspended process would hold the pressures for ever
+    "SIGTERM": Reason.TERMINATED,
+    "SIGHUP": Reason.TERMINATED,
+    "SIGQUIT": Reason.TERMINATED,
+}
+_T = TypeVar("_T")
 
 
 class Stops:
-    """The stops of a loop are in force while it is entered as a context."""
+    """Signals, requests and the watch over hanging calls, in force while entered as a context."""
 
     def __init__(self, device: Device, stall: float) -> None:
         self._device, self._stall = device, stall
         self._asked: Reason | None = None
         self.urgent = False  # whether it was asked for more than once
+        self.interruptible = False  # whether a call that hangs may be interrupted by `Stopped`
         self._interrupting = False
         self._beat = time.monotonic()
         self._left = threading.Event()
@@ -39,13 +54,16 @@ class Stops:
 
     def __enter__(self) -> Self:
         """Listen to signals, where this is the main thread, and begin to watch."""
+        self._runs_in = threading.get_ident()
         self._main = threading.get_ident() if threading.current_thread() is threading.main_thread() else None
-        if self._main is not None:
-            for name in _ENDING:
-                if number := getattr(signal.Signals, name, None):
-                    self._before[number] = signal.signal(number, self._handle)
         self._beat = time.monotonic()
         self._thread.start()
+        atexit.register(self._at_exit)
+        if self._main is not None:
+            for name in _ENDING:
+                number = getattr(signal.Signals, name, None)
+                if number and not (name == "SIGHUP" and signal.getsignal(number) is signal.SIG_IGN):
+                    self._before[number] = signal.signal(number, self._handle)
         return self
 
     def __exit__(
@@ -54,8 +72,9 @@ class Stops:
         """Leave the signals as they were."""
         self._left.set()
         self._thread.join()
+        atexit.unregister(self._at_exit)
         for number, handler in self._before.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)  # None: not set by Python
 
     def request(self, reason: Reason = Reason.REQUESTED) -> None:
         """Ask for the end, from any thread; asked twice it is urgent."""
@@ -70,11 +89,50 @@ class Stops:
         if self._asked is not None:
             raise Stopped(self._asked)
 
+    def attempt(self, call: Callable[[], _T]) -> tuple[_T | None, BaseException | None]:
+        """Return the result of `call` and None, or None and what it raised; one that hangs is interrupted."""
+        before = self.interruptible
+        try:
+            self.interruptible = True
+            try:
+                return call(), None
+            finally:
+                self.interruptible = before
+        except BaseException as raised:
+            return None, raised
+
+    def insist(self, command: Callable[[], object], pause: Callable[[], None]) -> str:
+        """Try `command` several times, with a `pause` between; return why it failed, or "" if it succeeded."""
+        why = ""
+        for k in range(_TRIES):
+            if k:
+                self.attempt(pause)
+            self.beat()
+            failed = self.attempt(command)[1]
+            if failed is None:
+                return ""
+            why = said(failed)
+        return why
+
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self._interrupting:
             self._interrupting = False
-            raise Stopped(Reason.STALLED, f"a call hung for {self._stall:g} s")
-        self.request(_ENDING[signal.Signals(number).name])
+            if self.interruptible:
+                raise Stopped(Reason.STALLED, f"a call hung for {self._stall:g} s")
+            return
+        name = signal.Signals(number).name
+        self.request(_ENDING[name])
+        self.urgent = self.urgent or name == "SIGQUIT"
+
+    def _at_exit(self) -> None:
+        """Wait for the safe stop of a loop in another thread, which the end of the process would cut off."""
+        if threading.get_ident() != self._runs_in:
+            self.request(Reason.TERMINATED)
+            while not self._left.is_set():
+                try:
+                    self._left.wait()
+                except KeyboardInterrupt:
+                    self.request()
 
     # --- a call that hangs ------------------------------------------------------------------------------------------
 
@@ -98,21 +156,37 @@ class Stops:
 
     def _abandon(self) -> None:
         """Vent without the thread that hangs, and end the process."""
-        said = []
+        outcome: list[str] = []
 
         def vent() -> None:
-            try:
-                self._device.vent()
-                said.append("it was vented")
-            except Exception as error:  # of whoever wrote the device; it is told, and the process ends
-                said.append(f"it could not be vented ({error})")
+            for _ in range(_TRIES):
+                try:
+                    self._device.vent()
+                except BaseException as error:
+                    outcome[:] = [f"it could not be vented ({said(error)})"]
+                    time.sleep(self._stall / 4 / _TRIES)
+                else:
+                    outcome[:] = ["it was vented"]
+                    return
 
         venting = threading.Thread(target=vent, daemon=True)
         venting.start()
         venting.join(self._stall)
-        what = said[0] if said else "it could not be vented either"
+        what = outcome[0] if outcome else "it could not be vented either"
         os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, f"antagonist: a call hangs; {what}\n".encode())
         os._exit(EXIT)
 
 
-__all__ = ["EXIT", "Stops"]
+def said(error: BaseException) -> str:
+    """Return type and message of an exception, whose `__str__` may fail as well."""
+    try:
+        message = str(error)
+    except Exception:
+        message = "no message"
+    if isinstance(error, AntagonistError) and message:
+        return message
+    name = type(error).__name__
+    return f"{name}: {message}" if message else name
+
+
+__all__ = ["EXIT", "Stops", "said"]

@@ -159,6 +159,7 @@ class Sweep:
         self.first: Pressures = steps[0] if steps else visits[0].come_from
         self.equilibria: list[Equilibrium] = []
         self.restless = 0  # visits whose angle did not come to rest
+        self.written: list[Path] = []
         self._u = self.first
         self._torque = 0.0
         self._decisions = self._all()
@@ -197,7 +198,7 @@ class Sweep:
         known = np.array([row for row in rows if isfinite(row[1])])
         if known.size:
             known[:, 0] -= known[0, 0]
-        write_text(self.directory / "motion_log.csv", _csv(MOTION_HEADER, known))
+        self._write("motion_log.csv", _csv(MOTION_HEADER, known))
 
     def _hanging(self, torque: float) -> Iterator[Decision]:
         """Hold until the weight hangs, and then until the joint has come to rest."""
@@ -225,7 +226,13 @@ class Sweep:
     def _note(self, visit: Visit, last: Array) -> None:
         theta, P1, P2 = np.nanmean(last, axis=0).tolist()
         self.equilibria.append(Equilibrium(theta, P1, P2, visit.torque, visit.direction))
-        write_text(self.directory / "joint_log.csv", _csv(JOINT_HEADER, np.array(self.equilibria)))
+        self._write("joint_log.csv", _csv(JOINT_HEADER, np.array(self.equilibria)))
+
+    def _write(self, name: str, text: str) -> None:
+        path = self.directory / name
+        write_text(path, text)
+        if path not in self.written:
+            self.written.append(path)
 
     def _measured(self) -> tuple[float, float, float]:
         """Return angle and pressures of now; the commands for pressures that are not measured."""

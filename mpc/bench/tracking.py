@@ -21,7 +21,7 @@ from mpc.observer.kalman import Observer
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller
 
-_ACTIONS = {Reaction.VENT: Action.VENT, Reaction.HOLD: Action.HOLD}
+_ACTIONS = {Reaction.VENT: Action.VENT}  # after any other one the stop that was asked for: nobody stays to hold
 _ESTIMATES = ("theta_estimate", "omega_estimate", "P1_estimate", "P2_estimate", "d_estimate")
 _UNSEEN = np.full(NX, np.nan)
 

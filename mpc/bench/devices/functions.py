@@ -1,18 +1,18 @@
-"""A callable device is two functions of yours: analog cards, EtherCAT masters, ROS nodes, whatever Python can reach."""
+"""Device made of two functions: analog cards, EtherCAT masters, ROS nodes, anything that Python can reach."""
 
 from collections.abc import Callable, Sequence
 from math import nan
 from types import TracebackType
 from typing import Self
 
-import numpy as np
-
+from allocator import checks
+from allocator.errors import InvalidInput
 from mpc.bench.clock import Clock, MonotonicClock
 from mpc.bench.device import DeviceError, Reading
 
 
 class CallableDevice:
-    """A callable device reads by one function and writes by another.
+    """Device that reads by one function and writes by another.
 
     Parameters
     ----------
@@ -28,8 +28,8 @@ class CallableDevice:
     clock
         Dates readings that have no time of their own; that of the loop.
 
-    Functions that raise `NoAnswer` miss a sample, `DeviceLost` ends a loop; so does any other exception, which the
-    loop raises again after its safe stop.
+    A function that raises `NoAnswer` misses a sample. `DeviceLost` ends a loop by a vent, any other exception by the
+    safe stop, after which the loop raises it again.
     """
 
     def __init__(
@@ -61,11 +61,11 @@ class CallableDevice:
             return said
         t = self._clock.now()
         try:
-            if said is None:  # of which NumPy makes a NaN
-                raise TypeError
-            values = np.atleast_1d(np.asarray(said, float)).tolist()
-        except (TypeError, ValueError):
-            raise DeviceError(f"read() returned {said!r}, no numbers: give theta [rad], P1, P2 [Pa]") from None
+            values = checks.floats("read()", said, "rad, Pa, Pa").ravel().tolist()
+        except InvalidInput:
+            raise DeviceError(
+                f"read() returned {checks.brief(said)}, no numbers: give theta [rad], P1, P2 [Pa]"
+            ) from None
         if len(values) not in (1, 3):
             raise DeviceError(f"read() returned {len(values)} numbers: give theta [rad], or theta, P1 and P2 [Pa]")
         return Reading(t, *(values if len(values) == 3 else (values[0], nan, nan)))

@@ -1,12 +1,14 @@
-"""A Modbus device is a valve terminal that speaks Modbus TCP or RTU; what is where says a `RegisterMap`.
+"""Valve terminals that speak Modbus TCP or RTU, with a `RegisterMap` of their registers.
 
-It needs pymodbus (`pip install 'antagonist[modbus]'`). An answer that comes late, not at all or as an exception of the
-device is a `NoAnswer`: the connection is made anew at the next call, so that an answer that comes later is
-not taken for that of another request. A connection that cannot be made is a `DeviceLost`.
+It needs pymodbus (`pip install 'antagonist[modbus]'`). `NoAnswer` is an answer that comes late or not at all, an
+exception of the device, or an answer to another request (of another function, to another register). The connection is
+then made anew at the next call, so that a late answer is not taken for that of another request. A connection that
+cannot be made is a `DeviceLost`.
 """
 
 import re
 from collections.abc import Callable
+from functools import partial
 from math import nan
 from types import TracebackType
 from typing import Any, Self
@@ -19,10 +21,12 @@ from mpc.bench.devices.register_map import Entry, RegisterMap
 PORT = 502
 _ADDRESS = re.compile(r"(?P<place>[^:]+)(:(?P<port>[^:./\\]+))?(:(?P<map>.+\.toml))?")
 _MOST = 125  # registers of a request
+_READ = {"holding": 3, "input": 4}  # function codes
+_WRITE = 16
 
 
 class ModbusDevice:
-    """A Modbus device is reached by `client()`, which makes a connection object of pymodbus (`tcp`, `rtu`)."""
+    """Modbus device behind the connection object of pymodbus that `client()` makes (`tcp`, `rtu`)."""
 
     def __init__(self, client: Callable[[], Any], registers: RegisterMap, clock: Clock | None = None) -> None:
         self._make, self.registers = client, registers
@@ -87,16 +91,21 @@ class ModbusDevice:
 
     def _words(self, kind: str, first: int, count: int) -> list[int]:
         ask = self._connected.read_input_registers if kind == "input" else self._connected.read_holding_registers
-        words = self._answer(lambda: ask(first, count=count, device_id=self.registers.device_id)).registers
+        answer = self._answer(lambda: ask(first, count=count, device_id=self.registers.device_id), _READ[kind])
+        words = answer.registers
         if len(words) != count:
-            raise NoAnswer(f"{len(words)} registers were answered, not {count}")
+            raise self._not_meant(f"{len(words)} registers were answered, not {count}")
         return list(words)
 
     def _write(self, register: int, numbers: list[int]) -> None:
         client = self._connected
-        self._answer(lambda: client.write_registers(register, numbers, device_id=self.registers.device_id))
+        ask = partial(client.write_registers, register, numbers, device_id=self.registers.device_id)
+        answer = self._answer(ask, _WRITE)
+        if (answer.address, answer.count) != (register, len(numbers)):
+            raise self._not_meant(f"{answer.count} registers from {answer.address} on were written")
 
-    def _answer(self, ask: Callable[[], Any]) -> Any:
+    def _answer(self, ask: Callable[[], Any], function: int) -> Any:
+        """Return the answer to a request of this `function` code. Raises `NoAnswer`."""
         from pymodbus.exceptions import ModbusException
 
         try:
@@ -106,7 +115,14 @@ class ModbusDevice:
             raise NoAnswer(f"no answer ({error})") from None
         if answer.isError():
             raise NoAnswer(f"the device refused: {answer}")
+        if answer.function_code != function:
+            raise self._not_meant(f"the answer is of function {answer.function_code}, not {function}")
         return answer
+
+    def _not_meant(self, why: str) -> NoAnswer:
+        """Return the error for an answer to something else; what follows on this connection is not trusted either."""
+        self._client.close()
+        return NoAnswer(f"the device answered another request: {why}")
 
     @property
     def _connected(self) -> Any:

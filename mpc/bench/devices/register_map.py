@@ -143,6 +143,8 @@ class RegisterMap:
             text = Path(path).read_text(encoding="utf-8")
         except OSError as error:
             raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
+        except UnicodeDecodeError:
+            raise InvalidFile(path, "is not UTF-8, as TOML has to be: save it in that encoding") from None
         return cls._parsed(text, path)
 
     @classmethod

@@ -125,9 +125,8 @@ def simulated(plant: Plant, known: Compensation, **effects: Any) -> RealPlant:
 
     Where nothing is known of an effect it is that of `RealPlant.standard`; its muscles pull as the plant's do.
     """
-    told = {name: value for name, value in vars(known).items() if value != vars(Compensation())[name]}
     standard = RealPlant.standard((1.0, 1.0), nominal=plant)
-    return replace(standard, **(told | effects))
+    return replace(standard, **(known.told | effects))
 
 
 def open_simulated(address: str = "", clock: Clock | None = None) -> SimulatedDevice:

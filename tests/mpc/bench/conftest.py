@@ -64,13 +64,13 @@ def bench(plant):
     reference = Reference(t, 10 * DEG * np.sin(np.pi * t) ** 2, np.full(t.size, 7.5))
     controller = PIDControl(plant, DT)
 
-    def loop(**settings):
+    def loop(observer=None, **settings):
         settings = {
             "start": SoftStart(rate=5 * BAR, dwell=0.1, settle=0.1),
             "stop": SafeStop(rate=10 * BAR),
             "clock": clock,
         } | settings
-        return RealTimeLoop(device, controller, Differentiator(DT), reference, **settings)
+        return RealTimeLoop(device, controller, observer or Differentiator(DT), reference, **settings)
 
     return SimpleNamespace(
         clock=clock, device=device, reference=reference, controller=controller, plant=plant, loop=loop

@@ -1,12 +1,13 @@
 """A process to be killed: a PID drives a simulated joint in real time, and every command goes into a file.
 
 python driven.py DIRECTORY HANG; writes DIRECTORY/log.csv and DIRECTORY/commands, a line each, or `vent`. HANG is "no",
-"call" (the hundredth reading never comes), "stubborn" (nor does an interruption help it) or "device" (nor does a
-command).
+"call" (the hundredth reading never comes), "stubborn" (nor does an interruption help it), "device" (nor does a
+command) or "thread" (nothing hangs, but the loop is in a thread, and the program ends after a hundred readings).
 """
 
 import os
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -35,10 +36,13 @@ def sleeping(stubborn):
 
 def main(directory, hang):
     commands = os.open(directory / "commands", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    readings = iter(range(10**9))
+    readings, enough = iter(range(10**9)), threading.Event()
 
     def read():
-        if next(readings) >= 100 and hang != "no":
+        k = next(readings)
+        if k >= 100 and hang == "thread":
+            enough.set()
+        elif k >= 100 and hang != "no":
             sleeping(hang == "stubborn")
         return Reading(time.monotonic(), 0.0, 2 * BAR, 2 * BAR)
 
@@ -60,6 +64,10 @@ def main(directory, hang):
         start=SoftStart(rate=50 * BAR, dwell=0.0, settle=0.0), stop=SafeStop(rate=20 * BAR),
         watchdog=Watchdog(silence=30.0, stall=0.5, reaction=None), log=directory / "log.csv",
     )  # fmt: skip
+    if hang == "thread":
+        threading.Thread(target=loop.run, daemon=True).start()
+        enough.wait()
+        return
     record = loop.run()
     print(record.ending, record.ending.delivered)
     sys.exit(EXITS.get(str(record.ending.reason), 4))

@@ -15,7 +15,7 @@ from allocator.identification.motion.reading import read_motion_log
 from allocator.joint.antagonist import report_joint
 from allocator.muscles import scaled
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from mpc import Compensation, KalmanObserver, Plant, TrackingMPC, Weights
+from mpc import Compensation, IdentifiedPlant, KalmanObserver, Plant, TrackingMPC, Weights
 from mpc.bench.clock import SimulatedClock
 from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.devices.modbus import ModbusDevice
@@ -118,11 +118,12 @@ def test_the_same_over_a_line_and_the_log_replays(connected, tmp_path):
 
 def identified(device, hang, clock, directory):
     """Sweep and fit; the file of the plant that was found."""
-    plan = plan_joint_experiment(within(ROUGH.joint))
+    plan = plan_joint_experiment(within(ROUGH.joint), setpoints=10)
     sweep = Sweep(visits_of(plan, ROUGH.joint), random_steps(ROUGH.joint, 30), DT, hang, directory)
     assert str(Cycle(device, sweep, Limits.of(ROUGH, DT), Settings(), clock=clock).run()) == "finished"
     rest, motion = read_joint_log(directory / "joint_log.csv"), read_motion_log(directory / "motion_log.csv")
     loads = {"torque": rest.torque, "direction": rest.direction, "geometry": Pulley(0.40, 0.02, 0.1375)}
     joint = fit_joint(rest.theta, rest.P1, rest.P2, **loads).joint
-    fit_motion(motion.t, motion.theta, motion.P1, motion.P2, joint=joint).save(directory / "plant.toml")
+    found = fit_motion(motion.t, motion.theta, motion.P1, motion.P2, joint=joint)
+    IdentifiedPlant.of(found).save(directory / "plant.toml")
     return directory / "plant.toml"

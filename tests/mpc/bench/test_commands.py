@@ -11,6 +11,7 @@ from mpc.bench.device import DeviceLost
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.display import dashboard
 from mpc.bench.logs import read_log
+from mpc.bench.tracking import Tracking
 from mpc.cli import app
 from mpc.trials.recordings import load_recording
 
@@ -34,6 +35,22 @@ def test_devices_are_listed():
     result = antagonist("devices")
     assert result.exit_code == 0
     assert all(name in result.output for name in ("sim", "modbus", "serial"))
+
+
+def test_a_rehearsal_tells_the_controller_the_hysteresis_of_the_file_and_what_is_assumed(tmp_path, trajectory):
+    path = tmp_path / "plant.toml"
+    assert antagonist("init", path).exit_code == 0
+    lines = "weights = [0.1, 0.4, 0.5]", "thresholds = [0.03, 0.05]", "base = 1.0"
+    path.write_text("\n".join([path.read_text(), "[hysteresis]", *lines, ""]))
+    result = antagonist("run", trajectory, *SIM, "--joint", path, "--out", tmp_path / "run.csv")
+    assert result.exit_code == 0, result.output
+    output = " ".join(result.output.split())
+    assert "hysteresis of the angle with 2 elements" in output
+    assert "Dahl" not in output
+    assert (
+        "not in --joint, simulated as on a usual bench and told to the controller: dead time 0.03 s, dead band"
+        in output
+    )
 
 
 @pytest.mark.slow
@@ -88,6 +105,68 @@ def test_wrong_input_is_one_sentence(arguments, said):
     result = antagonist("run", "min-jerk", *arguments)
     assert result.exit_code != 0
     assert said in str(result.exception) + result.output
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (OSError(5, "Input/output error"), 4),
+        (ValueError("no number"), 4),
+        (DeviceLost("unplugged"), 4),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_an_exception_of_a_device_is_its_end_and_not_a_failure_of_the_program(
+    tmp_path, trajectory, monkeypatch, error, code
+):
+    read, calls = SimulatedDevice.read, iter(range(10**9))
+
+    def read_or_fail(self):
+        if next(calls) > 50:
+            raise error
+        return read(self)
+
+    monkeypatch.setattr(SimulatedDevice, "read", read_or_fail)
+    result = antagonist("run", trajectory, *SIM, "--out", tmp_path / "run.csv")
+    assert result.exit_code == code
+    assert "pressures: " in result.output
+    assert str(error) in result.output
+    assert (tmp_path / "run.csv").read_text().splitlines()[-1].startswith("# ended: ")
+
+
+def test_an_error_of_the_program_is_reported_with_what_became_of_the_pressures(tmp_path, trajectory, monkeypatch):
+    def fail(*_):
+        raise ZeroDivisionError("in the controller")
+
+    monkeypatch.setattr(Tracking, "decide", fail)
+    result = antagonist("run", trajectory, *SIM)
+    assert isinstance(result.exception, ZeroDivisionError)
+    assert "ended: an error in the program: ZeroDivisionError: in the controller" in result.output
+    assert "pressures: ramp" in result.output
+
+
+def test_a_sweep_tells_only_of_files_that_it_has_written(tmp_path, monkeypatch):
+    """An older joint_log.csv is not this sweep's, which ended before its first visit."""
+    (tmp_path / "joint_log.csv").write_text("older")
+    read, calls = SimulatedDevice.read, iter(range(10**9))
+
+    def read_or_fail(self):
+        if next(calls) > 50:
+            raise DeviceLost("unplugged")
+        return read(self)
+
+    monkeypatch.setattr(SimulatedDevice, "read", read_or_fail)
+    result = antagonist("sweep", "--device", "sim", "--fast", "--quiet", "--force", "--out", tmp_path)
+    assert result.exit_code == 4, result.output
+    assert (tmp_path / "joint_log.csv").read_text() == "older"
+    written = result.output.partition("written: ")[2]
+    assert "sweep.csv" in written
+    assert "joint_log.csv" not in written
+
+
+def test_a_seed_below_zero_is_one_sentence(tmp_path):
+    result = antagonist("sweep", "--device", "sim", "--fast", "--out", tmp_path, "--seed", "-1")
+    assert "--seed = -1 has to be a whole number, 0 or more" in str(result.exception)
 
 
 def test_a_sweep_does_not_write_over_older_ones(tmp_path):

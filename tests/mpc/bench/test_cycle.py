@@ -8,6 +8,7 @@ import pytest
 
 from allocator import BAR, DEG
 from allocator.errors import CannotWrite
+from mpc import KalmanObserver
 from mpc.bench.cycle import Overrun, Phase
 from mpc.bench.device import DeviceLost, NoAnswer, Reading
 from mpc.bench.logs import read_log
@@ -354,4 +355,25 @@ def test_a_limp_joint_beyond_its_range_is_led_into_it_but_not_left_there(bench):
     record = bench.loop().run()
     assert record.ending.reason is Reason.LIMIT
     assert not np.isin(record.columns["phase"], (Phase.SETTLE, Phase.RUN)).any()
+    ended_safely(bench)
+
+
+# --- endings of the loop's own choice ------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stop", [None, SafeStop(Action.VENT)])
+def test_an_ending_that_asks_to_hold_leaves_no_pressure_behind(bench, stop):
+    """Half of the readings are missing: the observer asks to hold, and the loop ends in the safe stop."""
+    calls = iter(range(10**9))
+
+    def every_other():
+        if next(calls) % 2:
+            raise NoAnswer("late")
+
+    bench.device.before_read = every_other
+    loop = bench.loop(observer=KalmanObserver(bench.plant, DT), stop=stop)
+    record = loop.run()
+    assert record.ending.reason is Reason.UNHEALTHY
+    assert record.ending.action is (Action.RAMP if stop is None else Action.VENT)
     ended_safely(bench)

@@ -1,5 +1,7 @@
 """Whatever ends the process, the last command is the safe one and the log is whole."""
 
+import os
+import select
 import signal
 import subprocess
 import sys
@@ -13,6 +15,8 @@ from mpc.bench.cycle import Phase
 from mpc.bench.logs import read_log
 
 from ...rigs.needs import posix
+
+pty = pytest.importorskip("pty")
 
 pytestmark = [
     pytest.mark.slow,
@@ -49,7 +53,13 @@ def check_log(directory):
 
 
 @pytest.mark.parametrize(
-    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+    ("number", "code", "word"),
+    [
+        (signal.SIGINT, 130, "interrupted"),
+        (signal.SIGTSTP, 130, "interrupted"),
+        (signal.SIGTERM, 143, "terminated"),
+        (signal.SIGHUP, 143, "terminated"),
+    ],
 )
 def test_a_signal_leads_to_a_ramp_and_a_vent(tmp_path, number, code, word):
     process = driven(tmp_path)
@@ -64,6 +74,67 @@ def test_a_signal_leads_to_a_ramp_and_a_vent(tmp_path, number, code, word):
     assert falling.size > 2
     assert (np.diff(falling) < 0).all()
     assert falling[-1] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("numbers", [(signal.SIGINT, signal.SIGTERM), (signal.SIGHUP, signal.SIGINT)])
+@pytest.mark.parametrize("at", [1, 60])
+def test_a_second_signal_in_any_phase_leaves_no_pressure(tmp_path, numbers, at):
+    process = driven(tmp_path)
+    wait_for(tmp_path, at)
+    for number in numbers:  # the second one may find the process at its end already, and kill it
+        process.send_signal(number)
+    process.communicate(timeout=LONG)
+    assert commands(tmp_path)[-1] == "vent"
+    check_log(tmp_path)
+
+
+@pytest.mark.parametrize("at", [1, 60])
+def test_a_quit_vents_at_once(tmp_path, at):
+    process = driven(tmp_path)
+    wait_for(tmp_path, at)
+    process.send_signal(signal.SIGQUIT)
+    _, err = process.communicate(timeout=LONG)
+    assert (process.returncode, err) == (143, "")
+    assert commands(tmp_path)[-1] == "vent"
+    assert (check_log(tmp_path)["phase"] == Phase.STOP).sum() == 0
+
+
+def test_signals_that_never_stop_do_not_stop_the_vent(tmp_path):
+    process = driven(tmp_path)
+    wait_for(tmp_path, 60)
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.002)
+    process.communicate(timeout=LONG)
+    assert "vent" in commands(tmp_path)[-1]
+
+
+def test_a_loop_in_another_thread_ends_safely_with_its_process(tmp_path):
+    process = driven(tmp_path, "thread")
+    _, err = process.communicate(timeout=LONG)
+    assert (process.returncode, err) == (0, "")
+    assert commands(tmp_path)[-1] == "vent"
+    logged = check_log(tmp_path)
+    assert logged["phase"][-1] == Phase.STOP
+
+
+def test_a_terminal_that_closes_is_no_failure_of_the_program(tmp_path):
+    """The shell's window is closed during a run: exit code 143, the log whole, its last remark the safe stop's."""
+    log = tmp_path / "run.csv"
+    child, terminal = pty.fork()
+    if child == 0:
+        program = "from mpc.__main__ import main; main()"
+        arguments = ["run", "min-jerk", "--device", "sim", "--controller", "pid", "--out", str(log)]
+        os.execv(sys.executable, [sys.executable, "-c", program, *arguments])
+    end = time.monotonic() + LONG
+    while not (log.exists() and log.read_text().count("\n") > 50):
+        assert time.monotonic() < end
+        if select.select([terminal], [], [], 0.05)[0]:
+            os.read(terminal, 65536)
+    os.close(terminal)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 143
+    assert log.read_text().splitlines()[-1] == "# ended: terminated; ramp: done"
 
 
 def test_a_process_that_is_killed_outright_leaves_a_whole_log(tmp_path):

@@ -13,6 +13,7 @@ from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.lateness import Lateness
 from mpc.bench.logs import read_log, run_of
 from mpc.bench.loop import RealTimeLoop
+from mpc.bench.record import Row
 from mpc.bench.safety import SoftStart, Watchdog
 from mpc.bench.tracking import Tracking, replay
 from mpc.model.real_plant import RealPlant
@@ -91,7 +92,11 @@ def test_a_damaged_line_is_named(bench, tmp_path):
     path = tmp_path / "log.csv"
     bench.loop(log=path).run()
     lines = path.read_text().splitlines()
-    for broken, said in (("1,2,3", "has 3 cells, not"), (lines[5].replace(",0,", ",zero,", 1), "no number")):
+    phase = Row._fields.index("phase")
+    cells = lines[5].split(",")
+    halves = ",".join([*cells[:phase], "nan", *cells[phase + 1 :]])
+    damage = ("1,2,3", "has 3 cells, not"), (lines[5].replace(",0,", ",zero,", 1), "no number"), (halves, "whole")
+    for broken, said in damage:
         path.write_text("\n".join([*lines[:5], broken, *lines[6:]]) + "\n")
         with pytest.raises(InvalidFile, match=f"line 6: .*{said}"):
             read_log(path)
@@ -111,6 +116,7 @@ def test_lateness_counts():
     assert Lateness.of(late[:0], missed[:0], DT).samples == 0
 
 
+@pytest.mark.compiles
 @pytest.mark.slow
 def test_an_uneven_clock_does_not_spoil_the_tracking(monkeypatch):
     """Readings up to 4 ms late at 100 Hz: an observer that took them for even ones would reject true angles."""
