@@ -7,8 +7,9 @@ through the inverse of a `PrandtlIshlinskii`, to first order, without an iterati
 """
 
 from dataclasses import dataclass, field, replace
+from math import inf
 from os import PathLike
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -24,16 +25,24 @@ from mpc.model.storage import stored_regulators
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump
 _LONGEST = 10.0  # [s] of a dead time
+_ALIKE = 0.05  # relative difference of two lags below which one is as good for both
 JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
 
 
 @dataclass(frozen=True)
 class Compensation:
-    """A compensation holds friction, dead time and dead band as far as they are known; by default there are none."""
+    """Friction and regulators of a joint as far as they are known; by default there is neither.
+
+    Observer and controllers take account of the friction, the dead time and the dead band. They predict the pressures
+    with the lag of the `Plant`; `lag_up`, `lag_down` and `flow` are those of simulated plants (`RealPlant.of`) only.
+    """
 
     friction: Hysteresis = field(default_factory=Friction)  # a `PrandtlIshlinskii` becomes `MaxwellSlip.of` it
     dead_time: float = 0.0  # of the commands [s]
     dead_band: float = 0.0  # [Pa], total
+    lag_up: float | None = None  # time constant of a rising pressure [s]; None: that of the plant
+    lag_down: float | None = None  # of a falling one [s]
+    flow: float = inf  # fastest change of a pressure [Pa/s]
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -44,6 +53,7 @@ class Compensation:
                 raise InvalidInput(f"{name} = {value!r} {unit} has to be 0 or more")
             object.__setattr__(self, name, value)
         checks.pressure("dead_band", self.dead_band)
+        check_regulators(self)
         if self.dead_time > _LONGEST:
             raise InvalidInput(
                 f"dead_time = {self.dead_time:g} s is none of a regulator; if milliseconds were meant, divide by 1000"
@@ -58,12 +68,12 @@ class Compensation:
         return cls(Friction(mu=joint.friction) if joint.hysteresis is None else friction_of(joint.hysteresis))
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> Self:
-        """Read what a plant's file tells beyond `Plant`: the joint's hysteresis or friction, dead time and dead band.
+    def load(cls, path: str | PathLike[str], *, scale_needed: bool = True) -> Self:
+        """Read what a plant's file tells beyond `Plant`: the joint's hysteresis or friction, and its regulators.
 
-        Raises `InvalidFile`.
+        Raises `InvalidFile`, also if the joint's forces are known in proportion only, unless `scale_needed` is false.
         """
-        joint, told = load_joint(path), stored_regulators(path)
+        joint, told = load_joint(path, scale_needed=scale_needed), stored_regulators(path)
         try:
             known = cls.of(joint)
         except InvalidInput as error:
@@ -80,6 +90,19 @@ class Compensation:
         parts += [f"dead time {self.dead_time:g} s"] * bool(self.dead_time)
         return ", ".join(parts + [f"dead band {self.dead_band / BAR:g} bar"] * bool(self.dead_band))
 
+    @property
+    def told(self) -> dict[str, Any]:
+        """Return what is known by name, without what is as where nothing is known."""
+        return {name: value for name, value in vars(self).items() if value != vars(Compensation())[name]}
+
+    @property
+    def untold(self) -> str:
+        """A line with the numbers of the regulators that no controller predicts with, or ""."""
+        alike = self.lag_up and self.lag_down and abs(self.lag_up - self.lag_down) < _ALIKE * self.lag_up
+        lags = {} if alike else {"rising": self.lag_up, "falling": self.lag_down}
+        parts = [f"lag {lag:.3g} s of a {way} pressure" for way, lag in lags.items() if lag is not None]
+        return " and ".join(parts + [f"flow up to {self.flow / BAR:.3g} bar/s"] * (self.flow < inf))
+
     def delay(self, dt: float) -> int:
         """Return the dead time in whole samples of `dt` [s]."""
         return round(self.dead_time / dt)
@@ -92,6 +115,19 @@ class Compensation:
     def inverse_dead_band(self, v: Array, P: Array) -> Array:
         """Return what to command [Pa] for `v` to act: the inverse of `after_dead_band`, smooth where v passes P."""
         return np.asarray(v + self.dead_band / 2 * np.tanh((v - P) / SOFT))
+
+
+def check_regulators(of: Any) -> None:
+    """Turn `lag_up`, `lag_down` [s] and `flow` [Pa/s] of a frozen dataclass into floats. Raises `InvalidInput`."""
+    for name in ("lag_up", "lag_down"):
+        if (lag := getattr(of, name)) is not None:
+            if (value := checks.number(name, lag, "s")) <= 0:
+                raise InvalidInput(f"{name} = {value:g} s has to be positive, or None for the lag of the plant")
+            object.__setattr__(of, name, value)
+    flow = float(of.flow) if of.flow == inf else checks.number("flow", of.flow, "Pa/s")
+    if flow <= checks.LOOKS_LIKE_BAR[1]:
+        raise InvalidInput(f"flow = {flow:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
+    object.__setattr__(of, "flow", flow)
 
 
 class FrictionState:
@@ -121,4 +157,4 @@ class FrictionState:
         self.theta, self.memory = theta, float(memory[0]) if isinstance(self.memory, float) else memory.copy()
 
 
-__all__ = ["JITTER", "SOFT", "Compensation", "FrictionState"]
+__all__ = ["JITTER", "SOFT", "Compensation", "FrictionState", "check_regulators"]

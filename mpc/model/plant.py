@@ -197,13 +197,19 @@ class Plant:
         save_plant(path, self.joint, self.numbers)
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> "Plant":
-        """Read a plant from TOML; a joint's file gives one with the numbers of `Plant()`. Raises `InvalidFile`."""
-        joint, numbers = load_plant(path, NUMBERS)
+    def load(cls, path: str | PathLike[str], *, slew: float | None = None, scale_needed: bool = True) -> "Plant":
+        """Read a plant from TOML; a joint's file gives one with the numbers of `Plant()`.
+
+        `slew` [Pa/s] is that of the regulators, which no fit finds; None takes the file's. Raises `InvalidFile`, also
+        if the joint's forces are known in proportion only, unless `scale_needed` is false, and `InvalidInput` for the
+        slew.
+        """
+        joint, numbers = load_plant(path, NUMBERS, scale_needed=scale_needed)
         try:
-            return Plant(joint, **numbers)
+            plant = Plant(joint, **numbers)
         except (InvalidInput, TypeError, OverflowError) as error:
             raise InvalidFile(path, f"[plant]: {error}") from None
+        return plant if slew is None else replace(plant, slew=slew)
 
     # --- in discrete time, and for other tools ----------------------------------------------------------------------
 
@@ -226,10 +232,10 @@ class Plant:
         Raises `InvalidInput` where there are more than 10 000: nobody means such a plant.
         """
         steps = dt * self.fastest_rate / resolution
-        if not steps <= _MOST_SUBSTEPS:
+        if not steps <= MOST_SUBSTEPS:
             raise InvalidInput(
                 f"this plant moves within {1 / self.fastest_rate:.3g} s, so that dt = {dt:g} s would take {steps:.3g} "
-                f"steps of integration, over {_MOST_SUBSTEPS}; check {self.summary}"
+                f"steps of integration, over {MOST_SUBSTEPS}; check {self.summary}"
             )
         return ceil(steps)
 
@@ -263,7 +269,7 @@ NUMBERS = tuple(f.name for f in fields(Plant) if f.name != "joint")
 _GAS = ("gas", "frequency")
 _POSITIVE = ("inertia", "slew")
 _ALL = 1.0, 1.0  # shares of the gas that is trapped
-_MOST_SUBSTEPS = 10_000  # in a sample
+MOST_SUBSTEPS = 10_000  # in a sample
 
 
 def _number(name: str, value: Any, unit: str, *, positive: bool) -> float:
@@ -273,4 +279,4 @@ def _number(name: str, value: Any, unit: str, *, positive: bool) -> float:
     return number
 
 
-__all__ = ["INPUTS", "NU", "NUMBERS", "NX", "STATES", "Plant"]
+__all__ = ["INPUTS", "MOST_SUBSTEPS", "NU", "NUMBERS", "NX", "STATES", "Plant"]

@@ -1,7 +1,8 @@
 """Controllers are tested against a plant that does all that real joints do and the prediction model does not know.
 
     θ' = ω,   J ω' = T - b ω - m g l sin θ - T_f + d(t),   T = g1 a1 F1 - g2 a2 F2
-    P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow - q_i,   dz(e) = e less the dead band, 0 within it
+    P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow - q_i,   dz(e) = e less the dead band, 0 within it,
+                                                                 τ_i that of a rising or of a falling pressure
     q_i = κ (P_i + p_a) V_i'/V_i^eff, if the nominal plant has gas
     measured: θ rounded to the encoder's step, P_i + noise; not ω
 
@@ -15,8 +16,8 @@ the joint turns in one direction, and each step begins with what is remembered o
 """
 
 from dataclasses import dataclass, field, fields, replace
-from math import inf, isfinite, prod
-from typing import Self
+from math import ceil, inf, isfinite, prod
+from typing import Any, Self
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from allocator.joint.gas import complex_share
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc.model.buffered import Buffered
-from mpc.model.compensation import Compensation
+from mpc.model.compensation import Compensation, check_regulators
 from mpc.model.contact import Contact, Hysteresis
 from mpc.model.experiment import FINE
 from mpc.model.faults import Fault
@@ -35,7 +36,7 @@ from mpc.model.friction import Friction
 from mpc.model.gas import trapped
 from mpc.model.hysteresis import MaxwellSlip, friction_of
 from mpc.model.integration import integrated
-from mpc.model.plant import NU, NX, Plant
+from mpc.model.plant import MOST_SUBSTEPS, NU, NX, Plant
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,8 @@ class RealPlant:
     friction: Hysteresis = field(default_factory=Friction)
     dead_time: float = 0.0  # t_dead of the commands [s]
     dead_band: float = 0.0  # [Pa], total: a regulator rests within half of it on either side
+    lag_up: float | None = None  # time constant of a rising pressure [s]; None: the nominal plant's
+    lag_down: float | None = None  # of a falling one [s]
     flow: float = inf  # fastest change of a pressure [Pa/s]
     encoder: float = 0.0  # [rad] a step
     pressure_noise: float = 0.0  # standard deviation [Pa], white from sample to sample
@@ -56,14 +59,12 @@ class RealPlant:
 
     def __post_init__(self) -> None:
         """Check the effects."""
-        for name in ("dead_time", "dead_band", "flow", "encoder", "pressure_noise"):
+        for name, unit in _UNITS:
             value = float(getattr(self, name))
-            if not value >= 0 or (name == "flow" and value == 0) or (name != "flow" and not isfinite(value)):
-                unit = next(u for n, u in _UNITS if n == name)
-                raise InvalidInput(
-                    f"{name} = {value:g} {unit} has to be 0 or more" + " (flow: above 0)" * (name == "flow")
-                )
+            if not (value >= 0 and isfinite(value)):
+                raise InvalidInput(f"{name} = {value:g} {unit} has to be 0 or more, and finite")
             object.__setattr__(self, name, value)
+        check_regulators(self)
         object.__setattr__(self, "friction", friction_of(self.friction))
         object.__setattr__(self, "force_gains", tuple(float(g) for g in self.force_gains))
         if len(self.force_gains) != NU or not all(isfinite(g) and g >= 0 for g in self.force_gains):
@@ -73,6 +74,11 @@ class RealPlant:
             raise InvalidInput(
                 f"torque_profile = {self.torque_profile} has to be finite pairs (s, N·m), times in order"
             )
+
+    @classmethod
+    def of(cls, plant: Plant, known: Compensation, **effects: Any) -> Self:
+        """Return `plant` with what is `known` of its friction and regulators, and further `effects` by name."""
+        return cls(plant, **(vars(known) | effects))
 
     @classmethod
     def standard(
@@ -198,12 +204,33 @@ class RealPlant:
         error = [u[i] - x[2 + i] for i in range(NU)]
         passed = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]
         rates = [
-            0.0 if shut else ca.fmin(ca.fmax(e / tau, -self.flow), self.flow)
+            0.0 if shut else ca.fmin(ca.fmax(self._pull(e, tau), -self.flow), self.flow)
             for e, tau, shut in zip(passed, self.nominal.lags, self.shut, strict=True)
         ]
         if self.nominal.gas is None:
             return rates
         return [rate - q for rate, q in zip(rates, self.nominal.expansion(x, self.force_gains), strict=True)]
+
+    def _pull(self, e: Value, lag: float) -> Value:
+        """Return the rate [Pa/s] of a pressure that is off by `e` [Pa], by its own lags or the nominal `lag` [s]."""
+        import casadi as ca
+
+        up, down = (lag if own is None else own for own in (self.lag_up, self.lag_down))
+        return e / lag if up == down == lag else ca.fmax(e, 0.0) / up + ca.fmin(e, 0.0) / down
+
+    def substeps(self, dt: float, resolution: float) -> int:
+        """Return how many equal steps over `dt` [s] the nominal plant takes, or more where its own lags are shorter.
+
+        Raises `InvalidInput` as that of the nominal plant does.
+        """
+        shortest = min((lag for lag in (self.lag_up, self.lag_down) if lag is not None), default=inf)
+        steps = dt / shortest / resolution
+        if steps > MOST_SUBSTEPS:
+            raise InvalidInput(
+                f"lag_up or lag_down = {shortest:.3g} s is so short that dt = {dt:g} s would take {steps:.3g} steps of "
+                f"integration, over {MOST_SUBSTEPS}; such a pressure has no lag: leave it out or say 1e-3 s"
+            )
+        return max(self.nominal.substeps(dt, resolution), ceil(steps))
 
     def at_rest(self, theta: float, K: float) -> Array:
         """Return the nominal plant's rest (4,): where an experiment begins.
@@ -325,13 +352,13 @@ class RealExperiment:
 
         n = NX + real.friction.size
         full, u, d, duration = ca.SX.sym("x", n), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("duration")
-        substeps = real.nominal.substeps(self.dt, FINE)
+        substeps = real.substeps(self.dt, FINE)
         x, memory = full[:NX], full[NX:]
         for _ in range(substeps):
             x, memory = real.stepped(x, memory, u, d, duration / substeps)
         return Buffered(ca.Function("real", [full, u, d, duration], [ca.vertcat(x, memory)]))
 
 
-_UNITS = (("dead_time", "s"), ("dead_band", "Pa"), ("flow", "Pa/s"), ("encoder", "rad"), ("pressure_noise", "Pa"))
+_UNITS = (("dead_time", "s"), ("dead_band", "Pa"), ("encoder", "rad"), ("pressure_noise", "Pa"))
 
 __all__ = ["RealExperiment", "RealPlant", "delayed", "outside_torque"]

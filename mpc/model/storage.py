@@ -15,8 +15,11 @@ and another one of what the pressures do besides, which is read by `Compensation
 [regulators]
 dead_time = 0.0                # of the commands [s]
 dead_band = 0.0                # [Pa], total
-lag_up = 0.1                   # [s] of a pressure that rises, and
-lag_down = 0.1                 # of one that falls, for the reader: the models have the lag of [plant] for both
+lag_up = 0.08                  # of a rising pressure [s], and
+lag_down = 0.12                # of a falling one; or without these lines (0 is read as unknown, too)
+flow = 500000.0                # fastest change of a pressure [Pa/s]; or without this line
+
+Observers and controllers predict with the lag of [plant]; the last three shape simulated plants.
 """
 
 from collections.abc import Collection, Mapping
@@ -32,7 +35,8 @@ from allocator.muscles import storage
 
 FilePath = str | PathLike[str]
 
-_TOLD, _FOR_THE_READER = ("dead_time", "dead_band"), ("lag_up", "lag_down")
+_REGULATORS = ("dead_time", "dead_band", "lag_up", "lag_down", "flow")
+_LAGS = ("lag_up", "lag_down")
 
 
 def save_plant(path: FilePath, joint: AntagonistJoint, numbers: Mapping[str, Any]) -> None:
@@ -42,10 +46,13 @@ def save_plant(path: FilePath, joint: AntagonistJoint, numbers: Mapping[str, Any
     write_text(path, f"{joint_storage.dumps(joint)}\n{text}\n")
 
 
-def load_plant(path: FilePath, names: Collection[str]) -> tuple[AntagonistJoint, dict[str, Any]]:
+def load_plant(
+    path: FilePath, names: Collection[str], *, scale_needed: bool = True
+) -> tuple[AntagonistJoint, dict[str, Any]]:
     """Read a joint, and those of the numbers called `names` that the file gives. Raises `InvalidFile`."""
     content = storage.read(path)
-    return joint_storage.joint_from(path, content), _numbers(path, content, names)
+    joint = joint_storage.joint_from(path, content, scale_needed=scale_needed)
+    return joint, _numbers(path, content, names)
 
 
 def stored_numbers(path: FilePath, names: Collection[str]) -> dict[str, Any]:
@@ -54,14 +61,14 @@ def stored_numbers(path: FilePath, names: Collection[str]) -> dict[str, Any]:
 
 
 def stored_regulators(path: FilePath) -> dict[str, Any]:
-    """Read dead time [s] and dead band [Pa], those that the file gives, whatever its joint. Raises `InvalidFile`."""
-    table = _numbers(path, storage.read(path), (*_TOLD, *_FOR_THE_READER), "regulators")
+    """Read the numbers of the regulators that the file gives, whatever its joint. Raises `InvalidFile`."""
+    table = _numbers(path, storage.read(path), _REGULATORS, "regulators")
     try:
-        for name in _FOR_THE_READER:
+        for name in _LAGS:
             checks.not_negative(name, table.get(name, 0.0), "s")
     except InvalidInput as error:
         raise InvalidFile(path, f"[regulators]: {error}") from None
-    return {name: table[name] for name in _TOLD if name in table}
+    return {name: value for name, value in table.items() if value or name not in _LAGS}
 
 
 def _numbers(path: FilePath, content: dict[str, Any], names: Collection[str], where: str = "plant") -> dict[str, Any]:

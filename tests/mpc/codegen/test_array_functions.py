@@ -29,7 +29,7 @@ class Work(NamedTuple):
 
 
 def assign(target, source):
-    """Copy as `mpc.tracking.compiled.jit.assign` does, which only compiled functions can call."""
+    """Copy as `mpc.codegen.jit.assign` does, which only compiled functions can call."""
     target[:] = source
 
 

@@ -1,0 +1,100 @@
+"""Modules of compiled functions: a template and formulas as one Python module, written once and found again.
+
+numba keeps compiled code next to the file that it came from, and looks at no other when it decides whether that code is
+up to date. So all that is kept comes from modules in the user's cache directory. Their names are the hash of everything
+that they are made from. Plants that differ in their numbers only share one. The files are written for numba and for
+readers; the text that they should contain is what runs.
+"""
+
+import os
+import sys
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from types import ModuleType
+
+import numba
+
+from allocator import units
+from allocator.allocation.kernels import compiled
+from allocator.allocation.kernels import source as kernels
+from allocator.compilation import jit
+from allocator.compilation.cache import check_own, clear_stale
+from allocator.files.atomic import write_text
+from mpc.codegen.jit import KEPT
+
+_MPC = Path(__file__).parents[1]
+
+
+def with_formulas(template: Path, formulas: str) -> str:
+    """Return the text of a template with the formulas, and what they import, in their place."""
+    lines = template.read_text(encoding="utf-8").splitlines(keepends=True)
+    start = next(i for i, line in enumerate(lines) if line.startswith("FORMULAS"))
+    return "".join([*lines[:start], formulas, *lines[start + 2 :]])
+
+
+@cache
+def imported(text: str) -> ModuleType:
+    """Return the module of this text, from the cache directory if it is there."""
+    version = f"{KEPT}{_hash(_surroundings(), numba.__version__, length=8)}_"
+    name = version + _hash(text, length=24)
+    directory = _directory()
+    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+    check_own(directory)
+    file = directory / f"{name}.py"
+    if not _holds(file, text):
+        write_text(file, text)
+        clear_stale(directory, KEPT, version)
+    module = ModuleType(name)
+    module.__file__ = str(file)
+    sys.modules[name] = module  # numba looks for it there when it loads what it kept
+    try:
+        exec(compile(text, str(file), "exec"), vars(module))
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def _hash(*texts: str, length: int) -> str:
+    return sha256("\0".join(texts).encode()).hexdigest()[:length]
+
+
+def _holds(file: Path, text: str) -> bool:
+    """Return whether `file` is there and whole."""
+    try:
+        return file.read_bytes() == text.encode()
+    except OSError:
+        return False
+
+
+@cache
+def _surroundings() -> str:
+    """Return all the project's code that may be compiled into a module."""
+    files = [
+        *sorted(_MPC.glob("*/compiled/**/*.py")),
+        *sorted((_MPC / "arm").glob("*/compiled/*.py")),
+        _MPC / "codegen" / "jit.py",
+        _MPC / "codegen" / "addresses.py",
+        _MPC / "model" / "compiled_friction.py",
+        *(_MPC / "trials" / "many" / name for name in ("records.py", "rest.py")),
+        *(Path(str(m.__file__)) for m in (kernels, compiled, jit, units)),
+    ]
+    return "".join(file.read_text(encoding="utf-8") for file in files)
+
+
+def _directory() -> Path:
+    """Return where the user's programs keep what they can make again, or raise an `OSError` if there is no such place.
+
+    A relative XDG_CACHE_HOME counts as none, as the XDG Base Directory Specification asks.
+    """
+    given = {"win32": "LOCALAPPDATA", "darwin": ""}.get(sys.platform, "XDG_CACHE_HOME")
+    below_home = {"win32": "AppData/Local", "darwin": "Library/Caches"}.get(sys.platform, ".cache")
+    try:
+        root = Path(os.environ.get(given, ""))
+        return (root if root.is_absolute() else Path.home() / below_home) / "antagonist"
+    except RuntimeError as error:
+        raise FileNotFoundError(f"no directory to keep compiled code in: {error}") from None
+
+
+__all__ = ["imported", "with_formulas"]
