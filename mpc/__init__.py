@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from mpc.identification.plant import IdentifiedPlant
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
     from mpc.model.real_plant import RealPlant
@@ -31,6 +32,7 @@ else:
         "DAQP": "tracking.qp.solvers",
         "Fatrop": "yardsticks.nlp_solvers",
         "IPOPT": "yardsticks.nlp_solvers",
+        "IdentifiedPlant": "identification.plant",
         "KalmanObserver": "observer.kalman",
         "LongStep": "tracking.pace",
         "NonlinearMPC": "yardsticks.nonlinear",
@@ -71,6 +73,7 @@ __all__ = [
     "DAQP",
     "Fatrop",
     "IPOPT",
+    "IdentifiedPlant",
     "KalmanObserver",
     "LongStep",
     "NonlinearMPC",

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from allocator import checks
 from allocator.cli import app
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.joint.assumption import assumption
 from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped
 from allocator.shell.outputs import IMAGES, Force, claim
@@ -25,6 +25,7 @@ from mpc.bench.cli import devices_command, run_command, sweep_command
 from mpc.explorer.cli import explore
 from mpc.export.cli import export_command
 from mpc.export.serial.cli import bench_check_command
+from mpc.identification.cli import fit_motion_command
 from mpc.plant_cli import PlantOptions, init_command
 from mpc.trials.trajectories import TRAJECTORIES
 
@@ -81,7 +82,7 @@ def track(
     horizon: Annotated[int, typer.Option(help="samples that mpc and nmpc look ahead")] = 20,
     solver: Annotated[
         str | None,
-        typer.Option(help="of mpc: daqp (default) or one that qpsolvers finds, e.g. osqp; of nmpc: ipopt or fatrop"),
+        typer.Option(help="of mpc: riccati (default), daqp or one of qpsolvers, e.g. osqp; of nmpc: ipopt, fatrop"),
     ] = None,
     plant: Annotated[
         str, typer.Option(help="nominal, or real: with what the controller's model does not know")
@@ -116,6 +117,7 @@ def track(
 
     console = Console()
     finite("--payload", payload, "N·m")
+    checks.count("--seed", seed, least=0)
     files = _files(out or [Path()])
     claim(*files, inputs=(trajectory, *options.files), force=force, own=_OWN_NAMES)
     nominal = options.plant(**({"lag": _REAL_LAG} if plant == _REAL else {}))
@@ -173,7 +175,7 @@ def _write(run: "Run", path: Path, title: str, console: "Console") -> None:
     elif path.suffix in ENDINGS:
         save_animation(run, path, title, progress=lambda frames: tracked(frames, "drawing", console=console))
     else:
-        say(console, f"drawing {path} (the first picture after an installation takes some seconds)")
+        say(console, f"drawing {path}")
         save_tracking_figure(run, path, title)
 
 
@@ -185,11 +187,12 @@ def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Ref
     say(console, f"plant: {nominal.summary}")
     if known.summary:
         say(console, f"told to the controller: {known.summary}")
+    if known.untold:
+        say(console, f"in the simulated plant, not told to the controller: {known.untold}")
     say(console, f"trajectory: {reference.summary}")
-    assumed = assumption(nominal.joint)
-    console.print(_summary(figures, run.implementation, nominal.kind.text, assumed=bool(assumed)))
-    if assumed:
-        say(console, assumed)
+    console.print(_summary(figures, run.implementation, nominal.kind.text, assumed=nominal.joint.slack_assumed))
+    if run.assumed:
+        say(console, run.assumed)
     if figures.out_of_reach:
         share = f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach"
         say(console, f"{share}; `antagonist map` shows what is in it")
@@ -212,14 +215,14 @@ def _tested(
 
     if kind == _REAL:
         real = RealPlant.standard(torque_profile=torque, nominal=nominal)
-        told = {name: value for name, value in vars(known).items() if value != vars(Compensation())[name]}
-        known = replace(real.known(), **told)
-        return replace(real, **told), Settings(real.nominal, compensation=known, weights=Weights.calm())
+        return replace(real, **known.told), Settings(
+            real.nominal, compensation=replace(real.known(), **known.told), weights=Weights.calm()
+        )
     if kind != _NOMINAL:
         raise MissingBackend("plant", kind, [_NOMINAL, _REAL])
     if known == Compensation():
         return (RealPlant(nominal, torque_profile=torque) if torque else nominal), Settings(nominal)
-    tested = RealPlant(nominal, torque_profile=torque, **vars(known))
+    tested = RealPlant.of(nominal, known, torque_profile=torque)
     return tested, Settings(nominal, compensation=known, weights=Weights.calm())
 
 
@@ -250,6 +253,9 @@ def _summary(m: "Metrics", implementation: str, kind: str, *, assumed: bool = Fa
     return table
 
 
+app.command("fit-motion", cls=Command, short_help="lags and hysteresis from a log of a moving joint (CSV)")(
+    fit_motion_command
+)
 app.command("arm", cls=Command, short_help="an arm in closed loop on MuJoCo, filmed")(arm_command)
 app.command("export", cls=Command, short_help="allocator and controller as C")(export_command)
 app.command("devices", cls=Command, short_help="list what `run` and `sweep` can drive")(devices_command)

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from mpc.model.plant import Plant
 
 
+_LAGS = ("lag_up", "lag_down")
+
+
 @dataclass(frozen=True)
 class PlantOptions(JointOptions):
     """The options are what the user says of the plant; the rest is as in the file, or as in `Plant()`."""
@@ -60,12 +63,15 @@ class PlantOptions(JointOptions):
         return Plant(joint, **(otherwise | stored | self._numbers()))
 
     def compensation(self) -> "Compensation":
-        """Return what the file tells beyond the plant: hysteresis or friction, dead time and dead band."""
+        """Return what the file tells beyond the plant: hysteresis or friction, and regulators. --lag overrides lags."""
         from mpc.model.compensation import Compensation
         from mpc.model.storage import stored_regulators
 
         known = Compensation.of(self.build())
-        return known if self.joint is None else replace(known, **stored_regulators(self.joint))
+        if self.joint is None:
+            return known
+        told = stored_regulators(self.joint)
+        return replace(known, **{n: value for n, value in told.items() if self.lag is None or n not in _LAGS})
 
     def _numbers(self) -> dict[str, Any]:
         """Return the numbers of `Plant` that are given."""

@@ -89,7 +89,7 @@ class Bodies:
         if size.shape != m.shape:
             raise InvalidInput(f"Bodies: length {size.shape} and mass {m.shape} have to be one number a link")
         own = size / 2, m * size**2 / 12
-        return cls(_row(size), _row(m), _row(own[0]), _row(own[1]), _row(damping), tuple(gravity), sense)
+        return cls(_row(size), _row(m), _row(own[0]), _row(own[1]), _row(damping), gravity, sense)  # type: ignore[arg-type]
 
     @property
     def n(self) -> int:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell.options import finite, within
 from allocator.shell.outputs import IMAGES, Force, claim
@@ -85,8 +86,9 @@ def arm_command(
     console = Console()
     finite("--load", load, "N·m")
     within("--dt", dt, "s", 1e-4, 0.5)
+    checks.count("--seed", seed, least=0)
     files = _files(out or [Path()])
-    claim(*files, force=force, own=_OWN_NAMES)
+    claim(*files, inputs=(machine, *(muscle or ())), force=force, own=_OWN_NAMES)
     for path in files:
         if path.suffix.lower() in _FILMS:
             check_film(path)
@@ -278,7 +280,7 @@ def _summary(run: "ArmRun", m: "ArmMetrics", implementation: str) -> "Table":
     for limit, (excess, unit) in m.violations.items():
         table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
     table.add_section()
-    table.add_row("time of a step [µs]", f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
+    table.add_row("time of a step [ms]", f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
     table.add_row("implementation of the step", "", implementation)
     for rung, steps in m.rungs.items():
         table.add_row(f"steps answered by {rung}", "", str(steps))

@@ -1,4 +1,8 @@
-"""Pictures of a plant are rendered offscreen, with muscles that swell and redden with their pressures."""
+"""Pictures of a plant, rendered offscreen, with muscles that swell and redden with their pressures.
+
+A model that is not of `mpc.arm.mjcf` may have neither sky nor lights, and MuJoCo shows it dark before black. Its
+pictures get a bright sky and a lamp at the camera.
+"""
 
 import os
 import sys
@@ -14,13 +18,15 @@ from mpc.arm.drawing import paint
 from mpc.arm.mujoco_plant import MujocoPlant
 
 _BARE = 0.010, 0.006  # [m] the radius of a muscle whose volume is not known, empty and its growth at full pressure
+_SKY = np.array([224, 232, 240], np.uint8)
+_AMBIENT, _DIFFUSE = 0.4, 0.5  # of the lamp at the camera
 _FILLING = 3.0  # how soon a muscle looks full, over the supply's range
 
 
 class Camera:
-    """A `Camera` makes pictures of a `MujocoPlant`, arrays (height, width, 3) of bytes, by EGL, OSMesa or GLFW.
+    """A camera for pictures of a `MujocoPlant`, arrays (height, width, 3) of bytes, by EGL, OSMesa or GLFW.
 
-    Which of them is used `MUJOCO_GL` says; without it the first that works. To be closed, or used in a `with`.
+    `MUJOCO_GL` chooses one of them; without it the first that works is used. To be closed, or used in a `with`.
     """
 
     def __init__(self, plant: MujocoPlant, width: int = 640, height: int = 480, camera: str | int = -1) -> None:
@@ -44,6 +50,10 @@ class Camera:
             raise InvalidInput(f"camera = {camera!r} is none of the model's ({names})")
         if chosen >= 0:
             self._view.type, self._view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, chosen
+        self._sky = None if (model.tex_type == int(mujoco.mjtTexture.mjTEXTURE_SKYBOX)).any() else _SKY
+        if not model.nlight:
+            lamp = model.vis.headlight
+            lamp.ambient[:], lamp.diffuse[:] = np.maximum(lamp.ambient, _AMBIENT), np.maximum(lamp.diffuse, _DIFFUSE)
         self._scene, self._option = mujoco.MjvScene(model, maxgeom=2000), mujoco.MjvOption()
         self._context = _context(*self._size)
         self._context.make_current()
@@ -64,7 +74,12 @@ class Camera:
         mujoco.mjv_updateScene(plant.model, plant.data, self._option, None, self._view, everything, self._scene)
         window, picture = mujoco.MjrRect(0, 0, width, height), np.empty((height, width, 3), np.uint8)
         mujoco.mjr_render(window, self._scene, self._gpu)
-        mujoco.mjr_readPixels(picture, None, window, self._gpu)
+        if self._sky is None:
+            mujoco.mjr_readPixels(picture, None, window, self._gpu)
+        else:
+            depth = np.empty((height, width), np.float32)
+            mujoco.mjr_readPixels(picture, depth, window, self._gpu)
+            picture = np.where((depth >= 1.0)[..., None], self._sky, picture)
         return picture[::-1].copy()
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""A question is what the page's controls say; its answer is what `allocate` and the feasible set say to it.
+"""Questions of the page's controls, and the answers of `allocate` and of the feasible set.
 
 Degrees, bar and millimetres here, as on the page; SI behind. Numbers are answered as they are, the page rounds them.
 """
@@ -6,15 +6,16 @@ Degrees, bar and millimetres here, as on the page; SI behind. Numbers are answer
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from allocator import AntagonistJoint, Pulley, allocate, feasibility_map, stiffness_interval
+from allocator import AntagonistJoint, Lever, Pulley, allocate, feasibility_map, stiffness_interval
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.feasibility.edges import Edge
 from allocator.joint.gas import Valves
+from allocator.joint.geometry import Geometry
 from allocator.units import BAR, DEG, MM
 
 _VALVES: dict[str, Valves] = {
@@ -29,9 +30,36 @@ _COLUMNS = 41
 _DRAWN = 120  # points of an edge at most
 
 
+class _Control(NamedTuple):
+    """A slider for a number of the geometry."""
+
+    name: str
+    label: str
+    unit: float
+    low: float
+    high: float
+    step: float
+
+
+_REST_LENGTH = _Control("rest_length", "Rest length of the muscles [mm]", MM, 50, 1000, 5)
+_CONTROLS: dict[str, tuple[_Control, ...]] = {  # by the class of the geometry; others have none
+    Pulley.__name__: (
+        _REST_LENGTH,
+        _Control("radius", "Radius of the pulley [mm]", MM, 5, 100, 0.5),
+        _Control("initial_contraction", "Contraction at 0° [ratio]", 1.0, 0.02, 0.3, 0.0025),
+    ),
+    Lever.__name__: (
+        _REST_LENGTH,
+        _Control("anchor", "Axis to anchor [mm]", MM, 20, 1000, 1),
+        _Control("lever", "Axis to the lever's end [mm]", MM, 5, 200, 0.5),
+        _Control("offset", "Muscle beyond the anchor [mm], negative: cable", MM, -500, 500, 1),
+    ),
+}
+
+
 @dataclass(frozen=True)
 class Question:
-    """A question is a target and the changes of the joint; None leaves what the joint has."""
+    """A target and changes of the joint; None leaves a number of the joint as it is."""
 
     theta: float = 0.0  # [°]
     stiffness: float = 7.5  # [N·m/rad]
@@ -41,6 +69,9 @@ class Question:
     rest_length: float | None = None  # [mm]
     radius: float | None = None  # [mm]
     initial_contraction: float | None = None  # [-]
+    anchor: float | None = None  # [mm]
+    lever: float | None = None  # [mm]
+    offset: float | None = None  # [mm]
 
     @classmethod
     def of(cls, given: Mapping[str, str]) -> Self:
@@ -53,16 +84,15 @@ class Question:
         return cls(**values, valves=valves)
 
     def joint(self, base: AntagonistJoint) -> AntagonistJoint:
-        """Return the joint with the changes. Raises `InvalidInput`, as for the geometry of what is no pulley."""
-        lengths = {"rest_length": self.rest_length, "radius": self.radius}
-        changes = {name: value * MM for name, value in lengths.items() if value is not None}
-        if self.initial_contraction is not None:
-            changes["initial_contraction"] = self.initial_contraction
-        geometry = base.geometry
-        if changes:
-            if not isinstance(geometry, Pulley):
-                raise InvalidInput(f"the joint's geometry is a {type(geometry).__name__}, which has no such numbers")
-            geometry = replace(geometry, **changes)
+        """Return the joint with the changes. Raises `InvalidInput` for numbers that its geometry does not have."""
+        geometry, kind = base.geometry, type(base.geometry).__name__
+        own = {control.name: control for control in _controls(geometry)}
+        every = {control.name for controls in _CONTROLS.values() for control in controls}
+        given = {name: getattr(self, name) for name in every if getattr(self, name) is not None}
+        if strange := sorted(given.keys() - own.keys()):
+            raise InvalidInput(f"the joint's geometry is a {kind}, which has no {', '.join(strange)}")
+        if given:
+            geometry = replace(geometry, **{name: value * own[name].unit for name, value in given.items()})
         high = base.pressure_limits[1] if self.supply is None else self.supply * BAR
         return replace(base, geometry=geometry, pressure_limits=(base.pressure_limits[0], high))
 
@@ -76,7 +106,7 @@ def _number(name: str, text: str) -> float:
 
 @dataclass(frozen=True)
 class Answer:
-    """An answer is what is shown of one question."""
+    """Everything that the page shows for one question."""
 
     question: Question
     base: AntagonistJoint
@@ -105,6 +135,7 @@ class Answer:
             "binding": list(a.active),
             "reach": [_or_none(low), _or_none(high)],
             "muscles": muscles(self.joint, theta, a.P1, a.P2),
+            "geometry": _numbers(self.joint.geometry),
         }
 
     def outline(self) -> dict[str, Any]:
@@ -173,17 +204,22 @@ def describe(joint: AntagonistJoint) -> dict[str, Any]:
         "supply": joint.pressure_limits[1] / BAR,
         "geometry": type(joint.geometry).__name__,
         "stiffness": _or_none((low + high) / 2),
-        "pulley": _numbers(joint.geometry) if isinstance(joint.geometry, Pulley) else None,
+        "controls": [
+            {"name": c.name, "label": c.label, "step": c.step, "value": value}
+            | {"low": min(c.low, value), "high": max(c.high, value)}
+            for c, value in zip(_controls(joint.geometry), _numbers(joint.geometry).values(), strict=True)
+        ],
         "gas": _has_gas(joint),
     }
 
 
-def _numbers(pulley: Pulley) -> dict[str, float]:
-    return {
-        "rest_length": pulley.rest_length / MM,
-        "radius": pulley.radius / MM,
-        "initial_contraction": pulley.initial_contraction,
-    }
+def _controls(geometry: Geometry) -> tuple[_Control, ...]:
+    return _CONTROLS.get(type(geometry).__name__, ())
+
+
+def _numbers(geometry: Geometry) -> dict[str, float]:
+    """Return the numbers that have a slider, in its unit."""
+    return {control.name: getattr(geometry, control.name) / control.unit for control in _controls(geometry)}
 
 
 def _has_gas(joint: AntagonistJoint) -> bool:

@@ -1,4 +1,4 @@
-"""The page's server answers on this machine only: the page, and its questions as JSON."""
+"""Server of the page and of its questions as JSON, on this machine only."""
 
 import json
 from functools import partial
@@ -25,7 +25,9 @@ def server(joint: AntagonistJoint, run: dict[str, Any] | None, port: int) -> Thr
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """A handler answers one request."""
+    """Answers one request, and closes a connection that asks nothing for a while: a thread waits for each."""
+
+    timeout = 30.0  # [s]
 
     def __init__(self, joint: AntagonistJoint, run: dict[str, Any] | None, *given: Any) -> None:
         self.joint, self.run = joint, run

@@ -77,12 +77,13 @@ def export_command(
             )
         _mechanism(out, mechanism, options, precision)
         return
+    if tuning:
+        claim(out, inputs=options.files, force=force)
     plant = options.plant()
     known = options.compensation()
     weights = None if errors is None else weights_from(errors)
     controller = None if allocates else default_controller(plant, horizon, known, weights)
     if tuning and controller is not None:
-        claim(out, force=force)
         write_tuning(out, controller, precision=precision)
         say(Console(), f"written: {out}, for a build of the same plant in {precision} precision; its README says how")
         return
@@ -99,16 +100,18 @@ def export_command(
         say(console, f"plant: {plant.summary}")
         if known.summary:
             say(console, f"told to the controller: {known.summary}")
+        if known.untold:
+            say(console, f"not told to the controller, whose C has no such numbers: {known.untold}")
     say(console, f"written: {sum(path.is_file() for path in made.rglob('*'))} files in {made}; {read}")
 
 
 def _fmus(out: Path, plant: "Plant", known: "Compensation", controller: "TrackingMPC | None") -> Path:
     from mpc.export.directory import check
     from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
-    from mpc.export.plant import plant_with
+    from mpc.model.real_plant import RealPlant
 
     check(out)
-    export_plant_fmu(out / "plant.fmu", plant_with(plant, known))
+    export_plant_fmu(out / "plant.fmu", RealPlant.of(plant, known))
     export_controller_fmu(out / "controller.fmu", controller)
     return out
 

@@ -34,7 +34,7 @@ def lines(controller: TrackingMPC, observer: KalmanObserver) -> Iterator[str]:
     """Yield the lines that the demonstration prints."""
     plant, dt, known = controller.plant, controller.dt, controller.compensation
     driver = replace(controller)  # the same anew: the one that was given keeps its memory
-    own = KalmanObserver(plant, dt, observer.noise, known, observer.tolerance)
+    own = KalmanObserver(plant, dt, observer.noise, known, observer.tolerance, compiled=False)
     turned = plant.discrete(dt)
     middle, swing, K, *P = (float(value) for value, _ in numbers(plant).values())
     x, u = np.array([middle, 0.0, *P]), np.array(P)

@@ -69,12 +69,12 @@ def default_controller(
 ) -> TrackingMPC:
     """Return the controller for `plant` where none is given; its weights are for joints unlike their model.
 
-    It is told the joint's own hysteresis or friction, or `compensation`.
-    Raises InvalidInput for a joint that cannot be exported, before anything is compiled for it.
+    It is told the joint's own hysteresis or friction, or `compensation`; nothing is compiled for it in Python.
+    Raises InvalidInput for a joint that cannot be exported.
     """
     kernel_of(plant.joint)
     known = Compensation.of(plant.joint) if compensation is None else compensation
-    return TrackingMPC(plant, N=horizon, weights=weights or Weights.calm(), compensation=known)
+    return TrackingMPC(plant, N=horizon, weights=weights or Weights.calm(), compensation=known, compiled=False)
 
 
 def _joint(given: AntagonistJoint | None, own: AntagonistJoint | None) -> AntagonistJoint:
@@ -91,7 +91,9 @@ def pair(
     if controller is None:
         controller = default_controller(Plant(joint))
     if observer is None:
-        observer = KalmanObserver(controller.plant, controller.dt, compensation=controller.compensation)
+        observer = KalmanObserver(
+            controller.plant, controller.dt, compensation=controller.compensation, compiled=controller.compiled
+        )
     check_pair(controller, observer)
     return controller, observer
 

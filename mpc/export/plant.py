@@ -9,7 +9,6 @@ from mpc.codegen import c_text
 from mpc.export import text
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied
-from mpc.model.compensation import Compensation
 from mpc.model.experiment import FINE
 from mpc.model.plant import NU, NX, Plant
 from mpc.model.real_plant import RealPlant, delayed
@@ -30,11 +29,6 @@ def real_plant(process: Plant | RealPlant) -> RealPlant:
             "as the input d [N·m]; leave the profile away"
         )
     return real
-
-
-def plant_with(plant: Plant, known: Compensation) -> RealPlant:
-    """Return `plant` with what is `known` of its friction, dead time and dead band."""
-    return RealPlant(plant, friction=known.friction, dead_time=known.dead_time, dead_band=known.dead_band)
 
 
 def plant_files(process: Plant | RealPlant, dt: float, directory: str = "") -> Files:
@@ -83,7 +77,7 @@ def _numbers(real: RealPlant, dt: float) -> str:
         "PLANT_STATES": (NX + real.friction.size, "numbers of the state"),
         "PLANT_WAITING": (waiting, "commands on their way between two samples"),
         "PLANT_PIECES": (len(pieces), "of a sample in which the command is another"),
-        "PLANT_SUBSTEPS": (real.nominal.substeps(dt, FINE), "steps of integration in each of them"),
+        "PLANT_SUBSTEPS": (real.substeps(dt, FINE), "steps of integration in each of them"),
         "PLANT_DT": (dt, "sample time [s]"),
         "PLANT_ENCODER": (real.encoder, "step of the encoder, 0 if it has none [rad]"),
         "PLANT_NOISE": (real.pressure_noise, "standard deviation of the pressure sensors [Pa]"),
@@ -104,4 +98,4 @@ def start_of(real: RealPlant) -> np.ndarray[Any, np.dtype[np.float64]]:
     return real.at_rest(middle, K)
 
 
-__all__ = ["plant_files", "plant_with", "real_plant", "start_of"]
+__all__ = ["plant_files", "real_plant", "start_of"]

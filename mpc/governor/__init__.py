@@ -1,7 +1,8 @@
-"""The governor lets through what is safe: the nearest pressures to whatever somebody commands.
+"""Safe pressures next to any commands: the governor of a mechanism.
 
-    from mpc.governor import PressureGovernor
-    governor = PressureGovernor(machines.arm26(), dt=0.01, slew=20 * BAR, inertia=(0.12, 0.04), lag=0.05)
+    from mpc.governor import Interval, PressureGovernor
+    known = {"strength": Interval(0.9, 1.1), "damping": Interval(0.2, 0.3), "lag": Interval(0.04, 0.06)}
+    governor = PressureGovernor(machines.arm26(), dt=0.01, slew=20 * BAR, inertia=(0.12, 0.04), **known)
     governor.warm_up()
     P_safe = governor(q, omega, P, command)
 
@@ -11,5 +12,6 @@ IEEE TAC 61(5), 2016: a command is let through if the energy that would go with 
 """
 
 from mpc.governor.governor import Governed, GovernorStatus, PressureGovernor
+from mpc.governor.interval import Interval
 
-__all__ = ["Governed", "GovernorStatus", "PressureGovernor"]
+__all__ = ["Governed", "GovernorStatus", "Interval", "PressureGovernor"]

@@ -1,7 +1,6 @@
-"""`PressureGovernor` is the value that governs the pressures of a mechanism."""
+"""Governor of the pressures of a mechanism."""
 
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property
@@ -17,16 +16,24 @@ from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.mechanism import Mechanism
 from mpc.governor import kernel
+from mpc.governor.interval import Interval, Scaled, ends, rows
 from mpc.governor.loop import Loop, Packed, compiled_loop, packed, plain_loop
 from mpc.governor.model import Dynamics
 from mpc.governor.rules import Limits, Made, make, memory_for
 
+_SINGULAR = 1e-12  # least eigenvalue of an inertia, in its greatest
 _PAYS = 500  # commands for which a call may wait for the compiler
+_ROWS: dict[str, tuple[str, str, float | None]] = {  # unit, how many, less than which they are not
+    "load": ("N·m", "n", None),
+    "damping": ("N·m·s/rad", "n", None),
+    "lag": ("s", "m", None),
+    "strength": ("-", "m", 0.0),
+}
 _NAMES = "q", "omega", "P", "previous", "command"
 
 
 class GovernorStatus(IntEnum):
-    """A `GovernorStatus` is what became of a command; where several hold the last but for BAD_INPUT."""
+    """Outcome for a command; if several apply, the last one, but BAD_INPUT before all."""
 
     SAFE = kernel.SAFE  # unchanged
     MOVED = kernel.MOVED  # moved to pressures that keep all limits
@@ -41,7 +48,7 @@ _STATUS = {int(status): status for status in GovernorStatus}
 
 
 class Governed(NamedTuple):
-    """`Governed` are safe pressures, and what became of the commands."""
+    """Safe pressures, and the outcome for each command."""
 
     P: Array  # (…, m) [Pa]
     status: Any  # GovernorStatus, or an array (…) of its integers
@@ -49,29 +56,38 @@ class Governed(NamedTuple):
 
 @dataclass(frozen=True)
 class PressureGovernor:
-    """A `PressureGovernor` keeps supply, slew and tautness always, and the joint range as long as the model is right.
+    """A governor that keeps supply, slew and tautness always, and the joint range if the model is right within bounds.
 
     A command passes if the model, under it for a sample and then under a backup that drives the arm to a stiff rest,
     stays in range until its energy says that it always will (`mpc.governor.kernel`). What passes leaves the backup for
     the next sample, so that on the model an arm that begins in range stays there, for any number of joints: up to the
-    error of the integration, for which commands are held off the ends by 0.5°. For muscles unlike their model keep a
-    `margin`; `python -m benchmarks.governor` measures which. A command that does not pass is moved towards those of the
-    backup, to the first of 16 steps that does.
+    error of the integration, for which commands are held off the ends by 0.5°. A command that does not pass is moved
+    towards those of the backup, to the first of 16 steps that does.
 
-    The first call with many commands compiles, and so does `warm_up`; before, a command takes some ten milliseconds.
+    An arm that differs from its model leaves the range by some degrees: by 10° for a damping that is 20 % less. What is
+    not known exactly is therefore given as an `Interval`, and a command passes if it does so at all corners of the
+    intervals (`mpc.governor.scenes`): strength, damping, masses (`inertia` and `gravity` together) and lag. A value
+    that is no interval is taken as exact. The intervals are of constants: what varies in time, such as hysteresis, a
+    supply that falls or contacts, needs a `margin` or a `load`. `python -m benchmarks.governor` measures both.
+
+    The first call with many commands compiles, and so does `warm_up`; before, a command takes some ten milliseconds a
+    corner.
     """
 
     mechanism: Mechanism  # or an `AntagonistJoint`, of which one is made
     dt: float  # sample time [s]
     slew: float  # greatest change of a command [Pa/s]
-    inertia: Any  # M (n, n) [kg·m²], its diagonal (n) or a number; or a function q ↦ M of CasADi expressions
-    gravity: Callable[[Any], Any] | None = None  # g (n) [N·m], a function of CasADi's q: torques that muscles hold
-    damping: tuple[float, ...] = ()  # of the joints (n) [N·m·s/rad]; by default 0
+    inertia: (
+        Any  # M (n, n) [kg·m²], its diagonal (n), a number, a function q ↦ M of CasADi's q, or an `Interval` of two
+    )
+    gravity: Any = None  # g (n) [N·m], a function of CasADi's q: torques that muscles hold; or an `Interval` of two
+    damping: Any = ()  # of the joints (n) [N·m·s/rad], or an `Interval`; by default 0
     load: tuple[float, ...] = ()  # greatest constant torque on each joint besides (n) [N·m]; by default 0
-    lag: float | tuple[float, ...] = 0.0  # of the pressures behind the commands [s], one or m of them
+    lag: Any = 0.0  # of the pressures behind the commands [s], one or m of them, or an `Interval`
     margin: float = 0.0  # that the joints keep from their ends [rad]
     min_force: float = 0.0  # that keeps a muscle taut [N]
     max_energy: float | None = None  # greatest kinetic energy [J], what a contact can receive
+    strength: Any = 1.0  # of the muscles' forces, in those of the model [-], one or m of them, or an `Interval`
 
     def __post_init__(self) -> None:
         """Check the parts against each other. Raises `InvalidInput`."""
@@ -81,10 +97,22 @@ class PressureGovernor:
             raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism or a joint")
         object.__setattr__(self, "mechanism", mechanism)
         n, m = self.mechanism.n, self.mechanism.m
-        for name, unit, size in (("load", "N·m", n), ("damping", "N·m·s/rad", n), ("lag", "s", m)):
-            object.__setattr__(self, name, _row(name, getattr(self, name), unit, size))
-        if not callable(self.inertia):
-            object.__setattr__(self, "inertia", _inertia(self.inertia, n))
+        sizes = {"n": n, "m": m}
+        for name, (unit, letter, above) in _ROWS.items():
+            low, high = rows(f"PressureGovernor: {name}", getattr(self, name), unit, sizes[letter], letter, above)
+            value = Interval(tuple(low.tolist()), tuple(high.tolist())) if (low < high).any() else tuple(low.tolist())
+            object.__setattr__(self, name, value)
+        if isinstance(self.load, Interval):
+            raise InvalidInput("PressureGovernor: load is the greatest torque on each joint; expected n numbers [N·m]")
+        matrices = [end if callable(end) else _inertia(end, n) for end in ends(self.inertia)]
+        same = not isinstance(self.inertia, Interval) or matrices[0] == matrices[1]
+        object.__setattr__(self, "inertia", matrices[0] if same else Interval(*matrices))
+        for end in ends(self.gravity):
+            if end is not None and not callable(end):
+                raise InvalidInput(
+                    f"PressureGovernor: gravity = {checks.brief(end)} has to be a function of q that gives n torques "
+                    "[N·m], or None"
+                )
         for name, unit, least in (("dt", "s", 1e-6), ("slew", "Pa/s", 1e3), ("margin", "rad", 0.0)):
             number = checks.number(f"PressureGovernor: {name}", getattr(self, name), unit)
             if not number >= least:
@@ -99,14 +127,20 @@ class PressureGovernor:
         self.made  # noqa: B018  # muscles and routes that cannot be governed are refused here
 
     @classmethod
-    def of_arm(cls, arm: Any, dt: float, **others: Any) -> Self:
+    def of_arm(cls, arm: Any, dt: float, *, mass: float | Interval = 1.0, **others: Any) -> Self:
         """Return the governor of an `mpc.arm.model.Arm`: slew, lags and bodies are its own.
 
-        `others` are further fields. Raises `InvalidInput`.
+        `mass` is a factor of all its masses [-], and `others` are further fields, such as
+        `damping=Interval.about(arm.bodies.damping, 0.2)`. Raises `InvalidInput`.
         """
         bodies = arm.bodies
-        given = {"slew": arm.slew, "lag": arm.lag, "inertia": bodies.mass_matrix, "damping": bodies.damping}
-        return cls(arm.mechanism, dt, **(given | {"gravity": bodies.gravity_torque} | others))
+        given: dict[str, Any] = {"slew": arm.slew, "lag": arm.lag, "damping": bodies.damping}
+        given |= {"inertia": bodies.mass_matrix, "gravity": bodies.gravity_torque}
+        low, high = rows("PressureGovernor: mass", mass, "-", 1, "1", 0.0)[:, 0].tolist()
+        for name in ("inertia", "gravity") if (low, high) != (1.0, 1.0) else ():
+            lightest, heaviest = Scaled(given[name], low), Scaled(given[name], high)
+            given[name] = Interval(lightest, heaviest) if low < high else lightest
+        return cls(arm.mechanism, dt, **(given | others))
 
     def __call__(
         self, q: ArrayLike, omega: ArrayLike, P: ArrayLike, command: ArrayLike, previous: ArrayLike | None = None
@@ -189,16 +223,15 @@ class PressureGovernor:
     @cached_property
     def made(self) -> Made:
         """Return the numbers and formulas of the kernel."""
-        n = self.mechanism.n
-        inertia = self.inertia if callable(self.inertia) else np.array(self.inertia)
-        dynamics = Dynamics(self.mechanism, inertia, self.gravity, np.array(self.damping), np.array(self.load))
-        limits = Limits(self.dt, self.slew, np.array(self.lag), self.margin, self.min_force, self.max_energy)
-        assert dynamics.load.size == n
+        damping, lag, strength = (np.array(ends(value)) for value in (self.damping, self.lag, self.strength))
+        inertia, gravity = ends(self.inertia), ends(self.gravity)
+        dynamics = Dynamics(self.mechanism, inertia, gravity, damping, strength, np.array(self.load))
+        limits = Limits(self.dt, self.slew, lag, self.margin, self.min_force, self.max_energy)
         return make(dynamics, limits)
 
     @cached_property
     def _packed(self) -> Packed:
-        return packed(self.made.text, self.made.rules, memory_for(self.mechanism.n, self.mechanism.m))
+        return packed(self.made.text, self.made.rules, memory_for(self.made.rules))
 
     @cached_property
     def _shapes(self) -> tuple[tuple[int], ...]:
@@ -222,15 +255,6 @@ class PressureGovernor:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
-def _row(name: str, value: Any, unit: str, size: int) -> tuple[float, ...]:
-    """Return `size` numbers of one or as many that are not negative. Raises `InvalidInput`."""
-    array = checks.real(f"PressureGovernor: {name}", value if np.size(value) else 0.0, unit)
-    if array.shape not in ((), (size,)) or not (array >= 0).all():
-        letter = "m" if name == "lag" else "n"
-        raise InvalidInput(f"PressureGovernor: {name} has to be one number or {letter} = {size}, not negative [{unit}]")
-    return tuple(np.broadcast_to(array, (size,)).tolist())
-
-
 def _inertia(value: Any, n: int) -> tuple[tuple[float, ...], ...]:
     """Return M (n, n) of a number, a diagonal (n) or a matrix (n, n). Raises `InvalidInput`."""
     array = checks.real("PressureGovernor: inertia", value, "kg·m²")
@@ -238,7 +262,8 @@ def _inertia(value: Any, n: int) -> tuple[tuple[float, ...], ...]:
     if array.shape not in ((), (n,), (n, n)):
         raise InvalidInput(wrong)
     matrix = array if array.ndim == 2 else np.diag(np.broadcast_to(array, n))
-    if not np.allclose(matrix, matrix.T) or not (np.linalg.eigvalsh(matrix) > 0).all():
+    sizes = np.linalg.eigvalsh(matrix)
+    if not np.allclose(matrix, matrix.T) or not sizes.min() > _SINGULAR * sizes.max():
         raise InvalidInput(wrong)
     return tuple(map(tuple, matrix.tolist()))
 

@@ -6,9 +6,14 @@ certification for learning-based control", CDC 2018; O. Bastani, "Safe reinforce
 via model predictive shielding", ACC 2021). The backup drives the pressures to those of a stiff rest and brakes on the
 way. What was let through leaves the backup as a command for the next sample, so that on the model there always is one.
 
+Where strength, damping, masses or lags are known as intervals, the simulation is repeated for the corners of these in
+`Rules.scenes`, and a command is let through if every one of them stays in the range. The backup is the same function of
+the measured state in all of them.
+
 It is plain Python for arrays that numba compiles as it stands, and that `mpc.export.governor` prints as C. In the place
-of the lines below that begin with `FORMULAS` come the formulas of `mpc.governor.model`: `motion(q, omega, P, c, alpha,
-gain, force, speed, energy)` and `potential(q, c, level)`, which fill arrays; c holds the formulas' numbers.
+of the lines below that begin with `FORMULAS` come the formulas of `mpc.governor.model`: `motion(q, omega, P, scene, c,
+alpha, gain, force, speed, energy)` and `potential(q, scene, c, level)`, which fill arrays; c holds the formulas'
+numbers and `scene` those that are uncertain.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -24,28 +29,32 @@ ENORMOUS = 1e30  # [Pa] no command
 HALVINGS = 4  # of the segment from the backup to the command
 STEPS = 60  # of the bisection that finds the multiplier of the energy
 KEPT = 1e-8  # of a row's size: it is exceeded by more
-LEAST, MIN_FORCE, REACH, SLEW, NEAR, REACTION, ENERGY, LOWEST, ROOT, BRAKE, INNER, RANGED = range(12)  # of `numbers`
+LEAST, MIN_FORCE, REACH, SLEW, NEAR, REACTION, ENERGY, BRAKE, INNER, RANGED = range(10)  # of `numbers`
+LOWEST, ROOT = range(2)  # of a row of `barrier`
 
 
 class Rules(NamedTuple):
-    """The `Rules` are the governor's numbers: of n joints and m muscles."""
+    """Numbers of a governor of n joints and m muscles, with s scenes of k uncertain numbers."""
 
-    numbers: Any  # (12) as the constants above say: SI units
+    numbers: Any  # (10) as the constants above say: SI units
     most: Any  # (m) supply or validity [Pa]
     load: Any  # (n) greatest torque from outside [N·m]
     ends: Any  # (n, 2) of the range [rad]
     rest: Any  # P_b (m) of the stiff rest [Pa]
-    weight: Any  # w (m) of the pressures' way to the rest [√J/(Pa·s)]
-    lag: Any  # (m) [s]
+    strong: Any  # (2, m) least and greatest strength [-]
+    scenes: Any  # (s, k) that the formulas take
+    barrier: Any  # (s, 2) energy in the range [J] and root of the barrier [√J]
+    weight: Any  # w (s, m) of the pressures' way to the rest [√J/(Pa·s)]
+    lag: Any  # (s, m) [s]
     steps: Any  # (2) [s] of the integration, in the first sample and later
-    decay: Any  # (2, m) exp(-step/lag)
-    counts: Any  # (4) integers: steps in the first sample and in later ones; samples; dt in a later sample
+    decay: Any  # (2s, m) exp(-step/lag), two rows a scene
+    counts: Any  # (5) integers: steps in the first sample and in later ones; samples; dt in a later sample; s
     motion: Any  # numbers of the formulas
     potential: Any
 
 
 class Memory(NamedTuple):
-    """The `Memory` is what `govern` works in; `mpc.governor.rules.memory_for` makes it."""
+    """Arrays that `govern` works in; `mpc.governor.rules.memory_for` makes them."""
 
     angles: Any  # (n) of the state under way [rad]
     rates: Any  # (n) [rad/s]
@@ -59,6 +68,8 @@ class Memory(NamedTuple):
     speed: Any  # -l' (m), at which muscles shorten [m/s]
     energy: Any  # (2) kinetic [J], and gravity's power [W]
     level: Any  # (1) potential [J]
+    scene: Any  # (k) under way
+    power: Any  # (m) of the strongest muscles, of the weakest where they brake [W/Pa]
     within: Any  # (n, 2) that the joints have to keep [rad]
     lo: Any  # (m) [Pa]
     hi: Any  # (m) [Pa]
@@ -68,14 +79,14 @@ class Memory(NamedTuple):
 
 def govern(rules, q, omega, P, previous, command, safe, memory):
     """Fill `safe` (m) with the pressures next to `command` (m) that keep all limits; return what became of it."""
-    begin(rules, q, omega, P, previous, memory)
+    begin(rules, 0, q, omega, P, previous, memory)
     found = limit(rules, previous, memory)
     status = found
     for j in range(len(command)):
         memory.wanted[j] = command[j]
         if not abs(command[j]) < ENORMOUS:
             memory.wanted[j], status = previous[j], BAD_INPUT
-    slowed = nearest(rules, omega, safe, memory)
+    slowed = nearest(rules, q, omega, P, previous, safe, memory)
     for j in range(len(command)):
         memory.wanted[j] = safe[j]
         if safe[j] != command[j] and status == SAFE:
@@ -111,28 +122,33 @@ def limit(rules, previous, memory):
     return status
 
 
-def nearest(rules, omega, safe, memory):
+def nearest(rules, q, omega, P, previous, safe, memory):
     """Fill `safe` with the pressures of the box nearest to those wanted that keep the energy; return whether they do.
 
     In the time t of reaction the torques' power keeps the kinetic energy below its bound, ½ ωᵀM ω + t ω·τ(u) ≤ E, the
-    load included. That is one row a·u ≤ b, and u = clip(wanted - μ a): its multiplier μ is found by bisection.
+    load included, with the greatest strength of a muscle that drives the motion and the least of one that brakes it.
+    That is one row a·u ≤ b, and u = clip(wanted - μ a): its multiplier μ is found by bisection.
     """
     numbers, m = rules.numbers, len(safe)
+    offset = 0.0
+    for j in range(m):
+        strength = rules.strong[1, j] if memory.speed[j] > 0.0 else rules.strong[0, j]
+        memory.power[j] = strength * memory.gain[j] * memory.speed[j]
+        offset += strength * memory.force[j] * memory.speed[j]
     excess = projected(0.0, safe, memory)
     if not numbers[ENERGY] < ENORMOUS:
         return 1
-    room = (numbers[ENERGY] - memory.energy[0]) / numbers[REACTION] - memory.energy[1]
-    size = abs(room)
+    room = energetic(rules, q, omega, P, previous, memory) - offset
+    size = abs(room + offset)
     for i in range(len(omega)):
         room -= abs(omega[i]) * rules.load[i]
     for j in range(m):
-        room -= memory.force[j] * memory.speed[j]
-        size += abs(memory.gain[j] * memory.speed[j]) * rules.most[j]
+        size += abs(memory.power[j]) * rules.most[j]
     if excess <= room + KEPT * size:
         return 1
     low, high = 0.0, 1.0
     for j in range(m):
-        a = abs(memory.gain[j] * memory.speed[j])
+        a = abs(memory.power[j])
         if a > 0.0:
             high = max(high, (abs(memory.wanted[j]) + memory.hi[j] + rules.most[j]) / a)
     if projected(high, safe, memory) > room + KEPT * size:
@@ -147,11 +163,22 @@ def nearest(rules, omega, safe, memory):
     return 1
 
 
+def energetic(rules, q, omega, P, previous, memory):
+    """Return the power [W] that brings the bodies to the greatest energy in the reaction time, in the worst scene."""
+    room = ENORMOUS
+    for s in range(rules.counts[4]):
+        if s > 0:
+            begin(rules, s, q, omega, P, previous, memory)
+        left = (rules.numbers[ENERGY] - memory.energy[0]) / rules.numbers[REACTION] - memory.energy[1]
+        room = min(room, left)
+    return room
+
+
 def projected(mu, safe, memory):
     """Fill `safe` with clip(wanted - μ a) within the box; return a·safe [W] of a, the muscles' power per pressure."""
     power = 0.0
     for j in range(len(safe)):
-        a = memory.gain[j] * memory.speed[j]
+        a = memory.power[j]
         safe[j] = min(max(memory.wanted[j] - mu * a, memory.lo[j]), memory.hi[j])
         power += a * safe[j]
     return power
@@ -162,7 +189,13 @@ def shielded(rules, q, omega, P, previous, safe, memory):
 
     Return 1 if it may stay as it is, 2 if it was moved, 0 if not even the backup keeps the range.
     """
-    brake(rules, 1, certain(rules, memory), memory)
+    calm = True
+    for s in range(rules.counts[4]):
+        if calm:
+            if rules.counts[4] > 1:
+                begin(rules, s, q, omega, P, previous, memory)
+            calm = certain(rules, s, memory)
+    brake(rules, 1, calm, memory)
     for j in range(len(safe)):
         memory.first[j] = memory.commands[j]
     low, high, share, kept = 0.0, 1.0, 1.0, False
@@ -187,41 +220,50 @@ def shielded(rules, q, omega, P, previous, safe, memory):
     return 2
 
 
-def begin(rules, q, omega, P, previous, memory):
-    """Copy the state to where it goes on from."""
+def begin(rules, s, q, omega, P, previous, memory):
+    """Copy the state to where it goes on from, and take scene `s`."""
+    for i in range(len(memory.scene)):
+        memory.scene[i] = rules.scenes[s, i]
     for i in range(len(q)):
         memory.angles[i], memory.rates[i] = q[i], omega[i]
     for j in range(len(P)):
         memory.pressures[j], memory.commands[j] = P[j], previous[j]
     motion(
-        memory.angles, memory.rates, memory.pressures, rules.motion,
+        memory.angles, memory.rates, memory.pressures, memory.scene, rules.motion,
         memory.alpha, memory.gain, memory.force, memory.speed, memory.energy,
     )  # fmt: skip
 
 
 def stays(rules, q, omega, P, previous, command, given, memory):
-    """Return whether the joints stay in range under `command` for a sample, if it is `given`, and then the backup.
+    """Return whether the joints stay in range in all scenes under `command` for a sample and then the backup.
 
-    A command that is given has to keep a little more, by which the integration may err; a joint that has less now,
-    what it has.
+    A command that is `given`, not the backup's own, has to keep a little more, by which the integration may err; a
+    joint that has less now, what it has.
     """
-    begin(rules, q, omega, P, previous, memory)
     inner = rules.numbers[INNER] if given else 0.0
     for i in range(len(q)):
         memory.within[i, 0] = max(min(rules.ends[i, 0] + inner, q[i]), rules.ends[i, 0])
         memory.within[i, 1] = min(max(rules.ends[i, 1] - inner, q[i]), rules.ends[i, 1])
+    for s in range(rules.counts[4]):
+        begin(rules, s, q, omega, P, previous, memory)
+        if not lasts(rules, s, command, memory):
+            return False
+    return True
+
+
+def lasts(rules, s, command, memory):
+    """Return whether the joints stay in range in scene `s`, from the state that `begin` copied."""
     for k in range(rules.counts[2]):
-        if k == 0 and given:
-            for j in range(len(P)):
+        if k == 0:
+            for j in range(len(command)):
                 memory.commands[j] = command[j]
         else:
-            calm = certain(rules, memory)
-            if k > 0 and calm:
+            if certain(rules, s, memory):
                 return True
-            brake(rules, 1 if k == 0 else rules.counts[3], calm, memory)
+            brake(rules, rules.counts[3], False, memory)
         stage = 0 if k == 0 else 1
         for _ in range(rules.counts[stage]):
-            if not advance(rules, stage, memory):
+            if not advance(rules, s, stage, memory):
                 return False
     return False
 
@@ -241,41 +283,41 @@ def brake(rules, samples, calm, memory):
         memory.commands[j] = min(max(aim, memory.commands[j] - reach), memory.commands[j] + reach)
 
 
-def certain(rules, memory):
-    """Return whether the joints stay in range for ever if the pressures go to the rest now, by the bodies' energy.
+def certain(rules, s, memory):
+    """Return whether the joints of scene `s` stay in range for ever if the pressures go to the rest now.
 
-    With E the energy over that of the rest, pressures that are off by δ let it grow by (√E)' ≤ ‖∂τ/∂P δ‖_{M⁻¹}/√2, in
-    all by less than w·∫|δ|dt, where ∫|δ_j|dt ≤ (u_j - P_bj)²/2r + τ |P_j - P_bj| with the slew r and the lag τ. The
-    potential at the ends is nowhere less than ROOT² above the rest's.
+    The bodies' energy tells: with E the energy over that of the rest, pressures that are off by δ let it grow by
+    (√E)' ≤ ‖∂τ/∂P δ‖_{M⁻¹}/√2, in all by less than w·∫|δ|dt, where ∫|δ_j|dt ≤ (u_j - P_bj)²/2r + τ |P_j - P_bj| with
+    the slew r and the lag τ. The potential at the ends is nowhere less than ROOT² above the rest's.
     """
     numbers = rules.numbers
     grows = 0.0
     for j in range(len(rules.rest)):
         off = memory.commands[j] - rules.rest[j]
-        grows += rules.weight[j] * (
-            0.5 * off * off / numbers[SLEW] + rules.lag[j] * abs(memory.pressures[j] - rules.rest[j])
+        grows += rules.weight[s, j] * (
+            0.5 * off * off / numbers[SLEW] + rules.lag[s, j] * abs(memory.pressures[j] - rules.rest[j])
         )
-    left = numbers[ROOT] - grows
+    left = rules.barrier[s, ROOT] - grows
     if left <= 0.0 or memory.energy[0] >= left * left:
         return False
-    potential(memory.angles, rules.potential, memory.level)
-    return memory.energy[0] + memory.level[0] - numbers[LOWEST] < left * left
+    potential(memory.angles, memory.scene, rules.potential, memory.level)
+    return memory.energy[0] + memory.level[0] - rules.barrier[s, LOWEST] < left * left
 
 
-def advance(rules, stage, memory):
-    """Take a step of velocity Verlet; return whether all joints are within their range.
+def advance(rules, s, stage, memory):
+    """Take a step of velocity Verlet in scene `s`; return whether all joints are within their range.
 
     Between two steps a joint that turns is at most h²|ω'|/8 farther than at their ends.
     """
     h = rules.steps[stage]
     for j in range(len(rules.rest)):
         u = memory.commands[j]
-        memory.pressures[j] = u + rules.decay[stage, j] * (memory.pressures[j] - u)
+        memory.pressures[j] = u + rules.decay[2 * s + stage, j] * (memory.pressures[j] - u)
     for i in range(len(memory.angles)):
         memory.angles[i] += h * (memory.rates[i] + 0.5 * h * memory.alpha[i])
         memory.guess[i] = memory.rates[i] + h * memory.alpha[i]
     motion(
-        memory.angles, memory.guess, memory.pressures, rules.motion,
+        memory.angles, memory.guess, memory.pressures, memory.scene, rules.motion,
         memory.later, memory.gain, memory.force, memory.speed, memory.energy,
     )  # fmt: skip
     inside = True
@@ -289,6 +331,6 @@ def advance(rules, stage, memory):
     return inside
 
 
-FUNCTIONS = (projected, limit, nearest, certain, brake, begin, advance, stays, shielded, govern)
+FUNCTIONS = (projected, limit, begin, energetic, nearest, certain, brake, advance, lasts, stays, shielded, govern)
 
 __all__ = ["FUNCTIONS", "Memory", "Rules", "govern"]

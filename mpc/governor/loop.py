@@ -1,4 +1,4 @@
-"""The kernel becomes a loop over commands here: compiled by numba with a mechanism's formulas, or plain Python.
+"""A loop over commands, compiled by numba from the kernel and a mechanism's formulas, or plain Python.
 
 numba takes as long to look at thirty arrays as the kernel to govern some commands. So its numbers and memory are parts
 of one table, and the states and commands rows of another.
@@ -85,7 +85,7 @@ def compiled_loop(text: str) -> Loop:
     """Return it for numba, which compiles at the first call; plain, with a `SlowStep` warning, where it cannot."""
     reason = "numba is missing, or told not to compile"
     try:
-        from mpc.tracking.compiled.module import imported
+        from mpc.codegen.modules import imported
 
         made = imported(text + _COMPILED).govern_rows
         if made is not None:

@@ -1,7 +1,10 @@
-"""The formulas that the governor asks are written here: how the arm moves, and its energy at rest pressures.
+"""Formulas of the governor: the arm's motion, and its energy at the pressures of the rest.
 
 With the mass matrix M(q) the bodies' equations are M q'' = τ(q, P) - C - D q' - g(q) + d, where by Lagrange
 C = (∂(M ω)/∂q) ω - ½ ∂(ωᵀM ω)/∂q; d is the greatest load, which pushes away from the rest. Slack cables do not push.
+
+Muscles, damping and bodies may be known within bounds. The formulas take what is uncertain of them as a column, the
+*scene*, and have all other numbers in them.
 """
 
 from collections.abc import Callable
@@ -15,68 +18,114 @@ from mpc.model.lengths import symbolic_lengths
 
 _NODES = 3  # of the quadrature of a potential
 
+MatrixOrFunction = Any  # numbers, or a function of CasADi's q
+
 
 class Dynamics(NamedTuple):
-    """The `Dynamics` are a mechanism with bodies: `inertia` and `gravity` are M and g, or functions of CasADi's q."""
+    """A mechanism with bodies, each number with its least and its greatest value."""
 
     mechanism: Mechanism
-    inertia: Any  # M (n, n) [kg·m²]
-    gravity: Callable[[Any], Any] | None  # g (n) [N·m]
-    damping: Array  # (n) [N·m·s/rad]
+    inertia: tuple[MatrixOrFunction, MatrixOrFunction]  # M (n, n) [kg·m²] of the lightest and the heaviest bodies
+    gravity: tuple[Callable[[Any], Any] | None, ...]  # g (n) [N·m] of both; None: no gravity
+    damping: Array  # (2, n) [N·m·s/rad]
+    strength: Array  # (2, m) of the forces, in those of the model
     load: Array  # (n) [N·m]
 
-    def mass(self, q: Any) -> Any:
-        """Return M(q)."""
+    @property
+    def bounds(self) -> Array:
+        """Return the bounds (2, m + n + 1) of strengths, damping and the share of the heaviest bodies' masses."""
+        heavier = float(self.inertia[0] is not self.inertia[1] or self.gravity[0] is not self.gravity[1])
+        return np.column_stack([self.strength, self.damping, [0.0, heavier]])
+
+    @property
+    def uncertain(self) -> Array:
+        """Return which (m + n + 1) of these have bounds that differ."""
+        low, high = self.bounds
+        return np.asarray(low < high)
+
+    def scenes(self, values: Array) -> Array:
+        """Return the scenes (s, k) of values (s, m + n + 1); without any uncertain ones a column of zeros."""
+        return values[:, self.uncertain] if self.uncertain.any() else np.zeros((len(values), 1))
+
+    @property
+    def middle(self) -> Array:
+        """Return the scene (k) in the middle of all bounds."""
+        return np.asarray(self.scenes(self.bounds.mean(axis=0, keepdims=True))[0])
+
+
+class _Formulas(NamedTuple):
+    """CasADi expressions at a posture `q` in a scene."""
+
+    scene: Any  # (k)
+    strength: Any  # (m)
+    damping: Any  # (n)
+    slope: Any  # ∂l/∂q (m, n)
+    A: Any  # (m) of the model's forces A P + B
+    B: Any  # (m)
+    M: Any  # (n, n)
+    g: Any  # (n)
+
+    @classmethod
+    def at(cls, dynamics: Dynamics, q: Any) -> "_Formulas":
         import casadi as ca
 
-        return ca.SX(self.inertia(q)) if callable(self.inertia) else ca.SX(ca.DM(self.inertia))
+        n, m = dynamics.mechanism.n, dynamics.mechanism.m
+        places = np.flatnonzero(dynamics.uncertain).tolist()
+        scene = ca.SX.sym("scene", max(len(places), 1))
+        values = ca.SX(ca.DM(dynamics.bounds[0]))
+        for k, place in enumerate(places):
+            values[place] = scene[k]
+        strength, damping, share = values[:m], values[m : m + n], values[m + n]
+        M = _between([_matrix(inertia, q) for inertia in dynamics.inertia], share)
+        g = _between([_torque(gravity, q) for gravity in dynamics.gravity], share)
+        return cls(scene, strength, damping, *_muscles(dynamics.mechanism, q), M, g)
 
-    def held(self, q: Any) -> Any:
-        """Return g(q)."""
-        import casadi as ca
-
-        return ca.SX.zeros(self.mechanism.n) if self.gravity is None else ca.SX(self.gravity(q))
+    def torque(self, pull: Any) -> Any:
+        """Return τ - g of muscles that by their model pull with `pull` (m) [N]."""
+        return -self.slope.T @ (self.strength * pull) - self.g
 
 
 def statics_function(dynamics: Dynamics) -> Any:
-    """Return the CasADi function (q, P) ↦ (τ - g, ∂τ/∂P, -∂(τ - g)/∂q, M, ∂l/∂q, A, B), with forces A P + B.
+    """Return the CasADi function (q, P, scene) ↦ (τ - g, ∂τ/∂P, -∂(τ - g)/∂q, M, ∂l/∂q, A, B).
 
-    Raises `InvalidInput` for muscles that are not affine and for routes without formulas.
+    A and B are those of the model's forces A P + B. Raises `InvalidInput` for muscles that are not affine and for
+    routes without formulas.
     """
     import casadi as ca
 
     q, P = ca.SX.sym("q", dynamics.mechanism.n), ca.SX.sym("P", dynamics.mechanism.m)
-    slope, A, B = _muscles(dynamics.mechanism, q)
-    torque = -slope.T @ (A * P + B) - dynamics.held(q)  # (M1)
-    made = [torque, -slope.T @ ca.diag(A), -ca.jacobian(torque, q), dynamics.mass(q), slope, A, B]
-    return ca.Function("statics", [q, P], list(map(ca.densify, ca.cse(made))))
+    f = _Formulas.at(dynamics, q)
+    torque = f.torque(f.A * P + f.B)  # (M1)
+    gain = -f.slope.T @ ca.diag(f.strength * f.A)
+    made = [torque, gain, -ca.jacobian(torque, q), f.M, f.slope, f.A, f.B]
+    return ca.Function("statics", [q, P, f.scene], list(map(ca.densify, ca.cse(made))))
 
 
 def motion_function(dynamics: Dynamics, rest: Array) -> Any:
-    """Return the CasADi function (q, ω, P) ↦ (ω', A, B, -l', (½ ωᵀM ω, -ω·g)), with forces A P + B.
+    """Return the CasADi function (q, ω, P, scene) ↦ (ω', A, B, -l', (½ ωᵀM ω, -ω·g)).
 
-    The load pushes every joint away from `rest` (n) [rad]. Raises `InvalidInput` as `statics_function` does.
+    A and B are those of the model's forces A P + B. The load pushes every joint away from `rest` (n) [rad]. Raises
+    `InvalidInput` as `statics_function` does.
     """
     import casadi as ca
 
     n, m = dynamics.mechanism.n, dynamics.mechanism.m
     q, omega, P = ca.SX.sym("q", n), ca.SX.sym("omega", n), ca.SX.sym("P", m)
-    slope, A, B = _muscles(dynamics.mechanism, q)
-    M, g = dynamics.mass(q), dynamics.held(q)
-    momentum = M @ omega
+    f = _Formulas.at(dynamics, q)
+    momentum = f.M @ omega
     kinetic = ca.dot(omega, momentum) / 2
-    pushing = -slope.T @ ca.fmax(A * P + B, 0) - g - ca.DM(dynamics.damping) * omega
+    pushing = f.torque(ca.fmax(f.A * P + f.B, 0)) - f.damping * omega
     pushing -= ca.jacobian(momentum, q) @ omega - ca.gradient(kinetic, q)
     if dynamics.load.any():
         pushing += ca.DM(dynamics.load) * ca.sign(q - ca.DM(rest))
-    alpha = ca.ldl_solve(pushing, *ca.ldl(M))
-    made = [alpha, A, B, -(slope @ omega), ca.vertcat(kinetic, -ca.dot(omega, g))]
-    names = ["q", "omega", "P"], ["alpha", "gain", "force", "speed", "energy"]
-    return ca.Function("motion", [q, omega, P], list(map(ca.densify, ca.cse(made))), *names)
+    alpha = ca.ldl_solve(pushing, *ca.ldl(f.M))
+    made = [alpha, f.A, f.B, -(f.slope @ omega), ca.vertcat(kinetic, -ca.dot(omega, f.g))]
+    names = ["q", "omega", "P", "scene"], ["alpha", "gain", "force", "speed", "energy"]
+    return ca.Function("motion", [q, omega, P, f.scene], list(map(ca.densify, ca.cse(made))), *names)
 
 
 def potential_function(dynamics: Dynamics, rest: Array, P: Array) -> Any:
-    """Return the CasADi function q ↦ the energy [J] of muscles at `P` (m) [Pa], gravity and load above that at `rest`.
+    """Return the CasADi function (q, scene) ↦ the energy [J] of muscles at `P` (m) [Pa], gravity and load.
 
     It is the work along the straight way from the posture `rest` (n) [rad], by Gauss's quadrature.
     """
@@ -84,11 +133,30 @@ def potential_function(dynamics: Dynamics, rest: Array, P: Array) -> Any:
 
     q = ca.SX.sym("q", dynamics.mechanism.n)
     away, statics = q - ca.DM(rest), statics_function(dynamics)
+    scene = ca.SX.sym("scene", statics.size1_in(2))
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     level: Any = -ca.dot(ca.DM(dynamics.load), ca.fabs(away))
     for node, weight in zip((nodes + 1) / 2, weights / 2, strict=True):
-        level -= weight * ca.dot(statics(ca.DM(rest) + float(node) * away, ca.DM(P))[0], away)
-    return ca.Function("potential", [q], [ca.densify(ca.cse([level])[0])], ["q"], ["level"])
+        level -= weight * ca.dot(statics(ca.DM(rest) + float(node) * away, ca.DM(P), scene)[0], away)
+    return ca.Function("potential", [q, scene], [ca.densify(ca.cse([level])[0])], ["q", "scene"], ["level"])
+
+
+def _between(ends: list[Any], share: Any) -> Any:
+    """Return the lightest's value and the `share` of what the heaviest's has beyond it."""
+    low, high = ends
+    return low if share.is_constant() else low + share * (high - low)
+
+
+def _matrix(inertia: MatrixOrFunction, q: Any) -> Any:
+    import casadi as ca
+
+    return ca.SX(inertia(q)) if callable(inertia) else ca.SX(ca.DM(inertia))
+
+
+def _torque(gravity: Callable[[Any], Any] | None, q: Any) -> Any:
+    import casadi as ca
+
+    return ca.SX.zeros(q.shape[0]) if gravity is None else ca.SX(gravity(q))
 
 
 def _muscles(mechanism: Mechanism, q: Any) -> tuple[Any, Any, Any]:

@@ -1,5 +1,6 @@
-"""The numbers of a governor's kernel are computed here: the stiff rest, the barrier around it, steps and horizon."""
+"""Numbers of a governor's kernel: the stiff rest, the barriers around it, steps and horizon."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from allocator.joint.limits import BINDS
 from mpc.codegen.python_text import filling
 from mpc.governor import kernel
 from mpc.governor.model import Dynamics, motion_function, potential_function, statics_function
+from mpc.governor.scenes import Corners, corners
 
 _POSTURES = 4000  # that are looked at in the range, about
 _FREE = 1e6  # [rad] of a joint without end stops
@@ -19,21 +21,25 @@ _INNER = np.deg2rad(0.5)  # by which the integration may err
 _RESOLUTION = 0.25  # of a step in times of the fastest motion: an error of some 0.3 % of its frequency
 _DAMPING = 0.3  # ratio that the backup gives the least damped motion at the rest
 _MOST_SAMPLES = 1000  # of a rollout
+_NO_REST = (
+    "PressureGovernor: no pressures of the supply hold the joints in their range against gravity and load, for "
+    "all that the intervals leave open"
+)
 
 
 class Limits(NamedTuple):
-    """The `Limits` are what a governor is asked to keep, beside the mechanism's own; SI units."""
+    """Limits that a governor is asked to keep, besides the mechanism's own; SI units."""
 
     dt: float
     slew: float
-    lag: Array  # (m)
+    lag: Array  # (2, m) least and greatest
     margin: float
     min_force: float
     max_energy: float | None
 
 
 class Made(NamedTuple):
-    """What is `Made` of a governor: the kernel's numbers, and the formulas as CasADi functions and as Python."""
+    """Numbers of a governor's kernel, and its formulas as CasADi functions and as Python."""
 
     rules: kernel.Rules
     functions: tuple[Any, Any]  # motion, potential
@@ -49,74 +55,133 @@ def make(dynamics: Dynamics, limits: Limits) -> Made:
     mechanism = dynamics.mechanism
     most = np.array([min(mechanism.pressure_limits[1], muscle.max_pressure) for muscle in mechanism.muscles])
     ranged = mechanism.angle_limits is not None
-    rest = _Rest.of(dynamics, limits, most) if ranged else _Rest.nowhere(mechanism.n, most)
+    middle = np.zeros(mechanism.n) if mechanism.angle_limits is None else np.mean(mechanism.angle_limits, axis=1)
+    cases = corners(dynamics, limits.lag, middle)
+    rest = _Rest.of(dynamics, limits, most, cases) if ranged else _Rest.nowhere(mechanism.n, most, cases)
     functions = motion_function(dynamics, rest.q), potential_function(dynamics, rest.q, rest.P)
     motion, potential = (filling(f.name(), f) for f in functions)
-    lo, hi = mechanism.pressure_limits
-    numbers = np.zeros(12)
-    numbers[[kernel.LEAST, kernel.MIN_FORCE, kernel.SLEW]] = lo, limits.min_force, limits.slew
-    numbers[[kernel.REACH, kernel.NEAR]] = limits.slew * limits.dt, BINDS * (hi - lo)
-    numbers[kernel.REACTION] = float(limits.lag.max()) + limits.dt
-    numbers[kernel.ENERGY] = np.inf if limits.max_energy is None else limits.max_energy
-    numbers[[kernel.LOWEST, kernel.ROOT, kernel.BRAKE]] = rest.lowest, rest.root, rest.brake
-    numbers[[kernel.INNER, kernel.RANGED]] = min(_INNER, 0.05 * float(np.ptp(rest.ends, axis=1).min())), float(ranged)
-    steps, counts = _steps(limits, rest, hi - lo)
+    steps, counts = _steps(limits, rest, mechanism.pressure_limits[1] - mechanism.pressure_limits[0])
     with np.errstate(divide="ignore"):
-        decay = np.exp(-steps[:, None] / limits.lag)
+        decay = np.exp(-steps[None, :, None] / cases.lag[:, None, :]).reshape(-1, mechanism.m)
     rules = kernel.Rules(
-        numbers, most, dynamics.load, rest.ends, rest.P, rest.weight, limits.lag, steps, decay, counts,
-        motion.c, potential.c,
+        _numbers(dynamics, limits, rest), most, dynamics.load, rest.ends, rest.P, dynamics.strength,
+        dynamics.scenes(cases.values), rest.barrier, rest.weight, cases.lag, steps, decay,
+        np.append(counts, len(cases.lag)), motion.c, potential.c,
     )  # fmt: skip
     return Made(rules, functions, f"import math\n\nimport numpy as np\n\n\n{motion.text}\n\n{potential.text}\n\n")
 
 
-def memory_for(n: int, m: int) -> kernel.Memory:
-    """Return the memory for n joints and m muscles."""
-    sizes = {"energy": 2, "level": 1, "within": (n, 2)}
+def _numbers(dynamics: Dynamics, limits: Limits, rest: "_Rest") -> Array:
+    """Return `kernel.Rules.numbers`."""
+    mechanism = dynamics.mechanism
+    lo, hi = mechanism.pressure_limits
+    numbers = np.zeros(10)
+    weakest = float(dynamics.strength[0 if limits.min_force > 0 else 1].min())
+    numbers[[kernel.LEAST, kernel.MIN_FORCE, kernel.SLEW]] = lo, limits.min_force / weakest, limits.slew
+    numbers[[kernel.REACH, kernel.NEAR]] = limits.slew * limits.dt, BINDS * (hi - lo)
+    numbers[kernel.REACTION] = float(limits.lag.max()) + limits.dt
+    numbers[kernel.ENERGY] = np.inf if limits.max_energy is None else limits.max_energy
+    numbers[kernel.BRAKE] = rest.brake
+    numbers[kernel.INNER] = min(_INNER, 0.05 * float(np.ptp(rest.ends, axis=1).min()))
+    numbers[kernel.RANGED] = float(mechanism.angle_limits is not None)
+    return numbers
+
+
+def memory_for(rules: kernel.Rules) -> kernel.Memory:
+    """Return the memory of a governor with these rules."""
+    n, m = rules.load.size, rules.most.size
+    sizes = {"energy": 2, "level": 1, "within": (n, 2), "scene": rules.scenes.shape[1]}
     sizes |= dict.fromkeys(("angles", "rates", "guess", "alpha", "later"), n)
     return kernel.Memory(*(np.zeros(sizes.get(name, m)) for name in kernel.Memory._fields))
 
 
 class _Rest(NamedTuple):
-    """The rest is where the backup goes to."""
+    """Posture and pressures that the backup goes to, and the barriers around it in all scenes."""
 
     ends: Array  # (n, 2) [rad]
     q: Array  # (n) [rad]
     P: Array  # (m) [Pa]
-    weight: Array  # (m) [√J/(Pa·s)]
-    lowest: float  # energy in the range [J]
-    root: float  # of the barrier [√J]
+    barrier: Array  # (s, 2) energy in the range [J] and root of the barrier [√J]
+    weight: Array  # (s, m) [√J/(Pa·s)]
     brake: float  # [Pa·s/m]
     rates: tuple[float, float]  # of the slowest and the fastest motion [rad/s]
 
     @classmethod
-    def of(cls, dynamics: Dynamics, limits: Limits, most: Array) -> "_Rest":
+    def of(cls, dynamics: Dynamics, limits: Limits, most: Array, cases: Corners) -> "_Rest":
         """Find it: in the middle of the range, with pressures in the middle of those that are taut in all of it."""
-        mechanism, statics = dynamics.mechanism, statics_function(dynamics)
+        mechanism, statics, middle = dynamics.mechanism, statics_function(dynamics), dynamics.middle
         ends = np.array(mechanism.angle_limits) + limits.margin * np.array([1.0, -1.0])
         grid = _grid(ends)
-        _, gain, stiff, M, _, A, B = _at(statics, grid, most)
-        least = np.clip(((limits.min_force - B) / A).max(axis=0)[:, 0], mechanism.pressure_limits[0], most)
-        P = _held(statics, ends.mean(axis=1), least, most)
-        found = root(lambda q: np.array(statics(q, P)[0]).ravel(), ends.mean(axis=1))
-        q = found.x
-        lowest, barrier = _levels(dynamics, statics, ends, grid, q, P)
-        _, moved, K, mass, slope, *_ = (np.array(value) for value in statics(q, P))
+        *_, A, B = _at(statics, grid, most, middle)
+        taut = ((limits.min_force / dynamics.strength[0][:, None] - B) / A).max(axis=0)[:, 0]
+        least = np.clip(taut, mechanism.pressure_limits[0], most)
+        P = _held(lambda q, P: statics(q, P, middle), ends.mean(axis=1), least, most)
+        found = root(lambda q: np.array(statics(q, P, middle)[0]).ravel(), ends.mean(axis=1))
+        _, moved, K, mass, slope, *_ = (np.array(value) for value in statics(found.x, P, middle))
         squares, modes = eigh(K, mass)
-        if not (found.success and barrier > lowest and squares[0] > 0):
-            raise InvalidInput(
-                "PressureGovernor: no pressures of the supply hold the joints in their range against gravity and load"
-            )
+        if not (found.success and squares[0] > 0):
+            raise InvalidInput(_NO_REST)
         lost = np.diag(modes.T @ -moved @ slope @ modes)  # of the energy of each motion, by pressures -s
-        weight = np.sqrt(np.einsum("gij,gij->gj", gain, np.linalg.solve(M, gain)).max(axis=0) / 2)
         brake = 2 * _DAMPING * float(np.min(np.sqrt(squares) / lost))
-        fastest = float(max(eigh(*pair, eigvals_only=True)[-1] for pair in zip(stiff, M, strict=True)))
-        return cls(ends, q, P, weight, lowest, (barrier - lowest) ** 0.5, brake, (squares[0] ** 0.5, fastest**0.5))
+        each = _barriers(dynamics, ends, grid, found.x, P, most, cases)
+        rates = min(barrier.slowest for barrier in each), max(barrier.fastest for barrier in each)
+        levels = np.array([[barrier.lowest, barrier.root] for barrier in each])
+        return cls(ends, found.x, P, levels, np.array([barrier.weight for barrier in each]), brake, rates)
 
     @classmethod
-    def nowhere(cls, n: int, most: Array) -> "_Rest":
+    def nowhere(cls, n: int, most: Array, cases: Corners) -> "_Rest":
         """Return what stands for it where there is no range."""
-        return cls(np.tile([-_FREE, _FREE], (n, 1)), np.zeros(n), most, 0 * most, 0.0, 0.0, 0.0, (1.0, 1.0))
+        s = len(cases.lag)
+        ends = np.tile([-_FREE, _FREE], (n, 1))
+        return cls(ends, np.zeros(n), most, np.zeros((s, 2)), np.zeros((s, most.size)), 0.0, (1.0, 1.0))
+
+
+class _Barrier(NamedTuple):
+    """Energies around the rest in one scene."""
+
+    lowest: float  # energy in the range [J]
+    root: float  # of the barrier [√J]
+    weight: Array  # (m) [√J/(Pa·s)]
+    slowest: float  # motion [rad/s]
+    fastest: float  # motion [rad/s]
+
+
+def _barriers(
+    dynamics: Dynamics, ends: Array, grid: Array, q: Array, P: Array, most: Array, cases: Corners
+) -> list[_Barrier]:
+    """Return the barrier of every scene. Raises `InvalidInput` where one of them has none."""
+    statics, potential = statics_function(dynamics), potential_function(dynamics, q, P)
+    n, known, found = dynamics.mechanism.n, dict[tuple[float, ...], _Barrier](), []
+    for values, scene in zip(cases.values, dynamics.scenes(cases.values), strict=True):
+        key = (*values[: -n - 1], values[-1])  # neither damping nor lags change energies
+        if key not in known:
+            known[key] = _barrier(dynamics.load, statics, potential, ends, grid, q, P, most, scene)
+        found.append(known[key])
+    return found
+
+
+def _barrier(
+    load: Array, statics: Any, potential: Any, ends: Array, grid: Array, q: Array, P: Array, most: Array, scene: Array
+) -> _Barrier:
+    """Return the barrier of one scene. Raises `InvalidInput`."""
+    _, gain, stiff, M, *_ = _at(statics, grid, most, scene)
+
+    def level(at: Array) -> float:
+        return float(potential(at, scene))
+
+    def slope(at: Array) -> Array:
+        return -np.array(statics(at, P, scene)[0])[:, 0] - load * np.sign(at - q)
+
+    levels = np.array(potential.map(len(grid))(grid.T, np.tile(scene[:, None], len(grid))))[0]
+    lowest, barrier = _levels(level, slope, levels, ends, grid, q)
+    settled = root(lambda q: np.array(statics(q, P, scene)[0]).ravel(), q)
+    _, _, K, mass, *_ = (np.array(value) for value in statics(settled.x, P, scene))
+    squares = eigh(K, mass, eigvals_only=True)
+    if not (settled.success and barrier > lowest and squares[0] > 0):
+        raise InvalidInput(_NO_REST)
+    weight = np.sqrt(np.einsum("gij,gij->gj", gain, np.linalg.solve(M, gain)).max(axis=0) / 2)
+    fastest = float(max(eigh(*pair, eigvals_only=True)[-1] for pair in zip(stiff, M, strict=True)))
+    return _Barrier(lowest, (barrier - lowest) ** 0.5, weight, squares[0] ** 0.5, fastest**0.5)
 
 
 def _grid(ends: Array) -> Array:
@@ -126,9 +191,9 @@ def _grid(ends: Array) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(ends))
 
 
-def _at(statics: Any, grid: Array, P: Array) -> list[Array]:
-    """Return all that `statics` says at postures (N, n): arrays (N, …, …)."""
-    made = statics.map(len(grid))(grid.T, np.tile(P[:, None], len(grid)))
+def _at(statics: Any, grid: Array, P: Array, scene: Array) -> list[Array]:
+    """Return all outputs of `statics` at postures (N, n): arrays (N, …, …)."""
+    made = statics.map(len(grid))(grid.T, *(np.tile(row[:, None], len(grid)) for row in (P, scene)))
     return [np.array(a).reshape(a.shape[0], len(grid), -1).transpose(1, 0, 2) for a in made]
 
 
@@ -141,17 +206,14 @@ def _held(statics: Any, q: Array, least: Array, most: Array) -> Array:
     return np.asarray(middle + span * found.x)
 
 
-def _levels(dynamics: Dynamics, statics: Any, ends: Array, grid: Array, q: Array, P: Array) -> tuple[float, float]:
+def _levels(
+    level: Callable[[Array], float], slope: Callable[[Array], Array], levels: Array, ends: Array, grid: Array, q: Array
+) -> tuple[float, float]:
     """Return the least energy [J] in the range and the least at its ends: on the grid, and from there downhill."""
-    potential = potential_function(dynamics, q, P)
-    levels = np.array(potential.map(len(grid))(grid.T))[0]
     found = [float(levels.min())]
 
     def downhill(start: Array, bounds: Array) -> float:
-        def both(at: Array) -> tuple[float, Array]:
-            return float(potential(at)), -np.array(statics(at, P)[0])[:, 0] - dynamics.load * np.sign(at - q)
-
-        return float(minimize(both, start, jac=True, bounds=bounds).fun)
+        return float(minimize(lambda at: (level(at), slope(at)), start, jac=True, bounds=bounds).fun)
 
     found.append(downhill(q, ends))
     at_ends = []

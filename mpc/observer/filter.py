@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array, Mask, Value
 from allocator.units import BAR, DEG
 from mpc.model.buffered import Buffered
@@ -29,8 +30,9 @@ _UNSURE = 4.0  # times the stationary variance, where little is known
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise is given by standard deviations: of the sensors per sample, of the model's errors per root of a
-    second.
+    """Standard deviations of the sensors per sample, and of the model's errors per root of a second.
+
+    Raises `InvalidInput` unless those of the sensors are above zero and the others not below.
     """
 
     theta: float = 0.01 * DEG  # [rad]
@@ -38,6 +40,13 @@ class Noise:
     omega_walk: float = 0.2  # [rad/s/√s]
     pressure_walk: float = 0.07 * BAR  # [Pa/√s]
     d_walk: float = 1.9  # [N·m/√s]
+
+    def __post_init__(self) -> None:
+        """Check."""
+        for name, unit in (("theta", "rad"), ("pressure", "Pa")):
+            checks.positive(f"Noise: {name}", getattr(self, name), unit)
+        for name, unit in (("omega_walk", "rad/s/√s"), ("pressure_walk", "Pa/√s"), ("d_walk", "N·m/√s")):
+            checks.not_negative(f"Noise: {name}", getattr(self, name), unit)
 
     def Q(self, dt: float) -> Array:
         """Return the covariance (5, 5) of the model's errors over `dt` [s]."""

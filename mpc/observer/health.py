@@ -24,7 +24,7 @@ class Reaction(IntEnum):
 
     NONE = 0
     STIFFEN_LESS = 1  # ask for less stiffness, that is for lower pressures
-    HOLD = 2  # stop, and keep the pressures
+    HOLD = 2  # stop the motion; a loop on a bench holds for as long as it runs, and then stops safely
     VENT = 3  # let both muscles empty
 
     def __str__(self) -> str:

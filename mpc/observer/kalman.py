@@ -53,7 +53,7 @@ class KalmanObserver:
 
     Ordinary samples, in which all readings are believed, are compiled (`implementation`): for some seconds when the
     first observer of a kind of plant is made, unless it is told not to `wait`, when another process compiles for the
-    next.
+    next. With `compiled` False nothing is: for an observer that is only exported.
     """
 
     def __init__(
@@ -65,6 +65,7 @@ class KalmanObserver:
         tolerance: float = 0.1,
         gate: Gate | None = None,
         wait: bool = True,
+        compiled: bool = True,
     ) -> None:
         self.plant, self.dt, self.tolerance, self.wait = plant, dt, tolerance, wait
         self.noise = Noise() if noise is None else noise
@@ -76,6 +77,7 @@ class KalmanObserver:
         self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(MEASURED.size)]
         self.diagnosis = Diagnosis(plant, dt, self.noise.pressure, self.compensation, tolerance)
         self.compiled: CompiledEstimate | None = None
+        self._compiles = compiled
         self.reset()
         self._compile()
 
@@ -185,6 +187,8 @@ class KalmanObserver:
 
     def _compile(self) -> None:
         """Make or load the compiled estimate, where there can be one."""
+        if not self._compiles:
+            return
         again = KalmanObserver, self.plant, self.dt, self.noise, self.compensation  # compiles it in another process
         self.compiled = compiled_estimate(self.filter, self.diagnosis, self._readable, self.wait, again)
 

@@ -1,5 +1,6 @@
 """A controller's step has one skeleton, whatever optimises: the stages that `BaseController` names, in that order."""
 
+import warnings
 from abc import ABC, abstractmethod
 from math import inf
 from time import perf_counter
@@ -7,15 +8,17 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
-from mpc.model.plant import Plant
+from mpc.model.plant import NU, Plant
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times, status_of
-from mpc.tracking.preview import Preview, Task
+from mpc.tracking.preview import BadNumbers, Preview, Task
 from mpc.tracking.qp.step import PreviousSample
 from mpc.tracking.rest import RestMode
 
@@ -63,8 +66,10 @@ class BaseController(ABC):
     patience: float  # for how long the angle may be missing [s]
     budget: float | None = None  # time for a step [s]
     rest: bool = False  # whether commands come to rest at a constant reference, if the compensation knows anything
+    muscles: int = NU
     says_moved: ClassVar[bool] = True  # whether its plans say how far the references were moved
     _feed_forward: _FeedForwardOf
+    _first: bool = True  # whether there was no step since the last reset
 
     def _build(self, N: int, min_force: float = 0.0) -> None:
         self.limits = Limits.of(self.plant, self.dt, min_force)
@@ -75,6 +80,7 @@ class BaseController(ABC):
 
     def reset(self) -> None:
         """Forget the past: the next step begins from the pressures it measures."""
+        self._first = True
         self._preview.reset()
         self.rest_mode.reset()
         self.ladder.reset()
@@ -90,11 +96,26 @@ class BaseController(ABC):
 
         A reference is a value, held for the whole horizon, or a preview (ahead + 1,) that begins now. `d` is the
         disturbance torque [N·m] known to act. What is NaN in `x`, or beyond what the joint can do, is replaced by what
-        the last plan predicted. Numbers never make it raise: where they cannot be meant the status says so. Raises
-        `InvalidInput` for shapes and kinds that are wrong.
+        the last plan predicted. Numbers never make it raise: where they cannot be meant the status says so. Warns
+        (`BadNumbers`) if the pressures of the first step look like bar. Raises `InvalidInput` for shapes and kinds that
+        are wrong.
         """
         began = perf_counter()
+        if self._first:
+            self._point_out_bar(x)
         return self._whole_step(x, theta_ref, K_ref, d, began) or self._staged(x, theta_ref, K_ref, d, began)
+
+    def _point_out_bar(self, x: Any) -> None:
+        """Warn of pressures that look like bar. It is no error: those of a vented joint are as low."""
+        self._first = False
+        state = checks.floats("x", x, "rad, rad/s, Pa")
+        if state.ndim != 1 or state.size <= self.muscles:
+            return  # no state: the preview refuses it
+        P = state[-self.muscles :]
+        try:
+            checks.pressure("pressures of x: P", P[np.isfinite(P)])
+        except InvalidInput as wrong:
+            warnings.warn(str(wrong), BadNumbers, stacklevel=3)
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # the ladder finds what is not finite
     def _staged(self, x: Any, theta_ref: Any, K_ref: Any, d: float, began: float) -> Plan:

@@ -82,6 +82,7 @@ class TrackingMPC(OptimisingController):
     patience: float = 0.2  # [s]
     rest: bool = True  # whether commands come to rest at a constant reference, if the compensation knows anything
     wait: bool = True  # for what is not compiled yet; else another process compiles, and the readable step answers
+    compiled: bool = True  # else nothing is, and the readable step answers: for a controller that is only exported
 
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
@@ -95,7 +96,8 @@ class TrackingMPC(OptimisingController):
         L = terminal_factor(self.plant, self.dt, self.weights)
         self.problem = TrackingProblem(self.weights, self.limits, L, self.blocks, self.dt)
         self._work()
-        check_pace(self._rehearse, self.plant, self.dt, self.N)
+        if self.compiled:
+            check_pace(self._rehearse, self.plant, self.dt, self.N)
         self.reset()
 
     def _forget(self) -> None:
@@ -152,7 +154,7 @@ class TrackingMPC(OptimisingController):
         self._solve = solver_of(self.solver)
         feed_forward = InverseDynamics(self.plant, self.dt, self.N, self.limits.min_force)
         self._qp_step, self._feed_forward = factory(
-            self.plant, self.dt, self.problem, self._predictor, feed_forward, wait=self.wait
+            self.plant, self.dt, self.problem, self._predictor, feed_forward, wait=self.wait, compiled=self.compiled
         )
         self._join()
 
@@ -160,9 +162,10 @@ class TrackingMPC(OptimisingController):
         """Join the compiled parts, where all of an ordinary step is compiled."""
         self._whole: WholeStep | None = None
         if isinstance(self._qp_step, CompiledQPStep) and isinstance(self._feed_forward, CompiledFeedForward):
-            from mpc.tracking.compiled.sample import friction, whole
+            from mpc.model import compiled_friction
+            from mpc.tracking.compiled.sample import whole
 
-            numbers = friction.friction_numbers(self.compensation.friction)
+            numbers = compiled_friction.friction_numbers(self.compensation.friction)
             if numbers is not None:
                 parts = whole.Parts(self._preview, self.ladder, self.rest_mode, self.rest)
                 self._whole = whole.WholeStep(self._qp_step, self._feed_forward, parts, numbers)

@@ -51,8 +51,11 @@ class Ladder(Deferred):
         self.u_star: Array | None = None  # the feed-forward of the previous sample (2,)
 
     def previous(self, x: Array, u_star: Array) -> PreviousSample:
-        """Return the previous sample; if there was none, the pressures in `x` (4,) and feed-forward `u_star` (2,)."""
-        u_last = x[-u_star.size :] if self.motion is None else self.motion.u[0]
+        """Return the previous sample; if there was none, the feed-forward `u_star` (2,) and the pressures in `x` (4,).
+
+        These are `Limits.commandable`.
+        """
+        u_last = self.limits.commandable(x[-u_star.size :]) if self.motion is None else self.motion.u[0]
         return PreviousSample(u_last, u_star if self.u_star is None else self.u_star)
 
     def shift(self, u_star: Array) -> Array:

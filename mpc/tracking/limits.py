@@ -44,6 +44,14 @@ class Limits:
                 kept[k, i] = last
         return kept
 
+    def commandable(self, P: Array) -> Array:
+        """Return the measured pressures `P` [Pa] as commands to start from.
+
+        A gauge may read less than no pressure, which cannot be commanded. Readings outside the supply stay, since
+        commands return from there at the slew limit.
+        """
+        return np.maximum(P, min(self.pressure[0], 0.0))
+
     def excursion(self, theta: Array) -> float:
         """Return how far `theta` leaves its range at worst [rad]."""
         left, right = self.theta

@@ -109,7 +109,7 @@ class Preview(Deferred):
             x[0] = min(max(theta[0], self.limits.theta[0]), self.limits.theta[1])
         torques = torque - self._friction_ahead(x, theta, 0.0 if ringing else CORRECTED)
         if self.last_sent is None:
-            self.last_sent = x[2:]
+            self.last_sent = self.limits.commandable(x[2:])
         m, then = self.delay, x
         if m:
             self.waiting = self.waiting or [x[2:]] * m

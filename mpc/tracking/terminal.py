@@ -21,6 +21,7 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
+from mpc.model.riccati import semidefinite_factor, solve_riccati
 from mpc.tracking.cost import charged, diagonal
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.weights import Weights
@@ -63,10 +64,8 @@ def regulator(plant: Plant, dt: float, weights: Weights, rate: float) -> Regulat
 
 def terminal_factor(plant: Plant, dt: float, weights: Weights) -> Array:
     """Return L (6, 6) with LᵀL = S: the terminal cost is ½|L ξ|². SI units."""
-    from scipy.linalg import cholesky, solve_discrete_are
-
-    A, B, Q, R, cross = regulator(plant, dt, weights, weights.terminal_rate)
-    return np.asarray(cholesky(solve_discrete_are(A, B, Q, R, s=cross)) / UNITS)
+    S = solve_riccati(*regulator(plant, dt, weights, weights.terminal_rate))
+    return np.asarray(semidefinite_factor(S) / UNITS)
 
 
 def _middle(plant: Plant, dt: float) -> tuple[Array, Array, Array]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
 from allocator.files.atomic import replacing
+from allocator.presentation.captions import fit_captions
 from allocator.presentation.plotting import new_figure
 from allocator.units import BAR, DEG
 from mpc.trials.simulation import Run
@@ -81,6 +82,7 @@ class _Film:
         self._traces = right.subplots(3, 1, sharex=True)
         self._draw_traces()
         self._draw_joint()
+        fit_captions(self.figure)
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # laid out once, not for every frame
 

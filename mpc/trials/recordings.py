@@ -1,8 +1,9 @@
-"""Runs are kept as NPZ: everything of a run in SI units, plant included, without pickle. NumPy alone opens it too."""
+"""Recordings of runs as NPZ: everything in SI units, plant included, without pickle. NumPy alone opens them as well."""
 
 import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
+from lzma import LZMAError
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -10,12 +11,17 @@ from zlib import error as Damaged  # noqa: N812  # it has no other name
 
 import numpy as np
 
-from allocator.errors import InvalidFile
+from allocator import checks
+from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import replacing
 from allocator.joint import storage as joint_storage
 from mpc.model.plant import NU, NUMBERS, NX, Plant
 from mpc.trials.simulation import Run
 
+_DAMAGE = (  # what zipfile and NumPy raise on files that are none of theirs
+    ValueError, BadZipFile, Damaged, LZMAError, EOFError, AttributeError, TypeError, KeyError, IndexError, RuntimeError,
+    OverflowError, MemoryError,
+)  # fmt: skip
 _ARRAYS = tuple(f.name for f in fields(Run) if f.name != "plant")
 
 
@@ -34,23 +40,35 @@ def save_recording(run: Run, path: str | Path, further: Mapping[str, Any] | None
 def load_recording(path: str | Path) -> Run:
     """Read what `save_recording` wrote. Raises `InvalidFile` if it is something else."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:  # NumPy leaves a bad one open
             stored = dict(archive)
     except OSError as error:
         raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
-    except (ValueError, BadZipFile, Damaged, EOFError, AttributeError, TypeError):
-        raise InvalidFile(path, "is not an NPZ file") from None
+    except _DAMAGE:
+        raise InvalidFile(path, "is not an NPZ file, or damaged") from None
     if missing := {*_ARRAYS, "joint", *(f"plant_{name}" for name in Plant().numbers)} - stored.keys():
         raise InvalidFile(path, f"is not the recording of a run: {', '.join(sorted(missing))} missing")
     arrays: dict[str, Any] = {name: stored[name] for name in _ARRAYS}
+    try:
+        _check(arrays)
+    except InvalidInput as error:
+        raise InvalidFile(path, f"is not the recording of a run: {error}") from None
+    plain = {"dt": float(stored["dt"]), "implementation": str(stored["implementation"])}
+    return Run(_plant(path, stored), **(arrays | plain))
+
+
+def _check(arrays: dict[str, Any]) -> None:
+    """Insist that arrays have the shapes and kinds of a run's. Raises `InvalidInput`."""
     steps = arrays["step_time"].size
     for name, array in arrays.items():
         if array.shape != (expected := _shape(name, steps)):
-            raise InvalidFile(
-                path, f"is not the recording of a run: {name} has the shape {array.shape}, not {expected}"
-            )
-    plain = {"dt": float(stored["dt"]), "implementation": str(stored["implementation"])}
-    return Run(_plant(path, stored), **(arrays | plain))
+            raise InvalidInput(f"{name} has the shape {array.shape}, not {expected}")
+        if array.dtype.kind not in ("U" if name == "implementation" else "fiu"):
+            raise InvalidInput(f"{name} is an array of {array.dtype}")
+    checks.real("t", arrays["t"], "s")
+    checks.positive("dt", arrays["dt"], "s")
+    checks.angle("theta_ref", arrays["theta_ref"])
+    checks.stiffness("K_ref", arrays["K_ref"])
 
 
 def _shape(name: str, steps: int) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.joint.assumption import assumptions
 from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 from mpc.model.experiment import Experiment
@@ -99,6 +100,11 @@ class Run:
         """Return the pressures (M+1, 2) [Pa]."""
         return self.x[:, 2:]
 
+    @property
+    def assumed(self) -> str:
+        """Sentence listing the assumptions behind the plant's forces that the data could not confirm, or ""."""
+        return assumptions(self.plant.joint, self.theta, self.P[:, 0], self.P[:, 1])
+
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """Return the run as columns (M+1,), those of the CSV that `track` writes: what `pandas.DataFrame` takes.
 
@@ -151,6 +157,7 @@ class Run:
             "limits broken": ", ".join(broken) or "none",
             "steps answered by": ", ".join(f"{rung} {n}" for rung, n in m.rungs.items() if n),
             "time of a step": f"{number(m.step_median, 2)} ms median, {number(m.step_p99, 2)} ms for 99 %",
+            **({"assumed": self.assumed} if self.assumed else {}),
         }
 
 

@@ -21,6 +21,7 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
+from mpc.model.riccati import solve_riccati
 from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.plan import PlanStatus, Rung
@@ -160,11 +161,11 @@ class LQRControl(Baseline):
         compensation: Compensation | None = None,
         weights: Weights | None = None,
     ) -> None:
-        import control
-
         weights = Weights() if weights is None else weights
-        gain, _, _ = control.dlqr(*regulator(plant, dt, weights, weights.rate))
-        self._gain = np.asarray(gain) * BAR / UNITS  # G (2, 6) in SI units
+        A, B, _, R, N = problem = regulator(plant, dt, weights, weights.rate)
+        S = solve_riccati(*problem)
+        gain = np.linalg.solve(R + B.T @ S @ B, B.T @ S @ A + N.T)
+        self._gain = gain * BAR / UNITS  # G (2, 6) in SI units
         super().__init__(plant, dt, compensation)
 
     def _forget(self) -> None:

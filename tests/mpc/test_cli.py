@@ -21,6 +21,8 @@ from mpc.trials.files import save_reference
 from mpc.trials.recordings import load_recording
 from mpc.trials.trajectories import TRAJECTORIES
 
+pytestmark = pytest.mark.compiles
+
 
 def antagonist(*arguments, cwd):
     code = "import sys; from mpc.cli import main; sys.argv[0] = 'antagonist'; main()"

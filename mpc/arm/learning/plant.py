@@ -210,7 +210,7 @@ def _compiled(varied: VariedArm) -> Any:
 
     import casadi as ca
 
-    from mpc.tracking.compiled.module import imported, with_formulas
+    from mpc.codegen.modules import imported, with_formulas
 
     x, u, v, d = varied.symbols()
     source = filling("rate", ca.Function("rate", [x, u, v, d], ca.cse([varied.rate(x, u, v, d)])))

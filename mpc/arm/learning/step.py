@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import compiled, inlined  # noqa: F401  # `inlined` is for the formula
+from mpc.codegen.jit import compiled, inlined  # noqa: F401  # `inlined` is for the formula
 
 FORMULAS: Any = None
 rate = FORMULAS

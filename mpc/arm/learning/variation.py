@@ -14,6 +14,7 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.muscles import Muscle
+from allocator.muscles.uncertainty import covariance_root
 from mpc.arm.learning.plant import VariedArm
 
 _LOOKED_AT, _MOST_REFUSED = 1000, 0.05  # draws of a covariance, and the share of them that may be of no use
@@ -73,8 +74,8 @@ def _parameters(varied: VariedArm, k: int, size: int, rng: np.random.Generator) 
 
 def _normal(kind: Muscle, size: int, rng: np.random.Generator) -> Array:
     mean = np.array(list(kind.parameters.values()))
-    width, axes = np.linalg.eigh(np.asarray(kind.covariance))  # singular where parameters are bound to each other
-    return np.asarray(mean + rng.standard_normal((size, mean.size)) @ (axes * np.sqrt(np.maximum(width, 0.0))).T)
+    assert kind.covariance is not None
+    return np.asarray(mean + rng.standard_normal((size, mean.size)) @ covariance_root(kind.covariance).T)
 
 
 def _pulls(varied: VariedArm, k: int, drawn: Array) -> Any:

@@ -82,6 +82,7 @@ class ArmMPC(OptimisingController):
         self.blocks = growing(self.N) if self.blocks is None else tuple(self.blocks)
         if sum(self.blocks) != self.N or min(self.blocks) < 1:
             raise InvalidInput(f"blocks = {self.blocks} have to be lengths of 1 or more, N = {self.N} in all")
+        self.muscles = self.arm.m
         self.limits = limits = ArmLimits.of_arm(self.arm, self.dt, self.min_force)
         delay, predictor = round(self.dead_time / self.dt), predictor_of(self.arm, self.dt, self.N)
         self._preview: Any = ArmPreview(self.arm, self.dt, self.N, delay, limits)  # in place of a joint's

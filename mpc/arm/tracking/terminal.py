@@ -9,6 +9,7 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.arm.model import Arm
 from mpc.arm.tracking.prediction import predictor_of
+from mpc.model.riccati import semidefinite_factor, solve_riccati
 from mpc.tracking.cost import Rows, charged
 from mpc.tracking.weights import Weights
 
@@ -18,8 +19,6 @@ def arm_terminal_factor(arm: Arm, dt: float, weights: Weights, rows: Rows) -> Ar
 
     `rows` are the weights of the stage cost by kinds of rows.
     """
-    from scipy.linalg import solve_discrete_are
-
     A, B, C = _middle(arm, dt)
     size, m = arm.size, arm.m
     du = weights.terminal_rate / dt**2  # [cost]/[Pa]² per sample
@@ -30,16 +29,14 @@ def arm_terminal_factor(arm: Arm, dt: float, weights: Weights, rows: Rows) -> Ar
     Q[:size, :size] = np.diag(rows.x) + sum(w * np.outer(C[i], C[i]) for i, w in charged(rows.y))
     Q[size:, size:] = du * np.eye(m)
     cross = np.vstack([np.zeros((size, m)), -du * np.eye(m)])
-    S = solve_discrete_are(
+    S = solve_riccati(
         A_aug * units / units[:, None],
         B_aug * BAR / units[:, None],
         Q * np.outer(units, units),
         R * BAR**2,
-        s=cross * BAR * units[:, None],
+        cross * BAR * units[:, None],
     )
-    # with more muscles than targets S is only semidefinite: pressures along which nothing changes cost nothing
-    values, vectors = np.linalg.eigh((S + S.T) / 2)
-    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T / units)
+    return np.asarray(semidefinite_factor(S) / units)
 
 
 def _middle(arm: Arm, dt: float) -> tuple[Array, Array, Array]:

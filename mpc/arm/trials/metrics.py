@@ -21,8 +21,8 @@ class ArmMetrics:
     K_rms: Array  # (n, n) [N·m/rad]
     K_worst: Array  # (n, n) [N·m/rad]
     violations: dict[str, tuple[float, str]]  # limit: greatest excess (0 where it was kept), unit
-    step_median: float  # [µs]
-    step_p99: float  # [µs]
+    step_median: float  # [ms]
+    step_p99: float  # [ms]
     rungs: dict[str, int]  # steps answered by each rung
 
     @property
@@ -35,7 +35,7 @@ def arm_metrics(run: ArmRun) -> ArmMetrics:
     """Return the figures of `run`."""
     error, K = (run.q - run.q_ref) / DEG, run.K - run.K_ref
     names, counts = np.unique(run.rung, return_counts=True)
-    median, p99 = 1e6 * np.quantile(run.step_time, (0.5, 0.99))
+    median, p99 = 1e3 * np.quantile(run.step_time, (0.5, 0.99))
     return ArmMetrics(
         np.sqrt(np.mean(error**2, axis=0)),
         np.abs(error).max(axis=0),

@@ -36,7 +36,6 @@ def model_description(model: Model, token: str) -> str:
         modelIdentifier=model.identifier,
         canGetAndSetFMUState="true",
         canSerializeFMUState="true",
-        canHandleVariableCommunicationStepSize="true",
         fixedInternalStepSize=repr(model.dt),
     )
     _units(ElementTree.SubElement(root, "UnitDefinitions"))

@@ -22,6 +22,7 @@ class Variable(NamedTuple):
     unit: str | None  # one of `UNITS`; None: an integer
     about: str
     start: float | Sequence[float] = 0.0  # of an output it is computed
+    finite: bool = False  # NaN and infinity are refused; else its unit knows what to do
 
     @property
     def starts(self) -> tuple[float, ...]:
@@ -48,7 +49,7 @@ UNITS: dict[str, dict[str, int]] = {  # exponents of the base units
 def plant_variables(real: RealPlant, x0: Array) -> list[Variable]:
     """Return the variables of a plant that begins in `x0` (4,)."""
     theta, omega, P1, P2 = map(float, x0)
-    return [
+    variables = [
         Variable("u1", "input", "Pa", "commanded pressure of the agonist", P1),
         Variable("u2", "input", "Pa", "commanded pressure of the antagonist", P2),
         Variable("d", "input", "N.m", "torque from outside"),
@@ -68,6 +69,7 @@ def plant_variables(real: RealPlant, x0: Array) -> list[Variable]:
         Variable("F1", "output", "N", "force of the agonist; negative: slack"),
         Variable("F2", "output", "N", "force of the antagonist; negative: slack"),
     ]
+    return [variable._replace(finite=variable.causality != "output") for variable in variables]
 
 
 def controller_variables(controller: TrackingMPC, x0: Array) -> list[Variable]:
@@ -119,7 +121,8 @@ def _placed(variables: Sequence[Variable]) -> Iterator[tuple[Variable, int]]:
 
 
 def _row(variable: Variable, first: int) -> str:
-    return f"{{{int(variable.unit is None)}, {first}, {len(variable.starts)}, {_SET[variable.causality]}}}"
+    whole, count = int(variable.unit is None), len(variable.starts)
+    return f"{{{whole}, {first}, {count}, {_SET[variable.causality]}, {int(variable.finite)}}}"
 
 
 __all__ = ["UNITS", "Variable", "controller_variables", "plant_variables", "variables_header"]

@@ -12,7 +12,8 @@ from mpc.export import text
 from mpc.export.directory import check, write
 from mpc.export.governor.kernel import kernel_files, numbers_file
 from mpc.export.parts import BUILD, Files, copied, is_single, model_files
-from mpc.governor import PressureGovernor
+from mpc.governor import Interval, PressureGovernor
+from mpc.governor.interval import ends
 
 _SEED = 20  # of the demonstration's commands
 
@@ -40,8 +41,11 @@ def export_governor(out: str | PathLike[str], governor: PressureGovernor, *, pre
 def _files(governor: PressureGovernor, single: bool) -> Files:
     own, made = dict(copied("governor", "")), governor.made
     functions = [
-        (made.functions[0], "q, omega, P to omega', A, B of the forces A P + B, -l' of the muscles, kinetic energy"),
-        (made.functions[1], "q to the energy of the muscles at rest, and of gravity"),
+        (
+            made.functions[0],
+            "q, omega, P and a scene to omega', A, B of the forces A P + B, -l' of the muscles, kinetic energy",
+        ),
+        (made.functions[1], "q and a scene to the energy of the muscles at rest, and of gravity"),
     ]
     return {
         **{name: own[name] for name in ("antagonist.h", "antagonist_governor.h", "main.c")},
@@ -58,10 +62,12 @@ def _files(governor: PressureGovernor, single: bool) -> Files:
 
 
 def _config(governor: PressureGovernor, single: bool) -> str:
-    mechanism = governor.mechanism
+    mechanism, scenes = governor.mechanism, governor.made.rules.scenes
     numbers: dict[str, tuple[float | int, str]] = {
         "JOINTS": (mechanism.n, "n"),
         "MUSCLES": (mechanism.m, "m"),
+        "SCENES": (len(scenes), "s, corners of what is uncertain"),
+        "SCENE": (len(scenes[0]), "k, numbers of each"),
         "SUPPLY_LO": (mechanism.pressure_limits[0], "[Pa]"),
     }
     lines = ["#define ANT_SINGLE /* numbers are float */"] if single else []
@@ -111,6 +117,8 @@ Exported from the Python package `antagonist`, in {precision} precision: {n} joi
     + BUILD
     + """\
 
+{known}
+
 `ant_govern` (`antagonist_governor.h`) takes the state of the arm, the commands given last and those that somebody would
 like to give, and fills in those to be given, as `mpc.governor.PressureGovernor.govern` does. All memory is in
 `ant_memory`, of fixed size.
@@ -127,10 +135,28 @@ def _readme(governor: PressureGovernor, single: bool) -> str:
         dt=governor.dt,
         joints=", ".join(mechanism.joint_names),
         muscles=", ".join(mechanism.muscle_names),
-        most=int(6 * (1 + counts[0] + counts[1] * (counts[2] - 1)) + 1),
+        most=int(counts[4] * (6 * (1 + counts[0] + counts[1] * (counts[2] - 1)) + 3)),
         rounded=" (single precision differs in the last digits)" if single else "",
         printed="\n".join(_shown(governor)),
+        known=_known(governor),
     )
+
+
+def _known(governor: PressureGovernor) -> str:
+    """Return sentences on the intervals within which the governor keeps the joint range."""
+    fields = {"strength": "-", "damping": "N·m·s/rad", "lag": "s"}
+    bounds = {name: ends(getattr(governor, name)) for name in fields}
+    said = [f"{name} {_range(*bounds[name])} {unit}".removesuffix(" -") for name, unit in fields.items()]
+    masses = isinstance(governor.inertia, Interval) or isinstance(governor.gravity, Interval)
+    return (
+        f"The joint range is kept by arms that are the model within these bounds: {'; '.join(said)}; masses "
+        f"{'between the two given' if masses else 'as given'}. An arm outside them breaks it by some degrees."
+    )
+
+
+def _range(low: tuple[float, ...], high: tuple[float, ...]) -> str:
+    least, greatest = min(low), max(high)
+    return f"{least:g}" if least == greatest else f"{least:g} to {greatest:g}"
 
 
 __all__ = ["export_governor"]

@@ -12,12 +12,18 @@ from mpc.governor import kernel
 _N, _M = "ANT_JOINTS", "ANT_MUSCLES"
 _JOINTS = "load", "angles", "rates", "guess", "alpha", "later"
 _SIZES: dict[str, tuple[str, ...]] = {
-    "numbers": ("12",),
+    "numbers": ("10",),
     "ends": (_N, "2"),
     "within": (_N, "2"),
     "steps": ("2",),
-    "decay": ("2", _M),
-    "counts": ("4",),
+    "strong": ("2", _M),
+    "scenes": ("ANT_SCENES", "ANT_SCENE"),
+    "barrier": ("ANT_SCENES", "2"),
+    "weight": ("ANT_SCENES", _M),
+    "lag": ("ANT_SCENES", _M),
+    "decay": ("2 * ANT_SCENES", _M),
+    "counts": ("5",),
+    "scene": ("ANT_SCENE",),
     "motion": ("1",),  # the formulas have their numbers in them
     "potential": ("1",),
     "energy": ("2",),
@@ -27,24 +33,25 @@ _SIZES: dict[str, tuple[str, ...]] = {
 
 _FORMULAS = """\
 /* The formulas, which have their numbers in them. */
-static void motion(const ant_real *q, const ant_real *omega, const ant_real *P, const ant_real *c, ant_real *alpha,
-                   ant_real *gain, ant_real *force, ant_real *speed, ant_real *energy) {
+static void motion(const ant_real *q, const ant_real *omega, const ant_real *P, const ant_real *scene,
+                   const ant_real *c, ant_real *alpha, ant_real *gain, ant_real *force, ant_real *speed,
+                   ant_real *energy) {
     (void)c;
-    ant_model_motion(q, omega, P, alpha, gain, force, speed, energy);
+    ant_model_motion(q, omega, P, scene, alpha, gain, force, speed, energy);
 }
 
-static void potential(const ant_real *q, const ant_real *c, ant_real *level) {
+static void potential(const ant_real *q, const ant_real *scene, const ant_real *c, ant_real *level) {
     (void)c;
-    ant_model_potential(q, level);
+    ant_model_potential(q, scene, level);
 }
 """
 
 
-def motion(q, omega, P, c, alpha, gain, force, speed, energy):  # type: ignore[no-untyped-def]
+def motion(q, omega, P, scene, c, alpha, gain, force, speed, energy):  # type: ignore[no-untyped-def]
     """Stand in for the formula, which C calls by `_FORMULAS`."""
 
 
-def potential(q, c, level):  # type: ignore[no-untyped-def]
+def potential(q, scene, c, level):  # type: ignore[no-untyped-def]
     """Stand in for the formula, which C calls by `_FORMULAS`."""
 
 
@@ -77,6 +84,7 @@ def _array(name: str, constant: bool = False) -> ArrayKind:
 def _kinds(rules: StructKind, memory: StructKind) -> dict[str, Kind]:
     """Return what arguments are, by their names in all functions."""
     given = {name: ArrayKind(REAL, (_M,), True) for name in ("P", "previous", "command")}
+    given["scene"] = ArrayKind(REAL, _SIZES["scene"], True)
     made = {name: memory.fields[name] for name in ("alpha", "gain", "force", "speed", "energy", "level")}
     ends = {"q": ArrayKind(REAL, (_N,), True), "omega": ArrayKind(REAL, (_N,), True), "safe": ArrayKind(REAL, (_M,))}
     return {"rules": rules, "memory": memory, **given, **made, **ends, "c": ArrayKind(REAL, ("1",), True), "mu": REAL}

@@ -52,12 +52,12 @@ class BoardOptions:
         self, out: Path, plant: "Plant", known: "Compensation", controller: "TrackingMPC | None", precision: str
     ) -> Path:
         """Write the board's firmware, and what simulates it with what is `known` of the plant; return `out`."""
-        from mpc.export.plant import plant_with
         from mpc.export.serial.entry import export_board
         from mpc.export.serial.safety import Safety
+        from mpc.model.real_plant import RealPlant
 
         safety = Safety(self.watchdog, self.fall * BAR)
-        process = plant_with(plant, known)
+        process = RealPlant.of(plant, known)
         return export_board(out, process=process, controller=controller, safety=safety, precision=precision)
 
 

@@ -44,7 +44,7 @@ class Known(NamedTuple):
     places: Array  # (5,) in the state: of COMMANDS, ONE, TWO, TORQUE and its length
     friction_at: float  # place of `friction`
     numbers: Array  # of the formulas
-    friction: Array  # numbers of `mpc.tracking.compiled.sample.friction`
+    friction: Array  # numbers of `mpc.model.compiled_friction`
 
 
 (

@@ -14,15 +14,15 @@ from numba.extending import register_jitable
 
 from allocator.calculus import Array
 from mpc.codegen.graphs import Untranslatable
+from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import translated
+from mpc.model.compiled_friction import friction_numbers
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
 from mpc.observer import diagnosis, pressure_diagnosis, torque_diagnosis
 from mpc.observer.compiled.layout import NUMBERS, Known, places
 from mpc.observer.diagnosis import Diagnosis, pulling
 from mpc.observer.filter import Filter
-from mpc.tracking.compiled.module import imported, with_formulas
-from mpc.tracking.compiled.sample.friction import friction_numbers
 
 _HERE = Path(__file__).parent
 _TEMPLATE = _HERE / "sample.py"
@@ -34,7 +34,7 @@ class CompiledFilter(NamedTuple):
 
     module: ModuleType  # `mpc.observer.compiled.sample` with the formulas
     c: Array
-    friction: Array  # numbers of `mpc.tracking.compiled.sample.friction`
+    friction: Array  # numbers of `mpc.model.compiled_friction`
 
 
 def compiled_filter(own: Filter) -> CompiledFilter:

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.codegen.jit import compiled, inlined
+from mpc.model.compiled_friction import ABSENT, SLIP, Pressed, followed
 from mpc.observer import pressure_diagnosis, torque_diagnosis
 from mpc.observer.compiled.layout import (
     ACTING,
@@ -73,8 +75,6 @@ from mpc.observer.compiled.layout import (
 from mpc.observer.diagnosis import Joint, follow, less_lost
 from mpc.observer.gating import DOUBT, NEAR_A_TURN, ROUGH, SIGMAS, TURN
 from mpc.observer.pressure_diagnosis import Sound
-from mpc.tracking.compiled.jit import compiled, inlined
-from mpc.tracking.compiled.sample.friction import ABSENT, SLIP, Pressed, followed
 
 FORMULAS: Any = None
 rate_slopes = muscles = FORMULAS

@@ -6,7 +6,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.tracking.compiled.jit import inlined
+from mpc.codegen.jit import inlined
 from mpc.tracking.compiled.records import Bounded, Bounds, Errors, Path, Reference, Setting
 
 

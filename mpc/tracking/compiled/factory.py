@@ -37,12 +37,16 @@ def factory(
     feed_forward: InverseDynamics,
     *,
     wait: bool = True,
+    compiled: bool = True,
 ) -> Parts:
     """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails.
 
     Who does not `wait` gets the readable ones, too, with a `CompilingBeside` warning, where nothing is compiled yet and
     another process can do it. Where the joint has no kernel all wait: the search of its optimum has to be compiled.
+    Unless `compiled` is wanted the readable ones are returned without a word.
     """
+    if not compiled:
+        return Parts(ReadableQPStep(problem, predictor), feed_forward)
     try:
         from mpc.tracking.compiled.module import compiled_plant
 

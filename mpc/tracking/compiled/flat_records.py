@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined
+from mpc.codegen.jit import inlined
 from mpc.tracking.compiled.records import Bounds, Cost, Path, Reference, Setting
 
 

@@ -1,41 +1,25 @@
-"""The module turns a plant into compiled functions: its formulas as a Python module, written once and found again.
+"""Compiled functions of a plant: its formulas in the template `step`, and the solution of the QP, which has none."""
 
-numba keeps compiled code next to the file that it came from, and looks at no other when it decides whether that code is
-up to date. So all that is kept comes from modules in the user's cache directory whose names are the hash of everything
-that they are made from: one with the formulas, which joints share that differ in their numbers only, one without. The
-files are written for numba, and for whoever wants to read them; what runs is the text that they should contain.
-"""
-
-import os
-import sys
-from functools import cache
-from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
-from allocator import units
 from allocator.allocation.kernels import compiled
-from allocator.allocation.kernels import source as kernels
 from allocator.allocation.kernels.choice import JointKernel, coefficients, kernel_of
 from allocator.calculus import Array
-from allocator.compilation import jit
-from allocator.compilation.cache import check_own, clear_stale
-from allocator.files.atomic import write_text
 from allocator.units import BAR
+from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import translated
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
-from mpc.tracking.compiled.jit import KEPT
 from mpc.tracking.compiled.variational import layout, variational
 
 _IMPORTS = """import math
 
 from allocator.allocation.kernels.source import affine_exact, tondu_exact
-from mpc.tracking.compiled.jit import merged
+from mpc.codegen.jit import merged
 
 
 """
@@ -136,70 +120,4 @@ def _coefficients(plant: Plant) -> dict[str, Any]:
     return {"coefficients": ca.Function("coefficients", [theta], both)}
 
 
-def with_formulas(template: Path, formulas: str) -> str:
-    """Return the text of a template with the formulas, and what they import, in their place."""
-    lines = template.read_text(encoding="utf-8").splitlines(keepends=True)
-    start = next(i for i, line in enumerate(lines) if line.startswith("FORMULAS"))
-    return "".join([*lines[:start], formulas, *lines[start + 2 :]])
-
-
-@cache
-def imported(text: str) -> ModuleType:
-    """Return the module of this text, from the cache directory if it is there."""
-    version = f"{KEPT}{_hash(_surroundings(), numba.__version__, length=8)}_"
-    name = version + _hash(text, length=24)
-    directory = _directory()
-    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-    check_own(directory)
-    file = directory / f"{name}.py"
-    if not _holds(file, text):
-        write_text(file, text)
-        clear_stale(directory, KEPT, version)
-    module = ModuleType(name)
-    module.__file__ = str(file)
-    sys.modules[name] = module  # numba looks for it there when it loads what it kept
-    try:
-        exec(compile(text, str(file), "exec"), vars(module))
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
-
-
-def _hash(*texts: str, length: int) -> str:
-    return sha256("\0".join(texts).encode()).hexdigest()[:length]
-
-
-def _holds(file: Path, text: str) -> bool:
-    """Return whether `file` is there and whole."""
-    try:
-        return file.read_bytes() == text.encode()
-    except OSError:
-        return False
-
-
-@cache
-def _surroundings() -> str:
-    """Return all the project's code that may be compiled into a module."""
-    files = [
-        *sorted(Path(__file__).parent.rglob("*.py")),
-        *(Path(str(m.__file__)) for m in (kernels, compiled, jit, units)),
-    ]
-    return "".join(file.read_text(encoding="utf-8") for file in files)
-
-
-def _directory() -> Path:
-    """Return where the user's programs keep what they can make again, or raise an `OSError` if there is no such place.
-
-    A relative XDG_CACHE_HOME counts as none, as the XDG Base Directory Specification asks.
-    """
-    given = {"win32": "LOCALAPPDATA", "darwin": ""}.get(sys.platform, "XDG_CACHE_HOME")
-    below_home = {"win32": "AppData/Local", "darwin": "Library/Caches"}.get(sys.platform, ".cache")
-    try:
-        root = Path(os.environ.get(given, ""))
-        return (root if root.is_absolute() else Path.home() / below_home) / "antagonist"
-    except RuntimeError as error:
-        raise FileNotFoundError(f"no directory to keep compiled code in: {error}") from None
-
-
-__all__ = ["CompiledPlant", "compiled_plant", "imported", "with_formulas"]
+__all__ = ["CompiledPlant", "compiled_plant"]

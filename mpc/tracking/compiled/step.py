@@ -18,12 +18,13 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
+from mpc.codegen.addresses import floats_at, seconds_at
+from mpc.codegen.jit import assign, compiled_flat, inlined_flat
+from mpc.model.compiled_friction import ABSENT, Pressed, followed, less_friction
 from mpc.tracking.compiled.commands import cumulative, limit
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
-from mpc.tracking.compiled.jit import assign, compiled_flat, inlined_flat
 from mpc.tracking.compiled.records import Path, Reference
-from mpc.tracking.compiled.sample.calls import floats_at, seconds_at, settle_at
-from mpc.tracking.compiled.sample.friction import ABSENT, Pressed, followed, less_friction
+from mpc.tracking.compiled.sample.calls import settle_at
 from mpc.tracking.compiled.sample.layout import (
     Asked,
     Known,

@@ -33,7 +33,7 @@ def certified(solve: Solver, qp: QP, deadline: float, curvature: float) -> Answe
     """Return the proved solution of `qp`, or why there is none by `deadline` [s] on the clock of `perf_counter`.
 
     `curvature` [cost]/[bar]²: no eigenvalue of H is less, slacks left out
-    (`mpc.tracking.qp.condense.Problem.curvature`).
+    (`mpc.tracking.qp.condense.TrackingProblem.curvature`).
     """
     z, multipliers = np.zeros_like(qp.f), np.zeros(qp.f.size + len(qp.R))
     if not (np.isfinite(qp.H).all() and np.isfinite(qp.f).all()):

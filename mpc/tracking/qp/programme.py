@@ -70,8 +70,16 @@ class QP:
         multipliers = np.where(held, multipliers, 0.0)  # there is nothing to push against at infinity
         r = self.H @ z + self.f + multipliers[:n] + self.R.T @ multipliers[n:]
         away = (bounds - np.append(z, self.R @ z))[held]
-        gap = 0.5 * r @ np.linalg.solve(self.H, r) + np.abs(multipliers[held] * away).sum()
+        gap = self._dual(r) + np.abs(multipliers[held] * away).sum()
         return Residuals(self.violation(z), float(gap))
+
+    def _dual(self, r: Array) -> float:
+        """Return ½ rᵀ H⁻¹ r; inf if H is not positive definite to rounding, since nothing is proved then."""
+        try:
+            half = np.linalg.solve(np.linalg.cholesky(self.H), r)
+        except np.linalg.LinAlgError:
+            return np.inf
+        return 0.5 * float(half @ half)
 
 
 __all__ = ["QP", "Residuals"]

@@ -15,10 +15,10 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
+from mpc.codegen.jit import compiled, inlined
 from mpc.model.compensation import JITTER, SOFT
 from mpc.observer.compiled.layout import SIZE
 from mpc.tracking.compiled.flat_records import given_in
-from mpc.tracking.compiled.jit import compiled, inlined
 from mpc.tracking.compiled.sample.calls import settle_at
 from mpc.tracking.compiled.sample.layout import known_in, made_in
 from mpc.tracking.preview import CORRECTED

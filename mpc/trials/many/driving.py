@@ -5,8 +5,6 @@ first samples of a run are made by the readable parts, and the flat values are t
 anything is out of the ordinary (`mpc.trials.many.driven`) is left to `simulate`.
 """
 
-from functools import cache
-from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import filling
 from mpc.model.compensation import Compensation
 from mpc.model.contact import Contact
@@ -21,7 +20,6 @@ from mpc.model.plant import NU, NX
 from mpc.model.plant import Plant as Model
 from mpc.observer.compiled.whole import CompiledEstimate
 from mpc.observer.kalman import KalmanObserver, Observer
-from mpc.tracking.compiled.module import imported, with_formulas
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.qp.solvers import Riccati
@@ -34,8 +32,7 @@ from mpc.trials.simulation import ClosedLoop, Controller
 READABLE = 2  # samples that the readable parts begin with: these then remember what later ones do
 LEAST = 1e-300  # [N·m/rad] of a stiffness, as in `mpc.tracking.preview`
 
-_HERE = Path(__file__).parent
-_TEMPLATE, _PARTS = _HERE / "driven.py", ("records.py", "rest.py")
+_TEMPLATE = Path(__file__).parent / "driven.py"
 
 
 class Driving:
@@ -52,7 +49,7 @@ class Driving:
         """Return the loop with plants under test of the kind `process`."""
         modules = self._modules | {"process": process}
         loads = "".join(f"import {module.__name__} as {name}\n" for name, module in modules.items())
-        return imported(f"# of {_parts()}\n" + with_formulas(_TEMPLATE, f"\n{loads}\n"))
+        return imported(with_formulas(_TEMPLATE, f"\n{loads}\n"))
 
     def drive(self, loop: ClosedLoop) -> bool:
         """Let the compiled loop do the samples of `loop`, which has this plant, controller and observer; return whether
@@ -120,17 +117,11 @@ def _told(plant: Model, known: Compensation) -> tuple[str, Array]:
         "moved": ([x, memory, motion], [ca.SX(friction.moved(memory, motion, contact))]),
         "turning": ([x], [ca.vertcat(plant.isobaric(x), *gains)]),
     }
-    text, c = "import math\n\nimport numpy as np\n\nfrom mpc.tracking.compiled.jit import inlined\n\n\n", np.zeros(0)
+    text, c = "import math\n\nimport numpy as np\n\nfrom mpc.codegen.jit import inlined\n\n\n", np.zeros(0)
     for name, (given, found) in formulas.items():
         source = filling(name, ca.Function(name, given, ca.cse([ca.densify(one) for one in found])), c.size)
         text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
     return text, c
-
-
-@cache
-def _parts() -> str:
-    """Return the hash of what the template calls besides, so that a change of it is compiled, too."""
-    return sha256("".join((_HERE / name).read_text(encoding="utf-8") for name in _PARTS).encode()).hexdigest()
 
 
 __all__ = ["Driving", "driving"]

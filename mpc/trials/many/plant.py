@@ -13,12 +13,12 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.graphs import Untranslatable
+from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import filling
 from mpc.model.experiment import FINE
 from mpc.model.integration import integrated
 from mpc.model.plant import NU, NX, Plant
 from mpc.model.real_plant import RealPlant, delayed, outside_torque
-from mpc.tracking.compiled.module import imported, with_formulas
 from mpc.trials.simulation import Process
 
 _TEMPLATE = Path(__file__).with_name("process.py")
@@ -115,7 +115,7 @@ def compiled_plant(process: Process, dt: float) -> CompiledPlant:
         raise Untranslatable(f"a plant with faults ({len(process.faults)} of them) is not compiled")
     source = filling("stepped", _stepped(process))
     module = imported(with_formulas(_TEMPLATE, f"import math\n\n\n@exactly\n{source.text}\n\n"))
-    substeps = process.nominal.substeps(dt, FINE)
+    substeps = process.substeps(dt, FINE)
     pieces, waiting, sensors = [dt], 0, (0.0, 0.0, 0.0)
     if isinstance(process, RealPlant):
         pieces, waiting = delayed(process.dead_time, dt)

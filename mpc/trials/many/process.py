@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import exactly
+from mpc.codegen.jit import exactly
 
 FORMULAS: Any = None
 stepped = FORMULAS

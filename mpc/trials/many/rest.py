@@ -5,7 +5,7 @@ from math import ceil, pi, sqrt
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined
+from mpc.codegen.jit import inlined
 from mpc.tracking.rest import (
     DEAD_ZONE,
     FAR,

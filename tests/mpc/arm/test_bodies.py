@@ -120,3 +120,8 @@ def test_a_joint_of_the_other_sense_turns_the_other_way():
         replace(CROOKED, sense=(1, 2, 1))
     with pytest.raises(InvalidInput, match="sense"):
         replace(CROOKED, sense=(1, 1))
+
+
+def test_gravity_that_is_one_number_is_refused_with_what_is_expected():
+    with pytest.raises(InvalidInput, match=r"gravity = 0.0 has to be \(x, y\) in the plane"):
+        Bodies.rods((0.3,), (1.0,), 0.1, gravity=0.0)

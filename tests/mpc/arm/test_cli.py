@@ -93,6 +93,7 @@ def test_other_files_are_not_replaced_silently(folder):
     [
         (("--machine", "arm99"), "arm26"),
         (("--reference", "square"), "circle"),
+        (("--seed", "-1"), "--seed = -1 has to be a whole number, 0 or more"),
         (("--reference", "draw", "--machine", "arm48"), "n = 2 joints"),
         (("--machine", "nowhere.xml"), "does not exist"),
         (("--muscle", "sarosi-dmsp-20-400n"), "--machine FILE.xml"),

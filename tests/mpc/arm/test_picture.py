@@ -107,3 +107,24 @@ def test_impossible_pictures_are_refused(rig):
         Camera(rig, 5000, 300)
     with pytest.raises(InvalidInput, match="camera = 'side' is none"):
         Camera(rig, camera="side")
+
+
+BARE = """<mujoco><worldbody><body><joint name="s" axis="0 0 1"/>
+<geom type="capsule" fromto="0 0 0 .25 0 0" size=".01"/>
+<site name="s1" pos="0 .03 0"/></body><site name="a1" pos="-.3 .02 0"/></worldbody>
+<tendon><spatial name="one" user=".34 0"><site site="a1"/><site site="s1"/></spatial></tendon>{more}</mujoco>"""
+SKY = '<asset><texture type="skybox" builtin="flat" rgb1="0 1 0" rgb2="0 1 0" width="8" height="8"/></asset>'
+
+
+def test_a_model_without_sky_and_lights_is_not_shown_dark_before_black():
+    """Bright behind, and the link (grey .5) neither lost in it nor dark; a model's own sky stays."""
+    own = []
+    for more in ("", SKY):
+        rig = MujocoPlant(BARE.format(more=more), (SAROSI_DMSP_20_400N,), rest_length=0.34, cable=0.0)
+        with Camera(rig) as camera:
+            own.append(camera.render().astype(float))
+    bare, green = own
+    behind = (green[..., 1] > 100) & (green[..., 0] < 50)
+    assert 0.5 < behind.mean() < 0.999
+    assert bare[behind].mean() > 200
+    assert 60 < bare[~behind].mean() < 200

@@ -17,6 +17,8 @@ from mpc.arm.tracking.differences import DifferencePredictor
 from mpc.arm.tracking.prediction import ArmPredictor
 from mpc.model.experiment import RESOLUTION
 
+LATIN = """<mujoco><worldbody><body><joint name="sch\u00fctz"/><geom size=".1"/></body></worldbody></mujoco>"""
+
 CROOKED = """<mujoco><compiler angle="degree"/><option gravity="1 -2 -9"/>
 <worldbody><site name="w" pos="-.3 0 0.1"/><body pos=".1 .2 .3" euler="10 20 30">
 <joint name="a" axis="0 1 1" pos="0.02 0 0.01" damping=".2" armature=".01" ref="10"/>
@@ -197,3 +199,15 @@ def test_actuators_are_switched_off_and_that_is_said():
     motors = STRAIGHT.replace("</mujoco>", '<actuator><position joint="elbow" kp="50"/></actuator></mujoco>')
     assert "1 actuators" in read(motors).left_out
     assert read(motors).model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+
+
+def test_a_model_that_is_not_in_utf8_is_refused_by_its_name_and_so_is_one_that_includes_such_a_file(tmp_path):
+    wrong, including = tmp_path / "latin.xml", tmp_path / "including.xml"
+    wrong.write_bytes(LATIN.encode("latin-1"))
+    including.write_text('<mujoco><include file="latin.xml"/></mujoco>')
+    for path in (wrong, including):
+        with pytest.raises(InvalidFile, match=rf"{path.name}.* is not in UTF-8"):
+            read_arm(path, MUSCLE, contraction=0.1)
+    wrong.write_text(LATIN, encoding="utf-8")
+    with pytest.raises(InvalidFile, match="has no tendons"):  # which is what is wrong with it otherwise
+        read_arm(including, MUSCLE, contraction=0.1)

@@ -43,7 +43,7 @@ def test_metrics_are_what_the_arrays_say(run):
     found = arm_metrics(run)
     np.testing.assert_allclose(found.angle_rms, np.degrees(0.01))
     np.testing.assert_allclose(found.K_worst, 0.5)
-    assert found.step_median == pytest.approx(100.0)
+    assert found.step_median == pytest.approx(0.1)
     assert found.rungs == {"QP": M}
     assert found.violations["slew of the commands"][0] == pytest.approx(5.0, rel=1e-6)  # bar/s above 5
     assert not found.limits_kept

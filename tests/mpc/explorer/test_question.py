@@ -1,6 +1,7 @@
 """The page's questions are answered as `allocate` and the maps answer them."""
 
 import json
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -78,6 +79,29 @@ def test_numbers_that_cannot_be_are_refused(question):
 
 
 def test_a_lever_has_no_radius():
-    with pytest.raises(InvalidInput, match="is a Lever, which has no such numbers"):
+    with pytest.raises(InvalidInput, match="is a Lever, which has no radius"):
         Answer(Question(radius=20.0), on_a_lever()).state()
-    assert describe(on_a_lever())["pulley"] is None
+    with pytest.raises(InvalidInput, match="is a Pulley, which has no anchor, lever"):
+        Answer(Question(anchor=200.0, lever=20.0), report_joint()).state()
+
+
+@pytest.mark.parametrize("joint", [report_joint(), on_a_lever()], ids=["pulley", "lever"])
+def test_every_number_of_the_geometry_has_a_slider_that_begins_at_its_value_and_changes_it(joint):
+    described = describe(joint)
+    names = {field.name for field in fields(joint.geometry) if field.init}
+    assert {control["name"] for control in described["controls"]} == names
+    for control in described["controls"]:
+        assert control["low"] <= control["value"] <= control["high"]
+        unchanged = Question.of({control["name"]: repr(control["value"])}).joint(joint).geometry
+        assert getattr(unchanged, control["name"]) == pytest.approx(getattr(joint.geometry, control["name"]))
+        changed = Question.of({control["name"]: repr(1.01 * control["value"])}).joint(joint).geometry
+        assert getattr(changed, control["name"]) == pytest.approx(1.01 * getattr(joint.geometry, control["name"]))
+
+
+def test_a_lever_is_drawn_from_its_own_lengths_which_its_muscles_have():
+    """The muscle's length is the way from its anchor to the lever's end, and the offset: Pythagoras at 0°."""
+    found = Answer(Question(theta=0.0, lever=60.0), on_a_lever()).state()
+    geometry = found["geometry"]
+    assert (geometry["anchor"], geometry["lever"]) == (pytest.approx(165.5), pytest.approx(60.0))
+    far = np.hypot(geometry["anchor"], geometry["lever"])
+    assert [muscle["length"] for muscle in found["muscles"]] == pytest.approx([far + geometry["offset"]] * 2)

@@ -1,8 +1,10 @@
 """The explorer's server answers on this machine, and its page works in a browser."""
 
 import json
+import math
 import re
 import shutil
+import socket
 import threading
 from contextlib import contextmanager
 from http.client import HTTPConnection
@@ -11,7 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from allocator import report_joint
+from allocator import AntagonistJoint, Lever, named_muscle, report_joint
 from mpc import Plant, TrackingMPC, simulate, sine
 from mpc.cli import app
 from mpc.explorer.replay import frames
@@ -20,8 +22,8 @@ from mpc.trials.recordings import save_recording
 
 
 @contextmanager
-def serving(run=None):
-    with server(report_joint(), run, 0) as running:
+def serving(run=None, joint=None):
+    with server(joint or report_joint(), run, 0) as running:
         thread = threading.Thread(target=running.serve_forever, daemon=True)
         thread.start()
         yield running.server_address[1]
@@ -50,6 +52,14 @@ def test_the_server_gives_the_page_and_answers_questions():
         assert (status, json.loads(said)) == (400, {"error": "theta = 'x' is no number"})
 
 
+def test_a_connection_that_asks_nothing_is_closed(monkeypatch):
+    """Otherwise a thread waits for ever for each of them."""
+    monkeypatch.setattr("mpc.explorer.server._Handler.timeout", 0.05)
+    with serving() as port, socket.create_connection((HOST, port), timeout=60) as idle:
+        assert idle.recv(1) == b""
+        assert get(port, "/joint")[0] == 200  # and the others are answered
+
+
 def test_a_page_of_elsewhere_is_refused():
     with serving() as port:
         assert get(port, "/joint", host=f"elsewhere.example:{port}")[0] == 403
@@ -60,6 +70,7 @@ def test_the_page_asks_nothing_of_the_internet():
     assert re.findall(r"https?://(?!www\.w3\.org/2000/svg)", page) == []
 
 
+@pytest.mark.compiles
 def test_a_run_is_replayed(tmp_path):
     run = simulate(Plant(), TrackingMPC(Plant(), dt=0.02, N=10), sine(duration=2.0, ramp=0.5))
     save_recording(run, tmp_path / "run.npz")
@@ -69,6 +80,7 @@ def test_a_run_is_replayed(tmp_path):
     assert found["muscles"][3][0]["pressure"] == pytest.approx(run.x[3, 2] / 1e5)
 
 
+@pytest.mark.compiles
 def test_a_port_in_use_is_named():
     with serving() as port:
         result = CliRunner().invoke(app, ["explore", "--no-browser", "--port", str(port)])
@@ -78,15 +90,43 @@ def test_a_port_in_use_is_named():
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
 
 
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
+
+
+@pytest.mark.tools
+@pytest.mark.slow
+def test_a_lever_is_drawn_as_a_lever_and_its_sliders_move_it():
+    from playwright.sync_api import sync_playwright
+
+    assert CHROMIUM is not None, "a Chromium is needed: apt install chromium"
+    muscle = named_muscle("sarosi-dmsp-20-400n")
+    lever = AntagonistJoint(Lever(rest_length=0.25, anchor=0.1655, lever=0.05094, offset=0.051), muscle, muscle)
+    with serving(joint=lever) as port, sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        page = browser.new_page()
+        page.goto(f"http://{HOST}:{port}/")
+        page.wait_for_selector("body[data-ready]", state="attached")
+        assert page.locator("#joint .pulley").count() == 0
+        assert page.locator("#joint .anchor").count() == 2
+        page.fill("#theta", "10")
+        page.click("summary")
+        distance = page.locator("#joint .end")
+        before = [distance.get_attribute(name) for name in ("cx", "cy")]
+        page.fill("#lever", "70")
+        page.wait_for_function(f"document.querySelector('#joint .end').getAttribute('cy') !== '{before[1]}'")
+        x, y = (float(distance.get_attribute(name)) for name in ("cx", "cy"))
+        assert (210 - x) / (y - 140) == pytest.approx(math.tan(math.radians(10)))  # towards the agonist's anchor
+        browser.close()
+
+
 @pytest.mark.tools
 @pytest.mark.slow
 def test_the_page_works_in_a_browser():
     from playwright.sync_api import sync_playwright
 
     assert CHROMIUM is not None, "a Chromium is needed: apt install chromium"
-    flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
     with serving() as port, sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=flags)
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         for width in (360, 1280):
             page = browser.new_page(viewport={"width": width, "height": 800})
             said = []

@@ -29,6 +29,20 @@ def invoke(*arguments):
     return CliRunner().invoke(app, ["export", *map(str, arguments)])
 
 
+def test_a_tuning_is_not_written_over_the_joint_that_it_was_made_from(tmp_path, monkeypatch):
+    """By its name, by another spelling of its path, through a symbolic link, and with --force."""
+    joint, link = tmp_path / "joint.toml", tmp_path / "link.toml"
+    save_joint(report_joint(SAROSI_DMSP_20_400N), joint)
+    link.symlink_to(joint)
+    text = joint.read_text()
+    monkeypatch.chdir(tmp_path)
+    for read, out in (("joint.toml", "joint.toml"), (joint, "./joint.toml"), (joint, link), (link, joint)):
+        result = invoke("--tuning", "--joint", read, "--out", out, "--force", "--horizon", 3)
+        assert isinstance(result.exception, InvalidInput), result.output
+        assert "is read by this command and cannot be written by it" in str(result.exception)
+        assert joint.read_text() == text
+
+
 @needs_cmake
 def test_one_command_exports_one_builds_and_the_demonstration_prints_python_s_numbers(tmp_path):
     out = tmp_path / "new" / "c"
@@ -108,19 +122,18 @@ def test_the_files_of_the_same_joint_differ_by_precision_in_their_numbers_only(t
         ({"joint": report_joint(TONDU_LOPEZ_LAAS_ARM)}, "TonduLopez2000 .* no closed form"),
         ({"what": "everything"}, "'everything'.*all, allocate, mpc"),
         ({"precision": "half"}, "'half'.*double, single"),
-        ({"controller": TrackingMPC(Plant(), N=5), "joint": report_joint(SAROSI_DMSP_20_400N)}, "not the one"),
-        ({"controller": TrackingMPC(Plant(), N=5, budget=0.005)}, "no clock"),
-        ({"controller": TrackingMPC(Plant(), N=5), "observer": KalmanObserver(Plant(), 0.02)}, "their dt"),
-        (
-            {
-                "controller": TrackingMPC(Plant(), N=5),
-                "observer": KalmanObserver(Plant(), 0.01, compensation=Compensation(dead_band=0.1 * BAR)),
-            },
-            "their compensation",
-        ),
+        ({"controller": {}, "joint": report_joint(SAROSI_DMSP_20_400N)}, "not the one"),
+        ({"controller": {"budget": 0.005}}, "no clock"),
+        ({"controller": {}, "observer": {"dt": 0.02}}, "their dt"),
+        ({"controller": {}, "observer": {"compensation": Compensation(dead_band=0.1 * BAR)}}, "their compensation"),
     ],
 )
 def test_what_cannot_be_exported_is_refused_and_nothing_is_written(arguments, words, tmp_path):
+    arguments = dict(arguments)
+    if "controller" in arguments:
+        arguments["controller"] = TrackingMPC(Plant(), N=5, **arguments["controller"])
+    if "observer" in arguments:
+        arguments["observer"] = KalmanObserver(Plant(), **{"dt": 0.01, **arguments["observer"]})
     with pytest.raises((InvalidInput, MissingBackend), match=words):
         export(tmp_path / "c", **arguments)
     assert not list(tmp_path.iterdir())

@@ -1,5 +1,7 @@
 """The exported governor says what Python's says, in both precisions and under sanitizers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -9,14 +11,23 @@ from allocator.mechanism import machines
 from allocator.units import BAR
 from mpc.cli import app
 from mpc.export.governor.entry import export_governor
-from mpc.governor import GovernorStatus, PressureGovernor
+from mpc.governor import GovernorStatus, Interval, PressureGovernor
 
 from ...rigs import toolchain as tools
 from ...rigs.needs import needs
 
+pytestmark = pytest.mark.compiles
+
 needs_gcc = needs("gcc")
 ARM = machines.arm26()
 GOVERNOR = PressureGovernor(ARM, 0.01, 20 * BAR, (0.12, 0.04), damping=0.1, lag=0.02, max_energy=2.0)
+UNSURE = replace(
+    GOVERNOR,
+    inertia=Interval((0.11, 0.036), (0.13, 0.044)),
+    damping=Interval(0.08, 0.12),
+    lag=Interval(0.015, 0.025),
+    strength=Interval(0.95, 1.05),
+)
 
 REPLAY = """
 #include <stdio.h>
@@ -57,15 +68,16 @@ def commands(N):
 @pytest.mark.tools
 @needs_gcc
 @pytest.mark.parametrize(("precision", "flags", "near"), [("double", tools.SANITISED, 1e-3), ("single", (), 500.0)])
-def test_c_governs_as_python_does(tmp_path, precision, flags, near):
-    out = export_governor(tmp_path / "c", GOVERNOR, precision=precision)
+@pytest.mark.parametrize("governor", [GOVERNOR, UNSURE], ids=["exact", "intervals"])
+def test_c_governs_as_python_does(tmp_path, governor, precision, flags, near):
+    out = export_governor(tmp_path / "c", governor, precision=precision)
     rows = commands(60)
     (out / "replay.c").write_text(REPLAY)
     (out / "rows.txt").write_text("\n".join(" ".join(map(repr, row)) for row in rows.tolist()))
     program = tools.compiled(out, out / "replay.c", "replay", *flags)
     said = np.array([line.split() for line in tools.run(program, str(out / "rows.txt")).splitlines()], float)
     q, omega, P, last, command = np.split(rows, np.cumsum([2, 2, 6, 6]), axis=1)
-    safe, status = GOVERNOR.govern(q, omega, P, command, last)
+    safe, status = governor.govern(q, omega, P, command, last)
     assert {*GovernorStatus} & {*status.tolist()} >= {-1, 0, 1, 2}
     same = said[:, 0] == status
     assert same.all() if precision == "double" else same.mean() > 0.95  # rounding decides where a rollout just stays

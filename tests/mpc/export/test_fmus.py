@@ -1,5 +1,6 @@
 """FMUs of plants and controllers do what Python does, and say what they cannot do."""
 
+import ctypes
 import shutil
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from mpc.cli import app
 from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
 from mpc.model.faults import StuckValve
 from mpc.model.friction import Friction
+from mpc.tracking.preview import BadNumbers
 
 from ...rigs import toolchain as tools
 from ...rigs.fmus import Stepped
@@ -140,6 +142,12 @@ def test_what_an_fmu_cannot_do_it_says(standard, tmp_path):
         for wrong, words in (
             (lambda: fmu.fmu.doStep(0.0, 0.015), "no multiple of the sample time of 0.01 s"),
             (lambda: fmu.fmu.doStep(1.0, 0.01), "a step from 1 s on, when it is 0 s"),
+            (lambda: fmu.fmu.doStep(0.0, np.inf), "is longer than 1e+06 samples"),
+            (lambda: fmu.fmu.doStep(0.0, np.nan), "is longer than 1e+06 samples"),
+            (lambda: fmu.fmu.doStep(0.0, 1e300), "is longer than 1e+06 samples"),
+            (lambda: fmu.fmu.doStep(0.0, -0.01), "no multiple of the sample time of 0.01 s"),
+            (lambda: fmu.set(u1=np.nan), "has to be finite, not nan"),
+            (lambda: fmu.set(d=-np.inf), "has to be finite, not -inf"),
             (lambda: fmu.set(theta=0.0), "cannot be set now"),
             (lambda: fmu.set(theta_start=0.0), "cannot be set now"),
             (lambda: fmu.fmu.getFloat64([99]), "no Float64 variable with the reference 99"),
@@ -155,6 +163,68 @@ def test_what_an_fmu_cannot_do_it_says(standard, tmp_path):
         fmu.step(5)  # and goes on
         assert fmu.get("time") == [0.05]
         assert fmu.get(*STATES) != before
+
+
+def test_a_step_that_leads_out_of_the_numbers_is_not_taken_and_the_fmu_goes_on(standard, tmp_path):
+    """A pressure of 1e300 Pa is a number, and its force is none."""
+    with Stepped(standard, tmp_path / "fmu", 0.01) as fmu:
+        before = fmu.get("time", *STATES)
+        fmu.set(u1=1e300, d=1e300)
+        with pytest.raises(Exception, match=r"fmi3Error|failed"):
+            fmu.step(100)
+        assert "lead out of the numbers" in str(fmu.complaints[-1])
+        assert fmu.get("time", *STATES) == before
+        fmu.t = 0.0
+        fmu.set(u1=2 * BAR, d=0.0)
+        fmu.step(100)
+        assert np.isfinite(fmu.get(*STATES)).all()
+
+
+def test_states_that_were_damaged_and_those_of_other_fmus_are_refused(standard, tmp_path):
+    other = export_plant_fmu(tmp_path / "other.fmu", Plant())
+    with Stepped(standard, tmp_path / "fmu", 0.01) as fmu, Stepped(other, tmp_path / "other", 0.01) as stranger:
+        fmu.step(3)
+        kept = fmu.fmu.getFMUState()
+        good, reached = bytes(fmu.fmu.serializeFMUState(kept)), fmu.get("time", *STATES)
+        flipped = bytearray(good)
+        flipped[len(good) // 2] ^= 1
+        strange = bytes(stranger.fmu.serializeFMUState(stranger.fmu.getFMUState()))[: len(good)].ljust(len(good), b"\0")
+        for wrong in (bytes(len(good)), b"\xff" * len(good), bytes(flipped), strange):
+            with pytest.raises(Exception, match=r"fmi3Error|failed"):
+                fmu.fmu.deserializeFMUState(wrong)
+            assert "no state of this FMU, or damaged" in str(fmu.complaints[-1])
+        ctypes.memset(kept, 0, len(good))
+        with pytest.raises(Exception, match=r"fmi3Error|failed"):
+            fmu.fmu.setFMUState(kept)
+        assert "no state of this FMU, or it was changed" in str(fmu.complaints[-1])
+        assert fmu.get("time", *STATES) == reached
+        fmu.fmu.freeFMUState(kept)
+
+
+def test_fmus_claim_no_variable_steps(standard):
+    """Steps have to be multiples of the sample time."""
+    assert fmpy.read_model_description(str(standard)).coSimulation.canHandleVariableCommunicationStepSize is False
+
+
+@pytest.mark.slow
+def test_no_command_is_negative_even_where_a_gauge_reads_less_than_nothing(tmp_path):
+    """Before the first step, in it and after it; Python alike."""
+    plant = Plant()
+    controller = TrackingMPC(plant, N=3, weights=Weights.calm())
+    observer = KalmanObserver(plant, controller.dt)
+    path = export_controller_fmu(tmp_path / "controller.fmu", controller, observer)
+    low, high = -0.03 * BAR, 5.02 * BAR
+    for P1, P2 in ((low, low), (low, high), (np.nan, low)):
+        with Stepped(path, tmp_path / "fmu", controller.dt, {"theta": 0.0, "P1": P1, "P2": P2}) as fmu:
+            sent = [fmu.get("u1", "u2")]
+            for _ in range(3):
+                fmu.step()
+                sent.append(fmu.get("u1", "u2"))
+        assert np.min(sent) >= 0
+        assert np.max(sent) <= high  # from beyond the supply commands return at the slew limit
+    fresh = TrackingMPC(plant, N=3, weights=Weights.calm())
+    with pytest.warns(BadNumbers, match="the pressures are held"):
+        assert fresh.step(np.array([0.0, 0.0, low, low]), np.nan, 5.0).u[0].min() >= 0
 
 
 @pytest.mark.slow

@@ -32,23 +32,27 @@ def rms(real, compensation, controller_plant=PLANT):
     return metrics(run).theta_rms
 
 
+@pytest.mark.compiles
 def test_a_dead_time_that_is_known_hardly_costs_accuracy():
     late = RealPlant(PLANT, dead_time=0.05)
     assert rms(late, Compensation(dead_time=0.05)) < 0.05
     assert rms(late, Compensation()) > 0.2
 
 
+@pytest.mark.compiles
 def test_a_dead_band_that_is_known_hardly_costs_accuracy():
     lazy = RealPlant(PLANT, dead_band=0.2 * BAR)
     assert rms(lazy, Compensation(dead_band=0.2 * BAR)) < 0.5 * rms(lazy, Compensation())
 
 
+@pytest.mark.compiles
 def test_friction_that_is_known_hardly_costs_accuracy():
     friction = Friction.of_width(PLANT, 5 * DEG)
     rubbing = RealPlant(PLANT, friction=friction)
     assert rms(rubbing, Compensation(friction)) < 0.3 * rms(rubbing, Compensation())
 
 
+@pytest.mark.compiles
 def test_what_is_sent_in_the_dead_time_is_what_the_prediction_starts_from():
     """On the plant that is its model but for the dead time, the first predicted state is met when it is due."""
     mpc = TrackingMPC(PLANT, compensation=Compensation(dead_time=0.04))
@@ -83,6 +87,7 @@ def test_jitter_of_the_angle_does_not_wear_the_friction_off():
     assert state.memory == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.compiles
 def test_without_compensation_nothing_changes_for_a_nominal_plant():
     assert Compensation().delay(0.01) == 0
     mpc = TrackingMPC(Plant(), N=10)

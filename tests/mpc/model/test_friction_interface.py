@@ -148,6 +148,7 @@ def test_every_controller_that_is_told_is_nearer_than_one_that_is_not(controller
     assert rms(real.friction) < 0.6 * rms(Friction())
 
 
+@pytest.mark.compiles
 def test_hysteresis_that_is_known_does_not_look_like_a_torque():
     real = RealPlant(PLANT, friction=MODELS["operator"])
     u = REST[2:] + np.array([0.8, -0.8]) * BAR
@@ -184,7 +185,7 @@ def test_a_plant_s_file_keeps_what_controllers_are_told(tmp_path):
     assert Compensation.load(path) == Compensation(OPERATOR)
     with path.open("a", encoding="utf-8") as file:
         file.write("\n[regulators]\ndead_time = 0.03\ndead_band = 10000.0\nlag_up = 0.1\nlag_down = 0.2\n")
-    assert Compensation.load(path) == Compensation(OPERATOR, 0.03, 0.1 * BAR)
+    assert Compensation.load(path) == Compensation(OPERATOR, 0.03, 0.1 * BAR, lag_up=0.1, lag_down=0.2)
     assert Plant.load(path).joint.hysteresis == OPERATOR
 
 

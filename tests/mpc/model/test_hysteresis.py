@@ -110,6 +110,7 @@ def test_widths_grow_with_co_contraction_and_not_with_the_pull():
         assert SLIP.most(Contact(PLANT, (0.0, 0.0, c / 2, c / 2))) == pytest.approx(share * (K * SLIP.widths).sum())
 
 
+@pytest.mark.slow
 def test_the_simulated_joint_moves_as_the_differential_inclusion_says():
     """Against SciPy, with the slipping elements followed by small steps of Euler's method in θ."""
     real = RealPlant(PLANT, friction=SLIP, torque_profile=((0.0, 1.0), (0.3, -0.5), (0.6, 0.3)))

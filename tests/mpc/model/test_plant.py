@@ -112,3 +112,13 @@ def test_the_integration_step_follows_the_fastest_part_of_the_plant():
 def test_parameters_that_make_no_sense_are_refused(wrong, said):
     with pytest.raises(InvalidInput, match=said.replace("(", r"\(")):
         Plant(**wrong)
+
+
+def test_a_plant_of_a_file_takes_the_slew_of_other_regulators(tmp_path):
+    """No fit finds how fast regulators may be driven: `--slew` on the command line, `slew` here."""
+    path = tmp_path / "plant.toml"
+    Plant(slew=4 * BAR).save(path)
+    assert Plant.load(path).slew == 4 * BAR
+    assert Plant.load(path, slew=7 * BAR) == Plant(slew=7 * BAR)
+    with pytest.raises(InvalidInput, match="if bar/s was meant"):
+        Plant.load(path, slew=7.0)

@@ -150,3 +150,9 @@ def test_impossible_friction_is_refused_by_its_name(argument, named):
 def test_an_unknown_effect_cannot_be_switched_off():
     with pytest.raises(InvalidInput, match="backlash"):
         RealPlant.standard().without("backlash")
+
+
+def test_a_lag_that_no_integration_resolves_is_refused_before_it_is_tried():
+    with pytest.raises(InvalidInput, match=r"lag_up or lag_down = 1e-09 s is so short"):
+        RealPlant(lag_up=1e-9, lag_down=0.1).substeps(0.01, 0.02)
+    assert RealPlant(lag_up=1e-3, lag_down=0.1).substeps(0.01, 0.02) == 500

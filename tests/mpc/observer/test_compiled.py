@@ -30,6 +30,8 @@ from mpc.observer.compiled import module
 from mpc.observer.filter import Belief
 from mpc.observer.gating import Verdict
 
+pytestmark = pytest.mark.compiles
+
 DT = 0.01
 REAL = RealPlant.standard()
 MODEL, TOLD = REAL.nominal, REAL.known()

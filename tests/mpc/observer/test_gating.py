@@ -93,6 +93,7 @@ SCALE = np.outer(*2 * [[1, 10, BAR, BAR, 10]])
 # --- the observer -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.compiles
 def test_a_spike_leaves_no_trace():
     clean, hit = KalmanObserver(PLANT, DT), KalmanObserver(PLANT, DT)
     readings = REST[0] + 0.01 * DEG * (np.arange(60) % 7 == 3)
@@ -125,6 +126,7 @@ def test_an_encoder_that_has_lost_its_zero_is_followed_after_half_a_second_and_o
     assert np.abs((run.theta - run.theta_ref)[200:250]).max() < 3 * DEG  # nothing is thrown about meanwhile
 
 
+@pytest.mark.compiles
 def test_a_joint_that_is_hit_is_found_again_at_once():
     """A blow of 8 N·m moves it as no model says: readings are doubted for a few samples, and then explained."""
     real = RealPlant(PLANT, encoder=0.02 * DEG, torque_profile=((0.1, 0.1), (0.5, 8.0), (0.6, 0.0)))
@@ -135,6 +137,7 @@ def test_a_joint_that_is_hit_is_found_again_at_once():
     assert np.abs(run.theta[-50:]).max() < 0.1 * DEG
 
 
+@pytest.mark.compiles
 def test_a_coarse_encoder_s_step_is_learnt():
     real = replace(RealPlant.standard(), encoder=0.5 * DEG)
     pair, wanted = loop(real), reference(600)
@@ -143,6 +146,7 @@ def test_a_coarse_encoder_s_step_is_learnt():
     assert pair[1].encoder_step == pytest.approx(0.5 * DEG)
 
 
+@pytest.mark.compiles
 @settings(max_examples=40, deadline=None)
 @given(storm=st.lists(st.lists(st.floats(), min_size=6, max_size=6), min_size=1, max_size=20))
 def test_no_numbers_whatever_make_it_raise_or_lose_itself(storm):
@@ -158,6 +162,7 @@ def test_no_numbers_whatever_make_it_raise_or_lose_itself(storm):
         assert observer.belief is None or np.linalg.eigvalsh(observer.belief.covariance / SCALE).min() > 0
 
 
+@pytest.mark.compiles
 def test_a_state_that_is_not_finite_is_built_anew_from_the_readings():
     observer = KalmanObserver(PLANT, DT)
     fed(observer, [REST[0]] * 5)
@@ -189,6 +194,7 @@ def test_an_encoder_that_is_wrong_for_three_samples_does_not_matter(muscle):
         assert np.abs(run.theta - run.theta_ref)[150:].max() < 2 * DEG
 
 
+@pytest.mark.compiles
 def test_a_pressure_beyond_the_supply_does_not_move_the_joint():
     real = RealPlant.standard()
     controller, observer = loop(real)

@@ -112,12 +112,14 @@ def test_a_low_supply_is_among_the_suspects_at_once_and_the_only_one_when_both_m
     assert healths[-1].suspects == (Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY),)
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize("joint", JOINTS)
 @pytest.mark.parametrize("load", [0.0, 3.0])
 def test_a_sound_joint_is_well_under_a_load_that_nobody_tells_of(joint, load):
     assert alarm(said(joint, torque_profile=((BEGIN, load),))) is None
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize(
     "changes",
     [
@@ -133,12 +135,14 @@ def test_a_joint_that_is_not_what_was_told_is_well(changes):
     assert alarm(said("Sarosi's muscles", torque_profile=((BEGIN, -2.0),), **changes)) is None
 
 
+@pytest.mark.compiles
 def test_a_fault_that_ends_is_forgotten():
     healths = said("Sarosi's muscles", Leak(BEGIN, BEGIN + 0.3, muscle=2), duration=5.5)
     assert not healths[round((BEGIN + 0.3) / DT)].well
     assert healths[-1].well
 
 
+@pytest.mark.compiles
 def test_a_new_run_begins_well():
     assert not said("Sarosi's muscles", BrokenCable(1.5), duration=2.0)[-1].well
     assert said("Sarosi's muscles", duration=2.0)[0].well

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from allocator import BAR, DEG
+from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import PlanStatus, Plant, Reference, TrackingMPC, simulate
@@ -18,6 +18,8 @@ from mpc.model.friction import Friction
 from mpc.model.real_plant import RealPlant
 from mpc.observer.filter import Belief
 from mpc.observer.kalman import Differentiator, KalmanObserver, Noise
+
+pytestmark = pytest.mark.compiles
 
 DT = 0.01
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
@@ -209,3 +211,12 @@ def test_once_a_sensor_is_known_to_be_frozen_the_estimate_is_that_without_it():
     )
     np.testing.assert_allclose(frozen[0][40:80, 3], frozen[1][40:80, 3], atol=0.05 * BAR)
     np.testing.assert_allclose(frozen[0][40:80, 0], silent[0][40:80, 0], atol=0.1 * DEG)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [({"theta": np.nan}, "theta = nan"), ({"pressure": 0.0}, "pressure = 0"), ({"d_walk": -1.0}, "d_walk = -1")],
+)
+def test_noise_that_cannot_be_meant_is_named(wrong, said):
+    with pytest.raises(InvalidInput, match=f"Noise: {said}"):
+        Noise(**wrong)

@@ -1,5 +1,7 @@
 """The controller: it solves its problem, keeps its limits whatever is asked, and always answers."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,11 +10,19 @@ from hypothesis import strategies as st
 from allocator import BAR, DEG, InvalidInput
 from mpc import PlanStatus, Plant, Rung, TrackingMPC, Weights
 from mpc.model.buffered import Buffered
+from mpc.tracking.preview import BadNumbers
 from mpc.tracking.qp.softened import softened
 
+pytestmark = pytest.mark.compiles
+
 PLANT = Plant()
-CONTROLLER = TrackingMPC(PLANT, N=10)  # built once; `reset` forgets
 STEP = Buffered(PLANT.discrete(0.01, 0.02))
+
+
+@cache
+def ten_samples():
+    """A controller built once, when it is needed; `reset` forgets."""
+    return TrackingMPC(PLANT, N=10)
 
 
 def broken_limits(plan, u_last, plant=PLANT, dt=0.01):
@@ -104,12 +114,13 @@ angles, stiffnesses = st.floats(-170, 170), st.floats(3.0, 20.0)
     P0=st.tuples(st.floats(0, 5), st.floats(0, 5)),
 )
 def test_no_reference_makes_the_controller_break_a_hard_limit(references, theta0, omega0, P0):
-    CONTROLLER.reset()
+    controller = ten_samples()
+    controller.reset()
     x = np.array([theta0 * DEG, omega0, *(p * BAR for p in P0)])
     u_last = x[2:]
     for theta, K in references:
         for _ in range(3):
-            plan = CONTROLLER.step(x, theta * DEG, K)
+            plan = controller.step(x, theta * DEG, K)
             assert not broken_limits(plan, u_last)
             assert plan.rung is Rung.QP
             u_last = plan.u[0]
@@ -296,3 +307,19 @@ def test_settings_that_make_no_sense_are_refused(settings, said):
 def test_weights_have_to_be_positive():
     with pytest.raises(InvalidInput, match="theta = -1"):
         Weights(theta=-1)
+
+
+@pytest.mark.parametrize("P", [(2.3, 3.4), (0.0, 3.4), (float("nan"), 3.4)])
+def test_pressures_in_bar_are_pointed_out_at_the_first_step(P):
+    controller = ten_samples()
+    controller.reset()
+    with pytest.warns(BadNumbers, match="if bar was meant, multiply by 1e5"):
+        controller.step([0.1, 0.0, *P], 0.1, 7.5)
+    controller.step([0.1, 0.0, *P], 0.1, 7.5)  # said once: warnings are errors
+
+
+@pytest.mark.parametrize("P", [(2.3e5, 3.4e5), (0.0, 0.0), (0.0, 3.4e5), (float("nan"), float("nan"))])
+def test_pressures_in_pascal_are_not(P):
+    controller = ten_samples()
+    controller.reset()
+    controller.step([0.1, 0.0, *P], 0.1, 7.5)

@@ -54,6 +54,7 @@ def test_every_entry_is_charged_by_one_weight_at_most():
     assert {r.weight for r in RESIDUALS} <= set(Weights.__dataclass_fields__)
 
 
+@pytest.mark.compiles
 def test_readable_and_compiled_qp_charge_for_a_new_line(more):
     mpc = TrackingMPC(PLANT, N=N, weights=WEIGHTS)
     usual = TrackingMPC(PLANT, N=N, weights=MoreWeights(pressure=1e-30, antagonist=1e-30))
@@ -67,6 +68,7 @@ def test_readable_and_compiled_qp_charge_for_a_new_line(more):
     assert np.abs(plan.u - usual.step(*asked).u).max() > 1e-3 * BAR
 
 
+@pytest.mark.compiles
 def test_the_nonlinear_programme_charges_for_it_as_the_qps_do(more):
     x = PLANT.at_rest(0.05, 7.6)
     ours = TrackingMPC(PLANT, N=N, weights=WEIGHTS, iterations=20).step(x, 5 * DEG, 7.9)
@@ -75,6 +77,7 @@ def test_the_nonlinear_programme_charges_for_it_as_the_qps_do(more):
     np.testing.assert_allclose(ours.u, best.u, atol=1e-3 * BAR)
 
 
+@pytest.mark.compiles
 @needs("gcc")
 def test_the_exported_c_charges_for_it_too(more, tmp_path):
     daqp = solver("daqp")

@@ -1,8 +1,9 @@
 """The fallback ladder, rung by rung: which one answers, what it sends, and that it is left again."""
 
 import warnings
+from functools import cache
 from math import inf
-from time import perf_counter, sleep
+from time import sleep
 
 import numpy as np
 import pytest
@@ -19,16 +20,23 @@ from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import solver
 from mpc.yardsticks.baselines import FeedForwardControl, LQRControl, PIDControl, PredictivePIDControl
 
+pytestmark = pytest.mark.compiles
+
 PLANT = Plant()
 REST = PLANT.at_rest(0.1, 7.6)
 STEP = Buffered(PLANT.discrete(0.01, 0.02))
 DAQP = solver("daqp")
-STORMY = TrackingMPC(PLANT, N=6, patience=0.02)
-BASELINES = [kind(PLANT) for kind in (PIDControl, PredictivePIDControl, LQRControl, FeedForwardControl)]
+BASELINES = (PIDControl, PredictivePIDControl, LQRControl, FeedForwardControl)
 
 
-def late(qp, limit=inf):
-    sleep(0.03)
+@cache
+def built(kind):
+    """A controller of this class, built once, when it is needed; `reset` forgets."""
+    return kind(PLANT, N=6, patience=0.02) if kind is TrackingMPC else kind(PLANT)
+
+
+def late(qp, limit=0.0):
+    sleep(max(limit, 0.0) + 0.01)
     return DAQP(qp)
 
 
@@ -49,7 +57,7 @@ def keeps_limits(plans):
 
 
 def test_an_answer_that_comes_late_is_not_waited_for_twice_and_the_plan_goes_on():
-    controller = TrackingMPC(PLANT, N=5, budget=0.02)
+    controller = TrackingMPC(PLANT, N=5, budget=0.3)
     first = controller.step(REST, 0.15, 7.7)
     controller._solve = late
     second = controller.step(first.x[1], 0.15, 7.7)
@@ -67,13 +75,16 @@ def test_the_solver_is_told_how_much_time_is_left():
         controller = TrackingMPC(PLANT, N=5, budget=budget, solver=lambda qp, s: (told.append(s), DAQP(qp, s))[1])
         told.clear()
         assert controller.step(REST, 0.15, 7.7).rung is Rung.QP
-        assert told[0] == inf if budget is None else 0.3 < told[0] < 0.5
+        assert told[0] == inf if budget is None else 0.0 < told[0] < 0.5
 
 
 def test_no_time_at_all_is_answered_at_once_by_the_allocation():
-    plan = TrackingMPC(PLANT, budget=0.0).step(REST, 0.15, 7.7)
+    asked = []
+    controller = TrackingMPC(PLANT, budget=0.0, solver=lambda qp, limit: asked.append(qp))
+    asked.clear()
+    plan = controller.step(REST, 0.15, 7.7)
     assert (plan.status, plan.rung) == (PlanStatus.LATE, Rung.ALLOCATION)
-    assert plan.times.solve < 1e-3
+    assert not asked
 
 
 @pytest.mark.parametrize("name", ["daqp", "osqp", "clarabel", "scs"])
@@ -175,8 +186,9 @@ def test_references_that_cannot_be_meant_hold_the_pressures_and_are_named_once(t
     begun=st.booleans(),
 )
 @pytest.mark.filterwarnings("ignore::mpc.tracking.preview.BadNumbers")
-@pytest.mark.parametrize("controller", [STORMY, *BASELINES], ids=lambda c: type(c).__name__)
-def test_no_numbers_whatever_make_a_step_raise(controller, x, theta, K, d, begun):
+@pytest.mark.parametrize("kind", [TrackingMPC, *BASELINES])
+def test_no_numbers_whatever_make_a_step_raise(kind, x, theta, K, d, begun):
+    controller = built(kind)
     controller.reset()
     if begun:
         controller.step(REST, 0.15, 7.7)
@@ -237,15 +249,16 @@ def test_whatever_comes_together_is_survived_and_forgotten(storm):
         "lie": lambda qp, limit: (np.full_like(qp.f, 0.02), np.zeros(qp.f.size + len(qp.R))),
         "NaN": lambda qp, limit: (np.full_like(qp.f, np.nan), np.zeros(qp.f.size + len(qp.R))),
     }
-    STORMY.reset()
-    x, plans = REST, [STORMY.step(REST, 0.15, 7.7)]
+    stormy = built(TrackingMPC)
+    stormy.reset()
+    x, plans = REST, [stormy.step(REST, 0.15, 7.7)]
     for how, lost, reading, torque in storm:
-        STORMY._solve = answers[how]
+        stormy._solve = answers[how]
         read = np.where(np.isin(np.arange(4), list(lost)), reading, x)
-        plans.append(STORMY.step(read, 0.15, 7.7, torque))
+        plans.append(stormy.step(read, 0.15, 7.7, torque))
         x = STEP(x, plans[-1].u[0], 0.0)[0][0]
-    STORMY._solve = DAQP
-    plans.append(STORMY.step(x, 0.15, 7.7))
+    stormy._solve = DAQP
+    plans.append(stormy.step(x, 0.15, 7.7))
     assert keeps_limits(plans)
     assert all(plan.rung is Rung.QP for plan in plans if plan.status is PlanStatus.OPTIMAL)
     assert (plans[-1].rung, plans[-1].status) == (Rung.QP, PlanStatus.OPTIMAL)
@@ -331,8 +344,7 @@ def test_settings_that_make_no_sense_are_refused(settings, said):
         TrackingMPC(PLANT, **settings)
 
 
-def test_a_budget_is_kept_when_it_is_long_enough():
-    controller, x = TrackingMPC(PLANT, budget=0.5), REST
-    began = perf_counter()
-    assert controller.step(x, 0.15, 7.7).status is PlanStatus.OPTIMAL
-    assert perf_counter() - began < 0.5
+def test_a_budget_that_is_long_enough_changes_nothing():
+    within, without = (TrackingMPC(PLANT, budget=budget).step(REST, 0.15, 7.7) for budget in (60.0, None))
+    assert within.status is PlanStatus.OPTIMAL
+    np.testing.assert_array_equal(within.u, without.u)

@@ -1,5 +1,7 @@
 """The QP of a step can be looked at: it is the one that is solved, its names say what is what, and nothing changes."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import qpsolvers
@@ -11,23 +13,30 @@ from mpc import Compensation, Plant, Rung, TrackingMPC
 from mpc.model.friction import Friction
 from mpc.model.hysteresis import MaxwellSlip
 
+pytestmark = pytest.mark.compiles
+
 PLANT = Plant()
 KNOWN = Compensation(Friction(mu=0.05), dead_time=0.02, dead_band=0.05 * BAR)
 SLIP = MaxwellSlip((0.3, 0.2), (0.5 * DEG, 2 * DEG), elastic=True)
-CASES = {  # controller, reference of the angle [rad], of the stiffness [N·m/rad]
-    "free": (TrackingMPC(PLANT, N=8), 0.5 * DEG, 7.62),
-    "slew": (TrackingMPC(PLANT, N=8), 20 * DEG, 7.6),
-    "blocks": (TrackingMPC(PLANT, N=8, blocks=(1, 1, 2, 4)), 2 * DEG, 7.7),
-    "dead time": (TrackingMPC(PLANT, N=8, compensation=KNOWN), 1 * DEG, 7.6),
-    "hysteresis": (TrackingMPC(PLANT, N=8, compensation=Compensation(SLIP)), 1 * DEG, 7.6),
-    "taut": (TrackingMPC(PLANT, N=8, min_force=40.0), 20 * DEG, 5.0),
+CASES = {  # of the controller, reference of the angle [rad], of the stiffness [N·m/rad]
+    "free": ({}, 0.5 * DEG, 7.62),
+    "slew": ({}, 20 * DEG, 7.6),
+    "blocks": ({"blocks": (1, 1, 2, 4)}, 2 * DEG, 7.7),
+    "dead time": ({"compensation": KNOWN}, 1 * DEG, 7.6),
+    "hysteresis": ({"compensation": Compensation(SLIP)}, 1 * DEG, 7.6),
+    "taut": ({"min_force": 40.0}, 20 * DEG, 5.0),
 }
 
 
-@pytest.fixture(params=CASES.values(), ids=CASES)
+@cache
+def built(name):
+    return TrackingMPC(PLANT, N=8, **CASES[name][0])
+
+
+@pytest.fixture(params=CASES)
 def case(request):
     """A controller after two steps, its state and its references."""
-    controller, theta, K = request.param
+    controller, (_, theta, K) = built(request.param), CASES[request.param]
     controller.reset()
     x = PLANT.at_rest(0.0, 7.6)
     for _ in range(2):

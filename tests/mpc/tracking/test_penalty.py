@@ -11,19 +11,23 @@ from mpc import Plant, TrackingMPC, Weights
 from mpc.tracking.penalty import hard_solutions
 from mpc.tracking.qp.solvers import solver
 
+pytestmark = pytest.mark.compiles
+
 MARGIN = 10.0  # of the default weights above the largest sum of multipliers
+SAROSI = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
 LOOPS = {
-    "report's muscles": TrackingMPC(Plant()),
-    "Sarosi's muscles": TrackingMPC(Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)),
-    "Sarosi's muscles, calm": TrackingMPC(Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12), weights=Weights.calm()),
-    "blocked": TrackingMPC(Plant(), blocks=(1, 1, 1, 1, 2, 2, 4, 8)),
-    "10 N at least": TrackingMPC(Plant(), min_force=10.0),
+    "report's muscles": (Plant(), {}),
+    "Sarosi's muscles": (SAROSI, {}),
+    "Sarosi's muscles, calm": (SAROSI, {"weights": Weights.calm()}),
+    "blocked": (Plant(), {"blocks": (1, 1, 1, 1, 2, 2, 4, 8)}),
+    "10 N at least": (Plant(), {"min_force": 10.0}),
 }
 
 
 @pytest.fixture(scope="module", params=LOOPS.values(), ids=LOOPS.keys())
 def controller(request):
-    return request.param
+    plant, options = request.param
+    return TrackingMPC(plant, **options)
 
 
 @pytest.fixture(scope="module")

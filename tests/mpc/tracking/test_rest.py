@@ -13,6 +13,8 @@ from mpc.observer.kalman import Differentiator
 from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics
 
+pytestmark = pytest.mark.compiles
+
 REAL = RealPlant.standard()
 TOLD = REAL.known()
 DT = 0.01
@@ -126,6 +128,7 @@ class At:
         return plans[-1]
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize("lost", range(4), ids=["angle", "velocity", "P1", "P2"])
 def test_a_rest_ends_at_once_where_a_state_is_not_measured(lost):
     at = At()
@@ -136,6 +139,7 @@ def test_a_rest_ends_at_once_where_a_state_is_not_measured(lost):
     assert at.step().status is PlanStatus.OPTIMAL  # and it takes its time before the next
 
 
+@pytest.mark.compiles
 def test_a_rest_ends_at_once_where_the_joint_is_pushed_the_reference_moves_or_means_nothing():
     at = At()
     for happens, status in [
@@ -150,6 +154,7 @@ def test_a_rest_ends_at_once_where_the_joint_is_pushed_the_reference_moves_or_me
         assert at.step(theta=np.nan).status is PlanStatus.BAD_INPUT
 
 
+@pytest.mark.compiles
 def test_a_pressure_that_leaks_ends_the_rest():
     at = At()
     at.rested()
@@ -158,6 +163,7 @@ def test_a_pressure_that_leaks_ends_the_rest():
     assert PlanStatus.OPTIMAL in {plan.status for plan in plans}
 
 
+@pytest.mark.compiles
 def test_commands_of_a_rest_hold_the_pressures_on_one_edge_of_the_dead_band_and_stay():
     at = At()
     plan = at.rested()
@@ -165,6 +171,7 @@ def test_commands_of_a_rest_hold_the_pressures_on_one_edge_of_the_dead_band_and_
     np.testing.assert_array_equal(at.step().u, plan.u)
 
 
+@pytest.mark.compiles
 def test_a_rest_near_the_supply_s_end_holds_the_lower_edge():
     at = At()
     high = 4.9 * BAR
@@ -176,6 +183,7 @@ def test_a_rest_near_the_supply_s_end_holds_the_lower_edge():
     np.testing.assert_allclose(plans[-1].u[0], high - 0.05 * BAR, rtol=1e-9)
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize("side", [-1, 1])
 def test_an_error_is_corrected_by_pressures_that_push_against_it(side):
     at = At()
@@ -187,6 +195,7 @@ def test_an_error_is_corrected_by_pressures_that_push_against_it(side):
     assert copysign(1, joint.torque(turned, *plans[-1].u[0]) - joint.torque(turned, *plan.u[0])) == -side
 
 
+@pytest.mark.compiles
 def test_a_loop_that_is_told_of_nothing_never_rests_and_settles_exactly():
     plant = Plant()
     for controller in (TrackingMPC(plant), TrackingMPC(plant, rest=False)):

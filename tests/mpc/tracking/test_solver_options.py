@@ -28,6 +28,7 @@ PLANT, REST = Plant(), Plant().at_rest(0.0, 7.6)
 TIGHT = {"name": "osqp", "eps_abs": 1e-9}
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize(
     "given",
     ["riccati", Riccati(), "osqp", OSQP(), {"name": "osqp"}, TIGHT, OSQP(eps_abs=1e-9), DAQP(iter_limit=500), {}],
@@ -47,6 +48,7 @@ def test_so_they_do_of_the_nonlinear_mpc(given):
     np.testing.assert_allclose(got.u, wanted.u, atol=1e-3 * BAR)
 
 
+@pytest.mark.compiles
 def test_options_reach_the_solver():
     assert solver(DAQP(iter_limit=1)).given == solver({"iter_limit": 1}).given == {"iter_limit": 1}
     seen = TrackingMPC(PLANT, N=5).qp(REST, 20 * DEG, 7.6)
@@ -59,6 +61,7 @@ def test_options_reach_the_solver():
     assert NonlinearMPC(PLANT, N=5, solver=IPOPT(max_iter=1)).step(REST, 20 * DEG, 7.6).status is PlanStatus.UNSOLVED
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize(
     ("make", "said"),
     [
@@ -74,6 +77,7 @@ def test_an_option_that_does_not_exist_is_answered_with_those_there_are(make, sa
         make()
 
 
+@pytest.mark.compiles
 def test_a_dict_with_an_unknown_name_is_answered_with_those_there_are():
     with pytest.raises(MissingBackend, match=r"unknown QP solver 'magic'; available: .*daqp.*osqp"):
         TrackingMPC(PLANT, solver={"name": "magic"})
@@ -90,6 +94,7 @@ def test_values_are_frozen_and_travel(kind):
     assert hash(value) == hash(kind())
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize("given", [OSQP, DAQP, IPOPT, IPOPT(), None, 5, ("osqp",), b"osqp", {5: 6}])
 def test_what_is_no_qp_solver_is_refused_when_the_controller_is_built(given):
     with pytest.raises(InvalidInput, match="solver = "):
@@ -126,6 +131,7 @@ def test_an_option_that_casadi_refuses_is_one_sentence():
         NonlinearMPC(PLANT, N=3, solver=IPOPT(mu_strategy="nope"))
 
 
+@pytest.mark.compiles
 def test_a_value_of_a_solver_that_is_not_installed_is_refused(monkeypatch):
     monkeypatch.setattr("qpsolvers.available_solvers", ["clarabel"])
     with pytest.raises(MissingBackend, match="unknown QP solver 'osqp'; available: clarabel, daqp"):
@@ -135,12 +141,14 @@ def test_a_value_of_a_solver_that_is_not_installed_is_refused(monkeypatch):
     assert hash(Installed("highs")) == hash(Installed("highs"))
 
 
+@pytest.mark.compiles
 def test_a_copy_of_a_qp_cannot_be_written_into_either():
     for copied in (loads(dumps(qp := TrackingMPC(PLANT, N=3).qp(REST, 0.1, 7.6))), deepcopy(qp)):
         assert not copied.H.flags.writeable
         np.testing.assert_array_equal(copied.H, qp.H)
 
 
+@pytest.mark.compiles
 def test_a_qp_beyond_the_range_of_numbers_is_one_sentence():
     with pytest.raises(InvalidInput, match="leaves the range of numbers"):
         TrackingMPC(PLANT, N=3).qp(REST, 0.1, 7.6, 1e300)

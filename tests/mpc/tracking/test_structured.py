@@ -14,6 +14,8 @@ from mpc.tracking.qp.condense import condense
 from mpc.tracking.qp.solvers import solver
 from mpc.tracking.qp.step import PreviousSample, ReadableQPStep
 
+pytestmark = pytest.mark.compiles
+
 DAQP, RICCATI = solver("daqp"), solver("riccati")
 N = 12
 SETTINGS = {"samples": {}, "blocks": {"blocks": (1,) * 4 + (2,) * 4}, "least forces": {"min_force": 30.0}}

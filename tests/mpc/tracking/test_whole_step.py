@@ -16,6 +16,8 @@ from mpc.tracking.compiled.sample.layout import table_of
 from mpc.tracking.linearise import Motion
 from mpc.tracking.preview import BadNumbers
 
+pytestmark = pytest.mark.compiles
+
 N = 12
 REAL = RealPlant.standard()
 SETTINGS = {

@@ -7,6 +7,8 @@ from allocator.errors import MissingBackend
 from mpc import Plant, TrackingMPC, simulate, sine
 from mpc.trials.animation import save_animation
 
+pytestmark = pytest.mark.compiles
+
 
 @pytest.fixture(scope="module")
 def run():

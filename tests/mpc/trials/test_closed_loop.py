@@ -1,6 +1,6 @@
 """The MPC on the standard real plant: how closely it tracks, and how it bears plants that it was not tuned for.
 
-On one seed each; `benchmarks/closed_loop.py` takes more of everything.
+On one seed each; `benchmarks/closed_loop/` takes more of everything.
 """
 
 from dataclasses import replace

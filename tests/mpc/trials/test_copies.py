@@ -13,6 +13,8 @@ from allocator import BAR
 from mpc import Compensation, KalmanObserver, NonlinearMPC, Plant, TrackingMPC
 from mpc.yardsticks.baselines import FeedForwardControl, LQRControl, PIDControl, PredictivePIDControl
 
+pytestmark = pytest.mark.compiles
+
 PLANT, K = Plant(), 7.6
 KNOWN = Compensation(dead_time=0.02, dead_band=0.05 * BAR)
 MADE = {

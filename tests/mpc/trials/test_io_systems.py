@@ -59,6 +59,7 @@ def test_python_control_runs_the_real_loop_as_simulate_does(build):
     assert np.abs(other - x).max() > 1.0  # [Pa]; the seed matters
 
 
+@pytest.mark.compiles
 def test_a_loop_can_be_run_again_and_leaves_the_controller_as_it_was():
     controller = TrackingMPC(PLANT)
     first, _, loop = responded(PLANT, controller, MOVE)
@@ -68,6 +69,7 @@ def test_a_loop_can_be_run_again_and_leaves_the_controller_as_it_was():
     assert controller.step(first[0], 0.0, 7.6).u[0] == pytest.approx(TrackingMPC(PLANT).step(first[0], 0.0, 7.6).u[0])
 
 
+@pytest.mark.compiles
 def test_a_torque_comes_in_by_the_signal_d():
     loaded = RealPlant(PLANT, torque_profile=((0.0, 0.3),))
     from_outside, *_ = responded(PLANT, PIDControl(PLANT), MOVE, d=0.3)
@@ -77,6 +79,7 @@ def test_a_torque_comes_in_by_the_signal_d():
     assert from_outside[-1, 0] == pytest.approx(own[-1, 0], abs=0.05 * DEG)  # the velocity is measured there
 
 
+@pytest.mark.compiles
 def test_a_controller_alone_answers_recorded_measurements_as_it_did_in_the_loop():
     run = simulate(PLANT, TrackingMPC(PLANT), MOVE)
     alone = sampled_controller(TrackingMPC(PLANT), MOVE)
@@ -84,6 +87,7 @@ def test_a_controller_alone_answers_recorded_measurements_as_it_did_in_the_loop(
     np.testing.assert_allclose(answer.outputs.T, run.u, rtol=1e-6)
 
 
+@pytest.mark.compiles
 def test_signals_connect_by_their_names_with_systems_of_python_control():
     """A pure delay of one sample between controller and plant."""
     controller = sampled_controller(PIDControl(PLANT), MOVE)

@@ -17,6 +17,8 @@ from mpc.trials.many.workers import spread
 from mpc.trials.metrics import metrics
 from mpc.yardsticks.baselines import FeedForwardControl, PIDControl, PIDGains
 
+pytestmark = pytest.mark.compiles
+
 DT = 0.01
 REAL = RealPlant.standard(torque_profile=((0.3, 0.5), (0.6, -0.5)))
 MODEL = REAL.nominal

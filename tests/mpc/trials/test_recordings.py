@@ -1,5 +1,6 @@
 """Runs survive as NPZ."""
 
+from contextlib import suppress
 from dataclasses import fields
 
 import numpy as np
@@ -64,3 +65,26 @@ def test_what_is_no_recording_is_refused_by_its_name(run, tmp_path):
     ):
         with pytest.raises(InvalidFile, match=said):
             load_recording(tmp_path / name)
+
+
+def test_a_damaged_recording_is_a_sentence_whatever_the_damage(run, tmp_path):
+    """Bytes changed at random, files cut off, and arrays of another kind: a run, or `InvalidFile`."""
+    save_recording(run, tmp_path / "run.npz")
+    rng, path = np.random.default_rng(4), tmp_path / "damaged.npz"
+    for name in ("run.npz", "stored.npz"):
+        with np.load(tmp_path / "run.npz") as archive:
+            arrays = dict(archive)
+        np.savez(tmp_path / "stored.npz", **arrays)  # whose headers lie open
+        whole = (tmp_path / name).read_bytes()
+        for _ in range(100):
+            damaged = bytearray(whole)
+            for _ in range(rng.integers(1, 6)):
+                damaged[rng.integers(len(damaged))] = rng.integers(256)
+            path.write_bytes(damaged[: rng.integers(len(damaged))] if rng.random() < 0.3 else damaged)
+            with suppress(InvalidFile):
+                assert repr(load_recording(path))
+    for name, array in arrays.items():
+        for value in ("word", True, 1j, -1.0, np.nan, np.inf, 1e18, np.zeros(0), np.full(array.shape, "x")):
+            np.savez(path, **(arrays | {name: value}))
+            with suppress(InvalidFile):
+                assert repr(load_recording(path))

@@ -14,6 +14,8 @@ from mpc.trials.metrics import metrics
 from mpc.trials.plotting import tracking_figure
 from mpc.trials.trajectories import LEAD, TRAJECTORIES, jumps
 
+pytestmark = pytest.mark.compiles
+
 PLANT = Plant()
 
 

@@ -47,6 +47,7 @@ def test_a_load_leaves_an_offset_under_feed_forward_and_none_under_the_pid():
     assert abs(pid.theta[-1]) < 0.1 * DEG
 
 
+@pytest.mark.compiles
 def test_the_lqr_takes_the_load_from_the_observer():
     loaded = RealPlant(PLANT, torque_profile=((0.5, 0.5),))
     run = simulate(loaded, LQRControl(PLANT, weights=Weights.calm()), STILL, observer=KalmanObserver(PLANT, 0.01))
@@ -87,6 +88,7 @@ def test_the_pid_s_integral_rests_while_a_limit_binds():
     np.testing.assert_allclose(swing, x[2:], atol=1.0 * BAR)
 
 
+@pytest.mark.compiles
 def test_loops_are_built_by_name_with_or_without_an_observer():
     for name in CONTROLLERS:
         for watched, kind in ((True, KalmanObserver), (False, Differentiator)):

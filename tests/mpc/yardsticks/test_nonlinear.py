@@ -1,6 +1,7 @@
 """The nonlinear MPC solves the problem of the controller's docstring, and the linear one costs what it costs."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,7 +26,13 @@ from mpc.trials.objective import closed_loop_cost
 PLANT = Plant()
 N = 12
 RIGHT = 2.1  # [rad], near the end of the joint range
-HELD = {solver: NonlinearMPC(PLANT, N=N, solver=solver) for solver in ("ipopt", "fatrop")}
+SOLVERS = "ipopt", "fatrop"
+
+
+@cache
+def held(solver):
+    """A controller built once, when it is needed; `reset` forgets."""
+    return NonlinearMPC(PLANT, N=N, solver=solver)
 
 
 def moving(x, omega):
@@ -41,12 +48,12 @@ CASES = {  # state, angle, stiffness
 }
 
 
-@pytest.mark.parametrize("solver", HELD)
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_multiple_shooting_finds_what_single_shooting_and_ipopt_find(case, solver, ipopt_mpc):
     """The fixture is the problem written anew from the docstring, with the commands alone for decisions."""
     x, theta, K = case
-    nlp, mpc = ipopt_mpc(N), HELD[solver]
+    nlp, mpc = ipopt_mpc(N), held(solver)
     mpc.reset()
     plan = mpc.step(x, theta, K)
     assert plan.status is PlanStatus.OPTIMAL
@@ -55,7 +62,7 @@ def test_multiple_shooting_finds_what_single_shooting_and_ipopt_find(case, solve
     np.testing.assert_allclose(plan.u, u, atol=1e-3 * BAR)
 
 
-@pytest.mark.parametrize("solver", HELD)
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_the_second_step_goes_on_from_the_first(solver, ipopt_mpc):
     weights = Weights(rate=1 / (0.1 * BAR) ** 2)
     nlp, mpc = ipopt_mpc(N, weights), NonlinearMPC(PLANT, N=N, weights=weights, solver=solver)
@@ -66,7 +73,7 @@ def test_the_second_step_goes_on_from_the_first(solver, ipopt_mpc):
 
 
 def test_commands_from_outside_the_supply_return_at_the_slew_limit():
-    mpc = HELD["ipopt"]
+    mpc = held("ipopt")
     mpc.reset()
     start = np.array([0.0, 0.0, 5.2 * BAR, 5.1 * BAR])
     plan = mpc.step(start, 0.0, 9.0)
@@ -80,7 +87,7 @@ def test_commands_from_outside_the_supply_return_at_the_slew_limit():
 
 
 def test_the_certificate_holds_for_the_solution_and_for_nothing_near_it():
-    mpc, x = HELD["ipopt"], PLANT.at_rest(0.0, 7.6)
+    mpc, x = held("ipopt"), PLANT.at_rest(0.0, 7.6)
     shooting = mpc.problem
     feed = mpc._feed_forward(np.full(N + 1, 1 * DEG), np.full(N + 1, 7.7))
     given = shooting.given(x, feed, np.zeros(N), x[2:], feed.u[0])
@@ -149,6 +156,7 @@ def jump(angle=20 * DEG, K=(7.6, 7.6)):
     return Reference(t, np.where(t < 0.095, 0.0, angle), np.where(t < 0.095, *K))
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize(
     ("reference", "most"),
     [(sine(duration=0.6, ramp=0.3, frequency=1.0), 0.5), (jump(), 0.05), (jump(0.0, (8.0, 10.0)), 0.05)],
@@ -158,7 +166,7 @@ def test_one_qp_a_sample_costs_within_half_a_per_cent_of_the_nonlinear_mpc_in_cl
     """`benchmarks/nominal.py` does it for all trajectories. `most` in %; below a unit of cost nothing counts."""
     best, ours = (
         closed_loop_cost(simulate(PLANT, controller, reference), Weights(), N).total
-        for controller in (HELD["fatrop"], TrackingMPC(PLANT, N=N))
+        for controller in (held("fatrop"), TrackingMPC(PLANT, N=N))
     )
     assert abs(ours - best) < most / 100 * max(best, 1.0)
 
@@ -187,6 +195,7 @@ def test_the_nonlinear_mpc_bears_dead_time_and_a_real_joint():
 # --- what a run has cost ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.compiles
 def test_the_cost_of_a_run_is_the_sum_written_anew():
     weights, reference = Weights(), sine(duration=0.6, ramp=0.3, frequency=1.0)
     run = simulate(PLANT, TrackingMPC(PLANT, N=N), reference)
@@ -200,6 +209,7 @@ def test_the_cost_of_a_run_is_the_sum_written_anew():
     assert min(cost) >= 0.0
 
 
+@pytest.mark.compiles
 def test_leaving_the_feed_forward_is_what_commands_are_charged_for():
     """At rest on a constant reference the feed-forward is the pressures; one bar more for one sample has its price."""
     still = Reference([0.0, 0.1], [0.0, 0.0], [7.6, 7.6])

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import compiled, inlined
+from mpc.codegen.jit import compiled, inlined
 from mpc.tracking.compiled.structured_qp.certificate import finite
 
 FORMULAS: Any = None

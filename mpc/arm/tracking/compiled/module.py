@@ -11,9 +11,9 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.arm.model import Arm
+from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import filling
 from mpc.model.experiment import RESOLUTION
-from mpc.tracking.compiled.module import imported, with_formulas
 
 _STEP, _FEED_FORWARD = (Path(__file__).with_name(f"{name}.py") for name in ("step", "feedforward"))
 

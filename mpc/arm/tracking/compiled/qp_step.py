@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from allocator.joint.limits import BINDS
 from allocator.mechanism import batches
 from allocator.mechanism.kernel.data import workspace
@@ -23,6 +24,7 @@ from mpc.arm.tracking.compiled.module import CompiledArm
 from mpc.arm.tracking.feedforward import ArmFeedForward, ArmInverseDynamics
 from mpc.arm.tracking.hand_targets import HandTargets
 from mpc.arm.tracking.problem import ArmProblem
+from mpc.tracking.cost import Rows
 from mpc.tracking.linearise import Motion
 from mpc.tracking.plan import Moved, PlanStatus
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE, certified
@@ -32,6 +34,19 @@ from mpc.tracking.qp.solvers import Solver
 from mpc.tracking.qp.step import PreviousSample, QPAnswer
 
 _SURE = 1e-9  # residual of optimality up to which an allocation is believed
+
+
+def _charged(rows: Rows, n: int, stiffnesses: int) -> Array:
+    """Return the weights (2n + stiffnesses + 2m,) that the compiled step charges, from the table of residuals.
+
+    Raises `InvalidInput` for one of pressures or muscle forces, which the step does not know.
+    """
+    if rows.x[2 * n :].any() or rows.y[stiffnesses:].any():
+        raise InvalidInput(
+            "a weight of `mpc.tracking.cost` charges an arm's pressures or muscle forces, which its compiled step "
+            "(mpc/arm/tracking/compiled/step.py) does not know: add it there"
+        )
+    return np.concatenate([rows.x[: 2 * n], rows.y[:stiffnesses], rows.e, rows.rate])
 
 
 class CompiledArmQPStep:
@@ -45,18 +60,18 @@ class CompiledArmQPStep:
         self._step, self._problem = made.step, problem
         N, n, m, size, blocks = sum(problem.blocks), arm.n, arm.m, arm.size, len(problem.blocks)
         outputs, z = arm.stiffnesses + m, m * blocks
-        limits, weights, starts = problem.limits, problem.weights, problem.starts.astype(np.int64)
+        limits, starts = problem.limits, problem.starts.astype(np.int64)
         self._integration = made.c, made.h, made.decay
         self._bounds = np.array([*limits.pressure, limits.step])
         self._ranges = np.array(limits.theta, float)
         self._soft = np.array([LAZY_TOLERANCE, ACCURACY * problem.curvature, limits.min_force])
         self._shape = starts, _risen(starts, N, np.exp(-dt / arm.lags))
-        charged = [weights.theta, weights.omega, weights.K, weights.u, weights.rate]
+        rows, charged = problem.rows, _charged(problem.rows, n, arm.stiffnesses)
         E = problem.E[:, :, :-SLACKS]
         rate = np.diff(E, axis=0, prepend=np.zeros((1, m, z)))
-        constant = weights.u * np.einsum("kji,kjl->il", E, E)
-        constant += weights.rate / dt**2 * np.einsum("kji,kjl->il", rate, rate)
-        self._cost = np.array(charged), np.ascontiguousarray(problem.L), *self._shape, constant, dt, self._bounds
+        constant = np.einsum("j,kji,kjl->il", rows.e, E, E)
+        constant += np.einsum("j,kji,kjl->il", rows.rate, rate, rate) / dt**2
+        self._cost = charged, np.ascontiguousarray(problem.L), *self._shape, constant, dt, self._bounds
         self._u = np.zeros((N, m))
         # copies of what comes: what is read-only, as plans are, would be compiled for once more
         self._now = np.zeros(size), np.zeros((N, m)), np.zeros((N, n)), np.zeros(m), np.zeros(m)

@@ -20,7 +20,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.tracking.compiled.jit import compiled, inlined
+from mpc.codegen.jit import compiled, inlined
 from mpc.tracking.compiled.structured_qp.certificate import finite
 
 FORMULAS: Any = None
@@ -184,9 +184,9 @@ def condense(
 ) -> None:  # fmt: skip
     """Fill in G (N+1, 2n, z) = ∂(q, ω)/∂z and the QP without rows and slacks.
 
-    `weights` (5,): of angles, velocities, stiffness, commands, rate; `risen` (N+1, blocks, m) [Pa/bar] how far
-    pressures have followed the change of a block, `constant` (z, z) what of H the commands are charged, `L` the
-    terminal factor.
+    `weights` (2n + stiffnesses + 2m,) are those of angles, velocities, stiffnesses, commands and their rates; `risen`
+    (N+1, blocks, m) [Pa/bar] how far pressures have followed the change of a block, `constant` (z, z) what of H the
+    commands are charged, `L` the terminal factor.
     """
     N, size = u.shape[0], f.size
     rows = 2 * n + STIFFNESSES
@@ -203,14 +203,14 @@ def condense(
             break
         for i in range(n):
             r[i], r[n + i] = (
-                root[0] * (x[k + 1, i] - x_ref[k + 1, i]),
-                root[1] * (x[k + 1, n + i] - x_ref[k + 1, n + i]),
+                root[i] * (x[k + 1, i] - x_ref[k + 1, i]),
+                root[n + i] * (x[k + 1, n + i] - x_ref[k + 1, n + i]),
             )
             for z in range(acting * m):
-                J[i, z], J[n + i, z] = root[0] * G[k + 1, i, z], root[1] * G[k + 1, n + i, z]
+                J[i, z], J[n + i, z] = root[i] * G[k + 1, i, z], root[n + i] * G[k + 1, n + i, z]
         for i in range(STIFFNESSES):
-            r[2 * n + i] = root[2] * (y[k + 1, i] - y_ref[k + 1, i])
-            read(slope[k + 1], i, root[2], risen[k + 1], acting, G[k + 1], J[2 * n + i])
+            r[2 * n + i] = root[2 * n + i] * (y[k + 1, i] - y_ref[k + 1, i])
+            read(slope[k + 1], i, root[2 * n + i], risen[k + 1], acting, G[k + 1], J[2 * n + i])
         charge(J, r, acting * m, H, f)
     end(L, risen[N], G[N], x[N], x_ref[N], u[N - 1], u_ref[N - 1], H, f)
     for i in range(size):
@@ -224,7 +224,7 @@ def of_commands(
     f: Array, lower: Array, upper: Array,
 ) -> None:  # fmt: skip
     """Fill in the gradient of what commands and their rate are charged, and how far changes may go."""
-    N, step = u.shape[0], bounds[2] / BAR
+    N, step, first_command = u.shape[0], bounds[2] / BAR, 2 * n + STIFFNESSES
     for b in range(starts.size):
         first = starts[b]
         for j in range(m):
@@ -233,7 +233,8 @@ def of_commands(
                 pushed += u[k, j] - u_ref[k, j]
             before = e_last[j] if first == 0 else u[first - 1, j] - u_ref[first - 1, j]
             turned = u[first, j] - u_ref[first, j] - before
-            f[b * m + j] = BAR * (weights[3] * pushed + weights[4] * turned / dt**2)
+            command, rate = weights[first_command + j], weights[first_command + m + j]
+            f[b * m + j] = BAR * (command * pushed + rate * turned / dt**2)
             change = (u[first, j] - (u_last[j] if first == 0 else u[first - 1, j])) / BAR
             lower[b * m + j], upper[b * m + j] = min(-step - change, 0.0), max(step - change, 0.0)
 

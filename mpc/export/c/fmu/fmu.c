@@ -11,6 +11,8 @@ typedef enum { BEGUN, INITIALISING, STEPPING, OVER } phase;
 
 /* What is kept and restored as the state of an FMU; the memory of the unit follows it. */
 typedef struct {
+    unsigned long long check; /* of a state that is kept: the hash of all that follows */
+    unsigned long long model; /* the hash of the token of the FMU that it belongs to */
     phase phase;
     double start;    /* [s] */
     long long steps; /* since then */
@@ -21,15 +23,37 @@ typedef struct {
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log;
     state *now;
+    state *before; /* the step that is under way */
 } instance_data;
 
 static const double STARTS[UNIT_VALUES] = UNIT_STARTS;
 static const unit_variable VARIABLES[UNIT_VARIABLES] = UNIT_TABLE; /* by their references, from 1 on; 0 is the time */
 static const double NEAR = 1e-6;                                   /* of a sample: a time that near is the same */
+static const double MOST_SAMPLES = 1e6;                            /* of one step, so that it returns */
 
 static size_t state_size(void) { return sizeof(state) + unit_memory_size(); }
 
 static unit_memory *memory_of(state *s) { return (unit_memory *)(void *)(s + 1); }
+
+/* FNV-1a, 64 bits. */
+static unsigned long long hash_of(const void *bytes, size_t size) {
+    unsigned long long hash = 14695981039346656037ULL;
+    for (size_t k = 0; k < size; k++) hash = (hash ^ ((const unsigned char *)bytes)[k]) * 1099511628211ULL;
+    return hash;
+}
+
+static unsigned long long model_hash(void) { return hash_of(UNIT_TOKEN, sizeof UNIT_TOKEN); }
+
+static unsigned long long check_of(const state *s) {
+    return hash_of((const unsigned char *)s + sizeof s->check, state_size() - sizeof s->check);
+}
+
+/* Whether the bytes are a state of this FMU as it was kept. */
+static int is_state(const void *bytes) {
+    state head;
+    memcpy(&head, bytes, sizeof head);
+    return head.model == model_hash() && head.check == check_of(bytes);
+}
 
 static double time_of(const state *s) { return s->start + (double)s->steps * UNIT_DT; }
 
@@ -58,6 +82,7 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n, 
 
 static void begin(state *s) {
     memset(s, 0, state_size());
+    s->model = model_hash();
     memcpy(s->v, STARTS, sizeof s->v);
     s->phase = BEGUN;
 }
@@ -81,10 +106,15 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     it->environment = environment;
     it->log = log;
     it->now = malloc(state_size());
-    if (!it->now || !token || strcmp(token, UNIT_TOKEN) != 0) {
-        unit_complain(it, "the instantiation token is %s, not that of modelDescription.xml", token ? token : "missing");
-        free(it->now);
-        free(it);
+    it->before = malloc(state_size());
+    const int known = token && strcmp(token, UNIT_TOKEN) == 0;
+    if (!it->now || !it->before || !known) {
+        if (!known)
+            unit_complain(it, "the instantiation token is %s, not that of modelDescription.xml",
+                          token ? token : "missing");
+        else
+            unit_complain(it, "there is no memory for the instance");
+        fmi3FreeInstance(it);
         return NULL;
     }
     begin(it->now);
@@ -95,6 +125,7 @@ void fmi3FreeInstance(fmi3Instance instance) {
     instance_data *it = instance;
     if (!it) return;
     free(it->now);
+    free(it->before);
     free(it);
 }
 
@@ -113,6 +144,7 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
     (void)ends;
     (void)stop;
     if (!in(it, BEGUN, "to initialise")) return fmi3Error;
+    if (!isfinite(start)) return unit_complain(it, "the start time of %g s has to be finite", start);
     it->now->start = start;
     it->now->phase = INITIALISING;
     unit_begin(memory_of(it->now), it->now->v);
@@ -160,7 +192,7 @@ static int get(instance_data *it, const fmi3ValueReference references[], size_t 
                fmi3Int32 *integers, size_t room) {
     size_t used = 0;
     for (size_t k = 0; k < n; k++) {
-        static const unit_variable clock = {0, -1, 1, 0};
+        static const unit_variable clock = {0, -1, 1, 0, 0};
         const unit_variable *variable = !whole && references[k] == 0 ? &clock : variable_of(it, references[k], whole);
         if (!variable) return 0;
         for (int j = 0; j < variable->count; j++, used++) {
@@ -191,6 +223,10 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference refere
         if (!variable) return fmi3Error;
         if (variable->set == 0 || (variable->set == 1 && it->now->phase > INITIALISING) || it->now->phase == OVER)
             return unit_complain(it, "the variable with the reference %u cannot be set now", (unsigned)references[k]);
+        for (int j = 0; variable->finite && j < variable->count && used + (size_t)j < given; j++)
+            if (!isfinite(values[used + (size_t)j]))
+                return unit_complain(it, "the variable with the reference %u has to be finite, not %g",
+                                     (unsigned)references[k], values[used + (size_t)j]);
         used += (size_t)variable->count;
     }
     if (!enough(it, used, given)) return fmi3Error;
@@ -221,12 +257,18 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 now, fmi3Float64 size, 
     *reached = time_of(it->now);
     if (!in(it, STEPPING, "a step")) return fmi3Error;
     const double samples = round(size / UNIT_DT);
-    if (!(samples >= 1) || fabs(size - samples * UNIT_DT) > NEAR * UNIT_DT)
+    if (!(samples <= MOST_SAMPLES))
+        return unit_complain(it, "a step of %g s is longer than %g samples of %g s", size, MOST_SAMPLES, UNIT_DT);
+    if (!(samples >= 1) || !(fabs(size - samples * UNIT_DT) <= NEAR * UNIT_DT))
         return unit_complain(it, "a step of %g s is no multiple of the sample time of %g s", size, UNIT_DT);
     if (!(fabs(now - *reached) <= 0.5 * UNIT_DT))
         return unit_complain(it, "a step from %g s on, when it is %g s", now, *reached);
+    memcpy(it->before, it->now, state_size());
     for (double k = 0; k < samples; k++) {
-        unit_advance(memory_of(it->now), it->now->v);
+        if (!unit_advance(memory_of(it->now), it->now->v)) {
+            memcpy(it->now, it->before, state_size());
+            return unit_complain(it, "the inputs lead out of the numbers: no step from %g s on was taken", *reached);
+        }
         it->now->steps++;
     }
     *reached = time_of(it->now);
@@ -239,13 +281,16 @@ fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *kept) {
     const instance_data *it = instance;
     if (!*kept) *kept = malloc(state_size());
     if (!*kept) return unit_complain(instance, "there is no memory for the state");
-    memcpy(*kept, it->now, state_size());
+    state *made = *kept;
+    memcpy(made, it->now, state_size());
+    made->check = check_of(made);
     return fmi3OK;
 }
 
 fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState kept) {
     const instance_data *it = instance;
     if (!kept) return unit_complain(instance, "there is no state to go back to");
+    if (!is_state(kept)) return unit_complain(instance, "this is no state of this FMU, or it was changed");
     memcpy(it->now, kept, state_size());
     return fmi3OK;
 }
@@ -265,13 +310,15 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState kept, 
 }
 
 fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState kept, fmi3Byte bytes[], size_t size) {
-    if (size != state_size() || !kept) return unit_complain(instance, "a state has another size than %u", (unsigned)size);
+    if (size != state_size()) return unit_complain(instance, "a state has another size than %u", (unsigned)size);
+    if (!kept || !is_state(kept)) return unit_complain(instance, "this is no state of this FMU, or it was changed");
     memcpy(bytes, kept, size);
     return fmi3OK;
 }
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *kept) {
     if (size != state_size()) return unit_complain(instance, "a state has another size than %u", (unsigned)size);
+    if (!is_state(bytes)) return unit_complain(instance, "the bytes are no state of this FMU, or damaged");
     if (!*kept) *kept = malloc(size);
     if (!*kept) return unit_complain(instance, "there is no memory for the state");
     memcpy(*kept, bytes, size);

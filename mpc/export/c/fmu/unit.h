@@ -10,14 +10,15 @@ typedef struct {
     int whole; /* an Int32; else Float64 */
     int first; /* of its values */
     int count; /* more than one of an array */
-    int set;   /* 0: never, 1: before the simulation begins, 2: always */
+    int set;    /* 0: never, 1: before the simulation begins, 2: always */
+    int finite; /* whether NaN and infinity are refused; else the unit knows what to do */
 } unit_variable;
 
 /* Its own part: plant_unit.c or controller_unit.c. */
 typedef struct unit_memory unit_memory;
 size_t unit_memory_size(void);
 void unit_begin(unit_memory *memory, double *v);   /* once the start values are there */
-void unit_advance(unit_memory *memory, double *v); /* by UNIT_DT: from inputs to outputs */
+int unit_advance(unit_memory *memory, double *v);  /* by UNIT_DT, from inputs to outputs; whether these are numbers */
 
 /* Say what is wrong to whoever simulates; fmi3Error. */
 fmi3Status unit_complain(fmi3Instance instance, const char *format, ...);

@@ -36,6 +36,12 @@ ant_real ant_innovation_variance(const ant_observer *o, const ant_belief *b, int
 int ant_sound(const ant_belief *b); /* finite, and no variance negative */
 void ant_unsure(ant_belief *b, const ant_real read[3], const int there[3]); /* at the readings, little certain */
 
+/* A measured pressure as a command to start from: a gauge may read less than none. What is no number is the least. */
+static inline ant_real ant_commandable(ant_real P) {
+    const ant_real least = ANT_SUPPLY_LO < 0 ? ANT_SUPPLY_LO : 0;
+    return P > least ? P : least;
+}
+
 /* limits.c */
 void ant_limit(ant_real step, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]); /* slew, supply; in place */
 ant_real ant_excursion(const ant_motion *m);                      /* from the joint range [rad] */

@@ -115,7 +115,8 @@ static ant_plan_status status_of(const outcome *o, ant_rung rung, int measured) 
 void ant_control(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *reference, ant_plan *plan) {
     ant_task task;
     ant_preview(c, x, d, reference, &task);
-    const ant_real u_last[2] = {c->begun ? c->last.u[0][0] : task.x[2], c->begun ? c->last.u[0][1] : task.x[3]};
+    ant_real u_last[2];
+    for (int i = 0; i < 2; i++) u_last[i] = c->begun ? c->last.u[0][i] : ant_commandable(task.x[2 + i]);
     if (task.refused)
         memset(c->feed.moved, 0, sizeof c->feed.moved);
     else

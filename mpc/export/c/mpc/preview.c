@@ -74,7 +74,7 @@ void ant_preview(ant_controller *c, const ant_real x[4], ant_real d, const ant_r
     if (!c->seen && !task->refused) task->x[0] = ant_clip(r->theta[0], ANT_LEFT, ANT_RIGHT);
     torques(c, task->x, task->refused ? 0 : d, task->refused ? c->stay : r->theta);
     if (!c->begun) {
-        memcpy(c->sent, &task->x[2], sizeof c->sent);
+        for (int i = 0; i < 2; i++) c->sent[i] = ant_commandable(task->x[2 + i]);
         for (int k = 0; k <= ANT_DELAY; k++) memcpy(c->waiting[k], &task->x[2], sizeof c->waiting[k]);
     }
     wait(c, task->x);

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.codegen.addresses import clock, entry_of
 from mpc.model.plant import NU, NX
 from mpc.tracking.compiled.flat_records import Given, given_in
 from mpc.tracking.compiled.flat_records import lengths as record_lengths
-from mpc.tracking.compiled.sample.calls import clock, entry_of
 from mpc.tracking.compiled.sample.layout import (
     Inputs,
     Known,
@@ -35,7 +35,7 @@ _SETTING = 60  # numbers of a setting, see `mpc.tracking.compiled.flat_records`
 class Beyond(NamedTuple):
     """What is known beyond the plant."""
 
-    friction: Array  # numbers, see `mpc.tracking.compiled.sample.friction`
+    friction: Array  # numbers, see `mpc.model.compiled_friction`
     delay: int  # [samples]
     dead_band: float  # [Pa]
     rests: bool  # whether commands come to rest at a constant reference

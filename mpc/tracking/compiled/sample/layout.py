@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined
-from mpc.tracking.compiled.sample.calls import floats_at, integers_at, signs_at
+from mpc.codegen.addresses import floats_at, integers_at, signs_at
+from mpc.codegen.jit import inlined
 
 _ASKED, _STATE, _TAIL = 5, 11, 8
 
@@ -33,7 +33,7 @@ class Inputs(NamedTuple):
     p: Array  # of the kernel
     known: Array
     slopes: Array  # (2, N+1, N+1) of the feed-forward
-    friction: Array  # see `mpc.tracking.compiled.sample.friction`
+    friction: Array  # see `mpc.model.compiled_friction`
     numbers: Array  # of the setting, as what follows: see `mpc.tracking.compiled.flat_records`
     asked: Array
     given: Array

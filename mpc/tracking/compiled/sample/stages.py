@@ -10,11 +10,11 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
+from mpc.codegen.jit import inlined_flat
 from mpc.model.compensation import SOFT
 from mpc.model.plant import NU
 from mpc.tracking.compiled.commands import limit
 from mpc.tracking.compiled.flat_records import Given
-from mpc.tracking.compiled.jit import inlined_flat
 from mpc.tracking.compiled.records import Bounds
 from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State
 from mpc.tracking.rest import SAME

@@ -13,7 +13,7 @@ better guess.
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined, merged
+from mpc.codegen.jit import inlined, merged
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.exchange import HUGE, Active, exchanged, let_go
 from mpc.tracking.compiled.structured_qp.newton import adjoint, gradients

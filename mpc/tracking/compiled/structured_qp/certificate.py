@@ -10,7 +10,7 @@ is used where no soft limit is broken without it.
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined, inlined_flat
+from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, SUPPLY, adjoint, gradients
 from mpc.tracking.compiled.structured_qp.stage import advance, changed

@@ -13,7 +13,7 @@ in `responses`.
 from typing import Any, NamedTuple
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined_flat, merged
+from mpc.codegen.jit import inlined_flat, merged
 from mpc.tracking.compiled.records import Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS
 from mpc.tracking.compiled.structured_qp.responses import (

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import assign, inlined, inlined_flat
+from mpc.codegen.jit import assign, inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.certificate import confirmed, needed
 from mpc.tracking.compiled.structured_qp.multipliers import GAP, PRIMAL, guess_held, hold_guessed, multiplied

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined, inlined_flat
+from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, Factors, direction, factorise, gradients, left_over
 from mpc.tracking.compiled.structured_qp.riccati import LOWER, UPPER

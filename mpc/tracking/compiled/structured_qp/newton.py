@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined, inlined_flat, merged
+from mpc.codegen.jit import inlined, inlined_flat, merged
 from mpc.tracking.compiled.records import Cost, Errors, Path, Point
 from mpc.tracking.compiled.structured_qp.stage import (
     across,

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined, inlined_flat, merged
+from mpc.codegen.jit import inlined, inlined_flat, merged
 from mpc.tracking.compiled.records import Path
 from mpc.tracking.compiled.structured_qp.riccati import FREE, Sweep
 from mpc.tracking.compiled.structured_qp.stage import advance, changed, linear_before

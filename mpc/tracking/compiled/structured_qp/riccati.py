@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined, inlined_flat, merged
+from mpc.codegen.jit import inlined, inlined_flat, merged
 from mpc.tracking.compiled.records import Bounded, Cost, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.stage import across, advance, charge_state, decided, linear_before
 

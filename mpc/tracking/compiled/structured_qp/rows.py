@@ -12,7 +12,7 @@ In this order, those of a sample k (w and δx of k + 1), and in a last line thos
 from typing import Any, NamedTuple
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import inlined_flat
+from mpc.codegen.jit import inlined_flat
 from mpc.tracking.compiled.records import Bounded, Bounds, Path, Point
 from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, SUPPLY
 from mpc.tracking.compiled.structured_qp.stage import changed

@@ -2,7 +2,7 @@
 exchange of what it holds, and where that takes too long by an interior point.
 
 `buffer` holds the path, `given` what is new in the step (`mpc.tracking.compiled.flat_records`). This file is used by
-way of a copy, `mpc.tracking.compiled.module` says why.
+way of a copy, `mpc.codegen.modules` says why.
 """
 
 from typing import Any
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.codegen.jit import compiled, inlined
 from mpc.tracking.compiled.commands import deviations, new_errors, slew_bounds
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
-from mpc.tracking.compiled.jit import compiled, inlined
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.active_set import active_set, new_active, reversed_instead
 from mpc.tracking.compiled.structured_qp.certificate import brought_within, confirmed, needed

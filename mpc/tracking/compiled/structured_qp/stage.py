@@ -5,7 +5,7 @@ out, arrays are indexed by k and not cut, and all is compiled into its callers: 
 """
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.jit import merged
+from mpc.codegen.jit import merged
 from mpc.tracking.compiled.records import Cost
 
 

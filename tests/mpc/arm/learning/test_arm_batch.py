@@ -20,6 +20,8 @@ from mpc.arm.learning.variation import Variation
 from mpc.arm.model import Arm
 from mpc.tracking.qp.step import SlowStep
 
+pytestmark = pytest.mark.compiles
+
 ARM = Arm.machine("arm26")
 SITES = Sites(
     0.4,
@@ -132,7 +134,7 @@ def test_where_nothing_can_be_compiled_arms_move_slowly_and_say_so(monkeypatch):
     def refused(text):
         raise OSError("no place for compiled code")
 
-    monkeypatch.setattr("mpc.tracking.compiled.module.imported", refused)
+    monkeypatch.setattr("mpc.codegen.modules.imported", refused)
     varied = VariedArm(ARM)
     with pytest.warns(SlowStep, match="no place for compiled code"):
         batch = ArmBatch(varied, 2, 0.01)

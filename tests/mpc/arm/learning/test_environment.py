@@ -17,6 +17,8 @@ from mpc.arm.learning.variation import Variation
 from mpc.arm.model import Arm
 from mpc.governor import PressureGovernor
 
+pytestmark = pytest.mark.compiles
+
 ARM = Arm.machine("arm26")
 VARIED = Variation(gains=0.05, lags=0.1, mass=0.1, damping=0.2)
 

@@ -12,10 +12,13 @@ from mpc.arm.tracking.feedforward import ArmInverseDynamics
 from mpc.arm.tracking.limits import ArmLimits
 from mpc.arm.tracking.prediction import ArmPredictor
 from mpc.arm.tracking.problem import ArmProblem
+from mpc.tracking import cost
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.solvers import DAQP
-from mpc.tracking.qp.step import PreviousSample, ReadableQPStep
+from mpc.tracking.qp.step import PreviousSample, ReadableQPStep, SlowStep
 from mpc.tracking.weights import Weights
+
+pytestmark = pytest.mark.compiles
 
 N, DT = 12, 0.01
 
@@ -31,7 +34,6 @@ class Both:
         self.inverse = ArmInverseDynamics(arm, DT, N, min_force)
         self.readable = ReadableQPStep(self.problem, self.predictor)
         self.compiled, self.feed_forward = factory(arm, DT, self.problem, self.predictor, self.inverse)
-        assert self.compiled.implementation == "compiled"
 
     def situation(self, rng, near=False):
         """Return x, u, d, feed-forward and previous sample; `near` limits of angles and pressures."""
@@ -50,7 +52,9 @@ class Both:
 
 @pytest.fixture(scope="module", params=["arm26", pytest.param("arm48", marks=pytest.mark.slow)])
 def both(request):
-    return Both(request.param)
+    made = Both(request.param)
+    assert made.compiled.implementation == "compiled"
+    return made
 
 
 def test_the_whole_qp_is_that_of_the_readable_step(both):
@@ -67,6 +71,29 @@ def test_the_whole_qp_is_that_of_the_readable_step(both):
         )
         for name in ("lower", "upper", "R", "rows_lower", "rows_upper"):
             np.testing.assert_allclose(getattr(compiled, name), getattr(readable, name), rtol=1e-9, atol=1e-10)
+
+
+def with_sixth(monkeypatch, sixth):
+    """Both, with one more line in the table of residuals."""
+    table = cost.residuals
+    monkeypatch.setattr("mpc.arm.tracking.problem.residuals", lambda *sizes: (*table(*sizes), sixth))
+    return Both("arm26")
+
+
+def test_a_sixth_weight_is_charged_by_the_compiled_step_as_by_the_readable_one(monkeypatch):
+    """A second one of the elbow's angle, and one of the first muscle's rate."""
+    for sixth in (cost.Residual("theta", "x", (1,)), cost.Residual("rate", "rate", (0,))):
+        made = with_sixth(monkeypatch, sixth)
+        assert made.compiled.implementation == "compiled"
+        test_the_whole_qp_is_that_of_the_readable_step(made)
+
+
+@pytest.mark.parametrize(("rows", "entry"), [("x", 4), ("y", 3)], ids=["a pressure", "a force"])
+def test_a_weight_that_the_compiled_step_does_not_know_is_charged_by_the_readable_one(monkeypatch, rows, entry):
+    """Slower, with a warning, and not dropped."""
+    with pytest.warns(SlowStep, match="charges an arm's pressures or muscle forces"):
+        made = with_sixth(monkeypatch, cost.Residual("omega", rows, (entry,)))
+    assert isinstance(made.compiled, ReadableQPStep)
 
 
 @pytest.mark.parametrize("near", [False, True], ids=["in the middle", "near the limits"])

@@ -18,6 +18,8 @@ from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.preview import BadNumbers
 from mpc.tracking.weights import Weights
 
+pytestmark = pytest.mark.compiles
+
 ARM = Arm.machine("arm26")
 K_REF = np.array([[12.0, 4.6], [4.6, 9.5]])
 

@@ -1,5 +1,5 @@
 /* A controller and its observer as an FMU: readings and references in, commands out. */
-#include "antagonist.h"
+#include "control.h"
 #include "unit.h"
 
 struct unit_memory {
@@ -19,14 +19,14 @@ static void show(const ant_plan *plan, double *v) {
 /* Nothing was planned yet: the pressures that are measured are held. */
 void unit_begin(unit_memory *memory, double *v) {
     ant_reset(&memory->controller);
-    memory->plan.u[0][0] = (ant_real)v[UNIT_P1];
-    memory->plan.u[0][1] = (ant_real)v[UNIT_P2];
+    memory->plan.u[0][0] = ant_commandable((ant_real)v[UNIT_P1]);
+    memory->plan.u[0][1] = ant_commandable((ant_real)v[UNIT_P2]);
     memory->plan.status = ANT_PLAN_OPTIMAL;
     memory->plan.rung = ANT_RUNG_HOLD;
     show(&memory->plan, v);
 }
 
-void unit_advance(unit_memory *memory, double *v) {
+int unit_advance(unit_memory *memory, double *v) {
     const ant_reading reading = {(ant_real)v[UNIT_THETA], (ant_real)v[UNIT_P1], (ant_real)v[UNIT_P2]};
     ant_reference reference;
     for (int k = 0; k <= ANT_AHEAD; k++) {
@@ -36,4 +36,5 @@ void unit_advance(unit_memory *memory, double *v) {
     ant_tune(&memory->controller, &ANT_TUNING); /* a state may come from another process, with its addresses */
     ant_step(&memory->controller, &reading, &reference, &memory->plan);
     show(&memory->plan, v);
+    return 1; /* whatever comes in, the controller's status tells */
 }

@@ -1,4 +1,6 @@
 /* A plant as an FMU: commands in, motion out. */
+#include <math.h>
+
 #include "plant.h"
 #include "unit.h"
 
@@ -27,8 +29,11 @@ void unit_begin(unit_memory *memory, double *v) {
     show(&memory->plant, v);
 }
 
-void unit_advance(unit_memory *memory, double *v) {
+int unit_advance(unit_memory *memory, double *v) {
     const double u[2] = {v[UNIT_U1], v[UNIT_U2]};
     ant_plant_advance(&memory->plant, u, v[UNIT_D]);
     show(&memory->plant, v);
+    int finite = isfinite(v[UNIT_K]) && isfinite(v[UNIT_T]);
+    for (int k = 0; k < ANT_PLANT_STATES; k++) finite = finite && isfinite(memory->plant.full[k]);
+    return finite;
 }

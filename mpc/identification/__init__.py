@@ -1,0 +1,3 @@
+"""Plants identified from logs: their files, the errors of these files, and the command `antagonist fit-motion`."""
+
+__all__: list[str] = []

@@ -1,0 +1,156 @@
+"""Command `antagonist fit-motion`: lags, hysteresis and a plant from the log of a moving joint."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import Progress, TimeElapsedColumn
+from rich.table import Table
+
+from allocator.errors import InvalidInput
+from allocator.identification.columns import parse_columns
+from allocator.identification.motion.fit import STEPS, fit_motion
+from allocator.identification.motion.reading import read_motion_log
+from allocator.identification.motion.result import LABELS, MotionFit
+from allocator.identification.muscle.cli import columns_option
+from allocator.identification.options import DropSpikes, SkipRows
+from allocator.joint.storage import joint_from, scale_known_in
+from allocator.muscles import storage
+from allocator.presentation.plotting import save_figure
+from allocator.shell.outputs import IMAGES, Force, check_ending, claim
+from allocator.shell.printing import AsJSON, print_json, say
+from allocator.units import DEG
+
+if TYPE_CHECKING:
+    from mpc.identification.plant import IdentifiedPlant
+
+
+def fit_motion_command(
+    log: Annotated[
+        Path, typer.Argument(help="CSV with time [s], theta [deg], pressure1 [bar], pressure2 [bar]; see above.")
+    ],
+    joint: Annotated[
+        Path | None, typer.Option(help="Joint of the same kind, a TOML file of fit-joint: needed for --out.")
+    ] = None,
+    columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
+    skip_rows: SkipRows = 0,
+    drop_spikes: DropSpikes = False,
+    out: Annotated[Path | None, typer.Option(help="Write the plant to this TOML file, for --joint.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw free run, residuals and hysteresis into this image.")] = None,
+    force: Force = False,
+    as_json: AsJSON = False,
+) -> None:
+    """Fit lags, dead time, dead band, hysteresis, inertia and damping to the log of a moving joint without load.
+
+    Columns by name with unit: time [s]; theta [deg]; pressure1 [bar] and pressure2 [bar] (agonist, antagonist; gauge;
+    commanded or measured); in these or other units and words (P1_kPa, phi [rad]). Everything is found by predicting the
+    angle from the pressures alone. A minute or more of random steps of both pressures tells most; a log
+    of slow sweeps shows the width of the hysteresis instead. Begin the log at rest: the prediction does, too.
+
+    In the tables, taut rows are those without a pressure below 1.5 bar; gain is the slope of the static angle over that
+    of --joint (1: they agree); inertia and damping are divided by the joint's stiffness, and without the division in
+    the file of --out.
+    """
+    check_ending("--plot", plot, IMAGES)
+    claim(out, plot, inputs=(log, joint), force=force)
+    if out is not None and joint is None:
+        raise InvalidInput("--out writes a plant with muscles: give --joint, a file of fit-joint to begin with")
+    console = Console(stderr=as_json)
+    data = read_motion_log(log, parse_columns(columns), skip_rows=skip_rows, drop_spikes=drop_spikes)
+    for note in data.notes:
+        say(console, note)
+    content = None if joint is None else storage.read(joint)
+    given = None if content is None else joint_from(joint or "", content, scale_needed=False)
+    with Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True) as bar:
+        task = bar.add_task("fitting", total=STEPS)
+        fit = fit_motion(
+            data.t,
+            data.theta,
+            data.P1,
+            data.P2,
+            joint=given,
+            scale_known=content is None or scale_known_in(content),
+            progress=lambda step: bar.update(task, advance=1, description=step),
+        )
+    plant = None if joint is None else _plant(fit, joint)
+    if as_json:
+        print_json(_values(fit, plant))
+    else:
+        _describe(fit, plant, console)
+    if out is not None and plant is not None:
+        plant.save(out)
+        say(console, f"written: {out}")
+    if plot is not None:
+        _draw(fit, plot)
+        say(console, f"written: {plot}")
+
+
+def _plant(fit: MotionFit, joint: Path) -> "IdentifiedPlant":
+    from mpc.identification.plant import IdentifiedPlant
+    from mpc.model.plant import NUMBERS
+    from mpc.model.storage import stored_numbers
+
+    return IdentifiedPlant.of(fit, stored_numbers(joint, NUMBERS))
+
+
+def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console) -> None:
+    """Print what was found, how far to trust it, and what the log does not tell."""
+    errors = {
+        "all rows": fit.error,
+        "last 40 %, predicted from the rest": fit.held_out,
+        "five blocks, each predicted from the others": fit.left_out,
+    }
+    if plant is not None:
+        errors |= {
+            "the plant's file, all rows": plant.errors,
+            "the plant's file, last 40 % from the rest": plant.held_out,
+        }
+    table = Table("rows", "free run [°]", "taut rows [°]", title="error of the free run, RMS")
+    for name, error in errors.items():
+        table.add_row(name, f"{error.every / DEG:.2f}", f"{error.taut / DEG:.2f}")
+    console.print(table)
+    bands = fit.bands
+    say(
+        console,
+        f"95 % band of predicted angles: ± {bands.taut / DEG:.2f}° in taut rows, ± {bands.other / DEG:.2f}° in others, "
+        f"coverage of left-out blocks {bands.coverage:.1%}",
+    )
+    table = Table("", "value", "95 % interval", "unit", title="what the motion shows")
+    for name, e in fit.parameters.items():
+        label = LABELS[name]
+        low, high = (f"{end / label.unit:.3g}" for end in (e.low, e.high))
+        table.add_row(label.quantity, f"{e.value / label.unit:.3g}", f"{low} … {high}", label.symbol)
+    console.print(table)
+    if plant is not None:
+        if not fit.scale_known:
+            say(console, "the joint's force scale is unknown: inertia, damping and stiffness are known up to it")
+        if plant.assumed:
+            say(console, f"assumed, since this log does not show it: {' and '.join(plant.assumed)} of the plant")
+    else:
+        say(console, "no joint was given: the static angle is a polynomial of the pressures, and there is no plant")
+    for warning in fit.warnings:
+        say(console, f"beware: {warning}")
+    for sentence in fit.unseen:
+        say(console, f"not seen by this log: {sentence}")
+
+
+def _values(fit: MotionFit, plant: "IdentifiedPlant | None") -> dict[str, Any]:
+    """Return what `--json` prints."""
+    H = fit.operator
+    hysteresis = {"weights": H.weights, "thresholds_deg": [r / DEG for r in H.thresholds], "base": H.base}
+    values = {**fit.to_dict(), "hysteresis": hysteresis, "unseen": fit.unseen, "warnings": fit.warnings}
+    if plant is None:
+        return values
+    of_file = {"rms": plant.errors, "rms_last_40_percent": plant.last, "held_out": plant.held_out}
+    told = {f"plant_{name}_deg": errors.every / DEG for name, errors in of_file.items()}
+    return {**values, **told, "plant_assumed": plant.assumed}
+
+
+def _draw(fit: MotionFit, path: Path) -> None:
+    from allocator.identification.motion.plotting import plot_motion_fit
+
+    save_figure(plot_motion_fit(fit), path, dpi=120)
+
+
+__all__ = ["fit_motion_command"]

@@ -1,0 +1,162 @@
+"""Plant of a `MotionFit`: the file that holds it, and the errors of that file over the log.
+
+Everything that was fitted is in the file. Where the log does not show inertia or damping, the file has those of the
+caller, or else of `Plant()`, unless the log contradicts them: then they are too small to be seen in it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Self
+
+from allocator.files.atomic import write_text
+from allocator.identification.motion.result import Errors, MotionFit, MovingJoint
+from allocator.joint import storage
+from allocator.muscles.storage import toml
+from allocator.units import DEG
+from mpc.identification.replay import COMMANDED, IMPOSED, Replay, replay
+from mpc.model.plant import Plant
+
+_REGULATORS = ("dead_time", "dead_band", "lag_up", "lag_down", "filling")
+_LEAST_BAND = 100.0  # [Pa] less is none
+_SHORTEST = 0.25  # samples of the log, below which no lag is seen
+_UNSEEN = 0.5  # samples of the log: time constants of damping, and half of it of inertia, that no log shows
+_CONTRADICTED = 1.05  # growth of the error from which on the log contradicts an inertia
+
+
+@dataclass(frozen=True)
+class IdentifiedPlant:
+    """File of a plant that was fitted to a log, and the errors of the file when it predicts angles. Immutable."""
+
+    text: str  # TOML
+    run: Replay  # of this file, over the log that it was fitted to
+    errors: Errors  # of this file over the log [rad]
+    last: Errors  # of this file over the last 40 % of the log
+    held_out: Errors  # over the last 40 %, of a file made in the same way of the first 60 % alone
+    assumed: tuple[str, ...]  # numbers of [plant] that the log does not show
+
+    @classmethod
+    def of(cls, fit: MotionFit, known: Mapping[str, Any] | None = None) -> Self:
+        """Return the plant of `fit`; `known` are inertia, damping and slew that count where the log shows none.
+
+        Raises `InvalidInput` if the fit was not given a joint.
+        """
+        rows, early = fit.log.settled, fit.early
+        unseen = _Written(fit, fit.moving_early, dict(known or {}), rows & early).best
+        final = _Written(fit, fit.moving, dict(known or {}), rows)
+        last, held_out = final.best.run.errors(~early), unseen.run.errors(~early)
+        errors = final.best.run.errors()
+        figures = {
+            "rms_deg": errors.every,
+            "rms_last_40_percent_deg": last.every,
+            "held_out_rms_deg": held_out.every,
+        }
+        text = final.text(final.best.numbers, {name: round(value / DEG, 3) for name, value in figures.items()})
+        return cls(text, final.best.run, errors, last, held_out, final.assumed)
+
+    @property
+    def plant(self) -> Plant:
+        """The plant as it is loaded from the file. Raises `InvalidFile` if its force scale is unknown."""
+        with TemporaryDirectory() as directory:
+            self.save(path := Path(directory) / "plant.toml")
+            return Plant.load(path)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the file, for every command's --joint. Raises `CannotWrite`."""
+        write_text(path, self.text)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    numbers: Mapping[str, Any]  # of [plant]
+    run: Replay
+    error: float  # over the rows that were fitted [rad]
+
+
+@dataclass(frozen=True)
+class _Written:
+    """Texts of the plant of a moving joint, with one inertia or another."""
+
+    fit: MotionFit
+    moving: MovingJoint
+    known: Mapping[str, Any]
+    used: Any  # rows that were fitted (n,)
+
+    @cached_property
+    def best(self) -> _Tried:
+        """The numbers of [plant], and the free run of the file with them."""
+        usual = {name: self.known.get(name, getattr(Plant(), name)) for name in ("inertia", "damping")}
+        if not self.assumed:
+            return self._tried(usual)
+        delay = _UNSEEN * self.fit.log.step
+        damping = self.moving.damping or self.moving.stiffness * delay
+        small = self._tried({"damping": damping, "inertia": damping * delay / 2})
+        if not self.fit.scale_known:
+            return small
+        tried = self._tried(usual)
+        return tried if tried.error < _CONTRADICTED * small.error else small
+
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """The numbers of inertia and damping that the log does not show; next to an inertia no damping is a finding."""
+        names = () if self.moving.inertia else ("damping", "inertia")
+        return tuple(name for name in names if not getattr(self.moving, name))
+
+    @cached_property
+    def _commanded(self) -> bool:
+        """True if the log shows that its pressures are commands rather than muscle pressures."""
+        return any(self.moving.values[name] for name in _REGULATORS)
+
+    @cached_property
+    def _lags(self) -> dict[str, float]:
+        shortest = _SHORTEST * self.fit.log.step
+        return {name: max(self.moving.values[name], shortest) for name in ("lag_up", "lag_down")}
+
+    def _tried(self, otherwise: Mapping[str, float]) -> _Tried:
+        """Return the file's free run with inertia and damping as seen, or as in `otherwise`."""
+        seen = {name: getattr(self.moving, name) for name in ("inertia", "damping") if name not in self.assumed}
+        lag = sum(self._lags.values()) / 2
+        numbers: dict[str, Any] = {**otherwise, **seen, **({"lag": (lag, lag)} if self._commanded else {})}
+        numbers |= {"slew": self.known["slew"]} if "slew" in self.known else {}
+        with TemporaryDirectory() as directory:
+            path = Path(directory) / "plant.toml"
+            path.write_text(self.text(numbers, {}), encoding="utf-8")
+            run = replay(path, self.fit.log)
+        return _Tried(numbers, run, run.errors(self.used).every)
+
+    def text(self, numbers: Mapping[str, Any], figures: Mapping[str, float]) -> str:
+        """Return the TOML text with these `numbers` of [plant], and `figures` for the reader."""
+        fit, values = self.fit, self.moving.values
+        source: dict[str, str | float] = {
+            "rows": fit.log.n,
+            **figures,
+            "encoder_zero_deg": self.moving.zero / DEG,
+            "pressures": COMMANDED if self._commanded else IMPOSED,
+            "unseen": "; ".join(fit.unseen),
+            "assumed": ", ".join(self.assumed),
+        }
+        lines = [*_HEADER, storage.dumps(self.moving.joint, scale_known=fit.scale_known, source=source)]
+        scale = "" if fit.scale_known else ", in the unknown scale of the joint's forces"
+        lines += [f"[plant]  # SI units: kg·m², N·m·s/rad, s, Pa/s{scale}"]
+        lines += [f"{name} = {toml(value)}" for name, value in numbers.items()]
+        if self._commanded:
+            band, filling = values["dead_band"], values["filling"]
+            regulators = {"dead_time": values["dead_time"], "dead_band": band if band >= _LEAST_BAND else 0.0}
+            regulators |= self._lags | ({"flow": 1 / filling} if filling else {})
+            lines += ["", "[regulators]  # s, Pa, s, s, Pa/s", *(f"{n} = {toml(v)}" for n, v in regulators.items())]
+        return "\n".join(lines) + "\n"
+
+
+_HEADER = (
+    "# Plant fitted to the log of a moving joint by `antagonist fit-motion`. The errors in [source] are RMS errors of",
+    "# the angle when a file is loaded and simulated over the log, without any measured angle but the first:",
+    "# rms_deg: this file, all rows but the first two seconds; it was fitted to them",
+    "# rms_last_40_percent_deg: this file, the last 40 % of the rows; it was fitted to them, too",
+    "# held_out_rms_deg: a file made in the same way of the first 60 % alone, over the last 40 %",
+    "",
+)
+
+__all__ = ["IdentifiedPlant"]

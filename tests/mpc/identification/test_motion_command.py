@@ -1,0 +1,128 @@
+"""`antagonist fit-motion` as a person meets it."""
+
+import json
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from allocator.joint.storage import load_joint, save_joint
+from allocator.units import BAR, DEG
+from mpc import Compensation, KalmanObserver, Plant
+from mpc.cli import app
+from mpc.model.hysteresis import MaxwellSlip
+
+from ...rigs.moving_joint import DEAD_TIME, JOINT, LAG
+
+mpl.use("Agg")
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["fit-motion", *map(str, arguments)])
+
+
+def write(path, header, log, rows=None):
+    table = np.column_stack([log.t, log.theta / DEG, log.P1 / BAR, log.P2 / BAR])[:rows]
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.6g")
+    return path
+
+
+@pytest.mark.slow
+def test_a_log_becomes_a_plant_a_picture_and_json(slow_joint, tmp_path):
+    log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],P2_bar", slow_joint)
+    save_joint(JOINT, tmp_path / "joint.toml")
+    out, picture = tmp_path / "plant.toml", tmp_path / "fit.png"
+    result = run(log, "--joint", tmp_path / "joint.toml", "--out", out, "--plot", picture, "--json")
+    assert result.exit_code == 0, result.output
+    said = json.loads(result.stdout)
+    assert said["lag_up_s_low"] < said["lag_up_s"] < said["lag_up_s_high"]
+    assert said["held_out_deg"] < 1.5
+    assert said["plant_rms_last_40_percent_deg"] < 1.02 * said["plant_held_out_deg"]  # the same rows, fitted or not
+    assert said["plant_rms_deg"] < 0.3
+    assert said["plant_held_out_deg"] < 0.3
+    assert 0.9 < said["band_coverage"] < 0.99
+    assert len(said["hysteresis"]["weights"]) == len(said["hysteresis"]["thresholds_deg"]) + 1
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert load_joint(out).hysteresis is not None
+    text = out.read_text(encoding="utf-8")
+    assert "[regulators]" in text
+    assert "[plant]" in text
+
+
+@pytest.mark.slow
+def test_a_log_becomes_a_plant_that_is_tracked_and_exported_and_whose_effects_controllers_are_told(
+    slow_joint, tmp_path
+):
+    log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],P2_bar", slow_joint, 1000)
+    save_joint(JOINT, tmp_path / "joint.toml")
+    path = tmp_path / "plant.toml"
+    result = run(log, "--joint", tmp_path / "joint.toml", "--out", path)
+    assert result.exit_code == 0, result.output
+    known, plant = Compensation.load(path), Plant.load(path)
+    assert known.friction == MaxwellSlip.of(load_joint(path).hysteresis)
+    assert known.dead_time == pytest.approx(DEAD_TIME, abs=0.015)
+    assert plant.lags == pytest.approx((LAG, LAG), rel=0.1)
+    observer = KalmanObserver(plant, 0.01, compensation=known)
+    for _ in range(100):
+        x, d = observer.estimate(plant.at_rest(0.0, 6.0), plant.at_rest(0.0, 6.0)[2:])
+    np.testing.assert_allclose([*x, d], [*plant.at_rest(0.0, 6.0), 0.0], rtol=0.02, atol=0.02)
+    track = ["track", "sine", "--joint", str(path), "--controller", "feedforward", "--out", str(tmp_path / "run.csv")]
+    tracked = CliRunner().invoke(app, track)
+    assert tracked.exit_code == 0, tracked.output
+    assert "told to the controller: hysteresis of the angle" in " ".join(tracked.output.split())
+    exported = CliRunner().invoke(app, ["export", "--joint", str(path), "--out", str(tmp_path / "c")])
+    assert exported.exit_code == 0, exported.output
+    assert any((tmp_path / "c").rglob("*.c"))
+
+
+@pytest.mark.slow
+def test_without_a_joint_it_says_what_was_found_and_that_there_is_no_plant(slow_joint, tmp_path):
+    result = run(write(tmp_path / "log.csv", "t [s],theta [deg],P1 [bar],P2 [bar]", slow_joint))
+    assert result.exit_code == 0, result.output
+    for text in (
+        "five blocks",
+        "95 % band of predicted angles",
+        "unit",
+        "lag of a rising pressure",
+        "hysteresis loop",
+        "not seen by this log",
+        "there is no plant",
+    ):
+        assert text in result.output
+
+
+def test_units_that_are_not_said_are_asked_for_in_one_sentence(slow_joint, tmp_path):
+    result = run(write(tmp_path / "log.csv", "t,phi,p1,p2", slow_joint, 300))
+    assert result.exit_code != 0
+    assert '--columns "theta=phi:deg,pressure1=p1:bar,pressure2=p2:bar"' in str(result.exception)
+
+
+def test_a_log_that_tells_too_little_is_refused_with_the_experiment_that_would_help(slow_joint, tmp_path):
+    result = run(write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],p2 [bar]", slow_joint, 300))
+    assert result.exit_code != 0
+    assert "300 rows over 5.98 s are too few: record a minute or more of random steps" in str(result.exception)
+
+
+def test_nothing_is_written_over_and_no_plant_without_a_joint(slow_joint, tmp_path):
+    log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],p2 [bar]", slow_joint)
+    result = run(log, "--out", tmp_path / "plant.toml")
+    assert "--out writes a plant with muscles: give --joint" in str(result.exception)
+    (tmp_path / "plant.toml").write_text("mine")
+    save_joint(JOINT, tmp_path / "joint.toml")
+    result = run(log, "--joint", tmp_path / "joint.toml", "--out", tmp_path / "plant.toml")
+    assert "exists; give another name, or --force" in str(result.exception)
+    assert (tmp_path / "plant.toml").read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_an_export_names_the_numbers_of_regulators_that_c_does_not_take(tmp_path):
+    path = tmp_path / "plant.toml"
+    Plant(JOINT).save(path)
+    with path.open("a", encoding="utf-8") as file:
+        file.write("\n[regulators]\nlag_up = 0.08\nlag_down = 0.14\nflow = 4e5\n")
+    exported = CliRunner().invoke(app, ["export", "--joint", str(path), "--out", str(tmp_path / "c")])
+    assert exported.exit_code == 0, exported.output
+    said = " ".join(exported.output.split())
+    assert "not told to the controller" in said
+    assert "lag 0.08 s of a rising pressure and lag 0.14 s of a falling pressure and flow up to 4 bar/s" in said

@@ -1,0 +1,58 @@
+"""A log of a joint whose truth is known, made by a plant of another structure than what is fitted: Maxwell slip in the
+torque, an inertia that swings, regulators that lag and wait."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allocator import BAR, DEG, report_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.plant import Plant
+from mpc.model.real_plant import RealPlant
+
+JOINT = report_joint(SAROSI_DMSP_20_400N)
+LAG, DEAD_TIME, WIDTH = 0.15, 0.06, 6 * DEG
+STEP = 0.02
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Rows that the recorder wrote."""
+
+    t: Any
+    theta: Any
+    P1: Any
+    P2: Any
+
+    @property
+    def rows(self):
+        return self.t, self.theta, self.P1, self.P2
+
+
+def recorded(plant, seconds=60.0, seed=0):
+    """Random steps of both commands, held for 0.4 to 1.5 s; the angle as an encoder of 0.05° shows it."""
+    rng, n = np.random.default_rng(seed), round(seconds / STEP)
+    under_way = plant.begin(STEP, np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR]), seed)
+    u, until, theta, commands = np.full(2, 2.5 * BAR), 0, np.empty(n), np.empty((n, 2))
+    for k in range(n):
+        if k == until:
+            u, until = rng.uniform(1.6, 3.8, 2) * BAR, k + int(rng.uniform(0.4, 1.5) / STEP)
+        theta[k], commands[k] = 0.05 * DEG * np.round(under_way.measure()[0] / (0.05 * DEG)), u
+        under_way.advance(u)
+    return Recorded(np.arange(n) * STEP, theta, *commands.T)
+
+
+@pytest.fixture(scope="session")
+def slow_joint():
+    """The joint without noticeable inertia, and what it does."""
+    plant = Plant(JOINT, inertia=0.002, damping=0.05, lag=LAG)
+    return recorded(RealPlant(plant, friction=MaxwellSlip.of_width(plant, WIDTH), dead_time=DEAD_TIME))
+
+
+@pytest.fixture(scope="session")
+def swinging_joint():
+    plant = Plant(JOINT, inertia=0.2, damping=0.4, lag=LAG)
+    return plant, recorded(RealPlant(plant, friction=MaxwellSlip.of_width(plant, WIDTH), dead_time=DEAD_TIME))
