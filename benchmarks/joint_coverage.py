@@ -1,11 +1,20 @@
 """How often the stated 95 % interval of a fitted joint's stiffness holds, under hysteresis and a wrong law.
 
-    python -m benchmarks.joint_coverage [--joints 200] [--first 0]
+    python -m benchmarks.joint_coverage [--joints 56] [--first 1000] [--catalogue]
 
-Each joint has muscles of one law (the catalogue's, or fitted to the measured map of the package), scaled, of unequal
-strength, on a pulley or a lever, an encoder zero, noise, and hysteresis that is constant in the angle or in proportion
-to the forces. A laboratory sweeps both pressures both ways and hangs a weight on either side: 100 to 250 equilibria,
-all taut. Another law than the true one is fitted. K is compared at the unloaded equilibria, in fixed θ, P1 and P2.
+Each joint has muscles of a law that is in no catalogue (`benchmarks.foreign_laws`), scaled, of unequal strength, on a
+pulley or a lever, an encoder zero, noise, and hysteresis that is constant in the angle or in proportion to the forces.
+With --catalogue the true law is one of the catalogue, or fitted to the measured map of the package, and another law
+than the true one is fitted. A laboratory sweeps both pressures both ways and hangs a weight on either side: 100 to 250
+equilibria, all taut. K is compared at the unloaded equilibria, in fixed θ, P1 and P2.
+
+Besides the coverage the report has the interval score of Gneiting and Raftery (2007), eq. 43, at 95 %, relative to K,
+
+    S = (u - l) + (2/α) (l - K)₊ + (2/α) (K - u)₊,   α = 0.05
+
+Less is better: narrow intervals that hold. Seeds below 1000 were used to choose settings; reports use others. One run
+on 56 joints from seed 2000, which were not looked at before: 95.4 % inside (91.4 % under constant hysteresis, 99.4 %
+under friction), median stated standard deviation 1.9 %, RMS error 6.5 %, interval score 0.211.
 """
 
 import argparse
@@ -23,6 +32,7 @@ from allocator.identification.joint import gradients, report
 from allocator.muscles import Hildebrandt2005, Muscle, scaled
 from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
+from benchmarks.foreign_laws import drawn
 
 MAP = "dmsp-20-300-map"
 FITTED = ("Sarosi2012", "MartensBoblan2017", "Hildebrandt2005", "AffinePolynomial")
@@ -62,6 +72,12 @@ class Covered(NamedTuple):
         """Return where the stated 95 % interval holds."""
         return np.asarray(np.abs(self.error) <= 1.96 * self.std)
 
+    @property
+    def score(self) -> Array:
+        """Return the interval score of the 95 % interval, relative to K."""
+        half, error = 1.96 * self.std / self.true, np.abs(self.error / self.true)
+        return np.asarray(2 * half + 2 / 0.05 * np.maximum(error - half, 0.0))
+
 
 @cache
 def muscles() -> dict[str, tuple[Muscle, float]]:
@@ -75,11 +91,15 @@ def muscles() -> dict[str, tuple[Muscle, float]]:
     }
 
 
-def made(seed: int) -> Made:
-    """Return joint number `seed` with its measurements."""
-    rng = np.random.default_rng([17, seed])
-    truth = list(muscles())[seed % 3]
-    muscle, length = muscles()[truth]
+def made(seed: int, foreign: bool = False) -> Made:
+    """Return joint number `seed` with its measurements; if `foreign`, its muscles have a law of no catalogue."""
+    rng = np.random.default_rng([17, seed, *([1] if foreign else [])])
+    if foreign:
+        muscle, length = drawn(rng), 0.30
+        truth = type(muscle).__name__
+    else:
+        truth = list(muscles())[seed % 3]
+        muscle, length = muscles()[truth]
     agonist = scaled(muscle, rng.uniform(0.7, 1.3))
     antagonist = scaled(agonist, rng.uniform(0.8, 1.25))
     constant = bool(seed // 3 % 2)
@@ -92,7 +112,7 @@ def made(seed: int) -> Made:
     joint = AntagonistJoint(geometry, agonist, antagonist, angle_limits=STOPS, friction=friction)
     zero, noise = rng.normal(0, 1.5 * DEG), rng.uniform(0.05, 0.3) * DEG
     P1, P2, torque, s = _programme(rng)
-    theta = _equilibria(joint, P1, P2, torque, s)
+    theta = equilibria(joint, P1, P2, torque, s)
     forces = joint.forces(np.where(np.isfinite(theta), theta, 0.0), P1, P2)
     there = np.isfinite(theta) & (np.minimum(*forces) > TAUT)
     P1, P2, torque, s, theta = (a[there] for a in (P1, P2, torque, s, theta))
@@ -116,7 +136,7 @@ def _programme(rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
     )
 
 
-def _equilibria(joint: AntagonistJoint, P1: Array, P2: Array, torque: Array, s: Array) -> Array:
+def equilibria(joint: AntagonistJoint, P1: Array, P2: Array, torque: Array, s: Array) -> Array:
     def lacking(theta: Array, P1: Array, P2: Array, torque: Array, s: Array) -> Array:
         given = joint.torque(theta, P1, P2) - joint.friction_torque(theta, P1, P2, s)
         return np.asarray(torque - given)
@@ -135,6 +155,7 @@ def covered(m: Made) -> Covered:
         direction=m.direction,
         model=m.model,
         leave_one_out=False,
+        choices=False,  # they add nothing to the covariance
     )
     free = np.flatnonzero(m.torque == 0)
     at = free[np.linspace(0, free.size - 1, _POINTS).astype(int)]
@@ -151,13 +172,14 @@ def covered(m: Made) -> Covered:
     return Covered(m, fitted, K.value - true, *std, true, others)
 
 
-def campaign(seeds: range) -> Iterator[Covered | str]:
+def campaign(seeds: range, foreign: bool = False) -> Iterator[Covered | str]:
     """Yield the coverage of each joint, or why there is no fit."""
     for seed in seeds:
+        joint = made(seed, foreign)
         try:
-            yield covered(made(seed))
+            yield covered(joint)
         except InvalidInput as error:
-            yield f"joint {seed} ({made(seed).model}): {error}"
+            yield f"joint {seed} ({joint.model}): {error}"
 
 
 def _told(found: list[Covered]) -> str:
@@ -171,26 +193,29 @@ def _told(found: list[Covered]) -> str:
         ratio, zero = (np.mean([abs(e) <= 1.96 * s for e, s in (c.others[n] for c in part)]) for n in ("ratio", "zero"))
         return (
             f"{len(part):4d} joints: K inside {inside.mean():.1%} (formal {formal.mean():.1%}), error "
-            f"{np.sqrt(np.mean(error**2)):.1%} RMS, stated std {np.median(width):.1%} (median); ratio {ratio:.1%}, "
+            f"{np.sqrt(np.mean(error**2)):.1%} RMS, stated std {np.median(width):.1%} (median), "
+            f"interval score {np.mean(np.concatenate([c.score for c in part])):.3f}; ratio {ratio:.1%}, "
             f"zero {zero:.1%}"
         )
 
     lines = [f"all            {share(found)}"]
-    for name in ("constant", "friction"):
-        lines.append(f"{name:14s} {share([c for c in found if c.made.hysteresis == name])}")
-    for model in FITTED:
-        lines.append(f"fit {model[:10]:10s} {share([c for c in found if c.made.model == model])}")
+    kinds = (lambda c: c.made.hysteresis, lambda c: f"of {c.made.truth[:11]}", lambda c: f"fit {c.made.model[:10]}")
+    for kind in kinds:
+        for name in sorted({kind(c) for c in found}):
+            lines.append(f"{name:14s} {share([c for c in found if kind(c) == name])}")
     return "\n".join(lines)
 
 
 def main() -> None:
     """Run the campaign and print how often the stated intervals hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--joints", type=int, default=200)
-    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--joints", type=int, default=56)
+    parser.add_argument("--first", type=int, default=1000)
+    parser.add_argument("--catalogue", action="store_true", help="true laws of the catalogue")
     given = parser.parse_args()
     found = []
-    for i, each in enumerate(campaign(range(given.first, given.first + given.joints)), 1):
+    seeds = range(given.first, given.first + given.joints)
+    for i, each in enumerate(campaign(seeds, foreign=not given.catalogue), 1):
         if isinstance(each, str):
             print(each, flush=True)
         else:

@@ -124,7 +124,7 @@ def _sag(laboratory: Laboratory, rng: Any) -> list[Any]:
 def judged(name: str, joint: AntagonistJoint, **given: Any) -> Result:
     """Return the fit of one laboratory beside its truth."""
     begun = time.perf_counter()
-    fit = fit_joint(**given, geometry=joint.geometry, leave_one_out=False)
+    fit = fit_joint(**given, geometry=joint.geometry, leave_one_out=False, choices=False)
     seconds = time.perf_counter() - begun
     from allocator.identification.joint.gradients import stiffness
 

@@ -1,6 +1,6 @@
 """What the choice of muscle model does to the stiffness of a joint.
 
-    python benchmarks/model_stiffness.py [--out benchmarks/results]
+    python -m benchmarks.model_stiffness [--out benchmarks/results]
 
 Every model is fitted to every measured table of the package, and two of the fitted muscles are put on the report's
 pulley (R = 2 cm, l0 = 40 cm, ε0 = 0.1375), agonist and antagonist at the same pressure, so T(0) = 0. Written are
@@ -9,7 +9,8 @@ pulley (R = 2 cm, l0 = 40 cm, ε0 = 0.1375), agonist and antagonist at the same 
 * the RMS error over the taut samples and, of samples kept from the fit, the cross-validated one;
 * K(θ = 0) at 1…5 bar ± one standard deviation from the covariance of the parameters (delta method). It tells what the
   samples leave open within a model, not the model's own error: for that look at the spread between models;
-* the band: least and greatest K over the models that are good to 2 % of full scale and keep [M].
+* the band: least and greatest K over the models that are good to 2 % of full scale and keep [M];
+* the spread of K between good models over several sets of data (`benchmarks.stiffness_spread`).
 
 Stretched samples and, of the data sheet, those below 1 bar, are left out. A K in brackets belongs to a pair of muscles
 that the model has slack at that pressure: no joint can show it.
@@ -27,6 +28,7 @@ from allocator import AntagonistJoint, Pulley
 from allocator.identification import DATASETS, Fit, load_dataset, rank_models
 from allocator.muscles import parameter_sensitivities, standard_deviation
 from allocator.units import BAR, DEG
+from benchmarks.stiffness_spread import markdown as spreads
 
 PULLEY = Pulley(rest_length=0.40, radius=0.02, initial_contraction=0.1375)
 PRESSURES = np.arange(1, 6) * BAR
@@ -116,6 +118,7 @@ def main() -> None:
         fits = [(fit, stiffness(fit)) for fit in ranking.fits]
         records += rows(table, fits)
         lines += markdown(table, fits)
+    lines += spreads()
     with (out / "model_stiffness.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, records[0])
         writer.writeheader()

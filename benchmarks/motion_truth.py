@@ -1,25 +1,29 @@
 """Moving joints of known truth are fitted from their logs: how often is the truth inside what is stated?
 
-    python -m benchmarks.motion_truth [--plants 24] [--first 0]
+    python -m benchmarks.motion_truth [--plants 24] [--first 0] [--strangers] [--gas]
 
 Each plant has another inertia, damping, lag, dead time, dead band, flow limit and hysteresis: Maxwell slip with springs
 of its own, an operator of the angle, or Dahl's friction in proportion to the pulls; none has the structure of what is
 fitted. Its log is 90 s of random steps of both pressures at 50 Hz, as commanded; every fourth has them as measured. The
 joint that the fit is given is right. A loop's true width is the mean over the log, at P1 + P2 = 5 bar. The model error
 that `fit_motion` adds to its intervals was set by these plants.
+
+With `--strangers` the joints are those of `benchmarks.motion_truth_strangers`: another law than that of the joint that
+the fit is given, Bouc–Wen hysteresis, unequal regulators; `--gas` adds the gas, which the fit does not know.
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from allocator import BAR, DEG, fit_motion, report_joint
+from allocator import BAR, DEG, AntagonistJoint, fit_motion, report_joint
 from allocator.calculus import Array
 from allocator.identification.motion.result import LABELS, MotionFit
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from benchmarks import motion_truth_strangers as other
 from mpc import Plant, RealPlant
 from mpc.model.contact import Contact
 from mpc.model.friction import Friction
@@ -27,14 +31,19 @@ from mpc.model.hysteresis import MaxwellSlip
 
 JOINT = report_joint(SAROSI_DMSP_20_400N)
 STEP, SECONDS = 0.02, 90.0  # [s]
+ENCODER = 0.03 * DEG
 KINDS = ("Maxwell slip", "operator", "Dahl")
 
 
-class Recorded(NamedTuple):
-    """A log, and the plant that wrote it."""
+Truths = dict[str, tuple[float, float]]  # range of the truth by the name of a fit's parameter
 
-    real: RealPlant
+
+class Recorded(NamedTuple):
+    """Log of a joint with its truth."""
+
     kind: str
+    joint: AntagonistJoint  # that the fit is given
+    truths: Truths
     t: Array  # [s]
     x: Array  # (n, 4), as the sensors say, the commands in the place of the pressures where these were not measured
 
@@ -53,7 +62,7 @@ def made(seed: int) -> Recorded:
         dead_time=float(rng.uniform(0.0, 0.06)),
         dead_band=float(rng.choice([0.0, 0.1, 0.2])) * BAR,
         flow=float(rng.choice([5 * BAR, np.inf])),
-        encoder=0.03 * DEG,
+        encoder=ENCODER,
         pressure_noise=0.005 * BAR,
     )
     experiment = real.begin(STEP, real.at_rest(0.0, 4.8), seed)
@@ -64,7 +73,8 @@ def made(seed: int) -> Recorded:
         y = experiment.measure()
         rows.append(y if measured else [*y[:2], *u])
         experiment.advance(u)
-    return Recorded(real, kind, STEP * np.arange(len(rows)), np.array(rows))
+    t, x = STEP * np.arange(len(rows)), np.array(rows)
+    return Recorded(kind, JOINT, truths(real, x), t, x)
 
 
 def _friction(kind: str, plant: Plant, width: float) -> object:
@@ -77,44 +87,63 @@ def _friction(kind: str, plant: Plant, width: float) -> object:
     return PrandtlIshlinskii((0.4, *(0.6 * weights)), tuple(reach * width / (1.2 * weights @ reach)), base=0.4)
 
 
-def truths(log: Recorded) -> dict[str, float]:
-    """Return what the plant of a log is, by the names of a fit's parameters."""
-    real, plant = log.real, log.real.nominal
-    P = log.x[:, 2:]
+def strangers(seeds: range, gas: bool) -> Iterator[Recorded]:
+    """Yield the logs of joints that are their own differential equation."""
+    joints = other.drawn(seeds)
+    u = np.stack([other.commands(seed, round(other.SECONDS / other.STEP)) for seed in seeds], axis=-1)
+    theta, P = other.simulated(joints, u, gas)
+    t = other.STEP * np.arange(len(u))
+    for i in range(len(seeds)):
+        read = ENCODER * np.round(theta[:, i] / ENCODER)
+        x = np.column_stack([read, np.full(t.size, np.nan), u[..., i]])
+        known = other.truths(joints, i, theta[:, i], P[..., i])
+        yield Recorded("stranger", other.given_joint(), known, t, x)
+
+
+def truths(real: RealPlant, x: Array) -> Truths:
+    """Return the parameters of a plant that wrote the rows `x` (n, 4)."""
+    plant, P = real.nominal, x[:, 2:]
     mean = plant.joint.equilibrium(*P.mean(axis=0)), 0.0, *P.mean(axis=0)
     K = float(plant.isobaric(np.array(mean, float)))
     at_five = P * (5 * BAR / P.sum(axis=1))[:, None]
-    contact = Contact(real, np.array([log.x[:, 0], 0 * log.t, *at_five.T]))
+    contact = Contact(real, np.array([x[:, 0], 0 * x[:, 0], *at_five.T]))
     known = {"inertia": plant.inertia / K, "damping": plant.damping / K, "gain": 1.0}
     known["loop_width"] = float(np.mean(2 * real.friction.most(contact) / contact.stiffness))
-    if log.x[1, 2] == log.x[2, 2]:  # commands: what regulators make of them is in the angle
+    if x[1, 2] == x[2, 2]:  # commands: what regulators make of them is in the angle
         known |= {"lag_up": plant.lags[0], "lag_down": plant.lags[1], "dead_time": real.dead_time}
         known |= {"dead_band": real.dead_band, "filling": 1 / real.flow}
-    return known
+    return {name: (value, value) for name, value in known.items()}
 
 
-def campaign(first: int, count: int) -> Iterator[tuple[Recorded, MotionFit]]:
+def campaign(logs: Iterable[Recorded]) -> Iterator[tuple[Recorded, MotionFit]]:
     """Yield the logs and their fits."""
-    for seed in range(first, first + count):
-        log = made(seed)
-        yield log, fit_motion(log.t, log.x[:, 0], log.x[:, 2], log.x[:, 3], joint=JOINT)
+    for log in logs:
+        yield log, fit_motion(log.t, log.x[:, 0], log.x[:, 2], log.x[:, 3], joint=log.joint)
 
 
 def main() -> None:
-    """Print how each plant fares, and how often the truth is inside."""
+    """Print the misses of each plant, the share of truths inside, the sharpness, and the coverage of the bands."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--plants", type=int, default=24)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--strangers", action="store_true")
+    parser.add_argument("--gas", action="store_true")
     given = parser.parse_args()
+    seeds = range(given.first, given.first + given.plants)
     inside: dict[str, list[bool]] = {}
-    for log, fit in campaign(given.first, given.plants):
-        known, missed = truths(log), []
+    ratios: list[float] = []
+    held: list[float] = []
+    for log, fit in campaign(strangers(seeds, given.gas) if given.strangers else map(made, seeds)):
+        known, missed = log.truths, []
+        held.append(fit.bands.coverage)
         for name, estimate in fit.parameters.items():
             if name in known:
-                there = estimate.low <= known[name] <= estimate.high
+                least, most = known[name]
+                there = estimate.low <= most and least <= estimate.high
                 inside.setdefault(name, []).append(there)
+                ratios.append(max(estimate.value - most, least - estimate.value, 0.0) / estimate.std)
                 label = LABELS[name]
-                said = (known[name], estimate.value, estimate.low, estimate.high)
+                said = ((least + most) / 2, estimate.value, estimate.low, estimate.high)
                 true, value, low, high = (part / label.unit for part in said)
                 missed += [] if there else [f"{label.key} {value:.3g} [{low:.3g}, {high:.3g}] for {true:.3g}"]
         print(f"{log.kind:13} free run {fit.error.every / DEG:5.2f}°  {'; '.join(missed) or 'all inside'}", flush=True)
@@ -122,6 +151,8 @@ def main() -> None:
         print(f"{LABELS[name].words:58} {np.mean(there):4.0%} of {len(there)}")
     every = np.concatenate([*inside.values()])
     print(f"{'all':58} {np.mean(every):4.0%} of {every.size}")
+    print(f"errors over stated standard deviations {np.sqrt(np.mean(np.square(ratios))):.2f} RMS")
+    print(f"bands hold {np.mean(held):.1%} of left-out blocks, {min(held):.1%} at least")
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""The governor: does it keep every limit whatever is commanded, and what margin do muscles unlike their model need?"""
+"""The governor: does it keep every limit whatever is commanded, and for all plants within the intervals it knows?"""

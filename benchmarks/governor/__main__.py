@@ -6,7 +6,7 @@ from time import process_time
 import numpy as np
 
 from allocator.units import BAR
-from benchmarks.governor.closed_loop import COMMANDERS, DT, MACHINES, SLEW, closed_loop, machine
+from benchmarks.governor.closed_loop import COMMANDERS, DT, MACHINES, SLEW, closed_loop, governor_of, machine
 from mpc.governor import GovernorStatus, PressureGovernor
 
 
@@ -20,7 +20,7 @@ def main() -> None:
         adversarial(arguments.commands)
     if arguments.arms:
         loops(arguments.arms, arguments.seconds)
-        margins(arguments.arms, arguments.seconds)
+        unknown(arguments.arms, arguments.seconds)
 
 
 def adversarial(N: int, chunk: int = 50_000) -> None:
@@ -64,18 +64,27 @@ def loops(arms: int, seconds: float) -> None:
                 )
 
 
-def margins(arms: int, seconds: float) -> None:
-    """Muscles 10 % off: how far beyond the range that was asked for they get, and so the margin that they need."""
-    print("machine  lag [s]  margin [°]  beyond the range that is left [°]: " + " ".join(COMMANDERS))
-    for name in MACHINES[:2]:  # gravity leaves the leg no rest within a smaller range
-        for lag in (0.02, 0.1):
-            for margin in (0.0, 5.0, 10.0):
-                runs = (
-                    closed_loop(name, commander, arms, seconds, lag=lag, margin=np.deg2rad(margin), off=0.1)
-                    for commander in COMMANDERS
-                )
-                found = " ".join(f"{np.degrees(r.beyond) + margin:7.2f}" for r in runs)
-                print(f"{name:8} {lag:7} {margin:11} {found}", flush=True)
+UNKNOWN: tuple[dict[str, float], ...] = (
+    {"damping": 0.1},
+    {"damping": 0.2},
+    {"mass": 0.2},
+    {"lag": 0.3},
+    {"strength": 0.1},
+    {"strength": 0.1, "damping": 0.2, "mass": 0.1, "lag": 0.2},
+)
+
+
+def unknown(arms: int, seconds: float) -> None:
+    """Random plants that differ from the model: beyond the range, with a governor that knows the intervals or not."""
+    print("machine  within ±  intervals told  corners  beyond the range [°]: " + " ".join(COMMANDERS))
+    for name in MACHINES[:2]:  # gravity leaves the leg no rest for these intervals
+        for off in UNKNOWN if name == "joint" else UNKNOWN[-1:]:
+            for told in (False, True):
+                runs = [closed_loop(name, each, arms, seconds, off=off, told=told) for each in COMMANDERS]
+                rules = governor_of(machine(name, 0.02), 0.0, tuple(off.items()) if told else ()).made.rules
+                within = ", ".join(f"{quantity} {share:.0%}" for quantity, share in off.items())
+                found = " ".join(f"{np.degrees(r.beyond):7.2f}" for r in runs)
+                print(f"{name:8} {within}  {'yes' if told else 'no'} {len(rules.lag):8} {found}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Arms under a governor, commanded by those who mean harm: how far beyond their range do the joints get?"""
+"""Arms under a governor and adversarial commands: how far beyond their range do the joints get?"""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from allocator.units import BAR
 from mpc.arm.bodies import Bodies
 from mpc.arm.learning.plant import ArmBatch, VariedArm
 from mpc.arm.model import Arm
-from mpc.governor import GovernorStatus, PressureGovernor
+from mpc.governor import GovernorStatus, Interval, PressureGovernor
 
 DT, SLEW = 0.01, 20 * BAR
 Commander = Callable[[ArmBatch, np.random.Generator, int], np.ndarray]
@@ -61,7 +61,7 @@ COMMANDERS: dict[str, Commander] = {f.__name__: f for f in (noise, held, outward
 
 
 class Run(NamedTuple):
-    """What became of arms that were commanded."""
+    """Outcome for arms that were commanded."""
 
     beyond: float  # the farthest a joint was beyond its range [rad]; negative: it kept that much off
     broken: int  # commands outside supply, slew or tautness
@@ -69,19 +69,40 @@ class Run(NamedTuple):
     moved: float  # share of commands within supply, slew and tautness that were moved
 
 
-def closed_loop(
-    name: str, commander: str, arms: int, seconds: float, *, lag: float = 0.02, margin: float = 0.0, off: float = 0.0,
-    governed: bool = True, seed: int = 0,
-) -> Run:  # fmt: skip
-    """Command so many arms for so long; every muscle's force is `off` of its model's too great or too small.
+PLACES = {"strength": "gains", "damping": "damping", "mass": "mass", "lag": "lags"}  # in rows of an `ArmBatch`
+NOTHING: Mapping[str, float] = {}
 
-    They have no end stops.
+
+def factors(batch: ArmBatch, quantity: str, share: float, rng: np.random.Generator) -> np.ndarray:
+    """Return random factors (N, …) within 1 ± `share`, half of them at the ends."""
+    shape = batch.v[:, batch.varied.places[PLACES[quantity]]].shape
+    inside = rng.uniform(-1.0, 1.0, shape)
+    return np.asarray(1 + share * np.where(rng.random(shape) < 0.5, inside, np.sign(inside)))
+
+
+@cache
+def governor_of(arm: Arm, margin: float, known: tuple[tuple[str, float], ...]) -> PressureGovernor:
+    """Return the governor that knows the quantities of `arm` within these shares."""
+    values = {"strength": 1.0, "mass": 1.0, "damping": arm.bodies.damping, "lag": arm.lag}
+    given = {quantity: Interval.about(values[quantity], share) for quantity, share in known}
+    return PressureGovernor.of_arm(arm, DT, margin=margin, **given)
+
+
+def closed_loop(
+    name: str, commander: str, arms: int, seconds: float, *, lag: float = 0.02, margin: float = 0.0,
+    off: Mapping[str, float] = NOTHING, told: bool = False, governed: bool = True, seed: int = 0,
+) -> Run:  # fmt: skip
+    """Command so many arms for so long, which have no end stops.
+
+    `off` is by which share of the model's value strength, damping, mass and lag of each arm may differ from it; of
+    these the governor is `told` intervals.
     """
     arm, rng = machine(name, lag), np.random.default_rng(seed)
     mechanism = arm.mechanism
     batch = ArmBatch(VariedArm(replace(arm, mechanism=replace(mechanism, angle_limits=None))), arms, DT)
-    batch.v[:, batch.varied.places["gains"]] += off * rng.choice([-1.0, 1.0], batch.P.shape)
-    governor = PressureGovernor.of_arm(arm, DT, margin=margin)
+    for quantity, share in off.items():
+        batch.v[:, batch.varied.places[PLACES[quantity]]] *= factors(batch, quantity, share, rng)
+    governor = governor_of(arm, margin, tuple(off.items()) if told else ())
     governor.warm_up()
     batch.P[:] = governor.made.rules.rest
     batch.q[:] = np.mean(arm.angle_limits, axis=0)

@@ -28,7 +28,7 @@ class Measurement:
     low: float = nan  # its quartiles
     high: float = nan
     wanted: float = nan  # the ratio that was asked for
-    floor: float = nan  # in the light version less than this is a failure
+    floor: float = nan  # less than this is a failure where floors are asked for
     note: str = ""
 
     @property
