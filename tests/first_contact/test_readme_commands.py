@@ -1,4 +1,4 @@
-"""The README's shell commands, in their order, in a new directory with the sample files and an empty cache."""
+"""The README's shell commands, in their order, in a new directory with the sample files."""
 
 import os
 import re
@@ -58,13 +58,7 @@ def test_the_readme_has_the_whole_way_from_a_table_to_a_controller_and_to_c():
 @pytest.mark.slow
 def test_the_readme_s_commands_run_in_their_order(tmp_path):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))}
-    environment |= {
-        "HOME": str(tmp_path),
-        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-        "PYTHONPATH": str(ROOT),
-        "PYTHONWARNINGS": "error::RuntimeWarning",
-    }
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error::RuntimeWarning"}
     for arguments in commands():
         done = subprocess.run([*START, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True)
         assert done.returncode == 0, f"antagonist {shlex.join(arguments)}: {done.stdout[-2000:]}{done.stderr[-2000:]}"

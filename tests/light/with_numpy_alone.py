@@ -37,5 +37,5 @@ def told(library, call):
 told("scipy", lambda: rank_models(load_dataset("dmsp-20-sheet")))
 told("casadi", lambda: allocate(30 * DEG, 7.5, 1.0, method="nlp"))
 told("matplotlib", lambda: feasibility_map(np.linspace(-1, 1, 5), np.linspace(6, 9, 5), 0.0).plot())
-told("scipy", lambda: mpc.TrackingMPC(plant))
+told("casadi", lambda: mpc.TrackingMPC(plant))
 print("NumPy alone: allocate, its Jacobian, maps, a mechanism, import mpc")
