@@ -21,7 +21,9 @@ PARTS: dict[str, Callable[[bool], Iterator[Measurement]]] = {
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.speed", description="Measure how fast things are.")
     parser.add_argument("--light", action="store_true", help="few rounds")
-    parser.add_argument("--floors", action="store_true", help="fail where a ratio is below its floor, on a quiet machine")
+    parser.add_argument(
+        "--floors", action="store_true", help="fail where a ratio is below its floor, on a quiet machine"
+    )
     parser.add_argument("--part", choices=PARTS, action="append", help="only this part; may be repeated")
     parser.add_argument("--out", type=Path, help="folder of speed.md and speed.csv; none is written by --light")
     arguments = parser.parse_args()
