@@ -4,6 +4,8 @@ import os
 import sys
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: every worker of the tests has a processor of its own
+
 import numpy as np
 import pytest
 from hypothesis import settings

@@ -16,6 +16,7 @@ from .curves import image, runs
 from .line_search import change, golden_section, pick
 from .weighted_search import on_paths
 
+_STILL = 4e-15  # of a pressure: a step so small is rounding
 _NEWTON = 60  # bound
 _HALVINGS = 50
 _KEPT = 4e-15  # of the scale: a level held so well is held
@@ -214,7 +215,9 @@ class _Level:
             with np.errstate(divide="ignore", invalid="ignore"):
                 step = y - excess / self.gain(y)
             inside = (step - low) * (step - high) < 0
-            y = np.where(held, y, np.where(inside, step, (low + high) / 2))
+            last, y = y, np.where(held, y, np.where(inside, step, (low + high) / 2))
+            if (np.abs(y - last) <= _STILL * np.abs(y)).all():
+                break
         return y
 
     def error(self, x, y):

@@ -22,7 +22,7 @@ from .joints import GEOMETRIES, joint_of
 from .judge import PRIORITIES, WEIGHTS, false_intervals, judged
 from .targets import made_targets, random_targets
 
-ANGLES, EACH = 2, 4
+ANGLES, EACH = 1, 6
 KINDS = {
     "shut": StiffnessKind.of("shut"),
     "agonist-shut": StiffnessKind.of((True, False)),
@@ -72,7 +72,7 @@ def reach_of(muscle, geometry, kind):
     most = [min(real.pressure_limits[1], m.max_pressure) for m in (real.agonist, real.antagonist)]
     free = np.all([interval.hi == P for interval, P in zip(box, most, strict=True)], axis=0)
     reach = image(joint, theta[free])
-    reach = reach.take(np.linspace(0, reach.theta.size - 1, ANGLES).astype(int))
+    reach = reach.take(np.linspace(0, reach.theta.size - 1, ANGLES + 2)[1:-1].astype(int))
     both = random_targets(reach, EACH, rng), made_targets(joint, reach, EACH, rng)
     return joint, reach, *both
 

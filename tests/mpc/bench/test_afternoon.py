@@ -123,6 +123,7 @@ def identified(device, hang, clock, directory):
     assert str(Cycle(device, sweep, Limits.of(ROUGH, DT), Settings(), clock=clock).run()) == "finished"
     rest, motion = read_joint_log(directory / "joint_log.csv"), read_motion_log(directory / "motion_log.csv")
     loads = {"torque": rest.torque, "direction": rest.direction, "geometry": Pulley(0.40, 0.02, 0.1375)}
+    loads["choices"] = False
     joint = fit_joint(rest.theta, rest.P1, rest.P2, **loads).joint
     found = fit_motion(motion.t, motion.theta, motion.P1, motion.P2, joint=joint)
     IdentifiedPlant.of(found).save(directory / "plant.toml")

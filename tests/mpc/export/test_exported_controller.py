@@ -65,11 +65,11 @@ def recorded(process, controller, observer, reference, failing=()):
     return done.samples, done.answers
 
 
-def pair(plant, N, compensation=None, **settings):
+def pair(plant, N, compensation=None, *, compiled=True, **settings):
     known = {} if compensation is None else {"compensation": compensation}
     return (
-        TrackingMPC(plant, N=N, **known, **settings),
-        KalmanObserver(plant, 0.01, **known),
+        TrackingMPC(plant, N=N, compiled=compiled, **known, **settings),
+        KalmanObserver(plant, 0.01, compiled=compiled, **known),
     )
 
 
@@ -285,7 +285,7 @@ def test_the_demonstration_prints_python_s_numbers(exported):
 def test_a_plant_s_gas_is_in_the_c_as_it_is_in_python(joint, precision, near, tmp_path):
     """300 steps at 1 Hz, where the gas makes a quarter of a degree, with a valve that sticks and traps it."""
     process = replace(RealPlant.standard(nominal=Plant(joint, lag=0.12, gas=True)), faults=(StuckValve(1.0, 1.4, 1),))
-    controller, observer = pair(process.nominal, 10, process.known(), weights=Weights.calm())
+    controller, observer = pair(process.nominal, 10, process.known(), weights=Weights.calm(), compiled=False)
     reference = sine(20 * DEG, 1.0, K=7.6, duration=3.0, ramp=0.5)
     samples, wanted = recorded(process, controller, observer, reference, failing={150, 151})
     directory = export(tmp_path / "c", controller=controller, observer=observer, precision=precision)

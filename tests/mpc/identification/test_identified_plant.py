@@ -90,8 +90,9 @@ def test_a_file_says_the_error_that_its_numbers_make_on_a_log_of_a_joint_that_wa
 @pytest.mark.slow
 def test_a_file_says_the_error_that_its_numbers_make_on_the_sample_log(tmp_path):
     log = read_motion_log(ROOT / "examples" / "motion_log.csv")
-    IdentifiedPlant.of(fit_motion(log.t, log.theta, log.P1, log.P2, joint=JOINT)).save(tmp_path / "plant.toml")
-    assert_the_file_is_as_it_says(tmp_path / "plant.toml", log.t, log.theta, log.P1, log.P2)
+    rows = [column[:2500] for column in (log.t, log.theta, log.P1, log.P2)]
+    IdentifiedPlant.of(fit_motion(*rows, joint=JOINT)).save(tmp_path / "plant.toml")
+    assert_the_file_is_as_it_says(tmp_path / "plant.toml", *rows)
 
 
 @pytest.fixture(scope="module")

@@ -186,7 +186,8 @@ def test_an_encoder_that_is_wrong_for_three_samples_does_not_matter(muscle):
     plant = Plant(report_joint(muscle), lag=0.12)
     K = float(np.mean(stiffness_interval(0.0, 0.0, joint=plant.joint)))
     wanted = sine(amplitude=20 * DEG, K=K, K_amplitude=0.0, duration=2.0, ramp=0.5, dt=DT)
-    controller, observer = TrackingMPC(plant, DT, 10), KalmanObserver(plant, DT)
+    controller = TrackingMPC(plant, DT, 10, compiled=False)
+    observer = KalmanObserver(plant, DT, compiled=False)
     for value in (3.2, 4.9, 6.0, 6.28):
         wrong = WrongReadings(1.0, 1.03, (0,), value)
         run = simulate(replace(RealPlant(plant), faults=(wrong,)), controller, wanted, observer=observer)

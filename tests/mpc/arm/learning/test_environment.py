@@ -24,8 +24,7 @@ VARIED = Variation(gains=0.05, lags=0.1, mass=0.1, damping=0.2)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dynamics", ["compiled", "mujoco"])
-@pytest.mark.parametrize("actions", ["pressures", "posture-stiffness"])
+@pytest.mark.parametrize(("actions", "dynamics"), [("posture-stiffness", "compiled"), ("pressures", "mujoco")])
 def test_gymnasium_s_checker_finds_nothing(actions, dynamics):
     """Its remarks are warnings, and warnings are errors here. Pictures of it need a GL; see the test of pictures."""
     task = Reaching(actions=actions, dynamics=dynamics, variation=VARIED)
