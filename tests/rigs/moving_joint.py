@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allocator import BAR, DEG, report_joint
+from allocator import BAR, DEG, fit_motion, report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc.model.hysteresis import MaxwellSlip
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
+
+from .once import once
 
 JOINT = report_joint(SAROSI_DMSP_20_400N)
 LAG, DEAD_TIME, WIDTH = 0.15, 0.06, 6 * DEG
@@ -56,3 +58,15 @@ def slow_joint():
 def swinging_joint():
     plant = Plant(JOINT, inertia=0.2, damping=0.4, lag=LAG)
     return plant, recorded(RealPlant(plant, friction=MaxwellSlip.of_width(plant, WIDTH), dead_time=DEAD_TIME))
+
+
+@pytest.fixture(scope="session")
+def slow_fit(slow_joint, tmp_path_factory):
+    """The fit of the joint without noticeable inertia."""
+    return once(tmp_path_factory, "slow_fit", lambda: fit_motion(*slow_joint.rows, joint=JOINT))
+
+
+@pytest.fixture(scope="session")
+def swinging_fit(swinging_joint, tmp_path_factory):
+    """The fit of the joint that swings."""
+    return once(tmp_path_factory, "swinging_fit", lambda: fit_motion(*swinging_joint[1].rows, joint=JOINT))

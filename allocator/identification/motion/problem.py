@@ -71,6 +71,9 @@ class MotionProblem:
     taper: float = 0.0  # share by which widths are less at the ends of the range
     one_lag: bool = False  # whether pressures rise and fall with the lag of rising ones
     _last: dict[Any, tuple[Array, Array, Array]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _last_k: dict[tuple[int, int], tuple[Array, Array, Array]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @classmethod
     def of(cls, log: MotionLog, static: Static) -> Self:
@@ -154,8 +157,16 @@ class MotionProblem:
 
     def swung(self, u: Array, P1: Array, P2: Array, x: Array, kappa: Array, step: float) -> Array:
         """Return θ (n,) [rad] of a joint that swings, for rows that are `step` [s] apart."""
-        v, k = self.values(x), np.maximum(self.static.stiffness(P1, P2) / self._usual, _LEAST_STIFF)
+        v, k = self.values(x), self._stiffness(P1, P2)
         return loops.swung(u, self._scale(u, P1, P2, x), k, kappa, self.widths, v["damping"], v["inertia"], step)
+
+    def _stiffness(self, P1: Array, P2: Array) -> Array:
+        """Return k (n,) [-] over the usual stiffness. The last answer is remembered, as that of `regulated` is."""
+        which = id(P1), id(P2)  # they are kept with it: no other arrays have their ids
+        if which not in self._last_k:
+            self._last_k.clear()
+            self._last_k[which] = P1, P2, np.maximum(self.static.stiffness(P1, P2) / self._usual, _LEAST_STIFF)
+        return self._last_k[which][2]
 
     def _scale(self, u: Array, P1: Array, P2: Array, x: Array) -> Array:
         base, middle = self.values(x)["base"], (self.log.theta.max() + self.log.theta.min()) / 2

@@ -89,9 +89,9 @@ def test_the_optimality_conditions_hold(n, m):
 
 
 @pytest.mark.slow
-def test_ten_thousand_targets_half_of_them_beyond_reach():
+def test_thousands_of_targets_half_of_them_beyond_reach():
     q = np.array([0.4, -0.3])
-    T, K = random_targets(ARM, q, 10_000, seed=1)
+    T, K = random_targets(ARM, q, 4000, seed=1)
     assert warm_up()
     a = allocate_mechanism(ARM, q, K, T)
     p = as_least_squares(ARM, q, T, K)
@@ -99,8 +99,8 @@ def test_ten_thousand_targets_half_of_them_beyond_reach():
     some = slice(None, None, 4)
     part = as_least_squares(ARM, q, T[some], K[some])
     assert kkt_by_hand(part, a.P[some] / p.unit).max() < 1e-9
-    assert a.success[:5000].all()
-    assert (~a.success).sum() > 4000
+    assert a.success[:2000].all()
+    assert (~a.success).sum() > 1600
     check_separations(a, ARM, q, T, K)
 
 

@@ -111,7 +111,7 @@ def test_one_joint_is_stopped_before_its_end_as_late_as_its_backup_allows():
 def test_joints_never_leave_their_range_on_the_model(name):
     """Pushed to their ends with all force, at random, to and fro, and in time with their own motion; n = 1 and 2."""
     for commander in COMMANDERS:
-        run = closed_loop(name, commander, arms=4, seconds=1.5)
+        run = closed_loop(name, commander, arms=3, seconds=1.0)
         assert run.beyond <= 0
         assert run.broken == run.unable == 0
         assert run.moved > 0  # there was something to be done
@@ -124,7 +124,7 @@ OFF = {"strength": 0.1, "damping": 0.2, "mass": 0.1, "lag": 0.2}
 @pytest.mark.parametrize("name", ["joint", "arm26"])
 def test_joints_never_leave_their_range_on_any_plant_within_the_intervals(name):
     """Random plants, half of their numbers at an end of its interval; a governor that is told none of it loses them."""
-    told = [closed_loop(name, commander, arms=3, seconds=1.0, off=OFF, told=True) for commander in COMMANDERS]
+    told = [closed_loop(name, commander, arms=2, seconds=1.0, off=OFF, told=True) for commander in COMMANDERS]
     assert max(run.beyond for run in told) <= 0
     assert sum(run.broken for run in told) == 0
     assert min(run.moved for run in told) < 0.2  # and it is not always the backup that acts

@@ -30,7 +30,7 @@ def write(path, header, log, rows=None):
 
 @pytest.mark.slow
 def test_a_log_becomes_a_plant_a_picture_and_json(slow_joint, tmp_path):
-    log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],P2_bar", slow_joint)
+    log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],P2_bar", slow_joint, 1500)
     save_joint(JOINT, tmp_path / "joint.toml")
     out, picture = tmp_path / "plant.toml", tmp_path / "fit.png"
     result = run(log, "--joint", tmp_path / "joint.toml", "--out", out, "--plot", picture, "--json")
@@ -78,7 +78,7 @@ def test_a_log_becomes_a_plant_that_is_tracked_and_exported_and_whose_effects_co
 
 @pytest.mark.slow
 def test_without_a_joint_it_says_what_was_found_and_that_there_is_no_plant(slow_joint, tmp_path):
-    result = run(write(tmp_path / "log.csv", "t [s],theta [deg],P1 [bar],P2 [bar]", slow_joint))
+    result = run(write(tmp_path / "log.csv", "t [s],theta [deg],P1 [bar],P2 [bar]", slow_joint, 1500))
     assert result.exit_code == 0, result.output
     for text in (
         "five blocks",

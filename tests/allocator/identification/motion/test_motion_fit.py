@@ -22,9 +22,9 @@ def inside(estimate, truth):
     return estimate.low <= truth <= estimate.high
 
 
-@pytest.fixture(scope="module")
-def fit(slow_joint):
-    return fit_motion(*slow_joint.rows, joint=JOINT)
+@pytest.fixture
+def fit(slow_fit):
+    return slow_fit
 
 
 def test_lags_and_hysteresis_of_a_plant_of_another_structure_lie_in_the_intervals(fit):
@@ -61,9 +61,8 @@ def test_where_no_joint_is_given_there_is_no_plant(slow_joint):
         _ = fit.joint
 
 
-def test_a_joint_that_swings_shows_its_inertia_and_its_hysteresis(swinging_joint):
-    plant, log = swinging_joint
-    fit = fit_motion(*log.rows, joint=JOINT)
+def test_a_joint_that_swings_shows_its_inertia_and_its_hysteresis(swinging_joint, swinging_fit):
+    (plant, _), fit = swinging_joint, swinging_fit
     K = float(plant.stiffness((0.0, 0.0, 2.7 * BAR, 2.7 * BAR)))
     assert inside(fit.parameters["inertia"], plant.inertia / K)
     assert fit.parameters["inertia"].low > 0

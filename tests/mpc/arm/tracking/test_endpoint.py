@@ -51,7 +51,7 @@ def pushed_hand(plant, force=0.2):
 
 @pytest.mark.slow
 def test_the_hand_s_stiffness_turns_as_asked(controller, plant):
-    run = simulate_arm(plant, ARM, controller, draw(ARM, turns=0.5))
+    run = simulate_arm(plant, ARM, controller, draw(ARM, turns=0.25))
     assert (np.sqrt(np.mean((run.q - run.q_ref) ** 2, axis=0)) <= 0.05 * DEG).all()
     error = np.sqrt(np.mean((run.K - run.K_ref)[50:] ** 2, axis=0)).max()
     assert error <= 0.002 * np.abs(run.K_ref).max()

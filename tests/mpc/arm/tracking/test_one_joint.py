@@ -12,7 +12,7 @@ from mpc.arm.tracking.controller import ArmMPC
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiles]
 
-JOINTS = "mckibben-pulley", "sarosi-lever", "sarosi-table"
+JOINTS = "mckibben-pulley", "sarosi-lever"
 MASS, CENTRE, INERTIA, DAMPING, LAG = 0.8, 0.15, 0.01, 0.2, 0.08
 N, STEPS = 20, 30
 SENT, PLANNED = 5e-4 * BAR, 2e-3 * BAR  # [Pa] the two integrate with steps of their own
