@@ -195,6 +195,3 @@ def _turns_at(muscle: Muscle, L: float, supply: tuple[float, float], eps: float)
         )
     ends = [lo, *(kink for kink in muscle.basis.kinks if lo < kink < hi), hi]
     return [(curve.breaks[(curve.breaks > a) & (curve.breaks < b)] - a) / (b - a) for a, b in pairwise(ends)]
-
-
-__all__ = ["GAP", "NODES", "ROUNDS", "curved_functions", "curved_numbers", "curved_sizes", "curved_tables"]

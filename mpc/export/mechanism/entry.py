@@ -219,6 +219,3 @@ def _readme(mechanism: Mechanism, single: bool) -> str:
 
 def _searched(single: bool) -> str:
     return _CURVED.format(steps=100, nodes=NODES, gap=GAP, single=_CURVED_SINGLE if single else "")
-
-
-__all__ = ["export_mechanism"]

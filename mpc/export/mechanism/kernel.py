@@ -111,6 +111,3 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         "ends": ArrayKind(INT, (K,), True),
         **dict.fromkeys(("longest", "pull", "near", "to_centre", "greatest"), REAL),
     }
-
-
-__all__ = ["kernel_files"]
