@@ -77,19 +77,3 @@ def rising_roots(f: Callable[..., Array], lo: Array, hi: Array, *args: Array, pi
     lo, hi, *args = np.broadcast_arrays(lo, hi, *args)  # type: ignore[assignment]  # a list of arrays, not a tuple
     grid = lo + (hi - lo) * np.linspace(0.0, 1.0, pieces + 1).reshape(-1, *[1] * lo.ndim)
     return increasing_root(f, grid[:-1], grid[1:], *args)
-
-
-__all__ = [
-    "Array",
-    "Mask",
-    "Value",
-    "cos",
-    "derivative",
-    "exp",
-    "increasing_root",
-    "is_symbol",
-    "log",
-    "rising_roots",
-    "sin",
-    "sqrt",
-]

@@ -242,29 +242,3 @@ def broadcast(**arrays: Array) -> tuple[Array, ...]:
     except ValueError:
         shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
         raise InvalidInput(f"shapes do not broadcast: {shapes}") from None
-
-
-__all__ = [
-    "LOOKS_LIKE_BAR",
-    "angle",
-    "angle_or_symbol",
-    "at",
-    "brief",
-    "broadcast",
-    "contraction",
-    "count",
-    "covariance",
-    "flag",
-    "limits",
-    "not_negative",
-    "number",
-    "one_of",
-    "positive_pressure",
-    "pressure",
-    "pressure_and_contraction",
-    "pressure_pair",
-    "pressures_or_symbols",
-    "probability",
-    "real",
-    "stiffness",
-]

@@ -210,5 +210,3 @@ app.command("fit", cls=Command, short_help="a muscle from measured forces (CSV)"
 app.command("fit-joint", cls=Command, short_help="a joint from angles at pressures (CSV)")(fit_joint_command)
 app.command("plan-joint", cls=Command, short_help="what to measure for fit-joint")(plan_joint_command)
 app.command("map", cls=Command, short_help="which angles, stiffnesses and torques exist")(map_command)
-
-__all__ = ["app"]

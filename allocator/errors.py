@@ -52,6 +52,3 @@ class CannotWrite(AntagonistError, OSError):
         """Say `why` the file `path` cannot be written; of an `OSError` what the system said."""
         said = (why.strerror if isinstance(why, OSError) else None) or str(why)
         super().__init__(f"{path} cannot be written ({said})")
-
-
-__all__ = ["AntagonistError", "CannotWrite", "InvalidFile", "InvalidInput", "MissingBackend", "MissingPackage"]

@@ -81,6 +81,3 @@ def why_no_inverse(joint: AntagonistJoint, isobaric: bool = True) -> str:
     if joint.affine:
         return "torque and stiffness depend on the pressures in the same way at this angle"
     return f"no pressures between {_SEARCHED[0] / 1e5:g} and {_SEARCHED[1] / 1e5:g} bar give this torque and stiffness"
-
-
-__all__ = ["affine_inverse", "inverse", "solve_inverse", "why_no_inverse"]

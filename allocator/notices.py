@@ -24,6 +24,3 @@ def notice_once(message: str, category: type[Warning]) -> None:
     if message not in _said:
         _said.add(message)
         notice(message, category)
-
-
-__all__ = ["CacheFault", "notice", "notice_once"]

@@ -52,6 +52,3 @@ def name_what_is_missing() -> None:
     """Put the finder behind all others, once."""
     if not any(isinstance(finder, _NameMissing) for finder in sys.meta_path):
         sys.meta_path.append(_NameMissing())
-
-
-__all__ = ["name_what_is_missing"]

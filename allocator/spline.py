@@ -69,6 +69,3 @@ def _staircase(values: list[float], passed: list[Value]) -> Value:
 
 def _first_fall(x: Array) -> int:
     return int(np.argmin(np.diff(x) > 0))
-
-
-__all__ = ["Spline"]

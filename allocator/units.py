@@ -15,5 +15,3 @@ DEG: Final = pi / 180  # [rad]
 MM: Final = 1e-3  # [m]
 CM3: Final = 1e-6  # [m³]
 PERCENT: Final = 1e-2  # [-]
-
-__all__ = ["BAR", "CM3", "DEG", "KPA", "MM", "MPA", "PERCENT", "PSI"]

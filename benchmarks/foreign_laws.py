@@ -136,6 +136,3 @@ def drawn(rng: np.random.Generator) -> Muscle:
         ),
     )
     return makers[int(rng.integers(len(makers)))]()
-
-
-__all__ = ["EndCapMuscle", "ForeignMuscle", "PowerMuscle", "SaturatingMuscle", "ThresholdMuscle", "drawn"]

@@ -138,6 +138,3 @@ def truths(joints: Joints, i: int, theta: Array, P: Array) -> dict[str, tuple[fl
     lags = {"lag_up": one.up[:, 0], "lag_down": one.down[:, 0]}
     ranges = {name: (float(value), float(value)) for name, value in exact.items()}
     return ranges | {name: (float(pair.min()), float(pair.max())) for name, pair in lags.items()}
-
-
-__all__ = ["SECONDS", "STEP", "commands", "drawn", "given_joint", "simulated", "truths"]

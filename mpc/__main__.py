@@ -69,5 +69,3 @@ def _in_casadi(frame: FrameType) -> bool:
 
 if __name__ == "__main__":
     main()
-
-__all__ = ["main"]

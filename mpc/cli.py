@@ -279,6 +279,3 @@ def main() -> None:
 def _one_line(message: Warning | str, *_: object, **__: object) -> None:
     """Print a warning without the line of code that it came from."""
     print(f"antagonist: {message}", file=sys.stderr)
-
-
-__all__ = ["app", "main", "track"]

@@ -34,6 +34,3 @@ class Deferred:
         """Return the attributes."""
         self.catch_up()
         return self.__dict__.copy()
-
-
-__all__ = ["Deferred"]

@@ -104,6 +104,3 @@ def init_command(
     claim(file, force=force)
     write_text(file, (resources.files("mpc") / "data" / "joint.toml").read_text(encoding="utf-8"))
     typer.echo(f"written: {file}; edit it, then try `antagonist map --joint {file}`")
-
-
-__all__ = ["PlantOptions", "init_command"]

@@ -53,6 +53,3 @@ def _solutions(problem: Problem, P1: Array, P2: Array, d1: int, d2: int) -> tupl
 
 def _quotient(dividend: Array, divisor: Array) -> Array:
     return np.asarray(np.where(divisor == 0, 0.0, dividend / np.where(divisor == 0, 1.0, divisor)))
-
-
-__all__ = ["border_points"]

@@ -116,6 +116,3 @@ def _tolerance(priority: Priority, tolerance: Any) -> float:
             "stiffness_tolerance holds for priority='torque' only: elsewhere no answers are equally good"
         )
     return value
-
-
-__all__ = ["problem_from"]

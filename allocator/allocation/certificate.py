@@ -156,6 +156,3 @@ def gap(problem: Problem, P1: Array, P2: Array) -> Array:
     second_worse = (second - least_second) / exact.gap_units(problem)[1]
     worse = np.where(first_worse > CLOSED_FORM.met, first_worse, second_worse)
     return np.asarray(np.maximum(worse, 0.0) + best.gap)
-
-
-__all__ = ["gap", "level_step", "newton_step", "residual"]

@@ -318,6 +318,3 @@ def _allocation(
         _built=problem,
         _shape=shape,
     )
-
-
-__all__ = ["METHODS", "Method", "allocate"]

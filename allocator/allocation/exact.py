@@ -136,6 +136,3 @@ def ranking(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array, Array
     if problem.priority == "torque":
         return np.abs(e_T), e_K**2 + pulled, _TIE * T_scale
     return np.abs(e_K), e_T**2 + pulled, _TIE * K_scale
-
-
-__all__ = ["Optimum", "determinant_signs", "gap_units", "ranking", "solve"]

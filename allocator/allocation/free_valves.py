@@ -73,6 +73,3 @@ def _costs(problem: Problem, a: Allocation) -> tuple[Array, Array]:
         cost = w_T * e_T**2 + w_K * e_K**2 + pulled
         return cost, cost
     return (e_T**2, e_K**2 + pulled) if problem.priority == "torque" else (e_K**2, e_T**2 + pulled)
-
-
-__all__ = ["with_free_valves"]

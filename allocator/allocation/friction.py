@@ -43,6 +43,3 @@ def with_friction(solve: Callable[[Problem], Allocation], problem: Problem, s: A
             return found
         problem = replace(problem, T=needed)
     raise InvalidInput(f"friction = {mu:g} takes more than the muscles can add at these targets")
-
-
-__all__ = ["checked_direction", "with_friction"]

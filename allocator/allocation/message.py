@@ -74,5 +74,3 @@ _DETAILS: dict[Status, Callable[[Any], str]] = {
     Status.OUTSIDE_LIMITS: lambda a: f"P1 = {a.P1 / BAR:.4g} bar, P2 = {a.P2 / BAR:.4g} bar",
     Status.NO_INVERSE: lambda a: why_no_inverse(a.joint, a.kind.isobaric),
 }
-
-__all__ = ["sentence"]

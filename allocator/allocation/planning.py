@@ -55,6 +55,3 @@ def _least_steps(pairs: Array) -> Array:
         path[s] = pairs[s, each, at]
         at = came_from[s, each, at]
     return path
-
-
-__all__ = ["planned"]

@@ -158,6 +158,3 @@ class Problem:
     def at(self, theta: Array) -> Self:
         """Return the problems with other angles `theta` (n,) [rad]."""
         return replace(self, theta=theta)
-
-
-__all__ = ["PRIORITIES", "Priority", "Problem"]

@@ -76,13 +76,3 @@ def pairs(problem: Problem, T: Array, K: Array) -> NDArray[np.intp]:
     if several.any():
         count[several], _ = search.all_pairs(problem.take(several).curves, T[several], K[several])
     return np.maximum(count, 1)
-
-
-__all__ = [
-    "pairs",
-    "stiffness_ends",
-    "stiffness_interval",
-    "stiffness_range",
-    "torque_ends",
-    "torque_intervals",
-]

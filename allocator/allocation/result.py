@@ -353,6 +353,3 @@ def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
     view = array.reshape(shape) if array.ndim != 1 or len(shape) != 1 else array.view()
     view.flags.writeable = False
     return view
-
-
-__all__ = ["Allocation", "from_fields", "shaped", "single"]

@@ -170,6 +170,3 @@ def _solve(A: Array, B: Array) -> Array:
     first = d[:, None] * B[:, 0] - b[:, None] * B[:, 1]
     second = a[:, None] * B[:, 1] - c[:, None] * B[:, 0]
     return np.stack([first, second], 1) / det[:, :, None]
-
-
-__all__ = ["jacobian"]

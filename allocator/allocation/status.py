@@ -91,6 +91,3 @@ def assess_inverse(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.i
     status = np.where(allowed, Status.EXACT, Status.OUTSIDE_LIMITS)
     status = np.where(np.isnan(P1), Status.NO_INVERSE, status)
     return found._replace(status=status.astype(np.int8))
-
-
-__all__ = ["Assessment", "Status", "assess", "assess_inverse"]

@@ -15,5 +15,3 @@ class Tolerance(NamedTuple):
 CLOSED_FORM = Tolerance(met=1e-9, binds=BINDS)
 OPTIMISER = Tolerance(met=1e-6, binds=1e-7)
 UNCERTAIN = Tolerance(met=1e-6, binds=1e-6)  # of cone programmes
-
-__all__ = ["CLOSED_FORM", "OPTIMISER", "UNCERTAIN", "Tolerance"]

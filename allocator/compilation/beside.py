@@ -114,8 +114,5 @@ def main() -> None:
     lock.unlink(missing_ok=True)
 
 
-__all__ = ["NotKept", "begin", "check_may_compile", "only_kept"]
-
-
 if __name__ == "__main__":
     main()

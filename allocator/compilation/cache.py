@@ -155,6 +155,3 @@ class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
             why = cause.strerror or str(cause)
             said = f"compiled code cannot be kept in {self.cache_path} ({why}): every new process compiles it again"
             notice_once(said, CacheFault)
-
-
-__all__ = ["Refused", "check_own", "clear_stale", "keep"]

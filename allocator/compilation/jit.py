@@ -65,6 +65,3 @@ def _unaliased() -> type:
             super().__init__(typingctx, targetctx, library, args, *rest)
 
     return Unaliased
-
-
-__all__ = ["compiled", "register"]

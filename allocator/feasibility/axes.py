@@ -75,6 +75,3 @@ def steps(name: str, low: float, high: float, step: float, unit: str) -> Array:
             f"{name}: a step of {step:g} {unit} is longer than the range from {low:g} to {high:g} {unit}"
         )
     return np.asarray(low + step * np.arange(int(count + 1e-9) + 1), np.float64)
-
-
-__all__ = ["default_stiffnesses", "default_torques", "map_axis", "steps"]

@@ -202,6 +202,3 @@ def _write(maps: dict[str, "FeasibilityMap"], out: Path, pressures: bool) -> Non
         save_figure(plot_pressures(first), out)
     else:
         save_figure((plot_maps(maps) if more else first.plot()).figure, out)
-
-
-__all__ = ["map_command"]

@@ -137,6 +137,3 @@ def checked(designs: Iterable[Any]) -> tuple[Design, ...]:
     if wrong := [d for d in found if not isinstance(d, Design)]:
         raise InvalidInput(f"design_sweep takes Design objects, not {wrong[0]!r}; see design_grid")
     return found
-
-
-__all__ = ["Design", "Performance", "checked", "design_grid", "performance"]

@@ -188,6 +188,3 @@ def _edge(limits: int, end: End) -> Edge:
     """Return the edge through these pressures."""
     problem, pair = end
     return Edge(limits, problem.theta, stiffness(problem.sides, pair), torque(problem.sides, pair), *pair)
-
-
-__all__ = ["Edge", "edges_at_angle", "edges_at_stiffness", "edges_at_torque"]

@@ -24,6 +24,3 @@ def lowest(f: Callable[..., Array], start: Array, end: Array, *args: Array, piec
         found = elementwise.find_minimum(f, bracket, args=tuple(a[between] for a in args))
         x[between] = found.x
     return np.asarray(x)
-
-
-__all__ = ["lowest"]

@@ -258,6 +258,3 @@ def _shaped(shape: tuple[int, ...], none: Mask | bool, *ends: Array | float) -> 
     size = int(np.prod(shape))
     low, high = (np.broadcast_to(np.where(none, np.nan, end).ravel(), size).reshape(shape)[()] for end in ends)
     return low, high
-
-
-__all__ = ["angle_interval", "angle_intervals", "margin", "stiffness_interval", "torque_interval", "torque_intervals"]

@@ -203,6 +203,3 @@ def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Arra
     found = a.status, a.limits, a.P1, a.P2, *((2 * a.valves[0] + a.valves[1],) if len(setting.states) > 1 else ())
     for target, array in zip(cells.arrays, found, strict=True):
         target[where] = array
-
-
-__all__ = ["Progress", "feasibility_map"]

@@ -246,6 +246,3 @@ def _halfway(curve: Array) -> tuple[Array, Array]:
     at = np.interp(lengths[-1] * np.array([0.4, 0.5, 0.6]), lengths, np.arange(len(curve)))
     before, middle, after = (np.array([np.interp(i, np.arange(len(curve)), column) for column in curve.T]) for i in at)
     return middle, (after - before) / max(np.hypot(*(after - before)), 1e-9)
-
-
-__all__ = ["limit_text", "outlines", "plot_map", "plot_maps", "plot_pressures"]

@@ -200,6 +200,3 @@ class FeasibilityMap:
         from allocator.feasibility.plotting import plot_map
 
         return plot_map(self, axes)
-
-
-__all__ = ["FeasibilityMap"]

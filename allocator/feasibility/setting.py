@@ -135,6 +135,3 @@ def _with_states(found: list[Columns], which: NDArray[np.intp]) -> Problem:
     """Return the problems with the valves of these states."""
     one, two = np.array(StiffnessKind.free)[which].T
     return replace(found[0].problem, shares=(one, two))
-
-
-__all__ = ["Columns", "Setting", "columns"]

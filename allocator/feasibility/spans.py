@@ -58,6 +58,3 @@ def _crossings(margin: Callable[..., Array], x: Array, flags: Mask, step: int, a
     )
     found[i, column] = np.where(inner == outer, inner, root)
     return found
-
-
-__all__ = ["PIECES", "spans"]

@@ -136,6 +136,3 @@ def _answer(path: Path, number: int, line: str) -> Answer:
 def _append(path: Path, values: tuple[float, ...]) -> None:
     with path.open("a", encoding="utf-8") as file:
         file.write(",".join(map(repr, map(float, values))) + "\n")
-
-
-__all__ = ["Sweep", "design_sweep"]

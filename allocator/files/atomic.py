@@ -60,6 +60,3 @@ def write_text(path: str | PathLike[str], text: str) -> None:
     """Write `text` to `path` in UTF-8, whole or not at all. Raises `CannotWrite`."""
     with replacing(path) as draft:
         draft.write_text(text, encoding="utf-8", newline="")
-
-
-__all__ = ["check_writable", "replacing", "write_text"]

@@ -81,6 +81,3 @@ def _float(cell: str) -> float:
         return float(cell.replace("\N{MINUS SIGN}", "-"))
     except ValueError:
         return float("nan")
-
-
-__all__ = ["complaint", "floats", "is_missing", "is_number", "listed", "thousands"]

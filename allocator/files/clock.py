@@ -80,6 +80,3 @@ def _days(text: str, day_first: bool) -> float:
         return float((date(year, month, day) - _EPOCH).days)
     except ValueError:
         return float("nan")
-
-
-__all__ = ["clock_seconds", "is_clock"]

@@ -176,6 +176,3 @@ def _uneven(count: int, names: list[str], found: Layout) -> str:
     above = f"has {count} values under {len(names)} column names"
     where = f" (line {found.line}; if that is not the line of names, say --skip-rows)" if len(names) == 1 else ""
     return f"{above}{where}{hint}"
-
-
-__all__ = ["FilePath", "Table", "read_table"]

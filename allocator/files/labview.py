@@ -63,6 +63,3 @@ def _is_other(name: str) -> bool:
 
 def _cells(line: str) -> list[str]:
     return [cell.strip() for cell in re.split("\t|;" if "\t" in line or ";" in line else ",", line)]
-
-
-__all__ = ["LabView", "Line", "filled_names", "fill_times", "without_headers"]

@@ -185,6 +185,3 @@ def _cells(path: FilePath, content: list[Line], separator: str) -> Iterator[Row]
             raise InvalidFile(path, what, line=content[first][0]) from None
         first = min(reader.line_num, len(content) - 1)
         yield content[reader.line_num - 1][0], row
-
-
-__all__ = ["Layout", "lay_out"]

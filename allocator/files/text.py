@@ -42,6 +42,3 @@ def _encodings(data: bytes) -> tuple[str, ...]:
         if len(zeros) >= _LEAST and zeros.count(0) > _HALF * len(zeros):
             return (encoding,)
     return "utf-8-sig", "cp1252"
-
-
-__all__ = ["FilePath", "read_text"]

@@ -16,7 +16,8 @@ import numpy as np
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.cells import listed
-from allocator.files.csv_table import FilePath, Table, read_table
+from allocator.files.csv_table import Table, read_table
+from allocator.files.text import FilePath
 from allocator.identification.headers import UNITS, Meaning, is_unit, meaning_of, quantity_named, unit_of, unit_said
 from allocator.units import BAR, DEG
 
@@ -369,6 +370,3 @@ def _without_single_rows(values: Array) -> Array:
 
 def _with_unit(number: float, unit: str) -> str:
     return f"a ratio of {number:g}" if unit == "ratio" else f"{number:g} {unit}"
-
-
-__all__ = ["ATMOSPHERE", "Column", "Measured", "parse_columns", "read_columns"]

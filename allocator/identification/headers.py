@@ -176,5 +176,3 @@ def _words(text: str) -> tuple[list[str], bool]:
 
 
 _ALL_UNITS = {unit for units in UNITS.values() for unit in units if unit} - {"ratio"}
-
-__all__ = ["UNITS", "Meaning", "is_unit", "meaning_of", "quantity_named", "unit_of", "unit_said"]

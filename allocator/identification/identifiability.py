@@ -48,6 +48,3 @@ def _in_words(direction: Array, names: tuple[str, ...], values: Array) -> str:
     relative = relative / relative[np.argmax(np.abs(relative))]
     parts = (f"{name} {r:+.2f} %" for name, r in zip(names, relative, strict=True) if abs(r) > 1e-3)
     return ", ".join(parts)
-
-
-__all__ = ["Determination", "determine"]

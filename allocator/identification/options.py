@@ -14,5 +14,3 @@ DropSpikes = Annotated[
         help="Leave out the rows of a log in which a reading jumps there and back, drops out, or is missing.",
     ),
 ]
-
-__all__ = ["DropSpikes", "SkipRows"]

@@ -158,16 +158,3 @@ def _check_unit(measured: Measured, step: float, duration: float) -> None:
 
 def _at(measured: Measured, rows: NDArray[np.intp]) -> str:
     return listed([measured.table.lines[i] for i in rows])
-
-
-__all__ = [
-    "GAP",
-    "describe_spikes",
-    "in_time",
-    "longest_stretch",
-    "note_spikes",
-    "refuse_spikes",
-    "refuse_turns",
-    "stretches",
-    "without_spikes",
-]

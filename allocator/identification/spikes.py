@@ -101,6 +101,3 @@ def _around(mask: Mask, first: int, last: int) -> NDArray[np.intp] | None:
     before = [i for i in range(max(first - _NEAR, 0), first) if not mask[i]][-3:]
     after = [i for i in range(last, min(last + _NEAR, mask.size)) if not mask[i]][:3]
     return np.array(before + after) if len(before) == len(after) == 3 else None
-
-
-__all__ = ["angle_spikes", "pressure_spikes"]

@@ -242,6 +242,3 @@ def _told(gas: TrappedGas) -> str:
     low, high = (1e6 * gas.volume_for(kappa).value for kappa in (1.0, 1.4))
     apart = f"κ and V_0 are not told apart: V_0 = {low:.3g} cm³ if κ = 1, {high:.3g} cm³ if κ = 1.4"
     return f"{at}; {apart}; turn the joint farther."
-
-
-__all__ = ["GasFit", "TrappedGas", "Uncertain", "at_rest", "fit_gas"]

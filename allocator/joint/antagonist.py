@@ -350,6 +350,3 @@ def report_joint(muscle: Muscle = TONDU_DMSP_20_400N) -> AntagonistJoint:
     """
     pulley = Pulley(rest_length=0.40, radius=0.02, initial_contraction=0.1375)
     return AntagonistJoint(pulley, muscle, muscle, angle_limits=(-125 * DEG, 125 * DEG))
-
-
-__all__ = ["AntagonistJoint", "report_joint"]

@@ -49,6 +49,3 @@ def extrapolates(joint: AntagonistJoint, theta: ArrayLike, P1: ArrayLike, P2: Ar
     """Return where (…) a muscle is used beyond what was measured; None if neither was measured."""
     found = [visit.extrapolates for visit in visits(joint, theta, P1, P2)]
     return None if not found else found[0] | found[-1]
-
-
-__all__ = ["AssumedSlack", "Extrapolated", "assumption", "assumptions", "extrapolates", "visits"]

@@ -186,9 +186,3 @@ def complex_share(frequency: Value, lag: Value) -> Value:
     """Return s τ/(1 + s τ) at s = 2πi f   (G4)"""
     s = 2j * pi * frequency * lag
     return s / (1 + s)
-
-
-__all__ = [
-    *("AIR", "Gas", "ISOBARIC", "PAIR", "Shares", "StiffnessKind", "Valves"),
-    *("complex_share", "frequencies", "lags", "storage_share"),
-]

@@ -231,6 +231,3 @@ def fraction(geometry: Geometry, *names: str) -> None:
                 f"{type(geometry).__name__}: {name} = {number:g} has to be a contraction ratio, e.g. 0.15; percent?"
             )
         object.__setattr__(geometry, name, number)
-
-
-__all__ = ["Geometry", "Lever", "Pulley", "Routing", "Table"]

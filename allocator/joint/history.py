@@ -73,6 +73,3 @@ def _settled(
         if balance(far) * here <= 0:
             return float(brentq(balance, near, far, xtol=1e-12))
     return float("nan")
-
-
-__all__ = ["PRESLIDING", "dahl", "through_friction", "through_plays"]

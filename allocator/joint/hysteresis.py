@@ -222,6 +222,3 @@ def _clipped(x: Value, low: Value, high: Value) -> Value:
 
         return ca.fmax(low, ca.fmin(high, x))
     return np.maximum(low, np.minimum(high, x))
-
-
-__all__ = ["FILLED", "PrandtlIshlinskii", "Slip", "pass_plays"]

@@ -257,17 +257,3 @@ class PressureBox:
         on_floor = np.clip((P1 - P2 + self.least_sum) / 2, left, np.maximum(left, right))
         cut = Q1 + Q2 < self.least_sum
         return np.where(cut, on_floor, Q1), np.where(cut, self.least_sum - on_floor, Q2)
-
-
-__all__ = [
-    "BINDS",
-    "COMMON_FORCE",
-    "PRIOR_FORCE",
-    "TAUT",
-    "UNSEEN",
-    "Limit",
-    "Limits",
-    "PressureBox",
-    "PressureInterval",
-    "names",
-]

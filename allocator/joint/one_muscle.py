@@ -258,5 +258,3 @@ _FLAGS = {
         Limit.ANTAGONIST_FORCE,
     ),
 }
-
-__all__ = ["STABLE", "OneMuscle"]

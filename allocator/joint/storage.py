@@ -45,20 +45,18 @@ lag_down = 0.28                # [s] while it falls
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
+from allocator.files.text import FilePath
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import AIR, Gas
 from allocator.joint.geometry import Geometry, Lever, Pulley, Table
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles import Muscle, storage
-
-FilePath = str | PathLike[str]
 
 _GEOMETRIES: Mapping[str, type[Geometry]] = {"Pulley": Pulley, "Lever": Lever, "Table": Table}
 _TABLES = (
@@ -222,6 +220,3 @@ def _muscle(path: FilePath, content: dict[str, Any], name: str) -> Muscle:
     any_kind: type[Any] = Muscle
     muscle: Muscle = storage.muscle_from(any_kind, f"{path} [{name}]", _table(path, content, name))
     return muscle
-
-
-__all__ = ["dumps", "gas_from", "gas_lines", "joint_from", "load_joint", "muscle_lines", "save_joint", "scale_known_in"]

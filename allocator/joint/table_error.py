@@ -62,6 +62,3 @@ def check(kind: str, error: TableError, arms: Array, samples: int) -> None:
         "stiffness cannot be told: the cable lifts off there or the samples are noisy or too few; smooth or split the "
         "table, sample it more finely, or describe the route by a formula"
     )
-
-
-__all__ = ["TableError", "check", "greatest", "halves"]

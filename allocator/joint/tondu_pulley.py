@@ -81,6 +81,3 @@ def _root_of_f(tau: Array, alpha: Array, beta: Array) -> Array:
         if not (np.abs(step) > 4e-16 * z).any():
             break
     return np.copysign(z, tau)
-
-
-__all__ = ["TonduPulley"]

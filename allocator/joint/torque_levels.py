@@ -83,6 +83,3 @@ def stiffness(sides: BothMuscles, pair: Pair) -> Array:
 def torque(sides: BothMuscles, pair: Pair) -> Array:
     """Return the torque T [N·m] of a pressure pair."""
     return np.asarray(sides[0].torque(pair[0]) + sides[1].torque(pair[1]))
-
-
-__all__ = ["Level", "Pair", "BothMuscles", "stiffness", "torque", "torque_interval", "torque_level"]

@@ -209,6 +209,3 @@ def _pull(mechanism: Mechanism, priority: str, weights: Any) -> float:
     if w_P <= 0 or priority != "weighted":
         raise InvalidInput(f"weights[2] = {w_P:g} cost/[Pa]² has to be positive, and belongs to priority='weighted'")
     return w_P * mechanism.pressure_limits[1] ** 2
-
-
-__all__ = ["problem_from"]

@@ -91,6 +91,3 @@ def warm_up() -> bool:
     _loop("allocate_batch", 1)(*targets, False, *sides)
     _loop("residual_batch", 1)(*targets, found.x, found.mu, 0.0, BINDS, *out, memory)
     return bool(found.rounds[0])
-
-
-__all__ = ["Solved", "loop", "residuals", "solve", "warm_up"]

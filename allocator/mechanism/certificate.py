@@ -56,6 +56,3 @@ def separation(problem: MechanismProblem, mu: Array) -> Separation:
         size = np.abs(d).max(axis=1) + ~found
         d, reach, asked = d / size[:, None], (reach - shift) / size, (asked - shift) / size
     return Separation(*(np.where(proved.reshape(-1, *[1] * (a.ndim - 1)), a, np.nan) for a in (d, reach, asked)))
-
-
-__all__ = ["Separation", "separation"]

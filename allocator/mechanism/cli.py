@@ -182,6 +182,3 @@ def _print(found: "MechanismAllocation | AtLeast") -> None:
     if a.endpoint is not None:
         say(console, f"the hand at {vector(a.x)} m has the stiffness {vector(a.K_x)} N/m")
     say(console, found.message)
-
-
-__all__ = ["Hand", "answer", "chosen", "posture", "torques"]

@@ -147,6 +147,3 @@ def _solved(
 
     problem, solved = lifting.solve(problem, solve)
     return problem, Nearby.of(problem, solved)
-
-
-__all__ = ["METHODS", "Method", "allocate_mechanism"]

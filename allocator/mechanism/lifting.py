@@ -46,6 +46,3 @@ def solve(problem: MechanismProblem, method: Callable[[MechanismProblem], Solved
             share = np.where(moved > _HARDLY * before, np.maximum(_DAMPED * share, _LEAST_SHARE), share)
         K, before = K + share[:, None, None] * (found - K), moved
     return problem, solved._replace(rounds=np.where(moved <= _SETTLED, solved.rounds, 0))
-
-
-__all__ = ["solve"]

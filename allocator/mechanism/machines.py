@@ -97,6 +97,3 @@ def machine(name: str) -> Mechanism:
     if not name.endswith(".toml"):
         raise MissingBackend("mechanism", name, [*MACHINES, "a file ending in .toml"])
     return load_mechanism(name)
-
-
-__all__ = ["MACHINES", "arm26", "arm48", "leg37", "machine"]

@@ -96,6 +96,3 @@ def _postures(mechanism: "Mechanism", hand: Hand) -> "Array":
     every = np.array(list(product(*(np.linspace(*ends, count) for ends, count in zip(limits, _PLACES, strict=True)))))
     area = np.abs(np.linalg.det(hand.endpoint.jacobian(every)))
     return np.asarray(every[area > np.sin(_BENT) * area.max()])  # det J = l1 l2 sin of the angle between the links
-
-
-__all__ = ["draw"]

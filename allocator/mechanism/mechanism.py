@@ -351,6 +351,3 @@ def _names(kind: str, names: Sequence[str], count: int) -> tuple[str, ...]:
     if isinstance(names, str) or len(names) != count or len(set(names)) != count:
         raise InvalidInput(f"{kind}_names = {names!r} have to be {count} different names")
     return tuple(map(str, names))
-
-
-__all__ = ["Mechanism", "TargetsMap"]

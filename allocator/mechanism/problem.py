@@ -176,6 +176,3 @@ class MechanismProblem:
         """Return what each muscle adds to y (N, d) at pressures (N, m) [Pa]."""
         sides = enumerate(self.muscles)
         return [self.mechanism.stacked(side.torque(P[:, j]), side.stiffness(P[:, j])) for j, side in sides]
-
-
-__all__ = ["PRIORITIES", "MechanismProblem", "Priority"]

@@ -77,6 +77,3 @@ def _qp(H: Array, g: Array, kept: Array, right: Array, lo: Array, hi: Array, sol
         solution = qpsolvers.solve_problem(problem, solver=solver, **_OPTIONS.get(solver, {}))
     duals = np.zeros(len(kept)) if solution.y is None or not len(kept) else np.asarray(solution.y)
     return (None if solution.x is None else np.asarray(solution.x)), duals
-
-
-__all__ = ["solve"]

@@ -311,6 +311,3 @@ def vector(values: Array) -> str:
 
 def _status_names(status: NDArray[np.int8]) -> NDArray[Any]:
     return np.array([MechanismStatus(int(value)).name for value in np.ravel(status)]).reshape(status.shape)
-
-
-__all__ = ["MechanismAllocation", "limit_names", "vector"]

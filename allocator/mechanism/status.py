@@ -92,6 +92,3 @@ def positive_definite(K: Array) -> Mask:
         column = left[:, i + 1 :, i] / np.where(good, pivot, 1.0)[:, None]
         left[:, i + 1 :, i + 1 :] -= column[:, :, None] * left[:, i, None, i + 1 :]
     return good
-
-
-__all__ = ["MechanismStatus", "Verdict", "decide", "positive_definite"]

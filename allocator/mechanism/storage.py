@@ -28,17 +28,15 @@ atmosphere = 101325.0
 
 from collections.abc import Mapping
 from dataclasses import fields
-from os import PathLike
 from typing import Any
 
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
+from allocator.files.text import FilePath
 from allocator.joint.storage import gas_from, gas_lines, muscle_lines
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.routes import Link, Pulleys, Routes, Sites, Tables
 from allocator.muscles import Muscle, storage
-
-FilePath = str | PathLike[str]
 
 _ROUTES: Mapping[str, type[Routes]] = {"Pulleys": Pulleys, "Sites": Sites, "Tables": Tables}
 _TABLES = ("mechanism", "routes", "muscles", "kinds", "gas", "source")
@@ -145,6 +143,3 @@ def _table(path: FilePath, content: dict[str, Any], name: str, above: str = "") 
 def _known(path: FilePath, what: str, table: dict[str, Any], names: tuple[str, ...]) -> None:
     if surplus := table.keys() - set(names):
         raise InvalidFile(path, f"{what} has no {', '.join(sorted(surplus))}; it has {', '.join(names)}")
-
-
-__all__ = ["dumps", "load_mechanism", "save_mechanism"]

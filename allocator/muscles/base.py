@@ -367,6 +367,3 @@ class AffineMuscle(Muscle):
     def pressure(self, F: Value, eps: Value) -> Array:
         """Return P = (F - B(ε))/A(ε) [Pa]."""
         return np.asarray((F - self.law(0.0, eps)) / self.gain(0.0, eps))
-
-
-__all__ = ["AffineMuscle", "Covariance", "Muscle", "NOT_A_NUMBER", "SEARCH_CEILING", "STRUCTURE"]

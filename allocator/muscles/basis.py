@@ -56,6 +56,3 @@ def sampling(basis: Basis, lo: float, hi: float, size: int) -> tuple[Array, Arra
     values = basis.functions(nodes, lo, hi, size)
     scale = np.abs(values).max(axis=0)
     return nodes, np.linalg.inv(values / scale) / scale[:, None], scale
-
-
-__all__ = ["Basis", "sampling"]

@@ -74,16 +74,3 @@ def named_muscle(name: str) -> Muscle:
     if not name.endswith(".toml"):
         raise MissingBackend("muscle", name, [*MUSCLES, "a file ending in .toml"])
     return Muscle.load(name)
-
-
-__all__ = [
-    "MARTENS_DMSP_20_300",
-    "MUSCLES",
-    "named_muscle",
-    "SAROSI_DMSP_20_200N",
-    "SAROSI_DMSP_20_400N",
-    "SOURCES",
-    "TONDU_DMSP_20_400N",
-    "TONDU_LOPEZ_LAAS_ARM",
-    "TONDU_MCKIBBEN",
-]

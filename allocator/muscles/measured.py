@@ -204,6 +204,3 @@ def _distance(corners: Array, point: Array) -> Any:
     left = along[:, 0] * apart[..., 1] - along[:, 1] * apart[..., 0] >= 0
     inside = left.all(axis=-1) & (len(corners) > 2)
     return np.where(inside, 0.0, nearest)
-
-
-__all__ = ["Edges", "MeasuredRegion", "Visit", "continued", "continued_integral", "extrapolation", "held"]

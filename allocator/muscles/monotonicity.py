@@ -41,6 +41,3 @@ def _where(what: str, wrong: Mask, taut: Mask, P: Array, eps: Array) -> str:
         f"{what} on {share:.1f} % of the taut domain, within {bars.min():.2f}–{bars.max():.2f} bar "
         f"and ε = {ratios.min():.3f}–{ratios.max():.3f}"
     )
-
-
-__all__ = ["monotonicity_failure"]

@@ -22,6 +22,3 @@ class Recipe(Generic[M]):
 
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Limits of the search, beyond which the law makes no sense."""
-
-
-__all__ = ["Recipe"]

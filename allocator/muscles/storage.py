@@ -206,6 +206,3 @@ def _text(value: str) -> str:
     if any("\ud800" <= character <= "\udfff" for character in value):
         raise InvalidInput(f"the text {value!r} has half a character (a lone surrogate), which no UTF-8 file can hold")
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-__all__ = ["covariance_rows", "dumps", "load", "muscle_from", "read", "save", "toml", "toml_key"]

@@ -40,6 +40,3 @@ def scaled(muscle: M, factor: float) -> M:
         for (name, value), power in zip(muscle.parameters.items(), powers, strict=True)
     }
     return muscle.with_parameters(values)
-
-
-__all__ = ["scaled", "strength_powers"]

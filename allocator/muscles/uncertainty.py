@@ -83,14 +83,3 @@ def force_std(muscle: Muscle, P: Array, eps: Array) -> Array:
 def slope_std(muscle: Muscle, P: Array, eps: Array) -> Array:
     """Return the standard deviation of F_ε(P, ε) [N] from the covariance of the parameters."""
     return standard_deviation(muscle, parameter_sensitivities(muscle, P, eps).slope)
-
-
-__all__ = [
-    "ParameterSensitivities",
-    "covariance_root",
-    "force_gradient",
-    "force_std",
-    "parameter_sensitivities",
-    "slope_std",
-    "standard_deviation",
-]

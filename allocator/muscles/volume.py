@@ -63,6 +63,3 @@ def checked_radius(name: str, value: object) -> float:
         hint = f"; if millimetres were meant, pass {radius / 1e3:g}" if radius > 0 else ""
         raise InvalidInput(f"{name} = {radius:g} m is no muscle's radius{hint}")
     return radius
-
-
-__all__ = ["checked", "checked_radius", "difference", "integral"]

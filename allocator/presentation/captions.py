@@ -55,6 +55,3 @@ def _fit(caption: Any, room: float) -> None:
         most = max(min(int(most * room / width), most - 1), _FEWEST)
         wrapped = (textwrap.wrap(line, most, break_long_words=False, break_on_hyphens=False) for line in lines)
         caption.set_text("\n".join("\n".join(part) for part in wrapped))
-
-
-__all__ = ["fit_captions"]

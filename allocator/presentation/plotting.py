@@ -112,20 +112,3 @@ def save_figure(figure: Any, path: Any, dpi: float = 130) -> None:
     fit_captions(figure)
     with replacing(path) as draft:
         figure.savefig(draft, dpi=dpi)
-
-
-__all__ = [
-    "FILL",
-    "GREY",
-    "QUANTITIES",
-    "Quantity",
-    "categories",
-    "degree_ticks",
-    "legend_outside",
-    "light",
-    "name_axes",
-    "new_axes",
-    "new_figure",
-    "save_figure",
-    "shades",
-]

@@ -39,6 +39,3 @@ def explore(draw: Callable[..., Any], **ranges: Range) -> dict[str, Any]:
     for slider in sliders.values():
         slider.observe(lambda change: picture.update(figure()), names="value")
     return sliders
-
-
-__all__ = ["Range", "explore"]

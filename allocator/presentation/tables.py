@@ -34,6 +34,3 @@ def html_table(title: str, rows: Iterable[Sequence[str]], header: Sequence[str] 
 
     body = "".join(line("td", row) for row in rows)
     return f"<table><caption>{escape(title)}</caption>{line('th', header) if header else ''}{body}</table>"
-
-
-__all__ = ["first_of", "html_table", "number", "span"]

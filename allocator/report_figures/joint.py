@@ -78,6 +78,3 @@ def _grown(where: Mask) -> Mask:
     """Return one point more at either end, so that differently drawn parts of a curve meet."""
     padded = np.pad(where, 1)
     return np.asarray(padded[:-2] | padded[1:-1] | padded[2:])
-
-
-__all__ = ["FESTO_STIFFNESSES", "MCKIBBEN_STIFFNESSES", "figure_3", "figure_8", "figure_8_marked", "mckibben_joint"]

@@ -127,6 +127,3 @@ def _levels() -> str:
 
 def _bar(P: float) -> str:
     return f"{P / BAR:g} bar"
-
-
-__all__ = ["ALPHA0", "PRESSURES", "R0", "figure_1b", "figure_5b", "figure_6", "figure_7", "readings"]

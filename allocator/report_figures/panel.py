@@ -61,6 +61,3 @@ def _legend(axes: Any, colours: Iterable[tuple[str, Any]], styles: Iterable[tupl
     for style, meaning in styles:
         axes.plot([], [], color="0.4", label=meaning, **STYLES[style])
     legend_outside(axes)
-
-
-__all__ = ["STYLES", "Curve", "Panel", "draw"]

@@ -344,5 +344,3 @@ FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *(least, better, enqueue, foremost, both, cost, moved, falls_and_rises, gradient, descend, convex),
     *(bounded, floor_bound, distance),
 )
-
-__all__ = ["FUNCTIONS", "weighted"]

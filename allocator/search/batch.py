@@ -122,6 +122,3 @@ def _several(out: Array) -> tuple[NDArray[np.intp], Array]:
     count = out[:, 0].astype(np.intp)
     listed = out[:, 1:].reshape(len(out), MOST, 2)[:, : int(count.max(initial=0))]
     return count, np.where(np.arange(listed.shape[1])[:, None] < count[:, None, None], listed, np.nan)
-
-
-__all__ = ["Curves", "all_pairs", "determinant_signs", "optima", "prepare", "ready", "torque_intervals"]

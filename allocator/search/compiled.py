@@ -31,6 +31,3 @@ def _versioned(loop: jit.Function) -> jit.Function:
         return loop(*arguments) if version > 0 else None
 
     return entry
-
-
-__all__ = ["compiled"]

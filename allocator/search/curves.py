@@ -350,9 +350,3 @@ FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *(quadratic_zeros, polynomial_zeros, polynomial_zero, polynomial_slope, polynomial_bound, derivative_bounds),
     *(next_guess, narrowed, pressure_at),
 )
-
-__all__ = [
-    *("CHEBYSHEV", "EXPONENTIAL", "QUADRATIC", "RATIONAL"),
-    *("K_P", "K_T", "P_K", "P_T", "T_K", "T_P"),
-    *("FUNCTIONS", "HEAD", "at", "narrowed", "next_guess", "pieces", "pressure_at"),
-]

@@ -64,5 +64,3 @@ def signs(one, two, box, out):
 
 LOOPS: dict[str, Callable[..., Any]] = {"optima": optima, "pairs": pairs, "intervals": intervals, "signs": signs}
 FUNCTIONS = (*LOOPS.values(), snapped)
-
-__all__ = ["FUNCTIONS", "LOOPS", "MOST"]

@@ -264,5 +264,3 @@ FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *(nearest, flat, crossings, nearest_on_floor, corner, extreme, chosen, all_pairs, determinant_sign),
     *(spans, value_at, merged, level, paired, parts, add, stretch, ordered),
 )
-
-__all__ = ["FUNCTIONS", "all_pairs", "chosen", "crossings", "determinant_sign", "level", "nearest", "spans"]

@@ -157,6 +157,3 @@ def _significant(coefficients: Array, greatest: Array) -> Array:
     """
     share = np.abs(coefficients) * greatest[:, None]
     return np.where(share > _TAIL * share.max(axis=0), coefficients, 0.0)
-
-
-__all__ = ["rows"]

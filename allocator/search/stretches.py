@@ -181,5 +181,3 @@ def stationary(X, A, B, free, other, segments, view):
 FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *(state, follow, slope, along, halfway, bend, band, sag, within, root, stationary),
 )
-
-__all__ = ["FUNCTIONS", "along", "follow", "sag", "slope", "state", "within"]

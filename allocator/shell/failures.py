@@ -88,6 +88,3 @@ def _tracker() -> str:
         urls = []
     known: dict[str, str] = dict(url.split(", ", 1) for url in urls)
     return known.get("Issues", "the project's issue tracker")
-
-
-__all__ = ["run"]

@@ -131,6 +131,3 @@ class JointOptions:
                 f"--radius and --initial-contraction are for a pulley; {self.joint} has a {type(base).__name__}"
             )
         return replace(base, **given) if given else base
-
-
-__all__ = ["JointOptions"]

@@ -51,6 +51,3 @@ class MechanismOptions:
             raise InvalidInput(
                 "--mechanism goes without the options of a joint; a mechanism's muscles stand in its file"
             )
-
-
-__all__ = ["MechanismOptions"]

@@ -76,6 +76,3 @@ def numbers(option: str, text: str, fewest: int, most: int, example: str) -> lis
         forms = " or ".join(("NUMBER", "LOW:HIGH", "LOW:HIGH:STEP")[fewest - 1 : most])
         raise InvalidInput(f"{option} {text}: expected {forms}, such as {example}")
     return found
-
-
-__all__ = ["Command", "finite", "grouped", "numbers", "within"]

@@ -41,6 +41,3 @@ def check_ending(option: str, path: Path | None, endings: tuple[str, ...]) -> No
     """Insist that the ending of `path` is one of these."""
     if path is not None and path.suffix.lower() not in endings:
         raise InvalidInput(f"{option} {path}: the ending has to be one of {', '.join(endings)}")
-
-
-__all__ = ["IMAGES", "Force", "check_ending", "claim"]

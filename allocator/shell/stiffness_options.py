@@ -54,6 +54,3 @@ def _stored_lag(path: Path | None) -> Any:
     if not isinstance(plant, dict):
         raise InvalidFile(str(path), "[plant] has to be a table")
     return plant.get("lag", _LAG)
-
-
-__all__ = ["StiffnessOptions"]

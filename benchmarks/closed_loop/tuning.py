@@ -28,7 +28,8 @@ from benchmarks.closed_loop.cases import CASES, EVERY, MODEL, TOLD
 from benchmarks.closed_loop.report import ASKED
 from benchmarks.closed_loop.runs import figures, run_case
 from mpc import KalmanObserver, TrackingMPC, Weights
-from mpc.observer.kalman import Differentiator, Noise, Observer
+from mpc.observer.base import Differentiator, Observer
+from mpc.observer.filter import Noise
 from mpc.trials.simulation import Controller
 from mpc.yardsticks.baselines import PIDControl, PIDGains, PredictivePIDControl
 

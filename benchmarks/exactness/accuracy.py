@@ -83,6 +83,3 @@ def _score(
         float("nan") if gap is None else float(np.max(gap)),
         float("nan") if pairs is None else float(np.mean(np.asarray(pairs) > 1)),
     )
-
-
-__all__ = ["ANGLES", "INTERVALS", "Score", "scores"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from allocator.units import BAR, DEG
-from benchmarks.closed_loop.cases import PLANTS, STANDARD, VARIANTS
+from benchmarks.closed_loop.cases import PLANTS, VARIANTS
 from mpc.model.faults import (
     BrokenCable,
     DriftingSensor,
@@ -18,7 +18,6 @@ from mpc.model.faults import (
 )
 from mpc.model.real_plant import RealPlant
 from mpc.observer.health import FaultKind, Part, Suspect
-from mpc.trials.trajectories import TRAJECTORIES
 
 K = 5.5  # [N·m/rad] about which the trajectories are
 
@@ -77,6 +76,3 @@ def with_fault(plant: str, fault: str, onset: float) -> RealPlant:
 def with_load(plant: str, load: float) -> RealPlant:
     """The plant of that name under `load` [N·m]."""
     return replace(SOUND[plant], torque_profile=((LOAD_FROM, load),))
-
-
-__all__ = ["FAULTS", "K", "LOADS", "MOVED", "ONSETS", "SOUND", "STANDARD", "TRAJECTORIES", "Case"]

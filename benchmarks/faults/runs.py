@@ -9,7 +9,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from benchmarks.closed_loop.cases import SETTINGS
-from benchmarks.faults.cases import FAULTS, FAULTY, LOADS, MOVED, ONSETS, SOUND, TRAJECTORIES, K, with_fault, with_load
+from benchmarks.faults.cases import FAULTS, FAULTY, LOADS, MOVED, ONSETS, SOUND, K, with_fault, with_load
 from mpc import KalmanObserver, Run, simulate
 from mpc.model.faults import DriftingSensor, Fault
 from mpc.model.real_plant import RealPlant
@@ -17,6 +17,7 @@ from mpc.observer.health import Health, Suspect
 from mpc.trials.loops import loop
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller
+from mpc.trials.trajectories import TRAJECTORIES
 
 AFTERWARDS = 5.0  # [s] that a run goes on with its fault
 NAMED_AFTER = 1.0  # [s] after the alarm that the name counts

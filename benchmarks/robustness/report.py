@@ -96,6 +96,3 @@ def _compared(pairs: Sequence[Compared]) -> str:
         return ""
     samples, differing = sum(pair.samples for pair in pairs), sum(pair.differing for pair in pairs)
     return _C.format(samples=samples, differing=differing, away=max(pair.away for pair in pairs))
-
-
-__all__ = ["NAME", "write"]

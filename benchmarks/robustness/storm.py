@@ -101,6 +101,3 @@ def broken(run: Run) -> list[str]:
         }.items()
         if wrong
     ]
-
-
-__all__ = ["Compared", "Part", "Recovery", "broken", "compared", "driven", "recoveries"]

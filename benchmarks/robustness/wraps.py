@@ -64,6 +64,3 @@ def runs(law: str, name: str) -> Iterator[Wrong]:
             for value in WRAPS:
                 fault = WrongReadings(BEGIN, BEGIN + samples * DT, (0,), value, added)
                 yield Wrong(law, name, samples, added, value, error(fault), usual)
-
-
-__all__ = ["CONTROLLERS", "LAWS", "LENGTHS", "WRAPS", "Wrong", "runs"]

@@ -263,6 +263,3 @@ def back_ends(targets: Targets) -> Iterator[Measurement]:
         repeats=(20, 1),
         rounds=3,
     )
-
-
-__all__ = ["PART", "measure", "thread_count"]

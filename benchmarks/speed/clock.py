@@ -74,6 +74,3 @@ def versus(
     low, ratio, high = np.quantile(times[:, 1] / times[:, 0], (0.25, 0.5, 0.75))
     mine, theirs = np.median(times, axis=0)
     return Measurement(part, what, mine, unit, rival, theirs, ratio, low, high, wanted, floor, note)
-
-
-__all__ = ["MISSED", "Measurement", "Work", "seconds", "versus"]

@@ -123,5 +123,3 @@ def ipopt(problems: Problems) -> Rival:
 
 
 RIVALS = {"SciPy SLSQP": slsqp, "SciPy least_squares": trust_region, "CasADi + IPOPT": ipopt}
-
-__all__ = ["RIVALS", "Problems", "Rival"]

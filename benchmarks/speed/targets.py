@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator import AntagonistJoint, report_joint
-from allocator.joint.limits import names
 from allocator.units import BAR
 
 Array = NDArray[np.float64]
@@ -50,6 +49,3 @@ class Targets:
     def rows(self) -> list[tuple[float, float, float]]:
         """The same, one target after the other."""
         return list(zip(*(x.tolist() for x in self.arrays), strict=True))
-
-
-__all__ = ["Answers", "Array", "Targets", "names"]

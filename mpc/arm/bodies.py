@@ -292,5 +292,3 @@ def leg37_bodies() -> Bodies:
 
 BODIES = {"arm26": arm26_bodies, "arm48": arm48_bodies, "leg37": leg37_bodies}
 """The bodies of the ready-made machines, which all move in a plane, by the name of the machine."""
-
-__all__ = ["BODIES", "EARTH", "Bodies", "arm26_bodies", "arm48_bodies", "leg37_bodies"]

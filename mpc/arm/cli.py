@@ -285,6 +285,3 @@ def _summary(run: "ArmRun", m: "ArmMetrics", implementation: str) -> "Table":
     for rung, steps in m.rungs.items():
         table.add_row(f"steps answered by {rung}", "", str(steps))
     return table
-
-
-__all__ = ["arm_command"]

@@ -151,6 +151,3 @@ def _line(part: Tree.Element, begin: tuple[float, float], end: tuple[float, floa
 
 def _row(*numbers: float) -> str:
     return " ".join(repr(float(number)) for number in numbers)
-
-
-__all__ = ["DRAWN", "PALE", "Drawing", "muscle_geom", "paint", "view"]

@@ -44,6 +44,3 @@ def gas_motion(arm: "Arm") -> Any:
     x = ca.vertcat(s.q, omega, s.P)
     alpha = arm.acceleration()(s.q, omega, s.P, d)
     return ca.Function("motion", [x, u, d], [ca.vertcat(omega, alpha, *rates)])
-
-
-__all__ = ["gas_motion", "squeezed"]

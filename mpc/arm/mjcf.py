@@ -134,6 +134,3 @@ def _quaternion(R: Any) -> tuple[float, ...]:
 
 def _row(*numbers: float) -> str:
     return " ".join(repr(float(number)) for number in numbers)
-
-
-__all__ = ["to_mjcf"]

@@ -395,6 +395,3 @@ class Arm:
         """Return its numbers in a line."""
         lags = "/".join(f"{lag:g}" for lag in dict.fromkeys(self.lags.tolist()))
         return f"{self.n} joints, {self.m} muscles, lag {lags} s, slew {self.slew / BAR:g} bar/s, {self.bodies.summary}"
-
-
-__all__ = ["Arm", "Statics"]

@@ -389,6 +389,3 @@ def _slew(value: Any) -> float:
     if not slew > 0 or (isfinite(slew) and slew <= checks.LOOKS_LIKE_BAR[1]):
         raise InvalidInput(f"slew = {slew:g} Pa/s has to be positive; if bar/s was meant, multiply by 1e5")
     return slew
-
-
-__all__ = ["MujocoPlant", "Readings"]

@@ -158,5 +158,3 @@ _ADVICE = [
     "OSMesa (Debian: apt install libosmesa6, then MUJOCO_GL=osmesa)",
     "a screen (MUJOCO_GL=glfw)",
 ]
-
-__all__ = ["Camera", "radii"]

@@ -136,5 +136,3 @@ class Pneumatics:
 
 
 _SLOWEST = 100.0  # [s]
-
-__all__ = ["Pneumatics"]

@@ -55,6 +55,3 @@ def _brake(plant: "MujocoPlant") -> tuple[Array, float]:
     moved = M @ modes
     step = max(min(_FINE / float(rates.max()), _COARSE), float(plant.model.opt.timestep))
     return (2 * rates * moved) @ moved.T, step
-
-
-__all__ = ["pushed_stiffness", "settle"]

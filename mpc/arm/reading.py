@@ -171,6 +171,3 @@ def _no_contacts(model: Any) -> bool:
     import mujoco
 
     return bool(model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT))
-
-
-__all__ = ["Read", "read_arm"]

@@ -26,6 +26,3 @@ class TendonJacobian:
             return np.asarray(self._data.ten_J)
         self._to_dense(self._dense, self._data.ten_J.ravel(), *self._layout)
         return self._dense
-
-
-__all__ = ["TendonJacobian"]

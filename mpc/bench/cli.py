@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from mpc.bench.safety import Ending
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
-    from mpc.observer.kalman import Observer
+    from mpc.observer.base import Observer
     from mpc.trials.simulation import Controller
 
 _EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}
@@ -384,6 +384,3 @@ def _say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> N
 def _code(ending: "Ending") -> int:
     """Return the exit code that an ending asks for."""
     return _EXITS.get(str(ending.reason), _STOPPED)
-
-
-__all__ = ["BenchOptions", "devices_command", "run_command", "sweep_command"]

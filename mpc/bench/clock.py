@@ -44,6 +44,3 @@ class SimulatedClock:
     def spend(self, duration: float) -> None:
         """Let a `duration` [s] pass, as a computation or a slow device would."""
         self._t += duration
-
-
-__all__ = ["Clock", "MonotonicClock", "SimulatedClock"]

@@ -379,6 +379,3 @@ class Cycle:
 
     def _pause(self) -> None:
         self.clock.sleep_until(self.clock.now() + _PAUSE)
-
-
-__all__ = ["CommandSource", "Cycle", "Decision", "Overrun", "Phase", "Pressures", "Settings", "Tick"]

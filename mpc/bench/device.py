@@ -61,6 +61,3 @@ class Device(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Disconnect, without a command: what is to happen to the pressures was decided before."""
-
-
-__all__ = ["Device", "DeviceError", "DeviceLost", "NoAnswer", "Reading"]

@@ -57,6 +57,3 @@ def checked(reading: Any) -> Reading:
         return Reading(*map(float, reading))
     except OverflowError:
         raise DeviceError(f"read() returned {checks.brief(reading)}, with a number that no float holds") from None
-
-
-__all__ = ["Guard", "Pressures", "checked"]

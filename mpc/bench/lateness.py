@@ -31,6 +31,3 @@ class Lateness(NamedTuple):
             f"lateness {1e3 * self.median:.3f} ms median, {1e3 * self.p99:.3f} ms for 99 %, {1e3 * self.worst:.2f} ms "
             f"at worst; {self.late} of {self.samples} samples late by over a tenth of one, {self.missed} missed"
         )
-
-
-__all__ = ["Lateness"]

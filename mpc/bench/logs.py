@@ -136,6 +136,3 @@ def _numbers(path: str | Path, number: int, line: str, n: int, whole: list[int])
     if any(not abs(values[i]) < _MOST or values[i] % 1 for i in whole):
         raise InvalidFile(path, "has a phase, count or status that is no whole number", line=number)
     return values
-
-
-__all__ = ["Record", "read_log", "run_of"]

@@ -22,7 +22,7 @@ from mpc.bench.record import Row
 from mpc.bench.safety import SafeStop, SoftStart, Watchdog
 from mpc.bench.tracking import Tracking
 from mpc.model.plant import NU, NX, Plant
-from mpc.observer.kalman import Observer
+from mpc.observer.base import Observer
 from mpc.tracking.limits import Limits
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller
@@ -124,6 +124,3 @@ def _rehearse(plant: Plant, controller: Controller, observer: Observer, referenc
     for _ in range(2):
         estimated, d = observer.estimate(seen, x[NX - NU :])
         controller.step(estimated, theta, K, d)
-
-
-__all__ = ["RealTimeLoop", "about"]

@@ -207,6 +207,3 @@ _NONE = np.empty((0, len(Row._fields)))
 
 def _named(rows: Array) -> list[tuple[str, Array]]:
     return list(zip(Row._fields, rows.T.copy(), strict=True))
-
-
-__all__ = ["INTEGERS", "UNITS", "Recorder", "Row", "header", "of_plan"]

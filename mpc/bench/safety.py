@@ -134,6 +134,3 @@ def _positive(settings: SoftStart | Watchdog | SafeStop, name: str, unit: str) -
     value = getattr(settings, name)
     if not (isfinite(value) and value > 0):
         raise InvalidInput(f"{name} = {value!r} {unit} has to be positive and finite")
-
-
-__all__ = ["Action", "Ending", "Reason", "RefusedStart", "SafeStop", "SoftStart", "Stopped", "Watchdog"]

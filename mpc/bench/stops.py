@@ -187,6 +187,3 @@ def said(error: BaseException) -> str:
         return message
     name = type(error).__name__
     return f"{name}: {message}" if message else name
-
-
-__all__ = ["EXIT", "Stops", "said"]

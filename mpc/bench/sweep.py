@@ -23,7 +23,8 @@ from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
 from allocator.identification.joint.planning.plan import JointPlan, Setpoint
 from allocator.units import BAR, DEG
-from mpc.bench.cycle import Decision, Phase, Pressures, Tick
+from mpc.bench.cycle import Decision, Phase, Tick
+from mpc.bench.guard import Pressures
 
 STEPS = 0.5 * BAR, 0.3 * BAR, 0.15 * BAR  # from how far a setpoint is approached, the first that its joint allows
 _STILL = 0.3 * DEG  # over a second, as `read_joint_log` has it
@@ -261,6 +262,3 @@ class Sweep:
 def _csv(header: str, rows: Array) -> str:
     lines = (",".join(f"{value:.9g}" for value in row) for row in rows.tolist())
     return "\n".join([header, *lines]) + "\n"
-
-
-__all__ = ["Equilibrium", "Pace", "Sweep", "Visit", "random_steps", "visits_of", "within"]

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.bench.cycle import Decision, Phase, Pressures, Tick
+from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.device import Reading
+from mpc.bench.guard import Pressures
 from mpc.bench.record import of_plan
 from mpc.bench.safety import Action, Reason, Stopped, Watchdog
 from mpc.model.plant import NX, Plant
+from mpc.observer.base import Observer
 from mpc.observer.health import WELL, Health, Reaction
-from mpc.observer.kalman import Observer
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller
 
@@ -125,6 +126,3 @@ def replay(columns: Mapping[str, Any], tracking: Tracking) -> Array:
             commands.append(decision.u)
         sent = one, two
     return np.array(commands).reshape(-1, 2)
-
-
-__all__ = ["Tracking", "replay"]

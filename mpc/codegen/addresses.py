@@ -79,6 +79,3 @@ def integers_at(address: int, length: int) -> Any:
 def signs_at(address: int, length: int) -> Any:
     """Return the array at this address."""
     return carray(_signs(address), length)
-
-
-__all__ = ["clock", "entry_of", "floats_at", "integers_at", "seconds_at", "signs_at"]

@@ -202,6 +202,3 @@ def refuse(node: ast.AST, why: str = "") -> NoReturn:
     """Raise `Unprintable` for what cannot be printed."""
     reason = f" ({why})" if why else ""
     raise Unprintable(f"line {getattr(node, 'lineno', '?')} cannot be printed{reason}: {ast.unparse(node)}")
-
-
-__all__ = ["ATOM", "SIGNS", "SUM", "Expressions", "Unit", "refuse"]

@@ -357,6 +357,3 @@ def _check_order(node: ast.Assign, pairs: Sequence[tuple[ast.expr, ast.expr]]) -
     for i, (target, _) in enumerate(pairs):
         if any(ast.unparse(target) in map(ast.unparse, ast.walk(value)) for _, value in pairs[i + 1 :]):
             refuse(node, "a value asks for a name that has just been assigned")
-
-
-__all__ = ["MIN_AND_MAX", "Printed", "c_functions", "with_called"]

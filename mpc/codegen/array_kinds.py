@@ -68,6 +68,3 @@ def declared(name: str, kind: Kind) -> str:
     if isinstance(kind, str):
         return f"{kind} {name}"
     return f"{kind.name} {name}" if isinstance(kind, TupleKind) else kind.argument(name)
-
-
-__all__ = ["INT", "REAL", "ArrayKind", "Kind", "Kinds", "StructKind", "TupleKind", "declared"]

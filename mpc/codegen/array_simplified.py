@@ -64,6 +64,3 @@ def simplified(node: ast.FunctionDef) -> ast.FunctionDef:
     """Return the function in simpler terms."""
     made: ast.FunctionDef = _Simple().visit(node)
     return made
-
-
-__all__ = ["simplified"]

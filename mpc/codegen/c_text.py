@@ -58,6 +58,3 @@ def _statements(f: Any, single: bool) -> Iterator[str]:
             yield f"{f.name_out(step.output)}[{step.entry}] = {step.expression};"
         else:
             yield f"const ant_real {step.name} = {step.expression};"
-
-
-__all__ = ["function", "number", "prototype"]

@@ -112,6 +112,3 @@ def operation_names() -> dict[int, str]:
     import casadi as ca
 
     return {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
-
-
-__all__ = ["Language", "Output", "Temporary", "Untranslatable", "operation_names", "steps"]

@@ -73,6 +73,3 @@ def assign(target: Array, source: Array) -> None:
     """
     for i in range(target.size):
         target.flat[i] = source.flat[i]
-
-
-__all__ = ["KEPT", "assign", "compiled", "compiled_flat", "exactly", "inlined", "inlined_flat", "merged"]

@@ -81,5 +81,3 @@ C = Language(
     },
     temporary="t{}",
 )
-
-__all__ = ["C", "PYTHON"]

@@ -95,6 +95,3 @@ def _directory() -> Path:
         return (root if root.is_absolute() else Path.home() / below_home) / "antagonist"
     except RuntimeError as error:
         raise FileNotFoundError(f"no directory to keep compiled code in: {error}") from None
-
-
-__all__ = ["imported", "with_formulas"]

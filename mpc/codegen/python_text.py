@@ -82,6 +82,3 @@ class _Numbers:
     def array(self) -> Array:
         """The numbers in the order of their names."""
         return np.array(self._values, float)
-
-
-__all__ = ["Source", "filling", "translated"]

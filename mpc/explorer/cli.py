@@ -50,6 +50,3 @@ def explore(
             webbrowser.open(address)
         with suppress(KeyboardInterrupt):
             serving.serve_forever()
-
-
-__all__ = ["explore"]

@@ -229,6 +229,3 @@ def _has_gas(joint: AntagonistJoint) -> bool:
     except InvalidInput:
         return False
     return True
-
-
-__all__ = ["Answer", "Question", "describe", "muscles"]

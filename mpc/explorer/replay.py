@@ -23,6 +23,3 @@ def frames(path: Path) -> dict[str, Any]:
         "stiffness_ref": [float(run.K_ref[k]) for k in every],
         "muscles": [muscles(run.plant.joint, float(run.x[k, 0]), *map(float, run.x[k, 2:])) for k in every],
     }
-
-
-__all__ = ["frames"]

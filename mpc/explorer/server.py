@@ -76,6 +76,3 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *given: Any) -> None:  # the name is that of the base class
         """Say nothing: the page shows what went wrong."""
-
-
-__all__ = ["HOST", "server"]

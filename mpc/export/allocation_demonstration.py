@@ -42,6 +42,3 @@ def allocation_lines(joint: AntagonistJoint) -> Iterator[str]:
             f"theta {theta:8.4f} rad, K {K:7.4f} N*m/rad, T {T:8.4f} N*m: "
             f"P1 {a.P1:8.1f} Pa, P2 {a.P2:8.1f} Pa, status {int(a.status)}, limits {int(a.limits)}"
         )
-
-
-__all__ = ["allocation_lines", "allocation_table", "targets"]

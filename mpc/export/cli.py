@@ -150,6 +150,3 @@ def _governor(out: Path, name: str, precision: str) -> None:
     made = export_governor(out, PressureGovernor.of_arm(Arm.machine(name), 0.01), precision=precision)
     files = sum(path.is_file() for path in made.rglob("*"))
     say(Console(), f"written: {files} files in {made}; {made / 'README.md'} says how to build them")
-
-
-__all__ = ["export_command"]

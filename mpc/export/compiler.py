@@ -13,6 +13,3 @@ def compiler() -> str:
     if found is None:
         raise MissingBackend("C compiler", "cc", [*COMPILERS, "after apt install gcc"])
     return found
-
-
-__all__ = ["COMPILERS", "compiler"]

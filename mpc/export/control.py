@@ -176,7 +176,7 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
             "FIRST": (kalman.FIRST, "samples in which what is rejected may as well be right"),
             "COARSEST": (kalman.COARSEST, "step of an encoder at most [rad]"),
             "ENCODER_NOISE": (observer.noise.theta, "standard deviation of the angle's noise at least [rad]"),
-            "DOUBT": (kalman.DOUBT, "standard deviations at which a repeated reading is not believed"),
+            "DOUBT": (gating.DOUBT, "standard deviations at which a repeated reading is not believed"),
         }
     )
 
@@ -233,6 +233,3 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
         ("ANT_COVARIANCE", "of the observer's first belief", observer.filter.stationary),
         *friction_tables(controller.compensation.friction),
     ]
-
-
-__all__ = ["check_pair", "control_files", "model_functions", "qp_iterations", "sizes_of"]

@@ -52,6 +52,3 @@ def lines(controller: TrackingMPC, observer: KalmanObserver) -> Iterator[str]:
             )
         waiting.append(u)
         x = np.array(turned(x, known.after_dead_band(waiting.pop(0), x[2:]), 0.0)).ravel()
-
-
-__all__ = ["SAMPLES", "SHOWN", "lines", "numbers"]

@@ -35,6 +35,3 @@ def check(directory: Path) -> None:
         raise InvalidInput(f"out = {directory} is a file; give a directory that does not exist or is empty")
     if directory.is_dir() and any(directory.iterdir()):
         raise InvalidInput(f"out = {directory} is not empty; give a directory that does not exist or is empty")
-
-
-__all__ = ["check", "write"]

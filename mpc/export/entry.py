@@ -130,6 +130,3 @@ def _config(single: bool, sizes: dict[str, tuple[float | int, str]]) -> str:
     lines = ["#define ANT_SINGLE /* numbers are float */"] if single else []
     lines += [text.defines(sizes, single)] if sizes else []
     return text.header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))
-
-
-__all__ = ["WHAT", "controller_files", "default_controller", "export", "pair"]

@@ -72,6 +72,3 @@ def _of_state(friction: Hysteresis, contact: Contact) -> tuple[Value, Value]:
     if isinstance(friction, MaxwellSlip):
         return friction.strength(contact), friction.scale(contact.filled)
     return contact.pulled, 1.0
-
-
-__all__ = ["check_friction", "friction_function", "friction_numbers", "friction_sizes", "friction_tables"]

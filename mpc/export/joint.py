@@ -107,6 +107,3 @@ def sides_function(joint: AntagonistJoint) -> Any:
         for side in joint.sides(theta)
     ]
     return ca.Function("sides", [theta], [ca.densify(ca.cse(row)) for row in rows], ["theta"], ["one", "two"])
-
-
-__all__ = ["Kernel", "Numbers", "kernel_of", "sides_function"]

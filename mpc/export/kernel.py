@@ -98,6 +98,3 @@ def kernel_files(name: str) -> dict[str, str]:
         "src/kernel.h": text.header("ANT_KERNEL_H", about, made.head, ["antagonist.h"]),
         "src/kernel.c": f'/* {about} */\n#include "kernel.h"\n\n#include "joint.h"\n#include "real.h"\n\n{made.body}\n',
     }
-
-
-__all__ = ["kernel_files", "printed"]

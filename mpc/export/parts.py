@@ -81,6 +81,3 @@ def model_files(functions: list[tuple[Any, str]], single: bool) -> Files:
         "src/model.h": text.header("ANT_MODEL_H", about, heads, ["antagonist.h"]),
         "src/model.c": f'/* {about} */\n#include "model.h"\n\n#include "real.h"\n\n{bodies}\n',
     }
-
-
-__all__ = ["BUILD", "Files", "allocation_files", "copied", "is_single", "kernel_functions", "model_files"]

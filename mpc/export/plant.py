@@ -96,6 +96,3 @@ def start_of(real: RealPlant) -> np.ndarray[Any, np.dtype[np.float64]]:
     middle = float(np.mean(joint.angle_range))
     K = float(real.nominal.stiffness(np.array([middle, 0.0, (low + high) / 2, (low + high) / 2])))
     return real.at_rest(middle, K)
-
-
-__all__ = ["plant_files", "real_plant", "start_of"]

@@ -163,6 +163,3 @@ def _control(controller: TrackingMPC, single: bool) -> str:
         faces=10 * 4 * moves,
         single=_CONTROL_SINGLE if single else "",
     )
-
-
-__all__ = ["readme"]

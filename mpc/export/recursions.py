@@ -147,6 +147,3 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         "starts": _given(_BLOCKS, element=INT),
         **dict.fromkeys(reals, REAL),
     }
-
-
-__all__ = ["items_in", "recursion_files"]

@@ -49,6 +49,3 @@ def _row(values: Table, single: bool) -> str:
     if values.dtype.kind == "i":
         return ", ".join(map(str, values.tolist()))
     return ", ".join(number(v, single) for v in np.asarray(values, float).tolist())
-
-
-__all__ = ["Table", "defines", "header", "table", "table_head"]

@@ -266,6 +266,3 @@ def _inertia(value: Any, n: int) -> tuple[tuple[float, ...], ...]:
     if not np.allclose(matrix, matrix.T) or not sizes.min() > _SINGULAR * sizes.max():
         raise InvalidInput(wrong)
     return tuple(map(tuple, matrix.tolist()))
-
-
-__all__ = ["Governed", "GovernorStatus", "PressureGovernor"]

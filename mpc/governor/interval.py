@@ -70,6 +70,3 @@ def rows(name: str, value: Any, unit: str, size: int, letter: str, above: float 
     if (bounds[0] > bounds[1]).any():
         raise InvalidInput(f"{name}: the interval has to begin with its least value, as Interval(low, high) [{unit}]")
     return bounds
-
-
-__all__ = ["Interval", "Scaled", "ends", "rows"]

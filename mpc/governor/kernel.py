@@ -332,5 +332,3 @@ def advance(rules, s, stage, memory):
 
 
 FUNCTIONS = (projected, limit, begin, energetic, nearest, certain, brake, advance, lasts, stays, shielded, govern)
-
-__all__ = ["FUNCTIONS", "Memory", "Rules", "govern"]

@@ -94,6 +94,3 @@ def compiled_loop(text: str) -> Loop:
         reason = str(failure)
     notice(f"the governor is not compiled and takes some thousand times as long: {reason}", SlowStep)
     return plain_loop(text)
-
-
-__all__ = ["Loop", "Packed", "compiled_loop", "packed", "plain_loop"]

@@ -169,6 +169,3 @@ def _muscles(mechanism: Mechanism, q: Any) -> tuple[Any, Any, Any]:
     pairs = list(zip(mechanism.muscles, eps, strict=True))
     A = ca.vertcat(*(muscle.gain(0.0, e) for muscle, e in pairs))
     return ca.jacobian(length, q), A, ca.vertcat(*(muscle.law(0.0, e) for muscle, e in pairs))
-
-
-__all__ = ["Dynamics", "motion_function", "potential_function", "statics_function"]

@@ -237,6 +237,3 @@ def _steps(limits: Limits, rest: _Rest, span: float) -> tuple[Array, Any]:
     samples = min(int(np.ceil(horizon / (stretch * limits.dt))), _MOST_SAMPLES)
     steps = np.array([limits.dt / first, stretch * limits.dt / later])
     return steps, np.array([first, later, samples, stretch])
-
-
-__all__ = ["Limits", "Made", "make", "memory_for"]

@@ -45,6 +45,3 @@ def _strengths(dynamics: Dynamics, q: Array) -> list[Array]:
     slope = np.array(statics_function(dynamics)(q, np.zeros(dynamics.mechanism.m), dynamics.middle)[4])  # (m, n)
     towards = [-slope @ np.array(signs) > 0 for signs in product((1.0, -1.0), repeat=dynamics.mechanism.n)]
     return [*(np.where(pulls, high, low) for pulls in towards), low, high]
-
-
-__all__ = ["Corners", "corners"]

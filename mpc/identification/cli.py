@@ -151,6 +151,3 @@ def _draw(fit: MotionFit, path: Path) -> None:
     from allocator.identification.motion.plotting import plot_motion_fit
 
     save_figure(plot_motion_fit(fit), path, dpi=120)
-
-
-__all__ = ["fit_motion_command"]

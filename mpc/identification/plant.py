@@ -158,5 +158,3 @@ _HEADER = (
     "# held_out_rms_deg: a file made in the same way of the first 60 % alone, over the last 40 %",
     "",
 )
-
-__all__ = ["IdentifiedPlant"]

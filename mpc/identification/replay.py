@@ -53,6 +53,3 @@ def replay(path: str | PathLike[str], log: MotionLog) -> Replay:
     commanded = pressures == COMMANDED
     theta = free_run(real, log.t, log.P1, log.P2, begin=float(log.theta[0]) - zero, commanded=commanded)
     return Replay(log, theta + zero)
-
-
-__all__ = ["COMMANDED", "IMPOSED", "Replay", "replay"]

@@ -47,6 +47,3 @@ class Buffered:
     def __deepcopy__(self, memo: dict[int, Any]) -> "Buffered":
         """Return itself: it remembers nothing from call to call."""
         return self
-
-
-__all__ = ["Buffered"]

@@ -155,6 +155,3 @@ class FrictionState:
     def go_on(self, theta: float, memory: Array) -> None:
         """Take note that it was followed elsewhere to a `memory` (size,) at the angle `theta` [rad]."""
         self.theta, self.memory = theta, float(memory[0]) if isinstance(self.memory, float) else memory.copy()
-
-
-__all__ = ["JITTER", "SOFT", "Compensation", "FrictionState", "check_regulators"]

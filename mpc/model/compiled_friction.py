@@ -97,6 +97,3 @@ def less_friction(
         all_finite = all_finite and np.isfinite(torques[k])
     for k in range(M):
         torques[k] = d - torques[k] if all_finite else d
-
-
-__all__ = ["ABSENT", "Pressed", "followed", "friction_numbers", "less_friction"]

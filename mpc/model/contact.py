@@ -103,6 +103,3 @@ class Hysteresis(Protocol):
 
     def as_dahl(self, plant: Plant) -> "Hysteresis":
         """Return Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar."""
-
-
-__all__ = ["BufferedPressing", "Contact", "Hysteresis", "Pressing"]

@@ -37,6 +37,3 @@ class ExactExperiment:
     def advance(self, u: Array) -> None:
         """Advance by one sample with the commands `u` (2,) [Pa]."""
         self.x = self._integrate(self.x, u, 0.0)[0][0]
-
-
-__all__ = ["FINE", "RESOLUTION", "ExactExperiment", "Experiment"]

@@ -179,16 +179,3 @@ class DriftingSensor(Fault):
     def offset(self, t: float) -> Array:
         """Return the rate times the time since `begin`."""
         return np.where(np.arange(NX) == self.sensor, self.rate * (t - self.begin), 0.0)
-
-
-__all__ = [
-    "BrokenCable",
-    "DriftingSensor",
-    "Fault",
-    "FrozenSensors",
-    "Leak",
-    "SilentSensors",
-    "StuckValve",
-    "SupplyDrop",
-    "WrongReadings",
-]

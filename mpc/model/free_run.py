@@ -106,6 +106,3 @@ def _step(process: RealPlant, substeps: int) -> Buffered:
     for _ in range(substeps):
         end = fine(end, held, duration / substeps)
     return Buffered(ca.Function("step", [begin, held, duration], [end]))
-
-
-__all__ = ["free_run"]

@@ -102,6 +102,3 @@ class Friction:
 def torque_of_width(plant: Plant, width: float) -> float:
     """Return T_f [N·m] of which a loop is `width` [rad] wide at θ = 0, P1 + P2 = 5 bar: K width/2."""
     return float(plant.isobaric(np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])) * width / 2)
-
-
-__all__ = ["WIDTH_AT", "Friction", "torque_of_width"]

@@ -37,6 +37,3 @@ def fall(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
 def trapped(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
     """Return what the gas behind a shut valve adds to the stiffness, κ (P + p_a) g²/V^eff [N·m/rad]   (G2)"""
     return strength * side.torque_gain(P) * fall(side, P, strength)
-
-
-__all__ = ["fall", "trapped"]

@@ -183,6 +183,3 @@ def friction_of(given: object) -> Hysteresis:
     if isinstance(given, type) or not isinstance(given, Hysteresis):
         raise InvalidInput(f"friction = {given!r} has to be a Friction, a MaxwellSlip or a PrandtlIshlinskii")
     return given
-
-
-__all__ = ["MaxwellSlip", "friction_of"]

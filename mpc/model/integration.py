@@ -15,6 +15,3 @@ def integrated(rate: Callable[[Value], Value], x: Value, duration: Value, subste
         k4 = rate(x + h * k3)
         x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     return x
-
-
-__all__ = ["integrated"]

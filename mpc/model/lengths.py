@@ -105,5 +105,3 @@ _FORMULAS: dict[type[Routes], Callable[[Any, Any], list[Any]]] = {
     FunctionRoutes: _function,
     Sites: _sites,
 }
-
-__all__ = ["has_formulas", "symbolic_jacobian", "symbolic_lengths"]

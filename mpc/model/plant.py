@@ -277,6 +277,3 @@ def _number(name: str, value: Any, unit: str, *, positive: bool) -> float:
     if positive and number <= 0:
         raise InvalidInput(f"{name} = {number:g} {unit} has to be positive and finite")
     return number
-
-
-__all__ = ["INPUTS", "MOST_SUBSTEPS", "NU", "NUMBERS", "NX", "STATES", "Plant"]

@@ -360,5 +360,3 @@ class RealExperiment:
 
 
 _UNITS = (("dead_time", "s"), ("dead_band", "Pa"), ("encoder", "rad"), ("pressure_noise", "Pa"))
-
-__all__ = ["RealExperiment", "RealPlant", "delayed", "outside_torque"]

@@ -57,6 +57,3 @@ def semidefinite_factor(S: Array) -> Array:
     values, vectors = np.linalg.eigh((S + S.T) / 2)
     L = np.linalg.qr(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T, mode="r")
     return np.asarray(np.where(np.diag(L) < 0, -1.0, 1.0)[:, None] * L)
-
-
-__all__ = ["semidefinite_factor", "solve_riccati"]

@@ -78,6 +78,3 @@ def _numbers(path: FilePath, content: dict[str, Any], names: Collection[str], wh
     if surplus := table.keys() - set(names):
         raise InvalidFile(path, f"[{where}] has no {', '.join(sorted(surplus))}; it has {', '.join(names)}")
     return {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
-
-
-__all__ = ["load_plant", "save_plant", "stored_numbers", "stored_regulators"]

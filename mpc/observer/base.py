@@ -41,6 +41,3 @@ class Differentiator:
             x[1] = 0.0 if self._theta is None else (x[0] - self._theta) / self.dt
         self._theta = float(x[0])
         return x, 0.0
-
-
-__all__ = ["Differentiator", "Observer"]

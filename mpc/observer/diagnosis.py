@@ -197,6 +197,3 @@ def pulling(plant: Plant) -> Any:
     T = ca.vertcat(*(side.torque(x[2 + i]) for i, side in enumerate(plant.joint.sides(x[0]))))
     gains = [ca.jacobian(T[i], x[2 + i]) for i in range(NU)]
     return ca.Function("pulls", [x], [ca.densify(ca.vertcat(T, *gains, *plant.expansion(x)))])
-
-
-__all__ = ["Diagnosis", "Joint", "follow", "less_lost", "pulling"]

@@ -166,6 +166,3 @@ class Filter:
 def _with_walk(A: Array) -> Array:
     """Return (5, 5) from the plant's derivative (4, 5): d stays."""
     return np.vstack([A, np.eye(NX + 1)[-1:]])
-
-
-__all__ = ["MEASURED", "Belief", "Filter", "Noise"]

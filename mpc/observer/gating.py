@@ -167,6 +167,3 @@ class SensorGate:
         """Take note that the sensor is frozen and says `read`."""
         self.reset()
         self._refused = read
-
-
-__all__ = ["DOUBT", "MOST_TURNS", "NEAR_A_TURN", "ROUGH", "SIGMAS", "TURN", "Gate", "SensorGate", "Verdict"]

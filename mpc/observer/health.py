@@ -130,5 +130,3 @@ class Health:
 
 
 WELL = Health()
-
-__all__ = ["MUSCLES", "SENSORS", "WELL", "FaultKind", "Finding", "Health", "Part", "Reaction", "Suspect"]

@@ -25,7 +25,6 @@ from allocator.calculus import Array, Mask, Value
 from allocator.units import DEG
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.plant import NX, Plant
-from mpc.observer.base import Differentiator, Observer
 from mpc.observer.compiled.factory import Readable, compiled_estimate
 from mpc.observer.compiled.layout import State
 from mpc.observer.diagnosis import Diagnosis
@@ -376,6 +375,3 @@ class KalmanObserver:
         x = self._belief.xi[:NX].copy()
         x[MEASURED[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
         return x, float(self._belief.xi[NX])
-
-
-__all__ = ["COARSEST", "DOUBT", "FIRST", "Differentiator", "KalmanObserver", "Noise", "Observer"]

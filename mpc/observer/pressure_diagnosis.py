@@ -214,9 +214,3 @@ def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
     if answers < _NO_DRIFT or abs(m[R] - r_lately) > _QUICK * sigma:
         out |= DRIFT
     return out
-
-
-__all__ = [
-    "DRIFT", "DROP", "HOLD", "LEAK", "LIMIT", "LOW", "MARGIN", "MEMORY", "SETTLED", "SPREAD", "STUCK", "SUSPECTED",
-    "Numbers", "PressureDiagnosis", "Sound", "beyond", "check", "follow", "places", "regress", "struck_out",
-]  # fmt: skip

@@ -117,9 +117,3 @@ def compare(m: Numbers, past: int, usual: float, t: float, d: float, T1: float, 
             m[BROKEN] = NONE if t - m[ILL] > HOLD else float(i)
         elif m[BROKEN] == NONE and m[RATIO + i] > LIMIT and t - m[MISSING + i] < LASTING / 2:
             m[BROKEN], m[SINCE], m[ILL] = float(i), t, t
-
-
-__all__ = [
-    "BROKEN", "LASTING", "LATELY", "LIMIT", "LOAD", "LOADED", "MEMORY", "MISMATCH", "SPREAD", "Numbers",
-    "TorqueDiagnosis", "Z", "compare", "follow", "places",
-]  # fmt: skip

@@ -190,6 +190,3 @@ class BaseController(ABC):
             self.limits.slackening(motion.F[1:]),
             feed.moved if self.says_moved and not task.refused else None,
         )
-
-
-__all__ = ["BaseController", "Optimised", "Situation"]

@@ -213,6 +213,3 @@ def _blocks(blocks: Sequence[int] | None, N: int) -> tuple[int, ...]:
     if sum(lengths) != N:
         raise InvalidInput(f"blocks = {lengths} cover {sum(lengths)} samples, not the N = {N} of the horizon")
     return lengths
-
-
-__all__ = ["TrackingMPC"]

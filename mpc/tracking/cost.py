@@ -91,18 +91,3 @@ def diagonal(weights: Weights, table: Iterable[Residual] | None = None, sizes: R
 def charged(weights: Array) -> list[tuple[int, float]]:
     """Return the entries (index, weight) of a diagonal that are charged for, to leave out the others."""
     return [(i, w) for i, w in enumerate(weights.tolist()) if w]
-
-
-__all__ = [
-    "COMMANDS",
-    "NY",
-    "RESIDUALS",
-    "SIZES",
-    "STATES",
-    "Residual",
-    "Rows",
-    "charged",
-    "charges",
-    "diagonal",
-    "residuals",
-]

@@ -122,6 +122,3 @@ class Ladder(Deferred):
     def go_on(self, motion: Motion, u_star: Array) -> None:
         """Take note of an ordinary sample: its `motion`, and its feed-forward `u_star` (2,)."""
         self.motion, self.u_star, self._left, self._held = motion, u_star, self.predictor.N, 0
-
-
-__all__ = ["Ladder"]

@@ -95,6 +95,3 @@ class InverseDynamics:
         u = (P[1:] - self.alpha * P[:-1]) / (1 - self.alpha) + self.lags / 2 * (q[1:] + q[:-1])
         moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - theta, held.K_error, held.T_error)))
         return FeedForward(x, y, u, moved)
-
-
-__all__ = ["FeedForward", "InverseDynamics"]

@@ -61,6 +61,3 @@ class Limits:
     def slackening(self, F: Array) -> float:
         """Return how far the forces `F` fall below the least one at worst [N]."""
         return max(0.0, self.min_force - min(F.ravel().tolist()))
-
-
-__all__ = ["LONGEST_HORIZON", "Limits"]

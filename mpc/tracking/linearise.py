@@ -128,6 +128,3 @@ class Predictor:
         K, F = ca.SX(self.plant.stiffness(s)), ca.vertcat(*self.plant.forces(s))
         outputs: list[Any] = [K, F, ca.densify(ca.gradient(K, s)), ca.densify(ca.jacobian(F, s).T)]
         return x, list(ca.Function("outputs", [s], outputs).map(self.N + 1)(x))
-
-
-__all__ = ["Linearisation", "Motion", "Predictor"]

@@ -48,6 +48,3 @@ class OptimisingController(BaseController):
         if (z := softened(answer.qp, deadline)) is None:
             return None
         return Rung.SOFTENED, self.limits.limited(u_last, answer.u + self.problem.E @ z)
-
-
-__all__ = ["OptimisingController"]

@@ -40,6 +40,3 @@ def _way_out(plant: Plant, dt: float, N: int) -> str:
             f"integration; check {plant.summary}"
         )
     return f"a horizon shorter than N = {N}, longer blocks or a longer dt take less"
-
-
-__all__ = ["LongStep", "check_pace"]

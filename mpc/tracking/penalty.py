@@ -65,6 +65,3 @@ def _near_limits(controller: TrackingMPC, states: int, rng: np.random.Generator)
         feed = inverse((theta + _STEP * rng.normal()) * ones, rng.uniform(*_STIFFNESS) * ones)
         model = predictor.linearise(x, controller.limits.limited(x[2:], feed.u))
         yield condense(controller.problem, model, feed, x[2:], feed.u[0])
-
-
-__all__ = ["Hard", "hard_solutions"]

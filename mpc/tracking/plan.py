@@ -132,6 +132,3 @@ def status_of(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
     if rung is not Rung.QP:
         return PlanStatus.NOT_FINITE  # what the QP's commands would do
     return PlanStatus.OPTIMAL if measured else PlanStatus.NO_MEASUREMENT
-
-
-__all__ = ["Moved", "Plan", "PlanStatus", "Rung", "Times", "status_of"]

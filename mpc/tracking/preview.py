@@ -226,6 +226,3 @@ class Preview(Deferred):
         torques = friction.torque(friction.along(memory, np.append(back, theta[1:]), contact), contact)
         # the motion from a state without a finite torque will not be, either: the controller finds that out
         return np.asarray(torques) if np.isfinite(torques).all() else np.zeros(theta.shape)
-
-
-__all__ = ["CORRECTED", "BadNumbers", "Preview", "Task"]

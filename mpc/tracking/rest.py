@@ -212,6 +212,3 @@ class RestMode(Deferred):
             moved = (m - self._error) * np.sign(self._torque)
             g = float(np.clip(abs(self._torque) / (max(moved, 0.0) + RESOLUTION) / 2, K, STIFFEST * K))
         return min(g, K * (1 + OVERSHOOT / abs(m)))
-
-
-__all__ = ["RestMode"]

@@ -78,6 +78,3 @@ def _middle(plant: Plant, dt: float) -> tuple[Array, Array, Array]:
     for A_k, B_k in zip(model.A[1:], model.B[1:], strict=True):
         A, B = A_k @ A, A_k @ B + B_k
     return A, B, model.slope[0]
-
-
-__all__ = ["UNITS", "Regulator", "regulator", "terminal_factor"]

@@ -47,6 +47,3 @@ class Weights:
         10 % stronger than the model's it hunts at an angle weight of 1/(0.1°)².
         """
         return cls(theta=1 / (0.16 * DEG) ** 2, omega=1 / (10 * DEG) ** 2, rate=1 / (0.5 * BAR) ** 2)
-
-
-__all__ = ["Weights"]

@@ -145,6 +145,3 @@ def _shape(muscle: int, contraction: float) -> tuple[Array, tuple[Array, Array]]
     y = 0.25 - along * length
     outline = np.column_stack([np.concatenate([x - half, (x + half)[::-1]]), np.concatenate([y, y[::-1]])])
     return outline, (np.array([x, x]), np.array([0.25 - length, -0.75]))
-
-
-__all__ = ["ENDINGS", "save_animation"]

@@ -27,6 +27,3 @@ def reference_called(name: str | None, K: float | None, plant: Plant) -> Referen
     if Path(name).suffix or Path(name).exists():
         return load(name)
     raise InvalidInput(f"there is neither a standard trajectory nor a file {name}; there are {', '.join(TRAJECTORIES)}")
-
-
-__all__ = ["reference_called"]

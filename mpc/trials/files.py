@@ -69,6 +69,3 @@ def _refuse(table: Table, column: str, wrong: Mask, values: Array, sentence: str
     if wrong.any():
         i = int(np.argmax(wrong))
         raise InvalidFile(table.path, sentence.format(values[i]), line=table.lines[i], column=column)
-
-
-__all__ = ["COLUMNS", "default_trajectory", "load", "save_reference", "save_run"]

@@ -25,7 +25,7 @@ from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealExperiment, RealPlant
-from mpc.observer.kalman import Observer
+from mpc.observer.base import Observer
 from mpc.trials.push import REST, Freezing, held
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller, simulate
@@ -131,6 +131,3 @@ def _harmonic(read: Array, phase: Array) -> complex:
     waves = [wave(n * phase) for n in (1, 2) for wave in (np.cos, np.sin)]
     found = np.linalg.lstsq(np.stack([*waves, np.ones_like(t), t], axis=1), read, rcond=None)[0]
     return complex(found[0], -found[1])
-
-
-__all__ = ["Felt", "Shake", "felt"]

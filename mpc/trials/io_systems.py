@@ -24,7 +24,7 @@ from mpc.model.buffered import Buffered
 from mpc.model.experiment import FINE
 from mpc.model.plant import INPUTS, NU, NX, STATES, Plant
 from mpc.model.real_plant import RealExperiment, RealPlant
-from mpc.observer.kalman import Differentiator, Observer
+from mpc.observer.base import Differentiator, Observer
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller
 
@@ -202,6 +202,3 @@ class _Rewindable:
         x, d = observer.estimate(y, y[2:] if u_last is None else u_last)
         plan = controller.step(x, *self._wanted.preview(k, controller.ahead), d)
         return _Moment(controller, observer, plan.u[0])
-
-
-__all__ = ["at_rest", "closed_loop", "sampled_controller", "sampled_plant", "sampled_real_plant"]

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
-from mpc.observer.kalman import Differentiator, KalmanObserver, Observer
+from mpc.observer.base import Differentiator, Observer
+from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
 from mpc.trials.simulation import Controller
@@ -76,6 +77,3 @@ def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[C
         observing = KalmanObserver(settings.plant, settings.dt, compensation=settings.compensation, wait=settings.wait)
         return build(settings), observing
     return build(settings), Differentiator(settings.dt)
-
-
-__all__ = ["CONTROLLERS", "Settings", "loop"]

@@ -132,6 +132,3 @@ def _excess(values: Array, low: float, high: float, scale: float) -> float:
 
 def _rms(error: Array) -> float:
     return float(np.sqrt(np.mean(error**2)))
-
-
-__all__ = ["Errors", "Metrics", "metrics"]

@@ -65,6 +65,3 @@ def _references(run: Run, N: int, min_force: float) -> _References:
     feeds = [feed_forward(*reference.preview(k, N), d) for k, d in enumerate(run.estimate[:, 4])]
     rows = ([feed.x[1] for feed in feeds], [feed.y[1] for feed in feeds], [feed.u[0] for feed in feeds])
     return _References(*map(np.array, rows))
-
-
-__all__ = ["Cost", "closed_loop_cost"]

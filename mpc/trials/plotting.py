@@ -102,6 +102,3 @@ def _legend(axes: Any) -> None:
     axes.legend(
         named.values(), named.keys(), loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize="small"
     )
-
-
-__all__ = ["errors", "save_tracking_figure", "tracking_figure"]

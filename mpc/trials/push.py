@@ -32,7 +32,7 @@ from allocator.units import DEG
 from mpc.model.faults import StuckValve
 from mpc.model.plant import NX, Plant
 from mpc.model.real_plant import RealPlant
-from mpc.observer.kalman import Observer
+from mpc.observer.base import Observer
 from mpc.tracking.plan import Plan
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller, Run, simulate
@@ -211,6 +211,3 @@ class _Reading:
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
         self.angles.append(float(y[0]))
         return self.observer.estimate(y, u)
-
-
-__all__ = ["REST", "Cycle", "Freezing", "Push", "held", "push", "slope"]

@@ -88,6 +88,3 @@ def _plant(path: str | Path, stored: dict[str, Any]) -> Plant:
         return Plant(joint, **(numbers | {"lag": tuple(numbers["lag"])}))
     except (ValueError, TypeError) as error:  # of TOML or of ours
         raise InvalidFile(path, f"does not hold a plant ({error})") from None
-
-
-__all__ = ["load_recording", "save_recording"]

@@ -111,6 +111,3 @@ def sine(
     swell = s**3 * (10 - 15 * s + 6 * s**2)
     theta = amplitude * swell * np.sin(2 * np.pi * frequency * t)
     return Reference(t, theta, K + K_amplitude * swell * np.sin(2 * np.pi * K_frequency * t))
-
-
-__all__ = ["LONGEST", "Reference", "sine"]

@@ -23,7 +23,7 @@ from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 from mpc.model.experiment import Experiment
 from mpc.model.plant import NU, NX, Plant
-from mpc.observer.kalman import Differentiator, Observer
+from mpc.observer.base import Differentiator, Observer
 from mpc.tracking.plan import Moved, Plan
 from mpc.trials.reference import Reference
 
@@ -257,6 +257,3 @@ def tracked(items: Iterable[T], total: int, progress: bool) -> Iterator[T]:
     console = Console(stderr=True)
     shown: Any = {"console": console, "transient": True, "disable": not console.is_terminal}
     yield from track(items, "simulating", total, **shown)
-
-
-__all__ = ["ClosedLoop", "Controller", "Process", "Run", "simulate", "state", "tracked"]

@@ -172,23 +172,3 @@ TRAJECTORIES = {
     "jumps": Standard(jumps, "±25° at once, more than a joint can"),
 }
 """The standard trajectories by name."""
-
-
-__all__ = [
-    "LEAD",
-    "Standard",
-    "TRAJECTORIES",
-    "chirp",
-    "jumps",
-    "min_jerk",
-    "point_to_point",
-    "rested_sine",
-    "steps",
-    "stiffness_ramps",
-    "stiffness_step",
-    "together",
-    "shrunk",
-    "usual_stiffness",
-    "usual_stiffnesses",
-    "usual_swing",
-]

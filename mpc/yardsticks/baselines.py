@@ -178,6 +178,3 @@ class LQRControl(Baseline):
 
     def _given(self, u: Array, wanted: Array) -> None:
         self._e = u - self._star
-
-
-__all__ = ["Baseline", "FeedForwardControl", "LQRControl", "PIDControl", "PIDGains", "PredictivePIDControl"]

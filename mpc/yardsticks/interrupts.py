@@ -18,6 +18,3 @@ def interruptible() -> Iterator[None]:
         if "KeyboardInterrupt" in str(error) or isinstance(error.__cause__, KeyboardInterrupt):
             raise KeyboardInterrupt from None
         raise
-
-
-__all__ = ["interruptible"]

@@ -116,6 +116,3 @@ class NLPSolver:
     def _widening(self, bound: Array) -> Array:
         size = np.where(np.isfinite(bound), np.maximum(1.0, np.abs(bound)), 0.0)
         return np.asarray(self._free * _WIDENING * size)
-
-
-__all__ = ["IPOPT", "Fatrop", "NLPOptions", "NLPSolver", "Proposal"]

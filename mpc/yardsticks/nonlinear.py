@@ -86,6 +86,3 @@ class NonlinearMPC(BaseController):
             motion = self._predictor.motion(task.x, u, task.d[:-1])
             if motion.finite:
                 yield self.problem.point(motion, u_last)
-
-
-__all__ = ["NonlinearMPC"]

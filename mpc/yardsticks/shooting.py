@@ -220,6 +220,3 @@ def _state(chi: Any) -> Any:
     import casadi as ca
 
     return chi[:NX] * ca.DM(_X)
-
-
-__all__ = ["Given", "Residuals", "Shooting"]

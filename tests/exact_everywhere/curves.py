@@ -156,6 +156,3 @@ def runs(q, P, *rest):
         if arrays[0][-1] < arrays[0][0]:
             arrays = [array[::-1] for array in arrays]
         yield Run(np.maximum.accumulate(arrays[0]), arrays[1], tuple(arrays[2:]))
-
-
-__all__ = ["Curve", "Image", "Run", "image", "runs", "taut_box"]

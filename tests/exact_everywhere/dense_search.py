@@ -251,6 +251,3 @@ class _Level:
             nearer = np.abs(e_middle) < np.abs(e_best)
             x_best, e_best = np.where(nearer, middle, x_best), np.where(nearer, e_middle, e_best)
         return x_best, self.partner(x_best, y_best), np.abs(e_best)
-
-
-__all__ = ["Found", "Targets", "best", "lexicographic", "search"]

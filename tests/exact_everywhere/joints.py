@@ -43,6 +43,3 @@ def joint_of(muscle, geometry):
     """The joint of two such muscles, 0 to 5 bar."""
     mechanism, stops = GEOMETRIES[geometry]
     return AntagonistJoint(mechanism, muscle_of(muscle), muscle_of(muscle), angle_limits=stops)
-
-
-__all__ = ["GEOMETRIES", "MUSCLES", "REPORT", "joint_of", "muscle_of"]

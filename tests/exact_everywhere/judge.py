@@ -115,6 +115,3 @@ def _differ(interval, expected, scale):
     (low, high), (expected_low, expected_high) = interval, expected
     same = (np.abs(low - expected_low) <= INTERVAL * scale) & (np.abs(high - expected_high) <= INTERVAL * scale)
     return ~(same & (low <= high + 1e-12 * scale))
-
-
-__all__ = ["PRIORITIES", "WEIGHTS", "Verdict", "asked", "excess_of", "false_intervals", "judged"]

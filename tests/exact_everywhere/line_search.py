@@ -38,6 +38,3 @@ def change(samples):
 def pick(array, index):
     """array[index[i], i] of every column i."""
     return np.take_along_axis(array, index[None], 0)[0]
-
-
-__all__ = ["change", "golden_section", "pick"]

@@ -27,6 +27,3 @@ def made_targets(joint, reach, each, rng):
     theta = reach.theta[row]
     targets = Targets(row, joint.torque(theta, P1, P2), joint.stiffness(theta, P1, P2))
     return targets.take(targets.K > LEAST_STIFFNESS)
-
-
-__all__ = ["made_targets", "random_targets"]

@@ -102,6 +102,3 @@ def _minimum(sides, targets, weights, P1, P2):
     shares = golden_section(cost, np.zeros(targets.T.size), np.ones(targets.T.size))
     least = np.argmin(costs, axis=0)
     return *at(pick(shares, least)), pick(np.stack(costs), least)
-
-
-__all__ = ["on_paths"]

@@ -72,6 +72,3 @@ class Afternoon:
     def _device(self, board: SimulatedBoard) -> tuple[SerialDevice, Clock]:
         clock = MonotonicClock() if self.real_time else SimulatedClock()
         return SerialDevice(board.port, timeout=self.timeout, clock=clock), clock
-
-
-__all__ = ["GEOMETRY", "HIDDEN", "Afternoon"]

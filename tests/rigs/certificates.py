@@ -17,6 +17,3 @@ def unexplained(x: Array, push: Array, lo: Array, hi: Array, A: Array, b: Array,
         return float(np.linalg.norm(push))
     _, left = nnls(normals.T, push)
     return float(left)
-
-
-__all__ = ["unexplained"]

@@ -56,6 +56,3 @@ class Stepped:
     def step(self, steps: int = 1) -> None:
         self.fmu.doStep(self.t, steps * self.dt)
         self.t += steps * self.dt
-
-
-__all__ = ["Stepped"]

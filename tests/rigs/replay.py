@@ -69,15 +69,3 @@ def replayed(program: Path, rows: Array, columns: tuple[str, ...] = CONTROL_COLU
     rows.tofile(program.parent / "in")
     runner(program, "in", "out")
     return np.fromfile(program.parent / "out").reshape(-1, len(columns))
-
-
-__all__ = [
-    "ALLOCATE",
-    "ALLOCATION_COLUMNS",
-    "CONTROL",
-    "CONTROL_COLUMNS",
-    "PLAN_COLUMNS",
-    "Record",
-    "record",
-    "replayed",
-]

@@ -92,20 +92,3 @@ def _run(command: list[str], directory: Path) -> str:
     if done.returncode or done.stderr:
         raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}\n{done.stderr}")
     return done.stdout
-
-
-__all__ = [
-    "ARM_GCC",
-    "CORTEX_M4F",
-    "QEMU",
-    "SANITISED",
-    "STRICT",
-    "Size",
-    "compiled",
-    "compiled_for_cortex_m4f",
-    "linked_size",
-    "run",
-    "run_on_cortex_m4f",
-    "size_of",
-    "sizes",
-]

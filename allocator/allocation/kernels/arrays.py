@@ -186,6 +186,3 @@ def _refer(
     assessed = assess(problem, P1, P2, found[5][where] & _OUTSIDE)
     for array, values in zip(found, (P1, P2, *assessed), strict=True):
         array[where] = values
-
-
-__all__ = ["Targets", "one_by_one", "run"]

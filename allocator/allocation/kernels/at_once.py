@@ -27,6 +27,3 @@ def batch(name: str) -> Callable[..., tuple[int, int]]:
         return 0, int(np.count_nonzero(~out[6]))
 
     return at_once
-
-
-__all__ = ["batch"]

@@ -191,6 +191,3 @@ def _search_ready(joint: AntagonistJoint) -> bool:
     zero = np.zeros(1)
     exact.solve(Problem(joint, zero + sum(joint.angle_range) / 2, zero + 1, zero))
     return True
-
-
-__all__ = ["answer", "warm_up"]

@@ -73,6 +73,3 @@ def _coefficients(side: OneMuscle) -> tuple[Value, ...]:
 def arrays(values: tuple[Value, ...], n: int) -> tuple[Array, ...]:
     """Return each value as an array (n,) that a compiled loop takes."""
     return tuple(np.ascontiguousarray(np.broadcast_to(value, n), dtype=float) for value in values)
-
-
-__all__ = ["JointKernel", "Kernel", "Kind", "arrays", "coefficients", "kernel_of"]

@@ -37,6 +37,3 @@ def threads() -> int:
     """Return how many threads compiled loops may use: numba's own number, by default that of processors; else 1."""
     numba = sys.modules.get("numba")
     return int(numba.config.NUMBA_NUM_THREADS) if numba else 1
-
-
-__all__ = ["kernel", "register", "threads"]

@@ -109,6 +109,3 @@ class AffineNumbers(NamedTuple):
             above=int(joint.angle_limit(True)),
         )
         return numbers if joint.affine and lo < min(numbers.most1, numbers.most2) else None
-
-
-__all__ = ["AffineNumbers", "TonduNumbers"]

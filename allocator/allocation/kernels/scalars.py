@@ -37,6 +37,3 @@ def pair(x: Any) -> tuple[Any, Any]:
     except (TypeError, ValueError):  # of no length, of another length
         return nan, nan
     return P1, P2
-
-
-__all__ = ["REAL", "number", "pair"]

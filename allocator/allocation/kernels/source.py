@@ -362,12 +362,3 @@ FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *(tondu_exact, tondu_torque_first, tondu_stiffness_first, tondu_inverse, tondu_u, tondu_pressure),
     *(affine_exact, affine_lexicographic, odd),
 )
-
-__all__ = [
-    "FUNCTIONS",
-    "MET",
-    "affine_batch",
-    "affine_exact",
-    "tondu_batch",
-    "tondu_exact",
-]

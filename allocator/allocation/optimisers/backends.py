@@ -52,6 +52,3 @@ def _snapped(problem: Problem, answer: Answer) -> tuple[Array, Array]:
         np.copyto(P, interval.lo, where=P - interval.lo < near)
         np.copyto(P, interval.hi, where=interval.hi - P < near)
     return problem.box.project(P1, P2)
-
-
-__all__ = ["OPTIMISERS", "Optimiser", "Solution", "optimise"]

@@ -98,6 +98,3 @@ def _grid(problem: Problem) -> Array:
     shape = (_GRID, _GRID, problem.theta.size)
     corners = np.broadcast_to(P1[:, None], shape), np.broadcast_to(P2[None], shape)
     return np.stack(problem.box.project(*(P.reshape(-1, problem.theta.size) for P in corners)))
-
-
-__all__ = ["CERTIFIED", "SCALE", "Answer", "Goal", "goals", "replacement", "settled", "start"]

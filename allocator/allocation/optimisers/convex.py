@@ -90,6 +90,3 @@ def _programme(floor: bool, kept: bool) -> _Programme:
         p["row"], p["right"] = cvxpy.Parameter(2), cvxpy.Parameter()
         constraints.append(p["row"] @ d == p["right"])
     return _Programme(cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(p["A"] @ d + p["b"])), constraints), d, p)
-
-
-__all__ = ["run", "solve"]

@@ -107,6 +107,3 @@ def _programme(joint: AntagonistJoint, kept: str | None, solver: str, warm_start
     if warm_start and solver == "ipopt":
         options |= _IPOPT_WARM
     return casadi.nlpsol("allocation", solver, nlp, options)
-
-
-__all__ = ["solve"]

@@ -39,6 +39,3 @@ def solve(problem: Problem, solver: str | None = None, warm_start: bool = True) 
         return None if solution.x is None else np.asarray(np.clip(solution.x, qp.lo, qp.hi))
 
     return sqp.solve(problem, solve_qp, warm_start)
-
-
-__all__ = ["solve"]

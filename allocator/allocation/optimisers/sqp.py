@@ -164,6 +164,3 @@ def _convexified(H: Array, curvature: Array) -> Array:
     chosen = np.where((trace > 0) & (det > 1e-9 * trace**2), full, H)
     trace = chosen[0, 0] + chosen[1, 1]
     return np.asarray(chosen + np.where(trace > 0, _DAMPING * trace, 1.0) * np.eye(2)[:, :, None])
-
-
-__all__ = ["SmallQP", "solve"]

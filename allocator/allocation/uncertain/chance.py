@@ -180,6 +180,3 @@ def residual(problem: Problem, risk: float, P1: Array, P2: Array) -> Array:
             steps.append(np.maximum(np.abs(Q1 - P1), np.abs(Q2 - P2)))
     worst = np.max([np.broadcast_to(step, P1.shape) for step in steps], axis=0) / span
     return np.asarray(np.where(np.isnan(worst), np.inf, np.maximum(worst, 0.0)))
-
-
-__all__ = ["RiskySolution", "optimise", "residual", "solve"]

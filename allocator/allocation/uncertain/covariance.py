@@ -22,6 +22,3 @@ def with_covariance(joint: AntagonistJoint, uncertainty: Any) -> AntagonistJoint
     one, two = (checks.covariance("uncertainty", matrix) for matrix in pair)
     agonist, antagonist = replace(joint.agonist, covariance=one), replace(joint.antagonist, covariance=two)
     return replace(joint, agonist=agonist, antagonist=antagonist, covariance=None)
-
-
-__all__ = ["with_covariance"]

@@ -101,6 +101,3 @@ def _normal(dimension: int, power: int) -> Array:
     points = ndtri(Sobol(dimension, rng=np.random.default_rng(0)).random_base2(power))
     points.setflags(write=False)
     return np.asarray(points)
-
-
-__all__ = ["sampled_box"]

@@ -112,6 +112,3 @@ def _narrowed(
         hi_limit = np.where(high < hi, np.int32(ceiling), interval.hi_limit)
         hi = np.minimum(hi, high)
     return replace(interval, lo=lo, hi=hi, lo_limit=lo_limit, hi_limit=hi_limit, empty=interval.empty | (lo > hi))
-
-
-__all__ = ["Affine", "Uncertain", "chance_box", "risk_of_one", "uncertain"]

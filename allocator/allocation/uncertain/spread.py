@@ -90,6 +90,3 @@ def _root_of(muscle: Muscle) -> Array:
     if muscle.covariance is None:
         return np.zeros((len(muscle.parameters), 1))
     return covariance_root(muscle.covariance)
-
-
-__all__ = ["Spread", "forces_std", "roots", "spread", "stiffness_std"]

@@ -277,6 +277,3 @@ def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, Any]:
         ]
         values["failures"] = compared.failures
     return values
-
-
-__all__ = ["fit_joint_command"]

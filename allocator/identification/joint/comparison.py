@@ -126,6 +126,3 @@ def _ratios(fit: JointFit, samples: JointSamples) -> Array:
     """Return K/K_ref at the samples of the first geometry."""
     joint, here = RelativeJoint(_first(fit)), samples.group == 0
     return joint.relative_stiffness(samples.theta[here] - fit.zero, samples.P1[here], samples.P2[here])
-
-
-__all__ = ["JointComparison", "Twins", "compare_joint_models"]

@@ -54,6 +54,3 @@ def _error(fit: Any, added: JointSamples) -> float:
     if fit.samples.groups != added.groups:
         raise InvalidInput("a group has no sample with both pressures above 2 bar: give the dead band")
     return float(np.sqrt(np.mean(np.where(reached, problem.angle_error(fit.x), 1.0) ** 2)))
-
-
-__all__ = ["estimate_dead_band"]

@@ -193,6 +193,3 @@ def _problem(
             f"{samples.n} equilibria cannot determine the {len(problem.names)} unknowns {', '.join(problem.names)}"
         )
     return problem
-
-
-__all__ = ["DEAD_BAND", "fit_joint"]

@@ -63,6 +63,3 @@ def torque_gain(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Q
         moved = one.muscle.unchecked([*values[:i], value + _STEP * 1j, *values[i + 1 :]])
         gradient[:, i] = one.arm * np.imag(moved.gain(P1, one.contraction)) / _STEP
     return Quantity(np.asarray(one.torque_gain(P1)), gradient)
-
-
-__all__ = ["Quantity", "stiffness", "torque_gain"]

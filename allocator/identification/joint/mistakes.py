@@ -77,6 +77,3 @@ def check_weight(samples: JointSamples, deflection: Array, expected: Array) -> f
         f"drowns in a scatter of {scatter / DEG:.2g}°: the force scale would be chance; hang about {wanted:.2g} N·m on "
         "either side"
     )
-
-
-__all__ = ["check_data", "check_weight"]

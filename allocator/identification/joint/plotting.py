@@ -97,6 +97,3 @@ def _stiffness(fit: JointFit, axes: Any) -> None:
     axes.set_title(f"stiffness ± 2 std{where}" if known else f"force scale unknown: K/K_ref ± 2 std{where}")
     axes.set_ylim(bottom=0)
     axes.legend(frameon=False, fontsize="small")
-
-
-__all__ = ["plot_joint_fit"]

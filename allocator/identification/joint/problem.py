@@ -318,6 +318,3 @@ def _usual(K: Array, reached: Mask) -> float:
     """Return a stiffness [N·m/rad] of the usual size."""
     known = K[reached & np.isfinite(K)]
     return float(np.median(known)) if known.size else 1.0
-
-
-__all__ = ["CONVENTIONAL_AREA", "JointProblem", "PullShare", "Unknowns"]

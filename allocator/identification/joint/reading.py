@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import InvalidFile
-from allocator.files.csv_table import FilePath
+from allocator.files.text import FilePath
 from allocator.identification.columns import Measured, read_columns
 from allocator.identification.recording import in_time, note_spikes, stretches, without_spikes
 from allocator.units import BAR, DEG
@@ -172,6 +172,3 @@ def _directions(measured: Measured, sweeps: Mapping[float, float]) -> Array:
     if unknown := sorted(set(values["sweep"].tolist()) - set(sweeps)):
         raise measured.mistake("sweep", f"no direction is given for the sweep {unknown[0]:g}")
     return np.array([sweeps[number] for number in values["sweep"].tolist()])
-
-
-__all__ = ["JointLog", "read_joint_log", "steady_runs"]

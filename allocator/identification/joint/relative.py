@@ -130,6 +130,3 @@ def describe_reference(joint: RelativeJoint) -> str:
     """Return where K_ref is, in words."""
     theta, P1, P2 = joint.reference
     return f"θ = {theta / DEG:.3g}°, P1 = {P1 / BAR:.3g} bar, P2 = {P2 / BAR:.3g} bar"
-
-
-__all__ = ["WHY", "RelativeJoint", "describe_reference", "with_joint_covariance"]

@@ -277,19 +277,3 @@ def _sag_warning(problem: JointProblem, u: Unknowns) -> tuple[str, ...]:
 def rms(error: Array) -> float:
     """Return the root of the mean square."""
     return float(np.sqrt(np.mean(error**2)))
-
-
-__all__ = [
-    "Findings",
-    "GroupError",
-    "at_bound",
-    "check_friction",
-    "checked",
-    "findings",
-    "groups",
-    "joints",
-    "parameter_jacobian",
-    "rms",
-    "unseen",
-    "warnings",
-]

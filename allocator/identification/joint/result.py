@@ -326,6 +326,3 @@ def solved(
         problem=problem,
         x=x,
     )
-
-
-__all__ = ["GroupError", "JointFit", "solved"]

@@ -30,6 +30,3 @@ def weighed(sag: SlackReadings, error: Array, has_threshold: bool) -> Array:
         return error
     shrunk = 1 - 1 / np.sqrt(1 + square)  # (I + b bᵀ)^(-1/2) = I - shrunk b bᵀ/(bᵀ b)
     return np.asarray(error - shrunk * b * (b @ error) / square)
-
-
-__all__ = ["THRESHOLD", "weighed"]

@@ -273,6 +273,3 @@ def _grouped(
     if missing:
         raise InvalidInput(f"geometry has no {missing[0]!r}; it has {', '.join(map(repr, geometry))}")
     return index.ravel(), tuple(Group(str(label), geometry[label]) for label in found.tolist())
-
-
-__all__ = ["Group", "JointSamples", "SlackReadings"]

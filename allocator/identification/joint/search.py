@@ -115,6 +115,3 @@ def scale_shape(problem: JointProblem, x: Array) -> Array:
     values = scaled(replace(u.muscle), factor).parameters
     values["coulomb"] = factor * u.coulomb
     return np.array([values.get(name, value) for name, value in zip(problem.names, x.tolist(), strict=True)])
-
-
-__all__ = ["best_start", "minimise", "scale_shape"]

@@ -176,6 +176,3 @@ class Projection:
         if problem.conventional:
             conventions.append(_CONVENTION_WEIGHT * (problem.mean_area(u).real / CONVENTIONAL_AREA - 1))
         return np.concatenate([self.weight * balance.lacking / usual, conventions])
-
-
-__all__ = ["Projection", "PseudoForces", "first_guess", "pseudo_forces", "starting_muscle", "starts"]

@@ -65,6 +65,3 @@ def _half(errors: Array, used: Mask, taut: Mask) -> Array:
 
 def _quantile(errors: Array) -> float:
     return float(np.quantile(np.abs(errors), SHARE)) if errors.size else float("nan")
-
-
-__all__ = ["SHARE", "AngleBand", "Bands"]

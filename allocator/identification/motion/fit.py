@@ -317,6 +317,3 @@ def _estimates(
         low, high = max(below, 0.0), min(value + factor * std, UPPER.get(name, np.inf))
         found[name] = Estimate(value, std, low, high, _UNITS[name])
     return found
-
-
-__all__ = ["LEFT_OUT", "STEPS", "fit_motion"]

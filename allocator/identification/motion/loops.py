@@ -110,6 +110,3 @@ def swung(u: Array, s: Array, k: Array, kappa: Array, r: Array, a1: float, a2: f
     out = np.empty(u.size)
     _compiled("swing")(u, s, k, kappa, r, float(a1), float(a2), float(h), np.zeros(r.size), out)
     return out
-
-
-__all__ = ["follow", "plays", "pressures", "swing", "swung"]

@@ -75,6 +75,3 @@ def _equilibrium(
         if done:
             break
     return theta
-
-
-__all__ = ["fit_muscles"]

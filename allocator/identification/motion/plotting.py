@@ -69,6 +69,3 @@ def _loops(fit: MotionFit, axes: Any) -> None:
         axes.plot(u[200:] / DEG, (fit.operator.run(u) - u)[200:] / DEG, label=f"± {height / DEG:.3g}°")
     axes.set(xlabel="static angle [°]", ylabel="angle minus static angle [°]", title="hysteresis at P1 + P2 = 5 bar")
     axes.legend(frameon=False, fontsize="small")
-
-
-__all__ = ["plot_motion_fit"]

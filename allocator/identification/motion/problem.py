@@ -275,6 +275,3 @@ def best_weights(D: Array, y: Array, most: float) -> Array:
         w = nnls(np.vstack([A, np.full(n, heavy)]), np.append(b, heavy * most))[0]
         w *= most / w.sum()
     return np.asarray(w)
-
-
-__all__ = ["ABSENT", "LOWER", "NONLINEAR", "STEP", "STIFFEST", "UPPER", "MotionProblem", "Prediction", "best_weights"]

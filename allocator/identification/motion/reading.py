@@ -12,7 +12,7 @@ Of a log with gaps of more than a second the longest part is used.
 from collections.abc import Mapping
 
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.files.csv_table import FilePath
+from allocator.files.text import FilePath
 from allocator.identification.columns import read_columns
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.recording import in_time, longest_stretch, refuse_spikes, refuse_turns, without_spikes
@@ -44,6 +44,3 @@ def read_motion_log(
     except InvalidInput as error:
         raise InvalidFile(path, "; ".join((str(error), *measured.notes))) from None
     return MotionLog(t, theta, P1, P2, notes=measured.notes)
-
-
-__all__ = ["read_motion_log"]

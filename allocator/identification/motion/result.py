@@ -275,6 +275,3 @@ def _reaching(given: AntagonistJoint, theta: Array) -> dict[str, Any]:
 
 def _rms(error: Array) -> float:
     return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
-
-
-__all__ = ["LABELS", "TRAINED", "Errors", "Estimate", "MotionFit", "MovingJoint"]

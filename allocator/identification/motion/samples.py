@@ -228,6 +228,3 @@ def even_times(t: Array) -> Array:
     """Return times [s] from the first to the last of t (n,), with its median step or a longer one."""
     step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / _MOST_ROWS)
     return np.asarray(t[0] + step * np.arange(int((t[-1] - t[0]) / step * (1 + 1e-12)) + 1))
-
-
-__all__ = ["TAUT_FROM", "MotionLog", "even_times", "evenly"]

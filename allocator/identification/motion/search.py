@@ -88,6 +88,3 @@ def _descend(problem: MotionProblem, used: Mask, x: Array, most: int) -> Found:
     options = {"x_scale": sizes, "tr_solver": "lsmr", "ftol": _CLOSE, "xtol": _CLOSE, "gtol": 1e-12, "max_nfev": most}
     done = least_squares(residual, start, jacobian, (low, high), **options)  # lsmr: no threads for small matrices
     return Found(np.asarray(done.x), bool(done.status > 0), float(np.sqrt(2 * done.cost / used.sum())))
-
-
-__all__ = ["Found", "extended", "search", "without"]

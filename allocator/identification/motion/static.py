@@ -67,6 +67,3 @@ class Equilibrium:
         nearest = NearestNDInterpolator(np.stack([P1[known], P2[known]], axis=1), np.stack([theta, K], axis=-1)[known])
         there = np.where(known[..., None], np.stack([theta, K], axis=-1), nearest(P1, P2))
         return tuple(RectBivariateSpline(P, P, there[..., i], kx=1, ky=1) for i in (0, 1))
-
-
-__all__ = ["Difference", "Equilibrium"]

@@ -50,6 +50,3 @@ def _moved(x: Array, i: int, by: float) -> Array:
     moved = x.copy()
     moved[i] += by
     return moved
-
-
-__all__ = ["possible_changes", "structured"]

@@ -238,6 +238,3 @@ def _values(ranking: Ranking, best: Fit[Any]) -> dict[str, Any]:
             "warnings": best.warnings,
         },
     }
-
-
-__all__ = ["columns_option", "fit_command"]

@@ -36,6 +36,3 @@ def load_dataset(name: str) -> Samples:
     if name not in DATASETS:
         raise MissingBackend("data set", name, DATASETS)
     return DATASETS[name].samples()
-
-
-__all__ = ["DATASETS", "Dataset", "load_dataset"]

@@ -309,6 +309,3 @@ def _classes(P: Array) -> NDArray[np.intp]:
 
 def _rms(error: Array) -> float:
     return float(np.sqrt(np.mean(error**2)))
-
-
-__all__ = ["BuiltProblem", "build_problem", "conclude", "fit", "prepared"]

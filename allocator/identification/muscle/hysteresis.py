@@ -95,6 +95,3 @@ def _steps(q: Array) -> Array:
     if q.size > 1:
         step[0] = step[1]
     return np.asarray(step)
-
-
-__all__ = ["Branches", "hysteresis"]

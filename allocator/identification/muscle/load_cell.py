@@ -163,6 +163,3 @@ def _most_likely(square: Array, F: Array, zero_noise: float) -> tuple[float, flo
     loss = (np.log(variance) + square / variance).sum(axis=-1)
     i, j = np.unravel_index(loss.argmin(), loss.shape)
     return float(a[i]), float(share[j])
-
-
-__all__ = ["Zero", "find_zero", "polynomial", "reading_variance", "weighted", "zeroed"]

@@ -81,6 +81,3 @@ def _chosen(levels: tuple[Level, ...]) -> tuple[Level, ...]:
     P = np.array([level.pressure for level in levels])
     wanted = np.linspace(P.min(), P.max(), _MOST_ISOBARS)
     return tuple(levels[i] for i in np.unique(np.abs(P - wanted[:, None]).argmin(axis=1)))
-
-
-__all__ = ["fit_figure", "plot_isobars", "plot_residuals"]

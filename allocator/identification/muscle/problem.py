@@ -167,6 +167,3 @@ def _inside(x: Array, lower: Array, upper: Array) -> Array:
     """Return `x` moved strictly between the bounds, as SciPy wants its start."""
     width = np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(x), 1.0))
     return np.clip(x, lower + 1e-3 * width, upper - 1e-3 * width)
-
-
-__all__ = ["MuscleProblem", "Solution"]

@@ -103,6 +103,3 @@ def _error(muscle: Muscle, samples: Samples) -> float:
     """Return the weighted sum of squared errors [N²] at the taut samples."""
     error = muscle.law(samples.pressure, samples.contraction) - samples.force
     return float(samples.weights @ np.where(samples.slack, 0.0, error) ** 2)
-
-
-__all__ = ["Ranking", "rank_models"]

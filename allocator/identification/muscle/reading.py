@@ -18,7 +18,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.files.csv_table import FilePath
+from allocator.files.text import FilePath
 from allocator.identification.columns import Measured, read_columns
 from allocator.identification.muscle.samples import Samples, find_mistake
 
@@ -66,6 +66,3 @@ def _contraction(measured: Measured, rest_length: float | None) -> Array:
         what = f"lengths around {np.median(length):.4g} m do not belong to a muscle of {rest_length:.4g} m"
         raise measured.mistake("length", f"{what}; mm for m?")
     return np.asarray((rest_length - length) / rest_length)
-
-
-__all__ = ["FilePath", "read_samples"]

@@ -157,6 +157,3 @@ class Fit(Generic[M]):
 def has_closed_form_inverse(muscle: Muscle) -> bool:
     """Return whether (T, K) → (P1, P2) is in closed form: affine muscles that stiffen with pressure, and Tondu2021."""
     return isinstance(muscle, AffineMuscle | Tondu2021) and not muscle.limitation
-
-
-__all__ = ["Fit", "Level", "has_closed_form_inverse"]

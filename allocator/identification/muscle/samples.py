@@ -229,6 +229,3 @@ def _pressure_mistake(eps: Array, P: Array, F: Array) -> Mistake | None:
             "absolute; subtract the atmosphere (about 1.013 bar), gauge pressure is expected",
         )
     return None
-
-
-__all__ = ["Mistake", "Samples", "find_mistake", "tension"]

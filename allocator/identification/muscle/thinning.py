@@ -64,6 +64,3 @@ def _scatter(moments: Array) -> Array:
     C, c = moments[:, :2, :2], moments[:, :2, 2]  # among the first two, and of them with the last
     explained = np.einsum("ki,kij,kj->k", c, np.linalg.pinv(C, rcond=1e-9, hermitian=True), c)
     return np.asarray(np.sqrt(np.maximum(moments[:, 2, 2] - explained, 0.0)))
-
-
-__all__ = ["MOST_ROWS", "thinned"]

@@ -118,6 +118,3 @@ def _exact(problem: MechanismProblem, x: Array) -> MechanismAllocation:
     torques = np.where(np.arange(problem.weights.size) < n, 1.0, 0.0)
     alone = replace(problem, weights=torques, priority="weighted", reference=x[None] * problem.unit)
     return MechanismAllocation.of(alone, Nearby.of(alone, batches.solve(alone)), (), "clarabel")
-
-
-__all__ = ["allocate_at_least"]

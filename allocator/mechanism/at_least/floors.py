@@ -85,6 +85,3 @@ def _root(K: Array) -> Array:
     """Return K^(-1/2)."""
     size, axes = np.linalg.eigh(K)
     return np.asarray((axes / np.sqrt(size)) @ axes.T)
-
-
-__all__ = ["Floors"]

@@ -191,6 +191,3 @@ class AtLeast:
         ]
         lines += [] if self.allocation.endpoint is None else [f"  stiffness {vector(self.K_x)} N/m at the endpoint"]
         return "\n".join(lines if self.success else [*lines, f"  {self.message}"])
-
-
-__all__ = ["AtLeast", "Infeasibility"]

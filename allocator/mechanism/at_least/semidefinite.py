@@ -139,6 +139,3 @@ def _built(kind: str, n: int, m: int, size: int, count: int) -> _Built:
         cost = -s
     problem = cvxpy.Problem(cvxpy.Minimize(cost), [exact, x >= p["lo"], x <= p["hi"], *ordered])
     return _Built(problem, x, exact, ordered, p, flat)
-
-
-__all__ = ["LinearMatrix", "Multipliers", "Programme", "bound", "least", "slope", "widest"]

@@ -224,6 +224,3 @@ def stiffness_of(place: Place, K: Array) -> Array:
     """Return K_x = Gᵀ K G (…, dim, dim) [N/m] of `K` = K_q + Γ (…, n, n)."""
     G = lifted(place, K)
     return np.asarray(G.swapaxes(-1, -2) @ K @ G)
-
-
-__all__ = ["Endpoint", "inverses", "lifted", "load_of", "stiffness_of", "torque_of"]

@@ -117,6 +117,3 @@ class FunctionPoint:
     def at(self, q: Array) -> Place:
         """Return the place at the postures `q` (…, n). Raises `InvalidInput` where a derivative is not finite."""
         return Place(*self._column.at(q))
-
-
-__all__ = ["FunctionPoint", "Kinematics", "LinkagePoint", "Place"]

@@ -118,6 +118,3 @@ class EndpointTargets:
         new = replace(self, lift=G)
         E_old, E_new = (t.view @ K @ t.view.swapaxes(-1, -2) for t in (self, new))
         return new, np.where(found, np.abs(E_new - E_old).max(axis=(1, 2)), np.inf)
-
-
-__all__ = ["EndpointTargets"]

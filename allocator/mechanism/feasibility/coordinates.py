@@ -86,6 +86,3 @@ def _unknown(name: Any, n: int, hand: Hand | None) -> InvalidInput:
     known += "" if hand is None else f", Kx11 … Kx{hand.endpoint.dim}{hand.endpoint.dim}"
     hint = " (Kx needs an endpoint)" if hand is None else ""
     return InvalidInput(f"there is no target {name!r}; a mechanism with n = {n} joints has {known}{hint}")
-
-
-__all__ = ["Coordinate", "Hand", "coordinate"]

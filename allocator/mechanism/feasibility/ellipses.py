@@ -107,6 +107,3 @@ def _tilts(polygon: Polygon) -> Array:
     middle = np.arctan2(y.mean(), x.mean())
     around = (np.arctan2(y, x) - middle + np.pi) % (2 * np.pi) - np.pi
     return np.asarray(0.5 * (middle + np.array([around.min(), around.max()])))
-
-
-__all__ = ["EndpointEllipses", "endpoint_ellipses"]

@@ -179,6 +179,3 @@ def _without_flat(ring: list[tuple[Array, Array]], sides: list[Array]) -> tuple[
 
 def _same(one: Array, other: Array) -> bool:
     return bool(np.abs(one - other).max() <= _NEAR)
-
-
-__all__ = ["Edge", "Farthest", "Polygon", "Programme", "outline"]

@@ -190,6 +190,3 @@ class FeasibleTargets:
                 "the upper triangle of K, row by row"
             )
         return array
-
-
-__all__ = ["FeasibleTargets", "feasible_targets"]

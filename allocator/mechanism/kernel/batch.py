@@ -74,5 +74,3 @@ def residual_batch(A, b, onesided, ends, lo, hi, centre, which, x, mu, pull, nea
 
 
 FUNCTIONS: tuple[Callable[..., Any], ...] = (*one.FUNCTIONS, *proof.FUNCTIONS)
-
-__all__ = ["FUNCTIONS", "allocate_batch", "residual_batch", "weigh_batch"]

@@ -86,6 +86,3 @@ def flip(side, right, size, count, last, tries):
             side[j] = right[j]
     else:
         side[last] = right[last]
-
-
-__all__ = ["PATIENCE", "box_qp", "face", "flip"]

@@ -71,6 +71,3 @@ def workspace(p: int, m: int, K: int) -> Work:
         np.empty((3, K)),
         np.empty((2, K + 1)),
     )
-
-
-__all__ = ["Box", "Levels", "Work", "workspace"]

@@ -353,5 +353,3 @@ FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *(prepare, weigh, scale, solve, guess, point, basis, again, least_squares, multipliers, earlier, violations),
     *(row_belongs, box_qp, face, flip),
 )
-
-__all__ = ["FUNCTIONS", "prepare", "scale", "solve"]

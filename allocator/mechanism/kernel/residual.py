@@ -79,5 +79,3 @@ def of_rows(k, end, levels, x, mu, greatest, near, held, work):
 
 
 FUNCTIONS: tuple[Callable[..., Any], ...] = (residual, slack, of_variables, of_rows)
-
-__all__ = ["FUNCTIONS", "residual"]

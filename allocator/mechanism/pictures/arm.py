@@ -115,6 +115,3 @@ def _colours(mechanism: Mechanism) -> Any:
 
     low, high = mechanism.pressure_limits
     return ScalarMappable(Normalize(low / BAR, high / BAR), "viridis")
-
-
-__all__ = ["plot_arm"]

@@ -92,6 +92,3 @@ def _explain(axes: Any, letters: dict[str, str]) -> None:
     axes.annotate(
         "\n".join(lines), (1.02, 1.0), xycoords="axes fraction", va="top", fontsize="small", annotation_clip=False
     )
-
-
-__all__ = ["plot_polygon"]

@@ -68,6 +68,3 @@ def _spacing(places: Array) -> float:
     distance = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
     np.fill_diagonal(distance, np.inf)
     return float(np.median(distance.min(axis=1)))
-
-
-__all__ = ["ellipse", "plot_workspace"]

@@ -103,6 +103,3 @@ def _safe(polygons: Sequence[Array], level: Level, x: Array, multipliers: Array)
     g = level.G.T @ left + level.E.T @ multipliers
     least = sum(float((polygon @ g[2 * j : 2 * j + 2]).min()) for j, polygon in enumerate(polygons))
     return 2 * (float(left @ left) / 2 + float(multipliers @ (level.E @ x - level.e)) + least - float(g @ x))
-
-
-__all__ = ["Level", "Relaxed", "relax"]

@@ -217,6 +217,3 @@ def _series(side: OneMuscle, a: float, b: float) -> tuple[Array, Array] | None:
         if all(np.abs(c[-2:]).max() <= _TAIL * size * np.abs(c).max() for c in found):
             return found[0], found[1]
     return None
-
-
-__all__ = ["Curve", "not_rising", "rises"]

@@ -213,6 +213,3 @@ def lower(model: Model, which: Indices, new: Array, old: Array, alike: float = _
     first = np.where(changes.any(axis=1), changes.argmax(axis=1), new.shape[1] - 1)
     row = np.arange(len(new))
     return np.asarray(~changes.any(axis=1) | (new[row, first] < old[row, first]))
-
-
-__all__ = ["Found", "certified", "descend", "lower"]

@@ -166,6 +166,3 @@ class Model:
 
 def _interleaved(first: Array, second: Array) -> Array:
     return np.stack([first, second], axis=-1).reshape(len(first), -1)
-
-
-__all__ = ["Model"]

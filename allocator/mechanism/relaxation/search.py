@@ -106,6 +106,3 @@ def furthest(problem: MechanismProblem, d: Array) -> Array:
             corners = np.concatenate(list(curve.parts(_PARTS)))
             found[here] += (g[here, 2 * j : 2 * j + 2] @ corners.T).max(axis=1)
     return found
-
-
-__all__ = ["Nearby", "furthest", "solve"]

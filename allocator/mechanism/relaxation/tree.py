@@ -118,6 +118,3 @@ def _split(curves: tuple[Curve, ...], node: Node, level: Level, P: Array) -> tup
     if inside:
         return j, min(inside, key=lambda p: abs(p - P[j]))
     return j, float(np.clip(P[j], a + _INSIDE * (b - a), b - _INSIDE * (b - a)))
-
-
-__all__ = ["MOST_NODES", "Node", "close"]

@@ -80,6 +80,3 @@ def check_arms(kind: str, arms: Array) -> None:
     idle = ~(np.abs(arms) > _NOTHING).any(axis=1)
     if idle.any():
         raise InvalidInput(f"{kind}: muscle {int(np.argmax(idle)) + 1} has no arm at any joint; it moves nothing")
-
-
-__all__ = ["RoutedLengths", "Routes", "check_arms", "per_muscle", "rest_lengths"]

@@ -50,6 +50,3 @@ def from_function(rest_length: Any, n: int, function: Callable[[Any], Any]) -> F
         idle = int(np.argmin(dependent.any(axis=1)))
         raise InvalidInput(f"from_function: muscle {idle + 1} has no arm at any joint; it moves nothing")
     return FunctionRoutes(rest_lengths("from_function", rest_length, length.shape[0]), n, function)
-
-
-__all__ = ["FunctionRoutes", "from_function"]

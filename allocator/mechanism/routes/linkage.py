@@ -151,6 +151,3 @@ def _rotation(axis: Point, angle: Array) -> Array:
     W = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     s, c = np.sin(angle)[..., None, None], np.cos(angle)[..., None, None]
     return np.asarray(np.eye(3) + s * W + (1 - c) * (W @ W))
-
-
-__all__ = ["GROUND", "Frame", "Link", "Linkage", "Moved", "Point", "Site", "point"]

@@ -225,17 +225,3 @@ def _matrix(quaternion: Array) -> Array:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-
-
-__all__ = [
-    "MARK",
-    "Model",
-    "linkage_of",
-    "load",
-    "name_of",
-    "read_mjcf",
-    "read_point",
-    "said",
-    "tells",
-    "tendon_lengths",
-]

@@ -78,6 +78,3 @@ class JointRoutes(Routes):
         return RoutedLengths(
             self.geometry.rest_length * (1 - eps), (sign * arm)[..., None], (-sign * slope)[..., None, None]
         )
-
-
-__all__ = ["JointRoutes", "Pulleys"]

@@ -90,6 +90,3 @@ def _path(name: str, path: Sequence[Any], linkage: Linkage) -> tuple[Site, ...]:
     if len(path) < 2:
         raise InvalidInput(f"{name} has {len(path)} sites; a muscle runs through two or more")
     return tuple(linkage.site(f"{name} runs through", link, position) for link, position in path)
-
-
-__all__ = ["Sites"]

@@ -61,6 +61,3 @@ class SymbolicColumn:
             raise InvalidInput(f"{self.name}: a value, or a derivative of it, is not finite at one of the postures")
         shape = q.shape[:-1]
         return value.reshape(*shape, k), slope.reshape(*shape, k, n), curve.reshape(*shape, k, n, n)
-
-
-__all__ = ["SymbolicColumn"]

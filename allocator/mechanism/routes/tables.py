@@ -116,6 +116,3 @@ def _evaluated(spline: Any, q: Array, m: int) -> RoutedLengths:
 
 def _nested(value: Any) -> Any:
     return tuple(map(_nested, value)) if isinstance(value, list) else value
-
-
-__all__ = ["Tables"]

@@ -54,6 +54,3 @@ def _horner(coefficients: tuple[Value, ...], eps: Value) -> Value:
     for coefficient in reversed(coefficients):
         value = value * eps + coefficient
     return value
-
-
-__all__ = ["AffinePolynomial"]

@@ -80,6 +80,3 @@ class ChouHannaford1996(AffineMuscle):
         starts = (cls(0.3, 0.34, 1.6, 5e-4), cls(0.3, 0.38, 3.0, 1e-4))
         longest = 0.3 * max(1.0, 1.0 - 1.01 * float(contraction.min()))
         return Recipe(starts, (), ("rest_length",), {"b": (longest * 1.002, 0.6), "n": (0.01, 1e3), "t": (0.0, 0.05)})
-
-
-__all__ = ["ChouHannaford1996"]

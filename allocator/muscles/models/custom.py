@@ -110,5 +110,3 @@ class TableMuscle(AffineMuscle):
 
 
 _KNOTS = 5
-
-__all__ = ["FunctionMuscle", "TableMuscle"]

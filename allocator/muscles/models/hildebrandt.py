@@ -53,6 +53,3 @@ class Hildebrandt2005(AffineMuscle):
         """Return a recipe in which all eight are linear."""
         start = cls(*[0.0] * 8)
         return Recipe((start,), tuple(start.parameters))
-
-
-__all__ = ["Hildebrandt2005"]

@@ -44,6 +44,3 @@ class Hogan1984(AffineMuscle):
         """Return a recipe linear in F_max; P_max only sets a scale and is held at the highest pressure of the data."""
         start = cls(0.0, 0.25, float(np.max(pressure)))
         return Recipe((start,), ("F_max",), ("P_max",), {"eps_max": (0.01, 1.0)})
-
-
-__all__ = ["Hogan1984"]

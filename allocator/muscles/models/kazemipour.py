@@ -67,5 +67,3 @@ class KazemipourKatzschmann2025(AffineMuscle):
 
 
 _CANCELS = 1.0
-
-__all__ = ["KazemipourKatzschmann2025"]

@@ -89,6 +89,3 @@ class MartensBoblan2017(AffineMuscle):
         start = cls(0.300, 0.020, 0.0018, 0.42, 0.0, 0.0, 0.0, 0.0)
         bounds = {"D0": (1e-3, 0.5), "theta0": (0.1, 0.9)}
         return Recipe((start,), ("c0", "c1", "c2", "c3"), ("L0", "H0"), bounds)
-
-
-__all__ = ["MartensBoblan2017"]

@@ -93,6 +93,3 @@ class TonduLopez1995(Braided, AffineMuscle):
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
         """Search the braid from that of a muscle of ordinary size."""
         return Recipe((cls(0.01, 25 * DEG),), bounds={"r0": (1e-4, 0.5), "alpha0": (5 * DEG, 54 * DEG)})
-
-
-__all__ = ["BRAID", "Braided", "TonduLopez1995", "braid_constants"]

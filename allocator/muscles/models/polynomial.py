@@ -66,6 +66,3 @@ class PolynomialMcKibben(Braided, AffineMuscle):
         """Return a recipe of three coefficients, which the report found best; pass `start` for another number."""
         start = cls(0.01, 25 * DEG, (10 * BAR, 0.0, 0.0))
         return Recipe((start,), ("coefficients",), bounds={"r0": (1e-4, 0.5), "alpha0": (5 * DEG, 54 * DEG)})
-
-
-__all__ = ["PolynomialMcKibben"]

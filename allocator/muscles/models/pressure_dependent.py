@@ -249,6 +249,3 @@ class Andrikopoulos2016(PressureDependent):
         """Search all six; q and r0 are collinear unless one is held."""
         search = cls._recipe(0.8)
         return Recipe(search.starts, bounds={**search.bounds, "q": (0.01, 1.0)})
-
-
-__all__ = ["Andrikopoulos2016", "PressureDependent", "TonduLopez2000"]

@@ -55,6 +55,3 @@ class Sarosi2012(AffineMuscle):
         """Return a recipe linear but for c6, which falls over a few to a few tens of percent of contraction."""
         starts = tuple(cls(0.0, 0.0, 0.0, 0.0, 0.0, c6) for c6 in (-60.0, -30.0, -12.0))
         return Recipe(starts, ("c1", "c2", "c3", "c4", "c5"), bounds={"c6": (-300.0, -0.5)})
-
-
-__all__ = ["Sarosi2012"]

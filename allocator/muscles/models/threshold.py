@@ -101,6 +101,3 @@ def _unchecked(area: tuple[Value, ...], passive: tuple[Value, ...]) -> AffinePol
     object.__setattr__(muscle, "area", area)
     object.__setattr__(muscle, "passive", passive)
     return muscle
-
-
-__all__ = ["ThresholdPolynomial"]

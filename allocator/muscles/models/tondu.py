@@ -123,6 +123,3 @@ class Tondu2021(Braided):
             "e": (-np.inf, -1e-6 * BAR**2),
         }
         return Recipe(starts, ("c", "e"), bounds=bounds)
-
-
-__all__ = ["Tondu2021"]

@@ -154,6 +154,3 @@ def _choose(P: Value, switch: Value, below: Value, above: Value) -> Value:
         return casadi.if_else(P < switch, below, above)
     value = np.asarray(np.where(np.real(P) < np.real(switch), below, above))
     return value if value.ndim else value.item()
-
-
-__all__ = ["Wickramatunge2010"]

@@ -101,5 +101,3 @@ class PostureAndStiffness:
 
 KINDS: dict[str, Any] = {"pressures": Pressures, "posture-stiffness": PostureAndStiffness}
 """Every meaning of actions, by its name."""
-
-__all__ = ["KINDS", "BoxAndSlew", "Governor", "PostureAndStiffness", "Pressures", "governor_of", "within"]

@@ -132,5 +132,3 @@ gymnasium.register(
     entry_point="mpc.arm.learning.environment:ReachEnvironment",
     vector_entry_point="mpc.arm.learning.environment:ReachVectorEnvironment",
 )
-
-__all__ = ["NAME", "ReachEnvironment", "ReachVectorEnvironment"]

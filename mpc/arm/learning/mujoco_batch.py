@@ -51,6 +51,3 @@ def plant_of(varied: VariedArm) -> MujocoPlant:
     arm, limits = varied.arm, varied.arm.mechanism.pressure_limits
     text = to_mjcf(arm.mechanism, arm.bodies)
     return MujocoPlant(text, arm.mechanism.muscles, pressure_limits=limits, lag=arm.lags, gas=varied.gas)
-
-
-__all__ = ["MujocoBatch", "plant_of"]

@@ -235,6 +235,3 @@ def _evaluated(varied: VariedArm) -> Any:
                 x[i] = step(x[i], u[i], v[i], d[i], h)[0][0]
 
     return move
-
-
-__all__ = ["ArmBatch", "VariedArm", "views"]

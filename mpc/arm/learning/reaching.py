@@ -149,5 +149,3 @@ def _mujoco(varied: VariedArm, size: int, dt: float) -> Any:
 
 
 _BATCHES: dict[str, Any] = {"compiled": ArmBatch, "mujoco": _mujoco}
-
-__all__ = ["Reachers", "Reaching", "Seen"]

@@ -36,6 +36,3 @@ def advance(c: Array, x: Array, u: Array, v: Array, d: Array, h: float, substeps
                     total[k] += h * SHARES[node] * slope[k]
             for k in range(size):
                 x[i, k] += total[k]
-
-
-__all__ = ["advance"]

@@ -86,6 +86,3 @@ def _pulls(varied: VariedArm, k: int, drawn: Array) -> Any:
     with np.errstate(all="ignore"):
         forces = np.asarray(muscle.law(mechanism.pressure_limits[1], eps))
     return (np.isfinite(forces) & (forces > 0)).all(axis=1)
-
-
-__all__ = ["Variation"]

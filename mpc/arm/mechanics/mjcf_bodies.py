@@ -91,6 +91,3 @@ def _matrix(quaternion: Array) -> Array:
 
     w, x, y, z = quaternion
     return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())
-
-
-__all__ = ["check_hinges", "tree_of", "without_formulas"]

@@ -37,6 +37,3 @@ class MovingBodies(Protocol):
 
     def gravity_stiffness(self, q: Value) -> Value:
         """Return the slope (…, n, n) [N·m/rad] of these."""
-
-
-__all__ = ["MovingBodies"]

@@ -173,6 +173,3 @@ class MujocoBodies:
     def torque_for(self, q: Array, omega: Array, alpha: Array) -> Array:
         """Return the joints' torques τ (…, n) [N·m] of a motion (inverse dynamics)."""
         return np.asarray((self.mass_matrix(q) @ np.asarray(alpha)[..., None])[..., 0] + self.bias(q, omega))
-
-
-__all__ = ["Mechanics", "MujocoBodies", "MujocoTendons"]

@@ -187,6 +187,3 @@ class TreeBodies:
                 R.T @ (a + ca.cross(dw, o) + ca.cross(w, ca.cross(w, o))),
             ))  # fmt: skip
         return turned, moved
-
-
-__all__ = ["TreeBodies"]

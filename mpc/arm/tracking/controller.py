@@ -145,6 +145,3 @@ def growing(N: int) -> tuple[int, ...]:
     while (end := next(ends)) < N:
         starts.append(end)
     return tuple(np.diff([*starts, N]).tolist())
-
-
-__all__ = ["ArmMPC", "growing"]

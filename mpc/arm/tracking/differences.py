@@ -155,6 +155,3 @@ class DifferencePredictor:
             ends = [self.arm.svec(self.arm.seen(q, joints + sign * gain)) for sign in (1.0, -1.0)]
             C[..., 2 * n + j] = (ends[0] - ends[1]) / (2 * step)
         return C, D
-
-
-__all__ = ["DifferencePredictor"]

@@ -66,6 +66,3 @@ class ArmInverseDynamics:
         y = np.hstack([arm.svec(given), np.zeros_like(held.P)])
         moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - q, missed, held.T_error)))
         return ArmFeedForward(np.hstack([q, omega, held.P]), y, u, moved)
-
-
-__all__ = ["ArmFeedForward", "ArmInverseDynamics"]

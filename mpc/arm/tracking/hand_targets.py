@@ -59,6 +59,3 @@ class HandTargets(NamedTuple):
         K[:, rows, columns] = K[:, columns, rows] = svec / np.where(rows == columns, 1.0, np.sqrt(2))
         G = self.to_hand
         return np.asarray(G.swapaxes(-1, -2) @ K @ G)
-
-
-__all__ = ["HandTargets"]

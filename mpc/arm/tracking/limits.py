@@ -38,6 +38,3 @@ class ArmLimits(Limits):
         """Return how far `theta` (…, n) leaves the joints' ranges at worst [rad]."""
         left, right = self.theta
         return float(max(0.0, (left - theta).max(), (theta - right).max()))
-
-
-__all__ = ["ArmLimits"]

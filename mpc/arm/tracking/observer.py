@@ -129,6 +129,3 @@ class ArmObserver:
         # transposed because `Buffered` hands back transposes
         slope = ca.densify(ca.horzcat(ca.jacobian(x_next, x), ca.jacobian(x_next, d)).T)
         return Buffered(ca.Function("observed", [x, v, d], [x_next, slope]))
-
-
-__all__ = ["ArmObserver"]

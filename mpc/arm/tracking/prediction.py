@@ -95,6 +95,3 @@ class ArmPredictor:
 def predictor_of(arm: Arm, dt: float, N: int) -> "ArmPredictor | DifferencePredictor":
     """Return a predictor of `arm`: by its formulas, or by differences where it has none."""
     return ArmPredictor(arm, dt, N) if arm.has_formulas else DifferencePredictor(arm, dt, N)
-
-
-__all__ = ["ArmPredictor", "predictor_of"]

@@ -12,5 +12,3 @@ CALM_NOISE = Noise(theta=0.02 / 12**0.5 * DEG, d_walk=2.09, pressure_walk=0.0050
 
 It takes the regulators nearly at their word: most of the sensors' noise would else come back as commands.
 """
-
-__all__ = ["CALM", "CALM_NOISE"]

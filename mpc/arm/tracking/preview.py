@@ -158,6 +158,3 @@ class ArmPreview:
 
 class _Meaningless(Exception):
     """The numbers cannot be meant."""
-
-
-__all__ = ["ArmPreview"]

@@ -33,6 +33,3 @@ class ArmProblem(TrackingProblem):
 
 def _rows(weights: Weights, n: int, m: int, stiffnesses: int) -> Rows:
     return diagonal(weights, residuals(n, m, stiffnesses), Rows(2 * n + m, stiffnesses + m, m, m))
-
-
-__all__ = ["ArmProblem"]

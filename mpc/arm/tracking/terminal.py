@@ -46,6 +46,3 @@ def _middle(arm: Arm, dt: float) -> tuple[Array, Array, Array]:
     held = arm.bodies.gravity_torque(q) - arm.mechanism.torque(q, P)
     model = predictor_of(arm, dt, 1).linearise(x, P[None], held[None])
     return model.A[0], model.B[0], model.slope[0]
-
-
-__all__ = ["arm_terminal_factor"]

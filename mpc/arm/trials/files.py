@@ -37,6 +37,3 @@ def save_arm_run(run: ArmRun, path: str | Path) -> None:
     lines = [",".join(name.replace(" ", "_") for name in named)]
     lines += [",".join(f"{value:.9g}" for value in row) for row in np.column_stack(list(named.values())).tolist()]
     write_text(path, "\n".join(lines) + "\n")
-
-
-__all__ = ["columns", "save_arm_run"]

@@ -149,6 +149,3 @@ class _Drawing:
         reach = 1.2 * float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         x, y = points[0, self._two].tolist()
         return (x - reach, x + reach), (y - reach, y + reach)
-
-
-__all__ = ["FILMS", "Film", "check_film"]

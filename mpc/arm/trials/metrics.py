@@ -60,6 +60,3 @@ def _violations(run: ArmRun) -> dict[str, tuple[float, str]]:
         "joint ranges": (max(ranges, 0.0) / DEG, "°"),
         "taut muscles": (float(np.mean(run.forces <= 0.0)), "of the samples slack"),
     }
-
-
-__all__ = ["ArmMetrics", "arm_metrics"]

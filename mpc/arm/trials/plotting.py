@@ -129,6 +129,3 @@ def _stiffness(axes: Any, run: ArmRun) -> None:
         )
         axes.plot(run.t, run.K_ref[:, i, j], color=_BLACK, ls="--", lw=0.8)
     axes.set_ylabel(f"stiffness [{run.arm.stiffness_unit}]")
-
-
-__all__ = ["COLOURS", "arm_figure", "save_arm_figure"]

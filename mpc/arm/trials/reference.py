@@ -188,6 +188,3 @@ def reference(name: str, arm: Arm) -> ArmReference:
     if name not in REFERENCES:
         raise MissingBackend("reference", name, list(REFERENCES))
     return REFERENCES[name](arm)
-
-
-__all__ = ["REFERENCES", "ArmReference", "circle", "hold", "reach", "reference"]

@@ -155,6 +155,3 @@ def _stiffness(arm: Arm, x: Array, gains: Array) -> Array:
     gains = np.broadcast_to(gains, (arm.m,))
     muscles = zip(arm.mechanism.at(q), P.T, gains.tolist(), strict=True)
     return np.asarray(sum(gain * muscle.stiffness(pressure) for muscle, pressure, gain in muscles))
-
-
-__all__ = ["ArmController", "ArmRun", "begin", "simulate_arm"]

@@ -80,6 +80,3 @@ class CallableDevice:
             self._write(0.0, 0.0)
         else:
             self._vent()
-
-
-__all__ = ["CallableDevice"]

@@ -169,6 +169,3 @@ def open_modbus(address: str) -> ModbusDevice:
     if not port.isdecimal() or not 0 < int(port) < 65536:
         raise InvalidInput(f"device modbus:{address}: {port!r} is no port, 1 to 65535")
     return ModbusDevice.tcp(place, int(port), known)
-
-
-__all__ = ["PORT", "ModbusDevice", "open_modbus"]

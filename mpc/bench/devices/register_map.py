@@ -193,5 +193,3 @@ def _entries(table: str, given: Any, names: Iterable[str]) -> dict[str, Entry]:
 
 
 _ENTRY = {f.name for f in fields(Entry)} - {"quantity"}
-
-__all__ = ["GENERIC", "Entry", "RegisterMap"]

@@ -70,6 +70,3 @@ def open_device(spec: str) -> Device:
     except (ImportError, AttributeError) as error:
         raise InvalidInput(f"device {spec!r}: {known[name].entry.value} cannot be loaded ({error})") from None
     return make(address)
-
-
-__all__ = ["GROUP", "Kind", "kinds", "open_device"]

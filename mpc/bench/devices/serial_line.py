@@ -317,6 +317,3 @@ def open_serial(address: str, timeout: float = TIMEOUT) -> SerialDevice:
     if not port or not baud.isdecimal():
         raise InvalidInput(f"serial:{address} has to be serial:PORT or serial:PORT@BAUD, as serial:/dev/ttyUSB0@921600")
     return SerialDevice(port, baud=int(baud), timeout=timeout)
-
-
-__all__ = ["BoardInfo", "SerialDevice", "Tracking", "open_serial"]

@@ -241,28 +241,3 @@ class Receiver:
             self._lost = False
             if frame is not None:
                 yield frame
-
-
-__all__ = [
-    "ANSWERS",
-    "BATCH",
-    "CRC_BYTES",
-    "Field",
-    "Frame",
-    "HEADER",
-    "Kind",
-    "LAYOUTS",
-    "LONGEST",
-    "REASONS",
-    "Receiver",
-    "Refusal",
-    "SAMPLE",
-    "State",
-    "TYPES",
-    "VERSION",
-    "decoded",
-    "encoded",
-    "packing",
-    "stuffed",
-    "unstuffed",
-]

@@ -134,6 +134,3 @@ def open_simulated(address: str = "", clock: Clock | None = None) -> SimulatedDe
     if not address:
         return SimulatedDevice(RealPlant.standard(), clock)
     return SimulatedDevice(simulated(Plant.load(address), Compensation.load(address)), clock)
-
-
-__all__ = ["STEP", "SimulatedDevice", "open_simulated", "simulated"]

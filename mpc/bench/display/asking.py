@@ -38,6 +38,3 @@ class Asking:
             self._line = sys.stdin.readline()
         except (OSError, ValueError):  # closed, or no text
             self._line = ""
-
-
-__all__ = ["REQUEST", "Asking"]

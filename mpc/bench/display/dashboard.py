@@ -149,5 +149,3 @@ if __name__ == "__main__":
         main()
     except OSError:  # the terminal or the reader is gone: nothing is left to show
         os._exit(0)  # without a flush, which would fail again
-
-__all__ = ["Dashboard", "bar", "main", "text"]

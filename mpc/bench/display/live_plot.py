@@ -62,6 +62,3 @@ class Window:
             axes.autoscale_view(scalex=False)
         self._axes[-1].set_xlim(max(t[-1] - _SHOWN, t[0]), max(t[-1], t[0] + 1.0))
         self.figure.canvas.draw_idle()
-
-
-__all__ = ["Window", "plotted"]

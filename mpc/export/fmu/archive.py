@@ -67,6 +67,3 @@ def _binary(model: Model, sources: Files, compiled: list[str]) -> tuple[str, byt
         if done.returncode:
             raise AntagonistError(f"the FMU cannot be compiled: {done.stderr}")
         return f"binaries/{machine}-{sys.platform}/{library.name}", library.read_bytes()
-
-
-__all__ = ["packed"]

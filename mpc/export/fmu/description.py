@@ -89,6 +89,3 @@ def build_description(model: Model, sources: Iterable[str], includes: Iterable[s
 def _written(root: ElementTree.Element) -> str:
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
-
-
-__all__ = ["Model", "build_description", "model_description"]

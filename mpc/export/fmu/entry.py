@@ -63,5 +63,3 @@ def export_controller_fmu(
 
 
 _DEMONSTRATION = ("main.c", "CMakeLists.txt", "README.md", "src/demonstration.h", "src/demonstration_control.h")
-
-__all__ = ["export_controller_fmu", "export_plant_fmu"]

@@ -123,6 +123,3 @@ def _placed(variables: Sequence[Variable]) -> Iterator[tuple[Variable, int]]:
 def _row(variable: Variable, first: int) -> str:
     whole, count = int(variable.unit is None), len(variable.starts)
     return f"{{{whole}, {first}, {count}, {_SET[variable.causality]}, {int(variable.finite)}}}"
-
-
-__all__ = ["UNITS", "Variable", "controller_variables", "plant_variables", "variables_header"]

@@ -157,6 +157,3 @@ def _known(governor: PressureGovernor) -> str:
 def _range(low: tuple[float, ...], high: tuple[float, ...]) -> str:
     least, greatest = min(low), max(high)
     return f"{least:g}" if least == greatest else f"{least:g} to {greatest:g}"
-
-
-__all__ = ["export_governor"]

@@ -99,6 +99,3 @@ def numbers_file(rules: kernel.Rules, single: bool) -> str:
     body.append(f"static const ant_rules ANT_RULES = {{{listed}}};")
     about = "The governor's numbers, in SI units; mpc/governor/kernel.py says what they are."
     return text.header("ANT_GOVERNOR_H", about, "\n\n".join(body), ["kernel.h", "real.h"])
-
-
-__all__ = ["kernel_files", "numbers_file"]

@@ -12,16 +12,7 @@ from allocator.mechanism import Mechanism, allocate_mechanism
 from mpc.codegen.c_text import number
 from mpc.export import text
 from mpc.export.directory import check, write
-from mpc.export.mechanism.curved import (
-    GAP,
-    NODES,
-    ROUNDS,
-    curved_functions,
-    curved_numbers,
-    curved_sizes,
-    curved_tables,
-)
-from mpc.export.mechanism.kernel import kernel_files
+from mpc.export.mechanism.kernel import MOST_FIRST, MOST_ROUNDS, kernel_files
 from mpc.export.mechanism.model import map_function
 from mpc.export.parts import BUILD, Files, copied, is_single, model_files
 
@@ -33,14 +24,13 @@ def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precisio
     """Write the allocation of `mechanism` as plain C99 to the directory `out`, and return it.
 
     The C says what `allocate_mechanism` says, with priority "torque" or "stiffness". Its kernel is printed from the
-    text that Python runs, its formulas by CasADi for this mechanism. Muscles that are not affine in the pressure are
-    searched as in Python, by descents and bounds; what is not proved to the gap says so by its status.
+    text that Python runs, its formulas by CasADi for this mechanism.
 
     Raises
     ------
     InvalidInput
-        For routes without formulas (tables), a directory that is not empty, and a law of a muscle, not affine in the
-        pressure, whose stiffness jumps or turns too often over its force. Nothing is written then.
+        For muscles that are not affine in the pressure, routes without formulas (tables) and a directory that is not
+        empty. Nothing is written then.
     MissingBackend
         For an unknown `precision`, "double" or "single" (for an FPU without double).
     """
@@ -52,19 +42,13 @@ def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precisio
 
 
 def _files(mechanism: Mechanism, single: bool) -> Files:
-    if mechanism.affine:
-        functions = [(map_function(mechanism), "q [rad] to what the muscles are there and y0 + M P, see allocate.c")]
-    else:
-        functions = curved_functions(mechanism)
-    own = dict(copied("affine_mechanism" if mechanism.affine else "curved_mechanism", "src/"))
+    functions = [(map_function(mechanism), "q [rad] to what the muscles are there and y0 + M P, see allocate.c")]
     return {
         **dict(copied("mechanism", "")),
         "CMakeLists.txt": dict(copied(".", ""))["CMakeLists.txt"],
-        "antagonist_memory.h": own.pop("src/antagonist_memory.h"),
-        **own,
         **dict(copied("mechanism/src", "src/")),
         "src/real.h": dict(copied("allocate", ""))["real.h"],
-        **(kernel_files(single) if mechanism.affine else kernel_files(single, ROUNDS)),
+        **kernel_files(single),
         **model_files(functions, single),
         "src/mechanism.h": _numbers(mechanism, single),
         "antagonist_config.h": _config(mechanism, single),
@@ -74,23 +58,18 @@ def _files(mechanism: Mechanism, single: bool) -> Files:
 
 
 def _config(mechanism: Mechanism, single: bool) -> str:
-    n = mechanism.n
+    n, m = mechanism.n, mechanism.m
+    rows = n + n * (n + 1) // 2
     sizes: dict[str, tuple[float | int, str]] = {
         "JOINTS": (n, "n"),
-        "MUSCLES": (mechanism.m, "m"),
-        "STIFFNESSES": (n * (n + 1) // 2, "entries of a stiffness"),
-        "ROWS": (n + n * (n + 1) // 2, "torques and stiffnesses"),
+        "MUSCLES": (m, "m"),
+        "STIFFNESSES": (rows - n, "entries of a stiffness"),
+        "ROWS": (rows, "torques and stiffnesses"),
+        "VARIABLES": (m, "of the kernel"),
+        "LINES": (rows, "of the kernel"),
+        "LEVELS": (2, "what comes first and what comes after it"),
     }
     lines = ["#define ANT_SINGLE /* numbers are float */"] if single else []
-    if mechanism.affine:
-        sizes |= {
-            "VARIABLES": (mechanism.m, "of the kernel"),
-            "LINES": (sizes["ROWS"][0], "of the kernel"),
-            "LEVELS": (2, "what comes first and what comes after it"),
-        }
-    else:
-        sizes |= curved_sizes(mechanism)
-        lines.append("#define ANT_CURVED /* not all muscles are affine in the pressure */")
     lines.append(text.defines(sizes, single))
     return text.header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))
 
@@ -107,7 +86,6 @@ def _numbers(mechanism: Mechanism, single: bool) -> str:
         "TRUSTED": (trusted, "an answer with a greater residual is a failure [-]"),
         "LEAST_CONTRACTION": (mechanism.min_contraction - stretched, "below it no muscle's model is valid [-]"),
     }
-    numbers |= {} if mechanism.affine else curved_numbers(single)
     ends = np.array([(-_FREE, _FREE)] * mechanism.n if mechanism.angle_limits is None else mechanism.angle_limits)
     rows, columns = mechanism.upper_triangle
     weights = np.concatenate([np.ones(mechanism.n), np.where(rows == columns, 1.0, np.sqrt(2.0))])
@@ -119,10 +97,7 @@ def _numbers(mechanism: Mechanism, single: bool) -> str:
     }
     about = "The mechanism's numbers, in SI units: greatest pressures, ends of the joints, roots of the weights."
     body = [text.defines(numbers, single), *(f"static {text.table(name, v, single)}" for name, v in tables.items())]
-    if mechanism.affine:
-        return text.header("ANT_MECHANISM_H", about, "\n\n".join(body), ["antagonist.h"])
-    body += curved_tables(mechanism, single)
-    return text.header("ANT_MECHANISM_H", about, "\n\n".join(body), ["antagonist.h", "model.h"])
+    return text.header("ANT_MECHANISM_H", about, "\n\n".join(body), ["antagonist.h"])
 
 
 def _targets(mechanism: Mechanism) -> Array:
@@ -168,10 +143,7 @@ to read; all units are SI. Written for this mechanism: `antagonist_config.h`, `s
 
 """
     + BUILD
-    + "\n{how}"
-)
-
-_AFFINE = """\
+    + """
 `ant_allocate` gives the pressures for torques and a stiffness at a posture, or the nearest that the limits allow, as
 `allocator.mechanism.allocate_mechanism` does: torque first or stiffness first, then the least pressures or those
 nearest to the present ones. It says by its status what was missed and why, and it computes from the pressures how far
@@ -180,28 +152,7 @@ last are one Cholesky factor of at most {m} × {m}; at most {most}, after which 
 pressures are within the limits. `follow` begins with what bound the last time: sooner, where targets follow each other.
 All memory is in `ant_memory`, of fixed size, which is best made static.
 """
-
-_CURVED = """\
-`ant_allocate` gives the pressures for torques and a stiffness at a posture, or the nearest that the limits allow, as
-`allocator.mechanism.allocate_mechanism` does: torque first or stiffness first, then the least pressures or those
-nearest to the present ones. Not all of these muscles are affine in the pressure, so that the best pressures are
-searched: five descents, of at most {steps} steps of three small least-squares problems each, go down to a local
-optimum. A target that is met needs no further proof. Of one that is missed `gap` of the answer says how far its
-squared error may be above the least, proved by bounds over intervals of pressure (branch and bound; `src/bound.c` has
-the inequality). `target.nodes` bounds their number, {nodes} unless you say otherwise; what is not proved to
-`target.gap` (of 1 + the squared error; {gap:g}) is `ANT_SOLVER_FAILED`, with the best pressures that were found, within
-the limits. So is a muscle whose force does not rise with the pressure all over its limits: keep muscles taut
-(`min_force`). `follow` begins at the last answer: sooner, where targets follow each other, and of equally good
-pressures those near the last ones. `src/descent.c`, `curves.c`, `bound.c` and `tree.c` are named as in Python's
-`allocator.mechanism.relaxation`, and do what is done there.
-All memory is in `ant_memory`, of fixed size, which is best made static.
-{single}"""
-
-_CURVED_SINGLE = """\
-
-In single precision pressures differ by about 1e-6 of the supply, and a few in a hundred of the targets that cannot be
-met, those whose proof in double precision takes many nodes, have none: their status is `ANT_SOLVER_FAILED`.
-"""
+)
 
 
 def _readme(mechanism: Mechanism, single: bool) -> str:
@@ -213,12 +164,5 @@ def _readme(mechanism: Mechanism, single: bool) -> str:
         muscles=", ".join(mechanism.muscle_names),
         rounded=" (single precision differs in the last digits)" if single else "",
         printed="\n".join(_shown(mechanism)),
-        how=_AFFINE.format(m=mechanism.m, most=1200) if mechanism.affine else _searched(single),
+        most=MOST_ROUNDS + MOST_FIRST,
     )
-
-
-def _searched(single: bool) -> str:
-    return _CURVED.format(steps=100, nodes=NODES, gap=GAP, single=_CURVED_SINGLE if single else "")
-
-
-__all__ = ["export_mechanism"]

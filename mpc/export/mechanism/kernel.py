@@ -30,14 +30,11 @@ SINGLE = {  # what rounding of single precision leaves
 ENTRIES = {name: f"ant_kernel_{name}" for name in ("prepare", "scale", "solve", "residual")}
 
 
-def kernel_files(single: bool, rounds: int = MOST_ROUNDS) -> dict[str, str]:
-    """Return the files of the kernel, which are the same for every mechanism; sizes stand in antagonist_config.h.
-
-    A call ends after so many `rounds` of guesses.
-    """
+def kernel_files(single: bool) -> dict[str, str]:
+    """Return the files of the kernel, which are the same for every mechanism; sizes stand in antagonist_config.h."""
     structs = _structs()
     functions = (*levels.FUNCTIONS, *residual.FUNCTIONS)
-    numbers = {"MOST_ROUNDS": rounds, "MOST_FIRST": MOST_FIRST} | (SINGLE if single else {})
+    numbers = {"MOST_ROUNDS": MOST_ROUNDS, "MOST_FIRST": MOST_FIRST} | (SINGLE if single else {})
     made = c_functions(functions, _kinds(structs), single, ENTRIES, numbers)
     about = "Lexicographic least squares in a box, printed from Python's text of it."
     bounds = c_form(Source.of(source), "interval", _OUTSIDE)
@@ -111,6 +108,3 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         "ends": ArrayKind(INT, (K,), True),
         **dict.fromkeys(("longest", "pull", "near", "to_centre", "greatest"), REAL),
     }
-
-
-__all__ = ["kernel_files"]

@@ -33,6 +33,3 @@ def map_function(mechanism: Mechanism) -> Any:
     return ca.Function(
         "mechanism", [q], list(map(ca.densify, made)), ["q"], ["contraction", "gain", "force", "y0", "M"]
     )
-
-
-__all__ = ["map_function"]

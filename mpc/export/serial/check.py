@@ -137,6 +137,3 @@ def _quantiles(times: Array) -> str:
         return "never answered"
     median, most, worst = 1e3 * np.quantile(times, [0.5, 0.99, 1.0])
     return f"{median:.2f} ms median, {most:.2f} ms for 99 %, {worst:.2f} ms at worst"
-
-
-__all__ = ["Examination", "examine"]

@@ -94,6 +94,3 @@ def bench_check_command(
         say(console, line)
     if found.faults:
         raise DeviceError(f"do not use this board: {'; '.join(found.faults)}")
-
-
-__all__ = ["BoardOptions", "bench_check_command"]

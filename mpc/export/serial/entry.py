@@ -72,6 +72,3 @@ def board_files(
         files = controller_files(*pair(None, controller, observer), single, alone=True)
     files |= firmware_files(real.nominal.joint.pressure_limits, safety, controller)
     return files | simulation_files(real, start_of(real) if x0 is None else x0)
-
-
-__all__ = ["board_files", "export_board"]

@@ -71,6 +71,3 @@ def _config(limits: tuple[float, float], safety: Safety, controller: TrackingMPC
 
 def _whole(name: str, value: int, meaning: str) -> str:
     return f"#define ANT_{name} {value}u /* {meaning} */"
-
-
-__all__ = ["PLANT_DT", "firmware_files", "simulation_files"]

@@ -50,6 +50,3 @@ def _layout(name: str, fields: Iterable[Field]) -> str:
         at += protocol.packing((field,)).size
     lines.append(f"    ANT_{name}_BYTES = {at}")
     return "enum {\n" + "\n".join(lines) + "\n};\n"
-
-
-__all__ = ["protocol_header"]

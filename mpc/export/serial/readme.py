@@ -61,6 +61,3 @@ def firmware_readme(limits: tuple[float, float], safety: Safety, controller: Tra
         sources=" src/*.c" if controls else "",
         shared="serial/board.c serial/frames.c" + (" serial/follow.c" if controls else ""),
     )
-
-
-__all__ = ["firmware_readme"]

@@ -25,6 +25,3 @@ class Safety:
         fall = float(self.fall)
         if not fall >= 0 or (isfinite(fall) and 0 < fall < BAR / 1e3):
             raise InvalidInput(f"fall = {fall:g} Pa/s has to be 0 (hold), inf (at once) or 100 Pa/s at least")
-
-
-__all__ = ["Safety"]

@@ -116,6 +116,3 @@ def compiled(directory: Path, controls: bool, flags: tuple[str, ...]) -> Path:
     if done.returncode:
         raise AntagonistError(f"the simulated board cannot be compiled: {done.stderr}")
     return directory / _PROGRAM
-
-
-__all__ = ["SimulatedBoard", "compiled"]

@@ -39,6 +39,3 @@ def weights_from(errors: str) -> Weights:
         within(f"--errors {name}", error, "(an error that costs one half)", 1e-9, 1e9)
         changed[name] = 1 / (error * _ERRORS[name]) ** 2
     return replace(Weights.calm(), **changed)
-
-
-__all__ = ["weights_from", "write_tuning"]

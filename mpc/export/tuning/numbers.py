@@ -80,6 +80,3 @@ def tuning_text(controller: TrackingMPC, single: bool) -> str:
         first, *others = (repr(float(value)) for value in np.ravel(values))
         lines += [f"{first}  # {what}", *others]
     return "\n".join(lines) + "\n"
-
-
-__all__ = ["tuning_constants", "tuning_definition", "tuning_numbers", "tuning_text"]

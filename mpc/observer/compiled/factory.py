@@ -47,6 +47,3 @@ def compiled_estimate(
         Exception
     ):  # no compiler, no place for its work, a formula too long or not symbolic, or a fault of the compiler's own
         return None
-
-
-__all__ = ["Readable", "compiled_estimate"]

@@ -113,13 +113,3 @@ def _slices(flat: Array, at: tuple[int, ...]) -> Iterator[Array]:
     """Yield the parts of `flat` between the places."""
     for first, last in pairwise(at):
         yield flat[first:last]
-
-
-__all__ = [
-    "ACTING", "ANGLE", "ASKED", "AT", "BELIEF", "COMMANDS", "COVARIANCE", "DEAD_BAND", "DT", "FLOOR", "FOUND",
-    "FRICTION", "GAIN", "H", "INNER", "INSIDE", "K", "LAST", "LENGTH", "LOST", "MEASURED", "MEMORY", "NEAR",
-    "NUMBERS", "ONE", "OUTER", "POSSIBLE", "PRODUCT", "Q", "QUICK", "Q_REST", "READ", "REPEATING", "REPEATS", "S",
-    "SAID", "SAMPLES", "SEEN", "SIGMA", "SIZE", "SLOW", "STEP", "SUBSTEPS", "THETA_FLOOR", "THETA_NOISE", "TIME",
-    "TOLERANCE", "TORQUE", "TOTAL", "TWO", "USUAL", "VARIANCES", "WITHOUT", "XI", "Known", "State", "known_of",
-    "places", "state_of",
-]  # fmt: skip

@@ -81,9 +81,10 @@ def known_of(made: CompiledFilter, own: Filter, judged: Diagnosis) -> Known:
 @cache
 def _register() -> None:
     """Teach numba the functions that Python runs as they are."""
-    functions = [getattr(part, name) for part in _PARTS for name in part.__all__]
-    for function in functions:
-        if isinstance(function, FunctionType):
+    for part in _PARTS:
+        for name, function in vars(part).items():
+            if not isinstance(function, FunctionType) or function.__module__ != part.__name__ or name.startswith("_"):
+                continue
             register_jitable(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
 
@@ -92,6 +93,3 @@ def _parts() -> str:
     """Return the hash of all that may be compiled into the template, so that a change of it is compiled, too."""
     files = sorted(_HERE.parent.rglob("*.py"))
     return sha256("".join(file.read_text(encoding="utf-8") for file in files).encode()).hexdigest()
-
-
-__all__ = ["CompiledFilter", "compiled_filter", "known_of"]

@@ -344,6 +344,3 @@ def suspicious(k: Array, s: Array) -> bool:
         changed = changed or s[i] != s[past + i]
     now, before = s[torques + torque_diagnosis.LOADED], s[past + torques + torque_diagnosis.LOADED]
     return changed or (now != before and (now == now or before == before))
-
-
-__all__ = ["estimate", "filtered"]

@@ -66,6 +66,3 @@ class CompiledEstimate:
         if self.ahead:
             self.ahead = False
             self._readable.go_on(self.state)
-
-
-__all__ = ["CompiledEstimate"]

@@ -75,6 +75,3 @@ def deviations(path: Path, u: Array, reference: Reference, last: Array, errors: 
         end[4 + i] = previous
     for i in range(4):
         end[i] = x[N, i]
-
-
-__all__ = ["cumulative", "deviations", "limit", "new_errors", "slew_bounds"]

@@ -106,6 +106,3 @@ def setting(problem: TrackingProblem) -> Any:
     w = problem.weights
     slack = np.array([w.slack, w.slack_square, w.slack_force, w.slack_force_square])
     return Setting(cost, bounds, problem.curvature, LAZY_TOLERANCE, ACCURACY, slack, problem.starts.astype(np.int64))
-
-
-__all__ = ["Parts", "compile_step", "factory", "setting"]

@@ -64,6 +64,3 @@ def path_in(buffer: Array) -> tuple[Path, Array]:
 def lengths(N: int) -> tuple[int, int]:
     """Return the lengths of the buffers of a `Given` and of a path."""
     return _GIVEN[0] * N + _GIVEN[1], _PATH[0] * N + _PATH[1]
-
-
-__all__ = ["Given", "flat", "given_in", "lengths", "path_in", "setting_in"]

@@ -118,6 +118,3 @@ def _coefficients(plant: Plant) -> dict[str, Any]:
     sides: list[Any] = [ca.SX(value) for side in coefficients(plant.joint, theta, plant.shares) for value in side]
     both: Any = ca.cse([ca.densify(ca.vertcat(*sides))])
     return {"coefficients": ca.Function("coefficients", [theta], both)}
-
-
-__all__ = ["CompiledPlant", "compiled_plant"]

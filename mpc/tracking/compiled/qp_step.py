@@ -108,6 +108,3 @@ class CompiledFeedForward:
             return self.readable(theta, K, d)
         found = self.arrays.given.reference
         return FeedForward(found.x.copy(), found.y.copy(), found.u.copy(), Moved(*moved.tolist()))
-
-
-__all__ = ["CompiledFeedForward", "CompiledQPStep"]

@@ -83,6 +83,3 @@ class Bounded(NamedTuple):
     lower: Array  # (N, 2) [bar]
     upper: Array  # (N, 2) [bar]
     there: Any  # (N,) whether there is one, at the starts of blocks; else the bounds are 0
-
-
-__all__ = ["Bounded", "Bounds", "Cost", "Errors", "Path", "Point", "Reference", "Setting"]

@@ -250,6 +250,3 @@ def read_outputs(c: Array, path: Path) -> None:
             path.y[k, i] = o[i]
             for j in range(4):
                 path.slope[k, i, j] = o[3 + 3 * j + i]
-
-
-__all__ = ["feed_forward", "known_in", "length_of", "linearise", "made_in", "rollout", "step"]

@@ -54,5 +54,3 @@ def ended(y, x, A, B):
 
 
 """
-
-__all__ = ["layout", "variational"]

@@ -54,6 +54,3 @@ def certified(solve: Solver, qp: QP, deadline: float, curvature: float) -> Answe
     multipliers[np.append(np.full(z.size, True), within)] = found[1]
     right = qp.certify(z, multipliers).within(PRIMAL_TOLERANCE, 0.5 * curvature * ACCURACY**2)
     return Answer(z, multipliers, PlanStatus.OPTIMAL if right else PlanStatus.REFUSED)
-
-
-__all__ = ["ACCURACY", "LAZY_TOLERANCE", "PRIMAL_TOLERANCE", "Answer", "certified"]

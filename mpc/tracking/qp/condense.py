@@ -142,6 +142,3 @@ def _rows(problem: TrackingProblem, model: Linearisation, G: Array) -> tuple[Arr
         np.concatenate([np.minimum(P_lo / BAR - u, 0.0), -never, below, limits.min_force - F]),
         np.concatenate([np.maximum(P_hi / BAR - u, 0.0), above, never, np.full(F.shape, np.inf)]),
     )
-
-
-__all__ = ["SLACKS", "TrackingProblem", "condense", "increments", "sensitivity"]

@@ -105,6 +105,3 @@ def _shortened(lines: list[str]) -> list[str]:
         elif kept[-1] != "…":
             kept.append("…")
     return kept
-
-
-__all__ = ["NamedQP", "decision_names", "named", "row_names"]

@@ -77,6 +77,3 @@ def with_options(kind: str, solver: str | Mapping[str, Any], members: Mapping[st
     if name not in members:
         raise MissingBackend(kind, name, members)
     return members[name](**options)
-
-
-__all__ = ["SolverOptions", "with_options"]

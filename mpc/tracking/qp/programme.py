@@ -80,6 +80,3 @@ class QP:
         except np.linalg.LinAlgError:
             return np.inf
         return 0.5 * float(half @ half)
-
-
-__all__ = ["QP", "Residuals"]

@@ -78,6 +78,3 @@ def _bounded_least_squares(qp: QP) -> Array:
     L = np.linalg.cholesky(qp.H)
     found = lsq_linear(L.T, -solve_triangular(L, qp.f, lower=True), (qp.lower, qp.upper), method="bvls")
     return np.asarray(np.clip(found.x, qp.lower, qp.upper))
-
-
-__all__ = ["COMMAND", "ROUNDS", "softened"]

@@ -216,6 +216,3 @@ def _through_qpsolvers(name: str, qp: QP, settings: dict[str, Any]) -> tuple[Arr
     multipliers[used] = found.z
     above, below = np.split(multipliers, 2)
     return found.x, np.concatenate([found.z_box, above - below])
-
-
-__all__ = ["DAQP", "OSQP", "SCS", "Clarabel", "Installed", "QPSolver", "Riccati", "Solver", "guarded", "solver"]

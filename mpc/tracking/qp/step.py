@@ -127,15 +127,3 @@ def dense_answer(
 def commands(problem: TrackingProblem, u: Array, z: Array, previous: PreviousSample) -> Array:
     """Return the commands (N, 2) [Pa] that the decisions `z` make of `u`."""
     return problem.limits.limited(previous.u, u + problem.E @ z)
-
-
-__all__ = [
-    "CompilingBeside",
-    "PreviousSample",
-    "QPAnswer",
-    "QPStep",
-    "ReadableQPStep",
-    "SlowStep",
-    "commands",
-    "dense_answer",
-]

@@ -228,6 +228,3 @@ def record(known: Known, m: Memory, u: Array, x: Array, F: Array, side: float, k
         if j > 0:
             slack_force = max(slack_force, least - F[j, 0], least - F[j, 1])
     answers.slack[k], answers.slack_force[k] = slack, slack_force
-
-
-__all__ = ["driven"]

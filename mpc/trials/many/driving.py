@@ -18,8 +18,9 @@ from mpc.model.compensation import Compensation
 from mpc.model.contact import Contact
 from mpc.model.plant import NU, NX
 from mpc.model.plant import Plant as Model
+from mpc.observer.base import Observer
 from mpc.observer.compiled.whole import CompiledEstimate
-from mpc.observer.kalman import KalmanObserver, Observer
+from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.qp.solvers import Riccati
@@ -122,6 +123,3 @@ def _told(plant: Model, known: Compensation) -> tuple[str, Array]:
         source = filling(name, ca.Function(name, given, ca.cse([ca.densify(one) for one in found])), c.size)
         text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
     return text, c
-
-
-__all__ = ["Driving", "driving"]

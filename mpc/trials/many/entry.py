@@ -7,7 +7,7 @@ import numpy as np
 
 from allocator import checks
 from allocator.errors import InvalidInput
-from mpc.observer.kalman import Observer
+from mpc.observer.base import Observer
 from mpc.trials.many.loop import Loop, outcomes
 from mpc.trials.many.runs import Outcome, Runs
 from mpc.trials.many.workers import spread
@@ -90,6 +90,3 @@ def _states(x0: Any) -> Any:
     """Return a state, or a list of states."""
     array = np.asarray(x0)
     return [state(row) for row in array] if array.ndim == 2 else state(x0)
-
-
-__all__ = ["simulate_many"]

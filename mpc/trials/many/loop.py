@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, Self
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from mpc.observer.kalman import Observer
+from mpc.observer.base import Observer
 from mpc.trials.many.runs import Outcome
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import ClosedLoop, Controller, Process, Run, simulate
@@ -93,6 +93,3 @@ def _run(loop: Loop, made: Compiled) -> tuple[Run, str]:
         if driving.drive(closed):
             return closed.run(), "compiled"
     return simulate(*given, x0=loop.x0, observer=loop.observer, seed=loop.seed), "readable"
-
-
-__all__ = ["Loop", "outcomes"]

@@ -134,6 +134,3 @@ def _stepped(process: Plant | RealPlant) -> Any:
     else:
         later = integrated(lambda x: ca.vertcat(*process.rate(x, u, dh[0])), full, dh[1], 1)
     return ca.Function("stepped", [full, u, dh], [ca.cse(ca.densify(later))])
-
-
-__all__ = ["CompiledExperiment", "CompiledPlant", "compiled_plant"]

@@ -45,6 +45,3 @@ def read(sensors: Array, full: Array, noise: Array, y: Array) -> None:
     y[0] = step * np.round(full[0] / step) if step > 0 else full[0]
     y[1] = full[1] + sensors[2]
     y[2], y[3] = full[2] + sensors[1] * noise[0], full[3] + sensors[1] * noise[1]
-
-
-__all__ = ["advance", "read"]

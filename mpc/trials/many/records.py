@@ -83,6 +83,3 @@ class Answers(NamedTuple):
     slack: Array
     slack_force: Array
     moved: Array  # (M, 3)
-
-
-__all__ = ["Answers", "Known", "Memory", "Plant", "Step"]

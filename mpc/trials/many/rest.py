@@ -161,9 +161,3 @@ def gain(m: Memory, mean: float, K: float) -> float:
         moved = (mean - s[ERROR]) * np.sign(s[TORQUE])
         g = min(max(abs(s[TORQUE]) / (max(moved, 0.0) + RESOLUTION) / 2, K), STIFFEST * K)
     return min(g, K * (1 + OVERSHOOT / abs(mean)))
-
-
-__all__ = [
-    "COUNTED", "ERROR", "FREE", "HALF", "QUARTERS", "RESTS", "RINGS", "SAMPLES", "SIDE", "SINCE", "TORQUE", "begin",
-    "check", "constant", "correction", "gain", "pressure", "pushed", "quarter_ended",
-]  # fmt: skip

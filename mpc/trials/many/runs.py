@@ -137,6 +137,3 @@ def _spread(values: Array, unit: str) -> str:
     low, high = np.percentile(values, _SPREAD)
     least, most = (f"{number(value, 3)}{unit}" for value in (low, high))
     return f"{number(np.median(values), 3)}{unit} in the median, {least} to {most} in 90 % of the runs"
-
-
-__all__ = ["Outcome", "Runs"]

@@ -77,6 +77,3 @@ def _rest(mode: RestMode) -> Array:
 
 def _floats(given: Any) -> Array:
     return np.array(given, float)
-
-
-__all__ = ["known_of", "memory_of", "ordinary", "step_of"]

@@ -66,6 +66,3 @@ def _batch(begin: int, end: int) -> list[tuple[int, Outcome]]:
         if stop.is_set():
             break
     return found
-
-
-__all__ = ["spread"]

@@ -12,7 +12,7 @@ from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.loop import RealTimeLoop
 from mpc.bench.safety import SafeStop, SoftStart
 from mpc.model.real_plant import RealPlant
-from mpc.observer.kalman import Differentiator
+from mpc.observer.base import Differentiator
 from mpc.yardsticks.baselines import PIDControl
 
 DT = 0.01

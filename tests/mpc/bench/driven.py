@@ -19,7 +19,7 @@ from mpc.bench.device import Reading
 from mpc.bench.devices.functions import CallableDevice
 from mpc.bench.loop import RealTimeLoop
 from mpc.bench.safety import SafeStop, SoftStart, Watchdog
-from mpc.observer.kalman import Differentiator
+from mpc.observer.base import Differentiator
 from mpc.yardsticks.baselines import PIDControl
 
 EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}

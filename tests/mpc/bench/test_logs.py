@@ -17,7 +17,7 @@ from mpc.bench.record import Row
 from mpc.bench.safety import SoftStart, Watchdog
 from mpc.bench.tracking import Tracking, replay
 from mpc.model.real_plant import RealPlant
-from mpc.observer.kalman import Differentiator
+from mpc.observer.base import Differentiator
 from mpc.trials.metrics import metrics
 from mpc.trials.recordings import load_recording
 from mpc.trials.reference import sine

@@ -14,7 +14,7 @@ from mpc.bench.devices.serial_protocol import State
 from mpc.bench.loop import RealTimeLoop
 from mpc.bench.safety import Reason, SafeStop, SoftStart, Watchdog
 from mpc.export.serial.simulated import SimulatedBoard
-from mpc.observer.kalman import Differentiator
+from mpc.observer.base import Differentiator
 from mpc.yardsticks.baselines import PIDControl
 
 from ...rigs.fuzz import noise

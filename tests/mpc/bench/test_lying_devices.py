@@ -18,7 +18,7 @@ from mpc.bench.devices.functions import CallableDevice
 from mpc.bench.logs import read_log
 from mpc.bench.safety import Reason, RefusedStart, SafeStop, SoftStart
 from mpc.bench.sweep import Sweep, Visit
-from mpc.observer.kalman import Differentiator
+from mpc.observer.base import Differentiator
 from mpc.tracking.limits import Limits
 
 DT = 0.01

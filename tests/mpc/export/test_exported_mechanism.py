@@ -8,7 +8,7 @@ import pytest
 
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.mechanism import Link, Mechanism, MechanismStatus, Sites, Tables, allocate_mechanism, machines
-from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
+from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_LOPEZ_LAAS_ARM
 from allocator.units import BAR
 from mpc.export.mechanism.entry import export_mechanism
 
@@ -161,6 +161,7 @@ def test_the_demonstration_prints_what_the_readme_says(tmp_path):
     [
         (Mechanism(TABLE, SAROSI_DMSP_20_400N), {}, InvalidInput, "Tables"),
         ("arm26", {}, InvalidInput, "expected a Mechanism"),
+        (machines.arm26().with_muscles(TONDU_LOPEZ_LAAS_ARM), {}, InvalidInput, "not affine"),
         (ARM, {"precision": "half"}, MissingBackend, "precision"),
     ],
 )

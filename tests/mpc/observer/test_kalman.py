@@ -16,8 +16,9 @@ from mpc.model.compensation import Compensation
 from mpc.model.faults import FrozenSensors
 from mpc.model.friction import Friction
 from mpc.model.real_plant import RealPlant
-from mpc.observer.filter import Belief
-from mpc.observer.kalman import Differentiator, KalmanObserver, Noise
+from mpc.observer.base import Differentiator
+from mpc.observer.filter import Belief, Noise
+from mpc.observer.kalman import KalmanObserver
 
 pytestmark = pytest.mark.compiles
 

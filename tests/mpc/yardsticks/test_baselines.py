@@ -7,7 +7,8 @@ from scipy.linalg import solve_discrete_are
 from allocator import BAR, DEG, InvalidInput, MissingBackend
 from mpc import PlanStatus, Reference, Rung, Weights, simulate, sine
 from mpc.model.real_plant import RealPlant
-from mpc.observer.kalman import Differentiator, KalmanObserver
+from mpc.observer.base import Differentiator
+from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.linearise import Predictor
 from mpc.trials.loops import CONTROLLERS, Settings, loop
 from mpc.trials.metrics import metrics

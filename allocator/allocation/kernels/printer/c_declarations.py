@@ -138,6 +138,3 @@ class Unit:
     def called(self, name: str) -> str:
         """Return what C calls the function `name`."""
         return self.outside.functions.get(name, name)
-
-
-__all__ = ["ATOM", "INT", "MADE", "REAL", "Outside", "Text", "Unit", "arguments_of", "literal"]

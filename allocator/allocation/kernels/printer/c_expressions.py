@@ -120,6 +120,3 @@ class Expressions:
         """Return the struct that holds `value`, called as the argument `name`."""
         made = [self.text(element) for element in value.elts]
         return Text(f"{{{', '.join(one.text for one in made)}}}", self.unit.struct_of(value, name, made))
-
-
-__all__ = ["Expressions"]

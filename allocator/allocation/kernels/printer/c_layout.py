@@ -40,6 +40,3 @@ def comment(text: str, depth: int) -> str:
         lines += ["", *(paragraph.split("\n") if kept else textwrap.wrap(paragraph, WIDTH - 6 - len(indent)))]
     between = f"\n{indent} * "
     return f"{indent}/* {between.join(lines[1:])} */".replace(" \n", "\n")
-
-
-__all__ = ["comment", "runs", "whole", "wrapped"]

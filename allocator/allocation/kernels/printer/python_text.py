@@ -129,6 +129,3 @@ def _pairs(target: ast.expr, value: ast.expr) -> Iterator[tuple[ast.expr, ast.ex
 def names_in(node: ast.AST) -> set[str]:
     """Return all names in `node`."""
     return {inner.id for inner in ast.walk(node) if isinstance(inner, ast.Name) and inner.id != "_"}
-
-
-__all__ = ["Source", "Unprintable", "asks_for_none", "assignments", "names_in", "refuse", "statements"]

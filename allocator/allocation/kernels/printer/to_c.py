@@ -206,6 +206,3 @@ class _Function:
             refuse(value, f"{made.kind} is returned, and {self.returned} elsewhere")
         self.returned = made.kind
         return made.text
-
-
-__all__ = ["Printed", "c_form"]

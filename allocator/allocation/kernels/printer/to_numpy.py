@@ -131,6 +131,3 @@ class _Arrays(ast.NodeTransformer):
         for link in links[1:]:
             first = _numpy("logical_and", [first, link])
         return first
-
-
-__all__ = ["array_form", "array_functions"]

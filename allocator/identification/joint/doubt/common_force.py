@@ -359,6 +359,3 @@ def _cells(problem: JointProblem) -> int:
     s = problem.samples
     key = np.stack([s.group, *(np.round(P / s.cell) for P in (s.P1, s.P2)), np.round(s.torque, 6)])
     return int(np.unique(key, axis=1).shape[1]) + (problem.sag.n if problem.sag is not None else 0)
-
-
-__all__ = ["CommonForce", "Prior", "guided", "prior_of", "settle", "with_free_friction"]

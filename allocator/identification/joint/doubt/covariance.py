@@ -159,6 +159,3 @@ def _choice(effects: Effects, name: str, kind: str, other: JointProblem, there: 
     error, change = other.angle_error(there), effects.difference(other, there)[:n]
     rms, stiffness = (float(np.sqrt(np.mean(part**2))) for part in (error, change))
     return Choice(name, kind, rms, u.ratio, u.zero, u.friction, stiffness)
-
-
-__all__ = ["Choice", "Doubt", "doubt"]

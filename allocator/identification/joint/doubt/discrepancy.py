@@ -272,6 +272,3 @@ def _weighted(a: Array, sz: Array, rest: float, free: int) -> list[tuple[float, 
     weight /= weight.sum()
     used = weight > 0
     return list(zip(weight[used].tolist(), ratios[used].tolist(), s2[used].tolist(), strict=True))
-
-
-__all__ = ["RMS_OF_FIELD", "Discrepancy", "ForceField", "FrictionError", "angle_effect", "discrepancy"]

@@ -150,6 +150,3 @@ def _scale(values: Array) -> Array:
     force = float(np.abs(np.concatenate([F1, F2])).mean()) / _FORCE_WEIGHT
     least = _LEAST_STIFFNESS * float(np.median(np.abs(K)))
     return np.concatenate([np.maximum(np.abs(K), least), np.full(2 * K.size, force)])
-
-
-__all__ = ["Effects"]

@@ -66,6 +66,3 @@ def _held(fit: Any, joint: AntagonistJoint) -> Array:
     share, variance = C @ gradient, float(gradient @ C @ gradient)
     J = parameter_jacobian(fit.problem, fit.problem.unknowns(fit.x))
     return np.asarray(J @ (C - np.outer(share, share) / max(variance, 1e-300)) @ J.T)
-
-
-__all__ = ["ForceIntervals", "force_intervals"]

@@ -53,6 +53,3 @@ def angle_std(fit: Any, problem: JointProblem, new_group: bool) -> Array:
     found = fit.doubt.discrepancy
     error = error * (1 + _GROWTH * found.outside(problem, fit.x))
     return np.asarray(np.sqrt(found.angle_variance(problem, fit.x) + error**2))
-
-
-__all__ = ["Prediction", "angle_std", "predict"]

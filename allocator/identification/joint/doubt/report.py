@@ -38,6 +38,3 @@ def choice_values(choice: Choice) -> dict[str, Any]:
         "friction": choice.friction,
         "stiffness_change": choice.stiffness if np.isfinite(choice.stiffness) else None,
     }
-
-
-__all__ = ["choice_lines", "choice_values", "found_std"]

@@ -87,6 +87,3 @@ class Candidates:
 
 def _paired(rows: Array) -> Array:
     return rows.reshape(2, -1, rows.shape[1]).swapaxes(0, 1)
-
-
-__all__ = ["Candidates", "Goal"]

@@ -125,6 +125,3 @@ def _values(plan: "JointPlan") -> dict[str, Any]:
 
 def _bar(P: float) -> float | None:
     return P / BAR if P == P else None
-
-
-__all__ = ["plan_joint_command"]

@@ -309,6 +309,3 @@ def _goal(
 
 def _accuracy(goal: Array, C: Array) -> float:
     return float(np.sqrt(np.mean(np.einsum("ki,ij,kj->k", goal, C, goal))))
-
-
-__all__ = ["LEVELS", "JointPlan", "Setpoint", "plan_joint_experiment"]

@@ -164,6 +164,3 @@ def sag_table(points: tuple[SagPoint, ...]) -> list[str]:
     lines = ["        θ   P1 slack [bar]   P2 slack [bar]"]
     shown = ("        -" if np.isnan(P) else f"{P / BAR:9.2f}" for p in points for P in (p.P1, p.P2))
     return lines + [f"{p.theta / DEG:8.1f}°  {next(shown):>14s}   {next(shown):>14s}" for p in points]
-
-
-__all__ = ["Known", "SagPoint", "Supplement", "force_seen", "sag_table", "supplements"]

@@ -55,6 +55,3 @@ def _compile(arm: Arm, problem: ArmProblem, step: Any, feed_forward: Any) -> Non
     feed = feed_forward(np.tile(x[: arm.n], (N + 1, 1)), np.tile(K, (N + 1, 1, 1)), d)
     step(x, np.tile(P, (N, 1)), d[:-1], feed, PreviousSample(P, P), DAQP(), inf)
     step.whole_qp()
-
-
-__all__ = ["ArmParts", "factory"]

@@ -94,6 +94,3 @@ def left_of(row: Array, b: float, x: Array) -> float:
     for j in range(m):
         b -= row[j] * x[j]
     return b
-
-
-__all__ = ["follow", "targets"]

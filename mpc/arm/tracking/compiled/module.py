@@ -69,6 +69,3 @@ def _functions(arm: Arm) -> dict[str, Any]:
         name: ca.Function(name, given, ca.cse([ca.densify(ca.SX(value)) for value in values]))
         for name, (given, values) in made.items()
     }
-
-
-__all__ = ["CompiledArm", "compiled_arm"]

@@ -237,6 +237,3 @@ class CompiledArmFeedForward:
             y[:, : self._stiffnesses] = self._arm.svec(K_x)
             moved = moved._replace(K=float(np.abs(given.K - K_x).max()))
         return ArmFeedForward(x, y, u, moved)
-
-
-__all__ = ["CompiledArmFeedForward", "CompiledArmQPStep"]

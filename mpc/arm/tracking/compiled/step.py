@@ -394,6 +394,3 @@ def rows_of(
             R[right, size], R[left, size] = -1.0, 1.0
             for w in range(acting * m):
                 R[right, w] = R[left, w] = G[k + 1, i, w]
-
-
-__all__ = ["condense", "finish", "linearise", "rows_of"]

@@ -50,23 +50,15 @@ typedef struct {
     int nearest;                 /* of equally good pressures: 0 the least, 1 those nearest to P_now */
     int follow;                  /* 1: begin with what bound the last time; the answer is the same, sooner */
     ant_priority priority;
-#ifdef ANT_CURVED /* muscles that are not affine in the pressure */
-    ant_real gap; /* of 1 + the squared error of what is missed: how far that may be above the least */
-    int nodes;    /* most bounds that are computed to prove it; 0: none, what is missed is never proved */
-#endif
 } ant_target;
 
 typedef struct {
     ant_real P[ANT_MUSCLES];     /* the pressures [Pa] */
     ant_real T[ANT_JOINTS];      /* what they give [N*m] */
     ant_real K[ANT_STIFFNESSES]; /* [N*m/rad] */
-    ant_real residual;           /* of optimality, in fractions of its scale; of ANT_CURVED muscles nearby */
+    ant_real residual;           /* of optimality, in fractions of its scale */
     ant_status status;
-    int rounds; /* guesses that it took, 0 where none was right; of ANT_CURVED muscles nodes of the search */
-#ifdef ANT_CURVED
-    ant_real gap;       /* what is proved: no level's cost is above the least by more than gap (1 + cost) */
-    ant_real bounds[2]; /* below which no pressures get the levels' costs, what the earlier level has being kept */
-#endif
+    int rounds; /* guesses that it took, 0 where none was right */
 } ant_allocation;
 
 #include "antagonist_memory.h" /* ant_memory: all that a call needs, of fixed size */
@@ -75,8 +67,7 @@ typedef struct {
 ant_target ant_target_of(const ant_real q[ANT_JOINTS], const ant_real T[ANT_JOINTS]);
 
 /* The pressures that give torques and stiffness at the posture, or the nearest that the limits allow: the global
- * optimum, as `allocator.mechanism.allocate_mechanism`. `memory` is best made static; it may begin as zeros.
- * Of ANT_CURVED muscles the optimum up to `gap`, or ANT_SOLVER_FAILED and the best that was found. */
+ * optimum, as `allocator.mechanism.allocate_mechanism`. `memory` is best made static; it may begin as zeros. */
 void ant_allocate(const ant_target *target, ant_memory *memory, ant_allocation *allocation);
 
 #ifdef __cplusplus

@@ -115,6 +115,3 @@ def _known(plant: "CompiledPlant", inverse: InverseDynamics | None, gate: tuple[
         inertia=physical.inertia, damping=physical.damping, gravity=physical.gravity_torque, alpha1=alpha1,
         alpha2=alpha2, lag1=lag1, lag2=lag2, left=left, right=right, min_force=inverse.min_force,
     )  # fmt: skip
-
-
-__all__ = ["Beyond", "StepArrays"]

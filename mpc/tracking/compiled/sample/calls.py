@@ -40,6 +40,3 @@ def settle_at(
         return settled
 
     return _SETTLED(address, *arrays), generate
-
-
-__all__ = ["address_of", "settle_at"]

@@ -188,9 +188,3 @@ def _python(views: Any) -> Any:
 def known_of(known: Known) -> Array:
     """Return the numbers (22,) of `known`."""
     return np.hstack(known).astype(float)
-
-
-__all__ = [
-    "Asked", "Inputs", "Known", "Made", "State", "asked_in", "asked_of", "inputs_at", "known_in", "known_of",
-    "length_of", "lengths", "made_in", "made_of", "state_in", "state_of", "table_of",
-]  # fmt: skip

@@ -131,9 +131,3 @@ def remember(asked: Asked, given: Given, path: Array, angle: float, made: Made, 
     for i in range(4):
         after.expected[i] = path[1, i] if m > 0 else made.x[1, i]
     after.rest[0], after.rest[1], after.angle[0] = asked.theta[m], asked.K[m], angle
-
-
-__all__ = [
-    "FEED", "LINEARISE", "ROLLOUT", "WHOLE", "ask", "copy_set", "invert_dead_band", "moves", "plausible", "remember",
-    "shift_set", "take", "under_way",
-]  # fmt: skip

@@ -174,6 +174,3 @@ def _fields(size: int, out: Array, took: float) -> dict[str, Any]:
         "times": Times(feed_forward, linearise, 0.0, solve, took), "slack_force": slack_force,
         "moved": Moved(theta, K, T),
     }  # fmt: skip
-
-
-__all__ = ["Parts", "WholeStep"]

@@ -169,6 +169,3 @@ def reversed_instead(
             if held[k, i] * r[k, i] > 0.0 and bounded.lower[k, i] < bounded.upper[k, i]:
                 held[k, i] = -held[k, i]
     return True
-
-
-__all__ = ["active_set", "new_active", "reversed_instead"]

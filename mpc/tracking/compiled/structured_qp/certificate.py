@@ -81,6 +81,3 @@ def finite(array: Array) -> bool:
             if not np.isfinite(value):
                 return False
     return True
-
-
-__all__ = ["brought_within", "confirmed", "finite", "needed", "proved"]

@@ -277,6 +277,3 @@ def leave(path: Path, slack: Array, sweep: Sweep, size: int, q: int, k: int, i: 
     if items.kind[q] == BOUND:
         a.held[items.sample[q], items.muscle[q]] = FREE
     return remove(size, q, items)
-
-
-__all__ = ["HUGE", "Active", "exchanged", "let_go"]

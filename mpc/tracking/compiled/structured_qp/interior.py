@@ -234,6 +234,3 @@ def binding(rows: Rows, starts: Any, guess: Any) -> None:
             above = rows.multiplier[k, i] > BINDS * rows.t[k, i]
             below = rows.multiplier[k, 2 + i] > BINDS * rows.t[k, 2 + i]
             guess[2 * block + i] = UPPER if above else LOWER if below else FREE
-
-
-__all__ = ["MOST", "Work", "interior", "new_point", "new_work"]

@@ -168,6 +168,3 @@ def multiplied(
         estimate(path, rows, count, by)
         step_on(path, rows, bounded, at, by)
     return False
-
-
-__all__ = ["guess_held", "hold_guessed", "multiplied"]

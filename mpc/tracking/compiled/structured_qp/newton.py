@@ -240,6 +240,3 @@ def follow(path: Path, f: Factors, count: int, by: Point) -> None:
             v[k, i] = change
             xi[k + 1, 4 + i] = xi[k, 4 + i] + change
         advance(path.A, path.B, k, xi)
-
-
-__all__ = ["ALL", "BOUNDS", "SUPPLY", "Factors", "adjoint", "direction", "factorise", "gradients", "left_over"]

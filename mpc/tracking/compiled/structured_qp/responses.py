@@ -211,9 +211,3 @@ def copy_item(source: int, target: int, size: int, items: Items) -> None:
             items.K[target, q] = items.K[source, q]
             items.K[q, target] = items.K[source, q]
     items.K[target, target] = own
-
-
-__all__ = [
-    "BOUND", "FORCE", "GONE", "ITEMS", "LAST", "SOFT", "Items", "compare", "copy_item", "new_items", "remove",
-    "respond", "row_gradient", "row_value", "solve_items",
-]  # fmt: skip

@@ -156,6 +156,3 @@ def forward(path: Path, lower: Array, upper: Array, sweep: Sweep, at: Point) -> 
             xi[k + 1, 4 + i] = xi[k, 4 + i] + v[k, i]
         advance(path.A, path.B, k, xi)
     return changed
-
-
-__all__ = ["FREE", "LOWER", "UPPER", "Sweep", "give_set", "new_sweep", "settled", "take_set"]

@@ -187,19 +187,3 @@ def bring_near(rows: Rows, slack: Array, mean: float) -> None:
             else:
                 rows.t[k, j] = max(t, width if k == last else 1e-3 * width)
                 rows.multiplier[k, j] = max(multiplier, least / rows.t[k, j])
-
-
-__all__ = [
-    "NEAR",
-    "Rows",
-    "add",
-    "aim_at",
-    "bring_near",
-    "go",
-    "measure",
-    "none",
-    "products_after",
-    "row_steps",
-    "sides",
-    "values",
-]

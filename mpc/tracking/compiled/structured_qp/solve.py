@@ -103,6 +103,3 @@ def persistent(
     iterations = interior(path, errors, setting, u, bounded, count, guess, at, work, limit)
     brought_within(path, bounded, at)
     return iterations >= 0, iterations if iterations >= 0 else limit
-
-
-__all__ = ["settle"]

@@ -93,6 +93,3 @@ def changed(slope: Array, k: int, m: int, xi: Array) -> float:
     """Return by how much ξ[k] changes the output m."""
     x0, x1, x2, x3 = xi[k, 0], xi[k, 1], xi[k, 2], xi[k, 3]
     return float(slope[k, m, 0] * x0 + slope[k, m, 1] * x1 + slope[k, m, 2] * x2 + slope[k, m, 3] * x3)
-
-
-__all__ = ["across", "advance", "changed", "charge_square", "charge_state", "decided", "linear_before"]

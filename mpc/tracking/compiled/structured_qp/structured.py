@@ -89,6 +89,3 @@ def _shifted(starts: Array) -> NDArray[np.intp]:
     """Return for each decision that of the block in which its sample was when it was one later."""
     blocks = np.searchsorted(starts, starts + 1, side="right") - 1
     return (NU * blocks[:, None] + np.arange(NU)).ravel()
-
-
-__all__ = ["StructuredQP"]

@@ -63,9 +63,6 @@ int main(int argc, char **argv) {
         for (int k = 0; k < ANT_JOINTS; k++) printf("%.17g ", (double)a.T[k]);
         for (int k = 0; k < ANT_STIFFNESSES; k++) printf("%.17g ", (double)a.K[k]);
         printf("%.17g %d", (double)a.residual, (int)a.status);
-#ifdef ANT_CURVED
-        printf(" %d %.17g %.17g %.17g", a.rounds, (double)a.gap, (double)a.bounds[0], (double)a.bounds[1]);
-#endif
         printf("\n");
     }
     return 0;

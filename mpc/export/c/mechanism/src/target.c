@@ -18,10 +18,6 @@ ant_target ant_target_of(const ant_real q[ANT_JOINTS], const ant_real T[ANT_JOIN
     t.nearest = 0;
     t.follow = 0;
     t.priority = ANT_TORQUE_FIRST;
-#ifdef ANT_CURVED
-    t.gap = ANT_GAP;
-    t.nodes = ANT_MOST_NODES;
-#endif
     return t;
 }
 
