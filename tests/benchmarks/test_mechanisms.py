@@ -7,10 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.mechanisms import exported, nonaffine
+from benchmarks.mechanisms import nonaffine
 from benchmarks.mechanisms.accuracy import Check
-
-from ..rigs.needs import needs
 
 pytestmark = pytest.mark.slow
 
@@ -37,17 +35,9 @@ def test_a_wrong_answer_fails(worst):
 
 @pytest.mark.parametrize("priority", ["torque", "weighted"])
 def test_the_gap_of_muscles_that_are_not_affine_is_closed_and_no_start_ends_below_the_bound(priority):
-    found = nonaffine.search(priority, 10, 40, seed=4)
+    found = nonaffine.search(priority, 10, 60, seed=4)
     assert (~found.allocation.success).sum() >= 4
     assert found.allocation.gap.max() <= 1e-3
     assert found.allocation.kkt_residual.max() < 1e-7
     assert found.starts >= 20
     assert found.below == 0
-
-
-@needs("gcc", "arm-none-eabi-gcc", "qemu-system-arm")
-@pytest.mark.tools
-def test_the_exported_search_is_compared_and_counted():
-    line = exported.compared("one joint", "single", 5)
-    assert "20 statuses equal, not proved 0 in C" in line
-    assert float(line.split("Cortex-M4F: ")[1].split(" million")[0]) < 5
