@@ -111,7 +111,7 @@ def test_one_joint_is_stopped_before_its_end_as_late_as_its_backup_allows():
 def test_joints_never_leave_their_range_on_the_model(name):
     """Pushed to their ends with all force, at random, to and fro, and in time with their own motion; n = 1 and 2."""
     for commander in COMMANDERS:
-        run = closed_loop(name, commander, arms=3, seconds=1.0)
+        run = closed_loop(name, commander, arms=4, seconds=1.5)
         assert run.beyond <= 0
         assert run.broken == run.unable == 0
         assert run.moved > 0  # there was something to be done

@@ -101,8 +101,7 @@ def measured(shared):
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     column = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
     P = (column[f"pressure{i}_mpa"] * 10 * BAR for i in (1, 2))
-    half = slice(len(rows) // 2)
-    return tuple(values[half] for values in (column["time_s"], column["theta_rad"], *P))
+    return column["time_s"], column["theta_rad"], *P
 
 
 @pytest.mark.slow

@@ -7,9 +7,9 @@ from allocator import allocate
 from allocator.identification.joint.fit import fit_joint
 from allocator.units import DEG
 
-pytestmark = pytest.mark.slow  # fits 16 logs
+pytestmark = pytest.mark.slow  # fits 24 logs
 
-SEEDS = range(2)  # `benchmarks.joint_coverage` has more
+SEEDS = range(3)  # `benchmarks.joint_coverage` has more
 
 
 def recovered(joint, simulated, truth, weights, seed):
@@ -55,7 +55,7 @@ def test_friction_and_the_equal_strength_of_the_muscles_are_found(recoveries):
     for fits in recoveries.values():
         assert np.mean([fit.friction for *_, fit in fits]) == pytest.approx(0.13, abs=0.005)
         assert np.mean([fit.ratio for *_, fit in fits]) == pytest.approx(1.0, abs=0.01)
-        assert np.mean([fit.zero for *_, fit in fits]) == pytest.approx(0.0, abs=0.2 * DEG)
+        assert np.mean([fit.zero for *_, fit in fits]) == pytest.approx(0.0, abs=0.6 * DEG / np.sqrt(len(SEEDS)))
 
 
 def test_the_scatter_of_the_angles_is_the_noise_that_was_put_in(recoveries):
