@@ -14,7 +14,7 @@ from allocator.allocation import certificate, reach, sensitivity
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.message import sentence
 from allocator.allocation.problem import Priority, Problem
-from allocator.allocation.status import Status
+from allocator.allocation.status import Status, status_names
 from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
 from allocator.allocation.uncertain.spread import forces_std, stiffness_std
 from allocator.calculus import Array
@@ -257,7 +257,7 @@ class Allocation:
             return columns | {"status": Status(self.status).name, "limits": " + ".join(self.active)} | assumed
         flags, which = np.unique(np.ravel(self.limits), return_inverse=True)
         return {name: np.ravel(column) for name, column in columns.items()} | {
-            "status": np.array([status.name for status in Status])[np.ravel(self.status)],
+            "status": status_names(np.ravel(self.status)),
             "limits": np.array([" + ".join(names(int(value))) for value in flags], str)[which],
             **{name: np.full(which.size, text) for name, text in assumed.items()},
         }

@@ -5,7 +5,7 @@ that a back-end failed or a risk is too great, `allocator.allocation.entry` puts
 """
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,21 +16,25 @@ from allocator.calculus import Array
 
 
 class Status(IntEnum):
-    """A `Status` is the outcome of an allocation, of several that hold the last; `.advice` is a sentence on it."""
+    """A `Status` is the outcome of an allocation, of several that hold the last; `.advice` is a sentence on it.
+
+    UNSTABLE is said of mechanisms; PULLED, NO_INVERSE, TOO_RISKY and HEDGED of one joint and two muscles.
+    """
 
     EXACT = 0
     TORQUE_LIMITED = 1
     STIFFNESS_LIMITED = 2
     BOTH_LIMITED = 3
     PULLED = 4
-    CONFLICT = 5
-    SLACK = 6
-    OUTSIDE_JOINT_RANGE = 7
-    SOLVER_FAILED = 8
-    OUTSIDE_LIMITS = 9
-    NO_INVERSE = 10
-    TOO_RISKY = 11
-    HEDGED = 12
+    UNSTABLE = 5
+    CONFLICT = 6
+    SLACK = 7
+    OUTSIDE_JOINT_RANGE = 8
+    SOLVER_FAILED = 9
+    OUTSIDE_LIMITS = 10
+    NO_INVERSE = 11
+    TOO_RISKY = 12
+    HEDGED = 13
 
     @property
     def advice(self) -> str:
@@ -44,15 +48,23 @@ _ADVICE = {
     Status.STIFFNESS_LIMITED: "the stiffness cannot be met, this is the nearest; choose one inside its interval",
     Status.BOTH_LIMITED: "neither torque nor stiffness can be met, this is the best trade for the priority",
     Status.PULLED: "the pull towards the reference pressures keeps the answer off the targets",
+    Status.UNSTABLE: "the stiffness is not positive definite: the posture does not hold itself",
     Status.CONFLICT: "the limits contradict each other here; the supply was kept first, then ceilings, then floors",
-    Status.SLACK: "no allowed pressure pulls both cables with the force that they need to stay taut",
-    Status.OUTSIDE_JOINT_RANGE: "the angle is beyond the joint range, answered at the nearest angle inside",
-    Status.SOLVER_FAILED: "the back-end's answer was not optimal; this is the exact or projected one instead",
+    Status.SLACK: "no allowed pressures pull all cables with the force that they need to stay taut",
+    Status.OUTSIDE_JOINT_RANGE: (
+        "the posture is beyond the joint range, answered at the nearest one inside, or stretches a muscle too far"
+    ),
+    Status.SOLVER_FAILED: "no answer was proved to be optimal; this is the best of them, or the exact one",
     Status.OUTSIDE_LIMITS: "a limit is broken: the slew limit leaves nothing inside, or only the inverse was asked for",
     Status.NO_INVERSE: "no pressures give this torque and stiffness",
     Status.TOO_RISKY: "no pressures keep the force limits with that probability; answered as if nothing were uncertain",
     Status.HEDGED: "the limits' probabilities and the spread of the error keep the mean off the targets",
 }
+
+
+def status_names(codes: NDArray[np.int8]) -> NDArray[Any]:
+    """Return the names (…) of statuses that are given as integers (…)."""
+    return np.array([status.name for status in Status])[codes]
 
 
 class Assessment(NamedTuple):

@@ -25,7 +25,6 @@ from allocator.mechanism.mechanism import Mechanism, TargetsMap
 from allocator.mechanism.pictures import plot_arm, plot_polygon, plot_workspace
 from allocator.mechanism.result import MechanismAllocation
 from allocator.mechanism.routes import Link, Pulleys, Routes, Site, Sites, Tables, from_function
-from allocator.mechanism.status import MechanismStatus
 from allocator.mechanism.storage import load_mechanism, save_mechanism
 
 __all__ = [
@@ -38,7 +37,6 @@ __all__ = [
     "Link",
     "Mechanism",
     "MechanismAllocation",
-    "MechanismStatus",
     "Polygon",
     "Pulleys",
     "Routes",

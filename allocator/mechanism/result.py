@@ -5,8 +5,8 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from allocator.allocation.status import Status, status_names
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
@@ -19,7 +19,7 @@ from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.problem import MechanismProblem
 from allocator.mechanism.relaxation import Nearby
-from allocator.mechanism.status import MechanismStatus, decide
+from allocator.mechanism.status import decide
 from allocator.muscles.measured import Visit, extrapolation
 from allocator.presentation.tables import number
 from allocator.units import BAR, DEG
@@ -46,7 +46,7 @@ class MechanismAllocation:
     P: Array  # pressures (…, m) [Pa]
     T: Array  # torques that they give (…, n) [N·m]
     K: Array  # stiffness that they give (…, n, n) [N·m/rad]
-    status: Any  # MechanismStatus, or an array (…) of its integers
+    status: Any  # Status, or an array (…) of its integers
     torque_met: Any  # (…) whether the torques asked for are given
     stiffness_met: Any  # (…) whether the stiffness is; entries that were not asked for do not count
     holds: Any  # (…) whether K is positive definite: the posture holds itself
@@ -80,7 +80,7 @@ class MechanismAllocation:
             P=P.reshape(*shape, P.shape[1]),
             T=torque.reshape(*shape, n),
             K=K.reshape(*shape, n, n),
-            status=form(verdict.status) if shape else MechanismStatus(int(verdict.status[0])),
+            status=form(verdict.status) if shape else Status(int(verdict.status[0])),
             torque_met=form(verdict.torque_met),
             stiffness_met=form(verdict.stiffness_met),
             holds=form(verdict.holds),
@@ -112,7 +112,7 @@ class MechanismAllocation:
     @property
     def success(self) -> Any:
         """Return whether torques and stiffness are met and nothing is wrong (…)."""
-        return self.status == MechanismStatus.EXACT
+        return self.status == Status.EXACT
 
     @property
     def q(self) -> Array:
@@ -264,7 +264,7 @@ class MechanismAllocation:
     def _outcome(self) -> str:
         if self._shape:
             values, counts = np.unique(self.status, return_counts=True)
-            listed = ", ".join(f"{n} {MechanismStatus(int(v)).name}" for v, n in zip(values, counts, strict=True))
+            listed = ", ".join(f"{n} {Status(int(v)).name}" for v, n in zip(values, counts, strict=True))
             return f"{self.status.size} targets: {listed}"
         missed = f"; asked {vector(self.T + self.T_error)}, given {vector(self.T)} N·m" if not self.torque_met else ""
         if not self.stiffness_met and self.endpoint is not None:
@@ -274,7 +274,7 @@ class MechanismAllocation:
         if not self.holds:
             missed += f"; the least eigenvalue of K is {number(self.least_stiffness)} N·m/rad"
         in_the_way = f"; in the way: {', '.join(self.active)}" if self.active and not self.success else ""
-        return MechanismStatus(self.status).advice + missed + in_the_way
+        return Status(self.status).advice + missed + in_the_way
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer by name, units in the names: pressures, what they give, status and binding limits."""
@@ -284,7 +284,7 @@ class MechanismAllocation:
             "P_bar": self.P / BAR,
             "torque_Nm": self.T,
             "stiffness_Nm_per_rad": self.K,
-            "status": MechanismStatus(self.status).name if not self._shape else _status_names(self.status),
+            "status": Status(self.status).name if not self._shape else status_names(self.status),
             "limits": self.active,
             **({"assumed": self.assumed} if self.assumed else {}),
             **({} if self.kind.isobaric else {"isobaric_stiffness_Nm_per_rad": self.isobaric_stiffness}),
@@ -295,7 +295,7 @@ class MechanismAllocation:
         if self._shape:
             return f"MechanismAllocation {self._shape}, {self.message}"
         lines = [
-            f"MechanismAllocation {MechanismStatus(self.status).name}: P = {vector(self.P / BAR)} bar",
+            f"MechanismAllocation {Status(self.status).name}: P = {vector(self.P / BAR)} bar",
             f"  torques {vector(self.T)} N·m, {self.kind.text} {vector(self.K)} N·m/rad",
         ]
         lines += [] if self.endpoint is None else [f"  stiffness {vector(self.K_x)} N/m at the endpoint"]
@@ -307,7 +307,3 @@ def vector(values: Array) -> str:
     if np.ndim(values) > 1:
         return f"[{', '.join(map(vector, values))}]"
     return f"[{', '.join('free' if np.isnan(value) else number(value) for value in values)}]"
-
-
-def _status_names(status: NDArray[np.int8]) -> NDArray[Any]:
-    return np.array([MechanismStatus(int(value)).name for value in np.ravel(status)]).reshape(status.shape)

@@ -1,54 +1,17 @@
-"""A `MechanismStatus` says what became of an allocation for a mechanism; `decide` computes it from the pressures."""
+"""`decide` computes the status of an allocation for a mechanism from the pressures."""
 
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator.allocation.status import Status
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.joint.limits import Limit
 from allocator.mechanism.problem import MechanismProblem
 
 _TRUSTED = 1e-7  # an answer with a greater optimality residual is a failure
-
-
-class MechanismStatus(IntEnum):
-    """A `MechanismStatus` is the outcome for a posture, of several that hold the last; `.advice` is a sentence on it.
-
-    Names and numbers are those of `allocator.Status` where both have the meaning.
-    """
-
-    EXACT = 0
-    TORQUE_LIMITED = 1
-    STIFFNESS_LIMITED = 2
-    BOTH_LIMITED = 3
-    UNSTABLE = 4
-    CONFLICT = 5
-    SLACK = 6
-    OUTSIDE_JOINT_RANGE = 7
-    SOLVER_FAILED = 8
-    OUTSIDE_LIMITS = 9
-
-    @property
-    def advice(self) -> str:
-        """Return a sentence on what it means and what to do."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    MechanismStatus.EXACT: "torques and stiffness are met",
-    MechanismStatus.TORQUE_LIMITED: "the torques cannot be met, these are the nearest; ask for less or relieve a limit",
-    MechanismStatus.STIFFNESS_LIMITED: "the stiffness cannot be met, this is the nearest; ask for another one",
-    MechanismStatus.BOTH_LIMITED: "neither torques nor stiffness can be met, this is the best trade for the priority",
-    MechanismStatus.UNSTABLE: "the stiffness is not positive definite: the posture does not hold itself",
-    MechanismStatus.CONFLICT: "the limits of a muscle contradict each other here; the supply was kept first",
-    MechanismStatus.SLACK: "a muscle has no allowed pressure that pulls with the force that it needs to stay taut",
-    MechanismStatus.OUTSIDE_JOINT_RANGE: "the posture is beyond the joints' range, or stretches a muscle too far",
-    MechanismStatus.SOLVER_FAILED: "the answer is not proved to be optimal; try the other method or a greater gap",
-    MechanismStatus.OUTSIDE_LIMITS: "the slew limit leaves a muscle no pressure inside the other limits",
-}
 
 
 class Verdict(NamedTuple):
@@ -67,15 +30,15 @@ def decide(problem: MechanismProblem, y: Array, K: Array, residual: Array) -> Ve
     torque_met = (met[:, :n] | (problem.weights[:n] == 0)).all(axis=1)
     stiffness_met = (met[:, n:] | (problem.weights[n:] == 0)).all(axis=1)
     holds = positive_definite(K)
-    status = ~torque_met * MechanismStatus.TORQUE_LIMITED + ~stiffness_met * MechanismStatus.STIFFNESS_LIMITED
+    status = ~torque_met * Status.TORQUE_LIMITED + ~stiffness_met * Status.STIFFNESS_LIMITED
     slack = np.any([side.broken & Limit.AGONIST_SLACK != 0 for side in problem.box], axis=0)
     for where, which in (
-        (~holds, MechanismStatus.UNSTABLE),
-        (np.any([side.empty for side in problem.box], axis=0), MechanismStatus.CONFLICT),
-        (slack, MechanismStatus.SLACK),
-        (problem.outside.any(axis=1) | problem.stretched.any(axis=1), MechanismStatus.OUTSIDE_JOINT_RANGE),
-        (~(residual <= _TRUSTED), MechanismStatus.SOLVER_FAILED),
-        (np.any([side.unreachable for side in problem.box], axis=0), MechanismStatus.OUTSIDE_LIMITS),
+        (~holds, Status.UNSTABLE),
+        (np.any([side.empty for side in problem.box], axis=0), Status.CONFLICT),
+        (slack, Status.SLACK),
+        (problem.outside.any(axis=1) | problem.stretched.any(axis=1), Status.OUTSIDE_JOINT_RANGE),
+        (~(residual <= _TRUSTED), Status.SOLVER_FAILED),
+        (np.any([side.unreachable for side in problem.box], axis=0), Status.OUTSIDE_LIMITS),
     ):
         status = np.where(where, which, status)
     return Verdict(status.astype(np.int8), torque_met, stiffness_met, holds)

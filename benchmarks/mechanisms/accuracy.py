@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator import allocate
-from allocator.mechanism import Mechanism, MechanismStatus, allocate_mechanism, machines
+from allocator import Status, allocate
+from allocator.mechanism import Mechanism, allocate_mechanism, machines
 from benchmarks.mechanisms.targets import POSTURE, Targets, arm_at_postures, random_mechanism, random_targets
 from tests.allocator.mechanism.enumeration import best_of_all_faces
 from tests.allocator.mechanism.multipliers import kkt_by_hand
@@ -55,7 +55,7 @@ def optimality(what: str, t: Targets) -> Iterator[Check]:
     yield Check(f"{what}: beyond reach without a proof, or a proof of what can be had", int(beyond.sum()),
                 float((proved != beyond).sum()), 0.0)  # fmt: skip
     met = np.abs(problem.given(a.P) - y).max(axis=1) < 1e-8
-    yield Check(f"{what}: false statuses", len(y), float(((a.status == MechanismStatus.EXACT) != met).sum()), 0.0)
+    yield Check(f"{what}: false statuses", len(y), float(((a.status == Status.EXACT) != met).sum()), 0.0)
 
 
 def faces(t: Targets) -> Check:

@@ -12,7 +12,6 @@ from mkdocs.structure.files import File, Files
 from nbconvert import MarkdownExporter
 
 from allocator import MODELS, AffineMuscle, Limit, Status
-from allocator.mechanism import MechanismStatus
 from mpc import PlanStatus, Rung
 
 ROOT = Path(__file__).parents[2]
@@ -93,10 +92,6 @@ def _limits() -> str:
     return _enumerated(Limit, "`Limit`", "text")
 
 
-def _mechanism_statuses() -> str:
-    return _enumerated(MechanismStatus, "`MechanismStatus`", "advice")
-
-
 def _plan_statuses() -> str:
     return _enumerated(PlanStatus, "`PlanStatus`", "text")
 
@@ -118,7 +113,6 @@ LISTS = {
     "commands": _commands,
     "statuses": _statuses,
     "limits": _limits,
-    "mechanism_statuses": _mechanism_statuses,
     "plan_statuses": _plan_statuses,
     "rungs": _rungs,
     "models": _models,

@@ -6,23 +6,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from allocator.allocation.status import Status
 from allocator.calculus import Array
 from allocator.mechanism.at_least import semidefinite
 from allocator.mechanism.at_least.floors import Floors
 from allocator.mechanism.at_least.semidefinite import Multipliers
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.result import MechanismAllocation, vector
-from allocator.mechanism.status import MechanismStatus
 from allocator.presentation.tables import number
 from allocator.units import BAR
 
 _LEAST = 1e-6  # of the square of the greatest pressure: a gap below it proves that no lower pressures will do
 _ENOUGH = 1e-8  # of what is asked for: stiffness that lacks less is enough
 _BROKEN = (
-    MechanismStatus.CONFLICT,
-    MechanismStatus.SLACK,
-    MechanismStatus.OUTSIDE_JOINT_RANGE,
-    MechanismStatus.OUTSIDE_LIMITS,
+    Status.CONFLICT,
+    Status.SLACK,
+    Status.OUTSIDE_JOINT_RANGE,
+    Status.OUTSIDE_LIMITS,
 )
 
 
@@ -118,21 +118,21 @@ class AtLeast:
     @property
     def success(self) -> bool:
         """Return whether torques and stiffness are met, with pressures that are proved to be the least."""
-        return self.status == MechanismStatus.EXACT
+        return self.status == Status.EXACT
 
     @cached_property
-    def status(self) -> MechanismStatus:
+    def status(self) -> Status:
         """Return the outcome: EXACT is met, by the least pressures; TORQUE_ and STIFFNESS_LIMITED are proved."""
-        status = MechanismStatus(self.allocation.status)
+        status = Status(self.allocation.status)
         if status in _BROKEN:
             return status
         if self.torque_met and self.enough:
             if not self.gap <= _LEAST:
-                return MechanismStatus.SOLVER_FAILED
-            return MechanismStatus.EXACT if self.allocation.holds else MechanismStatus.UNSTABLE
+                return Status.SOLVER_FAILED
+            return Status.EXACT if self.allocation.holds else Status.UNSTABLE
         if self.certificate is None:
-            return MechanismStatus.SOLVER_FAILED
-        return MechanismStatus.STIFFNESS_LIMITED if self.torque_met else MechanismStatus.TORQUE_LIMITED
+            return Status.SOLVER_FAILED
+        return Status.STIFFNESS_LIMITED if self.torque_met else Status.TORQUE_LIMITED
 
     @cached_property
     def gap(self) -> float:
@@ -169,15 +169,15 @@ class AtLeast:
     def message(self) -> str:
         """Return a sentence that says what was reached and what is in the way."""
         in_the_way = f"; in the way: {', '.join(self.active)}" if self.active else ""
-        if self.status == MechanismStatus.EXACT:
+        if self.status == Status.EXACT:
             return "torques are met and the stiffness is enough, with the least pressures"
-        if self.status == MechanismStatus.STIFFNESS_LIMITED:
+        if self.status == Status.STIFFNESS_LIMITED:
             what = "stiffness" if int(np.argmin(self.excess)) == 0 else "margin of stability"
             return (
                 f"the {what} cannot be had with these torques; in the worst direction it is short by "
                 f"{number(-100 * min(self.excess), 3)} % of what is asked for{in_the_way}"
             )
-        return self.status.advice + ("" if self.status == MechanismStatus.UNSTABLE else in_the_way)
+        return self.status.advice + ("" if self.status == Status.UNSTABLE else in_the_way)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer by name, units in the names."""

@@ -22,16 +22,16 @@ typedef double ant_real;
 
 /* --- allocation: torque and stiffness to pressures --------------------------------------------------------------- */
 
-/* What an allocation can say of itself; where several hold the last of the list from 0 to 9 is given. */
+/* What an allocation can say of itself; where several hold the last of the list from 0 to 10 is given. */
 typedef enum {
     ANT_EXACT = 0,               /* torque and stiffness are met */
     ANT_TORQUE_LIMITED = 1,      /* the torque cannot be met, this is the nearest */
     ANT_STIFFNESS_LIMITED = 2,   /* the stiffness cannot be met, this is the nearest */
     ANT_BOTH_LIMITED = 3,        /* neither can be met, this is the best trade for the priority */
-    ANT_CONFLICT = 5,            /* limits contradict each other: the supply was kept first, then ceilings */
-    ANT_SLACK = 6,               /* no allowed pressure pulls both cables with min_force */
-    ANT_OUTSIDE_JOINT_RANGE = 7, /* the angle is beyond the joint range, answered at the nearest inside */
-    ANT_OUTSIDE_LIMITS = 9,      /* the slew limit allows nothing within supply, model and max_force */
+    ANT_CONFLICT = 6,            /* limits contradict each other: the supply was kept first, then ceilings */
+    ANT_SLACK = 7,               /* no allowed pressure pulls both cables with min_force */
+    ANT_OUTSIDE_JOINT_RANGE = 8, /* the angle is beyond the joint range, answered at the nearest inside */
+    ANT_OUTSIDE_LIMITS = 10,     /* the slew limit allows nothing within supply, model and max_force */
     ANT_BAD_INPUT = -1,          /* an argument makes no sense: P1 and P2 are a safe guess, do not use the rest */
     ANT_BEYOND_MODEL = -2        /* the pressures in reach are none that the muscle model holds for; likewise */
 } ant_status;

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
 
-from allocator import InvalidInput
-from allocator.mechanism import Endpoint, MechanismStatus, allocate_at_least, machines
+from allocator import InvalidInput, Status
+from allocator.mechanism import Endpoint, allocate_at_least, machines
 from allocator.units import BAR
 
 ARM, HAND, Q = machines.arm26(), Endpoint.planar([0.3, 0.25]), np.array([0.4, 0.9])
@@ -69,11 +69,11 @@ def test_feasible_and_infeasible_are_told_apart_at_the_edge(i):
     T, K = (x[i] for x in targets(ARM, Q, 6))
     share = greatest_share(ARM, Q, T, K, np.zeros((2, 2)))
     a = allocate_at_least(ARM, Q, (share - 1e-5) * K, T)
-    assert a.status == MechanismStatus.EXACT
+    assert a.status == Status.EXACT
     assert np.linalg.eigvalsh(a.K - (share - 1e-5) * K)[0] > -1e-7
     assert a.T == pytest.approx(T, abs=1e-9)
     b = allocate_at_least(ARM, Q, (share + 1e-5) * K, T)
-    assert b.status == MechanismStatus.STIFFNESS_LIMITED
+    assert b.status == Status.STIFFNESS_LIMITED
     assert verified(b, Q, T, [(share + 1e-5) * K])
     assert (share + 1e-5) * (1 + b.excess[0]) == pytest.approx(share, rel=1e-6)
 
@@ -88,10 +88,10 @@ def test_an_ellipse_of_the_endpoint_too(mechanism, endpoint, q, i):
     assert share > 0.99
     asked = {"endpoint": endpoint, "force": FORCE, "T": T - J.T @ FORCE}
     a = allocate_at_least(mechanism, q, (share - 1e-4) * K_x, **asked)
-    assert a.status == MechanismStatus.EXACT
+    assert a.status == Status.EXACT
     assert np.linalg.eigvalsh(a.K_x - (share - 1e-4) * K_x)[0] > -1e-5
     b = allocate_at_least(mechanism, q, (share + 1e-4) * K_x, **asked)
-    assert b.status == MechanismStatus.STIFFNESS_LIMITED
+    assert b.status == Status.STIFFNESS_LIMITED
     assert verified(b, q, T, [J.T @ ((share + 1e-4) * K_x) @ J - load])
 
 
@@ -133,7 +133,7 @@ def test_half_of_many_targets_are_had_and_the_rest_disproved():
         if a.success:
             assert np.linalg.eigvalsh(a.K - factor * K[i])[0] > -1e-6
         else:
-            assert a.status == MechanismStatus.STIFFNESS_LIMITED
+            assert a.status == Status.STIFFNESS_LIMITED
             assert verified(a, Q, T[i], [factor * K[i]])
     assert 5 < sum(outcomes) < 20
 
@@ -152,14 +152,14 @@ def test_a_margin_of_stability_is_kept():
 
 def test_torques_beyond_reach_are_disproved_without_stiffness():
     a = allocate_at_least(ARM, Q, 3.0, [100.0, 0.0])
-    assert a.status == MechanismStatus.TORQUE_LIMITED
+    assert a.status == Status.TORQUE_LIMITED
     assert verified(a, Q, [100.0, 0.0], [3 * np.eye(2)])
     assert not np.any(a.certificate.matrices)
 
 
 def test_contradicting_limits_keep_their_status():
-    assert allocate_at_least(ARM, Q, 3.0, min_force=3000.0).status == MechanismStatus.SLACK
-    assert allocate_at_least(ARM, [1.5, 0.0], 3.0).status == MechanismStatus.OUTSIDE_JOINT_RANGE
+    assert allocate_at_least(ARM, Q, 3.0, min_force=3000.0).status == Status.SLACK
+    assert allocate_at_least(ARM, [1.5, 0.0], 3.0).status == Status.OUTSIDE_JOINT_RANGE
 
 
 def test_the_answer_shows_itself():

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from allocator import AntagonistJoint, Gas, InvalidInput, Lever, allocate
-from allocator.mechanism import Mechanism, MechanismStatus, Pulleys, allocate_mechanism, load_mechanism, machines
+from allocator import AntagonistJoint, Gas, InvalidInput, Lever, Status, allocate
+from allocator.mechanism import Mechanism, Pulleys, allocate_mechanism, load_mechanism, machines
 from allocator.mechanism import save_mechanism as save
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR
@@ -83,7 +83,7 @@ def test_one_joint_has_the_pressures_of_allocate(lever, asked):
 
 def test_shut_valves_give_what_open_ones_cannot():
     K, T = ARM.stiffness(Q, P, valves="shut"), ARM.torque(Q, P)
-    assert allocate_mechanism(ARM, Q, K, T).status == MechanismStatus.STIFFNESS_LIMITED
+    assert allocate_mechanism(ARM, Q, K, T).status == Status.STIFFNESS_LIMITED
     a = allocate_mechanism(ARM, Q, K, T, valves="shut")
     assert a.success
     assert a.K == pytest.approx(K, rel=1e-9)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from allocator import allocate
-from allocator.mechanism import Mechanism, MechanismStatus, allocate_mechanism
+from allocator import Status, allocate
+from allocator.mechanism import Mechanism, allocate_mechanism
 from allocator.units import BAR
 
 AFFINE = ("mckibben-pulley", "hogan-pulley", "sarosi-pulley", "sarosi-lever", "sarosi-table")
-NAMES = {s.name: s.value for s in MechanismStatus}
+NAMES = {s.name: s.value for s in Status}
 
 
 @pytest.fixture(params=AFFINE)
@@ -52,7 +52,7 @@ def test_the_pressures_are_those_of_allocate(affine, priority, weights, limits):
     assert many.K[:, 0, 0] == pytest.approx(one.K, abs=1e-9 * np.abs(one.K).max())
     assert many.P == pytest.approx(np.stack([one.P1, one.P2], axis=-1), abs=1e-9 * 5 * BAR)
     assert many.kkt_residual.max() < 1e-9
-    holds = many.status != MechanismStatus.UNSTABLE
+    holds = many.status != Status.UNSTABLE
     assert np.array_equal(many.status[holds], one.status[holds])
     assert (one.K[~holds] <= 1e-9).all()
 
@@ -65,7 +65,7 @@ def test_slew_limits_are_those_of_allocate(affine):
         Mechanism.from_joint(affine), theta[:, None], K[:, None], T[:, None], previous=now.T, max_step=0.4 * BAR
     )
     assert many.P == pytest.approx(np.stack([one.P1, one.P2], axis=-1), abs=1e-9 * 5 * BAR)
-    holds = many.status != MechanismStatus.UNSTABLE
+    holds = many.status != Status.UNSTABLE
     assert np.array_equal(many.status[holds], one.status[holds])
 
 
@@ -74,7 +74,7 @@ def test_beyond_the_joint_range_the_nearest_posture_is_answered(affine):
     one = allocate(right + 0.2, 8.0, 1.0, joint=affine)
     many = allocate_mechanism(Mechanism.from_joint(affine), [right + 0.2], 8.0, 1.0)
     assert many.P == pytest.approx([one.P1, one.P2], abs=1e-9 * 5 * BAR)
-    assert many.status == MechanismStatus.OUTSIDE_JOINT_RANGE == NAMES[one.status.name]
+    assert many.status == Status.OUTSIDE_JOINT_RANGE == NAMES[one.status.name]
     assert "joint 1 range" in many.active
     assert many.q == pytest.approx([right])
 

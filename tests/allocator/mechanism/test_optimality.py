@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from allocator.mechanism import Mechanism, MechanismStatus, Pulleys, Sites, allocate_mechanism, machines, warm_up
+from allocator import Status
+from allocator.mechanism import Mechanism, Pulleys, Sites, allocate_mechanism, machines, warm_up
 from allocator.mechanism.arguments import problem_from
 from allocator.mechanism.routes import Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
@@ -13,7 +14,7 @@ from .enumeration import best_of_all_faces
 from .multipliers import kkt_by_hand
 
 ARM = machines.arm26()
-LIMITED = (MechanismStatus.TORQUE_LIMITED, MechanismStatus.STIFFNESS_LIMITED, MechanismStatus.BOTH_LIMITED)
+LIMITED = (Status.TORQUE_LIMITED, Status.STIFFNESS_LIMITED, Status.BOTH_LIMITED)
 
 
 def random_targets(mechanism, q, N, seed=0):
@@ -173,7 +174,7 @@ def test_torque_is_never_given_up_for_stiffness():
     P = rng.uniform(*ARM.pressure_box(q), (50, 6))
     T = ARM.torque(q, P)
     a = allocate_mechanism(ARM, q, np.diag([40.0, 35.0])[None], T)
-    assert (a.status == MechanismStatus.STIFFNESS_LIMITED).all()
+    assert (a.status == Status.STIFFNESS_LIMITED).all()
     assert np.abs(a.T_error).max() < 1e-12 * np.abs(T).max()
 
 
@@ -216,7 +217,7 @@ def test_a_posture_that_does_not_hold_itself_says_so():
     paths = [[(-1, (x, -0.15)), (0, (x, 0.15))] for x in (0.005, -0.005)]
     mechanism = Mechanism(Sites(0.35, [Link()], paths), SAROSI_DMSP_20_400N)
     a = allocate_mechanism(mechanism, [0.0], 5.0, 0.0, min_force=50.0)
-    assert a.status == MechanismStatus.UNSTABLE
+    assert a.status == Status.UNSTABLE
     assert not a.holds
     assert a.least_stiffness < 0
     assert mechanism.stiffness([0.0], a.P)[0, 0] == pytest.approx(a.least_stiffness)
@@ -226,15 +227,15 @@ def test_a_posture_that_does_not_hold_itself_says_so():
 def test_limits_that_leave_nothing_have_their_status():
     q = [0.4, -0.3]
     slack = allocate_mechanism(ARM, q, 9.0, 1.0, min_force=3000.0)
-    assert slack.status == MechanismStatus.SLACK
+    assert slack.status == Status.SLACK
     kept = allocate_mechanism(ARM, q, 9.0, 1.0, min_force=[200.0, 0, 0, 0, 0, 0])
     assert kept.forces[0] >= 200.0 - 1e-9
     away = allocate_mechanism(ARM, q, 9.0, 1.0, previous=np.zeros(6), max_step=0.1 * BAR)
-    assert away.status == MechanismStatus.SLACK
+    assert away.status == Status.SLACK
     stretched = allocate_mechanism(ARM, [-1.0, -1.0], 9.0, 1.0)
-    assert stretched.status != MechanismStatus.OUTSIDE_JOINT_RANGE
+    assert stretched.status != Status.OUTSIDE_JOINT_RANGE
     far = allocate_mechanism(ARM, [-1.5, 0.0], 9.0, 1.0)
-    assert far.status == MechanismStatus.OUTSIDE_JOINT_RANGE
+    assert far.status == Status.OUTSIDE_JOINT_RANGE
     assert "shoulder range" in far.active
 
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator.mechanism import MechanismStatus, allocate_mechanism, machines
+from allocator import Status
+from allocator.mechanism import allocate_mechanism, machines
 from allocator.units import BAR
 
 ARM = replace(machines.arm26(), muscle_names=(), joint_names=())
@@ -28,7 +29,7 @@ def test_torque_stiffness_and_taut_bounds():
 
 def test_the_least_pressures_that_give_the_same():
     a = allocate_mechanism(ARM, Q, ARM.stiffness(Q, P), ARM.torque(Q, P))
-    assert a.status == MechanismStatus.EXACT
+    assert a.status == Status.EXACT
     assert a.P / BAR == printed(LEAST)
     assert a.K == pytest.approx(ARM.stiffness(Q, P), rel=1e-12)
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from allocator import Gas, InvalidInput, allocate
+from allocator import Gas, InvalidInput, Status, allocate
 from allocator.joint.one_muscle import OneMuscle
-from allocator.mechanism import Mechanism, MechanismStatus, Pulleys, allocate_mechanism, machines
+from allocator.mechanism import Mechanism, Pulleys, allocate_mechanism, machines
 from allocator.mechanism.relaxation.bound import Level, _safe, relax
 from allocator.mechanism.relaxation.curves import Curve
 from allocator.muscles import Andrikopoulos2016, TonduLopez2000, Wickramatunge2010
@@ -139,7 +139,7 @@ def test_one_joint_has_the_pressures_of_allocate(joints, name, priority):
             **({"priority": priority, "weights": weights} | limits),
         )
         assert many.P == pytest.approx(np.stack([one.P1, one.P2], axis=-1), abs=1e-9 * 5 * BAR)
-        holds = many.status != MechanismStatus.UNSTABLE
+        holds = many.status != Status.UNSTABLE
         assert np.array_equal(many.status[holds], one.status[holds])
         assert many.gap.max() <= 1e-3
         assert many.kkt_residual.max() < 1e-9
@@ -164,7 +164,7 @@ def test_what_can_be_had_is_given_and_costs_nothing():
 def test_what_is_missed_has_a_bound_a_direction_and_the_limits_in_the_way():
     K, T = ARM.stiffness(POSTURE, np.full(6, 3 * BAR)), ARM.torque(POSTURE, np.full(6, 3 * BAR))
     a = allocate_mechanism(ARM, POSTURE, K + np.diag([20.0, 0.0]), T)
-    assert a.status == MechanismStatus.STIFFNESS_LIMITED
+    assert a.status == Status.STIFFNESS_LIMITED
     assert a.torque_met
     assert a.holds
     assert 0 < a.gap <= 1e-3
@@ -224,6 +224,6 @@ def test_a_gap_has_to_be_a_share(gap):
 
 def test_affine_muscles_have_no_gap():
     a = allocate_mechanism(machines.arm26(), POSTURE, [[90.0, 4.0], [4.0, 9.0]], 1.0)
-    assert a.status == MechanismStatus.STIFFNESS_LIMITED
+    assert a.status == Status.STIFFNESS_LIMITED
     assert a.gap == 0
     assert a.lower_bounds == pytest.approx(a.costs)

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from allocator import Status
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.mechanism import Link, Mechanism, MechanismStatus, Sites, Tables, allocate_mechanism, machines
+from allocator.mechanism import Link, Mechanism, Sites, Tables, allocate_mechanism, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_LOPEZ_LAAS_ARM
 from allocator.units import BAR
 from mpc.export.mechanism.entry import export_mechanism
@@ -115,8 +116,8 @@ def test_single_precision_gives_what_double_gives_to_its_digits(tmp_path):
     rows, expected = questions(ARM, 60, seed=1, dtype=np.float32)
     made = answered(tools.compiled(out, MAIN, "replay", "-O2", "-Wdouble-promotion"), rows)
     P, given, same = differences(ARM, made, expected)
-    assert np.isin(made[:, -1], MechanismStatus).all()
-    assert (made[:, -1] != MechanismStatus.SOLVER_FAILED).all()
+    assert np.isin(made[:, -1], Status).all()
+    assert (made[:, -1] != Status.SOLVER_FAILED).all()
     assert given.max() < 1e-4
     assert np.quantile(P, 0.99) < 1e-4
     assert same > 0.97  # what is missed by less than single precision can tell is met

@@ -21,18 +21,18 @@ typedef float ant_real;
 typedef double ant_real;
 #endif
 
-/* What an allocation can say of itself; where several hold the last of the list from 0 to 9 is given. */
+/* What an allocation can say of itself; where several hold the last of the list from 0 to 10 is given. */
 typedef enum {
     ANT_EXACT = 0,               /* torques and stiffness are met */
     ANT_TORQUE_LIMITED = 1,      /* the torques cannot be met, these are the nearest */
     ANT_STIFFNESS_LIMITED = 2,   /* the stiffness cannot be met, this is the nearest */
     ANT_BOTH_LIMITED = 3,        /* neither can be met, this is the best trade for the priority */
-    ANT_UNSTABLE = 4,            /* the stiffness is not positive definite: the posture does not hold itself */
-    ANT_CONFLICT = 5,            /* limits of a muscle contradict each other: the supply was kept first */
-    ANT_SLACK = 6,               /* a muscle has no allowed pressure that pulls with min_force */
-    ANT_OUTSIDE_JOINT_RANGE = 7, /* the posture is beyond the joints' range, or stretches a muscle too far */
-    ANT_SOLVER_FAILED = 8,       /* the answer is not proved to be optimal; it is within the limits */
-    ANT_OUTSIDE_LIMITS = 9,      /* the slew limit allows nothing within supply, model and max_force */
+    ANT_UNSTABLE = 5,            /* the stiffness is not positive definite: the posture does not hold itself */
+    ANT_CONFLICT = 6,            /* limits of a muscle contradict each other: the supply was kept first */
+    ANT_SLACK = 7,               /* a muscle has no allowed pressure that pulls with min_force */
+    ANT_OUTSIDE_JOINT_RANGE = 8, /* the posture is beyond the joints' range, or stretches a muscle too far */
+    ANT_SOLVER_FAILED = 9,       /* the answer is not proved to be optimal; it is within the limits */
+    ANT_OUTSIDE_LIMITS = 10,     /* the slew limit allows nothing within supply, model and max_force */
     ANT_BAD_INPUT = -1           /* an argument makes no sense: P is a safe guess, do not use the rest */
 } ant_status;
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from allocator import InvalidInput
-from allocator.mechanism import Endpoint, MechanismStatus, allocate_mechanism, machines
+from allocator import InvalidInput, Status
+from allocator.mechanism import Endpoint, allocate_mechanism, machines
 from allocator.units import BAR
 
 ARM, HAND = machines.arm26(), Endpoint.planar([0.3, 0.25])
@@ -105,7 +105,7 @@ def test_both_methods_and_the_other_priorities():
 def test_more_joints_than_coordinates():
     K_x, T = made(LEG, FOOT, Q3, 12)
     a = allocate_mechanism(LEG, Q3, K_x, T, endpoint=FOOT, force=FORCE)
-    met = a.status == MechanismStatus.EXACT
+    met = a.status == Status.EXACT
     assert met.sum() >= 10
     assert FOOT.stiffness(Q3, a.K, FORCE)[met] == pytest.approx(K_x[met], rel=1e-9)
     assert a.T == pytest.approx(T + FOOT.torque(Q3, FORCE), abs=1e-9)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from allocator.report_figures import FIGURES, draw, figure_1b, figure_3, figure_5b, figure_6, figure_7, figure_8
-from allocator.report_figures.joint import figure_8_marked
-from allocator.report_figures.muscles import readings
 from allocator.units import BAR, DEG
+from benchmarks.report_figures import FIGURES, draw, figure_1b, figure_3, figure_5b, figure_6, figure_7, figure_8
+from benchmarks.report_figures.joint import figure_8_marked
+from benchmarks.report_figures.muscles import readings
 
 AREA = np.pi * 0.0109**2  # S of the report's muscle [m²]
 A_MINUS_B = 3 / np.tan(25.5 * DEG) ** 2 - 1 / np.sin(25.5 * DEG) ** 2

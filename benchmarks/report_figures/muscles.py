@@ -11,8 +11,8 @@ from allocator.calculus import Array
 from allocator.identification import load_dataset
 from allocator.muscles import Muscle, PolynomialMcKibben, TonduLopez2000
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N, TONDU_MCKIBBEN
-from allocator.report_figures.panel import Curve, Panel
 from allocator.units import BAR, DEG
+from benchmarks.report_figures.panel import Curve, Panel
 
 PRESSURES = np.arange(1, 6) * BAR  # [Pa]
 R0, ALPHA0 = 0.0109, 25.5 * DEG  # [m], [rad]: the report's DMSP-20-400N

@@ -4,9 +4,9 @@ picture.
 >>> draw(*figure_8()).savefig("figure_8.png")  # doctest: +SKIP
 """
 
-from allocator.report_figures.joint import figure_3, figure_8, figure_8_marked
-from allocator.report_figures.muscles import figure_1b, figure_5b, figure_6, figure_7
-from allocator.report_figures.panel import Curve, Panel, draw
+from benchmarks.report_figures.joint import figure_3, figure_8, figure_8_marked
+from benchmarks.report_figures.muscles import figure_1b, figure_5b, figure_6, figure_7
+from benchmarks.report_figures.panel import Curve, Panel, draw
 
 FIGURES = {
     "1b": figure_1b,

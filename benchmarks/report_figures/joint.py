@@ -8,8 +8,8 @@ from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.joint.geometry import Pulley
 from allocator.joint.torque_levels import Pair
 from allocator.muscles.catalogue import TONDU_MCKIBBEN
-from allocator.report_figures.panel import Curve, Panel
 from allocator.units import BAR, DEG
+from benchmarks.report_figures.panel import Curve, Panel
 
 _ANGLE = "joint angle θ [°]"
 _STEPS = 501
