@@ -55,13 +55,14 @@ def clear_stale(directory: Path, ours: str, current: str) -> None:
 def keep(dispatcher: F, callees: Iterable[Callable[..., Any]] = ()) -> F:
     """Return `dispatcher`, which numba has made and which now keeps what it compiles.
 
-    What is kept belongs to its file, and to those of the `callees` that are compiled into it, as they are now. Raises
-    an `OSError` where there is no place.
+    What is kept belongs to its file, to those of the `callees` that are compiled into it, and to the numbers that they
+    read from their modules, as they are now. Raises an `OSError` where there is no place.
     """
     made: Any = dispatcher
-    others = {function.__code__.co_filename for function in callees} - {made.py_func.__code__.co_filename}
+    functions = made.py_func, *callees
+    others = {function.__code__.co_filename for function in functions} - {made.py_func.__code__.co_filename}
     try:
-        made._cache = _Cache(made.py_func, tuple(sorted(others)))
+        made._cache = _Cache(made.py_func, tuple(sorted(others)), _numbers(functions))
     except RuntimeError as error:
         if "cannot cache function" not in str(error):
             raise
@@ -88,6 +89,12 @@ def check_own(directory: Path) -> None:
             f"others may write to {directory}, and what is kept there is executed: "
             f"look what is in it, then chmod go-w {directory}"
         )
+
+
+def _numbers(functions: Iterable[Callable[..., Any]]) -> list[tuple[str, str]]:
+    """Return by name the numbers that functions read from their modules, which may have them from others."""
+    named = ((name, f.__globals__.get(name)) for f in functions for name in f.__code__.co_names)
+    return sorted({(name, repr(value)) for name, value in named if isinstance(value, int | float)})
 
 
 class _Files:
@@ -124,12 +131,12 @@ class _Files:
 class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
     """The cache is numba's, over such files."""
 
-    def __init__(self, function: Any, others: tuple[str, ...]) -> None:
+    def __init__(self, function: Any, others: tuple[str, ...], numbers: list[tuple[str, str]]) -> None:
         super().__init__(function)
         if Path(self.cache_path) != Path(function.__code__.co_filename).parent / "__pycache__":  # as safe as the source
             check_own(Path(self.cache_path))
         locator = self._impl.locator
-        stamps = [locator.get_source_stamp(), *((s.st_mtime, s.st_size) for s in map(os.stat, others))]
+        stamps = [locator.get_source_stamp(), *((s.st_mtime, s.st_size) for s in map(os.stat, others)), numbers]
         self._cache_file = _Files(self.cache_path, self._impl.filename_base, stamps)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

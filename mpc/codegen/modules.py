@@ -16,6 +16,7 @@ from types import ModuleType
 import numba
 
 from allocator import units
+from allocator.allocation import status
 from allocator.allocation.kernels import compiled
 from allocator.allocation.kernels import source as kernels
 from allocator.compilation import jit
@@ -78,7 +79,7 @@ def _surroundings() -> str:
         _MPC / "codegen" / "addresses.py",
         _MPC / "model" / "compiled_friction.py",
         *(_MPC / "trials" / "many" / name for name in ("records.py", "rest.py")),
-        *(Path(str(m.__file__)) for m in (kernels, compiled, jit, units)),
+        *(Path(str(m.__file__)) for m in (kernels, compiled, jit, status, units)),
     ]
     return "".join(file.read_text(encoding="utf-8") for file in files)
 

@@ -121,6 +121,14 @@ def test_what_a_changed_callee_is_part_of_is_compiled_anew(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_changed_number_of_another_module_is_compiled_anew(tmp_path):
+    (tmp_path / "doubling.py").write_text("from numbers_of import TWO\ndef double(x):\n    return TWO * x\n")
+    for two, answer in (("2.0", "[3.0, 6.0, 2.0] 0"), ("2.0", "[3.0, 6.0, 2.0] 3"), ("4.0", "[6.0, 12.0, 4.0] 0")):
+        (tmp_path / "numbers_of.py").write_text(f"TWO = {two}\n")
+        assert lines(run(CALL, str(tmp_path))) == [answer]
+
+
+@pytest.mark.slow
 def test_a_directory_in_which_others_may_write_is_refused_and_one_line_says_what_to_do(tmp_path):
     (tmp_path / "doubling.py").write_text(DOUBLE)
     shared = tmp_path / "shared"
