@@ -16,7 +16,7 @@ from mpc.arm.model import Arm
 from mpc.arm.tracking.compiled.module import compiled_arm
 from mpc.arm.tracking.compiled.qp_step import CompiledArmFeedForward
 from mpc.arm.tracking.feedforward import ArmInverseDynamics
-from mpc.arm.tracking.limits import ArmLimits
+from mpc.tracking.limits import Limits
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times
 
 _FILTER = 0.02  # [s] of the derivative
@@ -40,7 +40,7 @@ class ArmPID:
         self.ahead = N + self._delay
         readable = ArmInverseDynamics(arm, dt, N)
         self._feed_forward = CompiledArmFeedForward(arm, compiled_arm(arm, dt), readable.ready())
-        self._limits = ArmLimits.of_arm(arm, dt)
+        self._limits = Limits.of(arm, dt)
         self._filter = np.exp(-dt / _FILTER)
         self.reset()
 

@@ -152,6 +152,11 @@ class Arm:
         """Return the time constants of the regulators (m,) [s]."""
         return np.array(self.lag)
 
+    @property
+    def pressure_limits(self) -> tuple[float, float]:
+        """Return the least and the greatest command [Pa]."""
+        return self.mechanism.pressure_limits
+
     @cached_property
     def angle_limits(self) -> tuple[Array, Array]:
         """Return the least and the greatest angles (n,) [rad]; without limits a turn to both sides."""

@@ -82,6 +82,16 @@ class Plant:
                 side.volume(P)
 
     @property
+    def pressure_limits(self) -> tuple[float, float]:
+        """Return the least and the greatest command [Pa]."""
+        return self.joint.pressure_limits
+
+    @property
+    def angle_limits(self) -> tuple[float, float]:
+        """Return the least and the greatest angle [rad]."""
+        return self.joint.angle_range
+
+    @property
     def lags(self) -> tuple[float, float]:
         """Return the time constants (τ1, τ2) of the pressures [s]."""
         assert isinstance(self.lag, tuple)  # __post_init__ made it one

@@ -11,7 +11,7 @@ A residual is an entry of one of four kinds of rows, which is a quantity of the 
     e     u_k - u*_k           commands                           k = 0 … N-1
     rate  (e_k - e_{k-1})/dt   their rate                         k = 0 … N-1
 
-Who adds a weight adds a field to `Weights` and a line to `RESIDUALS`. All else follows from here: `charges` is the cost
+Who adds a weight adds a field to `Weights` and a line to `residuals`. All else follows from here: `charges` is the cost
 itself, of numbers (`mpc.trials.objective`) and of CasADi's symbols (`mpc.yardsticks.shooting`); `diagonal` are the
 weights by rows, with which the QP is condensed (`mpc.tracking.qp.condense`, `mpc.tracking.compiled`, the exported C)
 and the terminal cost is made (`mpc.tracking.terminal`).
@@ -52,9 +52,6 @@ def residuals(n: int = 1, m: int = 2, stiffnesses: int = 1) -> tuple[Residual, .
     )
 
 
-RESIDUALS = residuals()
-
-
 class Rows(NamedTuple):
     """The rows of a sample, by kind: residuals (numbers, arrays [size, ...] or symbols) or their weights (size,)."""
 
@@ -72,18 +69,15 @@ def charges(weights: Weights, rows: Rows, kinds: Iterable[str] = Rows._fields) -
     """Return what each weight charges for the residuals `rows`, as far as these are of the `kinds`."""
     return {
         r.weight: getattr(weights, r.weight) / 2 * sum(getattr(rows, r.rows)[i] ** 2 for i in r.entries)
-        for r in RESIDUALS
+        for r in residuals()
         if r.rows in kinds
     }
 
 
-def diagonal(weights: Weights, table: Iterable[Residual] | None = None, sizes: Rows = SIZES) -> Rows:
-    """Return the weight of every entry of every kind of rows, 0 for what is not charged: the cost is ½ Σ w r².
-
-    `table` and `sizes` are those of arms, of the joint without them.
-    """
-    made = Rows(*(np.zeros(size) for size in sizes))
-    for r in RESIDUALS if table is None else table:
+def diagonal(weights: Weights, n: int = 1, m: int = 2, stiffnesses: int = 1) -> Rows:
+    """Return the weight of every entry of every kind of rows, 0 for what is not charged: the cost is ½ Σ w r²."""
+    made = Rows(*map(np.zeros, (2 * n + m, stiffnesses + m, m, m)))
+    for r in residuals(n, m, stiffnesses):
         getattr(made, r.rows)[list(r.entries)] += getattr(weights, r.weight)
     return made
 

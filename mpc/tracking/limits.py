@@ -1,17 +1,32 @@
-"""The limits are what commands, angle and muscle forces have to keep to."""
+"""The limits are what commands, angles and muscle forces have to keep to."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from mpc.model.plant import Plant
 
 LONGEST_HORIZON = 1000  # samples; the time of a step grows with its square
 _SHORTEST = 1e-5  # sample time [s]
+
+
+class Limited(Protocol):
+    """What has limits is a plant of one joint or an arm."""
+
+    @property
+    def slew(self) -> float:
+        """Greatest change of a command [Pa/s]."""
+
+    @property
+    def pressure_limits(self) -> tuple[float, float]:
+        """Of every command [Pa]."""
+
+    @property
+    def angle_limits(self) -> tuple[Any, Any]:
+        """Of the angle, or (n,) of the angles [rad]."""
 
 
 @dataclass(frozen=True)
@@ -20,19 +35,19 @@ class Limits:
 
     pressure: tuple[float, float]  # of every command [Pa], hard
     step: float  # greatest |u_k - u_{k-1}| [Pa], hard
-    theta: tuple[float, float]  # [rad], soft
-    min_force: float = 0.0  # of both muscles [N], soft
+    theta: tuple[Any, Any]  # of the angle, or (n,) of each [rad], soft
+    min_force: float = 0.0  # of all muscles [N], soft
 
     @classmethod
-    def of(cls, plant: Plant, dt: float, min_force: float = 0.0) -> Self:
+    def of(cls, plant: Limited, dt: float, min_force: float = 0.0) -> Self:
         """Return the limits of `plant` at the sample time `dt` [s], and the least force [N] of its muscles."""
         if not _SHORTEST <= dt < 1:
             raise InvalidInput(f"dt = {dt:g} s has to be a sample time between {_SHORTEST:g} and 1 s")
         least = float(checks.not_negative("min_force", min_force, "N"))
-        return cls(plant.joint.pressure_limits, plant.slew * dt, plant.joint.angle_range, least)
+        return cls(plant.pressure_limits, plant.slew * dt, plant.angle_limits, least)
 
     def limited(self, u_last: Array, u: Array) -> Array:
-        """Return the commands `u` (N, 2) after `u_last` (2,), each moved to the nearest that slew and supply allow.
+        """Return the commands `u` (N, m) after `u_last` (m,), each moved to the nearest that slew and supply allow.
 
         The slew limit comes first: from outside the supply's range commands return as fast as it lets them.
         """
@@ -53,8 +68,10 @@ class Limits:
         return np.maximum(P, min(self.pressure[0], 0.0))
 
     def excursion(self, theta: Array) -> float:
-        """Return how far `theta` leaves its range at worst [rad]."""
+        """Return how far the angles `theta` (N,) or (N, n) leave their ranges at worst [rad]."""
         left, right = self.theta
+        if theta.ndim > 1:
+            return float(max(0.0, (left - theta).max(), (theta - right).max()))
         angles = theta.tolist()  # Python is faster than NumPy on so few
         return float(max(0.0, left - min(angles), max(angles) - right))
 

@@ -20,13 +20,25 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.model.experiment import RESOLUTION
-from mpc.model.plant import NU, NX, Plant
+from mpc.model.plant import NU, Plant
 from mpc.model.riccati import semidefinite_factor, solve_riccati
-from mpc.tracking.cost import charged, diagonal
+from mpc.tracking.cost import Rows, charged, diagonal
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.weights import Weights
 
-UNITS = np.array([1, 1, BAR, BAR, BAR, BAR])  # of ξ in the Riccati equation, for its conditioning
+
+class Middle(NamedTuple):
+    """A plant of s states and m muscles about rest in the middle of its ranges and of the supply."""
+
+    A: Array  # (s, s)
+    B: Array  # (s, m)
+    C: Array  # (p, s) gradients of the outputs
+
+    @property
+    def units(self) -> Array:
+        """Return the units (s + m,) of ξ in the Riccati equation, for its conditioning: bar for Pa."""
+        states, m = self.B.shape
+        return np.concatenate([np.ones(states - m), np.full(2 * m, BAR)])
 
 
 class Regulator(NamedTuple):
@@ -34,42 +46,44 @@ class Regulator(NamedTuple):
     bar for Pa.
     """
 
-    A: Array  # (6, 6)
-    B: Array  # (6, 2)
-    Q: Array  # (6, 6)
-    R: Array  # (2, 2)
-    cross: Array  # (6, 2), cost of ξᵀ cross e
+    A: Array  # (s + m, s + m)
+    B: Array  # (s + m, m)
+    Q: Array  # (s + m, s + m)
+    R: Array  # (m, m)
+    cross: Array  # (s + m, m), cost of ξᵀ cross e
 
 
-def regulator(plant: Plant, dt: float, weights: Weights, rate: float) -> Regulator:
-    """Return the regulator with the rate weight `rate` [cost]/[Pa/s]² in place of w_t."""
-    A, B, C = _middle(plant, dt)
-    W, n, du = diagonal(weights), NX + NU, rate / dt**2  # [cost]/[Pa]² per sample
-    A_aug, B_aug = np.zeros((n, n)), np.vstack([B, np.eye(NU)])
-    A_aug[:NX, :NX] = A
-    Q, R = np.zeros((n, n)), np.diag(W.e) + du * np.eye(NU)
-    Q[:NX, :NX] = np.diag(W.x) + sum(w * np.outer(C[i], C[i]) for i, w in charged(W.y))
-    Q[NX:, NX:] = du * np.eye(NU)
-    cross = np.vstack([np.zeros((NX, NU)), -du * np.eye(NU)])
-
-    scale, u_scale = UNITS, np.full(NU, BAR)
+def regulator(model: Middle, dt: float, rows: Rows, rate: float) -> Regulator:
+    """Return the regulator for the weights `rows` of a sample, with the rate weight `rate` [cost]/[Pa/s]² for w_t."""
+    (states, m), units, du = model.B.shape, model.units, rate / dt**2  # [cost]/[Pa]² per sample
+    A, B = np.zeros((states + m, states + m)), np.vstack([model.B, np.eye(m)])
+    A[:states, :states] = model.A
+    Q, R = np.zeros_like(A), np.diag(rows.e) + du * np.eye(m)
+    Q[:states, :states] = np.diag(rows.x) + sum(w * np.outer(model.C[i], model.C[i]) for i, w in charged(rows.y))
+    Q[states:, states:] = du * np.eye(m)
+    cross = np.vstack([np.zeros((states, m)), -du * np.eye(m)])
     return Regulator(
-        A_aug * scale / scale[:, None],
-        B_aug * u_scale / scale[:, None],
-        Q * np.outer(scale, scale),
-        R * np.outer(u_scale, u_scale),
-        cross * np.outer(scale, u_scale),
+        A * units / units[:, None],
+        B * BAR / units[:, None],
+        Q * np.outer(units, units),
+        R * BAR**2,
+        cross * BAR * units[:, None],
     )
 
 
+def value_factor(model: Middle, dt: float, weights: Weights, rows: Rows) -> Array:
+    """Return L (s + m, s + m) with LᵀL = S: the terminal cost is ½|L ξ|². SI units."""
+    S = solve_riccati(*regulator(model, dt, rows, weights.terminal_rate))
+    return np.asarray(semidefinite_factor(S) / model.units)
+
+
 def terminal_factor(plant: Plant, dt: float, weights: Weights) -> Array:
-    """Return L (6, 6) with LᵀL = S: the terminal cost is ½|L ξ|². SI units."""
-    S = solve_riccati(*regulator(plant, dt, weights, weights.terminal_rate))
-    return np.asarray(semidefinite_factor(S) / UNITS)
+    """Return the `value_factor` L (6, 6) of a joint."""
+    return value_factor(middle(plant, dt), dt, weights, diagonal(weights))
 
 
-def _middle(plant: Plant, dt: float) -> tuple[Array, Array, Array]:
-    """Return A (4, 4), B (4, 2), C (3, 4) about rest in the middle of the joint's range and of the supply."""
+def middle(plant: Plant, dt: float) -> Middle:
+    """Return A (4, 4), B (4, 2) and C (3, 4) of a joint."""
     P = np.full(NU, np.mean(plant.joint.pressure_limits))
     x = np.array([np.mean(plant.joint.angle_range), 0.0, *P])
     n = plant.substeps(dt, RESOLUTION)  # one by one: the formula of all of them would have as many times the length
@@ -77,4 +91,4 @@ def _middle(plant: Plant, dt: float) -> tuple[Array, Array, Array]:
     A, B = model.A[0], model.B[0]
     for A_k, B_k in zip(model.A[1:], model.B[1:], strict=True):
         A, B = A_k @ A, A_k @ B + B_k
-    return A, B, model.slope[0]
+    return Middle(A, B, model.slope[0])

@@ -23,10 +23,11 @@ from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
 from mpc.model.riccati import solve_riccati
 from mpc.tracking.base import BaseController, Optimised, Situation
+from mpc.tracking.cost import diagonal
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.preview import Task
-from mpc.tracking.terminal import UNITS, regulator
+from mpc.tracking.terminal import middle, regulator
 from mpc.tracking.weights import Weights
 
 _PREVIEW = 10  # samples, enough for the derivatives of the reference
@@ -162,10 +163,11 @@ class LQRControl(Baseline):
         weights: Weights | None = None,
     ) -> None:
         weights = Weights() if weights is None else weights
-        A, B, _, R, N = problem = regulator(plant, dt, weights, weights.rate)
+        model = middle(plant, dt)
+        A, B, _, R, N = problem = regulator(model, dt, diagonal(weights), weights.rate)
         S = solve_riccati(*problem)
         gain = np.linalg.solve(R + B.T @ S @ B, B.T @ S @ A + N.T)
-        self._gain = gain * BAR / UNITS  # G (2, 6) in SI units
+        self._gain = gain * BAR / model.units  # G (2, 6) in SI units
         super().__init__(plant, dt, compensation)
 
     def _forget(self) -> None:

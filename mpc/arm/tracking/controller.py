@@ -21,12 +21,11 @@ from allocator.errors import InvalidInput
 from mpc.arm.model import Arm
 from mpc.arm.tracking.compiled.factory import factory
 from mpc.arm.tracking.feedforward import ArmInverseDynamics
-from mpc.arm.tracking.limits import ArmLimits
 from mpc.arm.tracking.prediction import predictor_of
 from mpc.arm.tracking.preview import ArmPreview
-from mpc.arm.tracking.problem import ArmProblem
+from mpc.arm.tracking.problem import problem_of
 from mpc.tracking.fallback import Ladder
-from mpc.tracking.limits import LONGEST_HORIZON
+from mpc.tracking.limits import LONGEST_HORIZON, Limits
 from mpc.tracking.linearise import Motion
 from mpc.tracking.optimising import OptimisingController
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times, status_of
@@ -83,12 +82,12 @@ class ArmMPC(OptimisingController):
         if sum(self.blocks) != self.N or min(self.blocks) < 1:
             raise InvalidInput(f"blocks = {self.blocks} have to be lengths of 1 or more, N = {self.N} in all")
         self.muscles = self.arm.m
-        self.limits = limits = ArmLimits.of_arm(self.arm, self.dt, self.min_force)
+        self.limits = limits = Limits.of(self.arm, self.dt, self.min_force)
         delay, predictor = round(self.dead_time / self.dt), predictor_of(self.arm, self.dt, self.N)
         self._preview: Any = ArmPreview(self.arm, self.dt, self.N, delay, limits)  # in place of a joint's
         self.rest_mode: Any = _NoRest()
         self.ladder = Ladder(limits, predictor)  # type: ignore[arg-type]  # it asks no more of a predictor
-        self.problem = ArmProblem.of(self.arm, self.dt, self.weights, limits, self.blocks)
+        self.problem = problem_of(self.arm, self.dt, self.weights, limits, self.blocks)
         self._solve = solver_of(self.solver)
         inverse = ArmInverseDynamics(self.arm, self.dt, self.N, self.min_force)
         self._qp_step, made = factory(self.arm, self.dt, self.problem, predictor, inverse)

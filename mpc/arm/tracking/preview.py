@@ -15,8 +15,8 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 from mpc.arm.model import Arm
-from mpc.arm.tracking.limits import ArmLimits
 from mpc.arm.tracking.prediction import predictor_of
+from mpc.tracking.limits import Limits
 from mpc.tracking.preview import BadNumbers, Task
 
 _BEYOND = 10 * DEG  # an angle may be read beyond its range
@@ -29,7 +29,7 @@ _SYMMETRIC = 1e-9  # of the greatest entry
 class ArmPreview:
     """A preview of N samples knows the `delay` [samples] of the commands of a controller of `arm`."""
 
-    def __init__(self, arm: Arm, dt: float, N: int, delay: int, limits: ArmLimits) -> None:
+    def __init__(self, arm: Arm, dt: float, N: int, delay: int, limits: Limits) -> None:
         self.arm, self.dt, self.delay, self.limits = arm, dt, delay, limits
         self.ahead = N + delay  # samples of preview wanted
         self.strict = False  # raises `InvalidInput` for references that cannot be meant, instead of warning

@@ -38,7 +38,9 @@ class TrackingProblem:
     L: Array  # (6, 6) terminal factor
     blocks: tuple[int, ...]  # samples from one change of the commands to the next, N in all
     dt: float  # [s]
-    muscles: int = NU  # m; where there are more of them, read (m) for (2) and (2n + m) for (4) in the shapes
+    joints: int = 1  # n; for (4) read 2n + m
+    muscles: int = NU  # m; for (2) read m, for (6) 2n + 2m
+    stiffnesses: int = 1  # entries of svec K
 
     @cached_property
     def starts(self) -> Array:
@@ -48,7 +50,7 @@ class TrackingProblem:
     @cached_property
     def rows(self) -> Rows:
         """The rows are the weights of the stage cost by kinds of rows."""
-        return diagonal(self.weights)
+        return diagonal(self.weights, self.joints, self.muscles, self.stiffnesses)
 
     @cached_property
     def curvature(self) -> float:

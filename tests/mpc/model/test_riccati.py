@@ -10,7 +10,8 @@ from allocator import BAR, InvalidInput, report_joint
 from allocator.muscles import PolynomialMcKibben
 from mpc import Plant, Weights
 from mpc.model.riccati import semidefinite_factor, solve_riccati
-from mpc.tracking.terminal import regulator, terminal_factor
+from mpc.tracking.cost import diagonal
+from mpc.tracking.terminal import middle, regulator, terminal_factor
 from mpc.yardsticks.baselines import LQRControl
 
 # fitted to measured forces; its stiffness does not depend on the pressure: B. Tondu, arXiv 2104.13167, (13) and (14)
@@ -59,7 +60,7 @@ def test_pressures_that_change_neither_torque_nor_stiffness_cost_nothing_beyond_
 def test_the_solution_satisfies_its_equation(plant, dt):
     for seed in range(20):
         weights = either(seed)
-        A, B, Q, R, N = given = regulator(plant, dt, weights, weights.terminal_rate)
+        A, B, Q, R, N = given = regulator(middle(plant, dt), dt, diagonal(weights), weights.terminal_rate)
         S = solve_riccati(*given)
         across = B.T @ S @ A + N.T
         again = A.T @ S @ A + Q - across.T @ np.linalg.solve(R + B.T @ S @ B, across)
@@ -67,7 +68,7 @@ def test_the_solution_satisfies_its_equation(plant, dt):
 
 
 def test_no_command_makes_a_riccati_cost_smaller_than_the_optimal_one():
-    A, B, Q, R, N = given = regulator(Plant(), 0.01, Weights(), Weights().terminal_rate)
+    A, B, Q, R, N = given = regulator(middle(Plant(), 0.01), 0.01, diagonal(Weights()), Weights().terminal_rate)
     S, xi = solve_riccati(*given), np.array([0.01, 0.1, 0.2, -0.1, 0.1, 0.0])
     best = -np.linalg.solve(R + B.T @ S @ B, B.T @ S @ A + N.T) @ xi
 

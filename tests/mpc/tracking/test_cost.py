@@ -9,7 +9,7 @@ from allocator import BAR, DEG
 from mpc import KalmanObserver, NonlinearMPC, PlanStatus, Plant, TrackingMPC, Weights, sine
 from mpc.export import export
 from mpc.tracking import cost
-from mpc.tracking.cost import RESIDUALS, SIZES, Residual, Rows, charges, diagonal
+from mpc.tracking.cost import SIZES, Residual, Rows, charges, diagonal, residuals
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import solver
 
@@ -35,7 +35,7 @@ WEIGHTS = MoreWeights()
 def more(monkeypatch):
     """Two lines more."""
     lines = Residual("pressure", "x", (2, 3)), Residual("antagonist", "y", (2,))
-    monkeypatch.setattr(cost, "RESIDUALS", (*RESIDUALS, *lines))
+    monkeypatch.setattr(cost, "residuals", lambda *sizes: (*residuals(*sizes), *lines))
 
 
 def test_the_diagonal_and_the_charges_are_the_same_cost(more):
@@ -48,10 +48,10 @@ def test_the_diagonal_and_the_charges_are_the_same_cost(more):
 
 
 def test_every_entry_is_charged_by_one_weight_at_most():
-    entries = [(r.rows, i) for r in RESIDUALS for i in r.entries]
+    entries = [(r.rows, i) for r in residuals() for i in r.entries]
     assert len(set(entries)) == len(entries)
     assert all(i < getattr(SIZES, rows) for rows, i in entries)
-    assert {r.weight for r in RESIDUALS} <= set(Weights.__dataclass_fields__)
+    assert {r.weight for r in residuals()} <= set(Weights.__dataclass_fields__)
 
 
 @pytest.mark.compiles

@@ -8,7 +8,7 @@ import numpy as np
 from allocator.notices import notice
 from mpc.arm.model import Arm
 from mpc.arm.tracking.feedforward import ArmInverseDynamics
-from mpc.arm.tracking.problem import ArmProblem
+from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.solvers import DAQP
 from mpc.tracking.qp.step import PreviousSample, QPStep, ReadableQPStep, SlowStep
 
@@ -20,7 +20,9 @@ class ArmParts(NamedTuple):
     feed_forward: Any
 
 
-def factory(arm: Arm, dt: float, problem: ArmProblem, predictor: Any, feed_forward: ArmInverseDynamics) -> ArmParts:
+def factory(
+    arm: Arm, dt: float, problem: TrackingProblem, predictor: Any, feed_forward: ArmInverseDynamics
+) -> ArmParts:
     """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails."""
     ready = feed_forward.ready()
     asked: Any = predictor
@@ -46,7 +48,7 @@ def factory(arm: Arm, dt: float, problem: ArmProblem, predictor: Any, feed_forwa
     return ArmParts(ReadableQPStep(problem, asked), ready)
 
 
-def _compile(arm: Arm, problem: ArmProblem, step: Any, feed_forward: Any) -> None:
+def _compile(arm: Arm, problem: TrackingProblem, step: Any, feed_forward: Any) -> None:
     """Compile now, and not when the arm is waiting for its first command."""
     N = sum(problem.blocks)
     P = np.full(arm.m, np.mean(problem.limits.pressure))

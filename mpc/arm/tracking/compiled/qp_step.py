@@ -23,12 +23,11 @@ from mpc.arm.model import Arm
 from mpc.arm.tracking.compiled.module import CompiledArm
 from mpc.arm.tracking.feedforward import ArmFeedForward, ArmInverseDynamics
 from mpc.arm.tracking.hand_targets import HandTargets
-from mpc.arm.tracking.problem import ArmProblem
 from mpc.tracking.cost import Rows
 from mpc.tracking.linearise import Motion
 from mpc.tracking.plan import Moved, PlanStatus
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE, certified
-from mpc.tracking.qp.condense import SLACKS
+from mpc.tracking.qp.condense import SLACKS, TrackingProblem
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import Solver
 from mpc.tracking.qp.step import PreviousSample, QPAnswer
@@ -55,7 +54,7 @@ class CompiledArmQPStep:
     implementation = "compiled"
     active_set: NDArray[np.int8] | None = None
 
-    def __init__(self, arm: Arm, dt: float, made: CompiledArm, problem: ArmProblem) -> None:
+    def __init__(self, arm: Arm, dt: float, made: CompiledArm, problem: TrackingProblem) -> None:
         self._given = arm, dt, made, problem
         self._step, self._problem = made.step, problem
         N, n, m, size, blocks = sum(problem.blocks), arm.n, arm.m, arm.size, len(problem.blocks)

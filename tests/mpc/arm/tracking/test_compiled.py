@@ -9,10 +9,10 @@ from mpc.arm.model import Arm
 from mpc.arm.tracking.compiled.factory import factory
 from mpc.arm.tracking.controller import ArmMPC, growing
 from mpc.arm.tracking.feedforward import ArmInverseDynamics
-from mpc.arm.tracking.limits import ArmLimits
 from mpc.arm.tracking.prediction import ArmPredictor
-from mpc.arm.tracking.problem import ArmProblem
+from mpc.arm.tracking.problem import problem_of
 from mpc.tracking import cost
+from mpc.tracking.limits import Limits
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.solvers import DAQP
 from mpc.tracking.qp.step import PreviousSample, ReadableQPStep, SlowStep
@@ -28,8 +28,8 @@ class Both:
 
     def __init__(self, name, min_force=20.0):
         self.arm = arm = Arm.machine(name)
-        limits = ArmLimits.of_arm(arm, DT, min_force)
-        self.problem = ArmProblem.of(arm, DT, Weights(), limits, growing(N))
+        limits = Limits.of(arm, DT, min_force)
+        self.problem = problem_of(arm, DT, Weights(), limits, growing(N))
         self.predictor = ArmPredictor(arm, DT, N)
         self.inverse = ArmInverseDynamics(arm, DT, N, min_force)
         self.readable = ReadableQPStep(self.problem, self.predictor)
@@ -76,7 +76,7 @@ def test_the_whole_qp_is_that_of_the_readable_step(both):
 def with_sixth(monkeypatch, sixth):
     """Both, with one more line in the table of residuals."""
     table = cost.residuals
-    monkeypatch.setattr("mpc.arm.tracking.problem.residuals", lambda *sizes: (*table(*sizes), sixth))
+    monkeypatch.setattr("mpc.tracking.cost.residuals", lambda *sizes: (*table(*sizes), sixth))
     return Both("arm26")
 
 
