@@ -15,10 +15,11 @@ from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.feedforward import FeedForward
+from mpc.tracking.joint_preview import JointPreview
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times, status_of
-from mpc.tracking.preview import BadNumbers, Preview, Task
+from mpc.tracking.preview import BadNumbers, Task
 from mpc.tracking.qp.step import PreviousSample
 from mpc.tracking.rest import RestMode
 
@@ -74,7 +75,7 @@ class BaseController(ABC):
     def _build(self, N: int, min_force: float = 0.0) -> None:
         self.limits = Limits.of(self.plant, self.dt, min_force)
         self._predictor = Predictor(self.plant, self.dt, N)
-        self._preview = Preview(self.plant, self.dt, N, self.compensation, self.limits)
+        self._preview = JointPreview(self.plant, self.dt, N, self.compensation, self.limits)
         self.rest_mode = RestMode(self.plant, self.dt, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
 

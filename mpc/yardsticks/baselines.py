@@ -124,7 +124,7 @@ class PIDControl(Baseline):
         self._error = error
         k = self.gains
         T = k.proportional * fed_back.error + k.integral * self._integral + k.derivative * fed_back.slope
-        return task.d - task.known - T
+        return np.asarray(task.d - task.known - T)
 
     def _errors(self, task: Task, error: float) -> Errors:
         """Return the errors for the proportional and the derivative part, from the `error` [rad] of this sample."""
