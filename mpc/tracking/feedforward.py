@@ -22,7 +22,10 @@ from mpc.tracking.plan import Moved
 
 @dataclass(frozen=True)
 class FeedForward:
-    """A feed-forward is a preview and what it asks of state, outputs and commands; time runs along the first axis."""
+    """A feed-forward is a preview and what it asks of state, outputs and commands; time runs along the first axis.
+
+    Of n joints and m muscles x is (N+1, 2n + m), y (N+1, n(n+1)/2 + m) with svec K* for K*, and u (N, m).
+    """
 
     x: Array  # (N+1, 4) x* = (θ*, θ*', P1*, P2*): angle within the joint range, its derivative, pressures
     y: Array  # (N+1, 3) y* = (K*, 0, 0): the reachable stiffness nearest to the asked one [N·m/rad], no force
@@ -31,7 +34,7 @@ class FeedForward:
 
     @property
     def theta(self) -> Array:
-        """The angle is θ* (N+1,) [rad]."""
+        """The angle of a joint is θ* (N+1,) [rad]; the next three are of a joint, too."""
         return self.x[:, 0]
 
     @property

@@ -5,23 +5,15 @@ samples into pressures, bringing what cannot be reached to the nearest that can;
 command, P_{k+1} = α P_k + (1 - α) u_k, α = exp(-dt/τ), is inverted for the commands.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.mechanism import allocate_mechanism, warm_up
 from mpc.arm.model import Arm
+from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.plan import Moved
-
-
-class ArmFeedForward(NamedTuple):
-    """A feed-forward is a preview and what it asks of state, outputs and commands; time runs along the first axis."""
-
-    x: Array  # (N+1, 2n + m) x* = (q*, q*', P*): angles within the joints' ranges, their derivatives, pressures
-    y: Array  # (N+1, n(n+1)/2 + m) y* = (svec K*, 0): the reachable stiffness nearest to the asked one, no force
-    u: Array  # (N, m) u*, commands [Pa], unlimited
-    moved: Moved  # from what was asked
 
 
 class ArmInverseDynamics:
@@ -49,7 +41,7 @@ class ArmInverseDynamics:
         warm_up()
         return self
 
-    def __call__(self, q: Array, K: Array, d: Array) -> ArmFeedForward:
+    def __call__(self, q: Array, K: Array, d: Array) -> FeedForward:
         """Return the feed-forward for previews `q` (N+1, n) [rad], `K` (N+1, n, n), and torques `d` (N+1, n) [N·m]."""
         arm, asked = self.arm, q
         q = np.clip(asked, *arm.angle_limits)
@@ -65,4 +57,4 @@ class ArmInverseDynamics:
         given, missed = (held.K, held.K_error) if arm.endpoint is None else (held.K_x, held.K_x_error)
         y = np.hstack([arm.svec(given), np.zeros_like(held.P)])
         moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - q, missed, held.T_error)))
-        return ArmFeedForward(np.hstack([q, omega, held.P]), y, u, moved)
+        return FeedForward(np.hstack([q, omega, held.P]), y, u, moved)

@@ -21,9 +21,10 @@ from allocator.mechanism.kernel.data import workspace
 from allocator.units import BAR
 from mpc.arm.model import Arm
 from mpc.arm.tracking.compiled.module import CompiledArm
-from mpc.arm.tracking.feedforward import ArmFeedForward, ArmInverseDynamics
+from mpc.arm.tracking.feedforward import ArmInverseDynamics
 from mpc.arm.tracking.hand_targets import HandTargets
 from mpc.tracking.cost import Rows
+from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.linearise import Motion
 from mpc.tracking.plan import Moved, PlanStatus
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE, certified
@@ -207,7 +208,7 @@ class CompiledArmFeedForward:
         other._box, other._found = tuple(a.copy() for a in self._box), tuple(a.copy() for a in self._found)  # type: ignore[assignment]
         return other
 
-    def __call__(self, q: Array, K: Array, d: Array) -> ArmFeedForward:
+    def __call__(self, q: Array, K: Array, d: Array) -> FeedForward:
         """Return the feed-forward for previews `q` (N+1, n) [rad], `K` (N+1, k, k), and torques `d` (N+1, n) [N·m]."""
         rows, size, outputs, m = self._sizes
         given, hand = _Given(q, K), None
@@ -235,4 +236,4 @@ class CompiledArmFeedForward:
             K_x = hand.seen(y[:, : self._stiffnesses])
             y[:, : self._stiffnesses] = self._arm.svec(K_x)
             moved = moved._replace(K=float(np.abs(given.K - K_x).max()))
-        return ArmFeedForward(x, y, u, moved)
+        return FeedForward(x, y, u, moved)
