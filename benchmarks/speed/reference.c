@@ -70,7 +70,7 @@ void allocate(int64_t n, const double *restrict theta, const double *restrict K,
         double T_scale = T_unit * (fabs(fh1) + fabs(fh2)) + fabs(T[i]);
         double K_scale = K_unit * 2 * fabs(p.c + p.g * rh) + fabs(K[i]);
         int32_t found = (fabs(T_now - T[i]) > 1e-9 * T_scale ? 1 : 0) + (fabs(K_now - K[i]) > 1e-9 * K_scale ? 2 : 0);
-        status[i] = (int8_t)(outside ? 8 : slack ? 7 : found) /* `allocator.Status` */;
+        status[i] = (int8_t)(outside ? 8 : slack ? 7 : found); /* of `allocator.Status` */
         limits[i] = ON(Q1, p.lo, 1) | ON(Q1, taut1, 16) | ON(Q1, hi, p.hi_limit1) | ON(Q2, p.lo, 4) |
                     ON(Q2, taut2, 32) | ON(Q2, hi, p.hi_limit2) | outside;
         P1[i] = Q1, P2[i] = Q2, T_given[i] = T_now, K_given[i] = K_now;

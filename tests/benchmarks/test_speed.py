@@ -26,7 +26,7 @@ def part(benchmark_module):
 
 
 def test_the_light_run_answers_rightly_and_reports_all(tmp_path):
-    options = "--light --part allocation --part control --out".split()
+    options = ["--light", "--part", "allocation", "--part", "control", "--out"]
     command = [sys.executable, "-W", "error", "-m", "benchmarks.speed", *options, str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,6 +1,6 @@
 /* Targets of a mechanism from standard input, one a row: q, T, K, least and greatest force, pressures now, step, nearest,
- * follow, priority. Prints pressures, what they give, residual and status; with an argument, the
- * time of a target. */
+ * follow, priority. Prints pressures, what they give, residual and status; with an argument, the time
+ * of a target. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
