@@ -34,14 +34,12 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from allocator import checks
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.feedforward import InverseDynamics
-from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.optimising import OptimisingController
 from mpc.tracking.pace import check_pace
 from mpc.tracking.plan import Plan
@@ -86,12 +84,7 @@ class TrackingMPC(OptimisingController):
 
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
-        self.dt = float(checks.real("dt", self.dt, "s"))
-        self.N = checks.count("N", self.N, least=3, most=LONGEST_HORIZON)
-        self.iterations = checks.count("iterations", self.iterations, least=1)
-        self.blocks = _blocks(self.blocks, self.N)
-        self.patience = checks.not_negative("patience", self.patience, "s")
-        self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
+        self.blocks = self._check_settings(lambda N: (1,) * N)
         self._build(self.N, self.min_force)
         L = terminal_factor(self.plant, self.dt, self.weights)
         self.problem = TrackingProblem(self.weights, self.limits, L, self.blocks, self.dt)
@@ -204,12 +197,3 @@ class TrackingMPC(OptimisingController):
 
 
 _WORKERS = ("_solve", "_qp_step", "_feed_forward", "_whole")
-
-
-def _blocks(blocks: Sequence[int] | None, N: int) -> tuple[int, ...]:
-    if blocks is None:
-        return (1,) * N
-    lengths = tuple(checks.count("a length of blocks", length, least=1) for length in blocks)
-    if sum(lengths) != N:
-        raise InvalidInput(f"blocks = {lengths} cover {sum(lengths)} samples, not the N = {N} of the horizon")
-    return lengths

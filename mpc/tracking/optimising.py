@@ -3,10 +3,14 @@
 It fills in the stage `_optimise` of `mpc.tracking.base`, for a joint and for an arm alike.
 """
 
+from collections.abc import Callable, Sequence
 from time import perf_counter
 
+from allocator import checks
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from mpc.tracking.base import BaseController, Optimised, Situation
+from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.softened import softened
@@ -17,10 +21,26 @@ from mpc.tracking.qp.step import QPAnswer, QPStep
 class OptimisingController(BaseController):
     """A controller that optimises has the attributes below beyond those of `BaseController`."""
 
+    N: int  # horizon [samples]
     iterations: int  # QPs per step
+    blocks: Sequence[int] | None  # lengths of the blocks of samples, N in all
     problem: TrackingProblem
     _qp_step: QPStep
     _solve: Solver
+
+    def _check_settings(self, usual: Callable[[int], tuple[int, ...]]) -> tuple[int, ...]:
+        """Check what all of them are set, and return the blocks; `usual(N)` are those of None."""
+        self.dt = float(checks.real("dt", self.dt, "s"))
+        self.N = checks.count("N", self.N, least=3, most=LONGEST_HORIZON)
+        self.iterations = checks.count("iterations", self.iterations, least=1)
+        self.patience = checks.not_negative("patience", self.patience, "s")
+        self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
+        if self.blocks is None:
+            return usual(self.N)
+        lengths = tuple(checks.count("a length of blocks", length, least=1) for length in self.blocks)
+        if sum(lengths) != self.N:
+            raise InvalidInput(f"blocks = {lengths} cover {sum(lengths)} samples, not the N = {self.N} of the horizon")
+        return lengths
 
     def _optimise(self, situation: Situation) -> Optimised:
         """Return the commands after `iterations` QPs, or up to one that failed: then the softened one's."""

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from allocator import checks
-from allocator.errors import InvalidInput
 from mpc.arm.model import Arm
 from mpc.arm.tracking.compiled.factory import factory
 from mpc.arm.tracking.feedforward import ArmInverseDynamics
@@ -25,7 +24,7 @@ from mpc.arm.tracking.prediction import predictor_of
 from mpc.arm.tracking.preview import ArmPreview
 from mpc.arm.tracking.problem import problem_of
 from mpc.tracking.fallback import Ladder
-from mpc.tracking.limits import LONGEST_HORIZON, Limits
+from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion
 from mpc.tracking.optimising import OptimisingController
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times, status_of
@@ -72,15 +71,8 @@ class ArmMPC(OptimisingController):
 
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
-        self.dt = float(checks.real("dt", self.dt, "s"))
-        self.N = checks.count("N", self.N, least=3, most=LONGEST_HORIZON)
-        self.iterations = checks.count("iterations", self.iterations, least=1)
+        self.blocks = self._check_settings(growing)
         self.dead_time = checks.not_negative("dead_time", self.dead_time, "s")
-        self.patience = checks.not_negative("patience", self.patience, "s")
-        self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
-        self.blocks = growing(self.N) if self.blocks is None else tuple(self.blocks)
-        if sum(self.blocks) != self.N or min(self.blocks) < 1:
-            raise InvalidInput(f"blocks = {self.blocks} have to be lengths of 1 or more, N = {self.N} in all")
         self.muscles = self.arm.m
         self.limits = limits = Limits.of(self.arm, self.dt, self.min_force)
         delay, predictor = round(self.dead_time / self.dt), predictor_of(self.arm, self.dt, self.N)
