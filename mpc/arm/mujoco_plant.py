@@ -26,8 +26,7 @@ from allocator.units import BAR
 from mpc.arm.pneumatics import Pneumatics
 from mpc.arm.pushing import pushed_stiffness, settle
 from mpc.arm.tendon_jacobian import TendonJacobian
-
-_NODES, _SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
+from mpc.model.integration import NODES, SHARES
 
 
 class Readings(NamedTuple):
@@ -321,7 +320,7 @@ class MujocoPlant:
         q0, v0, P0 = d.qpos.copy(), d.qvel.copy(), self._P
         v, a, P_rate = np.zeros(m.nv), np.zeros(m.nv), np.zeros(self.m)
         moved, gained, filled = np.zeros(m.nv), np.zeros(m.nv), np.zeros(self.m)
-        for node, share in zip(_NODES, _SHARES, strict=True):
+        for node, share in zip(NODES, SHARES, strict=True):
             d.qpos[:] = q0
             place(m, d.qpos, v, node * h)
             d.qvel[:] = v0 + node * h * a

@@ -78,6 +78,7 @@ def _surroundings() -> str:
         _MPC / "codegen" / "jit.py",
         _MPC / "codegen" / "addresses.py",
         _MPC / "model" / "compiled_friction.py",
+        _MPC / "model" / "integration.py",
         *(_MPC / "trials" / "many" / name for name in ("records.py", "rest.py")),
         *(Path(str(m.__file__)) for m in (kernels, compiled, jit, status, units)),
     ]

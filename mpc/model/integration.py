@@ -1,8 +1,10 @@
-"""The classical Runge–Kutta method serves formulas of numbers or CasADi symbols."""
+"""The classical Runge–Kutta method serves formulas of numbers or CasADi symbols; compiled code takes its tableau."""
 
 from collections.abc import Callable
 
 from allocator.calculus import Value
+
+NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 
 
 def integrated(rate: Callable[[Value], Value], x: Value, duration: Value, substeps: int) -> Value:

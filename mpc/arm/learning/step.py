@@ -12,11 +12,10 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import compiled, inlined  # noqa: F401  # `inlined` is for the formula
+from mpc.model.integration import NODES, SHARES
 
 FORMULAS: Any = None
 rate = FORMULAS
-
-NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
 
 
 @compiled

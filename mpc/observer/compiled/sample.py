@@ -17,6 +17,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.jit import compiled, inlined
 from mpc.model.compiled_friction import ABSENT, SLIP, Pressed, followed
+from mpc.model.integration import NODES, SHARES
 from mpc.observer import pressure_diagnosis, torque_diagnosis
 from mpc.observer.compiled.layout import (
     ACTING,
@@ -78,8 +79,6 @@ from mpc.observer.pressure_diagnosis import Sound
 
 FORMULAS: Any = None
 rate_slopes = muscles = FORMULAS
-
-NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
 
 
 @compiled

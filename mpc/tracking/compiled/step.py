@@ -21,6 +21,7 @@ from allocator.units import BAR
 from mpc.codegen.addresses import floats_at, seconds_at
 from mpc.codegen.jit import assign, compiled_flat, inlined_flat
 from mpc.model.compiled_friction import ABSENT, Pressed, followed, less_friction
+from mpc.model.integration import NODES, SHARES
 from mpc.tracking.compiled.commands import cumulative, limit
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
 from mpc.tracking.compiled.records import Path, Reference
@@ -57,8 +58,6 @@ from mpc.tracking.joint_preview import CORRECTED
 
 FORMULAS: Any = None
 rate = variational = begun = advanced = ended = outputs = output_slopes = expansion = pressing = allocated = FORMULAS
-
-NODES, SHARES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)  # of the classical Runge–Kutta method
 
 
 @compiled_flat

@@ -21,12 +21,13 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.jit import compiled, inlined
+from mpc.model.integration import NODES, SHARES
 from mpc.tracking.compiled.structured_qp.certificate import finite
 
 FORMULAS: Any = None
 n = m = STIFFNESSES = SIZE = dynamics = dynamics_slopes = output_slopes = FORMULAS
 
-NODES, SHARES, PLACES = (0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6), (0, 1, 1, 2)  # of Runge and Kutta
+PLACES = 0, 1, 1, 2  # of the stages in `decay`
 SOLVED, ROWS, REFUSED = 0, 1, 2
 
 
