@@ -23,7 +23,7 @@ from allocator.units import BAR
 from mpc.arm.cli import arm_command
 from mpc.bench.cli import devices_command, run_command, sweep_command
 from mpc.explorer.cli import explore
-from mpc.export.cli import export_command
+from mpc.export.cli import export_app
 from mpc.export.serial.cli import bench_check_command
 from mpc.identification.cli import fit_motion_command
 from mpc.plant_cli import PlantOptions, init_command
@@ -257,7 +257,7 @@ app.command("fit-motion", cls=Command, short_help="lags and hysteresis from a lo
     fit_motion_command
 )
 app.command("arm", cls=Command, short_help="an arm in closed loop on MuJoCo, filmed")(arm_command)
-app.command("export", cls=Command, short_help="allocator and controller as C")(export_command)
+app.add_typer(export_app, name="export", short_help="C, FMUs, firmware: what runs without Python")
 app.command("devices", cls=Command, short_help="list what `run` and `sweep` can drive")(devices_command)
 app.command("run", cls=Command, short_help="drive a joint on a device along a trajectory")(run_command)
 app.command("sweep", cls=Command, short_help="run the experiment that identifies a joint")(sweep_command)
@@ -265,7 +265,7 @@ app.command("explore", cls=Command, short_help="see in the browser what a joint 
 app.command("bench-check", cls=Command, short_help="does a board on a serial line do as it should?")(
     bench_check_command
 )
-app.command("init", cls=Command, short_help="write a plant file to edit, for --joint")(init_command)
+app.command("init", cls=Command, short_help="write a plant file to edit, for --machine")(init_command)
 
 
 def main() -> None:

@@ -3,16 +3,18 @@
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from allocator.shell.joint_options import JointOptions
+from allocator.errors import InvalidInput
+from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import numbers, within
 from allocator.shell.outputs import Force, claim
 from allocator.units import BAR
 
 if TYPE_CHECKING:
+    from mpc.arm.model import Arm
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
 
@@ -21,8 +23,10 @@ _LAGS = ("lag_up", "lag_down")
 
 
 @dataclass(frozen=True)
-class PlantOptions(JointOptions):
+class PlantOptions(MachineOptions):
     """The options are what the user says of the plant; the rest is as in the file, or as in `Plant()`."""
+
+    PANEL: ClassVar[str] = "The plant"
 
     inertia: Annotated[float | None, typer.Option(help="moment of inertia of the link [kg·m²]; else 0.05")] = None
     damping: Annotated[float | None, typer.Option(help="viscous damping [N·m·s/rad]; else 0.1")] = None
@@ -52,25 +56,46 @@ class PlantOptions(JointOptions):
         within("--frequency", self.frequency, "Hz", 0, 1e4)
 
     def plant(self, **otherwise: Any) -> "Plant":
-        """Build the plant; `otherwise` holds what is neither given nor in the file."""
+        """Build the plant of a joint; `otherwise` holds what is neither given nor in the file."""
+        from allocator.files.toml import Table
         from mpc.model.plant import NUMBERS, Plant
-        from mpc.model.storage import stored_numbers
+        from mpc.model.storage import numbers_in
 
-        stored = {} if self.joint is None else stored_numbers(self.joint, NUMBERS)
-        joint = self.build()
+        joint = self.joint()
+        stored = {} if self.file is None else numbers_in(Table.read(self.file), NUMBERS)
         if self.kappa is not None:
             joint = replace(joint, gas=replace(joint.gas, kappa=self.kappa))
         return Plant(joint, **(otherwise | stored | self._numbers()))
+
+    def arm(self) -> "Arm":
+        """Build the arm of several joints with bodies that --machine names. Raises `InvalidInput`."""
+        from allocator.joint.antagonist import AntagonistJoint
+        from mpc.arm.model import Arm
+        from mpc.arm.storage import load_arm
+
+        mechanism = self.build()
+        if isinstance(mechanism, AntagonistJoint):
+            raise InvalidInput("this command takes an arm of several joints: --machine arm26, or a file with [bodies]")
+        if option := self.given("inertia", "damping", "gravity", "frequency"):
+            raise InvalidInput(f"{option} is of one joint; the bodies of {self.machine} stand in its file")
+        arm = load_arm(self.file) if self.file else Arm.machine(str(self.machine))
+        if self.kappa is not None:
+            mechanism = replace(mechanism, gas=replace(mechanism.gas, kappa=self.kappa))
+        numbers = {name: value for name, value in self._numbers().items() if name in ("slew", "gas")}
+        if (lags := self._lags(arm.m)) is not None:
+            numbers["lag"] = lags
+        gas = None if arm.gas is None else mechanism.gas
+        return replace(arm, mechanism=mechanism, **{"gas": gas} | numbers)
 
     def compensation(self) -> "Compensation":
         """Return what the file tells beyond the plant: hysteresis or friction, and regulators. --lag overrides lags."""
         from mpc.model.compensation import Compensation
         from mpc.model.storage import stored_regulators
 
-        known = Compensation.of(self.build())
-        if self.joint is None:
+        known = Compensation.of(self.joint())
+        if self.file is None:
             return known
-        told = stored_regulators(self.joint)
+        told = stored_regulators(self.file)
         return replace(known, **{n: value for n, value in told.items() if self.lag is None or n not in _LAGS})
 
     def _numbers(self) -> dict[str, Any]:
@@ -83,12 +108,20 @@ class PlantOptions(JointOptions):
             "gas": None if self.kappa is None else True,  # the joint's
             "frequency": self.frequency,
         }
-        if self.lag is not None:
-            lags = numbers("--lag", self.lag, 1, 2, "0.1:0.12")
-            for lag in lags:
-                within("--lag", lag, "s", 1e-4, 100)
-            given["lag"] = (lags[0], lags[-1])
+        if (lags := self._lags(2)) is not None:
+            given["lag"] = lags
         return {name: value for name, value in given.items() if value is not None}
+
+    def _lags(self, m: int) -> tuple[float, ...] | None:
+        """Return the lags [s] of `m` muscles, if they are given."""
+        if self.lag is None:
+            return None
+        lags = numbers("--lag", self.lag, 1, m, "0.1:0.12")
+        for lag in lags:
+            within("--lag", lag, "s", 1e-4, 100)
+        if len(lags) not in (1, m):
+            raise InvalidInput(f"--lag {self.lag}: expected one time or {m}, one a muscle")
+        return tuple(lags) if len(lags) == m else tuple(lags * m)
 
 
 def init_command(
@@ -97,10 +130,10 @@ def init_command(
 ) -> None:
     """Write a plant to edit: joint, muscles and link, with comments; it runs as it is.
 
-    Every command takes it with --joint.
+    Every command takes it with --machine.
     """
     from allocator.files.atomic import write_text
 
     claim(file, force=force)
     write_text(file, (resources.files("mpc") / "data" / "joint.toml").read_text(encoding="utf-8"))
-    typer.echo(f"written: {file}; edit it, then try `antagonist map --joint {file}`")
+    typer.echo(f"written: {file}; edit it, then try `antagonist map --machine {file}`")
