@@ -229,7 +229,7 @@ def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], mor
     limits.only((*_LIMITS, "friction", "scale_known", "unseen"))
     if sorted(muscles) != sorted(_PAIR):
         raise file.fault(f"a joint has the [[muscle]]s agonist and antagonist, not {', '.join(muscles) or 'none'}")
-    values = {name: tuple(v) if isinstance(v, list) else v for name, v in limits.entries.items()}
+    values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in limits.entries.items()}
     values.pop("scale_known", None)
     rows = values.get("angle_limits")
     if rows is not None:
@@ -248,7 +248,7 @@ def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], mor
 def _mechanism(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], more: dict[str, Any]) -> Mechanism:
     limits.only((*_LIMITS, "joints"))
     values = dict(limits.entries)
-    names = {"muscle_names": tuple(muscles), "joint_names": tuple(values.pop("joints", ()))}
+    names: dict[str, Any] = {"muscle_names": tuple(muscles), "joint_names": tuple(values.pop("joints", ()))}
     try:
         return Mechanism(led, tuple(muscles.values()), **names, **more, **values)
     except (InvalidInput, TypeError, ValueError, OverflowError) as error:

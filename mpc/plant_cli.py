@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from allocator.errors import InvalidInput
-from allocator.shell.machine_options import MachineOptions
+from allocator.shell.machine_options import OF_ONE_JOINT, MachineOptions
 from allocator.shell.options import numbers, within
 from allocator.shell.outputs import Force, claim
 from allocator.units import BAR
@@ -67,25 +67,39 @@ class PlantOptions(MachineOptions):
             joint = replace(joint, gas=replace(joint.gas, kappa=self.kappa))
         return Plant(joint, **(otherwise | stored | self._numbers()))
 
+    @property
+    def is_mujoco(self) -> bool:
+        """Whether the machine is a MuJoCo model."""
+        return self.machine is not None and self.machine.endswith(".xml")
+
+    @property
+    def of_several(self) -> bool:
+        """Whether the machine is no joint with two muscles. Raises `InvalidFile` and `MissingBackend`."""
+        from allocator.joint.antagonist import AntagonistJoint
+
+        return self.is_mujoco or not isinstance(self.base, AntagonistJoint)
+
     def arm(self) -> "Arm":
         """Build the arm of several joints with bodies that --machine names. Raises `InvalidInput`."""
-        from allocator.joint.antagonist import AntagonistJoint
         from mpc.arm.model import Arm
         from mpc.arm.storage import load_arm
 
-        mechanism = self.build()
-        if isinstance(mechanism, AntagonistJoint):
+        if self.is_mujoco or not self.of_several:
             raise InvalidInput("this command takes an arm of several joints: --machine arm26, or a file with [bodies]")
-        if option := self.given("inertia", "damping", "gravity", "frequency"):
-            raise InvalidInput(f"{option} is of one joint; the bodies of {self.machine} stand in its file")
+        mechanism: Any = self.build()
         arm = load_arm(self.file) if self.file else Arm.machine(str(self.machine))
-        if self.kappa is not None:
-            mechanism = replace(mechanism, gas=replace(mechanism.gas, kappa=self.kappa))
-        numbers = {name: value for name, value in self._numbers().items() if name in ("slew", "gas")}
+        return self.driven(replace(arm, mechanism=mechanism))
+
+    def driven(self, arm: "Arm") -> "Arm":
+        """Return `arm` with its regulators and gas as given. Raises `InvalidInput` for what is of one joint."""
+        if option := self.given(*OF_ONE_JOINT, "inertia", "damping", "gravity", "frequency"):
+            raise InvalidInput(f"{option} is of one joint with two muscles; {self.machine} says it in its file")
+        changes: dict[str, Any] = {} if self.slew is None else {"slew": self.slew * BAR}
         if (lags := self._lags(arm.m)) is not None:
-            numbers["lag"] = lags
-        gas = None if arm.gas is None else mechanism.gas
-        return replace(arm, mechanism=mechanism, **{"gas": gas} | numbers)
+            changes["lag"] = lags
+        if self.kappa is not None:
+            changes["gas"] = replace(arm.mechanism.gas, kappa=self.kappa)
+        return replace(arm, **changes) if changes else arm
 
     def compensation(self) -> "Compensation":
         """Return what the file tells beyond the plant: hysteresis or friction, and regulators. --lag overrides lags."""
@@ -126,6 +140,9 @@ class PlantOptions(MachineOptions):
 
 def init_command(
     file: Annotated[Path, typer.Argument(help="the TOML file to write, e.g. joint.toml")],
+    machine: Annotated[
+        str | None, typer.Option(help="arm26, arm48 or leg37: several joints and their bodies, instead of a joint")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Write a plant to edit: joint, muscles and link, with comments; it runs as it is.
@@ -135,5 +152,12 @@ def init_command(
     from allocator.files.atomic import write_text
 
     claim(file, force=force)
+    if machine is not None:
+        from mpc.arm.model import Arm
+        from mpc.arm.storage import save_arm
+
+        save_arm(Arm.machine(machine), file)
+        typer.echo(f"written: {file}; edit it, then try `antagonist track --machine {file}`")
+        return
     write_text(file, (resources.files("mpc") / "data" / "joint.toml").read_text(encoding="utf-8"))
     typer.echo(f"written: {file}; edit it, then try `antagonist map --machine {file}`")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from allocator.muscles import Muscle
 
 _MUSCLE = "a name that `antagonist muscles` lists, or a TOML file written by `antagonist fit`"
-_OF_A_JOINT = "agonist", "antagonist", "radius", "stops", "friction"  # options
+OF_ONE_JOINT = "agonist", "antagonist", "radius", "stops", "friction"  # options
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class MachineOptions:
 
     def _changed(self, base: "Mechanism") -> "Mechanism":
         """Return `base` with everything that is given."""
-        if option := self.given(*_OF_A_JOINT):
+        if option := self.given(*OF_ONE_JOINT):
             raise InvalidInput(
                 f"{option} is of one joint with two muscles; what differs in {self.machine} stands in its file"
             )
@@ -145,7 +145,7 @@ class MachineOptions:
             changes["muscles"] = self.all_muscles(base.m)
         if self.supply is not None:
             changes["pressure_limits"] = (base.pressure_limits[0], self.supply * BAR)
-        if volumes := self._volumes:
+        if volumes := self.volumes:
             changes["muscles"] = tuple(replace(muscle, **volumes) for muscle in changes.get("muscles", base.muscles))
         given = {"rest_length": self.rest_lengths, "initial_contraction": self.contractions}
         lengths = {name: values for name, values in given.items() if values is not None}
@@ -195,13 +195,14 @@ class MachineOptions:
             changes["angle_limits"] = (left * DEG, right * DEG)
         if self.friction is not None:
             changes |= {"friction": self.friction, "hysteresis": None}  # one says all that the other would
-        if volumes := self._volumes:
+        if volumes := self.volumes:
             for side in ("agonist", "antagonist"):
                 changes[side] = replace(changes.get(side, getattr(base, side)), **volumes)
         return replace(base, **changes) if changes else base
 
     @property
-    def _volumes(self) -> dict[str, float]:
+    def volumes(self) -> dict[str, float]:
+        """Volumes of the gas [m³] that are given."""
         given = {"rest_volume": self.rest_volume, "tube_volume": self.tube_volume}
         return {name: volume * CM3 for name, volume in given.items() if volume is not None}
 
