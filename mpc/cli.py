@@ -67,8 +67,8 @@ def track(
         str | None,
         typer.Argument(
             help="a standard trajectory (see below), or a CSV with the columns t,theta_deg,stiffness; without it ±40° "
-            "at 0.5 Hz with K = 7.6 ± 0.3, or what another joint than the report's has room for; of several joints circle "
-            "(the default), reach, hold, or draw (arm26)"
+            "at 0.5 Hz with K = 7.6 ± 0.3, or what another joint than the report's has room for; of several joints "
+            "circle (the default), reach, hold, or draw (arm26)"
         ),
     ] = None,
     out: Annotated[
