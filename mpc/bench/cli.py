@@ -11,7 +11,7 @@ import typer
 from allocator import checks
 from allocator.errors import AntagonistError, InvalidInput
 from allocator.shell.options import finite, grouped, numbers, within
-from allocator.shell.outputs import IMAGES, Force, claim
+from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import say
 from allocator.units import BAR, DEG, PERCENT
 from mpc.plant_cli import PlantOptions
@@ -173,7 +173,9 @@ def run_command(
 
     console = Console()
     finite("--settle", settle, "s")
-    files = _files(out or [])
+    files = out or []
+    for path in files:
+        check_ending("--out", path, _SUFFIXES)
     journal = _journal(files)
     claim(*files, None if journal in files else journal, inputs=(trajectory, *options.files), force=force)
     settings = bench.settings(settle)
@@ -339,14 +341,6 @@ class _Watch:
         """Show a row."""
         if self._dashboard is not None:
             self._dashboard.show(row, str(self.health()))
-
-
-def _files(out: list[Path]) -> list[Path]:
-    """Return the files to write."""
-    for path in out:
-        if path.suffix not in _SUFFIXES:
-            raise InvalidInput(f"--out {path}: a run is written as {', '.join(_SUFFIXES)}")
-    return out
 
 
 def _journal(files: list[Path]) -> Path | None:
