@@ -223,9 +223,8 @@ def _loop(arm: "Arm", kind: str, dt: float, horizon: int) -> tuple[Any, Any]:
     if kind == _NOMINAL:
         return TrackingMPC(arm, dt=dt, N=horizon), ArmObserver(arm, dt)
     delay = _REAL_EFFECTS["dead_time"]
-    return TrackingMPC(arm, dt=dt, N=horizon, weights=CALM, compensation=Compensation(dead_time=delay)), ArmObserver(
-        arm, dt, CALM_NOISE, delay
-    )
+    known = Compensation(dead_time=delay)
+    return TrackingMPC(arm, dt=dt, N=horizon, weights=CALM, compensation=known), ArmObserver(arm, dt, CALM_NOISE, delay)
 
 
 class _Window:
