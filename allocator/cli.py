@@ -84,7 +84,10 @@ def allocate(
     With --mechanism all pressures of several joints, for their torques and a stiffness matrix, with --links that of the
     hand. The exit code is 3 where torque and stiffness are not both met.
     """
+    from allocator.allocation import Method
     from allocator.allocation import allocate as solve
+    from allocator.joint.gas import Stiffness
+    from allocator.joint.limits import Limits
     from allocator.units import DEG
 
     if priority not in ("torque", "stiffness"):
@@ -105,11 +108,10 @@ def allocate(
         _one("--stiffness", stiffness, "N·m/rad"),
         _one("--torque", torque, "N·m"),
         joint=options.build(),
-        method=method,  # type: ignore[arg-type]  # checked there
+        method=Method(method, solver=solver),  # type: ignore[arg-type]  # checked there
         priority=priority,  # type: ignore[arg-type]  # checked there
-        min_force=min_force,
-        solver=solver,
-        valves=stiffness_options.kind(options.joint),  # type: ignore[arg-type]  # checked there
+        limits=Limits(min_force=min_force),
+        stiffness=Stiffness(stiffness_options.kind(options.joint)),
     )
     if as_json:
         print_json(_values(found))

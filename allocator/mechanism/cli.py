@@ -13,6 +13,7 @@ from allocator.units import BAR, DEG, MM
 
 if TYPE_CHECKING:
     from allocator.calculus import Array
+    from allocator.joint.gas import Stiffness
     from allocator.mechanism.at_least import AtLeast
     from allocator.mechanism.endpoint import Endpoint
     from allocator.mechanism.mechanism import Mechanism
@@ -28,6 +29,8 @@ def answer(
     `stiffness` [N·m/rad], or of a hand [N/m], one number, a diagonal (n) or the matrix's upper triangle, row by row.
     `asked` goes to `allocate_mechanism`. Raises `InvalidInput` and `MissingBackend`.
     """
+    from allocator.allocation.method import Method
+    from allocator.joint.limits import Limits
     from allocator.mechanism.at_least import allocate_at_least
     from allocator.mechanism.entry import allocate_mechanism
 
@@ -39,12 +42,16 @@ def answer(
     text = _row(
         "--stiffness", stiffness, unit, each | {n * (n + 1) // 2: "the upper triangle of the matrix, row by row"}
     )
-    at: dict[str, Any] = {} if hand is None else {"endpoint": hand.endpoint, "force": hand.force}
+    at: dict[str, Any] = {"limits": Limits(asked["min_force"]), "stiffness": stiffness_of(hand)}
     found: MechanismAllocation | AtLeast
     if at_least:
-        found = allocate_at_least(mechanism, q, _stiffness(text, n), T, **at, **_of_at_least(asked))
+        _check_at_least(asked)
+        found = allocate_at_least(mechanism, q, _stiffness(text, n), T, **at)
     else:
-        found = allocate_mechanism(mechanism, q, _stiffness(text, n), T, **at, **asked)
+        method = Method(asked["method"], solver=asked["solver"])
+        found = allocate_mechanism(
+            mechanism, q, _stiffness(text, n), T, priority=asked["priority"], method=method, **at
+        )
     if as_json:
         print_json(_values(found))
     else:
@@ -52,11 +59,10 @@ def answer(
     return bool(found.success)
 
 
-def _of_at_least(asked: dict[str, Any]) -> dict[str, Any]:
-    """Return the arguments of `allocate_at_least`. Raises `InvalidInput` for options that it has not."""
+def _check_at_least(asked: dict[str, Any]) -> None:
+    """Refuse options that `allocate_at_least` has not."""
     if (asked["priority"], asked["method"], asked["solver"]) != ("torque", "exact", None):
         raise InvalidInput("--at-least goes without --priority, --method and --solver")
-    return {"min_force": asked["min_force"]}
 
 
 class Hand(NamedTuple):
@@ -84,6 +90,13 @@ def chosen(options: MechanismOptions) -> "tuple[Mechanism, Hand | None]":
     push = [0.0, 0.0] if options.push is None else _row("--push", options.push, "N", {2: "its x and y"})
     at_zero = np.broadcast_to(angles, lengths.shape) * DEG
     return mechanism, Hand(Endpoint.planar(lengths * MM, at_zero), np.array(push))
+
+
+def stiffness_of(hand: Hand | None) -> "Stiffness":
+    """Return which stiffness is meant: the hand's, or without one that of the joints."""
+    from allocator.joint.gas import ISOBARIC, Stiffness
+
+    return ISOBARIC if hand is None else Stiffness(endpoint=hand.endpoint, force=hand.force)
 
 
 def posture(options: MechanismOptions, mechanism: "Mechanism") -> "Array":

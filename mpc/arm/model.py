@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.joint.gas import Gas
+from allocator.joint.gas import Gas, Stiffness
+from allocator.joint.limits import Limits
 from allocator.mechanism import Mechanism, machines
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.muscles import Muscle
@@ -199,8 +200,8 @@ class Arm:
             posture,
             K,
             self.bodies.gravity_torque(posture),
-            min_force=min_force,
-            endpoint=self.endpoint,
+            limits=Limits(min_force=min_force),
+            stiffness=Stiffness(endpoint=self.endpoint),
         )
         return np.concatenate([posture, np.zeros(self.n), held.P])
 

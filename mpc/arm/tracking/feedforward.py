@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.joint.gas import Stiffness
+from allocator.joint.limits import Limits
 from allocator.mechanism import allocate_mechanism, warm_up
 from mpc.arm.model import Arm
 from mpc.tracking.feedforward import FeedForward
@@ -48,7 +50,13 @@ class ArmInverseDynamics:
         omega, alpha = (D @ q for D in self.slopes)
         T = arm.bodies.torque_for(q, omega, alpha) - d
         held = allocate_mechanism(
-            arm.mechanism, q, K, T, min_force=self.min_force, trajectory=True, endpoint=arm.endpoint
+            arm.mechanism,
+            q,
+            K,
+            T,
+            limits=Limits(min_force=self.min_force),
+            along=0,
+            stiffness=Stiffness(endpoint=arm.endpoint),
         )
         u = (held.P[1:] - self.alpha * held.P[:-1]) / (1 - self.alpha)
         if arm.gas is not None:  # the regulators work against what the motion does to the pressures
