@@ -245,7 +245,7 @@ def _tables(found: "MechanismAllocation | AtLeast") -> "list[Table]":
     a, status = (found.allocation, found.status) if isinstance(found, AtLeast) else (found, found.status)
     m, angles = a.mechanism, ", ".join(f"{number(angle)}°" for angle in a.q / DEG)
     joints = Table("joint", "torque asked [N·m]", "given", title=f"{angles} · {status.name}")
-    joints.add_column(f"stiffness given [N·m/rad], by {', '.join(m.joint_names)}")
+    joints.add_column(f"{a.kind.text} given [N·m/rad], by {', '.join(m.joint_names)}")
     for i, name in enumerate(m.joint_names):
         given = ", ".join(number(value) for value in a.K[i])
         joints.add_row(name, number(a.T[i] + a.T_error[i]), number(a.T[i]), given)
