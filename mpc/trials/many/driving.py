@@ -7,7 +7,6 @@ anything is out of the ordinary (`mpc.trials.many.driven`) is left to `simulate`
 
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 
@@ -43,7 +42,8 @@ class Driving:
         """Write the formulas. Raises `Untranslatable` for those that are too long."""
         self._controller, self._estimate = controller, estimate
         text, self.c = _told(controller.plant, controller.compensation)
-        qp_step: Any = controller._qp_step
+        qp_step = controller._qp_step
+        assert isinstance(qp_step, CompiledQPStep)  # `driving` has looked
         self._modules = {"observer": estimate.module, "joint": qp_step.plant.step, "told": imported(text)}
 
     def _loop(self, process: ModuleType) -> ModuleType:

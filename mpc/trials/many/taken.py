@@ -1,10 +1,10 @@
 """The flat values of a compiled closed loop are taken from the readable parts here, after their first samples."""
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
+from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.rest import RestMode
 from mpc.trials.many import rest
@@ -39,8 +39,9 @@ def known_of(controller: TrackingMPC, c: Array) -> Known:
 
 def step_of(controller: TrackingMPC) -> Step:
     """Return what the compiled step takes; its buffers are the controller's own."""
-    qp_step: Any = controller._qp_step
-    feed_forward: Any = controller._feed_forward
+    qp_step, feed_forward = controller._qp_step, controller._feed_forward
+    assert isinstance(qp_step, CompiledQPStep)  # `driving` has looked
+    assert isinstance(feed_forward, CompiledFeedForward)
     structured = qp_step.structured
     c, p, known, slopes = feed_forward.arrays.fixed
     numbers, starts, given, buffer = structured.arrays
@@ -75,5 +76,5 @@ def _rest(mode: RestMode) -> Array:
     return s
 
 
-def _floats(given: Any) -> Array:
+def _floats(given: ArrayLike | None) -> Array:
     return np.array(given, float)
