@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from allocator.mechanism.endpoint import Endpoint
-    from mpc.arm.model import Arm
     from mpc.arm.mujoco_plant import MujocoPlant
     from mpc.arm.trials.metrics import ArmMetrics
     from mpc.arm.trials.simulation import ArmRun
+    from mpc.model.arm.model import Arm
 
 _OWN_NAMES = ("arm.gif", "arm.png", "arm.csv")
 _FILMS = (".gif", ".mp4")
@@ -158,9 +158,9 @@ def _machine(
 
 
 def _ready_made(name: str, given: dict[str, Any]) -> "tuple[Any, Arm, Endpoint, list[str], dict[str, Any]]":
-    from mpc.arm.bodies import BODIES
     from mpc.arm.mjcf import to_mjcf
-    from mpc.arm.model import Arm
+    from mpc.model.arm.bodies import BODIES
+    from mpc.model.arm.model import Arm
 
     for option, value in given.items():
         if value:
@@ -174,8 +174,8 @@ def _ready_made(name: str, given: dict[str, Any]) -> "tuple[Any, Arm, Endpoint, 
 def _from_file(name: str, given: dict[str, Any]) -> "tuple[Any, Arm, Endpoint | None, list[str], dict[str, Any]]":
     """Read the arm of a MuJoCo model. Raises `InvalidFile`, `InvalidInput`, `MissingBackend` and `MissingPackage`."""
     from allocator.muscles.catalogue import named_muscle
-    from mpc.arm.model import Arm
-    from mpc.arm.reading import read_arm
+    from mpc.model.arm.model import Arm
+    from mpc.model.arm.reading import read_arm
 
     muscles = [named_muscle(muscle) for muscle in given["muscle"] or [_MUSCLE]]
     lengths, eps = (_numbers(f"--{option}", given[option], unit) for option, unit in _OF_TENDONS)
@@ -215,14 +215,17 @@ def _one_or_all(numbers: list[float] | None) -> float | list[float] | None:
 
 def _loop(arm: "Arm", kind: str, dt: float, horizon: int) -> tuple[Any, Any]:
     """Return a controller, and an observer where the true state is not to be had."""
-    from mpc.arm.tracking.controller import ArmMPC
     from mpc.arm.tracking.observer import ArmObserver
-    from mpc.arm.tracking.presets import CALM, CALM_NOISE
+    from mpc.model.compensation import Compensation
+    from mpc.tracking.controller import TrackingMPC
+    from mpc.tracking.presets import CALM, CALM_NOISE
 
     if kind == _NOMINAL:
-        return ArmMPC(arm, dt=dt, N=horizon), ArmObserver(arm, dt)
+        return TrackingMPC(arm, dt=dt, N=horizon), ArmObserver(arm, dt)
     delay = _REAL_EFFECTS["dead_time"]
-    return ArmMPC(arm, dt=dt, N=horizon, weights=CALM, dead_time=delay), ArmObserver(arm, dt, CALM_NOISE, delay)
+    return TrackingMPC(arm, dt=dt, N=horizon, weights=CALM, compensation=Compensation(dead_time=delay)), ArmObserver(
+        arm, dt, CALM_NOISE, delay
+    )
 
 
 class _Window:

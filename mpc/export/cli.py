@@ -143,9 +143,9 @@ def _governor(out: Path, name: str, precision: str) -> None:
     """Write the governor of the machine called `name`. Raises `InvalidInput` and `MissingBackend`."""
     from rich.console import Console
 
-    from mpc.arm.model import Arm
     from mpc.export.governor.entry import export_governor
     from mpc.governor import PressureGovernor
+    from mpc.model.arm.model import Arm
 
     made = export_governor(out, PressureGovernor.of_arm(Arm.machine(name), 0.01), precision=precision)
     files = sum(path.is_file() for path in made.rglob("*"))

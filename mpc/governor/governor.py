@@ -22,7 +22,7 @@ from mpc.governor.model import Dynamics
 from mpc.governor.rules import Limits, Made, make, memory_for
 
 if TYPE_CHECKING:
-    from mpc.arm.model import Arm
+    from mpc.model.arm.model import Arm
 
 _SINGULAR = 1e-12  # least eigenvalue of an inertia, in its greatest
 _PAYS = 500  # commands for which a call may wait for the compiler
@@ -129,7 +129,7 @@ class PressureGovernor:
 
     @classmethod
     def of_arm(cls, arm: "Arm", dt: float, *, mass: float | Interval = 1.0, **others: Any) -> Self:
-        """Return the governor of an `mpc.arm.model.Arm`: slew, lags and bodies are its own.
+        """Return the governor of an `mpc.model.arm.model.Arm`: slew, lags and bodies are its own.
 
         `mass` is a factor of all its masses [-], and `others` are further fields, such as
         `damping=Interval.about(arm.bodies.damping, 0.2)`. Raises `InvalidInput`.

@@ -1,6 +1,6 @@
 """Along a horizon an arm without formulas has a motion, too; its derivatives are differences.
 
-As `mpc.arm.tracking.prediction`, in numbers: the bodies are integrated by the classical Runge–Kutta method, as
+As `mpc.tracking.linearise`, in numbers: the bodies are integrated by the classical Runge–Kutta method, as
 `Arm.discrete` says, and linearised once a sample, in the middle of it. With z' = F z + G (u, d) there,
 
     exp [F G; 0 0] dt = [A B; 0 1]
@@ -12,9 +12,9 @@ differences over angles and velocities; over pressures its slope M⁻¹ rᵀ F_P
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.arm.mechanics.mujoco_mechanics import MujocoBodies, MujocoTendons
-from mpc.arm.model import Arm
-from mpc.arm.pneumatics import Pneumatics
+from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies, MujocoTendons
+from mpc.model.arm.model import Arm
+from mpc.model.arm.pneumatics import Pneumatics
 from mpc.tracking.linearise import Linearisation, Motion
 
 _ANGLE, _SPEED = 1e-5, 1e-4  # [rad], [rad/s] of central differences
