@@ -32,7 +32,7 @@ from dataclasses import dataclass, field, fields
 from importlib import resources
 from math import isfinite
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from allocator import checks
 from allocator.errors import InvalidFile, InvalidInput
@@ -114,7 +114,7 @@ class RegisterMap:
     device_id: int = 1
     timeout: float = 0.02  # [s]
     word_order: str = "big"
-    serial: Mapping[str, Any] = field(default_factory=dict)  # of RTU: baudrate, parity, stopbits
+    serial: Mapping[str, object] = field(default_factory=dict)  # of RTU: baudrate, parity, stopbits
 
     def __post_init__(self) -> None:
         """Check what the entries do not check."""
@@ -173,7 +173,7 @@ class RegisterMap:
             raise InvalidFile(path, "[[vent]] has to have a register and a number each") from None
 
 
-def _entries(table: str, given: Any, names: Iterable[str]) -> dict[str, Entry]:
+def _entries(table: str, given: object, names: Iterable[str]) -> dict[str, Entry]:
     """Return the entries of [read] or [write]."""
     if not isinstance(given, dict) or not all(isinstance(entry, dict) for entry in given.values()):
         raise InvalidInput(f"[{table}] has to hold tables such as [{table}.P1]")

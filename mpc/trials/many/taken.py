@@ -25,6 +25,7 @@ def ordinary(controller: TrackingMPC) -> bool:
 def known_of(controller: TrackingMPC, c: Array) -> Known:
     """Return what is known of the controller; `c` are the numbers of the formulas."""
     preview, mode, limits = controller._preview, controller.rest_mode, controller.limits
+    assert isinstance(mode, RestMode)  # `driving` has looked
     resting = [0.0] * 8
     resting[rest.INERTIA], resting[rest.DT] = mode.plant.inertia, mode.dt
     resting[rest.SETTLING], resting[rest.DWELL] = mode.settling, mode.dwell
@@ -54,10 +55,11 @@ def step_of(controller: TrackingMPC) -> Step:
 def memory_of(controller: TrackingMPC) -> Memory:
     """Return what the controller remembers; copies."""
     preview, ladder, mode = controller._preview, controller.ladder, controller.rest_mode
+    assert isinstance(mode, RestMode)  # `driving` has looked
+    assert ladder.motion is not None  # `ordinary` has looked
     mode.catch_up()
     expected = np.nan if preview.expected is None else preview.expected[0]
     followed = np.nan if preview.friction.theta is None else preview.friction.theta
-    assert ladder.motion is not None  # `ordinary` has looked
     memory = _floats(np.atleast_1d(preview.friction.memory))
     waiting = _floats(preview.waiting).reshape(-1, 2)
     return Memory(
