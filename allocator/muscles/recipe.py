@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-M = TypeVar("M")
+M_co = TypeVar("M_co", covariant=True)
 
 
 @dataclass(frozen=True)
-class Recipe(Generic[M]):
+class Recipe(Generic[M_co]):
     """A recipe says how a model is fitted. A parameter that is a row may be meant as a whole by its bare name."""
 
-    starts: tuple[M, ...] = ()
+    starts: tuple[M_co, ...] = ()
     """Muscles to start from; the values of `linear` parameters do not matter."""
 
     linear: tuple[str, ...] = ()

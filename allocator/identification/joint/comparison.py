@@ -11,6 +11,7 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
@@ -56,9 +57,9 @@ class JointComparison:
 
 
 def compare_joint_models(
-    theta: Any,
-    P1: Any,
-    P2: Any,
+    theta: ArrayLike,
+    P1: ArrayLike,
+    P2: ArrayLike,
     *,
     models: Iterable[Model] = tuple(MODELS),
     progress: Callable[[Iterable[Model]], Iterable[Model]] = lambda models: models,
@@ -87,7 +88,7 @@ def _name(model: Model) -> str:
     return model.__name__ if isinstance(model, type) else type(model).__name__
 
 
-def _free_name(name: str, taken: Mapping[str, Any]) -> str:
+def _free_name(name: str, taken: Iterable[str]) -> str:
     number = sum(other.partition(" #")[0] == name for other in taken)
     return f"{name} #{number + 1}" if number else name
 

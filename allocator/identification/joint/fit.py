@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,9 +11,8 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.identification.joint.mistakes import check_data
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.result import JointFit, first_search, solved
-from allocator.identification.joint.samples import JointSamples, SlackReadings
+from allocator.identification.joint.samples import Geometries, JointSamples, SlackReadings
 from allocator.identification.joint.start import starting_muscle
-from allocator.joint.geometry import Geometry
 from allocator.muscles import MODELS, Muscle, Recipe
 from allocator.units import BAR
 
@@ -30,7 +28,7 @@ def fit_joint(
     P1: ArrayLike,
     P2: ArrayLike,
     *,
-    geometry: Geometry | Mapping[Any, Geometry],
+    geometry: Geometries,
     torque: ArrayLike | None = None,
     direction: ArrayLike | None = None,
     group: ArrayLike | None = None,
@@ -114,7 +112,7 @@ def fit_joint(
     return solved(problem, first_search(problem, recipe), leave_one_out, prior, choices)
 
 
-def _parted(samples: JointSamples, slack: Any, noise: float) -> tuple[JointSamples, SlackReadings | None]:
+def _parted(samples: JointSamples, slack: ArrayLike | None, noise: float) -> tuple[JointSamples, SlackReadings | None]:
     """Return the equilibria, and the readings of a sag test."""
     if slack is None:
         return samples, None
@@ -142,7 +140,7 @@ def _prototype(
     samples: JointSamples,
     hold: Mapping[str, float],
     start: Muscle | None,
-) -> tuple[Muscle, Recipe[Any], frozenset[str]]:
+) -> tuple[Muscle, Recipe[Muscle], frozenset[str]]:
     """Return the muscle to start from, the model's recipe, and the names of the parameters that are held."""
     if isinstance(model, Muscle):
         return model, Recipe(), frozenset(model.parameters)
@@ -177,7 +175,7 @@ def _within(samples: JointSamples, muscle: Muscle) -> JointSamples:
 
 def _problem(
     prototype: Muscle,
-    recipe: Recipe[Any],
+    recipe: Recipe[Muscle],
     samples: JointSamples,
     fixed: frozenset[str],
     extra: tuple[str, ...],

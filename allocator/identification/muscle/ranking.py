@@ -25,13 +25,13 @@ _MOST_LEFT_OUT = 0.1  # of the samples, by the best model
 class Ranking:
     """A ranking holds fits from the best to the worst error on the same samples, and why other models have none."""
 
-    fits: tuple[Fit[Any], ...]
+    fits: tuple[Fit[Muscle], ...]
     failures: Mapping[str, str]  # model name → sentence
     samples: int  # how many there are to fit
     judged: int  # how many of them all models take, on which they are judged
 
     @property
-    def best(self) -> Fit[Any] | None:
+    def best(self) -> Fit[Muscle] | None:
         """Return the best of those that keep [M] and have a closed-form inverse; else that keep [M]; else of all.
 
         Only those are considered that leave out at most a tenth of the samples, if there are any.
@@ -91,7 +91,7 @@ def _held(model: type[Muscle], hold: Mapping[str, float]) -> dict[str, float]:
     return {name: value for name, value in hold.items() if name.partition("[")[0] in fields}
 
 
-def _sorted(fits: list[Fit[Any]], common: Samples) -> tuple[Fit[Any], ...]:
+def _sorted(fits: list[Fit[Muscle]], common: Samples) -> tuple[Fit[Muscle], ...]:
     """Sort by cross-validated errors; by the errors at the `common` samples if any fit has no cross-validated one."""
     errors = np.array([fit.cross_validated for fit in fits])
     if np.isnan(errors).any():

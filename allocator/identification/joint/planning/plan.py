@@ -17,9 +17,10 @@ would show it.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Mask
@@ -118,7 +119,7 @@ def plan_joint_experiment(
     *,
     accuracy: float = 0.05,
     noise: float = 0.5 * DEG,
-    pressures: Any = None,
+    pressures: ArrayLike | None = None,
     weights: Iterable[float] | None = None,
     setpoints: int | None = None,
 ) -> JointPlan:
