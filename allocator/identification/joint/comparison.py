@@ -19,6 +19,7 @@ from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.relative import RelativeJoint
 from allocator.identification.joint.result import JointFit
 from allocator.identification.joint.samples import JointSamples
+from allocator.identification.least_squares import rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import MODELS, Muscle
 
@@ -110,7 +111,7 @@ def _twins(fits: Mapping[str, JointFit]) -> tuple[Twins, ...]:
     for first, second in combinations(fits, 2):
         samples = min((fits[first].samples, fits[second].samples), key=lambda s: s.n)  # some laws leave some out
         one, other = (_predicted(fits[name], samples) for name in (first, second))
-        angle = float(np.sqrt(np.mean((one - other) ** 2)))
+        angle = rms(one - other)
         ratio = _ratios(fits[first], samples) / _ratios(fits[second], samples)
         K = float(np.quantile(np.abs(ratio - 1), 0.95))
         if angle <= _TOLD_APART * scatter and K > _DIFFERENT:

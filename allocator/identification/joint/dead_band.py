@@ -16,6 +16,7 @@ from allocator.errors import InvalidInput
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.result import JointFit
 from allocator.identification.joint.samples import JointSamples
+from allocator.identification.least_squares import rms
 from allocator.units import BAR
 
 _FIRST = 2.0 * BAR
@@ -55,4 +56,4 @@ def _error(fit: JointFit, added: JointSamples) -> float:
     _, reached = problem.equilibrium(problem.unknowns(fit.x))
     if fit.samples.groups != added.groups:
         raise InvalidInput("a group has no sample with both pressures above 2 bar: give the dead band")
-    return float(np.sqrt(np.mean(np.where(reached, problem.angle_error(fit.x), 1.0) ** 2)))
+    return rms(np.where(reached, problem.angle_error(fit.x), 1.0))

@@ -240,12 +240,8 @@ class JointProblem:
 
     def _force_gradient(self, u: Unknowns, P: Array, eps: Array) -> Array:
         """Return ∂F/∂(free) (n, …) of the agonist's law."""
-        if not self.free:
-            return np.zeros((P.size, 0))
         with np.errstate(all="ignore"):
-            gradient = force_gradient(u.muscle, P, eps, self.free)
-        ordered = [name for name in u.muscle.parameters if name in self.free]
-        return gradient[:, [ordered.index(name) for name in self.free]]
+            return force_gradient(u.muscle, P, eps, self.free)
 
     @cached_property
     def _measured(self) -> Routes:

@@ -13,6 +13,7 @@ from allocator.identification.joint import gradients
 from allocator.identification.joint.problem import JointProblem, Unknowns
 from allocator.identification.joint.relative import with_joint_covariance
 from allocator.identification.joint.search import minimise
+from allocator.identification.least_squares import rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import monotonicity_failure, scaled, strength_powers
 from allocator.units import BAR, DEG
@@ -272,8 +273,3 @@ def _sag_warning(problem: JointProblem, u: Unknowns) -> tuple[str, ...]:
         f"the sag test contradicts the law or the equilibria: its pressures are {error / BAR:.2g} bar from those at "
         f"which the cables go slack here, slack_noise = {problem.sag.noise / BAR:.2g} bar",
     )
-
-
-def rms(error: Array) -> float:
-    """Return the root of the mean square."""
-    return float(np.sqrt(np.mean(error**2)))

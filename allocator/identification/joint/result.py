@@ -28,6 +28,7 @@ from allocator.identification.joint.report import GroupError
 from allocator.identification.joint.samples import JointSamples
 from allocator.identification.joint.search import best_start, minimise, scale_shape
 from allocator.identification.joint.start import starts
+from allocator.identification.least_squares import rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
 from allocator.joint.storage import save_joint
@@ -320,7 +321,7 @@ def solved(
         ratio=u.ratio,
         zero=u.zero,
         friction=u.friction,
-        rms=report.rms(error),
+        rms=rms(error),
         groups=report.groups(problem, x, error, leave_one_out),
         hysteresis_share=found.hysteresis_share,
         standard_deviations=dict(zip(problem.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
+from allocator.identification.least_squares import rms
 from allocator.identification.motion.bands import AngleBand, Bands
 from allocator.identification.motion.muscles import fit_muscles
 from allocator.identification.motion.problem import MotionProblem, Prediction
@@ -45,7 +46,7 @@ class Errors(NamedTuple):
     @classmethod
     def of(cls, error: Array, judged: Mask, taut: Mask) -> Self:
         """Return those of the `error` (n,) [rad] in the rows `judged` (n,)."""
-        return cls(_rms(error[judged]), _rms(error[judged & taut]))
+        return cls(rms(error[judged]), rms(error[judged & taut]))
 
 
 class MovingJoint(NamedTuple):
@@ -90,7 +91,7 @@ class MotionFit:
     def left_out(self) -> Errors:
         """Return the root mean square of the left-out blocks' errors [rad], each block counted once."""
         every, taut = np.array(self.blocks).T
-        return Errors(_rms(every), _rms(taut[np.isfinite(taut)]))
+        return Errors(rms(every), rms(taut[np.isfinite(taut)]))
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -274,7 +275,3 @@ def _reach(given: AntagonistJoint, theta: Array) -> tuple[float, tuple[float, fl
     eps = min(float(given.geometry.agonist(ends[0]).contraction), float(given.geometry.antagonist(ends[1]).contraction))
     limits = given.angle_limits and (min(given.angle_limits[0], ends[0]), max(given.angle_limits[1], ends[1]))
     return min(given.min_contraction, eps), limits
-
-
-def _rms(error: Array) -> float:
-    return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")

@@ -11,6 +11,7 @@ from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.identifiability import Determination, determine
+from allocator.identification.least_squares import rms
 from allocator.identification.muscle.hysteresis import hysteresis
 from allocator.identification.muscle.load_cell import weighted, zeroed
 from allocator.identification.muscle.problem import MuscleProblem, Solution
@@ -206,7 +207,7 @@ def conclude(
         slack=slack,
         free=problem.free,
         rank=determined.rank,
-        rms=_rms(residual),
+        rms=rms(residual),
         max_error=float(np.abs(residual).max()),
         cross_validated=_cross_validated_on(problem, starts, muscle, folds, common),
         levels=_levels(samples.pressure[~slack], residual),
@@ -290,7 +291,7 @@ def _levels(P: Array, error: Array) -> tuple[Level, ...]:
     different = np.unique(P)
     group = np.searchsorted(different, P) if different.size <= _MOST_LEVELS else _classes(P)
     return tuple(
-        Level(float(P[m].mean()), int(m.sum()), float(error[m].mean()), _rms(error[m]))
+        Level(float(P[m].mean()), int(m.sum()), float(error[m].mean()), rms(error[m]))
         for m in (group == g for g in np.unique(group))
     )
 
@@ -305,7 +306,3 @@ def _classes(P: Array) -> NDArray[np.intp]:
     if widest < np.ptp(P) / _CLASSES:
         return cluster
     return np.asarray(np.minimum((P - P.min()) / np.ptp(P) * _CLASSES, _CLASSES - 1), np.intp)
-
-
-def _rms(error: Array) -> float:
-    return float(np.sqrt(np.mean(error**2)))

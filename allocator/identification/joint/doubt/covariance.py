@@ -26,6 +26,7 @@ from allocator.identification.joint.doubt.discrepancy import Discrepancy, discre
 from allocator.identification.joint.doubt.effects import Effects
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.search import minimise
+from allocator.identification.least_squares import rms
 from allocator.identification.muscle.fit import fit
 from allocator.muscles import MODELS, Muscle
 from allocator.units import BAR
@@ -91,7 +92,7 @@ def _choices(problem: JointProblem, x: Array, effects: Effects) -> Iterator[Choi
         kept = _with_same_forces(problem.on(keep), x)
         there, _ = minimise(kept, x)
         yield _choice(effects, f"pressures from {(start + further) / BAR:.2g} bar", "dead band", kept, there)
-    most = _AS_GOOD * float(np.sqrt(np.mean(problem.angle_error(x) ** 2)))
+    most = _AS_GOOD * rms(problem.angle_error(x))
     if "friction" in problem.extra:
         choice = _choice(effects, "a constant hysteresis", "hysteresis", *_with_constant_hysteresis(problem, x))
         if choice.rms <= most:
@@ -157,5 +158,4 @@ def _choice(effects: Effects, name: str, kind: str, other: JointProblem, there: 
     """Return the choice with the solution `there` of the problem `other`."""
     u, n = other.unknowns(there), effects.problem.samples.n
     error, change = other.angle_error(there), effects.difference(other, there)[:n]
-    rms, stiffness = (float(np.sqrt(np.mean(part**2))) for part in (error, change))
-    return Choice(name, kind, rms, u.ratio, u.zero, u.friction, stiffness)
+    return Choice(name, kind, rms(error), u.ratio, u.zero, u.friction, rms(change))

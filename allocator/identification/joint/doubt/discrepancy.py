@@ -30,6 +30,7 @@ from numpy.polynomial import legendre
 from allocator.calculus import Array, Mask
 from allocator.identification.joint.problem import JointProblem, Unknowns
 from allocator.identification.joint.samples import JointSamples
+from allocator.identification.least_squares import rms, unit_columns
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
 
@@ -190,7 +191,7 @@ def _evidence(problem: JointProblem, x: Array, inside: Mask, field: ForceField, 
     """Return the equations of the fit, φ being one of them with its own standard deviation."""
     s, u = problem.samples, problem.unknowns(x)
     problem = replace(problem, pull=None)
-    angles = float(np.sqrt(np.mean(problem.angle_error(x) ** 2)))
+    angles = rms(problem.angle_error(x))
     weight = max(angles, _LEAST) / share_std
     share = weight * problem.gradient(lambda v: np.array([problem.pull_share(v)]), x)
     r, X = np.append(problem.residual(x), 0.0), np.vstack([-problem.jacobian(x), -share])[:, inside]
@@ -225,9 +226,8 @@ def _posterior(e: Evidence) -> tuple[Array, float, float]:
     With the singular value decomposition X = U S Vᵀ and y = S Vᵀ dx all factors but the last, from y to dx, are well
     scaled. M is never formed: the unknowns differ by many orders of magnitude.
     """
-    size = np.linalg.norm(e.X, axis=0)
-    size[size == 0] = 1.0
-    U, values, Vt = np.linalg.svd(e.X / size, full_matrices=False)
+    X, size = unit_columns(e.X)
+    U, values, Vt = np.linalg.svd(X, full_matrices=False)
     known = values > _RANK * values.max(initial=0.0)
     to_x = Vt[known].T / values[known] / size[:, None]  # (m, rank)
     length = np.maximum(np.linalg.norm(e.N, axis=0), 1e-300)

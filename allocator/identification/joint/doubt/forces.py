@@ -11,6 +11,7 @@ from allocator.identification.joint.problem import CONVENTIONAL_AREA
 from allocator.identification.joint.report import parameter_jacobian
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import force_gradient
+from allocator.muscles.uncertainty import deviation
 
 if TYPE_CHECKING:
     from allocator.identification.joint.result import JointFit
@@ -43,7 +44,7 @@ def force_intervals(
     ):
         gradient = force_gradient(muscle, P, eps)
         C = held[i * k : (i + 1) * k, i * k : (i + 1) * k]
-        half = _NORMAL * np.sqrt(np.maximum(np.einsum("...i,ij,...j->...", gradient, C, gradient), 0.0))
+        half = _NORMAL * deviation(gradient, C)
         F, common = np.asarray(muscle.law(P, eps)), _scale(fit) * fit.problem.mean_arm / arm
         values.append(_plain(F))
         intervals.append((_plain(F + fit.common.low * common - half), _plain(F + fit.common.high * common + half)))

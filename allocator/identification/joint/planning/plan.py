@@ -28,7 +28,7 @@ from allocator.errors import InvalidInput
 from allocator.identification.joint import gradients
 from allocator.identification.joint.doubt.discrepancy import RMS_OF_FIELD, ForceField, angle_effect
 from allocator.identification.joint.planning.choice import Candidates, Goal
-from allocator.identification.joint.planning.supplements import Known, Supplement, sag_table, supplements
+from allocator.identification.joint.planning.supplements import Known, Supplement, sag_table, spread, supplements
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
@@ -208,14 +208,14 @@ def _chosen(
     least, most = (_PER_UNKNOWN * m, _MOST_SETPOINTS) if setpoints is None else (setpoints, setpoints)
     chosen: list[int] = []
     C = np.diag(before**2)
-    reached = _accuracy(goal, C)
+    reached = spread(goal, C)
     while (reached > accuracy or len(chosen) < least) and len(chosen) < most:
         best = candidates.following(chosen, m)
         if best is None:
             break
         chosen.append(best)
         C = C - C @ B[best].T @ np.linalg.solve(np.eye(2) + B[best] @ C @ B[best].T, B[best] @ C)
-        reached = _accuracy(goal, C)
+        reached = spread(goal, C)
     return chosen, C, reached
 
 
@@ -306,7 +306,3 @@ def _goal(
     K = gradients.stiffness(modelled, angle[here], s.P1[here], s.P2[here])
     by_law, *_ = field.effects(joint.geometry, u, angle[here], s.P1[here], s.P2[here])
     return Goal(K.gradient / K.value[:, None] @ parameter_jacobian(problem, u), by_law / K.value[:, None])
-
-
-def _accuracy(goal: Array, C: Array) -> float:
-    return float(np.sqrt(np.mean(np.einsum("ki,ij,kj->k", goal, C, goal))))
