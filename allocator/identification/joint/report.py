@@ -183,10 +183,8 @@ def _determinant_positive(joint: AntagonistJoint) -> bool:
 
 def _domain(problem: JointProblem) -> tuple[float, tuple[float, float]]:
     """Return the greatest pressure [Pa] and the contractions [-] of the data, on which [M] is checked."""
-    s = problem.samples
-    (eps1, *_), (eps2, *_), _ = s.routes(np.clip(s.theta, *s.reach()))
-    eps = np.concatenate([eps1, eps2])
-    return float(max(s.P1.max(), s.P2.max())), (max(0.0, float(eps.min())), float(eps.max()))
+    P, eps = problem.samples.muscles()
+    return float(P.max()), (max(0.0, float(eps.min())), float(eps.max()))
 
 
 def findings(

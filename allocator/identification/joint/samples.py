@@ -141,6 +141,11 @@ class JointSamples:
         one, two = columns[:3], columns[3:6]
         return (one[0], one[1], one[2]), (two[0], two[1], two[2]), columns[6]
 
+    def muscles(self, zero: float = 0.0) -> tuple[Array, Array]:
+        """Return pressures [Pa] and contractions [-] (2n,), the agonist's first, at the measured angles less `zero`."""
+        (eps1, *_), (eps2, *_), _ = self.routes(np.clip(self.theta - zero, *self.reach()))
+        return np.concatenate([self.P1, self.P2]), np.concatenate([eps1, eps2])
+
     def reach(self) -> tuple[Array, Array]:
         """Return the angles (n,), (n,) [rad] between which each sample's mechanism can be."""
         ends = np.array([geometry.reach for _, geometry in self.groups])

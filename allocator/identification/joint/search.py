@@ -108,7 +108,7 @@ def scale_shape(problem: JointProblem, x: Array) -> Array:
     unloaded = replace(hung, samples=replace(hung.samples, torque=0 * hung.samples.torque))
     u = problem.unknowns(x)
     theta, _ = unloaded.equilibrium(u)
-    _, K, _ = unloaded.balance(u, theta)
+    K = unloaded.balance(u, theta).stiffness
     factor = check_weight(hung.samples, hung.samples.theta - unloaded.predicted(u), -hung.samples.torque / K)
     values = scaled(replace(u.muscle), factor).parameters
     values["coulomb"] = factor * u.coulomb

@@ -23,6 +23,7 @@ from allocator.identification.joint.samples import JointSamples
 from allocator.identification.least_squares import solve, unit_columns
 from allocator.identification.muscle.fit import fit
 from allocator.muscles import Muscle, Recipe
+from allocator.muscles.recipe import among
 
 _CONVENTION_WEIGHT = 1e3
 _SHARE_WEIGHT = 0.1  # of the pull share: weak, as some laws have one that cannot be changed
@@ -81,7 +82,7 @@ def first_guess(problem: JointProblem) -> Array:
 def starts(problem: JointProblem, recipe: Recipe[Muscle]) -> Iterator[Array]:
     """Yield where to start the search (m,): the prototype, then what variable projection makes of it and the recipe."""
     guess = first_guess(problem)
-    linear = np.array([name in problem.free and _named(name, recipe.linear) for name in problem.names], bool)
+    linear = np.array([name in problem.free and among(name, recipe.linear) for name in problem.names], bool)
     if not linear.any() or guess[linear].any():
         yield guess
     if not linear.any():
@@ -97,10 +98,6 @@ def starts(problem: JointProblem, recipe: Recipe[Muscle]) -> Iterator[Array]:
         if not any(np.allclose(x, other, rtol=1e-3) for other in yielded):
             yielded.append(x)
             yield x
-
-
-def _named(name: str, names: tuple[str, ...]) -> bool:
-    return name in names or name.partition("[")[0] in names
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from allocator.identification.muscle.thinning import thinned
 from allocator.muscles import Muscle, Recipe, monotonicity_failure
 from allocator.muscles.base import Covariance
 from allocator.muscles.measured import MeasuredRegion
+from allocator.muscles.recipe import among
 from allocator.units import BAR
 
 M = TypeVar("M", bound=Muscle)
@@ -152,13 +153,9 @@ def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str
 
 def _problem(recipe: Recipe[M], samples: Samples, hold: Mapping[str, float], taut_only: bool) -> MuscleProblem:
     prototype = recipe.starts[0]
-
-    def among(name: str, group: tuple[str, ...]) -> bool:
-        return name in group or name.partition("[")[0] in group
-
-    free = tuple(n for n in prototype.parameters if n not in hold and not among(n, recipe.conventional))
+    free = recipe.free(prototype.parameters, hold)
     linear = tuple(n for n in free if among(n, recipe.linear))
-    lower, upper = (np.array([recipe.bounds.get(n, _EVERYTHING)[end] for n in free]) for end in (0, 1))
+    lower, upper = recipe.limits(free)
     slack = samples.slack if taut_only else np.zeros(samples.n, bool)
     return MuscleProblem(prototype, free, linear, lower, upper, samples, slack)
 

@@ -17,6 +17,7 @@ from allocator.identification.muscle.fit import build_problem, conclude, prepare
 from allocator.identification.muscle.result import Fit
 from allocator.identification.muscle.samples import Samples
 from allocator.muscles import MODELS, Muscle
+from allocator.muscles.recipe import among
 
 _MOST_LEFT_OUT = 0.1  # of the samples, by the best model
 
@@ -81,14 +82,13 @@ def rank_models(
 def _check_held(models: Iterable[type[Muscle]], hold: Mapping[str, float]) -> None:
     known = {name: None for model in models for name in model.parameter_fields()}
     for name, value in hold.items():
-        if name.partition("[")[0] not in known:
+        if not among(name, known):
             raise InvalidInput(f"hold: there is no parameter {name!r} to hold; there are {', '.join(known)}")
         checks.real(f"hold: {name}", value, "SI units")
 
 
 def _held(model: type[Muscle], hold: Mapping[str, float]) -> dict[str, float]:
-    fields = model.parameter_fields()
-    return {name: value for name, value in hold.items() if name.partition("[")[0] in fields}
+    return {name: value for name, value in hold.items() if among(name, model.parameter_fields())}
 
 
 def _sorted(fits: list[Fit[Muscle]], common: Samples) -> tuple[Fit[Muscle], ...]:

@@ -118,8 +118,7 @@ def prior_of(problem: JointProblem, muscle: Muscle | Prior | None) -> Prior | No
         return muscle
     if not isinstance(muscle, Muscle):
         raise InvalidInput(f"prior = {checks.brief(muscle)} has to be a muscle, of the catalogue or of a fit to forces")
-    (eps1, *_), (eps2, *_), _ = problem.samples.routes(np.clip(problem.samples.theta, *problem.samples.reach()))
-    P, eps = np.concatenate([problem.samples.P1, problem.samples.P2]), np.concatenate([eps1, eps2])
+    P, eps = problem.samples.muscles()
     with np.errstate(all="ignore"):
         given = float(np.sum(P * muscle.gain(P, eps)))
         share = float(np.sum(muscle.law(P, eps))) / given

@@ -58,9 +58,7 @@ class ForceField:
     @classmethod
     def of(cls, problem: JointProblem, u: Unknowns) -> "ForceField":
         """Return the basis for the samples of the problem."""
-        s = problem.samples
-        (eps1, *_), (eps2, *_), _ = s.routes(np.clip(s.theta - u.zero, *s.reach()))
-        P, eps = np.concatenate([s.P1, s.P2]), np.concatenate([eps1, eps2])
+        P, eps = problem.samples.muscles(u.zero)
         return cls(_middle(P), _middle(eps), float(np.abs(problem.measured_forces(u)).mean()))
 
     def outside(self, P: Array, eps: Array) -> Array:
@@ -178,9 +176,8 @@ def angle_effect(problem: JointProblem, x: Array, field: ForceField) -> Array:
     u, s = problem.unknowns(x), problem.samples
     theta, _ = problem.equilibrium(u)
     routes = s.routes(theta)
-    (eps1, a1, _), (eps2, a2, _), _ = routes
-    _, K, _ = problem.balance(u, theta, routes)
-    pull1, pull2 = a1 * (1 - u.friction * s.direction), a2 * (1 + u.friction * s.direction)
+    (eps1, *_), (eps2, *_), _ = routes
+    _, K, _, (pull1, pull2) = problem.balance(u, theta, routes)
     g1, g2 = field.values(s.P1, eps1)[0], u.ratio * field.values(s.P2, eps2)[0]
     with np.errstate(all="ignore"):
         effect = (pull1[:, None] * g1 - pull2[:, None] * g2) / K[:, None]
@@ -213,9 +210,8 @@ def _evidence(problem: JointProblem, x: Array, inside: Mask, field: ForceField, 
 
 def _share_effect(problem: JointProblem, u: Unknowns, field: ForceField) -> Array:
     """Return ∂φ/∂c (k,), the gain of the law held."""
-    s = problem.samples
-    (eps1, *_), (eps2, *_), _ = s.routes(np.clip(s.theta, *s.reach()))
-    g = field.values(s.P1, eps1)[0].sum(axis=0) + u.ratio * field.values(s.P2, eps2)[0].sum(axis=0)
+    g1, g2 = np.split(field.values(*problem.samples.muscles())[0], 2)
+    g = g1.sum(axis=0) + u.ratio * g2.sum(axis=0)
     given = problem.measured_forces(u).sum() / np.real(problem.pull_share(u))
     return np.asarray(g / given)
 

@@ -242,8 +242,8 @@ def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointP
         direction=direction,
     )
     muscle = joint.agonist
-    held = muscle.recipe(np.array([0.0, 0.2]), np.array([1.0, 5.0]) * BAR, np.array([1.0, 1.0])).conventional
-    free = tuple(p for p in muscle.parameters if not {p, p.partition("[")[0]} & set(held))
+    recipe = muscle.recipe(np.array([0.0, 0.2]), np.array([1.0, 5.0]) * BAR, np.array([1.0, 1.0]))
+    free = recipe.free(muscle.parameters)
     extra, unbounded = tuple(_EXTRA), np.full(len(free) + len(_EXTRA), np.inf)
     problem = JointProblem(
         muscle, free, extra, -unbounded, unbounded, start, 0.02, conventional=False, margin=(right - left) / 2
