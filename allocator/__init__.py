@@ -34,7 +34,7 @@ from allocator.joint.gas import Gas
 from allocator.joint.geometry import Geometry, Lever, Pulley, Table
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.joint.limits import Limit
-from allocator.joint.storage import load_joint, save_joint
+from allocator.machine_file import load_joint, load_machine, named_machine, save_machine
 from allocator.muscles import MODELS, AffineMuscle, Muscle
 from allocator.muscles.catalogue import named_muscle
 from allocator.notices import CacheFault
@@ -131,6 +131,8 @@ __all__ = [
     "inverse",
     "load_dataset",
     "load_joint",
+    "load_machine",
+    "named_machine",
     "named_muscle",
     "plan_joint_experiment",
     "plot_maps",
@@ -138,7 +140,7 @@ __all__ = [
     "rank_models",
     "read_samples",
     "report_joint",
-    "save_joint",
+    "save_machine",
     "stiffness_interval",
     "torque_interval",
     "torque_intervals",

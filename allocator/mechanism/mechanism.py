@@ -26,7 +26,8 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves
 from allocator.joint.limits import TAUT, Limits, PressureInterval
 from allocator.joint.one_muscle import OneMuscle
-from allocator.mechanism.routes import JointRoutes, Routes
+from allocator.mechanism.routes import Routes
+from allocator.mechanism.routes.pulleys import routes_of
 from allocator.muscles import Muscle
 from allocator.units import BAR
 
@@ -80,7 +81,7 @@ class Mechanism:
     def from_joint(cls, joint: AntagonistJoint) -> Self:
         """Return an antagonistic joint as a mechanism with n = 1 and m = 2; friction is not taken along."""
         return cls(
-            JointRoutes(joint.geometry),
+            routes_of(joint.geometry),
             (joint.agonist, joint.antagonist),
             joint.pressure_limits,
             angle_limits=(joint.angle_range,),

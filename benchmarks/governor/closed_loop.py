@@ -11,10 +11,10 @@ from allocator import report_joint
 from allocator.mechanism import Mechanism
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
-from mpc.arm.bodies import Bodies
 from mpc.arm.learning.plant import ArmBatch, VariedArm
-from mpc.arm.model import Arm
 from mpc.governor import GovernorStatus, Interval, PressureGovernor
+from mpc.model.arm.bodies import Bodies
+from mpc.model.arm.model import Arm
 
 DT, SLEW = 0.01, 20 * BAR
 Commander = Callable[[ArmBatch, np.random.Generator, int], np.ndarray]

@@ -18,8 +18,8 @@ from allocator.mechanism import Mechanism
 from allocator.mechanism.routes import Pulleys, Sites
 from allocator.mechanism.routes.linkage import GROUND, Link
 from allocator.mechanism.routes.mjcf import MARK
-from mpc.arm.bodies import Bodies
 from mpc.arm.drawing import DRAWN, PALE, Drawing, view
+from mpc.model.arm.bodies import Bodies
 
 _TIMESTEP = 0.002  # [s]
 _SLENDER = 0.01  # a rod's inertia about its own axis, in fractions of that across; nothing turns about it in the plane

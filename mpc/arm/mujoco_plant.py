@@ -23,9 +23,9 @@ from allocator.mechanism.routes.base import per_muscle
 from allocator.mechanism.routes.mjcf import load, said, tendon_lengths
 from allocator.muscles import Muscle
 from allocator.units import BAR
-from mpc.arm.pneumatics import Pneumatics
 from mpc.arm.pushing import pushed_stiffness, settle
-from mpc.arm.tendon_jacobian import TendonJacobian
+from mpc.model.arm.mechanics.tendon_jacobian import TendonJacobian
+from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.integration import NODES, SHARES
 
 

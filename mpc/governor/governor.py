@@ -128,7 +128,7 @@ class PressureGovernor:
 
     @classmethod
     def of_arm(cls, arm: Any, dt: float, *, mass: float | Interval = 1.0, **others: Any) -> Self:
-        """Return the governor of an `mpc.arm.model.Arm`: slew, lags and bodies are its own.
+        """Return the governor of an `mpc.model.arm.model.Arm`: slew, lags and bodies are its own.
 
         `mass` is a factor of all its masses [-], and `others` are further fields, such as
         `damping=Interval.about(arm.bodies.damping, 0.2)`. Raises `InvalidInput`.

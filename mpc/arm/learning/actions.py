@@ -10,8 +10,8 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.mechanism import allocate_mechanism, warm_up
-from mpc.arm.model import Arm
 from mpc.governor import PressureGovernor
+from mpc.model.arm.model import Arm
 
 
 def within(values: Array, low: Any, high: Any) -> Array:

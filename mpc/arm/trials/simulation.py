@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.mechanism import allocate_mechanism
-from mpc.arm.model import Arm
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.tracking.observer import ArmObserver
 from mpc.arm.trials.reference import ArmReference
+from mpc.model.arm.model import Arm
 from mpc.tracking.plan import Plan
 
 _DIFFERENCE = 1e-3  # [s] over which a reference's first velocity and acceleration are taken

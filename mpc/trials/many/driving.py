@@ -31,7 +31,7 @@ from mpc.trials.reference import Reference
 from mpc.trials.simulation import ClosedLoop, Controller
 
 READABLE = 2  # samples that the readable parts begin with: these then remember what later ones do
-LEAST = 1e-300  # [N·m/rad] of a stiffness, as in `mpc.tracking.joint_preview`
+LEAST = 1e-300  # [N·m/rad] of a stiffness, as in `mpc.tracking.preview`
 
 _TEMPLATE = Path(__file__).parent / "driven.py"
 
@@ -82,7 +82,7 @@ class Driving:
 
 
 def _meant(wanted: Reference) -> bool:
-    """Return whether all of a reference can be meant, as `mpc.tracking.joint_preview` asks."""
+    """Return whether all of a reference can be meant, as `mpc.tracking.preview` asks."""
     return bool((np.abs(wanted.theta) <= 2 * np.pi).all() and (wanted.K >= LEAST).all())
 
 

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from allocator import AntagonistJoint, Gas, InvalidInput, Lever, Status, allocate
-from allocator.mechanism import Mechanism, Pulleys, allocate_mechanism, load_mechanism, machines
-from allocator.mechanism import save_mechanism as save
+from allocator import AntagonistJoint, Gas, InvalidInput, Lever, Status, allocate, load_machine
+from allocator import save_machine as save
+from allocator.mechanism import Mechanism, Pulleys, allocate_mechanism, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR
 from tests.conftest import PULLEY
@@ -96,7 +96,7 @@ def test_shut_valves_give_what_open_ones_cannot():
 
 def test_a_file_keeps_the_gas(tmp_path):
     save(ARM, tmp_path / "arm.toml")
-    assert load_mechanism(tmp_path / "arm.toml").gas == ROOM
+    assert load_machine(tmp_path / "arm.toml").gas == ROOM
     save(replace(ARM, gas=Gas()), tmp_path / "arm.toml")
     assert "[gas]" not in (tmp_path / "arm.toml").read_text()
     assert Mechanism.from_joint(AntagonistJoint(PULLEY, FILLED, FILLED, gas=ROOM)).gas == ROOM

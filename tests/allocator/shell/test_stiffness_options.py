@@ -50,7 +50,7 @@ def test_a_plant_in_the_file_says_which_lag_is_meant(tmp_path):
     joint = report_joint()
     for given, lag in (((), (0.04, 0.06)), (("--lag", 0.2), 0.2)):
         answer = allocate(10 * DEG, 8.0, joint=joint, frequency=2.0, lag=lag)
-        found = json.loads(run(*asked, "--joint", path, *given).output)
+        found = json.loads(run(*asked, "--machine", path, *given).output)
         assert found["P1_bar"] == pytest.approx(answer.P1 / BAR, rel=1e-12)
 
 

@@ -1,7 +1,7 @@
 """An arm is read from a MuJoCo model here: its tendons are the muscles, its bodies are moved by hinges.
 
 What has formulas gets them: straight tendons through sites or sums of angles, and bodies without anything but masses,
-armatures, springs and damping. Anything else is asked of MuJoCo itself (`mpc.arm.mechanics.mujoco_mechanics`).
+armatures, springs and damping. Anything else is asked of MuJoCo itself (`mpc.model.arm.mechanics.mujoco_mechanics`).
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,9 @@ from allocator.mechanism.routes import Routes
 from allocator.mechanism.routes.base import per_muscle, rest_lengths
 from allocator.mechanism.routes.mjcf import load, name_of, read_mjcf, said, tells, tendon_lengths
 from allocator.muscles import Muscle
-from mpc.arm.mechanics.mjcf_bodies import check_hinges, tree_of, without_formulas
-from mpc.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
-from mpc.arm.mechanics.tree import TreeBodies
+from mpc.model.arm.mechanics.mjcf_bodies import check_hinges, tree_of, without_formulas
+from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
+from mpc.model.arm.mechanics.tree import TreeBodies
 
 _STILL = 1e-9  # [m/rad] or of the greatest: what moves a point less does not move it
 

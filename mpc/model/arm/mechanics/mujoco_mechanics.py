@@ -11,7 +11,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.mechanism.routes.base import RoutedLengths, Routes, per_muscle, rest_lengths
-from mpc.arm.tendon_jacobian import TendonJacobian
+from mpc.model.arm.mechanics.tendon_jacobian import TendonJacobian
 
 _DIFFERENCE = 1e-5  # [rad] of central differences, whose error is of its square
 

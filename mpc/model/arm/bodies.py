@@ -22,11 +22,11 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Value, cos, is_symbol, sin
-from allocator.errors import InvalidFile, InvalidInput
+from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
+from allocator.files.toml import Table, section
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.routes.linkage import GROUND, Link
-from allocator.muscles import storage
 
 EARTH = 9.81  # [m/s²]
 
@@ -171,8 +171,8 @@ class Bodies:
 
     def dumps(self) -> str:
         """Return the TOML text: the table [bodies]."""
-        lines = [f"{f.name} = {storage.toml(getattr(self, f.name))}" for f in fields(self)]
-        return "\n".join(["[bodies]  # SI units: m, kg, kg·m², N·m·s/rad, m/s²", *lines, ""])
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return "\n".join(section("bodies", values, "SI units: m, kg, kg·m², N·m·s/rad, m/s²")[1:]) + "\n"
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the bodies as a TOML file. Raises `CannotWrite`."""
@@ -181,16 +181,7 @@ class Bodies:
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
         """Read the table [bodies] of a TOML file. Raises `InvalidFile`."""
-        table = storage.read(path).get("bodies")
-        if not isinstance(table, dict):
-            raise InvalidFile(path, "has no table [bodies]")
-        names = [f.name for f in fields(cls)]
-        if surplus := table.keys() - set(names):
-            raise InvalidFile(path, f"[bodies] has no {', '.join(sorted(surplus))}; it has {', '.join(names)}")
-        try:
-            return cls(**table)
-        except (InvalidInput, TypeError) as error:
-            raise InvalidFile(path, f"[bodies]: {error}") from None
+        return Table.read(path).needed("bodies", "an arm that can move").made(cls)
 
     # --- the pieces -------------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidFile
 from allocator.mechanism.routes.linkage import Link
 from allocator.mechanism.routes.mjcf import linkage_of, name_of, said
-from mpc.arm.mechanics.tree import TreeBodies
+from mpc.model.arm.mechanics.tree import TreeBodies
 
 _ROUNDING = 1e-14  # of the greatest entry
 

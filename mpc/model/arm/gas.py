@@ -14,12 +14,12 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism
-from mpc.arm.pneumatics import Pneumatics
+from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.gas import fall
 from mpc.model.lengths import symbolic_lengths
 
 if TYPE_CHECKING:
-    from mpc.arm.model import Arm
+    from mpc.model.arm.model import Arm
 
 
 def squeezed(mechanism: Mechanism, q: Array, omega: Array, P: Array) -> Array:
