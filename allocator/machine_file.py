@@ -30,7 +30,7 @@ atmosphere = 101325.0          # [Pa]
 
 [source]                       # where the numbers come from, for the reader; ignored when loading
 
-[plant], [bodies], [regulators]  # what moves, see `mpc.model.storage` and `mpc.arm.bodies`; ignored here
+[plant], [bodies], [regulators]  # what moves, see `mpc.model.storage` and `mpc.model.arm.bodies`; ignored here
 
 One joint with two muscles, an `AntagonistJoint`, calls them "agonist" and "antagonist" and may have more:
 

@@ -14,7 +14,7 @@ from allocator.shell.outputs import Force, claim
 from allocator.units import BAR
 
 if TYPE_CHECKING:
-    from mpc.arm.model import Arm
+    from mpc.model.arm.model import Arm
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
 
@@ -81,8 +81,8 @@ class PlantOptions(MachineOptions):
 
     def arm(self) -> "Arm":
         """Build the arm of several joints with bodies that --machine names. Raises `InvalidInput`."""
-        from mpc.arm.model import Arm
-        from mpc.arm.storage import load_arm
+        from mpc.model.arm.model import Arm
+        from mpc.model.arm.storage import load_arm
 
         if self.is_mujoco or not self.of_several:
             raise InvalidInput("this command takes an arm of several joints: --machine arm26, or a file with [bodies]")
@@ -169,8 +169,8 @@ def init_command(
 
     claim(file, force=force)
     if machine is not None:
-        from mpc.arm.model import Arm
-        from mpc.arm.storage import save_arm
+        from mpc.model.arm.model import Arm
+        from mpc.model.arm.storage import save_arm
 
         save_arm(Arm.machine(machine), file)
         typer.echo(f"written: {file}; edit it, then try `antagonist track --machine {file}`")

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from benchmarks.arm import nominal, rough, scaling
 from benchmarks.arm.cases import ARMS, plant
-from mpc.arm.model import Arm
-from mpc.arm.tracking.controller import ArmMPC
 from mpc.arm.trials.reference import circle
 from mpc.arm.trials.simulation import simulate_arm
+from mpc.model.arm.model import Arm
+from mpc.tracking.controller import TrackingMPC
 
 RESULTS = Path(__file__).parents[1] / "results"
 NAME = "arm"
@@ -33,7 +33,7 @@ class Line(NamedTuple):
 def nominal_lines(name: str, turns: float, rests: int, rounds: int) -> list[Line]:
     """The plant is as the model says; the time of arm26 is what was asked for."""
     arm = Arm.machine(name)
-    controller = ArmMPC(arm)
+    controller = TrackingMPC(arm)
     found = nominal.tracking(simulate_arm(plant(arm), arm, controller, circle(arm, turns=turns)))
     off, missed = nominal.pushed(arm, controller, rests)
     lines = [
@@ -58,7 +58,7 @@ def gas_lines(name: str, turns: float) -> list[Line]:
     """The circle at 1 Hz on a plant with gas, which the controller knows or not; it is told, and not asked for."""
     arm, lines = Arm.machine(name), []
     for what, known in (("known", replace(arm, gas=True)), ("not known", arm)):
-        run = simulate_arm(plant(arm, gas=True), known, ArmMPC(known), circle(arm, frequency=1.0, turns=turns))
+        run = simulate_arm(plant(arm, gas=True), known, TrackingMPC(known), circle(arm, frequency=1.0, turns=turns))
         found = nominal.tracking(run)
         lines.append(Line(name, f"1 Hz, gas in the plant, {what}: angle RMS [°]", found.angle))
         lines.append(Line(name, f"1 Hz, gas in the plant, {what}: stiffness RMS [N·m/rad]", found.stiffness))

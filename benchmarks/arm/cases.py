@@ -7,8 +7,8 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
 from mpc.arm.mjcf import to_mjcf
-from mpc.arm.model import Arm
 from mpc.arm.mujoco_plant import MujocoPlant
+from mpc.model.arm.model import Arm
 
 ARMS = "arm26", "arm48"
 DT = 0.01  # [s]

@@ -1,4 +1,4 @@
-"""The nonlinear programme of which `ArmMPC` solves one QP a sample, by IPOPT: the same cost, limits, horizon, blocks.
+"""The nonlinear programme behind `TrackingMPC`, by IPOPT: the same cost, limits, horizon, blocks.
 
 Multiple shooting with the model's own sample; decisions are the changes of the blocks, the states and the slacks.
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.arm.tracking.controller import ArmMPC
+from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.condense import SLACKS
 from mpc.tracking.qp.step import PreviousSample, QPAnswer
@@ -26,7 +26,7 @@ class IPOPTStep:
     implementation = "IPOPT"
     active_set = None
 
-    def __init__(self, controller: ArmMPC) -> None:
+    def __init__(self, controller: TrackingMPC) -> None:
         self._arm, self._problem, self._N = controller.arm, controller.problem, controller.N
         arm = self._arm
         self._x_unit = np.concatenate([np.ones(2 * arm.n), np.full(arm.m, BAR)])
@@ -118,9 +118,9 @@ def weighted(weights: Array, residual: Any) -> Any:
     return sum(w / 2 * residual[i] ** 2 for i, w in enumerate(weights.tolist()) if w)
 
 
-def nonlinear(arm: Any, **settings: Any) -> ArmMPC:
-    """An `ArmMPC` whose every step is IPOPT's."""
-    made = ArmMPC(arm, **settings)
+def nonlinear(arm: Any, **settings: Any) -> TrackingMPC:
+    """An `TrackingMPC` whose every step is IPOPT's."""
+    made = TrackingMPC(arm, **settings)
     made._qp_step = IPOPTStep(made)
     made.reset()
     return made

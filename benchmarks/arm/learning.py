@@ -23,7 +23,7 @@ from allocator.presentation.tables import number
 from mpc.arm.learning.environment import ReachEnvironment, ReachVectorEnvironment
 from mpc.arm.learning.reaching import Reaching
 from mpc.arm.learning.variation import Variation
-from mpc.arm.model import Arm
+from mpc.model.arm.model import Arm
 
 POPULATION, ELITE, EPISODES, EXAMINED = 40, 8, 6, 256
 SPREAD, NOISE = 0.3, 0.1  # of the first generation, and what is added to the spread of later ones, falling to 0

@@ -10,11 +10,11 @@ from allocator.calculus import Array
 from allocator.units import DEG
 from benchmarks.arm.cases import plant
 from benchmarks.arm.ipopt import IPOPTStep, nonlinear, weighted
-from mpc.arm.model import Arm
-from mpc.arm.tracking.controller import ArmMPC
-from mpc.arm.tracking.feedforward import ArmInverseDynamics
 from mpc.arm.trials.reference import ArmReference, circle
 from mpc.arm.trials.simulation import ArmRun, simulate_arm
+from mpc.model.arm.model import Arm
+from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.plan import Rung
 
 SETTLING = 50  # samples that do not count
@@ -55,14 +55,14 @@ class Times:
     worst: float
 
 
-def times(arm: Arm, controller: ArmMPC, turns: float = 1.0, rounds: int = 3) -> Times:
+def times(arm: Arm, controller: TrackingMPC, turns: float = 1.0, rounds: int = 3) -> Times:
     asked, tested = circle(arm, turns=turns), plant(arm)
     runs = [simulate_arm(tested, arm, controller, asked).step_time for _ in range(rounds)]
     least = 1e6 * np.min(runs, axis=0)
     return Times(float(np.median(least)), float(np.percentile(least, 99)), float(least.max()))
 
 
-def pushed(arm: Arm, controller: ArmMPC, rests: int = 5) -> tuple[float, float]:
+def pushed(arm: Arm, controller: TrackingMPC, rests: int = 5) -> tuple[float, float]:
     """The worst difference of the stiffness measured by pushing at rests from (M2) there, and from what is asked.
 
     Gravity, where there is any, stiffens the posture too: what it adds is taken off.
@@ -84,7 +84,7 @@ def pushed(arm: Arm, controller: ArmMPC, rests: int = 5) -> tuple[float, float]:
 class Beside:
     """Two controllers that are told the same, of which the plant obeys the first; their times alternate."""
 
-    def __init__(self, obeyed: ArmMPC, other: ArmMPC) -> None:
+    def __init__(self, obeyed: TrackingMPC, other: TrackingMPC) -> None:
         self.dt, self.ahead, self._both = obeyed.dt, obeyed.ahead, (obeyed, other)
         self.times: tuple[list[float], list[float]] = [], []
 
@@ -116,7 +116,7 @@ class Rival:
 
 def rival(arm: Arm, turns: float = 0.5, **settings: Any) -> Rival:
     asked, tested = circle(arm, turns=turns), plant(arm)
-    ours, theirs = ArmMPC(arm, **settings), nonlinear(arm, **settings)
+    ours, theirs = TrackingMPC(arm, **settings), nonlinear(arm, **settings)
     step: Any = theirs._qp_step
     assert isinstance(step, IPOPTStep)
     both = Beside(ours, theirs)
@@ -129,10 +129,10 @@ def rival(arm: Arm, turns: float = 0.5, **settings: Any) -> Rival:
     return Rival(float(rivals / own), float(1e3 * rivals), costs[0] / costs[1] - 1, apart, step.failures)
 
 
-def closed_loop_cost(run: ArmRun, controller: ArmMPC) -> float:
+def closed_loop_cost(run: ArmRun, controller: TrackingMPC) -> float:
     """What the controller's cost charges for what happened, sample by sample."""
     arm, rows, N = run.arm, controller.problem.rows, controller.N
-    inverse = ArmInverseDynamics(arm, run.dt, N, controller.min_force)
+    inverse = InverseDynamics(arm, run.dt, N, controller.min_force)
     asked = controller_reference(run)
     total, e_before = 0.0, None
     for k in range(len(run.u)):

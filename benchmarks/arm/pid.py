@@ -12,10 +12,10 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.mechanism import allocate_mechanism
-from mpc.arm.model import Arm
-from mpc.arm.tracking.compiled.module import compiled_arm
-from mpc.arm.tracking.compiled.qp_step import CompiledArmFeedForward
-from mpc.arm.tracking.feedforward import ArmInverseDynamics
+from mpc.model.arm.model import Arm
+from mpc.tracking.compiled.arm.module import compiled_arm
+from mpc.tracking.compiled.arm.qp_step import CompiledArmFeedForward
+from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times
 
@@ -33,12 +33,12 @@ class Gains:
 
 
 class ArmPID:
-    """A controller with the interface of `ArmMPC`."""
+    """A controller with the interface of `TrackingMPC`."""
 
     def __init__(self, arm: Arm, dt: float, gains: Gains, dead_time: float = 0.0, N: int = 20) -> None:
         self.arm, self.dt, self.gains, self._delay = arm, dt, gains, round(dead_time / dt)
         self.ahead = N + self._delay
-        readable = ArmInverseDynamics(arm, dt, N)
+        readable = InverseDynamics(arm, dt, N)
         self._feed_forward = CompiledArmFeedForward(arm, compiled_arm(arm, dt), readable.ready())
         self._limits = Limits.of(arm, dt)
         self._filter = np.exp(-dt / _FILTER)

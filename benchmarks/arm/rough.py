@@ -18,12 +18,13 @@ from scipy.optimize import minimize
 from allocator.units import BAR, DEG
 from benchmarks.arm.cases import ARRIVES, DEAD_TIME, DT, load, rough_plant
 from benchmarks.arm.pid import ArmPID, Gains, Readings
-from mpc.arm.model import Arm
-from mpc.arm.tracking.controller import ArmMPC
 from mpc.arm.tracking.observer import ArmObserver
 from mpc.arm.trials.reference import circle, reach
 from mpc.arm.trials.simulation import ArmRun, simulate_arm
+from mpc.model.arm.model import Arm
+from mpc.model.compensation import Compensation
 from mpc.observer.filter import Noise
+from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
 
 TUNED_ON, JUDGED_ON = (11,), (1, 2, 3)
@@ -76,7 +77,10 @@ def mpc(arm: Arm, theta: float, omega: float, rate: float, d_walk: float, pressu
     """The MPC with errors of angle [°], velocity [°/s] and rate [bar/s] that cost ½, and the observer's walks."""
     weights = Weights(theta=1 / (theta * DEG) ** 2, omega=1 / (omega * DEG) ** 2, rate=1 / (rate * BAR) ** 2)
     noise = Noise(theta=0.02 * DEG / 12**0.5, d_walk=d_walk, pressure_walk=pressure_walk * BAR)
-    return Loop(ArmMPC(arm, N=N, weights=weights, dead_time=DEAD_TIME), ArmObserver(arm, DT, noise, DEAD_TIME))
+    return Loop(
+        TrackingMPC(arm, N=N, weights=weights, compensation=Compensation(dead_time=DEAD_TIME)),
+        ArmObserver(arm, DT, noise, DEAD_TIME),
+    )
 
 
 def pid(arm: Arm, **gains: float) -> Loop:

@@ -8,9 +8,9 @@ from allocator.mechanism import Mechanism, Pulleys
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import DEG
 from benchmarks.arm.nominal import Times, times
-from mpc.arm.bodies import Bodies
-from mpc.arm.model import Arm
-from mpc.arm.tracking.controller import ArmMPC
+from mpc.model.arm.bodies import Bodies
+from mpc.model.arm.model import Arm
+from mpc.tracking.controller import TrackingMPC
 
 HORIZONS = 10, 20, 40
 
@@ -38,7 +38,7 @@ def grown(horizons: tuple[int, ...] = HORIZONS) -> list[Grown]:
     found = []
     for arm in (chain(1), chain(2), Arm.machine("arm26"), chain(3), Arm.machine("arm48")):
         for N in horizons:
-            controller = ArmMPC(arm, N=N)
+            controller = TrackingMPC(arm, N=N)
             decisions = arm.m * len(controller.blocks or ())
             found.append(Grown(arm.n, arm.m, N, decisions, times(arm, controller, turns=0.5, rounds=3)))
             print(found[-1], flush=True)

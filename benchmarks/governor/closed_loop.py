@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator import report_joint
+from allocator import Limits, report_joint
 from allocator.mechanism import Mechanism
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
-from mpc.arm.bodies import Bodies
 from mpc.arm.learning.plant import ArmBatch, VariedArm
-from mpc.arm.model import Arm
 from mpc.governor import GovernorStatus, Interval, PressureGovernor
+from mpc.model.arm.bodies import Bodies
+from mpc.model.arm.model import Arm
 
 DT, SLEW = 0.01, 20 * BAR
 Commander = Callable[[ArmBatch, np.random.Generator, int], np.ndarray]
@@ -109,7 +109,7 @@ def closed_loop(
     u, push, (low, high) = batch.P.copy(), np.zeros((arms, arm.n)), arm.angle_limits
     beyond, broken, unable, moved, samples = -np.inf, 0, 0, 0, round(seconds / DT)
     for k in range(samples):
-        box = mechanism.pressure_box(batch.q, previous=u, max_step=SLEW * DT)
+        box = mechanism.pressure_box(batch.q, Limits(previous=u, max_step=SLEW * DT))
         command = np.clip(COMMANDERS[commander](batch, rng, k), *box)
         safe, status = governor.govern(batch.q, batch.omega, batch.P, command, u)
         unable += int((status == GovernorStatus.NOT_KEPT).sum())

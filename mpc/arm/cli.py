@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from allocator.mechanism.endpoint import Endpoint
-    from mpc.arm.model import Arm
     from mpc.arm.mujoco_plant import MujocoPlant
     from mpc.arm.trials.metrics import ArmMetrics
     from mpc.arm.trials.simulation import ArmRun
+    from mpc.model.arm.model import Arm
     from mpc.plant_cli import PlantOptions
 
 _FILMS = (".gif", ".mp4")
@@ -142,8 +142,8 @@ def _from_mujoco(
 ) -> "tuple[Any, Arm, Endpoint | None, list[str], dict[str, Any]]":
     """Read the arm of a MuJoCo model. Raises `InvalidFile`, `InvalidInput`, `MissingBackend` and `MissingPackage`."""
     from allocator.muscles.catalogue import named_muscle
-    from mpc.arm.model import Arm
-    from mpc.arm.reading import read_arm
+    from mpc.model.arm.model import Arm
+    from mpc.model.arm.reading import read_arm
 
     names, eps, lengths = options.muscle or [_MUSCLE], options.contractions, options.rest_lengths
     muscles = [replace(named_muscle(name), **options.volumes) for name in names]
@@ -170,14 +170,16 @@ def _one_or_all(numbers: list[float] | None) -> float | list[float] | None:
 
 def _loop(arm: "Arm", kind: str, dt: float, horizon: int) -> tuple[Any, Any]:
     """Return a controller, and an observer where the true state is not to be had."""
-    from mpc.arm.tracking.controller import ArmMPC
     from mpc.arm.tracking.observer import ArmObserver
-    from mpc.arm.tracking.presets import CALM, CALM_NOISE
+    from mpc.model.compensation import Compensation
+    from mpc.tracking.controller import TrackingMPC
+    from mpc.tracking.presets import CALM, CALM_NOISE
 
     if kind == _NOMINAL:
-        return ArmMPC(arm, dt=dt, N=horizon), ArmObserver(arm, dt)
+        return TrackingMPC(arm, dt=dt, N=horizon), ArmObserver(arm, dt)
     delay = _REAL_EFFECTS["dead_time"]
-    return ArmMPC(arm, dt=dt, N=horizon, weights=CALM, dead_time=delay), ArmObserver(arm, dt, CALM_NOISE, delay)
+    known = Compensation(dead_time=delay)
+    return TrackingMPC(arm, dt=dt, N=horizon, weights=CALM, compensation=known), ArmObserver(arm, dt, CALM_NOISE, delay)
 
 
 class _Window:

@@ -16,7 +16,7 @@ from allocator.calculus import Array
 from allocator.mechanism import Mechanism
 from allocator.mechanism.routes import Pulleys
 from allocator.mechanism.routes.linkage import GROUND
-from mpc.arm.bodies import Bodies
+from mpc.model.arm.bodies import Bodies
 
 DRAWN = "drawn"
 """The class of geoms that are there to be seen."""

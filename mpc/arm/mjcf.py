@@ -8,18 +8,18 @@ ground. `Mechanism.from_mjcf` reads routes, names and ranges again, with rest le
 user data.
 """
 
-from typing import Any
 from xml.etree import ElementTree as Tree
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
 from allocator.mechanism.routes import Pulleys, Sites
 from allocator.mechanism.routes.linkage import GROUND, Link
 from allocator.mechanism.routes.mjcf import MARK
-from mpc.arm.bodies import Bodies
 from mpc.arm.drawing import DRAWN, PALE, Drawing, view
+from mpc.model.arm.bodies import Bodies
 
 _TIMESTEP = 0.002  # [s]
 _SLENDER = 0.01  # a rod's inertia about its own axis, in fractions of that across; nothing turns about it in the plane
@@ -124,7 +124,7 @@ def _spatial(tendons: Tree.Element, mechanism: Mechanism, routes: Sites, parts: 
             Tree.SubElement(tendon, "site", site=site)
 
 
-def _quaternion(R: Any) -> tuple[float, ...]:
+def _quaternion(R: ArrayLike) -> tuple[float, ...]:
     """Return the unit quaternion (w, x, y, z) of a rotation matrix."""
     from scipy.spatial.transform import Rotation
 

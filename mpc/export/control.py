@@ -24,7 +24,7 @@ from mpc.model import compensation
 from mpc.model.plant import NU, NX
 from mpc.observer import gating, kalman
 from mpc.observer.kalman import KalmanObserver
-from mpc.tracking import joint_preview, rest
+from mpc.tracking import preview, rest
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.qp import certified, softened
@@ -155,7 +155,7 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
             "DAMPING": (plant.damping, "[N*m*s/rad]"),
             "GRAVITY": (plant.gravity_torque, "m g l [N*m]"),
             "JITTER": (compensation.JITTER, "motions below are noise of the angle [rad]"),
-            "CORRECTED": (joint_preview.CORRECTED, "share of an angle's error that counts as motion [-]"),
+            "CORRECTED": (preview.CORRECTED, "share of an angle's error that counts as motion [-]"),
             "DEAD_BAND": (known.dead_band, "of the regulators, total [Pa]"),
             "SOFT": (compensation.SOFT, "over which the inverse of the dead band changes sides [Pa]"),
             "TOLERANCE": (observer.tolerance, "for which a sensor may be silent or frozen [s]"),

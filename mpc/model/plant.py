@@ -15,19 +15,21 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import product
 from math import ceil, inf, sqrt
 from os import PathLike
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from allocator import Allocation, allocate, checks
+from allocator import Allocation, allocate, checks, warm_up
 from allocator.calculus import Array, Value, sin
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.gas import ISOBARIC, Gas, Shares, StiffnessKind
+from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, StiffnessKind
+from allocator.joint.limits import Limits
 from allocator.units import BAR
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment
 from mpc.model.gas import fall, trapped
 from mpc.model.integration import integrated
+from mpc.model.machine import Held, Labels
 from mpc.model.storage import load_plant, save_plant
 
 STATES = ("theta", "omega", "P1", "P2")
@@ -47,6 +49,15 @@ class Plant:
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
     gas: Gas | bool | None = None  # True: the joint's; None: regulators hold the pressures against every motion
     frequency: float = 0.0  # at which K is meant [Hz]: 0 is isobaric, inf with all of the gas trapped   (G5)
+
+    n: ClassVar[int] = 1  # these, and what `mpc.model.machine` says of them, make it a machine of one joint
+    m: ClassVar[int] = NU
+    size: ClassVar[int] = NX
+    stiffnesses: ClassVar[int] = 1
+    angle_shape: ClassVar[tuple[int, ...]] = ()
+    stiffness_shape: ClassVar[tuple[int, ...]] = ()
+    unformulated: ClassVar[str] = ""
+    labels: ClassVar[Labels] = Labels(("theta",), ("omega",), ("stiffness",), ("P1", "P2"), ("F1", "F2"))
 
     def __post_init__(self) -> None:
         """Turn the parameters into plain floats (NumPy scalars upset CasADi) and check them."""
@@ -151,14 +162,12 @@ class Plant:
         """Return which stiffness its own is: isobaric, shut, or dynamic at its frequency."""
         if self.frequency == inf:
             return StiffnessKind.of("shut")
-        return StiffnessKind.of(frequency=self.frequency, lag=self.lags) if self.frequency else ISOBARIC
+        return StiffnessKind.of(frequency=self.frequency, lag=self.lags) if self.frequency else HELD
 
     def allocate(self, theta: Value, K: Value, T: Value, min_force: float = 0.0) -> Allocation:
         """Return what gives its stiffness [N·m/rad] and the torque [N·m] at the angle [rad]: `allocator.allocate`."""
-        if self.frequency == inf:
-            return allocate(theta, K, T, joint=self.joint, min_force=min_force, valves="shut")
-        frequency, lag = (self.frequency, self.lags) if self.frequency else (None, None)
-        return allocate(theta, K, T, joint=self.joint, min_force=min_force, frequency=frequency, lag=lag)
+        stiffness = Stiffness(self.kind) if self.frequency else ISOBARIC
+        return allocate(theta, K, T, joint=self.joint, limits=Limits(min_force), stiffness=stiffness)
 
     def forces(self, x: Value) -> tuple[Value, Value]:
         """Return the muscle forces (F1, F2) [N] in the state `x` [4, ...]; negative means slack."""
@@ -183,6 +192,78 @@ class Plant:
     def begin(self, dt: float, x0: Array, seed: int) -> ExactExperiment:
         """Begin an experiment from the state `x0` (4,) with commands every `dt` [s]; no noise needs the `seed`."""
         return ExactExperiment(self.discrete(dt, FINE), x0)
+
+    # --- as a machine of one joint ----------------------------------------------------------------------------------
+
+    @property
+    def has_stops(self) -> bool:
+        """Whether the angle is limited by end stops."""
+        return self.joint.angle_limits is not None
+
+    @property
+    def middle(self) -> float:
+        """The middle of the joint range [rad]."""
+        return float(np.mean(self.joint.angle_range))
+
+    @property
+    def inertias(self) -> Array:
+        """The moment of inertia (1,) [kg·m²]."""
+        return np.array([self.inertia])
+
+    def angles(self, x: Array) -> Array:
+        """Return the angles [rad] in the states `x` (…, 4)."""
+        return np.asarray(x[..., 0])
+
+    def tracked_stiffness(self, x: Array) -> Any:
+        """Return the stiffness [N·m/rad] in the states `x` (…, 4)."""
+        return self.stiffness(x.T)
+
+    def along(self, x: Array) -> tuple[Array, Array]:
+        """Return stiffness (M,) [N·m/rad] and muscle forces (M, 2) [N] in the states `x` (M, 4)."""
+        return np.asarray(self.stiffness(x.T)), np.stack(self.forces(x.T), axis=1)
+
+    def symbolic_outputs(self, x: Any) -> Any:
+        """Return the CasADi column (K, F1, F2) in the state `x`."""
+        import casadi as ca
+
+        return ca.vertcat(self.stiffness(x), *self.forces(x))
+
+    def matrix(self, svec: Array) -> Array:
+        """Return `svec` (M,): the stiffness of a joint is a number."""
+        return svec
+
+    def torque_reach(self) -> tuple[Array, Array]:
+        """Return the greatest |T| (1,) [N·m] of the muscles in the middle of the joint range, and anywhere in it."""
+        low, high = self.joint.pressure_limits
+        theta = np.linspace(*self.joint.angle_range, 9)
+        one, two = (np.full(theta.shape, P) for P in (low, high))
+        torques = np.abs([self.torque((theta, 0 * theta, *P)) for P in ((two, one), (one, two))])
+        return torques[:, theta.size // 2].max(keepdims=True), torques.max().reshape(1)
+
+    def balance(self, x: Array) -> float:
+        """Return 0: a joint is linearised as it is."""
+        return 0.0
+
+    def held(self, theta: Array, K: Array, T: Array, min_force: float) -> Held:
+        """Return the pressures of `allocate` along a motion (M,)."""
+        found = self.allocate(theta, K, T, min_force)
+        P, given = np.stack([found.P1, found.P2], axis=1), np.asarray(found.K)[:, None]
+        return Held(P, given, np.asarray(found.K_error), np.asarray(found.T_error))
+
+    def check_feed_forward(self) -> None:
+        """Do nothing: two muscles of any law have closed forms or a search that is quick enough."""
+
+    def warm_up(self, min_force: float) -> None:
+        """Compile what `allocate` needs for this joint."""
+        warm_up(joint=self.joint, min_force=min_force)
+
+    def check_angles(self, name: str, theta: Array) -> None:
+        """Raise `InvalidInput` for angles that cannot be meant."""
+        checks.angle(name, theta)
+
+    def check_stiffness(self, name: str, K: Array) -> None:
+        """Raise `InvalidInput` for stiffnesses that cannot be meant."""
+        checks.stiffness(name, K)
 
     # --- in words and on disk ---------------------------------------------------------------------------------------
 

@@ -24,10 +24,11 @@ from typing import Self
 
 import numpy as np
 
+from allocator.calculus import Array
 from allocator.units import DEG
-from mpc.model.plant import Plant
+from mpc.model.machine import Machine
 
-Triple = tuple[float, float, float]  # of the sensors of θ [rad], P1, P2 [Pa]
+PerSensor = tuple[float, ...]  # (n + m,) of the sensors of angles [rad] and pressures [Pa]
 
 SIGMAS = 6.0  # √S between reading and expectation beyond which a reading is not believed
 TURN, MOST_TURNS = 2 * pi, 1e6  # [rad] by which an encoder may be off once, and how often at most
@@ -74,10 +75,10 @@ _VERDICTS = {
 class Gate:
     """The gate's numbers follow from a plant and may be replaced; SI units."""
 
-    lower: Triple  # readings below or above say nothing
-    upper: Triple
-    floor: Triple  # a reading this near to what is expected is believed
-    jump: Triple  # a reading farther than this from what is expected is believed only after `patience`
+    lower: PerSensor  # readings below or above say nothing
+    upper: PerSensor
+    floor: PerSensor  # a reading this near to what is expected is believed
+    jump: PerSensor  # a reading farther than this from what is expected is believed only after `patience`
     max_speed: float  # that an estimate may have [rad/s]
     max_torque: float  # the greatest |d| that it may have [N·m]
     hesitation: float = 0.03  # for which rejected readings have to be explained before they are accepted [s]
@@ -85,22 +86,26 @@ class Gate:
     widening: float = 0.2  # in which the width of a gate that rejects grows by itself once [s]
 
     @classmethod
-    def of(cls, plant: Plant, dt: float, noise: tuple[float, float] = (0.0, 0.0)) -> Self:
+    def of(cls, plant: Machine, dt: float, noise: tuple[float, float] = (0.0, 0.0)) -> Self:
         """Return what fits `plant`, sampled every `dt` [s] with the standard deviations `noise` of θ [rad] and P
         [Pa].
         """
-        (left, right), (low, high) = plant.joint.angle_range, plant.joint.pressure_limits
-        (T, T_most), supply, span = _torque_range(plant), high - low, right - left
-        margin = _NO_STOPS if plant.joint.angle_limits is None else _MARGIN
-        turned = 0.9 * T * dt**2 / plant.inertia
+        (left, right), (low, high) = map(np.atleast_1d, plant.angle_limits), plant.pressure_limits
+        (T, T_most), supply, span, inertia = plant.torque_reach(), high - low, right - left, plant.inertias
+        margin = _MARGIN if plant.has_stops else _NO_STOPS
+        jump = np.minimum(np.maximum(_LEAST, 0.9 * T * dt**2 / inertia), span / 4)
         theta, pressure = (ROUGH * deviation for deviation in noise)
+
+        def rows(angles: Array, of_pressure: float) -> PerSensor:
+            return *angles.tolist(), *[of_pressure] * plant.m
+
         return cls(
-            (left - margin, low - _BELOW * supply, low - _BELOW * supply),
-            (right + margin, high + _ABOVE * supply, high + _ABOVE * supply),
-            (theta, pressure, pressure),
-            (min(max(_LEAST, turned), span / 4) + theta, _JUMP * supply, _JUMP * supply),
-            sqrt(T_most * span / plant.inertia),  # half of the range to get there, half to brake
-            3 * T_most,
+            rows(left - margin, low - _BELOW * supply),
+            rows(right + margin, high + _ABOVE * supply),
+            rows(np.full(plant.n, theta), pressure),
+            rows(jump + theta, _JUMP * supply),
+            float(np.sqrt(T_most * span / inertia).max()),  # half of the range to get there, half to brake
+            3 * float(T_most.max()),
         )
 
     def unwrapped(self, theta: float, expected: float, within: float = NEAR_A_TURN) -> float:
@@ -112,15 +117,6 @@ class Gate:
     def possible(self, sensor: int, read: float) -> bool:
         """Return whether the `sensor` can say `read`."""
         return self.lower[sensor] <= read <= self.upper[sensor]
-
-
-def _torque_range(plant: Plant) -> tuple[float, float]:
-    """Return the greatest |T| [N·m] that the muscles have in the middle of the joint range, and anywhere in it."""
-    low, high = plant.joint.pressure_limits
-    theta = np.linspace(*plant.joint.angle_range, 9)
-    one, two = (np.full(theta.shape, P) for P in (low, high))
-    torques = np.abs([plant.torque((theta, 0 * theta, *P)) for P in ((two, one), (one, two))])
-    return float(torques[:, theta.size // 2].max()), float(torques.max())
 
 
 class SensorGate:

@@ -12,16 +12,15 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
-from mpc.model.plant import NU, Plant
+from mpc.model.machine import Machine
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.feedforward import FeedForward
-from mpc.tracking.joint_preview import JointPreview
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times, status_of
-from mpc.tracking.preview import BadNumbers, Task
+from mpc.tracking.preview import BadNumbers, Preview, Task
 from mpc.tracking.qp.step import PreviousSample
-from mpc.tracking.rest import RestMode
+from mpc.tracking.rest import rest_mode_of
 
 _SHARE = 0.9  # of the time budget for optimising; the rest predicts what the commands will do
 
@@ -39,7 +38,7 @@ class Optimised(NamedTuple):
     """The result of optimisation, or why there is none."""
 
     status: PlanStatus
-    best: tuple[Rung, Array] | None = None  # commands (N, 2) and the rung that they are worth
+    best: tuple[Rung, Array] | None = None  # commands (N, m) and the rung that they are worth
     motion: Motion | None = None  # under them, where it is known already
     times: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of linearising, condensing, solving [s]
 
@@ -61,13 +60,12 @@ class BaseController(ABC):
     A member has the attributes below; `_build` makes those that all of them have in common.
     """
 
-    plant: Plant
+    plant: Machine
     dt: float  # sample time [s]
     compensation: Compensation
     patience: float  # for how long the angle may be missing [s]
     budget: float | None = None  # time for a step [s]
     rest: bool = False  # whether commands come to rest at a constant reference, if the compensation knows anything
-    muscles: int = NU
     says_moved: ClassVar[bool] = True  # whether its plans say how far the references were moved
     _feed_forward: _FeedForwardOf
     _first: bool = True  # whether there was no step since the last reset
@@ -75,8 +73,8 @@ class BaseController(ABC):
     def _build(self, N: int, min_force: float = 0.0) -> None:
         self.limits = Limits.of(self.plant, self.dt, min_force)
         self._predictor = Predictor(self.plant, self.dt, N)
-        self._preview = JointPreview(self.plant, self.dt, N, self.compensation, self.limits)
-        self.rest_mode = RestMode(self.plant, self.dt, self.compensation, self.limits)
+        self._preview = Preview(self.plant, self.dt, N, self.compensation, self.limits)
+        self.rest_mode = rest_mode_of(self.plant, self.dt, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
 
     def reset(self) -> None:
@@ -92,14 +90,14 @@ class BaseController(ABC):
         """The samples of preview that `step` takes after the present one."""
         return self._preview.ahead
 
-    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
-        """Return the plan from the measured state `x` (4,) for references θ [rad] and K [N·m/rad].
+    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: Any = 0.0) -> Plan:
+        """Return the plan from the measured state `x` (2n + m,) for references θ [rad] and K [N·m/rad].
 
-        A reference is a value, held for the whole horizon, or a preview (ahead + 1,) that begins now. `d` is the
-        disturbance torque [N·m] known to act. What is NaN in `x`, or beyond what the joint can do, is replaced by what
-        the last plan predicted. Numbers never make it raise: where they cannot be meant the status says so. Warns
-        (`BadNumbers`) if the pressures of the first step look like bar. Raises `InvalidInput` for shapes and kinds that
-        are wrong.
+        A reference is a value, held for the whole horizon, or a preview (ahead + 1, …) that begins now; the values of
+        an arm are (n,) and (k, k). `d` is the disturbance torque [N·m] known to act, of an arm also (n,). What is NaN
+        in `x`, or beyond what the plant can do, is replaced by what the last plan predicted. Numbers never make it
+        raise: where they cannot be meant the status says so. Warns (`BadNumbers`) if the pressures of the first step
+        look like bar. Raises `InvalidInput` for shapes and kinds that are wrong.
         """
         began = perf_counter()
         if self._first:
@@ -110,16 +108,16 @@ class BaseController(ABC):
         """Warn of pressures that look like bar. It is no error: those of a vented joint are as low."""
         self._first = False
         state = checks.floats("x", x, "rad, rad/s, Pa")
-        if state.ndim != 1 or state.size <= self.muscles:
+        if state.shape != (self.plant.size,):
             return  # no state: the preview refuses it
-        P = state[-self.muscles :]
+        P = state[2 * self.plant.n :]
         try:
             checks.pressure("pressures of x: P", P[np.isfinite(P)])
         except InvalidInput as wrong:
             warnings.warn(str(wrong), BadNumbers, stacklevel=3)
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # the ladder finds what is not finite
-    def _staged(self, x: Any, theta_ref: Any, K_ref: Any, d: float, began: float) -> Plan:
+    def _staged(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float) -> Plan:
         """Return the plan, stage by stage."""
         task = self._preview.task(x, theta_ref, K_ref, d, self.rest_mode.ringing)
         held = self.rest_mode.pressures(task) if self.rest and self.rest_mode.worthwhile else None
@@ -171,7 +169,7 @@ class BaseController(ABC):
         return inf if self.budget is None else began + _SHARE * self.budget
 
     def _approach(self, P: Array, situation: Situation) -> Optimised:
-        """Return the approach to the pressures `P` (2,) of a rest."""
+        """Return the approach to the pressures `P` (m,) of a rest."""
         u = self.limits.limited(situation.previous.u, np.tile(P, (self._predictor.N, 1)))
         return Optimised(PlanStatus.RESTING, (Rung.ALLOCATION, u))
 
@@ -183,10 +181,10 @@ class BaseController(ABC):
         return Plan(
             self._preview.sent(motion.u, motion.x, side),
             motion.x,
-            motion.K,
+            self.plant.matrix(motion.K),
             status_of(status, rung, task.measured),
             rung,
-            self.limits.excursion(motion.x[:, 0]),
+            self.limits.excursion(self.plant.angles(motion.x)),
             times,
             self.limits.slackening(motion.F[1:]),
             feed.moved if self.says_moved and not task.refused else None,

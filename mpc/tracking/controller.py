@@ -1,4 +1,4 @@
-"""The tracking controller is a linear time-varying MPC. This is the problem it solves at every sample:
+"""The tracking controller is a linear time-varying MPC. This is the problem it solves at every sample, of a joint:
 
     minimise  ½ Σ_{k=1…N-1} [|x_k - x*_k|² + |y_k - y*_k|²] + ½ Σ_{k=0…N-1} [|e_k|² + |e_k - e_{k-1}|²/dt²]
             + ½ |L ξ|²  +  ρ s + ½ ρ₂ s²  +  ρ_F s_F + ½ ρ_F₂ s_F²,       e_k = u_k - u*_k,  ξ = (x_N - x*_N, e_{N-1})
@@ -6,6 +6,10 @@
     subject to  x_{k+1} = f_d(x_k, u_k, d_k),  K_k = K(x_k),  x_0 = the measured state
                 P_min ≤ u_k ≤ P_max,   |u_k - u_{k-1}| ≤ slew · dt                             (hard)
                 θ_min - s ≤ θ_k ≤ θ_max + s,   F_i(x_k) ≥ F_min - s_F,   k = 1…N, i = 1, 2     (soft)
+
+Of an arm with n joints and m muscles x is (q, ω, P), y = (svec K, F), and d a torque at every joint; one slack is for
+all angles and one for all forces. The decisions are then changes of the commands at the beginnings of blocks, which
+grow along the horizon.
 
 The squares of the first line are weighted, entry by entry, as `mpc.tracking.cost` states; y = (K, F1, F2). θ* and K*
 are the references, brought to the nearest that the joint can reach, u* and the pressures in x* = (θ*, θ*', P1*, P2*)
@@ -36,7 +40,7 @@ import numpy as np
 
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
-from mpc.model.plant import NU, Plant
+from mpc.model.machine import Machine
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.feedforward import InverseDynamics
@@ -58,16 +62,21 @@ if TYPE_CHECKING:
 class TrackingMPC(OptimisingController):
     """The tracking MPC follows references of angle and stiffness with `plant` as its model. It remembers its last plan.
 
+    `plant` is a `Plant`, or an `Arm` of n joints and m muscles. The references of an arm are values (n,) [rad] and
+    (k, k) [N·m/rad], or previews (ahead + 1, …) of them; the arrays of its `Plan` are u (N, m) [Pa], x (N+1, 2n + m)
+    and K (N+1, k, k).
+
     Its step is that of `BaseController`: `Task` → `FeedForward` → `Optimised` → `Motion` → `Plan`. To optimise is to
     solve `iterations` QPs (`mpc.tracking.qp.step`), or the softened one; where the reference is constant the commands
     rest (`mpc.tracking.rest`). `qp` shows the QP of a step.
 
     A time `budget` is for work in real time, where dt or less of it is there; without one a step takes what it takes.
     Without the angle it goes on from its own prediction for `patience` seconds, and then holds the pressures
-    (`Rung.HOLD`).
+    (`Rung.HOLD`). Raises `InvalidInput` for settings that make no sense, for friction of an arm, and for muscles of an
+    arm that are not affine in the pressure.
     """
 
-    plant: Plant
+    plant: Machine
     dt: float = 0.01  # sample time [s]
     N: int = 20  # horizon [samples]
     weights: Weights = field(default_factory=Weights)
@@ -75,19 +84,20 @@ class TrackingMPC(OptimisingController):
     iterations: int = 1  # QPs per step
     compensation: Compensation = field(default_factory=Compensation)  # what is known beyond the plant
     min_force: float = 0.0  # F_min [N]
-    blocks: Sequence[int] | None = None  # lengths of the blocks of samples, N in all; None: every sample is one
+    blocks: Sequence[int] | None = None  # lengths of the blocks of samples, N in all; None: see `usual_blocks`
     budget: float | None = None  # time for a step [s]
     patience: float = 0.2  # [s]
-    rest: bool = True  # whether commands come to rest at a constant reference, if the compensation knows anything
+    rest: bool = True  # whether commands of a joint come to rest at a constant reference, see `rests`
     wait: bool = True  # for what is not compiled yet; else another process compiles, and the readable step answers
     compiled: bool = True  # else nothing is, and the readable step answers: for a controller that is only exported
 
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
-        self.blocks = self._check_settings(lambda N: (1,) * N)
+        self.blocks = self._check_settings()
         self._build(self.N, self.min_force)
-        L = terminal_factor(self.plant, self.dt, self.weights)
-        self.problem = TrackingProblem(self.weights, self.limits, L, self.blocks, self.dt)
+        L, plant = terminal_factor(self.plant, self.dt, self.weights), self.plant
+        sizes = plant.n, plant.m, plant.stiffnesses
+        self.problem = TrackingProblem(self.weights, self.limits, L, self.blocks, self.dt, *sizes)
         self._work()
         if self.compiled:
             check_pace(self._rehearse, self.plant, self.dt, self.N)
@@ -123,7 +133,7 @@ class TrackingMPC(OptimisingController):
         return self.rest and self.rest_mode.worthwhile
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what is not finite is refused below
-    def qp(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> NamedQP:
+    def qp(self, x: Any, theta_ref: Any, K_ref: Any, d: Any = 0.0) -> NamedQP:
         """Return the QP that `step` would solve for these arguments, the first one if it solves `iterations` of them.
 
         It is not solved, and the controller does not change. A step that rests or cannot see the angle does not come to
@@ -189,10 +199,12 @@ class TrackingMPC(OptimisingController):
     def _rehearse(self) -> None:
         """Step from the middle of all ranges away, so that slew binds; what the first use loads is loaded now."""
         self.reset()
-        budget, self.budget = self.budget, None
-        P = np.full(NU, np.mean(self.limits.pressure))
-        x = np.array([np.mean(self.limits.theta), 0.0, *P])
-        self.step(x, float(np.quantile(self.limits.theta, 0.6)), float(self.plant.stiffness(x)))
+        budget, self.budget, plant = self.budget, None, self.plant
+        (left, right), P = self.limits.theta, np.full(plant.m, np.mean(self.limits.pressure))
+        x = np.concatenate([np.atleast_1d(plant.middle), np.zeros(plant.n), P])
+        K = np.asarray(plant.tracked_stiffness(x))
+        theta = np.clip(plant.middle + 0.1 * (right - left), left, right)
+        self.step(x, theta, np.diag(np.abs(np.diag(K))) if K.ndim else K)
         self.budget = budget
 
 

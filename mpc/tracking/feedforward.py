@@ -1,8 +1,9 @@
 """The feed-forward would follow a preview exactly, if the model were right and nothing limited: closed form.
 
-The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d, where d holds the friction of the intended motion too
-(`mpc.tracking.preview`); `allocate` turns (θ, K, T) at all N+1 samples into pressures in one call, bringing what cannot
-be reached to the nearest that can; and the lag over one sample of constant command,
+The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d of a joint, or M(q) q'' + C(q, q') + D q' + g(q) - d of
+an arm, where d holds the friction of the intended motion too (`mpc.tracking.preview`); `allocate` turns (θ, K, T) at
+all N+1 samples into pressures in one call, bringing what cannot be reached to the nearest that can; and the lag over
+one sample of constant command,
 
     P_{k+1} = α_i P_k + (1 - α_i) (u_k - τ_i q_k),    α_i = exp(-dt/τ_i)
 
@@ -14,9 +15,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from allocator import warm_up
 from allocator.calculus import Array
-from mpc.model.plant import Plant
+from mpc.model.machine import Machine
 from mpc.tracking.plan import Moved
 
 
@@ -56,22 +56,24 @@ class FeedForward:
 class InverseDynamics:
     """The inverse dynamics of `plant` are its feed-forward, for previews of N+1 samples, `dt` [s] apart.
 
-    Its muscles pull `min_force` [N] at least.
+    Its muscles pull `min_force` [N] at least. Raises `InvalidInput` for an arm's muscles that are not affine in the
+    pressure.
     """
 
-    def __init__(self, plant: Plant, dt: float, N: int, min_force: float = 0.0) -> None:
+    def __init__(self, plant: Machine, dt: float, N: int, min_force: float = 0.0) -> None:
         from scipy.interpolate import CubicSpline
 
+        plant.check_feed_forward()
         self.plant, self.min_force = plant, min_force
         # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
         spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))
         self.slopes = spline(spline.x, 1), spline(spline.x, 2)
-        self.lags = np.array(plant.lags)  # (2,) [s]
-        self.alpha = np.exp(-dt / self.lags)  # (2,)
+        self.lags = np.array(plant.lags)  # (m,) [s]
+        self.alpha = np.exp(-dt / self.lags)  # (m,)
 
     def ready(self) -> Self:
         """Return itself, with everything compiled that else would be in the first control step."""
-        warm_up(joint=self.plant.joint, min_force=self.min_force)
+        self.plant.warm_up(self.min_force)
         return self
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -84,17 +86,16 @@ class InverseDynamics:
         return self
 
     def __call__(self, theta: Array, K: Array, d: Array | float = 0.0) -> FeedForward:
-        """Return the feed-forward for the previews `theta` [rad] and `K` [N·m/rad], both (N+1,), and a torque `d`
-        [N·m], (N+1,) or constant.
+        """Return the feed-forward for the previews `theta` [rad] and `K` [N·m/rad], and a torque `d` [N·m].
+
+        Of a joint they are (N+1,), of an arm (N+1, n), (N+1, k, k) and (N+1, n); `d` may be constant.
         """
-        asked = theta
-        theta = np.clip(asked, *self.plant.joint.angle_range)
+        asked, plant = theta, self.plant
+        theta = np.clip(asked, *plant.angle_limits)
         omega, alpha = (D @ theta for D in self.slopes)
-        T = self.plant.torque_for(theta, omega, alpha, d)
-        held = self.plant.allocate(theta, K, T, self.min_force)
-        x = np.stack([theta, omega, held.P1, held.P2], axis=1)
-        P, y = x[:, 2:], np.stack([held.K, 0 * theta, 0 * theta], axis=1)
-        q = np.stack(self.plant.expansion(x.T), axis=1)
-        u = (P[1:] - self.alpha * P[:-1]) / (1 - self.alpha) + self.lags / 2 * (q[1:] + q[:-1])
+        held = plant.held(theta, K, plant.torque_for(theta, omega, alpha, d), self.min_force)
+        x, y = np.column_stack([theta, omega, held.P]), np.hstack([held.K, 0 * held.P])
+        q = np.stack(plant.expansion(x.T), axis=1)
+        u = (held.P[1:] - self.alpha * held.P[:-1]) / (1 - self.alpha) + self.lags / 2 * (q[1:] + q[:-1])
         moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - theta, held.K_error, held.T_error)))
         return FeedForward(x, y, u, moved)

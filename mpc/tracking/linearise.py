@@ -7,9 +7,10 @@ From the measured x_0 and commands ū_0 … ū_{N-1} (the previous plan), with f
 
 so that x_{k+1} = A_k x_k + B_k u_k + c_k, K_k = K̄_k + C_k (x_k - x̄_k) and the muscle forces F_k = F̄_k + D_k (x_k - x̄_k)
 to first order. Since x̄ is a motion of the plant the linear model is exact on it. Derivatives are CasADi's, evaluated
-for all k in one call.
+for all k in one call; of an arm without formulas they are differences (`mpc.model.arm.differences`).
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,18 +18,20 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.model.arm.differences import Differences
+from mpc.model.arm.model import Arm
 from mpc.model.buffered import Buffered
-from mpc.model.plant import NU, NX, Plant
+from mpc.model.machine import Machine
 
 
 @dataclass(frozen=True)
 class Motion:
     """A motion is what the plant does under given commands; time runs along the first axis."""
 
-    u: Array  # (N, 2) commanded pressures [Pa]
-    x: Array  # (N+1, 4) states
-    K: Array  # (N+1,) stiffness [N·m/rad]
-    F: Array  # (N+1, 2) muscle forces [N]
+    u: Array  # (N, m) commanded pressures [Pa]
+    x: Array  # (N+1, 2n + m) states
+    K: Array  # (N+1,) stiffness [N·m/rad], (N+1, stiffnesses) svec K of an arm
+    F: Array  # (N+1, m) muscle forces [N]
 
     @property
     def finite(self) -> bool:
@@ -71,60 +74,84 @@ class Linearisation(Motion):
 class Predictor:
     """A predictor makes motions and linearisations of `plant` over `N` samples of `dt` [s]."""
 
-    def __init__(self, plant: Plant, dt: float, N: int) -> None:
+    def __init__(self, plant: Machine, dt: float, N: int) -> None:
         self.plant, self.dt, self.N = plant, dt, N
+        self._K = 0 if plant.angle_shape == () else slice(plant.stiffnesses)  # of the outputs
 
     def motion(self, x0: Array, u: Array, d: Array | float = 0.0) -> Motion:
-        """Return the motion from `x0` (4,) under the commands `u` (N, 2) and the torque `d` [N·m], (N,) or constant."""
-        x, K, F = self._motion(x0, u, np.reshape(d, (-1, 1)))
-        return Motion(u, x, K[:, 0], F)
+        """Return the motion from `x0` (2n + m,) under the commands `u` (N, m) and the torque `d` [N·m].
+
+        That is (N, n), (N,) of a joint, or constant.
+        """
+        x, y = self._motion(x0, u, self._torques(d))
+        return Motion(u, x, y[:, self._K], y[:, self.plant.stiffnesses :])
 
     def linearise(self, x0: Array, u: Array, d: Array | float = 0.0) -> Linearisation:
         """Return the motion of `motion` with its derivatives."""
-        x, K, F, A, B, C, D = self._linearise(x0, u, np.reshape(d, (-1, 1)))
-        A, B, D = A.reshape(self.N, NX, NX), B.reshape(self.N, NX, NU), D.reshape(self.N + 1, NU, NX)
-        return Linearisation(u, x, K[:, 0], F, A, B, C, D)
+        x, y, A, B, slope = self._linearise(x0, u, self._torques(d))
+        N, k, size = self.N, self.plant.stiffnesses, self.plant.size
+        A, B, slope = A.reshape(N, size, size), B.reshape(N, size, self.plant.m), slope.reshape(N + 1, -1, size)
+        return Linearisation(u, x, y[:, self._K], y[:, k:], A, B, slope[:, self._K], slope[:, k:])
 
     def stationary(self, x: Array, u: Array) -> Motion:
-        """Return no motion at all from `x` (4,) under the commands `u` (N, 2), where the model has none."""
-        n = len(u) + 1
-        return Motion(u, np.tile(x, (n, 1)), np.zeros(n), np.zeros((n, u.shape[1])))
+        """Return no motion at all from `x` (2n + m,) under the commands `u` (N, m), where the model has none."""
+        rows = len(u) + 1
+        y = np.zeros((rows, self.plant.stiffnesses + self.plant.m))
+        return Motion(u, np.tile(x, (rows, 1)), y[:, self._K], y[:, self.plant.stiffnesses :])
+
+    def _torques(self, d: Array | float) -> Array:
+        return np.reshape(d, (-1, self.plant.n)) if np.ndim(d) else np.full((1, self.plant.n), d)
 
     @cached_property
-    def _motion(self) -> Buffered:
-        import casadi as ca
-
-        x0, u, d = self._symbols()
-        x, (K, F, *_) = self._symbolic_motion(x0, u, d)
-        return Buffered(ca.Function("motion", [x0, u, d], [x, K, F]))
+    def _differences(self) -> Differences | None:
+        """The differences of an arm without formulas."""
+        return Differences(self.plant, self.dt) if isinstance(self.plant, Arm) and self.plant.unformulated else None
 
     @cached_property
-    def _linearise(self) -> Buffered:
+    def _motion(self) -> Callable[[Array, Array, Array], Sequence[Array]]:
         import casadi as ca
 
-        stage = self.plant.discrete(self.dt)
-        x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
-        x_next = stage(x, u, d)
+        if self._differences is not None:
+            return self._differences.motion
+        given = self._symbols(self.N)
+        x = self._states(*given)
+        return Buffered(ca.Function("motion", given, [x, self._outputs()[0].map(self.N + 1)(x)]))
+
+    @cached_property
+    def _linearise(self) -> Callable[[Array, Array, Array], Sequence[Array]]:
+        import casadi as ca
+
+        if self._differences is not None:
+            return self._differences.linearise
+        stage, one = self.plant.discrete(self.dt), self._symbols(1)
+        x_next = stage(*one)
         # transposed, because `Buffered` hands back transposes
-        slopes = [ca.densify(ca.jacobian(x_next, v).T) for v in (x, u)]
-        stage_slopes = ca.Function("stage_slopes", [x, u, d], slopes).map(self.N)
-        x0, u, d = self._symbols()
-        x, (K, F, C, D) = self._symbolic_motion(x0, u, d)
-        A, B = stage_slopes(x[:, : self.N], u, d)
-        return Buffered(ca.Function("linearise", [x0, u, d], [x, K, F, A, B, C, D]))
+        slopes = [ca.densify(ca.jacobian(x_next, v).T) for v in one[:2]]
+        A, B = (ca.Function("stage_slopes", one, [slope]).map(self.N) for slope in slopes)
+        x0, u, d = self._symbols(self.N)
+        x = self._states(x0, u, d)
+        y, slope = (function.map(self.N + 1)(x) for function in self._outputs())
+        before = x[:, : self.N], u, d
+        return Buffered(ca.Function("linearise", [x0, u, d], [x, y, A(*before), B(*before), slope]))
 
-    def _symbols(self) -> tuple[Any, Any, Any]:
+    def _symbols(self, samples: int) -> list[Any]:
         import casadi as ca
 
-        return ca.MX.sym("x0", NX), ca.MX.sym("u", NU, self.N), ca.MX.sym("d", 1, self.N)
+        plant = self.plant
+        made = ("x0", plant.size, 1), ("u", plant.m, samples), ("d", plant.n, samples)
+        return [(ca.SX if samples == 1 and plant.angle_shape == () else ca.MX).sym(*each) for each in made]
 
-    def _symbolic_motion(self, x0: Any, u: Any, d: Any) -> tuple[Any, list[Any]]:
-        """Return states (4, N+1); stiffness (1, N+1), forces (2, N+1) and both gradients (4, N+1), (4, 2 (N+1))."""
+    def _outputs(self) -> tuple[Any, Any]:
+        """Return the functions x ↦ y = (svec K, F) and x ↦ (∂y/∂x)ᵀ."""
         import casadi as ca
 
-        later = self.plant.discrete(self.dt).mapaccum(self.N)(x0, u, d)
-        x = ca.horzcat(x0, later)
-        s = ca.SX.sym("x", NX)
-        K, F = ca.SX(self.plant.stiffness(s)), ca.vertcat(*self.plant.forces(s))
-        outputs: list[Any] = [K, F, ca.densify(ca.gradient(K, s)), ca.densify(ca.jacobian(F, s).T)]
-        return x, list(ca.Function("outputs", [s], outputs).map(self.N + 1)(x))
+        x = ca.SX.sym("x", self.plant.size)
+        y = ca.densify(self.plant.symbolic_outputs(x))
+        slope = ca.densify(ca.jacobian(y, x).T)
+        return ca.Function("outputs", [x], [y]), ca.Function("slopes", [x], [slope])
+
+    def _states(self, x0: Any, u: Any, d: Any) -> Any:
+        """Return the states (2n + m, N + 1)."""
+        import casadi as ca
+
+        return ca.horzcat(x0, self.plant.discrete(self.dt).mapaccum(self.N)(x0, u, d))

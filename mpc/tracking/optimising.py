@@ -3,12 +3,17 @@
 It fills in the stage `_optimise` of `mpc.tracking.base`, for a joint and for an arm alike.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from itertools import accumulate, chain, repeat
 from time import perf_counter
+
+import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from mpc.model.arm.model import Arm
+from mpc.model.machine import Machine
 from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.plan import PlanStatus, Rung
@@ -16,6 +21,8 @@ from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.softened import softened
 from mpc.tracking.qp.solvers import Solver
 from mpc.tracking.qp.step import QPAnswer, QPStep
+
+_BLOCKS = 1, 1, 2, 4, 6  # lengths of the first blocks of an arm; the others are as long as the last of these
 
 
 class OptimisingController(BaseController):
@@ -28,15 +35,15 @@ class OptimisingController(BaseController):
     _qp_step: QPStep
     _solve: Solver
 
-    def _check_settings(self, usual: Callable[[int], tuple[int, ...]]) -> tuple[int, ...]:
-        """Check what all of them are set, and return the blocks; `usual(N)` are those of None."""
+    def _check_settings(self) -> tuple[int, ...]:
+        """Check what all of them are set, and return the blocks."""
         self.dt = float(checks.real("dt", self.dt, "s"))
         self.N = checks.count("N", self.N, least=3, most=LONGEST_HORIZON)
         self.iterations = checks.count("iterations", self.iterations, least=1)
         self.patience = checks.not_negative("patience", self.patience, "s")
         self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
         if self.blocks is None:
-            return usual(self.N)
+            return usual_blocks(self.plant, self.N)
         lengths = tuple(checks.count("a length of blocks", length, least=1) for length in self.blocks)
         if sum(lengths) != self.N:
             raise InvalidInput(f"blocks = {lengths} cover {sum(lengths)} samples, not the N = {self.N} of the horizon")
@@ -68,3 +75,14 @@ class OptimisingController(BaseController):
         if (z := softened(answer.qp, deadline)) is None:
             return None
         return Rung.SOFTENED, self.limits.limited(u_last, answer.u + self.problem.E @ z)
+
+
+def usual_blocks(plant: Machine, N: int) -> tuple[int, ...]:
+    """Return the lengths of blocks, `N` in all: one sample each, of an arm 1, 1, 2, 4, 6, 6, …, the last shortened."""
+    if not isinstance(plant, Arm):
+        return (1,) * N
+    ends = accumulate(chain(_BLOCKS, repeat(_BLOCKS[-1])))
+    starts = [0]
+    while (end := next(ends)) < N:
+        starts.append(end)
+    return tuple(np.diff([*starts, N]).tolist())

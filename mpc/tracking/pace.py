@@ -6,7 +6,7 @@ from time import thread_time
 
 from allocator.notices import notice
 from mpc.model.experiment import RESOLUTION
-from mpc.model.plant import Plant
+from mpc.model.machine import Machine
 
 _TRIES = 5
 _STIFF = 20  # steps of integration in a sample that ordinary plants do not need
@@ -16,7 +16,7 @@ class LongStep(UserWarning):
     """A controller's step takes longer than its sample: its commands come late, unless time is only simulated."""
 
 
-def check_pace(step: Callable[[], object], plant: Plant, dt: float, N: int) -> None:
+def check_pace(step: Callable[[], object], plant: Machine, dt: float, N: int) -> None:
     """Warn with `LongStep` where even the quickest of some calls of `step` takes longer than `dt` [s].
 
     What other programs take of the processor is not the step's: the thread's own time counts. One call, if quick.
@@ -32,7 +32,7 @@ def check_pace(step: Callable[[], object], plant: Plant, dt: float, N: int) -> N
     notice(said, LongStep)
 
 
-def _way_out(plant: Plant, dt: float, N: int) -> str:
+def _way_out(plant: Machine, dt: float, N: int) -> str:
     substeps = plant.substeps(dt, RESOLUTION)
     if substeps > _STIFF:
         return (

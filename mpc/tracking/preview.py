@@ -1,7 +1,9 @@
 """The preview is what a controller sees of the future: references checked, the dead time gone through.
 
 A command given now acts after the dead time. Until then the plant follows the commands under way; their motion gives
-the state in which the new command begins to act.
+the state in which the new command begins to act. The torque of a joint on the way and beyond contains the friction of
+the intended motion. The commands that are sent are the inverse of the dead band at those that should act, within the
+limits of commands.
 
 Whatever numbers come, there is a task. What no plant can measure counts as not measured, and is what was predicted for
 it; before the angles have ever been measured the plant is taken to be at its reference, and whoever takes it for that
@@ -9,17 +11,27 @@ is told that the angles are not known. References that cannot be meant are refus
 """
 
 import warnings
-from abc import ABC, abstractmethod
-from math import inf, isfinite
+from collections.abc import Callable
+from math import inf, isfinite, pi
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.deferred import Deferred
+from mpc.model.compensation import Compensation, FrictionState
+from mpc.model.contact import Contact
+from mpc.model.machine import Machine
+from mpc.model.plant import Plant
+from mpc.observer.gating import Gate
 from mpc.tracking.limits import Limits
+from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import PlanStatus
+
+_TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] what `checks` lets pass
+CORRECTED = 0.1  # [-] of an error of the angle counts as motion that friction opposes
 
 
 class Meaningless(Exception):
@@ -55,19 +67,21 @@ class Task(NamedTuple):
         return PlanStatus.BLIND if self.blind > patience * (1 + 1e-9) else None
 
 
-class Preview(Deferred, ABC):
-    """A preview of N samples knows the `delay` [samples] of the commands; joints and arms say what numbers may be."""
+class Preview(Deferred):
+    """A preview of N samples knows dead time, friction and dead band of `compensation` for a controller of `plant`."""
 
-    def __init__(
-        self, sizes: tuple[int, int], gate: tuple[Array, Array], under_way: Any, N: int, limits: Limits
-    ) -> None:
-        """`sizes` are n and m; `gate` the least and the greatest state (2n + m,) that can be measured; `under_way`
-        predicts over the dead time.
-        """
-        (self.n, self.m), (self.lower, self.upper) = sizes, gate
-        self.dt: float = under_way.dt
-        self.delay: int = under_way.N
-        self.limits, self._under_way = limits, under_way
+    _put_off = "waiting", "last_sent", "expected", "_blind", "friction"
+
+    def __init__(self, plant: Machine, dt: float, N: int, compensation: Compensation, limits: Limits) -> None:
+        self.plant, self.compensation, self.n, self.m = plant, compensation, plant.n, plant.m
+        self.frictionless = compensation.friction.absent
+        if not (self.frictionless or isinstance(plant, Plant)):
+            raise InvalidInput("compensation: friction is known of single joints only; an arm has its bodies' damping")
+        gate, fast = Gate.of(plant, dt), np.ones(self.n)
+        ends = (gate.lower, -gate.max_speed * fast), (gate.upper, gate.max_speed * fast)
+        self.lower, self.upper = (np.concatenate([read[: self.n], speed, read[self.n :]]) for read, speed in ends)
+        self.dt, self.delay, self.limits = dt, compensation.delay(dt), limits
+        self._under_way = Predictor(plant, dt, self.delay)
         self.ahead: int = N + self.delay  # samples of preview wanted
         self.strict = False  # raises `InvalidInput` for references that cannot be meant, instead of warning
         self.reset()
@@ -80,6 +94,7 @@ class Preview(Deferred, ABC):
         self.expected: Array | None = None  # the state that was predicted for the next sample (2n + m,)
         self._blind = inf  # samples since all angles were measured
         self._warned = False
+        self.friction = FrictionState(self.compensation.friction)
 
     def task(self, x: object, theta_ref: object, K_ref: object, d: object, ringing: bool = False) -> Task:
         """Check what `step` of a controller was given and look ahead by the dead time.
@@ -109,37 +124,107 @@ class Preview(Deferred, ABC):
         return Task(seen, then, theta[k:], K[k:], torques[k:], measured, blind, refused, expected, now, torque)
 
     def sent(self, u: Array, x: Array, side: float = 0.0) -> Array:
-        """Return the commands (N, m) to send for `u` (N, m) to act in the states `x` (N+1, 2n + m).
+        """Return the commands (N, m) to send for `u` (N, m) to act in the states `x` (N+1, 2n + m), as the limits
+        allow.
 
         A `side` of ±1 says on which edge of the dead band the regulators are to hold `u`, whatever the pressures are.
         """
         self.waiting = [*self.waiting[1:], u[0]] if self.delay else []
         if not self.delay:
             self._expect(x[1])
+        if self.compensation.dead_band:
+            assert self.last_sent is not None  # `task` comes first
+            edge = u + side * self.compensation.dead_band / 2
+            wanted = edge if side else self.compensation.inverse_dead_band(u, x[:-1, 2 * self.n :])
+            u = self.limits.limited(self.last_sent, wanted)
         self.last_sent = u[0]
         return u
 
-    # --- what joints and arms say ---------------------------------------------------------------------------------
+    def go_on(self, sent: Array, expected: Array, waiting: list[Array], friction: FrictionState) -> None:
+        """Take note of an ordinary sample: what was `sent` (m,), the state `expected` (2n + m,) next, what is
+        `waiting`, and the `friction` followed.
+        """
+        self.last_sent, self.expected, self.waiting, self.friction = sent, expected, waiting, friction
+        self._blind = 0
 
-    @abstractmethod
+    # --- references and torques -------------------------------------------------------------------------------------
+
     def _angles(self, given: Any) -> Array:
         """Return the reference (ahead + 1, …) of the angles. Raises `Meaningless`, as the next two do."""
+        return self._reference("theta_ref", given, self.plant.angle_shape, self.plant.check_angles, (-_TURN, _TURN))
 
-    @abstractmethod
     def _stiffness(self, given: Any) -> Array:
         """Return the reference (ahead + 1, …) of the stiffness."""
+        return self._reference("K_ref", given, self.plant.stiffness_shape, self.plant.check_stiffness, (_LEAST, inf))
 
-    @abstractmethod
     def _torque(self, d: Any) -> Any:
-        """Return the torque from outside."""
+        """Return the torque from outside, (n,) of an arm."""
+        shape = self.plant.angle_shape
+        if type(d) is float and isfinite(d) and shape == ():
+            return d
+        torque = checks.floats("d", d, "N·m")
+        if torque.shape not in ((), shape):
+            several = f", or n = {self.n} of them" if shape else ""
+            raise InvalidInput(f"d has the shape {torque.shape}; give one torque [N·m]{several}")
+        if not np.isfinite(torque).all():
+            raise Meaningless(f"d = {checks.brief(d)} N·m is not finite")
+        return np.broadcast_to(torque, shape).copy() if shape else float(torque)
 
-    @abstractmethod
+    def _reference(
+        self,
+        name: str,
+        given: Any,
+        shape: tuple[int, ...],
+        check: Callable[[str, Any], None],
+        usual: tuple[float, float],
+    ) -> Array:
+        """Return a preview (ahead + 1, *shape) of its own, from one or from a value that is held.
+
+        `check` finds out what is wrong with one; numbers in the `usual` range pass at once.
+        """
+        whole = (self.ahead + 1, *shape)
+        if shape == () and type(given) is np.ndarray and given.dtype == np.float64 and given.shape == whole:
+            values = given.tolist()
+            if isfinite(sum(values)) and usual[0] <= min(values) and max(values) <= usual[1]:
+                return given.copy()
+        reference = checks.floats(name, given, "SI unit")
+        if reference.shape not in (shape, whole):
+            value = f"a value {shape}" if shape else "one value"
+            raise InvalidInput(f"{name} has the shape {reference.shape}; give {value} or a preview {whole}")
+        try:
+            check(name, given if shape == () else np.broadcast_to(reference, whole))
+        except InvalidInput as wrong:
+            raise Meaningless(str(wrong)) from None
+        return np.broadcast_to(reference, whole).copy()
+
     def _substitutes(self, x: Array) -> tuple[Array, Array, Any]:
         """Return angles, stiffness and torque in the place of those that cannot be meant."""
+        shape, square, rows = self.plant.angle_shape, self.plant.stiffness_shape, (self.ahead + 1,)
+        K = np.eye(square[0]) if square else np.ones(())
+        angles = np.broadcast_to(x[: self.n].reshape(shape), rows + shape).copy()
+        return angles, np.broadcast_to(K, rows + square).copy(), np.zeros(shape) if shape else 0.0
 
-    @abstractmethod
     def _torques(self, x: Array, theta: Array, torque: Any, ringing: bool) -> Array:
         """Return the torque (ahead + 1, …) from outside and of friction."""
+        outside = np.broadcast_to(torque, theta.shape)
+        return outside - self._friction_ahead(x, theta, 0.0 if ringing else CORRECTED)
+
+    def _friction_ahead(self, x: Array, theta: Array, corrected: float) -> Array:
+        """Return the friction torque (ahead + 1, …) [N·m] if the joint moves on from `x` as the preview `theta` does.
+
+        It has to come back to the preview first. At rest presliding friction makes the joint several times as stiff as
+        its muscles, and an error would hardly move a controller that does not count with it; one that counts with all
+        of it would shake a joint without friction.
+        """
+        if self.frictionless:
+            return np.zeros(theta.shape)
+        assert isinstance(self.plant, Plant)
+        contact, friction = Contact(self.plant, x), self.compensation.friction
+        memory = self.friction.follow(float(x[0]), contact)
+        back = theta[0] + corrected * (float(x[0]) - theta[0])
+        torques = friction.torque(friction.along(memory, np.append(back, theta[1:]), contact), contact)
+        # the motion from a state without a finite torque will not be, either: the controller finds that out
+        return np.asarray(torques) if np.isfinite(torques).all() else np.zeros(theta.shape)
 
     # --- the pieces -------------------------------------------------------------------------------------------------
 
@@ -168,7 +253,7 @@ class Preview(Deferred, ABC):
         if self.strict:
             raise InvalidInput(str(reason))
         if not self._warned:
-            # which is who calls `step`, beyond np.errstate
+            # the caller of `step`, beyond np.errstate
             warnings.warn(f"{reason}; the pressures are held", BadNumbers, stacklevel=6)
             self._warned = True
 

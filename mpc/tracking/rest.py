@@ -30,6 +30,7 @@ from allocator.calculus import Array
 from allocator.units import BAR, DEG
 from mpc.deferred import Deferred
 from mpc.model.compensation import Compensation
+from mpc.model.machine import Machine
 from mpc.model.plant import NU, NX, Plant
 from mpc.tracking.limits import Limits
 from mpc.tracking.preview import Task
@@ -212,3 +213,20 @@ class RestMode(Deferred):
             moved = (m - self._error) * np.sign(self._torque)
             g = float(np.clip(abs(self._torque) / (max(moved, 0.0) + RESOLUTION) / 2, K, STIFFEST * K))
         return min(g, K * (1 + OVERSHOOT / abs(m)))
+
+
+class NoRest:
+    """The rest mode of an arm: its commands follow the MPC at a constant reference, too."""
+
+    ringing, worthwhile, side = False, False, 0.0
+
+    def reset(self) -> None:
+        """Do nothing."""
+
+    def pressures(self, task: Task) -> None:
+        """Return None: no rest."""
+
+
+def rest_mode_of(plant: Machine, dt: float, compensation: Compensation, limits: Limits) -> RestMode | NoRest:
+    """Return the rest mode of a joint, which an arm has none of: nobody knows its friction."""
+    return RestMode(plant, dt, compensation, limits) if isinstance(plant, Plant) else NoRest()

@@ -20,7 +20,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.model.experiment import RESOLUTION
-from mpc.model.plant import NU, Plant
+from mpc.model.machine import Machine
 from mpc.model.riccati import semidefinite_factor, solve_riccati
 from mpc.tracking.cost import Rows, charged, diagonal
 from mpc.tracking.linearise import Predictor
@@ -77,17 +77,18 @@ def value_factor(model: Middle, dt: float, weights: Weights, rows: Rows) -> Arra
     return np.asarray(semidefinite_factor(S) / model.units)
 
 
-def terminal_factor(plant: Plant, dt: float, weights: Weights) -> Array:
-    """Return the `value_factor` L (6, 6) of a joint."""
-    return value_factor(middle(plant, dt), dt, weights, diagonal(weights))
+def terminal_factor(plant: Machine, dt: float, weights: Weights) -> Array:
+    """Return the `value_factor` L of a plant."""
+    return value_factor(middle(plant, dt), dt, weights, diagonal(weights, plant.n, plant.m, plant.stiffnesses))
 
 
-def middle(plant: Plant, dt: float) -> Middle:
-    """Return A (4, 4), B (4, 2) and C (3, 4) of a joint."""
-    P = np.full(NU, np.mean(plant.joint.pressure_limits))
-    x = np.array([np.mean(plant.joint.angle_range), 0.0, *P])
+def middle(plant: Machine, dt: float) -> Middle:
+    """Return A, B and C about rest in the middle. An arm is moved by no torque there: gravity is held from outside."""
+    P = np.full(plant.m, np.mean(plant.pressure_limits))
+    x = np.concatenate([np.atleast_1d(plant.middle), np.zeros(plant.n), P])
     n = plant.substeps(dt, RESOLUTION)  # one by one: the formula of all of them would have as many times the length
-    model = Predictor(plant, dt / n, n).linearise(x, np.tile(P, (n, 1)))
+    d = np.broadcast_to(plant.balance(x), (n, plant.n))
+    model = Predictor(plant, dt / n, n).linearise(x, np.tile(P, (n, 1)), d)
     A, B = model.A[0], model.B[0]
     for A_k, B_k in zip(model.A[1:], model.B[1:], strict=True):
         A, B = A_k @ A, A_k @ B + B_k

@@ -8,7 +8,7 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.joint.geometry import Geometry
+from allocator.joint.geometry import Geometry, Pulley
 from allocator.mechanism.routes.base import RoutedLengths, Routes, check_arms, per_muscle, rest_lengths
 
 _LONGEST_ARM = 1.0  # [m]; more is millimetres
@@ -78,3 +78,10 @@ class JointRoutes(Routes):
         return RoutedLengths(
             self.geometry.rest_length * (1 - eps), (sign * arm)[..., None], (-sign * slope)[..., None, None]
         )
+
+
+def routes_of(geometry: Geometry) -> Routes:
+    """Return the routes of a joint's two muscles: round a pulley where the geometry is one, which also MJCF can say."""
+    if isinstance(geometry, Pulley):
+        return Pulleys(geometry.rest_length, ((geometry.radius,), (-geometry.radius,)), geometry.initial_contraction)
+    return JointRoutes(geometry)

@@ -20,8 +20,8 @@ from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle
 from allocator.notices import notice
-from mpc.arm.model import Arm
 from mpc.codegen.python_text import filling
+from mpc.model.arm.model import Arm
 from mpc.model.buffered import Buffered
 from mpc.model.gas import fall
 from mpc.model.integration import integrated

@@ -19,7 +19,7 @@ from allocator.units import BAR, DEG
 from mpc.arm.learning.actions import KINDS, Governor, governor_of, within
 from mpc.arm.learning.plant import ArmBatch, VariedArm
 from mpc.arm.learning.variation import Variation
-from mpc.arm.model import Arm
+from mpc.model.arm.model import Arm
 
 Seen = NDArray[np.float32]
 

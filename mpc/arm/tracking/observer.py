@@ -16,8 +16,8 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
-from mpc.arm.model import Arm
-from mpc.arm.tracking.differences import DifferencePredictor
+from mpc.model.arm.differences import DifferencePredictor
+from mpc.model.arm.model import Arm
 from mpc.model.buffered import Buffered
 from mpc.observer.filter import Noise
 

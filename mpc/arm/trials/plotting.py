@@ -9,8 +9,8 @@ from allocator.calculus import Array
 from allocator.mechanism.endpoint import Endpoint
 from allocator.presentation.plotting import save_figure
 from allocator.units import BAR, DEG
-from mpc.arm.bodies import Bodies
 from mpc.arm.trials.simulation import ArmRun
+from mpc.model.arm.bodies import Bodies
 
 # Okabe & Ito's colours, told apart by colour-blind eyes
 COLOURS = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8c8c8c"

@@ -10,8 +10,8 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.mechanism import Pulleys
 from allocator.units import DEG
-from mpc.arm.bodies import Bodies
-from mpc.arm.model import Arm
+from mpc.model.arm.bodies import Bodies
+from mpc.model.arm.model import Arm
 
 
 @dataclass(frozen=True)

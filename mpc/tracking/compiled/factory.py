@@ -10,7 +10,10 @@ import numpy as np
 from allocator.compilation import beside
 from allocator.notices import notice
 from allocator.units import BAR
+from mpc.model.arm.model import Arm
+from mpc.model.machine import Machine
 from mpc.model.plant import Plant
+from mpc.tracking.compiled.arm.factory import arm_parts
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.linearise import Predictor
@@ -26,11 +29,11 @@ class Parts(NamedTuple):
     """The parts are what a `TrackingMPC` works with."""
 
     qp_step: QPStep
-    feed_forward: InverseDynamics | CompiledFeedForward
+    feed_forward: Any  # `mpc.tracking.base._FeedForwardOf`
 
 
 def factory(
-    plant: Plant,
+    plant: Machine,
     dt: float,
     problem: TrackingProblem,
     predictor: Predictor,
@@ -42,11 +45,15 @@ def factory(
     """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails.
 
     Who does not `wait` gets the readable ones, too, with a `CompilingBeside` warning, where nothing is compiled yet and
-    another process can do it. Where the joint has no kernel all wait: the search of its optimum has to be compiled.
+    another process can do it. Where the joint has no kernel all wait: the search of its optimum has to be compiled;
+    and so do arms.
     Unless `compiled` is wanted the readable ones are returned without a word.
     """
     if not compiled:
         return Parts(ReadableQPStep(problem, predictor), feed_forward)
+    if isinstance(plant, Arm):
+        return Parts(*arm_parts(plant, dt, problem, predictor, feed_forward))
+    assert isinstance(plant, Plant)
     try:
         from mpc.tracking.compiled.module import compiled_plant
 

@@ -54,7 +54,7 @@ from mpc.tracking.compiled.sample.stages import (
     under_way,
 )
 from mpc.tracking.compiled.structured_qp.certificate import finite
-from mpc.tracking.joint_preview import CORRECTED
+from mpc.tracking.preview import CORRECTED
 
 FORMULAS: Any = None
 rate = variational = begun = advanced = ended = outputs = output_slopes = expansion = pressing = allocated = FORMULAS

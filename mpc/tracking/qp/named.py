@@ -33,9 +33,9 @@ class NamedQP:
     rows_upper: Array  # (m,)
     decisions: tuple[str, ...]  # n names; pressures count in bar, slacks in rad and N
     row_names: tuple[str, ...]  # m
-    u: Array  # (N, 2) commands for z = 0 [Pa], without those of a dead band's inverse
-    _u_last: Array = field(repr=False)  # (2,) [Pa]
-    _E: Array = field(repr=False)  # (N, 2, n) [Pa]
+    u: Array  # (N, m) commands for z = 0 [Pa], without those of a dead band's inverse
+    _u_last: Array = field(repr=False)  # (m,) [Pa]
+    _E: Array = field(repr=False)  # (N, m, n) [Pa]
     _limits: Limits = field(repr=False)
 
     def __post_init__(self) -> None:
@@ -49,7 +49,7 @@ class NamedQP:
         self.__post_init__()
 
     def commands(self, z: Array) -> Array:
-        """Return the commands (N, 2) [Pa] of the decisions `z` (n,), within the hard limits as a plan's are."""
+        """Return the commands [Pa] of the decisions `z` (n,), within the hard limits as a plan's are."""
         return self._limits.limited(self._u_last, self.u + self._E @ z)
 
     def __repr__(self) -> str:
@@ -66,27 +66,31 @@ class NamedQP:
 
 
 def named(problem: TrackingProblem, qp: QP, u: Array, u_last: Array) -> NamedQP:
-    """Return `qp` of `problem` about the commands `u` (N, 2) after `u_last` (2,), with names."""
+    """Return `qp` of `problem` about the commands `u` (N, m) after `u_last` (m,), with names."""
     arrays = qp.H, qp.f, qp.lower, qp.upper, qp.R, qp.rows_lower, qp.rows_upper
-    names = tuple(decision_names(problem)), tuple(row_names(len(u)))
+    names = tuple(decision_names(problem)), tuple(row_names(problem))
     return NamedQP(*arrays, *names, u, u_last, problem.E, problem.limits)
 
 
 def decision_names(problem: TrackingProblem) -> Iterator[str]:
     """Yield the names of the decisions, in the order of `mpc.tracking.qp.condense`."""
     for k in problem.starts:
-        yield from (f"ΔP1[{k}]", f"ΔP2[{k}]")
+        yield from (f"ΔP{j}[{k}]" for j in range(1, problem.muscles + 1))
     yield from ("slack angle", "slack force")
 
 
-def row_names(N: int) -> Iterator[str]:
+def row_names(problem: TrackingProblem) -> Iterator[str]:
     """Yield the names of the rows, in the order of `mpc.tracking.qp.condense`."""
+    N, n, m = sum(problem.blocks), problem.joints, problem.muscles
+    angles = ["angle"] if n == 1 else [f"angle {i}" for i in range(1, n + 1)]
+    muscles = ["agonist", "antagonist"] if (n, m) == (1, 2) else [f"muscle {j}" for j in range(1, m + 1)]
     for k in range(N):
-        yield from (f"P1[{k}] supply", f"P2[{k}] supply")
-    yield from (f"angle[{k}] upper" for k in range(1, N + 1))
-    yield from (f"angle[{k}] lower" for k in range(1, N + 1))
+        yield from (f"P{j}[{k}] supply" for j in range(1, m + 1))
+    for side in ("upper", "lower"):
+        for k in range(1, N + 1):
+            yield from (f"{angle}[{k}] {side}" for angle in angles)
     for k in range(1, N + 1):
-        yield from (f"agonist taut[{k}]", f"antagonist taut[{k}]")
+        yield from (f"{muscle} taut[{k}]" for muscle in muscles)
 
 
 def _line(name: str, *numbers: float) -> str:

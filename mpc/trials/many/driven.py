@@ -21,7 +21,7 @@ from mpc.observer.compiled.layout import SIZE
 from mpc.tracking.compiled.flat_records import given_in
 from mpc.tracking.compiled.sample.calls import settle_at
 from mpc.tracking.compiled.sample.layout import known_in, made_in
-from mpc.tracking.joint_preview import CORRECTED
+from mpc.tracking.preview import CORRECTED
 from mpc.tracking.rest import MOST as MOST_CORRECTED
 from mpc.tracking.rest import NOISE
 from mpc.trials.many import rest

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import InvalidInput, named_muscle, save_machine
+from allocator import InvalidInput, Stiffness, named_muscle, save_machine
 from allocator.cli import app
 from allocator.mechanism import Endpoint, Pulleys, allocate_mechanism, feasible_targets, machines
 from allocator.units import BAR, DEG
@@ -121,7 +121,7 @@ def test_the_stiffness_of_a_hand_is_that_of_python():
     printed = json.loads(done.stdout)
     hand = Endpoint.planar([0.3, 0.25], np.array([45, 90]) * DEG)
     q = np.array([5, 10]) * DEG
-    asked = {"endpoint": hand, "force": [2.0, -1.0]}
+    asked = {"stiffness": Stiffness(endpoint=hand, force=[2.0, -1.0])}
     a = allocate_mechanism(machines.arm26(), q, [[80.0, 5.0], [5.0, 150.0]], [0.5, 0.0], **asked)
     assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
     assert np.ravel(printed["endpoint_stiffness_N_per_m"]) == pytest.approx([80.0, 5.0, 5.0, 150.0])

@@ -8,11 +8,11 @@ from typer.testing import CliRunner
 
 from allocator import Gas, InvalidFile, save_machine
 from allocator.mechanism import machines
-from mpc.arm.bodies import BODIES
-from mpc.arm.model import Arm
-from mpc.arm.storage import load_arm, save_arm
 from mpc.arm.trials import reference as references
 from mpc.cli import app
+from mpc.model.arm.bodies import BODIES
+from mpc.model.arm.model import Arm
+from mpc.model.arm.storage import load_arm, save_arm
 from mpc.tracking.qp.step import SlowStep
 
 

@@ -9,7 +9,6 @@ import pytest
 
 from allocator.errors import CannotWrite, MissingBackend
 from mpc.arm.mjcf import to_mjcf
-from mpc.arm.model import Arm
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.trials import film as filming
 from mpc.arm.trials.files import columns, save_arm_run
@@ -18,6 +17,7 @@ from mpc.arm.trials.metrics import arm_metrics
 from mpc.arm.trials.plotting import arm_figure
 from mpc.arm.trials.reference import draw
 from mpc.arm.trials.simulation import ArmRun
+from mpc.model.arm.model import Arm
 
 ARM = Arm.machine("arm26")
 M = 20

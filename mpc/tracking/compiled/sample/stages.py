@@ -20,7 +20,7 @@ from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State
 from mpc.tracking.rest import SAME
 
 WHOLE, FEED, LINEARISE, ROLLOUT = range(4)  # what of a step is made
-_TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] as in `mpc.tracking.joint_preview`
+_TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] as in `mpc.tracking.preview`
 
 
 @inlined_flat

@@ -20,9 +20,9 @@ from mpc.tracking.compiled.sample.arrays import Beyond, StepArrays
 from mpc.tracking.compiled.sample.layout import Made, State, made_of, state_of
 from mpc.tracking.compiled.sample.stages import WHOLE
 from mpc.tracking.fallback import Ladder
-from mpc.tracking.joint_preview import JointPreview
 from mpc.tracking.linearise import Motion
 from mpc.tracking.plan import Moved, Plan, PlanStatus, Rung, Times
+from mpc.tracking.preview import Preview
 from mpc.tracking.rest import RestMode
 
 _FLOAT, _STATE = np.dtype(float), (NX,)
@@ -31,7 +31,7 @@ _FLOAT, _STATE = np.dtype(float), (NX,)
 class Parts(NamedTuple):
     """The parts are those of a controller that remember."""
 
-    preview: JointPreview
+    preview: Preview
     ladder: Ladder
     rest_mode: RestMode
     rest: bool  # whether the commands may come to rest
@@ -64,7 +64,7 @@ class Newest:
         self.known = False
 
 
-def _fill_preview(preview: JointPreview, newest: Newest, friction: FrictionState) -> None:
+def _fill_preview(preview: Preview, newest: Newest, friction: FrictionState) -> None:
     """Let `preview` take note of the newest sample."""
     state, newest.known = newest.state, True
     if not preview.frictionless:

@@ -21,8 +21,8 @@ from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N, TONDU_MCKI
 from allocator.units import BAR, DEG
 from mpc import Compensation, Plant
 from mpc.tracking.feedforward import InverseDynamics
-from mpc.tracking.joint_preview import JointPreview
 from mpc.tracking.limits import Limits
+from mpc.tracking.preview import Preview
 
 SAROSI = tuple(SAROSI_DMSP_20_400N.parameters)
 
@@ -215,7 +215,7 @@ def test_the_mpc_s_feed_forward_adds_what_the_fitted_friction_takes(all_twins):
     plant, rising = Plant(joint), 0.5 * 0.02 * np.arange(21)
     x = plant.at_rest(0.0, 5.0)
     tasks = [
-        JointPreview(plant, 0.02, 20, known, Limits.of(plant, 0.02)).task(x, rising, 5.0, 0.0)
+        Preview(plant, 0.02, 20, known, Limits.of(plant, 0.02)).task(x, rising, 5.0, 0.0)
         for known in (Compensation(), Compensation.of(joint))
     ]
     plain, helped = (InverseDynamics(plant, 0.02, 20)(task.theta, task.K, task.d) for task in tasks)

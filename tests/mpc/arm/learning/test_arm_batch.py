@@ -13,11 +13,11 @@ from allocator.muscles import Hildebrandt2005
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.muscles.uncertainty import force_std
 from allocator.units import BAR
-from mpc.arm.bodies import Bodies
 from mpc.arm.learning.mujoco_batch import MujocoBatch
 from mpc.arm.learning.plant import ArmBatch, VariedArm
 from mpc.arm.learning.variation import Variation
-from mpc.arm.model import Arm
+from mpc.model.arm.bodies import Bodies
+from mpc.model.arm.model import Arm
 from mpc.tracking.qp.step import SlowStep
 
 pytestmark = pytest.mark.compiles

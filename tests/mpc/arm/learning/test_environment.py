@@ -14,8 +14,8 @@ from mpc.arm.learning.actions import BoxAndSlew, PostureAndStiffness, governor_o
 from mpc.arm.learning.environment import NAME, ReachEnvironment, ReachVectorEnvironment
 from mpc.arm.learning.reaching import Reaching
 from mpc.arm.learning.variation import Variation
-from mpc.arm.model import Arm
 from mpc.governor import PressureGovernor
+from mpc.model.arm.model import Arm
 
 pytestmark = pytest.mark.compiles
 

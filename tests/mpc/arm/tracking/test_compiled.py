@@ -5,17 +5,19 @@ from math import inf
 import numpy as np
 import pytest
 
-from mpc.arm.model import Arm
-from mpc.arm.tracking.compiled.factory import factory
-from mpc.arm.tracking.controller import ArmMPC, growing
-from mpc.arm.tracking.feedforward import ArmInverseDynamics
-from mpc.arm.tracking.prediction import ArmPredictor
-from mpc.arm.tracking.problem import problem_of
+from mpc.model.arm.model import Arm
 from mpc.tracking import cost
+from mpc.tracking.compiled.factory import factory
+from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
+from mpc.tracking.linearise import Predictor
+from mpc.tracking.optimising import usual_blocks
 from mpc.tracking.plan import PlanStatus
+from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.solvers import DAQP
 from mpc.tracking.qp.step import PreviousSample, ReadableQPStep, SlowStep
+from mpc.tracking.terminal import terminal_factor
 from mpc.tracking.weights import Weights
 
 pytestmark = pytest.mark.compiles
@@ -29,9 +31,10 @@ class Both:
     def __init__(self, name, min_force=20.0):
         self.arm = arm = Arm.machine(name)
         limits = Limits.of(arm, DT, min_force)
-        self.problem = problem_of(arm, DT, Weights(), limits, growing(N))
-        self.predictor = ArmPredictor(arm, DT, N)
-        self.inverse = ArmInverseDynamics(arm, DT, N, min_force)
+        L, sizes = terminal_factor(arm, DT, Weights()), (arm.n, arm.m, arm.stiffnesses)
+        self.problem = TrackingProblem(Weights(), limits, L, usual_blocks(arm, N), DT, *sizes)
+        self.predictor = Predictor(arm, DT, N)
+        self.inverse = InverseDynamics(arm, DT, N, min_force)
         self.readable = ReadableQPStep(self.problem, self.predictor)
         self.compiled, self.feed_forward = factory(arm, DT, self.problem, self.predictor, self.inverse)
 
@@ -127,7 +130,8 @@ def test_the_feed_forward_is_that_of_the_readable_one(both):
 
 
 def test_blocks_grow():
-    assert growing(20) == (1, 1, 2, 4, 6, 6)
-    assert growing(3) == (1, 1, 1)
-    assert growing(30) == (1, 1, 2, 4, 6, 6, 6, 4)
-    assert ArmMPC(Arm.machine("arm26"), N=14).blocks == (1, 1, 2, 4, 6)
+    arm = Arm.machine("arm26")
+    assert usual_blocks(arm, 20) == (1, 1, 2, 4, 6, 6)
+    assert usual_blocks(arm, 3) == (1, 1, 1)
+    assert usual_blocks(arm, 30) == (1, 1, 2, 4, 6, 6, 6, 4)
+    assert TrackingMPC(arm, N=14).blocks == (1, 1, 2, 4, 6)

@@ -8,12 +8,13 @@ import pytest
 from allocator import InvalidInput
 from allocator.units import BAR, DEG
 from mpc.arm.mjcf import to_mjcf
-from mpc.arm.model import Arm
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.tracking.controller import ArmMPC
 from mpc.arm.tracking.observer import ArmObserver
 from mpc.arm.trials.reference import circle, hold, reach, reference
 from mpc.arm.trials.simulation import simulate_arm
+from mpc.model.arm.model import Arm
+from mpc.model.compensation import Compensation
+from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.preview import BadNumbers
 from mpc.tracking.weights import Weights
@@ -31,7 +32,7 @@ def plant(arm=ARM, **effects):
 
 @pytest.fixture(scope="module")
 def controller():
-    return ArmMPC(ARM)
+    return TrackingMPC(ARM)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +67,7 @@ def test_the_observer_finds_loads_and_weak_muscles():
     effects = {"dead_time": 0.02, "encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}
     off = plant(force_gains=np.array([1.05, 0.95, 0.95, 1.05, 1.05, 0.95]), **effects)
     weights = Weights(theta=1 / (0.08 * DEG) ** 2, omega=1 / (10 * DEG) ** 2, rate=1 / (1 * BAR) ** 2)
-    mpc = ArmMPC(ARM, dead_time=0.02, weights=weights)
+    mpc = TrackingMPC(ARM, compensation=Compensation(dead_time=0.02), weights=weights)
     load = np.array([1.0, 0.0])
     done = simulate_arm(
         off, ARM, mpc, hold(ARM, 4.0), observer=ArmObserver(ARM, 0.01, dead_time=0.02), load=lambda t: load
@@ -80,7 +81,7 @@ def test_the_observer_finds_loads_and_weak_muscles():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"q_ref": (23.0, 17.0)}, "degrees"),
+        ({"theta_ref": (23.0, 17.0)}, "degrees"),
         ({"K_ref": [[1.0, 2.0], [2.0, 1.0]]}, "positive definite"),
         ({"K_ref": [[9.0, 2.0], [1.0, 9.0]]}, "not symmetric"),
         ({"d": (np.nan, 0.0)}, "not finite"),
@@ -89,7 +90,7 @@ def test_the_observer_finds_loads_and_weak_muscles():
 def test_what_cannot_be_meant_holds_the_pressures_and_says_so(controller, change, said):
     controller.reset()
     x = ARM.at_rest((0.1, 0.2), K_REF)
-    good = {"q_ref": (0.1, 0.2), "K_ref": K_REF, "d": 0.0}
+    good = {"theta_ref": (0.1, 0.2), "K_ref": K_REF, "d": 0.0}
     with pytest.warns(BadNumbers, match=said):
         plan = controller.step(x, **(good | change))
     assert plan.status is PlanStatus.BAD_INPUT
@@ -101,13 +102,13 @@ def test_what_cannot_be_meant_holds_the_pressures_and_says_so(controller, change
     ("argument", "value", "said"),
     [
         ("x", np.zeros(9), "n = 2 angles"),
-        ("q_ref", np.zeros(3), r"a value \(2,\) or a preview \(21, 2\)"),
+        ("theta_ref", np.zeros(3), r"a value \(2,\) or a preview \(21, 2\)"),
         ("K_ref", np.eye(3), r"\(21, 2, 2\)"),
         ("d", np.zeros(3), "n = 2"),
     ],
 )
 def test_shapes_that_are_wrong_raise(controller, argument, value, said):
-    good = {"x": ARM.at_rest((0.1, 0.2), K_REF), "q_ref": (0.1, 0.2), "K_ref": K_REF, "d": 0.0}
+    good = {"x": ARM.at_rest((0.1, 0.2), K_REF), "theta_ref": (0.1, 0.2), "K_ref": K_REF, "d": 0.0}
     with pytest.raises(InvalidInput, match=said):
         controller.step(**(good | {argument: value}))
 
@@ -157,11 +158,11 @@ def test_soft_limits_of_the_joints_hold_where_they_can(controller):
 
 def test_settings_that_make_no_sense_are_refused():
     with pytest.raises(InvalidInput, match="blocks"):
-        ArmMPC(ARM, N=10, blocks=(1, 2, 3))
+        TrackingMPC(ARM, N=10, blocks=(1, 2, 3))
     with pytest.raises(InvalidInput, match="dt = 5 s"):
-        ArmMPC(ARM, dt=5.0)
+        TrackingMPC(ARM, dt=5.0)
     with pytest.raises(InvalidInput, match="dead_time"):
-        ArmMPC(ARM, dead_time=-1.0)
+        TrackingMPC(ARM, compensation=Compensation(dead_time=-1.0))
 
 
 @pytest.mark.parametrize("name", ["circle", "reach", "hold"])

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import InvalidInput
+from allocator import InvalidInput, Stiffness
 from allocator.mechanism import Endpoint, allocate_mechanism
 from allocator.units import DEG
 from mpc.arm.mjcf import to_mjcf
-from mpc.arm.model import Arm
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.tracking.controller import ArmMPC
-from mpc.arm.tracking.feedforward import ArmInverseDynamics
 from mpc.arm.trials.reference import draw, hold
 from mpc.arm.trials.simulation import simulate_arm
+from mpc.model.arm.model import Arm
+from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.plan import PlanStatus, Rung
 
 JOINTS = Arm.machine("arm26")
@@ -23,7 +23,7 @@ ARM = replace(JOINTS, endpoint=JOINTS.bodies.endpoint)
 
 @pytest.fixture(scope="module")
 def controller():
-    return ArmMPC(ARM)
+    return TrackingMPC(ARM)
 
 
 @pytest.fixture
@@ -89,9 +89,9 @@ def test_the_feed_forward_asks_the_hand(name):
     arm = replace(arm, endpoint=arm.bodies.endpoint)  # of leg37 with three joints, two coordinates
     N, q = 6, np.full(arm.n, 0.4) + 0.02 * np.arange(7)[:, None]
     K = arm.seen(q, np.tile(6 * np.eye(arm.n), (7, 1, 1)))
-    feed = ArmInverseDynamics(arm, 0.01, N)(q, K, np.zeros((7, arm.n)))
+    feed = InverseDynamics(arm, 0.01, N)(q, K, np.zeros((7, arm.n)))
     T = arm.bodies.torque_for(feed.x[:, : arm.n], feed.x[:, arm.n : 2 * arm.n], np.zeros((7, arm.n)))
-    held = allocate_mechanism(arm.mechanism, q, K, T, endpoint=arm.endpoint)
+    held = allocate_mechanism(arm.mechanism, q, K, T, stiffness=Stiffness(endpoint=arm.endpoint))
     np.testing.assert_allclose(arm.matrix(feed.y[:, : arm.stiffnesses]), held.K_x, rtol=1e-3, atol=1e-3 * K.max())
 
 
@@ -115,7 +115,7 @@ def test_an_endpoint_has_to_be_one_of_the_arm():
 @pytest.mark.slow
 def test_the_compiled_feed_forward_asks_what_the_readable_one_asks(controller):
     N, rng = controller.N, np.random.default_rng(5)
-    readable, compiled = ArmInverseDynamics(ARM, controller.dt, N), controller._feed_forward
+    readable, compiled = InverseDynamics(ARM, controller.dt, N), controller._feed_forward
     assert type(compiled).__name__ == "CompiledArmFeedForward"
     for reach in (1.0, 2.0):  # the second stiffness is beyond what the muscles can do
         q = [0.3, 0.6] + 0.1 * rng.random(2) * np.linspace(0, 1, N + 1)[:, None]

@@ -6,9 +6,8 @@ import pytest
 from allocator.mechanism import Mechanism
 from allocator.units import BAR, DEG
 from mpc import Compensation, Plant, TrackingMPC
-from mpc.arm.bodies import EARTH, Bodies
-from mpc.arm.model import Arm
-from mpc.arm.tracking.controller import ArmMPC
+from mpc.model.arm.bodies import EARTH, Bodies
+from mpc.model.arm.model import Arm
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiles]
 
@@ -24,7 +23,7 @@ def both(joint, **settings):
     link = Bodies((0.3,), (MASS,), (CENTRE,), (INERTIA,), (DAMPING,), (EARTH, 0.0))
     arm = Arm(Mechanism.from_joint(joint), link, lag=LAG)
     shared = {"N": N, "solver": "daqp", "blocks": (1,) * N, **settings}
-    return plant, TrackingMPC(plant, rest=False, compiled=False, **shared), ArmMPC(arm, **shared)
+    return plant, TrackingMPC(plant, rest=False, compiled=False, **shared), TrackingMPC(arm, **shared)
 
 
 @pytest.fixture(scope="module", params=JOINTS)
@@ -83,8 +82,7 @@ def test_while_the_angle_is_not_seen(controllers):
 def test_with_a_dead_time_and_a_least_force(joints):
     joint = joints["sarosi-lever"]
     plant, one, many = both(joint, min_force=60.0)
-    one = TrackingMPC(
-        plant, N=N, solver="daqp", rest=False, compiled=False, min_force=60.0, compensation=Compensation(dead_time=0.03)
-    )
-    many = ArmMPC(many.arm, N=N, solver="daqp", blocks=(1,) * N, min_force=60.0, dead_time=0.03)
+    late = Compensation(dead_time=0.03)
+    one = TrackingMPC(plant, N=N, solver="daqp", rest=False, compiled=False, min_force=60.0, compensation=late)
+    many = TrackingMPC(many.plant, N=N, solver="daqp", blocks=(1,) * N, min_force=60.0, compensation=late)
     assert_the_same_plans((plant, one, many), lambda t: 8 * DEG * np.sin(4 * t), usual(joint))

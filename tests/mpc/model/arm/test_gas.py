@@ -9,12 +9,12 @@ from allocator import InvalidInput
 from allocator.joint.gas import Gas
 from allocator.units import DEG
 from mpc.arm.mjcf import to_mjcf
-from mpc.arm.model import Arm
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.tracking.controller import ArmMPC
-from mpc.arm.tracking.prediction import ArmPredictor
 from mpc.arm.trials.reference import circle
 from mpc.arm.trials.simulation import simulate_arm
+from mpc.model.arm.model import Arm
+from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.step import SlowStep
 
 PLAIN = Arm.machine("arm26")
@@ -32,7 +32,7 @@ def test_the_motion_is_that_of_mujoco_s_bodies_and_gas():
     tested.reset(x[:2], x[4:], omega=x[2:4])
     u = np.tile(x[4:], (N, 1)) + 2e4 * np.sin(np.arange(N))[:, None]
     d = np.zeros((N, 2))
-    predicted = {arm.gas is not None: ArmPredictor(arm, dt, N).motion(x, u, d) for arm in (PLAIN, FILLED)}
+    predicted = {arm.gas is not None: Predictor(arm, dt, N).motion(x, u, d) for arm in (PLAIN, FILLED)}
     tested.slew = np.inf
     for command in u:
         tested.step(command, dt)
@@ -44,7 +44,7 @@ def test_the_motion_is_that_of_mujoco_s_bodies_and_gas():
 
 def test_the_derivatives_of_the_formula_are_differences():
     N, dt = 2, 0.01
-    model = ArmPredictor(FILLED, dt, N)
+    model = Predictor(FILLED, dt, N)
     x = np.concatenate([[0.3, -0.2], [2.0, -3.0], np.linspace(2.5e5, 3.5e5, 6)])
     u, d = np.tile(x[4:], (N, 1)), np.zeros((N, 2))
     slope = model.linearise(x, u, d).A[0]
@@ -60,9 +60,9 @@ def test_the_derivatives_of_the_formula_are_differences():
 def test_a_controller_that_knows_the_gas_follows_more_closely():
     asked, errors = circle(PLAIN, frequency=1.0, turns=0.8), {}
     with pytest.warns(SlowStep, match="gas"):
-        controllers = {"knows": ArmMPC(FILLED), "does not": ArmMPC(PLAIN)}
+        controllers = {"knows": TrackingMPC(FILLED), "does not": TrackingMPC(PLAIN)}
     for name, controller in controllers.items():
-        run = simulate_arm(plant(), controller.arm, controller, asked)
+        run = simulate_arm(plant(), controller.plant, controller, asked)
         errors[name] = np.sqrt(np.mean((run.q - run.q_ref)[30:] ** 2, axis=0)) / DEG
         assert set(run.rung) == {0}
     assert (errors["knows"] <= 0.05).all()

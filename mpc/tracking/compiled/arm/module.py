@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.arm.model import Arm
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import filling
+from mpc.model.arm.model import Arm
 from mpc.model.experiment import RESOLUTION
 
 _STEP, _FEED_FORWARD = (Path(__file__).with_name(f"{name}.py") for name in ("step", "feedforward"))
@@ -21,8 +21,8 @@ _STEP, _FEED_FORWARD = (Path(__file__).with_name(f"{name}.py") for name in ("ste
 class CompiledArm(NamedTuple):
     """A compiled arm is what is compiled for a family of arms, and the numbers of one."""
 
-    step: ModuleType  # `mpc.arm.tracking.compiled.step` with the formulas
-    feed_forward: ModuleType  # `mpc.arm.tracking.compiled.feedforward`, likewise
+    step: ModuleType  # `mpc.tracking.compiled.arm.step` with the formulas
+    feed_forward: ModuleType  # `mpc.tracking.compiled.arm.feedforward`, likewise
     c: Array
     h: float  # step of the integration [s]
     decay: Array  # (substeps, 3, m) what is left of a pressure's error at beginning, middle and end of each step

@@ -1,51 +1,46 @@
 """The factory makes what an arm's controller works with: compiled where that can be had, and else readable."""
 
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from allocator.notices import notice
-from mpc.arm.model import Arm
-from mpc.arm.tracking.feedforward import ArmInverseDynamics
+from mpc.model.arm.model import Arm
+from mpc.tracking.feedforward import InverseDynamics
+from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.solvers import DAQP
 from mpc.tracking.qp.step import PreviousSample, QPStep, ReadableQPStep, SlowStep
 
 
-class ArmParts(NamedTuple):
-    """The parts are what an `ArmMPC` works with."""
-
-    qp_step: QPStep
-    feed_forward: Any
-
-
-def factory(
-    arm: Arm, dt: float, problem: TrackingProblem, predictor: Any, feed_forward: ArmInverseDynamics
-) -> ArmParts:
-    """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails."""
+def arm_parts(
+    arm: Arm, dt: float, problem: TrackingProblem, predictor: Predictor, feed_forward: InverseDynamics
+) -> tuple[QPStep, Any]:
+    """Return the compiled step and feed-forward, ready; the readable ones, with a `SlowStep` warning, where compiling
+    fails.
+    """
     ready = feed_forward.ready()
-    asked: Any = predictor
-    if not arm.has_formulas or arm.gas is not None:
+    if arm.unformulated or arm.gas is not None:
         why = arm.unformulated or "with gas the motion moves the pressures"
         notice(f"the controller's step is not compiled and takes longer: {why}", SlowStep)
-        return ArmParts(ReadableQPStep(problem, asked), ready)
+        return ReadableQPStep(problem, predictor), ready
     try:
-        from mpc.arm.tracking.compiled.module import compiled_arm
-        from mpc.arm.tracking.compiled.qp_step import CompiledArmFeedForward, CompiledArmQPStep
+        from mpc.tracking.compiled.arm.module import compiled_arm
+        from mpc.tracking.compiled.arm.qp_step import CompiledArmFeedForward, CompiledArmQPStep
 
         made = compiled_arm(arm, dt)
         redundant = arm.tracked < arm.n  # K_x is not linear in the pressures then
         feed: Any = ready if redundant else CompiledArmFeedForward(arm, made, ready)
-        parts = ArmParts(CompiledArmQPStep(arm, dt, made, problem), feed)
-        _compile(arm, problem, *parts)
-        return parts
+        step = CompiledArmQPStep(arm, dt, made, problem)
+        _compile(arm, problem, step, feed)
+        return step, feed
     except (
         Exception
     ) as failure:  # no compiler, no place for its work, a formula too long, or a fault of the compiler's own
         reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
     notice(f"the controller's step is not compiled and takes some ten times as long: {reason}", SlowStep)
-    return ArmParts(ReadableQPStep(problem, asked), ready)
+    return ReadableQPStep(problem, predictor), ready
 
 
 def _compile(arm: Arm, problem: TrackingProblem, step: Any, feed_forward: Any) -> None:

@@ -12,9 +12,9 @@ with γ the vector of gravity in the plane; and τ = M(q) q'' + C(q, q') + D q' 
 sum over j ≥ i of what belongs to φ_j, times σ_i, because q_i turns all the links from its own on.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -202,11 +202,12 @@ class Bodies:
         return [q[i] if is_symbol(q) else q[..., i] for i in range(self.n)]
 
 
-def _row(value: Any) -> Any:
-    return np.asarray(value, float).tolist()
+def _row(value: ArrayLike) -> list[float]:
+    row: list[float] = np.asarray(value, float).tolist()
+    return row
 
 
-def _sum(terms: Any) -> Value:
+def _sum(terms: Iterable[Value]) -> Value:
     total, *rest = terms if isinstance(terms, list) else list(terms) or [0.0]
     for term in rest:
         total = total + term

@@ -19,12 +19,11 @@ from allocator.joint.limits import BINDS
 from allocator.mechanism import batches
 from allocator.mechanism.kernel.data import workspace
 from allocator.units import BAR
-from mpc.arm.model import Arm
-from mpc.arm.tracking.compiled.module import CompiledArm
-from mpc.arm.tracking.feedforward import ArmInverseDynamics
-from mpc.arm.tracking.hand_targets import HandTargets
+from mpc.model.arm.model import Arm
+from mpc.tracking.compiled.arm.module import CompiledArm
 from mpc.tracking.cost import Rows
-from mpc.tracking.feedforward import FeedForward
+from mpc.tracking.feedforward import FeedForward, InverseDynamics
+from mpc.tracking.hand_targets import HandTargets
 from mpc.tracking.linearise import Motion
 from mpc.tracking.plan import Moved, PlanStatus
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE, certified
@@ -44,7 +43,7 @@ def _charged(rows: Rows, n: int, stiffnesses: int) -> Array:
     if rows.x[2 * n :].any() or rows.y[stiffnesses:].any():
         raise InvalidInput(
             "a weight of `mpc.tracking.cost` charges an arm's pressures or muscle forces, which its compiled step "
-            "(mpc/arm/tracking/compiled/step.py) does not know: add it there"
+            "(mpc/tracking/compiled/arm/step.py) does not know: add it there"
         )
     return np.concatenate([rows.x[: 2 * n], rows.y[:stiffnesses], rows.e, rows.rate])
 
@@ -173,9 +172,9 @@ class _Given(NamedTuple):
 
 
 class CompiledArmFeedForward:
-    """It is `mpc.arm.tracking.feedforward.ArmInverseDynamics`, which answers itself where the kernel is not sure."""
+    """It is `mpc.tracking.feedforward.InverseDynamics`, which answers itself where the kernel is not sure."""
 
-    def __init__(self, arm: Arm, made: CompiledArm, readable: ArmInverseDynamics) -> None:
+    def __init__(self, arm: Arm, made: CompiledArm, readable: InverseDynamics) -> None:
         rows, n, m = len(readable.slopes[0]), arm.n, arm.m
         self._arm, self._stiffnesses = arm, n * (n + 1) // 2
         self._readable, self._compiled, self._c = readable, made.feed_forward, made.c

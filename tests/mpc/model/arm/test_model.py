@@ -8,9 +8,9 @@ from allocator.errors import MissingBackend
 from allocator.joint.geometry import Lever
 from allocator.mechanism import Link, Mechanism, Sites, Tables, from_function
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from mpc.arm.bodies import Bodies
-from mpc.arm.model import Arm
-from mpc.arm.tracking.prediction import ArmPredictor
+from mpc.model.arm.bodies import Bodies
+from mpc.model.arm.model import Arm
+from mpc.tracking.linearise import Predictor
 
 RODS = Bodies.rods((0.3, 0.25), (1.0, 0.5), 0.2, (1.0, -9.0))
 
@@ -80,7 +80,7 @@ def test_a_joint_s_geometry_is_a_formula_too():
 @pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
 def test_the_linear_model_is_the_motion_s_derivative(arm):
     N, h = 3, 1e-5
-    predictor = ArmPredictor(arm, 0.01, N)
+    predictor = Predictor(arm, 0.01, N)
     x, rng = states(arm, 1)[0], np.random.default_rng(4)
     u, d = rng.uniform(1e5, 4e5, (N, arm.m)), rng.normal(size=(N, arm.n))
     model = predictor.linearise(x, u, d)
@@ -112,7 +112,7 @@ def test_the_motion_of_a_sample_is_scipy_s():
         return np.concatenate([omega, np.linalg.solve(bodies.mass_matrix(q), pushing), (u - P) / arm.lags])
 
     exact = solve_ivp(rate, (0, 0.01), x, rtol=1e-11, atol=1e-12).y[:, -1]
-    found = ArmPredictor(arm, 0.01, 1).motion(x, u[None], d[None]).x[1]
+    found = Predictor(arm, 0.01, 1).motion(x, u[None], d[None]).x[1]
     np.testing.assert_allclose(found[:4], exact[:4], rtol=2e-4)
     np.testing.assert_allclose(found[4:], exact[4:], rtol=1e-9)
     fine = arm.discrete(0.01, resolution=0.02)(x, u, d).full().ravel()

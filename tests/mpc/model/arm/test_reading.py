@@ -8,14 +8,14 @@ from allocator import InvalidInput
 from allocator.errors import InvalidFile
 from allocator.mechanism import Endpoint, Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N as MUSCLE
-from mpc.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
-from mpc.arm.mechanics.tree import TreeBodies
-from mpc.arm.model import Arm
-from mpc.arm.reading import read_arm
-from mpc.arm.tendon_jacobian import TendonJacobian
-from mpc.arm.tracking.differences import DifferencePredictor
-from mpc.arm.tracking.prediction import ArmPredictor
+from mpc.model.arm.differences import DifferencePredictor
+from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
+from mpc.model.arm.mechanics.tendon_jacobian import TendonJacobian
+from mpc.model.arm.mechanics.tree import TreeBodies
+from mpc.model.arm.model import Arm
+from mpc.model.arm.reading import read_arm
 from mpc.model.experiment import RESOLUTION
+from mpc.tracking.linearise import Predictor
 
 LATIN = """<mujoco><worldbody><body><joint name="sch\u00fctz"/><geom size=".1"/></body></worldbody></mujoco>"""
 
@@ -134,7 +134,7 @@ def test_differences_find_the_motion_and_the_slopes_of_the_formulas(endpoint):
     u, d = rng.uniform(2.8e5, 3.2e5, (N, 4)), rng.normal(0, 0.3, (N, 2))
     errors = []
     for dt in (0.01, 0.005):
-        exact = ArmPredictor(arm, dt, N).linearise(x, u, d)
+        exact = Predictor(arm, dt, N).linearise(x, u, d)
         found = DifferencePredictor(other, dt, N, RESOLUTION).linearise(x, u, d)
         assert relative(found.B[0], exact.B[0]) < 0.02
         errors.append(relative(found.A[0], exact.A[0]))

@@ -7,19 +7,21 @@ A muscle that lengthens by l' squeezes its gas; with the isobaric gain F_P of it
 which is `mpc.model.gas` muscle by muscle. Slack muscles are taken as their laws have them.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism
-from mpc.arm.pneumatics import Pneumatics
+from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.gas import fall
 from mpc.model.lengths import symbolic_lengths
 
 if TYPE_CHECKING:
-    from mpc.arm.model import Arm
+    from casadi import Function
+
+    from mpc.model.arm.model import Arm
 
 
 def squeezed(mechanism: Mechanism, q: Array, omega: Array, P: Array) -> Array:
@@ -30,7 +32,7 @@ def squeezed(mechanism: Mechanism, q: Array, omega: Array, P: Array) -> Array:
     return muscles.squeezed(np.asarray(P, float), routed.length, speed)
 
 
-def gas_motion(arm: "Arm") -> Any:
+def gas_motion(arm: "Arm") -> "Function":
     """Return the CasADi function (x, u, d) ↦ x' of an arm with gas."""
     import casadi as ca
 

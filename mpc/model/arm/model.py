@@ -22,20 +22,23 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.joint.gas import Gas
-from allocator.mechanism import Mechanism, machines
+from allocator.joint.gas import Gas, Stiffness
+from allocator.joint.limits import Limits
+from allocator.mechanism import Mechanism, allocate_mechanism, machines, warm_up
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.muscles import Muscle
 from allocator.units import BAR
-from mpc.arm.bodies import BODIES
-from mpc.arm.gas import gas_motion, squeezed
-from mpc.arm.mechanics.mujoco_mechanics import MujocoBodies
-from mpc.arm.pneumatics import Pneumatics
-from mpc.model.experiment import RESOLUTION
+from mpc.model.arm.bodies import BODIES
+from mpc.model.arm.gas import gas_motion, squeezed
+from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies
+from mpc.model.arm.pneumatics import Pneumatics
+from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment
 from mpc.model.integration import integrated
 from mpc.model.lengths import has_formulas, symbolic_jacobian, symbolic_lengths
+from mpc.model.machine import Held, Labels
 
 _MOST_SUBSTEPS = 1000  # in a sample
+_SYMMETRIC = 1e-9  # of the greatest entry
 
 
 class Statics(NamedTuple):
@@ -122,12 +125,12 @@ class Arm:
 
         `muscles`, one for all tendons or m of them, and `rest_length` and `cable` [m] are those of
         `Mechanism.from_mjcf`; instead of `cable` the `contraction` [-] may be given that the muscles have in the
-        model's own posture. What has formulas gets them; else MuJoCo is asked (`mpc.arm.reading`), and the
+        model's own posture. What has formulas gets them; else MuJoCo is asked (`mpc.model.arm.reading`), and the
         controller's step is slow. Contacts, stops, dry friction and actuators are not in the arm. Raises
         `InvalidFile`, also for joints of other kinds and for equality constraints, `InvalidInput` and
         `MissingPackage`.
         """
-        from mpc.arm.reading import read_arm
+        from mpc.model.arm.reading import read_arm
 
         read = read_arm(source, muscles, rest_length, cable, contraction, pressure_limits)
         return cls(read.mechanism, read.bodies, lag, slew)
@@ -146,6 +149,37 @@ class Arm:
     def size(self) -> int:
         """Return the number of states, 2n + m."""
         return 2 * self.n + self.m
+
+    @property
+    def angle_shape(self) -> tuple[int]:
+        """The shape (n,) of an angle reference."""
+        return (self.n,)
+
+    @property
+    def stiffness_shape(self) -> tuple[int, int]:
+        """The shape (k, k) of a stiffness reference."""
+        return self.tracked, self.tracked
+
+    @property
+    def has_stops(self) -> bool:
+        """Whether the angles are limited by end stops."""
+        return self.mechanism.angle_limits is not None
+
+    @property
+    def inertias(self) -> Array:
+        """The moments of inertia (n,) [kg·m²] that accelerate each joint alone, in the middle."""
+        return np.asarray(np.diag(self.bodies.mass_matrix(self.middle)))
+
+    @cached_property
+    def labels(self) -> Labels:
+        """The names of its columns in tables."""
+        pairs = zip(*np.triu_indices(self.tracked), strict=True)
+        joints, muscles = (
+            tuple(name.replace(" ", "_") for name in names)
+            for names in (self.mechanism.joint_names, self.mechanism.muscle_names)
+        )
+        entries = tuple(f"{self.stiffness_name}{i + 1}{j + 1}" for i, j in pairs)
+        return Labels(joints, joints, entries, muscles, tuple(f"{name}_force" for name in muscles))
 
     @property
     def lags(self) -> Array:
@@ -191,22 +225,94 @@ class Arm:
 
     def at_rest(self, q: ArrayLike, K: ArrayLike, min_force: float = 0.0) -> Array:
         """Return the state (2n + m,) in equilibrium at `q` (n,) [rad], as stiff as `K` (k, k) if the arm can be."""
-        from allocator.mechanism import allocate_mechanism
-
         posture = self.mechanism.posture(q)
-        held = allocate_mechanism(
-            self.mechanism,
-            posture,
-            K,
-            self.bodies.gravity_torque(posture),
-            min_force=min_force,
-            endpoint=self.endpoint,
-        )
-        return np.concatenate([posture, np.zeros(self.n), held.P])
+        T = self.bodies.gravity_torque(posture)
+        held = self.held(posture[None], np.asarray(K, float)[None], T[None], min_force)
+        return np.concatenate([posture, np.zeros(self.n), held.P[0]])
 
-    def squeezed(self, q: Array, omega: Array, P: Array) -> Array:
-        """Return how fast motion raises the pressures (…, m) [Pa/s] in states (…, …); 0 without gas   (G3)"""
-        return np.zeros(np.shape(P)) if self.gas is None else squeezed(self.mechanism, q, omega, P)
+    def held(self, theta: Array, K: Array, T: Array, min_force: float) -> Held:
+        """Return the pressures along a motion: angles (M, n), stiffness (M, k, k) and torques (M, n)."""
+        found = allocate_mechanism(
+            self.mechanism,
+            theta,
+            K,
+            T,
+            limits=Limits(min_force),
+            stiffness=Stiffness(endpoint=self.endpoint),
+            along=0 if len(theta) > 1 else None,
+        )
+        joints = self.endpoint is None
+        given, missed = (found.K, found.K_error) if joints else (found.K_x, found.K_x_error)
+        return Held(found.P, self.svec(given), missed, found.T_error)
+
+    def torque_for(self, theta: Array, omega: Array, alpha: Array, d: Array | float = 0.0) -> Array:
+        """Return the muscle torques (…, n) [N·m] of a motion (q, ω, ω'): M ω' + C + D ω + g - d."""
+        return np.asarray(self.bodies.torque_for(theta, omega, alpha) - d)
+
+    def balance(self, x: Array) -> Array:
+        """Return the torques from outside (n,) [N·m] that hold the state `x` (2n + m,) against gravity and muscles."""
+        q, P = self._held(x)
+        return np.asarray(self.bodies.gravity_torque(q) - self.mechanism.torque(q, P))
+
+    def torque_reach(self) -> tuple[Array, Array]:
+        """Return the greatest |T| (n,) [N·m] that the muscles could have together in the middle of the ranges, and
+        anywhere.
+        """
+        q = np.vstack([self.middle, self._about_the_middle])
+        P = np.full((len(q), self.m), self.pressure_limits[1])
+        pulls = np.abs(self.mechanism.arms(q)) * np.abs(self.mechanism.forces(q, P))[..., None]
+        torques = pulls.sum(axis=-2)
+        return torques[0], torques.max(axis=0)
+
+    def expansion(self, x: Array) -> Array:
+        """Return how fast the pressures (m, …) fall in the states `x` [2n + m, …] as the muscles swell [Pa/s]."""
+        q, omega, P = x[: self.n].T, x[self.n : 2 * self.n].T, x[2 * self.n :].T
+        return np.zeros(P.T.shape) if self.gas is None else -squeezed(self.mechanism, q, omega, P).T
+
+    def angles(self, x: Array) -> Array:
+        """Return the angles (…, n) [rad] in the states `x` (…, 2n + m)."""
+        return x[..., : self.n]
+
+    def along(self, x: Array) -> tuple[Array, Array]:
+        """Return the tracked stiffness (M, k, k) and the muscle forces (M, m) [N] in the states `x` (M, 2n + m)."""
+        return self.tracked_stiffness(x), self.forces(x)
+
+    def check_feed_forward(self) -> None:
+        """Raise `InvalidInput` for muscles that are not affine in the pressure: their allocation takes too long."""
+        self.mechanism.check_affine("the feed-forward of an arm")
+
+    def warm_up(self, min_force: float) -> None:
+        """Compile what the allocation needs."""
+        warm_up()
+
+    def check_angles(self, name: str, theta: Array) -> None:
+        """Raise `InvalidInput` for angles (M, n) that cannot be meant, or where the endpoint is singular."""
+        checks.angle(name, theta)
+        if self.endpoint is not None:
+            try:
+                self.endpoint.check_rank(self.endpoint.at(np.clip(theta, *self.angle_limits)))
+            except InvalidInput as singular:
+                raise InvalidInput(f"{name}: {singular}") from None
+
+    def check_stiffness(self, name: str, K: Array) -> None:
+        """Raise `InvalidInput` for stiffness matrices (M, k, k) that cannot be meant."""
+        if not np.isfinite(K).all():
+            raise InvalidInput(f"{name} is not finite [{self.stiffness_unit}]")
+        if np.abs(K - K.swapaxes(-1, -2)).max() > _SYMMETRIC * np.abs(K).max():
+            raise InvalidInput(f"{name} is not symmetric: a stiffness is, K_ij = K_ji")
+        try:
+            np.linalg.cholesky(K)
+        except np.linalg.LinAlgError:
+            raise InvalidInput(f"{name} is not positive definite: such a posture does not hold itself") from None
+
+    @property
+    def nominal(self) -> "Arm":
+        """The arm itself: what a controller may know of it."""
+        return self
+
+    def begin(self, dt: float, x0: Array, seed: int) -> ExactExperiment:
+        """Begin an experiment from the state `x0` (2n + m,) with commands every `dt` [s]; no noise needs the `seed`."""
+        return ExactExperiment(self.discrete(dt, FINE), x0)
 
     # --- formulas ---------------------------------------------------------------------------------------------------
 
@@ -329,6 +435,13 @@ class Arm:
         K = self.statics.stiffness
         pairs = zip(rows.tolist(), columns.tolist(), strict=True)
         return ca.vertcat(*(K[i, j] if i == j else sqrt(2) * K[i, j] for i, j in pairs))
+
+    def symbolic_outputs(self, x: Any) -> Any:
+        """Return the CasADi column (svec K, F) in the state `x` (2n + m,)."""
+        import casadi as ca
+
+        y = ca.Function("outputs", [self.statics.q, self.statics.P], [self.outputs])
+        return y(x[: self.n], x[2 * self.n :])
 
     def acceleration(self) -> Any:
         """Return the CasADi function (q, ω, P, d) ↦ ω', with P in Pa and torques d (n,) [N·m] from outside."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.mechanism.endpoint.targets import EndpointTargets
-from mpc.arm.model import Arm
+from mpc.model.arm.model import Arm
 
 
 class HandTargets(NamedTuple):

@@ -1,6 +1,6 @@
 """The template has the feed-forward of an arm: what the allocation is asked, and what its answer means.
 
-`mpc.arm.tracking.compiled.module` puts the sizes and the formula of the arm in the place of the lines below that begin
+`mpc.tracking.compiled.arm.module` puts the sizes and the formula of the arm in the place of the lines below that begin
 with `FORMULAS`: n joints, m muscles, the number of entries of svec K, and a function that fills flat arrays, matrices
 by columns:
 

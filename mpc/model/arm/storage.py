@@ -19,8 +19,8 @@ from allocator.files.text import FilePath
 from allocator.files.toml import Table, section
 from allocator.machine_file import described, dumps, machine_from
 from allocator.mechanism import Mechanism
-from mpc.arm.bodies import Bodies
-from mpc.arm.model import Arm
+from mpc.model.arm.bodies import Bodies
+from mpc.model.arm.model import Arm
 from mpc.model.storage import numbers_in
 
 _NUMBERS = ("lag", "slew", "gas")  # of [plant]

@@ -1,0 +1,3 @@
+"""Arms: mechanisms whose muscles move bodies, with their equations of motion."""
+
+__all__: list[str] = []
