@@ -8,7 +8,9 @@ import subprocess
 import tempfile
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
+
+from numpy.typing import ArrayLike
 
 from allocator.errors import AntagonistError
 from mpc.export.compiler import compiler
@@ -34,7 +36,7 @@ class SimulatedBoard:
         *,
         observer: KalmanObserver | None = None,
         safety: Safety | None = None,
-        x0: Any = None,
+        x0: ArrayLike | None = None,
         step: float = 0.0,
         flags: tuple[str, ...] = ("-O2",),
     ) -> None:
