@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"sweep at 50 Hz: {swept.ending}; {swept.lateness}", flush=True)
         joint, plant = directory / "joint.toml", directory / "plant.toml"
         antagonist("fit-joint", directory / "joint_log.csv", *GEOMETRY, "--out", joint)
-        antagonist("fit-motion", directory / "motion_log.csv", "--joint", joint, "--out", plant)
+        antagonist("fit-motion", directory / "motion_log.csv", "--machine", joint, "--out", plant)
         found = Plant.load(plant)
         known = Compensation.load(plant)
         lags = (f"{one:.3g} and {two:.3g} s" for one, two in (found.lag, HIDDEN.lag))

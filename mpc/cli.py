@@ -17,13 +17,13 @@ from allocator.cli import app
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped
-from allocator.shell.outputs import IMAGES, Force, claim
+from allocator.shell.outputs import IMAGES, Force, claim, files_of_run
 from allocator.shell.printing import say
 from allocator.units import BAR
-from mpc.arm.cli import arm_command
+from mpc.arm.cli import ArmOptions, track_arm
 from mpc.bench.cli import devices_command, run_command, sweep_command
 from mpc.explorer.cli import explore
-from mpc.export.cli import export_command
+from mpc.export.cli import export_app
 from mpc.export.serial.cli import bench_check_command
 from mpc.identification.cli import fit_motion_command
 from mpc.plant_cli import PlantOptions, init_command
@@ -43,7 +43,10 @@ if TYPE_CHECKING:
 _NOMINAL, _REAL = "nominal", "real"  # plants
 _REAL_LAG = 0.12  # [s] of a real plant, unless something else is said
 _SUFFIXES = (*IMAGES, ".csv", ".npz", ".gif", ".mp4")
+_OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix != ".npz")
 _OWN_NAMES = ("tracking.png", "tracking.csv")
+_OWN_FILM = "tracking.gif"  # of several joints
+_MPC, _CIRCLE = "mpc", "circle"
 _WORTH_SAYING = 5.0  # [% of the steps] at the slew limit: fewer belong to any good controller
 
 
@@ -59,17 +62,20 @@ _EPILOG = "\n\n".join(
 @grouped
 def track(
     options: PlantOptions,
+    more: ArmOptions,
     trajectory: Annotated[
         str | None,
         typer.Argument(
-            help="a standard trajectory (see below), or a CSV with the columns t,theta_deg,stiffness; "
-            "without it ±40° at 0.5 Hz with K = 7.6 ± 0.3, or what another joint than the report's has room for"
+            help="a standard trajectory (see below), or a CSV with the columns t,theta_deg,stiffness; without it ±40° "
+            "at 0.5 Hz with K = 7.6 ± 0.3, or what another joint than the report's has room for; of several joints "
+            "circle (the default), reach, hold, or draw (arm26)"
         ),
     ] = None,
     out: Annotated[
         list[Path] | None,
         typer.Option(
-            help="a .csv, .npz, .png, .gif or .mp4 to write, or a directory for tracking.png and .csv; may be repeated"
+            help="a .csv, .npz (of one joint), .png, .gif or .mp4 to write, or a directory for tracking.png and .csv, "
+            "of several joints also .gif; may be repeated"
         ),
     ] = None,
     stiffness: Annotated[
@@ -85,15 +91,21 @@ def track(
         typer.Option(help="of mpc: riccati (default), daqp or one of qpsolvers, e.g. osqp; of nmpc: ipopt, fatrop"),
     ] = None,
     plant: Annotated[
-        str, typer.Option(help="nominal, or real: with what the controller's model does not know")
+        str,
+        typer.Option(
+            help="nominal, or real: with what the controller's model does not know; of several joints muscles 5 % off, "
+            "sensors with steps and noise, 20 ms of dead time"
+        ),
     ] = _NOMINAL,
     controller: Annotated[
         str, typer.Option(help="mpc, nmpc (nonlinear, slow), pid, predictive-pid, lqr, feedforward")
-    ] = "mpc",
+    ] = _MPC,
     observer: Annotated[
         bool | None, typer.Option(help="estimate state and disturbance torque; the MPCs and lqr do on a real plant")
     ] = None,
-    payload: Annotated[float, typer.Option(help="load that nobody tells of, from half-way on [N·m]")] = 0.0,
+    payload: Annotated[
+        float, typer.Option(help="load that nobody tells of, from half-way on, of several joints on the first [N·m]")
+    ] = 0.0,
     seed: Annotated[int, typer.Option(help="of the sensors' noise")] = 0,
     show: Annotated[bool, typer.Option("--show", help="open the picture when it is written")] = False,
     wait: Annotated[
@@ -107,7 +119,11 @@ def track(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Let a controller follow a trajectory of angle and stiffness, and say how well it did."""
+    """Let a controller follow a trajectory of angle and stiffness, and say how well it did.
+
+    With several joints, --machine arm26, arm48, leg37, a file with [bodies], or a MuJoCo model (.xml) on hinges whose
+    tendons are the muscles, it follows angles and a stiffness matrix on MuJoCo, and is filmed.
+    """
     from rich.console import Console
 
     from mpc.model.plant import Plant
@@ -118,8 +134,19 @@ def track(
     console = Console()
     finite("--payload", payload, "N·m")
     checks.count("--seed", seed, least=0)
-    files = _files(out or [Path()])
-    claim(*files, inputs=(trajectory, *options.files), force=force, own=_OWN_NAMES)
+    several = options.of_several
+    own = (*_OWN_NAMES, _OWN_FILM) if several else _OWN_NAMES
+    files = files_of_run(out or [Path()], _OF_SEVERAL if several else _SUFFIXES, own)
+    claim(*files, inputs=(trajectory, *options.files), force=force, own=own)
+    if several:
+        _refuse(stiffness=stiffness, solver=solver, observer=observer, controller=None if controller == _MPC else 0)
+        track_arm(
+            options, more, trajectory or _CIRCLE, files, plant=plant, payload=payload, dt=dt, horizon=horizon, seed=seed
+        )
+        _show(files if show else [])
+        return
+    if more != ArmOptions():
+        raise InvalidInput("--stiffness-of, --hand and --view go with a --machine of several joints")
     nominal = options.plant(**({"lag": _REAL_LAG} if plant == _REAL else {}))
     reference = reference_called(trajectory, stiffness, nominal)
     reference.samples(dt)  # before anything is built
@@ -138,20 +165,21 @@ def track(
         _write(done, path, title, console)
     _report(done, nominal, known, reference, console)
     say(console, f"written: {', '.join(map(str, files))}")
-    if show:
-        for path in files:
-            if path.suffix not in (".csv", ".npz"):
-                typer.launch(str(path))
+    _show(files if show else [])
 
 
-def _files(out: list[Path]) -> list[Path]:
-    """Return the files to write."""
-    files = []
-    for path in out:
-        if path.suffix and path.suffix not in _SUFFIXES:
-            raise InvalidInput(f"--out {path}: a run is written as {', '.join(_SUFFIXES)} or into a directory")
-        files += [path] if path.suffix else [path / name for name in _OWN_NAMES]
-    return files
+def _refuse(**given: object) -> None:
+    """Insist that options are None, with several joints."""
+    if option := next((name for name, value in given.items() if value is not None), None):
+        raise InvalidInput(
+            f"--{option} is of one joint; several follow their usual stiffness, by the mpc and its observer"
+        )
+
+
+def _show(files: list[Path]) -> None:
+    for path in files:
+        if path.suffix not in (".csv", ".npz"):
+            typer.launch(str(path))
 
 
 def _muscles(plant: "Plant") -> str:
@@ -256,8 +284,7 @@ def _summary(m: "Metrics", implementation: str, kind: str, *, assumed: bool = Fa
 app.command("fit-motion", cls=Command, short_help="lags and hysteresis from a log of a moving joint (CSV)")(
     fit_motion_command
 )
-app.command("arm", cls=Command, short_help="an arm in closed loop on MuJoCo, filmed")(arm_command)
-app.command("export", cls=Command, short_help="allocator and controller as C")(export_command)
+app.add_typer(export_app, name="export", short_help="C, FMUs, firmware: what runs without Python")
 app.command("devices", cls=Command, short_help="list what `run` and `sweep` can drive")(devices_command)
 app.command("run", cls=Command, short_help="drive a joint on a device along a trajectory")(run_command)
 app.command("sweep", cls=Command, short_help="run the experiment that identifies a joint")(sweep_command)
@@ -265,7 +292,7 @@ app.command("explore", cls=Command, short_help="see in the browser what a joint 
 app.command("bench-check", cls=Command, short_help="does a board on a serial line do as it should?")(
     bench_check_command
 )
-app.command("init", cls=Command, short_help="write a plant file to edit, for --joint")(init_command)
+app.command("init", cls=Command, short_help="write a plant file to edit, for --machine")(init_command)
 
 
 def main() -> None:

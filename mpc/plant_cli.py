@@ -3,16 +3,18 @@
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from allocator.shell.joint_options import JointOptions
+from allocator.errors import InvalidInput
+from allocator.shell.machine_options import OF_ONE_JOINT, MachineOptions
 from allocator.shell.options import numbers, within
 from allocator.shell.outputs import Force, claim
 from allocator.units import BAR
 
 if TYPE_CHECKING:
+    from mpc.model.arm.model import Arm
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
 
@@ -21,8 +23,10 @@ _LAGS = ("lag_up", "lag_down")
 
 
 @dataclass(frozen=True)
-class PlantOptions(JointOptions):
+class PlantOptions(MachineOptions):
     """The options are what the user says of the plant; the rest is as in the file, or as in `Plant()`."""
+
+    PANEL: ClassVar[str] = "The plant"
 
     inertia: Annotated[float | None, typer.Option(help="moment of inertia of the link [kg·m²]; else 0.05")] = None
     damping: Annotated[float | None, typer.Option(help="viscous damping [N·m·s/rad]; else 0.1")] = None
@@ -52,25 +56,60 @@ class PlantOptions(JointOptions):
         within("--frequency", self.frequency, "Hz", 0, 1e4)
 
     def plant(self, **otherwise: Any) -> "Plant":
-        """Build the plant; `otherwise` holds what is neither given nor in the file."""
+        """Build the plant of a joint; `otherwise` holds what is neither given nor in the file."""
+        from allocator.files.toml import Table
         from mpc.model.plant import NUMBERS, Plant
-        from mpc.model.storage import stored_numbers
+        from mpc.model.storage import numbers_in
 
-        stored = {} if self.joint is None else stored_numbers(self.joint, NUMBERS)
-        joint = self.build()
+        joint = self.joint()
+        stored = {} if self.file is None else numbers_in(Table.read(self.file), NUMBERS)
         if self.kappa is not None:
             joint = replace(joint, gas=replace(joint.gas, kappa=self.kappa))
         return Plant(joint, **(otherwise | stored | self._numbers()))
+
+    @property
+    def is_mujoco(self) -> bool:
+        """Whether the machine is a MuJoCo model."""
+        return self.machine is not None and self.machine.endswith(".xml")
+
+    @property
+    def of_several(self) -> bool:
+        """Whether the machine is no joint with two muscles. Raises `InvalidFile` and `MissingBackend`."""
+        from allocator.joint.antagonist import AntagonistJoint
+
+        return self.is_mujoco or not isinstance(self.base, AntagonistJoint)
+
+    def arm(self) -> "Arm":
+        """Build the arm of several joints with bodies that --machine names. Raises `InvalidInput`."""
+        from mpc.model.arm.model import Arm
+        from mpc.model.arm.storage import load_arm
+
+        if self.is_mujoco or not self.of_several:
+            raise InvalidInput("this command takes an arm of several joints: --machine arm26, or a file with [bodies]")
+        mechanism: Any = self.build()
+        arm = load_arm(self.file) if self.file else Arm.machine(str(self.machine))
+        return self.driven(replace(arm, mechanism=mechanism))
+
+    def driven(self, arm: "Arm") -> "Arm":
+        """Return `arm` with its regulators and gas as given. Raises `InvalidInput` for what is of one joint."""
+        if option := self.given(*OF_ONE_JOINT, "inertia", "damping", "gravity", "frequency"):
+            raise InvalidInput(f"{option} is of one joint with two muscles; {self.machine} says it in its file")
+        changes: dict[str, Any] = {} if self.slew is None else {"slew": self.slew * BAR}
+        if (lags := self._lags(arm.m)) is not None:
+            changes["lag"] = lags
+        if self.kappa is not None:
+            changes["gas"] = replace(arm.mechanism.gas, kappa=self.kappa)
+        return replace(arm, **changes) if changes else arm
 
     def compensation(self) -> "Compensation":
         """Return what the file tells beyond the plant: hysteresis or friction, and regulators. --lag overrides lags."""
         from mpc.model.compensation import Compensation
         from mpc.model.storage import stored_regulators
 
-        known = Compensation.of(self.build())
-        if self.joint is None:
+        known = Compensation.of(self.joint())
+        if self.file is None:
             return known
-        told = stored_regulators(self.joint)
+        told = stored_regulators(self.file)
         return replace(known, **{n: value for n, value in told.items() if self.lag is None or n not in _LAGS})
 
     def _numbers(self) -> dict[str, Any]:
@@ -83,24 +122,42 @@ class PlantOptions(JointOptions):
             "gas": None if self.kappa is None else True,  # the joint's
             "frequency": self.frequency,
         }
-        if self.lag is not None:
-            lags = numbers("--lag", self.lag, 1, 2, "0.1:0.12")
-            for lag in lags:
-                within("--lag", lag, "s", 1e-4, 100)
-            given["lag"] = (lags[0], lags[-1])
+        if (lags := self._lags(2)) is not None:
+            given["lag"] = lags
         return {name: value for name, value in given.items() if value is not None}
+
+    def _lags(self, m: int) -> tuple[float, ...] | None:
+        """Return the lags [s] of `m` muscles, if they are given."""
+        if self.lag is None:
+            return None
+        lags = numbers("--lag", self.lag, 1, m, "0.1:0.12")
+        for lag in lags:
+            within("--lag", lag, "s", 1e-4, 100)
+        if len(lags) not in (1, m):
+            raise InvalidInput(f"--lag {self.lag}: expected one time or {m}, one a muscle")
+        return tuple(lags) if len(lags) == m else tuple(lags * m)
 
 
 def init_command(
     file: Annotated[Path, typer.Argument(help="the TOML file to write, e.g. joint.toml")],
+    machine: Annotated[
+        str | None, typer.Option(help="arm26, arm48 or leg37: several joints and their bodies, instead of a joint")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Write a plant to edit: joint, muscles and link, with comments; it runs as it is.
 
-    Every command takes it with --joint.
+    Every command takes it with --machine.
     """
     from allocator.files.atomic import write_text
 
     claim(file, force=force)
+    if machine is not None:
+        from mpc.model.arm.model import Arm
+        from mpc.model.arm.storage import save_arm
+
+        save_arm(Arm.machine(machine), file)
+        typer.echo(f"written: {file}; edit it, then try `antagonist track --machine {file}`")
+        return
     write_text(file, (resources.files("mpc") / "data" / "joint.toml").read_text(encoding="utf-8"))
-    typer.echo(f"written: {file}; edit it, then try `antagonist map --joint {file}`")
+    typer.echo(f"written: {file}; edit it, then try `antagonist map --machine {file}`")

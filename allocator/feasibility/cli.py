@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from allocator.errors import InvalidInput
-from allocator.shell.joint_options import JointOptions
-from allocator.shell.mechanism_options import MechanismOptions
+from allocator.shell.hand_options import HandOptions
+from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, numbers, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
@@ -30,9 +30,9 @@ _OWN_NAME = "map.png"
 
 @grouped
 def map_command(
-    options: JointOptions,
+    options: MachineOptions,
     stiffness_options: StiffnessOptions,
-    mechanism_options: MechanismOptions,
+    hand: HandOptions,
     theta: Annotated[
         str | None, typer.Option(help="angle, LOW:HIGH or LOW:HIGH:STEP [degrees]; all by default")
     ] = None,
@@ -42,12 +42,13 @@ def map_command(
     torque: Annotated[
         str | None,
         typer.Option(
-            help="torque, LOW:HIGH or LOW:HIGH:STEP [N·m]; 0, or all if another one is a number; of a mechanism "
-            "numbers with commas, or free"
+            help="torque, LOW:HIGH or LOW:HIGH:STEP [N·m]; 0, or all if another one is a number; of several "
+            "joints numbers with commas, or free"
         ),
     ] = None,
     targets: Annotated[
-        str | None, typer.Option(help="of a mechanism: what is drawn over what, such as K11,K12 or T1,K22 or Kx11,Kx22")
+        str | None,
+        typer.Option(help="of several joints: what is drawn over what, such as K11,K12, T1,K22, Kx11,Kx22"),
     ] = None,
     out: Annotated[Path, typer.Option(help="picture (.png, .pdf, .svg), table (.csv) or arrays (.npz)")] = Path(
         _OWN_NAME
@@ -61,31 +62,37 @@ def map_command(
     """Show which angles, stiffnesses and torques the joint can have, and which limit ends them.
 
     Two or three of angle, stiffness and torque are ranges, the others numbers. The ending of --out says what is
-    written. Repeat --muscle to compare muscles on one picture. With --mechanism and a --posture the polygon of two
+    written. Repeat --muscle to compare muscles on one picture. Of several joints at a --posture the polygon of two
     --targets, the muscles in the way named on its edges; with --links instead of a posture the stiffness ellipses that
     the hand can have over its workspace.
     """
     from rich.console import Console
 
+    from allocator.joint.antagonist import AntagonistJoint
     from allocator.units import DEG
 
     check_ending("--out", out, _ENDINGS)
-    claim(out, inputs=(*options.files, mechanism_options.mechanism), force=force, own=(_OWN_NAME,))
+    claim(out, inputs=options.files, force=force, own=(_OWN_NAME,))
     within("--max-memory", max_memory, "GB", 1e-6, 1e6)
-    if mechanism_options.mechanism is not None:
-        mechanism_options.alone(options, stiffness_options, theta)
-        _mechanism(mechanism_options, targets, torque, stiffness, out, min_force, as_json)
+    base = options.base
+    if not isinstance(base, AntagonistJoint):
+        if theta is not None or stiffness is not None:
+            raise InvalidInput("--theta and --stiffness are ranges of a joint; of several --targets says what is drawn")
+        if pressures or stiffness_options != StiffnessOptions():
+            raise InvalidInput("--pressures, --valves and --frequency are of one joint's map")
+        _several(options, hand, targets, torque, out, min_force, as_json)
         return
+    hand.none()
     if targets is not None:
-        raise InvalidInput("--targets goes with --mechanism; of a joint --theta, --stiffness and --torque are ranges")
+        raise InvalidInput("--targets is of several joints; of one --theta, --stiffness and --torque are ranges")
     axes = {
         "theta": None if theta is None else _axis("--theta", theta, "°") * DEG,
         "K": None if stiffness is None else _axis("--stiffness", stiffness, "N·m/rad"),
         "T": _torque(torque, theta, stiffness),
     }
     console = Console(stderr=as_json)
-    joints = options.compared()
-    kind = stiffness_options.kind(options.joint)
+    joints = options.compared(base)
+    kind = stiffness_options.kind(options.file)
     maps = {name: _map(axes, joint, kind, min_force, max_memory, console) for name, joint in joints.items()}
     _write(maps, out, pressures)
     if as_json:
@@ -96,25 +103,24 @@ def map_command(
     say(console, f"written: {out}")
 
 
-def _mechanism(
-    options: MechanismOptions,
+def _several(
+    options: MachineOptions,
+    hand: HandOptions,
     targets: str | None,
     torque: str | None,
-    stiffness: str | None,
     out: Path,
     min_force: float,
     as_json: bool,
 ) -> None:
-    """Draw what a mechanism can do."""
+    """Draw what several joints can do."""
     from rich.console import Console
 
-    from allocator.mechanism.map_cli import draw
+    from allocator.feasibility.machine_cli import draw
     from allocator.presentation.plotting import save_figure
 
-    if stiffness is not None:
-        raise InvalidInput("--stiffness is a range of a joint; of a mechanism --targets says what is drawn")
     check_ending("--out", out, IMAGES)
-    figure, sentence, values = draw(options, targets, torque, min_force=min_force)
+    mechanism: Any = options.build()
+    figure, sentence, values = draw(mechanism, hand, targets, torque, min_force=min_force)
     save_figure(figure, out)
     if as_json:
         print_json(values | {"written": str(out)})

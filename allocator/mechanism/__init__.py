@@ -25,7 +25,6 @@ from allocator.mechanism.mechanism import Mechanism, TargetsMap
 from allocator.mechanism.pictures import plot_arm, plot_polygon, plot_workspace
 from allocator.mechanism.result import MechanismAllocation
 from allocator.mechanism.routes import Link, Pulleys, Routes, Site, Sites, Tables, from_function
-from allocator.mechanism.storage import load_mechanism, save_mechanism
 
 __all__ = [
     "AtLeast",
@@ -50,11 +49,9 @@ __all__ = [
     "endpoint_ellipses",
     "feasible_targets",
     "from_function",
-    "load_mechanism",
     "machines",
     "plot_arm",
     "plot_polygon",
     "plot_workspace",
-    "save_mechanism",
     "warm_up",
 ]

@@ -6,7 +6,6 @@ differs in yours (`dataclasses.replace`, `Mechanism.with_muscles`).
 
 from collections.abc import Callable, Mapping
 
-from allocator.errors import MissingBackend
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.routes import Pulleys
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
@@ -86,14 +85,3 @@ def leg37() -> Mechanism:
 
 MACHINES: Mapping[str, Callable[[], Mechanism]] = {"arm26": arm26, "arm48": arm48, "leg37": leg37}
 """Every ready-made machine, by its name."""
-
-
-def machine(name: str) -> Mechanism:
-    """Return the ready-made machine of this name, or the mechanism in the TOML file of this name."""
-    from allocator.mechanism.storage import load_mechanism
-
-    if name in MACHINES:
-        return MACHINES[name]()
-    if not name.endswith(".toml"):
-        raise MissingBackend("mechanism", name, [*MACHINES, "a file ending in .toml"])
-    return load_mechanism(name)

@@ -37,6 +37,16 @@ def claim(
         seen.add(target)
 
 
+def files_of_run(out: Iterable[Path], endings: tuple[str, ...], own: Iterable[str]) -> list[Path]:
+    """Return the files of a run that --out names: each itself, or a directory's files of the `own` names."""
+    files = []
+    for path in out:
+        if path.suffix and path.suffix.lower() not in endings:
+            raise InvalidInput(f"--out {path}: a run is written as {', '.join(endings)} or into a directory")
+        files += [path] if path.suffix else [path / name for name in own]
+    return files
+
+
 def check_ending(option: str, path: Path | None, endings: tuple[str, ...]) -> None:
     """Insist that the ending of `path` is one of these."""
     if path is not None and path.suffix.lower() not in endings:

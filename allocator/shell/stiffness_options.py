@@ -1,16 +1,17 @@
 """The options that say which stiffness is meant are the same for every command: isobaric, shut, or at a frequency."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from typer import Option
 
-from allocator.errors import InvalidFile, InvalidInput
+from allocator.errors import InvalidInput
 
 if TYPE_CHECKING:
     from allocator.joint.gas import StiffnessKind
 
+PAIR = ("agonist", "antagonist")
 _STATES = {"agonist": (True, False), "antagonist": (False, True)}
 _LAG = 0.1  # [s], that of a plant without one
 
@@ -18,6 +19,8 @@ _LAG = 0.1  # [s], that of a plant without one
 @dataclass(frozen=True)
 class StiffnessOptions:
     """The options are which valves are shut, or which frequency is felt; without them pressures are held."""
+
+    PANEL: ClassVar[str] = "Which stiffness"
 
     valves: Annotated[
         str,
@@ -29,28 +32,26 @@ class StiffnessOptions:
     frequency: Annotated[float | None, Option(help="stiffness that motions at this frequency meet [Hz]")] = None
     lag: Annotated[
         float | None,
-        Option(help=f"lag of the pressure regulators [s], for --frequency; else that of --joint's plant, or {_LAG:g}"),
+        Option(help=f"lag of the regulators [s], for --frequency; else that of --machine's plant, or {_LAG:g}"),
     ] = None
 
-    def kind(self, joint: Path | None) -> "StiffnessKind":
-        """Return which stiffness is meant, with the lags in the file `joint` where none is given.
+    def kind(self, file: str | None, muscles: Sequence[str] = PAIR) -> "StiffnessKind":
+        """Return which stiffness of the `muscles` is meant, with the lags in a machine's `file` where none is given.
 
         Raises `InvalidInput` for valves, a frequency or a lag that cannot be.
         """
         from allocator.joint.gas import StiffnessKind
 
-        states = ("open", "shut", "free", *_STATES)
+        states = ("open", "shut", *(("free", *_STATES) if tuple(muscles) == PAIR else ()))
         if self.valves not in states:
             raise InvalidInput(f"--valves {self.valves}: choose one of {', '.join(states)}")
-        lag = _stored_lag(joint) if self.frequency is not None and self.lag is None else self.lag
-        return StiffnessKind.of(_STATES.get(self.valves, self.valves), self.frequency, lag)
+        lag = _stored_lag(file) if self.frequency is not None and self.lag is None else self.lag
+        return StiffnessKind.of(_STATES.get(self.valves, self.valves), self.frequency, lag, muscles)
 
 
-def _stored_lag(path: Path | None) -> Any:
+def _stored_lag(path: str | None) -> Any:
     """Return the lag or the two lags [s] of the plant in the file; raises `InvalidFile` if [plant] is no table."""
-    from allocator.muscles import storage
+    from allocator.files.toml import Table
 
-    plant = {} if path is None else storage.read(path).get("plant", {})
-    if not isinstance(plant, dict):
-        raise InvalidFile(str(path), "[plant] has to be a table")
-    return plant.get("lag", _LAG)
+    plant = None if path is None else Table.read(path).table("plant")
+    return _LAG if plant is None else plant.entries.get("lag", _LAG)

@@ -1,4 +1,4 @@
-"""The nonlinear programme of which `TrackingMPC` solves one QP a sample, by IPOPT: the same cost, limits, horizon, blocks.
+"""The nonlinear programme behind `TrackingMPC`, by IPOPT: the same cost, limits, horizon, blocks.
 
 Multiple shooting with the model's own sample; decisions are the changes of the blocks, the states and the slacks.
 """

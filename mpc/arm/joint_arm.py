@@ -2,8 +2,8 @@
 
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
-from mpc.arm.bodies import EARTH, Bodies
-from mpc.arm.model import Arm
+from mpc.model.arm.bodies import EARTH, Bodies
+from mpc.model.arm.model import Arm
 from mpc.model.plant import Plant
 
 _CENTRE = 0.15  # [m] of the link's mass from the hinge, at most

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
 
 import typer
 
@@ -40,6 +40,8 @@ _SUFFIXES = (*IMAGES, ".csv", ".npz")
 @dataclass(frozen=True)
 class BenchOptions:
     """The options are those of every command that moves a joint."""
+
+    PANEL: ClassVar[str] = "The bench"
 
     device: Annotated[
         str, typer.Option(help="NAME or NAME:ADDRESS, such as sim, serial:/dev/ttyUSB0, modbus:192.168.0.5:502")
@@ -114,7 +116,7 @@ class Opened(NamedTuple):
         """Return what is known of a joint from a file without standing there, or ""."""
         from mpc.model.compensation import Compensation
 
-        told = options.compensation().told if options.joint else self.known.told
+        told = options.compensation().told if options.file else self.known.told
         return Compensation(**{name: value for name, value in self.known.told.items() if name not in told}).summary
 
 
@@ -180,7 +182,7 @@ def run_command(
     reference = reference_called(trajectory, stiffness, plant)
     say(console, f"plant: {plant.summary}" + f"; {known.summary}" * bool(known.summary))
     if assumed := opened.assumed(options):
-        say(console, f"not in --joint, simulated as on a usual bench and told to the controller: {assumed}")
+        say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
         driver, observer = _loop(controller, opened, dt, horizon)

@@ -6,14 +6,14 @@ from typing import Annotated
 import typer
 
 from allocator.errors import InvalidInput
-from allocator.shell.joint_options import JointOptions
+from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, within
 from allocator.shell.printing import say
 
 
 @grouped
 def explore(
-    options: JointOptions,
+    options: MachineOptions,
     run: Annotated[
         Path | None, typer.Option(help="a run to play, an .npz of `antagonist track`; its joint is shown")
     ] = None,
@@ -35,9 +35,9 @@ def explore(
     from mpc.trials.recordings import load_recording
 
     within("--port", port, "", 0, 65535)
-    if run is not None and options != JointOptions():
+    if run is not None and options != MachineOptions():
         raise InvalidInput("--run brings its own joint: leave out the options of a joint")
-    joint = options.build() if run is None else load_recording(run).plant.joint
+    joint = options.joint() if run is None else load_recording(run).plant.joint
     played = None if run is None else frames(run)
     try:
         serving = server(joint, played, port)

@@ -14,7 +14,7 @@ from allocator import AntagonistJoint, Lever, Pulley, allocate, feasibility_map,
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.feasibility.edges import Edge
-from allocator.joint.gas import Valves
+from allocator.joint.gas import Stiffness, Valves
 from allocator.joint.geometry import Geometry
 from allocator.units import BAR, DEG, MM
 
@@ -120,7 +120,7 @@ class Answer:
         """Return pressures, what they give, what binds, and both muscles."""
         asked = self.question
         valves = _VALVES[asked.valves]
-        a = allocate(asked.theta * DEG, asked.stiffness, asked.torque, joint=self.joint, valves=valves)
+        a = allocate(asked.theta * DEG, asked.stiffness, asked.torque, joint=self.joint, stiffness=Stiffness(valves))
         theta = float(a.theta)
         low, high = stiffness_interval(theta, asked.torque, joint=self.joint, valves=valves)
         return {

@@ -1,14 +1,14 @@
-"""`antagonist export` writes allocator and controller as C. Heavy libraries load when it runs."""
+"""`antagonist export` writes what runs without Python: C, FMUs, firmware. Heavy libraries load when it runs."""
 
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from allocator.errors import InvalidInput
-from allocator.shell.options import grouped
-from allocator.shell.outputs import claim
+from allocator.shell.machine_options import MachineOptions
+from allocator.shell.options import Command, grouped
+from allocator.shell.outputs import Force, claim
 from allocator.shell.printing import say
 from mpc.export.serial.cli import BoardOptions
 from mpc.plant_cli import PlantOptions
@@ -18,135 +18,157 @@ if TYPE_CHECKING:
     from mpc.model.plant import Plant
     from mpc.tracking.controller import TrackingMPC
 
+export_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
+Out = Annotated[Path, typer.Option(help="new or empty directory for the files")]
+Precision = Annotated[str, typer.Option(help="double, or single for an FPU without double")]
+Horizon = Annotated[int, typer.Option(help="samples of 10 ms that the controller looks ahead")]
+Errors = Annotated[
+    str | None,
+    typer.Option(
+        help="the controller's weights by errors that cost one half, e.g. theta=0.1,rate=0.3: theta [°], omega [°/s], "
+        "K [N·m/rad], u [bar], rate [bar/s]"
+    ),
+]
+
+
+@export_app.callback()
+def _group() -> None:
+    """Write what runs without Python: C99 for a microcontroller or a real-time PC, or FMUs.
+
+    The allocation and the governor are those of any --machine, everything else of one joint with two muscles.
+    """
+
+
+@export_app.command("controller", cls=Command, short_help="the whole controller of a joint as C")
 @grouped
-def export_command(
-    out: Annotated[Path, typer.Option(help="new or empty directory for the C files; the file of --tuning")],
+def controller_command(
+    out: Out,
     options: PlantOptions,
-    board: BoardOptions,
-    what: Annotated[str, typer.Option(help="allocate, mpc or all")] = "all",
-    precision: Annotated[str, typer.Option(help="double, or single for an FPU without double")] = "double",
-    horizon: Annotated[int, typer.Option(help="samples of 10 ms that the controller looks ahead")] = 10,
-    errors: Annotated[
-        str | None,
-        typer.Option(
-            help="the controller's weights by errors that cost one half, e.g. theta=0.1,rate=0.3: theta [°], omega "
-            "[°/s], K [N·m/rad], u [bar], rate [bar/s]"
-        ),
-    ] = None,
-    tuning: Annotated[
-        bool,
-        typer.Option("--tuning", help="write numbers to --out that retune a controller in C without a compiler"),
+    precision: Precision = "double",
+    horizon: Horizon = 10,
+    errors: Errors = None,
+    alone: Annotated[
+        bool, typer.Option("--alone", help="leave the demonstration of the allocation out of main.c")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="replace the file of --tuning")] = False,
-    fmu: Annotated[
-        bool,
-        typer.Option("--fmu", help="write plant.fmu and controller.fmu (FMI 3.0 co-simulation) into --out instead"),
-    ] = False,
-    mechanism: Annotated[
-        str | None, typer.Option(help="arm26, arm48, leg37 or a TOML file: its allocation, with --muscle if given")
-    ] = None,
-    governor: Annotated[
-        str | None, typer.Option(help="arm26, arm48 or leg37: the governor of its pressures, every 10 ms")
-    ] = None,
 ) -> None:
-    """Write allocator and controller as plain C99, for a microcontroller or a real-time PC; or as FMUs."""
-    from rich.console import Console
+    """Write controller, observer and allocation of a joint as plain C99, without a heap."""
+    from mpc.export.entry import export
 
-    from mpc.export.entry import default_controller, export
-    from mpc.export.tuning import weights_from, write_tuning
+    plant, known, controller = _controller(options, horizon, errors)
+    made = export(out, joint=plant.joint, controller=controller, what="mpc" if alone else "all", precision=precision)
+    _say_plant(plant, known)
+    _say_written(made, f"{made / 'README.md'} says how to build them")
 
-    if fmu and (board.serial or precision != "double" or what != "all"):
-        raise InvalidInput("--fmu: an FMU has all in double precision; leave --target, --what and --precision away")
-    allocates = what == "allocate" or (board.serial and board.variant == "terminal")
-    if (errors is not None or tuning) and (allocates or mechanism is not None or governor is not None):
-        raise InvalidInput("--errors, --tuning: they are the controller's, and here there is none")
-    if tuning and (fmu or board.serial or what != "all"):
-        raise InvalidInput("--tuning: it writes one file of numbers; leave --what, --fmu and --target away")
-    if force and not tuning:
-        raise InvalidInput("--force: it replaces the file of --tuning; directories have to be new or empty")
-    if governor is not None:
-        if fmu or board.serial or what != "all" or mechanism is not None:
-            raise InvalidInput("--governor: it comes alone; leave --mechanism, --what, --fmu and --target away")
-        _governor(out, governor, precision)
-        return
-    if mechanism is not None:
-        if fmu or board.serial or what == "mpc":
-            raise InvalidInput(
-                "--mechanism: of a mechanism there is the allocation as C only; leave --what, --fmu away"
-            )
-        _mechanism(out, mechanism, options, precision)
-        return
-    if tuning:
-        claim(out, inputs=options.files, force=force)
-    plant = options.plant()
-    known = options.compensation()
-    weights = None if errors is None else weights_from(errors)
-    controller = None if allocates else default_controller(plant, horizon, known, weights)
-    if tuning and controller is not None:
-        write_tuning(out, controller, precision=precision)
-        say(Console(), f"written: {out}, for a build of the same plant in {precision} precision; its README says how")
-        return
-    if fmu:
-        made, read = _fmus(out, plant, known, controller), "any tool that reads FMI 3.0 takes them"
-    elif board.serial:
-        made = board.export(out, plant, known, controller, precision)
-        read = f"{made / 'serial' / 'README.md'} says what to do"
+
+@export_app.command("allocation", cls=Command, short_help="the allocation of any machine as C")
+@grouped
+def allocation_command(out: Out, options: MachineOptions, precision: Precision = "double") -> None:
+    """Write the allocation of a joint or of several as plain C99: pressures for torques and stiffnesses."""
+    from allocator.joint.antagonist import AntagonistJoint
+    from mpc.export.entry import export
+    from mpc.export.mechanism.entry import export_mechanism
+
+    machine = options.build()
+    if isinstance(machine, AntagonistJoint):
+        made = export(out, joint=machine, what="allocate", precision=precision)
     else:
-        made = export(out, joint=plant.joint, controller=controller, what=what, precision=precision)
-        read = f"{made / 'README.md'} says how to build them"
-    console = Console()
-    if controller is not None:
-        say(console, f"plant: {plant.summary}")
-        if known.summary:
-            say(console, f"told to the controller: {known.summary}")
-        if known.untold:
-            say(console, f"not told to the controller, whose C has no such numbers: {known.untold}")
-    say(console, f"written: {sum(path.is_file() for path in made.rglob('*'))} files in {made}; {read}")
+        made = export_mechanism(out, machine, precision=precision)
+    _say_written(made, f"{made / 'README.md'} says how to build them")
 
 
-def _fmus(out: Path, plant: "Plant", known: "Compensation", controller: "TrackingMPC | None") -> Path:
+@export_app.command("governor", cls=Command, short_help="safe pressures of an arm as C")
+@grouped
+def governor_command(out: Out, options: PlantOptions, precision: Precision = "double") -> None:
+    """Write the governor of an arm's pressures as plain C99, for a sample every 10 ms: --machine arm26 or a file."""
+    from mpc.export.governor.entry import export_governor
+    from mpc.governor import PressureGovernor
+
+    made = export_governor(out, PressureGovernor.of_arm(options.arm(), 0.01), precision=precision)
+    _say_written(made, f"{made / 'README.md'} says how to build them")
+
+
+@export_app.command("fmu", cls=Command, short_help="plant and controller of a joint as FMUs")
+@grouped
+def fmu_command(out: Out, options: PlantOptions, horizon: Horizon = 10, errors: Errors = None) -> None:
+    """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
     from mpc.export.directory import check
     from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
     from mpc.model.real_plant import RealPlant
 
+    plant, known, controller = _controller(options, horizon, errors)
     check(out)
     export_plant_fmu(out / "plant.fmu", RealPlant.of(plant, known))
     export_controller_fmu(out / "controller.fmu", controller)
-    return out
+    _say_plant(plant, known)
+    _say_written(out, "any tool that reads FMI 3.0 takes them")
 
 
-def _mechanism(out: Path, name: str, options: PlantOptions, precision: str) -> None:
-    """Write the allocation of the mechanism called `name`, with --muscle if given. Raises `AntagonistError`."""
+@export_app.command("firmware", cls=Command, short_help="a board on a serial line, for a joint")
+@grouped
+def firmware_command(
+    out: Out,
+    options: PlantOptions,
+    board: BoardOptions,
+    precision: Precision = "double",
+    horizon: Horizon = 10,
+    errors: Errors = None,
+) -> None:
+    """Write the firmware of a board on a serial line as plain C99, and a simulated board."""
+    if board.variant == "terminal":
+        if errors is not None:
+            raise InvalidInput("--errors: it is the controller's, and a terminal has none")
+        made = board.export(out, options.plant(), options.compensation(), None, precision)
+    else:
+        plant, known, controller = _controller(options, horizon, errors)
+        made = board.export(out, plant, known, controller, precision)
+        _say_plant(plant, known)
+    _say_written(made, f"{made / 'serial' / 'README.md'} says what to do")
+
+
+@export_app.command("tuning", cls=Command, short_help="numbers that retune a controller in C")
+@grouped
+def tuning_command(
+    out: Annotated[Path, typer.Option(help="the file to write")],
+    options: PlantOptions,
+    precision: Precision = "double",
+    horizon: Horizon = 10,
+    errors: Errors = None,
+    force: Force = False,
+) -> None:
+    """Write numbers that retune an exported controller without a compiler."""
     from rich.console import Console
 
-    from allocator.mechanism import machines
-    from allocator.muscles.catalogue import named_muscle
-    from mpc.export.mechanism.entry import export_mechanism
+    from mpc.export.tuning import write_tuning
 
-    given = [field.name for field in fields(options) if getattr(options, field.name) is not None]
-    others = [name for name in given if name != "muscle"]
-    if others or len(options.muscle or ()) > 1:
-        raise InvalidInput(
-            f"--mechanism: of the joint's options there is one --muscle, for all its muscles; leave "
-            f"--{others[0].replace('_', '-') if others else 'muscle'} away, and write what differs into its TOML file"
-        )
-    mechanism = machines.machine(name)
-    if options.muscle:
-        mechanism = mechanism.with_muscles(named_muscle(options.muscle[0]))
-    made = export_mechanism(out, mechanism, precision=precision)
-    files = sum(path.is_file() for path in made.rglob("*"))
-    say(Console(), f"written: {files} files in {made}; {made / 'README.md'} says how to build them")
+    claim(out, inputs=options.files, force=force)
+    *_, controller = _controller(options, horizon, errors)
+    write_tuning(out, controller, precision=precision)
+    say(Console(), f"written: {out}, for a build of the same plant in {precision} precision; its README says how")
 
 
-def _governor(out: Path, name: str, precision: str) -> None:
-    """Write the governor of the machine called `name`. Raises `InvalidInput` and `MissingBackend`."""
+def _controller(options: PlantOptions, horizon: int, errors: str | None) -> "tuple[Plant, Compensation, TrackingMPC]":
+    """Return the plant, what is known of it besides, and its controller."""
+    from mpc.export.entry import default_controller
+    from mpc.export.tuning import weights_from
+
+    plant, known = options.plant(), options.compensation()
+    weights = None if errors is None else weights_from(errors)
+    return plant, known, default_controller(plant, horizon, known, weights)
+
+
+def _say_plant(plant: "Plant", known: "Compensation") -> None:
     from rich.console import Console
 
-    from mpc.export.governor.entry import export_governor
-    from mpc.governor import PressureGovernor
-    from mpc.model.arm.model import Arm
+    console = Console()
+    say(console, f"plant: {plant.summary}")
+    if known.summary:
+        say(console, f"told to the controller: {known.summary}")
+    if known.untold:
+        say(console, f"not told to the controller, whose C has no such numbers: {known.untold}")
 
-    made = export_governor(out, PressureGovernor.of_arm(Arm.machine(name), 0.01), precision=precision)
-    files = sum(path.is_file() for path in made.rglob("*"))
-    say(Console(), f"written: {files} files in {made}; {made / 'README.md'} says how to build them")
+
+def _say_written(made: Path, read: str) -> None:
+    from rich.console import Console
+
+    say(Console(), f"written: {sum(path.is_file() for path in made.rglob('*'))} files in {made}; {read}")

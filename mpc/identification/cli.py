@@ -9,14 +9,14 @@ from rich.progress import Progress, TimeElapsedColumn
 from rich.table import Table
 
 from allocator.errors import InvalidInput
+from allocator.files import toml
 from allocator.identification.columns import parse_columns
 from allocator.identification.motion.fit import STEPS, fit_motion
 from allocator.identification.motion.reading import read_motion_log
 from allocator.identification.motion.result import LABELS, MotionFit
 from allocator.identification.muscle.cli import columns_option
 from allocator.identification.options import DropSpikes, SkipRows
-from allocator.joint.storage import joint_from, scale_known_in
-from allocator.muscles import storage
+from allocator.machine_file import joint_from, scale_known_in
 from allocator.presentation.plotting import save_figure
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
@@ -30,13 +30,13 @@ def fit_motion_command(
     log: Annotated[
         Path, typer.Argument(help="CSV with time [s], theta [deg], pressure1 [bar], pressure2 [bar]; see above.")
     ],
-    joint: Annotated[
+    machine: Annotated[
         Path | None, typer.Option(help="Joint of the same kind, a TOML file of fit-joint: needed for --out.")
     ] = None,
     columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
     skip_rows: SkipRows = 0,
     drop_spikes: DropSpikes = False,
-    out: Annotated[Path | None, typer.Option(help="Write the plant to this TOML file, for --joint.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the plant to this TOML file, for --machine.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw free run, residuals and hysteresis into this image.")] = None,
     force: Force = False,
     as_json: AsJSON = False,
@@ -49,19 +49,19 @@ def fit_motion_command(
     of slow sweeps shows the width of the hysteresis instead. Begin the log at rest: the prediction does, too.
 
     In the tables, taut rows are those without a pressure below 1.5 bar; gain is the slope of the static angle over that
-    of --joint (1: they agree); inertia and damping are divided by the joint's stiffness, and without the division in
+    of --machine (1: they agree); inertia and damping are divided by the joint's stiffness, and without the division in
     the file of --out.
     """
     check_ending("--plot", plot, IMAGES)
-    claim(out, plot, inputs=(log, joint), force=force)
-    if out is not None and joint is None:
-        raise InvalidInput("--out writes a plant with muscles: give --joint, a file of fit-joint to begin with")
+    claim(out, plot, inputs=(log, machine), force=force)
+    if out is not None and machine is None:
+        raise InvalidInput("--out writes a plant with muscles: give --machine, a file of fit-joint to begin with")
     console = Console(stderr=as_json)
     data = read_motion_log(log, parse_columns(columns), skip_rows=skip_rows, drop_spikes=drop_spikes)
     for note in data.notes:
         say(console, note)
-    content = None if joint is None else storage.read(joint)
-    given = None if content is None else joint_from(joint or "", content, scale_needed=False)
+    content = None if machine is None else toml.Table.read(machine)
+    given = None if content is None else joint_from(content, scale_needed=False)
     with Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True) as bar:
         task = bar.add_task("fitting", total=STEPS)
         fit = fit_motion(
@@ -73,7 +73,7 @@ def fit_motion_command(
             scale_known=content is None or scale_known_in(content),
             progress=lambda step: bar.update(task, advance=1, description=step),
         )
-    plant = None if joint is None else _plant(fit, joint)
+    plant = None if machine is None else _plant(fit, machine)
     if as_json:
         print_json(_values(fit, plant))
     else:
@@ -89,9 +89,9 @@ def fit_motion_command(
 def _plant(fit: MotionFit, joint: Path) -> "IdentifiedPlant":
     from mpc.identification.plant import IdentifiedPlant
     from mpc.model.plant import NUMBERS
-    from mpc.model.storage import stored_numbers
+    from mpc.model.storage import numbers_in
 
-    return IdentifiedPlant.of(fit, stored_numbers(joint, NUMBERS))
+    return IdentifiedPlant.of(fit, numbers_in(toml.Table.read(joint), NUMBERS))
 
 
 def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console) -> None:

@@ -14,9 +14,9 @@ from typing import Self
 
 from allocator.calculus import Mask
 from allocator.files.atomic import write_text
+from allocator.files.toml import section
 from allocator.identification.motion.result import Errors, MotionFit, MovingJoint
-from allocator.joint import storage
-from allocator.muscles.storage import toml
+from allocator.machine_file import dumps
 from allocator.units import DEG
 from mpc.identification.replay import COMMANDED, IMPOSED, Replay, replay
 from mpc.model.plant import Plant
@@ -66,7 +66,7 @@ class IdentifiedPlant:
             return Plant.load(path)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the file, for every command's --joint. Raises `CannotWrite`."""
+        """Write the file, for every command's --machine. Raises `CannotWrite`."""
         write_text(path, self.text)
 
 
@@ -139,15 +139,14 @@ class _Written:
             "unseen": "; ".join(fit.unseen),
             "assumed": ", ".join(self.assumed),
         }
-        lines = [*_HEADER, storage.dumps(self.moving.joint, scale_known=fit.scale_known, source=source)]
+        lines = [*_HEADER, dumps(self.moving.joint, scale_known=fit.scale_known, source=source).rstrip("\n")]
         scale = "" if fit.scale_known else ", in the unknown scale of the joint's forces"
-        lines += [f"[plant]  # SI units: kg·m², N·m·s/rad, s, Pa/s{scale}"]
-        lines += [f"{name} = {toml(value)}" for name, value in numbers.items()]
+        lines += section("plant", numbers, f"SI units: kg·m², N·m·s/rad, s, Pa/s{scale}")
         if self._commanded:
             band, filling = values["dead_band"], values["filling"]
             regulators = {"dead_time": values["dead_time"], "dead_band": band if band >= _LEAST_BAND else 0.0}
             regulators |= self._lags | ({"flow": 1 / filling} if filling else {})
-            lines += ["", "[regulators]  # s, Pa, s, s, Pa/s", *(f"{n} = {toml(v)}" for n, v in regulators.items())]
+            lines += section("regulators", regulators, "s, Pa, s, s, Pa/s")
         return "\n".join(lines) + "\n"
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
+from allocator.files.toml import Table
 from allocator.identification.motion.result import Errors
 from allocator.identification.motion.samples import TAUT_FROM, MotionLog
-from allocator.muscles import storage
 from allocator.units import DEG
 from mpc.model.compensation import Compensation
 from mpc.model.free_run import free_run
@@ -40,7 +40,8 @@ def replay(path: str | PathLike[str], log: MotionLog) -> Replay:
     Raises `InvalidFile`.
     """
     real = RealPlant.of(Plant.load(path, scale_needed=False), Compensation.load(path, scale_needed=False))
-    source = storage.read(path).get("source", {})
+    table = Table.read(path).table("source")
+    source = {} if table is None else table.entries
     zero, pressures = source.get("encoder_zero_deg", 0.0), source.get("pressures", COMMANDED)
     if pressures not in (COMMANDED, IMPOSED):
         raise InvalidFile(path, f"[source]: pressures has to be {COMMANDED!r} or {IMPOSED!r}")

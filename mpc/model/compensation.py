@@ -16,7 +16,7 @@ import numpy as np
 from allocator import AntagonistJoint, checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.joint.storage import load_joint
+from allocator.machine_file import load_joint
 from allocator.units import BAR, DEG
 from mpc.model.contact import Contact, Hysteresis
 from mpc.model.friction import Friction

@@ -1,7 +1,7 @@
 """A machine of n joints and m muscles, as controllers and observers see it: `Plant` (n = 1, m = 2) and `Arm`.
 
-The state is x = (q [rad], ω [rad/s], P [Pa]) ∈ R^(2n+m). Angles, torques and stiffness of a joint are numbers, those of an
-arm rows (n,) and matrices (k, k); along a motion they have one row or matrix per sample.
+The state is x = (q [rad], ω [rad/s], P [Pa]) ∈ R^(2n+m). Angles, torques and stiffness of a joint are numbers, those of
+an arm rows (n,) and matrices (k, k); along a motion they have one row or matrix per sample.
 """
 
 from typing import Any, NamedTuple, Protocol

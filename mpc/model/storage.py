@@ -1,4 +1,4 @@
-"""Plants are kept as TOML files: a joint's file (see `allocator.joint.storage`) with one table more:
+"""Plants are kept as TOML files: a machine's file (see `allocator.machine_file`) with one table more:
 
 [plant]                        # SI units; what is left out is as in `Plant()`
 inertia = 0.05                 # [kg·m²]
@@ -23,58 +23,50 @@ Observers and controllers predict with the lag of [plant]; the last three shape 
 """
 
 from collections.abc import Collection, Mapping
-from os import PathLike
 from typing import Any
 
 from allocator import checks
-from allocator.errors import InvalidFile, InvalidInput
+from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
-from allocator.joint import storage as joint_storage
+from allocator.files.text import FilePath
+from allocator.files.toml import Table, section
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.muscles import storage
-
-FilePath = str | PathLike[str]
+from allocator.machine_file import dumps, joint_from
 
 _REGULATORS = ("dead_time", "dead_band", "lag_up", "lag_down", "flow")
 _LAGS = ("lag_up", "lag_down")
 
 
 def save_plant(path: FilePath, joint: AntagonistJoint, numbers: Mapping[str, Any]) -> None:
-    """Write a joint and the numbers of its plant to `path`, for every command's --joint and for `Plant.load`."""
-    lines = (f"{name} = {storage.toml(number)}" for name, number in numbers.items())
-    text = "\n".join(["[plant]  # SI units: kg·m², N·m·s/rad, s, N·m, Pa/s", *lines])
-    write_text(path, f"{joint_storage.dumps(joint)}\n{text}\n")
+    """Write a joint and the numbers of its plant to `path`, for every command's --machine and for `Plant.load`."""
+    plant = section("plant", numbers, "SI units: kg·m², N·m·s/rad, s, N·m, Pa/s")
+    write_text(path, dumps(joint) + "\n".join(plant) + "\n")
 
 
 def load_plant(
     path: FilePath, names: Collection[str], *, scale_needed: bool = True
 ) -> tuple[AntagonistJoint, dict[str, Any]]:
     """Read a joint, and those of the numbers called `names` that the file gives. Raises `InvalidFile`."""
-    content = storage.read(path)
-    joint = joint_storage.joint_from(path, content, scale_needed=scale_needed)
-    return joint, _numbers(path, content, names)
+    file = Table.read(path)
+    return joint_from(file, scale_needed=scale_needed), numbers_in(file, names)
 
 
-def stored_numbers(path: FilePath, names: Collection[str]) -> dict[str, Any]:
-    """Read those of the numbers called `names` that the file gives, whatever its joint. Raises `InvalidFile`."""
-    return _numbers(path, storage.read(path), names)
+def numbers_in(file: Table, names: Collection[str], where: str = "plant") -> dict[str, Any]:
+    """Return those of the numbers called `names` that a file gives in its table `where`. Raises `InvalidFile`."""
+    table = file.table(where)
+    if table is None:
+        return {}
+    table.only(names)
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in table.entries.items()}
 
 
 def stored_regulators(path: FilePath) -> dict[str, Any]:
     """Read the numbers of the regulators that the file gives, whatever its joint. Raises `InvalidFile`."""
-    table = _numbers(path, storage.read(path), _REGULATORS, "regulators")
+    file = Table.read(path)
+    found = numbers_in(file, _REGULATORS, "regulators")
     try:
         for name in _LAGS:
-            checks.not_negative(name, table.get(name, 0.0), "s")
+            checks.not_negative(name, found.get(name, 0.0), "s")
     except InvalidInput as error:
-        raise InvalidFile(path, f"[regulators]: {error}") from None
-    return {name: value for name, value in table.items() if value or name not in _LAGS}
-
-
-def _numbers(path: FilePath, content: dict[str, Any], names: Collection[str], where: str = "plant") -> dict[str, Any]:
-    table = content.get(where, {})
-    if not isinstance(table, dict):
-        raise InvalidFile(path, f"[{where}] has to be a table")
-    if surplus := table.keys() - set(names):
-        raise InvalidFile(path, f"[{where}] has no {', '.join(sorted(surplus))}; it has {', '.join(names)}")
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
+        raise Table(path, {}, "regulators").fault(error) from None
+    return {name: value for name, value in found.items() if value or name not in _LAGS}

@@ -17,6 +17,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.model.buffered import Buffered
 from mpc.model.compensation import Compensation
+from mpc.model.machine import Machine
 from mpc.model.plant import NU, NX, Plant
 from mpc.observer import pressure_diagnosis, torque_diagnosis
 from mpc.observer.gating import Verdict
@@ -197,3 +198,22 @@ def pulling(plant: Plant) -> Any:
     T = ca.vertcat(*(side.torque(x[2 + i]) for i, side in enumerate(plant.joint.sides(x[0]))))
     gains = [ca.jacobian(T[i], x[2 + i]) for i in range(NU)]
     return ca.Function("pulls", [x], [ca.densify(ca.vertcat(T, *gains, *plant.expansion(x)))])
+
+
+class NoDiagnosis:
+    """The diagnosis of an arm: nobody has found out yet what its faults look like."""
+
+    health = WELL
+
+    def reset(self) -> None:
+        """Do nothing."""
+
+    def follow(self, said: Array, verdicts: Sequence[Verdict], v: Array, xi: Array) -> None:
+        """Do nothing."""
+
+
+def diagnosis_of(
+    plant: Machine, dt: float, sigma: float, compensation: Compensation, tolerance: float
+) -> Diagnosis | NoDiagnosis:
+    """Return the diagnosis of a joint; there is none of an arm."""
+    return Diagnosis(plant, dt, sigma, compensation, tolerance) if isinstance(plant, Plant) else NoDiagnosis()

@@ -1,15 +1,19 @@
-"""An extended Kalman filter is written here for ξ = (θ, ω, P1, P2, d) from measured y = (θ, P1, P2).
+"""An extended Kalman filter for ξ = (q, ω, P, d) from measured y = (q, P), of n joints and m muscles.
 
-    ξ_{k+1} = (f_d(x_k, v_k, d_k - T_f), d_k) + w_k,    y_k = (θ, P1, P2)_k + n_k,    w ~ (0, Q),  n ~ (0, R)
+    ξ_{k+1} = (f_d(x_k, v_k, d_k - T_f), d_k) + w_k,    y_k = (q, P)_k + n_k,    w ~ (0, Q),  n ~ (0, R)
 
-f_d is the plant over one sample, v the commands that act now (past their dead time, less the dead band) and T_f the
-friction that `Compensation` knows. d is a random walk, so that in steady state nothing of a constant torque is left.
+f_d is the plant over one sample, v the commands that act now (past their dead time, less the dead band), d a torque
+from outside at every joint and T_f the friction that `Compensation` knows. d is a random walk, so that in steady state
+nothing of a constant torque is left, nor of muscles that pull otherwise than their laws say. Of a joint (n = 1, m = 2)
+ξ = (θ, ω, P1, P2, d).
 
 The plant is evaluated only within the joint range and the supply, for which its muscles' laws are made; beyond, its
 slope there is continued: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the nearest state within.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import isqrt
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -17,14 +21,15 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array, Mask, Value
 from allocator.units import BAR, DEG
+from mpc.model.arm.differences import Differences
+from mpc.model.arm.model import Arm
 from mpc.model.buffered import Buffered
 from mpc.model.compensation import Compensation
 from mpc.model.contact import BufferedPressing, Contact
-from mpc.model.plant import NU, NX, Plant
+from mpc.model.machine import Machine
+from mpc.model.plant import Plant
 from mpc.observer.gating import Gate
 
-MEASURED = np.array([0, 2, 3])  # of ξ
-_SCALE = np.array([1, 1, BAR, BAR, 1])  # of ξ in the Riccati equation, for its conditioning
 _UNSURE = 4.0  # times the stationary variance, where little is known
 
 
@@ -48,30 +53,30 @@ class Noise:
         for name, unit in (("omega_walk", "rad/s/√s"), ("pressure_walk", "Pa/√s"), ("d_walk", "N·m/√s")):
             checks.not_negative(f"Noise: {name}", getattr(self, name), unit)
 
-    def Q(self, dt: float) -> Array:
-        """Return the covariance (5, 5) of the model's errors over `dt` [s]."""
-        return dt * np.diag([0.0, self.omega_walk, self.pressure_walk, self.pressure_walk, self.d_walk]) ** 2
+    def Q(self, dt: float, n: int = 1, m: int = 2) -> Array:
+        """Return the covariance (3n + m, 3n + m) of the model's errors over `dt` [s]."""
+        return dt * np.diag([0.0] * n + [self.omega_walk] * n + [self.pressure_walk] * m + [self.d_walk] * n) ** 2
 
-    @property
-    def R(self) -> Array:
-        """Return the covariance (3, 3) of the sensors."""
-        return np.diag([self.theta, self.pressure, self.pressure]) ** 2
+    def R(self, n: int = 1, m: int = 2) -> Array:
+        """Return the covariance (n + m, n + m) of the sensors."""
+        return np.diag([self.theta] * n + [self.pressure] * m) ** 2
 
 
 class Belief(NamedTuple):
     """A belief is what is thought of ξ."""
 
-    xi: Array  # (5,)
-    covariance: Array  # (5, 5)
+    xi: Array  # (3n + m,)
+    covariance: Array  # (3n + m, 3n + m)
 
     @classmethod
     def of(cls, flat: Array) -> Self:
-        """Return a belief from its numbers (30,), copied."""
-        return cls(flat[: NX + 1].copy(), flat[NX + 1 :].reshape(NX + 1, NX + 1).copy())
+        """Return a belief from its numbers, copied: s of ξ and s² of its covariance."""
+        s = isqrt(flat.size)
+        return cls(flat[:s].copy(), flat[s:].reshape(s, s).copy())
 
     @property
     def flat(self) -> Array:
-        """Return its numbers (30,), ξ before the covariance, row by row."""
+        """Return its numbers, ξ before the covariance, row by row."""
         return np.append(self.xi, self.covariance)
 
     @property
@@ -85,60 +90,73 @@ class Belief(NamedTuple):
 class Filter:
     """The filter holds the equations; it remembers nothing."""
 
-    def __init__(self, plant: Plant, dt: float, noise: Noise, compensation: Compensation, gate: Gate) -> None:
+    def __init__(self, plant: Machine, dt: float, noise: Noise, compensation: Compensation, gate: Gate) -> None:
         self.plant, self.dt, self.noise, self.compensation, self.gate = plant, dt, noise, compensation, gate
-        self.Q, self.R = noise.Q(dt), noise.R
-        self.Q_rest = replace(noise, d_walk=0.0).Q(dt)  # a load that came would have moved a sensor that repeats
-        (left, right), (low, high) = plant.joint.angle_range, plant.joint.pressure_limits
-        self.inner = np.array([left, -gate.max_speed, low, low]), np.array([right, gate.max_speed, high, high])
-        self.outer = (
-            np.array([gate.lower[0], -gate.max_speed, *gate.lower[1:], -gate.max_torque]),
-            np.array([gate.upper[0], gate.max_speed, *gate.upper[1:], gate.max_torque]),
+        n, m, size = plant.n, plant.m, plant.size
+        self.measured = np.array([*range(n), *range(2 * n, size)])  # of ξ
+        self.Q, self.R = noise.Q(dt, n, m), noise.R(n, m)
+        self.Q_rest = replace(noise, d_walk=0.0).Q(dt, n, m)  # a load that came would have moved a sensor that repeats
+        fast, much = np.full(n, gate.max_speed), np.full(n, gate.max_torque)
+        self.inner, self.outer = (
+            tuple(np.concatenate([q * np.ones(n), sign * fast, P * np.ones(m)]) for sign, q, P in ends)
+            for ends in (
+                zip((-1, 1), plant.angle_limits, plant.pressure_limits, strict=True),
+                ((-1, gate.lower[:n], gate.lower[n:]), (1, gate.upper[:n], gate.upper[n:])),
+            )
         )
-        self._model = Buffered(self._discrete(dt))
-        self._pressing = BufferedPressing(plant)
-        self.stationary = self._stationary()  # covariance (5, 5) before a measurement once it has run for long
+        self.outer = np.append(self.outer[0], -much), np.append(self.outer[1], much)
+        self._model = self._discrete(dt)
+        self._pressing = BufferedPressing(plant) if isinstance(plant, Plant) else None
+        self.stationary = self._stationary()  # covariance before a measurement once it has run for long
         self.unsure = np.diag(_UNSURE * np.diag(self.stationary))  # where nothing but the readings is known
-        self.unsure[1, 1], self.unsure[NX, NX] = (gate.max_speed / 3) ** 2, (gate.max_torque / 9) ** 2
+        for places, most in ((slice(n, 2 * n), gate.max_speed / 3), (slice(size, None), gate.max_torque / 9)):
+            self.unsure[places, places] = most**2 * np.eye(n)
 
     def contact(self, belief: Belief) -> Contact:
-        """Return what presses on that which rubs, in the nearest state for which the muscles' laws are made."""
-        x = self.within(belief.xi)[:NX]
+        """Return the loads on the sliding surfaces of a joint, in the nearest state for which its muscles' laws are
+        made.
+        """
+        assert self._pressing is not None
+        x = self.within(belief.xi)[: self.plant.size]
         return Contact(self._pressing, np.minimum(np.maximum(x, self.inner[0]), self.inner[1]))
 
     def predicted(self, belief: Belief, v: Array, memory: Value, Q: Array) -> Belief:
-        """Predict one sample on, the commands `v` (2,) [Pa] acting and what friction remembers being `memory`."""
-        xi = self.within(belief.xi)
-        x, d = xi[:NX], float(xi[NX])
+        """Predict one sample on, the commands `v` (m,) [Pa] acting and what friction remembers being `memory`."""
+        size, xi = self.plant.size, self.within(belief.xi)
+        x, d = xi[:size], xi[size:]
         near = np.minimum(np.maximum(x, self.inner[0]), self.inner[1])
-        T_f = self.compensation.friction.torque(memory, Contact(self._pressing, near))
-        x_next, A = self._model(near, self.compensation.after_dead_band(v, x[2:]), d - T_f)
-        A = _with_walk(A)
-        later = np.append(x_next[0], d)
-        later[:NX] += A[:NX, :NX] @ (x - near)
+        v, T = self.compensation.after_dead_band(v, x[2 * self.plant.n :]), d
+        if self._pressing is not None:
+            T = d - self.compensation.friction.torque(memory, Contact(self._pressing, near))
+        x_next, A = self._model(near, v, T)
+        A = self._with_walk(A)
+        later = np.append(x_next, d)
+        later[:size] += A[:size, :size] @ (x - near)
         return Belief(later, A @ belief.covariance @ A.T + Q)
 
     def corrected(self, belief: Belief, read: Array, there: Mask, variances: Array) -> Belief:
-        """Correct by the readings `there` (3,) of `read` (3,), which have the `variances` (3,)."""
-        C, R = np.eye(NX + 1)[MEASURED[there]], np.diag(variances[there])
+        """Correct by the readings `there` (n + m,) of `read`, which have the `variances` (n + m,)."""
+        one = np.eye(belief.xi.size)
+        C, R = one[self.measured[there]], np.diag(variances[there])
         S = C @ belief.covariance @ C.T + R
         gain = np.linalg.solve(S, C @ belief.covariance).T
-        left = np.eye(NX + 1) - gain @ C
+        left = one - gain @ C
         covariance = left @ belief.covariance @ left.T + gain @ R @ gain.T  # Joseph's form: stays symmetric
         return Belief(belief.xi + gain @ (read[there] - C @ belief.xi), covariance)
 
     def unsure_at(self, belief: Belief, read: Array, there: Mask) -> Belief:
-        """Believe the readings `there` (3,) of `read` (3,) and else `belief`, with little certainty."""
+        """Believe the readings `there` (n + m,) of `read` and else `belief`, with little certainty."""
         xi = belief.xi.copy()
-        xi[MEASURED[there]] = read[there]
+        xi[self.measured[there]] = read[there]
         return Belief(xi, self.unsure)
 
     def can_be_sent(self, u: Array) -> Mask:
-        """Return whether commands `u` (2,) [Pa] are numbers that a regulator was given."""
-        return np.asarray((self.outer[0][2:NX] <= u) & (u <= self.outer[1][2:NX]))
+        """Return whether commands `u` (m,) [Pa] are numbers that a regulator was given."""
+        P = slice(2 * self.plant.n, self.plant.size)
+        return np.asarray((self.outer[0][P] <= u) & (u <= self.outer[1][P]))
 
     def within(self, xi: Array) -> Array:
-        """Return the nearest ξ (5,) that the gate calls possible."""
+        """Return the nearest ξ that the gate calls possible."""
         return np.asarray(np.minimum(np.maximum(xi, self.outer[0]), self.outer[1]))
 
     # --- what does not change ---------------------------------------------------------------------------------------
@@ -146,23 +164,31 @@ class Filter:
     def _stationary(self) -> Array:
         from scipy.linalg import solve_discrete_are
 
-        P = np.full(NU, np.mean(self.plant.joint.pressure_limits))
-        _, A = self._model(np.array([np.mean(self.plant.joint.angle_range), 0.0, *P]), P, 0.0)
-        scale = np.outer(_SCALE, _SCALE)
-        C, c_scale = np.eye(NX + 1)[MEASURED], _SCALE[MEASURED]
-        A = _with_walk(A) / _SCALE[:, None] * _SCALE
-        return np.asarray(scale * solve_discrete_are(A.T, C.T, self.Q / scale, self.R / np.outer(c_scale, c_scale)))
+        plant = self.plant
+        P = np.full(plant.m, np.mean(plant.pressure_limits))
+        x = np.concatenate([np.atleast_1d(plant.middle), np.zeros(plant.n), P])
+        _, A = self._model(x, P, plant.balance(x))
+        units = np.ones(plant.size + plant.n)  # of ξ, for the conditioning of the equation
+        units[2 * plant.n : plant.size] = BAR
+        scale, C, measured = np.outer(units, units), np.eye(units.size)[self.measured], units[self.measured]
+        A = self._with_walk(A) / units[:, None] * units
+        R = self.R / np.outer(measured, measured)
+        return np.asarray(scale * solve_discrete_are(A.T, C.T, self.Q / scale, R))
 
-    def _discrete(self, dt: float) -> Any:
-        """Return (x, v, d) ↦ x and its derivative by (x, d), transposed because `Buffered` hands back transposes."""
+    def _discrete(self, dt: float) -> Callable[[Array, Array, Any], Sequence[Array]]:
+        """Return (x, v, d) ↦ x and its derivative (2n + m, 3n + m) by (x, d)."""
         import casadi as ca
 
-        x, v, d = ca.SX.sym("x", NX), ca.SX.sym("v", NU), ca.SX.sym("d")
-        x_next = self.plant.discrete(dt)(x, v, d)
-        slope = ca.densify(ca.jacobian(x_next, ca.vertcat(x, d)).T)
-        return ca.Function("observed", [x, v, d], [x_next, slope])
+        plant = self.plant
+        if isinstance(plant, Arm) and plant.unformulated:
+            return Differences(plant, dt).sample
+        kind = ca.SX if isinstance(plant, Plant) else ca.MX
+        x, v, d = (kind.sym(name, rows) for name, rows in (("x", plant.size), ("v", plant.m), ("d", plant.n)))
+        x_next = plant.discrete(dt)(x, v, d)
+        # transposed because `Buffered` hands back transposes
+        slope = ca.densify(ca.horzcat(ca.jacobian(x_next, x), ca.jacobian(x_next, d)).T)
+        return Buffered(ca.Function("observed", [x, v, d], [x_next, slope]))
 
-
-def _with_walk(A: Array) -> Array:
-    """Return (5, 5) from the plant's derivative (4, 5): d stays."""
-    return np.vstack([A, np.eye(NX + 1)[-1:]])
+    def _with_walk(self, A: Array) -> Array:
+        """Return the derivative of ξ from the plant's (2n + m, 3n + m): d stays."""
+        return np.vstack([A, np.eye(self.plant.size + self.plant.n)[self.plant.size :]])

@@ -15,6 +15,7 @@ was hit, and an encoder that has lost its zero, are found again, in motion too.
 """
 
 from collections import deque
+from collections.abc import Iterator
 from copy import deepcopy
 from math import isfinite, nan, sqrt
 from typing import TYPE_CHECKING, Any, Self
@@ -22,13 +23,15 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from allocator.calculus import Array, Mask, Value
+from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.model.compensation import Compensation, FrictionState
-from mpc.model.plant import NX, Plant
+from mpc.model.machine import Machine
+from mpc.model.plant import Plant
 from mpc.observer.compiled.factory import Readable, compiled_estimate
 from mpc.observer.compiled.layout import State
-from mpc.observer.diagnosis import Diagnosis
-from mpc.observer.filter import MEASURED, Belief, Filter, Noise
+from mpc.observer.diagnosis import Diagnosis, diagnosis_of
+from mpc.observer.filter import Belief, Filter, Noise
 from mpc.observer.gating import DOUBT, ROUGH, Gate, SensorGate, Verdict
 from mpc.observer.health import Health
 
@@ -37,11 +40,10 @@ if TYPE_CHECKING:
 
 FIRST = 3  # samples up to which what is rejected may as well be right: nothing has confirmed the first reading
 COARSEST = 1 * DEG  # step of an encoder
-_THETA, _PRESSURES = 0, (1, 2)  # sensors
 
 
 class KalmanObserver:
-    """The observer is an extended Kalman filter; `plant` is the model.
+    """The observer is an extended Kalman filter; `plant`, a `Plant` or an `Arm`, is the model.
 
     A sensor may be silent or frozen for `tolerance` seconds.
 
@@ -57,7 +59,7 @@ class KalmanObserver:
 
     def __init__(
         self,
-        plant: Plant,
+        plant: Machine,
         dt: float,
         noise: Noise | None = None,
         compensation: Compensation | None = None,
@@ -73,8 +75,9 @@ class KalmanObserver:
         self.filter = Filter(plant, dt, self.noise, self.compensation, self.gate)
         times = self.gate.hesitation, self.gate.patience, tolerance
         self.hesitation, self.patience, self.crossing = (round(time / dt) for time in times)  # [samples]
-        self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(MEASURED.size)]
-        self.diagnosis = Diagnosis(plant, dt, self.noise.pressure, self.compensation, tolerance)
+        self._measured, self._angles = self.filter.measured, slice(plant.n)
+        self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(self._measured.size)]
+        self.diagnosis = diagnosis_of(plant, dt, self.noise.pressure, self.compensation, tolerance)
         self.compiled: CompiledEstimate | None = None
         self._compiles = compiled
         self.reset()
@@ -84,26 +87,27 @@ class KalmanObserver:
         """Forget the past: the next measurement is the state, and no torque disturbs."""
         self._catch_up()
         self._belief: Belief | None = None
-        self._verdicts = [Verdict.SILENT] * MEASURED.size  # on the last readings of θ, P1, P2
+        self._verdicts = [Verdict.SILENT] * self._measured.size  # on the last readings of angles and pressures
         self.rebuilt = 0  # how often the state was not finite and had to be built anew
-        self._read = np.full(MEASURED.size, np.nan)  # what the sensors said a sample ago
-        self._silent = np.zeros(MEASURED.size)  # for how long [s]
-        self._repeating = np.zeros(MEASURED.size)  # for how long [s]
-        self._frozen = np.zeros(MEASURED.size, bool)
+        self._read = np.full(self._measured.size, np.nan)  # what the sensors said a sample ago
+        self._silent = np.zeros(self._measured.size)  # for how long [s]
+        self._repeating = np.zeros(self._measured.size)  # for how long [s]
+        self._frozen = np.zeros(self._measured.size, bool)
         self._without: dict[int, Belief] = {}  # by sensor that repeats: what is thought without it
         self._rival: Belief | None = None  # that believes what the gates reject
         self._explained = 0  # samples for which it has explained all readings
         self._doubted = 0  # for how many it has to
-        self._contested = np.zeros(MEASURED.size, bool)  # sensors that it is about
+        self._contested = np.zeros(self._measured.size, bool)  # sensors that it is about
         self._unrivalled = self.crossing  # samples since anything was rejected
         self._samples = 0  # since the beginning, up to FIRST + 1
-        self._step = COARSEST  # the least change of the angle's reading so far [rad]
+        self._step = np.full(self.plant.n, COARSEST)  # the least change of each angle's reading so far [rad]
         self._variances = np.diag(self.filter.R).copy()  # of the sensors
         self._friction = FrictionState(self.compensation.friction)
         self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + 1)
         for gate in self._gates:
             gate.reset()
-        self._gates[_THETA].floor = self.gate.floor[_THETA]
+        for gate, floor in zip(self._gates[self._angles], self.gate.floor, strict=False):
+            gate.floor = floor
         self.diagnosis.reset()
 
     @property
@@ -119,15 +123,15 @@ class KalmanObserver:
 
     @property
     def verdicts(self) -> list[Verdict]:
-        """The verdicts are those on the last readings of θ, P1, P2."""
+        """The verdicts are those on the last readings of angles and pressures."""
         ordinary = self.compiled is not None and self.compiled.ahead
-        return [Verdict.BELIEVED] * MEASURED.size if ordinary else self._verdicts
+        return [Verdict.BELIEVED] * self._measured.size if ordinary else self._verdicts
 
     @property
     def encoder_step(self) -> float:
-        """Return the least change of the angle's reading so far [rad], `COARSEST` at most."""
+        """Return the least change of an angle's reading so far [rad], `COARSEST` at most."""
         self._catch_up()
-        return self._step
+        return float(self._step.min())
 
     @property
     def implementation(self) -> str:
@@ -139,10 +143,11 @@ class KalmanObserver:
         """Return what may be broken, as of the last estimate."""
         return self.diagnosis.health
 
-    def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """Return the state (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured.
+    def estimate(self, y: Array, u: Array) -> tuple[Array, Any]:
+        """Return the state (2n + m,) and disturbance torque [N·m], (n,) of an arm, from `y` (2n + m,), NaN where
+        unmeasured.
 
-        `u` (2,) [Pa] was sent last.
+        `u` (m,) [Pa] was sent last. Raises `InvalidInput` for shapes.
         """
         y, u, compiled = np.asarray(y, float), np.asarray(u, float), self.compiled
         if compiled is not None:
@@ -150,15 +155,17 @@ class KalmanObserver:
             if found is not None:
                 return found
             compiled.give()
-        return self._estimated(y[MEASURED], u)
+        if y.shape != (self.plant.size,) or u.shape != (self.plant.m,):
+            raise InvalidInput(f"y and u have the shapes {y.shape} and {u.shape}, not (2n + m,) and (m,)")
+        return self._estimated(y[self._measured], u)
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
-    def _estimated(self, said: Array, u: Array) -> tuple[Array, float]:
-        """Return what `estimate` does, whatever the sensors have `said` (3,)."""
+    def _estimated(self, said: Array, u: Array) -> tuple[Array, Any]:
+        """Return what `estimate` does, whatever the sensors have `said` (n + m,)."""
         if self._belief is None:
             self._begin(said, u)
         else:
-            self._learn_step(abs(float(said[_THETA] - self._read[_THETA])))
+            self._learn_steps(np.abs(said - self._read)[self._angles].tolist())
             self._commands.append(np.where(self.filter.can_be_sent(u), u, self._commands[-1]))
             self._go_on(self._belief, said)
         there = self._believed
@@ -170,29 +177,31 @@ class KalmanObserver:
 
     @property
     def _believed(self) -> Mask:
-        """Return which readings (3,) count."""
+        """Return which readings (n + m,) count."""
         return np.array([verdict.counts for verdict in self._verdicts])
 
-    def _learn_step(self, change: float) -> None:
-        """Learn the step of an encoder, whose readings change by whole ones: the least `change` [rad] so far, if it has
-        one.
+    def _learn_steps(self, changes: list[float]) -> None:
+        """Learn the steps of encoders, whose readings change by whole ones: the least of the `changes` [rad] so far, if
+        it has one.
         """
-        if 0 < change < self._step:
-            self._step = change
-            rough = max(self.noise.theta, change / sqrt(12))
-            self._variances[_THETA], self._gates[_THETA].floor = rough**2, max(self.gate.floor[_THETA], ROUGH * rough)
+        for i, change in enumerate(changes):
+            if 0 < change < self._step[i]:
+                self._step[i] = change
+                rough = max(self.noise.theta, change / sqrt(12))
+                self._variances[i], self._gates[i].floor = rough**2, max(self.gate.floor[i], ROUGH * rough)
 
     # --- the compiled estimate --------------------------------------------------------------------------------------
 
     def _compile(self) -> None:
         """Make or load the compiled estimate, where there can be one."""
-        if not self._compiles:
+        if not (self._compiles and isinstance(self.diagnosis, Diagnosis)):
             return
         again = KalmanObserver, self.plant, self.dt, self.noise, self.compensation  # compiles it in another process
         self.compiled = compiled_estimate(self.filter, self.diagnosis, self._readable, self.wait, again)
 
     @property
     def _readable(self) -> Readable:
+        assert isinstance(self.diagnosis, Diagnosis)
         return Readable(self._remembered, self._go_on_from, self.diagnosis.conclude)
 
     def _catch_up(self) -> None:
@@ -204,14 +213,14 @@ class KalmanObserver:
         """Return what a compiled estimate goes on from, a `State`; None if what is remembered is not ordinary."""
         belief, friction, diagnosis = self._belief, self._friction, self.diagnosis
         quiet = self._rival is None and not self._frozen.any() and all(gate.quiet for gate in self._gates)
-        if belief is None or not quiet:
+        if belief is None or not quiet or not isinstance(diagnosis, Diagnosis):
             return None
-        without = [self._without.get(sensor, belief) for sensor in range(MEASURED.size)]
+        without = [self._without.get(sensor, belief) for sensor in range(self._measured.size)]
         one, two = diagnosis.pressures
         return {
             "belief": belief.flat, "variances": self._variances, "floor": [gate.floor for gate in self._gates],
             "read": self._read, "repeating": self._repeating, "step": self._step, "samples": 0.0,
-            "repeats": [sensor in self._without for sensor in range(MEASURED.size)],
+            "repeats": [sensor in self._without for sensor in range(self._measured.size)],
             "without": [other.flat for other in without],
             "angle": nan if friction.theta is None else friction.theta, "memory": friction.memory,
             "commands": self._commands, "t": diagnosis.t, "last": diagnosis.theta, "lost": diagnosis.lost,
@@ -221,15 +230,16 @@ class KalmanObserver:
 
     def _go_on_from(self, state: State) -> None:
         """Go on from copies of what is in `state`, after ordinary samples."""
-        samples, sensors = int(state.samples[0]), range(MEASURED.size)
+        samples, sensors = int(state.samples[0]), range(self._measured.size)
         self._belief, self._verdicts = Belief.of(state.belief), [Verdict.BELIEVED] * len(sensors)
         self._read, self._repeating, self._silent = state.read.copy(), state.repeating.copy(), np.zeros(len(sensors))
         self._without = {i: Belief.of(state.without[i]) for i in sensors if state.repeats[i]}
-        self._step, self._variances = float(state.step[0]), state.variances.copy()
-        self._gates[_THETA].floor = float(state.floor[_THETA])
+        self._step, self._variances = state.step.copy(), state.variances.copy()
+        self._gates[0].floor = float(state.floor[0])
         self._samples, self._unrivalled = min(self._samples + samples, FIRST + 1), self._unrivalled + samples
         self._friction.go_on(float(state.angle[0]), state.memory)
         self._commands.extend(state.commands.copy())
+        assert isinstance(self.diagnosis, Diagnosis)
         diagnosed = state.lost, state.said, state.found, (state.one, state.two, state.torque)
         self.diagnosis.go_on(float(state.t[0]), float(state.last[0]), *diagnosed)
 
@@ -256,12 +266,14 @@ class KalmanObserver:
     def _begin(self, said: Array, u: Array) -> None:
         """Begin with the first angle that can be one; a pressure that is not measured is the one that was sent."""
         gate, read = self.gate, said.copy()
-        read[_THETA] = gate.unwrapped(float(said[_THETA]), float(np.mean(self.plant.joint.angle_range)), within=np.pi)
+        middle = np.atleast_1d(np.mean(self.plant.angle_limits, axis=0))
+        read[self._angles] = [gate.unwrapped(*angle, within=np.pi) for angle in self._turned(said, middle)]
         self._verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
         believed = self._believed
-        theta, *P = np.where(believed, read, [np.nan, *u]).tolist()
-        if believed[_THETA] and all(map(gate.possible, _PRESSURES, P)):
-            begun = Belief(np.array([theta, 0.0, *P, 0.0]), self.filter.stationary)
+        n, none = self.plant.n, np.zeros(self.plant.n)
+        q, P = read[:n], np.where(believed[n:], read[n:], u)
+        if believed[:n].all() and all(map(gate.possible, range(n, read.size), P.tolist())):
+            begun = Belief(np.concatenate([q, none, P, none]), self.filter.stationary)
             self._belief = self.filter.corrected(begun, read, believed, self._variances)
             self._commands.extend([np.where(self.filter.can_be_sent(u), u, P)] * (self.compensation.delay(self.dt) + 1))
 
@@ -272,14 +284,16 @@ class KalmanObserver:
 
     def _go_on(self, previous: Belief, said: Array) -> None:
         """Go on from what was estimated a sample ago to what is estimated now."""
-        memory = self._friction.follow(float(previous.xi[0]), self.filter.contact(previous))
+        memory: Value = 0.0
+        if isinstance(self.plant, Plant):
+            memory = self._friction.follow(float(previous.xi[0]), self.filter.contact(previous))
         expected = self.filter.predicted(previous, self._commands[0], memory, self.filter.Q)
         read = said.copy()
         if not expected.sound:
             self._verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
             self._belief = self._rebuilt(previous, read, self._believed)
             return
-        read[_THETA] = self.gate.unwrapped(float(said[_THETA]), float(expected.xi[0]))
+        read[self._angles] = [self.gate.unwrapped(*angle) for angle in self._turned(said, expected.xi)]
         self._verdicts = self._checked(read, expected)
         repeated = said == self._read
         expected = self._without_frozen(previous, expected, repeated, read, memory)
@@ -289,8 +303,12 @@ class KalmanObserver:
         self._samples = min(self._samples + 1, FIRST + 1)
         self._belief = found if found.sound else self._rebuilt(previous, read, believed)
 
+    def _turned(self, said: Array, expected: Array) -> Iterator[tuple[float, float]]:
+        """Return pairs of the angles that are `said` and `expected`."""
+        return zip(said[self._angles].tolist(), expected[self._angles].tolist(), strict=True)
+
     def _checked(self, read: Array, expected: Belief) -> list[Verdict]:
-        i = MEASURED
+        i = self._measured
         foreseen, variance = expected.xi[i].tolist(), (expected.covariance[i, i] + self._variances).tolist()
         return [gate.check(*one) for gate, *one in zip(self._gates, read.tolist(), foreseen, variance, strict=True)]
 
@@ -313,7 +331,7 @@ class KalmanObserver:
         return expected
 
     def _doubtful(self, sensor: int, read: float, foreseen: Belief) -> bool:
-        i = MEASURED[sensor]
+        i = self._measured[sensor]
         variance = foreseen.covariance[i, i] + self._variances[sensor]
         return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
 
@@ -331,7 +349,7 @@ class KalmanObserver:
         rival = self._rival and self.filter.predicted(self._rival, self._commands[0], memory, self.filter.Q)
         if rival is None or not self._explains(rival, read, used):
             rival, self._explained = self.filter.unsure_at(expected, read, rejected), 0
-            near = np.abs(read - expected.xi[MEASURED]) <= self.gate.jump
+            near = np.abs(read - expected.xi[self._measured]) <= self.gate.jump
             self._doubted = self.hesitation if near[rejected].all() else self.patience
         self._contested |= rejected
         if (repeated & self._contested).any():  # as a blow does not, but a sensor that sticks
@@ -352,8 +370,8 @@ class KalmanObserver:
         self._contested[:] = False
 
     def _explains(self, belief: Belief, read: Array, used: Mask) -> bool:
-        """Return whether the readings `used` (3,) are as near to what `belief` expects as true ones are."""
-        i = MEASURED
+        """Return whether the readings `used` (n + m,) are as near to what `belief` expects as true ones are."""
+        i = self._measured
         variance = (belief.covariance[i, i] + self._variances).tolist()
         width = [max(gate.width(v), gate.jump) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]
         return bool((np.abs(read - belief.xi[i]) <= width)[used].all())
@@ -364,14 +382,15 @@ class KalmanObserver:
         self._end_rivalry()
         self._without = {}
         xi = np.where(np.isfinite(previous.xi), previous.xi, 0.0)
-        xi[[1, NX]] = 0.0
+        xi[self.plant.n : 2 * self.plant.n] = xi[self.plant.size :] = 0.0
         return self.filter.unsure_at(Belief(self.filter.within(xi), previous.covariance), read, believed)
 
-    def _answer(self, said: Array, there: Mask) -> tuple[Array, float]:
+    def _answer(self, said: Array, there: Mask) -> tuple[Array, Any]:
+        size, joint = self.plant.size, self.plant.angle_shape == ()
         if self._belief is None:
-            x = np.full(NX, np.nan)
-            x[MEASURED[there]] = said[there]
-            return x, 0.0
-        x = self._belief.xi[:NX].copy()
-        x[MEASURED[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
-        return x, float(self._belief.xi[NX])
+            x = np.full(size, np.nan)
+            x[self._measured[there]] = said[there]
+            return x, 0.0 if joint else np.zeros(self.plant.n)
+        x, d = self._belief.xi[:size].copy(), self._belief.xi[size:].copy()
+        x[self._measured[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
+        return x, float(d[0]) if joint else d

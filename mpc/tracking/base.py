@@ -16,7 +16,7 @@ from mpc.model.machine import Machine
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
-from mpc.tracking.linearise import Motion, predictor_of
+from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times, status_of
 from mpc.tracking.preview import BadNumbers, Preview, Task
 from mpc.tracking.qp.step import PreviousSample
@@ -72,7 +72,7 @@ class BaseController(ABC):
 
     def _build(self, N: int, min_force: float = 0.0) -> None:
         self.limits = Limits.of(self.plant, self.dt, min_force)
-        self._predictor = predictor_of(self.plant, self.dt, N)
+        self._predictor = Predictor(self.plant, self.dt, N)
         self._preview = Preview(self.plant, self.dt, N, self.compensation, self.limits)
         self.rest_mode = rest_mode_of(self.plant, self.dt, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
@@ -93,11 +93,11 @@ class BaseController(ABC):
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: Any = 0.0) -> Plan:
         """Return the plan from the measured state `x` (2n + m,) for references θ [rad] and K [N·m/rad].
 
-        A reference is a value, held for the whole horizon, or a preview (ahead + 1, …) that begins now; an arm's values
-        are (n,) and (k, k). `d` is the disturbance torque [N·m] known to act, of an arm also (n,). What is NaN in `x`, or beyond what the joint can do, is replaced by what
-        the last plan predicted. Numbers never make it raise: where they cannot be meant the status says so. Warns
-        (`BadNumbers`) if the pressures of the first step look like bar. Raises `InvalidInput` for shapes and kinds that
-        are wrong.
+        A reference is a value, held for the whole horizon, or a preview (ahead + 1, …) that begins now; the values of
+        an arm are (n,) and (k, k). `d` is the disturbance torque [N·m] known to act, of an arm also (n,). What is NaN
+        in `x`, or beyond what the plant can do, is replaced by what the last plan predicted. Numbers never make it
+        raise: where they cannot be meant the status says so. Warns (`BadNumbers`) if the pressures of the first step
+        look like bar. Raises `InvalidInput` for shapes and kinds that are wrong.
         """
         began = perf_counter()
         if self._first:

@@ -62,9 +62,9 @@ if TYPE_CHECKING:
 class TrackingMPC(OptimisingController):
     """The tracking MPC follows references of angle and stiffness with `plant` as its model. It remembers its last plan.
 
-    `plant` is a `Plant`, or an `Arm` of n joints and m muscles. The references of an arm are values (n,) [rad] and (k, k)
-    [N·m/rad], or previews (ahead + 1, …) of them; the arrays of its `Plan` are u (N, m) [Pa], x (N+1, 2n + m) and K
-    (N+1, k, k).
+    `plant` is a `Plant`, or an `Arm` of n joints and m muscles. The references of an arm are values (n,) [rad] and
+    (k, k) [N·m/rad], or previews (ahead + 1, …) of them; the arrays of its `Plan` are u (N, m) [Pa], x (N+1, 2n + m)
+    and K (N+1, k, k).
 
     Its step is that of `BaseController`: `Task` → `FeedForward` → `Optimised` → `Motion` → `Plan`. To optimise is to
     solve `iterations` QPs (`mpc.tracking.qp.step`), or the softened one; where the reference is constant the commands

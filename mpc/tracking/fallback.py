@@ -22,7 +22,7 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.deferred import Deferred
 from mpc.tracking.limits import Limits
-from mpc.tracking.linearise import Motion, Predicting
+from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import Rung
 from mpc.tracking.qp.step import PreviousSample
 
@@ -34,7 +34,7 @@ class Ladder(Deferred):
     _put_off = "motion", "u_star", "_left", "_held"
 
     limits: Limits
-    predictor: Predicting
+    predictor: Predictor
     holding: float = 0.5  # how long pressures are held before they are let out [s]
     venting: float = 0.5 * BAR  # how fast the higher of them then falls [Pa/s]
 

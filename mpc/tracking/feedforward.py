@@ -1,9 +1,9 @@
 """The feed-forward would follow a preview exactly, if the model were right and nothing limited: closed form.
 
-The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d of a joint, or M(q) q'' + C(q, q') + D q' + g(q) - d of an
-arm, where d holds the friction of the intended motion too (`mpc.tracking.preview`); `allocate` turns (θ, K, T) at all
-N+1 samples into pressures in one call, bringing what cannot be reached to the nearest that can; and the lag over one
-sample of constant command,
+The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d of a joint, or M(q) q'' + C(q, q') + D q' + g(q) - d of
+an arm, where d holds the friction of the intended motion too (`mpc.tracking.preview`); `allocate` turns (θ, K, T) at
+all N+1 samples into pressures in one call, bringing what cannot be reached to the nearest that can; and the lag over
+one sample of constant command,
 
     P_{k+1} = α_i P_k + (1 - α_i) (u_k - τ_i q_k),    α_i = exp(-dt/τ_i)
 

@@ -7,16 +7,18 @@ From the measured x_0 and commands ū_0 … ū_{N-1} (the previous plan), with f
 
 so that x_{k+1} = A_k x_k + B_k u_k + c_k, K_k = K̄_k + C_k (x_k - x̄_k) and the muscle forces F_k = F̄_k + D_k (x_k - x̄_k)
 to first order. Since x̄ is a motion of the plant the linear model is exact on it. Derivatives are CasADi's, evaluated
-for all k in one call.
+for all k in one call; of an arm without formulas they are differences (`mpc.model.arm.differences`).
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.model.arm.differences import Differences
 from mpc.model.arm.model import Arm
 from mpc.model.buffered import Buffered
 from mpc.model.machine import Machine
@@ -69,24 +71,8 @@ class Linearisation(Motion):
         )
 
 
-class Predicting(Protocol):
-    """The interface of predictors: of formulas, below, and of differences (`mpc.tracking.differences`)."""
-
-    dt: float
-    N: int
-
-    def motion(self, x0: Array, u: Array, d: Array | float = 0.0) -> Motion:
-        """Return the motion from `x0` (2n + m,) under the commands `u` (N, m) and the torque `d` [N·m]."""
-
-    def linearise(self, x0: Array, u: Array, d: Array | float = 0.0) -> Linearisation:
-        """Return the motion of `motion` with its derivatives."""
-
-    def stationary(self, x: Array, u: Array) -> Motion:
-        """Return no motion at all from `x` (2n + m,) under the commands `u` (N, m), where the model has none."""
-
-
 class Predictor:
-    """A predictor makes motions and linearisations of `plant` over `N` samples of `dt` [s] by its formulas."""
+    """A predictor makes motions and linearisations of `plant` over `N` samples of `dt` [s]."""
 
     def __init__(self, plant: Machine, dt: float, N: int) -> None:
         self.plant, self.dt, self.N = plant, dt, N
@@ -117,17 +103,26 @@ class Predictor:
         return np.reshape(d, (-1, self.plant.n)) if np.ndim(d) else np.full((1, self.plant.n), d)
 
     @cached_property
-    def _motion(self) -> Buffered:
+    def _differences(self) -> Differences | None:
+        """The differences of an arm without formulas."""
+        return Differences(self.plant, self.dt) if isinstance(self.plant, Arm) and self.plant.unformulated else None
+
+    @cached_property
+    def _motion(self) -> Callable[[Array, Array, Array], Sequence[Array]]:
         import casadi as ca
 
+        if self._differences is not None:
+            return self._differences.motion
         given = self._symbols(self.N)
         x = self._states(*given)
         return Buffered(ca.Function("motion", given, [x, self._outputs()[0].map(self.N + 1)(x)]))
 
     @cached_property
-    def _linearise(self) -> Buffered:
+    def _linearise(self) -> Callable[[Array, Array, Array], Sequence[Array]]:
         import casadi as ca
 
+        if self._differences is not None:
+            return self._differences.linearise
         stage, one = self.plant.discrete(self.dt), self._symbols(1)
         x_next = stage(*one)
         # transposed, because `Buffered` hands back transposes
@@ -160,12 +155,3 @@ class Predictor:
         import casadi as ca
 
         return ca.horzcat(x0, self.plant.discrete(self.dt).mapaccum(self.N)(x0, u, d))
-
-
-def predictor_of(plant: Machine, dt: float, N: int) -> Predicting:
-    """Return a predictor of `plant`: by its formulas, or by differences where it has none."""
-    if isinstance(plant, Arm) and plant.unformulated:
-        from mpc.tracking.differences import DifferencePredictor
-
-        return DifferencePredictor(plant, dt, N)
-    return Predictor(plant, dt, N)

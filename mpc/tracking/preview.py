@@ -27,7 +27,7 @@ from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.gating import Gate
 from mpc.tracking.limits import Limits
-from mpc.tracking.linearise import predictor_of
+from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import PlanStatus
 
 _TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] what `checks` lets pass
@@ -81,7 +81,7 @@ class Preview(Deferred):
         ends = (gate.lower, -gate.max_speed * fast), (gate.upper, gate.max_speed * fast)
         self.lower, self.upper = (np.concatenate([read[: self.n], speed, read[self.n :]]) for read, speed in ends)
         self.dt, self.delay, self.limits = dt, compensation.delay(dt), limits
-        self._under_way = predictor_of(plant, dt, self.delay)
+        self._under_way = Predictor(plant, dt, self.delay)
         self.ahead: int = N + self.delay  # samples of preview wanted
         self.strict = False  # raises `InvalidInput` for references that cannot be meant, instead of warning
         self.reset()

@@ -23,7 +23,7 @@ from mpc.model.experiment import RESOLUTION
 from mpc.model.machine import Machine
 from mpc.model.riccati import semidefinite_factor, solve_riccati
 from mpc.tracking.cost import Rows, charged, diagonal
-from mpc.tracking.linearise import predictor_of
+from mpc.tracking.linearise import Predictor
 from mpc.tracking.weights import Weights
 
 
@@ -88,7 +88,7 @@ def middle(plant: Machine, dt: float) -> Middle:
     x = np.concatenate([np.atleast_1d(plant.middle), np.zeros(plant.n), P])
     n = plant.substeps(dt, RESOLUTION)  # one by one: the formula of all of them would have as many times the length
     d = np.broadcast_to(plant.balance(x), (n, plant.n))
-    model = predictor_of(plant, dt / n, n).linearise(x, np.tile(P, (n, 1)), d)
+    model = Predictor(plant, dt / n, n).linearise(x, np.tile(P, (n, 1)), d)
     A, B = model.A[0], model.B[0]
     for A_k, B_k in zip(model.A[1:], model.B[1:], strict=True):
         A, B = A_k @ A, A_k @ B + B_k

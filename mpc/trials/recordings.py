@@ -1,6 +1,5 @@
 """Recordings of runs as NPZ: everything in SI units, plant included, without pickle. NumPy alone opens them as well."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
 from lzma import LZMAError
@@ -11,10 +10,10 @@ from zlib import error as Damaged  # noqa: N812  # it has no other name
 
 import numpy as np
 
-from allocator import checks
+from allocator import checks, machine_file
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import replacing
-from allocator.joint import storage as joint_storage
+from allocator.files.toml import Table
 from mpc.model.plant import NU, NUMBERS, NX, Plant
 from mpc.trials.simulation import Run
 
@@ -32,7 +31,7 @@ def save_recording(run: Run, path: str | Path, further: Mapping[str, Any] | None
     """
     values: dict[str, Any] = dict(further or {}) | {name: getattr(run, name) for name in _ARRAYS}
     values |= {f"plant_{name}": value for name, value in run.plant.numbers.items()}
-    values["joint"] = joint_storage.dumps(run.plant.joint)
+    values["joint"] = machine_file.dumps(run.plant.joint)
     with replacing(path) as draft, draft.open("wb") as file:  # given a name, NumPy would add a suffix
         np.savez_compressed(file, **values)
 
@@ -84,7 +83,7 @@ def _plant(path: str | Path, stored: dict[str, Any]) -> Plant:
     given = {name: f"plant_{name}" for name in NUMBERS}
     numbers: dict[str, Any] = {name: stored[key].tolist() for name, key in given.items() if key in stored}
     try:
-        joint = joint_storage.joint_from(f"{path} [joint]", tomllib.loads(str(stored["joint"])))
+        joint = machine_file.joint_from(Table.parsed(f"{path} [joint]", str(stored["joint"])))
         return Plant(joint, **(numbers | {"lag": tuple(numbers["lag"])}))
     except (ValueError, TypeError) as error:  # of TOML or of ours
         raise InvalidFile(path, f"does not hold a plant ({error})") from None

@@ -15,7 +15,7 @@ from time import perf_counter
 
 import numpy as np
 
-from allocator import DEG, AntagonistJoint, Lever, Table, report_joint, save_joint, stiffness_interval
+from allocator import DEG, AntagonistJoint, Lever, Table, report_joint, save_machine, stiffness_interval
 from allocator.muscles.catalogue import named_muscle
 from mpc import sine
 from mpc.cli import main
@@ -57,15 +57,15 @@ def day(plan):
         joint, given = report_joint(muscle), ["--muscle", plan["muscle"]]
         if geometry is not None:
             joint = AntagonistJoint(geometry, muscle, muscle, angle_limits=STOPS)
-            save_joint(joint, f"{name}.toml")
-            given = ["--joint", f"{name}.toml"]
+            save_machine(joint, f"{name}.toml")
+            given = ["--machine", f"{name}.toml"]
         K, reachable = usual_stiffness(joint), stiffness_interval(5 * DEG, 0.2, joint=joint)
         save_reference(sine(amplitude=5 * DEG, K=K, duration=0.3, ramp=0.1), f"{name}.csv")
         around = ("--theta=-10:10:5", f"--stiffness={0.8 * K:.4g}:{1.2 * K:.4g}:{0.2 * K:.4g}")
         commands = {
             "allocate": ("allocate", "--theta", "5", "--torque", "0.2", "--stiffness", f"{np.mean(reachable):.17g}"),
             "map": ("map", *around, "--out", f"{name}-map.csv"),
-            "export": ("export", "--out", f"{name}-c"),
+            "export": ("export", "controller", "--out", f"{name}-c"),
         }
         if name == plan["tracked"]:
             commands["track"] = ("track", f"{name}.csv", "--horizon", "10", "--out", f"{name}.npz")

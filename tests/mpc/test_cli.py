@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from allocator import BAR, DEG, PrandtlIshlinskii
 from allocator.joint.antagonist import report_joint
 from allocator.joint.limits import COMMON_FORCE
-from allocator.joint.storage import save_joint
+from allocator.machine_file import save_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant, sine
 from mpc.cli import app, main
@@ -87,7 +87,7 @@ def test_track_tells_the_controller_what_the_plant_s_file_says_and_simulates_it(
     runs = {}
     for name in (path, silent):
         out = tmp_path / f"{name.stem}.npz"
-        command = ["track", str(move), "--joint", str(name), "--plant", plant, "--out", str(out)]
+        command = ["track", str(move), "--machine", str(name), "--plant", plant, "--out", str(out)]
         result = CliRunner().invoke(app, [*command, "--controller", "predictive-pid"])
         assert result.exit_code == 0, result.output
         told = "told to the controller: hysteresis of the angle with 3 elements, dead time 0.04 s"
@@ -116,8 +116,8 @@ def test_a_standard_trajectory_is_one_word_and_the_run_can_be_read_again(tmp_pat
 def test_the_table_says_that_slack_limits_are_assumed_where_the_fit_has_not_seen_them(tmp_path):
     said = []
     for name, unseen in (("seen", ()), ("unseen", (COMMON_FORCE,))):
-        save_joint(replace(report_joint(), unseen=unseen), tmp_path / f"{name}.toml")
-        options = ["--joint", str(tmp_path / f"{name}.toml"), "--controller", "feedforward"]
+        save_machine(replace(report_joint(), unseen=unseen), tmp_path / f"{name}.toml")
+        options = ["--machine", str(tmp_path / f"{name}.toml"), "--controller", "feedforward"]
         result = CliRunner().invoke(app, ["track", "min-jerk", *options, "--out", str(tmp_path / f"{name}.csv")])
         assert result.exit_code == 0, result.output
         said.append("slack limits" in result.output and "assumed" in result.output)

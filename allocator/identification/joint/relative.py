@@ -11,7 +11,7 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.identification.joint import gradients
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.storage import save_joint
+from allocator.machine_file import save_machine
 from allocator.muscles import scaled, strength_powers
 from allocator.units import BAR, DEG
 
@@ -91,7 +91,7 @@ class RelativeJoint:
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write it as TOML; commands that need stiffness will refuse it until it has a scale."""
-        save_joint(self.shape, path, scale_known=False)
+        save_machine(self.shape, path, scale_known=False)
 
     def __getattr__(self, name: str) -> NoReturn:
         """Refuse what an `AntagonistJoint` could do."""

@@ -30,7 +30,7 @@ from allocator.identification.joint.search import best_start, minimise, scale_sh
 from allocator.identification.joint.start import starts
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
-from allocator.joint.storage import save_joint
+from allocator.machine_file import save_machine
 from allocator.muscles import Muscle, Recipe, strength_powers
 from allocator.presentation.tables import first_of, html_table, number
 from allocator.units import DEG, PERCENT
@@ -259,7 +259,7 @@ class JointFit:
         return replace(self, **changes)
 
     def save(self, path: str | PathLike[str], group: Any = None) -> None:
-        """Write the joint (of `group`) as TOML for `load_joint` and every command's --joint.
+        """Write the joint (of `group`) as TOML for `load_joint` and every command's --machine.
 
         Raises InvalidInput where μ is negative beyond doubt: friction would drive the joint.
         """
@@ -272,7 +272,7 @@ class JointFit:
             "rms_error_deg": round(float(np.degrees(self.rms)), 4),
             "encoder_zero_deg": round(float(np.degrees(self.zero)), 4),
         }
-        save_joint(joint, path, scale_known=self.scale is not None, source=source)
+        save_machine(joint, path, scale_known=self.scale is not None, source=source)
 
 
 def first_search(problem: JointProblem, recipe: Recipe[Any]) -> Array:

@@ -171,7 +171,7 @@ class MotionFit:
     def _moving(self, x: Array, used: Mask) -> "MovingJoint":
         if self.given is None:
             raise InvalidInput(
-                "no joint was given, so that there are no muscles and no plant: fit_motion(…, joint=…), or --joint "
+                "no joint was given, so that there are no muscles and no plant: fit_motion(…, joint=…), or --machine "
                 "with a joint of fit-joint"
             )
         run, given, log = self.problem.run(x, used), self.given, self.log
@@ -259,7 +259,7 @@ LABELS = {
     "base": Label("width_without_pressure", "share of the loop's width left at 0 bar", "-", 1.0),
     "loop_width": Label("loop_width_deg", "width of the hysteresis loop at P1 + P2 = 5 bar", "°", DEG),
     "stuck_slope": Label("stuck_slope", "slope while the joint sticks over the slope while it slides", "-", 1.0),
-    "gain": Label("gain", "static angle over that of --joint", "-", 1.0),
+    "gain": Label("gain", "static angle over that of --machine", "-", 1.0),
     "damping": Label("damping_over_stiffness_s", "damping over stiffness", "s", 1.0),
     "inertia": Label("inertia_over_stiffness_s2", "inertia over stiffness", "s²", 1.0),
 }

@@ -16,10 +16,10 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
+from mpc.model.arm.differences import DifferencePredictor
 from mpc.model.arm.model import Arm
 from mpc.model.buffered import Buffered
 from mpc.observer.filter import Noise
-from mpc.tracking.differences import DifferencePredictor
 
 _MOST_TORQUE = 100.0  # [N·m] that may be thought of
 _FASTEST = 60.0  # [rad/s]

@@ -26,16 +26,16 @@ The generic one, `generic_valve_terminal.toml` in `mpc/data/`, is a commented ex
 """
 
 import struct
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from importlib import resources
 from math import isfinite
-from pathlib import Path
 from typing import Self
 
 from allocator import checks
-from allocator.errors import InvalidFile, InvalidInput
+from allocator.errors import InvalidInput
+from allocator.files.text import FilePath
+from allocator.files.toml import Table
 from allocator.identification.headers import UNITS
 from mpc.bench.device import DeviceError
 
@@ -137,59 +137,35 @@ class RegisterMap:
         return self.word_order == "big"
 
     @classmethod
-    def load(cls, path: str | Path) -> Self:
+    def load(cls, path: FilePath) -> Self:
         """Read a map. Raises `InvalidFile`."""
-        try:
-            text = Path(path).read_text(encoding="utf-8")
-        except OSError as error:
-            raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
-        except UnicodeDecodeError:
-            raise InvalidFile(path, "is not UTF-8, as TOML has to be: save it in that encoding") from None
-        return cls._parsed(text, path)
+        return cls._of(Table.read(path))
 
     @classmethod
     def generic(cls) -> Self:
         """Return the map that comes with the package."""
         file = resources.files("mpc") / "data" / GENERIC
-        return cls._parsed(file.read_text(encoding="utf-8"), GENERIC)
+        return cls._of(Table.parsed(GENERIC, file.read_text(encoding="utf-8")))
 
     @classmethod
-    def _parsed(cls, text: str, path: str | Path) -> Self:
-        try:
-            content = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise InvalidFile(path, f"is no TOML ({error})") from None
-        known = {f.name for f in fields(cls)}
-        if surplus := content.keys() - known:
-            raise InvalidFile(path, f"a register map has no {sorted(surplus)[0]}; it has {', '.join(sorted(known))}")
-        try:
-            read = _entries("read", content.pop("read", {}), _QUANTITIES)
-            write = _entries("write", content.pop("write", {}), _WRITTEN)
-            vent = tuple((step["register"], step["number"]) for step in content.pop("vent", ()))
-            return cls(read, write, vent, **content)
-        except InvalidInput as error:
-            raise InvalidFile(path, str(error)) from None
-        except (KeyError, TypeError):
-            raise InvalidFile(path, "[[vent]] has to have a register and a number each") from None
+    def _of(cls, file: Table) -> Self:
+        file.only((f.name for f in fields(cls)), "a register map")
+        made = {"read": _registers(file, "read", _QUANTITIES), "write": _registers(file, "write", _WRITTEN)}
+        vent = tuple(step.made(_step) for step in file.each("vent"))
+        return Table(file.path, {**file.entries, **made, "vent": vent}).made(cls)
 
 
-def _entries(table: str, given: object, names: Iterable[str]) -> dict[str, Entry]:
+def _registers(file: Table, name: str, quantities: Iterable[str]) -> dict[str, Entry]:
     """Return the entries of [read] or [write]."""
-    if not isinstance(given, dict) or not all(isinstance(entry, dict) for entry in given.values()):
-        raise InvalidInput(f"[{table}] has to hold tables such as [{table}.P1]")
-    if unknown := given.keys() - set(names):
-        raise InvalidInput(f"[{table}.{sorted(unknown)[0]}]: there are {', '.join(names)}")
-    made = {}
-    for name, entry in given.items():
-        if surplus := entry.keys() - _ENTRY:
-            raise InvalidInput(f"[{table}.{name}] has no {sorted(surplus)[0]}; it has {', '.join(sorted(_ENTRY))}")
-        if missing := {"register", "unit"} - entry.keys():
-            raise InvalidInput(f"[{table}.{name}] lacks {sorted(missing)[0]}")
-        try:
-            made[name] = Entry(name, **entry)
-        except InvalidInput as error:
-            raise InvalidInput(f"[{table}.{name}]: {error}") from None
-    return made
+    table = file.table(name)
+    if table is None:
+        return {}
+    table.only(quantities)
+    found = {quantity: table.needed(quantity, "a register map") for quantity in table.entries}
+    if unknown := [entry for entry in found.values() if "unit" not in entry.entries]:
+        raise unknown[0].fault("it needs unit")
+    return {quantity: entry.made(Entry, quantity=quantity) for quantity, entry in found.items()}
 
 
-_ENTRY = {f.name for f in fields(Entry)} - {"quantity"}
+def _step(register: int, number: int) -> tuple[int, int]:
+    return register, number

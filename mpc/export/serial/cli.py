@@ -3,7 +3,7 @@
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
@@ -18,35 +18,27 @@ if TYPE_CHECKING:
     from mpc.tracking.controller import TrackingMPC
 
 _SCHEME = "serial:"
-_TARGETS, _VARIANTS = ("c", "serial"), ("controller", "terminal")
+_VARIANTS = ("controller", "terminal")
 
 
 @dataclass(frozen=True)
 class BoardOptions:
     """The options are what the user says of a board on a serial line."""
 
-    target: Annotated[str, typer.Option(help="c, or serial: with the firmware of a board on a serial line")] = "c"
+    PANEL: ClassVar[str] = "The board"
+
     variant: Annotated[
-        str, typer.Option(help="of that board: controller, which takes references, or terminal, which takes commands")
+        str, typer.Option(help="controller, which takes references, or terminal, which takes commands")
     ] = "controller"
-    watchdog: Annotated[float, typer.Option(help="silence of the host after which that board acts [s]")] = 0.2
+    watchdog: Annotated[float, typer.Option(help="silence of the host after which the board acts [s]")] = 0.2
     fall: Annotated[
         float, typer.Option(help="how fast it then lets the pressures fall [bar/s]; 0: it holds them, inf: at once")
     ] = 1.0
 
     def __post_init__(self) -> None:
         """Refuse what there is not."""
-        for kind, value, known in (
-            ("target", self.target, _TARGETS),
-            ("variant of the board", self.variant, _VARIANTS),
-        ):
-            if value not in known:
-                raise MissingBackend(kind, value, known)
-
-    @property
-    def serial(self) -> bool:
-        """A board is asked for if the target is a serial line."""
-        return self.target == "serial"
+        if self.variant not in _VARIANTS:
+            raise MissingBackend("variant of the board", self.variant, _VARIANTS)
 
     def export(
         self, out: Path, plant: "Plant", known: "Compensation", controller: "TrackingMPC | None", precision: str

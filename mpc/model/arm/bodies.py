@@ -13,8 +13,7 @@ sum over j ≥ i of what belongs to φ_j, times σ_i, because q_i turns all the 
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
-from os import PathLike
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -22,11 +21,9 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Value, cos, is_symbol, sin
-from allocator.errors import InvalidFile, InvalidInput
-from allocator.files.atomic import write_text
+from allocator.errors import InvalidInput
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.routes.linkage import GROUND, Link
-from allocator.muscles import storage
 
 EARTH = 9.81  # [m/s²]
 
@@ -166,31 +163,6 @@ class Bodies:
             x.append(x[-1] + length * cos(angle))
             y.append(y[-1] + length * sin(angle))
         return _matrix([list(point) for point in zip(x, y, strict=True)], q)
-
-    # --- on disk ----------------------------------------------------------------------------------------------------
-
-    def dumps(self) -> str:
-        """Return the TOML text: the table [bodies]."""
-        lines = [f"{f.name} = {storage.toml(getattr(self, f.name))}" for f in fields(self)]
-        return "\n".join(["[bodies]  # SI units: m, kg, kg·m², N·m·s/rad, m/s²", *lines, ""])
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the bodies as a TOML file. Raises `CannotWrite`."""
-        write_text(path, self.dumps())
-
-    @classmethod
-    def load(cls, path: str | PathLike[str]) -> Self:
-        """Read the table [bodies] of a TOML file. Raises `InvalidFile`."""
-        table = storage.read(path).get("bodies")
-        if not isinstance(table, dict):
-            raise InvalidFile(path, "has no table [bodies]")
-        names = [f.name for f in fields(cls)]
-        if surplus := table.keys() - set(names):
-            raise InvalidFile(path, f"[bodies] has no {', '.join(sorted(surplus))}; it has {', '.join(names)}")
-        try:
-            return cls(**table)
-        except (InvalidInput, TypeError) as error:
-            raise InvalidFile(path, f"[bodies]: {error}") from None
 
     # --- the pieces -------------------------------------------------------------------------------------------------
 

@@ -16,7 +16,7 @@ from mpc.model.plant import Plant
 from mpc.tracking.compiled.arm.factory import arm_parts
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.feedforward import InverseDynamics
-from mpc.tracking.linearise import Predicting
+from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE
 from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.step import CompilingBeside, QPStep, ReadableQPStep, SlowStep
@@ -36,7 +36,7 @@ def factory(
     plant: Machine,
     dt: float,
     problem: TrackingProblem,
-    predictor: Predicting,
+    predictor: Predictor,
     feed_forward: InverseDynamics,
     *,
     wait: bool = True,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from mpc.tracking.feedforward import FeedForward
-from mpc.tracking.linearise import Linearisation, Motion, Predicting
+from mpc.tracking.linearise import Linearisation, Motion, Predictor
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import SLACKS, TrackingProblem, condense
@@ -80,7 +80,7 @@ class ReadableQPStep:
     active_set: NDArray[np.int8] | None = None
 
     def __init__(
-        self, problem: TrackingProblem, predictor: Predicting, structured: "StructuredQP | None" = None
+        self, problem: TrackingProblem, predictor: Predictor, structured: "StructuredQP | None" = None
     ) -> None:
         self.problem, self.predictor, self.structured = problem, predictor, structured
 

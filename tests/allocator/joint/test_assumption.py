@@ -15,7 +15,7 @@ from allocator.feasibility import feasibility_map
 from allocator.joint.antagonist import report_joint
 from allocator.joint.assumption import AssumedSlack, assumption
 from allocator.joint.limits import COMMON_FORCE
-from allocator.joint.storage import save_joint
+from allocator.machine_file import save_machine
 
 mpl.use("Agg")
 SAID = "slack limits are assumed"
@@ -28,7 +28,7 @@ def joint():
 
 @pytest.fixture
 def path(joint, tmp_path):
-    save_joint(joint, tmp_path / "joint.toml")
+    save_machine(joint, tmp_path / "joint.toml")
     return tmp_path / "joint.toml"
 
 
@@ -93,12 +93,12 @@ def test_a_map_says_it_in_picture_table_and_arrays(joint, tmp_path):
 
 def test_the_commands_say_it(path, tmp_path):
     run = CliRunner().invoke
-    asked = ["--theta", "0", "--stiffness", "7.5", "--joint", str(path)]
+    asked = ["--theta", "0", "--stiffness", "7.5", "--machine", str(path)]
     assert "slack limits" in run(app, ["allocate", *asked]).output
     values = json.loads(run(app, ["allocate", *asked, "--json"]).output)
     assert values["slack_assumed"]
     assert SAID in values["message"]
     out = ["--out", str(tmp_path / "map.png"), "--theta=-20:20:10", "--stiffness", "6:9:1"]
-    assert SAID in run(app, ["map", "--joint", str(path), *out]).output
-    drawn = run(app, ["map", "--joint", str(path), *out, "--force", "--json"]).output
+    assert SAID in run(app, ["map", "--machine", str(path), *out]).output
+    drawn = run(app, ["map", "--machine", str(path), *out, "--force", "--json"]).output
     assert json.loads(drawn)["maps"][0]["slack_assumed"]

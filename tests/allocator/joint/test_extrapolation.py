@@ -14,7 +14,7 @@ from allocator.cli import app
 from allocator.feasibility import angle_intervals, feasibility_map
 from allocator.joint.antagonist import report_joint
 from allocator.joint.assumption import Extrapolated
-from allocator.joint.storage import load_joint, save_joint
+from allocator.machine_file import load_joint, save_machine
 from allocator.mechanism import Mechanism, allocate_mechanism
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.muscles.measured import MeasuredRegion
@@ -108,9 +108,9 @@ def test_a_map_says_which_of_its_cells_are_extrapolated(joint, tmp_path):
 
 
 def test_a_joint_file_keeps_where_its_muscles_were_measured(joint, tmp_path):
-    save_joint(joint, tmp_path / "joint.toml")
+    save_machine(joint, tmp_path / "joint.toml")
     assert load_joint(tmp_path / "joint.toml") == joint
-    asked = ["allocate", "--theta", "40", "--stiffness", "4", "--joint", str(tmp_path / "joint.toml")]
+    asked = ["allocate", "--theta", "40", "--stiffness", "4", "--machine", str(tmp_path / "joint.toml")]
     shown = CliRunner().invoke(app, asked).output
     assert "force of the agonist" in shown
     assert "extrapolated" in shown

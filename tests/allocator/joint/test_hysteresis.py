@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allocator import PrandtlIshlinskii, load_joint, report_joint, save_joint
+from allocator import PrandtlIshlinskii, load_joint, report_joint, save_machine
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.units import BAR, DEG
 
@@ -94,7 +94,7 @@ def test_as_friction_its_springs_and_stops_make_up_what_the_static_angle_is_ahea
 
 def test_a_joint_keeps_its_hysteresis_in_its_file(tmp_path):
     joint = replace(report_joint(), hysteresis=PrandtlIshlinskii((0.6, 0.2, 0.2), (0.02, 0.06), base=0.2))
-    save_joint(joint, tmp_path / "joint.toml")
+    save_machine(joint, tmp_path / "joint.toml")
     assert load_joint(tmp_path / "joint.toml") == joint
     text = (tmp_path / "joint.toml").read_text(encoding="utf-8")
     (tmp_path / "wrong.toml").write_text(text.replace("thresholds", "widths"), encoding="utf-8")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from allocator import InvalidInput, load_joint, report_joint, save_joint
+from allocator import InvalidInput, load_joint, report_joint, save_machine
 from allocator.errors import InvalidFile
 from allocator.identification.joint.relative import RelativeJoint
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE
@@ -21,13 +21,13 @@ def test_a_joint_of_known_muscles_assumes_no_slack_limit():
 @pytest.mark.parametrize("word", [COMMON_FORCE, PRIOR_FORCE])
 def test_what_is_not_seen_comes_back_from_the_file(tmp_path, word):
     joint = replace(report_joint(), unseen=(word,))
-    save_joint(joint, tmp_path / "joint.toml")
+    save_machine(joint, tmp_path / "joint.toml")
     assert load_joint(tmp_path / "joint.toml") == joint
     assert load_joint(tmp_path / "joint.toml").slack_assumed
 
 
 def test_a_word_that_means_nothing_is_refused(tmp_path):
-    save_joint(ASSUMED, tmp_path / "joint.toml")
+    save_machine(ASSUMED, tmp_path / "joint.toml")
     text = (tmp_path / "joint.toml").read_text(encoding="utf-8").replace("both muscles", "none of them")
     (tmp_path / "joint.toml").write_text(text, encoding="utf-8")
     with pytest.raises(InvalidFile, match=f"unseen has no 'a .* none of them'; it may have '{COMMON_FORCE}'"):

@@ -1,17 +1,18 @@
-"""`antagonist allocate --mechanism`: degrees and bar outside, one sentence for what is wrong."""
+"""`antagonist allocate` and `map` of several joints: degrees and bar outside, one sentence for what is wrong."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import InvalidInput
+from allocator import InvalidInput, Stiffness, named_muscle, save_machine
 from allocator.cli import app
-from allocator.mechanism import Endpoint, allocate_mechanism, feasible_targets, machines, save_mechanism
+from allocator.mechanism import Endpoint, Pulleys, allocate_mechanism, feasible_targets, machines
 from allocator.units import BAR, DEG
 
-ARM = ("allocate", "--mechanism", "arm26")
+ARM = ("allocate", "--machine", "arm26")
 
 
 def run(*arguments):
@@ -43,15 +44,44 @@ def test_what_cannot_be_met_has_its_exit_code_and_its_muscles():
 
 def test_a_file_stands_for_a_machine(tmp_path):
     path = tmp_path / "leg.toml"
-    save_mechanism(machines.leg37(), path)
+    save_machine(machines.leg37(), path)
     asked = ("--posture", "5,-5,10", "--torque", "1", "--stiffness", "20,15,9", "--json")
-    assert run("allocate", "--mechanism", path, *asked).stdout == run("allocate", "--mechanism", "leg37", *asked).stdout
+    assert run("allocate", "--machine", path, *asked).stdout == run("allocate", "--machine", "leg37", *asked).stdout
+
+
+def test_options_change_all_muscles_and_say_which_stiffness_is_meant():
+    asked = ("--posture", "10,20", "--stiffness", "15,12", "--valves", "shut", "--json")
+    changed = ("--supply", 6, "--muscle", "sarosi-dmsp-20-200n", "--initial-contraction", "0.12", "--rest-length", 300)
+    printed = json.loads(run(*ARM, *asked, *changed).stdout)
+    arm, weak = machines.arm26(), named_muscle("sarosi-dmsp-20-200n")
+    routes = Pulleys(0.3, arm.routes.arms, 0.12)
+    other = replace(arm, routes=routes, muscles=(weak,) * 6, pressure_limits=(0.0, 6 * BAR))
+    a = allocate_mechanism(other, np.array([10, 20]) * DEG, [15.0, 12.0], valves="shut")
+    assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
+    assert "shut stiffness given" in " ".join(run(*ARM, *asked[:-1], *changed).stdout.split())
+
+
+def test_each_muscle_may_be_another_one():
+    names = ["sarosi-dmsp-20-200n", "sarosi-dmsp-20-400n"] * 3
+    given = [part for name in names for part in ("--muscle", name)]
+    printed = json.loads(run(*ARM, "--posture", "10,20", "--stiffness", "8,8", "--json", *given).stdout)
+    other = replace(machines.arm26(), muscles=tuple(map(named_muscle, names)))
+    a = allocate_mechanism(other, np.array([10, 20]) * DEG, [8.0, 8.0])
+    assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
+
+
+def test_help_has_its_options_in_panels():
+    said = run("allocate", "--help").stdout
+    panels = ["Options:", "The machine:", "Which stiffness:", "Of several joints:"]
+    places = [said.index(panel) for panel in panels]
+    assert places == sorted(places)
+    assert said.index("The machine:") < said.index("--supply") < said.index("Which stiffness:")
 
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--stiffness", "9"), "needs --posture, 2 angles"),
+        (("--stiffness", "9"), "need --posture, 2 angles"),
         (("--stiffness", "9", "--posture", "1,2,3"), "--posture 1,2,3: expected 2 .the angles of shoulder, elbow"),
         (("--stiffness", "9", "--posture", "1,x"), "--posture 1,x: expected 2"),
         (("--stiffness", "9", "--posture", "1,400"), "over a turn"),
@@ -59,8 +89,10 @@ def test_a_file_stands_for_a_machine(tmp_path):
         (("--stiffness", "inf", "--posture", "1,2"), "expected a finite number"),
         (("--stiffness", "9,50,9", "--posture", "1,2"), "has to be positive definite"),
         (("--stiffness", "9", "--posture", "1,2", "--theta", "5"), "--theta is of a joint"),
-        (("--stiffness", "9", "--posture", "1,2", "--radius", "20"), "without the options of a joint"),
-        (("--stiffness", "9", "--posture", "1,2", "--valves", "shut"), "K is isobaric here"),
+        (("--stiffness", "9", "--posture", "1,2", "--radius", "20"), "--radius is of one joint with two muscles"),
+        (("--stiffness", "9", "--posture", "1,2", "--muscle", "tondu-mckibben", "--muscle", "tondu-mckibben"), "once"),
+        (("--stiffness", "9", "--posture", "1,2", "--at-least", "--valves", "shut"), "of the isobaric stiffness"),
+        (("--stiffness", "9", "--posture", "1,2", "--valves", "agonist"), "choose one of open, shut$"),
         (("--stiffness", "9", "--posture", "1,2", "--torque", "1,2,3"), "--torque 1,2,3: expected 1"),
     ],
 )
@@ -89,7 +121,7 @@ def test_the_stiffness_of_a_hand_is_that_of_python():
     printed = json.loads(done.stdout)
     hand = Endpoint.planar([0.3, 0.25], np.array([45, 90]) * DEG)
     q = np.array([5, 10]) * DEG
-    asked = {"endpoint": hand, "force": [2.0, -1.0]}
+    asked = {"stiffness": Stiffness(endpoint=hand, force=[2.0, -1.0])}
     a = allocate_mechanism(machines.arm26(), q, [[80.0, 5.0], [5.0, 150.0]], [0.5, 0.0], **asked)
     assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
     assert np.ravel(printed["endpoint_stiffness_N_per_m"]) == pytest.approx([80.0, 5.0, 5.0, 150.0])
@@ -132,7 +164,7 @@ def test_wrong_options_of_a_hand(arguments, sentence):
 def test_a_map_is_the_polygon_of_python(tmp_path):
     path = tmp_path / "map.png"
     asked = ("--posture", "23,-17", "--targets", "K11,K12", "--torque", "2,1", "--out", path, "--json")
-    done = run("map", "--mechanism", "arm26", *asked)
+    done = run("map", "--machine", "arm26", *asked)
     assert done.exit_code == 0, done.output
     printed = json.loads(done.stdout)
     feasible = feasible_targets(machines.arm26(), np.array([23, -17]) * DEG)
@@ -143,18 +175,18 @@ def test_a_map_is_the_polygon_of_python(tmp_path):
 
 
 def test_torques_are_free_or_those_that_hold_the_hand(tmp_path):
-    leg = ("map", "--mechanism", "leg37", "--posture", "5,-5,10", "--out", tmp_path / "free.svg")
+    leg = ("map", "--machine", "leg37", "--posture", "5,-5,10", "--out", tmp_path / "free.svg")
     free = run(*leg, "--torque", "free", "--targets", "T1,K22")
     assert "T1 and K22: " in free.stdout
     pushing = ("--posture", "5,10", "--push", "10,0", "--json", "--out", tmp_path / "push.png")
-    held = json.loads(run("map", "--mechanism", "arm26", *LINKS, *pushing).stdout)["held"]
+    held = json.loads(run("map", "--machine", "arm26", *LINKS, *pushing).stdout)["held"]
     hand = Endpoint.planar([0.3, 0.25], np.array([45, 90]) * DEG)
     assert list(held.values()) == pytest.approx(hand.torque(np.array([5, 10]) * DEG, [10.0, 0.0]))
 
 
 @pytest.mark.slow
 def test_a_hand_without_a_posture_has_its_workspace_drawn(tmp_path):
-    done = run("map", "--mechanism", "arm26", *LINKS, "--out", tmp_path / "w.png")
+    done = run("map", "--machine", "arm26", *LINKS, "--out", tmp_path / "w.png")
     assert done.exit_code == 0, done.output
     assert "30 postures, torques exist at 30; the ellipse turns by" in done.stdout
 
@@ -162,16 +194,16 @@ def test_a_hand_without_a_posture_has_its_workspace_drawn(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--mechanism", "arm26"), "needs --posture, 2 angles"),
-        (("--mechanism", "arm26", "--posture", "1,2", "--targets", "K11"), "--targets K11: expected two"),
-        (("--mechanism", "arm26", "--posture", "1,2", "--targets", "Kx11,K12"), "no target 'Kx11'.*needs an endpoint"),
-        (("--mechanism", "arm26", "--posture", "1,2", "--stiffness", "1:9"), "--stiffness is a range of a joint"),
-        (("--mechanism", "arm26", "--posture", "1,2", "--theta", "5"), "--theta is of a joint"),
-        (("--mechanism", "arm26", "--posture", "1,2", "--out", "map.csv"), "the ending has to be one of .png"),
-        (("--mechanism", "arm48", "--links", "1,2,3,4"), "the workspace is drawn of n = 2 joints, not 4"),
-        (("--mechanism", "arm26", *LINKS, "--torque", "free"), "--torque free goes with --posture"),
-        (("--targets", "K11,K22"), "--targets goes with --mechanism"),
-        (("--posture", "1,2"), "--posture goes with --mechanism"),
+        (("--machine", "arm26"), "need --posture, 2 angles"),
+        (("--machine", "arm26", "--posture", "1,2", "--targets", "K11"), "--targets K11: expected two"),
+        (("--machine", "arm26", "--posture", "1,2", "--targets", "Kx11,K12"), "no target 'Kx11'.*needs an endpoint"),
+        (("--machine", "arm26", "--posture", "1,2", "--stiffness", "1:9"), "--stiffness are ranges of a joint"),
+        (("--machine", "arm26", "--posture", "1,2", "--theta", "5"), "--theta and --stiffness are ranges of a joint"),
+        (("--machine", "arm26", "--posture", "1,2", "--out", "map.csv"), "the ending has to be one of .png"),
+        (("--machine", "arm48", "--links", "1,2,3,4"), "the workspace is drawn of n = 2 joints, not 4"),
+        (("--machine", "arm26", *LINKS, "--torque", "free"), "--torque free goes with --posture"),
+        (("--targets", "K11,K22"), "--targets is of several joints"),
+        (("--posture", "1,2"), "--posture goes with a --machine of several joints"),
     ],
 )
 def test_wrong_options_of_a_map(arguments, sentence, tmp_path, monkeypatch):

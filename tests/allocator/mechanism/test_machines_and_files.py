@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from allocator import InvalidFile, InvalidInput, MissingBackend, report_joint
+from allocator import (
+    InvalidFile,
+    InvalidInput,
+    MissingBackend,
+    load_joint,
+    load_machine,
+    named_machine,
+    report_joint,
+    save_machine,
+)
 from allocator.mechanism import (
     Link,
     Mechanism,
@@ -11,9 +20,7 @@ from allocator.mechanism import (
     Tables,
     allocate_mechanism,
     from_function,
-    load_mechanism,
     machines,
-    save_mechanism,
 )
 from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR
@@ -24,7 +31,7 @@ SHAPES = {"arm26": (2, 6, 1), "arm48": (4, 8, 0), "leg37": (3, 7, 2)}  # n, m, c
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_machines_hold_themselves_and_couple_what_they_should(name):
-    machine = machines.machine(name)
+    machine = named_machine(name)
     n, m, coupled = SHAPES[name]
     assert (machine.n, machine.m) == (n, m)
     q = np.array(machine.angle_limits).mean(axis=1)
@@ -40,7 +47,7 @@ def test_machines_hold_themselves_and_couple_what_they_should(name):
 
 def test_unknown_machines_list_the_known_ones():
     with pytest.raises(MissingBackend, match="arm26, arm48, leg37"):
-        machines.machine("arm27")
+        named_machine("arm27")
 
 
 MECHANISMS = {
@@ -63,39 +70,83 @@ MECHANISMS = {
 @pytest.mark.parametrize("mechanism", MECHANISMS.values(), ids=MECHANISMS.keys())
 def test_a_file_gives_back_what_was_written(tmp_path, mechanism):
     path = tmp_path / "machine.toml"
-    save_mechanism(mechanism, path, source={"paper": "none", "year": 2026})
-    assert load_mechanism(path) == mechanism
-    assert machines.machine(str(path)) == mechanism
-    assert hash(load_mechanism(path)) == hash(mechanism)
+    save_machine(mechanism, path, source={"paper": "none", "year": 2026})
+    assert load_machine(path) == mechanism
+    assert named_machine(str(path)) == mechanism
+    assert hash(load_machine(path)) == hash(mechanism)
 
 
 def test_functions_are_not_written(tmp_path):
     made = Mechanism(from_function(0.4, 1, lambda q: 0.3 - 0.02 * q), SAROSI_DMSP_20_400N)
     for mechanism in (made, Mechanism.from_joint(report_joint())):
         with pytest.raises(InvalidInput, match="cannot be written to a file; sample the lengths into Tables"):
-            save_mechanism(mechanism, tmp_path / "x.toml")
+            save_machine(mechanism, tmp_path / "x.toml")
 
 
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
         ("[routes]", "[roots]", r"the table \[routes\] is missing"),
-        ('kind = "Pulleys"', 'kind = "Ropes"', "unknown kind 'Ropes'; known: Pulleys, Sites, Tables"),
-        ("initial_contraction =", "contraction =", "does not describe Pulleys"),
-        ('"A", "A"]', '"A", "B"]', "have to be a row of A"),
-        ('"A", "A"]', '"A"]', "5 given; .* m = 6"),
+        (
+            'kind = "Pulleys"',
+            'kind = "Ropes"',
+            "unknown kind 'Ropes'; known: Pulley, Lever, Table, Pulleys, Sites, Tables",
+        ),
+        (
+            "initial_contraction =",
+            "contraction =",
+            r"\[routes\]: a Pulleys has no contraction; it has rest_length, arms, initial_contraction",
+        ),
+        ('like = "shoulder flexor"', 'like = "biceps"', "has to be the name of a muscle above: shoulder flexor"),
+        ('name = "elbow flexor"', 'name = "shoulder flexor"', "has to be a name, and no other muscle's"),
+        ('[[muscle]]\nname = "biarticular extensor"\nlike = "shoulder flexor"', "", "5 given; .* m = 6"),
+        (
+            "[machine]",
+            "[hysteresis]\n[machine]",
+            "the file of a machine with such routes has no hysteresis; it has machine",
+        ),
         ("min_contraction", "max_contraction", "has no max_contraction; it has"),
         ("[0.0, 500000.0]", "[0.0, 5.0]", "if bar was meant"),
         ("c1 =", "c9 =", "c1"),
-        ("[muscles]", "[muscles", "is not TOML"),
+        ("[[muscle]]", "[[muscle", "is not TOML"),
     ],
 )
 def test_files_that_are_none(tmp_path, old, new, sentence):
     path = tmp_path / "machine.toml"
-    save_mechanism(machines.arm26(), path)
+    save_machine(machines.arm26(), path)
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
     with pytest.raises(InvalidFile, match=sentence) as raised:
-        load_mechanism(path)
+        load_machine(path)
     assert str(path) in str(raised.value)
+
+
+def test_a_joint_s_file_is_a_machine_s(tmp_path):
+    path = tmp_path / "joint.toml"
+    save_machine(report_joint(), path)
+    assert load_machine(path) == load_joint(path) == named_machine(str(path)) == report_joint()
+    assert path.read_text().count("r0 =") == 1  # the antagonist is like the agonist
+    save_machine(machines.arm26(), path)
+    with pytest.raises(InvalidFile, match="holds a machine with n = 2 joints and m = 6 muscles; expected one joint"):
+        load_joint(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("[machine]", "[joint]", r"is not a machine: the table \[machine\] is missing"),
+        ('"agonist"', '"biceps"', r"a joint has the \[\[muscle\]\]s agonist and antagonist, not biceps"),
+        ("friction =", 'joints = ["elbow"]\nfriction =', r"\[machine\] has no joints; it has pressure_limits"),
+        ("[routes]", "[bodies]\n[routes]", "the file of a joint has no bodies; it has machine, routes, muscle"),
+        ("    [-2.181661564992912, 2.181661564992912],", "-2.0, 2.0", "angle_limits has one row of a joint"),
+    ],
+)
+def test_files_that_are_no_joint(tmp_path, old, new, sentence):
+    path = tmp_path / "joint.toml"
+    save_machine(report_joint(), path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(InvalidFile, match=sentence):
+        load_machine(path)

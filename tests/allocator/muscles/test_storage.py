@@ -79,7 +79,7 @@ def test_the_covariance_and_the_source_travel_with_the_muscle(path):
         (GOOD + "[covariance]\nrows = [[1.0, 5.0], [5.0, 1.0]]\n", "covariance has a negative eigenvalue"),
         (
             GOOD + "[covariance]\nmatrix = [[1.0, 0.0], [0.0, 1.0]]\n",
-            "[covariance] has to be a table with the entry rows",
+            "[covariance] has no matrix; it has rows",
         ),
         (GOOD + "[covarience]\nrows = []\n", "a muscle has no covarience; it has model, parameters, source"),
         (GOOD.replace("0.41", '"0.41"'), "alpha0 = '0.41' is not a finite number"),

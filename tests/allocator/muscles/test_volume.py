@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 
 from allocator.errors import InvalidInput
-from allocator.joint.storage import load_joint, save_joint
+from allocator.machine_file import load_joint, save_machine
 from allocator.muscles import AffineMuscle, Hogan1984, KazemipourKatzschmann2025, Muscle, TonduLopez1995
 from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_400N, TONDU_MCKIBBEN
 from allocator.units import BAR, DEG
@@ -135,7 +135,7 @@ def test_volumes_are_kept_in_the_files_of_muscles_and_joints_and_by_fitted_muscl
     assert Muscle.load(tmp_path / "muscle.toml") == muscle
     assert "rest_volume" not in (tmp_path / "muscle.toml").read_text().partition("[volume]")[0]
     joint = AntagonistJoint(Pulley(0.4, 0.02, 0.1375), muscle, SAROSI_DMSP_20_400N, gas=Gas(1.4, 9e4))
-    save_joint(joint, tmp_path / "joint.toml")
+    save_machine(joint, tmp_path / "joint.toml")
     assert load_joint(tmp_path / "joint.toml") == joint
     moved = muscle.with_parameters({"c1": muscle.c1 * 1.01})
     assert (moved.inner_radius, moved.rest_volume, moved.tube_volume) == (0.01, 1.2e-4, 2e-5)

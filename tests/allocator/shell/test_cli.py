@@ -9,7 +9,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from allocator import Muscle, allocate, report_joint
-from allocator.joint.storage import save_joint
+from allocator.machine_file import save_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc.cli import app
@@ -77,8 +77,8 @@ def test_every_method_answers_on_the_command_line(method):
 
 def test_a_joint_goes_from_file_to_pressures(tmp_path):
     joint, path = report_joint(SAROSI_DMSP_20_400N), tmp_path / "joint.toml"
-    save_joint(joint, path)
-    result = CliRunner().invoke(app, ["allocate", "--theta", "10", "--stiffness", "6", "--joint", str(path)])
+    save_machine(joint, path)
+    result = CliRunner().invoke(app, ["allocate", "--theta", "10", "--stiffness", "6", "--machine", str(path)])
     assert result.exit_code == 0
     assert f"{allocate(10 * DEG, 6.0, joint=joint).P1 / BAR:.4f}" in result.output
 

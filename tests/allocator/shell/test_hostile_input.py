@@ -50,16 +50,16 @@ CASES = {
     (*HELD, "--muscle", "int.toml"): "is not a finite number",
     (*HELD, "--muscle", "digits.toml"): "digits.toml: is not TOML",
     (*HELD, "--muscle", "nested.toml"): "nested too deeply",
-    (*HELD, "--joint", "nested.toml"): "nested too deeply",
-    (*HELD, "--joint", "p_max.toml"): "is not a joint: the table [joint] is missing",
-    ("track", "t.csv", "--joint", "own_int.toml"): "inertia = int is not a number",
-    ("track", "t.csv", "--joint", "own_typo.toml"): "[plant] has no inertja; it has inertia, damping",
+    (*HELD, "--machine", "nested.toml"): "nested too deeply",
+    (*HELD, "--machine", "p_max.toml"): "is not a machine: the table [machine] is missing",
+    ("track", "t.csv", "--machine", "own_int.toml"): "inertia = int is not a number",
+    ("track", "t.csv", "--machine", "own_typo.toml"): "[plant] has no inertja; it has inertia, damping",
     # numbers
     ("track", "t.csv", "--horizon", "100000"): "N = 100000 is over 1000",
     ("track", "t.csv", "--horizon", "1000000000"): "N = 1000000000 is over 1000",
     ("track", "t.csv", "--horizon", BIG): "is over 1000",
     ("track", "t.csv", "--horizon", "1000000000", "--controller", "nmpc"): "is over 1000",
-    ("export", "--out", "c", "--horizon", "1000000000"): "is over 1000",
+    ("export", "controller", "--out", "c", "--horizon", "1000000000"): "is over 1000",
     ("track", "t.csv", "--dt", "1e-9"): "1e+09 samples of dt = 1e-09 s",
     ("track", "t.csv", "--dt", "nan"): "dt = nan is not finite [s]",
     ("track", "t.csv", "--payload", "nan"): "--payload nan: expected a finite number [N·m]",
@@ -68,7 +68,7 @@ CASES = {
     ("track", "t.csv", "--lag", "1e-300"): "--lag 1e-300: expected 0.0001 to 100 s",
     ("track", "t.csv", "--lag", "1:2:3"): "--lag 1:2:3: expected NUMBER or LOW:HIGH",
     ("track", "t.csv", "--slew", "inf"): "--slew inf: expected 0.001 to 100000 bar/s",
-    ("export", "--out", "c", "--gravity", "nan"): "--gravity nan: expected",
+    ("export", "controller", "--out", "c", "--gravity", "nan"): "--gravity nan: expected",
     ("map", "--supply", "500000"): "--supply 500000: expected 0.05 to 100 bar",
     ("map", "--radius", "2e9"): "--radius 2e+09: expected 0.1 to 10000 mm",
     ("map", "--rest-length", "-5"): "--rest-length -5: expected 1 to 10000 mm",
@@ -89,7 +89,7 @@ CASES = {
     ("map", "--supply", "4", "--supply", "5"): "--supply is given 2 times",
     (*HELD, "--muscle", "tondu-mckibben", "--muscle", "sarosi-dmsp-20-400n"): "--agonist and --antagonist",
     (*HELD, "--muscle", "biceps"): "unknown muscle 'biceps'; available: a file ending in .toml, martens",
-    ("map", "--joint", "lever.toml", "--radius", "20"): "are for a pulley; lever.toml has a Lever",
+    ("map", "--machine", "lever.toml", "--radius", "20"): "are for a pulley; lever.toml has a Lever",
     # what cannot be written
     (*SAROSI, "--out", "directory"): "directory cannot be written (it is a directory)",
     (*SAROSI, "--out", "afile/x.toml"): "afile/x.toml cannot be written (afile is a file, not a directory)",
@@ -98,7 +98,7 @@ CASES = {
     (*SAROSI, "--plot", "x.docx"): "--plot x.docx: the ending has to be one of .png",
     ("map", "--out", "afile/x.csv"): "afile/x.csv cannot be written",
     ("init", "directory"): "directory cannot be written (it is a directory)",
-    ("export", "--out", "afile/c", "--what", "allocate"): "afile/c cannot be written",
+    ("export", "allocation", "--out", "afile/c"): "afile/c cannot be written",
     ("track", "t.csv", "--out", "afile/run.npz"): "afile/run.npz cannot be written",
 }
 DISK_FULL = [
@@ -106,7 +106,7 @@ DISK_FULL = [
     ("map", "--out", "full.npz"),
     ("map", "--out", "full.png"),
     ("init", "full.toml"),
-    ("export", "--what", "allocate", "--out", "full"),
+    ("export", "allocation", "--out", "full"),
 ]
 
 

@@ -93,7 +93,7 @@ def test_one_file_cannot_be_two_outputs(here):
         ("map", "--stiffness", "6:9:1", "--out", "new/folder/x.csv"),
         ("map", "--stiffness", "6:9:1", "--out", "new/folder/x.npz"),
         ("fit", "data.csv", "--model", "AffinePolynomial", "--out", "new/folder/x.toml", "--plot", "new/other/x.png"),
-        ("export", "--what", "allocate", "--out", "new/folder/c"),
+        ("export", "allocation", "--out", "new/folder/c"),
     ],
     ids=lambda arguments: f"{arguments[0]} {arguments[-1]}",
 )

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import AntagonistJoint, Lever, allocate, report_joint, save_joint
+from allocator import AntagonistJoint, Lever, allocate, report_joint, save_machine
 from allocator.errors import InvalidFile
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
-from allocator.shell.joint_options import JointOptions
+from allocator.shell.machine_options import MachineOptions
 from allocator.units import BAR, DEG
 from mpc import Plant
 from mpc.cli import app
@@ -40,7 +40,7 @@ def test_a_plant_goes_to_its_file_and_back(tmp_path):
 
 
 def test_a_joint_s_file_is_a_plant_with_the_usual_numbers(tmp_path):
-    save_joint(LEVER, tmp_path / "joint.toml")
+    save_machine(LEVER, tmp_path / "joint.toml")
     assert Plant.load(tmp_path / "joint.toml") == Plant(LEVER)
 
 
@@ -52,21 +52,21 @@ def test_what_init_writes_is_the_plant_that_is_used_without_it(tmp_path):
 
 
 def test_without_options_the_joint_is_the_report_s():
-    assert JointOptions().build() == report_joint()
+    assert MachineOptions().build() == report_joint()
     assert PlantOptions().plant() == Plant()
 
 
 def test_options_change_what_the_file_says_and_nothing_else(tmp_path):
     PLANT.save(tmp_path / "plant.toml")
-    options = PlantOptions(joint=tmp_path / "plant.toml", supply=4.0, inertia=0.07, lag="0.2", stops="-30:40")
+    options = PlantOptions(machine=str(tmp_path / "plant.toml"), supply=4.0, inertia=0.07, lag="0.2", stops="-30:40")
     joint = replace(LEVER, pressure_limits=(0.0, 4 * BAR), angle_limits=(-30 * DEG, 40 * DEG))
     assert options.plant() == replace(PLANT, joint=joint, inertia=0.07, lag=(0.2, 0.2))
 
 
 def test_every_option_of_the_joint_and_the_plant_arrives():
     plant = PlantOptions(
-        muscle=["sarosi-dmsp-20-400n"], antagonist="sarosi-dmsp-20-200n", radius=25, rest_length=300,
-        initial_contraction=0.12, supply=6, stops="-50:60", friction=0.1, inertia=0.01, damping=0.2, lag="0.05:0.06",
+        muscle=["sarosi-dmsp-20-400n"], antagonist="sarosi-dmsp-20-200n", radius=25, rest_length="300",
+        initial_contraction="0.12", supply=6, stops="-50:60", friction=0.1, inertia=0.01, damping=0.2, lag="0.05:0.06",
         gravity=-0.4, slew=7,
     ).plant()  # fmt: skip
     joint = plant.joint
@@ -96,10 +96,10 @@ def test_every_command_takes_the_plant_s_file(tmp_path):
     path = tmp_path / "plant.toml"
     PLANT.save(path)
     run, table = tmp_path / "run.npz", tmp_path / "map.npz"
-    antagonist("allocate", "--joint", path, "--theta", 0, "--stiffness", 12)
-    antagonist("map", "--joint", path, "--out", table)
-    antagonist("track", "steps", "--joint", path, "--out", run, *SHORT)
-    said = antagonist("export", "--joint", path, "--out", tmp_path / "c", "--horizon", 5)
+    antagonist("allocate", "--machine", path, "--theta", 0, "--stiffness", 12)
+    antagonist("map", "--machine", path, "--out", table)
+    antagonist("track", "steps", "--machine", path, "--out", run, *SHORT)
+    said = antagonist("export", "controller", "--machine", path, "--out", tmp_path / "c", "--horizon", 5)
     assert load_recording(run).plant == PLANT
     with np.load(table) as stored:
         assert stored["theta"][[0, -1]] == pytest.approx(LEVER.angle_range)
@@ -117,7 +117,9 @@ def test_the_inertia_of_the_shell_reaches_the_run_and_the_c_code(tmp_path):
     assert (plant.inertia, plant.gravity_torque) == (0.03, 0.7)
     models = []
     for inertia in (0.03, 0.06):
-        antagonist("export", "--out", tmp_path / str(inertia), "--inertia", inertia, "--horizon", 5, "--what", "mpc")
+        antagonist(
+            "export", "controller", "--out", tmp_path / str(inertia), "--inertia", inertia, "--horizon", 5, "--alone"
+        )
         models.append((tmp_path / str(inertia) / "src" / "model.c").read_text())
     assert models[0] != models[1]
 
@@ -126,12 +128,12 @@ def test_a_file_with_a_word_too_many_is_refused(tmp_path):
     PLANT.save(tmp_path / "plant.toml")
     text = (tmp_path / "plant.toml").read_text(encoding="utf-8")
     for wrong, said in (
-        (text.replace("[plant]", "[plnat]"), "it has no plnat; its tables are joint, geometry"),
+        (text.replace("[plant]", "[plnat]"), "the file of a joint has no plnat; it has machine, routes, muscle"),
         (
             text.replace("\nlever = ", "\nlevel = "),
-            r"^[^:]*: \[geometry\]: a Lever has no level; it has rest_length, anchor",
+            r"^[^:]*: \[routes\]: a Lever has no level; it has rest_length, anchor",
         ),
-        (re.sub("\nlever = .*", "", text), r"\[geometry\]: a Lever needs lever$"),
+        (re.sub("\nlever = .*", "", text), r"\[routes\]: a Lever needs lever$"),
         (re.sub("rest_length = .*", "rest_length = 400", text), r"rest_length = 400 m .* pass 0.4"),
         (text.replace("damping", "dampling"), r"\[plant\] has no dampling"),
         (text.replace("inertia = 0.02", "inertia = -1"), r"\[plant\]: inertia = -1 kg·m² has to be positive"),

@@ -1,17 +1,24 @@
-"""`antagonist arm` from a stranger's side."""
+"""`antagonist track` of several joints from a stranger's side."""
 
 import csv
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
 
+from allocator import Gas, InvalidFile, save_machine
+from allocator.mechanism import machines
 from mpc.arm.trials import reference as references
 from mpc.cli import app
+from mpc.model.arm.bodies import BODIES
+from mpc.model.arm.model import Arm
+from mpc.model.arm.storage import load_arm, save_arm
 from mpc.tracking.qp.step import SlowStep
 
 
 def run(*options):
-    return CliRunner().invoke(app, ["arm", *map(str, options)])
+    given = () if "--machine" in options else ("--machine", "arm26")
+    return CliRunner().invoke(app, ["track", *given, *map(str, options)])
 
 
 @pytest.fixture
@@ -27,12 +34,12 @@ def brief(monkeypatch):
 
 @pytest.mark.slow
 def test_it_writes_film_picture_and_table_and_says_how_it_went(folder, brief):
-    result = run("--reference", "hold", "--dt", "0.02", "--horizon", "8")
+    result = run("hold", "--dt", "0.02", "--horizon", "8")
     assert result.exit_code == 0, result.output
-    assert sorted(path.name for path in folder.iterdir()) == ["arm.csv", "arm.gif", "arm.png"]
+    assert sorted(path.name for path in folder.iterdir()) == ["tracking.csv", "tracking.gif", "tracking.png"]
     for said in ("angle error, shoulder [°]", "stiffness error, K12", "kept", "compiled", "filmed by"):
         assert said in result.output
-    with (folder / "arm.csv").open(encoding="utf-8") as file:
+    with (folder / "tracking.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 21  # 0.4 s of 20 ms, and the beginning
     assert abs(float(rows[-1]["shoulder_deg"]) - 20) < 0.1
@@ -40,7 +47,7 @@ def test_it_writes_film_picture_and_table_and_says_how_it_went(folder, brief):
 
 @pytest.mark.slow
 def test_a_real_plant_under_a_load_is_followed_too(folder):
-    result = run("--reference", "hold", "--plant", "real", "--load", "1", "--out", "run.csv")
+    result = run("hold", "--plant", "real", "--payload", "1", "--out", "run.csv")
     assert result.exit_code == 0, result.output
     with (folder / "run.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -63,7 +70,7 @@ ROUND = {"over": '<geom geom="roll" sidesite="s"/>', "under": '<geom geom="roll"
 @pytest.mark.slow
 def test_a_stranger_s_model_is_moved_and_drawn(folder, brief):
     (folder / "mine.xml").write_text(ARM.format(**ROUND), encoding="utf-8")
-    given = ("--machine", "mine.xml", "--rest-length", "300", "--reference", "hold", "--dt", "0.02", "--horizon", "6")
+    given = ("hold", "--machine", "mine.xml", "--rest-length", "300", "--dt", "0.02", "--horizon", "6")
     with pytest.warns(SlowStep, match="not compiled"):
         result = run(*given, "--out", "run.png", "--out", "run.csv")
     assert result.exit_code == 0, result.output
@@ -92,16 +99,24 @@ def test_other_files_are_not_replaced_silently(folder):
     ("options", "said"),
     [
         (("--machine", "arm99"), "arm26"),
-        (("--reference", "square"), "circle"),
+        (("square",), "circle"),
         (("--seed", "-1"), "--seed = -1 has to be a whole number, 0 or more"),
-        (("--reference", "draw", "--machine", "arm48"), "n = 2 joints"),
+        (("draw", "--machine", "arm48"), "n = 2 joints"),
         (("--machine", "nowhere.xml"), "does not exist"),
-        (("--muscle", "sarosi-dmsp-20-400n"), "--machine FILE.xml"),
-        (("--track", "foot"), "hand, joints"),
+        (("--hand", "tip"), "--machine FILE.xml"),
+        (("--stiffness-of", "foot"), "hand, joints"),
         (("--plant", "odd"), "nominal"),
         (("--out", "run.txt"), "a run is written as"),
         (("--dt", "5"), "--dt 5"),
-        (("--load", "nan"), "--load"),
+        (("--payload", "nan"), "--payload"),
+        (("--out", "run.npz"), "a run is written as .png, .pdf, .svg, .csv, .gif, .mp4"),
+        (("--controller", "pid"), "--controller is of one joint"),
+        (("--stiffness", "7"), "--stiffness is of one joint"),
+        (("--no-observer",), "--observer is of one joint"),
+        (("--gravity", "1"), "--gravity is of one joint"),
+        (("--radius", "20"), "--radius is of one joint"),
+        (("--lag", "0.1:0.2"), "--lag 0.1:0.2: expected one time or 6, one a muscle"),
+        (("--muscle", "sarosi-dmsp-20-400n", "--muscle", "sarosi-dmsp-20-200n"), "--muscle is given 2 times"),
     ],
 )
 def test_what_makes_no_sense_is_one_sentence(folder, options, said):
@@ -109,3 +124,67 @@ def test_what_makes_no_sense_is_one_sentence(folder, options, said):
     assert result.exit_code != 0
     assert said in str(result.exception)
     assert not list(folder.iterdir())
+
+
+@pytest.mark.slow
+def test_an_arm_that_init_wrote_and_somebody_edited_is_followed(folder, brief):
+    assert CliRunner().invoke(app, ["init", "mine.toml", "--machine", "arm26"]).exit_code == 0
+    assert load_arm("mine.toml") == Arm.machine("arm26")
+    text = (folder / "mine.toml").read_text(encoding="utf-8")
+    (folder / "mine.toml").write_text(text.replace("lag = 0.1", "lag = 0.08"), encoding="utf-8")
+    given = (
+        "--machine",
+        "mine.toml",
+        "--supply",
+        "6",
+        "--slew",
+        "7",
+        "--out",
+        "run.csv",
+        "--dt",
+        "0.02",
+        "--horizon",
+        "6",
+    )
+    result = run("hold", *given)
+    assert result.exit_code == 0, result.output
+    assert "2 joints, 6 muscles, lag 0.08 s, slew 7 bar/s" in result.output
+    said = run("hold", "--machine", "mine.toml", "--out", "mine.toml", "--force").exception
+    assert "a run is written as" in str(said)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("[bodies]", "[links]", "the file of a machine with such routes has no links"),
+        ("lag = 0.1", "lagg = 0.1", r"\[plant\] has no lagg; it has lag, slew, gas"),
+        ("slew = 500000.0", "slew = 5.0", "if bar/s was meant"),
+        ("mass =", "masses =", r"\[bodies\] has no masses; it has length, mass"),
+        ("mass = [1.2, 0.8]", "mass = [1.2]", r"\[bodies\]: Bodies: mass"),
+    ],
+)
+def test_a_file_that_is_no_arm_is_refused_by_its_name(folder, old, new, said):
+    save_arm(Arm.machine("arm26"), "mine.toml")
+    text = (folder / "mine.toml").read_text(encoding="utf-8")
+    assert old in text
+    (folder / "mine.toml").write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(InvalidFile, match=said) as refusal:
+        load_arm("mine.toml")
+    assert str(refusal.value).startswith("mine.toml")
+
+
+def test_arms_come_back_from_their_files(folder):
+    crooked = replace(BODIES["leg37"](), centre=(0.1, 0.2, 0.05), gravity=(3.0, -9.0))
+    for arm in (Arm.machine("arm48"), replace(Arm.machine("leg37"), bodies=crooked)):
+        save_arm(arm, "mine.toml")
+        assert load_arm("mine.toml") == arm
+        arm = replace(arm, lag=tuple(0.05 + 0.01 * i for i in range(arm.m)), gas=Gas(kappa=1.2))
+        save_arm(arm, "mine.toml")
+        assert load_arm("mine.toml") == arm
+
+
+def test_one_joint_has_no_hand(folder):
+    said = CliRunner().invoke(app, ["track", "--hand", "tip"]).exception
+    assert "go with a --machine of several joints" in str(said)
+    save_machine(machines.arm26(), "still.toml")
+    assert "is not an arm that can move: the table [bodies] is missing" in str(run("--machine", "still.toml").exception)

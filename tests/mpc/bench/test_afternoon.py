@@ -63,10 +63,10 @@ def test_from_sweep_to_a_tracked_trajectory_on_the_command_line(tmp_path):
     antagonist("sweep", *where, "--muscle", "sarosi-dmsp-20-400n", "--out", tmp_path, "--motion", 30)
     joint, plant = tmp_path / "joint.toml", tmp_path / "plant.toml"
     antagonist("fit-joint", tmp_path / "joint_log.csv", *GEOMETRY, "--out", joint)
-    antagonist("fit-motion", tmp_path / "motion_log.csv", "--joint", joint, "--out", plant)
+    antagonist("fit-motion", tmp_path / "motion_log.csv", "--machine", joint, "--out", plant)
     found = Plant.load(plant)
     assert found.lag == pytest.approx(HIDDEN.lag, rel=0.3)
-    antagonist("run", "min-jerk", *where, "--joint", plant, "--out", f"{log}.csv", "--out", f"{log}.npz")
+    antagonist("run", "min-jerk", *where, "--machine", plant, "--out", f"{log}.csv", "--out", f"{log}.npz")
     figures = metrics(load_recording(f"{log}.npz"))
     assert figures.after_rest.theta_rms < 1.0  # [°]
     assert figures.limits_kept, figures.violations

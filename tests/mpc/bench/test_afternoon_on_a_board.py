@@ -34,7 +34,7 @@ def test_from_sweep_to_a_tracked_trajectory_over_a_serial_line(tmp_path):
     assert swept.lateness.missed == 0
     joint, plant = tmp_path / "joint.toml", tmp_path / "plant.toml"
     antagonist("fit-joint", tmp_path / "joint_log.csv", *GEOMETRY, "--out", joint)
-    antagonist("fit-motion", tmp_path / "motion_log.csv", "--joint", joint, "--out", plant)
+    antagonist("fit-motion", tmp_path / "motion_log.csv", "--machine", joint, "--out", plant)
     found = Plant.load(plant)
     assert found.lag == pytest.approx(HIDDEN.lag, rel=0.3)
     record = AFTERNOON.run(found, Compensation.load(plant), tmp_path / "run.csv")

@@ -42,13 +42,13 @@ def test_a_rehearsal_tells_the_controller_the_hysteresis_of_the_file_and_what_is
     assert antagonist("init", path).exit_code == 0
     lines = "weights = [0.1, 0.4, 0.5]", "thresholds = [0.03, 0.05]", "base = 1.0"
     path.write_text("\n".join([path.read_text(), "[hysteresis]", *lines, ""]))
-    result = antagonist("run", trajectory, *SIM, "--joint", path, "--out", tmp_path / "run.csv")
+    result = antagonist("run", trajectory, *SIM, "--machine", path, "--out", tmp_path / "run.csv")
     assert result.exit_code == 0, result.output
     output = " ".join(result.output.split())
     assert "hysteresis of the angle with 2 elements" in output
     assert "Dahl" not in output
     assert (
-        "not in --joint, simulated as on a usual bench and told to the controller: dead time 0.03 s, dead band"
+        "not in --machine, simulated as on a usual bench and told to the controller: dead time 0.03 s, dead band"
         in output
     )
 

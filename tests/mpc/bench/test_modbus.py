@@ -121,19 +121,19 @@ unit = "bar"
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (GOOD.replace("theta", "phi"), r"\[read.phi\]: there are theta, P1, P2"),
+        (GOOD.replace("theta", "phi"), r"\[read\] has no phi; it has theta, P1, P2"),
         (GOOD.replace("[read.theta]", "[read.P1]").replace('"deg"', '"bar"'), "without its angle"),
         (GOOD.replace('"deg"', '"grad"'), "unit = 'grad' has to be one of deg, rad"),
         (GOOD.replace("register = 7", "register = 70000"), "register"),
         (GOOD.replace("register = 7", "registre = 7"), "has no registre"),
-        (GOOD.replace("register = 7\n", ""), "lacks register"),
+        (GOOD.replace("register = 7\n", ""), "needs register"),
         ("timeout = 20\n" + GOOD, "timeout = 20"),
         ('word_order = "middle"\n' + GOOD, "word_order"),
         ("speed = 3\n" + GOOD, "a register map has no speed"),
         (GOOD + "scale = 0.0\n", "scale = 0 makes all numbers alike"),
         (GOOD + 'type = "int8"\n', "type = 'int8' has to be one of int16"),
-        (GOOD + "[[vent]]\nregister = 3\n", "a register and a number"),
-        ("[read\n", "is no TOML"),
+        (GOOD + "[[vent]]\nregister = 3\n", r"\[vent 1\]: it needs number"),
+        ("[read\n", "is not TOML"),
     ],
 )
 def test_a_map_that_makes_no_sense_is_refused_in_a_sentence(tmp_path, text, said):

@@ -75,8 +75,8 @@ def test_the_header_has_every_constant_of_the_table_that_the_host_runs_by(tmp_pa
 
 
 def test_one_command_exports_a_board_and_the_lines_of_its_readme_compile_it(tmp_path):
-    options = ["--target", "serial", "--variant", "terminal", "--watchdog", "0.5", "--fall", "inf"]
-    result = CliRunner().invoke(app, ["export", "--out", str(tmp_path / "c"), *options])
+    options = ["--variant", "terminal", "--watchdog", "0.5", "--fall", "inf"]
+    result = CliRunner().invoke(app, ["export", "firmware", "--out", str(tmp_path / "c"), *options])
     assert result.exit_code == 0, result.output
     assert "#define ANT_WATCHDOG_US 500000u" in (tmp_path / "c" / "serial" / "config.h").read_text()
     readme = (tmp_path / "c" / "serial" / "README.md").read_text().splitlines()
@@ -102,7 +102,11 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, con
     for watchdog, fall in ((0.0, BAR), (np.nan, BAR), (0.2, -1.0), (0.2, 1.0), (0.2, np.nan)):
         with pytest.raises(InvalidInput, match=r"watchdog|fall"):
             Safety(watchdog, fall)
-    for options in (["--target", "fpga"], ["--target", "serial", "--variant", "clever"]):
-        refused = CliRunner().invoke(app, ["export", "--out", str(tmp_path / "c"), *options])
-        assert isinstance(refused.exception, MissingBackend)
+    for options, error in (
+        (["--variant", "clever"], MissingBackend),
+        (["--variant", "terminal", "--errors", "u=1"], InvalidInput),
+        (["--machine", "arm26"], InvalidInput),
+    ):
+        refused = CliRunner().invoke(app, ["export", "firmware", "--out", str(tmp_path / "c"), *options])
+        assert isinstance(refused.exception, error)
     assert not list(tmp_path.iterdir())

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from allocator import AntagonistError, PrandtlIshlinskii, report_joint, save_joint
+from allocator import AntagonistError, PrandtlIshlinskii, report_joint, save_machine
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_LOPEZ_LAAS_ARM
 from allocator.units import BAR
@@ -32,12 +32,12 @@ def invoke(*arguments):
 def test_a_tuning_is_not_written_over_the_joint_that_it_was_made_from(tmp_path, monkeypatch):
     """By its name, by another spelling of its path, through a symbolic link, and with --force."""
     joint, link = tmp_path / "joint.toml", tmp_path / "link.toml"
-    save_joint(report_joint(SAROSI_DMSP_20_400N), joint)
+    save_machine(report_joint(SAROSI_DMSP_20_400N), joint)
     link.symlink_to(joint)
     text = joint.read_text()
     monkeypatch.chdir(tmp_path)
     for read, out in (("joint.toml", "joint.toml"), (joint, "./joint.toml"), (joint, link), (link, joint)):
-        result = invoke("--tuning", "--joint", read, "--out", out, "--force", "--horizon", 3)
+        result = invoke("tuning", "--machine", read, "--out", out, "--force", "--horizon", 3)
         assert isinstance(result.exception, InvalidInput), result.output
         assert "is read by this command and cannot be written by it" in str(result.exception)
         assert joint.read_text() == text
@@ -46,7 +46,7 @@ def test_a_tuning_is_not_written_over_the_joint_that_it_was_made_from(tmp_path, 
 @needs_cmake
 def test_one_command_exports_one_builds_and_the_demonstration_prints_python_s_numbers(tmp_path):
     out = tmp_path / "new" / "c"
-    result = invoke("--out", out, "--muscle", "sarosi-dmsp-20-400n")
+    result = invoke("controller", "--out", out, "--muscle", "sarosi-dmsp-20-400n")
     assert result.exit_code == 0, result.output
     assert "README.md" in result.output.replace("\n", "")
     subprocess.run(["cmake", "-S", out, "-B", out / "build"], check=True, capture_output=True)
@@ -58,7 +58,7 @@ def test_one_command_exports_one_builds_and_the_demonstration_prints_python_s_nu
 
 @needs_gcc
 def test_the_plain_compiler_line_of_the_exported_readme_works(tmp_path):
-    invoke("--out", tmp_path / "c", "--what", "mpc", "--precision", "single", "--horizon", "5")
+    invoke("controller", "--out", tmp_path / "c", "--alone", "--precision", "single", "--horizon", "5")
     lines = (tmp_path / "c" / "README.md").read_text().splitlines()
     line = next(line.strip() for line in lines if line.startswith("    cc "))
     subprocess.run(line.replace("cc ", "gcc ", 1), shell=True, cwd=tmp_path / "c", check=True)
@@ -67,8 +67,8 @@ def test_the_plain_compiler_line_of_the_exported_readme_works(tmp_path):
 
 @needs_gcc
 def test_a_joint_from_a_file_brings_its_friction_into_the_c_code(tmp_path):
-    save_joint(replace(report_joint(SAROSI_DMSP_20_400N), friction=0.13), tmp_path / "joint.toml")
-    result = invoke("--out", tmp_path / "c", "--joint", tmp_path / "joint.toml")
+    save_machine(replace(report_joint(SAROSI_DMSP_20_400N), friction=0.13), tmp_path / "joint.toml")
+    result = invoke("controller", "--out", tmp_path / "c", "--machine", tmp_path / "joint.toml")
     assert result.exit_code == 0, result.output
     assert "#define ANT_FRICTION (0.13)" in (tmp_path / "c" / "src" / "settings.h").read_text()
 
@@ -76,10 +76,12 @@ def test_a_joint_from_a_file_brings_its_friction_into_the_c_code(tmp_path):
 @needs_gcc
 def test_a_plant_s_file_brings_hysteresis_and_dead_time_into_the_c_code(tmp_path):
     operator = PrandtlIshlinskii((0.6, 0.2, 0.2), (0.02, 0.06), base=0.3)
-    save_joint(replace(report_joint(SAROSI_DMSP_20_400N), hysteresis=operator), tmp_path / "joint.toml")
+    save_machine(replace(report_joint(SAROSI_DMSP_20_400N), hysteresis=operator), tmp_path / "joint.toml")
     with (tmp_path / "joint.toml").open("a") as file:
         file.write("\n[regulators]\ndead_time = 0.03\n")
-    result = invoke("--out", tmp_path / "c", "--joint", tmp_path / "joint.toml", "--what", "mpc", "--horizon", "5")
+    result = invoke(
+        "controller", "--out", tmp_path / "c", "--machine", tmp_path / "joint.toml", "--alone", "--horizon", "5"
+    )
     assert result.exit_code == 0, result.output
     assert "hysteresis of the angle with 2 elements, dead time 0.03 s" in result.output
     config = (tmp_path / "c" / "antagonist_config.h").read_text()
@@ -142,7 +144,7 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(arguments, wo
 @pytest.mark.parametrize("options", [["--horizon", "0"], ["--horizon", "2"], ["--muscle", "tondu-lopez-laas-arm"]])
 def test_the_command_refuses_in_one_sentence_and_writes_nothing(options, tmp_path):
     code = "import sys; from mpc.cli import main; sys.argv[0] = 'antagonist'; main()"
-    command = [sys.executable, "-c", code, "export", "--out", str(tmp_path / "c"), *options]
+    command = [sys.executable, "-c", code, "export", "controller", "--out", str(tmp_path / "c"), *options]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1

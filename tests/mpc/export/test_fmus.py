@@ -292,9 +292,9 @@ def test_what_cannot_be_an_fmu_is_refused_and_nothing_is_written(tmp_path):
         export_plant_fmu(tmp_path / "plant.fmu", Plant(), x0=[0.0, np.nan, 0.0, 0.0])
     with pytest.raises(InvalidInput, match="no clock"):
         export_controller_fmu(tmp_path / "controller.fmu", TrackingMPC(Plant(), N=3, budget=0.005))
-    for options in (["--target", "serial"], ["--precision", "single"], ["--what", "mpc"]):
-        refused = CliRunner().invoke(app, ["export", "--fmu", "--out", str(tmp_path / "fmus"), *options])
-        assert isinstance(refused.exception, InvalidInput)
+    for options in (["--precision", "single"], ["--machine", "arm26"]):
+        refused = CliRunner().invoke(app, ["export", "fmu", "--out", str(tmp_path / "fmus"), *options])
+        assert refused.exit_code
     assert not list(tmp_path.iterdir())
     (tmp_path / "plant.fmu").mkdir()
     with pytest.raises(CannotWrite):
@@ -303,7 +303,7 @@ def test_what_cannot_be_an_fmu_is_refused_and_nothing_is_written(tmp_path):
 
 @pytest.mark.slow
 def test_one_command_writes_both(tmp_path):
-    result = CliRunner().invoke(app, ["export", "--fmu", "--out", str(tmp_path / "fmus"), "--horizon", "3"])
+    result = CliRunner().invoke(app, ["export", "fmu", "--out", str(tmp_path / "fmus"), "--horizon", "3"])
     assert result.exit_code == 0, result.output
     assert "written: 2 files" in result.output
     for name in ("plant", "controller"):

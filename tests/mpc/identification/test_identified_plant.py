@@ -11,7 +11,7 @@ from allocator import BAR, DEG, AntagonistJoint, Lever, PrandtlIshlinskii, fit_m
 from allocator.errors import InvalidFile
 from allocator.identification.motion.reading import read_motion_log
 from allocator.identification.motion.samples import MotionLog
-from allocator.joint.storage import save_joint
+from allocator.machine_file import save_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, Plant, RealPlant
 from mpc.identification.plant import IdentifiedPlant
@@ -168,7 +168,7 @@ def test_regulators_of_a_file_are_those_of_the_simulated_plant_and_zero_lags_are
     ],
 )
 def test_a_file_whose_source_was_edited_into_nonsense_is_not_replayed(tmp_path, line, said):
-    save_joint(JOINT, tmp_path / "plant.toml")
+    save_machine(JOINT, tmp_path / "plant.toml")
     with (tmp_path / "plant.toml").open("a", encoding="utf-8") as file:
         file.write(f"\n[source]\n{line}\n")
     t = np.arange(0.0, 3.0, 0.1)

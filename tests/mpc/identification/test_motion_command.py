@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator.joint.storage import load_joint, save_joint
+from allocator.machine_file import load_joint, save_machine
 from allocator.units import BAR, DEG
 from mpc import Compensation, KalmanObserver, Plant
 from mpc.cli import app
@@ -31,9 +31,9 @@ def write(path, header, log, rows=None):
 @pytest.mark.slow
 def test_a_log_becomes_a_plant_a_picture_and_json(slow_joint, tmp_path):
     log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],P2_bar", slow_joint, 1500)
-    save_joint(JOINT, tmp_path / "joint.toml")
+    save_machine(JOINT, tmp_path / "joint.toml")
     out, picture = tmp_path / "plant.toml", tmp_path / "fit.png"
-    result = run(log, "--joint", tmp_path / "joint.toml", "--out", out, "--plot", picture, "--json")
+    result = run(log, "--machine", tmp_path / "joint.toml", "--out", out, "--plot", picture, "--json")
     assert result.exit_code == 0, result.output
     said = json.loads(result.stdout)
     assert said["lag_up_s_low"] < said["lag_up_s"] < said["lag_up_s_high"]
@@ -55,9 +55,9 @@ def test_a_log_becomes_a_plant_that_is_tracked_and_exported_and_whose_effects_co
     slow_joint, tmp_path
 ):
     log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],P2_bar", slow_joint, 1000)
-    save_joint(JOINT, tmp_path / "joint.toml")
+    save_machine(JOINT, tmp_path / "joint.toml")
     path = tmp_path / "plant.toml"
-    result = run(log, "--joint", tmp_path / "joint.toml", "--out", path)
+    result = run(log, "--machine", tmp_path / "joint.toml", "--out", path)
     assert result.exit_code == 0, result.output
     known, plant = Compensation.load(path), Plant.load(path)
     assert known.friction == MaxwellSlip.of(load_joint(path).hysteresis)
@@ -67,11 +67,11 @@ def test_a_log_becomes_a_plant_that_is_tracked_and_exported_and_whose_effects_co
     for _ in range(100):
         x, d = observer.estimate(plant.at_rest(0.0, 6.0), plant.at_rest(0.0, 6.0)[2:])
     np.testing.assert_allclose([*x, d], [*plant.at_rest(0.0, 6.0), 0.0], rtol=0.02, atol=0.02)
-    track = ["track", "sine", "--joint", str(path), "--controller", "feedforward", "--out", str(tmp_path / "run.csv")]
+    track = ["track", "sine", "--machine", str(path), "--controller", "feedforward", "--out", str(tmp_path / "run.csv")]
     tracked = CliRunner().invoke(app, track)
     assert tracked.exit_code == 0, tracked.output
     assert "told to the controller: hysteresis of the angle" in " ".join(tracked.output.split())
-    exported = CliRunner().invoke(app, ["export", "--joint", str(path), "--out", str(tmp_path / "c")])
+    exported = CliRunner().invoke(app, ["export", "controller", "--machine", str(path), "--out", str(tmp_path / "c")])
     assert exported.exit_code == 0, exported.output
     assert any((tmp_path / "c").rglob("*.c"))
 
@@ -107,10 +107,10 @@ def test_a_log_that_tells_too_little_is_refused_with_the_experiment_that_would_h
 def test_nothing_is_written_over_and_no_plant_without_a_joint(slow_joint, tmp_path):
     log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],p2 [bar]", slow_joint)
     result = run(log, "--out", tmp_path / "plant.toml")
-    assert "--out writes a plant with muscles: give --joint" in str(result.exception)
+    assert "--out writes a plant with muscles: give --machine" in str(result.exception)
     (tmp_path / "plant.toml").write_text("mine")
-    save_joint(JOINT, tmp_path / "joint.toml")
-    result = run(log, "--joint", tmp_path / "joint.toml", "--out", tmp_path / "plant.toml")
+    save_machine(JOINT, tmp_path / "joint.toml")
+    result = run(log, "--machine", tmp_path / "joint.toml", "--out", tmp_path / "plant.toml")
     assert "exists; give another name, or --force" in str(result.exception)
     assert (tmp_path / "plant.toml").read_text() == "mine"
 
@@ -121,7 +121,7 @@ def test_an_export_names_the_numbers_of_regulators_that_c_does_not_take(tmp_path
     Plant(JOINT).save(path)
     with path.open("a", encoding="utf-8") as file:
         file.write("\n[regulators]\nlag_up = 0.08\nlag_down = 0.14\nflow = 4e5\n")
-    exported = CliRunner().invoke(app, ["export", "--joint", str(path), "--out", str(tmp_path / "c")])
+    exported = CliRunner().invoke(app, ["export", "controller", "--machine", str(path), "--out", str(tmp_path / "c")])
     assert exported.exit_code == 0, exported.output
     said = " ".join(exported.output.split())
     assert "not told to the controller" in said

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from allocator import BAR, DEG, InvalidInput, PrandtlIshlinskii, report_joint
 from allocator.errors import InvalidFile
-from allocator.joint.storage import dumps
+from allocator.machine_file import dumps
 from mpc import Rung, TrackingMPC, Weights, simulate, sine
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.contact import Contact
@@ -119,7 +119,7 @@ def test_numbers_that_cannot_be_meant_are_one_sentence(known, said):
         ((0.6, 0.2), "[regulators]\ndead_tim = 1", r"plant.toml: \[regulators\] has no dead_tim; it has dead_time"),
         ((0.6, 0.2), "[regulators]\ndead_time = [0.1]", r"plant.toml: \[regulators\]: dead_time = \(0.1,\) has to"),
         ((1.2, -0.2), "", r"plant.toml: \[hysteresis\]: weights = .* negative weight is no friction"),
-        ((0.6, 0.2), "[gas]\ngamma = 1.4", r"plant.toml: \[gas\] has to be a table of kappa, atmosphere"),
+        ((0.6, 0.2), "[gas]\ngamma = 1.4", r"plant.toml: \[gas\] has no gamma; it has kappa, atmosphere"),
         ((0.6, 0.2), "[gas]\nkappa = 14", r"plant.toml: \[gas\]: Gas: kappa = 14"),
     ],
 )

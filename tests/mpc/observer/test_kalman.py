@@ -44,7 +44,7 @@ def test_the_squared_error_matches_the_covariance_on_the_nominal_plant_with_the_
     """NEES over 40 runs within its two-sided 95 % band about 95 % of the time (Bar-Shalom 2001, section 5.4)."""
     noise, runs, steps = Noise(d_walk=1.0), 40, 150
     rng, observer = np.random.default_rng(7), KalmanObserver(PLANT, DT, noise)
-    Q, R = np.linalg.cholesky(noise.Q(DT) + 1e-24 * np.eye(5)), np.sqrt(noise.R)
+    Q, R = np.linalg.cholesky(noise.Q(DT) + 1e-24 * np.eye(5)), np.sqrt(noise.R())
     spread = np.linalg.cholesky(observer.filter.stationary)
     nees = np.zeros((runs, steps))
     for run in range(runs):
@@ -77,7 +77,7 @@ def test_the_covariance_begins_at_the_stationary_one_of_python_control():
     h = 1e-5 * scale
     A = np.stack([(f(xi + e) - f(xi - e)) / (2 * h[i]) for i, e in enumerate(np.diag(h))], axis=1)
     A = A / scale[:, None] * scale
-    Q, R = observer.noise.Q(DT) / np.outer(scale, scale), observer.noise.R / np.outer(*2 * [scale[[0, 2, 3]]])
+    Q, R = observer.noise.Q(DT) / np.outer(scale, scale), observer.noise.R() / np.outer(*2 * [scale[[0, 2, 3]]])
     _, P, _ = control.dlqe(A, np.eye(5), np.eye(5)[[0, 2, 3]], Q, R)
     np.testing.assert_allclose(observer.filter.stationary / np.outer(scale, scale), P, rtol=1e-4, atol=1e-12)
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allocator.shell.joint_options import JointOptions
+from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, within
 from allocator.shell.outputs import Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
@@ -19,7 +19,7 @@ _HEADER = "theta_deg,pressure1_bar,pressure2_bar,torque_Nm,direction,slack,expec
 
 @grouped
 def plan_joint_command(
-    options: JointOptions,
+    options: MachineOptions,
     accuracy: Annotated[float, typer.Option(help="standard deviation of K that the noise may leave [%]")] = 5.0,
     noise: Annotated[float, typer.Option(help="standard deviation of a reading of the angle [degrees]")] = 0.5,
     weight: Annotated[
@@ -51,7 +51,7 @@ def plan_joint_command(
     within("--noise", noise, "degrees", 1e-4, 45)
     check_ending("--out", out, (".csv",))
     claim(out, inputs=options.files, force=force)
-    joint = options.build()
+    joint = options.joint()
     supply = joint.pressure_limits[1]
     within("--lowest", lowest, "bar", 0.01, supply / BAR)
     plan = plan_joint_experiment(

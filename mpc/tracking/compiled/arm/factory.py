@@ -8,14 +8,14 @@ import numpy as np
 from allocator.notices import notice
 from mpc.model.arm.model import Arm
 from mpc.tracking.feedforward import InverseDynamics
-from mpc.tracking.linearise import Predicting
+from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.solvers import DAQP
 from mpc.tracking.qp.step import PreviousSample, QPStep, ReadableQPStep, SlowStep
 
 
 def arm_parts(
-    arm: Arm, dt: float, problem: TrackingProblem, predictor: Predicting, feed_forward: InverseDynamics
+    arm: Arm, dt: float, problem: TrackingProblem, predictor: Predictor, feed_forward: InverseDynamics
 ) -> tuple[QPStep, Any]:
     """Return the compiled step and feed-forward, ready; the readable ones, with a `SlowStep` warning, where compiling
     fails.

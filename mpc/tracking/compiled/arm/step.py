@@ -9,7 +9,7 @@ fill flat arrays, matrices by columns:
     output_slopes    (q, P) ↦ y = (svec K, F), its Jacobian by q and P
 
 The array c holds the numbers of all of them. Pressures are in Pa, decisions z in bar, as in `mpc.tracking.qp.condense`.
-The motion is that of `mpc.model.arm.model`; ∂ω' = M⁻¹ ∂(τ - C - Dω - g + d - M ω') with ω' held differentiates it exactly.
+The motion is that of `mpc.model.arm.model`; ∂ω' = M⁻¹ ∂(τ - C - Dω - g + d - M ω') at fixed ω' differentiates it.
 A path is a motion and its derivatives: x (N+1, 2n + m), S (N, 2n, 2n + 2m) the Jacobian of the next (q, ω) by (q, ω),
 P and u, y (N+1, p) and slope (N+1, n + m, p) of y by (q, P). The pressures follow commands as they do on every path.
 """

@@ -13,7 +13,7 @@ from allocator.identification.joint.problem import JointProblem, PullShare
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.joint.samples import JointSamples, SlackReadings
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE
-from allocator.joint.storage import load_joint
+from allocator.machine_file import load_joint
 from allocator.units import BAR, DEG
 from benchmarks.joint_truth import LABORATORIES, PULLEY, judged, measured, pair
 

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from allocator import allocate
 from allocator.identification.joint.cli import fit_joint_command
 from allocator.identification.joint.reading import read_joint_log
-from allocator.joint.storage import load_joint
+from allocator.machine_file import load_joint
 from allocator.units import BAR, DEG
 
 mpl.use("Agg")

@@ -14,7 +14,7 @@ from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.samples import JointSamples
 from allocator.identification.joint.search import minimise
 from allocator.identification.joint.start import first_guess
-from allocator.joint.storage import load_joint, save_joint
+from allocator.machine_file import load_joint, save_machine
 from allocator.muscles import Muscle, scaled
 from allocator.muscles.base import NOT_A_NUMBER
 from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N, TONDU_MCKIBBEN
@@ -235,17 +235,18 @@ def test_a_joint_survives_its_file(all_twins, unloaded, tmp_path):
     fitted = unloaded[2].with_scale(T_P=1e-5, at=(0.0, 3 * BAR, 3 * BAR)).joint
     others = (report_joint(), AntagonistJoint(table, TONDU_MCKIBBEN, SAROSI_DMSP_20_400N), fitted)
     for joint in (*all_twins.values(), *others):
-        save_joint(joint, tmp_path / "joint.toml", source={"of": "a test"})
+        save_machine(joint, tmp_path / "joint.toml", source={"of": "a test"})
         assert load_joint(tmp_path / "joint.toml") == joint
 
 
 def test_a_file_that_is_no_joint_is_refused(tmp_path):
     path = tmp_path / "joint.toml"
-    path.write_text("[joint]\nscale_known = true\nstrength = 3\n")
+    save_machine(report_joint(), path)
+    path.write_text(path.read_text(encoding="utf-8").replace("friction", "strength"), encoding="utf-8")
     with pytest.raises(ValueError, match="has no strength"):
         load_joint(path)
     path.write_text('model = "Sarosi2012"\n')
-    with pytest.raises(ValueError, match=r"the table \[joint\] is missing"):
+    with pytest.raises(ValueError, match=r"the table \[machine\] is missing"):
         load_joint(path)
 
 

@@ -14,7 +14,7 @@ from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
 from allocator.joint.antagonist import report_joint
 from allocator.joint.limits import COMMON_FORCE
-from allocator.joint.storage import load_joint
+from allocator.machine_file import load_joint
 from allocator.muscles import scaled
 from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG

@@ -8,6 +8,7 @@ import pytest
 from mpc.model.arm.model import Arm
 from mpc.tracking import cost
 from mpc.tracking.compiled.factory import factory
+from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
@@ -30,16 +31,8 @@ class Both:
     def __init__(self, name, min_force=20.0):
         self.arm = arm = Arm.machine(name)
         limits = Limits.of(arm, DT, min_force)
-        self.problem = TrackingProblem(
-            Weights(),
-            limits,
-            terminal_factor(arm, DT, Weights()),
-            usual_blocks(arm, N),
-            DT,
-            arm.n,
-            arm.m,
-            arm.stiffnesses,
-        )
+        L, sizes = terminal_factor(arm, DT, Weights()), (arm.n, arm.m, arm.stiffnesses)
+        self.problem = TrackingProblem(Weights(), limits, L, usual_blocks(arm, N), DT, *sizes)
         self.predictor = Predictor(arm, DT, N)
         self.inverse = InverseDynamics(arm, DT, N, min_force)
         self.readable = ReadableQPStep(self.problem, self.predictor)
@@ -141,4 +134,4 @@ def test_blocks_grow():
     assert usual_blocks(arm, 20) == (1, 1, 2, 4, 6, 6)
     assert usual_blocks(arm, 3) == (1, 1, 1)
     assert usual_blocks(arm, 30) == (1, 1, 2, 4, 6, 6, 6, 4)
-    assert TrackingMPC(Arm.machine("arm26"), N=14).blocks == (1, 1, 2, 4, 6)
+    assert TrackingMPC(arm, N=14).blocks == (1, 1, 2, 4, 6)

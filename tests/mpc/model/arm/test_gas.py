@@ -62,7 +62,7 @@ def test_a_controller_that_knows_the_gas_follows_more_closely():
     with pytest.warns(SlowStep, match="gas"):
         controllers = {"knows": TrackingMPC(FILLED), "does not": TrackingMPC(PLAIN)}
     for name, controller in controllers.items():
-        run = simulate_arm(plant(), controller.arm, controller, asked)
+        run = simulate_arm(plant(), controller.plant, controller, asked)
         errors[name] = np.sqrt(np.mean((run.q - run.q_ref)[30:] ** 2, axis=0)) / DEG
         assert set(run.rung) == {0}
     assert (errors["knows"] <= 0.05).all()

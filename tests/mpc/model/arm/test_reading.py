@@ -8,13 +8,13 @@ from allocator import InvalidInput
 from allocator.errors import InvalidFile
 from allocator.mechanism import Endpoint, Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N as MUSCLE
+from mpc.model.arm.differences import DifferencePredictor
 from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
 from mpc.model.arm.mechanics.tendon_jacobian import TendonJacobian
 from mpc.model.arm.mechanics.tree import TreeBodies
 from mpc.model.arm.model import Arm
 from mpc.model.arm.reading import read_arm
 from mpc.model.experiment import RESOLUTION
-from mpc.tracking.differences import DifferencePredictor
 from mpc.tracking.linearise import Predictor
 
 LATIN = """<mujoco><worldbody><body><joint name="sch\u00fctz"/><geom size=".1"/></body></worldbody></mujoco>"""

@@ -1,7 +1,7 @@
-"""Along a horizon an arm without formulas has a motion, too; its derivatives are differences.
+"""The motion of an arm without formulas, sample by sample, and its derivatives by differences.
 
-As `mpc.tracking.linearise`, in numbers: the bodies are integrated by the classical Runge–Kutta method, as
-`Arm.discrete` says, and linearised once a sample, in the middle of it. With z' = F z + G (u, d) there,
+The bodies are integrated by the classical Runge–Kutta method, as `Arm.discrete` says, and linearised once a sample, in
+the middle of it. With z' = F z + G (u, d) there,
 
     exp [F G; 0 0] dt = [A B; 0 1]
 
@@ -15,43 +15,36 @@ from allocator.calculus import Array
 from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies, MujocoTendons
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics
-from mpc.tracking.linearise import Linearisation, Motion
 
 _ANGLE, _SPEED = 1e-5, 1e-4  # [rad], [rad/s] of central differences
 _COARSE = 1.0  # steps of the integration, in times of the fastest eigenvalue
 _BEND = 1e-4  # [rad], of what is itself a difference
 
 
-class DifferencePredictor:
-    """A predictor makes motions and linearisations of `arm` over `N` samples of `dt` [s].
+class Differences:
+    """Differences take the place of the formulas of `arm` over samples of `dt` [s].
 
     Steps of the integration are at most `resolution` times of its fastest eigenvalue, as of `Arm.discrete`.
     """
 
-    def __init__(self, arm: Arm, dt: float, N: int, resolution: float = _COARSE) -> None:
-        self.arm, self.dt, self.N = arm, dt, N
+    def __init__(self, arm: Arm, dt: float, resolution: float = _COARSE) -> None:
+        self.arm, self.dt = arm, dt
         mechanism = arm.mechanism
         self._muscles = Pneumatics(mechanism.muscles, mechanism.routes.rest_length, arm.lags)
         self._substeps = arm.substeps(dt, resolution)
         routes = mechanism.routes
         self._tendons = routes if isinstance(routes, MujocoTendons) else None
 
-    def motion(self, x0: Array, u: Array, d: Array) -> Motion:
-        """Return the motion from `x0` (2n + m,) under the commands `u` (N, m) and the torques `d` (N, n) [N·m]."""
-        x = self._states(x0, u, d)
-        return Motion(u, x, *self._outputs(x))
+    def motion(self, x0: Array, u: Array, d: Array) -> tuple[Array, Array]:
+        """Return the states (N+1, 2n + m) from `x0` under commands (N, m) and torques, and the outputs (svec K, F)."""
+        x = self._states(x0, u, np.broadcast_to(d, (len(u), self.arm.n)))
+        return x, np.hstack(self._outputs(x))
 
-    def linearise(self, x0: Array, u: Array, d: Array) -> Linearisation:
-        """Return the motion of `motion` with its derivatives."""
-        x = self._states(x0, u, d)
-        K, F = self._outputs(x)
-        A, B, _ = self._slopes((x[:-1] + x[1:]) / 2, d)
-        return Linearisation(u, x, K, F, A, B, *self._output_slopes(x))
-
-    def stationary(self, x: Array, u: Array) -> Motion:
-        """Return no motion at all from `x` (2n + m,) under the commands `u` (N, m), where the model has none."""
-        rows, arm = len(u) + 1, self.arm
-        return Motion(u, np.tile(x, (rows, 1)), np.zeros((rows, arm.stiffnesses)), np.zeros((rows, arm.m)))
+    def linearise(self, x0: Array, u: Array, d: Array) -> tuple[Array, ...]:
+        """Return states and outputs of `motion`, A and B of every sample, and the slope of the outputs."""
+        x, y = self.motion(x0, u, d)
+        A, B, _ = self._slopes((x[:-1] + x[1:]) / 2, np.broadcast_to(d, (len(u), self.arm.n)))
+        return x, y, A, B, np.concatenate(self._output_slopes(x), axis=1)
 
     def sample(self, x: Array, u: Array, d: Array) -> tuple[Array, Array]:
         """Return the state (2n + m,) a sample later and its derivative (2n + m, 3n + m) by (x, d)."""

@@ -1,4 +1,4 @@
-"""`antagonist map --mechanism` is answered here, in degrees and millimetres; behind it all is SI."""
+"""`antagonist map` of several joints is answered here, in degrees and millimetres; behind it all is SI."""
 
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from allocator.errors import InvalidInput
-from allocator.mechanism.cli import Hand, chosen, posture, torques
-from allocator.shell.mechanism_options import MechanismOptions
+from allocator.joint.gas import ISOBARIC, Stiffness
+from allocator.joint.limits import Limits
+from allocator.shell.hand_options import Hand, HandOptions, torques
 from allocator.units import DEG
 
 if TYPE_CHECKING:
@@ -20,21 +21,21 @@ _BENT = 5 * DEG  # from the stretched arm, at which the Jacobian is singular
 
 
 def draw(
-    options: MechanismOptions, targets: str | None, torque: str | None, *, min_force: float
+    mechanism: "Mechanism", options: HandOptions, targets: str | None, torque: str | None, *, min_force: float
 ) -> tuple[Any, str, dict[str, Any]]:
     """Return the figure of what a mechanism can do, a sentence on it, and what `--json` prints.
 
     At a posture the polygon of two `targets`, such as "K11,K22"; of a hand without a posture its stiffness ellipses
     over the workspace. `torque` is what is held: numbers [N·m], 0 by default, or "free". Raises `InvalidInput`.
     """
-    mechanism, hand = chosen(options)
+    hand = options.hand(mechanism)
     if options.posture is None and hand is not None and targets is None:
         return _workspace(mechanism, hand, torque, min_force)
     return _polygon(options, mechanism, hand, targets, torque, min_force)
 
 
 def _polygon(
-    options: MechanismOptions,
+    options: HandOptions,
     mechanism: "Mechanism",
     hand: Hand | None,
     targets: str | None,
@@ -43,8 +44,8 @@ def _polygon(
 ) -> tuple[Any, str, dict[str, Any]]:
     from allocator.mechanism.feasibility import feasible_targets
 
-    at: dict[str, Any] = {} if hand is None else {"endpoint": hand.endpoint, "force": hand.force}
-    found = feasible_targets(mechanism, posture(options, mechanism), min_force=min_force, **at)
+    meant = ISOBARIC if hand is None else Stiffness(endpoint=hand.endpoint, force=hand.force)
+    found = feasible_targets(mechanism, options.angles(mechanism), limits=Limits(min_force), stiffness=meant)
     x, y = _pair(targets, mechanism.n, hand)
     held = {} if torque == "free" else {f"T{i + 1}": float(T) for i, T in enumerate(torques(torque or "0", mechanism))}
     if hand is not None and held:

@@ -1,0 +1,264 @@
+"""`antagonist allocate` finds the pressures of a joint or of a machine, in degrees and bar; behind it all is SI."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from allocator.errors import InvalidInput
+from allocator.presentation.tables import number
+from allocator.shell.hand_options import HandOptions, torques
+from allocator.shell.machine_options import MachineOptions
+from allocator.shell.options import finite, grouped, row
+from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.stiffness_options import StiffnessOptions
+from allocator.units import BAR, DEG
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from allocator.allocation import Allocation
+    from allocator.joint.antagonist import AntagonistJoint
+    from allocator.joint.gas import Stiffness
+    from allocator.mechanism.at_least import AtLeast
+    from allocator.mechanism.mechanism import Mechanism
+    from allocator.mechanism.result import MechanismAllocation
+
+_NOT_MET = 3  # exit code
+
+
+@grouped
+def allocate_command(
+    stiffness: Annotated[
+        str,
+        typer.Option(
+            help="stiffness wanted [N·m/rad]: isobaric, or as --valves or --frequency say; of several joints "
+            "K11,K12,K22, with --links that of the hand [N/m]"
+        ),
+    ],
+    options: MachineOptions,
+    stiffness_options: StiffnessOptions,
+    hand: HandOptions,
+    theta: Annotated[float | None, typer.Option(help="joint angle [degrees]")] = None,
+    torque: Annotated[str, typer.Option(help="torque wanted [N·m]; of several joints one each, with commas")] = "0",
+    at_least: Annotated[
+        bool, typer.Option("--at-least", help="of several joints: at least this stiffness, with the least pressures")
+    ] = False,
+    priority: Annotated[str, typer.Option(help="what is met first: torque or stiffness")] = "torque",
+    method: Annotated[
+        str, typer.Option(help="exact, qp; of one joint also nlp, convex, or analytic: no limits")
+    ] = "exact",
+    solver: Annotated[str | None, typer.Option(help="solver of the methods qp, nlp and convex")] = None,
+    min_force: Annotated[float, typer.Option(help="least muscle force [N]")] = 0.0,
+    as_json: AsJSON = False,
+) -> None:
+    """Find the pressures for a torque and a stiffness, and say what is in the way.
+
+    Of one joint the two pressures at the angle --theta; of several joints all pressures at a --posture, for their
+    torques and a stiffness matrix, with --links that of the hand. The exit code is 3 where torque and stiffness are not
+    both met.
+    """
+    from rich.console import Console
+
+    from allocator.allocation import Method
+    from allocator.joint.antagonist import AntagonistJoint
+    from allocator.joint.gas import Stiffness
+    from allocator.joint.limits import Limits
+
+    if priority not in ("torque", "stiffness"):
+        raise InvalidInput(f"--priority {priority}: choose torque or stiffness; allocate() in Python has weights, too")
+    machine = options.build()
+    asked: dict[str, Any] = {
+        "priority": priority,
+        "method": Method(method, solver=solver),  # type: ignore[arg-type]  # checked there
+        "limits": Limits(min_force),
+    }
+    if isinstance(machine, AntagonistJoint):
+        if theta is None or at_least:
+            raise InvalidInput("a joint needs --theta; --at-least goes with a --machine of several joints")
+        hand.none()
+        meant = Stiffness(stiffness_options.kind(options.file))
+        one = _of_one(machine, theta, stiffness, torque, meant, **asked)
+        values, tables, success = _values_of_one(one), [_table(one)], one.success
+    else:
+        if theta is not None:
+            raise InvalidInput("--theta is of a joint; several joints have a --posture")
+        kind = stiffness_options.kind(options.file, machine.muscle_names)
+        several = _of_several(machine, hand, stiffness, torque, at_least, Stiffness(kind), **asked)
+        values, tables, success = _values_of_several(several), _tables(several), several.success
+    if as_json:
+        print_json(values)
+    else:
+        console = Console()
+        console.print(*tables, sep="\n")
+        for sentence in filter(None, (_of_hand(values), values["message"])):
+            say(console, sentence)
+    if not success:
+        raise typer.Exit(_NOT_MET)
+
+
+# --- of one joint ---------------------------------------------------------------------------------------------------
+
+
+def _of_one(
+    joint: "AntagonistJoint", theta: float, stiffness: str, torque: str, meant: "Stiffness", **asked: Any
+) -> "Allocation":
+    from allocator.allocation import allocate
+
+    finite("--theta", theta, "degrees")
+    if abs(theta) > 360:
+        raise InvalidInput(f"theta = {theta:g}° is over a turn")
+    K, T = _one("--stiffness", stiffness, "N·m/rad"), _one("--torque", torque, "N·m")
+    return allocate(theta * DEG, K, T, joint=joint, stiffness=meant, **asked)
+
+
+def _one(option: str, text: str, unit: str) -> float:
+    """Read one number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidInput(f"{option} {text}: expected one number [{unit}]") from None
+
+
+def _values_of_one(a: "Allocation") -> dict[str, Any]:
+    """Return what `--json` prints."""
+    return a.to_dict() | {
+        "limits": a.active,
+        "stiffness": a.stiffness_name,
+        "met": bool(a.success),
+        "stiffness_std_Nm_per_rad": a.K_std,
+        "F1_N": a.forces[0],
+        "F2_N": a.forces[1],
+        "F1_std_N": None if a.forces_std is None else a.forces_std[0],
+        "F2_std_N": None if a.forces_std is None else a.forces_std[1],
+        "torque_reachable_Nm": a.torque_interval,
+        "stiffness_reachable_Nm_per_rad": a.stiffness_interval,
+        "slack_assumed": a.joint.slack_assumed,
+        "assumed": a.assumed,
+        "message": a.message,
+    }
+
+
+def _table(a: "Allocation") -> "Table":
+    from rich.table import Table
+    from rich.text import Text
+
+    from allocator.joint.assumption import visits
+
+    table = Table("", "asked", "given", "reachable", title=f"{number(a.theta / DEG)}° · {a.status.name}")
+    (T_min, T_max), (K_min, K_max) = (map(number, ends) for ends in (a.torque_interval, a.stiffness_interval))
+    table.add_row("torque [N·m]", number(a.T_target), number(a.T), f"{T_min} … {T_max}")
+    table.add_row(f"{a.stiffness_name} [N·m/rad]", number(a.K_target), number(a.K), f"{K_min} … {K_max} at this torque")
+    if a.K_std is not None:
+        table.add_row("  its standard deviation", "", number(a.K_std, 2), "from the fit")
+    if not a.kind.isobaric:
+        table.add_row("  isobaric [N·m/rad]", "", number(a.isobaric_stiffness), "with the pressures held")
+    unseen = ", a common force was not seen" if a.joint.slack_assumed else ""
+    for i, (name, pressure) in enumerate((("agonist", a.P1), ("antagonist", a.P2))):
+        std = "" if a.forces_std is None else f" ± {number(a.forces_std[i], 2)}"
+        pull = f"pulls {number(a.forces[i])}{std} N{unseen}"
+        table.add_row(Text(f"{name} pressure [bar]"), "", f"{pressure / BAR:.4f}", pull)
+    table.add_row("binding limits", "", ", ".join(a.active) or "none", "")
+    if a.joint.slack_assumed:
+        table.add_row("slack limits", "", "assumed", "not seen in the fit of the joint")
+    for visit in visits(a.joint, a.theta, a.P1, a.P2):
+        within = "extrapolated" if visit.extrapolates.any() else "measured"
+        table.add_row(f"force of the {visit.name}", "", within, Text(str(visit.region)))
+    return table
+
+
+# --- of several -----------------------------------------------------------------------------------------------------
+
+
+def _of_several(
+    mechanism: "Mechanism",
+    options: HandOptions,
+    stiffness: str,
+    torque: str,
+    at_least: bool,
+    meant: "Stiffness",
+    **asked: Any,
+) -> "MechanismAllocation | AtLeast":
+    """Return the answer for several joints.
+
+    Numbers come as text, joint by joint with commas: `torque` [N·m], one number for all joints or n of them, and
+    `stiffness` [N·m/rad], or of a hand [N/m], one number, a diagonal (n) or the matrix's upper triangle, row by row.
+    """
+    from allocator.mechanism.at_least import allocate_at_least
+    from allocator.mechanism.entry import allocate_mechanism
+
+    q, hand = options.angles(mechanism), options.hand(mechanism)
+    T, n = torques(torque, mechanism), mechanism.n if hand is None else hand.endpoint.dim
+    counts = {1: "one for all", n: "one each", n * (n + 1) // 2: "the upper triangle of the matrix, row by row"}
+    K = _stiffness(row("--stiffness", stiffness, "N·m/rad" if hand is None else "N/m", counts), n)
+    if hand is not None:
+        meant = replace(meant, endpoint=hand.endpoint, force=hand.force)
+    if not at_least:
+        return allocate_mechanism(mechanism, q, K, T, stiffness=meant, **asked)
+    if (asked["priority"], *asked["method"][:2]) != ("torque", "exact", None):
+        raise InvalidInput("--at-least goes without --priority, --method and --solver")
+    if not meant.kind(mechanism.muscle_names).isobaric:
+        raise InvalidInput("--at-least is of the isobaric stiffness; it goes without --valves and --frequency")
+    return allocate_at_least(mechanism, q, K, T, stiffness=meant, limits=asked["limits"])
+
+
+def _stiffness(K: list[float], size: int) -> Any:
+    """Return a number, a diagonal or a matrix (size, size)."""
+    if len(K) == 1:
+        return K[0]
+    if len(K) == size:
+        return K
+    matrix = np.empty((size, size))
+    rows, columns = np.triu_indices(size)
+    matrix[rows, columns] = matrix[columns, rows] = K
+    return matrix
+
+
+def _values_of_several(found: "MechanismAllocation | AtLeast") -> dict[str, Any]:
+    """Return what `--json` prints."""
+    from allocator.mechanism.at_least import AtLeast
+
+    a = found.allocation if isinstance(found, AtLeast) else found
+    values = found.to_dict() | {
+        "muscles": a.mechanism.muscle_names,
+        "joints": a.mechanism.joint_names,
+        "forces_N": a.forces,
+        "met": bool(found.success),
+        "holds_itself": bool(a.holds),
+        "message": found.message,
+    }
+    if isinstance(found, AtLeast):
+        proof = found.certificate
+        d, reach, asked = (np.nan,) * 3 if proof is None else (proof.direction, proof.reach, proof.asked)
+    else:
+        d, reach, asked = found.separation
+        values |= {"kkt_residual": found.kkt_residual}
+    return values | {"separating_direction": d, "separating_reach": reach, "separating_asked": asked}
+
+
+def _tables(found: "MechanismAllocation | AtLeast") -> "list[Table]":
+    from rich.table import Table
+
+    from allocator.mechanism.at_least import AtLeast
+
+    a, status = (found.allocation, found.status) if isinstance(found, AtLeast) else (found, found.status)
+    m, angles = a.mechanism, ", ".join(f"{number(angle)}°" for angle in a.q / DEG)
+    joints = Table("joint", "torque asked [N·m]", "given", title=f"{angles} · {status.name}")
+    joints.add_column(f"{a.kind.text} given [N·m/rad], by {', '.join(m.joint_names)}")
+    for i, name in enumerate(m.joint_names):
+        given = ", ".join(number(value) for value in a.K[i])
+        joints.add_row(name, number(a.T[i] + a.T_error[i]), number(a.T[i]), given)
+    muscles = Table("muscle", "pressure [bar]", "pulls [N]", "binding limits")
+    for name, P, F in zip(m.muscle_names, a.P, a.forces, strict=True):
+        binding = [limit.removeprefix(f"{name} ") for limit in a.active if limit.startswith(f"{name} ")]
+        muscles.add_row(name, f"{P / BAR:.4f}", number(F), ", ".join(binding))
+    return [joints, muscles]
+
+
+def _of_hand(values: dict[str, Any]) -> str:
+    """Return a sentence on the hand; "" without one."""
+    from allocator.mechanism.result import vector
+
+    K = values.get("endpoint_stiffness_N_per_m")
+    return "" if K is None else f"the hand at {vector(values['position_m'])} m has the stiffness {vector(K)} N/m"

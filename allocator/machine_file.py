@@ -1,0 +1,289 @@
+"""Machines, a joint or an arm alike, are kept as TOML files, which commands take by --machine. What one looks like:
+
+[machine]                      # SI units
+pressure_limits = [0.0, 500000.0]
+min_contraction = 0.025
+joints = ["shoulder", "elbow"] # their names; or without this line
+angle_limits = [               # one row a joint; or without these lines
+    [-1.0, 1.0],
+    [-1.0, 1.0],
+]
+
+[routes]                       # how the angles move the muscles
+kind = "Pulleys"               # or Sites, Tables; of one joint with two muscles Pulley, Lever, Table
+rest_length = [0.4, …]         # and what the kind needs besides
+…
+
+[[muscle]]                     # in the order of the routes
+name = "shoulder flexor"
+model = "Sarosi2012"           # as in a muscle's file, with its tables below [muscle]
+[muscle.parameters]
+…
+[[muscle]]
+name = "shoulder extensor"
+like = "shoulder flexor"       # a law that stands above
+…
+
+[gas]                          # in the muscles; or without this table
+kappa = 1.3
+atmosphere = 101325.0          # [Pa]
+
+[source]                       # where the numbers come from, for the reader; ignored when loading
+
+[plant], [bodies], [regulators]  # what moves, see `mpc.model.storage` and `mpc.model.arm.bodies`; ignored here
+
+One joint with two muscles, an `AntagonistJoint`, calls them "agonist" and "antagonist" and may have more:
+
+[machine]
+friction = 0.13
+scale_known = true             # false: fitted without a weight, no torque and no stiffness
+unseen = ["a force common to both muscles"]  # by the data of its fit; or without this line
+
+[covariance]                   # of the parameters of agonist and antagonist together
+rows = [[…], …]
+
+[hysteresis]                   # `PrandtlIshlinskii` of the angle
+weights = [0.6, 0.2, 0.2]      # w_0, …, w_n [-]
+thresholds = [0.02, 0.06]      # r_1, …, r_n [rad]
+base = 0.2                     # share of the widths that is left without pressure [-]
+"""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from inspect import signature
+from typing import Any, TypeAlias
+
+from allocator.errors import InvalidInput, MissingBackend
+from allocator.files.atomic import write_text
+from allocator.files.text import FilePath
+from allocator.files.toml import Table, entries, section
+from allocator.joint import geometry
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gas import AIR, Gas
+from allocator.joint.hysteresis import PrandtlIshlinskii
+from allocator.mechanism.machines import MACHINES
+from allocator.mechanism.mechanism import Mechanism
+from allocator.mechanism.routes import Link, Pulleys, Routes, Sites, Tables
+from allocator.muscles import Muscle
+from allocator.muscles.storage import covariance_rows, muscle_from, muscle_lines
+
+Machine: TypeAlias = AntagonistJoint | Mechanism
+
+_GEOMETRIES: Mapping[str, type[geometry.Geometry]] = {
+    kind.__name__: kind for kind in (geometry.Pulley, geometry.Lever, geometry.Table)
+}
+_ROUTES: Mapping[str, type[Routes]] = {kind.__name__: kind for kind in (Pulleys, Sites, Tables)}
+_PAIR = ("agonist", "antagonist")
+_TABLES = ("machine", "routes", "muscle", "gas", "source", "plant")
+_OF_A_JOINT, _OF_MORE = ("covariance", "hysteresis", "regulators"), ("bodies",)
+_LIMITS = ("pressure_limits", "min_contraction", "angle_limits")
+_UNITS = "SI units: Pa, m, rad, N"
+
+
+def named_machine(name: str) -> Machine:
+    """Return the ready-made machine of this name, or that in the TOML file of this name."""
+    if name in MACHINES:
+        return MACHINES[name]()
+    if not name.endswith(".toml"):
+        raise MissingBackend("machine", name, [*MACHINES, "a file ending in .toml"])
+    return load_machine(name)
+
+
+# --- writing --------------------------------------------------------------------------------------------------------
+
+
+def save_machine(
+    machine: Machine, path: FilePath, *, scale_known: bool = True, source: Mapping[str, str | float] | None = None
+) -> None:
+    """Write a joint or a mechanism to `path`; `source` says where the numbers come from.
+
+    Raises `InvalidInput` for routes or muscles that are Python functions, `CannotWrite`.
+    """
+    write_text(path, dumps(machine, scale_known=scale_known, source=source))
+
+
+def dumps(machine: Machine, *, scale_known: bool = True, source: Mapping[str, str | float] | None = None) -> str:
+    """Return the TOML text of a joint or a mechanism."""
+    joint = machine if isinstance(machine, AntagonistJoint) else None
+    own = _of_a_joint(joint, scale_known) if joint else {}
+    lines = section("machine", _limits(machine) | own, _UNITS)[1:]
+    lines += _route_lines(machine)
+    muscles = dict(zip(_PAIR, (joint.agonist, joint.antagonist), strict=True)) if joint else _named(machine)
+    lines += _muscle_lines(muscles)
+    if machine.gas != AIR:
+        lines += section("gas", {f.name: getattr(machine.gas, f.name) for f in fields(Gas)}, "-, Pa")
+    lines += section("source", source) if source else []
+    if joint and joint.covariance is not None:
+        note = "of the agonist's and then the antagonist's parameters"
+        lines += section("covariance", {"rows": joint.covariance}, note)
+    if joint and (operator := joint.hysteresis) is not None:
+        values = {f.name: getattr(operator, f.name) for f in fields(operator)}
+        lines += section("hysteresis", values, "Prandtl–Ishlinskii operator of the angle; rad, at P1 + P2 = 5 bar")
+    return "\n".join(lines) + "\n"
+
+
+def _limits(machine: Machine) -> dict[str, object]:
+    rows = machine.angle_limits
+    if isinstance(machine, AntagonistJoint):
+        rows = None if machine.angle_limits is None else (machine.angle_limits,)
+    values: dict[str, object] = {"pressure_limits": machine.pressure_limits, "min_contraction": machine.min_contraction}
+    values |= {"joints": machine.joint_names} if isinstance(machine, Mechanism) else {}
+    return values | ({} if rows is None else {"angle_limits": rows})
+
+
+def _of_a_joint(joint: AntagonistJoint, scale_known: bool) -> dict[str, object]:
+    values = {"friction": joint.friction, "scale_known": scale_known}
+    return values | ({"unseen": joint.unseen} if joint.unseen else {})
+
+
+def _named(mechanism: Any) -> dict[str, Muscle]:
+    return dict(zip(mechanism.muscle_names, mechanism.muscles, strict=True))
+
+
+def _route_lines(machine: Machine) -> list[str]:
+    routes: Any = machine.geometry if isinstance(machine, AntagonistJoint) else machine.routes
+    kind = type(routes).__name__
+    if kind not in _kinds():
+        sampled = "it into a Table" if isinstance(machine, AntagonistJoint) else "the lengths into Tables"
+        raise InvalidInput(f"{kind} cannot be written to a file; sample {sampled}")
+    values = {name: getattr(routes, name) for name in signature(type(routes)).parameters}
+    if not isinstance(routes, Sites):
+        return section("routes", {"kind": kind} | values)
+    links = values.pop("links")
+    values["paths"] = tuple(tuple((site.link, *site.position) for site in path) for path in routes.paths)
+    lines = section("routes", {"kind": kind} | values)
+    for link in links:
+        lines += section("[routes.links]", {f.name: getattr(link, f.name) for f in fields(link)})
+    return lines
+
+
+def _muscle_lines(muscles: Mapping[str, Muscle]) -> list[str]:
+    lines: list[str] = []
+    above: dict[str, str] = {}  # text of a law: who has it
+    for name, muscle in muscles.items():
+        law = "\n".join(muscle_lines(muscle, "muscle"))
+        same = entries({"like": above[law]}) if law in above else [law]
+        lines += [*section("[muscle]", {"name": name}), *same]
+        above.setdefault(law, name)
+    return lines
+
+
+# --- reading --------------------------------------------------------------------------------------------------------
+
+
+def load_machine(path: FilePath, *, scale_needed: bool = True) -> Machine:
+    """Read a joint or a mechanism.
+
+    Raises `InvalidFile` if it is none, or is a joint without a force scale although that is needed.
+    """
+    return machine_from(Table.read(path), scale_needed=scale_needed)
+
+
+def load_joint(path: FilePath, *, scale_needed: bool = True) -> AntagonistJoint:
+    """Read one joint with two muscles. Raises `InvalidFile`, also for another machine; see `load_machine`."""
+    return joint_from(Table.read(path), scale_needed=scale_needed)
+
+
+def joint_from(file: Table, *, scale_needed: bool = True) -> AntagonistJoint:
+    """Return the joint in a parsed file."""
+    machine = machine_from(file, scale_needed=scale_needed)
+    if isinstance(machine, Mechanism):
+        raise file.fault(f"holds {described(machine)}; expected one joint with routes {', '.join(_GEOMETRIES)}")
+    return machine
+
+
+def described(machine: Machine) -> str:
+    """Return what a machine is, in some words."""
+    if isinstance(machine, AntagonistJoint):
+        return "a joint with two muscles"
+    return f"a machine with n = {machine.n} joint{'s' * (machine.n > 1)} and m = {machine.m} muscles"
+
+
+def machine_from(file: Table, *, scale_needed: bool = True) -> Machine:
+    """Return the joint or the mechanism in a parsed file."""
+    limits, routes = (file.needed(name, "a machine") for name in ("machine", "routes"))
+    kind = routes.entries.get("kind")
+    if kind not in _kinds():
+        raise routes.fault(f"the unknown kind {kind!r}; known: {', '.join(_kinds())}")
+    one = kind in _GEOMETRIES
+    whose = "the file of a joint" if one else "the file of a machine with such routes"
+    file.only((*_TABLES, *(_OF_A_JOINT if one else _OF_MORE)), whose)
+    if one and scale_needed and not scale_known_in(file):
+        raise file.fault(
+            "holds a joint whose force scale is unknown, since it was fitted without a weight: it has no stiffness to "
+            "command; fit again with a torque column, or complete the fit by with_scale"
+        )
+    led, muscles = _routes(routes, str(kind)), _muscles(file)
+    gas = file.table("gas")
+    more = {"gas": AIR if gas is None else gas.made(Gas)}
+    return _joint(file, limits, led, muscles, more) if one else _mechanism(file, limits, led, muscles, more)
+
+
+def scale_known_in(file: Table) -> bool:
+    """Return whether the joint in a parsed file was fitted with a weight, so that its forces are right."""
+    table = file.table("machine")
+    return table is not None and table.entries.get("scale_known") is True
+
+
+def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], more: dict[str, Any]) -> AntagonistJoint:
+    limits.only((*_LIMITS, "friction", "scale_known", "unseen"))
+    if sorted(muscles) != sorted(_PAIR):
+        raise file.fault(f"a joint has the [[muscle]]s agonist and antagonist, not {', '.join(muscles) or 'none'}")
+    values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in limits.entries.items()}
+    values.pop("scale_known", None)
+    rows = values.get("angle_limits")
+    if rows is not None:
+        if len(rows) != 1 or not isinstance(rows[0], list):
+            raise limits.fault("angle_limits has one row of a joint, [[lower, upper]] [rad]")
+        values["angle_limits"] = tuple(rows[0])
+    operator = file.table("hysteresis")
+    more |= {"hysteresis": None if operator is None else operator.made(PrandtlIshlinskii)}
+    more["covariance"] = covariance_rows(file)
+    try:
+        return AntagonistJoint(led, muscles["agonist"], muscles["antagonist"], **more, **values)
+    except (InvalidInput, TypeError, ValueError, OverflowError) as error:
+        raise file.fault(error) from None
+
+
+def _mechanism(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], more: dict[str, Any]) -> Mechanism:
+    limits.only((*_LIMITS, "joints"))
+    values = dict(limits.entries)
+    names: dict[str, Any] = {"muscle_names": tuple(muscles), "joint_names": tuple(values.pop("joints", ()))}
+    try:
+        return Mechanism(led, tuple(muscles.values()), **names, **more, **values)
+    except (InvalidInput, TypeError, ValueError, OverflowError) as error:
+        raise file.fault(error) from None
+
+
+def _routes(table: Table, kind: str) -> Any:
+    given = {name: value for name, value in table.entries.items() if name != "kind"}
+    if kind == "Sites":
+        links = [link.made(Link) for link in table.each("links")]
+        try:
+            paths = [[(site[0], site[1:]) for site in line] for line in given.get("paths", ())]
+        except (TypeError, IndexError):
+            raise table.fault("paths have to be rows of sites [link, x, y, z]") from None
+        given |= {"links": links, "paths": paths}
+    return Table(table.path, given, table.name).made(_kinds()[kind], f"a {kind}")
+
+
+def _muscles(file: Table) -> dict[str, Muscle]:
+    """Return the muscles by their names, each as it stands there or like one above."""
+    found: dict[str, Muscle] = {}
+    any_kind: type[Any] = Muscle
+    for table in file.each("muscle"):
+        name, like = (table.entries.get(entry) for entry in ("name", "like"))
+        if not isinstance(name, str) or name in found:
+            raise table.fault(f"name = {name!r} has to be a name, and no other muscle's")
+        if like is None:
+            found[name] = muscle_from(any_kind, table, "name")
+            continue
+        table.only(("name", "like"), "a muscle like another")
+        if like not in found:
+            raise table.fault(f"like = {like!r} has to be the name of a muscle above: {', '.join(found) or 'none'}")
+        found[name] = found[like]
+    return found
+
+
+def _kinds() -> dict[str, Any]:
+    return {**_GEOMETRIES, **_ROUTES}

@@ -1,0 +1,232 @@
+"""The options that describe a machine are the same for every command; millimetres, degrees and bar here, SI behind."""
+
+from dataclasses import dataclass, replace
+from inspect import signature
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+from typer import Option
+
+from allocator.errors import InvalidInput
+from allocator.shell.options import numbers, row, within
+from allocator.units import BAR, CM3, DEG, MM
+
+if TYPE_CHECKING:
+    from allocator.joint.antagonist import AntagonistJoint
+    from allocator.machine_file import Machine
+    from allocator.mechanism.mechanism import Mechanism
+    from allocator.muscles import Muscle
+
+_MUSCLE = "a name that `antagonist muscles` lists, or a TOML file written by `antagonist fit`"
+OF_ONE_JOINT = "agonist", "antagonist", "radius", "stops", "friction"  # options
+
+
+@dataclass(frozen=True)
+class MachineOptions:
+    """The options are what the user says of the machine; the rest is as in the file, or as in the report's joint."""
+
+    PANEL: ClassVar[str] = "The machine"
+
+    machine: Annotated[
+        str | None,
+        Option(
+            help="a joint or a machine of several joints in a TOML file (`antagonist init` writes one), or "
+            "arm26, arm48, leg37; without it the report's joint. The options below change what it says"
+        ),
+    ] = None
+    muscle: Annotated[
+        list[str] | None, Option(help=f"all muscles: {_MUSCLE}; repeated, with several joints: one each")
+    ] = None
+    agonist: Annotated[str | None, Option(help="the muscle that shortens as the angle grows, likewise")] = None
+    antagonist: Annotated[str | None, Option(help="the muscle that lengthens, likewise")] = None
+    radius: Annotated[float | None, Option(help="radius of the pulley [mm]; the report's: 20")] = None
+    rest_length: Annotated[
+        str | None, Option(help="rest length of the muscles, one or one each with commas [mm]; the report's: 400")
+    ] = None
+    initial_contraction: Annotated[
+        str | None, Option(help="contraction ratio of all muscles, or of each, at 0°; the report's: 0.1375")
+    ] = None
+    supply: Annotated[float | None, Option(help="greatest pressure of the supply [bar]; the report's: 5")] = None
+    stops: Annotated[str | None, Option(help="mechanical end stops LOW:HIGH [degrees]; the report's: -125:125")] = None
+    rest_volume: Annotated[
+        float | None, Option(help="gas in each muscle at rest length [cm³]; else that of a tube of the muscle's radius")
+    ] = None
+    tube_volume: Annotated[float | None, Option(help="gas between each muscle and its valve [cm³]")] = None
+    friction: Annotated[float | None, Option(help="friction, as a share of the muscles' forces; the report's: 0")] = (
+        None
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what can only be a mistake, in the units of the options."""
+        within("--radius", self.radius, "mm", 0.1, 10_000)
+        for length in self.rest_lengths or ():
+            within("--rest-length", length, "mm", 1, 10_000)
+        for ratio in self.contractions or ():
+            within("--initial-contraction", ratio, "(a ratio, not percent)", 0, 1)
+        within("--supply", self.supply, "bar", 0.05, 100)
+        within("--friction", self.friction, "", 0, 1)
+        within("--rest-volume", self.rest_volume, "cm³", 0.1, 5000)
+        within("--tube-volume", self.tube_volume, "cm³", 0, 1000)
+
+    def build(self) -> "Machine":
+        """Build the machine. Raises `InvalidInput` and `MissingBackend`."""
+        from allocator.mechanism.mechanism import Mechanism
+
+        base = self.base
+        return self._changed(base) if isinstance(base, Mechanism) else self._one(base)
+
+    def joint(self) -> "AntagonistJoint":
+        """Build one joint with two muscles. Raises `InvalidInput`, also for another machine."""
+        from allocator.machine_file import described
+        from allocator.mechanism.mechanism import Mechanism
+
+        base = self.base
+        if isinstance(base, Mechanism):
+            raise InvalidInput(
+                f"this command takes one joint with two muscles; --machine {self.machine} is {described(base)}"
+            )
+        return self._one(base)
+
+    def compared(self, base: "AntagonistJoint") -> dict[str, "AntagonistJoint"]:
+        """Return the joint with each of the muscles, by their names."""
+        if not self.muscle:
+            return {self.name: self._joint(base, None)}
+        return {name: self._joint(base, name) for name in self.muscle}
+
+    @property
+    def base(self) -> "Machine":
+        """The machine without the changes."""
+        from allocator.joint.antagonist import report_joint
+        from allocator.machine_file import named_machine
+
+        return report_joint() if self.machine is None else named_machine(self.machine)
+
+    @property
+    def file(self) -> str | None:
+        """The file of the machine, if it has one."""
+        return self.machine if self.machine is not None and self.machine.endswith(".toml") else None
+
+    @property
+    def files(self) -> tuple[str | None, ...]:
+        """The files that these options may name."""
+        return (self.machine, *(self.muscle or ()), self.agonist, self.antagonist)
+
+    @property
+    def name(self) -> str:
+        """The joint's name, after its muscles or its file."""
+        from pathlib import Path
+
+        given = [str(name) for name in (self.agonist, self.antagonist) if name]
+        return " and ".join(given) or ("tondu-dmsp-20-400n" if self.machine is None else Path(self.machine).stem)
+
+    @property
+    def rest_lengths(self) -> list[float] | None:
+        """Rest lengths [mm], one or one each."""
+        return None if self.rest_length is None else row("--rest-length", self.rest_length, "mm")
+
+    @property
+    def contractions(self) -> list[float] | None:
+        """Contraction ratios at 0°, one or one each."""
+        return None if self.initial_contraction is None else row("--initial-contraction", self.initial_contraction, "-")
+
+    def given(self, *names: str) -> str | None:
+        """Return the first option of these names that is given, as it is written."""
+        return next((f"--{name.replace('_', '-')}" for name in names if getattr(self, name) is not None), None)
+
+    # --- of several joints ------------------------------------------------------------------------------------------
+
+    def _changed(self, base: "Mechanism") -> "Mechanism":
+        """Return `base` with everything that is given."""
+        if option := self.given(*OF_ONE_JOINT):
+            raise InvalidInput(
+                f"{option} is of one joint with two muscles; what differs in {self.machine} stands in its file"
+            )
+        changes: dict[str, Any] = {}
+        if self.muscle:
+            changes["muscles"] = self.all_muscles(base.m)
+        if self.supply is not None:
+            changes["pressure_limits"] = (base.pressure_limits[0], self.supply * BAR)
+        if volumes := self.volumes:
+            changes["muscles"] = tuple(replace(muscle, **volumes) for muscle in changes.get("muscles", base.muscles))
+        given = {"rest_length": self.rest_lengths, "initial_contraction": self.contractions}
+        lengths = {name: values for name, values in given.items() if values is not None}
+        if lengths:
+            changes["routes"] = self._routes(base.routes, lengths)
+        return replace(base, **changes) if changes else base
+
+    def all_muscles(self, m: int) -> tuple["Muscle", ...]:
+        """Return the muscles that --muscle names, one for all `m` or one each. Raises `InvalidInput`."""
+        from allocator.muscles.catalogue import named_muscle
+
+        found = tuple(named_muscle(name) for name in self.muscle or ())
+        if len(found) not in (1, m):
+            raise InvalidInput(f"--muscle is given {len(found)} times; expected once, or once for each of {m}")
+        return found * m if len(found) == 1 else found
+
+    def _routes(self, base: Any, lengths: dict[str, list[float]]) -> Any:
+        kind = type(base)
+        known = {name: getattr(base, name) for name in signature(kind).parameters}
+        if "initial_contraction" in lengths and "initial_contraction" not in known:
+            raise InvalidInput(f"--initial-contraction is for pulleys; {self.machine} has {kind.__name__}")
+        scale = {"rest_length": MM, "initial_contraction": 1.0}
+        changed = {name: [value * scale[name] for value in values] for name, values in lengths.items()}
+        return kind(**known | {name: values[0] if len(values) == 1 else values for name, values in changed.items()})
+
+    # --- of one joint -----------------------------------------------------------------------------------------------
+
+    def _one(self, base: "AntagonistJoint") -> "AntagonistJoint":
+        joints = self.compared(base)
+        if len(joints) > 1:
+            raise InvalidInput("--muscle is given several times; for two different ones --agonist and --antagonist")
+        return next(iter(joints.values()))
+
+    def _joint(self, base: "AntagonistJoint", muscle: str | None) -> "AntagonistJoint":
+        """Return `base` with everything that is given."""
+        changes: dict[str, Any] = self._muscles(muscle)
+        if changes:
+            changes["covariance"] = None  # it was of the muscles in the file
+        if geometry := self._geometry(base.geometry):
+            changes["geometry"] = geometry
+        if self.supply is not None:
+            changes["pressure_limits"] = (base.pressure_limits[0], self.supply * BAR)
+        if self.stops is not None:
+            left, right = numbers("--stops", self.stops, 2, 2, "-90:90")
+            for angle in (left, right):
+                within("--stops", angle, "degrees", -360, 360)
+            changes["angle_limits"] = (left * DEG, right * DEG)
+        if self.friction is not None:
+            changes |= {"friction": self.friction, "hysteresis": None}  # one says all that the other would
+        if volumes := self.volumes:
+            for side in ("agonist", "antagonist"):
+                changes[side] = replace(changes.get(side, getattr(base, side)), **volumes)
+        return replace(base, **changes) if changes else base
+
+    @property
+    def volumes(self) -> dict[str, Any]:
+        """Volumes of the gas [m³] that are given."""
+        given = {"rest_volume": self.rest_volume, "tube_volume": self.tube_volume}
+        return {name: volume * CM3 for name, volume in given.items() if volume is not None}
+
+    def _muscles(self, both: str | None) -> dict[str, "Muscle"]:
+        from allocator.muscles.catalogue import named_muscle
+
+        names = {"agonist": self.agonist or both, "antagonist": self.antagonist or both}
+        return {side: named_muscle(name) for side, name in names.items() if name is not None}
+
+    def _geometry(self, base: Any) -> Any:
+        """Return the changed geometry; None if nothing of it is given."""
+        from allocator.joint.geometry import Pulley
+
+        lengths = self.rest_lengths, self.contractions
+        if any(values is not None and len(values) > 1 for values in lengths):
+            raise InvalidInput("--rest-length and --initial-contraction of a joint are one number, for both muscles")
+        if self.given("radius", "initial_contraction") and not isinstance(base, Pulley):
+            raise InvalidInput(
+                f"--radius and --initial-contraction are for a pulley; {self.machine} has a {type(base).__name__}"
+            )
+        given = {
+            "rest_length": None if lengths[0] is None else lengths[0][0] * MM,
+            "radius": None if self.radius is None else self.radius * MM,
+            "initial_contraction": None if lengths[1] is None else lengths[1][0],
+        }
+        changes = {name: value for name, value in given.items() if value is not None}
+        return replace(base, **changes) if changes else None

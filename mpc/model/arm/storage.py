@@ -1,0 +1,51 @@
+"""Arms are kept as TOML files: a machine's file (see `allocator.machine_file`) with two tables more:
+
+[bodies]                       # SI units, see `Bodies`
+length = [0.31, 0.34]
+…
+
+[plant]                        # or without this table; what is left out is as in `Arm`
+lag = 0.1                      # of the regulators [s], one or one a muscle
+slew = 500000.0                # [Pa/s]
+gas = true                     # reckon with the machine's gas; or without this line
+"""
+
+from dataclasses import fields
+from typing import Any
+
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.files.atomic import write_text
+from allocator.files.text import FilePath
+from allocator.files.toml import Table, section
+from allocator.machine_file import described, dumps, machine_from
+from allocator.mechanism import Mechanism
+from mpc.model.arm.bodies import Bodies
+from mpc.model.arm.model import Arm
+from mpc.model.storage import numbers_in
+
+_NUMBERS = ("lag", "slew", "gas")  # of [plant]
+
+
+def save_arm(arm: Arm, path: FilePath) -> None:
+    """Write an arm to `path`. Raises `InvalidInput` for one whose bodies or routes are no formulas, `CannotWrite`."""
+    if not isinstance(arm.bodies, Bodies):
+        raise InvalidInput(f"{type(arm.bodies).__name__} cannot be written to a file; keep the MuJoCo model")
+    lags = tuple(arm.lags.tolist())
+    numbers: dict[str, Any] = {"lag": lags[0] if len(set(lags)) == 1 else lags, "slew": arm.slew}
+    numbers |= {} if arm.gas is None else {"gas": True}
+    bodies = {f.name: getattr(arm.bodies, f.name) for f in fields(Bodies)}
+    lines = section("bodies", bodies, "SI units: m, kg, kg·m², N·m·s/rad, m/s²") + section("plant", numbers, "s, Pa/s")
+    write_text(path, dumps(arm.mechanism) + "\n".join(lines) + "\n")
+
+
+def load_arm(path: FilePath) -> Arm:
+    """Read an arm. Raises `InvalidFile` if the file holds none."""
+    file = Table.read(path)
+    machine = machine_from(file)
+    if not isinstance(machine, Mechanism):
+        raise file.fault(f"holds {described(machine)}; expected an arm with [bodies]")
+    bodies = file.needed("bodies", "an arm that can move").made(Bodies)
+    try:
+        return Arm(machine, bodies, **numbers_in(file, _NUMBERS))
+    except (InvalidInput, TypeError) as error:
+        raise InvalidFile(path, str(error)) from None
