@@ -15,6 +15,7 @@ Value: TypeAlias = Any  # a float, an array of floats, or a CasADi symbol
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
+_NEWTON_STEPS = 60
 _STEP = 1e-30  # of the complex step; nothing is subtracted, so it may be as small as one likes
 
 
@@ -67,6 +68,33 @@ def increasing_root(f: Callable[..., Array], lo: Array, hi: Array, *args: Array)
         found = elementwise.find_root(f, (lo[inside], hi[inside]), args=tuple(a[inside] for a in args))
         root[inside] = found.x
     return root
+
+
+def falling_root(
+    f: Callable[[Array], tuple[Array, Array]],
+    start: Array,
+    low: Array,
+    high: Array,
+    close: float,
+    there: Mask | slice = slice(None),
+) -> Array:
+    """Return the x (n,) in [low, high] with y(x) = 0 by Newton's method, where y(low) > 0 > y(high); f gives (y, -y').
+
+    A bracket shrinks with every step and is halved where Newton's method leaves it, or where y does not fall; where f
+    ends (NaN) the search turns back to `start`. It is done when no x that is `there` moves by `close` any more.
+    """
+    x, first, last = start, low, high
+    for _ in range(_NEWTON_STEPS):
+        y, fall = f(x)
+        further = np.where(np.isnan(y), x < start, y > 0)
+        low, high = np.where(further, x, low), np.where(further, high, x)
+        with np.errstate(all="ignore"):
+            newton = x + y / fall
+        inside = (newton > low - close) & (newton < high + close) & (fall > 0)
+        before, x = x, np.where(inside, newton, (low + high) / 2)
+        if np.abs(x - before)[there].max(initial=0.0) < close:
+            break
+    return np.clip(x, first, last)
 
 
 def rising_roots(f: Callable[..., Array], lo: Array, hi: Array, *args: Array, pieces: int) -> Array:

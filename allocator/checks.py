@@ -2,18 +2,18 @@
 
 import operator
 from collections.abc import Iterable
-from typing import Any
+from typing import SupportsIndex
 
 import numpy as np
 
-from allocator.calculus import Array, is_symbol
+from allocator.calculus import Array, Mask, Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 
 LOOKS_LIKE_BAR = 0.1, 20.0  # [Pa] if the greatest of some pressures lies here, bar was meant
 
 
-def real(name: str, value: Any, unit: str) -> Array:
+def real(name: str, value: object, unit: str) -> Array:
     """Return `value` as an array of finite floats: a number, or anything that NumPy takes for an array of real ones."""
     array = floats(name, value, unit)
     if not np.isfinite(array).all():
@@ -21,7 +21,7 @@ def real(name: str, value: Any, unit: str) -> Array:
     return array
 
 
-def floats(name: str, value: Any, unit: str) -> Array:
+def floats(name: str, value: object, unit: str) -> Array:
     """Return `value` as an array of floats, which need not be finite."""
     _refuse_masks_and_units(name, value, unit)
     try:
@@ -33,7 +33,7 @@ def floats(name: str, value: Any, unit: str) -> Array:
         raise InvalidInput(f"{name} = {brief(value)} is not a number or an array of real numbers [{unit}]") from None
 
 
-def _refuse_masks_and_units(name: str, value: Any, unit: str) -> None:
+def _refuse_masks_and_units(name: str, value: object, unit: str) -> None:
     """Refuse what `np.asarray` would drop without a word: masks, and the units of pint, astropy and their like."""
     if isinstance(value, list | tuple):
         for item in value:
@@ -46,7 +46,7 @@ def _refuse_masks_and_units(name: str, value: Any, unit: str) -> None:
         raise InvalidInput(f"{name} = {brief(value)} carries a unit of its own; pass plain numbers in {unit}")
 
 
-def brief(value: Any) -> str:
+def brief(value: object) -> str:
     """Return what `value` is, in one line: itself if it is short, else its type, shape and kind of elements."""
     shown = repr(value)
     if len(shown) <= 60 and "\n" not in shown:
@@ -55,7 +55,7 @@ def brief(value: Any) -> str:
     return f"{type(value).__name__}{shape or ''}" + (f" of {dtype}" if dtype is not None else "")
 
 
-def count(name: str, value: Any, least: int, most: int | None = None) -> int:
+def count(name: str, value: SupportsIndex, least: int, most: int | None = None) -> int:
     """Return a whole number, `least` or more, and not over `most`."""
     try:
         number = operator.index(value)
@@ -68,14 +68,14 @@ def count(name: str, value: Any, least: int, most: int | None = None) -> int:
     return number
 
 
-def at(array: Array, wrong: Any) -> str:
+def at(array: Array, wrong: Mask) -> str:
     """Return '[3] = nan', the first element of `array` that is `wrong`; ' = nan' for a scalar."""
     index = tuple(int(i[0]) for i in np.nonzero(np.atleast_1d(wrong)))
     place = f"[{', '.join(map(str, index))}]" if array.ndim else ""
     return f"{place} = {np.atleast_1d(array)[index]:g}"
 
 
-def angle(name: str, value: Any) -> Array:
+def angle(name: str, value: object) -> Array:
     """Return an angle [rad]; more than a turn is taken for degrees and refused."""
     array = real(name, value, "rad")
     if (wrong := np.abs(array) > 2 * np.pi).any():
@@ -85,7 +85,7 @@ def angle(name: str, value: Any) -> Array:
     return array
 
 
-def contraction(name: str, value: Any) -> Array:
+def contraction(name: str, value: object) -> Array:
     """Return a contraction ratio; more than 1 is taken for percent and refused."""
     array = real(name, value, "ratio")
     if (wrong := np.abs(array) > 1).any():
@@ -93,7 +93,7 @@ def contraction(name: str, value: Any) -> Array:
     return array
 
 
-def stiffness(name: str, value: Any) -> Array:
+def stiffness(name: str, value: object) -> Array:
     """Return a stiffness [N·m/rad], positive."""
     array = real(name, value, "N·m/rad")
     if (wrong := array <= 0).any():
@@ -101,7 +101,7 @@ def stiffness(name: str, value: Any) -> Array:
     return array
 
 
-def pressure(name: str, value: Any) -> Array:
+def pressure(name: str, value: object) -> Array:
     """Return gauge pressure(s) [Pa]; values that can only be bar are refused."""
     array = real(name, value, "Pa")
     greatest = float(np.abs(array).max(initial=0.0))
@@ -110,7 +110,7 @@ def pressure(name: str, value: Any) -> Array:
     return array
 
 
-def pressure_and_contraction(P: Any, eps: Any) -> tuple[Any, Any]:
+def pressure_and_contraction(P: Value, eps: Value) -> tuple[Value, Value]:
     """Return the arguments of a force law, P [Pa] and ε [-]; CasADi symbols and complex numbers pass."""
     if any(is_symbol(x) or (isinstance(x, complex | np.ndarray) and np.iscomplexobj(x)) for x in (P, eps)):
         return P, eps
@@ -122,12 +122,12 @@ def pressure_and_contraction(P: Any, eps: Any) -> tuple[Any, Any]:
     return _as_number(P, pressure("P", P)), _as_number(eps, ratio)
 
 
-def _as_number(value: Any, checked: Array) -> Any:
+def _as_number(value: Value, checked: Array) -> Value:
     """Return `value` itself if it is a number, so that the answer is one too."""
     return value if isinstance(value, float | int) else checked
 
 
-def positive_pressure(name: str, value: Any) -> Array:
+def positive_pressure(name: str, value: object) -> Array:
     """Return a pressure [Pa] above zero."""
     array = pressure(name, value)
     if (wrong := array <= 0).any():
@@ -135,10 +135,10 @@ def positive_pressure(name: str, value: Any) -> Array:
     return array
 
 
-def pressure_pair(name: str, value: Any, labels: tuple[str, str]) -> dict[str, Array]:
+def pressure_pair(name: str, value: Iterable[object] | None, labels: tuple[str, str]) -> dict[str, Array]:
     """Return the pressures (P1, P2) [Pa], under the names `labels`."""
     try:
-        P1, P2 = value
+        P1, P2 = () if value is None else value
     except (TypeError, ValueError):
         raise InvalidInput(f"{name} = {brief(value)} has to be two pressures (P1, P2) [Pa]") from None
     pair = real(name, P1, "Pa"), real(name, P2, "Pa")
@@ -146,7 +146,7 @@ def pressure_pair(name: str, value: Any, labels: tuple[str, str]) -> dict[str, A
     return dict(zip(labels, pair, strict=True))
 
 
-def axis(name: str, value: Any, ndim: int) -> int | None:
+def axis(name: str, value: object, ndim: int) -> int | None:
     """Return an axis of targets, counted from 0, or None."""
     if value is None:
         return None
@@ -155,7 +155,7 @@ def axis(name: str, value: Any, ndim: int) -> int | None:
     return value % ndim
 
 
-def one_of(name: str, value: Any, among: Iterable[str]) -> str:
+def one_of(name: str, value: object, among: Iterable[str]) -> str:
     """Return one of the words `among`."""
     words = tuple(among)
     if not isinstance(value, str) or value not in words:
@@ -163,14 +163,14 @@ def one_of(name: str, value: Any, among: Iterable[str]) -> str:
     return value
 
 
-def flag(name: str, value: Any) -> bool:
+def flag(name: str, value: object) -> bool:
     """Return a truth value, True or False."""
     if not isinstance(value, bool | np.bool_):
         raise InvalidInput(f"{name} = {brief(value)} has to be True or False")
     return bool(value)
 
 
-def number(name: str, value: Any, unit: str) -> float:
+def number(name: str, value: object, unit: str) -> float:
     """Return one finite real number."""
     array = real(name, value, unit)
     if array.ndim:
@@ -178,7 +178,7 @@ def number(name: str, value: Any, unit: str) -> float:
     return float(array)
 
 
-def not_negative(name: str, value: Any, unit: str) -> float:
+def not_negative(name: str, value: object, unit: str) -> float:
     """Return one number that is zero or more."""
     found = number(name, value, unit)
     if found < 0:
@@ -186,7 +186,7 @@ def not_negative(name: str, value: Any, unit: str) -> float:
     return found
 
 
-def positive(name: str, value: Any, unit: str) -> float:
+def positive(name: str, value: object, unit: str) -> float:
     """Return one number above zero."""
     found = number(name, value, unit)
     if found <= 0:
@@ -194,7 +194,7 @@ def positive(name: str, value: Any, unit: str) -> float:
     return found
 
 
-def limits(name: str, value: Any, unit: str) -> tuple[float, float]:
+def limits(name: str, value: object, unit: str) -> tuple[float, float]:
     """Return a lower and an upper limit, two numbers."""
     array = real(name, value, unit)
     if array.shape != (2,):
@@ -202,7 +202,7 @@ def limits(name: str, value: Any, unit: str) -> tuple[float, float]:
     return float(array[0]), float(array[1])
 
 
-def probability(name: str, value: Any) -> float:
+def probability(name: str, value: object) -> float:
     """Return a number between 0 and 1/2, exclusive."""
     found = number(name, value, "probability")
     if not 0 < found < 0.5:
@@ -210,7 +210,7 @@ def probability(name: str, value: Any) -> float:
     return found
 
 
-def covariance(name: str, value: Any, size: int | None = None) -> tuple[tuple[float, ...], ...]:
+def covariance(name: str, value: object, size: int | None = None) -> tuple[tuple[float, ...], ...]:
     """Return the rows of a covariance matrix, of `size` parameters if given: symmetric, no variance negative."""
     expected = "a square matrix of finite numbers" if size is None else f"{size} rows of {size} finite numbers"
     try:
@@ -229,7 +229,7 @@ def covariance(name: str, value: Any, size: int | None = None) -> tuple[tuple[fl
     return tuple(map(tuple, C.tolist()))
 
 
-def pressures_or_symbols(P1: Any, P2: Any) -> tuple[Any, Any]:
+def pressures_or_symbols(P1: Value, P2: Value) -> tuple[Value, Value]:
     """Return gauge pressures [Pa] of both muscles, of which one may be next to nothing; CasADi symbols pass."""
     if is_symbol(P1) or is_symbol(P2):
         return P1, P2
@@ -239,7 +239,7 @@ def pressures_or_symbols(P1: Any, P2: Any) -> tuple[Any, Any]:
     return pair
 
 
-def angle_or_symbol(name: str, value: Any) -> Any:
+def angle_or_symbol(name: str, value: Value) -> Value:
     """Return an angle [rad], but let CasADi symbols pass."""
     return value if is_symbol(value) else angle(name, value)
 

@@ -15,6 +15,7 @@ from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 from time import time
+from types import FunctionType
 from typing import Any, TypeVar
 
 import numba
@@ -52,7 +53,7 @@ def clear_stale(directory: Path, ours: str, current: str) -> None:
                     file.unlink()
 
 
-def keep(dispatcher: F, callees: Iterable[Callable[..., Any]] = ()) -> F:
+def keep(dispatcher: F, callees: Iterable[Callable[..., object]] = ()) -> F:
     """Return `dispatcher`, which numba has made and which now keeps what it compiles.
 
     What is kept belongs to its file, to those of the `callees` that are compiled into it, and to the numbers that they
@@ -91,7 +92,7 @@ def check_own(directory: Path) -> None:
         )
 
 
-def _numbers(functions: Iterable[Callable[..., Any]]) -> list[tuple[str, str]]:
+def _numbers(functions: Iterable[Callable[..., object]]) -> list[tuple[str, str]]:
     """Return by name the numbers that functions read from their modules, which may have them from others."""
     named = ((name, f.__globals__.get(name)) for f in functions for name in f.__code__.co_names)
     return sorted({(name, repr(value)) for name, value in named if isinstance(value, int | float)})
@@ -103,7 +104,7 @@ class _Files:
     def __init__(self, directory: str, name: str, stamp: object) -> None:
         self._directory, self._name, self._made_from = Path(directory), name, repr((numba.__version__, stamp))
 
-    def load(self, key: object) -> Any:
+    def load(self, key: object) -> object:
         """Return what is kept for `key`; None if nothing is."""
         file = self._file(key)
         try:
@@ -131,7 +132,7 @@ class _Files:
 class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
     """The cache is numba's, over such files."""
 
-    def __init__(self, function: Any, others: tuple[str, ...], numbers: list[tuple[str, str]]) -> None:
+    def __init__(self, function: FunctionType, others: tuple[str, ...], numbers: list[tuple[str, str]]) -> None:
         super().__init__(function)
         if Path(self.cache_path) != Path(function.__code__.co_filename).parent / "__pycache__":  # as safe as the source
             check_own(Path(self.cache_path))
@@ -139,7 +140,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
         stamps = [locator.get_source_stamp(), *((s.st_mtime, s.st_size) for s in map(os.stat, others)), numbers]
         self._cache_file = _Files(self.cache_path, self._impl.filename_base, stamps)
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
+    def load_overload(self, sig: object, target_context: object) -> object:
         """Return what is kept for arguments of the types `sig`; None if nothing is, or nothing that could be used.
 
         Raises `beside.NotKept` then if only what is kept may be used.
@@ -153,7 +154,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
             beside.check_may_compile(self._name)
         return found
 
-    def save_overload(self, sig: Any, data: Any) -> None:
+    def save_overload(self, sig: object, data: object) -> None:
         """Keep it, if that is possible."""
         try:
             super().save_overload(sig, data)

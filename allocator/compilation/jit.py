@@ -58,7 +58,7 @@ def _unaliased() -> type:
     from numba.core.compiler import Compiler
 
     class Unaliased(Compiler):  # type: ignore[misc]  # numba has no types
-        def __init__(self, typingctx: Any, targetctx: Any, library: Any, args: Any, *rest: Any) -> None:
+        def __init__(self, typingctx: object, targetctx: object, library: object, args: object, *rest: Any) -> None:
             flags = rest[1]
             flags.noalias = True
             flags.nrt = False

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.identification.least_squares import unit_columns
 
 _RANK_TOLERANCE = 1e-9
 
@@ -28,9 +29,8 @@ def determine(jacobian: Array, cost: float, names: tuple[str, ...], values: Arra
     m = len(names)
     if m == 0:
         return Determination(0, np.zeros((0, 0)), ())
-    length = np.linalg.norm(jacobian, axis=0)
-    length[length == 0] = 1.0
-    R = np.linalg.qr(jacobian / length, mode="r")  # (m, m): has J's singular values, and no n x n matrix is made
+    scaled, length = unit_columns(jacobian)
+    R = np.linalg.qr(scaled, mode="r")  # (m, m): has J's singular values, and no n x n matrix is made
     _, singular, Vt = np.linalg.svd(R, full_matrices=True)
     singular = np.append(singular, np.zeros(m - singular.size))
     known = singular > _RANK_TOLERANCE * max(singular[0], 1e-300)

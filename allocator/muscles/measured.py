@@ -12,7 +12,7 @@ percent of contraction away from its data.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -194,7 +194,7 @@ def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
-def _distance(corners: Array, point: Array) -> Any:
+def _distance(corners: Array, point: Array) -> Array:
     """Return how far points (…, 2) are outside the polygon of `corners` (m, 2), 0 inside; NaN for NaN."""
     along = np.roll(corners, -1, axis=0) - corners  # (m, 2)
     apart = point[..., None, :] - corners  # (…, m, 2)
@@ -203,4 +203,4 @@ def _distance(corners: Array, point: Array) -> Any:
     nearest = np.sqrt(((apart - share[..., None] * along) ** 2).sum(axis=-1)).min(axis=-1)
     left = along[:, 0] * apart[..., 1] - along[:, 1] * apart[..., 0] >= 0
     inside = left.all(axis=-1) & (len(corners) > 2)
-    return np.where(inside, 0.0, nearest)
+    return np.asarray(np.where(inside, 0.0, nearest))

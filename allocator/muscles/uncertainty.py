@@ -7,12 +7,13 @@ A quantity y(p) of a muscle whose parameters p have the covariance C has, to fir
 Where several muscles share the parameters (a joint with two of the same kind) their gradients are added first.
 """
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.muscles.base import Muscle
 
@@ -41,16 +42,23 @@ def covariance_root(covariance: ArrayLike) -> Array:
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def force_gradient(muscle: Muscle, P: Array, eps: Array, names: tuple[str, ...] | None = None) -> Array:
-    """Return ∂F/∂p (…, m) for the parameters `names` (default: all), exact to rounding by complex steps."""
-    values = list(muscle.parameters.values())
-    places = [i for i, name in enumerate(muscle.parameters) if names is None or name in names]
+def parameter_gradient(
+    muscle: Muscle, quantity: Callable[[Muscle], Value], shape: tuple[int, ...], names: Sequence[str] | None = None
+) -> Array:
+    """Return ∂(quantity)/∂p (*shape, m) for the parameters `names` (default: all), exact by complex steps."""
+    parameters = muscle.parameters
+    names = [*parameters] if names is None else names
+    gradient = np.zeros((*shape, len(names)))
+    for column, name in enumerate(names):
+        moved = muscle.unchecked([*(parameters | {name: parameters[name] + _STEP * 1j}).values()])
+        gradient[..., column] = np.imag(quantity(moved)) / _STEP
+    return gradient
+
+
+def force_gradient(muscle: Muscle, P: ArrayLike, eps: ArrayLike, names: Sequence[str] | None = None) -> Array:
+    """Return ∂F/∂p (…, m) for the parameters `names` (default: all), exact to rounding."""
     P, eps = np.broadcast_arrays(np.asarray(P, float), np.asarray(eps, float))
-    columns = np.zeros((*P.shape, len(places)))
-    for column, i in enumerate(places):
-        moved = muscle.unchecked([*values[:i], values[i] + _STEP * 1j, *values[i + 1 :]])
-        columns[..., column] = np.imag(moved.law(P, eps)) / _STEP
-    return columns
+    return parameter_gradient(muscle, lambda m: m.law(P, eps), P.shape, names)
 
 
 def parameter_sensitivities(muscle: Muscle, P: Array, eps: Array) -> ParameterSensitivities:
@@ -63,6 +71,12 @@ def parameter_sensitivities(muscle: Muscle, P: Array, eps: Array) -> ParameterSe
     return ParameterSensitivities(tuple(muscle.parameters), force_gradient(muscle, P, eps), (ahead - behind) / (2 * h))
 
 
+def deviation(gradient: Array, covariance: Array) -> Array:
+    """Return √(g C gᵀ) (…) of a quantity with the `gradient` g (…, m) in parameters of the `covariance` C (m, m)."""
+    variance = np.einsum("...i,ij,...j->...", gradient, covariance, gradient)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))  # -1e-20 by rounding is 0
+
+
 def standard_deviation(muscle: Muscle, gradient: Array) -> Array:
     """Return √(g C gᵀ) (…) of a quantity with the `gradient` g (…, m) in the parameters of a fitted muscle.
 
@@ -71,8 +85,7 @@ def standard_deviation(muscle: Muscle, gradient: Array) -> Array:
     """
     if muscle.covariance is None:
         raise InvalidInput(f"this {type(muscle).__name__} has no covariance: it was not fitted")
-    variance = np.einsum("...i,ij,...j->...", gradient, np.asarray(muscle.covariance), gradient)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))  # -1e-20 by rounding is 0
+    return deviation(gradient, np.asarray(muscle.covariance))
 
 
 def force_std(muscle: Muscle, P: Array, eps: Array) -> Array:

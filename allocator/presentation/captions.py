@@ -1,14 +1,18 @@
 """Captions of pictures, broken into lines that fit: titles of figures and of their axes."""
 
 import textwrap
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
 _MARGIN = 6.0  # [pixels] to the edge
 _FEWEST = 12  # characters of a line
 _ROUNDS = 8
 
 
-def fit_captions(figure: Any) -> None:
+def fit_captions(figure: "Figure") -> None:
     """Break the lines of titles that are wider than the picture, or than their axes if others are beside them."""
     captions = _captions(figure)
     for caption in captions:
@@ -24,7 +28,7 @@ def fit_captions(figure: Any) -> None:
         _fit(caption, room - _MARGIN)
 
 
-def _captions(figure: Any) -> list[Any]:
+def _captions(figure: "Figure") -> list["Text"]:
     """Return the titles of the figure and of its axes."""
     from matplotlib.text import Text
 
@@ -34,7 +38,7 @@ def _captions(figure: Any) -> list[Any]:
     return [text for text in found if text.get_text().strip()]
 
 
-def _room(figure: Any, caption: Any) -> tuple[float, float]:
+def _room(figure: "Figure", caption: "Text") -> tuple[float, float]:
     """Return the least and the greatest x [pixels] that a title may take."""
     if caption.axes is None:
         return 0.0, float(figure.bbox.width)
@@ -44,7 +48,7 @@ def _room(figure: Any, caption: Any) -> tuple[float, float]:
     return low, float(box.x1 if any(other.x0 >= box.x1 for other in beside) else figure.bbox.width)
 
 
-def _fit(caption: Any, room: float) -> None:
+def _fit(caption: "Text", room: float) -> None:
     """Break the lines of `caption` so that none is wider than `room` [pixels]; words are kept whole."""
     lines = caption.get_text().split("\n")
     most = max(map(len, lines))

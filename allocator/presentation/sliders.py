@@ -1,7 +1,11 @@
 """Sliders are put over a picture in a notebook, and the picture is alone where nothing is alive to move them."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from ipywidgets import FloatSlider
+    from matplotlib.figure import Figure
 
 
 class Range(NamedTuple):
@@ -13,7 +17,7 @@ class Range(NamedTuple):
     value: float
 
 
-def explore(draw: Callable[..., Any], **ranges: Range) -> dict[str, Any]:
+def explore(draw: Callable[..., "Figure"], **ranges: Range) -> dict[str, "FloatSlider"]:
     """Show the figure `draw(**values)` with a slider for every keyword; returns the sliders by keyword.
 
     The picture is an ordinary output of the cell, which the sliders replace: without a live kernel (on a web page, in
@@ -31,7 +35,7 @@ def explore(draw: Callable[..., Any], **ranges: Range) -> dict[str, Any]:
         for name, r in ranges.items()
     }
 
-    def figure() -> Any:
+    def figure() -> "Figure":
         return draw(**{name: slider.value for name, slider in sliders.items()})
 
     display(*sliders.values())

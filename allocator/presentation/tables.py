@@ -2,23 +2,25 @@
 
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Any
+from typing import SupportsFloat
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 _ROUNDING = 1e-12  # numbers below it are rounding errors of something that is zero
 
 
-def number(value: Any, digits: int = 4) -> str:
+def number(value: SupportsFloat, digits: int = 4) -> str:
     """Return `value` with so many significant digits; what differs from 0 by rounding only is 0."""
-    return f"{0.0 if abs(value) < _ROUNDING else float(value):.{digits}g}"
+    shown = float(value)
+    return f"{0.0 if abs(shown) < _ROUNDING else shown:.{digits}g}"
 
 
-def span(values: Any, unit: str = "") -> str:
+def span(values: ArrayLike, unit: str = "") -> str:
     """Return 'least … greatest unit' of the values that are numbers."""
-    values = np.ravel(values)
-    values = values[np.isfinite(values)]
-    return f"{number(values.min())} … {number(values.max())} {unit}".rstrip() if values.size else "none"
+    flat = np.ravel(values)
+    finite = flat[np.isfinite(flat)]
+    return f"{number(finite.min())} … {number(finite.max())} {unit}".rstrip() if finite.size else "none"
 
 
 def first_of(warnings: Sequence[str]) -> str:

@@ -15,10 +15,9 @@ Plain Python without NumPy, compiled or not, as `allocator.allocation.kernels.so
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
-# numba compiles the functions for lists and arrays; types would say Any
+# numba compiles the functions for lists and for arrays, so that they have no types
 from collections.abc import Callable
 from math import inf
-from typing import Any
 
 from allocator.search.curves import T_K, T_P, at, narrowed, next_guess, pieces
 from allocator.search.pairs import chosen, crossings, level
@@ -339,7 +338,7 @@ def distance(goal, T_min, T_max, below, above, m):
     return found
 
 
-FUNCTIONS: tuple[Callable[..., Any], ...] = (
+FUNCTIONS: tuple[Callable[..., object], ...] = (
     *(weighted, edges, edge, fold, floor, slopes, point, pressure_of_slope, off_slope),
     *(least, better, enqueue, foremost, both, cost, moved, falls_and_rises, gradient, descend, convex),
     *(bounded, floor_bound, distance),

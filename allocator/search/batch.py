@@ -4,13 +4,13 @@ Compiled code is used where it is there (`ready`), or for so many targets that i
 plain Python.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
+from allocator.compilation import jit
 from allocator.joint.limits import PressureBox
 from allocator.joint.torque_levels import BothMuscles, Pair
 from allocator.search.compiled import compiled
@@ -24,7 +24,7 @@ _ROOM = 2 * MOST + 1  # numbers of a target that has several pairs or intervals
 
 _PRIORITIES = ("torque", "stiffness", "weighted")  # by the number that the loops know them by
 
-_ready: dict[str, Callable[..., Any]] = {}
+_ready: dict[str, jit.Function] = {}
 
 
 class Curves(NamedTuple):
@@ -101,7 +101,7 @@ def prepare(targets: int) -> None:
         ready()
 
 
-def _run(name: str, width: int, given: tuple[Any, ...], curves: Curves, after: tuple[Array, ...] = ()) -> Array:
+def _run(name: str, width: int, given: tuple[object, ...], curves: Curves, after: tuple[Array, ...] = ()) -> Array:
     """Return the output (n, width) of a loop."""
     n = len(curves.box)
     out = np.zeros((n, width))

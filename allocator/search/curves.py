@@ -22,10 +22,9 @@ Plain Python without NumPy, compiled or not, as `allocator.allocation.kernels.so
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
-# numba compiles the functions for lists and arrays; types would say Any
+# numba compiles the functions for lists and for arrays, so that they have no types
 from collections.abc import Callable
 from math import exp, sqrt
-from typing import Any
 
 RATIONAL, EXPONENTIAL, QUADRATIC, CHEBYSHEV = 0.0, 1.0, 2.0, 3.0
 T_K, K_T, T_P, K_P, P_T, P_K = range(6)  # views of a curve: what is its x, and what its y
@@ -98,7 +97,7 @@ def chebyshev(P, segment, which):
 
 def pieces(curve, lo, hi, view):
     """Return the pieces of a curve from lo to hi, in the order of the pressures."""
-    found: list[Any] = []
+    found: list[tuple[float, ...]] = []
     for s in range(len(curve)):
         segment = curve[s]
         a, b = max(lo, segment[3]), min(hi, segment[4])
@@ -344,7 +343,7 @@ def pressure_at(X, arc, segment, view, P):
     return P
 
 
-FUNCTIONS: tuple[Callable[..., Any], ...] = (
+FUNCTIONS: tuple[Callable[..., object], ...] = (
     *(at, torque_and_stiffness, chebyshev, pieces, piece, cuts, turn),
     *(exponential_slopes, exponential_zeros, exponential_derivative, exponential_value, exponential_between),
     *(quadratic_zeros, polynomial_zeros, polynomial_zero, polynomial_slope, polynomial_bound, derivative_bounds),

@@ -5,9 +5,8 @@ pressures from which the nearest of several pairs is chosen, NaN for the least; 
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
-# numba compiles the functions for lists and arrays; types would say Any
+# numba compiles the functions for lists and for arrays, so that they have no types
 from collections.abc import Callable
-from typing import Any
 
 from allocator.search.arcs import weighted
 from allocator.search.curves import K_T, T_K
@@ -62,5 +61,5 @@ def signs(one, two, box, out):
         out[i][0] = determinant_sign(one[i], two[i], box[i])
 
 
-LOOPS: dict[str, Callable[..., Any]] = {"optima": optima, "pairs": pairs, "intervals": intervals, "signs": signs}
+LOOPS: dict[str, Callable[..., object]] = {"optima": optima, "pairs": pairs, "intervals": intervals, "signs": signs}
 FUNCTIONS = (*LOOPS.values(), snapped)

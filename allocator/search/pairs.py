@@ -9,10 +9,9 @@ Plain Python without NumPy, compiled or not, as `allocator.allocation.kernels.so
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
-# numba compiles the functions for lists and arrays; types would say Any
+# numba compiles the functions for lists and for arrays, so that they have no types
 from collections.abc import Callable
 from math import inf, isnan
-from typing import Any
 
 from allocator.search.curves import K_P, P_K, P_T, T_K, T_P, at, pieces, pressure_at
 from allocator.search.stretches import along, follow, slope, state
@@ -260,7 +259,7 @@ def ordered(arc):
     return (arc[1], arc[3], arc[2], arc[7]) if arc[3] <= arc[7] else (arc[2], arc[7], arc[1], arc[3])
 
 
-FUNCTIONS: tuple[Callable[..., Any], ...] = (
+FUNCTIONS: tuple[Callable[..., object], ...] = (
     *(nearest, flat, crossings, nearest_on_floor, corner, extreme, chosen, all_pairs, determinant_sign),
     *(spans, value_at, merged, level, paired, parts, add, stretch, ordered),
 )

@@ -15,10 +15,9 @@ Plain Python without NumPy, compiled or not, as `allocator.allocation.kernels.so
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
-# numba compiles the functions for lists and arrays; types would say Any
+# numba compiles the functions for lists and for arrays, so that they have no types
 from collections.abc import Callable
 from math import inf
-from typing import Any
 
 from allocator.search.curves import at, narrowed, next_guess, pressure_at
 
@@ -178,6 +177,6 @@ def stationary(X, A, B, free, other, segments, view):
     return S
 
 
-FUNCTIONS: tuple[Callable[..., Any], ...] = (
+FUNCTIONS: tuple[Callable[..., object], ...] = (
     *(state, follow, slope, along, halfway, bend, band, sag, within, root, stationary),
 )

@@ -74,10 +74,13 @@ class _Film:
     def __init__(self, run: Run, title: str) -> None:
         self.run = run
         self.samples = range(0, run.t.size, max(1, round(1 / (_PER_SECOND * run.dt))))
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
         self.figure = new_figure(8, 4.2)
+        self._canvas = FigureCanvasAgg(self.figure)
         self.figure.set_dpi(_DPI)
         self.figure.suptitle(title, fontsize="medium")
-        left, right = self.figure.subfigures(1, 2, width_ratios=[1, 1.7])
+        left, right = self.figure.subfigures(1, 2, squeeze=False, width_ratios=[1, 1.7])[0]
         self._joint = left.subplots()
         self._traces = right.subplots(3, 1, sharex=True)
         self._draw_traces()
@@ -89,8 +92,8 @@ class _Film:
     def picture(self, k: int) -> Picture:
         """Return the sample k as a picture."""
         self.show(k)
-        self.figure.canvas.draw()
-        return np.asarray(self.figure.canvas.buffer_rgba())[..., :3].copy()
+        self._canvas.draw()
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def show(self, k: int) -> None:
         """Show the sample k."""

@@ -15,9 +15,7 @@ from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle, parameter_sensitivities
-from allocator.muscles.uncertainty import covariance_root
-
-_STEP = 1e-30  # of the complex step, absolute
+from allocator.muscles.uncertainty import covariance_root, parameter_gradient
 
 
 class Spread(NamedTuple):
@@ -69,12 +67,7 @@ def _of_muscle(side: OneMuscle, P: Array, root: Array) -> tuple[Array, Array, Ar
 
 def _trapped_gradient(side: OneMuscle, P: Array) -> Array:
     """Return the derivatives of the trapped gas's stiffness by the muscle's parameters (n, parameters)."""
-    values = list(side.muscle.parameters.values())
-    columns = []
-    for i, value in enumerate(values):
-        moved = side.muscle.unchecked([*values[:i], value + _STEP * 1j, *values[i + 1 :]])
-        columns.append(np.imag(replace(side, muscle=moved).trapped(P)) / _STEP)
-    return np.stack(columns, axis=1)
+    return parameter_gradient(side.muscle, lambda m: replace(side, muscle=m).trapped(P), P.shape)
 
 
 def roots(joint: AntagonistJoint) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
@@ -18,6 +19,7 @@ from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.relative import RelativeJoint
 from allocator.identification.joint.result import JointFit
 from allocator.identification.joint.samples import JointSamples
+from allocator.identification.least_squares import rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import MODELS, Muscle
 
@@ -56,9 +58,9 @@ class JointComparison:
 
 
 def compare_joint_models(
-    theta: Any,
-    P1: Any,
-    P2: Any,
+    theta: ArrayLike,
+    P1: ArrayLike,
+    P2: ArrayLike,
     *,
     models: Iterable[Model] = tuple(MODELS),
     progress: Callable[[Iterable[Model]], Iterable[Model]] = lambda models: models,
@@ -87,7 +89,7 @@ def _name(model: Model) -> str:
     return model.__name__ if isinstance(model, type) else type(model).__name__
 
 
-def _free_name(name: str, taken: Mapping[str, Any]) -> str:
+def _free_name(name: str, taken: Iterable[str]) -> str:
     number = sum(other.partition(" #")[0] == name for other in taken)
     return f"{name} #{number + 1}" if number else name
 
@@ -109,7 +111,7 @@ def _twins(fits: Mapping[str, JointFit]) -> tuple[Twins, ...]:
     for first, second in combinations(fits, 2):
         samples = min((fits[first].samples, fits[second].samples), key=lambda s: s.n)  # some laws leave some out
         one, other = (_predicted(fits[name], samples) for name in (first, second))
-        angle = float(np.sqrt(np.mean((one - other) ** 2)))
+        angle = rms(one - other)
         ratio = _ratios(fits[first], samples) / _ratios(fits[second], samples)
         K = float(np.quantile(np.abs(ratio - 1), 0.95))
         if angle <= _TOLD_APART * scatter and K > _DIFFERENT:

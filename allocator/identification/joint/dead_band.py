@@ -9,11 +9,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.errors import InvalidInput
 from allocator.identification.joint.fit import fit_joint
+from allocator.identification.joint.result import JointFit
 from allocator.identification.joint.samples import JointSamples
+from allocator.identification.least_squares import rms
 from allocator.units import BAR
 
 _FIRST = 2.0 * BAR
@@ -22,7 +25,7 @@ _AS_GOOD = 1.5  # times the error of the fit
 _FEWEST = 3  # samples that tell how they are predicted
 
 
-def estimate_dead_band(theta: Any, P1: Any, P2: Any, **options: Any) -> float:
+def estimate_dead_band(theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, **options: Any) -> float:
     """Return the dead band [Pa] that the equilibria show, to 0.25 bar; arguments are those of `fit_joint`.
 
     Raises InvalidInput for what makes no sense, and where even the highest pressures cannot be fitted.
@@ -42,15 +45,15 @@ def estimate_dead_band(theta: Any, P1: Any, P2: Any, **options: Any) -> float:
     return max(level, 0.0)
 
 
-def _samples(theta: Any, P1: Any, P2: Any, options: dict[str, Any]) -> JointSamples:
+def _samples(theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, options: dict[str, Any]) -> JointSamples:
     names = ("geometry", "torque", "direction", "group")
     return JointSamples.checked(theta, P1, P2, **{name: options[name] for name in names if name in options})
 
 
-def _error(fit: Any, added: JointSamples) -> float:
+def _error(fit: JointFit, added: JointSamples) -> float:
     """Return the RMS error [rad] of samples that were not fitted, a missed equilibrium counting as a radian."""
     problem = replace(fit.problem, samples=added)
     _, reached = problem.equilibrium(problem.unknowns(fit.x))
     if fit.samples.groups != added.groups:
         raise InvalidInput("a group has no sample with both pressures above 2 bar: give the dead band")
-    return float(np.sqrt(np.mean(np.where(reached, problem.angle_error(fit.x), 1.0) ** 2)))
+    return rms(np.where(reached, problem.angle_error(fit.x), 1.0))

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,9 +11,8 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.identification.joint.mistakes import check_data
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.result import JointFit, first_search, solved
-from allocator.identification.joint.samples import JointSamples, SlackReadings
+from allocator.identification.joint.samples import Geometries, JointSamples, SlackReadings
 from allocator.identification.joint.start import starting_muscle
-from allocator.joint.geometry import Geometry
 from allocator.muscles import MODELS, Muscle, Recipe
 from allocator.units import BAR
 
@@ -22,7 +20,6 @@ DEAD_BAND = 0.5 * BAR  # below it a muscle hardly acts [Pa]
 SLACK_NOISE = 0.1 * BAR  # standard deviation of the pressures of a sag test [Pa]
 _EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-0.6, 0.6), "friction": (-0.5, 0.8)}
 _MOST_SAMPLES = 1000  # more are put into cells
-_UNBOUNDED = (-np.inf, np.inf)
 
 
 def fit_joint(
@@ -30,7 +27,7 @@ def fit_joint(
     P1: ArrayLike,
     P2: ArrayLike,
     *,
-    geometry: Geometry | Mapping[Any, Geometry],
+    geometry: Geometries,
     torque: ArrayLike | None = None,
     direction: ArrayLike | None = None,
     group: ArrayLike | None = None,
@@ -108,13 +105,13 @@ def fit_joint(
     if average:
         samples = samples.averaged()
     extra = _extra(samples, friction=friction, ratio=ratio, zero=zero)
-    prototype, recipe, fixed = _prototype(model, samples, hold or {}, start)
+    prototype, recipe, free = _prototype(model, samples, hold or {}, start)
     samples = _within(samples, prototype)
-    problem = replace(_problem(prototype, recipe, samples, fixed, extra, taut_min), sag=sag)
+    problem = replace(_problem(prototype, recipe, samples, free, extra, taut_min), sag=sag)
     return solved(problem, first_search(problem, recipe), leave_one_out, prior, choices)
 
 
-def _parted(samples: JointSamples, slack: Any, noise: float) -> tuple[JointSamples, SlackReadings | None]:
+def _parted(samples: JointSamples, slack: ArrayLike | None, noise: float) -> tuple[JointSamples, SlackReadings | None]:
     """Return the equilibria, and the readings of a sag test."""
     if slack is None:
         return samples, None
@@ -142,31 +139,29 @@ def _prototype(
     samples: JointSamples,
     hold: Mapping[str, float],
     start: Muscle | None,
-) -> tuple[Muscle, Recipe[Any], frozenset[str]]:
-    """Return the muscle to start from, the model's recipe, and the names of the parameters that are held."""
+) -> tuple[Muscle, Recipe[Muscle], tuple[str, ...]]:
+    """Return the muscle to start from, the model's recipe, and the names of the parameters that are fitted."""
     if isinstance(model, Muscle):
-        return model, Recipe(), frozenset(model.parameters)
+        return model, Recipe(), ()
     if isinstance(model, str):
         if model not in MODELS:
             raise MissingBackend("model", model, MODELS)
         model = MODELS[model]
-    (eps1, *_), (eps2, *_), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
-    P = np.concatenate([samples.P1, samples.P2])
-    recipe = model.recipe(np.concatenate([eps1, eps2]), P, np.ones(P.size))
+    P, eps = samples.muscles()
+    recipe = model.recipe(eps, P, np.ones(P.size))
     projected = recipe.starts[0] if recipe.linear and not hold else None
     prototype = start or projected or starting_muscle(model, samples, hold)
     prototype = replace(prototype.with_parameters(hold), covariance=None, measured=None)
-    fixed = {n for n in prototype.parameters if n in hold or {n, n.partition("[")[0]} & set(recipe.conventional)}
-    return prototype, recipe, frozenset(fixed)
+    return prototype, recipe, recipe.free(prototype.parameters, hold)
 
 
 def _within(samples: JointSamples, muscle: Muscle) -> JointSamples:
     """Return the samples at which the law has a force for both muscles; `fit` begins at the same least contraction."""
-    (eps1, *_), (eps2, *_), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
+    P, eps = samples.muscles()
     name, least = type(muscle).__name__, muscle.min_contraction
-    short = (eps1 < least) | (eps2 < least)
+    short = np.logical_or(*np.split(eps < least, 2))
     with np.errstate(all="ignore"):
-        F = muscle.force(samples.P1, eps1) + muscle.force(samples.P2, eps2)
+        F = np.add(*np.split(muscle.force(P, eps), 2))
     kept = samples.without(short, f"a contraction below {least:.4g}, where {name} ends")
     kept = kept.without(~np.isfinite(F[~short]), f"a contraction or pressure for which {name} has no force")
     if not kept.n:
@@ -177,15 +172,15 @@ def _within(samples: JointSamples, muscle: Muscle) -> JointSamples:
 
 def _problem(
     prototype: Muscle,
-    recipe: Recipe[Any],
+    recipe: Recipe[Muscle],
     samples: JointSamples,
-    fixed: frozenset[str],
+    free: tuple[str, ...],
     extra: tuple[str, ...],
     taut_min: float,
 ) -> JointProblem:
-    free = tuple(name for name in prototype.parameters if name not in fixed)
-    bounds = [recipe.bounds.get(name, _UNBOUNDED) for name in free] + [_EXTRA[name] for name in extra]
-    lower, upper = (np.array([pair[end] for pair in bounds]) for end in (0, 1))
+    lower, upper = (
+        np.append(limits, [_EXTRA[name][end] for name in extra]) for end, limits in enumerate(recipe.limits(free))
+    )
     conventional = bool(free) and not samples.loaded
     problem = JointProblem(prototype, free, extra, lower, upper, samples, taut_min, conventional)
     if samples.n < len(problem.names) + 1:

@@ -12,8 +12,7 @@ from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import parameter_sensitivities
-
-_STEP = 1e-30
+from allocator.muscles.uncertainty import deviation, parameter_gradient
 
 
 class Quantity(NamedTuple):
@@ -24,21 +23,17 @@ class Quantity(NamedTuple):
 
     def std(self, covariance: Array) -> Array:
         """Return the standard deviation (n,)."""
-        return _std(self.gradient, covariance)
+        return deviation(self.gradient, covariance)
 
     def relative_std(self, covariance: Array) -> Array:
         """Return the standard deviation of the logarithm (n,)."""
-        return _std(self.gradient / self.value[:, None], covariance)
+        return deviation(self.gradient / self.value[:, None], covariance)
 
     def ratio(self, other: "Quantity") -> "Quantity":
         """Return the value divided by the other, element by element or by one value for all."""
         value = self.value / other.value
         logarithm = self.gradient / self.value[:, None] - other.gradient / other.value[:, None]
         return Quantity(value, value[:, None] * logarithm)
-
-
-def _std(gradient: Array, covariance: Array) -> Array:
-    return np.asarray(np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", gradient, covariance, gradient), 0.0)))
 
 
 def stiffness(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Quantity:
@@ -57,9 +52,6 @@ def _stiffness_gradient(side: OneMuscle, P: Array) -> Array:
 def torque_gain(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Quantity:
     """Return ∂T/∂P1 [N·m/Pa] (n,) and its gradient in q."""
     one, two = joint.sides(theta)
-    values = list(one.muscle.parameters.values())
-    gradient = np.zeros((theta.size, len(values) + len(two.muscle.parameters)))
-    for i, value in enumerate(values):
-        moved = one.muscle.unchecked([*values[:i], value + _STEP * 1j, *values[i + 1 :]])
-        gradient[:, i] = one.arm * np.imag(moved.gain(P1, one.contraction)) / _STEP
-    return Quantity(np.asarray(one.torque_gain(P1)), gradient)
+    of_agonist = parameter_gradient(one.muscle, lambda m: one.arm * m.gain(P1, one.contraction), theta.shape)
+    of_antagonist = np.zeros((theta.size, len(two.muscle.parameters)))
+    return Quantity(np.asarray(one.torque_gain(P1)), np.hstack([of_agonist, of_antagonist]))

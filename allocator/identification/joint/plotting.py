@@ -2,20 +2,25 @@
 its band.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from allocator.calculus import Array
 from allocator.identification.joint import gradients
 from allocator.identification.joint.relative import RelativeJoint
 from allocator.identification.joint.result import JointFit
 from allocator.units import BAR, DEG
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 _WAYS = ((1.0, "rising θ", "C1", "^"), (-1.0, "falling θ", "C0", "v"), (0.0, "direction unknown", "C2", "o"))
 _LEVELS = (0.4, 0.6, 0.8)  # of the supply, co-contractions drawn
 
 
-def plot_joint_fit(fit: JointFit, figure: Any = None) -> Any:
+def plot_joint_fit(fit: JointFit, figure: "Figure | None" = None) -> "Figure":
     """Draw the three pictures side by side; returns the Matplotlib figure, a new one unless `figure` is given."""
     import matplotlib.pyplot as plt
 
@@ -28,7 +33,7 @@ def plot_joint_fit(fit: JointFit, figure: Any = None) -> Any:
     return figure
 
 
-def _angles(fit: JointFit, axes: Any) -> None:
+def _angles(fit: JointFit, axes: "Axes") -> None:
     measured, predicted = fit.samples.theta / DEG, fit.predicted() / DEG
     ends = [measured.min(), measured.max()]
     axes.plot(ends, ends, color="0.6", linewidth=1, zorder=0)
@@ -41,7 +46,7 @@ def _angles(fit: JointFit, axes: Any) -> None:
     axes.legend(frameon=False, fontsize="small")
 
 
-def _residuals(fit: JointFit, axes: Any) -> None:
+def _residuals(fit: JointFit, axes: "Axes") -> None:
     """Draw the errors of the prediction without friction; the band is what the fitted friction explains."""
     problem, u = fit.problem, fit.problem.unknowns(fit.x)
     still, _ = problem.still().equilibrium(u)
@@ -65,7 +70,7 @@ def _residuals(fit: JointFit, axes: Any) -> None:
     axes.legend(frameon=False, fontsize="small", title="band: friction μ" if fit.friction else None)
 
 
-def _envelope(values: Any) -> tuple[Any, Any]:
+def _envelope(values: Array) -> tuple[Array, Array]:
     """Return the running least and greatest of the neighbours, so that the band is smooth."""
     half = max(1, values.size // 12)
     padded = np.pad(values, half, mode="edge")
@@ -73,7 +78,7 @@ def _envelope(values: Any) -> tuple[Any, Any]:
     return windows.min(axis=1), windows.max(axis=1)
 
 
-def _stiffness(fit: JointFit, axes: Any) -> None:
+def _stiffness(fit: JointFit, axes: "Axes") -> None:
     """Draw K or K/K_ref over the angle at three co-contractions, ± 2 standard deviations."""
     label, joint = next(iter(fit.shapes.items()))
     theta = np.linspace(*joint.angle_range, 61)

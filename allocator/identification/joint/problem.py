@@ -27,7 +27,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from allocator.calculus import Array, Mask
+from allocator.calculus import Array, Mask, falling_root
 from allocator.identification.joint.sag import weighed
 from allocator.identification.joint.samples import JointSamples, Routes, SlackReadings
 from allocator.muscles import Muscle, force_gradient
@@ -35,7 +35,6 @@ from allocator.muscles import Muscle, force_gradient
 CONVENTIONAL_AREA = 1e-3  # [m²] mean ∂F/∂P where nothing tells the force scale
 _TAUT_WEIGHT = 0.05  # [rad] per unit of F/F̄: weak, so that it decides only what the angles leave open
 _MARGIN = 0.35  # [rad]
-_STEPS = 60
 _HALVINGS = 5
 _CLOSE = 1e-8  # [rad] a Newton step after which the next is below rounding
 _COMPLEX_STEP = 1e-30
@@ -66,6 +65,7 @@ class Balance(NamedTuple):
     lacking: Array  # G [N·m]
     stiffness: Array  # K_s = -∂G/∂θ [N·m/rad]
     forces: tuple[Array, Array]  # F1, F2 [N]
+    pulls: tuple[Array, Array]  # ∂G/∂F1, -∂G/∂F2 [m]
 
 
 @dataclass(frozen=True)
@@ -120,30 +120,14 @@ class JointProblem:
             slope1, slope2 = u.muscle.slope(s.P1, eps1), u.ratio * u.muscle.slope(s.P2, eps2)
         elastic = -(w1 * a1**2 * slope1 + w2 * a2**2 * slope2) / l0
         lacking = w1 * a1 * F1 - w2 * a2 * F2 - s.torque - u.coulomb * s.direction
-        return Balance(lacking, elastic - (w1 * da1 * F1 - w2 * da2 * F2), (F1, F2))
+        return Balance(lacking, elastic - (w1 * da1 * F1 - w2 * da2 * F2), (F1, F2), (w1 * a1, w2 * a2))
 
     def equilibrium(self, u: Unknowns) -> tuple[Array, Mask]:
-        """Return θ_eq (n,) [rad], and where there is one.
-
-        Newton's method for all samples at once from the measured angles, each kept inside a bracket with
-        G(low) > 0 > G(high) that shrinks with every step and is halved where Newton leaves it.
-        """
-        start = theta = np.clip(self.samples.theta - u.zero, *self._searched)
+        """Return θ_eq (n,) [rad], sought from the measured angles for all samples at once, and where there is one."""
+        start = np.clip(self.samples.theta - u.zero, *self._searched)
         low, high, reached = self._bracket(u, start)
-        first, last = low, high
-        for _ in range(_STEPS):
-            G, K, _ = self.balance(u, theta)
-            further = np.where(np.isnan(G), theta < start, G > 0)  # where the law ends, turn back
-            low, high = np.where(further, theta, low), np.where(further, high, theta)
-            with np.errstate(all="ignore"):
-                newton = theta + G / K
-            inside = (newton > low - _CLOSE) & (newton < high + _CLOSE) & (K > 0)
-            moved = np.where(inside, newton, (low + high) / 2)
-            done = np.abs(moved - theta)[reached].max(initial=0.0) < _CLOSE
-            theta = moved
-            if done:
-                break
-        return np.clip(theta, first, last), reached
+        theta = falling_root(lambda theta: self.balance(u, theta)[:2], start, low, high, _CLOSE, reached)
+        return theta, reached
 
     def _bracket(self, u: Unknowns, start: Array) -> tuple[Array, Array, Mask]:
         """Return angles with G(low) > 0 > G(high), and where there are any.
@@ -181,7 +165,7 @@ class JointProblem:
         shown = u.zero + theta - u.play * self.samples.direction
         if reached.all():
             return np.asarray(shown)
-        G, K, _ = self.balance(u, theta)
+        G, K, *_ = self.balance(u, theta)
         return np.asarray(shown + np.where(reached, 0.0, G / _usual(K, reached)))
 
     def residual(self, x: Array) -> Array:
@@ -224,8 +208,7 @@ class JointProblem:
         theta, reached = self.equilibrium(u)
         routes = s.routes(theta)
         (eps1, a1, _), (eps2, a2, _), _ = routes
-        _, K, (F1, F2) = self.balance(u, theta, routes)
-        pull1, pull2 = a1 * (1 - u.friction * s.direction), a2 * (1 + u.friction * s.direction)
+        _, K, (F1, F2), (pull1, pull2) = self.balance(u, theta, routes)
         dF1, dF2 = self._force_gradient(u, s.P1, eps1), u.ratio * self._force_gradient(u, s.P2, eps2)
         columns = [*(pull1[:, None] * dF1 - pull2[:, None] * dF2).T]
         extra = {"log_ratio": -pull2 * F2, "friction": -s.direction * (a1 * F1 + a2 * F2), "coulomb": -s.direction}
@@ -240,12 +223,8 @@ class JointProblem:
 
     def _force_gradient(self, u: Unknowns, P: Array, eps: Array) -> Array:
         """Return ∂F/∂(free) (n, …) of the agonist's law."""
-        if not self.free:
-            return np.zeros((P.size, 0))
         with np.errstate(all="ignore"):
-            gradient = force_gradient(u.muscle, P, eps, self.free)
-        ordered = [name for name in u.muscle.parameters if name in self.free]
-        return gradient[:, [ordered.index(name) for name in self.free]]
+            return force_gradient(u.muscle, P, eps, self.free)
 
     @cached_property
     def _measured(self) -> Routes:

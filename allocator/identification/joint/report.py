@@ -13,6 +13,7 @@ from allocator.identification.joint import gradients
 from allocator.identification.joint.problem import JointProblem, Unknowns
 from allocator.identification.joint.relative import with_joint_covariance
 from allocator.identification.joint.search import minimise
+from allocator.identification.least_squares import rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import monotonicity_failure, scaled, strength_powers
 from allocator.units import BAR, DEG
@@ -182,10 +183,8 @@ def _determinant_positive(joint: AntagonistJoint) -> bool:
 
 def _domain(problem: JointProblem) -> tuple[float, tuple[float, float]]:
     """Return the greatest pressure [Pa] and the contractions [-] of the data, on which [M] is checked."""
-    s = problem.samples
-    (eps1, *_), (eps2, *_), _ = s.routes(np.clip(s.theta, *s.reach()))
-    eps = np.concatenate([eps1, eps2])
-    return float(max(s.P1.max(), s.P2.max())), (max(0.0, float(eps.min())), float(eps.max()))
+    P, eps = problem.samples.muscles()
+    return float(P.max()), (max(0.0, float(eps.min())), float(eps.max()))
 
 
 def findings(
@@ -272,8 +271,3 @@ def _sag_warning(problem: JointProblem, u: Unknowns) -> tuple[str, ...]:
         f"the sag test contradicts the law or the equilibria: its pressures are {error / BAR:.2g} bar from those at "
         f"which the cables go slack here, slack_noise = {problem.sag.noise / BAR:.2g} bar",
     )
-
-
-def rms(error: Array) -> float:
-    """Return the root of the mean square."""
-    return float(np.sqrt(np.mean(error**2)))

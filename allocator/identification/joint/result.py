@@ -1,6 +1,6 @@
 """The fit of a joint gives this back."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any, Self
@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.joint import gradients, report
 from allocator.identification.joint.doubt.common_force import (
@@ -28,6 +28,7 @@ from allocator.identification.joint.report import GroupError
 from allocator.identification.joint.samples import JointSamples
 from allocator.identification.joint.search import best_start, minimise, scale_shape
 from allocator.identification.joint.start import starts
+from allocator.identification.least_squares import rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
 from allocator.machine_file import save_machine
@@ -84,7 +85,7 @@ class JointFit:
             )
         return self.joint_of(next(iter(self.shapes)))
 
-    def joint_of(self, group: Any) -> AntagonistJoint | RelativeJoint:
+    def joint_of(self, group: object) -> AntagonistJoint | RelativeJoint:
         """Return the joint of one group of samples."""
         if str(group) not in self.shapes:
             raise InvalidInput(f"there is no group {group!r}; there are {', '.join(self.shapes)}")
@@ -115,7 +116,13 @@ class JointFit:
         return angle_std(self, self.problem, new_group)
 
     def predict(
-        self, P1: Any, P2: Any, *, torque: Any = 0.0, direction: Any = 0.0, geometry: Geometry | None = None
+        self,
+        P1: ArrayLike,
+        P2: ArrayLike,
+        *,
+        torque: ArrayLike = 0.0,
+        direction: ArrayLike = 0.0,
+        geometry: Geometry | None = None,
     ) -> Prediction:
         """Return the angles [rad] that the encoder will show at pressures [Pa], with their standard deviations.
 
@@ -151,7 +158,7 @@ class JointFit:
             raise InvalidInput("this joint has no covariance: its muscles were not fitted")
         return K.std(np.asarray(covariance))
 
-    def forces(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, group: Any = None) -> ForceIntervals:
+    def forces(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, group: object = None) -> ForceIntervals:
         """Return the forces of both muscles [N] at true angles [rad] and pressures [Pa], with intervals of 95 %.
 
         Where the common force is not seen they reach over all that physics, or the prior, leaves; see `common`. Raises
@@ -163,25 +170,27 @@ class JointFit:
         assert isinstance(joint, AntagonistJoint)  # its scale is known
         return force_intervals(self, joint, theta, P1, P2)
 
-    def _at_samples(self, quantity: Any) -> gradients.Quantity:
+    def _at_samples(
+        self, quantity: Callable[[AntagonistJoint, Array, Array, Array], gradients.Quantity]
+    ) -> gradients.Quantity:
         s = self.samples
         value, gradient = np.empty(s.n), np.empty((s.n, 2 * len(self.muscle.parameters)))
         for here, joint in self._by_group():
             value[here], gradient[here] = quantity(joint, s.theta[here] - self.zero, s.P1[here], s.P2[here])
         return gradients.Quantity(value, gradient)
 
-    def _by_group(self) -> list[tuple[Any, AntagonistJoint]]:
+    def _by_group(self) -> list[tuple[Mask, AntagonistJoint]]:
         return [(self.samples.group == i, joint) for i, joint in enumerate(self.shapes.values())]
 
     def with_scale(
         self,
         *,
-        theta: Any = None,
-        P1: Any = None,
-        P2: Any = None,
-        torque: Any = None,
-        direction: Any = None,
-        group: Any = None,
+        theta: ArrayLike | None = None,
+        P1: ArrayLike | None = None,
+        P2: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        direction: ArrayLike | None = None,
+        group: ArrayLike | None = None,
         T_P: float | None = None,
         at: tuple[float, float, float] | None = None,
         std: float = 0.0,
@@ -193,7 +202,7 @@ class JointFit:
         """
         if T_P is not None and at is not None and torque is None:
             return self._with_gain(T_P, at, std)
-        if T_P is None and torque is not None:
+        if T_P is None and theta is not None and P1 is not None and P2 is not None and torque is not None:
             samples = self.samples.loaded_with(theta, P1, P2, torque, direction, group)
             loaded = replace(self.problem, samples=samples, conventional=False)
             return solved(loaded, scale_shape(loaded, self.x), prior=self.common.prior)
@@ -213,7 +222,7 @@ class JointFit:
         factor = (joint.agonist.parameters[name] / shape.agonist.parameters[name]) ** (1 / power)
         return self.replaced(shapes={label: joint}, scale=CONVENTIONAL_AREA * float(factor), scale_std=std / T_P)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``.
 
         Parameters are in SI units.
@@ -258,7 +267,7 @@ class JointFit:
         """Return this fit with some fields changed."""
         return replace(self, **changes)
 
-    def save(self, path: str | PathLike[str], group: Any = None) -> None:
+    def save(self, path: str | PathLike[str], group: object = None) -> None:
         """Write the joint (of `group`) as TOML for `load_joint` and every command's --machine.
 
         Raises InvalidInput where μ is negative beyond doubt: friction would drive the joint.
@@ -275,7 +284,7 @@ class JointFit:
         save_machine(joint, path, scale_known=self.scale is not None, source=source)
 
 
-def first_search(problem: JointProblem, recipe: Recipe[Any]) -> Array:
+def first_search(problem: JointProblem, recipe: Recipe[Muscle]) -> Array:
     """Return the unknowns (m,) at the best of all starts; where to begin the search that is to converge.
 
     One of them is the shape that is searched on the samples without a weight, scaled by what the weight shows.
@@ -312,7 +321,7 @@ def solved(
         ratio=u.ratio,
         zero=u.zero,
         friction=u.friction,
-        rms=report.rms(error),
+        rms=rms(error),
         groups=report.groups(problem, x, error, leave_one_out),
         hysteresis_share=found.hysteresis_share,
         standard_deviations=dict(zip(problem.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
 from allocator.calculus import Array, Mask
@@ -13,6 +13,7 @@ from allocator.errors import InvalidInput
 from allocator.joint.geometry import Geometry
 from allocator.units import BAR
 
+Geometries = Geometry | Mapping[str, Geometry] | Mapping[int, Geometry] | Mapping[float, Geometry]
 Routes = tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]
 
 
@@ -49,14 +50,14 @@ class JointSamples:
     @classmethod
     def checked(
         cls,
-        theta: Any,
-        P1: Any,
-        P2: Any,
+        theta: ArrayLike,
+        P1: ArrayLike,
+        P2: ArrayLike,
         *,
-        geometry: Geometry | Mapping[Any, Geometry],
-        torque: Any = None,
-        direction: Any = None,
-        group: Any = None,
+        geometry: Geometries,
+        torque: ArrayLike | None = None,
+        direction: ArrayLike | None = None,
+        group: ArrayLike | None = None,
     ) -> Self:
         """Make samples of anything array-like.
 
@@ -89,8 +90,7 @@ class JointSamples:
 
     def where(self, keep: Mask) -> Self:
         """Return the samples marked in `keep`."""
-        arrays: dict[str, Any] = {name: getattr(self, name)[keep] for name in (*_ARRAYS, "group")}
-        return replace(self, **arrays)
+        return replace(self, **{name: getattr(self, name)[keep] for name in (*_ARRAYS, "group")})
 
     def without(self, drop: Mask, reason: str) -> Self:
         """Return the samples not in the mask `drop`, whose number is remembered under `reason`."""
@@ -98,7 +98,15 @@ class JointSamples:
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
 
-    def loaded_with(self, theta: Any, P1: Any, P2: Any, torque: Any, direction: Any, group: Any) -> Self:
+    def loaded_with(
+        self,
+        theta: ArrayLike,
+        P1: ArrayLike,
+        P2: ArrayLike,
+        torque: ArrayLike,
+        direction: ArrayLike | None,
+        group: ArrayLike | None,
+    ) -> Self:
         """Return these samples and equilibria under a weight, as in `checked`; the mechanisms are known already."""
         geometries = {g.label: g.geometry for g in self.groups}
         one = len(geometries) == 1 and group is None
@@ -109,7 +117,7 @@ class JointSamples:
             geometry=next(iter(geometries.values())) if one else geometries,
             torque=torque,
             direction=direction,
-            group=None if one else [str(g) for g in group],
+            group=None if one or group is None else [str(g) for g in np.ravel(group).tolist()],
         )
         labels = [g.label for g in self.groups]
         index = more.group if one else [labels.index(more.groups[i].label) for i in more.group]
@@ -132,6 +140,11 @@ class JointSamples:
             columns[6, here] = geometry.rest_length
         one, two = columns[:3], columns[3:6]
         return (one[0], one[1], one[2]), (two[0], two[1], two[2]), columns[6]
+
+    def muscles(self, zero: float = 0.0) -> tuple[Array, Array]:
+        """Return pressures [Pa] and contractions [-] (2n,), the agonist's first, at the measured angles less `zero`."""
+        (eps1, *_), (eps2, *_), _ = self.routes(np.clip(self.theta - zero, *self.reach()))
+        return np.concatenate([self.P1, self.P2]), np.concatenate([eps1, eps2])
 
     def reach(self) -> tuple[Array, Array]:
         """Return the angles (n,), (n,) [rad] between which each sample's mechanism can be."""
@@ -248,7 +261,7 @@ _ARRAYS = ("theta", "P1", "P2", "torque", "direction")
 _CONTRACTIONS = -0.25, 0.6  # [-] what no muscle of this family goes beyond
 
 
-def _combined(*columns: NDArray[Any]) -> NDArray[np.int64]:
+def _combined(*columns: Array | NDArray[np.intp]) -> NDArray[np.int64]:
     """Return one number (n,) for each combination of the values in the columns (n,)."""
     key = np.zeros(columns[0].size, np.int64)
     for column in columns:
@@ -257,9 +270,7 @@ def _combined(*columns: NDArray[Any]) -> NDArray[np.int64]:
     return key
 
 
-def _grouped(
-    geometry: Geometry | Mapping[Any, Geometry], group: Any, n: int
-) -> tuple[NDArray[np.intp], tuple[Group, ...]]:
+def _grouped(geometry: Geometries, group: ArrayLike | None, n: int) -> tuple[NDArray[np.intp], tuple[Group, ...]]:
     """Return the index (n,) of each sample's group, and the groups that occur."""
     labels = np.full(n, "all") if group is None else np.asarray(group).ravel()
     if labels.size != n:

@@ -15,6 +15,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.identification.joint.mistakes import check_weight
 from allocator.identification.joint.problem import JointProblem
+from allocator.identification.least_squares import solve
 from allocator.muscles import scaled
 
 _TOLERANCE = 1e-6
@@ -93,11 +94,8 @@ def _gauss_newton(problem: JointProblem, x: Array, r: Array) -> tuple[Array, flo
     width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
     near, downhill = 1e-4 * np.maximum(np.abs(x), 1e-2 * width), -J.T @ r
     free = ~(((x - problem.lower < near) & (downhill < 0)) | ((problem.upper - x < near) & (downhill > 0)))
-    size = np.linalg.norm(J[:, free], axis=0)
-    size[size == 0] = 1.0
-    scaled_step = -np.linalg.lstsq(J[:, free] / size, r, rcond=_KNOWN)[0]
     step = np.zeros(x.size)
-    step[free] = scaled_step / size
+    step[free] = -solve(J[:, free], r, rcond=_KNOWN)
     gain = J[:, free] @ step[free]
     return step, float(gain @ gain)
 
@@ -110,7 +108,7 @@ def scale_shape(problem: JointProblem, x: Array) -> Array:
     unloaded = replace(hung, samples=replace(hung.samples, torque=0 * hung.samples.torque))
     u = problem.unknowns(x)
     theta, _ = unloaded.equilibrium(u)
-    _, K, _ = unloaded.balance(u, theta)
+    K = unloaded.balance(u, theta).stiffness
     factor = check_weight(hung.samples, hung.samples.theta - unloaded.predicted(u), -hung.samples.torque / K)
     values = scaled(replace(u.muscle), factor).parameters
     values["coulomb"] = factor * u.coulomb

@@ -20,8 +20,10 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
 from allocator.identification.joint.samples import JointSamples
+from allocator.identification.least_squares import solve, unit_columns
 from allocator.identification.muscle.fit import fit
 from allocator.muscles import Muscle, Recipe
+from allocator.muscles.recipe import among
 
 _CONVENTION_WEIGHT = 1e3
 _SHARE_WEIGHT = 0.1  # of the pull share: weak, as some laws have one that cannot be changed
@@ -46,8 +48,7 @@ def pseudo_forces(samples: JointSamples) -> PseudoForces:
     still = samples.torque == 0 if (samples.torque == 0).sum() > 3 else np.ones(samples.n, bool)
     rows = (a1[:, None] * one - a2[:, None] * two)[still]
     convention = _basis(1.0, eps1).mean(axis=0)
-    size = np.linalg.norm(rows, axis=0)
-    size[size == 0] = 1.0
+    _, size = unit_columns(rows)
     scale = np.linalg.norm(rows) / np.linalg.norm(convention)
     A = np.vstack([rows, _CONVENTION_WEIGHT * scale * convention])
     b = np.append(np.zeros(still.sum()), _CONVENTION_WEIGHT * scale)
@@ -81,7 +82,7 @@ def first_guess(problem: JointProblem) -> Array:
 def starts(problem: JointProblem, recipe: Recipe[Muscle]) -> Iterator[Array]:
     """Yield where to start the search (m,): the prototype, then what variable projection makes of it and the recipe."""
     guess = first_guess(problem)
-    linear = np.array([name in problem.free and _named(name, recipe.linear) for name in problem.names], bool)
+    linear = np.array([name in problem.free and among(name, recipe.linear) for name in problem.names], bool)
     if not linear.any() or guess[linear].any():
         yield guess
     if not linear.any():
@@ -97,10 +98,6 @@ def starts(problem: JointProblem, recipe: Recipe[Muscle]) -> Iterator[Array]:
         if not any(np.allclose(x, other, rtol=1e-3) for other in yielded):
             yielded.append(x)
             yield x
-
-
-def _named(name: str, names: tuple[str, ...]) -> bool:
-    return name in names or name.partition("[")[0] in names
 
 
 @dataclass(frozen=True)
@@ -153,10 +150,8 @@ class Projection:
             columns.append(self._equations(x) - b)
             x[i] = 0.0
         A = np.stack(columns, axis=1)
-        size = np.linalg.norm(A, axis=0)
-        size[~(size > 0)] = 1.0
         good = np.isfinite(A).all(axis=1) & np.isfinite(b)
-        x[self.linear] = np.linalg.lstsq(A[good] / size, -b[good], rcond=1e-10)[0] / size
+        x[self.linear] = solve(A[good], -b[good], rcond=1e-10)
         left = A @ x[self.linear] + b
         return x, np.where(np.isfinite(left), left, _CONVENTION_WEIGHT)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,7 +57,7 @@ def fit_motion(
     *,
     joint: AntagonistJoint | None = None,
     scale_known: bool = True,
-    progress: Callable[[str], Any] | None = None,
+    progress: Callable[[str], object] | None = None,
 ) -> MotionFit:
     """Fit lags, dead time, dead band, hysteresis, inertia and damping to the log of a joint that moves without load.
 
@@ -144,7 +144,7 @@ def _slope(problem: MotionProblem, run: Prediction) -> float:
     return float(np.polyfit(problem.static(run.P1, run.P2), run.static, 1)[0])
 
 
-def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], Any]) -> tuple[_Task, list[str]]:
+def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> tuple[_Task, list[str]]:
     """Return the fit with what the rows `used` show, and the sentences about what they do not."""
     tell("first rows")
     found = search(problem, used)
@@ -224,12 +224,12 @@ def _fitted(task: _Task, used: Mask) -> _Task:
     return _Task(task.problem, search(task.problem, used, task.x).x)
 
 
-def _fit_without(task: _Task, rows: Mask, tell: Callable[[str], Any]) -> dict[str, float]:
+def _fit_without(task: _Task, rows: Mask, tell: Callable[[str], object]) -> dict[str, float]:
     tell("intervals")
     return _named(_fitted(task, rows), rows)
 
 
-def _left_out(task: _Task, rows: Mask, judged: Mask, tell: Callable[[str], Any]) -> tuple[Errors, Array]:
+def _left_out(task: _Task, rows: Mask, judged: Mask, tell: Callable[[str], object]) -> tuple[Errors, Array]:
     """Return the errors of the rows `judged` (n,) predicted from `rows`: RMS, and each one (n,) [rad], else NaN."""
     tell("left-out blocks")
     fitted = _fitted(task, rows)
@@ -258,7 +258,7 @@ def _named(task: _Task, used: Mask) -> dict[str, float]:
     return named
 
 
-def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[str], Any]) -> list[dict[str, float]]:
+def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[str], object]) -> list[dict[str, float]]:
     """Return what is found with other choices: other half widths, the pressures with their noise, one lag for both
     directions if it explains the log as well, less of a dead band where it looks like hysteresis, and widths that are
     less at the ends of the range, as those of friction are where muscles stiffen.

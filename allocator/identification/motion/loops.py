@@ -2,7 +2,6 @@
 
 from functools import cache
 from math import exp
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from allocator.joint.hysteresis import pass_plays
 _INSTANT = 1e-9  # [s] a shorter lag is none
 
 
-def follow(t: Any, u: Any, up: float, down: float, dead: float, rest: float, slowest: float, out: Any) -> None:
+def follow(t: Array, u: Array, up: float, down: float, dead: float, rest: float, slowest: float, out: Array) -> None:
     """Fill `out` (m,) with the pressures [Pa] of a regulator that is told u (m,) [Pa] at the times t (m,) [s].
 
     Each command holds until the next and acts after the dead time `dead` [s]; the pressure follows with the time
@@ -43,7 +42,9 @@ def follow(t: Any, u: Any, up: float, down: float, dead: float, rest: float, slo
         out[k] = pressure
 
 
-def swing(u: Any, s: Any, k: Any, kappa: Any, r: Any, a1: float, a2: float, h: float, e: Any, out: Any) -> None:
+def swing(
+    u: Array, s: Array, k: Array, kappa: Array, r: Array, a1: float, a2: float, h: float, e: Array, out: Array
+) -> None:
     """Fill `out` (m,) with the angle [rad] of a joint that its muscles draw to u (m,) [rad], stops and all:
 
         (a2 θ'' + a1 θ')/k + θ + Σ κ_i e_i = u,   de_i = dθ while |e_i| < r_i s

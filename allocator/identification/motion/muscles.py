@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, falling_root
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.one_muscle import OneMuscle
@@ -21,7 +21,6 @@ _HOLD = 0.05 * DEG  # w: a parameter that doubles costs as much as an error of t
 _MOST_CHANGE = 0.9  # of a parameter, in itself
 _MOST_ZERO = 0.35  # of the encoder [rad]
 _TURN = np.pi  # [rad] beyond which no joint is looked for
-_STEPS = 40
 _CLOSE = 1e-7  # [rad] a Newton step after which the next is below rounding
 
 
@@ -58,20 +57,14 @@ def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple
 def _equilibrium(
     joint: AntagonistJoint, agonist: Muscle, antagonist: Muscle, start: Array, P1: Array, P2: Array
 ) -> Array:
-    """Return θ_eq (n,) [rad] by Newton's method in a bracket that shrinks, from `start` (n,) [rad]."""
-    reach = joint.geometry.reach
+    """Return θ_eq (n,) [rad], sought from `start` (n,) [rad]."""
+    reach, l0 = joint.geometry.reach, joint.geometry.rest_length
     low, high = (np.full(start.size, end) for end in (max(reach[0], -_TURN), min(reach[1], _TURN)))
-    theta, l0 = np.clip(start, low, high), joint.geometry.rest_length
-    for _ in range(_STEPS):
+
+    def balance(theta: Array) -> tuple[Array, Array]:
         one = OneMuscle.at_joint(agonist, True, l0, joint.geometry.agonist(theta))
         two = OneMuscle.at_joint(antagonist, False, l0, joint.geometry.antagonist(theta))
         with np.errstate(all="ignore"):
-            T, K = one.torque(P1) + two.torque(P2), one.stiffness(P1) + two.stiffness(P2)
-            newton = theta + T / K
-        low, high = np.where(T > 0, theta, low), np.where(T > 0, high, theta)
-        moved = np.where((newton > low) & (newton < high) & (K > 0), newton, (low + high) / 2)
-        done = np.abs(moved - theta).max() < _CLOSE
-        theta = moved
-        if done:
-            break
-    return theta
+            return one.torque(P1) + two.torque(P2), one.stiffness(P1) + two.stiffness(P2)
+
+    return falling_root(balance, np.clip(start, low, high), low, high, _CLOSE)

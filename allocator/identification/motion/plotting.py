@@ -1,17 +1,21 @@
 """Pictures of a moving joint's fit are drawn here: the free run, its error over time and angle, and the hysteresis."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allocator.identification.motion.result import MotionFit
 from allocator.units import DEG
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 _SHOWN = 30.0  # [s] of the log
 _HELD = 0.6
 
 
-def plot_motion_fit(fit: MotionFit, figure: Any = None) -> Any:
+def plot_motion_fit(fit: MotionFit, figure: "Figure | None" = None) -> "Figure":
     """Draw the four pictures; returns the Matplotlib figure, a new one unless `figure` is given."""
     import matplotlib.pyplot as plt
 
@@ -25,7 +29,7 @@ def plot_motion_fit(fit: MotionFit, figure: Any = None) -> Any:
     return figure
 
 
-def _angles(fit: MotionFit, axes: Any) -> None:
+def _angles(fit: MotionFit, axes: "Axes") -> None:
     t = fit.log.t - fit.log.t[0]
     shown = t <= _SHOWN
     axes.plot(t[shown], fit.log.theta[shown] / DEG, color="0.3", label="measured")
@@ -35,7 +39,7 @@ def _angles(fit: MotionFit, axes: Any) -> None:
     axes.legend(frameon=False, fontsize="small")
 
 
-def _errors(fit: MotionFit, axes: Any) -> None:
+def _errors(fit: MotionFit, axes: "Axes") -> None:
     t = fit.log.t - fit.log.t[0]
     _, low, high = fit.bands.about(0 * t, fit.problem.taut(fit.run))
     axes.fill_between(t, low / DEG, high / DEG, color="C0", alpha=0.3, linewidth=0, label="band of 95 %")
@@ -48,7 +52,7 @@ def _errors(fit: MotionFit, axes: Any) -> None:
     axes.set_title(f"held out (grey) {held:.2f}°, five blocks left out {left_out:.2f}° RMS")
 
 
-def _residuals(fit: MotionFit, axes: Any) -> None:
+def _residuals(fit: MotionFit, axes: "Axes") -> None:
     taut = fit.problem.taut(fit.run)
     for rows, colour, label in ((~taut, "C1", "a pressure below 1.5 bar"), (taut, "C0", "taut")):
         if rows.any():
@@ -60,7 +64,7 @@ def _residuals(fit: MotionFit, axes: Any) -> None:
     axes.legend(frameon=False, fontsize="small", markerscale=5)
 
 
-def _loops(fit: MotionFit, axes: Any) -> None:
+def _loops(fit: MotionFit, axes: "Axes") -> None:
     """Draw the operator over sweeps of several heights."""
     for share in (1.0, 0.5, 0.2):
         height = share * fit.log.swing / 2

@@ -3,13 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
+from allocator.identification.least_squares import rms
 from allocator.identification.motion.bands import AngleBand, Bands
 from allocator.identification.motion.muscles import fit_muscles
 from allocator.identification.motion.problem import MotionProblem, Prediction
@@ -44,7 +46,7 @@ class Errors(NamedTuple):
     @classmethod
     def of(cls, error: Array, judged: Mask, taut: Mask) -> Self:
         """Return those of the `error` (n,) [rad] in the rows `judged` (n,)."""
-        return cls(_rms(error[judged]), _rms(error[judged & taut]))
+        return cls(rms(error[judged]), rms(error[judged & taut]))
 
 
 class MovingJoint(NamedTuple):
@@ -89,7 +91,7 @@ class MotionFit:
     def left_out(self) -> Errors:
         """Return the root mean square of the left-out blocks' errors [rad], each block counted once."""
         every, taut = np.array(self.blocks).T
-        return Errors(_rms(every), _rms(taut[np.isfinite(taut)]))
+        return Errors(rms(every), rms(taut[np.isfinite(taut)]))
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -113,14 +115,14 @@ class MotionFit:
         """Return the angle measured minus that of the free run (n,) [rad]."""
         return self.log.theta - self.run.theta
 
-    def predicted(self, t: Any, P1: Any, P2: Any) -> Array:
+    def predicted(self, t: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Array:
         """Return the angle (m,) [rad] of a free run over other times t [s] and pressures [Pa], arrays (m,).
 
         See `band`, whose first part it is.
         """
         return self.band(t, P1, P2).theta
 
-    def band(self, t: Any, P1: Any, P2: Any) -> AngleBand:
+    def band(self, t: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> AngleBand:
         """Return the free run over other times t [s] and pressures [Pa], arrays (m,), with the band of 95 %.
 
         The widths of the band are errors on blocks of the log that were predicted from the others; `bands.coverage` is
@@ -178,12 +180,14 @@ class MotionFit:
         rows = np.flatnonzero(used)[np.linspace(0, used.sum() - 1, min(int(used.sum()), _MUSCLE_ROWS)).astype(int)]
         agonist, antagonist, zero = fit_muscles(given, run.static[rows], run.P1[rows], run.P2[rows])
         low, high = given.pressure_limits
+        least, limits = _reach(given, log.theta - zero)
         joint = replace(
             given,
-            **_reaching(given, log.theta - zero),
             agonist=agonist,
             antagonist=antagonist,
             pressure_limits=(low, max(high, log.greatest_pressure)),
+            min_contraction=least,
+            angle_limits=limits,
             friction=0.0,
             covariance=None,
             hysteresis=self.problem.operator(x, run.weights),
@@ -195,9 +199,9 @@ class MotionFit:
 
     # --- in words ---------------------------------------------------------------------------------------------------
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the fit in one row of a table; pressures in bar, angles in degrees."""
-        row: dict[str, Any] = {
+        row: dict[str, object] = {
             "rows": self.log.n,
             "rms_deg": self.error.every / DEG,
             "rms_taut_deg": self.error.taut / DEG,
@@ -265,13 +269,9 @@ LABELS = {
 }
 
 
-def _reaching(given: AntagonistJoint, theta: Array) -> dict[str, Any]:
-    """Return the limits of the `given` joint, widened to the angles (n,) [rad] at which it was seen."""
+def _reach(given: AntagonistJoint, theta: Array) -> tuple[float, tuple[float, float] | None]:
+    """Return least contraction and angle limits of the `given` joint, widened to the angles (n,) [rad] of a log."""
     ends = float(theta.min()), float(theta.max())
     eps = min(float(given.geometry.agonist(ends[0]).contraction), float(given.geometry.antagonist(ends[1]).contraction))
     limits = given.angle_limits and (min(given.angle_limits[0], ends[0]), max(given.angle_limits[1], ends[1]))
-    return {"min_contraction": min(given.min_contraction, eps), "angle_limits": limits}
-
-
-def _rms(error: Array) -> float:
-    return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
+    return min(given.min_contraction, eps), limits

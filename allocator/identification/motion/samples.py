@@ -1,9 +1,10 @@
 """The log of a moving joint is checked here: rows in time, and whether they move enough to tell anything."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Mask
@@ -40,7 +41,7 @@ class MotionLog:
     notes: tuple[str, ...] = ()  # sentences about what was not read, or left out
 
     @classmethod
-    def checked(cls, t: Any, theta: Any, P1: Any, P2: Any, *, medians: bool = True) -> Self:
+    def checked(cls, t: ArrayLike, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, *, medians: bool = True) -> Self:
         """Make a log of anything array-like, with `medians` of noisy pressures, and rows at even times.
 
         Raises `InvalidInput` at what is no log in SI units, and at one that moves too little to tell anything, with

@@ -2,13 +2,16 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
+
+if TYPE_CHECKING:
+    from scipy.interpolate import RectBivariateSpline
 
 _GRID = 36  # pressures a muscle
 _LEAST_CONTRACTION = -0.2  # [-]: where the muscles would be longer than at rest the law is still asked
@@ -45,7 +48,7 @@ class Equilibrium:
         return np.asarray(self._splines[1].ev(P1, P2))
 
     @cached_property
-    def _splines(self) -> tuple[Any, Any]:
+    def _splines(self) -> tuple["RectBivariateSpline", "RectBivariateSpline"]:
         """Return those of the angle at rest and of the stiffness there."""
         from scipy.interpolate import NearestNDInterpolator, RectBivariateSpline
 

@@ -11,6 +11,7 @@ from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.identifiability import Determination, determine
+from allocator.identification.least_squares import rms
 from allocator.identification.muscle.hysteresis import hysteresis
 from allocator.identification.muscle.load_cell import weighted, zeroed
 from allocator.identification.muscle.problem import MuscleProblem, Solution
@@ -20,6 +21,7 @@ from allocator.identification.muscle.thinning import thinned
 from allocator.muscles import Muscle, Recipe, monotonicity_failure
 from allocator.muscles.base import Covariance
 from allocator.muscles.measured import MeasuredRegion
+from allocator.muscles.recipe import among
 from allocator.units import BAR
 
 M = TypeVar("M", bound=Muscle)
@@ -151,13 +153,9 @@ def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str
 
 def _problem(recipe: Recipe[M], samples: Samples, hold: Mapping[str, float], taut_only: bool) -> MuscleProblem:
     prototype = recipe.starts[0]
-
-    def among(name: str, group: tuple[str, ...]) -> bool:
-        return name in group or name.partition("[")[0] in group
-
-    free = tuple(n for n in prototype.parameters if n not in hold and not among(n, recipe.conventional))
+    free = recipe.free(prototype.parameters, hold)
     linear = tuple(n for n in free if among(n, recipe.linear))
-    lower, upper = (np.array([recipe.bounds.get(n, _EVERYTHING)[end] for n in free]) for end in (0, 1))
+    lower, upper = recipe.limits(free)
     slack = samples.slack if taut_only else np.zeros(samples.n, bool)
     return MuscleProblem(prototype, free, linear, lower, upper, samples, slack)
 
@@ -206,7 +204,7 @@ def conclude(
         slack=slack,
         free=problem.free,
         rank=determined.rank,
-        rms=_rms(residual),
+        rms=rms(residual),
         max_error=float(np.abs(residual).max()),
         cross_validated=_cross_validated_on(problem, starts, muscle, folds, common),
         levels=_levels(samples.pressure[~slack], residual),
@@ -290,7 +288,7 @@ def _levels(P: Array, error: Array) -> tuple[Level, ...]:
     different = np.unique(P)
     group = np.searchsorted(different, P) if different.size <= _MOST_LEVELS else _classes(P)
     return tuple(
-        Level(float(P[m].mean()), int(m.sum()), float(error[m].mean()), _rms(error[m]))
+        Level(float(P[m].mean()), int(m.sum()), float(error[m].mean()), rms(error[m]))
         for m in (group == g for g in np.unique(group))
     )
 
@@ -305,7 +303,3 @@ def _classes(P: Array) -> NDArray[np.intp]:
     if widest < np.ptp(P) / _CLASSES:
         return cluster
     return np.asarray(np.minimum((P - P.min()) / np.ptp(P) * _CLASSES, _CLASSES - 1), np.intp)
-
-
-def _rms(error: Array) -> float:
-    return float(np.sqrt(np.mean(error**2)))

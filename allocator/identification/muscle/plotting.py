@@ -1,19 +1,24 @@
 """Isobars of a fitted muscle are drawn with the data, and below what the fit leaves of each sample."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.identification.muscle.result import Fit, Level
+from allocator.muscles import Muscle
 from allocator.presentation.plotting import FILL, legend_outside, new_axes, new_figure, shades
 from allocator.units import BAR
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _MOST_ISOBARS = 8
 _NEAR = 0.003  # of the highest pressure: what counts as the same level
 
 
-def fit_figure(fit: Fit[Any]) -> Any:
+def fit_figure(fit: Fit[Muscle]) -> "Figure":
     """Draw isobars above and residuals below; returns the Matplotlib figure."""
     figure = new_figure(7.5, 6.6)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1])
@@ -24,7 +29,7 @@ def fit_figure(fit: Fit[Any]) -> Any:
     return figure
 
 
-def plot_residuals(fit: Fit[Any], axes: Any) -> Any:
+def plot_residuals(fit: Fit[Muscle], axes: "Axes") -> "Axes":
     """Draw model less measurement [N] of every sample over the contraction; the band is twice the fit's RMS."""
     eps, residuals = 100 * fit.samples.contraction, fit.residuals()
     axes.axhspan(-2 * fit.rms, 2 * fit.rms, color=FILL, label="± 2 RMS")
@@ -37,7 +42,7 @@ def plot_residuals(fit: Fit[Any], axes: Any) -> Any:
     return axes
 
 
-def plot_isobars(fit: Fit[Any], axes: Any = None) -> Any:
+def plot_isobars(fit: Fit[Muscle], axes: "Axes | None" = None) -> "Axes":
     """Draw force against contraction at some of the measured pressures, model (lines) and data (dots).
 
     Filled dots are taut samples, crosses slack ones; the grey line is zero force. Returns the Matplotlib axes; new ones

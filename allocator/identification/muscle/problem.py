@@ -14,6 +14,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from allocator.calculus import Array, Mask
+from allocator.identification.least_squares import solve
 from allocator.identification.muscle.samples import Samples
 from allocator.muscles import Muscle, force_gradient
 
@@ -77,11 +78,9 @@ class MuscleProblem:
 
     def _gradient(self, x: Array) -> Array:
         """Return ∂F/∂p (n, m), in the order of `free`."""
-        muscle = self.muscle(x)
         with np.errstate(all="ignore"):
-            J = force_gradient(muscle, self.samples.pressure, self.samples.contraction, self.free)
-        in_order = [name for name in muscle.parameters if name in self.free]
-        return np.nan_to_num(J[..., [in_order.index(name) for name in self.free]])
+            J = force_gradient(self.muscle(x), self.samples.pressure, self.samples.contraction, self.free)
+        return np.nan_to_num(J)
 
     def solve(self, starts: tuple[Muscle, ...]) -> Solution:
         """Return the best of the searches from all starts.
@@ -107,7 +106,7 @@ class MuscleProblem:
         root = np.sqrt(self.samples.weights)
         active = ~self.slack
         for _ in range(_ACTIVE_SET_STEPS):
-            p = _least_squares((root * active)[:, None] * J, root * active * target)
+            p = solve((root * active)[:, None] * J, root * active * target, rcond=1e-12)
             violated = ~self.slack | (rest + J @ p > 0)
             if (violated == active).all():
                 break
@@ -154,13 +153,6 @@ def _zeroed(x: Array, places: Array) -> Array:
     x = x.copy()
     x[places] = 0.0
     return x
-
-
-def _least_squares(A: Array, b: Array) -> Array:
-    """Return argmin |A p - b| with the columns of A scaled to unit length; the shortest where it is not unique."""
-    length = np.linalg.norm(A, axis=0)
-    length[length == 0] = 1.0
-    return np.asarray(np.linalg.lstsq(A / length, b, rcond=1e-12)[0] / length)
 
 
 def _inside(x: Array, lower: Array, upper: Array) -> Array:

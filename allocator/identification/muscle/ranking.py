@@ -17,6 +17,7 @@ from allocator.identification.muscle.fit import build_problem, conclude, prepare
 from allocator.identification.muscle.result import Fit
 from allocator.identification.muscle.samples import Samples
 from allocator.muscles import MODELS, Muscle
+from allocator.muscles.recipe import among
 
 _MOST_LEFT_OUT = 0.1  # of the samples, by the best model
 
@@ -25,13 +26,13 @@ _MOST_LEFT_OUT = 0.1  # of the samples, by the best model
 class Ranking:
     """A ranking holds fits from the best to the worst error on the same samples, and why other models have none."""
 
-    fits: tuple[Fit[Any], ...]
+    fits: tuple[Fit[Muscle], ...]
     failures: Mapping[str, str]  # model name → sentence
     samples: int  # how many there are to fit
     judged: int  # how many of them all models take, on which they are judged
 
     @property
-    def best(self) -> Fit[Any] | None:
+    def best(self) -> Fit[Muscle] | None:
         """Return the best of those that keep [M] and have a closed-form inverse; else that keep [M]; else of all.
 
         Only those are considered that leave out at most a tenth of the samples, if there are any.
@@ -81,17 +82,16 @@ def rank_models(
 def _check_held(models: Iterable[type[Muscle]], hold: Mapping[str, float]) -> None:
     known = {name: None for model in models for name in model.parameter_fields()}
     for name, value in hold.items():
-        if name.partition("[")[0] not in known:
+        if not among(name, known):
             raise InvalidInput(f"hold: there is no parameter {name!r} to hold; there are {', '.join(known)}")
         checks.real(f"hold: {name}", value, "SI units")
 
 
 def _held(model: type[Muscle], hold: Mapping[str, float]) -> dict[str, float]:
-    fields = model.parameter_fields()
-    return {name: value for name, value in hold.items() if name.partition("[")[0] in fields}
+    return {name: value for name, value in hold.items() if among(name, model.parameter_fields())}
 
 
-def _sorted(fits: list[Fit[Any]], common: Samples) -> tuple[Fit[Any], ...]:
+def _sorted(fits: list[Fit[Muscle]], common: Samples) -> tuple[Fit[Muscle], ...]:
     """Sort by cross-validated errors; by the errors at the `common` samples if any fit has no cross-validated one."""
     errors = np.array([fit.cross_validated for fit in fits])
     if np.isnan(errors).any():

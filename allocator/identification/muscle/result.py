@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from allocator.identification.muscle.samples import Samples
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
 from allocator.presentation.tables import first_of, html_table, number
 
-M = TypeVar("M", bound=Muscle)
+M_co = TypeVar("M_co", bound=Muscle, covariant=True)
 
 
 class Level(NamedTuple):
@@ -27,10 +27,10 @@ class Level(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Fit(Generic[M]):
+class Fit(Generic[M_co]):
     """A fit is a muscle and how far to trust it. Errors are over the taut samples."""
 
-    muscle: M  # carries its covariance
+    muscle: M_co  # carries its covariance
     samples: Samples  # those used; `samples.dropped` says how many were left out and why
     slack: Mask  # (n,) which samples were taken as inequalities F ≤ 0, not being distinguishable from zero
     free: tuple[str, ...]  # names of the fitted parameters
@@ -104,7 +104,7 @@ class Fit(Generic[M]):
     def _cost(self, muscle: Muscle) -> float:
         return float(self.samples.weights @ self._residuals(muscle) ** 2)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``.
 
         Parameters are in SI units.

@@ -27,6 +27,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.joint.problem import JointProblem, PullShare
 from allocator.identification.joint.search import minimise
+from allocator.identification.least_squares import rms
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE
 from allocator.muscles import Muscle, force_gradient
 
@@ -117,8 +118,7 @@ def prior_of(problem: JointProblem, muscle: Muscle | Prior | None) -> Prior | No
         return muscle
     if not isinstance(muscle, Muscle):
         raise InvalidInput(f"prior = {checks.brief(muscle)} has to be a muscle, of the catalogue or of a fit to forces")
-    (eps1, *_), (eps2, *_), _ = problem.samples.routes(np.clip(problem.samples.theta, *problem.samples.reach()))
-    P, eps = np.concatenate([problem.samples.P1, problem.samples.P2]), np.concatenate([eps1, eps2])
+    P, eps = problem.samples.muscles()
     with np.errstate(all="ignore"):
         given = float(np.sum(P * muscle.gain(P, eps)))
         share = float(np.sum(muscle.law(P, eps))) / given
@@ -213,7 +213,7 @@ def _weighted(problem: JointProblem, x: Array) -> JointProblem:
     wide = with_free_friction(replace(problem, pull=None, sag=None))
     share = problem.pull_share(problem.unknowns(x)).real
     x = _fixed(wide, share, np.append(x, np.zeros(len(wide.names) - x.size))).x
-    scatter = float(np.sqrt(np.mean(wide.angle_error(x) ** 2)))
+    scatter = rms(wide.angle_error(x))
     return replace(problem, sag_weight=max(scatter, _LEAST_ERROR) / problem.sag.noise)
 
 
@@ -340,7 +340,7 @@ def _walked(wide: JointProblem, points: list[Point], side: int, freedom: int) ->
 
 def _fixed(wide: JointProblem, share: float, x: Array) -> Point:
     """Return the least cost at the pull share `share`, searched from `x`."""
-    scatter = float(np.sqrt(np.mean(wide.angle_error(x) ** 2)))
+    scatter = rms(wide.angle_error(x))
     weight = _HELD * max(scatter, _LEAST_ERROR)
     return _point(wide, minimise(replace(wide, pull=PullShare(share, weight)), x, _ROUNDS)[0])
 

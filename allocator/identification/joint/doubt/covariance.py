@@ -26,6 +26,7 @@ from allocator.identification.joint.doubt.discrepancy import Discrepancy, discre
 from allocator.identification.joint.doubt.effects import Effects
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.search import minimise
+from allocator.identification.least_squares import rms
 from allocator.identification.muscle.fit import fit
 from allocator.muscles import MODELS, Muscle
 from allocator.units import BAR
@@ -91,7 +92,7 @@ def _choices(problem: JointProblem, x: Array, effects: Effects) -> Iterator[Choi
         kept = _with_same_forces(problem.on(keep), x)
         there, _ = minimise(kept, x)
         yield _choice(effects, f"pressures from {(start + further) / BAR:.2g} bar", "dead band", kept, there)
-    most = _AS_GOOD * float(np.sqrt(np.mean(problem.angle_error(x) ** 2)))
+    most = _AS_GOOD * rms(problem.angle_error(x))
     if "friction" in problem.extra:
         choice = _choice(effects, "a constant hysteresis", "hysteresis", *_with_constant_hysteresis(problem, x))
         if choice.rms <= most:
@@ -134,19 +135,15 @@ def _with_constant_hysteresis(problem: JointProblem, x: Array) -> tuple[JointPro
 def _with_law(problem: JointProblem, x: Array, model: type[Muscle]) -> tuple[JointProblem, Array]:
     """Return the problem with another law, and its solution, searched from the law fitted to the forces found."""
     u, s = problem.unknowns(x), problem.samples
-    (eps1, *_), (eps2, *_), _ = s.routes(np.clip(s.theta - u.zero, *s.reach()))
+    P, eps = s.muscles(u.zero)
     with np.errstate(all="ignore"):
-        F1, F2 = u.muscle.law(s.P1, eps1), u.muscle.law(s.P2, eps2)
-    eps, P, F = (np.concatenate(pair) for pair in ((eps1, eps2), (s.P1, s.P2), (F1, F2)))
+        F = u.muscle.law(P, eps)
     every = max(1, eps.size // _MOST_PSEUDO)
     muscle = fit(model, eps[::every], P[::every], F[::every], folds=0).muscle
     recipe = model.recipe(eps, P, np.ones(P.size))
-    free = tuple(p for p in muscle.parameters if not {p, p.partition("[")[0]} & set(recipe.conventional))
-    bounds = [recipe.bounds.get(name, (-np.inf, np.inf)) for name in free]
-    extra = slice(len(problem.free), None)
-    lower, upper = (
-        np.append([b[end] for b in bounds], ends[extra]) for end, ends in enumerate((problem.lower, problem.upper))
-    )
+    free = recipe.free(muscle.parameters)
+    extra, bounds = slice(len(problem.free), None), (problem.lower, problem.upper)
+    lower, upper = (np.append(own, ends[extra]) for own, ends in zip(recipe.limits(free), bounds, strict=True))
     other = replace(problem, prototype=replace(muscle, covariance=None), free=free, lower=lower, upper=upper)
     start = np.append([muscle.parameters[p] for p in free], x[extra])
     found, _ = minimise(other, start)
@@ -157,5 +154,4 @@ def _choice(effects: Effects, name: str, kind: str, other: JointProblem, there: 
     """Return the choice with the solution `there` of the problem `other`."""
     u, n = other.unknowns(there), effects.problem.samples.n
     error, change = other.angle_error(there), effects.difference(other, there)[:n]
-    rms, stiffness = (float(np.sqrt(np.mean(part**2))) for part in (error, change))
-    return Choice(name, kind, rms, u.ratio, u.zero, u.friction, stiffness)
+    return Choice(name, kind, rms(error), u.ratio, u.zero, u.friction, rms(change))

@@ -30,6 +30,7 @@ from numpy.polynomial import legendre
 from allocator.calculus import Array, Mask
 from allocator.identification.joint.problem import JointProblem, Unknowns
 from allocator.identification.joint.samples import JointSamples
+from allocator.identification.least_squares import rms, unit_columns
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
 
@@ -57,9 +58,7 @@ class ForceField:
     @classmethod
     def of(cls, problem: JointProblem, u: Unknowns) -> "ForceField":
         """Return the basis for the samples of the problem."""
-        s = problem.samples
-        (eps1, *_), (eps2, *_), _ = s.routes(np.clip(s.theta - u.zero, *s.reach()))
-        P, eps = np.concatenate([s.P1, s.P2]), np.concatenate([eps1, eps2])
+        P, eps = problem.samples.muscles(u.zero)
         return cls(_middle(P), _middle(eps), float(np.abs(problem.measured_forces(u)).mean()))
 
     def outside(self, P: Array, eps: Array) -> Array:
@@ -177,9 +176,8 @@ def angle_effect(problem: JointProblem, x: Array, field: ForceField) -> Array:
     u, s = problem.unknowns(x), problem.samples
     theta, _ = problem.equilibrium(u)
     routes = s.routes(theta)
-    (eps1, a1, _), (eps2, a2, _), _ = routes
-    _, K, _ = problem.balance(u, theta, routes)
-    pull1, pull2 = a1 * (1 - u.friction * s.direction), a2 * (1 + u.friction * s.direction)
+    (eps1, *_), (eps2, *_), _ = routes
+    _, K, _, (pull1, pull2) = problem.balance(u, theta, routes)
     g1, g2 = field.values(s.P1, eps1)[0], u.ratio * field.values(s.P2, eps2)[0]
     with np.errstate(all="ignore"):
         effect = (pull1[:, None] * g1 - pull2[:, None] * g2) / K[:, None]
@@ -190,7 +188,7 @@ def _evidence(problem: JointProblem, x: Array, inside: Mask, field: ForceField, 
     """Return the equations of the fit, φ being one of them with its own standard deviation."""
     s, u = problem.samples, problem.unknowns(x)
     problem = replace(problem, pull=None)
-    angles = float(np.sqrt(np.mean(problem.angle_error(x) ** 2)))
+    angles = rms(problem.angle_error(x))
     weight = max(angles, _LEAST) / share_std
     share = weight * problem.gradient(lambda v: np.array([problem.pull_share(v)]), x)
     r, X = np.append(problem.residual(x), 0.0), np.vstack([-problem.jacobian(x), -share])[:, inside]
@@ -212,9 +210,8 @@ def _evidence(problem: JointProblem, x: Array, inside: Mask, field: ForceField, 
 
 def _share_effect(problem: JointProblem, u: Unknowns, field: ForceField) -> Array:
     """Return ∂φ/∂c (k,), the gain of the law held."""
-    s = problem.samples
-    (eps1, *_), (eps2, *_), _ = s.routes(np.clip(s.theta, *s.reach()))
-    g = field.values(s.P1, eps1)[0].sum(axis=0) + u.ratio * field.values(s.P2, eps2)[0].sum(axis=0)
+    g1, g2 = np.split(field.values(*problem.samples.muscles())[0], 2)
+    g = g1.sum(axis=0) + u.ratio * g2.sum(axis=0)
     given = problem.measured_forces(u).sum() / np.real(problem.pull_share(u))
     return np.asarray(g / given)
 
@@ -225,9 +222,8 @@ def _posterior(e: Evidence) -> tuple[Array, float, float]:
     With the singular value decomposition X = U S Vᵀ and y = S Vᵀ dx all factors but the last, from y to dx, are well
     scaled. M is never formed: the unknowns differ by many orders of magnitude.
     """
-    size = np.linalg.norm(e.X, axis=0)
-    size[size == 0] = 1.0
-    U, values, Vt = np.linalg.svd(e.X / size, full_matrices=False)
+    X, size = unit_columns(e.X)
+    U, values, Vt = np.linalg.svd(X, full_matrices=False)
     known = values > _RANK * values.max(initial=0.0)
     to_x = Vt[known].T / values[known] / size[:, None]  # (m, rank)
     length = np.maximum(np.linalg.norm(e.N, axis=0), 1e-300)

@@ -21,6 +21,7 @@ from allocator.identification.joint import gradients
 from allocator.identification.joint.doubt.discrepancy import Discrepancy
 from allocator.identification.joint.problem import JointProblem, Unknowns
 from allocator.identification.joint.report import parameter_jacobian
+from allocator.identification.least_squares import solve, unit_columns
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import force_gradient, scaled
 
@@ -77,10 +78,8 @@ class Effects:
 
     def imitated(self, targets: Array) -> Array:
         """Return the changes of the unknowns (m, k) that come nearest to the `targets` (3n + extra, k)."""
-        size = np.linalg.norm(self.gradient, axis=0)
-        size[size == 0] = 1.0
         found = np.zeros((self.x.size, targets.shape[1]))
-        found[self.inside] = np.linalg.lstsq(self.gradient / size, targets, rcond=_RANK)[0] / size[:, None]
+        found[self.inside] = solve(self.gradient, targets, rcond=_RANK)
         return found
 
     def covariance(self, found: Discrepancy) -> Array:
@@ -115,9 +114,8 @@ class Effects:
         if not muscle.any():
             return np.zeros((self.x.size, self.x.size))
         G = self.gradient[:, muscle]
-        size = np.linalg.norm(G, axis=0)
-        size[size == 0] = 1.0
-        root = np.linalg.pinv(G / size, rcond=_RANK) / size[:, None]  # (muscle, rows)
+        scaled_G, size = unit_columns(G)
+        root = np.linalg.pinv(scaled_G, rcond=_RANK) / size[:, None]  # (muscle, rows)
         C = root @ root.T
         K = G[: self.problem.samples.n]
         C /= max(float(np.mean(np.einsum("ni,ij,nj->n", K, C, K))), 1e-300)

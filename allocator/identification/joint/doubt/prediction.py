@@ -1,15 +1,19 @@
 """The angle that a fitted joint will show at other pressures is predicted here, with an interval that is to hold."""
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.samples import JointSamples
 from allocator.joint.geometry import Geometry
+
+if TYPE_CHECKING:
+    from allocator.identification.joint.result import JointFit
 
 _GROWTH = 20.0  # of the error, per half width of the measured region outside it: seen on lengths that were left out
 _MOST_BEYOND = 0.35  # [rad] beyond the measured angles that equilibria are looked for
@@ -22,7 +26,14 @@ class Prediction(NamedTuple):
     std: Array  # (n,) [rad]
 
 
-def predict(fit: Any, P1: Any, P2: Any, torque: Any, direction: Any, geometry: Geometry | None) -> Prediction:
+def predict(
+    fit: "JointFit",
+    P1: ArrayLike,
+    P2: ArrayLike,
+    torque: ArrayLike,
+    direction: ArrayLike,
+    geometry: Geometry | None,
+) -> Prediction:
     """Return the prediction of a `JointFit`, as its method of this name does."""
     known = {shape.geometry for shape in fit.shapes.values()}
     if geometry is None:
@@ -39,7 +50,7 @@ def predict(fit: Any, P1: Any, P2: Any, torque: Any, direction: Any, geometry: G
     return Prediction(*(np.where(reached, a, np.nan) for a in (theta, std)))
 
 
-def angle_std(fit: Any, problem: JointProblem, new_group: bool) -> Array:
+def angle_std(fit: "JointFit", problem: JointProblem, new_group: bool) -> Array:
     """Return the standard deviation (n,) [rad] of an angle measured at the samples of `problem`, from a `JointFit`.
 
     The error of the law is in the errors of the angles already; another law that fits as well predicts the same.

@@ -17,9 +17,10 @@ would show it.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Mask
@@ -27,7 +28,7 @@ from allocator.errors import InvalidInput
 from allocator.identification.joint import gradients
 from allocator.identification.joint.doubt.discrepancy import RMS_OF_FIELD, ForceField, angle_effect
 from allocator.identification.joint.planning.choice import Candidates, Goal
-from allocator.identification.joint.planning.supplements import Known, Supplement, sag_table, supplements
+from allocator.identification.joint.planning.supplements import Known, Supplement, sag_table, spread, supplements
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
@@ -118,7 +119,7 @@ def plan_joint_experiment(
     *,
     accuracy: float = 0.05,
     noise: float = 0.5 * DEG,
-    pressures: Any = None,
+    pressures: ArrayLike | None = None,
     weights: Iterable[float] | None = None,
     setpoints: int | None = None,
 ) -> JointPlan:
@@ -207,14 +208,14 @@ def _chosen(
     least, most = (_PER_UNKNOWN * m, _MOST_SETPOINTS) if setpoints is None else (setpoints, setpoints)
     chosen: list[int] = []
     C = np.diag(before**2)
-    reached = _accuracy(goal, C)
+    reached = spread(goal, C)
     while (reached > accuracy or len(chosen) < least) and len(chosen) < most:
         best = candidates.following(chosen, m)
         if best is None:
             break
         chosen.append(best)
         C = C - C @ B[best].T @ np.linalg.solve(np.eye(2) + B[best] @ C @ B[best].T, B[best] @ C)
-        reached = _accuracy(goal, C)
+        reached = spread(goal, C)
     return chosen, C, reached
 
 
@@ -241,8 +242,8 @@ def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointP
         direction=direction,
     )
     muscle = joint.agonist
-    held = muscle.recipe(np.array([0.0, 0.2]), np.array([1.0, 5.0]) * BAR, np.array([1.0, 1.0])).conventional
-    free = tuple(p for p in muscle.parameters if not {p, p.partition("[")[0]} & set(held))
+    recipe = muscle.recipe(np.array([0.0, 0.2]), np.array([1.0, 5.0]) * BAR, np.array([1.0, 1.0]))
+    free = recipe.free(muscle.parameters)
     extra, unbounded = tuple(_EXTRA), np.full(len(free) + len(_EXTRA), np.inf)
     problem = JointProblem(
         muscle, free, extra, -unbounded, unbounded, start, 0.02, conventional=False, margin=(right - left) / 2
@@ -305,7 +306,3 @@ def _goal(
     K = gradients.stiffness(modelled, angle[here], s.P1[here], s.P2[here])
     by_law, *_ = field.effects(joint.geometry, u, angle[here], s.P1[here], s.P2[here])
     return Goal(K.gradient / K.value[:, None] @ parameter_jacobian(problem, u), by_law / K.value[:, None])
-
-
-def _accuracy(goal: Array, C: Array) -> float:
-    return float(np.sqrt(np.mean(np.einsum("ki,ij,kj->k", goal, C, goal))))

@@ -19,8 +19,10 @@ import numpy as np
 
 from allocator.calculus import Array, increasing_root
 from allocator.identification.joint.problem import JointProblem
+from allocator.identification.least_squares import rms
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.muscles import Muscle, force_gradient, scaled
+from allocator.muscles import force_gradient, scaled
+from allocator.muscles.uncertainty import deviation
 from allocator.units import BAR, DEG
 
 _SLACK_NOISE = 0.1 * BAR  # σ_P [Pa]
@@ -80,11 +82,11 @@ def supplements(joint: AntagonistJoint, known: Known, heavier: Array) -> tuple[S
     C = np.zeros((m + 1, m + 1))
     C[:m, :m], C[m, m] = known.covariance, (_SEEN if force_seen(joint) else _UNSEEN) ** 2
     K_goal, F_goal = np.pad(known.goal, ((0, 0), (0, 1))), _force_goal(known)
-    before = _spread(F_goal, C), _spread(K_goal, C)
+    before = spread(F_goal, C), spread(K_goal, C)
 
     def told(name: str, how: str, B: Array, **more: object) -> Supplement:
         after = C - C @ B.T @ np.linalg.solve(np.eye(len(B)) + B @ C @ B.T, B @ C)
-        F, K = _spread(F_goal, after), _spread(K_goal, after)
+        F, K = spread(F_goal, after), spread(K_goal, after)
         gain = np.log(before[1] / K) + (0.0 if force_seen(joint) else np.log(before[0] / F))
         return Supplement(name, how, F, K, float(gain), **more)  # type: ignore[arg-type]  # sag and weight
 
@@ -107,8 +109,9 @@ def force_seen(joint: AntagonistJoint) -> bool:
     return joint.covariance is not None and not joint.slack_assumed
 
 
-def _spread(goal: Array, C: Array) -> float:
-    return float(np.sqrt(np.mean(np.einsum("ki,ij,kj->k", goal, C, goal))))
+def spread(goal: Array, C: Array) -> float:
+    """Return the root mean square over the rows of `goal` (k, m) of the standard deviations that C (m, m) leaves."""
+    return rms(deviation(goal, C))
 
 
 def _force_goal(known: Known) -> Array:
@@ -143,20 +146,12 @@ def _sag_test(joint: AntagonistJoint, known: Known) -> tuple[tuple[SagPoint, ...
         for i in np.flatnonzero(np.isfinite(P)).tolist():
             gain = float(side.muscle.gain(P[i], eps[i]))
             dF = np.zeros(known.x.size + 1)
-            dF[: len(problem.free)] = strength * _free_gradient(problem, u.muscle, P[i], eps[i])
+            dF[: len(problem.free)] = strength * force_gradient(u.muscle, P[i], eps[i], problem.free)
             dF[-1] = mean * arm / np.asarray(side.moment_arm)[i]
             rows.append(-dF / gain / _SLACK_NOISE)
     points = tuple(SagPoint(*map(float, values)) for values in zip(angles, *pressures, strict=True))
     points = tuple(SagPoint(p.theta, *(q if np.isfinite(q) else np.nan for q in p[1:])) for p in points)
     return tuple(p for p in points if p.slack), np.array(rows).reshape(-1, known.x.size + 1)
-
-
-def _free_gradient(problem: JointProblem, muscle: Muscle, P: float, eps: float) -> Array:
-    if not problem.free:
-        return np.zeros(0)
-    gradient = force_gradient(muscle, np.array([P]), np.array([eps]), problem.free)[0]
-    ordered = [name for name in problem.prototype.parameters if name in problem.free]
-    return np.asarray(gradient[[ordered.index(name) for name in problem.free]])
 
 
 def sag_table(points: tuple[SagPoint, ...]) -> list[str]:
