@@ -6,7 +6,8 @@ pictures get a bright sky and a lamp at the camera.
 
 import os
 import sys
-from collections.abc import Callable
+from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -131,22 +132,9 @@ def _context(width: int, height: int) -> "GLContext":
     raise MissingBackend("offscreen GL", ", ".join(why) or sys.platform, _ADVICE)
 
 
-def _egl(width: int, height: int) -> "GLContext":
-    from mujoco.egl import GLContext
-
-    return GLContext(width, height)
-
-
-def _osmesa(width: int, height: int) -> "GLContext":
-    from mujoco.osmesa import GLContext
-
-    return GLContext(width, height)
-
-
-def _glfw(width: int, height: int) -> "GLContext":
-    from mujoco.glfw import GLContext
-
-    return GLContext(width, height)
+def _made(name: str, width: int, height: int) -> "GLContext":
+    context: GLContext = import_module(f"mujoco.{name}").GLContext(width, height)
+    return context
 
 
 def _sized(name: str, value: int, most: int) -> int:
@@ -155,7 +143,7 @@ def _sized(name: str, value: int, most: int) -> int:
     return int(value)
 
 
-_MAKERS: dict[str, Callable[[int, int], "GLContext"]] = {"egl": _egl, "osmesa": _osmesa, "glfw": _glfw}
+_MAKERS = {name: partial(_made, name) for name in ("egl", "osmesa", "glfw")}
 _ADVICE = [
     "EGL (Debian: apt install libegl1, then MUJOCO_GL=egl)",
     "OSMesa (Debian: apt install libosmesa6, then MUJOCO_GL=osmesa)",

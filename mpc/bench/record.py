@@ -12,7 +12,6 @@ import os
 from collections.abc import Sequence
 from math import nan
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -119,13 +118,11 @@ class Recorder:
             try:
                 self._write("".join(f"# {line}\n" for line in self._about) + header() + "\n")
             except CannotWrite:
-                self.__exit__(None, None, None)
+                self.__exit__()
                 raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         """Close the file; without a row there is none."""
         file, self._file = self._file, None
         if file is not None:

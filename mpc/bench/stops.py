@@ -18,7 +18,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Self, TypeAlias, TypeVar
 
 from allocator.errors import AntagonistError
@@ -67,9 +67,7 @@ class Stops:
                     self._before[number] = signal.signal(number, self._handle)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         """Leave the signals as they were."""
         self._left.set()
         self._thread.join()

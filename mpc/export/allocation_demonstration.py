@@ -26,12 +26,7 @@ def targets(joint: AntagonistJoint) -> Array:
 
 def allocation_table(joint: AntagonistJoint, single: bool, skipped: bool = False) -> str:
     """Return the header with the targets of the demonstration, with none of them if it is `skipped`."""
-    rows = targets(joint)
-    body = (
-        f"enum {{ ANT_DEMONSTRATIONS = {0 if skipped else len(rows)} }};\n\n/* theta [rad], K [N*m/rad], T [N*m] */\n"
-    )
-    body += f"static {text.table('ANT_DEMONSTRATION', rows, single)}"
-    return text.header("ANT_DEMONSTRATION_H", "What main.c shows.", body, ["antagonist.h"])
+    return text.demonstration("theta [rad], K [N*m/rad], T [N*m]", targets(joint), single, skipped)
 
 
 def allocation_lines(joint: AntagonistJoint) -> Iterator[str]:

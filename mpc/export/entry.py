@@ -104,7 +104,7 @@ def _allocation(joint: AntagonistJoint, single: bool) -> Files:
         **dict(copied(".", "")),
         **allocation_files(joint, kernel, single),
         **model_files(kernel_functions(joint, kernel), single),
-        "antagonist_config.h": _config(single, {}),
+        "antagonist_config.h": text.config({}, single),
         "src/demonstration.h": allocation_table(joint, single),
         "README.md": readme(joint, kernel.name, single, list(allocation_lines(joint))),
     }
@@ -120,13 +120,7 @@ def controller_files(controller: TrackingMPC, observer: KalmanObserver, single: 
         **_allocation(joint, single),
         **control_files(controller, observer, single),
         **model_files(functions, single),
-        "antagonist_config.h": _config(single, sizes_of(controller, single)),
+        "antagonist_config.h": text.config(sizes_of(controller, single), single),
         "src/demonstration.h": allocation_table(joint, single, alone),
         "README.md": readme(joint, kernel.name, single, printed, controller),
     }
-
-
-def _config(single: bool, sizes: dict[str, tuple[float | int, str]]) -> str:
-    lines = ["#define ANT_SINGLE /* numbers are float */"] if single else []
-    lines += [text.defines(sizes, single)] if sizes else []
-    return text.header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))

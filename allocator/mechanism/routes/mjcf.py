@@ -229,4 +229,4 @@ def rotation(quaternion: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     w, x, y, z = quaternion
-    return np.asarray(Rotation.from_quat([x, y, z, w]).asrotation())
+    return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())

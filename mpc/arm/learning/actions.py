@@ -4,7 +4,8 @@ Actions are numbers between -1 and 1, as learners like them. Whatever pressures 
 they are commanded.
 """
 
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping
+from typing import Protocol
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from mpc.governor import PressureGovernor
 from mpc.model.arm.model import Arm
 
 
-def within(values: Array, low: Any, high: Any) -> Array:
+def within(values: Array, low: Array | float, high: Array | float) -> Array:
     """Return `values`, and the nearest limit of those beyond; in a third of the time of `np.clip` on few numbers."""
     return np.asarray(np.minimum(np.maximum(values, low), high))
 
@@ -55,6 +56,15 @@ def governor_of(arm: Arm, dt: float, delay: int) -> Governor:
     governor = PressureGovernor.of_arm(arm, dt, lag=tuple(arm.lags + delay * dt))
     governor.warm_up()
     return governor
+
+
+class Action(Protocol):
+    """A meaning of `size` numbers between -1 and 1 per arm."""
+
+    size: int
+
+    def pressures(self, action: Array) -> Array:
+        """Return the pressures (N, m) [Pa] that the actions (N, size) mean."""
 
 
 class Pressures:
@@ -100,5 +110,5 @@ class PostureAndStiffness:
         return allocate_mechanism(self.arm.mechanism, q[one], K[one], held[one]).P[:, 0]
 
 
-KINDS: dict[str, Any] = {"pressures": Pressures, "posture-stiffness": PostureAndStiffness}
+KINDS: Mapping[str, Callable[[Arm], Action]] = {"pressures": Pressures, "posture-stiffness": PostureAndStiffness}
 """Every meaning of actions, by its name."""

@@ -7,17 +7,24 @@
 >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import gymnasium
 import numpy as np
+from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from mpc.arm.learning.actions import Governor
 from mpc.arm.learning.reaching import Reachers, Reaching, Seen
 
+if TYPE_CHECKING:
+    from mpc.arm.picture import Camera
+
+Info: TypeAlias = dict[str, object]
 NAME = "antagonist/Reach-v0"
 
 
@@ -40,16 +47,16 @@ class ReachEnvironment(gymnasium.Env[Any, Any]):
         self.render_mode = render_mode
         self.reachers = Reachers(task, 1, governor)
         self.action_space, self.observation_space = _spaces(self.reachers)
-        self._camera: Any = None
+        self._camera: Camera | None = None
         self._all = np.ones(1, bool)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Seen, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Seen, Info]:
         """Begin an episode; the same `seed` gives the same one."""
         super().reset(seed=seed)
         self.reachers.begin(self._all, self.np_random)
         return self.reachers.observe(self.np_random)[0], self._info(np.nan)
 
-    def step(self, action: Any) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Array) -> tuple[Seen, float, bool, bool, Info]:
         """Take a sample."""
         reward, square = self.reachers.advance(np.asarray(action, float)[None])
         cut = bool(self.reachers.sample[0] >= self.reachers.task.samples)
@@ -61,11 +68,11 @@ class ReachEnvironment(gymnasium.Env[Any, Any]):
             self._info(float(square[0]) ** 0.5),
         )
 
-    def _info(self, error: float) -> dict[str, Any]:
+    def _info(self, error: float) -> Info:
         batch = self.reachers.batch
         return {"error_rad": error, "P_Pa": batch.P[0].copy(), "u_Pa": self.reachers.commands[0].copy()}
 
-    def render(self) -> Any:
+    def render(self) -> NDArray[np.uint8] | None:
         """Return a picture (height, width, 3) by MuJoCo. Raises `MissingBackend` where nothing renders offscreen."""
         if self.render_mode is None:
             return None
@@ -102,14 +109,14 @@ class ReachVectorEnvironment(VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._cut = np.ones(num_envs, bool)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Seen, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Seen, Info]:
         """Begin episodes of all arms; the same `seed` gives the same ones."""
         super().reset(seed=seed)
         self._cut[:] = False
         self.reachers.begin(np.ones(self.num_envs, bool), self.np_random)
         return self.reachers.observe(self.np_random), {}
 
-    def step(self, actions: Any) -> tuple[Seen, Any, Any, Any, dict[str, Any]]:
+    def step(self, actions: Array) -> tuple[Seen, Array, Mask, Mask, Info]:
         """Take a sample of all arms; of those that were cut off the first of a new episode, without a reward."""
         renewed = self._cut.copy()
         reward, square = self.reachers.advance(np.asarray(actions, float))
@@ -117,14 +124,14 @@ class ReachVectorEnvironment(VectorEnv[Any, Any, Any]):
             self.reachers.begin(renewed, self.np_random)
             reward[renewed] = 0.0
         self._cut = self.reachers.sample >= self.reachers.task.samples
-        info = {"error_rad": np.sqrt(square)}
+        info: Info = {"error_rad": np.sqrt(square)}
         return self.reachers.observe(self.np_random), reward, np.zeros(self.num_envs, bool), self._cut.copy(), info
 
 
-def _spaces(reachers: Reachers) -> tuple[Any, Any]:
+def _spaces(reachers: Reachers) -> tuple[Box, Box]:
     low, high = reachers.seen_range.astype(np.float32)
-    actions = gymnasium.spaces.Box(-1.0, 1.0, (reachers.action.size,), np.float32)
-    return actions, gymnasium.spaces.Box(low, high, dtype=np.float32)
+    actions = Box(-1.0, 1.0, (reachers.action.size,), np.float32)
+    return actions, Box(low, high, dtype=np.float32)
 
 
 gymnasium.register(

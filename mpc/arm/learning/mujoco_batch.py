@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from mpc.arm.learning.plant import VariedArm, views
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
@@ -23,7 +23,7 @@ class MujocoBatch:
         model = self.plants[0].model
         self._nominal = model.body_mass.copy(), model.body_inertia.copy(), model.dof_damping.copy()
 
-    def renew(self, which: Array) -> None:
+    def renew(self, which: Mask) -> None:
         """Take over states and values of the arms `which` (N,)."""
         import mujoco
 

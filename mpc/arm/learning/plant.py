@@ -8,13 +8,14 @@ The factors s, b and g_j, the lags τ_j and the muscles' parameters are each arm
 for its inertia as MuJoCo's.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import OneMuscle
@@ -27,6 +28,12 @@ from mpc.model.gas import fall
 from mpc.model.integration import integrated
 from mpc.model.lengths import symbolic_lengths
 from mpc.tracking.qp.step import SlowStep
+
+if TYPE_CHECKING:
+    from casadi import SX
+
+Move: TypeAlias = Callable[[Array, Array, Array, Array, float, int], None]
+"""(x, u, v, d, h, substeps) ↦ None, which moves the states x."""
 
 _STOP = 50.0  # Ω [1/s] of the end stops; MuJoCo's have the time constant 0.02 s, too
 _RESOLUTION = 0.25  # of a step in times of the fastest motion: an error of about 3e-5 of the change
@@ -70,22 +77,23 @@ class VariedArm:
 
     # --- formulas ---------------------------------------------------------------------------------------------------
 
-    def muscles(self, v: Any) -> list[Muscle]:
+    def muscles(self, v: "SX") -> list[Muscle]:
         """Return the m muscles with the parameters in the CasADi column `v` (p, 1)."""
         import casadi as ca
 
         varied = {kind: kind.unchecked(ca.vertsplit(v[self.places[f"kind {k}"]])) for k, kind in enumerate(self.kinds)}
         return [varied[muscle] for muscle in self.arm.mechanism.muscles]
 
-    def forces(self, length: Any, P: Any, v: Any) -> Any:
+    def forces(self, length: "SX", P: "SX", v: "SX") -> "SX":
         """Return the forces (m, 1) [N] of muscles of the `length` (m, 1) [m]; of a slack cable 0. CasADi symbols."""
         import casadi as ca
 
         gains, L = v[self.places["gains"]], self.arm.mechanism.routes.rest_length
         said = [muscle.law(P[j], 1 - length[j] / L[j]) for j, muscle in enumerate(self.muscles(v))]
-        return ca.vertcat(*(ca.fmax(gains[j] * F, 0.0) for j, F in enumerate(said)))
+        forces: SX = ca.vertcat(*(ca.fmax(gains[j] * F, 0.0) for j, F in enumerate(said)))
+        return forces
 
-    def rate(self, x: Any, u: Any, v: Any, d: Any) -> Any:
+    def rate(self, x: "SX", u: "SX", v: "SX", d: "SX") -> "SX":
         """Return x' (2n + m, 1) of the state `x`, commands `u` [Pa], values `v` and torques `d` [N·m], all symbols."""
         import casadi as ca
 
@@ -105,7 +113,7 @@ class VariedArm:
         filling = (u - P) / v[self.places["lags"]] - self._falls(length, slope @ omega, P, F, v)
         return ca.vertcat(omega, alpha, filling)
 
-    def _falls(self, length: Any, speed: Any, P: Any, F: Any, v: Any) -> Any:
+    def _falls(self, length: "SX", speed: "SX", P: "SX", F: "SX", v: "SX") -> "SX":
         """Return how fast the pressures fall as taut muscles swell (m, 1) [Pa/s].
 
         They swell as hard as their varied laws pull, from the volumes of the laws as they are described.
@@ -122,9 +130,10 @@ class VariedArm:
             pulls = gains[j] * own.gain(P[j], eps) / muscle.gain(P[j], eps)
             taut = ca.if_else(F[j] > 0, 1.0, 0.0)
             found.append(-pulls * fall(side, P[j]) * V / (rest + gains[j] * (V - rest)) * taut * speed[j])
-        return ca.vertcat(*found)
+        falls: SX = ca.vertcat(*found)
+        return falls
 
-    def _stop(self, q: Any, omega: Any) -> Any:
+    def _stop(self, q: "SX", omega: "SX") -> "SX":
         """Return the torques of the end stops (n, 1) [N·m]: springs and dampers that only push back."""
         import casadi as ca
 
@@ -141,7 +150,7 @@ class VariedArm:
         """Return the inertias (n,) [kg·m²] that joints feel alone, all others free, at q = 0."""
         return np.asarray(1 / np.diag(np.linalg.inv(self.arm.bodies.mass_matrix(np.zeros(self.arm.n)))))
 
-    def symbols(self) -> tuple[Any, Any, Any, Any]:
+    def symbols(self) -> tuple["SX", "SX", "SX", "SX"]:
         """Return CasADi columns x, u, v, d."""
         import casadi as ca
 
@@ -173,7 +182,7 @@ class ArmBatch:
         self.substeps = max(int(np.ceil(dt * fastest / _RESOLUTION)), 1)
         self._move = _moving(varied) if compiled else _evaluated(varied)
 
-    def renew(self, which: Array) -> None:
+    def renew(self, which: Mask) -> None:
         """Take over states and values of the arms `which` (N,), which are `x` and `v` themselves here."""
 
     def advance(self, u: Array, d: Array) -> None:
@@ -188,13 +197,13 @@ def views(x: Array, n: int) -> tuple[Array, Array, Array]:
     return x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
 
 
-def _moving(varied: VariedArm) -> Any:
+def _moving(varied: VariedArm) -> Move:
     """Return the compiled function, ready; the evaluated one, with a `SlowStep` warning, where compiling fails."""
     try:
         move = _compiled(varied)
         arm = varied.arm
-        none = (np.zeros((0, size)) for size in (arm.size, arm.m, varied.nominal.size, arm.n))
-        move(*none, 0.1, 1)  # compiles now, and not in the first step
+        x, u, v, d = (np.zeros((0, size)) for size in (arm.size, arm.m, varied.nominal.size, arm.n))
+        move(x, u, v, d, 0.1, 1)  # compiles now, and not in the first step
         return move
     except (
         Exception
@@ -204,7 +213,7 @@ def _moving(varied: VariedArm) -> Any:
     return _evaluated(varied)
 
 
-def _compiled(varied: VariedArm) -> Any:
+def _compiled(varied: VariedArm) -> Move:
     """Return (x, u, v, d, h, substeps) ↦ None, compiled for this kind of arm."""
     from pathlib import Path
 
@@ -220,7 +229,7 @@ def _compiled(varied: VariedArm) -> Any:
     return lambda x, u, v, d, h, substeps: module.advance(source.c, x, u, v, d, h, substeps)
 
 
-def _evaluated(varied: VariedArm) -> Any:
+def _evaluated(varied: VariedArm) -> Move:
     """Return (x, u, v, d, h, substeps) ↦ None, evaluated by CasADi."""
     import casadi as ca
 

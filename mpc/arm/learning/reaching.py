@@ -5,14 +5,15 @@ for: (q, q before, P, u, q*) (4 blocks of n or m numbers), angles in rad, pressu
 what the arm's numbers are.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Gas
 from allocator.units import BAR, DEG
@@ -61,6 +62,23 @@ class Reaching:
             raise InvalidInput("the mechanism has no angle_limits, which say where postures are asked for")
 
 
+class Batch(Protocol):
+    """N arms under way: states, values and their views."""
+
+    varied: VariedArm
+    x: Array  # (N, 2n + m)
+    v: Array  # (N, p)
+    q: Array  # (N, n)
+    omega: Array  # (N, n)
+    P: Array  # (N, m)
+
+    def renew(self, which: Mask) -> None:
+        """Take over states and values of the arms `which` (N,)."""
+
+    def advance(self, u: Array, d: Array) -> None:
+        """Move all arms by a sample under the commands `u` (N, m) [Pa] and the torques `d` (N, n) [N·m]."""
+
+
 class Reachers:
     """`Reachers` are N arms that reach, each for its own posture: what both environments are made of."""
 
@@ -69,7 +87,7 @@ class Reachers:
         self.task, self.size = task, size
         varied = VariedArm(arm, task.gas)
         task.variation.check(varied)
-        self.batch: Any = _BATCHES[task.dynamics](varied, size, task.dt)
+        self.batch: Batch = _BATCHES[task.dynamics](varied, size, task.dt)
         self.action = KINDS[task.actions](arm)
         self.governor = governor_of(arm, task.dt, task.delay) if governor is None else governor
         low, high = arm.angle_limits
@@ -90,7 +108,7 @@ class Reachers:
         P = np.repeat(np.array([[pressures[0] - above], [pressures[1] + above]]), arm.m, axis=1)
         return np.concatenate([q, q, P, P, q], axis=1)
 
-    def begin(self, which: Array, rng: np.random.Generator) -> None:
+    def begin(self, which: Mask, rng: np.random.Generator) -> None:
         """Begin new episodes of the arms `which` (N,): at rest in a drawn posture, with another one asked for."""
         task, batch, arm, count = self.task, self.batch, self.task.arm, int(which.sum())
         batch.v[which] = task.variation.draw(batch.varied, count, rng)
@@ -142,10 +160,10 @@ class Reachers:
         return np.asarray(step * np.rint(q / step)) if step else q
 
 
-def _mujoco(varied: VariedArm, size: int, dt: float) -> Any:
+def _mujoco(varied: VariedArm, size: int, dt: float) -> Batch:
     from mpc.arm.learning.mujoco_batch import MujocoBatch
 
     return MujocoBatch(varied, size, dt)
 
 
-_BATCHES: dict[str, Any] = {"compiled": ArmBatch, "mujoco": _mujoco}
+_BATCHES: Mapping[str, Callable[[VariedArm, int, float], Batch]] = {"compiled": ArmBatch, "mujoco": _mujoco}

@@ -6,12 +6,11 @@ given here.
 """
 
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.muscles import Muscle
 from allocator.muscles.uncertainty import covariance_root
@@ -78,11 +77,11 @@ def _normal(kind: Muscle, size: int, rng: np.random.Generator) -> Array:
     return np.asarray(mean + rng.standard_normal((size, mean.size)) @ covariance_root(kind.covariance).T)
 
 
-def _pulls(varied: VariedArm, k: int, drawn: Array) -> Any:
+def _pulls(varied: VariedArm, k: int, drawn: Array) -> Mask:
     """Return which of the `drawn` parameters (size, …) pull at full pressure in the middle posture (size,)."""
     kind, mechanism = varied.kinds[k], varied.arm.mechanism
     eps = mechanism.contractions(np.zeros(mechanism.n))[[muscle == kind for muscle in mechanism.muscles]]
     muscle = kind.unchecked([column[:, None] for column in drawn.T])
     with np.errstate(all="ignore"):
         forces = np.asarray(muscle.law(mechanism.pressure_limits[1], eps))
-    return (np.isfinite(forces) & (forces > 0)).all(axis=1)
+    return np.asarray((np.isfinite(forces) & (forces > 0)).all(axis=1))

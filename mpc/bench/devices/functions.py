@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from math import nan
-from types import TracebackType
 from typing import Self
 
 from allocator import checks
@@ -47,9 +46,7 @@ class CallableDevice:
         """Do nothing: the functions are connected already."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         """Call `close`."""
         if self._close is not None:
             self._close()

@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable
 from functools import partial
 from math import nan
-from types import TracebackType
 from typing import Any, Self
 
 from allocator.errors import InvalidInput
@@ -52,9 +51,7 @@ class ModbusDevice:
         self._connect()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         """Disconnect."""
         self._client.close()
 

@@ -13,7 +13,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from math import inf, isfinite
 from secrets import randbelow
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -148,14 +147,12 @@ class SerialDevice:
         try:
             self.info = self._greet()
         except BaseException:
-            self.__exit__(None, None, None)
+            self.__exit__()
             raise
         self.unanswered = 0
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         """Close the port; a board that still obeys lets the pressures fall after its watchdog's time."""
         line, self._line = self._line, None
         if line is not None:

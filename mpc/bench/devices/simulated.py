@@ -5,7 +5,6 @@ controller's: a command acts from the moment on at which it is written, not from
 """
 
 from dataclasses import replace
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -68,9 +67,7 @@ class SimulatedDevice:
         self._began, self._steps = self.clock.now(), 0
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         """Stop; `x` stays to be looked at."""
 
     @property

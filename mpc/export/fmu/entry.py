@@ -2,9 +2,9 @@
 
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.errors import InvalidInput
@@ -21,7 +21,12 @@ from mpc.tracking.controller import TrackingMPC
 
 
 def export_plant_fmu(
-    out: str | PathLike[str], process: Plant | RealPlant, dt: float = 0.01, *, x0: Any = None, source_only: bool = False
+    out: str | PathLike[str],
+    process: Plant | RealPlant,
+    dt: float = 0.01,
+    *,
+    x0: ArrayLike | None = None,
+    source_only: bool = False,
 ) -> Path:
     """Write `process` as the FMU `out`, and return its path.
 

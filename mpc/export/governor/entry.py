@@ -56,7 +56,7 @@ def _files(governor: PressureGovernor, single: bool) -> Files:
         **model_files(functions, single),
         "src/governor.h": numbers_file(made.rules, single),
         "antagonist_config.h": _config(governor, single),
-        "src/demonstration.h": _demonstration(governor, single),
+        "src/demonstration.h": text.demonstration("q, omega, P, previous, command", _commands(governor), single),
         "README.md": _readme(governor, single),
     }
 
@@ -70,9 +70,7 @@ def _config(governor: PressureGovernor, single: bool) -> str:
         "SCENE": (len(scenes[0]), "k, numbers of each"),
         "SUPPLY_LO": (mechanism.pressure_limits[0], "[Pa]"),
     }
-    lines = ["#define ANT_SINGLE /* numbers are float */"] if single else []
-    lines.append(text.defines(numbers, single))
-    return text.header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))
+    return text.config(numbers, single)
 
 
 def _commands(governor: PressureGovernor) -> Array:
@@ -84,13 +82,6 @@ def _commands(governor: PressureGovernor) -> Array:
         omega, P = np.full(n, speed), np.round(rules.rest, -3)
         rows.append([*np.zeros(n), *omega, *P, *P, *np.round(P + rng.uniform(-1, 1, m) * 1e5, -3)])
     return np.array([[float(number(v, False)) for v in row] for row in np.array(rows).tolist()])
-
-
-def _demonstration(governor: PressureGovernor, single: bool) -> str:
-    rows = _commands(governor)
-    body = f"enum {{ ANT_DEMONSTRATIONS = {len(rows)} }};\n\n/* q, omega, P, previous, command */\n"
-    body += f"static {text.table('ANT_DEMONSTRATION', rows, single)}"
-    return text.header("ANT_DEMONSTRATION_H", "What main.c shows.", body, ["antagonist.h"])
 
 
 def _shown(governor: PressureGovernor) -> list[str]:

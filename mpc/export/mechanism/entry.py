@@ -52,7 +52,7 @@ def _files(mechanism: Mechanism, single: bool) -> Files:
         **model_files(functions, single),
         "src/mechanism.h": _numbers(mechanism, single),
         "antagonist_config.h": _config(mechanism, single),
-        "src/demonstration.h": _demonstration(mechanism, single),
+        "src/demonstration.h": text.demonstration("q [rad], T [N*m], K [N*m/rad]", _targets(mechanism), single),
         "README.md": _readme(mechanism, single),
     }
 
@@ -69,9 +69,7 @@ def _config(mechanism: Mechanism, single: bool) -> str:
         "LINES": (rows, "of the kernel"),
         "LEVELS": (2, "what comes first and what comes after it"),
     }
-    lines = ["#define ANT_SINGLE /* numbers are float */"] if single else []
-    lines.append(text.defines(sizes, single))
-    return text.header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))
+    return text.config(sizes, single)
 
 
 def _numbers(mechanism: Mechanism, single: bool) -> str:
@@ -110,13 +108,6 @@ def _targets(mechanism: Mechanism) -> Array:
         P = rng.uniform(*mechanism.pressure_box(q))
         rows.append([*q, *(far * mechanism.torque(q, P)), *mechanism.stiffness(q, P)[mechanism.upper_triangle]])
     return np.array([[float(number(v, False)) for v in row] for row in np.round(rows, 4).tolist()])
-
-
-def _demonstration(mechanism: Mechanism, single: bool) -> str:
-    rows = _targets(mechanism)
-    body = f"enum {{ ANT_DEMONSTRATIONS = {len(rows)} }};\n\n/* q [rad], T [N*m], K [N*m/rad] */\n"
-    body += f"static {text.table('ANT_DEMONSTRATION', rows, single)}"
-    return text.header("ANT_DEMONSTRATION_H", "What main.c shows.", body, ["antagonist.h"])
 
 
 def _shown(mechanism: Mechanism) -> list[str]:

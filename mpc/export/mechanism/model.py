@@ -1,13 +1,16 @@
 """The formulas of a mechanism are written here as a CasADi function, from its routes and its affine muscles."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
 from mpc.model.lengths import symbolic_lengths
 
+if TYPE_CHECKING:
+    from casadi import Function
 
-def map_function(mechanism: Mechanism) -> Any:
+
+def map_function(mechanism: Mechanism) -> "Function":
     """Return the CasADi function q ↦ (ε (m), A (m), B (m), y0 (d), M (d m), row by row), with forces F = A P + B.
 
     Raises `InvalidInput` for muscles that are not affine and for routes without formulas.

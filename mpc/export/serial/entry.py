@@ -2,7 +2,8 @@
 
 from os import PathLike
 from pathlib import Path
-from typing import Any
+
+from numpy.typing import ArrayLike
 
 from mpc.export.directory import check, write
 from mpc.export.entry import controller_files, pair
@@ -24,7 +25,7 @@ def export_board(
     observer: KalmanObserver | None = None,
     safety: Safety | None = None,
     precision: str = "double",
-    x0: Any = None,
+    x0: ArrayLike | None = None,
 ) -> Path:
     """Write the firmware of a board to the directory `out`, and return it.
 
@@ -61,7 +62,7 @@ def board_files(
     observer: KalmanObserver | None,
     safety: Safety,
     single: bool = False,
-    x0: Any = None,
+    x0: ArrayLike | None = None,
 ) -> Files:
     """Return the files of the firmware and of the simulated board; see `export_board`."""
     if process is None:

@@ -1,8 +1,8 @@
 """The files of a board's firmware are gathered here, and those of its simulation on a PC."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.codegen import c_text
 from mpc.export import text
@@ -41,7 +41,7 @@ def firmware_files(limits: tuple[float, float], safety: Safety, controller: Trac
     }
 
 
-def simulation_files(process: Plant | RealPlant, x0: Array) -> Files:
+def simulation_files(process: Plant | RealPlant, x0: ArrayLike) -> Files:
     """Return what makes a program for the PC of a board's files, with `process` under it, which begins in `x0` (4,)."""
     numbers = ", ".join(c_text.number(float(value), single=False) for value in np.asarray(x0))
     start = f"#define ANT_START {{{numbers}}} /* theta [rad], its rate [rad/s], P1, P2 [Pa] */"

@@ -7,8 +7,9 @@ with SimulatedBoard() as board, SerialDevice(board.port) as device:
 import subprocess
 import tempfile
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Self
+
+from numpy.typing import ArrayLike
 
 from allocator.errors import AntagonistError
 from mpc.export.compiler import compiler
@@ -34,7 +35,7 @@ class SimulatedBoard:
         *,
         observer: KalmanObserver | None = None,
         safety: Safety | None = None,
-        x0: Any = None,
+        x0: ArrayLike | None = None,
         step: float = 0.0,
         flags: tuple[str, ...] = ("-O2",),
     ) -> None:
@@ -66,13 +67,11 @@ class SimulatedBoard:
             if not self.port:
                 raise AntagonistError(f"the simulated board did not begin: {self.stop()}")
         except BaseException:
-            self.__exit__(None, None, None)
+            self.__exit__()
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         """Stop the board and remove its files."""
         self.stop()
         if self._directory is not None:
