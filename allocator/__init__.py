@@ -12,7 +12,7 @@ What identifies muscles and joints loads when it is first used: to allocate take
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from allocator.allocation import Allocation, Status, allocate, warm_up
+from allocator.allocation import Allocation, Method, Status, allocate, warm_up
 from allocator.errors import AntagonistError, InvalidFile, InvalidInput, MissingBackend, MissingPackage
 from allocator.feasibility import (
     Design,
@@ -30,10 +30,10 @@ from allocator.feasibility import (
 )
 from allocator.inverse import inverse
 from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.gas import Gas
+from allocator.joint.gas import Gas, Stiffness
 from allocator.joint.geometry import Geometry, Lever, Pulley, Table
 from allocator.joint.hysteresis import PrandtlIshlinskii
-from allocator.joint.limits import Limit
+from allocator.joint.limits import Limit, Limits
 from allocator.machine_file import load_joint, load_machine, named_machine, save_machine
 from allocator.muscles import MODELS, AffineMuscle, Muscle
 from allocator.muscles.catalogue import named_muscle
@@ -109,6 +109,8 @@ __all__ = [
     "JointFit",
     "Lever",
     "Limit",
+    "Limits",
+    "Method",
     "MissingBackend",
     "MissingPackage",
     "MotionFit",
@@ -116,6 +118,7 @@ __all__ = [
     "PrandtlIshlinskii",
     "Pulley",
     "Status",
+    "Stiffness",
     "Table",
     "allocate",
     "angle_interval",

@@ -1,5 +1,6 @@
 """`antagonist allocate` finds the pressures of a joint or of a machine, in degrees and bar; behind it all is SI."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
     from allocator.allocation import Allocation
     from allocator.joint.antagonist import AntagonistJoint
+    from allocator.joint.gas import Stiffness
     from allocator.mechanism.at_least import AtLeast
     from allocator.mechanism.mechanism import Mechanism
     from allocator.mechanism.result import MechanismAllocation
@@ -59,24 +61,31 @@ def allocate_command(
     """
     from rich.console import Console
 
+    from allocator.allocation import Method
     from allocator.joint.antagonist import AntagonistJoint
+    from allocator.joint.gas import Stiffness
+    from allocator.joint.limits import Limits
 
     if priority not in ("torque", "stiffness"):
         raise InvalidInput(f"--priority {priority}: choose torque or stiffness; allocate() in Python has weights, too")
     machine = options.build()
-    asked: dict[str, Any] = {"priority": priority, "method": method, "solver": solver, "min_force": min_force}
+    asked: dict[str, Any] = {
+        "priority": priority,
+        "method": Method(method, solver=solver),  # type: ignore[arg-type]  # checked there
+        "limits": Limits(min_force),
+    }
     if isinstance(machine, AntagonistJoint):
         if theta is None or at_least:
             raise InvalidInput("a joint needs --theta; --at-least goes with a --machine of several joints")
         hand.none()
-        kind = stiffness_options.kind(options.file)
-        one = _of_one(machine, theta, stiffness, torque, valves=kind, **asked)
+        meant = Stiffness(stiffness_options.kind(options.file))
+        one = _of_one(machine, theta, stiffness, torque, meant, **asked)
         values, tables, success = _values_of_one(one), [_table(one)], one.success
     else:
         if theta is not None:
             raise InvalidInput("--theta is of a joint; several joints have a --posture")
         kind = stiffness_options.kind(options.file, machine.muscle_names)
-        several = _of_several(machine, hand, stiffness, torque, at_least, valves=kind, **asked)
+        several = _of_several(machine, hand, stiffness, torque, at_least, Stiffness(kind), **asked)
         values, tables, success = _values_of_several(several), _tables(several), several.success
     if as_json:
         print_json(values)
@@ -92,14 +101,16 @@ def allocate_command(
 # --- of one joint ---------------------------------------------------------------------------------------------------
 
 
-def _of_one(joint: "AntagonistJoint", theta: float, stiffness: str, torque: str, **asked: Any) -> "Allocation":
+def _of_one(
+    joint: "AntagonistJoint", theta: float, stiffness: str, torque: str, meant: "Stiffness", **asked: Any
+) -> "Allocation":
     from allocator.allocation import allocate
 
     finite("--theta", theta, "degrees")
     if abs(theta) > 360:
         raise InvalidInput(f"theta = {theta:g}° is over a turn")
     K, T = _one("--stiffness", stiffness, "N·m/rad"), _one("--torque", torque, "N·m")
-    return allocate(theta * DEG, K, T, joint=joint, **asked)
+    return allocate(theta * DEG, K, T, joint=joint, stiffness=meant, **asked)
 
 
 def _one(option: str, text: str, unit: str) -> float:
@@ -161,7 +172,13 @@ def _table(a: "Allocation") -> "Table":
 
 
 def _of_several(
-    mechanism: "Mechanism", options: HandOptions, stiffness: str, torque: str, at_least: bool, **asked: Any
+    mechanism: "Mechanism",
+    options: HandOptions,
+    stiffness: str,
+    torque: str,
+    at_least: bool,
+    meant: "Stiffness",
+    **asked: Any,
 ) -> "MechanismAllocation | AtLeast":
     """Return the answer for several joints.
 
@@ -175,14 +192,15 @@ def _of_several(
     T, n = torques(torque, mechanism), mechanism.n if hand is None else hand.endpoint.dim
     counts = {1: "one for all", n: "one each", n * (n + 1) // 2: "the upper triangle of the matrix, row by row"}
     K = _stiffness(row("--stiffness", stiffness, "N·m/rad" if hand is None else "N/m", counts), n)
-    at: dict[str, Any] = {} if hand is None else {"endpoint": hand.endpoint, "force": hand.force}
+    if hand is not None:
+        meant = replace(meant, endpoint=hand.endpoint, force=hand.force)
     if not at_least:
-        return allocate_mechanism(mechanism, q, K, T, **at, **asked)
-    if (asked["priority"], asked["method"], asked["solver"]) != ("torque", "exact", None):
+        return allocate_mechanism(mechanism, q, K, T, stiffness=meant, **asked)
+    if (asked["priority"], *asked["method"][:2]) != ("torque", "exact", None):
         raise InvalidInput("--at-least goes without --priority, --method and --solver")
-    if not asked["valves"].isobaric:
+    if not meant.kind(mechanism.muscle_names).isobaric:
         raise InvalidInput("--at-least is of the isobaric stiffness; it goes without --valves and --frequency")
-    return allocate_at_least(mechanism, q, K, T, **at, min_force=asked["min_force"])
+    return allocate_at_least(mechanism, q, K, T, stiffness=meant, limits=asked["limits"])
 
 
 def _stiffness(K: list[float], size: int) -> Any:
@@ -227,7 +245,7 @@ def _tables(found: "MechanismAllocation | AtLeast") -> "list[Table]":
     a, status = (found.allocation, found.status) if isinstance(found, AtLeast) else (found, found.status)
     m, angles = a.mechanism, ", ".join(f"{number(angle)}°" for angle in a.q / DEG)
     joints = Table("joint", "torque asked [N·m]", "given", title=f"{angles} · {status.name}")
-    joints.add_column(f"stiffness given [N·m/rad], by {', '.join(m.joint_names)}")
+    joints.add_column(f"{a.kind.text} given [N·m/rad], by {', '.join(m.joint_names)}")
     for i, name in enumerate(m.joint_names):
         given = ", ".join(number(value) for value in a.K[i])
         joints.add_row(name, number(a.T[i] + a.T_error[i]), number(a.T[i]), given)

@@ -146,6 +146,15 @@ def pressure_pair(name: str, value: Iterable[object] | None, labels: tuple[str, 
     return dict(zip(labels, pair, strict=True))
 
 
+def axis(name: str, value: object, ndim: int) -> int | None:
+    """Return an axis of targets, counted from 0, or None."""
+    if value is None:
+        return None
+    if not isinstance(value, int) or isinstance(value, bool) or not -ndim <= value < ndim:
+        raise InvalidInput(f"{name} = {brief(value)} is no axis of targets with {ndim} of them")
+    return value % ndim
+
+
 def one_of(name: str, value: object, among: Iterable[str]) -> str:
     """Return one of the words `among`."""
     words = tuple(among)

@@ -23,9 +23,8 @@ def problem_from(
     limits: Limits = TAUT,
     priority: Any = "torque",
     weights: Any = None,
-    stiffness_tolerance: Any = 0.0,
-    pull: Any = 0.0,
-    reference: Any = None,
+    tolerance: Any = 0.0,
+    pull: Any = None,
     shares: Shares | None = None,
 ) -> tuple[Problem, Array]:
     """Return the checked, flat problem, and the angles asked for in the common shape of all arguments.
@@ -34,13 +33,13 @@ def problem_from(
     angles are moved into the joint range. Raises InvalidInput, as `allocate` says.
     """
     named = {"theta": checks.angle("theta", theta), "K": checks.stiffness("K", K), "T": checks.real("T", T, "N·m")}
+    if not isinstance(limits, Limits):
+        raise InvalidInput(f"limits = {checks.brief(limits)} have to be Limits, such as Limits(min_force=20.0)")
     named |= _slew(limits)
     chosen = _priority(priority)
-    rho = checks.not_negative("pull", pull, "cost/Pa²")
-    if (reference is not None) is not (rho > 0):
-        raise InvalidInput("pull > 0 and reference = (P1, P2) go together; one came without the other")
+    rho, reference = (0.0, None) if pull is None else pulled(pull)
     if reference is not None:
-        named |= checks.pressure_pair("reference", reference, ("P1_ref", "P2_ref"))
+        named |= checks.pressure_pair("pull[1]", reference, ("P1_ref", "P2_ref"))
     arrays = checks.broadcast(**named)
     flat = {name: array.flatten() for name, array in zip(named, arrays, strict=True)}  # copies: they stay as they are
     low, high = _force_limits(limits)
@@ -52,12 +51,24 @@ def problem_from(
         priority=chosen,
         weights=_weights(chosen, weights),
         limits=Limits(low, high, _cocontraction(joint, limits), _pair(flat, "P1_now", "P2_now"), flat.get("max_step")),
-        stiffness_tolerance=_tolerance(chosen, stiffness_tolerance),
+        stiffness_tolerance=_tolerance(chosen, tolerance),
         pull=rho,
         reference=_pair(flat, "P1_ref", "P2_ref"),
     )
     problem = problem if shares is None else problem.with_shares(shares)
     return problem, flat["theta"].reshape(arrays[0].shape)
+
+
+def pulled(pull: Any) -> tuple[float, Any]:
+    """Return the weight ρ > 0 [cost]/[Pa]² of a pull = (ρ, P_ref), and what is given for P_ref."""
+    try:
+        weight, reference = pull
+    except (TypeError, ValueError):
+        raise InvalidInput(f"pull = {checks.brief(pull)} has to be (ρ, P_ref), [cost]/[Pa]² and pressures") from None
+    rho = checks.not_negative("pull[0]", weight, "cost/Pa²")
+    if rho == 0:
+        raise InvalidInput("pull = (ρ, P_ref) has to have ρ > 0; None is no pull")
+    return rho, reference
 
 
 def _slew(limits: Limits) -> dict[str, Array]:
@@ -110,9 +121,9 @@ def _cocontraction(joint: AntagonistJoint, limits: Limits) -> float | None:
 
 
 def _tolerance(priority: Priority, tolerance: Any) -> float:
-    value = checks.not_negative("stiffness_tolerance", tolerance, "N·m/rad")
+    value = checks.not_negative("tolerance", tolerance, "N·m/rad")
     if value and priority != "torque":
         raise InvalidInput(
-            "stiffness_tolerance holds for priority='torque' only: elsewhere no answers are equally good"
+            "a stiffness tolerance holds for priority='torque' only: elsewhere no answers are equally good"
         )
     return value

@@ -21,7 +21,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import assumptions
-from allocator.joint.gas import ISOBARIC, StiffnessKind
+from allocator.joint.gas import HELD, StiffnessKind
 from allocator.joint.limits import Limits, names
 from allocator.joint.torque_levels import Pair, torque_interval
 from allocator.presentation.tables import html_table, number, span
@@ -46,7 +46,7 @@ class Allocation:
     joint: AntagonistJoint = field(repr=False)
     priority: Priority
     _within: Limits = field(repr=False)  # the limits asked for
-    kind: StiffnessKind = ISOBARIC  # which stiffness `K_target` and `K` are: isobaric, shut, …
+    kind: StiffnessKind = HELD  # which stiffness `K_target` and `K` are: isobaric, shut, …
     method: str = "exact"
     iterations: Any = None  # of an optimising method
     _gap: Any = field(default=0.0, repr=False)  # `gap` where the method has proved one, else None
@@ -315,7 +315,7 @@ def single(
     K: float,
     T: float,
     found: tuple[Any, ...],
-    kind: StiffnessKind = ISOBARIC,
+    kind: StiffnessKind = HELD,
 ) -> Allocation:
     """Return the answer to one target from what a kernel `found`: P1, P2, torque, stiffness, status, binding limits."""
     P1, P2, T_given, K_given, status, flags, _ = found

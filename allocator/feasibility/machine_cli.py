@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from allocator.errors import InvalidInput
+from allocator.joint.gas import ISOBARIC, Stiffness
+from allocator.joint.limits import Limits
 from allocator.shell.hand_options import Hand, HandOptions, torques
 from allocator.units import DEG
 
@@ -42,8 +44,8 @@ def _polygon(
 ) -> tuple[Any, str, dict[str, Any]]:
     from allocator.mechanism.feasibility import feasible_targets
 
-    at: dict[str, Any] = {} if hand is None else {"endpoint": hand.endpoint, "force": hand.force}
-    found = feasible_targets(mechanism, options.angles(mechanism), min_force=min_force, **at)
+    meant = ISOBARIC if hand is None else Stiffness(endpoint=hand.endpoint, force=hand.force)
+    found = feasible_targets(mechanism, options.angles(mechanism), limits=Limits(min_force), stiffness=meant)
     x, y = _pair(targets, mechanism.n, hand)
     held = {} if torque == "free" else {f"T{i + 1}": float(T) for i, T in enumerate(torques(torque or "0", mechanism))}
     if hand is not None and held:

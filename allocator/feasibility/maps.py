@@ -23,7 +23,7 @@ from allocator.feasibility.result import FeasibilityMap
 from allocator.feasibility.setting import Columns, Setting, columns
 from allocator.inverse import solve_inverse
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.gas import StiffnessKind, Valves
+from allocator.joint.gas import Stiffness, StiffnessKind, Valves
 from allocator.joint.torque_levels import Pair
 
 _CELL_BYTES = 8 + 8 + 1 + 4  # P1, P2, status, limits
@@ -198,7 +198,7 @@ def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np
 
 def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Array, K: Array) -> None:
     """Answer columns in which several pairs may give the same by `allocate` itself."""
-    asked: dict[str, Any] = {"joint": setting.joint, "valves": setting.kind, **setting.limits._asdict()}
+    asked: dict[str, Any] = {"joint": setting.joint, "limits": setting.limits, "stiffness": Stiffness(setting.kind)}
     a = allocate(theta[where, None], K, T[where, None], **asked)
     found = a.status, a.limits, a.P1, a.P2, *((2 * a.valves[0] + a.valves[1],) if len(setting.states) > 1 else ())
     for target, array in zip(cells.arrays, found, strict=True):

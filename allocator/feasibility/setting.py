@@ -18,7 +18,7 @@ from allocator.allocation.problem import Problem
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask, Value
 from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.gas import ISOBARIC, StiffnessKind
+from allocator.joint.gas import HELD, StiffnessKind
 from allocator.joint.limits import TAUT, Limits
 from allocator.joint.torque_levels import Pair, stiffness, torque_interval
 
@@ -54,7 +54,7 @@ class Setting:
 
     joint: AntagonistJoint
     limits: Limits = TAUT
-    kind: StiffnessKind = ISOBARIC  # which stiffness is meant
+    kind: StiffnessKind = HELD  # which stiffness is meant
 
     @classmethod
     def of(
@@ -63,7 +63,7 @@ class Setting:
         min_force: float | None = 0.0,
         max_force: float | None = None,
         min_cocontraction: float | None = None,
-        kind: StiffnessKind = ISOBARIC,
+        kind: StiffnessKind = HELD,
     ) -> Self:
         """Take the arguments of `allocate` of these names, and the report's joint where none is given."""
         limits = Limits(min_force, max_force, min_cocontraction)

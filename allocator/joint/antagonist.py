@@ -230,22 +230,13 @@ class AntagonistJoint:
         """Return the width of the supply range [Pa]; tolerances are given in fractions of it."""
         return self.pressure_limits[1] - self.pressure_limits[0]
 
-    def pressure_box(
-        self,
-        theta: ArrayLike,
-        *,
-        min_force: float | None = 0.0,
-        max_force: float | None = None,
-        previous: tuple[Array, ...] | None = None,
-        max_step: Array | float | None = None,
-    ) -> PressureBox:
-        """Return the pressures allowed at `theta` by supply, validity of the model, least and greatest force, and slew.
+    def pressure_box(self, theta: ArrayLike, limits: Limits = TAUT) -> PressureBox:
+        """Return the pressures allowed at `theta` by supply, validity of the model and `limits`.
 
-        Since force grows with pressure every limit bounds one pressure: the feasible set is a box. None lifts the limit
-        on a force. `previous` (P1, P2) and `max_step` [Pa] say from where and how far the pressures may move; moving is
-        a hard limit, so that from outside the other limits the box shrinks to the nearest pressure within reach.
+        Since force grows with pressure every limit bounds one pressure: the feasible set is a box. A slew limit is
+        hard: from outside the other limits the box shrinks to the nearest pressure within reach.
         """
-        return self.box(np.asarray(theta, float), Limits(min_force, max_force, previous=previous, max_step=max_step))
+        return self.box(np.asarray(theta, float), limits)
 
     def box(self, theta: Array, limits: Limits = TAUT, shares: Shares | None = None) -> PressureBox:
         """Return the pressures allowed at `theta` (n,) by supply, model and `limits`, see `pressure_box`.

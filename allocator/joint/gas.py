@@ -21,13 +21,17 @@ g_i dθ; with dP/(P + p_a) = -κ dV/V its pressure changes by -κ (P + p_a) g_i 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
-from typing import Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from allocator.mechanism.endpoint import Endpoint
 
 _KAPPA = 1.0, 1.67  # isothermal, and adiabatic of a monatomic gas
 _ATMOSPHERE = 1e3, 2e6  # [Pa] of what surrounds a joint
@@ -148,7 +152,31 @@ class StiffnessKind:
         return None if self.isobaric else self.shares
 
 
-ISOBARIC = StiffnessKind.of()
+HELD = StiffnessKind.of()
+"""The isobaric stiffness: pressures are held."""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """A `Stiffness` is which stiffness a target K is: of held pressures unless `valves` or `frequency` say otherwise.
+
+    Of a mechanism it may be that of a hand, K_x [N/m], while this exerts a force.
+    """
+
+    valves: Any = "open"  # "open", "shut", whether each is shut, "free" (of a pair: whichever are best), or a kind
+    frequency: float | None = None  # [Hz] of small motions against regulators: the real part of the dynamic stiffness
+    lag: ArrayLike | None = None  # τ of the regulators [s], a number or one for each muscle; goes with the frequency
+    tolerance: float = 0.0  # stiffnesses this near to K are as good [N·m/rad]; of a pair
+    endpoint: "Endpoint | None" = None  # the hand whose stiffness is meant, instead of the joints'
+    force: ArrayLike = 0.0  # which the hand exerts (…, dim) [N]
+
+    def kind(self, muscles: Sequence[str] = PAIR) -> StiffnessKind:
+        """Return the kind of stiffness of a machine with muscles of these names. Raises InvalidInput."""
+        kind = StiffnessKind.of(self.valves, self.frequency, self.lag, muscles)
+        return HELD if kind.isobaric and len(muscles) == 2 else kind
+
+
+ISOBARIC = Stiffness()
 
 
 def frequencies(frequency: Any) -> Array:

@@ -73,15 +73,15 @@ def names(limits: int) -> tuple[str, ...]:
 
 
 class Limits(NamedTuple):
-    """`Limits` are what is asked of muscle forces and pressures beyond what the joint has, supply and joint range.
+    """`Limits` are what is asked of muscle forces and pressures beyond what the machine has, supply and joint range.
 
-    The fields are the arguments of `allocate` of these names. A named tuple, as it is made in every call.
+    Of a mechanism the forces may be rows (m,), and the pressures now an array (…, m). A named tuple, quickly made.
     """
 
-    min_force: float | None = 0.0  # least muscle force [N]; 0 keeps cables taut, None lets them be slack
-    max_force: float | None = None  # greatest muscle force [N]
+    min_force: Any = 0.0  # least muscle force [N]; 0 keeps cables taut, None lets them be slack
+    max_force: Any = None  # greatest muscle force [N]
     min_cocontraction: float | None = None  # least mean pressure (P1 + P2)/2 [Pa]
-    previous: tuple[Any, ...] | None = None  # slew limit: the pressure of each muscle now [Pa] …
+    previous: Any = None  # slew limit: the pressure of each muscle now [Pa] …
     max_step: Any = None  # … and how far each may move [Pa]; numbers, or arrays (n,) of n targets
 
     @property

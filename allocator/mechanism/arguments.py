@@ -5,10 +5,11 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from allocator import checks
+from allocator.allocation.arguments import pulled
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.joint.gas import ISOBARIC, StiffnessKind
-from allocator.joint.limits import Limits
+from allocator.joint.gas import ISOBARIC, Stiffness, StiffnessKind
+from allocator.joint.limits import TAUT, Limits
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Mechanism
@@ -24,58 +25,60 @@ def problem_from(
     K: Any,
     T: Any,
     *,
-    priority: Any,
-    weights: Any,
-    min_force: Any,
-    max_force: Any,
-    previous: Any,
-    max_step: Any,
-    kind: StiffnessKind = ISOBARIC,
-    endpoint: Any = None,
-    force: Any = 0.0,
+    limits: Limits = TAUT,
+    stiffness: Stiffness = ISOBARIC,
+    priority: Any = "torque",
+    weights: Any = None,
+    pull: Any = None,
 ) -> tuple[MechanismProblem, tuple[int, ...]]:
     """Return the checked problem and the common shape of its targets. Raises `InvalidInput`."""
     n, m = mechanism.n, mechanism.m
+    if not isinstance(limits, Limits):
+        raise InvalidInput(f"limits = {checks.brief(limits)} have to be Limits, such as Limits(min_force=20.0)")
+    kind, endpoint, force = _meant(mechanism, stiffness)
+    previous, max_step = limits.previous, limits.max_step
     asked_of = _AskedOf.of(mechanism, endpoint)
-    if endpoint is None and np.any(force):
-        raise InvalidInput("force is that of an endpoint; give endpoint, too")
-    pull = np.zeros(0) if endpoint is None else endpoint.force(force)
+    exerted = np.zeros(0) if endpoint is None else endpoint.force(force)
     posture, torque = mechanism.posture(q), _torque(mechanism, T)
     now = None if previous is None else mechanism.pressures("previous", previous)
     step = None if max_step is None else checks.positive_pressure("max_step", max_step)
     if step is not None and now is None:
         raise InvalidInput("max_step limits how far the pressures move from previous; give previous, too")
-    others = [x.shape[:-1] for x in (posture, torque, now, pull) if x is not None]
-    stiffness, own_only = _stiffness(asked_of, K, _common(others, n, m))
-    shape = _common([*others, stiffness.shape[:-2], () if step is None else step.shape], n, m)
+    weight, toward = _pull(mechanism, priority, pull)
+    others = [x.shape[:-1] for x in (posture, torque, now, exerted, toward) if x is not None]
+    K, own_only = _stiffness(asked_of, K, _common(others, n, m))
+    shape = _common([*others, K.shape[:-2], () if step is None else step.shape], n, m)
     checks.one_of("priority", priority, PRIORITIES)
     asked, hand = _flat(posture, shape, 1), None
     torque = np.broadcast_to(torque, (*shape, n)).reshape(-1, n)
     if endpoint is not None:
-        pull, stiffness = _flat(pull, shape, 1), _flat(stiffness, shape, 2)
-        hand = EndpointTargets.at(endpoint, mechanism.within(asked), pull, stiffness)
-        torque, stiffness = torque + hand.torque, np.eye(endpoint.dim)
-    triangle = stiffness[(..., *np.triu_indices(asked_of.size))]
+        exerted, K = _flat(exerted, shape, 1), _flat(K, shape, 2)
+        hand = EndpointTargets.at(endpoint, mechanism.within(asked), exerted, K)
+        torque, K = torque + hand.torque, np.eye(endpoint.dim)
+    triangle = K[(..., *np.triu_indices(asked_of.size))]
     triangle = np.broadcast_to(triangle, (*shape, triangle.shape[-1])).reshape(-1, triangle.shape[-1])
     y, slew = np.concatenate([torque, triangle], axis=1), None
     if now is not None:
         now = np.broadcast_to(now, (*shape, m)).reshape(-1, m)
         slew = tuple(now.T) if step is not None else None
         step = None if step is None else np.broadcast_to(step, shape).ravel()
-    limits = tuple(Limits(*pair, None, slew, step) for pair in _forces(mechanism, min_force, max_force))
+    each = tuple(Limits(*pair, None, slew, step) for pair in mechanism.force_limits(limits))
     reference = np.zeros((1, m)) if now is None else now
-    row_weights, pull = _weights(n, asked_of, priority, weights, own_only), _pull(mechanism, priority, weights)
-    given = mechanism, asked, y, row_weights, priority, limits, reference, kind, hand
-    return MechanismProblem(*given, pull=pull), shape
+    reference = reference if toward is None else _flat(toward, shape, 1)
+    row_weights = _weights(n, asked_of, priority, weights, own_only)
+    given = mechanism, asked, y, row_weights, priority, each, reference, kind, hand
+    return MechanismProblem(*given, pull=weight), shape
 
 
-def _forces(mechanism: Mechanism, min_force: Any, max_force: Any) -> list[tuple[float | None, float | None]]:
-    """Return the least and the greatest force of each muscle [N]. Raises `InvalidInput` where they contradict."""
-    pairs = list(zip(mechanism.each("min_force", min_force), mechanism.each("max_force", max_force), strict=True))
-    for name, (low, high) in zip(mechanism.muscle_names, pairs, strict=True):
-        if high is not None and high <= (low or 0.0):
-            raise InvalidInput(f"max_force = {high:g} N of {name} has to exceed min_force = {low or 0.0:g} N")
-    return pairs
+def _meant(mechanism: Mechanism, stiffness: Any) -> tuple[StiffnessKind, Any, Any]:
+    """Return which stiffness is meant: (its kind, the endpoint or None, the force there). Raises `InvalidInput`."""
+    if not isinstance(stiffness, Stiffness):
+        raise InvalidInput(f"stiffness = {checks.brief(stiffness)} has to be a Stiffness, such as Stiffness('shut')")
+    if stiffness.endpoint is None and np.any(stiffness.force):
+        raise InvalidInput("force is that of an endpoint; give endpoint, too")
+    if checks.not_negative("tolerance", stiffness.tolerance, "N·m/rad"):
+        raise InvalidInput("a stiffness tolerance is for an AntagonistJoint, whose stiffness is one number")
+    return stiffness.kind(mechanism.muscle_names), stiffness.endpoint, stiffness.force
 
 
 class _AskedOf(NamedTuple):
@@ -181,13 +184,9 @@ def _weights(n: int, of: _AskedOf, priority: str, weights: Any, own_only: bool) 
             raise InvalidInput("priority='weighted' needs weights = (w_T, w_K)")
         weights = 1.0, 1.0
     try:
-        w_T, w_K, *w_P = weights
-        if len(w_P) > 1:
-            raise ValueError
+        w_T, w_K = weights
     except (TypeError, ValueError):
-        raise InvalidInput(
-            f"weights = {checks.brief(weights)} have to be two, (w_T, w_K), or three, (w_T, w_K, w_P)"
-        ) from None
+        raise InvalidInput(f"weights = {checks.brief(weights)} have to be two, (w_T, w_K)") from None
     torque = checks.real("weights[0]", w_T, "cost/[N·m]²")
     stiffness = checks.real("weights[1]", w_K, "cost/[N·m/rad]²")
     if torque.shape not in ((), (n,)) or stiffness.shape not in ((), (size, size)):
@@ -201,11 +200,11 @@ def _weights(n: int, of: _AskedOf, priority: str, weights: Any, own_only: bool) 
     return np.concatenate([np.broadcast_to(torque, (n,)), doubled[np.triu_indices(size)]])
 
 
-def _pull(mechanism: Mechanism, priority: str, weights: Any) -> float:
-    """Return the weight of ‖(P - P_ref)/unit‖² beside the targets, 0 where it comes after them."""
-    if weights is None or len(weights) < 3:
-        return 0.0
-    w_P = checks.number("weights[2]", weights[2], "cost/[Pa]²")
-    if w_P <= 0 or priority != "weighted":
-        raise InvalidInput(f"weights[2] = {w_P:g} cost/[Pa]² has to be positive, and belongs to priority='weighted'")
-    return w_P * mechanism.pressure_limits[1] ** 2
+def _pull(mechanism: Mechanism, priority: str, pull: Any) -> tuple[float, Array | None]:
+    """Return the weight of ‖(P - P_ref)/unit‖² beside the targets, and P_ref (…, m); (0, None) without a pull."""
+    if pull is None:
+        return 0.0, None
+    rho, reference = pulled(pull)
+    if priority != "weighted":
+        raise InvalidInput("of a mechanism a pull belongs to priority='weighted'")
+    return rho * mechanism.pressure_limits[1] ** 2, mechanism.pressures("pull[1]", reference)

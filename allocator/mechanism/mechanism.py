@@ -240,26 +240,13 @@ class Mechanism:
         """Return y (…, d) from τ (…, n) and K (…, n, n)."""
         return _stacked(torque, stiffness, *self.upper_triangle)
 
-    def pressure_box(
-        self,
-        q: ArrayLike,
-        *,
-        min_force: ArrayLike | None = 0.0,
-        max_force: ArrayLike | None = None,
-        previous: ArrayLike | None = None,
-        max_step: ArrayLike | None = None,
-    ) -> tuple[Array, Array]:
-        """Return the least and the greatest pressures (…, m) [Pa] that supply, model, forces and slew leave.
-
-        `min_force` and `max_force` [N] are numbers or rows (m,), None lifts them; `previous` (…, m) and `max_step` [Pa]
-        say from where and how far the pressures may move.
-        """
-        slew = None if previous is None else tuple(np.moveaxis(self.pressures("previous", previous), -1, 0))
-        limits = [
-            Limits(low, high, None, slew, None if max_step is None else checks.positive_pressure("max_step", max_step))
-            for low, high in zip(self.each("min_force", min_force), self.each("max_force", max_force), strict=True)
-        ]
-        box = self.intervals(self.at(self.posture(q)), limits)
+    def pressure_box(self, q: ArrayLike, limits: Limits = TAUT) -> tuple[Array, Array]:
+        """Return the least and the greatest pressures (…, m) [Pa] that supply, model and `limits` leave."""
+        now, step = limits.previous, limits.max_step
+        slew = None if now is None else tuple(np.moveaxis(self.pressures("previous", now), -1, 0))
+        step = None if step is None else checks.positive_pressure("max_step", step)
+        each = [Limits(low, high, None, slew, step) for low, high in self.force_limits(limits)]
+        box = self.intervals(self.at(self.posture(q)), each)
         return np.stack([side.lo for side in box], axis=-1), np.stack([side.hi for side in box], axis=-1)
 
     def intervals(
@@ -294,6 +281,16 @@ class Mechanism:
     def pressures(self, name: str, P: Any) -> Array:
         """Return the checked pressures `P` (…, m) [Pa]. Raises `InvalidInput`."""
         return self.sized(name, checks.pressure(name, P), self.m, "pressures [Pa]")
+
+    def force_limits(self, limits: Limits) -> list[tuple[float | None, float | None]]:
+        """Return the least and the greatest force of each muscle [N]. Raises `InvalidInput`, also for a floor on P."""
+        if limits.min_cocontraction is not None:
+            raise InvalidInput("min_cocontraction bounds the mean of two pressures, of an AntagonistJoint only")
+        lows, highs = self.each("min_force", limits.min_force), self.each("max_force", limits.max_force)
+        for name, low, high in zip(self.muscle_names, lows, highs, strict=True):
+            if high is not None and high <= (low or 0.0):
+                raise InvalidInput(f"max_force = {high:g} N of {name} has to exceed min_force = {low or 0.0:g} N")
+        return list(zip(lows, highs, strict=True))
 
     def each(self, name: str, force: Any) -> list[float | None]:
         """Return a force limit [N] of each of the m muscles, from one for all, a row (m,), or None."""

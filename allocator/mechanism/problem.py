@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
-from allocator.joint.gas import ISOBARIC, StiffnessKind
+from allocator.joint.gas import HELD, StiffnessKind
 from allocator.joint.limits import Limits, PressureInterval
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.endpoint.targets import EndpointTargets
@@ -45,7 +45,7 @@ class MechanismProblem:
     priority: Priority
     limits: tuple[Limits, ...]  # of each muscle (m)
     reference: Array  # P_ref (N or 1, m) [Pa]
-    kind: StiffnessKind = ISOBARIC  # which stiffness K is
+    kind: StiffnessKind = HELD  # which stiffness K is
     endpoint: EndpointTargets | None = None  # where y holds E of it instead of K
     pull: float = 0.0  # weight of ‖(P - P_ref)/unit‖² beside the targets; 0 where it comes after them
 

@@ -201,7 +201,7 @@ class MachineOptions:
         return replace(base, **changes) if changes else base
 
     @property
-    def volumes(self) -> dict[str, float]:
+    def volumes(self) -> dict[str, Any]:
         """Volumes of the gas [m³] that are given."""
         given = {"rest_volume": self.rest_volume, "tube_volume": self.tube_volume}
         return {name: volume * CM3 for name, volume in given.items() if volume is not None}

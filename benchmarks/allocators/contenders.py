@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator import Status, allocate, inverse
+from allocator import Method, Status, allocate, inverse
 from benchmarks.allocators.targets import Array, Flags, TargetSet
 
 Clip = Literal["nothing", "supply", "box"]
@@ -78,10 +78,10 @@ INVERSES = (
 )
 EXACT = Allocator("exact")
 BACK_ENDS = (
-    Allocator("qp (daqp)", {"method": "qp", "solver": "daqp"}),
-    Allocator("qp (osqp)", {"method": "qp", "solver": "osqp"}),
-    Allocator("nlp (ipopt)", {"method": "nlp", "solver": "ipopt"}),
-    Allocator("nlp (sqpmethod)", {"method": "nlp", "solver": "sqpmethod"}),
-    Allocator("convex (clarabel)", {"method": "convex", "solver": "clarabel"}),
+    Allocator("qp (daqp)", {"method": Method("qp", solver="daqp")}),
+    Allocator("qp (osqp)", {"method": Method("qp", solver="osqp")}),
+    Allocator("nlp (ipopt)", {"method": Method("nlp", solver="ipopt")}),
+    Allocator("nlp (sqpmethod)", {"method": Method("nlp", solver="sqpmethod")}),
+    Allocator("convex (clarabel)", {"method": Method("convex", solver="clarabel")}),
 )
 CONTENDERS = (*INVERSES, EXACT, *BACK_ENDS)

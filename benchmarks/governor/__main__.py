@@ -5,6 +5,7 @@ from time import process_time
 
 import numpy as np
 
+from allocator import Limits
 from allocator.units import BAR
 from benchmarks.governor.closed_loop import COMMANDERS, DT, MACHINES, SLEW, closed_loop, governor_of, machine
 from mpc.governor import GovernorStatus, PressureGovernor
@@ -39,7 +40,7 @@ def adversarial(N: int, chunk: int = 50_000) -> None:
         begin = process_time()
         safe, status = governor.govern(q, omega, P, command)
         time += process_time() - begin
-        lo, hi = mechanism.pressure_box(q, previous=P, max_step=SLEW * DT)
+        lo, hi = mechanism.pressure_box(q, Limits(previous=P, max_step=SLEW * DT))
         broken += int(((safe < lo - 1e-3) | (safe > hi + 1e-3)).any(axis=1).sum())
         changed += int(((safe != command).any(axis=1) & (status == GovernorStatus.SAFE)).sum())
         for value, count in zip(*np.unique(status, return_counts=True), strict=True):

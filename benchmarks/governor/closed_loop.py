@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator import report_joint
+from allocator import Limits, report_joint
 from allocator.mechanism import Mechanism
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
@@ -109,7 +109,7 @@ def closed_loop(
     u, push, (low, high) = batch.P.copy(), np.zeros((arms, arm.n)), arm.angle_limits
     beyond, broken, unable, moved, samples = -np.inf, 0, 0, 0, round(seconds / DT)
     for k in range(samples):
-        box = mechanism.pressure_box(batch.q, previous=u, max_step=SLEW * DT)
+        box = mechanism.pressure_box(batch.q, Limits(previous=u, max_step=SLEW * DT))
         command = np.clip(COMMANDERS[commander](batch, rng, k), *box)
         safe, status = governor.govern(batch.q, batch.omega, batch.P, command, u)
         unable += int((status == GovernorStatus.NOT_KEPT).sum())

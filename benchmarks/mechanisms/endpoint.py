@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
+from allocator import Stiffness
 from allocator.mechanism import Endpoint, Mechanism, allocate_at_least, allocate_mechanism, machines, warm_up
 from allocator.units import BAR
 
@@ -81,7 +82,7 @@ def at_least(mechanism: Mechanism, hand: Endpoint, N: int) -> str:
         s = edge(mechanism, hand, t)
         for share, expected in ((s - _EDGE, "EXACT"), (s + _EDGE, "STIFFNESS_LIMITED")):
             start = time.perf_counter()
-            a = allocate_at_least(mechanism, t.q, share * t.K_x, t.T, endpoint=hand, force=t.force)
+            a = allocate_at_least(mechanism, t.q, share * t.K_x, t.T, stiffness=Stiffness(endpoint=hand, force=t.force))
             seconds.append(time.perf_counter() - start)
             outcomes[a.status.name] += 1
             right += a.status.name == expected
@@ -97,7 +98,7 @@ def at_least(mechanism: Mechanism, hand: Endpoint, N: int) -> str:
 def exactly(mechanism: Mechanism, hand: Endpoint, N: int, factor: float) -> str:
     """Return what becomes of ellipses that pressures give, times a factor."""
     found = [
-        allocate_mechanism(mechanism, t.q, factor * t.K_x, t.T, endpoint=hand, force=t.force)
+        allocate_mechanism(mechanism, t.q, factor * t.K_x, t.T, stiffness=Stiffness(endpoint=hand, force=t.force))
         for t in targets(mechanism, hand, N, seed=1)
     ]
     outcomes = Counter(a.status.name for a in found)

@@ -10,7 +10,7 @@ import numpy as np
 
 from allocator.mechanism import allocate_mechanism, batches, machines, warm_up
 from allocator.mechanism.arguments import problem_from
-from benchmarks.mechanisms.targets import POSTURE, UNLIMITED, Targets, arm_at_postures, random_mechanism, random_targets
+from benchmarks.mechanisms.targets import POSTURE, Targets, arm_at_postures, random_mechanism, random_targets
 from benchmarks.speed.clock import seconds
 
 FEW = 200  # targets that the rivals get: they are called one by one
@@ -104,7 +104,11 @@ def weighted(rounds: int) -> list[Time]:
     A = np.concatenate([rows * p.A[0], np.sqrt(FLAT) * np.eye(m)])
     b = np.concatenate([rows[:, 0] * p.b, np.zeros((len(p.b), m))], axis=1)
     H = A.T @ A
-    one = {"priority": "weighted", "weights": (1e4, 1.0, FLAT / t.mechanism.pressure_limits[1] ** 2)}
+    one = {
+        "priority": "weighted",
+        "weights": (1e4, 1.0),
+        "pull": (FLAT / t.mechanism.pressure_limits[1] ** 2, np.zeros(m)),
+    }
 
     def ours() -> np.ndarray:
         return allocate_mechanism(*t[:2], t.K, t.T, **one).P / p.unit
@@ -113,7 +117,7 @@ def weighted(rounds: int) -> list[Time]:
         return lambda: np.array([solver(A, b[i], H, lo[i], hi[i]) for i in range(FEW)])
 
     ranked = replace(p, priority="weighted", weights=np.repeat([1e4, 1.0, 2.0, 1.0], [2, 1, 1, 1]))
-    posed = problem_from(*t[:2], t.K, t.T, **UNLIMITED, **one)[0]
+    posed = problem_from(*t[:2], t.K, t.T, **one)[0]
     works = {BATCH: ours, KERNEL: lambda: batches.solve(posed).x, BOTH: lambda: batches.solve(ranked).x} | {
         name: one_by_one(make(H, lo[0], hi[0])) for name, make in solvers().items()
     }

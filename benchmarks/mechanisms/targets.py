@@ -1,6 +1,6 @@
 """The machines and targets that are measured."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from allocator.mechanism.problem import MechanismProblem
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 
 POSTURE = np.array([0.4, -0.3])
-UNLIMITED: dict[str, Any] = {"min_force": 0.0, "max_force": None, "previous": None, "max_step": None}
 
 
 class Targets(NamedTuple):
@@ -24,7 +23,7 @@ class Targets(NamedTuple):
     @property
     def problem(self) -> MechanismProblem:
         """As the library sees it."""
-        return problem_from(self.mechanism, self.q, self.K, self.T, priority="torque", weights=None, **UNLIMITED)[0]
+        return problem_from(self.mechanism, self.q, self.K, self.T)[0]
 
 
 def random_targets(mechanism: Mechanism, q: np.ndarray, N: int, seed: int = 0) -> Targets:

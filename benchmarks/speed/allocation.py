@@ -8,7 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
-from allocator import allocate, report_joint, warm_up
+from allocator import Method, Stiffness, allocate, report_joint, warm_up
 from allocator.allocation.kernels.compiled import kernel
 from allocator.allocation.kernels.numbers import TonduNumbers
 from benchmarks.allocators.targets import JOINTS
@@ -113,7 +113,7 @@ def scalar(
 
 def readable(targets: Targets) -> Callable[[], object]:
     """The same by the readable NumPy implementation."""
-    return lambda: allocate(*targets.arrays, joint=targets.joint, stiffness_tolerance=NO_SHORT_CUT)
+    return lambda: allocate(*targets.arrays, joint=targets.joint, stiffness=Stiffness(tolerance=NO_SHORT_CUT))
 
 
 def control_horizon(rounds: int) -> Measurement:
@@ -244,7 +244,7 @@ def back_ends(targets: Targets) -> Iterator[Measurement]:
     theta, K, T = (x[:10] for x in targets.arrays)
     exact = allocate(theta, K, T)
     right = np.stack([exact.P1, exact.P2], 1)
-    slow = [(f"method={m!r}, {s}", {"method": m, "solver": s, "joint": targets.joint}) for m, s in BACK_ENDS]
+    slow = [(f"method={m!r}, {s}", {"method": Method(m, solver=s), "joint": targets.joint}) for m, s in BACK_ENDS]
     for name, options in slow:
         found = allocate(theta, K, T, **options)
         check_pressures(name, np.stack([found.P1, found.P2], 1), right, 1e-4 * targets.joint.pressure_span)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from allocator import allocate
+from allocator import Stiffness, allocate
 from benchmarks.speed.targets import Answers, Array, Targets
 
 NO_SHORT_CUT = 1e-300  # a tolerance [N·m/rad] that changes nothing, but for which `allocate` has no kernel
@@ -18,7 +18,7 @@ def check_same(who: str, targets: Targets, found: Answers) -> None:
 
     step = max(1, targets.n // 2000)
     some = tuple(x[::step] for x in targets.arrays)
-    expected = allocate(*some, joint=targets.joint, method="exact", stiffness_tolerance=NO_SHORT_CUT)
+    expected = allocate(*some, joint=targets.joint, method="exact", stiffness=Stiffness(tolerance=NO_SHORT_CUT))
     P1, P2, _ = solve(expected._problem)
     for name, mine, right in (
         ("P1", found.P1[::step], P1),

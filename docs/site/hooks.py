@@ -74,8 +74,10 @@ def _commands() -> str:
         printed = CliRunner().invoke(app, [*command, "--help"], env={"COLUMNS": "88", "TERM": "dumb"}).output
         return f"## antagonist {' '.join(command)}\n\n```text\n{printed.strip()}\n```\n"
 
-    names: list[str] = list(get_command(app).commands)  # type: ignore[attr-defined]
-    return "\n".join(help_of(name) for name in names)
+    found = []
+    for name, command in get_command(app).commands.items():  # type: ignore[attr-defined]
+        found += [(name,), *((name, own) for own in getattr(command, "commands", ()))]
+    return "\n".join(help_of(*names) for names in found)
 
 
 def _enumerated(kind: type[IntEnum], column: str, text: str) -> str:

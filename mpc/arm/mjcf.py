@@ -8,10 +8,10 @@ ground. `Mechanism.from_mjcf` reads routes, names and ranges again, with rest le
 user data.
 """
 
-from typing import Any
 from xml.etree import ElementTree as Tree
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
@@ -124,7 +124,7 @@ def _spatial(tendons: Tree.Element, mechanism: Mechanism, routes: Sites, parts: 
             Tree.SubElement(tendon, "site", site=site)
 
 
-def _quaternion(R: Any) -> tuple[float, ...]:
+def _quaternion(R: ArrayLike) -> tuple[float, ...]:
     """Return the unit quaternion (w, x, y, z) of a rotation matrix."""
     from scipy.spatial.transform import Rotation
 

@@ -10,7 +10,7 @@ The state (q, q', P) is integrated by the classical Runge–Kutta method in step
 from collections.abc import Sequence
 from copy import copy
 from math import ceil, inf, isfinite
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,13 +20,15 @@ from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.gas import Gas
 from allocator.mechanism.routes.base import per_muscle
-from allocator.mechanism.routes.mjcf import load, said, tendon_lengths
+from allocator.mechanism.routes.mjcf import Source, load, said, tendon_lengths
 from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.arm.pushing import pushed_stiffness, settle
 from mpc.model.arm.mechanics.tendon_jacobian import TendonJacobian
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.integration import NODES, SHARES
+
+_Kept: TypeAlias = tuple[float, Array, Array, Array, Array, list[tuple[float, Array]]]
 
 
 class Readings(NamedTuple):
@@ -45,7 +47,7 @@ class MujocoPlant:
 
     def __init__(
         self,
-        model: Any,
+        model: Source,
         muscles: Muscle | Sequence[Muscle],
         rest_length: ArrayLike | None = None,
         *,
@@ -289,12 +291,12 @@ class MujocoPlant:
             self._substep(step, brake, shut)
         self._look()
 
-    def kept(self) -> tuple[Any, ...]:
+    def kept(self) -> _Kept:
         """Return the state, for `restore`."""
         d = self.data
         return float(d.time), d.qpos.copy(), d.qvel.copy(), self._P.copy(), self._load.copy(), list(self._waiting)
 
-    def restore(self, kept: tuple[Any, ...]) -> None:
+    def restore(self, kept: _Kept) -> None:
         """Go back to the state that was `kept`."""
         d = self.data
         d.time, d.qpos[:], d.qvel[:] = kept[:3]
@@ -369,21 +371,21 @@ class MujocoPlant:
         """Have MuJoCo derive everything from the state, without moving it."""
         self._rates(self._P)
 
-    def _row(self, name: str, value: Any, size: int, unit: str) -> Array:
+    def _row(self, name: str, value: ArrayLike, size: int, unit: str) -> Array:
         array = checks.real(name, value, unit)
         if array.shape not in ((), (size,)):
             raise InvalidInput(f"{name} has the shape {array.shape}; expected ({size},) [{unit}]")
         return np.broadcast_to(array, (size,)).astype(float)
 
 
-def _size(name: str, value: Any, unit: str) -> float:
+def _size(name: str, value: ArrayLike, unit: str) -> float:
     number = checks.number(name, value, unit)
     if number < 0:
         raise InvalidInput(f"{name} = {number:g} {unit} has to be 0 or more")
     return number
 
 
-def _slew(value: Any) -> float:
+def _slew(value: ArrayLike) -> float:
     slew = inf if value == inf else checks.number("slew", value, "Pa/s")
     if not slew > 0 or (isfinite(slew) and slew <= checks.LOOKS_LIKE_BAR[1]):
         raise InvalidInput(f"slew = {slew:g} Pa/s has to be positive; if bar/s was meant, multiply by 1e5")

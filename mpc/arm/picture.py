@@ -7,7 +7,7 @@ pictures get a bright sky and a lamp at the camera.
 import os
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.arm.drawing import paint
 from mpc.arm.mujoco_plant import MujocoPlant
+
+if TYPE_CHECKING:
+    from mujoco.egl import GLContext  # those of OSMesa and GLFW have the same methods
 
 _BARE = 0.010, 0.006  # [m] the radius of a muscle whose volume is not known, empty and its growth at full pressure
 _SKY = np.array([224, 232, 240], np.uint8)
@@ -113,7 +116,7 @@ def radii(plant: MujocoPlant) -> Array:
     return np.asarray(thin + filled * (np.sqrt(np.maximum(volumes, 0.0) / (np.pi * plant.lengths)) - thin))
 
 
-def _context(width: int, height: int) -> Any:
+def _context(width: int, height: int) -> "GLContext":
     """Return a context of the GL that `MUJOCO_GL` names, or of the first that works. Raises `MissingBackend`."""
     asked = os.environ.get("MUJOCO_GL", "").lower()
     if asked and asked not in _MAKERS:
@@ -128,19 +131,19 @@ def _context(width: int, height: int) -> Any:
     raise MissingBackend("offscreen GL", ", ".join(why) or sys.platform, _ADVICE)
 
 
-def _egl(width: int, height: int) -> Any:
+def _egl(width: int, height: int) -> "GLContext":
     from mujoco.egl import GLContext
 
     return GLContext(width, height)
 
 
-def _osmesa(width: int, height: int) -> Any:
+def _osmesa(width: int, height: int) -> "GLContext":
     from mujoco.osmesa import GLContext
 
     return GLContext(width, height)
 
 
-def _glfw(width: int, height: int) -> Any:
+def _glfw(width: int, height: int) -> "GLContext":
     from mujoco.glfw import GLContext
 
     return GLContext(width, height)
@@ -152,7 +155,7 @@ def _sized(name: str, value: int, most: int) -> int:
     return int(value)
 
 
-_MAKERS: dict[str, Callable[[int, int], Any]] = {"egl": _egl, "osmesa": _osmesa, "glfw": _glfw}
+_MAKERS: dict[str, Callable[[int, int], "GLContext"]] = {"egl": _egl, "osmesa": _osmesa, "glfw": _glfw}
 _ADVICE = [
     "EGL (Debian: apt install libegl1, then MUJOCO_GL=egl)",
     "OSMesa (Debian: apt install libosmesa6, then MUJOCO_GL=osmesa)",

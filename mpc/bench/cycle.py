@@ -12,7 +12,7 @@ commands, a signal, a log that cannot be written, or any exception of the device
 raises nothing: a ramp that fails becomes a vent, and a vent is tried several times. Then the exception is raised.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
 from functools import partial
 from math import ceil, inf, isfinite, nan
@@ -66,7 +66,7 @@ class Decision(NamedTuple):
 
     u: Pressures  # [Pa]
     phase: Phase = Phase.RUN
-    about: dict[str, Any] = {}  # noqa: RUF012  # fields of `Row`; never written to
+    about: Mapping[str, Any] = {}  # fields of `Row`; never written to
 
 
 class CommandSource(Protocol):

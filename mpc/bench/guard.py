@@ -7,7 +7,7 @@ outside the limits ends the loop, and a command keeps to the supply's range and 
 from collections.abc import Sequence
 from math import isfinite
 from numbers import Real
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from allocator import checks
 from allocator.units import BAR, DEG
@@ -47,7 +47,7 @@ class Guard:
         return float(one), float(two)
 
 
-def checked(reading: Any) -> Reading:
+def checked(reading: object) -> Reading:
     """Return what a device has read, as four floats. Raises `DeviceError` for anything else."""
     if not isinstance(reading, Sequence) or len(reading) != len(Reading._fields):
         raise DeviceError(f"read() returned {checks.brief(reading)}, which is not a Reading (t, theta, P1, P2)")

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,8 @@ from mpc.model.plant import Plant
 from mpc.trials.recordings import save_recording
 from mpc.trials.simulation import Run
 
-Columns = Mapping[str, NDArray[Any]]
+Column: TypeAlias = NDArray[Any]  # of floats or of integers
+Columns: TypeAlias = Mapping[str, Column]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,7 @@ class Record:
         theta, wanted = self.where("theta", "theta_ref", phases=(Phase.RUN,))
         return float(np.sqrt(np.nanmean((theta - wanted) ** 2)))
 
-    def where(self, *names: str, phases: tuple[Phase, ...]) -> list[NDArray[Any]]:
+    def where(self, *names: str, phases: tuple[Phase, ...]) -> list[Column]:
         """Return the columns called `names` in these phases."""
         here = np.isin(self.columns["phase"], phases)
         return [self.columns[name][here] for name in names]
@@ -101,7 +102,7 @@ def run_of(columns: Columns, plant: Plant, dt: float) -> Run:
     )  # fmt: skip
 
 
-def read_log(path: str | Path) -> dict[str, NDArray[Any]]:
+def read_log(path: str | Path) -> dict[str, Column]:
     """Read the columns (n,) of a loop's log, by the names of `Row`; an unfinished last line is left out.
 
     Raises `InvalidFile`.

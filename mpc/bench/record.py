@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from math import nan
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -68,7 +68,7 @@ _KINDS = tuple(Row.__annotations__.values())  # a NumPy scalar has another `repr
 INTEGERS = frozenset(name for name, kind in Row.__annotations__.items() if kind is int)
 
 
-def of_plan(plan: Plan) -> dict[str, Any]:
+def of_plan(plan: Plan) -> dict[str, object]:
     """Return what a row says of a controller's plan."""
     moved = {} if plan.moved is None else {f"moved_{name}": value for name, value in plan.moved._asdict().items()}
     return {

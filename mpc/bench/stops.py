@@ -19,7 +19,7 @@ import threading
 import time
 from collections.abc import Callable
 from types import FrameType, TracebackType
-from typing import Any, Self, TypeVar
+from typing import Self, TypeAlias, TypeVar
 
 from allocator.errors import AntagonistError
 from mpc.bench.device import Device
@@ -36,6 +36,7 @@ _ENDING = {
     "SIGQUIT": Reason.TERMINATED,
 }
 _T = TypeVar("_T")
+Handler: TypeAlias = Callable[[int, FrameType | None], object] | int | None  # of a signal
 
 
 class Stops:
@@ -49,7 +50,7 @@ class Stops:
         self._interrupting = False
         self._beat = time.monotonic()
         self._left = threading.Event()
-        self._before: dict[signal.Signals, Any] = {}
+        self._before: dict[signal.Signals, Handler] = {}
         self._thread = threading.Thread(target=self._guard, name="antagonist-watchdog", daemon=True)
 
     def __enter__(self) -> Self:

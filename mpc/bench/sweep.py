@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -255,8 +255,7 @@ class Sweep:
 
     def _decision(self, u: Pressures) -> Decision:
         self._u = u
-        about: dict[str, Any] = {"torque": self._torque}
-        return Decision(u, Phase.RUN, about)
+        return Decision(u, Phase.RUN, {"torque": self._torque})
 
 
 def _csv(header: str, rows: Array) -> str:

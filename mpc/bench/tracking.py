@@ -5,15 +5,13 @@ late is brought to the time at which it was due. Where samples had to be left ou
 without a reading under the command that was held.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.device import Reading
 from mpc.bench.guard import Pressures
+from mpc.bench.logs import Columns
 from mpc.bench.record import of_plan
 from mpc.bench.safety import Action, Reason, Stopped, Watchdog
 from mpc.model.plant import NX, Plant
@@ -79,7 +77,7 @@ class Tracking:
         one, two = plan.u[0].tolist()
         return Decision((one, two), Phase.SETTLE if k < self._settling else Phase.RUN, about)
 
-    def _estimate(self, tick: Tick) -> tuple[Any, float]:
+    def _estimate(self, tick: Tick) -> tuple[Array, float]:
         sent = np.array(tick.sent)
         for _ in range(tick.missed):
             self.observer.estimate(_UNSEEN, sent)
@@ -107,7 +105,7 @@ class Tracking:
             raise Stopped(Reason.UNHEALTHY, str(self.health), _ACTIONS.get(self.health.reaction))
 
 
-def replay(columns: Mapping[str, Any], tracking: Tracking) -> Array:
+def replay(columns: Columns, tracking: Tracking) -> Array:
     """Return the commands (n, 2) [Pa] that `tracking` decides on where it is told what the log says was read and sent.
 
     They are those of the log's n samples under control, if `tracking` has the same plant, controller, observer and

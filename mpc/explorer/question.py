@@ -6,7 +6,7 @@ Degrees, bar and millimetres here, as on the page; SI behind. Numbers are answer
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from allocator import AntagonistJoint, Lever, Pulley, allocate, feasibility_map,
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.feasibility.edges import Edge
-from allocator.joint.gas import Valves
+from allocator.joint.gas import Stiffness, Valves
 from allocator.joint.geometry import Geometry
 from allocator.units import BAR, DEG, MM
 
@@ -116,11 +116,11 @@ class Answer:
         """Return the joint that is asked about."""
         return self.question.joint(self.base)
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> dict[str, object]:
         """Return pressures, what they give, what binds, and both muscles."""
         asked = self.question
         valves = _VALVES[asked.valves]
-        a = allocate(asked.theta * DEG, asked.stiffness, asked.torque, joint=self.joint, valves=valves)
+        a = allocate(asked.theta * DEG, asked.stiffness, asked.torque, joint=self.joint, stiffness=Stiffness(valves))
         theta = float(a.theta)
         low, high = stiffness_interval(theta, asked.torque, joint=self.joint, valves=valves)
         return {
@@ -138,7 +138,7 @@ class Answer:
             "geometry": _numbers(self.joint.geometry),
         }
 
-    def outline(self) -> dict[str, Any]:
+    def outline(self) -> dict[str, object]:
         """Return the border of the stiffnesses that exist at the torque, by the limits that end them.
 
         With trapped gas in muscles that are not affine the complete search takes too long for a page that answers at
@@ -149,19 +149,19 @@ class Answer:
         edges = self._edges(left, right) if quick else self._columns(np.linspace(left, right, _COLUMNS))
         return {"angles": [left / DEG, right / DEG], "edges": edges}
 
-    def _edges(self, left: float, right: float) -> list[dict[str, Any]]:
+    def _edges(self, left: float, right: float) -> list[dict[str, object]]:
         some = np.array([left, right]), np.array([1.0, 2.0])  # edges do not depend on the cells
         found = feasibility_map(*some, self.question.torque, joint=self.joint, valves=_VALVES[self.question.valves])
         return [_edge(edge) for edge in found.edges]
 
-    def _columns(self, theta: Array) -> list[dict[str, Any]]:
+    def _columns(self, theta: Array) -> list[dict[str, object]]:
         ends = stiffness_interval(theta, self.question.torque, joint=self.joint, valves=_VALVES[self.question.valves])
         there = ~np.isnan(ends[0])
         curves = ((theta[there] / DEG).tolist(), *(end[there].tolist() for end in ends))
         return [{"limits": None, "theta": curves[0], "stiffness": K} for K in curves[1:] if there.any()]
 
 
-def muscles(joint: AntagonistJoint, theta: float, P1: float, P2: float) -> list[dict[str, Any]]:
+def muscles(joint: AntagonistJoint, theta: float, P1: float, P2: float) -> list[dict[str, object]]:
     """Return pressure [bar], contraction, length [mm] and force [N] of both muscles at the angle [rad]."""
     sides, forces = joint.sides(theta), joint.forces(theta, P1, P2)
     return [
@@ -176,7 +176,7 @@ def muscles(joint: AntagonistJoint, theta: float, P1: float, P2: float) -> list[
     ]
 
 
-def _edge(edge: Edge) -> dict[str, Any]:
+def _edge(edge: Edge) -> dict[str, object]:
     every = slice(None, None, max(1, edge.theta.size // _DRAWN))
     return {
         "limits": list(edge.active),
@@ -190,12 +190,12 @@ def _with_last(values: Array, every: slice, factor: float) -> list[float]:
     return [*(values[every] * factor).tolist(), float(values[-1] * factor)]
 
 
-def _or_none(value: Any) -> float | None:
+def _or_none(value: float | Array) -> float | None:
     """Return the number, or None for NaN: JSON has none."""
     return None if np.isnan(value) else float(value)
 
 
-def describe(joint: AntagonistJoint) -> dict[str, Any]:
+def describe(joint: AntagonistJoint) -> dict[str, object]:
     """Return what the page has to know of the joint before the first question."""
     theta = sum(joint.angle_range) / 2
     low, high = stiffness_interval(theta, 0.0, joint=joint)

@@ -1,7 +1,6 @@
 """A tracked run is played on the page sample by sample, at most some hundreds of them."""
 
 from pathlib import Path
-from typing import Any
 
 from allocator.units import DEG
 from mpc.explorer.question import muscles
@@ -10,7 +9,7 @@ from mpc.trials.recordings import load_recording
 _FRAMES = 400
 
 
-def frames(path: Path) -> dict[str, Any]:
+def frames(path: Path) -> dict[str, object]:
     """Return times [s] and what the joint did in the run in `path`. Raises `InvalidFile`."""
     run = load_recording(path)
     every = range(0, run.t.size, max(1, run.t.size // _FRAMES))

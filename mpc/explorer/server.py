@@ -16,7 +16,7 @@ HOST = "127.0.0.1"
 _NAMES = (HOST, "localhost")  # a page of elsewhere that has our address resolved to it is refused
 
 
-def server(joint: AntagonistJoint, run: dict[str, Any] | None, port: int) -> ThreadingHTTPServer:
+def server(joint: AntagonistJoint, run: dict[str, object] | None, port: int) -> ThreadingHTTPServer:
     """Return a server for `joint`, and for the frames of a run if there is one; port 0 takes any that is free.
 
     Raises `OSError` where the port is taken.
@@ -29,7 +29,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     timeout = 30.0  # [s]
 
-    def __init__(self, joint: AntagonistJoint, run: dict[str, Any] | None, *given: Any) -> None:
+    def __init__(self, joint: AntagonistJoint, run: dict[str, object] | None, *given: Any) -> None:
         self.joint, self.run = joint, run
         super().__init__(*given)
 
@@ -53,7 +53,7 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self._json(HTTPStatus.OK, found)
 
-    def _found(self, path: str, given: dict[str, str]) -> dict[str, Any] | None:
+    def _found(self, path: str, given: dict[str, str]) -> dict[str, object] | None:
         match path:
             case "/joint":
                 return describe(self.joint) | {"run": self.run}
@@ -63,7 +63,7 @@ class _Handler(BaseHTTPRequestHandler):
                 return Answer(Question.of(given), self.joint).outline()
         return None
 
-    def _json(self, status: HTTPStatus, found: dict[str, Any]) -> None:
+    def _json(self, status: HTTPStatus, found: dict[str, object]) -> None:
         self._send(status, "application/json", json.dumps(found, allow_nan=False).encode())
 
     def _send(self, status: HTTPStatus, kind: str, body: bytes) -> None:
@@ -74,5 +74,5 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(body)
 
-    def log_message(self, format: str, *given: Any) -> None:  # the name is that of the base class
+    def log_message(self, format: str, *given: object) -> None:  # the name is that of the base class
         """Say nothing: the page shows what went wrong."""

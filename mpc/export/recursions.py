@@ -122,13 +122,13 @@ def _structs() -> dict[str, StructKind]:
 def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
     """Return what arguments are, by their names in all functions."""
     sweep, rows, factors = structs["sweep"].fields, structs["rows"].fields, structs["factors"].fields
-    per_u = sweep["gv"]
-    reals = ("w", "least0", "least1", "total", "worst", "product", "share", "mean", "tolerance", "c0", "c1", "entering")
+    items, per_u = structs["items"].fields, sweep["gv"]
+    reals = ("w", "total", "worst", "product", "share", "mean", "tolerance", "c0", "c1", "entering", "limit")
     return {
         **structs,
         **{name: structs["path"].fields[name] for name in ("A", "B", "slope")},
         **{name: sweep[name] for name in ("R", "D", "g", "feedback", "held", "gx", "gv", "r")},
-        **{name: factors[name] for name in ("sigma", "inverse")},
+        **{name: factors[name] for name in ("sigma", "inverse", "border")},
         **dict.fromkeys(("W", "b", "value", "push"), rows["b"]),
         **dict.fromkeys(("gradient", "v", "lower", "upper"), per_u),
         **{
@@ -141,9 +141,10 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
             "xi": _array(_AFTER, 6),
         },
         **{"S": _array(6, 6), "SA": _array(6, 6), "P": _array(6, 2), "G": _array(2, 2), "F": sweep["feedback"]},
-        **{"s": _array(6), "p": _array(6), "e": _given(2), "slack": _given(4), "last": _given(2, 2)},
+        **{"s": _array(6), "p": _array(6), "slack": _given(4), "last": _given(2, 2)},
+        **dict.fromkeys(("e", "charge"), _given(2)),
         **{"u": _given(_N, 2), "guess": _array(f"2 * {_BLOCKS}", element=_SIDE)},
-        "there": structs["bounded"].fields["there"],
+        **{"z": items["z"], "pushes": items["r"], "there": structs["bounded"].fields["there"]},
         "starts": _given(_BLOCKS, element=INT),
         **dict.fromkeys(reals, REAL),
     }

@@ -5,10 +5,10 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property
 from math import isfinite
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
 from allocator.calculus import Array
@@ -16,10 +16,13 @@ from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.mechanism import Mechanism
 from mpc.governor import kernel
-from mpc.governor.interval import Interval, Scaled, ends, rows
+from mpc.governor.interval import Interval, Posed, Scaled, ends, rows
 from mpc.governor.loop import Loop, Packed, compiled_loop, packed, plain_loop
 from mpc.governor.model import Dynamics
 from mpc.governor.rules import Limits, Made, make, memory_for
+
+if TYPE_CHECKING:
+    from mpc.model.arm.model import Arm
 
 _SINGULAR = 1e-12  # least eigenvalue of an inertia, in its greatest
 _PAYS = 500  # commands for which a call may wait for the compiler
@@ -51,7 +54,7 @@ class Governed(NamedTuple):
     """Safe pressures, and the outcome for each command."""
 
     P: Array  # (…, m) [Pa]
-    status: Any  # GovernorStatus, or an array (…) of its integers
+    status: GovernorStatus | NDArray[np.int64]  # of one command, or of each (…)
 
 
 @dataclass(frozen=True)
@@ -77,17 +80,15 @@ class PressureGovernor:
     mechanism: Mechanism  # or an `AntagonistJoint`, of which one is made
     dt: float  # sample time [s]
     slew: float  # greatest change of a command [Pa/s]
-    inertia: (
-        Any  # M (n, n) [kg·m²], its diagonal (n), a number, a function q ↦ M of CasADi's q, or an `Interval` of two
-    )
-    gravity: Any = None  # g (n) [N·m], a function of CasADi's q: torques that muscles hold; or an `Interval` of two
-    damping: Any = ()  # of the joints (n) [N·m·s/rad], or an `Interval`; by default 0
+    inertia: ArrayLike | Posed | Interval  # M (n, n) [kg·m²], its diagonal (n), a number, a function q ↦ M, or two
+    gravity: Posed | Interval | None = None  # q ↦ g (n) [N·m], torques that muscles hold
+    damping: ArrayLike | Interval = ()  # of the joints (n) [N·m·s/rad], or an `Interval`; by default 0
     load: tuple[float, ...] = ()  # greatest constant torque on each joint besides (n) [N·m]; by default 0
-    lag: Any = 0.0  # of the pressures behind the commands [s], one or m of them, or an `Interval`
+    lag: ArrayLike | Interval = 0.0  # of the pressures behind the commands [s], one or m of them, or an `Interval`
     margin: float = 0.0  # that the joints keep from their ends [rad]
     min_force: float = 0.0  # that keeps a muscle taut [N]
     max_energy: float | None = None  # greatest kinetic energy [J], what a contact can receive
-    strength: Any = 1.0  # of the muscles' forces, in those of the model [-], one or m of them, or an `Interval`
+    strength: ArrayLike | Interval = 1.0  # of the muscles' forces, in those of the model [-], one or m of them
 
     def __post_init__(self) -> None:
         """Check the parts against each other. Raises `InvalidInput`."""
@@ -127,7 +128,7 @@ class PressureGovernor:
         self.made  # noqa: B018  # muscles and routes that cannot be governed are refused here
 
     @classmethod
-    def of_arm(cls, arm: Any, dt: float, *, mass: float | Interval = 1.0, **others: Any) -> Self:
+    def of_arm(cls, arm: "Arm", dt: float, *, mass: float | Interval = 1.0, **others: Any) -> Self:
         """Return the governor of an `mpc.model.arm.model.Arm`: slew, lags and bodies are its own.
 
         `mass` is a factor of all its masses [-], and `others` are further fields, such as
@@ -178,7 +179,7 @@ class PressureGovernor:
             return Governed(safe[0], _STATUS[int(status[0])])
         return Governed(safe.reshape(*shape, -1), status.reshape(shape))
 
-    def _rows(self, given: tuple[Any, ...]) -> Array:
+    def _rows(self, given: tuple[ArrayLike, ...]) -> Array:
         """Return rows (…, 2n + 3m) of q, ω, P, the last command and the next. Raises `InvalidInput`."""
         arrays = [np.asarray(value, float) for value in given]
         if tuple(array.shape for array in arrays) != self._shapes:
@@ -250,12 +251,12 @@ class PressureGovernor:
             kept["table"] = self._packed.table.copy()
         return kept["table"]
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """Return the fields alone: what has been made of them is made again in another process."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
-def _inertia(value: Any, n: int) -> tuple[tuple[float, ...], ...]:
+def _inertia(value: ArrayLike, n: int) -> tuple[tuple[float, ...], ...]:
     """Return M (n, n) of a number, a diagonal (n) or a matrix (n, n). Raises `InvalidInput`."""
     array = checks.real("PressureGovernor: inertia", value, "kg·m²")
     wrong = f"PressureGovernor: inertia has to be M ({n}, {n}), positive definite, its diagonal or a number [kg·m²]"

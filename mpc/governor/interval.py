@@ -2,14 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+
+Posed: TypeAlias = Callable[[Value], Value]  # a function of the posture q, numbers or CasADi's
 
 
 @dataclass(frozen=True)
@@ -19,8 +21,8 @@ class Interval:
     Both are numbers, rows of numbers or, for masses, matrices or functions, in the unit of what they are given for.
     """
 
-    low: Any
-    high: Any
+    low: Value | Posed
+    high: Value | Posed
 
     @classmethod
     def about(cls, value: ArrayLike, share: float) -> Self:
@@ -40,20 +42,22 @@ class Interval:
 class Scaled:
     """A function times a number."""
 
-    function: Callable[[Any], Any]
+    function: Posed
     factor: float
 
-    def __call__(self, q: Any) -> Any:
+    def __call__(self, q: Value) -> Value:
         """Return the function of `q` times the factor."""
         return self.factor * self.function(q)
 
 
-def ends(value: Any) -> tuple[Any, Any]:
+def ends(value: Value | Posed | Interval) -> tuple[Any, Any]:
     """Return the least and the greatest of what may be an interval; a value that is none twice."""
     return (value.low, value.high) if isinstance(value, Interval) else (value, value)
 
 
-def rows(name: str, value: Any, unit: str, size: int, letter: str, above: float | None = None) -> Array:
+def rows(
+    name: str, value: ArrayLike | Interval, unit: str, size: int, letter: str, above: float | None = None
+) -> Array:
     """Return the bounds (2, size) of one number or as many, or of an interval of these.
 
     They are not negative, or greater than `above`. Raises `InvalidInput`.

@@ -20,6 +20,11 @@ numbers and `scene` those that are uncertain.
 # numba compiles the functions for arrays; types would say Any
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.calculus import Array
+
 FORMULAS: Any = None
 motion = potential = FORMULAS
 
@@ -36,45 +41,45 @@ LOWEST, ROOT = range(2)  # of a row of `barrier`
 class Rules(NamedTuple):
     """Numbers of a governor of n joints and m muscles, with s scenes of k uncertain numbers."""
 
-    numbers: Any  # (10) as the constants above say: SI units
-    most: Any  # (m) supply or validity [Pa]
-    load: Any  # (n) greatest torque from outside [N·m]
-    ends: Any  # (n, 2) of the range [rad]
-    rest: Any  # P_b (m) of the stiff rest [Pa]
-    strong: Any  # (2, m) least and greatest strength [-]
-    scenes: Any  # (s, k) that the formulas take
-    barrier: Any  # (s, 2) energy in the range [J] and root of the barrier [√J]
-    weight: Any  # w (s, m) of the pressures' way to the rest [√J/(Pa·s)]
-    lag: Any  # (s, m) [s]
-    steps: Any  # (2) [s] of the integration, in the first sample and later
-    decay: Any  # (2s, m) exp(-step/lag), two rows a scene
-    counts: Any  # (5) integers: steps in the first sample and in later ones; samples; dt in a later sample; s
-    motion: Any  # numbers of the formulas
-    potential: Any
+    numbers: Array  # (10) as the constants above say: SI units
+    most: Array  # (m) supply or validity [Pa]
+    load: Array  # (n) greatest torque from outside [N·m]
+    ends: Array  # (n, 2) of the range [rad]
+    rest: Array  # P_b (m) of the stiff rest [Pa]
+    strong: Array  # (2, m) least and greatest strength [-]
+    scenes: Array  # (s, k) that the formulas take
+    barrier: Array  # (s, 2) energy in the range [J] and root of the barrier [√J]
+    weight: Array  # w (s, m) of the pressures' way to the rest [√J/(Pa·s)]
+    lag: Array  # (s, m) [s]
+    steps: Array  # (2) [s] of the integration, in the first sample and later
+    decay: Array  # (2s, m) exp(-step/lag), two rows a scene
+    counts: NDArray[np.int64]  # (5) steps in the first sample and in later ones; samples; dt in a later sample; s
+    motion: Array  # numbers of the formulas
+    potential: Array
 
 
 class Memory(NamedTuple):
     """Arrays that `govern` works in; `mpc.governor.rules.memory_for` makes them."""
 
-    angles: Any  # (n) of the state under way [rad]
-    rates: Any  # (n) [rad/s]
-    guess: Any  # (n) [rad/s] at the end of a step
-    pressures: Any  # (m) [Pa]
-    commands: Any  # (m) [Pa]
-    alpha: Any  # (n) [rad/s²]
-    later: Any  # (n) [rad/s²] at the end of a step
-    gain: Any  # A (m) of the forces A P + B [N/Pa]
-    force: Any  # B (m) [N]
-    speed: Any  # -l' (m), at which muscles shorten [m/s]
-    energy: Any  # (2) kinetic [J], and gravity's power [W]
-    level: Any  # (1) potential [J]
-    scene: Any  # (k) under way
-    power: Any  # (m) of the strongest muscles, of the weakest where they brake [W/Pa]
-    within: Any  # (n, 2) that the joints have to keep [rad]
-    lo: Any  # (m) [Pa]
-    hi: Any  # (m) [Pa]
-    wanted: Any  # (m) what comes next to the command [Pa]
-    first: Any  # (m) of the backup [Pa]
+    angles: Array  # (n) of the state under way [rad]
+    rates: Array  # (n) [rad/s]
+    guess: Array  # (n) [rad/s] at the end of a step
+    pressures: Array  # (m) [Pa]
+    commands: Array  # (m) [Pa]
+    alpha: Array  # (n) [rad/s²]
+    later: Array  # (n) [rad/s²] at the end of a step
+    gain: Array  # A (m) of the forces A P + B [N/Pa]
+    force: Array  # B (m) [N]
+    speed: Array  # -l' (m), at which muscles shorten [m/s]
+    energy: Array  # (2) kinetic [J], and gravity's power [W]
+    level: Array  # (1) potential [J]
+    scene: Array  # (k) under way
+    power: Array  # (m) of the strongest muscles, of the weakest where they brake [W/Pa]
+    within: Array  # (n, 2) that the joints have to keep [rad]
+    lo: Array  # (m) [Pa]
+    hi: Array  # (m) [Pa]
+    wanted: Array  # (m) what comes next to the command [Pa]
+    first: Array  # (m) of the backup [Pa]
 
 
 def govern(rules, q, omega, P, previous, command, safe, memory):

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.notices import notice
@@ -47,13 +48,13 @@ class Packed(NamedTuple):
     """The `Packed` are a kernel's numbers and memory, and the text of the loop that takes them apart."""
 
     table: Array
-    counts: Any
+    counts: NDArray[np.int64]
     text: str
 
 
 def packed(formulas: str, rules: kernel.Rules, memory: kernel.Memory) -> Packed:
     """Return the table of `rules` and `memory`, and the kernel's text with the `formulas` and the loop."""
-    parts = [*rules, *memory]
+    parts: list[Array | NDArray[np.int64]] = [*rules, *memory]
     ends = [0, *accumulate(part.size for part in parts if part is not rules.counts)]
     views = iter(pairwise(ends))
     texts = ["counts" if part is rules.counts else _view("table[{}:{}]", part, *next(views)) for part in parts]
@@ -67,7 +68,7 @@ def packed(formulas: str, rules: kernel.Rules, memory: kernel.Memory) -> Packed:
     return Packed(table, rules.counts, head + formulas + rest + _LOOP.format(**given))
 
 
-def _view(text: str, part: Array, begin: int, end: int) -> str:
+def _view(text: str, part: Array | NDArray[np.int64], begin: int, end: int) -> str:
     shape = f".reshape({', '.join(map(str, part.shape))})" if part.ndim > 1 else ""
     return text.format(begin, end) + shape
 

@@ -7,18 +7,22 @@ Muscles, damping and bodies may be known within bounds. The formulas take what i
 *scene*, and have all other numbers in them.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.mechanism import Mechanism
+from mpc.governor.interval import Posed
 from mpc.model.lengths import symbolic_lengths
+
+if TYPE_CHECKING:
+    from casadi import SX, Function
 
 _NODES = 3  # of the quadrature of a potential
 
-MatrixOrFunction = Any  # numbers, or a function of CasADi's q
+MatrixOrFunction: TypeAlias = ArrayLike | Posed
 
 
 class Dynamics(NamedTuple):
@@ -26,7 +30,7 @@ class Dynamics(NamedTuple):
 
     mechanism: Mechanism
     inertia: tuple[MatrixOrFunction, MatrixOrFunction]  # M (n, n) [kg·m²] of the lightest and the heaviest bodies
-    gravity: tuple[Callable[[Any], Any] | None, ...]  # g (n) [N·m] of both; None: no gravity
+    gravity: tuple[Posed | None, ...]  # g (n) [N·m] of both; None: no gravity
     damping: Array  # (2, n) [N·m·s/rad]
     strength: Array  # (2, m) of the forces, in those of the model
     load: Array  # (n) [N·m]
@@ -56,17 +60,17 @@ class Dynamics(NamedTuple):
 class _Formulas(NamedTuple):
     """CasADi expressions at a posture `q` in a scene."""
 
-    scene: Any  # (k)
-    strength: Any  # (m)
-    damping: Any  # (n)
-    slope: Any  # ∂l/∂q (m, n)
-    A: Any  # (m) of the model's forces A P + B
-    B: Any  # (m)
-    M: Any  # (n, n)
-    g: Any  # (n)
+    scene: "SX"  # (k)
+    strength: "SX"  # (m)
+    damping: "SX"  # (n)
+    slope: "SX"  # ∂l/∂q (m, n)
+    A: "SX"  # (m) of the model's forces A P + B
+    B: "SX"  # (m)
+    M: "SX"  # (n, n)
+    g: "SX"  # (n)
 
     @classmethod
-    def at(cls, dynamics: Dynamics, q: Any) -> "_Formulas":
+    def at(cls, dynamics: Dynamics, q: "SX") -> "_Formulas":
         import casadi as ca
 
         n, m = dynamics.mechanism.n, dynamics.mechanism.m
@@ -80,12 +84,12 @@ class _Formulas(NamedTuple):
         g = _between([_torque(gravity, q) for gravity in dynamics.gravity], share)
         return cls(scene, strength, damping, *_muscles(dynamics.mechanism, q), M, g)
 
-    def torque(self, pull: Any) -> Any:
+    def torque(self, pull: "SX") -> "SX":
         """Return τ - g of muscles that by their model pull with `pull` (m) [N]."""
         return -self.slope.T @ (self.strength * pull) - self.g
 
 
-def statics_function(dynamics: Dynamics) -> Any:
+def statics_function(dynamics: Dynamics) -> "Function":
     """Return the CasADi function (q, P, scene) ↦ (τ - g, ∂τ/∂P, -∂(τ - g)/∂q, M, ∂l/∂q, A, B).
 
     A and B are those of the model's forces A P + B. Raises `InvalidInput` for muscles that are not affine and for
@@ -101,7 +105,7 @@ def statics_function(dynamics: Dynamics) -> Any:
     return ca.Function("statics", [q, P, f.scene], list(map(ca.densify, ca.cse(made))))
 
 
-def motion_function(dynamics: Dynamics, rest: Array) -> Any:
+def motion_function(dynamics: Dynamics, rest: Array) -> "Function":
     """Return the CasADi function (q, ω, P, scene) ↦ (ω', A, B, -l', (½ ωᵀM ω, -ω·g)).
 
     A and B are those of the model's forces A P + B. The load pushes every joint away from `rest` (n) [rad]. Raises
@@ -124,7 +128,7 @@ def motion_function(dynamics: Dynamics, rest: Array) -> Any:
     return ca.Function("motion", [q, omega, P, f.scene], list(map(ca.densify, ca.cse(made))), *names)
 
 
-def potential_function(dynamics: Dynamics, rest: Array, P: Array) -> Any:
+def potential_function(dynamics: Dynamics, rest: Array, P: Array) -> "Function":
     """Return the CasADi function (q, scene) ↦ the energy [J] of muscles at `P` (m) [Pa], gravity and load.
 
     It is the work along the straight way from the posture `rest` (n) [rad], by Gauss's quadrature.
@@ -135,31 +139,31 @@ def potential_function(dynamics: Dynamics, rest: Array, P: Array) -> Any:
     away, statics = q - ca.DM(rest), statics_function(dynamics)
     scene = ca.SX.sym("scene", statics.size1_in(2))
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    level: Any = -ca.dot(ca.DM(dynamics.load), ca.fabs(away))
+    level: SX = -ca.dot(ca.DM(dynamics.load), ca.fabs(away))
     for node, weight in zip((nodes + 1) / 2, weights / 2, strict=True):
         level -= weight * ca.dot(statics(ca.DM(rest) + float(node) * away, ca.DM(P), scene)[0], away)
     return ca.Function("potential", [q, scene], [ca.densify(ca.cse([level])[0])], ["q", "scene"], ["level"])
 
 
-def _between(ends: list[Any], share: Any) -> Any:
+def _between(ends: list["SX"], share: "SX") -> "SX":
     """Return the lightest's value and the `share` of what the heaviest's has beyond it."""
     low, high = ends
     return low if share.is_constant() else low + share * (high - low)
 
 
-def _matrix(inertia: MatrixOrFunction, q: Any) -> Any:
+def _matrix(inertia: MatrixOrFunction, q: "SX") -> "SX":
     import casadi as ca
 
-    return ca.SX(inertia(q)) if callable(inertia) else ca.SX(ca.DM(inertia))
+    return ca.SX(inertia(q)) if callable(inertia) else ca.SX(ca.DM(np.asarray(inertia)))
 
 
-def _torque(gravity: Callable[[Any], Any] | None, q: Any) -> Any:
+def _torque(gravity: Posed | None, q: "SX") -> "SX":
     import casadi as ca
 
     return ca.SX.zeros(q.shape[0]) if gravity is None else ca.SX(gravity(q))
 
 
-def _muscles(mechanism: Mechanism, q: Any) -> tuple[Any, Any, Any]:
+def _muscles(mechanism: Mechanism, q: "SX") -> tuple["SX", "SX", "SX"]:
     """Return ∂l/∂q (m, n), A (m) and B (m) of the forces A P + B at `q`."""
     import casadi as ca
 

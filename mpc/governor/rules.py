@@ -1,19 +1,23 @@
 """Numbers of a governor's kernel: the stiff rest, the barriers around it, steps and horizon."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.optimize import lsq_linear, minimize, root
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.limits import BINDS
 from mpc.codegen.python_text import filling
 from mpc.governor import kernel
 from mpc.governor.model import Dynamics, motion_function, potential_function, statics_function
 from mpc.governor.scenes import Corners, corners
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 _POSTURES = 4000  # that are looked at in the range, about
 _FREE = 1e6  # [rad] of a joint without end stops
@@ -42,7 +46,7 @@ class Made(NamedTuple):
     """Numbers of a governor's kernel, and its formulas as CasADi functions and as Python."""
 
     rules: kernel.Rules
-    functions: tuple[Any, Any]  # motion, potential
+    functions: tuple["Function", "Function"]  # motion, potential
     text: str
 
 
@@ -161,8 +165,9 @@ def _barriers(
 
 
 def _barrier(
-    load: Array, statics: Any, potential: Any, ends: Array, grid: Array, q: Array, P: Array, most: Array, scene: Array
-) -> _Barrier:
+    load: Array, statics: "Function", potential: "Function", ends: Array, grid: Array, q: Array, P: Array, most: Array,
+    scene: Array,
+) -> _Barrier:  # fmt: skip
     """Return the barrier of one scene. Raises `InvalidInput`."""
     _, gain, stiff, M, *_ = _at(statics, grid, most, scene)
 
@@ -191,13 +196,13 @@ def _grid(ends: Array) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(ends))
 
 
-def _at(statics: Any, grid: Array, P: Array, scene: Array) -> list[Array]:
+def _at(statics: "Function", grid: Array, P: Array, scene: Array) -> list[Array]:
     """Return all outputs of `statics` at postures (N, n): arrays (N, …, …)."""
     made = statics.map(len(grid))(grid.T, *(np.tile(row[:, None], len(grid)) for row in (P, scene)))
     return [np.array(a).reshape(a.shape[0], len(grid), -1).transpose(1, 0, 2) for a in made]
 
 
-def _held(statics: Any, q: Array, least: Array, most: Array) -> Array:
+def _held(statics: Callable[[Array, Array], Value], q: Array, least: Array, most: Array) -> Array:
     """Return the pressures (m) nearest to the middle between `least` and `most` that hold the posture `q`."""
     torque, gain, *_ = (np.array(value) for value in statics(q, 0 * most))
     middle, span = (least + most) / 2, np.maximum(most - least, 1.0)
@@ -227,7 +232,7 @@ def _levels(
     return min(found), min(at_ends)
 
 
-def _steps(limits: Limits, rest: _Rest, span: float) -> tuple[Array, Any]:
+def _steps(limits: Limits, rest: _Rest, span: float) -> tuple[Array, NDArray[np.int64]]:
     """Return the steps (2) [s] of the first sample and of later ones, and the kernel's counts (4)."""
     slowest, fastest = rest.rates
     longest = _RESOLUTION / fastest

@@ -10,8 +10,9 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Self
+from typing import Self
 
+from allocator.calculus import Mask
 from allocator.files.atomic import write_text
 from allocator.files.toml import section
 from allocator.identification.motion.result import Errors, MotionFit, MovingJoint
@@ -39,7 +40,7 @@ class IdentifiedPlant:
     assumed: tuple[str, ...]  # numbers of [plant] that the log does not show
 
     @classmethod
-    def of(cls, fit: MotionFit, known: Mapping[str, Any] | None = None) -> Self:
+    def of(cls, fit: MotionFit, known: Mapping[str, object] | None = None) -> Self:
         """Return the plant of `fit`; `known` are inertia, damping and slew that count where the log shows none.
 
         Raises `InvalidInput` if the fit was not given a joint.
@@ -71,7 +72,7 @@ class IdentifiedPlant:
 
 @dataclass(frozen=True)
 class _Tried:
-    numbers: Mapping[str, Any]  # of [plant]
+    numbers: Mapping[str, object]  # of [plant]
     run: Replay
     error: float  # over the rows that were fitted [rad]
 
@@ -82,8 +83,8 @@ class _Written:
 
     fit: MotionFit
     moving: MovingJoint
-    known: Mapping[str, Any]
-    used: Any  # rows that were fitted (n,)
+    known: Mapping[str, object]
+    used: Mask  # rows that were fitted (n,)
 
     @cached_property
     def best(self) -> _Tried:
@@ -115,11 +116,11 @@ class _Written:
         shortest = _SHORTEST * self.fit.log.step
         return {name: max(self.moving.values[name], shortest) for name in ("lag_up", "lag_down")}
 
-    def _tried(self, otherwise: Mapping[str, float]) -> _Tried:
+    def _tried(self, otherwise: Mapping[str, object]) -> _Tried:
         """Return the file's free run with inertia and damping as seen, or as in `otherwise`."""
         seen = {name: getattr(self.moving, name) for name in ("inertia", "damping") if name not in self.assumed}
         lag = sum(self._lags.values()) / 2
-        numbers: dict[str, Any] = {**otherwise, **seen, **({"lag": (lag, lag)} if self._commanded else {})}
+        numbers: dict[str, object] = {**otherwise, **seen, **({"lag": (lag, lag)} if self._commanded else {})}
         numbers |= {"slew": self.known["slew"]} if "slew" in self.known else {}
         with TemporaryDirectory() as directory:
             path = Path(directory) / "plant.toml"
@@ -127,7 +128,7 @@ class _Written:
             run = replay(path, self.fit.log)
         return _Tried(numbers, run, run.errors(self.used).every)
 
-    def text(self, numbers: Mapping[str, Any], figures: Mapping[str, float]) -> str:
+    def text(self, numbers: Mapping[str, object], figures: Mapping[str, float]) -> str:
         """Return the TOML text with these `numbers` of [plant], and `figures` for the reader."""
         fit, values = self.fit, self.moving.values
         source: dict[str, str | float] = {

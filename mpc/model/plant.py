@@ -23,7 +23,8 @@ from allocator import Allocation, allocate, checks, warm_up
 from allocator.calculus import Array, Value, sin
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.gas import ISOBARIC, Gas, Shares, StiffnessKind
+from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, StiffnessKind
+from allocator.joint.limits import Limits
 from allocator.units import BAR
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment
 from mpc.model.gas import fall, trapped
@@ -161,14 +162,12 @@ class Plant:
         """Return which stiffness its own is: isobaric, shut, or dynamic at its frequency."""
         if self.frequency == inf:
             return StiffnessKind.of("shut")
-        return StiffnessKind.of(frequency=self.frequency, lag=self.lags) if self.frequency else ISOBARIC
+        return StiffnessKind.of(frequency=self.frequency, lag=self.lags) if self.frequency else HELD
 
     def allocate(self, theta: Value, K: Value, T: Value, min_force: float = 0.0) -> Allocation:
         """Return what gives its stiffness [N·m/rad] and the torque [N·m] at the angle [rad]: `allocator.allocate`."""
-        if self.frequency == inf:
-            return allocate(theta, K, T, joint=self.joint, min_force=min_force, valves="shut")
-        frequency, lag = (self.frequency, self.lags) if self.frequency else (None, None)
-        return allocate(theta, K, T, joint=self.joint, min_force=min_force, frequency=frequency, lag=lag)
+        stiffness = Stiffness(self.kind) if self.frequency else ISOBARIC
+        return allocate(theta, K, T, joint=self.joint, limits=Limits(min_force), stiffness=stiffness)
 
     def forces(self, x: Value) -> tuple[Value, Value]:
         """Return the muscle forces (F1, F2) [N] in the state `x` [4, ...]; negative means slack."""

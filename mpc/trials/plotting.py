@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.joint.limits import Limits
 from allocator.presentation.plotting import new_figure, save_figure
 from allocator.units import BAR, DEG
 from mpc.trials.metrics import metrics
@@ -85,7 +86,7 @@ def _pressure(axes: Any, run: Run, muscle: int) -> None:
 
 def _taut_limit(run: Run) -> tuple[Array, Array]:
     """Return the pressures (M+1,) below which agonist and antagonist go slack [Pa]."""
-    box = run.plant.joint.pressure_box(run.theta, min_force=0.0)
+    box = run.plant.joint.pressure_box(run.theta, Limits(min_force=0.0))
     return box.agonist.lo, box.antagonist.lo
 
 

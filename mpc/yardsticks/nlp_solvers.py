@@ -21,10 +21,10 @@ from mpc.yardsticks.shooting import Given, Shooting
 class NLPOptions(SolverOptions):
     """The options of a solver of nonlinear programmes, and what CasADi is told for it besides."""
 
-    fixed: ClassVar[dict[str, Any]]
+    fixed: ClassVar[dict[str, object]]
 
     @property
-    def casadi(self) -> dict[str, Any]:
+    def casadi(self) -> dict[str, object]:
         """The options as CasADi takes them."""
         return self.fixed | {f"{self.name}.{option}": value for option, value in self.given.items()}
 
@@ -34,7 +34,7 @@ class IPOPT(NLPOptions):
     """IPOPT is an interior-point method with a line search."""
 
     name: ClassVar[str] = "ipopt"
-    fixed: ClassVar[dict[str, Any]] = {"ipopt.sb": "yes"}
+    fixed: ClassVar[dict[str, object]] = {"ipopt.sb": "yes"}
     tol: float = 1e-9
     max_iter: int = 200
     bound_relax_factor: float = 0.0  # a slack of -1e-8 would earn its penalty
@@ -50,7 +50,7 @@ class Fatrop(NLPOptions):
     """Fatrop is an interior-point method that knows the structure of optimal control."""
 
     name: ClassVar[str] = "fatrop"
-    fixed: ClassVar[dict[str, Any]] = {"structure_detection": "auto"}
+    fixed: ClassVar[dict[str, object]] = {"structure_detection": "auto"}
     tolerance: float = 1e-9
     max_iter: int | None = None
     print_level: int = 0
@@ -73,7 +73,7 @@ class Proposal(NamedTuple):
     success: bool  # in its own opinion
 
 
-def _chosen(solver: str | Mapping[str, Any] | NLPOptions) -> NLPOptions:
+def _chosen(solver: str | Mapping[str, object] | NLPOptions) -> NLPOptions:
     if isinstance(solver, NLPOptions):
         return solver
     if not isinstance(solver, str | Mapping):
@@ -84,12 +84,12 @@ def _chosen(solver: str | Mapping[str, Any] | NLPOptions) -> NLPOptions:
 class NLPSolver:
     """An NLP solver is IPOPT or fatrop, as CasADi's wheel brings them, for one `Shooting`."""
 
-    def __init__(self, solver: str | Mapping[str, Any] | NLPOptions, shooting: Shooting) -> None:
+    def __init__(self, solver: str | Mapping[str, object] | NLPOptions, shooting: Shooting) -> None:
         import casadi as ca
 
         chosen = _chosen(solver)
         self.name, self._free = chosen.name, ~shooting.equality
-        options = {"print_time": False, **chosen.casadi}
+        options: dict[str, Any] = {"print_time": False, **chosen.casadi}
         if self.name == Fatrop.name:
             options["equality"] = shooting.equality.tolist()
         try:
@@ -109,7 +109,7 @@ class NLPSolver:
             raise KeyboardInterrupt
         return Proposal(np.ravel(z), np.ravel(multipliers), bool(said["success"]))
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "NLPSolver":
+    def __deepcopy__(self, memo: dict[int, object]) -> "NLPSolver":
         """Return itself: it remembers nothing from call to call."""
         return self
 

@@ -11,7 +11,6 @@ local minimum from no minimum, not from a better one elsewhere. `Rung.QP` is the
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -43,7 +42,7 @@ class NonlinearMPC(BaseController):
     dt: float = 0.01  # sample time [s]
     N: int = 20  # horizon [samples]
     weights: Weights = field(default_factory=Weights)
-    solver: str | Mapping[str, Any] | NLPOptions = "ipopt"  # or "fatrop", or options, or `IPOPT(…)`, `Fatrop(…)`
+    solver: str | Mapping[str, object] | NLPOptions = "ipopt"  # or "fatrop", or options, or `IPOPT(…)`, `Fatrop(…)`
     compensation: Compensation = field(default_factory=Compensation)  # what is known beyond the plant
     min_force: float = 0.0  # F_min [N]
     patience: float = 0.2  # for how long the angle may be missing [s]

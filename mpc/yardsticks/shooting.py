@@ -14,9 +14,10 @@ z and g: pressures in bar, forces in 100 N, slacks in mrad and 0.1 N; the cost i
 """
 
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
 from allocator.units import BAR
@@ -27,6 +28,9 @@ from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion
 from mpc.tracking.weights import Weights
+
+if TYPE_CHECKING:
+    from casadi import SX, Function
 
 _FORCE, _COST = 100.0, 1e4  # [N], [cost]
 _S, _S_F = 1e-3, 0.1  # slacks [rad], [N]
@@ -63,18 +67,18 @@ class Shooting:
         self._L = L * np.append(_X, np.full(NU, BAR))
         self.equality = np.concatenate([[True] * self._gap(k) + list(self._fixed(k)) for k in range(N + 1)])
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """Leave out CasADi's symbols, which cannot leave their process."""
         return {name: value for name, value in self.__dict__.items() if name != "problem"}
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "Shooting":
+    def __deepcopy__(self, memo: dict[int, object]) -> "Shooting":
         """Return itself: nothing in it changes."""
         return self
 
     # --- the programme ----------------------------------------------------------------------------------------------
 
     @cached_property
-    def problem(self) -> dict[str, Any]:
+    def problem(self) -> "dict[str, SX]":
         """The problem is CasADi's dictionary x, p, f, g of the programme."""
         import casadi as ca
 
@@ -94,16 +98,17 @@ class Shooting:
         """The size is how many numbers z has."""
         return self.N * _STAGE + _CHI
 
-    def _next(self, chi: Any, u: Any, d: Any) -> Any:
+    def _next(self, chi: "SX", u: "SX", d: "SX") -> "SX":
         import casadi as ca
 
         return ca.vertcat(self._step(_state(chi), BAR * u, d) / ca.DM(_X), u, chi[NX + NU :])
 
     @cached_property
-    def _step(self) -> Any:
-        return self.plant.discrete(self.dt)
+    def _step(self) -> "Function":
+        step: Function = self.plant.discrete(self.dt)
+        return step
 
-    def _stage_cost(self, chi: Any, u: Any, preview: Any, *, first: bool) -> Any:
+    def _stage_cost(self, chi: "SX", u: "SX", preview: "SX", *, first: bool) -> "SX":
         """Return the cost of `mpc.tracking.cost`, without the measured state's, which cannot be changed any more."""
         import casadi as ca
 
@@ -112,9 +117,10 @@ class Shooting:
         y = ca.vertcat(self.plant.stiffness(x), *self.plant.forces(x))
         rate = (e - BAR * (chi[NX : NX + NU] - u_star_last)) / self.dt
         rows = Rows(*(ca.vertsplit(row) for row in (x - x_star, y - y_star, e, rate)))
-        return sum(charges(self.weights, rows, COMMANDS if first else Rows._fields).values())
+        cost: SX = sum(charges(self.weights, rows, COMMANDS if first else Rows._fields).values())
+        return cost
 
-    def _end(self, chi: Any, preview: Any) -> Any:
+    def _end(self, chi: "SX", preview: "SX") -> "SX":
         """Return the terminal cost and the cost of the slacks."""
         import casadi as ca
 
@@ -124,7 +130,7 @@ class Shooting:
         slacks = w.slack * s + w.slack_square / 2 * s**2 + w.slack_force * s_F + w.slack_force_square / 2 * s_F**2
         return ca.sumsqr(ca.mtimes(ca.DM(self._L), xi)) / 2 + slacks
 
-    def _rows(self, k: int, chi: Any, u: Any) -> list[Any]:
+    def _rows(self, k: int, chi: "SX", u: "SX | None") -> list["SX"]:
         import casadi as ca
 
         u_last, s, s_F = chi[NX : NX + NU], _S * chi[NX + NU], _S_F * chi[NX + NU + 1]
@@ -157,8 +163,8 @@ class Shooting:
         (P_lo, P_hi), (left, right), step = self.limits.pressure, self.limits.theta, self.limits.step / BAR
         never, least = np.inf, self.limits.min_force / _FORCE
         gap = np.zeros(self._gap(k))
-        lower: list[Any] = [gap]
-        upper: list[Any] = [gap]
+        lower: list[ArrayLike] = [gap]
+        upper: list[ArrayLike] = [gap]
         if k == 0:
             now = np.append(x / _X, u_last)
             lower += [now, [0.0, 0.0]]
@@ -208,15 +214,14 @@ class Shooting:
         return _COST * self._conditions(z, given.p, 0.0)[0].item()
 
 
-def _given_to_stage(preview: Any) -> list[Any]:
+def _given_to_stage(preview: "SX") -> list["SX"]:
     """Return d_k, x*_k, y*_k, u*_k and u*_{k-1} of a column of the previews."""
     import casadi as ca
 
-    parts: list[Any] = ca.vertsplit(preview, np.cumsum([0, 1, NX, NY, NU, NU]).tolist())
-    return parts
+    return ca.vertsplit(preview, np.cumsum([0, 1, NX, NY, NU, NU]).tolist())
 
 
-def _state(chi: Any) -> Any:
+def _state(chi: "SX") -> "SX":
     import casadi as ca
 
     return chi[:NX] * ca.DM(_X)

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from allocator import Status, allocate
+from allocator import Status, Stiffness, allocate
 from allocator.allocation.optimisers.backends import CERTIFIED
 from allocator.joint.gas import StiffnessKind
 
@@ -94,7 +94,13 @@ def priority(request):
 def asked(joint, reach, targets, priority):
     weights, theta = WEIGHTS if priority == "weighted" else None, reach.theta[targets.row]
     return allocate(
-        theta, targets.K, targets.T, joint=joint.real, priority=priority, weights=weights, valves=joint.kind
+        theta,
+        targets.K,
+        targets.T,
+        joint=joint.real,
+        priority=priority,
+        weights=weights,
+        stiffness=Stiffness(joint.kind),
     )
 
 
@@ -138,7 +144,9 @@ def test_a_stiffness_that_jumps_with_the_pressure_is_searched_on_both_sides(prio
         i, j = rng.integers(0, 400, 2)
         made = rng.uniform() < 0.5
         T_asked, K_asked = (T[i, j], K[i, j]) if made else (rng.uniform(-40, 40), rng.uniform(5, 120))
-        a = allocate(theta, K_asked, T_asked, joint=joint, valves="shut", priority=priority, weights=weights)
+        a = allocate(
+            theta, K_asked, T_asked, joint=joint, stiffness=Stiffness("shut"), priority=priority, weights=weights
+        )
         assert joint.stiffness(theta, a.P1, a.P2, valves="shut") == pytest.approx(a.K, rel=1e-12)
         assert not made or a.status == Status.EXACT
         cost = w_T * (T - T_asked) ** 2 + w_K * (K - K_asked) ** 2

@@ -31,7 +31,7 @@ from allocator.allocation.result import Allocation, from_fields, shaped, single
 from allocator.checks import LOOKS_LIKE_BAR, one_of
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.gas import ISOBARIC, StiffnessKind
+from allocator.joint.gas import HELD, StiffnessKind
 from allocator.joint.limits import Limits
 
 _TURN = 2 * pi
@@ -49,7 +49,7 @@ _batches: dict[Kind, Kernel] = {}  # compiled
 
 
 def answer(
-    joint: Any, theta: Any, K: Any, T: Any, priority: Any, limits: Limits, kind: StiffnessKind = ISOBARIC
+    joint: Any, theta: Any, K: Any, T: Any, priority: Any, limits: Limits, kind: StiffnessKind = HELD
 ) -> Allocation | None:
     """Return the allocation, or None where the short cut does not lead; arguments as those of `allocate`."""
     chosen = kernel_of(joint)
@@ -58,7 +58,7 @@ def answer(
     first = _FIRST.get(priority, False) if type(priority) is str else False
     if not name or first is False or floor is not None:
         return None
-    if kind is not ISOBARIC and (name != "affine" or kind.shares is None):
+    if kind is not HELD and (name != "affine" or kind.shares is None):
         return None
     if not (max_force is None and type(min_force) is float and 0 <= min_force < inf):
         if (checked := _forces(limits)) is None:
@@ -76,7 +76,7 @@ def answer(
     P1_now, P2_now = previous or (None, None)
     exact = _scalars.get(key) or _PLAIN[name]
     if name == "affine":
-        shares = None if kind is ISOBARIC else kind.fixed
+        shares = None if kind is HELD else kind.fixed
         one, two = (tuple(map(float, c)) for c in coefficients(joint, min(max(theta, left), right), shares))
         found = exact(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now, max_step, first)
     else:

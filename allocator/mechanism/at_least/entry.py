@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.joint.gas import ISOBARIC, Stiffness
+from allocator.joint.limits import TAUT, Limits
 from allocator.mechanism import batches
 from allocator.mechanism.arguments import problem_from
 from allocator.mechanism.at_least import semidefinite
@@ -27,13 +29,9 @@ def allocate_at_least(
     K: ArrayLike,
     T: ArrayLike = 0.0,
     *,
-    endpoint: Endpoint | None = None,
-    force: ArrayLike = 0.0,
+    limits: Limits = TAUT,
+    stiffness: Stiffness = ISOBARIC,
     margin: float | None = None,
-    min_force: ArrayLike | None = 0.0,
-    max_force: ArrayLike | None = None,
-    previous: ArrayLike | None = None,
-    max_step: float | None = None,
 ) -> AtLeast:
     """Find the least pressures with exactly the torques `T` and at least the stiffness `K`, or prove that none exist.
 
@@ -49,16 +47,14 @@ def allocate_at_least(
         Posture (n,) [rad], one.
     K
         Least stiffness: a matrix (n, n) [N·m/rad], symmetric and positive definite, its diagonal (n,), of which the
-        other entries are then 0, or a number for K times the unit matrix. With an `endpoint` of its dim coordinates
+        other entries are then 0, or a number for K times the unit matrix. Of an endpoint that of its dim coordinates
         [N/m]: then K_x ⪰ K, which is K_q ⪰ Jᵀ K J - Γ(f), with any number of joints.
     T
-        Torques (n,) [N·m], or a number for every joint; with an `endpoint` besides Jᵀ·force.
-    endpoint, force
+        Torques (n,) [N·m], or a number for every joint; of an endpoint besides Jᵀ·force.
+    limits, stiffness
         As of `allocate_mechanism`.
     margin
         If given also K_q ⪰ margin·1 [N·m/rad]: a posture that holds itself, with that to spare.
-    min_force, max_force, previous, max_step
-        As of `allocate_mechanism`.
 
     Raises
     ------
@@ -68,22 +64,10 @@ def allocate_at_least(
     if not isinstance(mechanism, Mechanism):
         raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism")
     mechanism.check_affine("at least a stiffness")
-    size, unit = (mechanism.n, "N·m/rad") if not isinstance(endpoint, Endpoint) else (endpoint.dim, "N/m")
+    hand = stiffness.endpoint
+    size, unit = (hand.dim, "N/m") if isinstance(hand, Endpoint) else (mechanism.n, "N·m/rad")
     least = None if margin is None else checks.not_negative("margin", margin, "N·m/rad")
-    problem, shape = problem_from(
-        mechanism,
-        q,
-        _matrix(K, size, unit),
-        T,
-        priority="torque",
-        weights=None,
-        min_force=min_force,
-        max_force=max_force,
-        previous=previous,
-        max_step=max_step,
-        endpoint=endpoint,
-        force=force,
-    )
+    problem, shape = problem_from(mechanism, q, _matrix(K, size, unit), T, limits=limits, stiffness=stiffness)
     if shape:
         raise InvalidInput(f"at least a stiffness is asked for one posture and one target at a time, not for {shape}")
     return _solved(problem, Floors.of(problem, least))

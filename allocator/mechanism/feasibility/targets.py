@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.joint.limits import Limit
+from allocator.joint.gas import ISOBARIC, Stiffness
+from allocator.joint.limits import TAUT, Limit, Limits
 from allocator.mechanism.arguments import problem_from
-from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.endpoint.points import Place
 from allocator.mechanism.feasibility.coordinates import Coordinate, Hand, coordinate
 from allocator.mechanism.feasibility.polygon import Edge, Polygon, Programme, outline
@@ -33,29 +33,24 @@ def feasible_targets(
     mechanism: Mechanism,
     q: ArrayLike,
     *,
-    endpoint: Endpoint | None = None,
-    force: ArrayLike = 0.0,
-    min_force: ArrayLike | None = 0.0,
-    max_force: ArrayLike | None = None,
-    previous: ArrayLike | None = None,
-    max_step: float | None = None,
+    limits: Limits = TAUT,
+    stiffness: Stiffness = ISOBARIC,
 ) -> "FeasibleTargets":
     """Return all torques and stiffnesses that a mechanism with affine muscles can have at a posture `q` (n,) [rad].
 
-    With an `Endpoint` of as many coordinates as there are joints, exerting `force` (dim,) [N], its stiffness is a
-    target as well. Limits are those of `allocate_mechanism`. Raises `InvalidInput`, also for a posture beyond the range
+    Of an `Endpoint` with as many coordinates as there are joints, its `stiffness` is a target as well. Limits are those
+    of `allocate_mechanism`. Raises `InvalidInput`, also for a posture beyond the range
     of the joints.
     """
     if not isinstance(mechanism, Mechanism):
         raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism")
     mechanism.check_affine("what is feasible")
-    limits = {"min_force": min_force, "max_force": max_force, "previous": previous, "max_step": max_step}
-    asked: dict[str, Any] = {"priority": "torque", "weights": None, "endpoint": endpoint, "force": force} | limits
-    problem, shape = problem_from(mechanism, q, 1.0, 0.0, **asked)
+    problem, shape = problem_from(mechanism, q, 1.0, 0.0, limits=limits, stiffness=stiffness)
     if shape:
         raise InvalidInput(f"q has the shape {np.shape(q)}; what is feasible is asked for one posture ({mechanism.n},)")
     if problem.outside.any():
         raise InvalidInput(f"q = {np.array(q)} rad is beyond the range of {_outside(problem)}")
+    endpoint = stiffness.endpoint
     if endpoint is not None and endpoint.n > endpoint.dim:
         raise InvalidInput(f"{endpoint.text}: its stiffness is no affine function of the pressures; give none here")
     return FeasibleTargets(problem)

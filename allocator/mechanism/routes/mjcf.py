@@ -8,9 +8,10 @@ needed afterwards.
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
@@ -18,6 +19,12 @@ from allocator.mechanism.routes.base import Routes
 from allocator.mechanism.routes.linkage import GROUND, Link, Linkage, Site
 from allocator.mechanism.routes.pulleys import Pulleys
 from allocator.mechanism.routes.sites import Sites
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
+
+Source: TypeAlias = Union[str, PathLike[str], "MjModel"]
+"""A file, MJCF text (which begins with "<") or a model of MuJoCo."""
 
 MARK = "antagonist"
 """The name of the custom text of models whose tendons have the user data (rest length, cable) [m]."""
@@ -33,7 +40,7 @@ class Model:
     ranges: tuple[tuple[float, float], ...] | None  # of the joints [rad or m]; None unless all are limited
 
 
-def read_mjcf(source: Any, rest_length: Any = None, cable: Any = None) -> Model:
+def read_mjcf(source: Source, rest_length: ArrayLike | None = None, cable: ArrayLike | None = None) -> Model:
     """Read the tendons of a `source` as of `load`; `rest_length` and `cable` [m] as of `Sites`, or as the model tells.
 
     Raises `MissingPackage` without MuJoCo, `InvalidFile` for a file that MuJoCo does not read, without tendons, with
@@ -85,8 +92,8 @@ def read_point(file: str | PathLike[str], name: str) -> tuple[Linkage, Site]:
     return Linkage(links), Site(link, tuple(p.tolist()))
 
 
-def load(source: str | PathLike[str] | Any) -> Any:
-    """Return an `MjModel` from a file, from MJCF text (which begins with "<"), or as it is.
+def load(source: Source) -> "MjModel":
+    """Return an `MjModel`.
 
     Raises `InvalidFile` for what MuJoCo does not read, `InvalidInput` for what is no model, and `MissingPackage`.
     """
@@ -112,14 +119,16 @@ def load(source: str | PathLike[str] | Any) -> Any:
     return model
 
 
-def said(source: Any) -> str:
+def said(source: Source) -> str:
     """Return what to call the source of a model in a message."""
     if isinstance(source, str | PathLike) and not str(source).lstrip().startswith("<"):
         return str(source)
     return "the MuJoCo model"
 
 
-def tendon_lengths(model: Any, source: Any, rest_length: Any, cable: Any) -> tuple[Any, Any]:
+def tendon_lengths(
+    model: "MjModel", source: Source, rest_length: ArrayLike | None, cable: ArrayLike | None
+) -> tuple[ArrayLike, ArrayLike]:
     """Return rest length and cable [m] as they are given, or as the model tells where `rest_length` is None.
 
     Raises `InvalidInput` where neither tells.
@@ -133,14 +142,14 @@ def tendon_lengths(model: Any, source: Any, rest_length: Any, cable: Any) -> tup
     return model.tendon_user[:, 0], model.tendon_user[:, 1]
 
 
-def tells(model: Any) -> bool:
+def tells(model: "MjModel") -> bool:
     """Return whether a model tells rest length and cable of its tendons."""
     import mujoco
 
     return bool(model.nuser_tendon == 2 and mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, MARK) >= 0)
 
 
-def _pulleys(model: Any, rest_length: Any, cable: Any) -> Pulleys:
+def _pulleys(model: "MjModel", rest_length: ArrayLike, cable: ArrayLike) -> Pulleys:
     """Return the routes of fixed tendons, l = Σ coef·q - cable."""
     arms = np.zeros((model.ntendon, model.njnt))
     for j in range(model.ntendon):
@@ -150,7 +159,7 @@ def _pulleys(model: Any, rest_length: Any, cable: Any) -> Pulleys:
     return Pulleys(rest_length, arms, 1 + np.asarray(cable, float) / L)
 
 
-def linkage_of(model: Any, source: Any) -> tuple[list[Link], list[tuple[int, Array, Array]]]:
+def linkage_of(model: "MjModel", source: Source) -> tuple[list[Link], list[tuple[int, Array, Array]]]:
     """Return the links of a model, one a joint, and of every body (link, rotation, position in the link's frame).
 
     `source` is what to call the model in messages. Raises `InvalidFile` without joints, and for joints other than
@@ -173,13 +182,13 @@ def name_of(element: Any, index: int) -> str:
     return str(element.name) or str(index + 1)
 
 
-def _links(model: Any, kinds: dict[int, str]) -> tuple[list[Link], list[tuple[int, Array, Array]]]:
+def _links(model: "MjModel", kinds: dict[int, str]) -> tuple[list[Link], list[tuple[int, Array, Array]]]:
     """Return the links, one a joint, and of every body (link, rotation, position in the link's frame)."""
     links: list[Link] = []
     frames: list[tuple[int, Array, Array]] = [(GROUND, np.eye(3), np.zeros(3))]  # of the world
     for body in range(1, model.nbody):
         link, R, p = frames[model.body_parentid[body]]
-        R, p = R @ _matrix(model.body_quat[body]), p + R @ model.body_pos[body]
+        R, p = R @ rotation(model.body_quat[body]), p + R @ model.body_pos[body]
         first = int(model.body_jntadr[body])
         for j in range(first, first + int(model.body_jntnum[body])):
             anchor = model.jnt_pos[j]
@@ -198,7 +207,7 @@ def _links(model: Any, kinds: dict[int, str]) -> tuple[list[Link], list[tuple[in
     return links, frames
 
 
-def _path(file: Any, model: Any, tendon: int, frames: list[tuple[int, Array, Array]], site: int) -> list[Site]:
+def _path(file: Source, model: "MjModel", tendon: int, frames: list[tuple[int, Array, Array]], site: int) -> list[Site]:
     first = int(model.tendon_adr[tendon])
     wraps = range(first, first + int(model.tendon_num[tendon]))
     if any(int(model.wrap_type[w]) != site for w in wraps):
@@ -215,13 +224,9 @@ def _path(file: Any, model: Any, tendon: int, frames: list[tuple[int, Array, Arr
     return sites
 
 
-def _matrix(quaternion: Array) -> Array:
-    """Return the rotation matrix of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+def rotation(quaternion: Array) -> Array:
+    """Return the rotation matrix (3, 3) of a quaternion (w, x, y, z)."""
+    from scipy.spatial.transform import Rotation
+
+    w, x, y, z = quaternion
+    return np.asarray(Rotation.from_quat([x, y, z, w]).asrotation())

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.joint.limits import Limits
 from allocator.mechanism import allocate_mechanism, warm_up
 from mpc.governor import PressureGovernor
 from mpc.model.arm.model import Arm
@@ -81,7 +82,7 @@ class PostureAndStiffness:
         self.size, self.arm = 2 * arm.n, arm
         low, high = arm.angle_limits
         self._middle, self._half = (low + high) / 2, (high - low) / 2
-        least, greatest = arm.mechanism.pressure_box(self._middle, min_force=0.0)
+        least, greatest = arm.mechanism.pressure_box(self._middle, Limits(min_force=0.0))
         ends = [np.diag(arm.mechanism.stiffness(self._middle, P)) for P in (least, greatest)]
         self._stiffness = np.log(np.maximum(ends[0], 1e-2 * ends[1])), np.log(ends[1])
 

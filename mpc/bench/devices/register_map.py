@@ -30,7 +30,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from importlib import resources
 from math import isfinite
-from typing import Any, Self
+from typing import Self
 
 from allocator import checks
 from allocator.errors import InvalidInput
@@ -114,7 +114,7 @@ class RegisterMap:
     device_id: int = 1
     timeout: float = 0.02  # [s]
     word_order: str = "big"
-    serial: Mapping[str, Any] = field(default_factory=dict)  # of RTU: baudrate, parity, stopbits
+    serial: Mapping[str, object] = field(default_factory=dict)  # of RTU: baudrate, parity, stopbits
 
     def __post_init__(self) -> None:
         """Check what the entries do not check."""

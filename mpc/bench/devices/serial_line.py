@@ -9,12 +9,12 @@ next sample; `DeviceLost`, stop, for the board has let the pressures fall or wil
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from math import inf, isfinite
 from secrets import randbelow
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
 from mpc.bench.devices import serial_protocol as protocol
 from mpc.bench.devices.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
 from mpc.trials.reference import Reference
+
+if TYPE_CHECKING:
+    from serial import Serial
 
 BAUD = 115200
 TIMEOUT = 0.02  # [s]
@@ -94,7 +97,7 @@ class SerialDevice:
         self.board_time = 0.0  # clock of the board at the last reading, since the first [s]
         self._receiver = Receiver()
         self._clock: Clock = MonotonicClock() if clock is None else clock
-        self._line: Any = None  # `serial.Serial`
+        self._line: Serial | None = None
         self._session = self._sequence = 0
         self._ticks: int | None = None  # [us]
         self._unsure, self._apart, self._dated_at = inf, 0.0, 0.0  # of both clocks [s]
@@ -163,7 +166,7 @@ class SerialDevice:
 
     # --- the controller on the board --------------------------------------------------------------------------------
 
-    def follow(self, first: int, theta: Any, K: Any) -> Tracking:
+    def follow(self, first: int, theta: Iterable[float], K: Iterable[float]) -> Tracking:
         """Send up to `BATCH` samples of reference θ [rad], K [N·m/rad] from number `first` on; none keep it going.
 
         Raises `InvalidInput` for a board without a controller, `NoAnswer`, `DeviceLost`.
@@ -271,7 +274,7 @@ class SerialDevice:
 
     # --- the line ---------------------------------------------------------------------------------------------------
 
-    def _opened(self) -> Any:
+    def _opened(self) -> "Serial":
         import serial
 
         try:

@@ -10,7 +10,14 @@ import subprocess
 import sys
 from collections.abc import Iterable
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from mpc.bench.record import Row
+
+State: TypeAlias = dict[str, Any]  # what a line of JSON says of a loop
 
 _EVERY = 0.1  # [s] between two pictures
 _LINE_EVERY = 1.0  # [s] between two lines of text
@@ -49,7 +56,7 @@ class Dashboard:
             self._process.kill()
             self._process.wait()
 
-    def show(self, row: Any, health: str = "") -> None:
+    def show(self, row: "Row", health: str = "") -> None:
         """Show a `Row`, if the last one was shown long enough ago."""
         self._late.append(row.late)
         if row.t - self._last < _EVERY:
@@ -79,7 +86,7 @@ class Dashboard:
 
 def main(lines: Iterable[str] | None = None) -> None:
     """Show the states that come in, one a line."""
-    states: Iterable[dict[str, Any]] = map(json.loads, sys.stdin if lines is None else lines)
+    states: Iterable[State] = map(json.loads, sys.stdin if lines is None else lines)
     if _PLOT in sys.argv[1:]:
         from mpc.bench.display.live_plot import plotted
 
@@ -90,7 +97,7 @@ def main(lines: Iterable[str] | None = None) -> None:
         _print(states)
 
 
-def _print(states: Iterable[dict[str, Any]]) -> None:
+def _print(states: Iterable[State]) -> None:
     last = float("-inf")
     for state in states:
         if state["t"] - last >= _LINE_EVERY:
@@ -98,7 +105,7 @@ def _print(states: Iterable[dict[str, Any]]) -> None:
             print(text(state), flush=True)
 
 
-def text(state: dict[str, Any]) -> str:
+def text(state: State) -> str:
     """Return a state in a line."""
     P, u = (" ".join(f"{value / 1e5:.2f}" for value in state[name]) for name in ("P", "u"))
     wanted = "" if state["theta_ref"] != state["theta_ref"] else f" of {_degrees(state['theta_ref'])}°"
@@ -114,7 +121,7 @@ def _degrees(theta: float) -> str:
     return f"{theta * 57.29577951308232:.2f}"
 
 
-def _draw(states: Iterable[dict[str, Any]]) -> None:
+def _draw(states: Iterable[State]) -> None:
     from rich.live import Live
 
     with Live(auto_refresh=False) as live:
@@ -122,7 +129,7 @@ def _draw(states: Iterable[dict[str, Any]]) -> None:
             live.update(_picture(state), refresh=True)
 
 
-def _picture(state: dict[str, Any]) -> Any:
+def _picture(state: State) -> "Table":
     from rich.table import Table
     from rich.text import Text
 

@@ -4,7 +4,8 @@ import sys
 from collections import deque
 from collections.abc import Iterable, Iterator
 from math import degrees
-from typing import Any
+
+from mpc.bench.display.dashboard import State
 
 _SHOWN = 10.0  # [s]
 _MOST = 400  # states kept
@@ -16,7 +17,7 @@ _PANELS = (
 _COLOURS = ("#0072B2", "#D55E00")
 
 
-def plotted(states: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+def plotted(states: Iterable[State]) -> Iterator[State]:
     """Yield the states, each when the window has it; without a screen, or once the window is closed, without more."""
     import matplotlib.pyplot as plt
 
@@ -49,7 +50,7 @@ class Window:
             axes.legend(loc="upper left", frameon=False, ncols=2)
         self._axes[-1].set_xlabel("time [s]")
 
-    def show(self, state: dict[str, Any]) -> None:
+    def show(self, state: State) -> None:
         """Add a state and draw."""
         angles = {name: degrees(state[name]) for name in ("theta", "theta_ref")}
         pressures = {"P1": state["P"][0] / 1e5, "P2": state["P"][1] / 1e5}

@@ -12,10 +12,9 @@ with γ the vector of gravity in the plane; and τ = M(q) q'' + C(q, q') + D q' 
 sum over j ≥ i of what belongs to φ_j, times σ_i, because q_i turns all the links from its own on.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from os import PathLike
-from typing import Any, Self
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,8 +22,6 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Value, cos, is_symbol, sin
 from allocator.errors import InvalidInput
-from allocator.files.atomic import write_text
-from allocator.files.toml import Table, section
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.routes.linkage import GROUND, Link
 
@@ -167,22 +164,6 @@ class Bodies:
             y.append(y[-1] + length * sin(angle))
         return _matrix([list(point) for point in zip(x, y, strict=True)], q)
 
-    # --- on disk ----------------------------------------------------------------------------------------------------
-
-    def dumps(self) -> str:
-        """Return the TOML text: the table [bodies]."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return "\n".join(section("bodies", values, "SI units: m, kg, kg·m², N·m·s/rad, m/s²")[1:]) + "\n"
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the bodies as a TOML file. Raises `CannotWrite`."""
-        write_text(path, self.dumps())
-
-    @classmethod
-    def load(cls, path: str | PathLike[str]) -> Self:
-        """Read the table [bodies] of a TOML file. Raises `InvalidFile`."""
-        return Table.read(path).needed("bodies", "an arm that can move").made(cls)
-
     # --- the pieces -------------------------------------------------------------------------------------------------
 
     @property
@@ -221,11 +202,12 @@ class Bodies:
         return [q[i] if is_symbol(q) else q[..., i] for i in range(self.n)]
 
 
-def _row(value: Any) -> Any:
-    return np.asarray(value, float).tolist()
+def _row(value: ArrayLike) -> list[float]:
+    row: list[float] = np.asarray(value, float).tolist()
+    return row
 
 
-def _sum(terms: Any) -> Value:
+def _sum(terms: Iterable[Value]) -> Value:
     total, *rest = terms if isinstance(terms, list) else list(terms) or [0.0]
     for term in rest:
         total = total + term

@@ -7,7 +7,7 @@ A muscle that lengthens by l' squeezes its gas; with the isobaric gain F_P of it
 which is `mpc.model.gas` muscle by muscle. Slack muscles are taken as their laws have them.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from mpc.model.gas import fall
 from mpc.model.lengths import symbolic_lengths
 
 if TYPE_CHECKING:
+    from casadi import Function
+
     from mpc.model.arm.model import Arm
 
 
@@ -30,7 +32,7 @@ def squeezed(mechanism: Mechanism, q: Array, omega: Array, P: Array) -> Array:
     return muscles.squeezed(np.asarray(P, float), routed.length, speed)
 
 
-def gas_motion(arm: "Arm") -> Any:
+def gas_motion(arm: "Arm") -> "Function":
     """Return the CasADi function (x, u, d) ↦ x' of an arm with gas."""
     import casadi as ca
 

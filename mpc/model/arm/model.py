@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.joint.gas import Gas
+from allocator.joint.gas import Gas, Stiffness
+from allocator.joint.limits import Limits
 from allocator.mechanism import Mechanism, allocate_mechanism, machines, warm_up
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.muscles import Muscle
@@ -232,7 +233,13 @@ class Arm:
     def held(self, theta: Array, K: Array, T: Array, min_force: float) -> Held:
         """Return the pressures along a motion: angles (M, n), stiffness (M, k, k) and torques (M, n)."""
         found = allocate_mechanism(
-            self.mechanism, theta, K, T, min_force=min_force, trajectory=len(theta) > 1, endpoint=self.endpoint
+            self.mechanism,
+            theta,
+            K,
+            T,
+            limits=Limits(min_force),
+            stiffness=Stiffness(endpoint=self.endpoint),
+            along=0 if len(theta) > 1 else None,
         )
         joints = self.endpoint is None
         given, missed = (found.K, found.K_error) if joints else (found.K_x, found.K_x_error)

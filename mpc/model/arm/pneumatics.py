@@ -9,13 +9,12 @@ The second term is there with `gas` only, and for cables that pull: a slack one 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.gas import AIR, Gas
 from allocator.joint.one_muscle import OneMuscle
@@ -32,10 +31,10 @@ class Pneumatics:
     """
 
     muscles: tuple[Muscle, ...]
-    rest_length: Any  # L [m]
-    lag: Any = 0.1  # τ of the regulators [s]
+    rest_length: Value  # L [m]
+    lag: Value = 0.1  # τ of the regulators [s]
     gas: Gas | bool | None = None  # True: air; None: regulators hold the pressures against every motion
-    force_gains: Any = 1.0  # g [-]: how many times as hard as their laws say the muscles pull
+    force_gains: Value = 1.0  # g [-]: how many times as hard as their laws say the muscles pull
 
     def __post_init__(self) -> None:
         """Check the parts and make rows of them."""

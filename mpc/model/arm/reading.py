@@ -7,9 +7,10 @@ armatures, springs and damping. Anything else is asked of MuJoCo itself (`mpc.mo
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Mask
@@ -18,11 +19,14 @@ from allocator.mechanism import Mechanism
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.routes import Routes
 from allocator.mechanism.routes.base import per_muscle, rest_lengths
-from allocator.mechanism.routes.mjcf import load, name_of, read_mjcf, said, tells, tendon_lengths
+from allocator.mechanism.routes.mjcf import Source, load, name_of, read_mjcf, said, tells, tendon_lengths
 from allocator.muscles import Muscle
 from mpc.model.arm.mechanics.mjcf_bodies import check_hinges, tree_of, without_formulas
 from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
 from mpc.model.arm.mechanics.tree import TreeBodies
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 _STILL = 1e-9  # [m/rad] or of the greatest: what moves a point less does not move it
 
@@ -30,7 +34,7 @@ _STILL = 1e-9  # [m/rad] or of the greatest: what moves a point less does not mo
 class Read(NamedTuple):
     """A `Read` is what was read of a model."""
 
-    model: Any  # an `MjModel` for a `MujocoPlant`, whose actuators are switched off
+    model: "MjModel"  # an `MjModel` for a `MujocoPlant`, whose actuators are switched off
     mechanism: Mechanism
     bodies: TreeBodies | MujocoBodies
     cable: Array  # (m,) [m] for a `MujocoPlant`
@@ -41,11 +45,11 @@ class Read(NamedTuple):
 
 
 def read_arm(
-    source: Any,
+    source: Source,
     muscles: Muscle | Sequence[Muscle],
-    rest_length: Any = None,
-    cable: Any = None,
-    contraction: Any = None,
+    rest_length: ArrayLike | None = None,
+    cable: ArrayLike | None = None,
+    contraction: ArrayLike | None = None,
     pressure_limits: tuple[float, float] = (0.0, 5e5),
     hand: str | None = None,
 ) -> Read:
@@ -65,10 +69,6 @@ def read_arm(
     lengths, cables = _lengths(model, source, rest_length, cable, contraction)
     mechanics, unread = Mechanics(model), [without_formulas(model), _winding(model)]
     bodies = MujocoBodies(mechanics) if any(unread) else tree_of(model, source)
-    names: dict[str, Any] = {
-        "muscle_names": tuple(name_of(model.tendon(j), j) for j in range(model.ntendon)),
-        "joint_names": tuple(name_of(model.joint(i), i) for i in range(model.njnt)),
-    }
     limited = bool(np.all(model.jnt_limited))
     routes: Routes = (
         MujocoTendons.of(mechanics, lengths, cables) if unread[1] else read_mjcf(model, lengths, cables).routes
@@ -78,7 +78,8 @@ def read_arm(
         muscles,  # type: ignore[arg-type]  # one or a sequence, see its __post_init__
         pressure_limits,
         angle_limits=tuple(map(tuple, model.jnt_range.tolist())) if limited else None,
-        **names,
+        muscle_names=tuple(name_of(model.tendon(j), j) for j in range(model.ntendon)),
+        joint_names=tuple(name_of(model.joint(i), i) for i in range(model.njnt)),
     )
     name, _, axes = (hand or _last_site(model)).partition(":")
     point = Endpoint.from_mjcf(model, name, axes=axes or "xyz") if name else None
@@ -87,7 +88,13 @@ def read_arm(
     return Read(model, mechanism, bodies, cables, ", ".join(filter(None, unread)), _left_out(model), point, name)
 
 
-def _lengths(model: Any, source: Any, rest_length: Any, cable: Any, contraction: Any) -> tuple[Array, Array]:
+def _lengths(
+    model: "MjModel",
+    source: Source,
+    rest_length: ArrayLike | None,
+    cable: ArrayLike | None,
+    contraction: ArrayLike | None,
+) -> tuple[Array, Array]:
     """Return rest lengths and cables (m,) [m]. Raises `InvalidInput`."""
     m, now = int(model.ntendon), Mechanics(model).tendons(model.qpos0[model.jnt_qposadr][None])[0][0]
     if rest_length is None and not tells(model):
@@ -116,14 +123,14 @@ def _lengths(model: Any, source: Any, rest_length: Any, cable: Any, contraction:
     return lengths, cables
 
 
-def _drawn(model: Any) -> Mask:
+def _drawn(model: "MjModel") -> Mask:
     """Return which tendons (m,) run through space; the others are sums of angles, whose lengths are none."""
     import mujoco
 
     return np.asarray(model.wrap_type[model.tendon_adr] != int(mujoco.mjtWrap.mjWRAP_JOINT))
 
 
-def _winding(model: Any) -> str:
+def _winding(model: "MjModel") -> str:
     """Return which tendons are neither straight lines nor, all of them, sums of angles; "" if none is."""
     import mujoco
 
@@ -138,7 +145,7 @@ def _winding(model: Any) -> str:
     return f"the way of {', '.join(odd)}"
 
 
-def _last_site(model: Any) -> str:
+def _last_site(model: "MjModel") -> str:
     """Return the name of the last site that has one, on the last body that has such sites; "" without any."""
     named = [(int(model.site_bodyid[i]), i) for i in range(model.nsite) if model.site(i).name]
     return str(model.site(max(named)[1]).name) if named else ""
@@ -156,7 +163,7 @@ def _moved(point: Endpoint, mechanism: Mechanism) -> Endpoint | None:
     return replace(point, kinematics=replace(kinematics, axes="".join("xyz"[i] for i in most))) if rank else None
 
 
-def _left_out(model: Any) -> str:
+def _left_out(model: "MjModel") -> str:
     """Return what of a model the prediction of its motion does not know, in some words."""
     found = {
         f"{model.nu} actuators (switched off)": bool(model.nu),
@@ -167,7 +174,7 @@ def _left_out(model: Any) -> str:
     return ", ".join(what for what, there in found.items() if there)
 
 
-def _no_contacts(model: Any) -> bool:
+def _no_contacts(model: "MjModel") -> bool:
     import mujoco
 
     return bool(model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT))

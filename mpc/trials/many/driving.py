@@ -7,7 +7,6 @@ anything is out of the ordinary (`mpc.trials.many.driven`) is left to `simulate`
 
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.qp.solvers import Riccati
+from mpc.tracking.rest import RestMode
 from mpc.trials.many.plant import CompiledExperiment
 from mpc.trials.many.records import Answers, Plant
 from mpc.trials.many.taken import known_of, memory_of, ordinary, step_of
@@ -42,8 +42,10 @@ class Driving:
     def __init__(self, controller: TrackingMPC, estimate: CompiledEstimate) -> None:
         """Write the formulas. Raises `Untranslatable` for those that are too long."""
         self._controller, self._estimate = controller, estimate
-        text, self.c = _told(controller.plant, controller.compensation)
-        qp_step: Any = controller._qp_step
+        plant, qp_step = controller.plant, controller._qp_step
+        assert isinstance(plant, Model)  # `driving` has looked
+        assert isinstance(qp_step, CompiledQPStep)
+        text, self.c = _told(plant, controller.compensation)
         self._modules = {"observer": estimate.module, "joint": qp_step.plant.step, "told": imported(text)}
 
     def _loop(self, process: ModuleType) -> ModuleType:
@@ -93,11 +95,11 @@ def driving(controller: Controller, observer: Observer | None) -> Driving | None
     """
     if not (type(controller) is TrackingMPC and type(observer) is KalmanObserver):
         return None
-    compiled = (controller._qp_step, CompiledQPStep), (controller._feed_forward, CompiledFeedForward)
+    steps = (controller._qp_step, CompiledQPStep), (controller._feed_forward, CompiledFeedForward)
+    parts = (controller.plant, Model), (controller.rest_mode, RestMode), (controller._solve, Riccati), *steps
     told = (controller.plant, controller.compensation, controller.dt)
     able = (
-        all(isinstance(part, kind) for part, kind in compiled)
-        and isinstance(controller._solve, Riccati)
+        all(isinstance(part, kind) for part, kind in parts)
         and controller.iterations == 1
         and controller.budget is None  # nobody waits for a command here: what takes too long would depend on the day
         and told == (observer.plant, observer.compensation, observer.dt)

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.errors import InvalidInput
@@ -20,7 +21,7 @@ def simulate_many(
     controllers: Controller | Sequence[Controller],
     references: Reference | Sequence[Reference],
     *,
-    x0: Any = None,
+    x0: ArrayLike | None = None,
     observers: Observer | Sequence[Observer | None] | None = None,
     seeds: int | Iterable[int] = 0,
     keep: bool = False,

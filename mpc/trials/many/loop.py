@@ -1,7 +1,7 @@
 """A loop is one run, and what does it: `simulate`, on a compiled plant where there is one."""
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from allocator import checks
 from allocator.calculus import Array
@@ -10,6 +10,9 @@ from mpc.observer.base import Observer
 from mpc.trials.many.runs import Outcome
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import ClosedLoop, Controller, Process, Run, simulate
+
+if TYPE_CHECKING:
+    from mpc.trials.many.driving import Driving
 
 
 class Loop(NamedTuple):
@@ -25,7 +28,7 @@ class Loop(NamedTuple):
 
     def checked(self) -> Self:
         """Return itself, with a seed that is one. Raises `InvalidInput` for what can take no part in a loop."""
-        kinds: dict[str, Any] = {"plant": Process, "controller": Controller, "reference": Reference}
+        kinds: dict[str, type] = {"plant": Process, "controller": Controller, "reference": Reference}
         for name, kind in (kinds | ({} if self.observer is None else {"observer": Observer})).items():
             value = getattr(self, name)
             if isinstance(value, type) or not isinstance(value, kind):
@@ -50,18 +53,19 @@ class Compiled:
     """What was compiled is found again as long as the same plants, controllers and observers come."""
 
     def __init__(self) -> None:
-        self._kept: dict[tuple[Any, ...], tuple[Any, ...]] = {}
+        self._kept: dict[tuple[float, ...], tuple[object, Any]] = {}
 
     def plant(self, plant: Process, dt: float) -> Process:
         """Return `plant` compiled, or itself where that cannot be done."""
         return self._found((id(plant), dt), plant, lambda: _compiled_plant(plant, dt)) or plant
 
-    def driving(self, controller: Controller, observer: Observer | None) -> Any:
+    def driving(self, controller: Controller, observer: Observer | None) -> "Driving | None":
         """Return what drives compiled plants as controller and observer do, None where that cannot be compiled."""
         parts = controller, observer
-        return self._found(tuple(map(id, parts)), parts, lambda: _driving(*parts))
+        made: Driving | None = self._found(tuple(map(id, parts)), parts, lambda: _driving(*parts))
+        return made
 
-    def _found(self, key: tuple[Any, ...], of: Any, make: Callable[[], Any]) -> Any:
+    def _found(self, key: tuple[float, ...], of: object, make: Callable[[], object]) -> Any:
         """Return what is made for a `key`, in which the identities are `of` what is kept, too."""
         if key not in self._kept:
             try:
@@ -72,13 +76,13 @@ class Compiled:
         return self._kept[key][1]
 
 
-def _compiled_plant(plant: Process, dt: float) -> Any:
+def _compiled_plant(plant: Process, dt: float) -> Process:
     from mpc.trials.many.plant import compiled_plant
 
     return compiled_plant(plant, dt)
 
 
-def _driving(controller: Controller, observer: Observer | None) -> Any:
+def _driving(controller: Controller, observer: Observer | None) -> "Driving | None":
     from mpc.trials.many.driving import driving
 
     return driving(controller, observer)

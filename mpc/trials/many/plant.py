@@ -7,11 +7,11 @@ numbers only share what is compiled. Faults, and processes of other kinds, are n
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import filling
@@ -20,6 +20,9 @@ from mpc.model.integration import integrated
 from mpc.model.plant import NU, NX, Plant
 from mpc.model.real_plant import RealPlant, delayed, outside_torque
 from mpc.trials.simulation import Process
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 _TEMPLATE = Path(__file__).with_name("process.py")
 
@@ -52,11 +55,11 @@ class CompiledPlant:
             raise ValueError(f"compiled for samples of {self.dt:g} s, not of {dt:g} s")
         return CompiledExperiment(self, x0, seed)
 
-    def stiffness(self, x: Any) -> Any:
+    def stiffness(self, x: Value) -> Value:
         """Return the true stiffness [N·m/rad] in the states `x` [4, ...], of the nominal plant's kind."""
         return self.process.stiffness(x)
 
-    def forces(self, x: Any) -> tuple[Any, Any]:
+    def forces(self, x: Value) -> tuple[Value, Value]:
         """Return the true muscle forces [N] in the states `x` [4, ...]."""
         return self.process.forces(x)
 
@@ -123,14 +126,14 @@ def compiled_plant(process: Process, dt: float) -> CompiledPlant:
     return CompiledPlant(process, dt, module, source.c, np.array(pieces), substeps, np.array(sensors), waiting + 1)
 
 
-def _stepped(process: Plant | RealPlant) -> Any:
+def _stepped(process: Plant | RealPlant) -> "Function":
     """Return (full, u, (d, h)) ↦ full after a fine step of h [s], a CasADi function."""
     import casadi as ca
 
     size = NX + (process.friction.size if isinstance(process, RealPlant) else 0)
     full, u, dh = ca.SX.sym("full", size), ca.SX.sym("u", NU), ca.SX.sym("dh", 2)
     if isinstance(process, RealPlant):
-        later: Any = ca.vertcat(*process.stepped(full[:NX], full[NX:], u, dh[0], dh[1]))
+        later = ca.vertcat(*process.stepped(full[:NX], full[NX:], u, dh[0], dh[1]))
     else:
         later = integrated(lambda x: ca.vertcat(*process.rate(x, u, dh[0])), full, dh[1], 1)
     return ca.Function("stepped", [full, u, dh], [ca.cse(ca.densify(later))])

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +69,7 @@ class Runs:
             raise InvalidInput(f"runs have no column {name!r}; they have {', '.join(rows[0])}")
         return np.array([row[name] for row in rows])
 
-    def to_dict(self) -> dict[str, NDArray[Any]]:
+    def to_dict(self) -> dict[str, Array | NDArray[np.int64]]:
         """Return all figures as columns (n,), which pandas takes: seeds, errors, excesses, samples with each status."""
         rows = [_numbers(one) for one in self.metrics]
         counts = {f"status {status.name}": self.statuses[:, i] for i, status in enumerate(STATUSES)}

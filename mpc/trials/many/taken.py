@@ -1,10 +1,10 @@
 """The flat values of a compiled closed loop are taken from the readable parts here, after their first samples."""
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
+from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.rest import RestMode
 from mpc.trials.many import rest
@@ -25,6 +25,7 @@ def ordinary(controller: TrackingMPC) -> bool:
 def known_of(controller: TrackingMPC, c: Array) -> Known:
     """Return what is known of the controller; `c` are the numbers of the formulas."""
     preview, mode, limits = controller._preview, controller.rest_mode, controller.limits
+    assert isinstance(mode, RestMode)  # `driving` has looked
     resting = [0.0] * 8
     resting[rest.INERTIA], resting[rest.DT] = mode.plant.inertia, mode.dt
     resting[rest.SETTLING], resting[rest.DWELL] = mode.settling, mode.dwell
@@ -39,8 +40,9 @@ def known_of(controller: TrackingMPC, c: Array) -> Known:
 
 def step_of(controller: TrackingMPC) -> Step:
     """Return what the compiled step takes; its buffers are the controller's own."""
-    qp_step: Any = controller._qp_step
-    feed_forward: Any = controller._feed_forward
+    qp_step, feed_forward = controller._qp_step, controller._feed_forward
+    assert isinstance(qp_step, CompiledQPStep)  # `driving` has looked
+    assert isinstance(feed_forward, CompiledFeedForward)
     structured = qp_step.structured
     c, p, known, slopes = feed_forward.arrays.fixed
     numbers, starts, given, buffer = structured.arrays
@@ -53,10 +55,11 @@ def step_of(controller: TrackingMPC) -> Step:
 def memory_of(controller: TrackingMPC) -> Memory:
     """Return what the controller remembers; copies."""
     preview, ladder, mode = controller._preview, controller.ladder, controller.rest_mode
+    assert isinstance(mode, RestMode)  # `driving` has looked
+    assert ladder.motion is not None  # `ordinary` has looked
     mode.catch_up()
     expected = np.nan if preview.expected is None else preview.expected[0]
     followed = np.nan if preview.friction.theta is None else preview.friction.theta
-    assert ladder.motion is not None  # `ordinary` has looked
     memory = _floats(np.atleast_1d(preview.friction.memory))
     waiting = _floats(preview.waiting).reshape(-1, 2)
     return Memory(
@@ -75,5 +78,5 @@ def _rest(mode: RestMode) -> Array:
     return s
 
 
-def _floats(given: Any) -> Array:
+def _floats(given: ArrayLike | None) -> Array:
     return np.array(given, float)

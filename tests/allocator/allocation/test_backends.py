@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allocator import AntagonistError, MissingBackend, Status, allocate, report_joint
+from allocator import AntagonistError, Limits, Method, MissingBackend, Status, Stiffness, allocate, report_joint
 from allocator.allocation.optimisers import backends, common
 from allocator.muscles import PolynomialMcKibben
 from allocator.units import BAR
 
 BACKENDS = {
     "qp-daqp": {"method": "qp"},
-    "qp-osqp": {"method": "qp", "solver": "osqp"},
+    "qp-osqp": {"method": Method("qp", solver="osqp")},
     "nlp-ipopt": {"method": "nlp"},
-    "nlp-sqpmethod": {"method": "nlp", "solver": "sqpmethod"},
+    "nlp-sqpmethod": {"method": Method("nlp", solver="sqpmethod")},
     "convex-clarabel": {"method": "convex"},
 }
 PRIORITIES = ("torque", "stiffness", "weighted")
@@ -46,7 +46,7 @@ def targets(joint, n, seed):
 @pytest.mark.parametrize("backend", BACKENDS.values(), ids=BACKENDS.keys())
 def test_a_back_end_agrees_with_the_exact_answer(joint, backend, priority):
     """28 targets on each of nine joints: 252 for every back-end and priority, half of them with a slew limit."""
-    for seed, slew in ((1, {}), (2, {"previous": (2.2 * BAR, 2.0 * BAR), "max_step": 0.4 * BAR})):
+    for seed, slew in ((1, {}), (2, {"limits": Limits(previous=(2.2 * BAR, 2.0 * BAR), max_step=0.4 * BAR)})):
         problem = targets(joint, 14, seed)
         exact = allocate(*problem, joint=joint, **options(priority), **slew)
         found = allocate(*problem, joint=joint, **options(priority), **slew, **backend)
@@ -115,21 +115,21 @@ def test_a_wrong_answer_is_replaced_and_said(monkeypatch):
 @pytest.mark.parametrize("backend", BACKENDS.values(), ids=BACKENDS.keys())
 def test_without_the_warm_start_the_answer_is_the_same_but_dearer(backend):
     theta, K, T = np.full(5, 0.3), np.linspace(6.8, 8.8, 5), np.linspace(-3, 3, 5)
-    warm, cold = (allocate(theta, K, T, warm_start=w, **backend) for w in (True, False))
+    warm, cold = (
+        allocate(theta, K, T, method=Method.of(backend["method"])._replace(warm_start=w)) for w in (True, False)
+    )
     assert np.abs(warm.P1 - cold.P1).max() <= 1e-4 * SPAN
     assert warm.iterations.sum() < cold.iterations.sum()
 
 
 EXTRAS = {
-    "max_force": {"max_force": 350.0},
-    "min_force": {"min_force": 60.0},
-    "co-contraction": {"min_cocontraction": 3 * BAR},
+    "max_force": {"limits": Limits(max_force=350.0)},
+    "min_force": {"limits": Limits(min_force=60.0)},
+    "co-contraction": {"limits": Limits(min_cocontraction=3 * BAR)},
     "co-contraction and slew": {
-        "min_cocontraction": 2.6 * BAR,
-        "previous": (2.4 * BAR, 2.4 * BAR),
-        "max_step": 0.5 * BAR,
+        "limits": Limits(min_cocontraction=2.6 * BAR, previous=(2.4 * BAR, 2.4 * BAR), max_step=0.5 * BAR)
     },
-    "tolerance": {"stiffness_tolerance": 0.4},
+    "tolerance": {"stiffness": Stiffness(tolerance=0.4)},
 }
 
 
@@ -161,7 +161,7 @@ def test_with_more_limits_they_still_agree(joint, number):
 
 
 @pytest.mark.parametrize("priority", ["torque", "weighted"])
-@pytest.mark.parametrize("extra", [{}, {"min_cocontraction": 3 * BAR}], ids=["box", "floor"])
+@pytest.mark.parametrize("extra", [{}, {"limits": Limits(min_cocontraction=3 * BAR)}], ids=["box", "floor"])
 def test_with_a_pull_the_closed_form_is_the_optimisers_answer(joint, priority, extra):
     problem = targets(joint, 15, seed=5)
     pull = {"pull": 2e-11, "reference": (2.5 * BAR, 2.0 * BAR), **options(priority), **extra}
@@ -185,7 +185,7 @@ def test_the_tolerance_is_spent_on_less_pressure(joint, share, tolerance):
     K = np.mean(allocate(theta, 5.0, T, joint=joint).stiffness_interval)
     if K <= tolerance or not np.isfinite(K):
         return
-    strict, loose = (allocate(theta, K, T, joint=joint, stiffness_tolerance=t) for t in (0.0, tolerance))
+    strict, loose = (allocate(theta, K, T, joint=joint, stiffness=Stiffness(tolerance=t)) for t in (0.0, tolerance))
     if strict.success and strict.pairs == 1:
         assert loose.success
         assert loose.T_error == pytest.approx(0, abs=1e-6)
@@ -194,7 +194,7 @@ def test_the_tolerance_is_spent_on_less_pressure(joint, share, tolerance):
 
 
 def test_limits_that_cannot_be_kept_together_are_reported():
-    a = allocate(0.0, 7.5, min_cocontraction=4 * BAR, previous=(2 * BAR, 2 * BAR), max_step=0.5 * BAR)
+    a = allocate(0.0, 7.5, limits=Limits(min_cocontraction=4 * BAR, previous=(2 * BAR, 2 * BAR), max_step=0.5 * BAR))
     assert a.status is Status.CONFLICT
     assert (a.P1, a.P2) == (2.5 * BAR, 2.5 * BAR)
     assert "co-contraction floor" in a.active
@@ -203,16 +203,22 @@ def test_limits_that_cannot_be_kept_together_are_reported():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"method": "qp", "solver": "magic"}, "unknown QP solver 'magic'; available: "),
-        ({"method": "nlp", "solver": "daqp"}, "unknown NLP solver 'daqp'; available: ipopt, sqpmethod"),
-        ({"method": "convex", "solver": "scip"}, "unknown convex solver 'scip'; available: clarabel, osqp"),
-        ({"solver": "daqp"}, "solver = 'daqp' belongs to the methods convex, nlp, qp, not 'exact'"),
-        ({"min_force": 300, "max_force": 200}, "max_force = 200 N contradicts min_force = 300 N"),
-        ({"min_cocontraction": 6 * BAR}, "min_cocontraction = 600000 Pa contradicts the supply pressure of 500000 Pa"),
-        ({"min_cocontraction": 2}, "if bar was meant"),
-        ({"pull": 1e-11}, "pull > 0 and reference = (P1, P2) go together"),
-        ({"pull": -1.0, "reference": (2e5, 2e5)}, "pull = -1.0"),
-        ({"stiffness_tolerance": 0.2, "priority": "stiffness"}, "stiffness_tolerance holds for priority='torque' only"),
+        ({"method": Method("qp", solver="magic")}, "unknown QP solver 'magic'; available: "),
+        ({"method": Method("nlp", solver="daqp")}, "unknown NLP solver 'daqp'; available: ipopt, sqpmethod"),
+        ({"method": Method("convex", solver="scip")}, "unknown convex solver 'scip'; available: clarabel, osqp"),
+        ({"method": Method(solver="daqp")}, "solver = 'daqp' belongs to the methods convex, nlp, qp, not 'exact'"),
+        ({"limits": Limits(min_force=300, max_force=200)}, "max_force = 200 N contradicts min_force = 300 N"),
+        (
+            {"limits": Limits(min_cocontraction=6 * BAR)},
+            "min_cocontraction = 600000 Pa contradicts the supply pressure of 500000 Pa",
+        ),
+        ({"limits": Limits(min_cocontraction=2)}, "if bar was meant"),
+        ({"pull": 1e-11}, "pull = 1e-11 has to be (ρ, P_ref)"),
+        ({"pull": (-1.0, (2e5, 2e5))}, "pull[0] = -1.0"),
+        (
+            {"stiffness": Stiffness(tolerance=0.2), "priority": "stiffness"},
+            "a stiffness tolerance holds for priority='torque' only",
+        ),
     ],
 )
 def test_wrong_arguments_are_named(arguments, said):
@@ -234,4 +240,4 @@ def test_a_stiffness_that_no_pressure_changes_is_missed_and_the_torque_met(backe
 
 def test_a_back_end_that_is_not_installed_is_a_missing_backend():
     with pytest.raises(MissingBackend, match="daqp"):
-        allocate(0.3, 7.5, 1.0, method="qp", solver="gurobi")
+        allocate(0.3, 7.5, 1.0, method=Method("qp", solver="gurobi"))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from allocator import AntagonistJoint, Limit, Status, Table, allocate, inverse
+from allocator import AntagonistJoint, Limit, Limits, Status, Table, allocate, inverse
 from allocator.muscles import PolynomialMcKibben
 from allocator.units import BAR, DEG
 
@@ -80,10 +80,9 @@ def test_a_feasible_target_is_met(joint, priority, share, s1, s2):
 @given(share=shares, share_T=shares, share_K=shares, max_step=st.sampled_from([None, 0.2 * BAR]))
 def test_every_answer_lies_in_the_box_and_says_what_binds(joint, priority, share, share_T, share_K, max_step):
     theta, K, T = target(joint, share, share_T, share_K, stretch=3)
-    slew = {} if max_step is None else {"previous": (2.5 * BAR, 2.0 * BAR), "max_step": max_step}
+    slew = {} if max_step is None else {"limits": Limits(previous=(2.5 * BAR, 2.0 * BAR), max_step=max_step)}
     a = allocate(theta, K, T, joint=joint, **options(priority, **slew))
-    previous = tuple(map(np.asarray, slew["previous"])) if slew else None
-    box = joint.pressure_box(theta, previous=previous, max_step=max_step)
+    box = joint.pressure_box(theta, **slew)
     assert box.contains(a.P1, a.P2)
     assert (a.T, a.K) == pytest.approx((joint.torque(theta, a.P1, a.P2), joint.stiffness(theta, a.P1, a.P2)), rel=1e-9)
     if not a.success:
@@ -205,7 +204,7 @@ def test_an_angle_beyond_the_range_is_answered_at_its_end(degrees):
 
 
 def test_a_cable_that_no_pressure_keeps_taut_is_reported():
-    a = allocate(0.0, 7.5, min_force=2000.0)
+    a = allocate(0.0, 7.5, limits=Limits(min_force=2000.0))
     assert a.status is Status.SLACK
     assert set(a.active) >= {"agonist slack", "antagonist slack"} or set(a.active) >= {"P1 upper", "P2 upper"}
 

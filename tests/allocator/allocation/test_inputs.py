@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import AntagonistError, InvalidInput, MissingBackend, allocate, inverse
+from allocator import AntagonistError, InvalidInput, Limits, MissingBackend, allocate, inverse
 from allocator.joint.antagonist import report_joint
 from allocator.joint.geometry import Lever, Pulley
 from allocator.muscles import Hogan1984, Tondu2021, TonduLopez1995
@@ -63,7 +63,7 @@ WRONG = {
     "K with a unit": ({"K": Quantity(7.5, "N*m/deg")}, "K = 7.5 N*m/deg carries a unit of its own; pass plain numbers"),
     "K a list with units": ({"K": [Quantity(7.5, "N*m/rad")]}, "pass plain numbers in N·m/rad"),
     "previous masked": (
-        {"previous": (2e5, np.ma.array([2e5, 3e5], mask=[0, 1])), "max_step": 1e4},
+        {"limits": Limits(previous=(2e5, np.ma.array([2e5, 3e5], mask=[0, 1])), max_step=1e4)},
         "previous has 1 masked of 2 elements",
     ),
     "theta in degrees": ({"theta": 90}, "theta = 90 rad is over a turn; if degrees were meant, pass 1.571 rad"),
@@ -81,14 +81,20 @@ WRONG = {
     "weights not positive": ({"priority": "weighted", "weights": (1, 0)}, "two positive numbers"),
     "three weights": ({"priority": "weighted", "weights": (1, 2, 3)}, "two positive numbers"),
     "previous in bar": (
-        {"previous": (2, 3), "max_step": 1e4},
+        {"limits": Limits(previous=(2, 3), max_step=1e4)},
         "previous[0] = 2 Pa is next to nothing; if bar was meant",
     ),
-    "max_step in bar": ({"previous": (2e5, 3e5), "max_step": 0.5}, "max_step = 0.5 Pa is next to nothing"),
-    "max_step negative": ({"previous": (2e5, 3e5), "max_step": -1e4}, "max_step = -10000 Pa has to be positive"),
-    "max_step alone": ({"max_step": 1e4}, "previous and max_step go together"),
-    "previous not a pair": ({"previous": 2e5, "max_step": 1e4}, "has to be two pressures (P1, P2)"),
-    "min_force negative": ({"min_force": -1.0}, "min_force = -1.0 has to be one number that is not negative [N]"),
+    "max_step in bar": ({"limits": Limits(previous=(2e5, 3e5), max_step=0.5)}, "max_step = 0.5 Pa is next to nothing"),
+    "max_step negative": (
+        {"limits": Limits(previous=(2e5, 3e5), max_step=-1e4)},
+        "max_step = -10000 Pa has to be positive",
+    ),
+    "max_step alone": ({"limits": Limits(max_step=1e4)}, "previous and max_step go together"),
+    "previous not a pair": ({"limits": Limits(previous=2e5, max_step=1e4)}, "has to be two pressures (P1, P2)"),
+    "min_force negative": (
+        {"limits": Limits(min_force=-1.0)},
+        "min_force = -1.0 has to be one number that is not negative [N]",
+    ),
 }
 
 

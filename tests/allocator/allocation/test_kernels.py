@@ -18,7 +18,7 @@ from allocator.allocation.kernels.choice import coefficients
 from allocator.allocation.kernels.compiled import kernel
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
 from allocator.allocation.status import assess
-from allocator.joint.limits import Limits
+from allocator.joint.limits import TAUT, Limits
 from allocator.muscles import Hogan1984, Tondu2021
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N, TONDU_MCKIBBEN
 from allocator.units import BAR, DEG
@@ -52,11 +52,11 @@ AFFINE = {
 JOINTS = TONDU | AFFINE
 LIMITS = {
     "taut": {},
-    "slack allowed": {"min_force": None},
-    "force band": {"min_force": 80.0, "max_force": 500.0},
-    "more force than there is": {"min_force": 2000.0},
-    "slew": {"previous": (2 * BAR, 2.5 * BAR), "max_step": 0.4 * BAR},
-    "slew from outside": {"previous": (7 * BAR, 0.0), "max_step": 1.5 * BAR},
+    "slack allowed": {"limits": Limits(min_force=None)},
+    "force band": {"limits": Limits(min_force=80.0, max_force=500.0)},
+    "more force than there is": {"limits": Limits(min_force=2000.0)},
+    "slew": {"limits": Limits(previous=(2 * BAR, 2.5 * BAR), max_step=0.4 * BAR)},
+    "slew from outside": {"limits": Limits(previous=(7 * BAR, 0.0), max_step=1.5 * BAR)},
 }
 
 
@@ -70,8 +70,8 @@ def mixed_targets(joint, n, seed):
     return theta, np.maximum(joint.stiffness(at, P1, P2), 0.1), joint.torque(at, P1, P2)
 
 
-def question(joint, theta, K, T, priority="torque", **limits):
-    return joint, theta, K, T, priority, Limits(**limits)
+def question(joint, theta, K, T, priority="torque", limits=TAUT):
+    return joint, theta, K, T, priority, limits
 
 
 def reference(asked):
@@ -237,7 +237,11 @@ def test_an_answer_stays_when_the_arrays_it_was_asked_with_change(method, monkey
     if method == "exact at once":
         monkeypatch.setattr(calls, "_PAYS", 1)
     theta, K, T = np.linspace(-1, 1, 4), np.full(4, 12.0), np.ones(4)
-    slew = {} if method == "analytic" else {"previous": (np.full(4, 2e5), np.full(4, 3e5)), "max_step": np.full(4, 4e5)}
+    slew = (
+        {}
+        if method == "analytic"
+        else {"limits": Limits(previous=(np.full(4, 2e5), np.full(4, 3e5)), max_step=np.full(4, 4e5))}
+    )
     first, second = (allocate(theta, K, T, method=method.split()[0], **slew) for _ in range(2))
     expected = first.jacobian(), first.stiffness_interval, np.array(first.theta), np.array(first.K_error)
     for array in (theta, K, T, *slew.get("previous", ()), slew.get("max_step", theta)):
@@ -327,6 +331,6 @@ def test_warming_up_says_whether_it_could():
 
 
 def test_limits_may_be_whole_numbers():
-    assert calls.answer(*question(report_joint(), 0.5, 7.5, 1.0, min_force=10, max_force=900)) is not None
-    whole, same = (allocate(0.5, 7.5, 1.0, min_force=F, max_force=90 * F) for F in (10, 10.0))
+    assert calls.answer(*question(report_joint(), 0.5, 7.5, 1.0, limits=Limits(10, 900))) is not None
+    whole, same = (allocate(0.5, 7.5, 1.0, limits=Limits(min_force=F, max_force=90 * F)) for F in (10, 10.0))
     assert (whole.P1, whole.P2) == (same.P1, same.P2)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allocator import AntagonistJoint, Lever, Pulley, Status, allocate, report_joint
+from allocator import AntagonistJoint, Lever, Limits, Pulley, Status, allocate, report_joint
 from allocator.allocation.kernels import calls
 from allocator.muscles import Hogan1984, TonduLopez2000
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
@@ -64,16 +64,16 @@ def test_what_binds_and_what_is_broken_is_named_and_has_its_status(joint, priori
     seen = set()
     for case, (forces, max_step) in enumerate((forces, step) for forces in FORCES for step in SLEWS):
         theta, K, T, (P1, P2) = questions(joint, 12, seed=case)
-        limits = {"min_force": forces[0], "max_force": forces[1], "priority": priority, "joint": joint}
-        slew = {} if max_step is None else {"previous": (P1, P2), "max_step": np.full(12, max_step)}
+        limits, asked = Limits(*forces), {"priority": priority, "joint": joint}
+        slew = limits if max_step is None else limits._replace(previous=(P1, P2), max_step=np.full(12, max_step))
         batches = []
         for pays in (calls._PAYS, 1):  # the readable implementation, the compiled one
             monkeypatch.setattr(calls, "_PAYS", pays)
-            batches.append(allocate(theta, K, T, **limits, **slew))
+            batches.append(allocate(theta, K, T, limits=slew, **asked))
         for i in range(12):
             previous = None if max_step is None else (P1[i].item(), P2[i].item())
-            one = {} if max_step is None else {"previous": previous, "max_step": max_step}
-            a = allocate(theta[i].item(), K[i].item(), T[i].item(), **limits, **one)
+            one = limits if max_step is None else limits._replace(previous=previous, max_step=max_step)
+            a = allocate(theta[i].item(), K[i].item(), T[i].item(), limits=one, **asked)
             found = [named_by(joint, a, muscle, *forces, previous, max_step) for muscle in (0, 1)]
             binds, broken, statuses = zip(*found, strict=True)
             assert set(a.active) == set.union(*binds)
@@ -89,7 +89,7 @@ def test_what_binds_and_what_is_broken_is_named_and_has_its_status(joint, priori
 @pytest.mark.parametrize("method", ["qp", "nlp", "convex"])
 def test_optimisers_say_the_same_of_what_no_step_can_keep(method):
     for previous in ((7 * BAR, 2 * BAR), (0.2 * BAR, 2 * BAR), (4 * BAR, 4 * BAR)):
-        options = {"previous": previous, "max_step": 0.1 * BAR, "max_force": 500.0}
+        options = {"limits": Limits(previous=previous, max_step=0.1 * BAR, max_force=500.0)}
         exact, other = (allocate(0.3, 7.5, 1.0, method=m, **options) for m in ("exact", method))
         assert (other.status, other.active, other.broken) == (exact.status, exact.active, exact.broken)
         assert exact.status in CONTRADICTED
@@ -98,7 +98,7 @@ def test_optimisers_say_the_same_of_what_no_step_can_keep(method):
 def test_of_limits_that_lie_at_one_pressure_all_bind():
     """A step of 1 bar ends where the supply does, whichever way it is rounded: relieving one alone does not help."""
     for previous in (4 * BAR, 4 * BAR + 1e-9, 4 * BAR - 1e-9):
-        a = allocate(0.3, 17.0, 1.0, previous=(previous, previous), max_step=1 * BAR)
+        a = allocate(0.3, 17.0, 1.0, limits=Limits(previous=(previous, previous), max_step=1 * BAR))
         assert {"P1 rate", "P1 upper"} <= set(a.active)
         assert not a.broken
 
@@ -106,13 +106,13 @@ def test_of_limits_that_lie_at_one_pressure_all_bind():
 def test_the_least_force_that_the_supply_s_lower_end_gives_binds_with_it():
     joint = JOINTS["supply from 2 bar"]
     F1, _ = joint.forces(0.1, *2 * [joint.pressure_limits[0]])
-    a = allocate(0.1, 0.1, -50.0, joint=joint, min_force=float(F1))
+    a = allocate(0.1, 0.1, -50.0, joint=joint, limits=Limits(min_force=float(F1)))
     assert {"P1 lower", "agonist slack"} <= set(a.active)
     assert a.status is Status.BOTH_LIMITED
 
 
 def test_a_floor_that_the_upper_limits_do_not_reach_is_not_blamed_on_the_lower_ones():
-    a = allocate(0.3, 7.5, 1.0, min_cocontraction=4.9 * BAR, max_force=300.0)
+    a = allocate(0.3, 7.5, 1.0, limits=Limits(min_cocontraction=4.9 * BAR, max_force=300.0))
     assert a.status is Status.CONFLICT
     assert a.broken == ("co-contraction floor",)
     assert set(a.active) == {"agonist force ceiling", "antagonist force ceiling", "co-contraction floor"}
@@ -123,7 +123,7 @@ def test_a_floor_that_the_upper_limits_do_not_reach_is_not_blamed_on_the_lower_o
 def test_no_target_is_so_far_away_that_a_slack_cable_passes_for_taut(road, pays, monkeypatch):
     monkeypatch.setattr(calls, "_PAYS", pays)
     for T in (1.0, 1e6, 1e12, -1e12, 1e300):
-        a = allocate(road(0.3), 7.5, T, previous=(0.5 * BAR, 0.5 * BAR), max_step=0.1 * BAR)
+        a = allocate(road(0.3), 7.5, T, limits=Limits(previous=(0.5 * BAR, 0.5 * BAR), max_step=0.1 * BAR))
         assert np.unique(a.status).tolist() == [Status.SLACK]
 
 
@@ -134,12 +134,14 @@ def test_the_library_takes_its_own_answers_though_one_muscle_is_all_but_vented(j
     for P in ((tiny, 3 * BAR), (3 * BAR, tiny)):
         T, K = joint.torque(0.1, *P), joint.stiffness(0.1, *P)
         for road in (float, lambda x: np.full(2, x)):
-            a = allocate(road(0.1), float(K), float(T), joint=joint, min_force=None)
+            a = allocate(road(0.1), float(K), float(T), joint=joint, limits=Limits(min_force=None))
             assert np.array(a.P1) == pytest.approx(P[0], abs=1e-2)
             found = a.P1, a.P2
             assert joint.torque(0.1, *found) == pytest.approx(T, rel=1e-7)
             assert joint.forces(0.1, *found)[0] == pytest.approx(joint.forces(0.1, *P)[0], rel=1e-6)
             assert np.isfinite(joint.jacobian(0.1, *found)).all()
             assert joint.equilibrium(*found, T) == pytest.approx(0.1, abs=1e-6)
-            stay = allocate(road(0.1), float(K), float(T), joint=joint, min_force=None, previous=found, max_step=BAR)
+            stay = allocate(
+                road(0.1), float(K), float(T), joint=joint, limits=Limits(min_force=None, previous=found, max_step=BAR)
+            )
             assert np.array(stay.P2) == pytest.approx(P[1], abs=1e-2)

@@ -5,24 +5,28 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from allocator import AntagonistJoint, InvalidInput, Lever, allocate, report_joint, warm_up
+from allocator import AntagonistJoint, InvalidInput, Lever, Limits, Stiffness, allocate, report_joint, warm_up
 from allocator.allocation import entry
 from allocator.allocation.kernels import arrays, calls
+from allocator.joint.limits import TAUT
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 
 LEVER = AntagonistJoint(
     Lever(0.40, 0.30, 0.03, 0.0435), SAROSI_DMSP_20_400N, SAROSI_DMSP_20_200N, angle_limits=(-1.4, 1.4)
 )
 JOINTS = {"tondu": report_joint(), "affine": LEVER}
-SLEW = {"previous": (2e5, 3e5), "max_step": 50_000}
+SLEW = {"limits": Limits(previous=(2e5, 3e5), max_step=50_000)}
 ONE = {  # the same in every type that is tried
     "target": ({"theta": 1, "K": 8, "T": 2}, ("theta", "K", "T")),
-    "forces": ({"theta": 0.5, "K": 7.5, "T": 1.0, "min_force": 64, "max_force": 512}, ("min_force", "max_force")),
-    "least force alone": ({"theta": 0.5, "K": 7.5, "T": 1.0, "min_force": 64}, ("min_force",)),
+    "forces": (
+        {"theta": 0.5, "K": 7.5, "T": 1.0, "limits": Limits(min_force=64, max_force=512)},
+        ("min_force", "max_force"),
+    ),
+    "least force alone": ({"theta": 0.5, "K": 7.5, "T": 1.0, "limits": Limits(min_force=64)}, ("min_force",)),
     "slew": ({"theta": 0.5, "K": 7.5, "T": 1.0, **SLEW}, ("previous", "max_step")),
     "what is not asked": (
-        {"theta": 0.5, "K": 7.5, "T": 1.0, "direction": 0, "pull": 0, "stiffness_tolerance": 0},
-        ("direction", "pull", "stiffness_tolerance"),
+        {"theta": 0.5, "K": 7.5, "T": 1.0, "direction": 0, "stiffness": Stiffness(tolerance=0)},
+        ("direction",),
     ),
 }
 REAL = (int, float, np.int32, np.uint64, np.float32, np.float64, np.longdouble, np.array)
@@ -61,10 +65,13 @@ def compiler(monkeypatch):
 
 def changed(arguments, names, into):
     """The same arguments, those of these names of another type; a pair's both numbers."""
-    return arguments | {
-        name: tuple(into(x) for x in value) if isinstance(value := arguments[name], tuple) else into(value)
-        for name in names
-    }
+    limits = arguments.get("limits", TAUT)
+
+    def of(value):
+        return tuple(into(x) for x in value) if isinstance(value, tuple) else into(value)
+
+    limits = limits._replace(**{name: of(getattr(limits, name)) for name in names if name in Limits._fields})
+    return arguments | {name: of(arguments[name]) for name in names if name in arguments} | {"limits": limits}
 
 
 def fields(a):
@@ -87,16 +94,16 @@ def test_a_single_target_of_any_type_takes_the_scalar_road(joint, arguments, nam
 def test_the_pressures_now_come_in_any_pair(pair, no_readable):
     for theta in (0.5, np.linspace(-1, 1, 21)):
         expected = allocate(theta, 7.5, 1.0, **SLEW)
-        found = allocate(theta, 7.5, 1.0, previous=pair(SLEW["previous"]), max_step=50_000)
+        found = allocate(theta, 7.5, 1.0, limits=Limits(previous=pair(SLEW["limits"].previous), max_step=50_000))
         assert np.array_equal(found.P1, expected.P1)
         assert np.array_equal(found.P2, expected.P2)
 
 
 def test_the_pressures_now_of_many_targets_come_in_one_array(no_readable):
     theta, now = np.linspace(-1, 1, 21), np.linspace([2e5, 3e5], [3e5, 2e5], 21).T
-    expected = allocate(theta, 7.5, previous=(now[0], now[1]), max_step=5e4)
+    expected = allocate(theta, 7.5, limits=Limits(previous=(now[0], now[1]), max_step=5e4))
     for same in (now, now.tolist(), list(now)):
-        assert np.array_equal(allocate(theta, 7.5, previous=same, max_step=5e4).P1, expected.P1)
+        assert np.array_equal(allocate(theta, 7.5, limits=Limits(previous=same, max_step=5e4)).P1, expected.P1)
 
 
 @pytest.mark.parametrize("compiled", [False, True], ids=["plain", "compiled"])
@@ -114,7 +121,9 @@ def test_arrays_of_any_type_take_the_array_road(joint, into, compiled, no_readab
 
 def test_an_answer_stays_when_the_numbers_it_was_asked_with_change():
     theta, force, now = np.array(0.5), np.array(64.0), np.array([2e5, 3e5])
-    first, second = (allocate(theta, 7.5, 1.0, min_force=force, previous=now, max_step=5e4) for _ in range(2))
+    first, second = (
+        allocate(theta, 7.5, 1.0, limits=Limits(min_force=force, previous=now, max_step=5e4)) for _ in range(2)
+    )
     expected = first.stiffness_interval
     theta *= 0.5
     force *= 4
@@ -125,10 +134,11 @@ def test_an_answer_stays_when_the_numbers_it_was_asked_with_change():
 @pytest.mark.parametrize(
     "wrong", [True, np.True_, 0j, np.complex64(0), "0", None, np.nan, np.float32(np.nan)], ids=repr
 )
-@pytest.mark.parametrize("name", ["theta", "K", "T", "direction", "pull", "stiffness_tolerance"])
+@pytest.mark.parametrize("name", ["theta", "K", "T", "direction", "pull", "tolerance"])
 def test_what_is_no_real_number_is_refused_for_what_it_is(name, wrong):
-    with pytest.raises(InvalidInput, match=rf"^{name} = .* is not (a number|finite)"):
-        allocate(**{"theta": 0.3, "K": 7.5, "T": 1.0} | {name: wrong})
+    values = {"pull": {"pull": (wrong, (2e5, 2e5))}, "tolerance": {"stiffness": Stiffness(tolerance=wrong)}}
+    with pytest.raises(InvalidInput, match=rf"^{name}(\[0\])? = .* is not (a number|finite)"):
+        allocate(**{"theta": 0.3, "K": 7.5, "T": 1.0} | values.get(name, {name: wrong}))
 
 
 @pytest.mark.parametrize(
@@ -162,7 +172,9 @@ def test_an_array_compiles_where_that_pays_and_not_before(compiler, monkeypatch)
 
 
 @pytest.mark.parametrize("priority", ["torque", "stiffness"])
-@pytest.mark.parametrize("options", [{}, SLEW, {"min_force": None}, {"max_force": 500.0}], ids=repr)
+@pytest.mark.parametrize(
+    "options", [{}, SLEW, {"limits": Limits(min_force=None)}, {"limits": Limits(max_force=500.0)}], ids=repr
+)
 @pytest.mark.parametrize("joint", JOINTS.values(), ids=JOINTS.keys())
 def test_short_arrays_are_answered_one_by_one(joint, options, priority, compiler, no_readable):
     rng = np.random.default_rng(6)

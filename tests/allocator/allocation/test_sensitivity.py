@@ -6,21 +6,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from allocator import InvalidInput, allocate, report_joint
+from allocator import InvalidInput, Limits, Method, Stiffness, allocate, report_joint
 from allocator.units import BAR
 
 shares = st.floats(0.02, 0.98).map(lambda x: round(x, 4))
 VARIANTS = {
-    "force ceiling": {"max_force": 400.0},
-    "force floor": {"min_force": 80.0},
-    "co-contraction": {"min_cocontraction": 3 * BAR},
-    "pull": {"pull": 5e-11, "reference": (2.5 * BAR, 2.0 * BAR)},
-    "pull and co-contraction": {
-        "pull": 5e-11,
-        "reference": (2.5 * BAR, 2.0 * BAR),
-        "min_cocontraction": 3 * BAR,
-    },
-    "tolerance": {"stiffness_tolerance": 0.3},
+    "force ceiling": {"limits": Limits(max_force=400.0)},
+    "force floor": {"limits": Limits(min_force=80.0)},
+    "co-contraction": {"limits": Limits(min_cocontraction=3 * BAR)},
+    "pull": {"pull": (5e-11, (2.5 * BAR, 2.0 * BAR))},
+    "pull and co-contraction": {"pull": (5e-11, (2.5 * BAR, 2.0 * BAR)), "limits": Limits(min_cocontraction=3 * BAR)},
+    "tolerance": {"stiffness": Stiffness(tolerance=0.3)},
 }
 
 
@@ -31,7 +27,7 @@ VARIANTS = {
 @given(share=shares, share_T=shares, K=st.floats(2.0, 11.0))
 def test_the_jacobian_is_the_slope_of_the_answer(joints, variant, priority, share, share_T, K):
     joint = joints["sarosi-lever"]  # affine: every variant has a closed form
-    if "stiffness_tolerance" in variant and priority != "torque":
+    if "stiffness" in variant and priority != "torque":
         return
     options = {"joint": joint, "priority": priority, "weights": (2.0, 5.0) if priority == "weighted" else None}
     left, right = joint.angle_range
@@ -77,7 +73,7 @@ def casadi_jacobian(joint, theta, K, T, lo, hi):
 )
 def test_the_jacobian_is_casadi_s(theta, K, T, min_force):
     joint = report_joint()
-    answer = allocate(theta, K, T, priority="weighted", weights=(2.0, 5.0), min_force=min_force)
+    answer = allocate(theta, K, T, priority="weighted", weights=(2.0, 5.0), limits=Limits(min_force=min_force))
     expected = casadi_jacobian(joint, theta, K, T, [0.0, 0.0], [5.0, 5.0])
     assert answer.jacobian() == pytest.approx(expected, rel=1e-4, abs=1e-4 * np.abs(expected).max())
 
@@ -85,6 +81,6 @@ def test_the_jacobian_is_casadi_s(theta, K, T, min_force):
 def test_there_are_no_sensitivities_under_uncertainty(joints):
     joint = joints["sarosi-pulley"]
     covariance = np.diag([(0.01 * p) ** 2 for p in joint.agonist.parameters.values()])
-    a = allocate(0.1, 6.0, 0.5, joint=joint, method="convex", uncertainty=covariance)
+    a = allocate(0.1, 6.0, 0.5, joint=joint, method=Method("convex", uncertainty=covariance))
     with pytest.raises(InvalidInput, match="without uncertainty"):
         a.jacobian()

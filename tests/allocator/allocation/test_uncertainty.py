@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from allocator import AntagonistError, AntagonistJoint, Pulley, Status, allocate
+from allocator import AntagonistError, AntagonistJoint, Limits, Method, Pulley, Status, allocate
 from allocator.allocation.uncertain.problem import chance_box
 from allocator.identification import fit, load_dataset
 from allocator.joint.one_muscle import OneMuscle
@@ -57,8 +57,13 @@ def test_the_limits_are_kept_with_the_probability_asked_for(fitted, joint, prior
     low, high = limits
     for theta, K, T in ((0.0, 1.5, 0.0), (0.4, 1.5, 0.5), (-0.6, 1.5, -1.0), (0.3, 9.0, 0.5)):
         weights = (1.0, 1.0) if priority == "weighted" else None
-        common = {"joint": joint, "priority": priority, "weights": weights, "min_force": low, "max_force": high}
-        hedged = allocate(theta, K, T, method="convex", uncertainty=matrix, risk=risk, **common)
+        common = {
+            "joint": joint,
+            "priority": priority,
+            "weights": weights,
+            "limits": Limits(min_force=low, max_force=high),
+        }
+        hedged = allocate(theta, K, T, method=Method("convex", uncertainty=matrix, risk=risk), **common)
         nominal = allocate(theta, K, T, **common)
         assert hedged.status in (Status.HEDGED, Status.EXACT)
         broken, broken_nominally = (
@@ -75,7 +80,7 @@ def test_the_risk_is_kept_or_said_not_to_be_where_a_wide_covariance_meets_a_nonl
     """The Sarosi form has exponents: times 400 a quarter of its draws fall with pressure, and no pressure helps."""
     matrix = covariance(fitted, np.sqrt(widened))
     for theta, K, T in ((0.0, 1.5, 0.0), (0.4, 1.5, 0.5), (-0.6, 1.5, -1.0)):
-        common = {"joint": joint, "method": "convex", "uncertainty": matrix, "risk": risk}
+        common = {"joint": joint, "method": Method("convex", uncertainty=matrix, risk=risk)}
         answer = allocate(theta, K, T, **common)
         if answer.status in (Status.HEDGED, Status.EXACT):
             assert widened < 400
@@ -90,7 +95,14 @@ def test_the_risk_is_kept_or_said_not_to_be_where_a_wide_covariance_meets_a_nonl
 
 def test_a_ceiling_is_kept_in_draws_of_a_nonlinear_law(fitted, joint):
     matrix = covariance(fitted, 4.0)
-    answer = allocate(0.0, 9.0, 0.0, joint=joint, method="convex", uncertainty=matrix, risk=0.05, max_force=300.0)
+    answer = allocate(
+        0.0,
+        9.0,
+        0.0,
+        joint=joint,
+        method=Method("convex", uncertainty=matrix, risk=0.05),
+        limits=Limits(max_force=300.0),
+    )
     assert answer.status is Status.HEDGED
     assert violations(joint, matrix, answer, 0.0, 300.0) <= 0.05
 
@@ -98,7 +110,9 @@ def test_a_ceiling_is_kept_in_draws_of_a_nonlinear_law(fitted, joint):
 def test_the_cone_s_answer_lies_in_the_box_found_by_root_finding(joint, fitted):
     """Each force limit bounds one pressure: where a limit binds the answer is that bound."""
     matrix = covariance(fitted, 3.0)
-    a = allocate(0.2, 1.5, 0.0, joint=joint, method="convex", uncertainty=matrix, risk=0.05, priority="stiffness")
+    a = allocate(
+        0.2, 1.5, 0.0, joint=joint, method=Method("convex", uncertainty=matrix, risk=0.05), priority="stiffness"
+    )
     box = chance_box(a._problem, 0.05)
     assert a.active == ("agonist slack", "antagonist slack")
     assert (a.P1, a.P2) == pytest.approx((box.agonist.lo[0], box.antagonist.lo[0]), abs=1.0)
@@ -109,7 +123,9 @@ def test_the_cone_s_answer_lies_in_the_box_found_by_root_finding(joint, fitted):
 def test_the_expected_squared_error_is_least(joint, fitted):
     """Against a fine grid, with the expectation counted over draws of the parameters."""
     matrix, target = covariance(fitted, 0.5), (0.1, 5.0, 1.0)  # small: first order in the parameters
-    a = allocate(*target, joint=joint, method="convex", uncertainty=matrix, priority="weighted", weights=(1.0, 2.0))
+    a = allocate(
+        *target, joint=joint, method=Method("convex", uncertainty=matrix), priority="weighted", weights=(1.0, 2.0)
+    )
     muscles = drawn(fitted, matrix, seed=3)
     sides = [OneMuscle(muscles, side.name, side.rest_length, *side.arrays) for side in joint.sides(target[0])]
 
@@ -126,14 +142,14 @@ def test_the_expected_squared_error_is_least(joint, fitted):
 
 def test_without_uncertainty_nothing_is_hedged(joint):
     matrix = np.zeros((6, 6))
-    a = allocate(0.2, 5.0, 1.0, joint=joint, method="convex", uncertainty=matrix)
+    a = allocate(0.2, 5.0, 1.0, joint=joint, method=Method("convex", uncertainty=matrix))
     exact = allocate(0.2, 5.0, 1.0, joint=joint)
     assert (a.P1, a.P2) == pytest.approx((exact.P1, exact.P2), abs=1.0)
     assert a.status is Status.EXACT
 
 
 def test_a_risk_that_cannot_be_had_is_said(joint, fitted):
-    a = allocate(1.0, 5.0, 0.0, joint=joint, method="convex", uncertainty=covariance(fitted, 60.0), risk=1e-4)
+    a = allocate(1.0, 5.0, 0.0, joint=joint, method=Method("convex", uncertainty=covariance(fitted, 60.0), risk=1e-4))
     assert a.status is Status.TOO_RISKY
     assert np.isfinite([a.P1, a.P2]).all()
 
@@ -158,15 +174,18 @@ def test_there_is_no_k_std_without_a_covariance():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"uncertainty": np.eye(5)}, "covariance has to be 6 rows of 6"),
-        ({"uncertainty": np.ones((6, 5))}, "square matrix of finite numbers, got shape (6, 5)"),
-        ({"uncertainty": -np.eye(6)}, "negative eigenvalue"),
-        ({"uncertainty": np.triu(np.ones((6, 6)))}, "symmetric"),
-        ({"uncertainty": np.full((6, 6), np.nan)}, "finite"),
-        ({"uncertainty": "large"}, "is no covariance, a square matrix"),
-        ({"uncertainty": np.eye(6), "risk": 0.0}, "risk = 0.0 has to be a probability"),
-        ({"uncertainty": np.eye(6), "risk": 5}, "risk = 5 has to be a probability"),
-        ({"uncertainty": np.eye(6), "method": "qp"}, "belongs to method='convex'"),
+        ({"method": Method("convex", uncertainty=np.eye(5))}, "covariance has to be 6 rows of 6"),
+        (
+            {"method": Method("convex", uncertainty=np.ones((6, 5)))},
+            "square matrix of finite numbers, got shape (6, 5)",
+        ),
+        ({"method": Method("convex", uncertainty=-np.eye(6))}, "negative eigenvalue"),
+        ({"method": Method("convex", uncertainty=np.triu(np.ones((6, 6))))}, "symmetric"),
+        ({"method": Method("convex", uncertainty=np.full((6, 6), np.nan))}, "finite"),
+        ({"method": Method("convex", uncertainty="large")}, "is no covariance, a square matrix"),
+        ({"method": Method("convex", uncertainty=np.eye(6), risk=0.0)}, "risk = 0.0 has to be a probability"),
+        ({"method": Method("convex", uncertainty=np.eye(6), risk=5)}, "risk = 5 has to be a probability"),
+        ({"method": Method("qp", uncertainty=np.eye(6))}, "belongs to method='convex'"),
     ],
 )
 def test_wrong_uncertainty_is_named(joint, arguments, said):
@@ -176,6 +195,6 @@ def test_wrong_uncertainty_is_named(joint, arguments, said):
 
 def test_uncertainty_needs_affine_muscles_and_their_covariance(joints):
     with pytest.raises(AntagonistError, match="affine in pressure"):
-        allocate(0.2, 7.5, 1.0, method="convex", uncertainty=np.eye(5))
+        allocate(0.2, 7.5, 1.0, method=Method("convex", uncertainty=np.eye(5)))
     with pytest.raises(AntagonistError, match="no covariance: fit them"):
-        allocate(0.2, 5.0, 1.0, joint=joints["sarosi-pulley"], method="convex", uncertainty=True)
+        allocate(0.2, 5.0, 1.0, joint=joints["sarosi-pulley"], method=Method("convex", uncertainty=True))

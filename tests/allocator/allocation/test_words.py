@@ -26,13 +26,19 @@ def on_a_mechanism(**argument):
     ("ask", "name"),
     [
         (on_a_joint, "method"), (on_a_joint, "priority"), (on_a_mechanism, "method"), (on_a_mechanism, "priority"),
-        (on_a_mechanism, "trajectory"),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("given", NO_WORDS, ids=lambda given: type(given).__name__)
 def test_what_is_no_word_is_refused(ask, name, given):
     with pytest.raises(AntagonistError, match=name):
         ask(**{name: given})
+
+
+@pytest.mark.parametrize("ask", [on_a_joint, on_a_mechanism])
+@pytest.mark.parametrize("given", [given for given in NO_WORDS if given is not None])
+def test_what_is_no_axis_is_refused(ask, given):
+    with pytest.raises(AntagonistError, match="along = "):
+        ask(along=given)
 
 
 @pytest.mark.parametrize("given", [given for given in NO_WORDS if given is not None])
@@ -44,5 +50,5 @@ def test_what_is_no_joint_is_refused(given):
 def test_words_of_numpy_are_words():
     asked = on_a_joint(method=np.str_("exact"), priority=np.str_("torque"))
     assert asked.P1 == pytest.approx(on_a_joint().P1, rel=1e-9)
-    many = on_a_mechanism(method=np.str_("exact"), trajectory=np.True_)
+    many = on_a_mechanism(method=np.str_("exact"), priority=np.str_("torque"))
     np.testing.assert_allclose(many.P, on_a_mechanism().P)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allocator import InvalidInput, Limit, Status, allocate, report_joint
+from allocator import InvalidInput, Limit, Limits, Status, allocate, report_joint
 from allocator.feasibility import feasibility_map, stiffness_interval, torque_interval
 from allocator.units import BAR, DEG
 
@@ -30,7 +30,7 @@ def test_every_cell_is_what_allocate_answers(joint):
 def test_the_other_limits_are_respected_too(options):
     theta, K = np.linspace(-120, 120, 21) * DEG, np.linspace(5, 12, 31)
     found = feasibility_map(theta, K, 1.0, **options)
-    answer = allocate(theta[:, None], K, 1.0, **options)
+    answer = allocate(theta[:, None], K, 1.0, limits=Limits(**options))
     assert (found.status == answer.status).all()
     assert (found.limits == answer.limits).all()
     assert found.P1 == pytest.approx(answer.P1, abs=1e-6 * BAR)
@@ -39,7 +39,7 @@ def test_the_other_limits_are_respected_too(options):
 def test_where_no_pressure_keeps_a_cable_taut_the_map_says_slack():
     theta, K = np.linspace(-125, 125, 21) * DEG, np.linspace(5, 12, 7)
     found = feasibility_map(theta, K, min_force=500.0)
-    answer = allocate(theta[:, None], K, min_force=500.0)
+    answer = allocate(theta[:, None], K, limits=Limits(min_force=500.0))
     assert (answer.status == Status.SLACK).any()
     assert (found.status == answer.status).all()
     assert found.P1 == pytest.approx(answer.P1, abs=1e-6 * BAR)

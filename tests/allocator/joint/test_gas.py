@@ -10,7 +10,19 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
-from allocator import BAR, DEG, AntagonistJoint, Gas, InvalidInput, Lever, Pulley, Status, allocate, report_joint
+from allocator import (
+    BAR,
+    DEG,
+    AntagonistJoint,
+    Gas,
+    InvalidInput,
+    Lever,
+    Pulley,
+    Status,
+    Stiffness,
+    allocate,
+    report_joint,
+)
 from allocator.identification import fit, load_dataset
 from allocator.joint.gas import StiffnessKind, storage_share
 from allocator.muscles import MODELS
@@ -277,7 +289,9 @@ def test_a_law_whose_volume_would_collapse_says_so():
     with pytest.raises(InvalidInput, match="the volume of the agonist would fall with the pressure"):
         report_joint().stiffness(125 * DEG, 5e5, 2e5, valves="shut")
     small = report_joint(replace(report_joint().agonist, rest_volume=2e-5))  # nothing is left at 125°
-    assert allocate(np.array([0.0, 125 * DEG]), 15.0, joint=small, valves="shut").status[1] == Status.SLACK
+    assert (
+        allocate(np.array([0.0, 125 * DEG]), 15.0, joint=small, stiffness=Stiffness("shut")).status[1] == Status.SLACK
+    )
     box = report_joint().box(np.array([0.0, 125 * DEG]), shares=(1.0, 1.0))
     assert box.agonist.hi[0] == 5e5
     side = report_joint().sides(np.array([125 * DEG]), (1.0, 1.0))[0]
@@ -288,7 +302,7 @@ def test_a_volume_in_litres_is_pointed_out():
     small = replace(SAROSI_DMSP_20_400N, rest_volume=0.12e-6)  # 0.12 litres, given as cubic centimetres
     for asked in (
         lambda: report_joint(small).stiffness(0.0, 3e5, 3e5, valves="shut"),
-        lambda: allocate(0.0, 8.0, joint=report_joint(small), valves="shut"),
+        lambda: allocate(0.0, 8.0, joint=report_joint(small), stiffness=Stiffness("shut")),
     ):
         with pytest.raises(InvalidInput, match=r"with 1.2e-07 m³ at rest length .* in litres, pass 0.00012"):
             asked()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from allocator import AntagonistJoint, InvalidInput, Lever, Pulley, Status, Table, allocate, report_joint
+from allocator import AntagonistJoint, InvalidInput, Lever, Limits, Pulley, Status, Table, allocate, report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 
@@ -90,7 +90,7 @@ def test_there_is_no_equilibrium_beyond_the_joint_range(joint):
 
 @given(share=shares, min_force=st.floats(0, 150))
 def test_the_box_ends_where_the_cable_goes_slack(joint, share, min_force):
-    box = joint.pressure_box(angle(joint, share), min_force=min_force)
+    box = joint.pressure_box(angle(joint, share), Limits(min_force=min_force))
     for side, interval in zip(joint.sides(angle(joint, share)), box, strict=True):
         if not interval.empty and interval.lo > 0:
             assert side.force(interval.lo) == pytest.approx(min_force, rel=1e-8, abs=1e-7)
@@ -101,7 +101,7 @@ def test_the_box_ends_where_the_cable_goes_slack(joint, share, min_force):
 def test_the_box_shrinks_to_what_the_slew_limit_reaches():
     joint = report_joint()
     now = (np.array(2 * BAR), np.array(0.5 * BAR))  # the antagonist is slack now: 0.5 bar < 1.53 bar
-    box = joint.pressure_box(0.0, previous=now, max_step=0.1 * BAR)
+    box = joint.pressure_box(0.0, Limits(previous=now, max_step=0.1 * BAR))
     assert (float(box.agonist.lo), float(box.agonist.hi)) == pytest.approx((1.9 * BAR, 2.1 * BAR))
     assert (float(box.antagonist.lo), float(box.antagonist.hi)) == pytest.approx((0.6 * BAR, 0.6 * BAR))
 

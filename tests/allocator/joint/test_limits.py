@@ -16,15 +16,14 @@ def bounds(box):
     return [end for side in box for end in (side.lo, side.hi)]
 
 
-def test_the_box_of_the_value_is_that_of_the_arguments():
-    joint, limits = report_joint(), ALL._replace(min_cocontraction=None)
-    expected = joint.pressure_box(THETA, min_force=40.0, max_force=700.0, previous=NOW, max_step=limits.max_step)
-    np.testing.assert_array_equal(bounds(joint.box(THETA, limits)), bounds(expected))
+def test_the_pressure_box_is_the_box():
+    joint = report_joint()
+    np.testing.assert_array_equal(bounds(joint.box(THETA, ALL)), bounds(joint.pressure_box(THETA.tolist(), ALL)))
     np.testing.assert_array_equal(bounds(joint.box(THETA)), bounds(joint.pressure_box(THETA)))
 
 
-def test_the_fields_are_the_arguments_of_allocate():
-    a = allocate(THETA, 7.5, 1.0, **ALL._asdict())
+def test_allocate_keeps_all_of_the_limits():
+    a = allocate(THETA, 7.5, 1.0, limits=ALL)
     assert report_joint().box(THETA, ALL).contains(a.P1, a.P2, tolerance=1e-3).all()
     assert (a.P1 + a.P2 >= 4.4 * BAR - 1e-3).all()
 

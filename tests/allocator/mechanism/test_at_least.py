@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
 
-from allocator import InvalidInput, Status
+from allocator import InvalidInput, Limits, Status, Stiffness
 from allocator.mechanism import Endpoint, allocate_at_least, machines
 from allocator.units import BAR
 
@@ -86,7 +86,7 @@ def test_an_ellipse_of_the_endpoint_too(mechanism, endpoint, q, i):
     J, load = endpoint.jacobian(q), np.einsum("i,iab->ab", FORCE, endpoint.hessian(q))
     share = greatest_share(mechanism, q, T, J.T @ K_x @ J, -load)
     assert share > 0.99
-    asked = {"endpoint": endpoint, "force": FORCE, "T": T - J.T @ FORCE}
+    asked = {"stiffness": Stiffness(endpoint=endpoint, force=FORCE), "T": T - J.T @ FORCE}
     a = allocate_at_least(mechanism, q, (share - 1e-4) * K_x, **asked)
     assert a.status == Status.EXACT
     assert np.linalg.eigvalsh(a.K_x - (share - 1e-4) * K_x)[0] > -1e-5
@@ -104,7 +104,7 @@ def test_no_local_search_finds_lower_pressures(near):
     centre = previous / BAR if near else np.zeros(6)
     searched = 0
     for i in range(5):
-        a = allocate_at_least(ARM, Q, 0.8 * K[i], T[i], previous=previous)
+        a = allocate_at_least(ARM, Q, 0.8 * K[i], T[i], limits=Limits(previous=previous))
         if not a.success:
             continue
         rules = [
@@ -158,12 +158,12 @@ def test_torques_beyond_reach_are_disproved_without_stiffness():
 
 
 def test_contradicting_limits_keep_their_status():
-    assert allocate_at_least(ARM, Q, 3.0, min_force=3000.0).status == Status.SLACK
+    assert allocate_at_least(ARM, Q, 3.0, limits=Limits(min_force=3000.0)).status == Status.SLACK
     assert allocate_at_least(ARM, [1.5, 0.0], 3.0).status == Status.OUTSIDE_JOINT_RANGE
 
 
 def test_the_answer_shows_itself():
-    a = allocate_at_least(ARM, Q, 300.0, endpoint=HAND)
+    a = allocate_at_least(ARM, Q, 300.0, stiffness=Stiffness(endpoint=HAND))
     assert "N/m at the endpoint" in repr(a)
     assert "short by" in repr(a)
     assert a.to_dict()["status"] == "STIFFNESS_LIMITED"
@@ -181,8 +181,8 @@ def test_the_answer_shows_itself():
         ({"q": np.zeros((3, 2))}, r"one posture and one target at a time, not for \(3,\)"),
         ({"margin": -1.0}, "margin = -1.0 .* not negative"),
         ({"margin": [1.0, 2.0]}, "margin = .* one number"),
-        ({"q": [0.3, 0.0], "endpoint": HAND}, "Jacobian is singular"),
-        ({"K": np.eye(3), "endpoint": HAND}, r"\(…, 2, 2\).*N/m.*dim = 2"),
+        ({"q": [0.3, 0.0], "stiffness": Stiffness(endpoint=HAND)}, "Jacobian is singular"),
+        ({"K": np.eye(3), "stiffness": Stiffness(endpoint=HAND)}, r"\(…, 2, 2\).*N/m.*dim = 2"),
         ({"mechanism": "arm26"}, "mechanism is a str"),
     ],
 )

@@ -1,14 +1,15 @@
 """`antagonist allocate` and `map` of several joints: degrees and bar outside, one sentence for what is wrong."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import InvalidInput, save_machine
+from allocator import InvalidInput, Stiffness, named_muscle, save_machine
 from allocator.cli import app
-from allocator.mechanism import Endpoint, allocate_mechanism, feasible_targets, machines
+from allocator.mechanism import Endpoint, Pulleys, allocate_mechanism, feasible_targets, machines
 from allocator.units import BAR, DEG
 
 ARM = ("allocate", "--machine", "arm26")
@@ -48,6 +49,35 @@ def test_a_file_stands_for_a_machine(tmp_path):
     assert run("allocate", "--machine", path, *asked).stdout == run("allocate", "--machine", "leg37", *asked).stdout
 
 
+def test_options_change_all_muscles_and_say_which_stiffness_is_meant():
+    asked = ("--posture", "10,20", "--stiffness", "15,12", "--valves", "shut", "--json")
+    changed = ("--supply", 6, "--muscle", "sarosi-dmsp-20-200n", "--initial-contraction", "0.12", "--rest-length", 300)
+    printed = json.loads(run(*ARM, *asked, *changed).stdout)
+    arm, weak = machines.arm26(), named_muscle("sarosi-dmsp-20-200n")
+    routes = Pulleys(0.3, arm.routes.arms, 0.12)
+    other = replace(arm, routes=routes, muscles=(weak,) * 6, pressure_limits=(0.0, 6 * BAR))
+    a = allocate_mechanism(other, np.array([10, 20]) * DEG, [15.0, 12.0], valves="shut")
+    assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
+    assert "shut stiffness given" in " ".join(run(*ARM, *asked[:-1], *changed).stdout.split())
+
+
+def test_each_muscle_may_be_another_one():
+    names = ["sarosi-dmsp-20-200n", "sarosi-dmsp-20-400n"] * 3
+    given = [part for name in names for part in ("--muscle", name)]
+    printed = json.loads(run(*ARM, "--posture", "10,20", "--stiffness", "8,8", "--json", *given).stdout)
+    other = replace(machines.arm26(), muscles=tuple(map(named_muscle, names)))
+    a = allocate_mechanism(other, np.array([10, 20]) * DEG, [8.0, 8.0])
+    assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
+
+
+def test_help_has_its_options_in_panels():
+    said = run("allocate", "--help").stdout
+    panels = ["Options:", "The machine:", "Which stiffness:", "Of several joints:"]
+    places = [said.index(panel) for panel in panels]
+    assert places == sorted(places)
+    assert said.index("The machine:") < said.index("--supply") < said.index("Which stiffness:")
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -60,6 +90,8 @@ def test_a_file_stands_for_a_machine(tmp_path):
         (("--stiffness", "9,50,9", "--posture", "1,2"), "has to be positive definite"),
         (("--stiffness", "9", "--posture", "1,2", "--theta", "5"), "--theta is of a joint"),
         (("--stiffness", "9", "--posture", "1,2", "--radius", "20"), "--radius is of one joint with two muscles"),
+        (("--stiffness", "9", "--posture", "1,2", "--muscle", "tondu-mckibben", "--muscle", "tondu-mckibben"), "once"),
+        (("--stiffness", "9", "--posture", "1,2", "--at-least", "--valves", "shut"), "of the isobaric stiffness"),
         (("--stiffness", "9", "--posture", "1,2", "--valves", "agonist"), "choose one of open, shut$"),
         (("--stiffness", "9", "--posture", "1,2", "--torque", "1,2,3"), "--torque 1,2,3: expected 1"),
     ],
@@ -89,7 +121,7 @@ def test_the_stiffness_of_a_hand_is_that_of_python():
     printed = json.loads(done.stdout)
     hand = Endpoint.planar([0.3, 0.25], np.array([45, 90]) * DEG)
     q = np.array([5, 10]) * DEG
-    asked = {"endpoint": hand, "force": [2.0, -1.0]}
+    asked = {"stiffness": Stiffness(endpoint=hand, force=[2.0, -1.0])}
     a = allocate_mechanism(machines.arm26(), q, [[80.0, 5.0], [5.0, 150.0]], [0.5, 0.0], **asked)
     assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
     assert np.ravel(printed["endpoint_stiffness_N_per_m"]) == pytest.approx([80.0, 5.0, 5.0, 150.0])

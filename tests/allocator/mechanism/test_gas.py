@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from allocator import AntagonistJoint, Gas, InvalidInput, Lever, Status, allocate, load_machine
+from allocator import AntagonistJoint, Gas, InvalidInput, Lever, Status, Stiffness, allocate, load_machine
 from allocator import save_machine as save
 from allocator.mechanism import Mechanism, Pulleys, allocate_mechanism, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
@@ -17,7 +17,11 @@ ROOM = Gas(kappa=1.3, atmosphere=1.013e5)
 FILLED = replace(SAROSI_DMSP_20_400N, inner_radius=0.01, tube_volume=20e-6)
 ARM = replace(machines.arm26().with_muscles(FILLED), gas=ROOM)
 Q, P = np.array([0.4, -0.3]), np.array([3, 2, 2.5, 3.5, 4, 1.5]) * BAR
-ASKED = {"shut": {"valves": "shut"}, "one": {"valves": (False, True)}, "2 Hz": {"frequency": 2.0, "lag": (0.1, 0.05)}}
+ASKED = {
+    "shut": {"valves": "shut"},
+    "one": {"valves": (False, True)},
+    "2 Hz": {"frequency": 2.0, "lag": (0.1, 0.05)},
+}
 
 
 def printed(value, digits):
@@ -74,8 +78,8 @@ def test_one_joint_has_the_pressures_of_allocate(lever, asked):
     else:
         assert felt == pytest.approx(joint.dynamic_stiffness(theta, P1, P2, **asked).real)
     K, T = np.abs(felt) * rng.choice([1.0, 2.0], 40), joint.torque(theta, P1, P2) * rng.choice([1.0, 3.0], 40)
-    a = allocate(theta, K, T, joint=joint, **asked)
-    b = allocate_mechanism(one, theta[:, None], K[:, None], T[:, None], **asked)
+    a = allocate(theta, K, T, joint=joint, stiffness=Stiffness(**asked))
+    b = allocate_mechanism(one, theta[:, None], K[:, None], T[:, None], stiffness=Stiffness(**asked))
     assert b.P == pytest.approx(np.stack([a.P1, a.P2], axis=-1), abs=1e-9 * 5 * BAR)
     assert np.array_equal(b.status[b.holds], a.status[b.holds])
     assert b.isobaric_stiffness[:, 0, 0] == pytest.approx(a.isobaric_stiffness, abs=1e-9)
@@ -84,7 +88,7 @@ def test_one_joint_has_the_pressures_of_allocate(lever, asked):
 def test_shut_valves_give_what_open_ones_cannot():
     K, T = ARM.stiffness(Q, P, valves="shut"), ARM.torque(Q, P)
     assert allocate_mechanism(ARM, Q, K, T).status == Status.STIFFNESS_LIMITED
-    a = allocate_mechanism(ARM, Q, K, T, valves="shut")
+    a = allocate_mechanism(ARM, Q, K, T, stiffness=Stiffness("shut"))
     assert a.success
     assert a.K == pytest.approx(K, rel=1e-9)
     assert ARM.stiffness(Q, a.P, valves="shut") == pytest.approx(K, rel=1e-9)
@@ -112,7 +116,7 @@ def test_a_file_keeps_the_gas(tmp_path):
         (lambda: ARM.stiffness(Q, P, valves="shut", frequency=2.0, lag=0.1), "exclude each other"),
         (
             lambda: allocate_mechanism(
-                ARM.with_muscles(replace(FILLED, inner_radius=None)), Q, 9.0, 1.0, valves="shut"
+                ARM.with_muscles(replace(FILLED, inner_radius=None)), Q, 9.0, 1.0, stiffness=Stiffness("shut")
             ),
             r"Sarosi2012 holds is not known.* inner_radius \[m\]",
         ),

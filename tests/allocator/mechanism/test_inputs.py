@@ -4,7 +4,7 @@ import casadi
 import numpy as np
 import pytest
 
-from allocator import InvalidInput, MissingBackend
+from allocator import InvalidInput, Limits, Method, MissingBackend, Stiffness
 from allocator.mechanism import (
     Endpoint,
     Link,
@@ -38,20 +38,20 @@ PATH = [(-1, (0.1, 0.1)), (0, (0.2, 0.1))]
         ({"T": [1.0, 2.0, 3.0]}, r"T has the shape \(3,\); expected \(…, 2\)"),
         ({"T": [np.inf, 2.0]}, r"T\[0\] = inf is not finite"),
         ({"q": np.zeros((4, 2)), "T": np.zeros((3, 2))}, r"do not broadcast: \(4,\), \(3,\).* n = 2 .* m = 6"),
-        ({"previous": [3, 2, 2.5, 3.5, 4, 1.5]}, "previous.* if bar was meant"),
-        ({"previous": np.full(5, 2e5)}, r"previous has the shape \(5,\); expected \(…, 6\)"),
-        ({"max_step": 1e4}, "max_step .* give previous"),
-        ({"previous": np.full(6, 2e5), "max_step": 1.0}, "max_step.* bar"),
-        ({"min_force": [1.0, 2.0]}, "min_force = .* m = 6"),
-        ({"min_force": -1.0}, "min_force = -1.0 .* not negative"),
-        ({"min_force": 100.0, "max_force": 50.0}, "max_force = 50 N of shoulder flexor has to exceed"),
+        ({"limits": Limits(previous=[3, 2, 2.5, 3.5, 4, 1.5])}, "previous.* if bar was meant"),
+        ({"limits": Limits(previous=np.full(5, 2e5))}, r"previous has the shape \(5,\); expected \(…, 6\)"),
+        ({"limits": Limits(max_step=1e4)}, "max_step .* give previous"),
+        ({"limits": Limits(previous=np.full(6, 2e5), max_step=1.0)}, "max_step.* bar"),
+        ({"limits": Limits(min_force=[1.0, 2.0])}, "min_force = .* m = 6"),
+        ({"limits": Limits(min_force=-1.0)}, "min_force = -1.0 .* not negative"),
+        ({"limits": Limits(min_force=100.0, max_force=50.0)}, "max_force = 50 N of shoulder flexor has to exceed"),
         ({"priority": "speed"}, "priority = 'speed' is unknown; choose one of torque, stiffness, weighted"),
         ({"priority": "weighted"}, r"needs weights = \(w_T, w_K\)"),
         ({"weights": 3.0}, r"weights = 3.0 have to be two"),
         ({"weights": (1.0, [1.0, 2.0])}, r"w_K \(2, 2\) for n = 2"),
         ({"weights": (1.0, [[1.0, 2.0], [0.0, 1.0]])}, "has to be symmetric"),
         ({"weights": (-1.0, 1.0)}, "must not be negative"),
-        ({"solver": "daqp"}, "solver = 'daqp' belongs to the method 'qp'"),
+        ({"method": Method(solver="daqp")}, "solver = 'daqp' belongs to the method 'qp'"),
         ({"mechanism": "arm26"}, "mechanism is a str; expected a Mechanism"),
         (
             {"mechanism": ARM.with_muscles(TONDU_DMSP_20_400N), "method": "qp"},
@@ -67,9 +67,7 @@ def test_wrong_arguments_of_the_allocation(changed, sentence):
 @pytest.mark.parametrize("name", ["method", "solver"])
 def test_unknown_methods_list_the_known_ones(name):
     with pytest.raises(MissingBackend, match=r"available: .*(exact|daqp)"):
-        allocate_mechanism(
-            ARM, **GOOD, **({"method": "magic"} if name == "method" else {"method": "qp", name: "magic"})
-        )
+        allocate_mechanism(ARM, **GOOD, method="magic" if name == "method" else Method("qp", solver="magic"))
 
 
 @pytest.mark.parametrize(
@@ -134,7 +132,9 @@ def test_answers_are_frozen():
     assert "12 targets" in repr(many)
 
 
-@pytest.mark.parametrize("options", [{}, {"method": "qp"}, {"endpoint": Endpoint.planar([0.3, 0.25])}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{}, {"method": "qp"}, {"stiffness": Stiffness(endpoint=Endpoint.planar([0.3, 0.25]))}], ids=str
+)
 def test_no_targets_have_no_answers(options):
     a = allocate_mechanism(ARM, np.zeros((0, 2)), 10.0, **options)
     assert (a.P.shape, a.K.shape, a.costs.shape, a.lower_bounds.shape) == ((0, 6), (0, 2, 2), (0, 2), (0, 2))

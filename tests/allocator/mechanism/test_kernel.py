@@ -82,8 +82,8 @@ def test_rows_of_both_kinds_go_together():
 def test_a_weight_on_the_pressures_is_one_qp():
     T, K = targets(30)
     previous = np.full(6, 2e5)
-    weights = 1e3, 2.0, 1e-12
-    a = allocate_mechanism(ARM, POSTURE, K, T, priority="weighted", weights=weights, previous=previous)
+    asked = {"priority": "weighted", "weights": (1e3, 2.0), "pull": (1e-12, previous)}
+    a = allocate_mechanism(ARM, POSTURE, K, T, **asked)
     assert a.kkt_residual.max() < 1e-9
     y0, M = ARM.targets_map(POSTURE)
     root = np.sqrt([1e3, 1e3, 2, 4, 2])
@@ -95,7 +95,7 @@ def test_a_weight_on_the_pressures_is_one_qp():
         ours = np.sum((A @ (a.P[i] / 1e5) - b) ** 2)
         assert ours <= 2 * bvls.cost * (1 + 1e-12)
         assert a.P[i] / 1e5 == pytest.approx(bvls.x, abs=1e-5)
-    daqp = allocate_mechanism(ARM, POSTURE, K, T, priority="weighted", weights=weights, previous=previous, method="qp")
+    daqp = allocate_mechanism(ARM, POSTURE, K, T, method="qp", **asked)
     assert daqp.P == pytest.approx(a.P, abs=1e-8 * 5e5)
     assert daqp.kkt_residual.max() < 1e-9
 
@@ -103,26 +103,27 @@ def test_a_weight_on_the_pressures_is_one_qp():
 def test_a_weight_on_the_pressures_that_goes_to_nothing_is_least_pressure():
     T, K = targets(30, seed=1)
     exact = allocate_mechanism(ARM, POSTURE, K, T, priority="weighted", weights=(1.0, 1.0))
-    nearly = allocate_mechanism(ARM, POSTURE, K, T, priority="weighted", weights=(1.0, 1.0, 1e-19))
+    nearly = allocate_mechanism(ARM, POSTURE, K, T, priority="weighted", weights=(1.0, 1.0), pull=(1e-19, np.zeros(6)))
     assert nearly.P == pytest.approx(exact.P, abs=1e-5 * 5e5)
 
 
 def test_a_weight_on_the_pressures_is_refused_for_muscles_that_are_not_affine():
     bent = ARM.with_muscles(TONDU_DMSP_20_400N)
-    with pytest.raises(InvalidInput, match="a third weight is for affine muscles only"):
-        allocate_mechanism(bent, POSTURE, 8.0, 0.0, priority="weighted", weights=(1.0, 1.0, 1e-12))
+    with pytest.raises(InvalidInput, match="a pull is for affine muscles only"):
+        allocate_mechanism(bent, POSTURE, 8.0, 0.0, priority="weighted", weights=(1.0, 1.0), pull=(1e-12, np.zeros(6)))
 
 
 @pytest.mark.parametrize(
-    ("priority", "weights", "said"),
+    ("priority", "weights", "pull", "said"),
     [
-        ("weighted", (1.0, 1.0, 0.0), r"weights\[2\] = 0 cost/\[Pa\]² has to be positive"),
-        ("torque", (1.0, 1.0, 1.0), "belongs to priority='weighted'"),
-        ("weighted", (1.0, 1.0, 1.0, 1.0), "three, "),
-        ("weighted", (1.0,), "three, "),
+        ("weighted", (1.0, 1.0), (0.0, np.zeros(6)), "has to have ρ > 0"),
+        ("weighted", (1.0, 1.0), (1.0, np.zeros(5)), r"pull\[1\] has the shape \(5,\)"),
+        ("torque", (1.0, 1.0), (1.0, np.zeros(6)), "belongs to priority='weighted'"),
+        ("weighted", (1.0, 1.0, 1.0), None, "two, "),
+        ("weighted", (1.0,), None, "two, "),
     ],
 )
-def test_weights_that_make_no_sense_are_refused(priority, weights, said):
+def test_weights_that_make_no_sense_are_refused(priority, weights, pull, said):
     T, K = targets(1)
     with pytest.raises(InvalidInput, match=said):
-        allocate_mechanism(ARM, POSTURE, K, T, priority=priority, weights=weights)
+        allocate_mechanism(ARM, POSTURE, K, T, priority=priority, weights=weights, pull=pull)

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import Status, allocate
+from allocator import Limits, Status, Stiffness, allocate
 from allocator.mechanism import Mechanism, allocate_mechanism
 from allocator.units import BAR
 
 AFFINE = ("mckibben-pulley", "hogan-pulley", "sarosi-pulley", "sarosi-lever", "sarosi-table")
 GAS = {"rest_volume": 1.2e-4, "tube_volume": 2e-5}  # [m³]
 KINDS = {
-    "shut": {"valves": "shut"},
-    "one shut": {"valves": (True, False)},
-    "2 Hz": {"frequency": 2.0, "lag": (0.1, 0.03)},
+    "shut": {"stiffness": Stiffness("shut")},
+    "one shut": {"stiffness": Stiffness((True, False))},
+    "2 Hz": {"stiffness": Stiffness(frequency=2.0, lag=(0.1, 0.03))},
 }
 
 
@@ -46,7 +46,9 @@ def test_torque_and_stiffness_are_the_joint_s(joint):
     ("priority", "weights"),
     [("torque", None), ("stiffness", None), ("weighted", (1.0, 1.0)), ("weighted", (30.0, 0.2))],
 )
-@pytest.mark.parametrize("limits", [{}, {"min_force": 40.0, "max_force": 900.0}, {"min_force": None}])
+@pytest.mark.parametrize(
+    "limits", [{}, {"limits": Limits(min_force=40.0, max_force=900.0)}, {"limits": Limits(min_force=None)}]
+)
 def test_the_pressures_are_those_of_allocate(affine, priority, weights, limits):
     theta, K, T = targets(affine)
     one = allocate(theta, K, T, joint=affine, priority=priority, weights=weights, **limits)
@@ -82,9 +84,13 @@ def test_with_trapped_gas_the_pressures_are_those_of_allocate(joints, kind, prio
 def test_slew_limits_are_those_of_allocate(affine):
     theta, K, T = targets(affine)
     now = np.random.default_rng(1).uniform(0, 5, (2, theta.size)) * BAR
-    one = allocate(theta, K, T, joint=affine, previous=tuple(now), max_step=0.4 * BAR)
+    one = allocate(theta, K, T, joint=affine, limits=Limits(previous=tuple(now), max_step=0.4 * BAR))
     many = allocate_mechanism(
-        Mechanism.from_joint(affine), theta[:, None], K[:, None], T[:, None], previous=now.T, max_step=0.4 * BAR
+        Mechanism.from_joint(affine),
+        theta[:, None],
+        K[:, None],
+        T[:, None],
+        limits=Limits(previous=now.T, max_step=0.4 * BAR),
     )
     assert many.P == pytest.approx(np.stack([one.P1, one.P2], axis=-1), abs=1e-9 * 5 * BAR)
     holds = many.status != Status.UNSTABLE

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allocator import Status
+from allocator import Limits, Status
 from allocator.mechanism import Mechanism, Pulleys, Sites, allocate_mechanism, machines, warm_up
 from allocator.mechanism.arguments import problem_from
 from allocator.mechanism.routes import Link
@@ -41,7 +41,7 @@ def random_mechanism(n, m, seed=0):
 
 
 def as_least_squares(mechanism, q, T, K, priority="torque", weights=None, previous=None):
-    asked = {"min_force": 0.0, "max_force": None, "previous": previous, "max_step": None}
+    asked = {"limits": Limits(min_force=0.0, max_force=None, previous=previous, max_step=None)}
     problem, _ = problem_from(mechanism, q, K, T, priority=priority, weights=weights, **asked)
     return problem
 
@@ -54,7 +54,7 @@ def test_no_face_of_the_box_has_a_better_answer(priority, weights, near):
     q = np.array([0.4, -0.3])
     T, K = random_targets(ARM, q, 40)
     previous = np.array([2.0, 3, 2, 4, 3, 1]) * BAR if near else None
-    a = allocate_mechanism(ARM, q, K, T, priority=priority, weights=weights, previous=previous)
+    a = allocate_mechanism(ARM, q, K, T, priority=priority, weights=weights, limits=Limits(previous=previous))
     p = as_least_squares(ARM, q, T, K, priority, weights, previous)
     (_, ends), (lo, hi, centre) = p.rows, p.x_bounds
     expected = best_of_all_faces(p.A[0], p.b, ends, lo[0], hi[0], centre[0])
@@ -162,7 +162,7 @@ def test_a_trajectory_gets_the_same_answers_in_fewer_rounds():
     q = 0.5 * np.stack([np.sin(2 * np.pi * t), np.cos(2 * np.pi * t)], axis=-1)
     K = np.array([[18.0, 5.0], [5.0, 12.0]])
     alone = allocate_mechanism(ARM, q, K[None], [6.0, 3.0])
-    along = allocate_mechanism(ARM, q, K[None], [6.0, 3.0], trajectory=True)
+    along = allocate_mechanism(ARM, q, K[None], [6.0, 3.0], along=0)
     assert along.P == pytest.approx(alone.P, abs=1e-9 * 5 * BAR)
     assert along.rounds.mean() < 0.7 * alone.rounds.mean()
 
@@ -196,10 +196,10 @@ def test_only_the_asked_entries_count():
 def test_previous_pressures_choose_among_equals():
     q, P = np.array([0.4, -0.3]), np.array([3, 2, 2.5, 3.5, 4, 1.5]) * BAR
     T, K = ARM.torque(q, P), ARM.stiffness(q, P)
-    assert allocate_mechanism(ARM, q, K, T, previous=P).P == pytest.approx(P, rel=1e-10)
+    assert allocate_mechanism(ARM, q, K, T, limits=Limits(previous=P)).P == pytest.approx(P, rel=1e-10)
     least = allocate_mechanism(ARM, q, K, T)
     assert (least.P**2).sum() < (P**2).sum()
-    held = allocate_mechanism(ARM, q, K + np.eye(2), T, previous=P, max_step=0.2 * BAR)
+    held = allocate_mechanism(ARM, q, K + np.eye(2), T, limits=Limits(previous=P, max_step=0.2 * BAR))
     assert np.abs(held.P - P).max() <= 0.2 * BAR * (1 + 1e-12)
     assert any("rate" in name for name in held.active)
 
@@ -216,7 +216,7 @@ def test_a_posture_that_does_not_hold_itself_says_so():
     """Muscles that end far beyond the axis push over whatever they pull on: bends outweigh their own stiffness."""
     paths = [[(-1, (x, -0.15)), (0, (x, 0.15))] for x in (0.005, -0.005)]
     mechanism = Mechanism(Sites(0.35, [Link()], paths), SAROSI_DMSP_20_400N)
-    a = allocate_mechanism(mechanism, [0.0], 5.0, 0.0, min_force=50.0)
+    a = allocate_mechanism(mechanism, [0.0], 5.0, 0.0, limits=Limits(min_force=50.0))
     assert a.status == Status.UNSTABLE
     assert not a.holds
     assert a.least_stiffness < 0
@@ -226,11 +226,11 @@ def test_a_posture_that_does_not_hold_itself_says_so():
 
 def test_limits_that_leave_nothing_have_their_status():
     q = [0.4, -0.3]
-    slack = allocate_mechanism(ARM, q, 9.0, 1.0, min_force=3000.0)
+    slack = allocate_mechanism(ARM, q, 9.0, 1.0, limits=Limits(min_force=3000.0))
     assert slack.status == Status.SLACK
-    kept = allocate_mechanism(ARM, q, 9.0, 1.0, min_force=[200.0, 0, 0, 0, 0, 0])
+    kept = allocate_mechanism(ARM, q, 9.0, 1.0, limits=Limits(min_force=[200.0, 0, 0, 0, 0, 0]))
     assert kept.forces[0] >= 200.0 - 1e-9
-    away = allocate_mechanism(ARM, q, 9.0, 1.0, previous=np.zeros(6), max_step=0.1 * BAR)
+    away = allocate_mechanism(ARM, q, 9.0, 1.0, limits=Limits(previous=np.zeros(6), max_step=0.1 * BAR))
     assert away.status == Status.SLACK
     stretched = allocate_mechanism(ARM, [-1.0, -1.0], 9.0, 1.0)
     assert stretched.status != Status.OUTSIDE_JOINT_RANGE

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from allocator import Gas, InvalidInput, Status, allocate
+from allocator import Gas, InvalidInput, Limits, Method, Status, Stiffness, allocate
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism, Pulleys, allocate_mechanism, machines
 from allocator.mechanism.relaxation.bound import Level, _safe, relax
@@ -132,7 +132,7 @@ def test_one_joint_has_the_pressures_of_allocate(joints, name, priority):
     theta, (P1, P2) = rng.uniform(*joint.angle_range, 10), rng.uniform(0, 5, (2, 10)) * BAR
     K = np.where(np.arange(10) % 2, np.abs(joint.stiffness(theta, P1, P2)) + 0.1, rng.uniform(0.5, 40, 10))
     T = joint.torque(theta, P1, P2) * np.where(np.arange(10) % 2, 1.0, 3.0)
-    for limits in ({}, {"min_force": 40.0, "max_force": 900.0}):
+    for limits in ({}, {"limits": Limits(min_force=40.0, max_force=900.0)}):
         one = allocate(theta, K, T, joint=joint, priority=priority, weights=weights, **limits)
         many = allocate_mechanism(
             *(Mechanism.from_joint(joint), theta[:, None], K[:, None], T[:, None]),
@@ -182,10 +182,10 @@ def test_pressures_are_those_nearest_to_the_previous():
     P = np.array([3.0, 2.0, 2.5, 3.5, 4.0, 1.5]) * BAR
     K, T = ARM.stiffness(POSTURE, P), ARM.torque(POSTURE, P)
     now = P + 0.1 * BAR
-    a = allocate_mechanism(ARM, POSTURE, K, T, previous=now)
+    a = allocate_mechanism(ARM, POSTURE, K, T, limits=Limits(previous=now))
     assert a.success
     assert np.linalg.norm(a.P - now) <= np.linalg.norm(P - now)
-    slow = allocate_mechanism(ARM, POSTURE, K, T, previous=now, max_step=0.02 * BAR)
+    slow = allocate_mechanism(ARM, POSTURE, K, T, limits=Limits(previous=now, max_step=0.02 * BAR))
     assert np.abs(slow.P - now).max() <= 0.02 * BAR * (1 + 1e-9)
     assert not slow.success
 
@@ -197,7 +197,7 @@ def test_every_law_of_the_catalogue_is_answered(law):
     filled = replace(SAROSI_DMSP_20_400N, inner_radius=0.01)
     mixed = replace(ARM.with_muscles((LAWS[law], LAWS[law], filled, filled, LAWS[law], LAWS[law])), gas=Gas(1.2))
     P = np.full(6, 3 * BAR)
-    for asked in ({}, {"valves": (True, True, False, False, True, False)}):
+    for asked in ({}, {"stiffness": Stiffness((True, True, False, False, True, False))}):
         K, T = mixed.stiffness(POSTURE, P, **asked), mixed.torque(POSTURE, P)
         a = allocate_mechanism(mixed, POSTURE, K, T, **asked)
         assert a.success
@@ -212,14 +212,14 @@ def test_every_law_of_the_catalogue_is_answered(law):
 def test_a_force_that_falls_with_the_pressure_is_refused_by_name():
     falls = Mechanism(Pulleys(0.4, [(0.02,), (-0.02,)], 0.13), LAWS["Andrikopoulos2016"])
     with pytest.raises(InvalidInput, match=r"the force of muscle 1 .Andrikopoulos2016. does not rise .*min_force"):
-        allocate_mechanism(falls, [0.0], 5.0, 0.0, min_force=None)
+        allocate_mechanism(falls, [0.0], 5.0, 0.0, limits=Limits(min_force=None))
     assert np.isfinite(allocate_mechanism(falls, [0.0], 5.0, 0.0).P).all()
 
 
 @pytest.mark.parametrize("gap", [0.0, 1.0, -1e-3, np.nan])
 def test_a_gap_has_to_be_a_share(gap):
     with pytest.raises(InvalidInput, match="gap"):
-        allocate_mechanism(machines.arm26(), POSTURE, 9.0, 1.0, gap=gap)
+        allocate_mechanism(machines.arm26(), POSTURE, 9.0, 1.0, method=Method(gap=gap))
 
 
 def test_affine_muscles_have_no_gap():

@@ -6,6 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize_scalar
 
+from allocator import Method
 from allocator.mechanism import Mechanism, Pulleys, allocate_mechanism, machines
 from allocator.mechanism.arguments import problem_from
 from allocator.mechanism.relaxation.bound import relax
@@ -15,7 +16,6 @@ from benchmarks.mechanisms.nonaffine import ARM
 
 UNIT = st.floats(0.0, 1.0)
 R, S, L, START = 0.02, 0.015, 0.4, 0.1375
-FREE = {"min_force": 0.0, "max_force": None, "previous": None, "max_step": None}
 
 
 def gains_of(mechanism, q, P):
@@ -86,7 +86,7 @@ def test_where_it_has_one_sign_the_allocation_finds_the_only_pressures(q, share)
 
 def relaxed_to_hulls(q, K, T):
     """The relaxed problem with the curves' hulls themselves, as near as some 30 tangents come; plain least squares."""
-    problem, _ = problem_from(ARM, q, K, T, priority="weighted", weights=(1.0, 1.0), **FREE)
+    problem, _ = problem_from(ARM, q, K, T, priority="weighted", weights=(1.0, 1.0))
     model = Model(problem)
     polygons = [np.concatenate(list(curve.parts(8))) for curve in model.curves[0]]
     level = model.level(0, 0, np.empty(0))
@@ -110,7 +110,7 @@ def test_the_hull_is_tight_where_no_muscle_is_asked_for_more_than_it_reaches():
         weak = inside & (pull <= 1e-3)
         if not weak.any() and found.bound > 1e-3:
             assert np.abs(above[inside]).max(initial=0.0) < 5e-4
-            best = allocate_mechanism(ARM, q, K, T, priority="weighted", weights=(1.0, 1.0), gap=1e-6)
+            best = allocate_mechanism(ARM, q, K, T, priority="weighted", weights=(1.0, 1.0), method=Method(gap=1e-6))
             assert best.costs[0] == pytest.approx(found.bound, abs=2e-3 * (1 + found.bound))
             tight += 1
         assert (pull[inside & (above > 1e-3)] <= 1e-3).all()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allocator import BAR, InvalidInput, allocate, feasibility_map, stiffness_interval, torque_intervals
+from allocator import BAR, InvalidInput, Limits, allocate, feasibility_map, stiffness_interval, torque_intervals
 from tests.exact_everywhere.joints import joint_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::allocator.joint.assumption.Extrapolated")  # of fits, at 0 bar
@@ -11,7 +11,7 @@ SEVERAL = [("Tondu2021", "lever-A"), ("Andrikopoulos2016", "lever-B"), ("Tondu20
 
 
 def box_of(joint, theta):
-    return joint.pressure_box(theta, min_force=0.0)
+    return joint.pressure_box(theta, Limits(min_force=0.0))
 
 
 def image(joint, theta, n):
@@ -133,7 +133,7 @@ def test_the_least_pair_is_answered_or_the_nearest_to_previous():
     several = least.pairs > 1
     assert several.any()
     assert (least.P1 + least.P2 <= (P1 + P2) * (1 + 1e-9)).all()
-    nearest = allocate(theta, K, T, joint=joint, previous=(P1, P2), max_step=5 * BAR)
+    nearest = allocate(theta, K, T, joint=joint, limits=Limits(previous=(P1, P2), max_step=5 * BAR))
     assert nearest.P1 == pytest.approx(P1, abs=2.0)
     assert nearest.P2 == pytest.approx(P2, abs=2.0)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from allocator import BAR, AntagonistJoint, InvalidInput, Lever, Muscle, Pulley, allocate, inverse
+from allocator import BAR, AntagonistJoint, InvalidInput, Lever, Limits, Muscle, Pulley, allocate, inverse
 from allocator.calculus import cos, exp, sin
 from allocator.mechanism import Mechanism, allocate_mechanism
 from allocator.muscles import MODELS
@@ -129,7 +129,7 @@ def test_on_a_piece_torque_stiffness_and_slope_are_monotone(joint):
 def test_what_a_stranger_s_law_gives_is_met(name, priority):
     joint, rng = JOINTS[name], np.random.default_rng(3)
     theta = rng.uniform(*joint.angle_range, 60)
-    box = joint.pressure_box(theta, min_force=0.0)
+    box = joint.pressure_box(theta, Limits(min_force=0.0))
     P1, P2 = (rng.uniform(side.lo, side.hi) for side in box)
     T, K = joint.torque(theta, P1, P2), joint.stiffness(theta, P1, P2)
     keep = (K > 0) & ~box.empty

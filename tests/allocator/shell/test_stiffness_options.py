@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from typer.testing import CliRunner
 
-from allocator import allocate, report_joint, stiffness_interval
+from allocator import Stiffness, allocate, report_joint, stiffness_interval
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc.cli import app
@@ -33,7 +33,7 @@ def run(*arguments):
 )
 def test_allocate_answers_what_the_library_does_and_says_which_stiffness_it_is(given, asked, name):
     result = run("allocate", "--theta", 10, "--stiffness", 8, "--torque", 1, "--json", *given, *OPTIONS)
-    answer, found = allocate(10 * DEG, 8.0, 1.0, joint=JOINT, **asked), json.loads(result.output)
+    answer, found = allocate(10 * DEG, 8.0, 1.0, joint=JOINT, stiffness=Stiffness(**asked)), json.loads(result.output)
     assert result.exit_code == 0
     assert (found["P1_bar"], found["P2_bar"]) == pytest.approx((answer.P1 / BAR, answer.P2 / BAR), rel=1e-12)
     assert found["stiffness"] == name
@@ -49,7 +49,7 @@ def test_a_plant_in_the_file_says_which_lag_is_meant(tmp_path):
     asked = ("allocate", "--theta", 10, "--stiffness", 8, "--json", "--frequency", 2)
     joint = report_joint()
     for given, lag in (((), (0.04, 0.06)), (("--lag", 0.2), 0.2)):
-        answer = allocate(10 * DEG, 8.0, joint=joint, frequency=2.0, lag=lag)
+        answer = allocate(10 * DEG, 8.0, joint=joint, stiffness=Stiffness(frequency=2.0, lag=lag))
         found = json.loads(run(*asked, "--machine", path, *given).output)
         assert found["P1_bar"] == pytest.approx(answer.P1 / BAR, rel=1e-12)
 

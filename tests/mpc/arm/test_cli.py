@@ -10,6 +10,7 @@ from allocator import Gas, InvalidFile, save_machine
 from allocator.mechanism import machines
 from mpc.arm.trials import reference as references
 from mpc.cli import app
+from mpc.model.arm.bodies import BODIES
 from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm, save_arm
 from mpc.tracking.qp.step import SlowStep
@@ -158,6 +159,7 @@ def test_an_arm_that_init_wrote_and_somebody_edited_is_followed(folder, brief):
         ("[bodies]", "[links]", "the file of a machine with such routes has no links"),
         ("lag = 0.1", "lagg = 0.1", r"\[plant\] has no lagg; it has lag, slew, gas"),
         ("slew = 500000.0", "slew = 5.0", "if bar/s was meant"),
+        ("mass =", "masses =", r"\[bodies\] has no masses; it has length, mass"),
         ("mass = [1.2, 0.8]", "mass = [1.2]", r"\[bodies\]: Bodies: mass"),
     ],
 )
@@ -171,9 +173,11 @@ def test_a_file_that_is_no_arm_is_refused_by_its_name(folder, old, new, said):
     assert str(refusal.value).startswith("mine.toml")
 
 
-def test_arms_with_gas_and_lags_come_back_from_their_files(folder):
-    for name in ("arm48", "leg37"):
-        arm = Arm.machine(name)
+def test_arms_come_back_from_their_files(folder):
+    crooked = replace(BODIES["leg37"](), centre=(0.1, 0.2, 0.05), gravity=(3.0, -9.0))
+    for arm in (Arm.machine("arm48"), replace(Arm.machine("leg37"), bodies=crooked)):
+        save_arm(arm, "mine.toml")
+        assert load_arm("mine.toml") == arm
         arm = replace(arm, lag=tuple(0.05 + 0.01 * i for i in range(arm.m)), gas=Gas(kappa=1.2))
         save_arm(arm, "mine.toml")
         assert load_arm("mine.toml") == arm

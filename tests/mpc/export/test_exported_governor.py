@@ -98,6 +98,11 @@ def test_a_command_exports_the_governor_of_a_machine(tmp_path):
     made = CliRunner().invoke(app, ["export", "governor", "--out", str(tmp_path / "c"), "--machine", "arm26"])
     assert made.exit_code == 0, made.output
     assert "ant_govern" in (tmp_path / "c" / "README.md").read_text()
+    assert CliRunner().invoke(app, ["init", str(tmp_path / "arm.toml"), "--machine", "arm26"]).exit_code == 0
+    made = ["export", "governor", "--out", str(tmp_path / "e"), "--machine", str(tmp_path / "arm.toml")]
+    assert CliRunner().invoke(app, made).exit_code == 0
+    same = [(tmp_path / out / "src" / "governor.h").read_text() for out in ("c", "e")]
+    assert same[0] == same[1]
     wrong = CliRunner().invoke(app, ["export", "governor", "--out", str(tmp_path / "d")])
     assert "takes an arm of several joints" in str(wrong.exception)
     assert not (tmp_path / "d").exists()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from allocator import report_joint
+from allocator import Limits, report_joint
 from allocator.errors import InvalidInput
 from allocator.mechanism import machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
@@ -72,7 +72,7 @@ def test_a_command_that_asks_for_too_much_energy_is_moved_to_the_nearest_that_do
     safe, status = governor.govern(q, omega, P, command)
     checked = 0
     for i in np.flatnonzero(status == GovernorStatus.MOVED):
-        lo, hi = arm.pressure_box(q[i], previous=P[i], max_step=SLEW * DT)
+        lo, hi = arm.pressure_box(q[i], Limits(previous=P[i], max_step=SLEW * DT))
         a = omega[i] @ (arm.torque(q[i], 1e5 * np.eye(6)) - arm.torque(q[i], np.zeros(6))).T * t * 5
         b = 2.0 - omega[i] @ M @ omega[i] / 2 - t * omega[i] @ arm.torque(q[i], np.zeros(6))
         x, c, lo, hi = safe[i] / 5e5, command[i] / 5e5, lo / 5e5, hi / 5e5

@@ -230,13 +230,13 @@ from mpc.codegen import modules
 chosen = modules.imported('''
 import numpy as np
 from mpc.codegen.jit import compiled
-from mpc.tracking.compiled.structured_qp.riccati import choose
+from mpc.tracking.compiled.structured_qp.stage import choose
 
 @compiled
 def chosen(v):
     feedback, D = np.zeros((1, 2, 7)), np.array([[1.0, 0.0, 1.0]])
     held, inverse = np.array([[-1, 0]], np.int8), np.zeros((1, 3))
-    choose(np.zeros((1, 2, 6)), D, np.zeros((1, 2)), v.reshape(1, 2), held, 0, inverse, feedback)
+    choose(np.zeros((1, 2, 6)), np.ones(2), D, np.zeros((1, 2)), v.reshape(1, 2), held, 0, inverse, feedback)
     return feedback[0, 0, 6]
 ''').chosen
 print(chosen(np.array([3.0, 0.0])), sum(chosen.stats.cache_hits.values()), modules.__file__)
@@ -249,7 +249,7 @@ def test_an_edit_in_what_compiled_code_calls_is_seen(tmp_path):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     home = dict.fromkeys(("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"), str(tmp_path / "caches"))
     places = {"folder": tmp_path, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": "", **home}
-    edited = tmp_path / "mpc" / "tracking" / "compiled" / "structured_qp" / "riccati.py"
+    edited = tmp_path / "mpc" / "tracking" / "compiled" / "structured_qp" / "stage.py"
     value, hits, file = python(CHOOSE, **places).split()
     assert Path(file) == tmp_path / "mpc" / "codegen" / "modules.py"
     assert (float(value), int(hits)) == (3.0, 0)

@@ -1,20 +1,23 @@
 """The bodies of a MuJoCo model become `TreeBodies` here, as far as its physics are what the formulas say."""
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidFile
 from allocator.mechanism.routes.linkage import Link
-from allocator.mechanism.routes.mjcf import linkage_of, name_of, said
+from allocator.mechanism.routes.mjcf import Source, linkage_of, name_of, rotation, said
 from mpc.model.arm.mechanics.tree import TreeBodies
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 _ROUNDING = 1e-14  # of the greatest entry
 
 
-def check_hinges(model: Any, source: Any) -> None:
+def check_hinges(model: "MjModel", source: Source) -> None:
     """Insist that a model is moved by free hinges alone.
 
     Raises `InvalidFile` for joints of other kinds, and for equality constraints that are active: joints tied to each
@@ -33,7 +36,7 @@ def check_hinges(model: Any, source: Any) -> None:
         )
 
 
-def without_formulas(model: Any) -> str:
+def without_formulas(model: "MjModel") -> str:
     """Return what of a model's bodies is not in the formulas of `TreeBodies`, in some words; "" if nothing."""
     found = {
         "a fluid": bool(model.opt.density or model.opt.viscosity),
@@ -45,7 +48,7 @@ def without_formulas(model: Any) -> str:
     return ", ".join(what for what, there in found.items() if there)
 
 
-def tree_of(model: Any, source: Any) -> TreeBodies:
+def tree_of(model: "MjModel", source: Source) -> TreeBodies:
     """Return the bodies of a model whose joints are hinges. Raises `InvalidFile`."""
     links, frames = linkage_of(model, source)
     n = len(links)
@@ -55,7 +58,7 @@ def tree_of(model: Any, source: Any) -> TreeBodies:
         if link < 0:
             continue  # it stands on the ground
         m, c = float(model.body_mass[body]), p + R @ model.body_ipos[body]
-        turned = R @ _matrix(model.body_iquat[body])
+        turned = R @ rotation(model.body_iquat[body])
         mass[link] += m
         first[link] += m * c
         second[link] += turned @ np.diag(model.body_inertia[body]) @ turned.T + m * _about(c)
@@ -84,10 +87,3 @@ def _tidy(link: Link) -> Link:
 def _about(c: Array) -> Array:
     """Return the inertia (3, 3) of a unit mass at `c` (3,) [m] about the origin [m²]."""
     return np.asarray(c @ c * np.eye(3) - np.outer(c, c))
-
-
-def _matrix(quaternion: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    w, x, y, z = quaternion
-    return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())

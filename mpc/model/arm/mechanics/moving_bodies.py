@@ -1,6 +1,8 @@
 """What an arm asks of its bodies stands here, whatever they are made of."""
 
-from typing import Any, Protocol
+from typing import Protocol
+
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Value
 
@@ -16,7 +18,7 @@ class MovingBodies(Protocol):
         """Return the number of joints."""
 
     @property
-    def damping(self) -> Any:
+    def damping(self) -> ArrayLike:
         """Return the damping of the hinges (n,) [N·m·s/rad]."""
 
     @property

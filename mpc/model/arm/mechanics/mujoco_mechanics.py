@@ -5,13 +5,17 @@ differentiates them by differences. What a model has of contacts, stops, dry fri
 """
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.mechanism.routes.base import RoutedLengths, Routes, per_muscle, rest_lengths
 from mpc.model.arm.mechanics.tendon_jacobian import TendonJacobian
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 _DIFFERENCE = 1e-5  # [rad] of central differences, whose error is of its square
 
@@ -19,7 +23,7 @@ _DIFFERENCE = 1e-5  # [rad] of central differences, whose error is of its square
 class Mechanics:
     """`Mechanics` are a copy of a model to ask at stacks of postures; not to be used by two threads at a time."""
 
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: "MjModel") -> None:
         """Take a copy without what is no smooth function of the posture."""
         from copy import copy
 
@@ -86,7 +90,7 @@ class Mechanics:
         self.data.qpos[self._places] = q
         mujoco.mj_fwdPosition(self.model, self.data)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "Mechanics":
+    def __deepcopy__(self, memo: dict[int, object]) -> "Mechanics":
         """Return one with data of its own."""
         return Mechanics(self.model)
 
@@ -103,7 +107,7 @@ class MujocoTendons(Routes):
     mechanics: Mechanics = field(repr=False)
 
     @classmethod
-    def of(cls, mechanics: Mechanics, rest_length: Any, cable: Any) -> "MujocoTendons":
+    def of(cls, mechanics: Mechanics, rest_length: ArrayLike, cable: ArrayLike) -> "MujocoTendons":
         """Return them with these rest lengths and cables [m], numbers or rows (m,). Raises `InvalidInput`."""
         m = int(mechanics.model.ntendon)
         lengths = rest_lengths("MujocoTendons", rest_length, m)

@@ -15,15 +15,19 @@ which is linear in q'': M(q) is the slope, the rest the bias.
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Value, is_symbol
+from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.mechanism.routes.linkage import GROUND, Link, Linkage
 
+if TYPE_CHECKING:
+    from casadi import SX, Function
+
+_Moved: TypeAlias = tuple["SX", "SX", "SX"]
 _UNITS = {
     "mass": "kg", "centre": "m", "inertia": "kg·m²", "damping": "N·m·s/rad", "armature": "kg·m²",
     "spring": "N·m/rad", "spring_zero": "rad",
@@ -41,14 +45,14 @@ class TreeBodies:
     """
 
     links: tuple[Link, ...]
-    mass: Any  # m (n,) [kg]; 0 of a link between two hinges of one body
-    centre: Any  # c (n, 3) [m] of mass, in the link's frame, whose origin is on its hinge
-    inertia: Any  # I (n, 3, 3) [kg·m²] about the centre, in the link's frame
-    damping: Any  # D (n,) [N·m·s/rad]
-    armature: Any  # J (n,) [kg·m²] that turns with a hinge, such as a pulley's or a motor's
-    spring: Any  # k (n,) [N·m/rad]
-    spring_zero: Any  # q_0 (n,) [rad]
-    gravity: Any = (0.0, 0.0, 0.0)  # γ (3,) [m/s²]
+    mass: Array  # m (n,) [kg]; 0 of a link between two hinges of one body
+    centre: Array  # c (n, 3) [m] of mass, in the link's frame, whose origin is on its hinge
+    inertia: Array  # I (n, 3, 3) [kg·m²] about the centre, in the link's frame
+    damping: Array  # D (n,) [N·m·s/rad]
+    armature: Array  # J (n,) [kg·m²] that turns with a hinge, such as a pulley's or a motor's
+    spring: Array  # k (n,) [N·m/rad]
+    spring_zero: Array  # q_0 (n,) [rad]
+    gravity: Value = (0.0, 0.0, 0.0)  # γ (3,) [m/s²]
 
     def __post_init__(self) -> None:
         """Check and make arrays. Raises `InvalidInput`."""
@@ -111,7 +115,7 @@ class TreeBodies:
     # --- the pieces -------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _functions(self) -> dict[str, Any]:
+    def _functions(self) -> dict[str, "Function"]:
         import casadi as ca
 
         q, omega, alpha = (ca.SX.sym(name, self.n) for name in ("q", "omega", "alpha"))
@@ -139,20 +143,18 @@ class TreeBodies:
         stacked = found.reshape(self.n, len(flat[0]), -1).swapaxes(0, 1)
         return np.asarray(stacked.reshape(*shape, self.n, *(() if name in _VECTORS else (self.n,))))
 
-    def _recursion(self, q: Any, omega: Any, alpha: Any) -> Any:
+    def _recursion(self, q: "SX", omega: "SX", alpha: "SX") -> "SX":
         """Return the torques (n, 1) of a motion as a formula."""
         import casadi as ca
 
         turned, moved = self._outwards(q, omega, alpha)
-        forces, moments = [None] * self.n, [None] * self.n
-        torque: list[Any] = [None] * self.n
+        forces, moments = [ca.SX.zeros(3)] * self.n, [ca.SX.zeros(3)] * self.n
+        torque = ca.SX.zeros(self.n)
         for i in reversed(range(self.n)):
             link, (w, dw, a) = self.links[i], moved[i]
             c, I = ca.DM(self.centre[i]), ca.DM(self.inertia[i])  # noqa: E741
             own = float(self.mass[i]) * (a + ca.cross(dw, c) + ca.cross(w, ca.cross(w, c)))
-            turning = I @ dw + ca.cross(w, I @ w) + ca.cross(c, own)
-            f = own if forces[i] is None else own + forces[i]
-            t = turning if moments[i] is None else turning + moments[i]
+            f, t = own + forces[i], I @ dw + ca.cross(w, I @ w) + ca.cross(c, own) + moments[i]
             torque[i] = (
                 ca.dot(ca.DM(link.axis), t)
                 + float(self.armature[i]) * alpha[i]
@@ -161,19 +163,18 @@ class TreeBodies:
             )
             if (p := link.parent) != GROUND:
                 f, t = turned[i] @ f, turned[i] @ t
-                t = t + ca.cross(ca.DM(link.origin), f)
-                forces[p] = f if forces[p] is None else forces[p] + f
-                moments[p] = t if moments[p] is None else moments[p] + t
-        return ca.vertcat(*torque)
+                forces[p] = forces[p] + f
+                moments[p] = moments[p] + t + ca.cross(ca.DM(link.origin), f)
+        return torque
 
-    def _outwards(self, q: Any, omega: Any, alpha: Any) -> tuple[list[Any], list[tuple[Any, Any, Any]]]:
+    def _outwards(self, q: "SX", omega: "SX", alpha: "SX") -> tuple[list["SX"], list[_Moved]]:
         """Return of every link its rotation in the parent, and turning, its rate and the acceleration of its origin."""
         import casadi as ca
 
         still = ca.SX.zeros(3)
         ground = still, still, ca.SX(ca.DM(-self.gravity))
-        turned: list[Any] = []
-        moved: list[tuple[Any, Any, Any]] = []
+        turned: list[SX] = []
+        moved: list[_Moved] = []
         for i, link in enumerate(self.links):
             w, dw, a = ground if link.parent == GROUND else moved[link.parent]
             s, o, angle = ca.DM(link.axis), ca.DM(link.origin), q[i] - link.zero

@@ -19,23 +19,22 @@ from mpc.tracking.compiled.structured_qp.exchange import HUGE, Active, exchanged
 from mpc.tracking.compiled.structured_qp.newton import adjoint, gradients
 from mpc.tracking.compiled.structured_qp.responses import (
     BOUND,
-    FORCE,
     LAST,
-    SOFT,
     new_items,
     row_gradient,
     row_value,
 )
-from mpc.tracking.compiled.structured_qp.riccati import FREE, LOWER, UPPER, Sweep
+from mpc.tracking.compiled.structured_qp.riccati import Sweep
 from mpc.tracking.compiled.structured_qp.rows import sides
+from mpc.tracking.compiled.structured_qp.sizes import ALL, FORCE, FREE, LOWER, NU, NX, NXI, SUPPLY, UPPER
 from mpc.tracking.compiled.structured_qp.stage import advance
 
 
 @inlined
 def new_active(N: int) -> Active:
     """Return an active set that is not set yet."""
-    sides, numbers, rows = np.empty((2, N + 1, 2), np.int8), np.empty((7, N + 1, 2)), np.empty((2, N + 1, 12))
-    xi, first = np.empty((2, N + 1, 6)), np.empty((2, N, 2))
+    sides, numbers, rows = np.empty((2, N + 1, NU), np.int8), np.empty((7, N + 1, NU)), np.empty((2, N + 1, ALL))
+    xi, first = np.empty((2, N + 1, NXI)), np.empty((2, N, NU))
     return Active(
         sides[0], sides[1], numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], rows[0], rows[1],
         xi[0], first[0], Point(xi[1], first[1], numbers[6, 0]), new_items(N),
@@ -64,16 +63,17 @@ def begin(path: Path, setting: Setting, u: Array, bounded: Bounded, sweep: Sweep
     """Begin where a sweep has come to."""
     N, items = path.A.shape[0], a.items
     for k in range(N):
-        for i in range(2):
+        for i in range(NU):
             a.base[k, i] = sweep.held[k, i]
             a.held[k, i] = sweep.held[k, i]
             a.lower[k, i], a.upper[k, i] = bounded.lower[k, i], bounded.upper[k, i]
             a.z[k, i] = at.v[k, i]
             a.r[k, i] = 0.0 if sweep.held[k, i] == FREE else sweep.r[k, i]
-    for i in range(2):
+    for i in range(NU):
         a.base[N, i] = LOWER
         a.held[N, i] = LOWER
-        a.lower[N, i], a.upper[N, i], a.z[N, i], a.r[N, i] = 0.0, HUGE, 0.0, setting.slack[2 * i]
+        a.lower[N, i], a.upper[N, i], a.z[N, i] = 0.0, HUGE if i < 2 else 0.0, 0.0
+        a.r[N, i] = setting.slack[2 * i] if i < 2 else 0.0
     items.kind[LAST], items.sample[LAST], items.muscle[LAST], items.side[LAST] = BOUND, 0, 0, 0
     sides(path, u, setting.bounds, bounded, a.b)
 
@@ -83,11 +83,11 @@ def end(path: Path, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> Non
     """Set the point to where the active set has come to, within its bounds."""
     N = path.A.shape[0]
     for k in range(N):
-        for i in range(2):
+        for i in range(NU):
             held, lower, upper = a.held[k, i], bounded.lower[k, i], bounded.upper[k, i]
             within = min(max(a.z[k, i], lower), upper)
             at.v[k, i] = within if held == FREE else lower if held == LOWER else upper
-            at.xi[k + 1, 4 + i] = at.xi[k, 4 + i] + at.v[k, i]
+            at.xi[k + 1, NX + i] = at.xi[k, NX + i] + at.v[k, i]
             sweep.held[k, i] = held
         advance(path.A, path.B, k, at.xi)
     for i in range(2):
@@ -106,22 +106,22 @@ def proved_with_rows(
     for q in range(size):
         kind, sample, multiplier = items.kind[q], items.sample[q], items.multiplier[q]
         if kind > BOUND:
-            for i in range(6):
+            for i in range(NXI):
                 p[i] = 0.0
             row_gradient(path.slope, sample, kind, p)
-            for i in range(6):
+            for i in range(NXI):
                 sweep.gx[sample + 1, i] += multiplier * p[i]
             over = row_value(path.slope, sample, kind, at.xi) - a.b[sample, kind]
             if kind >= FORCE:
                 over -= at.sigma[1]
                 c1 -= multiplier
-            elif kind >= SOFT:
+            elif kind >= SUPPLY:
                 over -= at.sigma[0]
                 c0 -= multiplier
             total += abs(multiplier * over)
     adjoint(path, sweep.gx, sweep.gv, sweep.r)
     for k in range(bounded.there.size):
-        for i in range(2):
+        for i in range(NU):
             g, v = sweep.r[k, i], at.v[k, i]
             pushes = (v == bounded.lower[k, i] and g >= 0.0) or (v == bounded.upper[k, i] and g <= 0.0)
             square += 0.0 if pushes or not bounded.there[k] else g * g
@@ -142,10 +142,10 @@ def reversed_instead(
     """
     N, held, r, g, first, other = path.A.shape[0], sweep.held, sweep.r, sweep.g, a.first, a.other
     wrong, number, cost, turned = 0, 0, 0.0, 0.0
-    for i in range(6):
+    for i in range(NXI):
         other.xi[0, i] = 0.0
     for k in range(N):
-        for i in range(2):
+        for i in range(NU):
             side, lower, upper = held[k, i], bounded.lower[k, i], bounded.upper[k, i]
             if side != FREE and lower < upper:
                 number += 1
@@ -154,18 +154,19 @@ def reversed_instead(
                     side = -side
             cost += (first[k, i] + r[k, i]) * at.v[k, i]
             other.v[k, i] = lower if side == LOWER else upper if side == UPPER else 0.0
-            other.xi[k + 1, 4 + i] = other.xi[k, 4 + i] + other.v[k, i]
+            other.xi[k + 1, NX + i] = other.xi[k, NX + i] + other.v[k, i]
         advance(path.A, path.B, k, other.xi)
     if 2 * wrong <= number:
         return False
     gradients(path, errors, setting.cost, other, sweep.gx, sweep.gv)
     adjoint(path, sweep.gx, sweep.gv, g)
     for k in range(N):
-        turned += (first[k, 0] + g[k, 0]) * other.v[k, 0] + (first[k, 1] + g[k, 1]) * other.v[k, 1]
+        for i in range(NU):
+            turned += (first[k, i] + g[k, i]) * other.v[k, i]
     if turned >= cost:
         return False
     for k in range(N):
-        for i in range(2):
+        for i in range(NU):
             if held[k, i] * r[k, i] > 0.0 and bounded.lower[k, i] < bounded.upper[k, i]:
                 held[k, i] = -held[k, i]
     return True

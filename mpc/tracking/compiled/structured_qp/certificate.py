@@ -12,8 +12,9 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, SUPPLY, adjoint, gradients
-from mpc.tracking.compiled.structured_qp.stage import advance, changed
+from mpc.tracking.compiled.structured_qp.newton import adjoint, gradients
+from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, JOINTS, NU, NX, STIFFNESSES, SUPPLY
+from mpc.tracking.compiled.structured_qp.stage import advance, changed, first_of
 
 
 @inlined_flat
@@ -25,7 +26,7 @@ def proved(gradient: Array, bounded: Bounded, v: Array, setting: Setting) -> boo
     lower, upper, there = bounded
     square = 0.0
     for k in range(there.size):
-        for i in range(2):
+        for i in range(NU):
             g = gradient[k, i]
             if not lower[k, i] <= v[k, i] <= upper[k, i]:
                 return False
@@ -48,9 +49,9 @@ def confirmed(
 def brought_within(path: Path, bounded: Bounded, at: Point) -> None:
     """Move the changes to within their bounds, and the rest of the point to where they lead."""
     for k in range(at.v.shape[0]):
-        for i in range(2):
+        for i in range(NU):
             at.v[k, i] = min(max(at.v[k, i], bounded.lower[k, i]), bounded.upper[k, i])
-            at.xi[k + 1, 4 + i] = at.xi[k, 4 + i] + at.v[k, i]
+            at.xi[k + 1, NX + i] = at.xi[k, NX + i] + at.v[k, i]
         advance(path.A, path.B, k, at.xi)
 
 
@@ -62,14 +63,17 @@ def needed(path: Path, setting: Setting, u: Array, at: Point, tolerance: float) 
     """
     bounds, xi, count = setting.bounds, at.xi, BOUNDS
     for k in range(u.shape[0]):
-        for i in range(2):  # what is outside already need not come back at once
-            w = xi[k + 1, 4 + i]
+        for i in range(NU):  # what is outside already need not come back at once
+            w = xi[k + 1, NX + i]
             if not min(bounds.low - u[k, i], 0.0) - tolerance <= w <= max(bounds.high - u[k, i], 0.0) + tolerance:
                 count = SUPPLY
-            if not path.y[k + 1, 1 + i] + changed(path.slope, k + 1, 1 + i, xi) >= bounds.min_force - tolerance:
+            F = path.y[k + 1, STIFFNESSES + i] + changed(path.slope, k + 1, STIFFNESSES + i, xi)
+            if not F >= bounds.min_force - tolerance:
                 return ALL
-        if not bounds.left - tolerance <= path.x[k + 1, 0] + xi[k + 1, 0] <= bounds.right + tolerance:
-            return ALL
+        for i in range(JOINTS):
+            left, right = first_of(bounds.left, i), first_of(bounds.right, i)
+            if not left - tolerance <= path.x[k + 1, i] + xi[k + 1, i] <= right + tolerance:
+                return ALL
     return count
 
 

@@ -15,13 +15,11 @@ from typing import Any, NamedTuple
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined_flat, merged
 from mpc.tracking.compiled.records import Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS
 from mpc.tracking.compiled.structured_qp.responses import (
     BOUND,
     GONE,
     ITEMS,
     LAST,
-    SOFT,
     Items,
     compare,
     copy_item,
@@ -29,8 +27,9 @@ from mpc.tracking.compiled.structured_qp.responses import (
     respond,
     solve_items,
 )
-from mpc.tracking.compiled.structured_qp.riccati import FREE, LOWER, UPPER, Sweep
+from mpc.tracking.compiled.structured_qp.riccati import Sweep
 from mpc.tracking.compiled.structured_qp.rows import WIDTH, values
+from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, FORCE, FREE, LOWER, NU, NX, SUPPLY, UPPER
 from mpc.tracking.compiled.structured_qp.stage import advance
 
 MORE = 16  # steps at most, beyond one for each sample
@@ -67,7 +66,7 @@ def let_go(path: Path, setting: Setting, sweep: Sweep, a: Active) -> int:
     while size >= 0:
         worst, sample, muscle = least, -1, 0
         for k in range(a.r.shape[0]):
-            for i in range(2):
+            for i in range(NU):
                 push = pushes_in_vain(k, i, a)
                 if push > worst:
                     worst, sample, muscle = push, k, i
@@ -142,10 +141,10 @@ def most_broken(path: Path, size: int, at: Point, a: Active) -> float:
     """
     N, worst, violation, items = path.A.shape[0], 0.0, 0.0, a.items
     for k in range(N + 1):
-        for i in range(2):
+        for i in range(NU):
             if a.held[k, i] == FREE:
                 below, above = a.lower[k, i] - a.z[k, i], a.z[k, i] - a.upper[k, i]
-                over, width = max(below, above), WIDTH[0] if k < N else WIDTH[SOFT + 2 * i]
+                over, width = max(below, above), WIDTH[0] if k < N else WIDTH[SUPPLY if i == 0 else FORCE]
                 if over > max(worst * width, BREAKS):
                     violation, worst = over, over / width
                     items.kind[LAST], items.sample[LAST], items.muscle[LAST] = BOUND, k, i
@@ -178,9 +177,9 @@ def lead_on(path: Path, at: Point, a: Active) -> None:
     """Set the point to where the changes lead."""
     N = path.A.shape[0]
     for k in range(N):
-        for i in range(2):
+        for i in range(NU):
             at.v[k, i] = a.z[k, i]
-            at.xi[k + 1, 4 + i] = at.xi[k, 4 + i] + at.v[k, i]
+            at.xi[k + 1, NX + i] = at.xi[k, NX + i] + at.v[k, i]
         advance(path.A, path.B, k, at.xi)
     at.sigma[0], at.sigma[1] = a.z[N, 0], a.z[N, 1]
 
@@ -205,13 +204,13 @@ def direct(size: int, enters: bool, a: Active) -> None:
     """Set the direction to what the items' steps make of their answers, and what answers to the one that enters."""
     items, dz, dr = a.items, a.dz, a.dr
     for k in range(dz.shape[0]):
-        for i in range(2):
+        for i in range(NU):
             dz[k, i] = items.z[LAST, k, i] if enters else 0.0
             dr[k, i] = items.r[LAST, k, i] if enters else 0.0
     for q in range(size):
         step = items.step[q]
         for k in range(dz.shape[0]):
-            for i in range(2):
+            for i in range(NU):
                 dz[k, i] += step * items.z[q, k, i]
                 dr[k, i] += step * items.r[q, k, i]
 
@@ -227,7 +226,7 @@ def longest(size: int, a: Active) -> tuple[int, int, int]:
         if items.kind[q] != GONE and step < 0.0 and multiplier < -share * step:
             share, first = -multiplier / step, q
     for k in range(a.r.shape[0]):
-        for i in range(2):
+        for i in range(NU):
             if a.held[k, i] != FREE and a.base[k, i] != FREE and a.lower[k, i] < a.upper[k, i]:
                 sign = 1.0 if a.held[k, i] == LOWER else -1.0
                 push, change = max(sign * a.r[k, i], 0.0), sign * a.dr[k, i]
@@ -244,7 +243,7 @@ def walk(size: int, share: float, entering: float, a: Active) -> None:
         a.items.multiplier[q] += share * a.items.step[q]
     a.items.multiplier[LAST] += entering
     for k in range(a.z.shape[0]):
-        for i in range(2):
+        for i in range(NU):
             a.z[k, i] += share * a.dz[k, i]
             a.r[k, i] += share * a.dr[k, i]
 

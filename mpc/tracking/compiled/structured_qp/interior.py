@@ -22,8 +22,6 @@ from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.certificate import confirmed, needed
 from mpc.tracking.compiled.structured_qp.multipliers import GAP, PRIMAL, guess_held, hold_guessed, multiplied
 from mpc.tracking.compiled.structured_qp.newton import (
-    ALL,
-    BOUNDS,
     Factors,
     adjoint,
     direction,
@@ -31,7 +29,7 @@ from mpc.tracking.compiled.structured_qp.newton import (
     gradients,
     left_over,
 )
-from mpc.tracking.compiled.structured_qp.riccati import FREE, LOWER, UPPER, Sweep, settled
+from mpc.tracking.compiled.structured_qp.riccati import Sweep, settled
 from mpc.tracking.compiled.structured_qp.rows import (
     NEAR,
     Rows,
@@ -45,6 +43,7 @@ from mpc.tracking.compiled.structured_qp.rows import (
     row_steps,
     sides,
 )
+from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, FREE, LOWER, NU, NXI, UPPER
 
 MOST = 60  # iterations
 SWEEPS = 2  # from a set that is guessed
@@ -78,7 +77,7 @@ class Work(NamedTuple):
 @inlined
 def new_point(N: int) -> Point:
     """Return a point that is not set yet."""
-    return Point(np.empty((N + 1, 6)), np.empty((N, 2)), np.zeros(2))
+    return Point(np.empty((N + 1, NXI)), np.empty((N, NU)), np.zeros(2))
 
 
 @inlined
@@ -87,21 +86,10 @@ def new_work(N: int, sweep: Sweep) -> Work:
     lines = np.empty((8, N + 1, ALL))
     span = np.empty((N + 1, 2), np.int64)
     rows = Rows(span, lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], lines[6], lines[7])
-    factors = Factors(sweep.R, sweep.feedback, np.empty((N, 2, 2)), sweep.D, np.empty(3))
-    first, origin_x, origin_v = np.empty((N, 2)), np.empty((N + 1, 6)), np.empty((N, 2))
+    factors = Factors(sweep.R, sweep.feedback, np.empty((N, NU, 2)), sweep.D, np.empty(3))
+    first, origin_x, origin_v = np.empty((N, NU)), np.empty((N + 1, NXI)), np.empty((N, NU))
     trial = Point(origin_x, origin_v, first[0])
     return Work(rows, factors, new_point(N), sweep, sweep.gx, sweep.gv, sweep.r, first, origin_x, origin_v, trial)
-
-
-@inlined
-def fall_to(path: Path, setting: Setting, at: Point, there: Any, work: Work) -> float:
-    """Return by how much the cost without slacks is less at the point than at the origin."""
-    fall = 0.0
-    adjoint(path, work.gx, work.gv, work.r)
-    for k in range(there.size):
-        if there[k]:
-            fall -= (work.first[k, 0] + work.r[k, 0]) * at.v[k, 0] + (work.first[k, 1] + work.r[k, 1]) * at.v[k, 1]
-    return 0.5 * fall
 
 
 @inlined
@@ -173,7 +161,8 @@ def steepest_at_origin(path: Path, errors: Errors, setting: Setting, there: Any,
     adjoint(path, work.origin_x, work.origin_v, work.first)
     steepest = 1.0
     for k in range(there.size):
-        steepest = max(steepest, abs(work.first[k, 0]), abs(work.first[k, 1])) if there[k] else steepest
+        for i in range(NU):
+            steepest = max(steepest, abs(work.first[k, i])) if there[k] else steepest
     return steepest
 
 
@@ -219,7 +208,8 @@ def own_proof(
     c0, c1 = left_over(path, slack, at, work.gx, work.gv, work.rows.multiplier, count, work.r)
     for k in range(bounded.there.size):
         if bounded.there[k]:
-            square += work.r[k, 0] ** 2 + work.r[k, 1] ** 2
+            for i in range(NU):
+                square += work.r[k, i] ** 2
     square /= setting.curvature
     binding(work.rows, setting.starts, guess)
     return total + 0.5 * (square + (c0**2 / slack[1] + c1**2 / slack[3] if count == ALL else 0.0)) < most
@@ -230,7 +220,7 @@ def binding(rows: Rows, starts: Any, guess: Any) -> None:
     """Set `guess` (n,) to the bounds of the changes that bind."""
     for block in range(starts.size):
         k = starts[block]
-        for i in range(2):
+        for i in range(NU):
             above = rows.multiplier[k, i] > BINDS * rows.t[k, i]
-            below = rows.multiplier[k, 2 + i] > BINDS * rows.t[k, 2 + i]
-            guess[2 * block + i] = UPPER if above else LOWER if below else FREE
+            below = rows.multiplier[k, NU + i] > BINDS * rows.t[k, NU + i]
+            guess[NU * block + i] = UPPER if above else LOWER if below else FREE

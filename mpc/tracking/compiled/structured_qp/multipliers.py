@@ -19,9 +19,9 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, Factors, direction, factorise, gradients, left_over
-from mpc.tracking.compiled.structured_qp.riccati import LOWER, UPPER
+from mpc.tracking.compiled.structured_qp.newton import Factors, direction, factorise, gradients, left_over
 from mpc.tracking.compiled.structured_qp.rows import Rows, values
+from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, JOINTS, LOWER, NU, NX, UPPER
 from mpc.tracking.compiled.structured_qp.stage import advance
 
 TURNS = 12  # at most
@@ -30,7 +30,7 @@ SOON = 6  # rounds after which rounding hides more of the gap
 PRIMAL = 1e-7  # by which a row may be broken at the end [bar], [rad], [N]
 GAP = 1e-3  # [-] of the gap that may be: the aim
 HELD = 1e30  # [cost]/[bar]²
-WEIGHT = (0.0, 0.0, 0.0, 0.0, 1e12, 1e12, 1e12, 1e12, 2.5e13, 2.5e13, 6e8, 6e8)  # [cost] a square of the row's unit
+WEIGHT = BOUNDS * (0.0,) + BOUNDS * (1e12,) + 2 * JOINTS * (2.5e13,) + NU * (6e8,)  # [cost] a square of the row's unit
 SLACK_WEIGHT = 100.0  # [-] weight of σ ≥ 0 in what the square of a slack costs
 
 
@@ -39,11 +39,11 @@ def hold_guessed(rows: Rows, starts: Any, guess: Any) -> None:
     """Set the weights of the changes' rows to those of a `guess` (n,)."""
     rows.W[:, :BOUNDS] = 0.0
     for block in range(starts.size):
-        for i in range(2):
-            if guess[2 * block + i] == UPPER:
+        for i in range(NU):
+            if guess[NU * block + i] == UPPER:
                 rows.W[starts[block], i] = HELD
-            elif guess[2 * block + i] == LOWER:
-                rows.W[starts[block], 2 + i] = HELD
+            elif guess[NU * block + i] == LOWER:
+                rows.W[starts[block], NU + i] = HELD
 
 
 @inlined_flat
@@ -51,8 +51,8 @@ def guess_held(rows: Rows, starts: Any, guess: Any) -> None:
     """Set a `guess` (n,) to the changes that are held."""
     for block in range(starts.size):
         k = starts[block]
-        for i in range(2):
-            guess[2 * block + i] = UPPER if rows.W[k, i] > 0.0 else LOWER if rows.W[k, 2 + i] > 0.0 else 0
+        for i in range(NU):
+            guess[NU * block + i] = UPPER if rows.W[k, i] > 0.0 else LOWER if rows.W[k, NU + i] > 0.0 else 0
 
 
 @inlined_flat
@@ -63,21 +63,21 @@ def hold(rows: Rows, bounded: Bounded, at: Point, r: Array) -> bool:
     new = False
     for k in range(bounded.there.size):
         if bounded.there[k]:
-            for i in range(2):
+            for i in range(NU):
                 v, lower, upper = at.v[k, i], bounded.lower[k, i], bounded.upper[k, i]
-                above, below = rows.W[k, i] > 0.0, rows.W[k, 2 + i] > 0.0
+                above, below = rows.W[k, i] > 0.0, rows.W[k, NU + i] > 0.0
                 if above or below:
                     free = lower < upper and (r[k, i] > 0.0 if above else r[k, i] < 0.0)
                     above, below, new = above and not free, below and not free, new or free
                 else:
                     above, below = v > upper, v < lower
                     new = new or above or below
-                rows.W[k, i], rows.W[k, 2 + i] = HELD if above else 0.0, HELD if below else 0.0
-                rows.push[k, i], rows.push[k, 2 + i] = 0.0, 0.0
+                rows.W[k, i], rows.W[k, NU + i] = HELD if above else 0.0, HELD if below else 0.0
+                rows.push[k, i], rows.push[k, NU + i] = 0.0, 0.0
                 if above:
                     rows.push[k, i] = HELD * (v - upper)
                 if below:
-                    rows.push[k, 2 + i] = HELD * (lower - v)
+                    rows.push[k, NU + i] = HELD * (lower - v)
     return new
 
 
@@ -113,13 +113,13 @@ def estimate(path: Path, rows: Rows, count: int, by: Point) -> None:
 def step_on(path: Path, rows: Rows, bounded: Bounded, at: Point, by: Point) -> None:
     """Take a step; what is held comes to its bound, and the states to where the changes lead."""
     for k in range(at.v.shape[0]):
-        for i in range(2):
+        for i in range(NU):
             at.v[k, i] += by.v[k, i]
             if rows.W[k, i] > 0.0:
                 at.v[k, i] = bounded.upper[k, i]
-            elif rows.W[k, 2 + i] > 0.0:
+            elif rows.W[k, NU + i] > 0.0:
                 at.v[k, i] = bounded.lower[k, i]
-            at.xi[k + 1, 4 + i] = at.xi[k, 4 + i] + at.v[k, i]
+            at.xi[k + 1, NX + i] = at.xi[k, NX + i] + at.v[k, i]
         advance(path.A, path.B, k, at.xi)
     for i in range(2):
         at.sigma[i] += by.sigma[i]
@@ -130,8 +130,8 @@ def cost_of(there: Any, rows: Rows, setting: Setting, r: Array, c0: float, c1: f
     """Return what the gradient of the Lagrangian costs at most, by what is not held."""
     square, slack = 0.0, setting.slack
     for k in range(there.size):
-        for i in range(2):
-            if there[k] and rows.W[k, i] + rows.W[k, 2 + i] == 0.0:
+        for i in range(NU):
+            if there[k] and rows.W[k, i] + rows.W[k, NU + i] == 0.0:
                 square += r[k, i] ** 2
     square /= setting.curvature
     return 0.5 * (square + (c0**2 / slack[1] + c1**2 / slack[3] if count == ALL else 0.0))

@@ -19,12 +19,22 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat, merged
 from mpc.tracking.compiled.records import Path
-from mpc.tracking.compiled.structured_qp.riccati import FREE, Sweep
-from mpc.tracking.compiled.structured_qp.stage import advance, changed, linear_before
+from mpc.tracking.compiled.structured_qp.riccati import Sweep
+from mpc.tracking.compiled.structured_qp.sizes import BOUNDS, FORCE, FREE, JOINTS, NU, NX, NXI, STIFFNESSES, SUPPLY
+from mpc.tracking.compiled.structured_qp.stage import (
+    advance,
+    changed,
+    clear,
+    entry,
+    gone_along,
+    gone_back,
+    linear_before,
+    turned,
+)
 
 ITEMS = 24  # items, the one that enters included
 LAST = ITEMS - 1  # the one that enters
-GONE, BOUND, SOFT, FORCE = -1, 0, 8, 10  # kinds: let go, held at a bound; the first soft rows, as in `rows`
+GONE, BOUND = -1, 0  # kinds: let go, held at a bound; or a row, as in `rows`
 
 
 class Items(NamedTuple):
@@ -47,8 +57,8 @@ class Items(NamedTuple):
 @inlined
 def new_items(N: int) -> Items:
     """Return items that are not set yet."""
-    lines, few, counts = np.empty((2, ITEMS, N + 1, 2)), np.empty((2, ITEMS, ITEMS)), np.empty((5, ITEMS), np.int64)
-    numbers, p = np.empty((2, ITEMS)), np.empty(6)
+    lines, few, counts = np.empty((2, ITEMS, N + 1, NU)), np.empty((2, ITEMS, ITEMS)), np.empty((5, ITEMS), np.int64)
+    numbers, p = np.empty((2, ITEMS)), np.empty(NXI)
     return Items(
         lines[0], lines[1], few[0], counts[0], counts[1], counts[2], counts[3], numbers[0], numbers[1], few[1],
         counts[4], p,
@@ -60,7 +70,7 @@ def respond(path: Path, sweep: Sweep, base: Any, slack: Array, c: int, items: It
     """Set what answers to the item `c`, and `xi` (N + 1, 6) to where its changes lead."""
     N, kind, last, muscle = path.A.shape[0], items.kind[c], items.sample[c], items.muscle[c]
     for k in range(N + 1):
-        items.z[c, k, 0], items.z[c, k, 1], items.r[c, k, 0], items.r[c, k, 1] = 0.0, 0.0, 0.0, 0.0
+        clear(items.z, items.r, c, k)
     if kind == BOUND and (last == N or base[last, muscle] != FREE):  # what was let go before
         xi[:] = 0.0
         items.r[c, last, muscle] = 1.0 * items.side[c]
@@ -68,7 +78,7 @@ def respond(path: Path, sweep: Sweep, base: Any, slack: Array, c: int, items: It
         xi[:] = 0.0
         items.z[c, N, muscle], items.r[c, N, muscle] = 1.0, slack[1 + 2 * muscle]
     else:
-        if kind >= SOFT:
+        if kind >= SUPPLY:
             items.r[c, N, 1 if kind >= FORCE else 0] = -1.0
         respond_at_rest(path, sweep, base, c, items)
         respond_along(path, sweep, base, c, items, xi)
@@ -79,43 +89,34 @@ def respond_at_rest(path: Path, sweep: Sweep, base: Any, c: int, items: Items) -
     """Set z of the item `c` to what the changes are where ξ is 0, and r to the gradient there: a pass backward."""
     kind, last, muscle, side, p = items.kind[c], items.sample[c], items.muscle[c], items.side[c], items.p
     R, D, inverse, z, r = sweep.R, sweep.D, sweep.inverse, items.z, items.r
-    for i in range(6):
+    for i in range(NXI):
         p[i] = 0.0
     if kind > BOUND:
         row_gradient(path.slope, last, kind, p)
     for k in range(last, -1, -1):
         linear_before(p, path.A, path.B, k)
-        g0, g1 = p[4], p[5]
-        if k == last and kind == BOUND:
-            g0, g1 = (1.0 * side if muscle == 0 else 0.0), (1.0 * side if muscle == 1 else 0.0)
-        v0, v1 = -inverse[k, 0] * g0 - inverse[k, 1] * g1, -inverse[k, 1] * g0 - inverse[k, 2] * g1
-        if k == last and kind == GONE:
-            v0 = 1.0 if muscle == 0 else -inverse[k, 0] * D[k, 1]
-            v1 = 1.0 if muscle == 1 else -inverse[k, 2] * D[k, 1]
-        z[c, k, 0], z[c, k, 1] = v0, v1
-        r[c, k, 0], r[c, k, 1] = g0 + D[k, 0] * v0 + D[k, 1] * v1, g1 + D[k, 1] * v0 + D[k, 2] * v1
-        for i in range(6):
-            p[i] += R[k, 0, i] * v0 + R[k, 1, i] * v1
+        if k < last or kind > BOUND:
+            gone_back(inverse, R, k, c, p, z, r)
+            continue
+        for i in range(NU):
+            z[c, k, i] = entry(D, k, i, muscle) if kind == GONE else 0.0
+        if kind == BOUND:
+            z[c, k, muscle] = r[c, k, muscle] = 1.0 * side
+        turned(inverse, k, z, c)
+        z[c, k, muscle] += 1.0 if kind == GONE else 0.0
+        for i in range(NU):
+            for j in range(NXI):
+                p[j] += R[k, i, j] * z[c, k, i]
 
 
 @inlined_flat
 def respond_along(path: Path, sweep: Sweep, base: Any, c: int, items: Items, xi: Array) -> None:
     """Add to z and r of the item `c` what is due to where they lead: a pass forward."""
     R, D, feedback, z, r = sweep.R, sweep.D, sweep.feedback, items.z, items.r
-    for i in range(6):
+    for i in range(NXI):
         xi[0, i] = 0.0
     for k in range(path.A.shape[0]):
-        v0, v1, g0, g1 = 0.0, 0.0, 0.0, 0.0
-        for i in range(6):
-            v0 += feedback[k, 0, i] * xi[k, i]
-            v1 += feedback[k, 1, i] * xi[k, i]
-            g0 += R[k, 0, i] * xi[k, i]
-            g1 += R[k, 1, i] * xi[k, i]
-        z[c, k, 0] += v0
-        z[c, k, 1] += v1
-        r[c, k, 0] = 0.0 if base[k, 0] == FREE else r[c, k, 0] + g0 + D[k, 0] * v0 + D[k, 1] * v1
-        r[c, k, 1] = 0.0 if base[k, 1] == FREE else r[c, k, 1] + g1 + D[k, 1] * v0 + D[k, 2] * v1
-        xi[k + 1, 4], xi[k + 1, 5] = xi[k, 4] + z[c, k, 0], xi[k, 5] + z[c, k, 1]
+        gone_along(R, D, feedback, base, k, c, xi, z, r)
         advance(path.A, path.B, k, xi)
 
 
@@ -134,7 +135,7 @@ def compare(path: Path, size: int, c: int, items: Items, xi: Array) -> None:
                 said = items.side[q] * items.z[c, k, i]
             else:
                 said = row_value(path.slope, k, kind, xi)
-                if kind >= SOFT:
+                if kind >= SUPPLY:
                     said -= items.z[c, N, 1 if kind >= FORCE else 0]
             items.K[q, c] = said
             items.K[c, q] = said
@@ -143,24 +144,29 @@ def compare(path: Path, size: int, c: int, items: Items, xi: Array) -> None:
 @merged
 def row_gradient(slope: Array, k: int, kind: int, p: Array) -> None:
     """Add to `p` (6,) the gradient of the row `kind` by ξ[k + 1]."""
-    if kind < SOFT:
-        p[5 if kind == 5 or kind == 7 else 4] += 1.0 if kind < 6 else -1.0
+    if kind < SUPPLY:
+        above = kind < BOUNDS + NU
+        p[NX + kind - (BOUNDS if above else BOUNDS + NU)] += 1.0 if above else -1.0
     elif kind < FORCE:
-        p[0] += 1.0 if kind == SOFT else -1.0
+        above = kind < SUPPLY + JOINTS
+        p[kind - (SUPPLY if above else SUPPLY + JOINTS)] += 1.0 if above else -1.0
     else:
-        for i in range(4):
-            p[i] -= slope[k + 1, kind - 9, i]
+        for i in range(NX):
+            p[i] -= slope[k + 1, STIFFNESSES + kind - FORCE, i]
 
 
 @inlined_flat
 def row_value(slope: Array, k: int, kind: int, xi: Array) -> float:
     """Return the value of the row `kind` of the sample k, without its slack."""
-    if kind < SOFT:
-        w = xi[k + 1, 5 if kind == 5 or kind == 7 else 4]
-        return float(w if kind < 6 else -w)
+    if kind < SUPPLY:
+        above = kind < BOUNDS + NU
+        w = xi[k + 1, NX + kind - (BOUNDS if above else BOUNDS + NU)]
+        return float(w if above else -w)
     if kind < FORCE:
-        return float(xi[k + 1, 0] if kind == SOFT else -xi[k + 1, 0])
-    return -changed(slope, k + 1, kind - 9, xi)
+        above = kind < SUPPLY + JOINTS
+        angle = xi[k + 1, kind - (SUPPLY if above else SUPPLY + JOINTS)]
+        return float(angle if above else -angle)
+    return -changed(slope, k + 1, STIFFNESSES + kind - FORCE, xi)
 
 
 @inlined_flat
@@ -200,7 +206,7 @@ def remove(size: int, c: int, items: Items) -> int:
 def copy_item(source: int, target: int, size: int, items: Items) -> None:
     """Copy an item over another one, and what it says to the first `size` and to the one that enters."""
     for k in range(items.z.shape[1]):
-        for i in range(2):
+        for i in range(NU):
             items.z[target, k, i], items.r[target, k, i] = items.z[source, k, i], items.r[source, k, i]
     items.kind[target], items.sample[target] = items.kind[source], items.sample[source]
     items.muscle[target], items.side[target] = items.muscle[source], items.side[source]

@@ -18,11 +18,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.codegen.jit import inlined, inlined_flat, merged
+from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Cost, Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.stage import across, advance, charge_state, decided, linear_before
-
-FREE, LOWER, UPPER = 0, -1, 1
+from mpc.tracking.compiled.structured_qp.sizes import FREE, LOWER, NU, NX, NXI, UPPER
+from mpc.tracking.compiled.structured_qp.stage import (
+    across,
+    advance,
+    charge_state,
+    choose,
+    decided,
+    led_back,
+    linear_before,
+    new_squares,
+    times,
+)
 
 
 class Sweep(NamedTuple):
@@ -42,9 +51,9 @@ class Sweep(NamedTuple):
 @inlined
 def new_sweep(N: int) -> Sweep:
     """Return the arrays of a sweep."""
-    R, D, g, feedback = np.empty((N, 2, 6)), np.empty((N, 3)), np.empty((N, 2)), np.empty((N, 2, 7))
-    gx, gv, r = np.empty((N + 1, 6)), np.empty((N, 2)), np.empty((N, 2))
-    return Sweep(R, D, g, feedback, np.empty((N, 2), np.int8), gx, gv, r, np.empty((N, 3)))
+    R, D, g, feedback = np.empty((N, NU, NXI)), new_squares(N), np.empty((N, NU)), np.empty((N, NU, NXI + 1))
+    gx, gv, r = np.empty((N + 1, NXI)), np.empty((N, NU)), np.empty((N, NU))
+    return Sweep(R, D, g, feedback, np.empty((N, NU), np.int8), gx, gv, r, new_squares(N))
 
 
 @inlined
@@ -61,7 +70,7 @@ def settled(
     take_set(starts, guess, held)
     for _ in range(sweeps):
         for k in range(N):
-            for i in range(2):
+            for i in range(NU):
                 at.v[k, i] = lower[k, i] if held[k, i] == LOWER else upper[k, i]  # of those held
         backward(path, setting.cost, gx, gv, at.v, sweep)
         if not forward(path, lower, upper, sweep, at):
@@ -75,59 +84,35 @@ def take_set(starts: Any, guess: Any, held: Any) -> None:
     """Set what is `held` (N, 2) to a `guess` (n,), and all else to be."""
     held[:] = LOWER
     for block in range(starts.size):
-        for i in range(2):
-            held[starts[block], i] = guess[2 * block + i]
+        for i in range(NU):
+            held[starts[block], i] = guess[NU * block + i]
 
 
 @inlined_flat
 def give_set(starts: Any, held: Any, guess: Any) -> None:
     """Set the `guess` (n,) to what is `held` (N, 2)."""
     for block in range(starts.size):
-        for i in range(2):
-            guess[2 * block + i] = held[starts[block], i]
+        for i in range(NU):
+            guess[NU * block + i] = held[starts[block], i]
 
 
 @inlined
 def backward(path: Path, cost: Cost, gx: Array, gv: Array, v: Array, sweep: Sweep) -> None:
     """Fill in, for each k, R = [W_wx W_ww], D, g, and the feedback v = feedback (ξ, 1) of the optimal changes."""
     N, R, D, g, feedback = v.shape[0], sweep.R, sweep.D, sweep.g, sweep.feedback
-    S, SA, s = cost.end.copy(), np.empty((6, 6)), gx[N].copy()  # of V_{k+1}
+    S, SA, s = cost.end.copy(), np.empty((NXI, NXI)), gx[N].copy()  # of V_{k+1}
     for k in range(N - 1, -1, -1):
         across(S, path.A, path.B, k, cost.e, SA, R)
         linear_before(s, path.A, path.B, k)
-        D[k, 0], D[k, 1], D[k, 2] = R[k, 0, 4] + cost.change[0], R[k, 0, 5], R[k, 1, 5] + cost.change[1]
-        g[k, 0], g[k, 1] = s[4] + gv[k, 0], s[5] + gv[k, 1]
-        choose(R, D, g, v, sweep.held, k, sweep.inverse, feedback)
-        decided(path.A, k, SA, R, feedback, S)
-        f0, f1 = feedback[k, 0, 6], feedback[k, 1, 6]
-        for i in range(6):
-            s[i] += R[k, 0, i] * f0 + R[k, 1, i] * f1
+        for i in range(NU):
+            g[k, i] = s[NX + i] + gv[k, i]
+        choose(R, cost.change, D, g, v, sweep.held, k, sweep.inverse, feedback)
+        decided(path.A, path.B, k, SA, R, feedback, S)
+        led_back(R, feedback, k, s)
         if k > 0:
             charge_state(S, path.slope, k, cost)
-            for i in range(6):
+            for i in range(NXI):
                 s[i] += gx[k, i]
-
-
-@merged
-def choose(R: Array, D: Array, g: Array, v: Array, held: Any, k: int, inverse: Array, feedback: Array) -> None:
-    """Set the feedback (2, 7) of stage `k`, D v + R ξ + g = 0 for the free inputs, v for those held."""
-    a, b, c = 0.0, 0.0, 0.0  # of the inverse of D, negative
-    c0, c1 = g[k, 0], g[k, 1]
-    if held[k, 0] == FREE and held[k, 1] == FREE:
-        det = D[k, 0] * D[k, 2] - D[k, 1] * D[k, 1]
-        a, b, c = -D[k, 2] / det, D[k, 1] / det, -D[k, 0] / det
-    elif held[k, 0] == FREE:
-        a = -1.0 / D[k, 0]
-        c0 += D[k, 1] * v[k, 1]
-    elif held[k, 1] == FREE:
-        c = -1.0 / D[k, 2]
-        c1 += D[k, 1] * v[k, 0]
-    inverse[k, 0], inverse[k, 1], inverse[k, 2] = -a, -b, -c
-    for j in range(6):
-        feedback[k, 0, j] = a * R[k, 0, j] + b * R[k, 1, j]
-        feedback[k, 1, j] = b * R[k, 0, j] + c * R[k, 1, j]
-    feedback[k, 0, 6] = a * c0 + b * c1 if held[k, 0] == FREE else v[k, 0]
-    feedback[k, 1, 6] = b * c0 + c * c1 if held[k, 1] == FREE else v[k, 1]
 
 
 @inlined_flat
@@ -135,24 +120,24 @@ def forward(path: Path, lower: Array, upper: Array, sweep: Sweep, at: Point) -> 
     """Set the point by the feedback and guess `held` anew; return whether the guess has changed."""
     v, xi, changed = at.v, at.xi, False
     R, D, g, feedback, held = sweep.R, sweep.D, sweep.g, sweep.feedback, sweep.held
-    for i in range(6):
+    for i in range(NXI):
         xi[0, i] = 0.0
     for k in range(v.shape[0]):
-        for i in range(2):
-            v[k, i] = feedback[k, i, 6]
-            for j in range(6):
+        for i in range(NU):
+            v[k, i] = feedback[k, i, NXI]
+            for j in range(NXI):
                 v[k, i] += feedback[k, i, j] * xi[k, j]
-        for i in range(2):
+        for i in range(NU):
             if held[k, i] == FREE:
                 guess = LOWER if v[k, i] < lower[k, i] else UPPER if v[k, i] > upper[k, i] else FREE
             else:
-                push = g[k, i] + D[k, i] * v[k, 0] + D[k, 1 + i] * v[k, 1]  # -λ
-                for j in range(6):
+                push = g[k, i] + times(D, k, i, v)  # -λ
+                for j in range(NXI):
                     push += R[k, i, j] * xi[k, j]
                 wrong = lower[k, i] < upper[k, i] and (push < 0.0 if held[k, i] == LOWER else push > 0.0)
                 guess = FREE if wrong else held[k, i]
             changed |= guess != held[k, i]
             held[k, i] = guess
-            xi[k + 1, 4 + i] = xi[k, 4 + i] + v[k, i]
+            xi[k + 1, NX + i] = xi[k, NX + i] + v[k, i]
         advance(path.A, path.B, k, xi)
     return changed

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined_flat
 from mpc.tracking.compiled.records import Bounded, Bounds, Path, Point
-from mpc.tracking.compiled.structured_qp.newton import ALL, BOUNDS, SUPPLY
-from mpc.tracking.compiled.structured_qp.stage import changed
+from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, FORCE, JOINTS, NU, NX, NXI, STIFFNESSES, SUPPLY
+from mpc.tracking.compiled.structured_qp.stage import changed, first_of
 
 RESOLVED = 1e-10  # [bar], [rad], [N] below which a residual is none
 NEAR = 0.03  # products t λ are no less than this share of their mean
-WIDTH = (0.04, 0.04, 0.04, 0.04, 0.1, 0.1, 0.1, 0.1, 0.02, 0.02, 4.0, 4.0)  # least t at first [bar], [rad], [N]
+WIDTH = BOUNDS * (0.04,) + BOUNDS * (0.1,) + 2 * JOINTS * (0.02,) + NU * (4.0,)  # least t at first [bar], [rad], [N]
 
 
 class Rows(NamedTuple):
@@ -41,15 +41,18 @@ def values(path: Path, at: Point, count: int, value: Array) -> None:
     """Set `value` to a·y at a point."""
     N, xi, v, sigma = at.v.shape[0], at.xi, at.v, at.sigma
     for k in range(N):
-        value[k, 0], value[k, 1], value[k, 2], value[k, 3] = v[k, 0], v[k, 1], -v[k, 0], -v[k, 1]
+        for i in range(NU):
+            value[k, i], value[k, NU + i] = v[k, i], -v[k, i]
         if count >= SUPPLY:
-            w0, w1 = xi[k + 1, 4], xi[k + 1, 5]
-            value[k, 4], value[k, 5], value[k, 6], value[k, 7] = w0, w1, -w0, -w1
+            for i in range(NU):
+                w = xi[k + 1, NX + i]
+                value[k, BOUNDS + i], value[k, BOUNDS + NU + i] = w, -w
         if count == ALL:
-            angle = xi[k + 1, 0]
-            value[k, 8], value[k, 9] = angle - sigma[0], -angle - sigma[0]
-            value[k, 10] = -changed(path.slope, k + 1, 1, xi) - sigma[1]
-            value[k, 11] = -changed(path.slope, k + 1, 2, xi) - sigma[1]
+            for i in range(JOINTS):
+                angle = xi[k + 1, i]
+                value[k, SUPPLY + i], value[k, SUPPLY + JOINTS + i] = angle - sigma[0], -angle - sigma[0]
+            for i in range(NU):
+                value[k, FORCE + i] = -changed(path.slope, k + 1, STIFFNESSES + i, xi) - sigma[1]
     value[N, 0], value[N, 1] = -sigma[0], -sigma[1]
 
 
@@ -58,12 +61,15 @@ def sides(path: Path, u: Array, bounds: Bounds, bounded: Bounded, b: Array) -> N
     """Set `b` for a path with the commands `u` (N, 2)."""
     N = u.shape[0]
     for k in range(N):
-        for i in range(2):
-            b[k, i], b[k, 2 + i] = bounded.upper[k, i], -bounded.lower[k, i]
+        for i in range(NU):
+            b[k, i], b[k, NU + i] = bounded.upper[k, i], -bounded.lower[k, i]
             # what is outside already need not come back at once
-            b[k, 4 + i], b[k, 6 + i] = max(bounds.high - u[k, i], 0.0), -min(bounds.low - u[k, i], 0.0)
-            b[k, 10 + i] = path.y[k + 1, 1 + i] - bounds.min_force
-        b[k, 8], b[k, 9] = bounds.right - path.x[k + 1, 0], path.x[k + 1, 0] - bounds.left
+            b[k, BOUNDS + i] = max(bounds.high - u[k, i], 0.0)
+            b[k, BOUNDS + NU + i] = -min(bounds.low - u[k, i], 0.0)
+            b[k, FORCE + i] = path.y[k + 1, STIFFNESSES + i] - bounds.min_force
+        for i in range(JOINTS):
+            b[k, SUPPLY + i] = first_of(bounds.right, i) - path.x[k + 1, i]
+            b[k, SUPPLY + JOINTS + i] = path.x[k + 1, i] - first_of(bounds.left, i)
     b[N, 0], b[N, 1] = 0.0, 0.0
 
 
@@ -88,8 +94,10 @@ def add(path: Path, rows: Rows, slack: Array, there: Any, count: int, product: f
             rows.t[k, j] = max(rows.b[k, j] - rows.residual[k, j], WIDTH[j])
             rows.multiplier[k, j] = product / rows.t[k, j]
         number += count - rows.span[k, 0]
-        left0 -= rows.multiplier[k, 8] + rows.multiplier[k, 9]
-        left1 -= rows.multiplier[k, 10] + rows.multiplier[k, 11]
+        for i in range(2 * JOINTS):
+            left0 -= rows.multiplier[k, SUPPLY + i]
+        for i in range(NU):
+            left1 -= rows.multiplier[k, FORCE + i]
     if count < ALL:
         return number
     rows.span[N, 1] = 2
@@ -158,9 +166,9 @@ def go(rows: Rows, share: float, at: Point, by: Point) -> float:
     """Go this share of the step; return the sum of the products t λ."""
     total = 0.0
     for k in range(at.v.shape[0]):
-        for i in range(6):
+        for i in range(NXI):
             at.xi[k + 1, i] += share * by.xi[k + 1, i]
-        for i in range(2):
+        for i in range(NU):
             at.v[k, i] += share * by.v[k, i]
     for i in range(2):
         at.sigma[i] += share * by.sigma[i]

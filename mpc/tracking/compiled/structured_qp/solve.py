@@ -18,8 +18,9 @@ from mpc.tracking.compiled.structured_qp.active_set import active_set, new_activ
 from mpc.tracking.compiled.structured_qp.certificate import brought_within, confirmed, needed
 from mpc.tracking.compiled.structured_qp.exchange import Active
 from mpc.tracking.compiled.structured_qp.interior import MOST, Work, interior, new_point, new_work
-from mpc.tracking.compiled.structured_qp.newton import BOUNDS, adjoint, gradients
+from mpc.tracking.compiled.structured_qp.newton import adjoint, gradients
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, give_set, new_sweep, settled, take_set
+from mpc.tracking.compiled.structured_qp.sizes import BOUNDS, NU
 
 
 @compiled
@@ -33,7 +34,7 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
     N = u.shape[0]
     errors, at, sweep = new_errors(N), new_point(N), new_sweep(N)
     deviations(path, u, reference, last, errors)
-    bounded = Bounded(np.empty((N, 2)), np.empty((N, 2)), np.empty(N, np.bool_))
+    bounded = Bounded(np.empty((N, NU)), np.empty((N, NU)), np.empty(N, np.bool_))
     slew_bounds(setting, u, last, bounded)
     solved, iterations = True, 0
     count = swept(path, errors, setting, u, bounded, guess, at, sweep, new_active(N))
@@ -41,8 +42,8 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
         work = new_work(N, sweep)
         solved, iterations = persistent(path, errors, setting, u, bounded, count, guess, at, work, MOST)
     for block in range(starts.size):
-        for i in range(2):
-            z[2 * block + i] = at.v[starts[block], i]
+        for i in range(NU):
+            z[NU * block + i] = at.v[starts[block], i]
     return solved, iterations
 
 

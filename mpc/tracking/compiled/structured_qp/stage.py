@@ -1,12 +1,18 @@
-"""The algebra of one sample: how matrices and vectors go back over the command and its consequences.
+"""The algebra of one sample for a joint: 4 states and 2 commands, written out.
 
-With ξ = (δx, w) and 𝔸 = [A B; 0 I], where x_{k+1} = A x_k + B w_{k+1} and w_{k+1} = w_k + v_k. Products are written
-out, arrays are indexed by k and not cut, and all is compiled into its callers: it is three times as fast so.
+With ξ = (δx, w) and 𝔸 = [A B; 0 I], where x_{k+1} = A x_k + B w_{k+1} and w_{k+1} = w_k + v_k: how matrices and
+vectors go back over the command and its consequences. D (N, 3) and its inverse have the entries 00, 01, 11. Products
+are written out, arrays are indexed by k and not cut, and all is compiled into its callers: three times as fast.
 """
 
+from typing import Any
+
+import numpy as np
+
 from allocator.calculus import Array
-from mpc.codegen.jit import merged
+from mpc.codegen.jit import inlined, merged
 from mpc.tracking.compiled.records import Cost
+from mpc.tracking.compiled.structured_qp.sizes import FREE
 
 
 @merged
@@ -29,7 +35,7 @@ def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) 
 
 
 @merged
-def decided(A: Array, k: int, SA: Array, R: Array, F: Array, S: Array) -> None:
+def decided(A: Array, B: Array, k: int, SA: Array, R: Array, F: Array, S: Array) -> None:
     """Set S to M + R[k]ᵀ F[k], what the cost-to-go is once v is chosen by the feedback F[k] (2, …)."""
     for i in range(6):
         r0, r1 = R[k, 0, i], R[k, 1, i]
@@ -93,3 +99,171 @@ def changed(slope: Array, k: int, m: int, xi: Array) -> float:
     """Return by how much ξ[k] changes the output m."""
     x0, x1, x2, x3 = xi[k, 0], xi[k, 1], xi[k, 2], xi[k, 3]
     return float(slope[k, m, 0] * x0 + slope[k, m, 1] * x1 + slope[k, m, 2] * x2 + slope[k, m, 3] * x3)
+
+
+@merged
+def first_of(limit: float, i: int) -> float:
+    """Return the limit of the joint `i`: there is one only."""
+    return limit
+
+
+@inlined
+def new_squares(N: int) -> Array:
+    """Return N symmetric matrices of commands that are not set yet."""
+    return np.empty((N, 3))
+
+
+@merged
+def entry(D: Array, k: int, i: int, j: int) -> float:
+    """Return an entry of D[k]."""
+    return float(D[k, i + j])
+
+
+@merged
+def times(D: Array, k: int, i: int, v: Array) -> float:
+    """Return line `i` of D[k] times v[k]."""
+    return float(D[k, i] * v[k, 0] + D[k, 1 + i] * v[k, 1])
+
+
+@merged
+def along(border: Array, k: int, j: int, v: Array) -> float:
+    """Return column `j` of `border`[k] times v[k]."""
+    return float(border[k, 0, j] * v[k, 0] + border[k, 1, j] * v[k, 1])
+
+
+@merged
+def turned(inverse: Array, k: int, z: Array, c: int) -> None:
+    """Turn z[c, k] into -D⁻¹ z[c, k]."""
+    g0, g1 = z[c, k, 0], z[c, k, 1]
+    z[c, k, 0], z[c, k, 1] = -inverse[k, 0] * g0 - inverse[k, 1] * g1, -inverse[k, 1] * g0 - inverse[k, 2] * g1
+
+
+@merged
+def clear(z: Array, pushes: Array, c: int, k: int) -> None:
+    """Set z[c, k] and pushes[c, k] to 0."""
+    z[c, k, 0], z[c, k, 1], pushes[c, k, 0], pushes[c, k, 1] = 0.0, 0.0, 0.0, 0.0
+
+
+@merged
+def gone_back(inverse: Array, R: Array, k: int, c: int, p: Array, z: Array, pushes: Array) -> None:
+    """Set pushes[c, k] to the gradient by the changes, z[c, k] to what answers it, add to `p` (6,) what it does."""
+    g0, g1 = p[4], p[5]
+    v0, v1 = -inverse[k, 0] * g0 - inverse[k, 1] * g1, -inverse[k, 1] * g0 - inverse[k, 2] * g1
+    z[c, k, 0], z[c, k, 1], pushes[c, k, 0], pushes[c, k, 1] = v0, v1, g0, g1
+    for i in range(6):
+        p[i] += R[k, 0, i] * v0 + R[k, 1, i] * v1
+
+
+@merged
+def gone_along(
+    R: Array, D: Array, feedback: Array, base: Any, k: int, c: int, xi: Array, z: Array, pushes: Array
+) -> None:
+    """Add to the changes z[c, k] the feedback of ξ[k], set pushes[c, k] to the gradient then, and w of ξ[k + 1]."""
+    v0, v1, g0, g1 = z[c, k, 0], z[c, k, 1], pushes[c, k, 0], pushes[c, k, 1]
+    for i in range(6):
+        v0 += feedback[k, 0, i] * xi[k, i]
+        v1 += feedback[k, 1, i] * xi[k, i]
+        g0 += R[k, 0, i] * xi[k, i]
+        g1 += R[k, 1, i] * xi[k, i]
+    z[c, k, 0], z[c, k, 1] = v0, v1
+    pushes[c, k, 0] = 0.0 if base[k, 0] == FREE else g0 + D[k, 0] * v0 + D[k, 1] * v1
+    pushes[c, k, 1] = 0.0 if base[k, 1] == FREE else g1 + D[k, 1] * v0 + D[k, 2] * v1
+    xi[k + 1, 4], xi[k + 1, 5] = xi[k, 4] + v0, xi[k, 5] + v1
+
+
+@merged
+def answered(inverse: Array, feedback: Array, k: int, v: Array, p: Array) -> None:
+    """Turn v[k], a gradient, into -D⁻¹ v[k], and add to `p` (6,) what that does to it."""
+    g0, g1 = v[k, 0], v[k, 1]
+    v[k, 0], v[k, 1] = -inverse[k, 0] * g0 - inverse[k, 1] * g1, -inverse[k, 1] * g0 - inverse[k, 2] * g1
+    for i in range(6):
+        p[i] += feedback[k, 0, i] * g0 + feedback[k, 1, i] * g1
+
+
+@merged
+def led_back(R: Array, feedback: Array, k: int, s: Array) -> None:
+    """Add to `s` (6,) what the changes do that the feedback makes at ξ = 0."""
+    f0, f1 = feedback[k, 0, 6], feedback[k, 1, 6]
+    for i in range(6):
+        s[i] += R[k, 0, i] * f0 + R[k, 1, i] * f1
+
+
+@merged
+def fed_back(inverse: Array, R: Array, k: int, feedback: Array) -> None:
+    """Set the feedback[k] to -D⁻¹ R[k]."""
+    a, b, c = -inverse[k, 0], -inverse[k, 1], -inverse[k, 2]
+    for j in range(6):
+        feedback[k, 0, j] = a * R[k, 0, j] + b * R[k, 1, j]
+        feedback[k, 1, j] = b * R[k, 0, j] + c * R[k, 1, j]
+
+
+@merged
+def choose(
+    R: Array, charge: Array, D: Array, g: Array, v: Array, held: Any, k: int, inverse: Array, feedback: Array
+) -> None:
+    """Set D, its inverse and the feedback (2, 7) of stage `k`, D v + R ξ + g = 0 for the free inputs, v for those held;
+    `charge` (2,) of the changes.
+    """
+    D[k, 0], D[k, 1], D[k, 2] = R[k, 0, 4] + charge[0], R[k, 0, 5], R[k, 1, 5] + charge[1]
+    a, b, c = 0.0, 0.0, 0.0  # of the inverse of D, negative
+    c0, c1 = g[k, 0], g[k, 1]
+    if held[k, 0] == FREE and held[k, 1] == FREE:
+        det = D[k, 0] * D[k, 2] - D[k, 1] * D[k, 1]
+        a, b, c = -D[k, 2] / det, D[k, 1] / det, -D[k, 0] / det
+    elif held[k, 0] == FREE:
+        a = -1.0 / D[k, 0]
+        c0 += D[k, 1] * v[k, 1]
+    elif held[k, 1] == FREE:
+        c = -1.0 / D[k, 2]
+        c1 += D[k, 1] * v[k, 0]
+    inverse[k, 0], inverse[k, 1], inverse[k, 2] = -a, -b, -c
+    for j in range(6):
+        feedback[k, 0, j] = a * R[k, 0, j] + b * R[k, 1, j]
+        feedback[k, 1, j] = b * R[k, 0, j] + c * R[k, 1, j]
+    feedback[k, 0, 6] = a * c0 + b * c1 if held[k, 0] == FREE else v[k, 0]
+    feedback[k, 1, 6] = b * c0 + c * c1 if held[k, 1] == FREE else v[k, 1]
+
+
+@merged
+def border_before(P: Array, A: Array, B: Array, k: int) -> None:
+    """Turn P (6, 2) into 𝔸ᵀ P."""
+    for j in range(2):
+        p0, p1, p2, p3 = P[0, j], P[1, j], P[2, j], P[3, j]
+        P[4, j] += B[k, 0, 0] * p0 + B[k, 1, 0] * p1 + B[k, 2, 0] * p2 + B[k, 3, 0] * p3
+        P[5, j] += B[k, 0, 1] * p0 + B[k, 1, 1] * p1 + B[k, 2, 1] * p2 + B[k, 3, 1] * p3
+        for i in range(4):
+            P[i, j] = A[k, 0, i] * p0 + A[k, 1, i] * p1 + A[k, 2, i] * p2 + A[k, 3, i] * p3
+
+
+@merged
+def invert(R: Array, k: int, charge: Array, W: Array, allowed: bool, inverse: Array) -> None:
+    """Set `inverse`[k] (3,) of D, with W of the changes' rows, by LDLᵀ, the larger pivot first; the second is no less
+    than its own charge. Where nothing may change it is 0.
+    """
+    least0, least1 = charge[0] + W[k, 0] + W[k, 2], charge[1] + W[k, 1] + W[k, 3]
+    d0, d1, off = R[k, 0, 4] + least0, R[k, 1, 5] + least1, R[k, 0, 5]
+    if not allowed:
+        inverse[k, 0], inverse[k, 1], inverse[k, 2] = 0.0, 0.0, 0.0
+    elif d0 >= d1:
+        ratio = off / d0
+        second = 1.0 / max(d1 - ratio * off, least1)
+        inverse[k, 0], inverse[k, 1], inverse[k, 2] = 1.0 / d0 + ratio * ratio * second, -ratio * second, second
+    else:
+        ratio = off / d1
+        second = 1.0 / max(d0 - ratio * off, least0)
+        inverse[k, 0], inverse[k, 1], inverse[k, 2] = second, -ratio * second, 1.0 / d1 + ratio * ratio * second
+
+
+@merged
+def decided_border(P: Array, G: Array, k: int, inverse: Array, R: Array, border: Array, sigma: Array) -> None:
+    """Set the border of stage `k`, and P and Σ to what is left of them once v is chosen."""
+    a, b, c = -inverse[k, 0], -inverse[k, 1], -inverse[k, 2]
+    for j in range(2):
+        G[0, j], G[1, j] = P[4, j], P[5, j]
+        border[k, 0, j], border[k, 1, j] = a * G[0, j] + b * G[1, j], b * G[0, j] + c * G[1, j]
+    for j in range(2):
+        for i in range(6):
+            P[i, j] += R[k, 0, i] * border[k, 0, j] + R[k, 1, i] * border[k, 1, j]
+    sigma[0] += G[0, 0] * border[k, 0, 0] + G[1, 0] * border[k, 1, 0]
+    sigma[1] += G[0, 0] * border[k, 0, 1] + G[1, 0] * border[k, 1, 1]
+    sigma[2] += G[0, 1] * border[k, 0, 1] + G[1, 1] * border[k, 1, 1]

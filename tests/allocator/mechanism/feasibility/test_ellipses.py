@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from allocator import InvalidInput
+from allocator import InvalidInput, Stiffness
 from allocator.mechanism import (
     Endpoint,
     Link,
@@ -64,7 +64,7 @@ def test_where_the_hand_can_be_round_all_tilts_exist():
     if found.tilt[1] - found.tilt[0] < np.pi - 1e-9:
         found = endpoint_ellipses(ARM, HAND, [0.1, 0.45])
     assert found.tilt[1] - found.tilt[0] == pytest.approx(np.pi)
-    feasible = feasible_targets(ARM, found.q, endpoint=HAND)
+    feasible = feasible_targets(ARM, found.q, stiffness=Stiffness(endpoint=HAND))
     difference = {"Kx11": 1.0, "Kx22": -1.0}
     low, high = feasible.interval(difference, {"T1": 0.0, "T2": 0.0, "Kx12": 0.0})
     assert low < 0 < high

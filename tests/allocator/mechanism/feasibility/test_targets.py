@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from allocator import InvalidInput, report_joint, stiffness_interval, torque_interval
+from allocator import InvalidInput, Limits, Stiffness, report_joint, stiffness_interval, torque_interval
 from allocator.mechanism import (
     Endpoint,
     Mechanism,
@@ -54,7 +54,7 @@ def values(name, mechanism, q, P, endpoint=None, force=(0.0, 0.0)):
     ],
 )
 def test_the_polygon_is_the_hull_of_all_corners_of_the_box(mechanism, q, x, y):
-    hand = {"endpoint": HAND, "force": FORCE} if "x" in x else {}
+    hand = {"stiffness": Stiffness(endpoint=HAND, force=FORCE)} if "x" in x else {}
     found = feasible_targets(mechanism, q, **hand)
     polygon, P = found.polygon(x, y), corners(mechanism, q)
     points = np.stack([values(name, mechanism, q, P, HAND, FORCE) for name in (x, y)], axis=1)
@@ -130,7 +130,7 @@ def test_the_support_function_bounds_and_its_pressures_attain():
 
 
 def test_intervals_are_the_ends_of_polygons():
-    found = feasible_targets(ARM, Q, endpoint=HAND)
+    found = feasible_targets(ARM, Q, stiffness=Stiffness(endpoint=HAND))
     held = {"T1": 2.0, "T2": 1.0}
     polygon = found.polygon("K12", "Kx11", held)
     assert found.interval("K12", held) == pytest.approx((polygon.vertices[:, 0].min(), polygon.vertices[:, 0].max()))
@@ -161,7 +161,7 @@ def test_a_line_and_a_point_are_polygons_too():
 
 
 def test_where_nothing_exists_polygons_are_empty():
-    found = feasible_targets(ARM, Q, min_force=3000.0)
+    found = feasible_targets(ARM, Q, limits=Limits(min_force=3000.0))
     assert not found.exists
     polygon = found.polygon("K11", "K22")
     assert polygon.vertices.shape == (0, 2)
@@ -173,7 +173,12 @@ def test_tighter_limits_leave_less():
     now = np.full(6, 2.5 * BAR)
     area = [
         feasible_targets(ARM, Q, **options).polygon("K11", "K22").area
-        for options in ({}, {"min_force": 60.0}, {"previous": now, "max_step": 0.5 * BAR}, {"max_force": 200.0})
+        for options in (
+            {},
+            {"limits": Limits(min_force=60.0)},
+            {"limits": Limits(previous=now, max_step=0.5 * BAR)},
+            {"limits": Limits(max_force=200.0)},
+        )
     ]
     assert area[0] > max(area[1:]) > 0
 
@@ -185,10 +190,12 @@ def test_tighter_limits_leave_less():
         (lambda: feasible_targets(ARM, np.zeros((3, 2))), r"q has the shape \(3, 2\); .* one posture \(2,\)"),
         (lambda: feasible_targets(ARM, [1.5, 0.0]), "beyond the range of shoulder"),
         (
-            lambda: feasible_targets(LEG, [0.3, -0.2, 0.1], endpoint=Endpoint.planar([0.3, 0.3, 0.1])),
+            lambda: feasible_targets(
+                LEG, [0.3, -0.2, 0.1], stiffness=Stiffness(endpoint=Endpoint.planar([0.3, 0.3, 0.1]))
+            ),
             "no affine function",
         ),
-        (lambda: feasible_targets(ARM, [0.3, 0.0], endpoint=HAND), "Jacobian is singular"),
+        (lambda: feasible_targets(ARM, [0.3, 0.0], stiffness=Stiffness(endpoint=HAND)), "Jacobian is singular"),
         (lambda: feasible_targets(ARM, Q).polygon("K13", "K22"), "no target 'K13'; .* T1 … T2, K11 … K22 .*Kx needs"),
         (lambda: feasible_targets(ARM, Q).polygon("K1", "K22"), "no target 'K1'"),
         (lambda: feasible_targets(ARM, Q).polygon("K12", "K21"), "K12 and K21 are the same"),

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from allocator import InvalidInput
-from allocator.errors import InvalidFile
 from mpc.model.arm.bodies import BODIES, Bodies
 
 CROOKED = Bodies(
@@ -78,14 +77,6 @@ def test_the_endpoint_is_where_trigonometry_puts_it():
     bodies = BODIES["arm26"]()
     points = bodies.points(np.array([np.pi / 2, -np.pi / 2]))
     np.testing.assert_allclose(points, [[0, 0], [0, 0.31], [0.34, 0.31]], atol=1e-15)
-
-
-def test_bodies_come_back_from_a_file(tmp_path):
-    CROOKED.save(tmp_path / "bodies.toml")
-    assert Bodies.load(tmp_path / "bodies.toml") == CROOKED
-    (tmp_path / "other.toml").write_text("[bodies]\nlength = [1.0]\nmasses = [1.0]\n")
-    with pytest.raises(InvalidFile, match="has no masses"):
-        Bodies.load(tmp_path / "other.toml")
 
 
 @pytest.mark.parametrize(
