@@ -56,7 +56,7 @@ def test_options_change_all_muscles_and_say_which_stiffness_is_meant():
     arm, weak = machines.arm26(), named_muscle("sarosi-dmsp-20-200n")
     routes = Pulleys(0.3, arm.routes.arms, 0.12)
     other = replace(arm, routes=routes, muscles=(weak,) * 6, pressure_limits=(0.0, 6 * BAR))
-    a = allocate_mechanism(other, np.array([10, 20]) * DEG, [15.0, 12.0], valves="shut")
+    a = allocate_mechanism(other, np.array([10, 20]) * DEG, [15.0, 12.0], stiffness=Stiffness("shut"))
     assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
     assert "shut stiffness given" in " ".join(run(*ARM, *asked[:-1], *changed).stdout.split())
 
