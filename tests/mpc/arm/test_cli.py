@@ -5,9 +5,9 @@ import csv
 import pytest
 from typer.testing import CliRunner
 
-from mpc.arm.trials import reference as references
 from mpc.cli import app
 from mpc.tracking.qp.step import SlowStep
+from mpc.trials import arm_trajectories as references
 
 
 def run(*options):
