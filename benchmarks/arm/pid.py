@@ -69,17 +69,3 @@ class ArmPID:
         u = self._last[None].copy()
         states, K = np.stack([x, x]), np.tile(np.eye(n), (2, 1, 1))
         return Plan(u, states, K, PlanStatus.CLOSED_FORM, Rung.ALLOCATION, 0.0, Times(0.0, 0.0, 0.0, 0.0, 0.0))
-
-
-class Readings:
-    """No observer: the readings, with velocities that the PID does not use."""
-
-    def __init__(self, arm: Arm) -> None:
-        self._n = arm.n
-
-    def reset(self) -> None:
-        """Nothing is remembered."""
-
-    def estimate(self, q: Array, P: Array, u: Array) -> tuple[Array, Array]:
-        """What was read."""
-        return np.concatenate([q, np.zeros(self._n), P]), np.zeros(self._n)
