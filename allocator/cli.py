@@ -21,7 +21,7 @@ from allocator.shell.stiffness_options import StiffnessOptions
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from allocator.allocation import Allocation
+    from allocator.allocation.pair import PairAllocation
 
 _NOT_MET = 3  # exit code
 
@@ -103,14 +103,14 @@ def allocate(
     finite("--theta", theta, "degrees")
     if abs(theta) > 360:
         raise InvalidInput(f"theta = {theta:g}° is over a turn")
-    found = solve(
+    found = solve(  # type: ignore[call-overload]  # the words are checked there
         theta * DEG,
         _one("--stiffness", stiffness, "N·m/rad"),
         _one("--torque", torque, "N·m"),
         joint=options.build(),
-        method=Method(method, solver=solver),  # type: ignore[arg-type]  # checked there
-        priority=priority,  # type: ignore[arg-type]  # checked there
-        limits=Limits(min_force=min_force),
+        method=Method.of(method)._replace(solver=solver),
+        priority=priority,
+        limits=Limits(min_force),
         stiffness=Stiffness(stiffness_options.kind(options.joint)),
     )
     if as_json:
@@ -129,7 +129,7 @@ def _one(option: str, text: str, unit: str) -> float:
         raise InvalidInput(f"{option} {text}: expected one number [{unit}]") from None
 
 
-def _values(a: "Allocation") -> dict[str, Any]:
+def _values(a: "PairAllocation") -> dict[str, Any]:
     """Return what `--json` prints."""
     return a.to_dict() | {
         "limits": a.active,
@@ -148,7 +148,7 @@ def _values(a: "Allocation") -> dict[str, Any]:
     }
 
 
-def _print(found: "Allocation") -> None:
+def _print(found: "PairAllocation") -> None:
     from rich.console import Console
 
     console = Console()
@@ -156,7 +156,7 @@ def _print(found: "Allocation") -> None:
     say(console, found.message)
 
 
-def _table(a: "Allocation") -> "Table":
+def _table(a: "PairAllocation") -> "Table":
     from rich.table import Table
     from rich.text import Text
 

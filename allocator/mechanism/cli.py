@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from allocator.allocation import allocate
 from allocator.errors import InvalidInput
 from allocator.presentation.tables import number
 from allocator.shell.mechanism_options import MechanismOptions
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from allocator.mechanism.at_least import AtLeast
     from allocator.mechanism.endpoint import Endpoint
     from allocator.mechanism.mechanism import Mechanism
-    from allocator.mechanism.result import MechanismAllocation
+    from allocator.mechanism.result import BoxAllocation
 
 
 def answer(
@@ -27,12 +28,11 @@ def answer(
 
     Numbers come as text, joint by joint with commas: `torque` [N·m], one number for all joints or n of them, and
     `stiffness` [N·m/rad], or of a hand [N/m], one number, a diagonal (n) or the matrix's upper triangle, row by row.
-    `asked` goes to `allocate_mechanism`. Raises `InvalidInput` and `MissingBackend`.
+    `asked` goes to `allocate`. Raises `InvalidInput` and `MissingBackend`.
     """
     from allocator.allocation.method import Method
     from allocator.joint.limits import Limits
     from allocator.mechanism.at_least import allocate_at_least
-    from allocator.mechanism.entry import allocate_mechanism
 
     mechanism, hand = chosen(options)
     q, n = posture(options, mechanism), mechanism.n if hand is None else hand.endpoint.dim
@@ -43,15 +43,13 @@ def answer(
         "--stiffness", stiffness, unit, each | {n * (n + 1) // 2: "the upper triangle of the matrix, row by row"}
     )
     at: dict[str, Any] = {"limits": Limits(asked["min_force"]), "stiffness": stiffness_of(hand)}
-    found: MechanismAllocation | AtLeast
+    found: BoxAllocation | AtLeast
     if at_least:
         _check_at_least(asked)
         found = allocate_at_least(mechanism, q, _stiffness(text, n), T, **at)
     else:
         method = Method(asked["method"], solver=asked["solver"])
-        found = allocate_mechanism(
-            mechanism, q, _stiffness(text, n), T, priority=asked["priority"], method=method, **at
-        )
+        found = allocate(q, _stiffness(text, n), T, joint=mechanism, priority=asked["priority"], method=method, **at)
     if as_json:
         print_json(_values(found))
     else:
@@ -150,7 +148,7 @@ def _stiffness(K: list[float], size: int) -> Any:
     return matrix
 
 
-def _values(found: "MechanismAllocation | AtLeast") -> dict[str, Any]:
+def _values(found: "BoxAllocation | AtLeast") -> dict[str, Any]:
     """Return what `--json` prints."""
     from allocator.mechanism.at_least import AtLeast
 
@@ -172,7 +170,7 @@ def _values(found: "MechanismAllocation | AtLeast") -> dict[str, Any]:
     return values | {"separating_direction": d, "separating_reach": reach, "separating_asked": asked}
 
 
-def _print(found: "MechanismAllocation | AtLeast") -> None:
+def _print(found: "BoxAllocation | AtLeast") -> None:
     from rich.console import Console
     from rich.table import Table
 

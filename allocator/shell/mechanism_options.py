@@ -45,7 +45,7 @@ class MechanismOptions:
         if stiffness != StiffnessOptions():
             raise InvalidInput(
                 "--valves, --frequency and --lag are of a joint: with a mechanism K is isobaric here; "
-                "allocate_mechanism() in Python takes valves, frequency and lag, too"
+                "allocate() in Python takes valves, frequency and lag, too"
             )
         if joint != JointOptions():
             raise InvalidInput(

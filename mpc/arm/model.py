@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
+from allocator.allocation import allocate
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Gas, Stiffness
@@ -192,14 +193,12 @@ class Arm:
 
     def at_rest(self, q: ArrayLike, K: ArrayLike, min_force: float = 0.0) -> Array:
         """Return the state (2n + m,) in equilibrium at `q` (n,) [rad], as stiff as `K` (k, k) if the arm can be."""
-        from allocator.mechanism import allocate_mechanism
-
         posture = self.mechanism.posture(q)
-        held = allocate_mechanism(
-            self.mechanism,
+        held = allocate(
             posture,
             K,
             self.bodies.gravity_torque(posture),
+            joint=self.mechanism,
             limits=Limits(min_force=min_force),
             stiffness=Stiffness(endpoint=self.endpoint),
         )

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from allocator.allocation import allocate
 from allocator.calculus import Array
 from allocator.joint.gas import Stiffness
 from allocator.joint.limits import Limits
-from allocator.mechanism import allocate_mechanism, warm_up
+from allocator.mechanism import warm_up
 from mpc.arm.model import Arm
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.plan import Moved
@@ -49,11 +50,11 @@ class ArmInverseDynamics:
         q = np.clip(asked, *arm.angle_limits)
         omega, alpha = (D @ q for D in self.slopes)
         T = arm.bodies.torque_for(q, omega, alpha) - d
-        held = allocate_mechanism(
-            arm.mechanism,
+        held = allocate(
             q,
             K,
             T,
+            joint=arm.mechanism,
             limits=Limits(min_force=self.min_force),
             along=0,
             stiffness=Stiffness(endpoint=arm.endpoint),

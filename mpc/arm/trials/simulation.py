@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator.allocation import allocate
 from allocator.calculus import Array
 from allocator.joint.gas import Stiffness
-from allocator.mechanism import allocate_mechanism
 from mpc.arm.model import Arm
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.tracking.observer import ArmObserver
@@ -142,7 +142,7 @@ def begin(plant: MujocoPlant, arm: Arm, reference: ArmReference, seed: int = 0, 
     omega = (-1.5 * q[0] + 2 * q[1] - 0.5 * q[2]) / _DIFFERENCE if caught else np.zeros(arm.n)
     alpha = (q[0] - 2 * q[1] + q[2]) / _DIFFERENCE**2 if caught else np.zeros(arm.n)
     torque = arm.bodies.torque_for(q[0], omega, alpha)
-    held = allocate_mechanism(arm.mechanism, q[0], K[0], torque, stiffness=Stiffness(endpoint=arm.endpoint))
+    held = allocate(q[0], K[0], torque, joint=arm.mechanism, stiffness=Stiffness(endpoint=arm.endpoint))
     plant.reset(q[0], held.P, omega=omega, seed=seed)
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import InvalidInput, Stiffness
+from allocator import InvalidInput, Stiffness, allocate
 from allocator.cli import app
-from allocator.mechanism import Endpoint, allocate_mechanism, feasible_targets, machines, save_mechanism
+from allocator.mechanism import Endpoint, feasible_targets, machines, save_mechanism
 from allocator.units import BAR, DEG
 
 ARM = ("allocate", "--mechanism", "arm26")
@@ -23,7 +23,7 @@ def test_the_answer_is_that_of_python():
     assert done.exit_code == 0
     printed = json.loads(done.stdout)
     K = [[10.17, 3.98], [3.98, 8.76]]
-    a = allocate_mechanism(machines.arm26(), np.array([23, -17]) * DEG, K, [9.36, 4.09])
+    a = allocate(np.array([23, -17]) * DEG, K, [9.36, 4.09], joint=machines.arm26())
     assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-12)
     assert printed["status"] == "EXACT"
     assert printed["met"]
@@ -90,7 +90,7 @@ def test_the_stiffness_of_a_hand_is_that_of_python():
     hand = Endpoint.planar([0.3, 0.25], np.array([45, 90]) * DEG)
     q = np.array([5, 10]) * DEG
     asked = {"stiffness": Stiffness(endpoint=hand, force=[2.0, -1.0])}
-    a = allocate_mechanism(machines.arm26(), q, [[80.0, 5.0], [5.0, 150.0]], [0.5, 0.0], **asked)
+    a = allocate(q, [[80.0, 5.0], [5.0, 150.0]], [0.5, 0.0], joint=machines.arm26(), **asked)
     assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
     assert np.ravel(printed["endpoint_stiffness_N_per_m"]) == pytest.approx([80.0, 5.0, 5.0, 150.0])
     assert printed["position_m"] == pytest.approx(hand.position(q))
