@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
+from allocator.allocation import allocate
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Gas, Stiffness
 from allocator.joint.limits import Limits
-from allocator.mechanism import Mechanism, allocate_mechanism, machines, warm_up
+from allocator.mechanism import Mechanism, machines, warm_up
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.muscles import Muscle
 from allocator.units import BAR
@@ -230,11 +231,11 @@ class Arm:
 
     def held(self, theta: Array, K: Array, T: Array, min_force: float) -> Held:
         """Return the pressures along a motion: angles (M, n), stiffness (M, k, k) and torques (M, n)."""
-        found = allocate_mechanism(
-            self.mechanism,
+        found = allocate(
             theta,
             K,
             T,
+            joint=self.mechanism,
             limits=Limits(min_force),
             stiffness=Stiffness(endpoint=self.endpoint),
             along=0 if len(theta) > 1 else None,
