@@ -65,14 +65,9 @@ class Belief(NamedTuple):
     covariance: Array  # (5, 5)
 
     @classmethod
-    def of(cls, flat: Array) -> Self:
-        """Return a belief from its numbers (30,), copied."""
-        return cls(flat[: NX + 1].copy(), flat[NX + 1 :].reshape(NX + 1, NX + 1).copy())
-
-    @property
-    def flat(self) -> Array:
-        """Return its numbers (30,), ξ before the covariance, row by row."""
-        return np.append(self.xi, self.covariance)
+    def of(cls, other: Any) -> Self:
+        """Return a copy of what has the same names."""
+        return cls(other.xi.copy(), other.covariance.copy())
 
     @property
     def sound(self) -> bool:
