@@ -13,7 +13,6 @@ slope there is continued: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the neare
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import isqrt
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -69,15 +68,9 @@ class Belief(NamedTuple):
     covariance: Array  # (3n + m, 3n + m)
 
     @classmethod
-    def of(cls, flat: Array) -> Self:
-        """Return a belief from its numbers, copied: s of ξ and s² of its covariance."""
-        s = isqrt(flat.size)
-        return cls(flat[:s].copy(), flat[s:].reshape(s, s).copy())
-
-    @property
-    def flat(self) -> Array:
-        """Return its numbers, ξ before the covariance, row by row."""
-        return np.append(self.xi, self.covariance)
+    def of(cls, other: Any) -> Self:
+        """Return a copy of what has the same names."""
+        return cls(other.xi.copy(), other.covariance.copy())
 
     @property
     def sound(self) -> bool:
