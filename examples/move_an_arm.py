@@ -8,16 +8,15 @@ import numpy as np
 
 from allocator.mechanism import Mechanism, Pulleys
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.trials.files import save_arm_run
-from mpc.arm.trials.metrics import arm_metrics
-from mpc.arm.trials.plotting import save_arm_figure
-from mpc.arm.trials.reference import ArmReference
-from mpc.arm.trials.simulation import simulate_arm
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
+from mpc.trials.files import save_run
+from mpc.trials.metrics import metrics
+from mpc.trials.plotting import save_tracking_figure
+from mpc.trials.reference import Reference
+from mpc.trials.simulation import simulate
 
 ARMS = [[0.02, 0.0], [-0.02, 0.0], [0.0, 0.02], [0.0, -0.02], [0.02, 0.015], [-0.02, -0.015]]  # [m], a row a muscle
 STIFFNESS = np.array([[12.0, 4.6], [4.6, 9.5]])  # [N·m/rad]
@@ -35,13 +34,12 @@ def main() -> None:
     mechanism = Mechanism(Pulleys(0.40, ARMS, 0.1375), SAROSI_DMSP_20_400N, angle_limits=limits)
     bodies = Bodies.rods(length=(0.31, 0.34), mass=(1.2, 0.8), damping=0.25)
     arm = Arm(mechanism, bodies, lag=0.1, slew=5e5)  # lag of the regulators [s], slew [Pa/s]
-    plant = MujocoPlant(to_mjcf(mechanism, bodies), mechanism.muscles, lag=0.1, slew=5e5)
-    run = simulate_arm(plant, arm, TrackingMPC(arm), ArmReference("reach", 2.5, reach))
-    figures = arm_metrics(run)
-    print(f"angle RMS {figures.angle_rms.round(4)}°, worst {figures.angle_worst.round(3)}°")
+    run = simulate(MujocoPlant.of(arm), TrackingMPC(arm), Reference.of("reach", 2.5, reach))
+    figures = metrics(run)
+    print(f"angle RMS {figures.theta_rms.round(4)}°, worst {figures.theta_worst.round(3)}°")
     print(f"stiffness RMS {figures.K_rms.max():.3g} N·m/rad, limits kept: {figures.limits_kept}")
-    save_arm_run(run, "arm.csv")
-    save_arm_figure(run, "arm.png")
+    save_run(run, "arm.csv")
+    save_tracking_figure(run, "arm.png")
 
 
 if __name__ == "__main__":

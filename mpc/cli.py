@@ -26,7 +26,7 @@ from mpc.explorer.cli import explore
 from mpc.export.cli import export_app
 from mpc.export.serial.cli import bench_check_command
 from mpc.identification.cli import fit_motion_command
-from mpc.plant_cli import PlantOptions, init_command
+from mpc.plant_cli import LoopOptions, PlantOptions, init_command
 from mpc.trials.trajectories import TRAJECTORIES
 
 if TYPE_CHECKING:
@@ -62,6 +62,7 @@ _EPILOG = "\n\n".join(
 @grouped
 def track(
     options: PlantOptions,
+    at: LoopOptions,
     more: ArmOptions,
     trajectory: Annotated[
         str | None,
@@ -78,14 +79,6 @@ def track(
             "of several joints also .gif; may be repeated"
         ),
     ] = None,
-    stiffness: Annotated[
-        float | None,
-        typer.Option(
-            help="K about which a standard trajectory runs [N·m/rad]; without it the middle of what the joint has"
-        ),
-    ] = None,
-    dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01,
-    horizon: Annotated[int, typer.Option(help="samples that mpc and nmpc look ahead")] = 20,
     solver: Annotated[
         str | None,
         typer.Option(help="of mpc: riccati (default), daqp or one of qpsolvers, e.g. osqp; of nmpc: ipopt, fatrop"),
@@ -139,21 +132,29 @@ def track(
     files = files_of_run(out or [Path()], _OF_SEVERAL if several else _SUFFIXES, own)
     claim(*files, inputs=(trajectory, *options.files), force=force, own=own)
     if several:
-        _refuse(stiffness=stiffness, solver=solver, observer=observer, controller=None if controller == _MPC else 0)
+        _refuse(stiffness=at.stiffness, solver=solver, observer=observer, controller=None if controller == _MPC else 0)
         track_arm(
-            options, more, trajectory or _CIRCLE, files, plant=plant, payload=payload, dt=dt, horizon=horizon, seed=seed
+            options,
+            more,
+            trajectory or _CIRCLE,
+            files,
+            plant=plant,
+            payload=payload,
+            dt=at.dt,
+            horizon=at.horizon,
+            seed=seed,
         )
         _show(files if show else [])
         return
     if more != ArmOptions():
         raise InvalidInput("--stiffness-of, --hand and --view go with a --machine of several joints")
     nominal = options.plant(**({"lag": _REAL_LAG} if plant == _REAL else {}))
-    reference = reference_called(trajectory, stiffness, nominal)
-    reference.samples(dt)  # before anything is built
+    reference = reference_called(trajectory, at.stiffness, nominal)
+    reference.samples(at.dt)  # before anything is built
     half_way = float(reference.t[-1] - reference.t[0]) / 2
     known = options.compensation()
     tested, settings = _tested(plant, nominal, known, ((half_way, payload),) if payload else ())
-    settings = settings._replace(dt=dt, N=horizon, solver=solver, wait=wait)
+    settings = settings._replace(dt=at.dt, N=at.horizon, solver=solver, wait=wait)
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
     with Console(stderr=True).status("building the controller"):

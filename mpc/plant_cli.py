@@ -138,6 +138,22 @@ class PlantOptions(MachineOptions):
         return tuple(lags) if len(lags) == m else tuple(lags * m)
 
 
+@dataclass(frozen=True)
+class LoopOptions:
+    """The options are those of every loop along a trajectory."""
+
+    PANEL: ClassVar[str] = "The loop"
+
+    stiffness: Annotated[
+        float | None,
+        typer.Option(
+            help="K about which a standard trajectory runs [N·m/rad]; without it the middle of what the joint has"
+        ),
+    ] = None
+    dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01
+    horizon: Annotated[int, typer.Option(help="samples that mpc and nmpc look ahead")] = 20
+
+
 def init_command(
     file: Annotated[Path, typer.Argument(help="the TOML file to write, e.g. joint.toml")],
     machine: Annotated[

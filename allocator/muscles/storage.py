@@ -136,7 +136,7 @@ def _model(cls: type[M], table: Table) -> type[M]:
     return model
 
 
-def _compare(table: Table, model: type[Muscle], given: Mapping[str, Any]) -> None:
+def _compare(table: Table, model: type[Muscle], given: Mapping[str, object]) -> None:
     """Refuse missing and surplus parameters."""
     wanted = model.number_fields()
     if missing := [name for name in wanted if name not in given]:

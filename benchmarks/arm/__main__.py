@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from benchmarks.arm import nominal, rough, scaling
 from benchmarks.arm.cases import ARMS, plant
-from mpc.arm.trials.reference import circle
-from mpc.arm.trials.simulation import simulate_arm
 from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
+from mpc.trials.arm_trajectories import circle
+from mpc.trials.simulation import in_motion, simulate
 
 RESULTS = Path(__file__).parents[1] / "results"
 NAME = "arm"
@@ -34,7 +34,8 @@ def nominal_lines(name: str, turns: float, rests: int, rounds: int) -> list[Line
     """The plant is as the model says; the time of arm26 is what was asked for."""
     arm = Arm.machine(name)
     controller = TrackingMPC(arm)
-    found = nominal.tracking(simulate_arm(plant(arm), arm, controller, circle(arm, turns=turns)))
+    asked = circle(arm, turns=turns)
+    found = nominal.tracking(simulate(plant(arm), controller, asked, x0=in_motion(arm, asked)))
     off, missed = nominal.pushed(arm, controller, rests)
     lines = [
         Line(name, "angle RMS [°]", found.angle, 0.03),
@@ -58,7 +59,8 @@ def gas_lines(name: str, turns: float) -> list[Line]:
     """The circle at 1 Hz on a plant with gas, which the controller knows or not; it is told, and not asked for."""
     arm, lines = Arm.machine(name), []
     for what, known in (("known", replace(arm, gas=True)), ("not known", arm)):
-        run = simulate_arm(plant(arm, gas=True), known, TrackingMPC(known), circle(arm, frequency=1.0, turns=turns))
+        asked = circle(arm, frequency=1.0, turns=turns)
+        run = simulate(plant(known, gas=True), TrackingMPC(known), asked, x0=in_motion(known, asked))
         found = nominal.tracking(run)
         lines.append(Line(name, f"1 Hz, gas in the plant, {what}: angle RMS [°]", found.angle))
         lines.append(Line(name, f"1 Hz, gas in the plant, {what}: stiffness RMS [N·m/rad]", found.stiffness))

@@ -6,7 +6,6 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
-from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.model.arm.model import Arm
 
@@ -20,8 +19,7 @@ ARRIVES = 2.0  # [s] after the beginning
 
 def plant(arm: Arm, **effects: Any) -> MujocoPlant:
     """An arm's bodies and tendons on MuJoCo, with effects that its model does not know."""
-    text = to_mjcf(arm.mechanism, arm.bodies)
-    return MujocoPlant(text, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, **effects)
+    return MujocoPlant.of(arm, **effects)
 
 
 def rough_plant(arm: Arm, seed: int = 0, off: float = 0.05) -> MujocoPlant:

@@ -10,12 +10,13 @@ from allocator.calculus import Array
 from allocator.units import DEG
 from benchmarks.arm.cases import plant
 from benchmarks.arm.ipopt import IPOPTStep, nonlinear, weighted
-from mpc.arm.trials.reference import ArmReference, circle
-from mpc.arm.trials.simulation import ArmRun, simulate_arm
 from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.plan import Rung
+from mpc.trials.arm_trajectories import circle
+from mpc.trials.reference import Reference
+from mpc.trials.simulation import Run, in_motion, simulate
 
 SETTLING = 50  # samples that do not count
 
@@ -31,12 +32,12 @@ class Tracking:
     on_qp: float  # share of the steps
 
 
-def tracking(run: ArmRun) -> Tracking:
-    error, K = (run.q - run.q_ref)[SETTLING:] / DEG, (run.K - run.K_ref)[SETTLING:]
-    (low, high), (left, right) = run.arm.mechanism.pressure_limits, run.arm.angle_limits
+def tracking(run: Run) -> Tracking:
+    error, K = (run.theta - run.theta_ref)[SETTLING:] / DEG, (run.K - run.K_ref)[SETTLING:]
+    (low, high), (left, right) = run.plant.pressure_limits, run.plant.angle_limits
     step = np.abs(np.diff(run.u, axis=0)).max()
-    kept = (low <= run.u).all() and (run.u <= high).all() and step <= run.arm.slew * run.dt * (1 + 1e-12)
-    kept = kept and (left <= run.q).all() and (run.q <= right).all() and (run.forces > 0).all()
+    kept = (low <= run.u).all() and (run.u <= high).all() and step <= run.plant.slew * run.dt * (1 + 1e-12)
+    kept = kept and (left <= run.theta).all() and (run.theta <= right).all() and (run.forces > 0).all()
     return Tracking(
         float(np.sqrt(np.mean(error**2, axis=0)).max()),
         float(np.abs(error).max()),
@@ -57,7 +58,8 @@ class Times:
 
 def times(arm: Arm, controller: TrackingMPC, turns: float = 1.0, rounds: int = 3) -> Times:
     asked, tested = circle(arm, turns=turns), plant(arm)
-    runs = [simulate_arm(tested, arm, controller, asked).step_time for _ in range(rounds)]
+    x0 = in_motion(arm, asked)
+    runs = [simulate(tested, controller, asked, x0=x0).step_time for _ in range(rounds)]
     least = 1e6 * np.min(runs, axis=0)
     return Times(float(np.median(least)), float(np.percentile(least, 99)), float(least.max()))
 
@@ -70,10 +72,9 @@ def pushed(arm: Arm, controller: TrackingMPC, rests: int = 5) -> tuple[float, fl
     rng, tested, off, missed = np.random.default_rng(3), plant(arm), 0.0, 0.0
     about = circle(arm)
     for _ in range(rests):
-        moment = rng.uniform(0, about.duration, 1)
-        q, K = (part[0] for part in about.sampled(moment))
-        held = ArmReference("rest", 1.0, lambda t, q=q, K=K: (np.tile(q, (t.size, 1)), np.tile(K, (t.size, 1, 1))))
-        simulate_arm(tested, arm, controller, held, caught=False)
+        k = int(rng.uniform(0, about.duration / (about.t[1] - about.t[0])))
+        q, K = about.theta[k], about.K[k]
+        simulate(tested, controller, Reference([0.0, 1.0], [q, q], [K, K]))
         rest = tested.settle()
         measured = tested.pushed_stiffness() - arm.bodies.gravity_stiffness(rest)
         off = max(off, np.abs(measured - arm.mechanism.stiffness(rest, tested.P)).max())
@@ -120,18 +121,18 @@ def rival(arm: Arm, turns: float = 0.5, **settings: Any) -> Rival:
     step: Any = theirs._qp_step
     assert isinstance(step, IPOPTStep)
     both = Beside(ours, theirs)
-    run = simulate_arm(tested, arm, both, asked, caught=False)
+    run = simulate(tested, both, asked)
     step.failures = 0
-    other = simulate_arm(tested, arm, theirs, asked, caught=False)
+    other = simulate(tested, theirs, asked)
     own, rivals = (np.median(took) for took in both.times)
     costs = [closed_loop_cost(done, ours) for done in (run, other)]
     apart = float(np.abs(run.u - other.u).max())
     return Rival(float(rivals / own), float(1e3 * rivals), costs[0] / costs[1] - 1, apart, step.failures)
 
 
-def closed_loop_cost(run: ArmRun, controller: TrackingMPC) -> float:
+def closed_loop_cost(run: Run, controller: TrackingMPC) -> float:
     """What the controller's cost charges for what happened, sample by sample."""
-    arm, rows, N = run.arm, controller.problem.rows, controller.N
+    arm, rows, N = run.plant, controller.problem.rows, controller.N
     inverse = InverseDynamics(arm, run.dt, N, controller.min_force)
     asked = controller_reference(run)
     total, e_before = 0.0, None
@@ -147,11 +148,11 @@ def closed_loop_cost(run: ArmRun, controller: TrackingMPC) -> float:
     return total
 
 
-def controller_reference(run: ArmRun) -> Any:
+def controller_reference(run: Run) -> Any:
     """The previews that the controller had; beyond the run's end the circle goes on."""
-    swing = circle(run.arm)
+    swing = circle(run.plant).resampled(run.dt)
 
     def at(k: int, N: int) -> tuple[Array, Array]:
-        return swing.sampled(run.dt * np.arange(k, k + N + 1))
+        return swing.preview(k, N)
 
     return at

@@ -17,15 +17,16 @@ from scipy.optimize import minimize
 
 from allocator.units import BAR, DEG
 from benchmarks.arm.cases import ARRIVES, DEAD_TIME, DT, load, rough_plant
-from benchmarks.arm.pid import ArmPID, Gains, Readings
-from mpc.arm.tracking.observer import ArmObserver
-from mpc.arm.trials.reference import circle, reach
-from mpc.arm.trials.simulation import ArmRun, simulate_arm
+from benchmarks.arm.pid import ArmPID, Gains
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
+from mpc.observer.base import Differentiator
 from mpc.observer.filter import Noise
+from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
+from mpc.trials.arm_trajectories import circle, reach
+from mpc.trials.simulation import Run, in_motion, simulate
 
 TUNED_ON, JUDGED_ON = (11,), (1, 2, 3)
 _FINDING = 1.0  # [s] at the beginning and after the load arrives, in which it has to be found out
@@ -44,8 +45,8 @@ class Figures:
     rate: float  # RMS of the commands' rate there [bar/s]
 
 
-def figures(runs: tuple[ArmRun, ArmRun]) -> Figures:
-    errors = [(run.q - run.q_ref) / DEG for run in runs]
+def figures(runs: tuple[Run, Run]) -> Figures:
+    errors = [(run.theta - run.theta_ref) / DEG for run in runs]
     finding = [(run.t < _FINDING) | ((run.t >= ARRIVES) & (run.t < ARRIVES + _FINDING)) for run in runs]
     loaded = [(run.t >= ARRIVES) & (run.t < ARRIVES + _FINDING) for run in runs]
 
@@ -77,16 +78,14 @@ def mpc(arm: Arm, theta: float, omega: float, rate: float, d_walk: float, pressu
     """The MPC with errors of angle [°], velocity [°/s] and rate [bar/s] that cost ½, and the observer's walks."""
     weights = Weights(theta=1 / (theta * DEG) ** 2, omega=1 / (omega * DEG) ** 2, rate=1 / (rate * BAR) ** 2)
     noise = Noise(theta=0.02 * DEG / 12**0.5, d_walk=d_walk, pressure_walk=pressure_walk * BAR)
-    return Loop(
-        TrackingMPC(arm, N=N, weights=weights, compensation=Compensation(dead_time=DEAD_TIME)),
-        ArmObserver(arm, DT, noise, DEAD_TIME),
-    )
+    known = Compensation(dead_time=DEAD_TIME)
+    return Loop(TrackingMPC(arm, N=N, weights=weights, compensation=known), KalmanObserver(arm, DT, noise, known))
 
 
 def pid(arm: Arm, **gains: float) -> Loop:
     """PIDs with gains P1, I1, D1, P2, …"""
     rows = (np.array([gains[f"{letter}{i + 1}"] for i in range(arm.n)]) for letter in "PID")
-    return Loop(ArmPID(arm, DT, Gains(*rows), DEAD_TIME), Readings(arm))
+    return Loop(ArmPID(arm, DT, Gains(*rows), DEAD_TIME), Differentiator(DT, arm.n))
 
 
 MPC = {"theta": 0.08, "omega": 10.0, "rate": 1.0, "d_walk": 1.9, "pressure_walk": 0.07}
@@ -118,12 +117,13 @@ TUNED: dict[tuple[str, str], dict[str, float]] = {
 """The numbers that it found, by controller and arm; the MPC of arm48 has those of arm26."""
 
 
-def runs(arm: Arm, loop: Loop, seed: int) -> tuple[ArmRun, ArmRun]:
+def runs(arm: Arm, loop: Loop, seed: int) -> tuple[Run, Run]:
     """The circle and the reach on one plant."""
     tested = rough_plant(arm, seed)
     done = [
-        simulate_arm(tested, arm, loop.controller, asked, observer=loop.observer, load=load(arm), seed=seed)
+        simulate(tested, loop.controller, asked, x0=x0, observer=loop.observer, load=load(arm), seed=seed)
         for asked in (circle(arm, turns=2), reach(arm))
+        for x0 in (in_motion(arm, asked),)
     ]
     return done[0], done[1]
 

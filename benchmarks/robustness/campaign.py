@@ -119,13 +119,9 @@ class StormyPlant:
         """An experiment from `x0` (4,)."""
         return StormyExperiment(self.real.begin(dt, x0, seed), list(self.hits), np.random.default_rng(seed))
 
-    def stiffness(self, x: object) -> object:
-        """True isobaric stiffness [N·m/rad]."""
-        return self.real.stiffness(x)
-
-    def forces(self, x: object) -> object:
-        """True muscle forces [N]."""
-        return self.real.forces(x)
+    def along(self, x: Array) -> tuple[Array, Array]:
+        """True isobaric stiffness [N·m/rad] and muscle forces [N]."""
+        return self.real.along(x)
 
 
 def loop(real: RealPlant) -> tuple[TrackingMPC, KalmanObserver]:

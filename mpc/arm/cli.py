@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
     from allocator.mechanism.endpoint import Endpoint
     from mpc.arm.mujoco_plant import MujocoPlant
-    from mpc.arm.trials.metrics import ArmMetrics
-    from mpc.arm.trials.simulation import ArmRun
     from mpc.model.arm.model import Arm
     from mpc.plant_cli import PlantOptions
+    from mpc.trials.metrics import Metrics
+    from mpc.trials.simulation import Run
 
 _FILMS = (".gif", ".mp4")
 _NOMINAL, _REAL = "nominal", "real"
@@ -64,10 +64,10 @@ def track_arm(
     """Let an arm of pneumatic muscles follow angles and a stiffness matrix on MuJoCo, film it, and say how it went."""
     from rich.console import Console
 
-    from mpc.arm.trials.film import Film, check_film
-    from mpc.arm.trials.metrics import arm_metrics
-    from mpc.arm.trials.reference import reference as asked_for
-    from mpc.arm.trials.simulation import simulate_arm
+    from mpc.arm.film import Film, check_film
+    from mpc.trials.arm_trajectories import reference as asked_for
+    from mpc.trials.metrics import metrics
+    from mpc.trials.simulation import in_motion, simulate
 
     console = Console()
     within("--dt", dt, "s", 1e-4, 0.5)
@@ -91,14 +91,15 @@ def track_arm(
                 film.watch()
             window.watch()
 
-        done = simulate_arm(tested, arm, controller, asked, observer=observer, load=push, seed=seed, watch=watch)
+        x0 = in_motion(arm, asked)
+        done = simulate(tested, controller, asked, x0=x0, observer=observer, load=push, seed=seed, watch=watch)
     for path in files:
         _write(done, film, path, point)
     say(console, f"arm: {arm.summary}")
     for note in notes:
         say(console, note)
     say(console, f"trajectory: {asked.name}, {asked.duration:g} s")
-    console.print(_summary(done, arm_metrics(done), controller.implementation))
+    console.print(_summary(done, metrics(done), controller.implementation))
     if filmed:
         say(console, f"filmed by {film.by}")
     say(console, f"written: {', '.join(map(str, files))}")
@@ -124,7 +125,7 @@ def _machine(
     if kind == _REAL:
         signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)
         effects |= {"force_gains": 1 + _OFF * signs, **_REAL_EFFECTS}
-    plant = MujocoPlant(model, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, **of_tendons, **effects)
+    plant = MujocoPlant(model, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, nominal=arm, **of_tendons, **effects)
     return arm, plant, hand, notes
 
 
@@ -170,16 +171,17 @@ def _one_or_all(numbers: list[float] | None) -> float | list[float] | None:
 
 def _loop(arm: "Arm", kind: str, dt: float, horizon: int) -> tuple[Any, Any]:
     """Return a controller, and an observer where the true state is not to be had."""
-    from mpc.arm.tracking.observer import ArmObserver
     from mpc.model.compensation import Compensation
+    from mpc.observer.kalman import KalmanObserver
     from mpc.tracking.controller import TrackingMPC
     from mpc.tracking.presets import CALM, CALM_NOISE
 
     if kind == _NOMINAL:
-        return TrackingMPC(arm, dt=dt, N=horizon), ArmObserver(arm, dt)
+        return TrackingMPC(arm, dt=dt, N=horizon), KalmanObserver(arm, dt)
     delay = _REAL_EFFECTS["dead_time"]
     known = Compensation(dead_time=delay)
-    return TrackingMPC(arm, dt=dt, N=horizon, weights=CALM, compensation=known), ArmObserver(arm, dt, CALM_NOISE, delay)
+    observer = KalmanObserver(arm, dt, CALM_NOISE, known)
+    return TrackingMPC(arm, dt=dt, N=horizon, weights=CALM, compensation=known), observer
 
 
 class _Window:
@@ -210,24 +212,24 @@ class _Window:
 
 
 def _write(run: Any, film: Any, path: Path, hand: Any) -> None:
-    from mpc.arm.trials.files import save_arm_run
-    from mpc.arm.trials.plotting import save_arm_figure
+    from mpc.trials.files import save_run
+    from mpc.trials.plotting import save_tracking_figure
 
     if path.suffix.lower() == ".csv":
-        save_arm_run(run, path)
+        save_run(run, path)
     elif path.suffix.lower() in _FILMS:
         film.save(path)
     else:
-        save_arm_figure(run, path, hand)
+        save_tracking_figure(run, path, hand=hand)
 
 
-def _summary(run: "ArmRun", m: "ArmMetrics", implementation: str) -> "Table":
+def _summary(run: "Run", m: "Metrics", implementation: str) -> "Table":
     from rich.table import Table
     from rich.text import Text
 
-    arm, table = run.arm, Table("", "RMS, median", "worst, 99 %", title="arm")
+    arm, table = run.plant, Table("", "RMS, median", "worst, 99 %", title="arm")
     for i, name in enumerate(arm.mechanism.joint_names):
-        table.add_row(f"angle error, {name} [°]", f"{m.angle_rms[i]:.3g}", f"{m.angle_worst[i]:.3g}")
+        table.add_row(f"angle error, {name} [°]", f"{m.theta_rms[i]:.3g}", f"{m.theta_worst[i]:.3g}")
     for i in range(arm.tracked):
         for j in range(i, arm.tracked):
             if abs(run.K[:, i, j]).max() > 1e-6:  # else no muscle crosses both joints
@@ -240,6 +242,6 @@ def _summary(run: "ArmRun", m: "ArmMetrics", implementation: str) -> "Table":
     table.add_section()
     table.add_row(Text("time of a step [ms]"), f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
     table.add_row("implementation of the step", "", implementation)
-    for rung, steps in m.rungs.items():
+    for rung, steps in ((rung, steps) for rung, steps in m.rungs.items() if steps):
         table.add_row(f"steps answered by {rung}", "", str(steps))
     return table

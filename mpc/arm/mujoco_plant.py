@@ -10,7 +10,7 @@ The state (q, q', P) is integrated by the classical Runge–Kutta method in step
 from collections.abc import Sequence
 from copy import copy
 from math import ceil, inf, isfinite
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,8 +23,10 @@ from allocator.mechanism.routes.base import per_muscle
 from allocator.mechanism.routes.mjcf import Source, load, said, tendon_lengths
 from allocator.muscles import Muscle
 from allocator.units import BAR
+from mpc.arm.mjcf import to_mjcf
 from mpc.arm.pushing import pushed_stiffness, settle
 from mpc.model.arm.mechanics.tendon_jacobian import TendonJacobian
+from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.integration import NODES, SHARES
 
@@ -36,6 +38,33 @@ class Readings(NamedTuple):
 
     q: Array  # encoders (n,) [rad, or m of slides]
     P: Array  # pressure sensors (m,) [Pa]
+
+
+class MujocoExperiment:
+    """A `MujocoPlant` under way in a closed loop.
+
+    Sensors without an encoder's step and without noise measure the whole state, velocities included.
+    """
+
+    def __init__(self, plant: "MujocoPlant", dt: float) -> None:
+        self._plant, self._dt = plant, dt
+
+    @property
+    def x(self) -> Array:
+        """The true state (2n + m,)."""
+        plant = self._plant
+        return np.concatenate([plant.q, plant.omega, plant.P])
+
+    def measure(self) -> Array:
+        """Read the sensors (2n + m,); NaN for velocities that nobody measures."""
+        plant = self._plant
+        read = plant.measure()
+        exact = not (plant.encoder or plant.pressure_noise)
+        return np.concatenate([read.q, plant.omega if exact else np.full(plant.n, np.nan), read.P])
+
+    def advance(self, u: Array, d: Any = 0.0) -> None:
+        """Advance by one sample with the commands `u` (m,) [Pa] and the torques `d` [N·m] from outside."""
+        self._plant.step(u, self._dt, d)
 
 
 class MujocoPlant:
@@ -60,6 +89,7 @@ class MujocoPlant:
         dead_time: float = 0.0,
         encoder: float = 0.0,
         pressure_noise: float = 0.0,
+        nominal: Arm | None = None,
     ) -> None:
         """Load and check.
 
@@ -85,6 +115,8 @@ class MujocoPlant:
             Of the commands [s].
         encoder, pressure_noise
             The step of the encoders [rad or m] and the standard deviation of the pressure sensors' noise [Pa].
+        nominal
+            The arm whose bodies these are, as its controllers know it: `simulate` asks for it.
 
         Raises
         ------
@@ -125,10 +157,17 @@ class MujocoPlant:
         self.dead_time = _size("dead_time", dead_time, "s")
         self.encoder = _size("encoder", encoder, "rad")
         self.pressure_noise = _size("pressure_noise", pressure_noise, "Pa")
+        self._nominal = nominal
         self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)  # older versions want to be asked
         self.data = mujoco.MjData(self.model)
         self._jacobian = TendonJacobian(self.model, self.data)
         self.reset()
+
+    @classmethod
+    def of(cls, arm: Arm, **effects: Any) -> Self:
+        """Return bodies and muscles of `arm` on MuJoCo, with `effects` that its model does not know, by name."""
+        given = {"pressure_limits": arm.pressure_limits, "lag": arm.lag, "slew": arm.slew, "nominal": arm} | effects
+        return cls(to_mjcf(arm.mechanism, arm.bodies), arm.mechanism.muscles, **given)
 
     @property
     def n(self) -> int:
@@ -139,6 +178,35 @@ class MujocoPlant:
     def m(self) -> int:
         """Return the number of muscles."""
         return self.pneumatics.m
+
+    # --- as a process that `simulate` runs --------------------------------------------------------------------------
+
+    @property
+    def nominal(self) -> Arm:
+        """The arm as its controllers know it. Raises `InvalidInput` where it was not given."""
+        if self._nominal is None:
+            raise InvalidInput("MujocoPlant: say nominal=arm, or make it by MujocoPlant.of(arm)")
+        return self._nominal
+
+    def at_rest(self, theta: ArrayLike, K: ArrayLike) -> Array:
+        """Return the rest (2n + m,) of the nominal arm."""
+        return self.nominal.at_rest(theta, K)
+
+    def begin(self, dt: float, x0: Array, seed: int) -> "MujocoExperiment":
+        """Begin an experiment from the state `x0` (2n + m,) with commands every `dt` [s]."""
+        n = self.n
+        self.reset(x0[:n], x0[2 * n :], omega=x0[n : 2 * n], seed=seed)
+        return MujocoExperiment(self, dt)
+
+    def along(self, x: Array) -> tuple[Array, Array]:
+        """Return the tracked stiffness (M, k, k) and forces (M, m) [N] of the muscles as they pull in the states `x`
+        (M, 2n + m).
+        """
+        arm, gains = self.nominal, np.broadcast_to(self.pneumatics.force_gains, (self.m,))
+        q, P = x[:, : arm.n], x[:, 2 * arm.n :]
+        muscles = zip(arm.mechanism.at(q), P.T, gains.tolist(), strict=True)
+        K = sum(gain * muscle.stiffness(pressure) for muscle, pressure, gain in muscles)
+        return arm.seen(q, np.asarray(K)), gains * arm.forces(x)
 
     # --- time -------------------------------------------------------------------------------------------------------
 
@@ -229,14 +297,14 @@ class MujocoPlant:
         return -self._jacobian()[:, self._speeds]
 
     @property
-    def forces(self) -> Array:
-        """Return the muscles' forces (m,) [N]; a slack cable has 0."""
+    def tension(self) -> Array:
+        """The tensions (m,) [N] of the muscles' cables; a slack one has 0."""
         return self.pneumatics.forces(self.lengths, self._P)
 
     @property
     def torque(self) -> Array:
         """Return the muscles' torques (n,) [N·m]   (M1)"""
-        return np.asarray(self.forces @ self.arms)
+        return np.asarray(self.tension @ self.arms)
 
     @property
     def energy(self) -> tuple[float, float]:

@@ -11,10 +11,10 @@ import typer
 from allocator import checks
 from allocator.errors import AntagonistError, InvalidInput
 from allocator.shell.options import finite, grouped, numbers, within
-from allocator.shell.outputs import IMAGES, Force, claim
+from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import say
 from allocator.units import BAR, DEG, PERCENT
-from mpc.plant_cli import PlantOptions
+from mpc.plant_cli import LoopOptions, PlantOptions
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -142,6 +142,7 @@ def devices_command() -> None:
 @grouped
 def run_command(
     options: PlantOptions,
+    at: LoopOptions,
     bench: BenchOptions,
     trajectory: Annotated[
         str | None, typer.Argument(help="a standard trajectory (`antagonist track --help`), or a CSV, as of `track`")
@@ -150,11 +151,6 @@ def run_command(
         list[Path] | None,
         typer.Option(help="a .csv (written sample by sample), .npz or .png to write; may be repeated"),
     ] = None,
-    stiffness: Annotated[
-        float | None, typer.Option(help="K about which a standard trajectory runs [N·m/rad]; else the joint's middle")
-    ] = None,
-    dt: Annotated[float, typer.Option(help="sample time [s]")] = 0.01,
-    horizon: Annotated[int, typer.Option(help="samples that mpc looks ahead")] = 20,
     controller: Annotated[str, typer.Option(help="mpc, pid, predictive-pid, lqr, feedforward")] = "mpc",
     settle: Annotated[float, typer.Option(help="under control at the first point of the trajectory [s]")] = 1.0,
     force: Force = False,
@@ -173,20 +169,22 @@ def run_command(
 
     console = Console()
     finite("--settle", settle, "s")
-    files = _files(out or [])
+    files = out or []
+    for path in files:
+        check_ending("--out", path, _SUFFIXES)
     journal = _journal(files)
     claim(*files, None if journal in files else journal, inputs=(trajectory, *options.files), force=force)
     settings = bench.settings(settle)
     opened = bench.opened(options)
     plant, known = opened.plant, opened.known
-    reference = reference_called(trajectory, stiffness, plant)
+    reference = reference_called(trajectory, at.stiffness, plant)
     say(console, f"plant: {plant.summary}" + f"; {known.summary}" * bool(known.summary))
     if assumed := opened.assumed(options):
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
-        driver, observer = _loop(controller, opened, dt, horizon)
-        watch = _Watch(plant.joint.pressure_limits[1], dt, bench)
+        driver, observer = _loop(controller, opened, at.dt, at.horizon)
+        watch = _Watch(plant.joint.pressure_limits[1], at.dt, bench)
         loop = RealTimeLoop(
             opened.device, driver, observer, reference, plant=plant, start=settings.start, stop=settings.stop,
             watchdog=settings.watchdog, overrun=settings.overrun, log=journal, replace=force, clock=opened.clock,
@@ -339,14 +337,6 @@ class _Watch:
         """Show a row."""
         if self._dashboard is not None:
             self._dashboard.show(row, str(self.health()))
-
-
-def _files(out: list[Path]) -> list[Path]:
-    """Return the files to write."""
-    for path in out:
-        if path.suffix not in _SUFFIXES:
-            raise InvalidInput(f"--out {path}: a run is written as {', '.join(_SUFFIXES)}")
-    return out
 
 
 def _journal(files: list[Path]) -> Path | None:

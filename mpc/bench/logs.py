@@ -91,7 +91,7 @@ def run_of(columns: Columns, plant: Plant, dt: float) -> Run:
     moved = np.stack([c["moved_theta"], c["moved_K"], c["moved_T"]], axis=1)
     return Run(
         plant, dt, c["t"] - c["t"][0], x, estimate[last], np.stack([c["P1_command"], c["P2_command"]], axis=1)[last],
-        c["theta_ref"], c["K_ref"], np.asarray(plant.stiffness(x.T)), np.stack(plant.forces(x.T), axis=1),
+        c["theta_ref"], c["K_ref"], *plant.along(x),
         c["took"][last], c["rung"][last], c["status"][last], c["slack"][last], c["slack_force"][last], moved[last], "",
     )  # fmt: skip
 

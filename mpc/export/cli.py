@@ -1,7 +1,8 @@
 """`antagonist export` writes what runs without Python: C, FMUs, firmware. Heavy libraries load when it runs."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
@@ -14,22 +15,36 @@ from mpc.export.serial.cli import BoardOptions
 from mpc.plant_cli import PlantOptions
 
 if TYPE_CHECKING:
-    from mpc.model.compensation import Compensation
-    from mpc.model.plant import Plant
     from mpc.tracking.controller import TrackingMPC
 
 export_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 Out = Annotated[Path, typer.Option(help="new or empty directory for the files")]
 Precision = Annotated[str, typer.Option(help="double, or single for an FPU without double")]
-Horizon = Annotated[int, typer.Option(help="samples of 10 ms that the controller looks ahead")]
-Errors = Annotated[
-    str | None,
-    typer.Option(
-        help="the controller's weights by errors that cost one half, e.g. theta=0.1,rate=0.3: theta [°], omega [°/s], "
-        "K [N·m/rad], u [bar], rate [bar/s]"
-    ),
-]
+
+
+@dataclass(frozen=True)
+class ControllerOptions(PlantOptions):
+    """The options are what the user says of a controller of a plant."""
+
+    PANEL: ClassVar[str] = "The controller"
+
+    horizon: Annotated[int, typer.Option(help="samples of 10 ms that the controller looks ahead")] = 10
+    errors: Annotated[
+        str | None,
+        typer.Option(
+            help="its weights by errors that cost one half, e.g. theta=0.1,rate=0.3: theta [°], omega [°/s], "
+            "K [N·m/rad], u [bar], rate [bar/s]"
+        ),
+    ] = None
+
+    def controller(self) -> "TrackingMPC":
+        """Build the controller, which is told what is known of the plant."""
+        from mpc.export.entry import default_controller
+        from mpc.export.tuning import weights_from
+
+        weights = None if self.errors is None else weights_from(self.errors)
+        return default_controller(self.plant(), self.horizon, self.compensation(), weights)
 
 
 @export_app.callback()
@@ -44,10 +59,8 @@ def _group() -> None:
 @grouped
 def controller_command(
     out: Out,
-    options: PlantOptions,
+    options: ControllerOptions,
     precision: Precision = "double",
-    horizon: Horizon = 10,
-    errors: Errors = None,
     alone: Annotated[
         bool, typer.Option("--alone", help="leave the demonstration of the allocation out of main.c")
     ] = False,
@@ -55,10 +68,9 @@ def controller_command(
     """Write controller, observer and allocation of a joint as plain C99, without a heap."""
     from mpc.export.entry import export
 
-    plant, known, controller = _controller(options, horizon, errors)
-    made = export(out, joint=plant.joint, controller=controller, what="mpc" if alone else "all", precision=precision)
-    _say_plant(plant, known)
-    _say_written(made, f"{made / 'README.md'} says how to build them")
+    controller = options.controller()
+    made = export(out, controller=controller, what="mpc" if alone else "all", precision=precision)
+    _say(controller, made, f"{made / 'README.md'} says how to build them")
 
 
 @export_app.command("allocation", cls=Command, short_help="the allocation of any machine as C")
@@ -74,7 +86,7 @@ def allocation_command(out: Out, options: MachineOptions, precision: Precision =
         made = export(out, joint=machine, what="allocate", precision=precision)
     else:
         made = export_mechanism(out, machine, precision=precision)
-    _say_written(made, f"{made / 'README.md'} says how to build them")
+    _say(None, made, f"{made / 'README.md'} says how to build them")
 
 
 @export_app.command("governor", cls=Command, short_help="safe pressures of an arm as C")
@@ -85,55 +97,47 @@ def governor_command(out: Out, options: PlantOptions, precision: Precision = "do
     from mpc.governor import PressureGovernor
 
     made = export_governor(out, PressureGovernor.of_arm(options.arm(), 0.01), precision=precision)
-    _say_written(made, f"{made / 'README.md'} says how to build them")
+    _say(None, made, f"{made / 'README.md'} says how to build them")
 
 
 @export_app.command("fmu", cls=Command, short_help="plant and controller of a joint as FMUs")
 @grouped
-def fmu_command(out: Out, options: PlantOptions, horizon: Horizon = 10, errors: Errors = None) -> None:
+def fmu_command(out: Out, options: ControllerOptions) -> None:
     """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
     from mpc.export.directory import check
     from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
     from mpc.model.real_plant import RealPlant
 
-    plant, known, controller = _controller(options, horizon, errors)
+    controller = options.controller()
     check(out)
-    export_plant_fmu(out / "plant.fmu", RealPlant.of(plant, known))
+    export_plant_fmu(out / "plant.fmu", RealPlant.of(controller.plant, controller.compensation))
     export_controller_fmu(out / "controller.fmu", controller)
-    _say_plant(plant, known)
-    _say_written(out, "any tool that reads FMI 3.0 takes them")
+    _say(controller, out, "any tool that reads FMI 3.0 takes them")
 
 
 @export_app.command("firmware", cls=Command, short_help="a board on a serial line, for a joint")
 @grouped
 def firmware_command(
     out: Out,
-    options: PlantOptions,
+    options: ControllerOptions,
     board: BoardOptions,
     precision: Precision = "double",
-    horizon: Horizon = 10,
-    errors: Errors = None,
 ) -> None:
     """Write the firmware of a board on a serial line as plain C99, and a simulated board."""
-    if board.variant == "terminal":
-        if errors is not None:
-            raise InvalidInput("--errors: it is the controller's, and a terminal has none")
-        made = board.export(out, options.plant(), options.compensation(), None, precision)
-    else:
-        plant, known, controller = _controller(options, horizon, errors)
-        made = board.export(out, plant, known, controller, precision)
-        _say_plant(plant, known)
-    _say_written(made, f"{made / 'serial' / 'README.md'} says what to do")
+    terminal = board.variant == "terminal"
+    if terminal and options.errors is not None:
+        raise InvalidInput("--errors: it is the controller's, and a terminal has none")
+    controller = None if terminal else options.controller()
+    made = board.export(out, options.plant(), options.compensation(), controller, precision)
+    _say(controller, made, f"{made / 'serial' / 'README.md'} says what to do")
 
 
 @export_app.command("tuning", cls=Command, short_help="numbers that retune a controller in C")
 @grouped
 def tuning_command(
     out: Annotated[Path, typer.Option(help="the file to write")],
-    options: PlantOptions,
+    options: ControllerOptions,
     precision: Precision = "double",
-    horizon: Horizon = 10,
-    errors: Errors = None,
     force: Force = False,
 ) -> None:
     """Write numbers that retune an exported controller without a compiler."""
@@ -142,33 +146,20 @@ def tuning_command(
     from mpc.export.tuning import write_tuning
 
     claim(out, inputs=options.files, force=force)
-    *_, controller = _controller(options, horizon, errors)
-    write_tuning(out, controller, precision=precision)
+    write_tuning(out, options.controller(), precision=precision)
     say(Console(), f"written: {out}, for a build of the same plant in {precision} precision; its README says how")
 
 
-def _controller(options: PlantOptions, horizon: int, errors: str | None) -> "tuple[Plant, Compensation, TrackingMPC]":
-    """Return the plant, what is known of it besides, and its controller."""
-    from mpc.export.entry import default_controller
-    from mpc.export.tuning import weights_from
-
-    plant, known = options.plant(), options.compensation()
-    weights = None if errors is None else weights_from(errors)
-    return plant, known, default_controller(plant, horizon, known, weights)
-
-
-def _say_plant(plant: "Plant", known: "Compensation") -> None:
+def _say(controller: "TrackingMPC | None", made: Path, read: str) -> None:
+    """Say what a controller was told, and what was written."""
     from rich.console import Console
 
     console = Console()
-    say(console, f"plant: {plant.summary}")
-    if known.summary:
-        say(console, f"told to the controller: {known.summary}")
-    if known.untold:
-        say(console, f"not told to the controller, whose C has no such numbers: {known.untold}")
-
-
-def _say_written(made: Path, read: str) -> None:
-    from rich.console import Console
-
-    say(Console(), f"written: {sum(path.is_file() for path in made.rglob('*'))} files in {made}; {read}")
+    if controller is not None:
+        known = controller.compensation
+        say(console, f"plant: {controller.plant.summary}")
+        if known.summary:
+            say(console, f"told to the controller: {known.summary}")
+        if known.untold:
+            say(console, f"not told to the controller, whose C has no such numbers: {known.untold}")
+    say(console, f"written: {sum(path.is_file() for path in made.rglob('*'))} files in {made}; {read}")

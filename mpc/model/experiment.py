@@ -14,13 +14,15 @@ class Experiment(Protocol):
 
     @property
     def x(self) -> Array:
-        """Return the true state (4,): θ [rad], ω [rad/s], P1, P2 [Pa]."""
+        """Return the true state (2n + m,): angles [rad], velocities [rad/s], pressures [Pa]."""
 
     def measure(self) -> Array:
-        """Return what the sensors say of it (4,); NaN for what is not measured. To be called once a sample."""
+        """Return what the sensors say of it (2n + m,); NaN for what is not measured. To be called once a sample."""
 
-    def advance(self, u: Array) -> None:
-        """Advance by one sample with the commands `u` (2,) [Pa]."""
+    def advance(self, u: Array, d: Any = 0.0) -> None:
+        """Advance by one sample with the commands `u` (m,) [Pa] and the torque `d` [N·m], (n,) of an arm, from outside
+        besides the plant's own.
+        """
 
 
 class ExactExperiment:
@@ -31,9 +33,9 @@ class ExactExperiment:
         self.x = x0
 
     def measure(self) -> Array:
-        """Return the true state (4,)."""
+        """Return the true state (2n + m,)."""
         return self.x.copy()
 
-    def advance(self, u: Array) -> None:
-        """Advance by one sample with the commands `u` (2,) [Pa]."""
-        self.x = self._integrate(self.x, u, 0.0)[0][0]
+    def advance(self, u: Array, d: Any = 0.0) -> None:
+        """Advance by one sample with the commands `u` (m,) [Pa] and the torque `d` [N·m] from outside."""
+        self.x = self._integrate(self.x, u, d)[0][0]

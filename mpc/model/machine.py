@@ -117,6 +117,20 @@ class Machine(Protocol):
     def along(self, x: Array) -> tuple[Array, Array]:
         """Return the tracked stiffness and the muscle forces (M, m) [N] in the states `x` (M, 2n + m)."""
 
+    def assumed(self, x: Array) -> str:
+        """Return a sentence listing the assumptions behind the forces in the states `x` (M, 2n + m), or ""."""
+
+    def reachable(self, theta: Array, K: Array, T: Array) -> Array:
+        """Return where (M,) some pressures give these stiffnesses and torques."""
+
+    @property
+    def stiffness_text(self) -> str:
+        """The kind of stiffness that is tracked, in words."""
+
+    @property
+    def stiffness_unit(self) -> str:
+        """Its unit."""
+
     def matrix(self, svec: Array) -> Array:
         """Return the stiffness (M, …) of rows svec K (M,) or (M, stiffnesses)."""
 

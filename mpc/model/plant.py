@@ -19,10 +19,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from allocator import Allocation, allocate, checks, warm_up
+from allocator import allocate, checks, warm_up
+from allocator.allocation.pair import PairAllocation
 from allocator.calculus import Array, Value, sin
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.assumption import assumptions
 from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, StiffnessKind
 from allocator.joint.limits import Limits
 from allocator.units import BAR
@@ -57,6 +59,7 @@ class Plant:
     angle_shape: ClassVar[tuple[int, ...]] = ()
     stiffness_shape: ClassVar[tuple[int, ...]] = ()
     unformulated: ClassVar[str] = ""
+    stiffness_unit: ClassVar[str] = "N·m/rad"
     labels: ClassVar[Labels] = Labels(("theta",), ("omega",), ("stiffness",), ("P1", "P2"), ("F1", "F2"))
 
     def __post_init__(self) -> None:
@@ -164,7 +167,7 @@ class Plant:
             return StiffnessKind.of("shut")
         return StiffnessKind.of(frequency=self.frequency, lag=self.lags) if self.frequency else HELD
 
-    def allocate(self, theta: Value, K: Value, T: Value, min_force: float = 0.0) -> Allocation:
+    def allocate(self, theta: Value, K: Value, T: Value, min_force: float = 0.0) -> PairAllocation:
         """Return what gives its stiffness [N·m/rad] and the torque [N·m] at the angle [rad]: `allocator.allocate`."""
         stiffness = Stiffness(self.kind) if self.frequency else ISOBARIC
         return allocate(theta, K, T, joint=self.joint, limits=Limits(min_force), stiffness=stiffness)
@@ -221,6 +224,19 @@ class Plant:
     def along(self, x: Array) -> tuple[Array, Array]:
         """Return stiffness (M,) [N·m/rad] and muscle forces (M, 2) [N] in the states `x` (M, 4)."""
         return np.asarray(self.stiffness(x.T)), np.stack(self.forces(x.T), axis=1)
+
+    @property
+    def stiffness_text(self) -> str:
+        """The kind of its stiffness, in words."""
+        return self.kind.text
+
+    def assumed(self, x: Array) -> str:
+        """Return a sentence listing the assumptions behind the forces in the states `x` (M, 4), or ""."""
+        return assumptions(self.joint, x[:, 0], x[:, 2], x[:, 3])
+
+    def reachable(self, theta: Array, K: Array, T: Array) -> Array:
+        """Return where some pressures give the isobaric stiffness and torque at these angles (M,)."""
+        return np.asarray(allocate(theta, K, T, joint=self.joint).success)
 
     def symbolic_outputs(self, x: Any) -> Any:
         """Return the CasADi column (K, F1, F2) in the state `x`."""

@@ -168,6 +168,10 @@ class RealPlant:
         F1, F2 = self.nominal.forces(x)
         return self.force_gains[0] * F1, self.force_gains[1] * F2
 
+    def along(self, x: Array) -> tuple[Array, Array]:
+        """Return stiffness (M,) [N·m/rad] and muscle forces (M, 2) [N] as they are in the states `x` (M, 4)."""
+        return np.asarray(self.stiffness(x.T)), np.stack(self.forces(x.T), axis=1)
+
     def pull(self, x: Value) -> Value:
         """Return a1 F1 + a2 F2 [N·m] of what presses on that which rubs in the state `x` [4, ...]; a slack cable rubs
         no more.

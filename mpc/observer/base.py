@@ -1,6 +1,6 @@
 """Observers have one interface; the plainest of them takes the difference of angles for the velocity."""
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -14,10 +14,11 @@ class Observer(Protocol):
     def reset(self) -> None:
         """Forget the past."""
 
-    def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """Return the state (4,) and disturbance torque [N·m] from `y` (4,), NaN where unmeasured.
+    def estimate(self, y: Array, u: Array) -> tuple[Array, Any]:
+        """Return the state (2n + m,) and disturbance torque [N·m], (n,) of an arm, from `y` (2n + m,), NaN where
+        unmeasured.
 
-        `u` (2,) [Pa] was sent last.
+        `u` (m,) [Pa] was sent last.
         """
 
 
@@ -26,18 +27,20 @@ class Differentiator:
     angles.
     """
 
-    def __init__(self, dt: float) -> None:
-        self.dt = dt
+    def __init__(self, dt: float, n: int = 1) -> None:
+        self.dt, self.n = dt, n
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
-        self._theta: float | None = None
+        self._angles: Array | None = None  # (n,)
 
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """Return `y` (4,) with the velocity filled in, and no disturbance torque."""
-        x = np.array(y)
-        if np.isnan(x[1]):
-            x[1] = 0.0 if self._theta is None else (x[0] - self._theta) / self.dt
-        self._theta = float(x[0])
+        """Return `y` (2n + m,) with the velocities filled in, and no disturbance torque."""
+        x, n = np.array(y), self.n
+        now, speed = x[:n].copy(), x[n : 2 * n]  # a view
+        if np.isnan(speed).any():
+            difference = np.zeros(n) if self._angles is None else (now - self._angles) / self.dt
+            speed[:] = np.where(np.isnan(speed), difference, speed)
+        self._angles = now
         return x, 0.0

@@ -1,11 +1,10 @@
 """Metrics say how well a run went: errors, limits broken and by how much, time taken, rungs used."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from allocator import allocate
 from allocator.calculus import Array, Mask
 from allocator.units import BAR, DEG, PERCENT
 from mpc.tracking.plan import Moved, PlanStatus, Rung
@@ -18,10 +17,10 @@ _AT_LIMIT = 1e-3  # of the slew limit: as near to it a command is at it, for a Q
 class Errors(NamedTuple):
     """Errors say how far angle and stiffness were from their references."""
 
-    theta_rms: float  # [°]
-    theta_worst: float  # [°]
-    K_rms: float  # [% of the reference]
-    K_worst: float  # [% of the reference]
+    theta_rms: Any  # [°], (n,) of an arm
+    theta_worst: Any  # [°]
+    K_rms: Any  # [`K_unit`], (k, k) of an arm
+    K_worst: Any  # [`K_unit`]
 
 
 @dataclass(frozen=True)
@@ -33,10 +32,11 @@ class Metrics:
     begins in motion, or never moves, has no first rest: then they are the errors over all samples.
     """
 
-    theta_rms: float  # [°]
-    theta_worst: float  # [°]
-    K_rms: float  # [% of the reference]
-    K_worst: float  # [% of the reference]
+    theta_rms: Any  # [°], (n,) of an arm
+    theta_worst: Any  # [°]
+    K_rms: Any  # [`K_unit`], (k, k) of an arm
+    K_worst: Any  # [`K_unit`]
+    K_unit: str  # "%" of a joint's reference; of an arm's entries, which may be 0, "N·m/rad" or "N/m"
     rest: float  # [s], how long the first rest is
     after_rest: Errors
     violations: dict[str, tuple[float, str]]  # limit: greatest excess (0 where it was kept), unit
@@ -58,6 +58,7 @@ def metrics(run: Run) -> Metrics:
     moves = _rested(run)
     return Metrics(
         **_errors(run, 0)._asdict(),
+        K_unit="%" if run.K.ndim == 1 else run.plant.stiffness_unit,
         rest=moves * run.dt,
         after_rest=_errors(run, moves),
         violations=_violations(run),
@@ -74,15 +75,17 @@ def metrics(run: Run) -> Metrics:
 def _errors(run: Run, begin: int) -> Errors:
     """Return the errors from the sample `begin` on."""
     theta_error = ((run.theta - run.theta_ref) / DEG)[begin:]
-    K_error = ((run.K / run.K_ref - 1) / PERCENT)[begin:]
-    return Errors(_rms(theta_error), float(np.abs(theta_error).max()), _rms(K_error), float(np.abs(K_error).max()))
+    K_error = ((run.K / run.K_ref - 1) / PERCENT if run.K.ndim == 1 else run.K - run.K_ref)[begin:]
+    figures = (*_rms_and_worst(theta_error), *_rms_and_worst(K_error))
+    return Errors(*(float(figure) if figure.ndim == 0 else figure for figure in figures))
 
 
 def _rested(run: Run) -> int:
     """Return the last sample of the first rest of the reference; 0 where there is none."""
     moved = np.zeros(run.t.size, bool)
     for wanted in (run.theta_ref, run.K_ref):
-        moved |= np.abs(wanted - wanted[0]) > _ROUNDING * np.abs(wanted).max()
+        away = np.abs(wanted - wanted[0]) > _ROUNDING * np.abs(wanted).max()
+        moved |= away.reshape(run.t.size, -1).any(axis=1)
     return max(int(np.argmax(moved)) - 1, 0)
 
 
@@ -95,20 +98,19 @@ def _rungs(run: Run) -> dict[str, int]:
 
 def _reachable(run: Run) -> Mask:
     """Return where some pressures give the reference's stiffness and the torque that its motion takes."""
-    omega = np.gradient(run.theta_ref, run.dt)
-    T = run.plant.torque_for(run.theta_ref, omega, np.gradient(omega, run.dt))
-    return np.asarray(allocate(run.theta_ref, run.K_ref, T, joint=run.plant.joint).success)
+    omega = np.gradient(run.theta_ref, run.dt, axis=0)
+    T = run.plant.torque_for(run.theta_ref, omega, np.gradient(omega, run.dt, axis=0))
+    return np.asarray(run.plant.reachable(run.theta_ref, run.K_ref, T))
 
 
 def _moved(run: Run) -> dict[str, tuple[float, str]]:
-    worst = Moved(*run.moved.max(axis=0).tolist())
-    return {"angle": (worst.theta / DEG, "°"), "stiffness": (worst.K, "N·m/rad"), "torque": (worst.T, "N·m")}
+    worst, unit = Moved(*run.moved.max(axis=0).tolist()), run.plant.stiffness_unit
+    return {"angle": (worst.theta / DEG, "°"), "stiffness": (worst.K, unit), "torque": (worst.T, "N·m")}
 
 
 def _violations(run: Run) -> dict[str, tuple[float, str]]:
-    joint, allowed = run.plant.joint, run.plant.slew * run.dt
-    low, high = joint.pressure_limits
-    left, right = joint.angle_range
+    plant, allowed = run.plant, run.plant.slew * run.dt
+    (low, high), (left, right) = plant.pressure_limits, plant.angle_limits
     return {
         "commanded pressure": (_excess(run.u, low, high, high) / BAR, "bar"),
         "pressure": (_excess(run.P, low, high, high) / BAR, "bar"),
@@ -119,16 +121,18 @@ def _violations(run: Run) -> dict[str, tuple[float, str]]:
 
 
 def _changes(run: Run) -> Array:
-    """Return by how much each command (n, 2) differs from the one before [Pa]."""
-    at_first = run.estimate[:1, 2:4]  # the pressures that the controller could know of
+    """Return by how much each command (M, m) differs from the one before [Pa]."""
+    n, m = run.plant.n, run.plant.m
+    at_first = run.estimate[:1, 2 * n : 2 * n + m]  # the pressures that the controller could know of
     return np.abs(np.diff(run.u, axis=0, prepend=at_first))
 
 
-def _excess(values: Array, low: float, high: float, scale: float) -> float:
+def _excess(values: Array, low: Any, high: Any, scale: Any) -> float:
     """Return how far `values` leave [low, high] at worst; 0 within rounding."""
-    excess = float(max(low - values.min(), values.max() - high))
-    return excess if excess > _ROUNDING * scale else 0.0
+    excess = float(max((low - values).max(), (values - high).max()))
+    return excess if excess > _ROUNDING * np.max(scale) else 0.0
 
 
-def _rms(error: Array) -> float:
-    return float(np.sqrt(np.mean(error**2)))
+def _rms_and_worst(error: Array) -> tuple[Array, Array]:
+    """Return both (…) of errors (M, …)."""
+    return np.sqrt(np.mean(error**2, axis=0)), np.abs(error).max(axis=0)

@@ -1,4 +1,4 @@
-"""The picture of a run is drawn here: angle, stiffness and pressures against their references and limits."""
+"""The picture of a run: angles, stiffness and pressures against their references and limits."""
 
 from pathlib import Path
 from typing import Any
@@ -7,29 +7,50 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.joint.limits import Limits
+from allocator.mechanism.endpoint import Endpoint
 from allocator.presentation.plotting import new_figure, save_figure
 from allocator.units import BAR, DEG
+from mpc.model.plant import Plant
+from mpc.trials.hand import COLOURS, draw_ellipses, draw_hand, way_of
 from mpc.trials.metrics import metrics
 from mpc.trials.simulation import Run
 
-# Okabe & Ito's colours, told apart by colour-blind eyes
-_BLUE, _ORANGE, _BLACK, _GREY = "#0072B2", "#D55E00", "#000000", "#8c8c8c"
+_BLACK, _GREY = "#000000", "#8c8c8c"
+_NOTHING = 1e-6  # [N·m/rad]
+_PAIR = 2.2, 2.2  # heights of the pressures of two muscles, each with its command and what is forbidden
+_MANY = (3.0,)  # of those of more
 
 
-def tracking_figure(run: Run, title: str = "") -> Any:
-    """Draw a matplotlib figure of `run`, without pyplot, so that nothing global changes; `title` names what it is."""
-    figure = new_figure(9, 9.2)
-    angle, angle_error, stiffness, *pressures = figure.subplots(
-        5, 1, sharex=True, height_ratios=[3, 1.3, 2.2, 2.2, 2.2]
-    )
+def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None) -> Any:
+    """Draw a matplotlib figure of `run`, without pyplot, so that nothing global changes; `title` names what it is.
+
+    Of an arm the way of its `hand` is drawn beside, as `mpc.trials.hand.way_of` says.
+    """
+    pair, way = isinstance(run.plant, Plant), way_of(run, hand)
+    heights = 3.0, 1.3, 2.2, *(_PAIR if pair else _MANY)
+    figure = new_figure(9 if way is None else 11, 9.2)
+    columns = [1] if way is None else [1, 2]
+    grid = figure.add_gridspec(len(heights), len(columns), width_ratios=columns, height_ratios=heights)
+    angle, angle_error, stiffness, *pressures = (figure.add_subplot(grid[row, -1]) for row in range(len(heights)))
+    for axes in (angle_error, stiffness, *pressures):
+        axes.sharex(angle)
+    for axes in (angle, angle_error, stiffness, *pressures[:-1]):
+        axes.tick_params(labelbottom=False)
     _angle(angle, angle_error, run)
     _stiffness(stiffness, run)
-    for muscle, axes in enumerate(pressures):
-        _pressure(axes, run, muscle)
+    if pair:
+        for muscle, axes in enumerate(pressures):
+            _pressure(axes, run, muscle)
+    else:
+        _pressures(pressures[0], run)
     pressures[-1].set_xlabel("time [s]")
     for axes in figure.axes:
-        axes.grid(alpha=0.25)
         axes.margins(x=0.01)
+    if way is not None:
+        draw_hand(figure.add_subplot(grid[:2, 0]), run, way)
+        draw_ellipses(figure.add_subplot(grid[2:, 0]), run, way)
+    for axes in figure.axes:
+        axes.grid(alpha=0.25)
     figure.align_ylabels()
     figure.suptitle("\n".join(filter(None, (title, errors(run)))), fontsize="medium")
     return figure
@@ -38,39 +59,57 @@ def tracking_figure(run: Run, title: str = "") -> Any:
 def errors(run: Run) -> str:
     """Say the errors of angle and stiffness in a line."""
     m = metrics(run)
-    return f"RMS: angle {m.theta_rms:.3g}°, {run.plant.kind.text} {m.K_rms:.3g} %"
+    angle, K = np.max(m.theta_rms), np.max(m.K_rms)
+    return f"RMS: angle {angle:.3g}°, {run.plant.stiffness_text} {K:.3g} {m.K_unit}"
 
 
-def save_tracking_figure(run: Run, path: str | Path, title: str = "") -> None:
+def save_tracking_figure(run: Run, path: str | Path, title: str = "", hand: Endpoint | None = None) -> None:
     """Write the figure as an image, whole or not at all."""
-    save_figure(tracking_figure(run, title), path)
+    save_figure(tracking_figure(run, title, hand), path)
 
 
 def _angle(axes: Any, errors: Any, run: Run) -> None:
-    axes.plot(run.t, run.theta / DEG, color=_BLUE, label="angle")
-    axes.plot(run.t, run.theta_ref / DEG, color=_BLACK, ls="--", lw=1, label="reference")
-    for limit in np.array(run.plant.joint.angle_range) / DEG:
-        if abs(limit) < 1.6 * np.abs(run.theta / DEG).max():  # a far limit would only flatten the curve
+    plant, rows = run.plant, run.t.size
+    theta, asked = (a.reshape(rows, -1) / DEG for a in (run.theta, run.theta_ref))
+    names = ("angle",) if plant.angle_shape == () else plant.labels.angles
+    for i, name in enumerate(names):
+        axes.plot(run.t, theta[:, i], color=COLOURS[i % len(COLOURS)], label=name)
+        axes.plot(run.t, asked[:, i], color=_BLACK, ls="--", lw=1, label="reference")
+        errors.plot(run.t, theta[:, i] - asked[:, i], color=COLOURS[i % len(COLOURS)], lw=1)
+    for limit in np.ravel(plant.angle_limits) / DEG:
+        if len(names) == 1 and abs(limit) < 1.6 * np.abs(theta).max():  # a far limit would only flatten the curve
             axes.axhline(limit, color=_GREY, ls="-.", lw=1, label="end of the joint range")
     axes.set_ylabel("joint angle θ [°]")
     _widen(axes, 2.0)
     _legend(axes)
-    errors.plot(run.t, (run.theta - run.theta_ref) / DEG, color=_BLUE, lw=1)
     errors.set_ylabel("error of θ [°]")
 
 
 def _stiffness(axes: Any, run: Run) -> None:
-    axes.plot(run.t, run.K, color=_BLUE, label="stiffness")
-    axes.plot(run.t, run.K_ref, color=_BLACK, ls="--", lw=1, label="reference")
-    name, *frequency = run.plant.kind.text.split(" at ")
-    axes.set_ylabel("\n".join([f"{name} K", " at ".join(["[N·m/rad]", *frequency])]))
+    table, names = run.to_dict(), run.plant.labels.stiffness
+    for i, name in enumerate(names):
+        if np.abs(table[name]).max() < _NOTHING:  # of muscles that cross one joint only
+            continue
+        axes.plot(run.t, table[name], color=COLOURS[i % len(COLOURS)], label=name)
+        axes.plot(run.t, table[f"{name}_ref"], color=_BLACK, ls="--", lw=1, label="reference")
+    name, *frequency = run.plant.stiffness_text.split(" at ")
+    unit = f"[{run.plant.stiffness_unit}]"
+    axes.set_ylabel("\n".join([f"{name} K", " at ".join([unit, *frequency])]))
     _widen(axes, 0.2)
+    _legend(axes)
+
+
+def _pressures(axes: Any, run: Run) -> None:
+    """Draw the pressures of all muscles."""
+    for j, name in enumerate(run.plant.labels.pressures):
+        axes.plot(run.t, run.P[:, j] / BAR, color=COLOURS[j % len(COLOURS)], lw=1, label=name)
+    axes.set_ylabel("gauge pressure [bar]")
     _legend(axes)
 
 
 def _pressure(axes: Any, run: Run, muscle: int) -> None:
     """Draw pressure and command of a muscle (0, 1); what is shaded is forbidden: beyond the supply, or slack."""
-    color, name = ((_BLUE, "P1"), (_ORANGE, "P2"))[muscle]
+    color, name = ((COLOURS[0], "P1"), (COLOURS[1], "P2"))[muscle]
     low, high = (limit / BAR for limit in run.plant.joint.pressure_limits)
     taut = _taut_limit(run)[muscle] / BAR
     axes.plot(run.t, run.P[:, muscle] / BAR, color=color, label=f"pressure {name}")

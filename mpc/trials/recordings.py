@@ -29,6 +29,8 @@ def save_recording(run: Run, path: str | Path, further: Mapping[str, Any] | None
 
     `further` arrays by other names are kept beside them.
     """
+    if not isinstance(run.plant, Plant):
+        raise InvalidInput("recordings are of joints: an arm's bodies have no file; `save_run` writes its columns")
     values: dict[str, Any] = dict(further or {}) | {name: getattr(run, name) for name in _ARRAYS}
     values |= {f"plant_{name}": value for name, value in run.plant.numbers.items()}
     values["joint"] = machine_file.dumps(run.plant.joint)

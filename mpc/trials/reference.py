@@ -1,6 +1,7 @@
-"""A reference is what is to be followed: joint angle and stiffness over time."""
+"""References to follow: joint angles and stiffness over time."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -18,32 +19,55 @@ _SWING = 0.05  # of the range of all samples
 class Reference:
     """A reference is a trajectory by its samples; between them a smooth curve, after the last it stands still.
     Read-only.
+
+    Of an arm with n joints there are rows of angles and matrices of stiffness.
     """
 
-    t: Array  # (n,) increasing [s]
-    theta: Array  # (n,) [rad]
-    K: Array  # (n,) positive [N·m/rad]
+    t: Array  # (M,) increasing [s]
+    theta: Array  # (M,) or (M, n) [rad]
+    K: Array  # (M,) positive [N·m/rad], or (M, k, k) of the joints [N·m/rad], of an endpoint [N/m]
+    name: str = ""
+    tail: float = 0.0  # at the end, which is only looked ahead to [s]
 
     def __post_init__(self) -> None:
         """Check the samples."""
-        t = checks.real("t", self.t, "s")
-        theta, K = checks.angle("theta", self.theta), checks.stiffness("K", self.K)
-        if t.ndim != 1 or t.size < 2 or not t.shape == theta.shape == K.shape:
+        t, theta = checks.real("t", self.t, "s"), checks.angle("theta", self.theta)
+        K = checks.stiffness("K", self.K) if theta.ndim < 2 else checks.real("K", self.K, "N·m/rad")
+        if t.ndim != 1 or t.size < 2 or not t.shape == theta.shape[:1] == K.shape[:1] or K.ndim > 2 * theta.ndim - 1:
             shapes = f"{t.shape}, {theta.shape}, {K.shape}"
             raise InvalidInput(f"t, theta and K have to be rows of one length, 2 or more; their shapes are {shapes}")
         if (falls := np.diff(t) <= 0).any():
             i = int(np.argmax(falls)) + 1
             raise InvalidInput(f"t[{i}] = {t[i]:g} s does not come after t[{i - 1}] = {t[i - 1]:g} s")
+        if not 0 <= checks.number("tail", self.tail, "s") < t[-1] - t[0]:
+            raise InvalidInput(f"tail = {self.tail:g} s has to be 0 or more, and less than all of the reference")
         for name, array in (("t", t), ("theta", theta), ("K", K)):
             array = array.copy()
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
+    @classmethod
+    def of(
+        cls, name: str, duration: float, at: Callable[[Array], tuple[Array, Array]], tail: float = 1.0, dt: float = 0.01
+    ) -> Self:
+        """Return samples every `dt` [s] of the formula `at(t)`, angles and stiffness at times (M,), for `duration` [s]
+        and a `tail` [s] in which the motion goes on.
+        """
+        if not 0 < checks.number("duration", duration, "s") <= 3600:
+            raise InvalidInput(f"duration = {duration:g} s has to be above 0 and at most an hour")
+        t = dt * np.arange(round((duration + tail) / dt) + 1)
+        return cls(t, *at(t), name, float(t[-1]) - dt * round(duration / dt))
+
+    @property
+    def duration(self) -> float:
+        """The time [s] from the first sample to the last, without the tail."""
+        return float(self.t[-1] - self.t[0]) - self.tail
+
     def samples(self, dt: float) -> int:
         """Return how many samples of `dt` [s] come after the first one. Raises `InvalidInput` for over a million."""
         if not checks.number("dt", dt, "s") > 0:
             raise InvalidInput(f"dt = {dt:g} s has to be a sample time above 0 s")
-        span = float(self.t[-1] - self.t[0])
+        span = self.duration
         steps = span / dt * (1 + 1e-12)
         if not steps <= LONGEST:
             raise InvalidInput(
@@ -57,18 +81,18 @@ class Reference:
 
         Raises `InvalidInput` for over a million of them.
         """
-        steps = self.samples(dt)
-        t = self.t[0] + dt * np.arange(steps + 1)
-        return type(self)(t, _smooth(self.t, self.theta, t), _smooth(self.t, self.K, t))
+        ahead = int(self.tail / dt * (1 + 1e-12))
+        t = self.t[0] + dt * np.arange(self.samples(dt) + ahead + 1)
+        return replace(self, t=t, theta=_smooth(self.t, self.theta, t), K=_smooth(self.t, self.K, t), tail=ahead * dt)
 
     @property
     def summary(self) -> str:
         """Return the ranges of angle and stiffness and the duration, in a line."""
-        angles, stiffnesses = (f"{min(a):.3g} … {max(a):.3g}" for a in (self.theta / DEG, self.K))
-        return f"angle {angles}°, stiffness {stiffnesses} N·m/rad, {self.t[-1] - self.t[0]:.3g} s"
+        angles, stiffnesses = (f"{a.min():.3g} … {a.max():.3g}" for a in (self.theta / DEG, self.K))
+        return f"angle {angles}°, stiffness {stiffnesses} N·m/rad, {self.duration:.3g} s"
 
     def preview(self, k: int, N: int) -> tuple[Array, Array]:
-        """Return the angle and stiffness (N+1,) from sample `k` on; the last one is held."""
+        """Return angles and stiffness (N+1, …) from sample `k` on; the last one is held."""
         ahead = np.minimum(np.arange(k, k + N + 1), self.t.size - 1)
         return self.theta[ahead], self.K[ahead]
 
@@ -80,6 +104,9 @@ def _smooth(t: Array, y: Array, at: Array) -> Array:
     """
     from scipy.interpolate import CubicSpline, PchipInterpolator
 
+    if y.ndim > 1:
+        columns = [_smooth(t, column, at) for column in y.reshape(t.size, -1).T]
+        return np.stack(columns, axis=-1).reshape(at.size, *y.shape[1:])
     at = np.minimum(at, t[-1])
     spline = np.asarray(CubicSpline(t, y)(at))
     i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)

@@ -1,4 +1,4 @@
-"""The closed loop is controller and plant against each other, sample by sample.
+"""The closed loop is controller and plant against each other, sample by sample: of a joint or of an arm.
 
 The plant starts at rest, in equilibrium at the reference's first point with the stiffness asked there, unless another
 state is given: a reference that starts in motion has to be caught up with, and the errors of that count. Commands are
@@ -7,7 +7,7 @@ stands an observer, which makes a state and a disturbance torque of what is meas
 difference of the angles where the velocity is not measured, and nothing else.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, Protocol, TypeVar, runtime_checkable
@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.joint.assumption import assumptions
 from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 from mpc.model.experiment import Experiment
-from mpc.model.plant import NU, NX, Plant
+from mpc.model.machine import Machine
+from mpc.model.plant import NX
 from mpc.observer.base import Differentiator, Observer
 from mpc.tracking.plan import Moved, Plan
 from mpc.trials.reference import Reference
@@ -43,45 +43,44 @@ class Controller(Protocol):
     def reset(self) -> None:
         """Forget the past."""
 
-    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
-        """Return the plan from the state `x` for the previews (ahead + 1,) under the disturbance torque `d` [N·m]."""
+    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: Any = 0.0) -> Plan:
+        """Return the plan from the state `x` for the previews (ahead + 1, …) under the disturbance torque `d` [N·m]."""
 
 
 @runtime_checkable
 class Process(Protocol):
-    """A process has what `simulate` asks of a plant: `Plant` and `RealPlant` have it."""
+    """A process has what `simulate` asks of a plant: `Plant`, `RealPlant`, `Arm` and `MujocoPlant` have it."""
 
     @property
-    def nominal(self) -> Plant:
+    def nominal(self) -> Machine:
         """Return the plant without the effects that its model does not know."""
 
-    def at_rest(self, theta: float, K: float) -> Array:
-        """Return the state (4,) to begin from."""
+    def at_rest(self, theta: Any, K: Any) -> Array:
+        """Return the state (2n + m,) to begin from."""
 
     def begin(self, dt: float, x0: Array, seed: int) -> Experiment:
-        """Begin an experiment from `x0` (4,)."""
+        """Begin an experiment from `x0` (2n + m,)."""
 
-    def stiffness(self, x: Any) -> Any:
-        """Return the true stiffness [N·m/rad] in the states `x` [4, ...], of the nominal plant's kind."""
-
-    def forces(self, x: Any) -> tuple[Any, Any]:
-        """Return the true muscle forces [N] in the states `x` [4, ...]."""
+    def along(self, x: Array) -> tuple[Array, Array]:
+        """Return the true stiffness (M, …), of the nominal plant's kind, and muscle forces (M, m) [N] in the states `x`
+        (M, 2n + m).
+        """
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
     """A run is what happened in M steps; time runs along the first axis."""
 
-    plant: Plant  # the nominal one
+    plant: Any  # the nominal one, a `Plant` or an `Arm`
     dt: float  # [s]
     t: Array  # (M+1,) [s]
-    x: Array  # (M+1, 4) true states
-    estimate: Array  # (M, 5) what the controller was told: the state and the disturbance torque [N·m]
-    u: Array  # (M, 2) commands, u[k] sent at t[k] [Pa]
-    theta_ref: Array  # (M+1,) [rad]
-    K_ref: Array  # (M+1,) [N·m/rad]
-    K: Array  # (M+1,) stiffness of the plant [N·m/rad], isobaric unless the plant says another `frequency`
-    forces: Array  # (M+1, 2) muscle forces [N]; negative: slack
+    x: Array  # (M+1, 2n + m) true states
+    estimate: Array  # (M, 3n + m) what the controller was told: the state and the disturbance torque [N·m]
+    u: Array  # (M, m) commands, u[k] sent at t[k] [Pa]
+    theta_ref: Array  # (M+1,) [rad], of an arm (M+1, n)
+    K_ref: Array  # (M+1,) [N·m/rad], of an arm (M+1, k, k) as it is tracked: of the joints, or the endpoint's [N/m]
+    K: Array  # (M+1, …) stiffness of the plant as K_ref, isobaric unless the plant says another `frequency`
+    forces: Array  # (M+1, m) muscle forces [N]; negative: slack
     step_time: Array  # (M,) time that the controller took [s]; NaN where the whole loop was compiled
     rung: NDArray[np.int64]  # (M,) Rung
     status: NDArray[np.int64]  # (M,) PlanStatus
@@ -92,41 +91,41 @@ class Run:
 
     @property
     def theta(self) -> Array:
-        """Return the joint angle (M+1,) [rad]."""
-        return self.x[:, 0]
+        """Return the joint angle (M+1,) [rad], of an arm (M+1, n)."""
+        return np.asarray(self.plant.angles(self.x))
 
     @property
     def P(self) -> Array:
-        """Return the pressures (M+1, 2) [Pa]."""
-        return self.x[:, 2:]
+        """Return the pressures (M+1, m) [Pa]."""
+        return self.x[:, 2 * self.plant.n :]
 
     @property
     def assumed(self) -> str:
         """Sentence listing the assumptions behind the plant's forces that the data could not confirm, or ""."""
-        return assumptions(self.plant.joint, self.theta, self.P[:, 0], self.P[:, 1])
+        return str(self.plant.assumed(self.x))
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """Return the run as columns (M+1,), those of the CSV that `track` writes: what `pandas.DataFrame` takes.
 
-        Time in s, stiffness in N·m/rad, forces in N; the other names carry their units. The commands and rungs of a
-        line hold until the next, the last line repeats them.
+        Time in s, stiffness in N·m/rad, of an endpoint in N/m, forces in N; the other names carry their units. The
+        commands and rungs of a line hold until the next, the last line repeats them.
         """
-        commands, rungs = np.vstack([self.u, self.u[-1:]]), np.append(self.rung, self.rung[-1:])
-        return {
-            "t": self.t,
-            "theta_deg": self.theta / DEG,
-            "theta_ref_deg": self.theta_ref / DEG,
-            "omega_deg_per_s": self.x[:, 1] / DEG,
-            "stiffness": self.K,
-            "stiffness_ref": self.K_ref,
-            "P1_bar": self.P[:, 0] / BAR,
-            "P2_bar": self.P[:, 1] / BAR,
-            "P1_command_bar": commands[:, 0] / BAR,
-            "P2_command_bar": commands[:, 1] / BAR,
-            "F1": self.forces[:, 0],
-            "F2": self.forces[:, 1],
-            "rung": rungs,
-        }
+        names, n = self.plant.labels, self.plant.n
+        entries = np.triu_indices(self.K.shape[-1]) if self.K.ndim > 1 else None
+        K, K_ref = (a[:, None] if entries is None else a[:, *entries] for a in (self.K, self.K_ref))
+        rows = np.size(self.theta[0])
+        kinds = [
+            ([f"{name}_deg" for name in names.angles], self.theta.reshape(-1, rows) / DEG),
+            ([f"{name}_ref_deg" for name in names.angles], self.theta_ref.reshape(-1, rows) / DEG),
+            ([f"{name}_deg_per_s" for name in names.speeds], self.x[:, n : 2 * n] / DEG),
+            (names.stiffness, K),
+            ([f"{name}_ref" for name in names.stiffness], K_ref),
+            ([f"{name}_bar" for name in names.pressures], self.P / BAR),
+            ([f"{name}_command_bar" for name in names.pressures], np.vstack([self.u, self.u[-1:]]) / BAR),
+            (names.forces, self.forces),
+        ]
+        columns = {name.replace(" ", "_"): a[:, i] for named, a in kinds for i, name in enumerate(named)}
+        return {"t": self.t, **columns, "rung": np.append(self.rung, self.rung[-1:])}
 
     def __repr__(self) -> str:
         """Say how well the reference was followed, whether the limits were kept, and how long the controller took."""
@@ -146,13 +145,14 @@ class Run:
         m = metrics(self)
         broken = [f"{name} by {number(by, 2)} {unit}" for name, (by, unit) in m.violations.items() if by]
         later = m.after_rest
+        unit = m.K_unit
         rested = {
-            f"after the first rest of {number(m.rest)} s, angle error": _angle(later.theta_rms, later.theta_worst),
-            "stiffness error then": _stiffness(later.K_rms, later.K_worst),
+            f"after the first rest of {number(m.rest)} s, angle error": _worst(later.theta_rms, later.theta_worst, "°"),
+            "stiffness error then": _worst(later.K_rms, later.K_worst, f" {unit}"),
         }
         return {
-            "angle error": _angle(m.theta_rms, m.theta_worst),
-            "stiffness error": _stiffness(m.K_rms, m.K_worst),
+            "angle error": _worst(m.theta_rms, m.theta_worst, "°"),
+            "stiffness error": _worst(m.K_rms, m.K_worst, f" {unit}"),
             **(rested if m.rest else {}),
             "limits broken": ", ".join(broken) or "none",
             "steps answered by": ", ".join(f"{rung} {n}" for rung, n in m.rungs.items() if n),
@@ -161,12 +161,9 @@ class Run:
         }
 
 
-def _angle(rms: float, worst: float) -> str:
-    return f"{number(rms, 2)}° RMS, {number(worst, 2)}° at worst"
-
-
-def _stiffness(rms: float, worst: float) -> str:
-    return f"{number(rms, 2)} % RMS, {number(worst, 2)} % at worst"
+def _worst(rms: Any, worst: Any, unit: str) -> str:
+    """Say the errors of a joint, or the greatest of an arm."""
+    return f"{number(np.max(rms), 2)}{unit} RMS, {number(np.max(worst), 2)}{unit} at worst"
 
 
 def simulate(
@@ -178,12 +175,29 @@ def simulate(
     observer: Observer | None = None,
     seed: int = 0,
     progress: bool = False,
+    load: Callable[[float], Any] | None = None,
+    watch: Callable[[], None] | None = None,
 ) -> Run:
-    """Let `controller` drive `plant` along `reference` from its first sample to its last; see the module's text."""
-    loop = ClosedLoop(plant, controller, reference, x0, observer, seed)
+    """Let `controller` drive `plant` along `reference` from its first sample to its last; see the module's text.
+
+    `load(t)` is a torque from outside [N·m], (n,) of an arm, that nobody is told; `watch` is called after every sample.
+    """
+    loop = ClosedLoop(plant, controller, reference, x0, observer, seed, load)
     for k in tracked(range(loop.steps), loop.steps, progress):
         loop.sample(k)
+        if watch is not None:
+            watch()
     return loop.run()
+
+
+def in_motion(plant: Machine, reference: Reference) -> Array:
+    """Return the state (2n + m,) of `plant` in which `reference` begins, in motion if it begins so: an `x0`."""
+    from scipy.interpolate import CubicSpline
+
+    motion, begin = CubicSpline(reference.t, reference.theta), reference.t[:1]
+    theta, omega, alpha = (motion(begin, order) for order in range(3))
+    held = plant.held(theta, reference.K[:1], plant.torque_for(theta, omega, alpha), 0.0)
+    return np.concatenate([theta.ravel(), omega.ravel(), held.P[0]])
 
 
 class ClosedLoop:
@@ -197,18 +211,20 @@ class ClosedLoop:
         x0: Any,
         observer: Observer | None,
         seed: int,
+        load: Callable[[float], Any] | None = None,
     ) -> None:
-        dt = controller.dt
-        self.plant, self.controller, self.wanted = plant, controller, reference.resampled(dt)
-        self.steps = steps = self.wanted.t.size - 1
-        self.x, self.estimate = np.empty((steps + 1, NX)), np.empty((steps, NX + 1))
-        first = float(self.wanted.theta[0]), float(self.wanted.K[0])
-        self.x[0] = plant.at_rest(*first) if x0 is None else state(x0)
-        self.u, self.took, self.slack = np.empty((steps, NU)), np.full(steps, np.nan), np.empty(steps)
+        dt, nominal = controller.dt, plant.nominal
+        self.plant, self.controller, self.wanted, self._load = plant, controller, reference.resampled(dt), load
+        self.steps = steps = self.wanted.samples(dt)
+        self.size, n, m = nominal.size, nominal.n, nominal.m
+        self.x, self.estimate = np.empty((steps + 1, self.size)), np.empty((steps, self.size + n))
+        first = self.wanted.theta[0], self.wanted.K[0]
+        self.x[0] = plant.at_rest(*first) if x0 is None else state(x0, self.size)
+        self.u, self.took, self.slack = np.empty((steps, m)), np.full(steps, np.nan), np.empty(steps)
         self.rung, self.status = np.empty(steps, int), np.empty(steps, int)
         self.slack_force, self.moved = np.empty(steps), np.full((steps, len(Moved._fields)), np.nan)
         self.experiment = plant.begin(dt, self.x[0], checks.count("seed", seed, least=0))
-        self.observer = Differentiator(dt) if observer is None else observer
+        self.observer = Differentiator(dt, n) if observer is None else observer
         self.observer.reset()
         controller.reset()
 
@@ -216,33 +232,38 @@ class ClosedLoop:
         """Go on by the sample `k`."""
         measured = self.experiment.measure()
         began = perf_counter()
-        estimated, d = self.observer.estimate(measured, self.u[k - 1] if k else self.x[0, 2:])
+        estimated, d = self.observer.estimate(measured, self.u[k - 1] if k else self.x[0, -self.u.shape[1] :])
         plan = self.controller.step(estimated, *self.wanted.preview(k, self.controller.ahead), d)
         self.took[k] = perf_counter() - began
-        self.estimate[k] = *estimated, d
+        self.estimate[k, : self.size], self.estimate[k, self.size :] = estimated, d
         self.u[k], self.rung[k], self.status[k], self.slack[k] = plan.u[0], plan.rung, plan.status, plan.slack
         self.slack_force[k] = plan.slack_force
         if plan.moved is not None:
             self.moved[k] = plan.moved
-        self.experiment.advance(self.u[k])
+        if self._load is None:
+            self.experiment.advance(self.u[k])
+        else:
+            self.experiment.advance(self.u[k], self._load(k * self.controller.dt))
         self.x[k + 1] = self.experiment.x
 
     def run(self) -> Run:
         """Return the run, when all samples are done."""
-        plant, x, wanted = self.plant, self.x, self.wanted
-        K, forces = plant.stiffness(x.T), np.stack(plant.forces(x.T), axis=1)
+        plant, x, wanted, all_of = self.plant, self.x, self.wanted, slice(self.steps + 1)
+        K, forces = plant.along(x)
+        t, theta, K_ref = wanted.t[all_of], wanted.theta[all_of], wanted.K[all_of]
         return Run(
-            plant.nominal, self.controller.dt, wanted.t, x, self.estimate, self.u, wanted.theta, wanted.K, K, forces,
+            plant.nominal, self.controller.dt, t, x, self.estimate, self.u, theta, K_ref, K, forces,
             self.took, self.rung, self.status, self.slack, self.slack_force, self.moved,
             getattr(self.controller, "implementation", ""),
         )  # fmt: skip
 
 
-def state(x0: Any) -> Array:
-    """Return `x0` as a state (4,) to begin from. Raises `InvalidInput`."""
+def state(x0: Any, size: int = NX) -> Array:
+    """Return `x0` as a state (size,) to begin from. Raises `InvalidInput`."""
     x = np.asarray(x0, float)
-    if x.shape != (NX,) or not np.isfinite(x).all():
-        raise InvalidInput(f"x0 = {x0!r} has to be 4 finite numbers (theta [rad], omega [rad/s], P1 [Pa], P2 [Pa])")
+    if x.shape != (size,) or not np.isfinite(x).all():
+        parts = "theta [rad], omega [rad/s], P1 [Pa], P2 [Pa]" if size == NX else "angles, velocities, pressures"
+        raise InvalidInput(f"x0 = {x0!r} has to be {size} finite numbers ({parts})")
     return x
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from allocator.units import DEG
-from mpc.arm.trials.reference import hold
-from mpc.arm.trials.simulation import simulate_arm
 from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
+from mpc.trials.arm_trajectories import hold
+from mpc.trials.simulation import simulate
 
 ARM = Arm.machine("arm26")
 
@@ -42,7 +42,7 @@ def test_mpc_and_pid_hold_the_rough_arm_and_the_mpc_sooner(benchmark_module):
     found = {}
     for kind, build in (("MPC", rough.mpc), ("PID", rough.pid)):
         controller, observer = build(ARM, **rough.TUNED[kind, "arm26"])
-        done = simulate_arm(cases.rough_plant(ARM, 1), ARM, controller, hold(ARM, 1.5), observer=observer, seed=1)
-        found[kind] = np.abs((done.q - done.q_ref)[-50:]).mean() / DEG
+        done = simulate(cases.rough_plant(ARM, 1), controller, hold(ARM, 1.5), observer=observer, seed=1)
+        found[kind] = np.abs((done.theta - done.theta_ref)[-50:]).mean() / DEG
     assert found["MPC"] <= 0.05
     assert 3 * found["MPC"] < found["PID"] < 3.0

@@ -10,9 +10,10 @@ from rich.console import Console
 from rich.progress import Progress, TimeElapsedColumn, track
 from rich.table import Table
 
+from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.columns import parse_columns
-from allocator.identification.joint.comparison import JointComparison, compare_joint_models
+from allocator.identification.joint.comparison import JointComparison, Model, compare_joint_models
 from allocator.identification.joint.dead_band import estimate_dead_band
 from allocator.identification.joint.doubt.report import choice_lines, choice_values, found_std
 from allocator.identification.joint.fit import fit_joint
@@ -90,7 +91,8 @@ def fit_joint_command(
         "friction": friction,
     }
     measured = (data.theta, data.P1, data.P2)
-    options["dead_band"] = _dead_band(dead_band, measured, model, options)
+    auto = dead_band == "auto"
+    options["dead_band"] = estimate_dead_band(*measured, model=model, **options) if auto else _dead_band(dead_band)
     compared = compare_joint_models(*measured, progress=lambda m: _progress(m, console), **options) if every else None
     with Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True) as bar:
         bar.add_task(f"fitting {model}", total=None)  # how many steps the search takes is not known
@@ -109,10 +111,8 @@ def fit_joint_command(
         say(console, f"written: {plot}")
 
 
-def _dead_band(text: str, measured: tuple[Any, ...], model: str, options: dict[str, Any]) -> float:
-    """Return the dead band [Pa] that is given, or the one that the data show."""
-    if text == "auto":
-        return estimate_dead_band(*measured, model=model, **options)
+def _dead_band(text: str) -> float:
+    """Return the dead band [Pa] that is given."""
     (given,) = numbers("--dead-band", text, 1, 1, "0.5, or auto")
     within("--dead-band", given, "bar", 0, 100)
     return given * BAR
@@ -132,8 +132,8 @@ def _sweeps(settings: list[str]) -> dict[float, float]:
 
 
 def _geometry(
-    lever: str | None, pulley: str | None, rest_length: float | None, column: Any
-) -> tuple[Geometry | dict[str, Geometry], Any]:
+    lever: str | None, pulley: str | None, rest_length: float | None, column: Array | None
+) -> tuple[Geometry | dict[str, Geometry], list[str] | None]:
     """Return the mechanism, or one for each rest length in the file with the label of each sample."""
     if (lever is None) == (pulley is None):
         raise InvalidInput("give the mechanism, measured: either --lever R,r,offset [m] or --pulley R,ε0")
@@ -147,7 +147,7 @@ def _geometry(
 
     if rest_length is not None:
         return make(rest_length * MM), None
-    labels = [f"{length / MM:g}" for length in column]
+    labels = [f"{length / MM:g}" for length in column] if column is not None else []
     return {label: make(float(label) * MM) for label in dict.fromkeys(labels)}, labels
 
 
@@ -161,7 +161,7 @@ def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
     return numbers
 
 
-def _progress(models: Iterable[Any], console: Console) -> Iterable[Any]:
+def _progress(models: Iterable[Model], console: Console) -> Iterable[Model]:
     return track(tuple(models), "fitting", console=console, transient=True)
 
 
@@ -241,10 +241,10 @@ def _draw(fit: JointFit, path: Path) -> None:
     save_figure(plot_joint_fit(fit), path, dpi=120)
 
 
-def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, Any]:
+def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object]:
     """Return what `--json` prints."""
     std = found_std(fit)
-    values: dict[str, Any] = {
+    values: dict[str, object] = {
         "model": fit.model,
         "equilibria": fit.samples.n,
         "rms_deg": fit.rms / DEG,

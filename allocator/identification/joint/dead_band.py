@@ -32,7 +32,8 @@ def estimate_dead_band(theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, **options
     """
     options = {name: value for name, value in options.items() if name != "dead_band"}
     low = np.minimum(*checks.broadcast(P1=checks.pressure("P1", P1), P2=checks.pressure("P2", P2))).ravel()
-    everything = _samples(theta, P1, P2, options)
+    told = {name: options[name] for name in ("geometry", "torque", "direction", "group") if name in options}
+    everything = JointSamples.checked(theta, P1, P2, **told)
     slack = options.get("slack")
     resting = np.ones(low.size, bool) if slack is None else np.ravel(slack) == 0  # the others are of a sag test
     level = float(_STEP * np.floor(min(_FIRST, np.median(low[resting])) / _STEP))
@@ -43,11 +44,6 @@ def estimate_dead_band(theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, **options
             break
         level -= _STEP
     return max(level, 0.0)
-
-
-def _samples(theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, options: dict[str, Any]) -> JointSamples:
-    names = ("geometry", "torque", "direction", "group")
-    return JointSamples.checked(theta, P1, P2, **{name: options[name] for name in names if name in options})
 
 
 def _error(fit: JointFit, added: JointSamples) -> float:

@@ -10,6 +10,7 @@ from allocator.calculus import Array
 from allocator.identification.joint import gradients
 from allocator.identification.joint.relative import RelativeJoint
 from allocator.identification.joint.result import JointFit
+from allocator.presentation.plotting import new_figure
 from allocator.units import BAR, DEG
 
 if TYPE_CHECKING:
@@ -22,10 +23,7 @@ _LEVELS = (0.4, 0.6, 0.8)  # of the supply, co-contractions drawn
 
 def plot_joint_fit(fit: JointFit, figure: "Figure | None" = None) -> "Figure":
     """Draw the three pictures side by side; returns the Matplotlib figure, a new one unless `figure` is given."""
-    import matplotlib.pyplot as plt
-
-    if figure is None:
-        figure = plt.figure(figsize=(14, 4.6), layout="constrained")
+    figure = new_figure(14, 4.6) if figure is None else figure
     left, middle, right = figure.subplots(1, 3)
     _angles(fit, left)
     _residuals(fit, middle)

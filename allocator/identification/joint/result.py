@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -220,7 +219,7 @@ class JointFit:
         names, powers = list(shape.agonist.parameters), strength_powers(shape.agonist)
         name, power = next((n, p) for n, p in zip(names, powers, strict=True) if p)
         factor = (joint.agonist.parameters[name] / shape.agonist.parameters[name]) ** (1 / power)
-        return self.replaced(shapes={label: joint}, scale=CONVENTIONAL_AREA * float(factor), scale_std=std / T_P)
+        return replace(self, shapes={label: joint}, scale=CONVENTIONAL_AREA * float(factor), scale_std=std / T_P)
 
     def to_dict(self) -> dict[str, object]:
         """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``.
@@ -262,10 +261,6 @@ class JointFit:
             "strength of the antagonist": f"{number(self.ratio)} of the agonist's",
             "force scale": "unknown" if self.scale is None else f"known{std}",
         }
-
-    def replaced(self, **changes: Any) -> Self:
-        """Return this fit with some fields changed."""
-        return replace(self, **changes)
 
     def save(self, path: str | PathLike[str], group: object = None) -> None:
         """Write the joint (of `group`) as TOML for `load_joint` and every command's --machine.

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,9 +88,9 @@ class JointSamples:
         """Return whether any torque is not zero: only then the data know forces."""
         return bool((self.torque != 0).any())
 
-    def where(self, keep: Mask) -> Self:
-        """Return the samples marked in `keep`."""
-        return replace(self, **{name: getattr(self, name)[keep] for name in (*_ARRAYS, "group")})
+    def where(self, keep: Mask | NDArray[np.intp]) -> Self:
+        """Return the samples marked in `keep`, or those of these indices."""
+        return replace(self, **{name: getattr(self, name)[keep] for name in _ARRAYS})
 
     def without(self, drop: Mask, reason: str) -> Self:
         """Return the samples not in the mask `drop`, whose number is remembered under `reason`."""
@@ -127,8 +127,8 @@ class JointSamples:
         """Return these samples and others of the same groups."""
         if other.groups != self.groups:
             raise InvalidInput("the samples belong to other geometries than those of the fit")
-        arrays: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in (*_ARRAYS, "group")}
-        return replace(self, **arrays)
+        theta, P1, P2, torque, way, group = (np.append(getattr(self, n), getattr(other, n)) for n in _ARRAYS)
+        return replace(self, theta=theta, P1=P1, P2=P2, torque=torque, direction=way, group=group)
 
     def routes(self, theta: Array) -> Routes:
         """Return (ε, a, a') of agonist and antagonist at the true angles `theta` (n,), and the rest lengths (n,)."""
@@ -169,17 +169,16 @@ class JointSamples:
         if not pairs:
             raise InvalidInput("average needs the same pressures visited with rising and with falling angle; none were")
         used = sum(up.size + down.size for up, down in pairs)
-        means: dict[str, Any] = {
-            name: np.array([(a[up].mean() + a[down].mean()) / 2 for up, down in pairs])
-            for name in _ARRAYS
-            for a in (getattr(self, name),)
-        }
-        means["direction"] = np.zeros(len(pairs))
-        group = np.array([self.group[up[0]] for up, _ in pairs])
         dropped = dict(self.dropped)
         if used < self.n:
             dropped["visited in one direction only, so that there is no mean"] = self.n - used
-        return replace(self, **means, group=group, dropped=dropped)
+
+        def mean(a: Array) -> Array:
+            return np.array([(a[up].mean() + a[down].mean()) / 2 for up, down in pairs])
+
+        theta, P1, P2, torque = map(mean, (self.theta, self.P1, self.P2, self.torque))
+        way, group = np.zeros(len(pairs)), np.array([self.group[up[0]] for up, _ in pairs])
+        return replace(self, theta=theta, P1=P1, P2=P2, torque=torque, direction=way, group=group, dropped=dropped)
 
     def binned(self, most: int) -> Self:
         """Return at most about `most` samples: if there are more, the means of those in the same cell.
@@ -199,9 +198,9 @@ class JointSamples:
             if count.size <= most or cell > _WIDEST:
                 break
             cell *= _WIDER
-        mean: dict[str, Any] = {n: np.bincount(place, getattr(self, n)) / count for n in _ARRAYS}
-        mean |= {"direction": self.direction[first], "group": self.group[first]}
-        return replace(self, **mean, cell=cell, measured=self.n)
+        theta, P1, P2, torque = (np.bincount(place, a) / count for a in (self.theta, self.P1, self.P2, self.torque))
+        mean = replace(self.where(first), theta=theta, P1=P1, P2=P2, torque=torque)
+        return replace(mean, cell=cell, measured=self.n)
 
     def check_reach(self) -> None:
         """Refuse angles that the mechanism cannot have, or that would tear or crush a muscle."""
@@ -257,7 +256,7 @@ class SlackReadings:
         return np.where(self.agonist, s.P1, s.P2), eps if np.imag(zero) else np.real(eps)
 
 
-_ARRAYS = ("theta", "P1", "P2", "torque", "direction")
+_ARRAYS = ("theta", "P1", "P2", "torque", "direction", "group")
 _CONTRACTIONS = -0.25, 0.6  # [-] what no muscle of this family goes beyond
 
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allocator.identification.motion.result import MotionFit
+from allocator.presentation.plotting import new_figure
 from allocator.units import DEG
 
 if TYPE_CHECKING:
@@ -17,10 +18,7 @@ _HELD = 0.6
 
 def plot_motion_fit(fit: MotionFit, figure: "Figure | None" = None) -> "Figure":
     """Draw the four pictures; returns the Matplotlib figure, a new one unless `figure` is given."""
-    import matplotlib.pyplot as plt
-
-    if figure is None:
-        figure = plt.figure(figsize=(13, 8), layout="constrained")
+    figure = new_figure(13, 8) if figure is None else figure
     (top_left, top_right), (left, right) = figure.subplots(2, 2)
     _angles(fit, top_left)
     _errors(fit, top_right)

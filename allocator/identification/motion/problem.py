@@ -19,7 +19,7 @@ equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -70,7 +70,9 @@ class MotionProblem:
     assumed: tuple[tuple[str, float], ...] = ()  # values of unknowns that are not free
     taper: float = 0.0  # share by which widths are less at the ends of the range
     one_lag: bool = False  # whether pressures rise and fall with the lag of rising ones
-    _last: dict[Any, tuple[Array, Array, Array]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _last: dict[tuple[float, ...], tuple[Array, Array, Array]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
     _last_k: dict[tuple[int, int], tuple[Array, Array, Array]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )

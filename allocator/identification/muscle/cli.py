@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import track
 from rich.table import Table
+from typer.models import OptionInfo
 
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.identification.columns import parse_columns
@@ -31,12 +32,13 @@ _MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further
 _DEFAULT = "dmsp-20-300-map"
 
 
-def columns_option(example: str) -> Any:
+def columns_option(example: str) -> OptionInfo:
     """Return the option --columns with an example of the command's own quantities."""
-    return typer.Option(
+    option: OptionInfo = typer.Option(
         help=f"Which column is what, where the names do not tell: {example} (name and unit; :-N turns the sign round, "
         ":bar(abs) takes the atmosphere off; ignore=NAME leaves a column out)."
     )
+    return option
 
 
 def fit_command(
@@ -77,13 +79,15 @@ def fit_command(
     claim(out, plot, inputs=(data,), force=force)
     console = Console(stderr=as_json)
     samples = _samples(data, rest_length, columns, skip_rows)
-    options: dict[str, Any] = {
-        "hold": _held(hold or []),
-        "pressure_range": (-float("inf") if min_pressure is None else min_pressure * BAR, float("inf")),
-        "zero_noise": zero_noise,
-        "contraction_range": (-float("inf") if min_contraction is None else min_contraction, float("inf")),
-    }
-    ranking = rank_models(samples, _models(model), progress=lambda models: _progress(models, console), **options)
+    ranking = rank_models(
+        samples,
+        _models(model),
+        progress=lambda models: _progress(models, console),
+        hold=_held(hold or []),
+        pressure_range=(-np.inf if min_pressure is None else min_pressure * BAR, np.inf),
+        contraction_range=(-np.inf if min_contraction is None else min_contraction, np.inf),
+        zero_noise=zero_noise,
+    )
     best = ranking.best
     if best is None:
         raise InvalidInput("; ".join(f"{name}: {why}" for name, why in ranking.failures.items()))
@@ -165,7 +169,7 @@ def _report(ranking: Ranking, console: Console) -> None:
         console.print(f"{name}: not fitted, {why}", markup=False)
 
 
-def _describe(fit: Fit[Any], console: Console) -> None:
+def _describe(fit: Fit[Muscle], console: Console) -> None:
     """Print the chosen muscle: parameters with their standard deviations, and what to beware of."""
     slack = int(fit.slack.sum())
     console.print(
@@ -191,7 +195,7 @@ def _describe(fit: Fit[Any], console: Console) -> None:
         console.print(f"  beware: {warning}", markup=False)
 
 
-def _greatest(fit: Fit[Any]) -> str:
+def _greatest(fit: Fit[Muscle]) -> str:
     """Return at which contraction the muscle pulls no more at the highest pressure, and whether that was measured."""
     P, most = float(fit.samples.pressure.max()), float(fit.samples.contraction.max())
     eps = np.linspace(0.0, _MOST_CONTRACTION, 2001)
@@ -202,13 +206,13 @@ def _greatest(fit: Fit[Any]) -> str:
     return f"{at} {eps[slack[0]]:.3g}{'' if eps[slack[0]] <= most else ', by extrapolation'}"
 
 
-def _draw(fit: Fit[Any], path: Path) -> None:
+def _draw(fit: Fit[Muscle], path: Path) -> None:
     from allocator.identification.muscle.plotting import fit_figure
 
     save_figure(fit_figure(fit), path, dpi=150)
 
 
-def _values(ranking: Ranking, best: Fit[Any]) -> dict[str, Any]:
+def _values(ranking: Ranking, best: Fit[Muscle]) -> dict[str, object]:
     """Return what `--json` prints; parameters are in SI units, as in the file that --out writes."""
     return {
         "ranking": [

@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
+from allocator.allocation import allocate
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Gas, Stiffness
 from allocator.joint.limits import Limits
-from allocator.mechanism import Mechanism, allocate_mechanism, machines, warm_up
+from allocator.mechanism import Mechanism, machines, warm_up
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.muscles import Muscle
 from allocator.units import BAR
@@ -38,6 +39,7 @@ from mpc.model.lengths import has_formulas, symbolic_jacobian, symbolic_lengths
 from mpc.model.machine import Held, Labels
 
 _MOST_SUBSTEPS = 1000  # in a sample
+_MISSED = 1e-6  # of a stiffness, or [N·m]
 _SYMMETRIC = 1e-9  # of the greatest entry
 
 
@@ -174,12 +176,9 @@ class Arm:
     def labels(self) -> Labels:
         """The names of its columns in tables."""
         pairs = zip(*np.triu_indices(self.tracked), strict=True)
-        joints, muscles = (
-            tuple(name.replace(" ", "_") for name in names)
-            for names in (self.mechanism.joint_names, self.mechanism.muscle_names)
-        )
+        joints, muscles = self.mechanism.joint_names, self.mechanism.muscle_names
         entries = tuple(f"{self.stiffness_name}{i + 1}{j + 1}" for i, j in pairs)
-        return Labels(joints, joints, entries, muscles, tuple(f"{name}_force" for name in muscles))
+        return Labels(joints, joints, entries, muscles, tuple(f"{name} force" for name in muscles))
 
     @property
     def lags(self) -> Array:
@@ -232,11 +231,11 @@ class Arm:
 
     def held(self, theta: Array, K: Array, T: Array, min_force: float) -> Held:
         """Return the pressures along a motion: angles (M, n), stiffness (M, k, k) and torques (M, n)."""
-        found = allocate_mechanism(
-            self.mechanism,
+        found = allocate(
             theta,
             K,
             T,
+            joint=self.mechanism,
             limits=Limits(min_force),
             stiffness=Stiffness(endpoint=self.endpoint),
             along=0 if len(theta) > 1 else None,
@@ -276,6 +275,21 @@ class Arm:
     def along(self, x: Array) -> tuple[Array, Array]:
         """Return the tracked stiffness (M, k, k) and the muscle forces (M, m) [N] in the states `x` (M, 2n + m)."""
         return self.tracked_stiffness(x), self.forces(x)
+
+    @property
+    def stiffness_text(self) -> str:
+        """The kind of stiffness that is tracked, in words."""
+        return "isobaric stiffness" if self.endpoint is None else "isobaric stiffness of the endpoint"
+
+    def assumed(self, x: Array) -> str:
+        """Return "": an arm does not know which of its forces were measured."""
+        return ""
+
+    def reachable(self, theta: Array, K: Array, T: Array) -> Array:
+        """Return where (M,) some pressures give these stiffnesses and torques."""
+        found = self.held(theta, K, T, 0.0)
+        missed = np.abs(found.K_error).max(axis=(-2, -1)) > _MISSED * np.abs(K).max(axis=(-2, -1))
+        return ~(missed | (np.abs(found.T_error).max(axis=-1) > _MISSED))
 
     def check_feed_forward(self) -> None:
         """Raise `InvalidInput` for muscles that are not affine in the pressure: their allocation takes too long."""

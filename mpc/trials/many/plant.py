@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from allocator.calculus import Array, Value
+from allocator.calculus import Array
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import filling
@@ -55,13 +55,9 @@ class CompiledPlant:
             raise ValueError(f"compiled for samples of {self.dt:g} s, not of {dt:g} s")
         return CompiledExperiment(self, x0, seed)
 
-    def stiffness(self, x: Value) -> Value:
-        """Return the true stiffness [N·m/rad] in the states `x` [4, ...], of the nominal plant's kind."""
-        return self.process.stiffness(x)
-
-    def forces(self, x: Value) -> tuple[Value, Value]:
-        """Return the true muscle forces [N] in the states `x` [4, ...]."""
-        return self.process.forces(x)
+    def along(self, x: Array) -> tuple[Array, Array]:
+        """Return the true stiffness (M,) [N·m/rad] and muscle forces (M, 2) [N] in the states `x` (M, 4)."""
+        return self.process.along(x)
 
 
 class CompiledExperiment:
@@ -87,11 +83,13 @@ class CompiledExperiment:
         self.plant.module.read(self.plant.sensors, self.full, self.noise(1)[0], y)
         return y
 
-    def advance(self, u: Array) -> None:
-        """Advance by one sample with the commands `u` (2,) [Pa] given now."""
+    def advance(self, u: Array, d: float = 0.0) -> None:
+        """Advance by one sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] besides the plant's
+        own.
+        """
         plant = self.plant
         self.waiting[-1] = u
-        torque = float(self.torques(1)[0])
+        torque = float(self.torques(1)[0]) + d
         plant.module.advance(plant.c, plant.durations, plant.substeps, self.full, self.waiting, torque)
         self._sample += 1
 

@@ -7,6 +7,7 @@ from allocator import (
     InvalidFile,
     InvalidInput,
     MissingBackend,
+    allocate,
     load_joint,
     load_machine,
     named_machine,
@@ -18,7 +19,6 @@ from allocator.mechanism import (
     Mechanism,
     Sites,
     Tables,
-    allocate_mechanism,
     from_function,
     machines,
 )
@@ -40,7 +40,7 @@ def test_machines_hold_themselves_and_couple_what_they_should(name):
     K = machine.stiffness(q, P)
     assert np.linalg.eigvalsh(K)[0] > 0
     assert (np.abs(np.triu(K, 1)) > 0.1).sum() == coupled
-    again = allocate_mechanism(machine, q, K, machine.torque(q, P))
+    again = allocate(q, K, machine.torque(q, P), joint=machine)
     assert again.success
     assert (machine.contractions([[low for low, _ in machine.angle_limits]]) > 0).all()
 

@@ -8,12 +8,12 @@ from typer.testing import CliRunner
 
 from allocator import Gas, InvalidFile, save_machine
 from allocator.mechanism import machines
-from mpc.arm.trials import reference as references
 from mpc.cli import app
 from mpc.model.arm.bodies import BODIES
 from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm, save_arm
 from mpc.tracking.qp.step import SlowStep
+from mpc.trials import arm_trajectories as references
 
 
 def run(*options):

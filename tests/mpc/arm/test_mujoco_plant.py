@@ -36,7 +36,7 @@ def test_torques_lengths_and_energies_are_the_library_s(mechanism, bodies):
         q, omega = rng.uniform(-0.4, 0.4, bodies.n), rng.uniform(-3, 3, bodies.n)
         pressures = rng.uniform(2.2, 5.0, mechanism.m) * BAR
         rig.reset(q, pressures, omega=omega)
-        assert rig.forces == pytest.approx(mechanism.forces(q, pressures), rel=1e-12)
+        assert rig.tension == pytest.approx(mechanism.forces(q, pressures), rel=1e-12)
         assert rig.torque == pytest.approx(mechanism.torque(q, pressures), rel=1e-11, abs=1e-11)
         assert rig.lengths == pytest.approx(mechanism.lengths(q), rel=1e-13)
         potential, kinetic = rig.energy
@@ -57,7 +57,7 @@ def test_a_slack_cable_pulls_nothing():
     rig = plant()
     rig.reset(Q, 0.0)
     assert (ARM.forces(Q, np.zeros(6)) < 0).all()
-    assert (rig.forces == 0).all()
+    assert (rig.tension == 0).all()
 
 
 @pytest.mark.parametrize("gas", [None, GAS])
@@ -108,7 +108,7 @@ def test_muscles_as_strong_as_they_are_told():
     gains = np.array([1.05, 0.95, 1.0, 1.0, 0.0, 1.0])
     rig = plant(force_gains=gains)
     rig.reset(Q, P)
-    assert rig.forces == pytest.approx(gains * ARM.forces(Q, P), rel=1e-12)
+    assert rig.tension == pytest.approx(gains * ARM.forces(Q, P), rel=1e-12)
 
 
 # --- regulators and sensors -------------------------------------------------------------------------------------------

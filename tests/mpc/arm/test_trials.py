@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from allocator.errors import CannotWrite, MissingBackend
+from mpc.arm import film as filming
+from mpc.arm.film import Film, check_film
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.trials import film as filming
-from mpc.arm.trials.files import columns, save_arm_run
-from mpc.arm.trials.film import Film, check_film
-from mpc.arm.trials.metrics import arm_metrics
-from mpc.arm.trials.plotting import arm_figure
-from mpc.arm.trials.reference import draw
-from mpc.arm.trials.simulation import ArmRun
 from mpc.model.arm.model import Arm
+from mpc.trials.arm_trajectories import draw
+from mpc.trials.files import save_run
+from mpc.trials.metrics import metrics
+from mpc.trials.plotting import tracking_figure
+from mpc.trials.simulation import Run
 
 ARM = Arm.machine("arm26")
 M = 20
@@ -27,38 +27,40 @@ M = 20
 def run():
     """Return a run that nobody ran: every joint 0.01 rad off, two commands beyond the slew."""
     t = np.linspace(0, 0.2, M + 1)
-    q_ref, K_ref = draw(ARM).sampled(t)
+    q_ref, K_ref = draw(ARM).preview(0, M)
     x = np.hstack([q_ref + 0.01, np.zeros((M + 1, 2)), np.full((M + 1, 6), 3e5)])
     u = np.full((M, 6), 3e5)
     u[5, 0] += 10e3
     status = np.zeros(M, int)
     K = K_ref + 0.5
     F = ARM.forces(x)
-    return ArmRun(
-        ARM, 0.01, t, x, u, q_ref, K_ref, K, F, np.zeros((M, 2)), np.full(M, 1e-4), status, status, 0.0 * t[1:]
-    )
+    estimate, none = np.hstack([x[1:], np.zeros((M, 2))]), np.zeros(M)
+    return Run(
+        ARM, 0.01, t, x, estimate, u, q_ref, K_ref, K, F, np.full(M, 1e-4), status, status, none, none,
+        np.zeros((M, 3)), "compiled",
+    )  # fmt: skip
 
 
 def test_metrics_are_what_the_arrays_say(run):
-    found = arm_metrics(run)
-    np.testing.assert_allclose(found.angle_rms, np.degrees(0.01))
+    found = metrics(run)
+    np.testing.assert_allclose(found.theta_rms, np.degrees(0.01))
     np.testing.assert_allclose(found.K_worst, 0.5)
     assert found.step_median == pytest.approx(0.1)
-    assert found.rungs == {"QP": M}
-    assert found.violations["slew of the commands"][0] == pytest.approx(5.0, rel=1e-6)  # bar/s above 5
+    assert found.rungs["QP"] == sum(found.rungs.values()) == M
+    assert found.violations["pressure slew"][0] == pytest.approx(5.0, rel=1e-6)  # bar/s above 5
     assert not found.limits_kept
-    assert found.violations["supply"][0] == 0.0
+    assert found.violations["commanded pressure"][0] == 0.0
 
 
 def test_the_table_has_every_sample_in_degrees_and_bar(run, tmp_path):
-    save_arm_run(run, tmp_path / "arm.csv")
+    save_run(run, tmp_path / "arm.csv")
     with (tmp_path / "arm.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == M + 1
-    assert float(rows[3]["shoulder_deg"]) == pytest.approx(np.degrees(run.q[3, 0]), rel=1e-8)
+    assert float(rows[3]["shoulder_deg"]) == pytest.approx(np.degrees(run.theta[3, 0]), rel=1e-8)
     assert float(rows[5]["shoulder_flexor_command_bar"]) == pytest.approx(3.1)
     assert float(rows[-1]["K12"]) == pytest.approx(run.K[-1, 0, 1], rel=1e-8)
-    assert set(rows[0]) == {name.replace(" ", "_") for name in columns(run)}
+    assert set(rows[0]) == set(run.to_dict())
 
 
 def test_the_hand_s_jacobian_is_the_slope_of_its_position():
@@ -68,7 +70,7 @@ def test_the_hand_s_jacobian_is_the_slope_of_its_position():
 
 
 def test_the_figure_shows_every_muscle_and_joint(run):
-    figure = arm_figure(run)
+    figure = tracking_figure(run)
     labels = {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
     assert {*ARM.mechanism.muscle_names, *ARM.mechanism.joint_names, "K11", "K12", "K22", "hand"} <= labels
 

@@ -93,7 +93,7 @@ def test_a_loop_that_ended_itself_says_so_and_leaves_its_log(tmp_path, trajector
         (("--device", "modbus:localhost:502", "--fast"), "--fast is for --device sim"),
         (("--device", "sim", "--stop", "explode"), "--stop explode: choose one of hold, ramp, vent"),
         (("--device", "sim", "--overrun", "panic"), "--overrun panic: choose one of skip, catch-up, stop"),
-        (("--device", "sim", "--out", "run.xls"), "a run is written as"),
+        (("--device", "sim", "--out", "run.xls"), "the ending has to be one of .png"),
         (("--device", "sim", "--present", "0"), "--present 0: expected LOW:HIGH"),
         (("--device", "sim:missing.toml"), "missing.toml"),
         (("--device", "sim", "--start-rate", "0"), "--start-rate 0: expected"),

@@ -1,7 +1,7 @@
 """`antagonist plan-joint` says which pressures to visit and which weight to hang before `fit-joint` can tell K."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -88,7 +88,7 @@ def _rows(plan: "JointPlan") -> list[str]:
     return rows
 
 
-def _values(plan: "JointPlan") -> dict[str, Any]:
+def _values(plan: "JointPlan") -> dict[str, object]:
     """Return what `--json` prints."""
     return {
         "weight_Nm": plan.weight,

@@ -7,17 +7,16 @@ import pytest
 
 from allocator import InvalidInput
 from allocator.units import BAR, DEG
-from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.tracking.observer import ArmObserver
-from mpc.arm.trials.reference import circle, hold, reach, reference
-from mpc.arm.trials.simulation import simulate_arm
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
+from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.preview import BadNumbers
 from mpc.tracking.weights import Weights
+from mpc.trials.arm_trajectories import circle, hold, reach, reference
+from mpc.trials.simulation import in_motion, simulate
 
 pytestmark = pytest.mark.compiles
 
@@ -26,8 +25,7 @@ K_REF = np.array([[12.0, 4.6], [4.6, 9.5]])
 
 
 def plant(arm=ARM, **effects):
-    text = to_mjcf(arm.mechanism, arm.bodies)
-    return MujocoPlant(text, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, **effects)
+    return MujocoPlant.of(arm, **effects)
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +35,12 @@ def controller():
 
 @pytest.fixture(scope="module")
 def run(controller):
-    return simulate_arm(plant(), ARM, controller, circle(ARM, turns=1))
+    asked = circle(ARM, turns=1)
+    return simulate(plant(), controller, asked, x0=in_motion(ARM, asked))
 
 
 def test_angles_and_stiffness_follow_on_bodies_that_are_mujoco_s(run):
-    error = np.sqrt(np.mean((run.q - run.q_ref) ** 2, axis=0)) / DEG
+    error = np.sqrt(np.mean((run.theta - run.theta_ref) ** 2, axis=0)) / DEG
     assert (error <= 0.03).all()
     assert np.sqrt(np.mean((run.K - run.K_ref)[50:] ** 2, axis=0)).max() <= 0.015
 
@@ -56,7 +55,7 @@ def test_the_limits_of_commands_are_kept_exactly(run):
 
 def test_stiffness_is_what_pushing_measures(controller):
     posed = plant()
-    simulate_arm(posed, ARM, controller, hold(ARM, 1.0))
+    simulate(posed, controller, hold(ARM, 1.0))
     here = ARM.mechanism.stiffness(posed.settle(), posed.P)
     np.testing.assert_allclose(posed.pushed_stiffness(), here, atol=0.004)
     np.testing.assert_allclose(here, K_REF, atol=0.01)
@@ -67,15 +66,14 @@ def test_the_observer_finds_loads_and_weak_muscles():
     effects = {"dead_time": 0.02, "encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}
     off = plant(force_gains=np.array([1.05, 0.95, 0.95, 1.05, 1.05, 0.95]), **effects)
     weights = Weights(theta=1 / (0.08 * DEG) ** 2, omega=1 / (10 * DEG) ** 2, rate=1 / (1 * BAR) ** 2)
-    mpc = TrackingMPC(ARM, compensation=Compensation(dead_time=0.02), weights=weights)
+    late = Compensation(dead_time=0.02)
+    mpc, observer = TrackingMPC(ARM, compensation=late, weights=weights), KalmanObserver(ARM, 0.01, compensation=late)
     load = np.array([1.0, 0.0])
-    done = simulate_arm(
-        off, ARM, mpc, hold(ARM, 4.0), observer=ArmObserver(ARM, 0.01, dead_time=0.02), load=lambda t: load
-    )
-    last = (done.q - done.q_ref)[-100:] / DEG
+    done = simulate(off, mpc, hold(ARM, 4.0), observer=observer, load=lambda t: load)
+    last = (done.theta - done.theta_ref)[-100:] / DEG
     assert np.abs(last.mean(axis=0)).max() <= 0.05
-    blind = simulate_arm(off, ARM, mpc, hold(ARM, 4.0), load=lambda t: load)
-    assert np.abs((blind.q - blind.q_ref)[-100:].mean(axis=0)).max() / DEG > 1.0  # without it
+    blind = simulate(off, mpc, hold(ARM, 4.0), load=lambda t: load)
+    assert np.abs((blind.theta - blind.theta_ref)[-100:].mean(axis=0)).max() / DEG > 1.0  # without it
 
 
 @pytest.mark.parametrize(
@@ -168,7 +166,8 @@ def test_settings_that_make_no_sense_are_refused():
 @pytest.mark.parametrize("name", ["circle", "reach", "hold"])
 def test_references_are_smooth_and_within_reach(name):
     asked = reference(name, ARM)
-    q, K = asked.sampled(np.linspace(0, asked.duration, 2001))
+    fine = asked.resampled(asked.duration / 2000)
+    q, K = fine.theta[:2001], fine.K[:2001]
     left, right = ARM.angle_limits
     assert ((left < q) & (q < right)).all()
     assert (np.linalg.eigvalsh(K) > 1).all()

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import InvalidInput, Stiffness
-from allocator.mechanism import Endpoint, allocate_mechanism
+from allocator import InvalidInput, Stiffness, allocate
+from allocator.mechanism import Endpoint
 from allocator.units import DEG
-from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.trials.reference import draw, hold
-from mpc.arm.trials.simulation import simulate_arm
 from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.plan import PlanStatus, Rung
+from mpc.trials.arm_trajectories import draw, hold
+from mpc.trials.simulation import in_motion, simulate
 
 JOINTS = Arm.machine("arm26")
 ARM = replace(JOINTS, endpoint=JOINTS.bodies.endpoint)
@@ -28,7 +27,7 @@ def controller():
 
 @pytest.fixture
 def plant():
-    return MujocoPlant(to_mjcf(ARM.mechanism, ARM.bodies), ARM.mechanism.muscles, lag=ARM.lag, slew=ARM.slew)
+    return MujocoPlant.of(ARM)
 
 
 def pushed_hand(plant, force=0.2):
@@ -51,8 +50,9 @@ def pushed_hand(plant, force=0.2):
 
 @pytest.mark.slow
 def test_the_hand_s_stiffness_turns_as_asked(controller, plant):
-    run = simulate_arm(plant, ARM, controller, draw(ARM, turns=0.25))
-    assert (np.sqrt(np.mean((run.q - run.q_ref) ** 2, axis=0)) <= 0.05 * DEG).all()
+    asked = draw(ARM, turns=0.25)
+    run = simulate(plant, controller, asked, x0=in_motion(ARM, asked))
+    assert (np.sqrt(np.mean((run.theta - run.theta_ref) ** 2, axis=0)) <= 0.05 * DEG).all()
     error = np.sqrt(np.mean((run.K - run.K_ref)[50:] ** 2, axis=0)).max()
     assert error <= 0.002 * np.abs(run.K_ref).max()
     assert set(run.rung) == {Rung.QP}
@@ -62,8 +62,8 @@ def test_the_hand_s_stiffness_turns_as_asked(controller, plant):
 @pytest.mark.slow
 def test_pushing_the_hand_finds_the_stiffness_that_was_asked(controller, plant):
     asked = hold(replace(ARM, endpoint=None), 0.6)
-    K_x = ARM.seen(*(part[0] for part in asked.sampled(np.zeros(1))))
-    simulate_arm(plant, ARM, controller, replace(asked, at=lambda t: (asked.at(t)[0], np.tile(K_x, (t.size, 1, 1)))))
+    K_x = ARM.seen(asked.theta[0], asked.K[0])
+    simulate(plant, controller, replace(asked, K=np.tile(K_x, (asked.t.size, 1, 1))))
     rest = plant.settle()
     np.testing.assert_allclose(ARM.seen(rest, ARM.mechanism.stiffness(rest, plant.P)), K_x, rtol=2e-3)
     np.testing.assert_allclose(pushed_hand(plant), K_x, rtol=5e-3)
@@ -91,7 +91,7 @@ def test_the_feed_forward_asks_the_hand(name):
     K = arm.seen(q, np.tile(6 * np.eye(arm.n), (7, 1, 1)))
     feed = InverseDynamics(arm, 0.01, N)(q, K, np.zeros((7, arm.n)))
     T = arm.bodies.torque_for(feed.x[:, : arm.n], feed.x[:, arm.n : 2 * arm.n], np.zeros((7, arm.n)))
-    held = allocate_mechanism(arm.mechanism, q, K, T, stiffness=Stiffness(endpoint=arm.endpoint))
+    held = allocate(q, K, T, joint=arm.mechanism, stiffness=Stiffness(endpoint=arm.endpoint))
     np.testing.assert_allclose(arm.matrix(feed.y[:, : arm.stiffnesses]), held.K_x, rtol=1e-3, atol=1e-3 * K.max())
 
 

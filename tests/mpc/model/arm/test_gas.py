@@ -10,12 +10,12 @@ from allocator.joint.gas import Gas
 from allocator.units import DEG
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.trials.reference import circle
-from mpc.arm.trials.simulation import simulate_arm
 from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.step import SlowStep
+from mpc.trials.arm_trajectories import circle
+from mpc.trials.simulation import in_motion, simulate
 
 PLAIN = Arm.machine("arm26")
 FILLED = replace(PLAIN, gas=True)
@@ -23,7 +23,7 @@ FILLED = replace(PLAIN, gas=True)
 
 def plant(**given):
     arm, text = PLAIN, to_mjcf(PLAIN.mechanism, PLAIN.bodies, timestep=0.0005)
-    return MujocoPlant(text, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, gas=True, **given)
+    return MujocoPlant(text, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, gas=True, nominal=arm, **given)
 
 
 def test_the_motion_is_that_of_mujoco_s_bodies_and_gas():
@@ -62,8 +62,8 @@ def test_a_controller_that_knows_the_gas_follows_more_closely():
     with pytest.warns(SlowStep, match="gas"):
         controllers = {"knows": TrackingMPC(FILLED), "does not": TrackingMPC(PLAIN)}
     for name, controller in controllers.items():
-        run = simulate_arm(plant(), controller.plant, controller, asked)
-        errors[name] = np.sqrt(np.mean((run.q - run.q_ref)[30:] ** 2, axis=0)) / DEG
+        run = simulate(plant(), controller, asked, x0=in_motion(PLAIN, asked))
+        errors[name] = np.sqrt(np.mean((run.theta - run.theta_ref)[30:] ** 2, axis=0)) / DEG
         assert set(run.rung) == {0}
     assert (errors["knows"] <= 0.05).all()
     assert (errors["knows"] <= errors["does not"] / 5).all()

@@ -8,7 +8,7 @@ from allocator import InvalidInput
 from allocator.errors import InvalidFile
 from allocator.mechanism import Endpoint, Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N as MUSCLE
-from mpc.model.arm.differences import DifferencePredictor
+from mpc.model.arm.differences import Differences
 from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
 from mpc.model.arm.mechanics.tendon_jacobian import TendonJacobian
 from mpc.model.arm.mechanics.tree import TreeBodies
@@ -135,16 +135,16 @@ def test_differences_find_the_motion_and_the_slopes_of_the_formulas(endpoint):
     errors = []
     for dt in (0.01, 0.005):
         exact = Predictor(arm, dt, N).linearise(x, u, d)
-        found = DifferencePredictor(other, dt, N, RESOLUTION).linearise(x, u, d)
-        assert relative(found.B[0], exact.B[0]) < 0.02
-        errors.append(relative(found.A[0], exact.A[0]))
+        states, y, A, B, slope = Differences(other, dt, RESOLUTION).linearise(x, u, d)
+        assert relative(B[0], exact.B[0]) < 0.02
+        errors.append(relative(A[0], exact.A[0]))
     assert errors[0] < 0.01
     assert errors[1] < errors[0] / 3  # of the third order in dt, in fractions of entries of the first
-    np.testing.assert_allclose(found.x, exact.x, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(found.K, exact.K, rtol=1e-5, atol=1e-6)
-    np.testing.assert_allclose(found.F, exact.F, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(states, exact.x, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(y[:, :-4], exact.K, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(y[:, -4:], exact.F, rtol=1e-5, atol=1e-4)
     units = np.concatenate([np.ones(4), np.full(4, 1e5)])
-    np.testing.assert_allclose(found.slope * units, exact.slope * units, rtol=1e-4, atol=1e-3)
+    np.testing.assert_allclose(slope * units, exact.slope * units, rtol=1e-4, atol=1e-3)
 
 
 def test_a_tendon_round_a_geom_is_asked_of_mujoco():

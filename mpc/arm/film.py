@@ -18,9 +18,9 @@ from allocator.errors import CannotWrite, MissingBackend
 from allocator.units import BAR
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.picture import Camera
-from mpc.arm.trials.plotting import COLOURS
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
+from mpc.trials.hand import COLOURS
 
 FILMS = (".gif", ".mp4")
 SIZE = 480, 360  # [pixels]

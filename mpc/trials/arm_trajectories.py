@@ -1,7 +1,6 @@
-"""A reference of an arm is what is to be followed: angles and a stiffness matrix over time."""
+"""References for arms: swings of all joints, reaches, a posture, a drawing; each with a stiffness matrix."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,28 +11,7 @@ from allocator.mechanism import Pulleys
 from allocator.units import DEG
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
-
-
-@dataclass(frozen=True)
-class ArmReference:
-    """An `ArmReference` is a formula of the time, which goes on after its duration: previews look beyond the end."""
-
-    name: str
-    duration: float  # [s]
-    at: Callable[[Array], tuple[Array, Array]]  # t (k,) [s] ↦ angles (k, n) [rad], stiffness as the arm's is tracked
-
-    def __post_init__(self) -> None:
-        """Check the duration. Raises `InvalidInput`."""
-        if not 0 < checks.number("duration", self.duration, "s") <= 3600:
-            raise InvalidInput(f"duration = {self.duration:g} s has to be above 0 and at most an hour")
-
-    def sampled(self, t: Array) -> tuple[Array, Array]:
-        """Return angles (k, n) [rad] and stiffness at the times `t` (k,) [s].
-
-        That is (k, n, n) [N·m/rad], or (k, dim, dim) [N/m] of an arm whose endpoint's stiffness is tracked.
-        """
-        return self.at(np.asarray(t, float))
-
+from mpc.trials.reference import Reference
 
 _STIFFNESS = {2: [[12.0, 4.6], [4.6, 9.5]]}
 _EACH = 6.0  # [N·m/rad] of every joint of other arms
@@ -44,7 +22,7 @@ _SHARES = 1.0, 0.7, 0.5, 0.35, 0.25  # of a swing, of which the first is taken t
 _HELD = 0.1  # of the least stiffness in the middle that has to be left elsewhere
 
 
-def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1.0) -> ArmReference:
+def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1.0) -> Reference:
     """Return joints that swing a quarter of a period after each other, ±23°, ±17°, … times `size`, while K11 swings.
 
     They swing about the middles of their ranges, and less where the arm would not hold itself. K = [[12 ± 1.5, 4.6],
@@ -65,10 +43,10 @@ def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1
             K *= 1 + 0.1 * np.sin(w * t)[:, None, None]
         return q, arm.seen(q, K)
 
-    return ArmReference("circle", _positive("turns", turns, "-") / frequency, at)
+    return Reference.of("circle", _positive("turns", turns, "-") / frequency, at)
 
 
-def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> ArmReference:
+def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> Reference:
     """Return minimum-jerk movements from one side to the other and back, with rests of `rest` [s] at the ends.
 
     Raises `InvalidInput`.
@@ -86,17 +64,17 @@ def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> ArmReference:
         q = middle + (2 * done[:, None] - 1) * ends
         return q, arm.seen(q, K_of(q))
 
-    return ArmReference("reach", 2 * period + rest, at)
+    return Reference.of("reach", 2 * period + rest, at)
 
 
-def hold(arm: Arm, seconds: float = 4.0) -> ArmReference:
+def hold(arm: Arm, seconds: float = 4.0) -> Reference:
     """Return a posture that is held. Raises `InvalidInput`."""
     posture = _middle(arm) + _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG)
     K = arm.seen(posture[None], _usual_stiffness(arm)(posture[None]))[0]
-    return ArmReference("hold", seconds, lambda t: (np.tile(posture, (t.size, 1)), np.tile(K, (t.size, 1, 1))))
+    return Reference.of("hold", seconds, lambda t: (np.tile(posture, (t.size, 1)), np.tile(K, (t.size, 1, 1))))
 
 
-def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> ArmReference:
+def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> Reference:
     """Return the hand of an arm with two links drawing an eight, 12 cm high, while the stiffness of its hand turns.
 
     The joints' K = [[12 + 2 sin φ, 4.6 + 0.8 cos φ], [4.6 + 0.8 cos φ, 9.5 - 1.5 sin φ]] goes round once with every
@@ -124,7 +102,7 @@ def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> ArmReference:
         K[:, 1, 0] += 0.8 * np.cos(phase)
         return q, arm.seen(q, K)
 
-    return ArmReference("draw", _positive("turns", turns, "-") * seconds, at)
+    return Reference.of("draw", _positive("turns", turns, "-") * seconds, at)
 
 
 def _usual_stiffness(arm: Arm) -> Callable[[Array], Array]:
@@ -179,11 +157,11 @@ def _positive(name: str, value: float, unit: str) -> float:
     return number
 
 
-REFERENCES: Mapping[str, Callable[[Arm], ArmReference]] = {"circle": circle, "reach": reach, "hold": hold, "draw": draw}
+REFERENCES: Mapping[str, Callable[[Arm], Reference]] = {"circle": circle, "reach": reach, "hold": hold, "draw": draw}
 """Every reference that the command line knows, by its name."""
 
 
-def reference(name: str, arm: Arm) -> ArmReference:
+def reference(name: str, arm: Arm) -> Reference:
     """Return the reference of this name for `arm`. Raises `MissingBackend` for another name."""
     if name not in REFERENCES:
         raise MissingBackend("reference", name, list(REFERENCES))
