@@ -11,8 +11,7 @@ from allocator.calculus import Array
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.device import Reading
 from mpc.bench.guard import Pressures
-from mpc.bench.logs import Columns
-from mpc.bench.record import of_plan
+from mpc.bench.record import Columns, of_plan
 from mpc.bench.safety import Action, Reason, Stopped, Watchdog
 from mpc.model.plant import NX, Plant
 from mpc.observer.base import Observer
