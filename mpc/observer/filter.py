@@ -84,7 +84,8 @@ class Filter:
     """The filter holds the equations; it remembers nothing."""
 
     def __init__(self, plant: Machine, dt: float, noise: Noise, compensation: Compensation, gate: Gate) -> None:
-        self.plant, self.dt, self.noise, self.compensation, self.gate = plant, dt, noise, compensation, gate
+        self.plant: Any = plant
+        self.dt, self.noise, self.compensation, self.gate = dt, noise, compensation, gate
         n, m, size = plant.n, plant.m, plant.size
         self.measured = np.array([*range(n), *range(2 * n, size)])  # of ξ
         self.Q, self.R = noise.Q(dt, n, m), noise.R(n, m)
@@ -175,7 +176,7 @@ class Filter:
         plant = self.plant
         if isinstance(plant, Arm) and plant.unformulated:
             return Differences(plant, dt).sample
-        kind = ca.SX if isinstance(plant, Plant) else ca.MX
+        kind: Any = ca.SX if isinstance(plant, Plant) else ca.MX
         x, v, d = (kind.sym(name, rows) for name, rows in (("x", plant.size), ("v", plant.m), ("d", plant.n)))
         x_next = plant.discrete(dt)(x, v, d)
         # transposed because `Buffered` hands back transposes

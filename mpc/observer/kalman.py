@@ -68,7 +68,8 @@ class KalmanObserver:
         wait: bool = True,
         compiled: bool = True,
     ) -> None:
-        self.plant, self.dt, self.tolerance, self.wait = plant, dt, tolerance, wait
+        self.plant: Any = plant
+        self.dt, self.tolerance, self.wait = dt, tolerance, wait
         self.noise = Noise() if noise is None else noise
         self.compensation = Compensation() if compensation is None else compensation
         self.gate = Gate.of(plant, dt, (self.noise.theta, self.noise.pressure)) if gate is None else gate
