@@ -18,12 +18,12 @@ from allocator.units import BAR, DEG
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from allocator.allocation import Allocation
+    from allocator.allocation.pair import PairAllocation
     from allocator.joint.antagonist import AntagonistJoint
     from allocator.joint.gas import Stiffness
     from allocator.mechanism.at_least import AtLeast
     from allocator.mechanism.mechanism import Mechanism
-    from allocator.mechanism.result import MechanismAllocation
+    from allocator.mechanism.result import BoxAllocation
 
 _NOT_MET = 3  # exit code
 
@@ -103,7 +103,7 @@ def allocate_command(
 
 def _of_one(
     joint: "AntagonistJoint", theta: float, stiffness: str, torque: str, meant: "Stiffness", **asked: Any
-) -> "Allocation":
+) -> "PairAllocation":
     from allocator.allocation import allocate
 
     finite("--theta", theta, "degrees")
@@ -121,7 +121,7 @@ def _one(option: str, text: str, unit: str) -> float:
         raise InvalidInput(f"{option} {text}: expected one number [{unit}]") from None
 
 
-def _values_of_one(a: "Allocation") -> dict[str, Any]:
+def _values_of_one(a: "PairAllocation") -> dict[str, Any]:
     """Return what `--json` prints."""
     return a.to_dict() | {
         "limits": a.active,
@@ -140,7 +140,7 @@ def _values_of_one(a: "Allocation") -> dict[str, Any]:
     }
 
 
-def _table(a: "Allocation") -> "Table":
+def _table(a: "PairAllocation") -> "Table":
     from rich.table import Table
     from rich.text import Text
 
@@ -179,14 +179,14 @@ def _of_several(
     at_least: bool,
     meant: "Stiffness",
     **asked: Any,
-) -> "MechanismAllocation | AtLeast":
+) -> "BoxAllocation | AtLeast":
     """Return the answer for several joints.
 
     Numbers come as text, joint by joint with commas: `torque` [N·m], one number for all joints or n of them, and
     `stiffness` [N·m/rad], or of a hand [N/m], one number, a diagonal (n) or the matrix's upper triangle, row by row.
     """
+    from allocator.allocation import allocate
     from allocator.mechanism.at_least import allocate_at_least
-    from allocator.mechanism.entry import allocate_mechanism
 
     q, hand = options.angles(mechanism), options.hand(mechanism)
     T, n = torques(torque, mechanism), mechanism.n if hand is None else hand.endpoint.dim
@@ -195,7 +195,7 @@ def _of_several(
     if hand is not None:
         meant = replace(meant, endpoint=hand.endpoint, force=hand.force)
     if not at_least:
-        return allocate_mechanism(mechanism, q, K, T, stiffness=meant, **asked)
+        return allocate(q, K, T, joint=mechanism, stiffness=meant, **asked)
     if (asked["priority"], *asked["method"][:2]) != ("torque", "exact", None):
         raise InvalidInput("--at-least goes without --priority, --method and --solver")
     if not meant.kind(mechanism.muscle_names).isobaric:
@@ -215,7 +215,7 @@ def _stiffness(K: list[float], size: int) -> Any:
     return matrix
 
 
-def _values_of_several(found: "MechanismAllocation | AtLeast") -> dict[str, Any]:
+def _values_of_several(found: "BoxAllocation | AtLeast") -> dict[str, Any]:
     """Return what `--json` prints."""
     from allocator.mechanism.at_least import AtLeast
 
@@ -237,7 +237,7 @@ def _values_of_several(found: "MechanismAllocation | AtLeast") -> dict[str, Any]
     return values | {"separating_direction": d, "separating_reach": reach, "separating_asked": asked}
 
 
-def _tables(found: "MechanismAllocation | AtLeast") -> "list[Table]":
+def _tables(found: "BoxAllocation | AtLeast") -> "list[Table]":
     from rich.table import Table
 
     from allocator.mechanism.at_least import AtLeast

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator.allocation.pair import PairAllocation
 from allocator.allocation.problem import Problem
-from allocator.allocation.result import Allocation, shaped
+from allocator.allocation.result import shaped
 from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
 from allocator.calculus import Array
 from allocator.joint.gas import StiffnessKind
@@ -21,7 +22,9 @@ _FIELDS = ("P1", "P2", "T", "K", "status", "limits", "iterations", "_gap")
 _SAME = 1e-12  # of a cost: rounding
 
 
-def with_free_valves(solve: Callable[[Problem], Allocation], problem: Problem, kind: StiffnessKind) -> Allocation:
+def with_free_valves(
+    solve: Callable[[Problem], PairAllocation], problem: Problem, kind: StiffnessKind
+) -> PairAllocation:
     """Return the best of the answers of `solve` to `problem` in each state of the valves.
 
     Best is what comes nearest to the targets by their priority; of answers that are as good the one with the least sum
@@ -44,7 +47,7 @@ def _selected(given: list[Any], chosen: NDArray[np.intp], shape: tuple[int, ...]
     return shaped(np.take_along_axis(rows, chosen[None], 0)[0], shape)
 
 
-def _best(problem: Problem, answers: list[Allocation]) -> NDArray[np.intp]:
+def _best(problem: Problem, answers: list[PairAllocation]) -> NDArray[np.intp]:
     """Return the number of the best answer to each target (n,)."""
     first, second = (np.stack(costs) for costs in zip(*(_costs(problem, a) for a in answers), strict=True))
     widest = problem.with_shares(StiffnessKind.free[-1])
@@ -63,7 +66,7 @@ def _best(problem: Problem, answers: list[Allocation]) -> NDArray[np.intp]:
     return np.asarray(np.where(left, pressure, np.inf).argmin(axis=0))
 
 
-def _costs(problem: Problem, a: Allocation) -> tuple[Array, Array]:
+def _costs(problem: Problem, a: PairAllocation) -> tuple[Array, Array]:
     """Return what an answer costs by the first and by the second goal, (n,) each, as squares."""
     e_T = np.ravel(a.T) - problem.T
     e_K = np.maximum(np.abs(np.ravel(a.K) - problem.K) - problem.stiffness_tolerance, 0.0)

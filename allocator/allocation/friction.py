@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from allocator import checks
+from allocator.allocation.pair import PairAllocation
 from allocator.allocation.problem import Problem
-from allocator.allocation.result import Allocation
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 
@@ -31,7 +31,7 @@ def checked_direction(direction: Any) -> Array:
     return s
 
 
-def with_friction(solve: Callable[[Problem], Allocation], problem: Problem, s: Array) -> Allocation:
+def with_friction(solve: Callable[[Problem], PairAllocation], problem: Problem, s: Array) -> PairAllocation:
     """Return the answer of `solve` that leaves the torque of `problem` for the link moving in directions `s` (n,)."""
     wanted, mu = problem.T, problem.joint.friction
     for _ in range(_ROUNDS):

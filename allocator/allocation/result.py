@@ -3,97 +3,66 @@
 Everything here is computed from the pressures themselves; nothing is taken from a back-end's word.
 """
 
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation import certificate, reach, sensitivity
-from allocator.allocation.arguments import problem_from
-from allocator.allocation.message import sentence
-from allocator.allocation.problem import Priority, Problem
-from allocator.allocation.status import Status, status_names
-from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
-from allocator.allocation.uncertain.spread import forces_std, stiffness_std
+from allocator.allocation.status import Status
 from allocator.calculus import Array
-from allocator.errors import InvalidInput
-from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.assumption import assumptions
-from allocator.joint.gas import HELD, StiffnessKind
-from allocator.joint.limits import Limits, names
-from allocator.joint.torque_levels import Pair, torque_interval
-from allocator.presentation.tables import html_table, number, span
-from allocator.units import BAR, DEG
-
-_STATUS = tuple(Status)
+from allocator.joint.one_muscle import OneMuscle
+from allocator.muscles.measured import Visit, extrapolation
 
 
-@dataclass(frozen=True, eq=False)
-class Allocation:
-    """An `Allocation` is the answer of `allocate`: floats for scalars, else arrays of the targets' broadcast shape."""
+class Allocation(ABC):
+    """An `Allocation` is the answer of `allocate`.
 
-    theta: Any  # joint angle asked for [rad]
-    T_target: Any  # torque asked for [N·m]
-    K_target: Any  # stiffness asked for [N·m/rad]
-    P1: Any  # agonist pressure [Pa]
-    P2: Any  # antagonist pressure [Pa]
-    T: Any  # torque that these pressures give [N·m]
-    K: Any  # stiffness that these pressures give [N·m/rad], of the kind asked for
-    status: Any  # Status, or an array of its integers
-    limits: Any  # combination of Limit flags that bind, as integers
-    joint: AntagonistJoint = field(repr=False)
-    priority: Priority
-    _within: Limits = field(repr=False)  # the limits asked for
-    kind: StiffnessKind = HELD  # which stiffness `K_target` and `K` are: isobaric, shut, …
-    method: str = "exact"
-    iterations: Any = None  # of an optimising method
-    _gap: Any = field(default=0.0, repr=False)  # `gap` where the method has proved one, else None
-    _built: Problem | None = field(default=None, repr=False)  # None: nothing else was asked, it is made when needed
-    _shape: tuple[int, ...] = field(default=(), repr=False)  # of the targets
+    Of a joint it is a `PairAllocation`: `theta`, `T`, `K` are numbers, or arrays of the targets' broadcast shape. Of a
+    mechanism it is a `BoxAllocation`: postures and torques are (…, n), stiffnesses (…, n, n). Both have
 
-    @cached_property
-    def _problem(self) -> Problem:
-        if self._built is not None:
-            return self._built
-        targets = self.theta, self.K_target, self.T_target
-        asked: dict[str, Any] = {"limits": self._within, "priority": self.priority, "shares": self.kind.fixed}
-        return problem_from(self.joint, *targets, **asked)[0]
+    * `theta` asked for and `q` answered; `P`, of a pair `P1` and `P2`; what these give: `T`, `K`, `isobaric_stiffness`,
+      `forces`; `T_target`, `K_target` and the errors, `torque_met`, `stiffness_met`, `holds`, `least_stiffness`;
+    * `status`, `success`, `message`, `assumed`; the limits by name: `active`, `broken`, and as pressures: `box`;
+    * the proof: `gap`, `kkt_residual`; `kind` (which stiffness), `method`, `jacobian()`, `to_dict()`.
+    """
 
-    @property
-    def valves(self) -> tuple[Any, Any]:
-        """Return whether the valves of (agonist, antagonist) are shut while the joint is as stiff as `K`.
+    if TYPE_CHECKING:  # each kind of allocation has these, as fields or properties
 
-        Two truth values, or arrays of them. Where a `frequency` was asked for they are regulated, and counted as open.
-        """
-        shares = self._problem.shares
-        if shares is None or self.kind.frequency is not None:
-            shares = (np.zeros(self._problem.theta.shape),) * 2
-        one, two = (shaped(np.asarray(s == 1), self._shape) for s in shares)
-        return one, two
+        @property
+        def status(self) -> Any:
+            """Return the `Status`, or an array of its integers."""
 
-    @property
-    def isobaric_stiffness(self) -> Any:
-        """Return K = -∂T/∂θ at held pressures [N·m/rad] that these pressures give, whichever stiffness was asked."""
-        one, two = (side.isobaric for side in self._problem.sides)
-        return shaped(np.asarray(one.stiffness(np.ravel(self.P1)) + two.stiffness(np.ravel(self.P2))), self._shape)
+        @property
+        def T_target(self) -> Any:
+            """Return the torque asked for [N·m]."""
+
+        @property
+        def K_target(self) -> Any:
+            """Return the stiffness asked for [N·m/rad]; NaN for entries that are free."""
+
+        @property
+        def T(self) -> Any:
+            """Return the torque that these pressures give [N·m]."""
+
+        @property
+        def K(self) -> Any:
+            """Return the stiffness that these pressures give [N·m/rad], of the kind asked for."""
+
+        @property
+        def P(self) -> Array:
+            """Return the pressures (…, m) [Pa]."""
+
+        @property
+        def _shape(self) -> tuple[int, ...]:
+            """Return the shape of the targets."""
 
     @property
     def success(self) -> Any:
-        """Return whether both targets are met."""
+        """Return whether torques and stiffness are met and nothing is wrong."""
         return self.status == Status.EXACT
-
-    @property
-    def assumed(self) -> str:
-        """Sentence listing the assumptions behind the answer that the data could not confirm, or "".
-
-        Equilibria of some joints do not show a force common to both muscles: the pressures at which cables go slack
-        are then assumed, and a target is met if the cables are taut. A muscle fitted to forces is extrapolated beyond
-        the contractions and pressures at which it was measured.
-        """
-        theta = np.clip(np.ravel(self.theta), *self.joint.angle_range)  # where the pressures belong
-        return assumptions(self.joint, theta, np.ravel(self.P1), np.ravel(self.P2))
 
     @property
     def T_error(self) -> Any:
@@ -102,126 +71,26 @@ class Allocation:
 
     @property
     def K_error(self) -> Any:
-        """Return the stiffness asked minus given [N·m/rad]."""
+        """Return the stiffness asked minus given [N·m/rad]; NaN for entries that were not asked for."""
         return self.K_target - self.K
 
-    @property
-    def active(self) -> Any:
-        """Return the names of the limits that bind: "P1 upper", "agonist slack", …; a tuple, or an array of tuples.
-
-        A limit binds where the pressure lies on it, up to 1e-9 of the supply range; of limits that lie at one pressure
-        all bind, since relieving one does not help. Supply and validity of the model count as one limit, the lower.
-        """
-        return self._named(self.limits)
-
-    @property
-    def broken(self) -> Any:
-        """Return the names of the limits that are not kept, since the slew limit or others allow no such pressure.
-
-        Of method "analytic", which knows no limits, whatever it breaks. A tuple, or an array of tuples.
-        """
-        near = CLOSED_FORM.binds if self.method in ("exact", "analytic") else OPTIMISER.binds
-        near *= self._problem.joint.pressure_span
-        return self._named(shaped(self._problem.box.not_kept(np.ravel(self.P1), np.ravel(self.P2), near), self._shape))
-
-    def _named(self, limits: Any) -> Any:
-        if not self._shape:
-            return names(limits)
-        named = np.empty(limits.size, object)
-        named[:] = [names(flags) for flags in limits.flat]
-        return named.reshape(self._shape)
+    @cached_property
+    def forces(self) -> Array:
+        """Return the muscles' forces (…, m) [N] at these pressures; negative where one would be slack."""
+        return self._each([side.force(P) for side, P in self._pulling])
 
     @cached_property
-    def torque_interval(self) -> Pair:
-        """Return (T_min, T_max) [N·m] that can be reached at the angle."""
-        return self._shaped(*torque_interval(self._problem.sides, self._problem.box))
-
-    @cached_property
-    def stiffness_interval(self) -> Pair:
-        """Return (K_min, K_max) [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer.
-
-        Of the kind of stiffness asked for, and with the valves as they are.
-        """
-        return self._shaped(*reach.stiffness_interval(self._problem, np.ravel(self.T)))
-
-    @cached_property
-    def torque_intervals(self) -> Array:
-        """Return the intervals (T_min, T_max) [N·m] within reach at the angle with the stiffness given: (…, m, 2).
-
-        A union of m intervals at most, NaN where a target has fewer; m is 1 for affine muscles and on the report's
-        joint.
-        """
-        found = reach.torque_intervals(self._problem, np.ravel(self.K))
-        return found.reshape(*self._shape, *found.shape[1:])
-
-    @cached_property
-    def gap(self) -> Any:
-        """Return how much better an answer might be than this one, for all that is proved; 0 for closed forms.
-
-        A fraction of the scale of the goal that is missed, or of the weighted cost with both at their scales. Searches
-        (muscles that are not affine) prove some 1e-13, up to rounding. Of an optimising method it is how much worse
-        its answer is than the proved bound of "exact". NaN where nothing is proved: methods "analytic" and "uncertain",
-        and muscles that are not affine with a pull.
-        """
-        if self._gap is not None:
-            return self._gap
-        return shaped(certificate.gap(self._problem, np.ravel(self.P1), np.ravel(self.P2)), self._shape)
-
-    @cached_property
-    def pairs(self) -> Any:
-        """Return how many pairs of pressures within the limits give this torque and stiffness: 1, on levers also more.
-
-        The least of them is answered, or with `previous` the nearest to these pressures; see `along` of `allocate`.
-        """
-        return shaped(reach.pairs(self._problem, np.ravel(self.T), np.ravel(self.K)), self._shape)
-
-    @cached_property
-    def kkt_residual(self) -> Any:
-        """Return the step that would still improve the answer, in fractions of the supply range; 0 is optimal."""
-        return shaped(certificate.residual(self._problem, np.ravel(self.P1), np.ravel(self.P2)), self._shape)
-
-    @cached_property
-    def K_std(self) -> Any:
-        """Return the standard deviation of K [N·m/rad] from the covariance of fitted muscles; None if they have none.
-
-        That of a fitted joint allows for a smooth error of its force law; that of muscles fitted to forces does not.
-        """
-        std = stiffness_std(self._problem, np.ravel(self.P1), np.ravel(self.P2))
-        return None if std is None else shaped(std, self._shape)
-
-    @cached_property
-    def forces(self) -> Pair:
-        """Return the muscle forces (F1, F2) [N] at these pressures."""
-        one, two = self._problem.sides
-        return self._shaped(one.force(np.ravel(self.P1)), two.force(np.ravel(self.P2)))
-
-    @cached_property
-    def forces_std(self) -> Pair | None:
-        """Return the standard deviations of (F1, F2) [N] from the covariance of fitted muscles; None without one.
-
-        A joint whose fit has not seen the force common to both muscles has a wide one.
-        """
-        std = forces_std(self._problem, np.ravel(self.P1), np.ravel(self.P2))
-        return None if std is None else self._shaped(*std)
+    def isobaric_stiffness(self) -> Any:
+        """Return K = -∂T/∂θ at held pressures [N·m/rad] that these pressures give, whichever stiffness was asked."""
+        return self._formed(np.asarray(sum(side.isobaric.stiffness(P) for side, P in self._pulling)))
 
     @property
-    def torques(self) -> tuple[Array, Array]:
-        """Return what agonist (a1 F1) and antagonist (-a2 F2) add to the torque, in one row [N·m]."""
-        one, two = self._problem.sides
-        return one.torque(np.ravel(self.P1)), two.torque(np.ravel(self.P2))
+    def assumed(self) -> str:
+        """Sentence listing the assumptions behind the answer that the data could not confirm, or "".
 
-    def jacobian(self) -> Array:
-        """Return dP/d(θ, K, T), shape (…, 2, 3) [Pa/rad, Pa·rad/(N·m), Pa/(N·m)], with the active set held.
-
-        One-sided where the active set is about to change; NaN where there is no answer, and where the stiffness turns
-        (on some levers), so that the equations are singular. Raises InvalidInput for answers under uncertainty.
+        Muscles fitted to forces are extrapolated beyond the contractions and pressures at which they were measured.
         """
-        if self.method == "uncertain":
-            raise InvalidInput("jacobian() holds for allocations without uncertainty")
-        dP = sensitivity.jacobian(self._problem, np.ravel(self.P1), np.ravel(self.P2))
-        inside = np.ravel(self.theta) == self._problem.theta
-        dP[~inside, :, 0] = 0.0  # beyond the joint range the answer stays that of the range's end
-        return dP.reshape(*self._shape, 2, 3)
+        return extrapolation(Visit(s.name, s.muscle.measured, s.contraction, P) for s, P in self._pulling)
 
     @property
     def message(self) -> str:
@@ -230,118 +99,52 @@ class Allocation:
 
     @property
     def _outcome(self) -> str:
-        if self._shape:
-            values, counts = np.unique(self.status, return_counts=True)
-            listed = ", ".join(f"{n} {Status(v).name}" for v, n in zip(values, counts, strict=True))
-            return f"{self.status.size} targets: {listed}"
-        return sentence(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer in the columns of a table, units in their names: what `pandas.DataFrame` takes.
-
-        Of arrays every column is one row (n,), the targets in C order; of a single target every value is a scalar, and
-        the dictionary one row: ``DataFrame([a.to_dict()])``. Status and binding limits are given by their names.
-        """
-        columns = {
-            "theta_deg": self.theta / DEG,
-            "stiffness_target_Nm_per_rad": self.K_target,
-            "torque_target_Nm": self.T_target,
-            "P1_bar": self.P1 / BAR,
-            "P2_bar": self.P2 / BAR,
-            "stiffness_Nm_per_rad": self.K,
-            "torque_Nm": self.T,
-        }
-        assumed = {"assumed": self.assumed} if self.assumed else {}
-        columns |= self._gas_columns()
         if not self._shape:
-            return columns | {"status": Status(self.status).name, "limits": " + ".join(self.active)} | assumed
-        flags, which = np.unique(np.ravel(self.limits), return_inverse=True)
-        return {name: np.ravel(column) for name, column in columns.items()} | {
-            "status": status_names(np.ravel(self.status)),
-            "limits": np.array([" + ".join(names(int(value))) for value in flags], str)[which],
-            **{name: np.full(which.size, text) for name, text in assumed.items()},
-        }
+            return self._sentence
+        values, counts = np.unique(self.status, return_counts=True)
+        listed = ", ".join(f"{n} {Status(int(v)).name}" for v, n in zip(values, counts, strict=True))
+        return f"{self.status.size} targets: {listed}"
 
-    def _gas_columns(self) -> dict[str, Any]:
-        """Return what a table says beyond the isobaric stiffness."""
-        if self.kind.isobaric:
-            return {}
-        names = ("isobaric_stiffness_Nm_per_rad", "agonist_valve_shut", "antagonist_valve_shut")
-        return dict(zip(names, (self.isobaric_stiffness, *self.valves), strict=True))
+    @abstractmethod
+    def jacobian(self) -> Array:
+        """Return dP/d(θ, K, T) (…, m, n + n(n+1)/2 + n), with the active set held; of K the upper triangle.
 
-    def __repr__(self) -> str:
-        """Show the pressures, what they give and what is in the way; of arrays their ranges."""
-        P1, P2 = np.divide(self.P1, BAR), np.divide(self.P2, BAR)
-        if self._shape:
-            angles = span(np.divide(self.theta, DEG), "°")
-            return f"Allocation {self._shape}, {self.message}\n  θ {angles}, P1 {span(P1, 'bar')}, P2 {span(P2, 'bar')}"
-        lines = [
-            f"Allocation {Status(self.status).name} at {number(self.theta / DEG)}°: "
-            f"P1 = {number(P1)} bar, P2 = {number(P2)} bar",
-            f"  torque {number(self.T)} N·m (asked {number(self.T_target)}), "
-            f"{self.stiffness_name} {number(self.K)} N·m/rad (asked {number(self.K_target)})",
-        ]
-        return "\n".join([*lines, f"  {self.message}"] if self.status != Status.EXACT or self.assumed else lines)
+        In [Pa/rad, Pa·rad/(N·m), Pa/(N·m)]. One-sided where the active set is about to change.
+        """
 
-    def _repr_html_(self) -> str:
-        """Return the answer as a table, for notebooks."""
-        quantities = (
-            ("angle [°]", np.divide(self.theta, DEG), None),
-            ("torque [N·m]", self.T, self.T_target),
-            (f"{self.stiffness_name} [N·m/rad]", self.K, self.K_target),
-            ("P1 [bar]", np.divide(self.P1, BAR), None),
-            ("P2 [bar]", np.divide(self.P2, BAR), None),
-        )
-        show = span if self._shape else number
-        rows = [(name, "" if asked is None else show(asked), show(given)) for name, given, asked in quantities]
-        return html_table(self.message, rows, ("", "asked", "given"))
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer by name, units in the names: pressures, what they give, status and binding limits."""
 
     @property
-    def stiffness_name(self) -> str:
-        """Return which stiffness it is, with the valves of the answer where they were free: "shut stiffness", …"""
-        if self.kind.shares is not None:
-            return self.kind.text
-        return self.kind.text if self._shape else StiffnessKind.of(tuple(map(bool, self.valves))).text
+    @abstractmethod
+    def _sentence(self) -> str:
+        """Return the message about one target, without what is assumed."""
 
-    def _shaped(self, first: Array, second: Array) -> Pair:
-        return shaped(first, self._shape), shaped(second, self._shape)
+    @property
+    @abstractmethod
+    def _muscles(self) -> Sequence[OneMuscle]:
+        """Return the muscles at the postures answered, flat (N or 1, …)."""
 
+    @property
+    def _pulling(self) -> list[tuple[OneMuscle, Array]]:
+        """Return each muscle with its pressures (N,)."""
+        return list(zip(self._muscles, np.reshape(self.P, (-1, self.P.shape[-1])).T, strict=True))
 
-def single(
-    joint: AntagonistJoint,
-    priority: Priority,
-    limits: Limits,
-    theta: float,
-    K: float,
-    T: float,
-    found: tuple[Any, ...],
-    kind: StiffnessKind = HELD,
-) -> Allocation:
-    """Return the answer to one target from what a kernel `found`: P1, P2, torque, stiffness, status, binding limits."""
-    P1, P2, T_given, K_given, status, flags, _ = found
-    allocation = object.__new__(Allocation)  # as `from_fields`, without the call
-    fields = {
-        "theta": theta,
-        "T_target": T,
-        "K_target": K,
-        "P1": P1,
-        "P2": P2,
-        "T": T_given,
-        "K": K_given,
-        "status": _STATUS[status],
-        "limits": flags,
-        "joint": joint,
-        "priority": priority,
-        "_within": limits,
-        "kind": kind,
-    }
-    object.__setattr__(allocation, "__dict__", fields)
-    return allocation
+    def _each(self, columns: Sequence[Array]) -> Array:
+        """Return flat columns (N,) of each muscle as an array (…, m)."""
+        return np.stack(columns, axis=-1).reshape(self.P.shape)
+
+    def _formed(self, array: NDArray[Any]) -> Any:
+        """Return a flat array (N, …) in the shape of the targets; a Python scalar where it is one number."""
+        own = array.shape[1:]
+        found = np.broadcast_to(array, (int(np.prod(self._shape)), *own)).reshape((*self._shape, *own))
+        return found if found.ndim else found.item()
 
 
-def from_fields(fields: dict[str, Any]) -> Allocation:
-    """Make an `Allocation` from its fields by name: the constructor of a frozen dataclass takes five times as long."""
-    allocation = object.__new__(Allocation)
+def from_fields(of: type[Any], fields: dict[str, Any]) -> Any:
+    """Make an allocation from its fields by name: the constructor of a frozen dataclass takes five times as long."""
+    allocation = object.__new__(of)
     object.__setattr__(allocation, "__dict__", fields)
     return allocation
 

@@ -1,18 +1,19 @@
 """A mechanism has n joints moved by m muscles; torques and a stiffness matrix are turned into pressures here.
 
 >>> import numpy as np
->>> from allocator.mechanism import allocate_mechanism, machines
->>> a = allocate_mechanism(machines.arm26(), q=[0.4, -0.3], K=[[10, 4], [4, 9]], T=[9, 4])  # rad, N·m/rad, N·m
+>>> from allocator import allocate
+>>> from allocator.mechanism import machines
+>>> a = allocate([0.4, -0.3], K=[[10, 4], [4, 9]], T=[9, 4], joint=machines.arm26())  # rad, N·m/rad, N·m
 >>> a.status.name, np.round(a.P / 1e5, 3)
 ('EXACT', array([3.295, 1.481, 2.95 , 3.289, 3.548, 1.988]))
 """
 
+import allocator.mechanism.entry  # noqa: F401  # registers how mechanisms are allocated
 from allocator.mechanism import machines
 from allocator.mechanism.at_least import AtLeast, Infeasibility, allocate_at_least
 from allocator.mechanism.batches import warm_up
 from allocator.mechanism.certificate import Separation
 from allocator.mechanism.endpoint import Endpoint
-from allocator.mechanism.entry import allocate_mechanism
 from allocator.mechanism.feasibility import (
     Edge,
     EndpointEllipses,
@@ -23,7 +24,6 @@ from allocator.mechanism.feasibility import (
 )
 from allocator.mechanism.mechanism import Mechanism, TargetsMap
 from allocator.mechanism.pictures import plot_arm, plot_polygon, plot_workspace
-from allocator.mechanism.result import MechanismAllocation
 from allocator.mechanism.routes import Link, Pulleys, Routes, Site, Sites, Tables, from_function
 
 __all__ = [
@@ -35,7 +35,6 @@ __all__ = [
     "Infeasibility",
     "Link",
     "Mechanism",
-    "MechanismAllocation",
     "Polygon",
     "Pulleys",
     "Routes",
@@ -45,7 +44,6 @@ __all__ = [
     "Tables",
     "TargetsMap",
     "allocate_at_least",
-    "allocate_mechanism",
     "endpoint_ellipses",
     "feasible_targets",
     "from_function",

@@ -1,4 +1,4 @@
-"""`problem_from` turns the arguments of `allocate_mechanism` into a `MechanismProblem`, and checks them."""
+"""`problem_from` turns the arguments of `allocate` about a mechanism into a `BoxProblem`, and checks them."""
 
 from typing import Any, NamedTuple, Self
 
@@ -13,7 +13,7 @@ from allocator.joint.limits import TAUT, Limits
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Mechanism
-from allocator.mechanism.problem import PRIORITIES, MechanismProblem
+from allocator.mechanism.problem import PRIORITIES, BoxProblem
 from allocator.mechanism.status import positive_definite
 
 _SYMMETRIC = 1e-9  # of the greatest entry
@@ -21,7 +21,7 @@ _SYMMETRIC = 1e-9  # of the greatest entry
 
 def problem_from(
     mechanism: Mechanism,
-    q: Any,
+    theta: Any,
     K: Any,
     T: Any,
     *,
@@ -30,7 +30,7 @@ def problem_from(
     priority: Any = "torque",
     weights: Any = None,
     pull: Any = None,
-) -> tuple[MechanismProblem, tuple[int, ...]]:
+) -> tuple[BoxProblem, tuple[int, ...]]:
     """Return the checked problem and the common shape of its targets. Raises `InvalidInput`."""
     n, m = mechanism.n, mechanism.m
     if not isinstance(limits, Limits):
@@ -39,7 +39,7 @@ def problem_from(
     previous, max_step = limits.previous, limits.max_step
     asked_of = _AskedOf.of(mechanism, endpoint)
     exerted = np.zeros(0) if endpoint is None else endpoint.force(force)
-    posture, torque = mechanism.posture(q), _torque(mechanism, T)
+    posture, torque = mechanism.posture(theta, "theta"), _torque(mechanism, T)
     now = None if previous is None else mechanism.pressures("previous", previous)
     step = None if max_step is None else checks.positive_pressure("max_step", max_step)
     if step is not None and now is None:
@@ -67,7 +67,7 @@ def problem_from(
     reference = reference if toward is None else _flat(toward, shape, 1)
     row_weights = _weights(n, asked_of, priority, weights, own_only)
     given = mechanism, asked, y, row_weights, priority, each, reference, kind, hand
-    return MechanismProblem(*given, pull=weight), shape
+    return BoxProblem(*given, pull=weight), shape
 
 
 def _meant(mechanism: Mechanism, stiffness: Any) -> tuple[StiffnessKind, Any, Any]:
@@ -118,7 +118,7 @@ def _common(shapes: list[tuple[int, ...]], n: int, m: int) -> tuple[int, ...]:
     except ValueError:
         listed = ", ".join(map(str, shapes))
         raise InvalidInput(
-            f"leading shapes do not broadcast: {listed}; expected q (…, {n}), T (…, {n}), K (…, {n}, {n}) and "
+            f"leading shapes do not broadcast: {listed}; expected theta (…, {n}), T (…, {n}), K (…, {n}, {n}) and "
             f"pressures (…, {m}) of a mechanism with n = {n} joints and m = {m} muscles"
         ) from None
 

@@ -11,7 +11,7 @@ from allocator.compilation import jit
 from allocator.joint.limits import BINDS
 from allocator.mechanism import kernel
 from allocator.mechanism.kernel.data import workspace
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 
 _PAYS = 5_000  # targets for which a call may wait for the compiler
 
@@ -24,7 +24,7 @@ class Solved(NamedTuple):
     rounds: NDArray[np.int64]  # guesses (N,), 0 where they did not end
 
 
-def solve(problem: MechanismProblem, trajectory: bool = False) -> Solved:
+def solve(problem: BoxProblem, trajectory: bool = False) -> Solved:
     """Solve by block principal pivoting; `trajectory` begins each with the limits that bind in the one before."""
     (_, ends), (lo, hi, centre) = problem.rows, problem.x_bounds
     N, m, p = *lo.shape, int(ends[-1])
@@ -38,7 +38,7 @@ def solve(problem: MechanismProblem, trajectory: bool = False) -> Solved:
     return found
 
 
-def residuals(problem: MechanismProblem, solved: Solved) -> Array:
+def residuals(problem: BoxProblem, solved: Solved) -> Array:
     """Return the residual of optimality (N,) of answers, see `allocator.mechanism.certificate`; inf without one."""
     (_, ends), (lo, hi, centre) = problem.rows, problem.x_bounds
     p, m = int(ends[-1]), lo.shape[1]
@@ -75,7 +75,7 @@ _ready: list[str] = []  # loops, once they are compiled
 
 
 def warm_up() -> bool:
-    """Compile now what `allocate_mechanism` needs, so that every later call is fast; False where that cannot be done.
+    """Compile now what `allocate` needs for mechanisms, so that later calls are fast; False where it cannot be.
 
     It takes some twenty seconds after an installation and one or two in a new process. Without it a call with fewer
     than 5 000 targets does not wait for the compiler, and takes about a millisecond a target.

@@ -19,7 +19,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.mechanism import relaxation
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 
 
 class Separation(NamedTuple):
@@ -33,7 +33,7 @@ class Separation(NamedTuple):
     asked: Any  # (…) d·y*
 
 
-def separation(problem: MechanismProblem, mu: Array) -> Separation:
+def separation(problem: BoxProblem, mu: Array) -> Separation:
     """Return the direction (N, d), the reach and what is asked (N,) of each target."""
     (rows, ends), (lo, hi) = problem.rows, problem.bounds
     d = np.zeros(problem.y.shape)

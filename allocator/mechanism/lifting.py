@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from allocator.mechanism.batches import Solved
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 
 _MOST_STEPS = 100
 _FULL_STEPS = 40  # before the first is damped
@@ -21,7 +21,7 @@ _HARDLY = 0.7  # of the step before: one that is longer does not settle
 _DAMPED, _LEAST_SHARE = 0.8, 0.02
 
 
-def solve(problem: MechanismProblem, method: Callable[[MechanismProblem], Solved]) -> tuple[MechanismProblem, Solved]:
+def solve(problem: BoxProblem, method: Callable[[BoxProblem], Solved]) -> tuple[BoxProblem, Solved]:
     """Solve by `method`, an endpoint with more joints than coordinates again until its view of the joints settles.
 
     Returns the last problem and its answer; where the view does not settle there are 0 rounds, as where `method` fails.

@@ -274,9 +274,9 @@ class Mechanism:
 
     # --- checks -----------------------------------------------------------------------------------------------------
 
-    def posture(self, q: Any) -> Array:
-        """Return the checked postures `q` (…, n) [rad]. Raises `InvalidInput`."""
-        return self.sized("q", checks.angle("q", q), self.n, "joint angles [rad]")
+    def posture(self, q: Any, name: str = "q") -> Array:
+        """Return the checked postures `q` (…, n) [rad], called by their `name`. Raises `InvalidInput`."""
+        return self.sized(name, checks.angle(name, q), self.n, "joint angles [rad]")
 
     def pressures(self, name: str, P: Any) -> Array:
         """Return the checked pressures `P` (…, m) [Pa]. Raises `InvalidInput`."""

@@ -1,4 +1,4 @@
-"""The problem that `allocate_mechanism` solves.
+"""The problem of m muscles in a box, which `allocate` solves for a mechanism.
 
 At a posture y(P) = y0 + M P holds torques and stiffnesses of affine muscles (`Mechanism.targets_map`). Over the box
 lo_j ≤ P_j ≤ hi_j, which supply, taut cables, force and slew limits leave each muscle,
@@ -35,8 +35,8 @@ _STRETCHED = 1e-9  # of the contraction ratio: nearer to the threshold is on it
 
 
 @dataclass(frozen=True, eq=False)
-class MechanismProblem:
-    """A `MechanismProblem` is N problems [M] of one mechanism, at N postures or all at one: Q is N or 1."""
+class BoxProblem:
+    """A `BoxProblem` is N problems [M] of one mechanism, at N postures or all at one: Q is N or 1."""
 
     mechanism: Mechanism
     asked: Array  # posture asked for (Q, n) [rad]

@@ -9,7 +9,7 @@ from allocator.calculus import Array
 from allocator.errors import MissingBackend
 from allocator.mechanism.batches import Solved
 from allocator.mechanism.mechanism import Indices
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 
 Box = tuple[Array, Array, Array]
 """(lo, hi, centre) of x, each (m,)."""
@@ -19,7 +19,7 @@ _MET = 1e-10  # of the right-hand sides: a residual below it is the solver's tol
 _OPTIONS: dict[str, dict[str, Any]] = {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10}}
 
 
-def solve(problem: MechanismProblem, solver: str | None = None) -> Solved:
+def solve(problem: BoxProblem, solver: str | None = None) -> Solved:
     """Solve target after target, by DAQP or another of qpsolvers. Raises `MissingBackend` for one that there is not."""
     import qpsolvers
 

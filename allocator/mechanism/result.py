@@ -1,26 +1,29 @@
-"""The answer of `allocate_mechanism` has the pressures, what they give, what is in the way, and the proof."""
+"""The answer about a mechanism has the pressures of all muscles in a box, level after level of goals, and the proof."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 
+from allocator.allocation.result import Allocation
 from allocator.allocation.status import Status, status_names
 from allocator.allocation.tolerances import CLOSED_FORM
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import Limit
+from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import certificate
 from allocator.mechanism.certificate import Separation
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Mechanism
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 from allocator.mechanism.relaxation import Nearby
+from allocator.mechanism.sensitivity import jacobian
 from allocator.mechanism.status import decide
-from allocator.muscles.measured import Visit, extrapolation
 from allocator.presentation.tables import number
 from allocator.units import BAR, DEG
 
@@ -40,8 +43,8 @@ def limit_names(muscle: str, flags: int) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class MechanismAllocation:
-    """A `MechanismAllocation` is the answer for targets of any leading shape (…); a single target's has none."""
+class BoxAllocation(Allocation):
+    """A `BoxAllocation` is the `Allocation` of m muscles, for targets of any leading shape (…); one target has none."""
 
     P: Array  # pressures (…, m) [Pa]
     T: Array  # torques that they give (…, n) [N·m]
@@ -55,14 +58,12 @@ class MechanismAllocation:
     gap: Any  # (…) how far a level's cost may be above the least, of 1 + cost; 0 is proved to be the least
     lower_bounds: Array  # (…, levels) [cost]: no pressures have less, with what the levels before achieve
     method: str
-    _problem: MechanismProblem = field(repr=False)
+    _problem: BoxProblem = field(repr=False)
     _mu: Array = field(repr=False)
     _shape: tuple[int, ...] = field(repr=False)
 
     @classmethod
-    def of(
-        cls, problem: MechanismProblem, found: Nearby, shape: tuple[int, ...], method: str, gap: float = 0.0
-    ) -> Self:
+    def of(cls, problem: BoxProblem, found: Nearby, shape: tuple[int, ...], method: str, gap: float = 0.0) -> Self:
         """Return what is to be said about the pressures that `method` found for targets of this `shape`."""
         P, n = problem.pressures(found.solved.x), problem.mechanism.n
         y, K, left = problem.given(P), problem.joint_stiffness(P), found.left
@@ -104,32 +105,28 @@ class MechanismAllocation:
         """Return which stiffness `K` is: isobaric, shut, …"""
         return self._problem.kind
 
-    @cached_property
-    def isobaric_stiffness(self) -> Array:
-        """Return the isobaric stiffness (…, n, n) [N·m/rad], with the pressures held; `K` unless gas is in that."""
-        return self.K if self.kind.isobaric else self.mechanism.stiffness(self.q, self.P)
-
-    @property
-    def success(self) -> Any:
-        """Return whether torques and stiffness are met and nothing is wrong (…)."""
-        return self.status == Status.EXACT
-
     @property
     def q(self) -> Array:
         """Return the postures that are answered (…, n) [rad]: those asked for, within the joints' range."""
-        return np.broadcast_to(self._problem.q, (self._problem.size, self.mechanism.n)).reshape(
-            *self._shape, self.mechanism.n
-        )
+        return self._form(self._problem.q)
 
     @property
-    def T_error(self) -> Array:
-        """Return the torques asked minus given (…, n) [N·m]."""
-        n = self.mechanism.n
-        return self._problem.y[:, :n].reshape(*self._shape, n) - self.T
+    def _muscles(self) -> tuple[OneMuscle, ...]:
+        return self._problem.muscles
 
     @property
-    def K_error(self) -> Array:
-        """Return the stiffness asked minus given (…, n, n) [N·m/rad]; NaN for entries that were not asked for.
+    def theta(self) -> Array:
+        """Return the postures asked for (…, n) [rad]."""
+        return self._form(self._problem.asked)
+
+    @property
+    def T_target(self) -> Array:
+        """Return the torques asked for (…, n) [N·m]."""
+        return self._form(self._problem.y[:, : self.mechanism.n])
+
+    @property
+    def K_target(self) -> Array:
+        """Return the stiffness asked for (…, n, n) [N·m/rad]; NaN for entries that were not asked for.
 
         Of an endpoint all of them: see `K_x_error`.
         """
@@ -137,7 +134,22 @@ class MechanismAllocation:
         if self._problem.endpoint is not None:
             return np.full(self.K.shape, np.nan)
         asked = np.where(self._problem.weights[n:] > 0, self._problem.y[:, n:], np.nan)
-        return self.mechanism.whole(asked).reshape(self.K.shape) - self.K
+        return self.mechanism.whole(asked).reshape(self.K.shape)
+
+    @property
+    def P1(self) -> Any:
+        """Return the agonist's pressure [Pa], of two muscles. Raises `InvalidInput` for more."""
+        return self._of_a_pair(0)
+
+    @property
+    def P2(self) -> Any:
+        """Return the antagonist's pressure [Pa], of two muscles. Raises `InvalidInput` for more."""
+        return self._of_a_pair(1)
+
+    def _of_a_pair(self, i: int) -> Any:
+        if self.mechanism.m != 2:
+            raise InvalidInput(f"P1 and P2 are of a pair; this mechanism has m = {self.mechanism.m} muscles, see P")
+        return self.P[..., i]
 
     @property
     def costs(self) -> Array:
@@ -146,13 +158,6 @@ class MechanismAllocation:
         y = self._problem.given(self.P.reshape(-1, self.mechanism.m))[:, rows]
         squares = self._problem.weights[rows] * (y - self._problem.y[:, rows]) ** 2
         return np.add.reduceat(squares, [0, *ends[:-1].tolist()], axis=1).reshape(*self._shape, ends.size)
-
-    @cached_property
-    def forces(self) -> Array:
-        """Return the muscles' forces (…, m) [N]; negative where one would be slack."""
-        flat = self.P.reshape(-1, self.mechanism.m)
-        found = [muscle.force(flat[:, j]) for j, muscle in enumerate(self._problem.muscles)]
-        return np.stack(found, axis=-1).reshape(self.P.shape)
 
     @property
     def least_stiffness(self) -> Any:
@@ -199,7 +204,7 @@ class MechanismAllocation:
     @property
     def _hand(self) -> EndpointTargets:
         if self._problem.endpoint is None:
-            raise InvalidInput("no endpoint was given to `allocate_mechanism`; its stiffness is not known")
+            raise InvalidInput("no endpoint was given to `allocate`; its stiffness is not known")
         return self._problem.endpoint
 
     def _form(self, array: Array) -> Array:
@@ -233,39 +238,42 @@ class MechanismAllocation:
 
         A tuple, or an array (…) of tuples. A limit binds where the pressure lies on it, up to 1e-9 of the supply range.
         """
-        names = np.empty(self._problem.size, object)
-        names[:] = [()] * names.size
-        for j, (name, side) in enumerate(zip(self.mechanism.muscle_names, self._problem.box, strict=True)):
-            near = CLOSED_FORM.binds * self.mechanism.pressure_span
-            flags = np.broadcast_to(side.binding(self.P.reshape(-1, self.mechanism.m)[:, j], near), names.shape)
-            for i in np.flatnonzero(flags):
-                names[i] += limit_names(name, int(flags[i]))
-        for kinds, end, which in (
+        ends = (
             (self.mechanism.joint_names, "range", self._problem.outside),
             (self.mechanism.muscle_names, "contraction threshold", self._problem.stretched),
-        ):
+        )
+        return self._named(lambda side, P, near: side.binding(P, near), ends)
+
+    def _named(self, flagged: Callable[..., Array], more: Sequence[tuple[Any, str, Mask]] = ()) -> Any:
+        """Return the names of the limits that `flagged` finds of each muscle, and of those that hold `more`."""
+        names = np.empty(self._problem.size, object)
+        names[:] = [()] * names.size
+        near = CLOSED_FORM.binds * self.mechanism.pressure_span
+        for (muscle, P), side in zip(self._pulling, self._problem.box, strict=True):
+            flags = np.broadcast_to(flagged(side, P, near), names.shape)
+            for i in np.flatnonzero(flags):
+                names[i] += limit_names(muscle.name, int(flags[i]))
+        for kinds, end, which in more:
             for i, j in zip(*np.nonzero(np.broadcast_to(which, (names.size, len(kinds)))), strict=True):
                 names[i] += (f"{kinds[j]} {end}",)
         return names.reshape(self._shape) if self._shape else names[0]
 
     @property
-    def assumed(self) -> str:
-        """Sentence that names the muscles used beyond the contractions and pressures of their measurements, or ""."""
-        flat = self.P.reshape(-1, self.mechanism.m)
-        named = zip(self.mechanism.muscle_names, self._problem.muscles, flat.T, strict=True)
-        return extrapolation(Visit(name, side.muscle.measured, side.contraction, P) for name, side, P in named)
+    def broken(self) -> Any:
+        """Return the names of the limits that are not kept, since the slew limit or others allow no such pressure."""
+        return self._named(lambda side, P, near: side.not_kept(P, near))
+
+    def jacobian(self) -> Array:
+        """Return dP/d(q, K, T) (…, m, n + n(n+1)/2 + n), of K the upper triangle, with the active set held.
+
+        In [Pa/rad, Pa·rad/(N·m), Pa/(N·m)]; one-sided where the active set is about to change. Raises `InvalidInput`
+        for muscles that are not affine in the pressure, and for the stiffness of an endpoint.
+        """
+        found = jacobian(self._problem, self.P.reshape(-1, self.mechanism.m))
+        return found.reshape(*self._shape, *found.shape[1:])
 
     @property
-    def message(self) -> str:
-        """Return a sentence that says what was reached, what is in the way and what is assumed."""
-        return "; ".join(filter(None, (self._outcome, self.assumed)))
-
-    @property
-    def _outcome(self) -> str:
-        if self._shape:
-            values, counts = np.unique(self.status, return_counts=True)
-            listed = ", ".join(f"{n} {Status(int(v)).name}" for v, n in zip(values, counts, strict=True))
-            return f"{self.status.size} targets: {listed}"
+    def _sentence(self) -> str:
         missed = f"; asked {vector(self.T + self.T_error)}, given {vector(self.T)} N·m" if not self.torque_met else ""
         if not self.stiffness_met and self.endpoint is not None:
             missed += f"; asked {vector(self.K_x + self.K_x_error)}, given {vector(self.K_x)} N/m at the endpoint"
@@ -293,9 +301,9 @@ class MechanismAllocation:
     def __repr__(self) -> str:
         """Show pressures, torques, stiffness and what is in the way; of several targets the statuses."""
         if self._shape:
-            return f"MechanismAllocation {self._shape}, {self.message}"
+            return f"Allocation {self._shape}, {self.message}"
         lines = [
-            f"MechanismAllocation {Status(self.status).name}: P = {vector(self.P / BAR)} bar",
+            f"Allocation {Status(self.status).name}: P = {vector(self.P / BAR)} bar",
             f"  torques {vector(self.T)} N·m, {self.kind.text} {vector(self.K)} N·m/rad",
         ]
         lines += [] if self.endpoint is None else [f"  stiffness {vector(self.K_x)} N/m at the endpoint"]

@@ -9,7 +9,7 @@ from allocator.allocation.status import Status
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.joint.limits import Limit
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 
 _TRUSTED = 1e-7  # an answer with a greater optimality residual is a failure
 
@@ -23,7 +23,7 @@ class Verdict(NamedTuple):
     holds: Mask  # whether K is positive definite
 
 
-def decide(problem: MechanismProblem, y: Array, K: Array, residual: Array) -> Verdict:
+def decide(problem: BoxProblem, y: Array, K: Array, residual: Array) -> Verdict:
     """Decide the status of answers that give `y` (N, d) and `K` (N, n, n), with their optimality residuals (N,)."""
     n = problem.mechanism.n
     met = np.abs(y - problem.y) <= CLOSED_FORM.met * problem.y_scale

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from allocator import allocate
 from allocator.calculus import Array
-from allocator.mechanism import allocate_mechanism
 from mpc.model.arm.model import Arm
 from mpc.tracking.compiled.arm.module import compiled_arm
 from mpc.tracking.compiled.arm.qp_step import CompiledArmFeedForward
@@ -61,7 +61,7 @@ class ArmPID:
         asked = gains.proportional * error + self._integral + gains.derivative * self._slope
         planned = feed.x[0]
         torque = self.arm.mechanism.torque(planned[:n], planned[2 * n :])
-        held = allocate_mechanism(self.arm.mechanism, planned[:n], K_ref[k], torque + asked)
+        held = allocate(planned[:n], K_ref[k], torque + asked, joint=self.arm.mechanism)
         if np.abs(held.T_error).max() < _SHORT:
             self._integral = self._integral + gains.integral * error * self.dt
         wanted = feed.u[0] + held.P - planned[2 * n :]

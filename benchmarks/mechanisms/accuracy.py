@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator import Status, allocate
-from allocator.mechanism import Mechanism, allocate_mechanism, machines
+from allocator.mechanism import Mechanism, machines
 from benchmarks.mechanisms.targets import POSTURE, Targets, arm_at_postures, random_mechanism, random_targets
 from tests.allocator.mechanism.enumeration import best_of_all_faces
 from tests.allocator.mechanism.multipliers import kkt_by_hand
@@ -41,7 +41,7 @@ def checks(N: int) -> Iterator[Check]:
 
 def optimality(what: str, t: Targets) -> Iterator[Check]:
     """Optimality conditions and separating directions; 1 for every status that is not what it has to be."""
-    a = allocate_mechanism(t.mechanism, t.q, t.K, t.T)
+    a = allocate(t.q, t.K, t.T, joint=t.mechanism)
     problem = t.problem
     yield Check(f"{what}: optimality residual", len(t.T), float(a.kkt_residual.max()), 1e-9)
     by_hand = kkt_by_hand(problem, a.P / problem.unit)
@@ -63,7 +63,7 @@ def faces(t: Targets) -> Check:
     p = t.problem
     (_, ends), (lo, hi, centre) = p.rows, p.x_bounds
     best = best_of_all_faces(p.A[0], p.b, ends, lo[0], hi[0], centre[0])
-    a = allocate_mechanism(t.mechanism, t.q, t.K, t.T)
+    a = allocate(t.q, t.K, t.T, joint=t.mechanism)
     return Check(
         "arm26 against all 729 faces, of the supply", len(best), float(np.abs(a.P / p.unit - best).max()), 1e-9
     )
@@ -83,7 +83,7 @@ def one_joint(N: int) -> Iterator[Check]:
         for priority, weights in (("torque", None), ("stiffness", None), ("weighted", (1.0, 1.0))):
             one = allocate(theta, K, T, joint=joint, priority=priority, weights=weights)
             asked = {"priority": priority, "weights": weights}
-            many = allocate_mechanism(mechanism, theta[:, None], K[:, None], T[:, None], **asked)
+            many = allocate(theta[:, None], K[:, None], T[:, None], joint=mechanism, **asked)
             off = np.abs(many.P - np.stack([one.P1, one.P2], axis=-1)).max() / joint.pressure_limits[1]
             worst = max(worst, float(off))
         yield Check(f"n = 1, m = 2: {name} against allocate, of the supply", 3 * N, worst, 1e-9)

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
-from allocator import Stiffness
-from allocator.mechanism import Endpoint, Mechanism, allocate_at_least, allocate_mechanism, machines, warm_up
+from allocator import Stiffness, allocate
+from allocator.mechanism import Endpoint, Mechanism, allocate_at_least, machines, warm_up
 from allocator.units import BAR
 
 MACHINES = {
@@ -98,7 +98,7 @@ def at_least(mechanism: Mechanism, hand: Endpoint, N: int) -> str:
 def exactly(mechanism: Mechanism, hand: Endpoint, N: int, factor: float) -> str:
     """Return what becomes of ellipses that pressures give, times a factor."""
     found = [
-        allocate_mechanism(mechanism, t.q, factor * t.K_x, t.T, stiffness=Stiffness(endpoint=hand, force=t.force))
+        allocate(t.q, factor * t.K_x, t.T, joint=mechanism, stiffness=Stiffness(endpoint=hand, force=t.force))
         for t in targets(mechanism, hand, N, seed=1)
     ]
     outcomes = Counter(a.status.name for a in found)

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from allocator.mechanism import MechanismAllocation, allocate_mechanism, machines, warm_up
+from allocator import Allocation, allocate
+from allocator.mechanism import machines, warm_up
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 from benchmarks.mechanisms.targets import POSTURE, Targets, random_targets
 
@@ -28,7 +29,7 @@ class Search(NamedTuple):
     """What became of the targets of one priority, and of the starts of a local solver at those that are missed."""
 
     priority: str
-    allocation: MechanismAllocation
+    allocation: Allocation
     seconds: float
     starts: int
     below: int  # ended below the lower bound
@@ -82,7 +83,7 @@ class Outside:
         return float(T @ T + (K**2).sum()), 2 * (dT @ T + (dK * K).sum(axis=(1, 2)))
 
 
-def ends(t: Targets, i: int, a: MechanismAllocation, priority: str, starts: np.ndarray) -> Iterator[float]:
+def ends(t: Targets, i: int, a: Allocation, priority: str, starts: np.ndarray) -> Iterator[float]:
     """Yield the cost at which SciPy ends from each start (S, m) of target i: L-BFGS-B, or SLSQP at the torque given."""
     outside, (lo, hi) = Outside(t, i), a.box
     box = list(zip(lo[i] / UNIT, hi[i] / UNIT, strict=True))
@@ -106,7 +107,7 @@ def search(priority: str, count: int, starts: int, seed: int = 0) -> Search:
     """Allocate `count` targets, of which half are made by random pressures, and start at those that are missed."""
     t = random_targets(ARM, POSTURE, count, seed)
     begin = time.perf_counter()
-    a = allocate_mechanism(ARM, t.q, t.K, t.T, priority=priority, weights=WEIGHTS)
+    a = allocate(t.q, t.K, t.T, joint=ARM, priority=priority, weights=WEIGHTS)
     seconds, rng = time.perf_counter() - begin, np.random.default_rng(seed)
     missed, (lo, hi) = np.flatnonzero(~a.success), a.box
     done = below = above = 0

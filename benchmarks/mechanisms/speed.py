@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator.mechanism import allocate_mechanism, batches, machines, warm_up
+from allocator import allocate
+from allocator.mechanism import batches, machines, warm_up
 from allocator.mechanism.arguments import problem_from
 from benchmarks.mechanisms.targets import POSTURE, Targets, arm_at_postures, random_mechanism, random_targets
 from benchmarks.speed.clock import seconds
@@ -47,14 +48,14 @@ def lexicographic(rounds: int) -> list[Time]:
     """Torque, then stiffness, then least pressure, with status and certificate, on the arm with six muscles."""
     one, own = random_targets(machines.arm26(), POSTURE, 10_000), arm_at_postures(10_000)
     few = Targets(one.mechanism, one.q, one.T[:FEW], one.K[:FEW])
-    exact = allocate_mechanism(*few[:2], few.K, few.T)
+    exact = allocate(few.q, few.K, few.T, joint=few.mechanism)
     problem = one.problem
     works = {
         "the kernel alone": lambda: batches.solve(problem),
-        "compiled batch, one posture": lambda: allocate_mechanism(*one[:2], one.K, one.T),
-        "compiled batch, every target at its own posture": lambda: allocate_mechanism(*own[:2], own.K, own.T),
+        "compiled batch, one posture": lambda: allocate(one.q, one.K, one.T, joint=one.mechanism),
+        "compiled batch, every target at its own posture": lambda: allocate(own.q, own.K, own.T, joint=own.mechanism),
         "DAQP, three QPs called from Python": lambda: daqp_levels(few),
-        "DAQP through qpsolvers (method='qp')": lambda: allocate_mechanism(*few[:2], few.K, few.T, method="qp"),
+        "DAQP through qpsolvers (method='qp')": lambda: allocate(few.q, few.K, few.T, joint=few.mechanism, method="qp"),
     }
     units = {name: FEW if "DAQP" in name else 10_000 for name in works}
     found = in_turns(works, units, rounds)
@@ -111,7 +112,7 @@ def weighted(rounds: int) -> list[Time]:
     }
 
     def ours() -> np.ndarray:
-        return allocate_mechanism(*t[:2], t.K, t.T, **one).P / p.unit
+        return allocate(t.q, t.K, t.T, joint=t.mechanism, **one).P / p.unit
 
     def one_by_one(solver: Solver) -> Callable[[], np.ndarray]:
         return lambda: np.array([solver(A, b[i], H, lo[i], hi[i]) for i in range(FEW)])
@@ -185,6 +186,6 @@ def sizes(rounds: int) -> list[Time]:
         mechanism = machines.arm26() if m == 6 else random_mechanism(n, m)
         t = random_targets(mechanism, np.full(n, 0.1), 20_000 // n**2)
         name = f"n/m = {n}/{m}, compiled batch"
-        works[name] = lambda t=t: allocate_mechanism(*t[:2], t.K, t.T)
+        works[name] = lambda t=t: allocate(t.q, t.K, t.T, joint=t.mechanism)
         units[name] = len(t.T)
     return [Time(name, t, 0.0) for name, t in in_turns(works, units, rounds).items()]

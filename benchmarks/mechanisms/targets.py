@@ -6,7 +6,7 @@ import numpy as np
 
 from allocator.mechanism import Mechanism, Pulleys, machines
 from allocator.mechanism.arguments import problem_from
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 
 POSTURE = np.array([0.4, -0.3])
@@ -21,7 +21,7 @@ class Targets(NamedTuple):
     K: np.ndarray  # (N, n, n)
 
     @property
-    def problem(self) -> MechanismProblem:
+    def problem(self) -> BoxProblem:
         """As the library sees it."""
         return problem_from(self.mechanism, self.q, self.K, self.T)[0]
 

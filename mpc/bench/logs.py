@@ -6,25 +6,19 @@ of a bench, too: its states are what was measured, and estimated where nothing m
 """
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allocator.errors import InvalidFile, InvalidInput
 from mpc.bench.cycle import Phase
 from mpc.bench.lateness import Lateness
-from mpc.bench.record import INTEGERS, Row
+from mpc.bench.record import INTEGERS, Column, Columns, Row
 from mpc.bench.safety import Ending
 from mpc.model.plant import Plant
 from mpc.trials.recordings import save_recording
 from mpc.trials.simulation import Run
-
-Column: TypeAlias = NDArray[Any]  # of floats or of integers
-Columns: TypeAlias = Mapping[str, Column]
 
 
 @dataclass(frozen=True, eq=False)

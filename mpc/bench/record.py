@@ -9,12 +9,13 @@ file of its own, which shows that the disk takes it. A loop that never comes to 
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import nan
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import CannotWrite, InvalidInput
@@ -57,6 +58,8 @@ class Row(NamedTuple):
     moved_T: float = nan  # [N·m]
 
 
+Column: TypeAlias = NDArray[Any]  # of floats or of integers
+Columns: TypeAlias = Mapping[str, Column]
 UNITS = {
     "t": "s", "theta": "rad", "P1": "Pa", "P2": "Pa", "P1_command": "Pa", "P2_command": "Pa", "late": "s", "took": "s",
     "read_at": "s", "torque": "Nm", "theta_ref": "rad", "K_ref": "Nm/rad", "theta_estimate": "rad",
@@ -164,7 +167,7 @@ class Recorder:
             raise CannotWrite(self._path, error) from None
 
     @property
-    def columns(self) -> dict[str, Array]:
+    def columns(self) -> dict[str, Column]:
         """Rows so far, as columns (n,) by name."""
         rows = np.concatenate([*self._chunks[:-1], self._chunks[-1][: self._used]]) if self._chunks else _NONE
         return {name: column.astype(int) if name in INTEGERS else column for name, column in _named(rows)}

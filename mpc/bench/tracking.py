@@ -5,24 +5,19 @@ late is brought to the time at which it was due. Where samples had to be left ou
 without a reading under the command that was held.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.device import Reading
 from mpc.bench.guard import Pressures
-from mpc.bench.record import of_plan
+from mpc.bench.record import Columns, of_plan
 from mpc.bench.safety import Action, Reason, Stopped, Watchdog
 from mpc.model.plant import NX, Plant
 from mpc.observer.base import Observer
 from mpc.observer.health import WELL, Health, Reaction
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller
-
-if TYPE_CHECKING:
-    from mpc.bench.logs import Columns
 
 _ACTIONS = {Reaction.VENT: Action.VENT}  # after any other one the stop that was asked for: nobody stays to hold
 _ESTIMATES = ("theta_estimate", "omega_estimate", "P1_estimate", "P2_estimate", "d_estimate")
@@ -109,7 +104,7 @@ class Tracking:
             raise Stopped(Reason.UNHEALTHY, str(self.health), _ACTIONS.get(self.health.reaction))
 
 
-def replay(columns: "Columns", tracking: Tracking) -> Array:
+def replay(columns: Columns, tracking: Tracking) -> Array:
     """Return the commands (n, 2) [Pa] that `tracking` decides on where it is told what the log says was read and sent.
 
     They are those of the log's n samples under control, if `tracking` has the same plant, controller, observer and

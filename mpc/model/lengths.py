@@ -3,9 +3,9 @@
 They are the numbers of `allocator.mechanism.routes` in symbols, which CasADi differentiates as often as it takes.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,10 +14,13 @@ from allocator.mechanism import Pulleys, Routes, Sites
 from allocator.mechanism.endpoint.endpoint import Endpoint
 from allocator.mechanism.endpoint.points import LinkagePoint
 from allocator.mechanism.routes import FunctionRoutes, JointRoutes
-from allocator.mechanism.routes.linkage import GROUND
+from allocator.mechanism.routes.linkage import GROUND, Link
+
+if TYPE_CHECKING:
+    from casadi import SX
 
 
-def symbolic_lengths(routes: Routes, q: Any) -> Any:
+def symbolic_lengths(routes: Routes, q: "SX") -> "SX":
     """Return the lengths l(q) (m, 1) [m] as a formula of the CasADi column `q` (n, 1).
 
     Raises `InvalidInput` for routes that have no formula, such as tables.
@@ -36,7 +39,7 @@ def has_formulas(routes: Routes) -> bool:
     return isinstance(routes, tuple(_FORMULAS))
 
 
-def symbolic_jacobian(endpoint: Endpoint, q: Any) -> Any:
+def symbolic_jacobian(endpoint: Endpoint, q: "SX") -> "SX":
     """Return J = ∂x/∂q (dim, n) of an endpoint as a formula of the CasADi column `q` (n, 1)."""
     import casadi as ca
 
@@ -50,26 +53,26 @@ def symbolic_jacobian(endpoint: Endpoint, q: Any) -> Any:
     return ca.densify(ca.jacobian(x, q))
 
 
-def _pulleys(routes: Any, q: Any) -> list[Any]:
+def _pulleys(routes: Pulleys, q: "SX") -> list["SX | float"]:
     """Return L (1 - ε0) - r·q."""
     rows = zip(routes.rest_length, routes.initial_contraction, routes.arms, strict=True)
     return [L * (1 - eps) - sum(r * q[i] for i, r in enumerate(arms) if r) for L, eps, arms in rows]
 
 
-def _joint(routes: Any, q: Any) -> list[Any]:
+def _joint(routes: JointRoutes, q: "SX") -> list["SX | float"]:
     """Return L (1 - ε(θ)) of both muscles of an antagonistic joint."""
     contractions = routes.geometry.agonist(q[0])[0], routes.geometry.antagonist(q[0])[0]
     return [L * (1 - eps) for L, eps in zip(routes.rest_length, contractions, strict=True)]
 
 
-def _function(routes: Any, q: Any) -> list[Any]:
+def _function(routes: FunctionRoutes, q: "SX") -> list["SX"]:
     import casadi as ca
 
     value = routes.function(q)
     return list(value) if isinstance(value, list | tuple) else ca.vertsplit(ca.SX(value))
 
 
-def _sites(routes: Any, q: Any) -> list[Any]:
+def _sites(routes: Sites, q: "SX") -> list["SX | float"]:
     """Return the lengths of the straight segments between the sites of each path, less the cable."""
     import casadi as ca
 
@@ -81,12 +84,12 @@ def _sites(routes: Any, q: Any) -> list[Any]:
     return found
 
 
-def _frames(links: Any, q: Any) -> list[tuple[Any, Any]]:
+def _frames(links: Sequence[Link], q: "SX") -> list[tuple["SX", "SX"]]:
     """Return (rotation (3, 3), origin (3, 1)) of every link, and of the ground last, which GROUND = -1 finds."""
     import casadi as ca
 
     ground = ca.SX.eye(3), ca.SX.zeros(3)
-    frames: list[tuple[Any, Any]] = []
+    frames: list[tuple[SX, SX]] = []
     for i, link in enumerate(links):
         R, o = ground if link.parent == GROUND else frames[link.parent]
         origin, R = o + R @ ca.DM(link.origin), R @ ca.DM(np.array(link.orientation))
@@ -99,7 +102,7 @@ def _frames(links: Any, q: Any) -> list[tuple[Any, Any]]:
     return [*frames, ground]
 
 
-_FORMULAS: dict[type[Routes], Callable[[Any, Any], list[Any]]] = {
+_FORMULAS: dict[type[Routes], Callable[[Any, "SX"], Sequence["SX | float"]]] = {
     Pulleys: _pulleys,
     JointRoutes: _joint,
     FunctionRoutes: _function,

@@ -19,7 +19,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from allocator import Allocation, allocate, checks, warm_up
+from allocator import allocate, checks, warm_up
+from allocator.allocation.pair import PairAllocation
 from allocator.calculus import Array, Value, sin
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
@@ -166,7 +167,7 @@ class Plant:
             return StiffnessKind.of("shut")
         return StiffnessKind.of(frequency=self.frequency, lag=self.lags) if self.frequency else HELD
 
-    def allocate(self, theta: Value, K: Value, T: Value, min_force: float = 0.0) -> Allocation:
+    def allocate(self, theta: Value, K: Value, T: Value, min_force: float = 0.0) -> PairAllocation:
         """Return what gives its stiffness [N·m/rad] and the torque [N·m] at the angle [rad]: `allocator.allocate`."""
         stiffness = Stiffness(self.kind) if self.frequency else ISOBARIC
         return allocate(theta, K, T, joint=self.joint, limits=Limits(min_force), stiffness=stiffness)

@@ -1,7 +1,7 @@
 """What is asked of a hand becomes what is asked of the joints, where it has as many coordinates as there are joints.
 
 With J(q) square, K_x = J⁻ᵀ K J⁻¹ is linear in the joints' stiffness, and so is E = S K Sᵀ, S = K_x*^(-1/2) J⁻ᵀ, which
-is 1 where the stiffness is as asked: the error that `allocate_mechanism` makes least with an `endpoint`.
+is 1 where the stiffness is as asked: the error that `allocate` makes least with an `endpoint`.
 """
 
 from typing import NamedTuple, Self

@@ -14,7 +14,7 @@ a signal.
 """
 
 from copy import deepcopy
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -28,10 +28,13 @@ from mpc.observer.base import Differentiator, Observer
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller
 
+if TYPE_CHECKING:
+    from control import InputOutputSystem
+
 _MEASURED = ("theta", "P1", "P2")  # of a real plant
 
 
-def sampled_plant(plant: Plant, dt: float) -> Any:
+def sampled_plant(plant: Plant, dt: float) -> "InputOutputSystem":
     """Return `plant` every `dt` [s] as a system: inputs (P1_command, P2_command, d), outputs (the states, K)."""
     import control
 
@@ -47,7 +50,7 @@ def sampled_plant(plant: Plant, dt: float) -> Any:
     )
 
 
-def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> Any:
+def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> "InputOutputSystem":
     """Return `real` every `dt` [s] as a system: inputs (P1_command, P2_command, d), outputs (θ, P1, P2 as measured; the
     true states, K).
 
@@ -62,12 +65,12 @@ def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> Any:
     experiment, noise = RealExperiment(real, dt, np.zeros(NX), seed), _Noise(seed)
     waiting = experiment.memory.size - NX - real.friction.size
 
-    def next_memory(t: float, x: Array, u: Array, params: Any) -> Array:
+    def next_memory(t: float, x: Array, u: Array, params: object) -> Array:
         experiment.recall(x, round(t / dt))
         experiment.advance(u[:NU], float(u[NU]))
         return experiment.memory
 
-    def outputs(t: float, x: Array, u: Array, params: Any) -> Array:
+    def outputs(t: float, x: Array, u: Array, params: object) -> Array:
         experiment.recall(x, round(t / dt))
         read = experiment.read(noise.at(round(t / dt)))
         return np.array([read[0], *read[2:], *x[:NX], real.stiffness(x[:NX])])
@@ -100,7 +103,7 @@ def sampled_controller(
     observer: Observer | None = None,
     velocity: bool = True,
     u_before: Array | None = None,
-) -> Any:
+) -> "InputOutputSystem":
     """Return `controller` (any of them) on `reference`: inputs (θ, [ω,] P1, P2), outputs (P1_command, P2_command).
 
     Without `velocity` the input ω is left out and the `observer` has to find it. `u_before` (2,) [Pa] are the commands
@@ -113,7 +116,7 @@ def sampled_controller(
         controller, reference, Differentiator(controller.dt) if observer is None else observer, u_before
     )
 
-    def outputs(t: float, x: Array, y: Array, params: Any) -> Array:
+    def outputs(t: float, x: Array, y: Array, params: object) -> Array:
         return memory.command(round(t / controller.dt), y if velocity else np.insert(y, 1, np.nan))
 
     return control.nlsys(None, outputs, inputs=list(names), outputs=list(INPUTS), name="controller", dt=controller.dt)
@@ -126,7 +129,7 @@ def closed_loop(
     *,
     observer: Observer | None = None,
     seed: int = 0,
-) -> Any:
+) -> "InputOutputSystem":
     """Connect plant and controller: input d [N·m], outputs those of the plant and the commands. `at_rest` is where it
     begins.
     """

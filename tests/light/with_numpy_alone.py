@@ -9,7 +9,7 @@ import numpy as np
 
 import mpc
 from allocator import DEG, MissingPackage, allocate, feasibility_map, load_dataset, rank_models, report_joint
-from allocator.mechanism import allocate_mechanism, machines
+from allocator.mechanism import machines
 
 assert find_spec("scipy") is None, "this is to be run without SciPy"
 
@@ -19,7 +19,7 @@ assert a.jacobian().shape == (2, 3)
 assert allocate(np.linspace(-1, 1, 100), 7.5, 1.0).P1.shape == (100,)
 assert feasibility_map(np.linspace(-1, 1, 20), np.linspace(6, 9, 20), 0.0).status.shape == (20, 20)
 assert abs(float(report_joint().equilibrium(2e5, 2e5))) < 1e-9
-assert allocate_mechanism(machines.arm26(), [0.4, -0.3], [[10.0, 4.0], [4.0, 9.0]], [9.0, 4.0]).success
+assert allocate([0.4, -0.3], [[10.0, 4.0], [4.0, 9.0]], [9.0, 4.0], joint=machines.arm26()).success
 plant = mpc.Plant()
 
 

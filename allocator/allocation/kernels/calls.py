@@ -26,8 +26,9 @@ from allocator.allocation.kernels.arrays import Targets, one_by_one, run
 from allocator.allocation.kernels.choice import JointKernel, Kernel, Kind, coefficients, kernel_of
 from allocator.allocation.kernels.compiled import kernel
 from allocator.allocation.kernels.scalars import number, pair
+from allocator.allocation.pair import PairAllocation, single
 from allocator.allocation.problem import PRIORITIES, Priority, Problem
-from allocator.allocation.result import Allocation, from_fields, shaped, single
+from allocator.allocation.result import from_fields, shaped
 from allocator.checks import LOOKS_LIKE_BAR, one_of
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
@@ -50,7 +51,7 @@ _batches: dict[Kind, Kernel] = {}  # compiled
 
 def answer(
     joint: Any, theta: Any, K: Any, T: Any, priority: Any, limits: Limits, kind: StiffnessKind = HELD
-) -> Allocation | None:
+) -> PairAllocation | None:
     """Return the allocation, or None where the short cut does not lead; arguments as those of `allocate`."""
     chosen = kernel_of(joint)
     _, name, p, left, right = chosen
@@ -122,7 +123,7 @@ def _batch(
     limits: Limits,
     key: Kind,
     kind: StiffnessKind,
-) -> Allocation | None:
+) -> PairAllocation | None:
     targets = Targets.of(theta, K, T, limits)
     if targets is None:
         return None
@@ -133,7 +134,9 @@ def _batch(
     flat = (targets.theta, targets.T, targets.K, *found)
     asked = {"joint": chosen.joint, "priority": priority, "_within": targets.limits, "kind": kind}
     asked["_shape"] = targets.shape
-    return from_fields({name: shaped(array, targets.shape) for name, array in zip(fields, flat, strict=True)} | asked)
+    given = {name: shaped(array, targets.shape) for name, array in zip(fields, flat, strict=True)}
+    allocation: PairAllocation = from_fields(PairAllocation, given | asked)
+    return allocation
 
 
 def _loop(kind: Kind, n: int) -> Kernel:

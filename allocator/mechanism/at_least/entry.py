@@ -18,14 +18,14 @@ from allocator.mechanism.at_least.floors import Floors
 from allocator.mechanism.at_least.result import AtLeast
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.mechanism import Mechanism
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 from allocator.mechanism.relaxation import Nearby
-from allocator.mechanism.result import MechanismAllocation
+from allocator.mechanism.result import BoxAllocation
 
 
 def allocate_at_least(
     mechanism: Mechanism,
-    q: ArrayLike,
+    theta: ArrayLike,
     K: ArrayLike,
     T: ArrayLike = 0.0,
     *,
@@ -43,7 +43,7 @@ def allocate_at_least(
     ----------
     mechanism
         A mechanism with n joints and m muscles, all affine in the pressure.
-    q
+    theta
         Posture (n,) [rad], one.
     K
         Least stiffness: a matrix (n, n) [N·m/rad], symmetric and positive definite, its diagonal (n,), of which the
@@ -52,14 +52,14 @@ def allocate_at_least(
     T
         Torques (n,) [N·m], or a number for every joint; of an endpoint besides Jᵀ·force.
     limits, stiffness
-        As of `allocate_mechanism`.
+        As of `allocate`.
     margin
         If given also K_q ⪰ margin·1 [N·m/rad]: a posture that holds itself, with that to spare.
 
     Raises
     ------
     InvalidInput
-        As `allocate_mechanism`, and for several postures or targets at once.
+        As `allocate`, and for several postures or targets at once.
     """
     if not isinstance(mechanism, Mechanism):
         raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism")
@@ -67,7 +67,7 @@ def allocate_at_least(
     hand = stiffness.endpoint
     size, unit = (hand.dim, "N/m") if isinstance(hand, Endpoint) else (mechanism.n, "N·m/rad")
     least = None if margin is None else checks.not_negative("margin", margin, "N·m/rad")
-    problem, shape = problem_from(mechanism, q, _matrix(K, size, unit), T, limits=limits, stiffness=stiffness)
+    problem, shape = problem_from(mechanism, theta, _matrix(K, size, unit), T, limits=limits, stiffness=stiffness)
     if shape:
         raise InvalidInput(f"at least a stiffness is asked for one posture and one target at a time, not for {shape}")
     return _solved(problem, Floors.of(problem, least))
@@ -81,7 +81,7 @@ def _matrix(K: Any, size: int, unit: str) -> Array:
     return array[..., None] * np.eye(size) if array.shape in ((), (size,)) else array
 
 
-def _solved(problem: MechanismProblem, floors: Floors) -> AtLeast:
+def _solved(problem: BoxProblem, floors: Floors) -> AtLeast:
     programme = floors.programme
     found = semidefinite.least(programme)
     if found is not None:
@@ -90,15 +90,13 @@ def _solved(problem: MechanismProblem, floors: Floors) -> AtLeast:
             return met
     beyond = semidefinite.widest(programme)
     if beyond is None:  # the torques cannot be had: the nearest, and of these the nearest stiffness
-        return AtLeast(
-            MechanismAllocation.of(problem, Nearby.of(problem, batches.solve(problem)), (), "exact"), floors, None
-        )
+        return AtLeast(BoxAllocation.of(problem, Nearby.of(problem, batches.solve(problem)), (), "exact"), floors, None)
     return AtLeast(_exact(problem, beyond[0]), floors, beyond[1])
 
 
-def _exact(problem: MechanismProblem, x: Array) -> MechanismAllocation:
+def _exact(problem: BoxProblem, x: Array) -> BoxAllocation:
     """Return the answer with the pressures nearest to `x` that give the torques."""
     n = problem.mechanism.n
     torques = np.where(np.arange(problem.weights.size) < n, 1.0, 0.0)
     alone = replace(problem, weights=torques, priority="weighted", reference=x[None] * problem.unit)
-    return MechanismAllocation.of(alone, Nearby.of(alone, batches.solve(alone)), (), "clarabel")
+    return BoxAllocation.of(alone, Nearby.of(alone, batches.solve(alone)), (), "clarabel")

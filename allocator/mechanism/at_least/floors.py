@@ -18,20 +18,20 @@ from allocator.calculus import Array
 from allocator.mechanism.at_least.semidefinite import LinearMatrix, Programme
 from allocator.mechanism.endpoint.endpoint import inverses
 from allocator.mechanism.mechanism import TargetsMap
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 
 
 @dataclass(frozen=True, eq=False)
 class Floors:
     """`Floors` are matrix inequalities K_q ⪰ B_i, each with the frame W_i that it is measured in."""
 
-    problem: MechanismProblem  # of one target
+    problem: BoxProblem  # of one target
     torque: Array  # asked for (n,) [N·m]
     least: tuple[Array, ...]  # B_i (n, n) [N·m/rad]: of the stiffness, then of the margin
     frames: tuple[Array, ...]  # W_i (n, n)
 
     @classmethod
-    def of(cls, problem: MechanismProblem, margin: float | None) -> Self:
+    def of(cls, problem: BoxProblem, margin: float | None) -> Self:
         """Return the floor of a problem, and that of the margin [N·m/rad], if it is asked for."""
         n, hand = problem.mechanism.n, problem.endpoint
         torque = problem.y[0, :n]

@@ -12,7 +12,7 @@ from allocator.mechanism.at_least import semidefinite
 from allocator.mechanism.at_least.floors import Floors
 from allocator.mechanism.at_least.semidefinite import Multipliers
 from allocator.mechanism.mechanism import Mechanism
-from allocator.mechanism.result import MechanismAllocation, vector
+from allocator.mechanism.result import BoxAllocation, vector
 from allocator.presentation.tables import number
 from allocator.units import BAR
 
@@ -48,7 +48,7 @@ class Infeasibility(NamedTuple):
 class AtLeast:
     """An `AtLeast` is the answer for one posture and one least stiffness."""
 
-    allocation: MechanismAllocation  # the pressures, what they give and which limits bind
+    allocation: BoxAllocation  # the pressures, what they give and which limits bind
     floors: Floors = field(repr=False)
     multipliers: Multipliers | None = field(repr=False)  # of the semidefinite programme
 

@@ -25,7 +25,7 @@ from allocator.mechanism.endpoint.points import Place
 from allocator.mechanism.feasibility.coordinates import Coordinate, Hand, coordinate
 from allocator.mechanism.feasibility.polygon import Edge, Polygon, Programme, outline
 from allocator.mechanism.mechanism import Mechanism, TargetsMap
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 from allocator.mechanism.result import limit_names
 
 
@@ -39,7 +39,7 @@ def feasible_targets(
     """Return all torques and stiffnesses that a mechanism with affine muscles can have at a posture `q` (n,) [rad].
 
     Of an `Endpoint` with as many coordinates as there are joints, its `stiffness` is a target as well. Limits are those
-    of `allocate_mechanism`. Raises `InvalidInput`, also for a posture beyond the range
+    of `allocate`. Raises `InvalidInput`, also for a posture beyond the range
     of the joints.
     """
     if not isinstance(mechanism, Mechanism):
@@ -56,7 +56,7 @@ def feasible_targets(
     return FeasibleTargets(problem)
 
 
-def _outside(problem: MechanismProblem) -> str:
+def _outside(problem: BoxProblem) -> str:
     return ", ".join(np.array(problem.mechanism.joint_names)[problem.outside[0]])
 
 
@@ -64,7 +64,7 @@ def _outside(problem: MechanismProblem) -> str:
 class FeasibleTargets:
     """`FeasibleTargets` are all torques and stiffnesses that a mechanism can have at one posture."""
 
-    _problem: MechanismProblem = field(repr=False)
+    _problem: BoxProblem = field(repr=False)
 
     @property
     def mechanism(self) -> Mechanism:

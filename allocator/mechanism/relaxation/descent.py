@@ -17,7 +17,7 @@ from allocator.calculus import Array
 from allocator.mechanism import batches
 from allocator.mechanism.batches import Solved
 from allocator.mechanism.mechanism import Indices
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 from allocator.mechanism.relaxation.model import Model
 
 _STEPS = 100
@@ -65,8 +65,8 @@ class _Linear:
         return np.arange(len(self.b))
 
     @property
-    def problem(self) -> MechanismProblem:
-        return cast(MechanismProblem, self)
+    def problem(self) -> BoxProblem:
+        return cast(BoxProblem, self)
 
     def multipliers(self, model: Model, solved: Solved) -> Array:
         """Return those of the rows of the model (S, K + 1, p)."""

@@ -12,7 +12,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.mechanism import Indices
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 from allocator.mechanism.relaxation.bound import Level
 from allocator.mechanism.relaxation.curves import Curve, not_rising
 
@@ -21,9 +21,9 @@ _LOOKED_AT = 33  # pressures at which forces are seen to rise
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A `Model` is a `MechanismProblem` whose muscles are curves; targets are chosen by their indices `which` (S,)."""
+    """A `Model` is a `BoxProblem` whose muscles are curves; targets are chosen by their indices `which` (S,)."""
 
-    problem: MechanismProblem
+    problem: BoxProblem
 
     @cached_property
     def C(self) -> Array:

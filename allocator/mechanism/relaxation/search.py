@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array
 from allocator.mechanism.batches import Solved, residuals
-from allocator.mechanism.problem import MechanismProblem
+from allocator.mechanism.problem import BoxProblem
 from allocator.mechanism.relaxation.descent import Found, certified, descend, lower
 from allocator.mechanism.relaxation.model import Model
 from allocator.mechanism.relaxation.tree import close
@@ -32,13 +32,13 @@ class Nearby(NamedTuple):
         return np.asarray(((self.costs - self.bounds) / (1 + self.costs)).max(axis=1))
 
     @classmethod
-    def of(cls, problem: MechanismProblem, solved: Solved) -> Self:
+    def of(cls, problem: BoxProblem, solved: Solved) -> Self:
         """Return answers for affine muscles, which are the best; their residuals tell if not."""
         costs = problem.costs(solved.x)
         return cls(solved, residuals(problem, solved), costs, costs)
 
 
-def solve(problem: MechanismProblem, gap: float) -> Nearby:
+def solve(problem: BoxProblem, gap: float) -> Nearby:
     """Return pressures whose costs are above the least by `gap`·(1 + cost) at most, unless the search grows too long.
 
     Raises `InvalidInput` for a force that does not rise with the pressure, or a law that is not smooth.
@@ -94,7 +94,7 @@ def _missed(model: Model, target: int, best: Found) -> NDArray[np.bool_]:
     return np.asarray(error > CLOSED_FORM.met * model.scale[target])
 
 
-def furthest(problem: MechanismProblem, d: Array) -> Array:
+def furthest(problem: BoxProblem, d: Array) -> Array:
     """Return a bound (N,) that d·y(P) is not above anywhere in the box, for directions d (N, d)."""
     model = Model(problem)
     every = np.arange(problem.size)

@@ -6,9 +6,10 @@ A table states its own `error` and is refused where it cannot be drawn, see `all
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array
@@ -16,6 +17,9 @@ from allocator.errors import InvalidInput
 from allocator.joint import table_error
 from allocator.joint.table_error import TableError
 from allocator.mechanism.routes.base import RoutedLengths, Routes, check_arms, rest_lengths
+
+if TYPE_CHECKING:
+    from scipy.interpolate import NdBSpline
 
 _FEWEST = 4  # samples of a joint: what a cubic takes
 _PARTS = (8, 4, 2)  # of the distance between two samples, of tables over one, two and more joints
@@ -29,7 +33,7 @@ class Tables(Routes):
     grid: tuple[tuple[float, ...], ...]  # n rows of angles [rad], increasing
     lengths: tuple[Any, ...] = field(repr=False)  # nested: (n1, …, nn, m) [m]
 
-    def __init__(self, rest_length: Any, grid: Sequence[Any], lengths: Any) -> None:
+    def __init__(self, rest_length: ArrayLike, grid: Sequence[ArrayLike], lengths: ArrayLike) -> None:
         """Check and keep `grid`, n rows of angles [rad], and `lengths` (n1, …, nn, m) [m]. Raises `InvalidInput`."""
         rows = [checks.angle(f"Tables: grid[{i}]", row) for i, row in enumerate(grid)]
         l_ = checks.real("Tables: lengths", lengths, "m")
@@ -56,7 +60,7 @@ class Tables(Routes):
         return len(self.grid)
 
     @cached_property
-    def _spline(self) -> Any:
+    def _spline(self) -> "NdBSpline":
         return _spline_through(self.grid, np.array(self.lengths))
 
     @property
@@ -89,7 +93,7 @@ class Tables(Routes):
         return _evaluated(self._spline, q, self.m)
 
 
-def _spline_through(grid: Sequence[Sequence[float]], lengths: Array) -> Any:
+def _spline_through(grid: Sequence[Sequence[float]], lengths: Array) -> "NdBSpline":
     """Return the tensor product of splines through lengths (n1, …, nn, m): cubic, or less where samples are few."""
     from scipy.interpolate import NdBSpline, make_interp_spline
 
@@ -102,7 +106,7 @@ def _spline_through(grid: Sequence[Sequence[float]], lengths: Array) -> Any:
     return NdBSpline(tuple(knots), lengths, tuple(degrees), extrapolate=True)
 
 
-def _evaluated(spline: Any, q: Array, m: int) -> RoutedLengths:
+def _evaluated(spline: "NdBSpline", q: Array, m: int) -> RoutedLengths:
     """Return lengths, arms and bends of m muscles at the postures (…, n)."""
     n = q.shape[-1]
     unit = np.eye(n, dtype=int)

@@ -9,9 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
+from allocator.allocation import allocate
 from allocator.calculus import Array
 from allocator.joint.limits import Limits
-from allocator.mechanism import allocate_mechanism, warm_up
+from allocator.mechanism import warm_up
 from mpc.governor import PressureGovernor
 from mpc.model.arm.model import Arm
 
@@ -82,7 +83,7 @@ class Pressures:
 class PostureAndStiffness:
     """`PostureAndStiffness` are actions (N, 2n): angles over their ranges, and the stiffnesses of the joints.
 
-    The pressures that hold the posture with these stiffnesses K11, K22, … come from `allocate_mechanism`; torques come
+    The pressures that hold the posture with these stiffnesses K11, K22, … come from `allocate`; torques come
     first, the other entries of K are free. Stiffness goes in equal ratios from the least to the greatest that the arm
     has in the middle of its range.
     """
@@ -107,7 +108,7 @@ class PostureAndStiffness:
         q, K = self.targets(action)
         held = self.arm.bodies.gravity_torque(q)
         one = (slice(None), None)  # an axis besides, since (2, 2) would be a matrix K
-        return allocate_mechanism(self.arm.mechanism, q[one], K[one], held[one]).P[:, 0]
+        return allocate(q[one], K[one], held[one], joint=self.arm.mechanism).P[:, 0]
 
 
 KINDS: Mapping[str, Callable[[Arm], Action]] = {"pressures": Pressures, "posture-stiffness": PostureAndStiffness}

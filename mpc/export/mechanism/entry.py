@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from allocator.allocation import allocate
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array
+from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
-from allocator.mechanism import Mechanism, allocate_mechanism
-from mpc.codegen.c_text import number
+from allocator.mechanism import Mechanism
 from mpc.export import text
 from mpc.export.directory import check, write
 from mpc.export.mechanism.kernel import MOST_FIRST, MOST_ROUNDS, kernel_files
@@ -23,7 +24,7 @@ _SEED = 19  # of the demonstration's targets
 def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precision: str = "double") -> Path:
     """Write the allocation of `mechanism` as plain C99 to the directory `out`, and return it.
 
-    The C says what `allocate_mechanism` says, with priority "torque" or "stiffness". Its kernel is printed from the
+    The C says what `allocate` says, with priority "torque" or "stiffness". Its kernel is printed from the
     text that Python runs, its formulas by CasADi for this mechanism.
 
     Raises
@@ -117,7 +118,7 @@ def _shown(mechanism: Mechanism) -> list[str]:
         q, T, entries = row[:n], row[n : 2 * n], row[2 * n :]
         K = np.zeros((n, n))
         K[mechanism.upper_triangle] = K.T[mechanism.upper_triangle] = entries
-        a = allocate_mechanism(mechanism, q, K, T)
+        a = allocate(q, K, T, joint=mechanism)
         listed = [" ".join(f"{value:.6g}" for value in values) for values in (T, entries, a.P)]
         lines.append(f"T {listed[0]} N*m, K {listed[1]} N*m/rad: P {listed[2]} Pa, status {int(a.status)}")
     return lines
@@ -136,7 +137,7 @@ to read; all units are SI. Written for this mechanism: `antagonist_config.h`, `s
     + BUILD
     + """
 `ant_allocate` gives the pressures for torques and a stiffness at a posture, or the nearest that the limits allow, as
-`allocator.mechanism.allocate_mechanism` does: torque first or stiffness first, then the least pressures or those
+`allocator.allocate` does: torque first or stiffness first, then the least pressures or those
 nearest to the present ones. It says by its status what was missed and why, and it computes from the pressures how far
 they are from optimal. It guesses which limits bind until a guess proves right: some 4 guesses, of which all but the
 last are one Cholesky factor of at most {m} × {m}; at most {most}, after which the status is `ANT_SOLVER_FAILED` and the

@@ -5,6 +5,9 @@ They are filled from the readable parts by `mpc.trials.many.taken`, whose names 
 
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from allocator.calculus import Array
 
 
@@ -43,11 +46,11 @@ class Step(NamedTuple):
     h: float
     substeps: int
     numbers: Array
-    starts: Any
+    starts: NDArray[np.int64]
     given: Array
     buffer: Array
-    guess: Any
-    shifted: Any
+    guess: NDArray[np.int8]
+    shifted: NDArray[np.intp]
     z: Array
     p: Any
     known: Array
@@ -78,8 +81,8 @@ class Answers(NamedTuple):
     x: Array  # (M+1, 4)
     estimate: Array  # (M, 5)
     u: Array  # (M, 2)
-    rung: Any
-    status: Any
+    rung: NDArray[np.int64]
+    status: NDArray[np.int64]
     slack: Array
     slack_force: Array
     moved: Array  # (M, 3)

@@ -5,7 +5,6 @@ import pytest
 
 from allocator import allocate
 from allocator.errors import AntagonistError
-from allocator.mechanism.entry import allocate_mechanism
 from allocator.mechanism.machines import arm26
 
 NO_WORDS = (
@@ -19,7 +18,7 @@ def on_a_joint(**argument):
 
 
 def on_a_mechanism(**argument):
-    return allocate_mechanism(arm26(), [0.3, 0.4], 5 * np.eye(2), **argument)
+    return allocate([0.3, 0.4], 5 * np.eye(2), joint=arm26(), **argument)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from allocator.feasibility import angle_intervals, feasibility_map
 from allocator.joint.antagonist import report_joint
 from allocator.joint.assumption import Extrapolated
 from allocator.machine_file import load_joint, save_machine
-from allocator.mechanism import Mechanism, allocate_mechanism
+from allocator.mechanism import Mechanism
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.muscles.measured import MeasuredRegion
 from allocator.units import BAR
@@ -121,10 +121,10 @@ def test_a_joint_file_keeps_where_its_muscles_were_measured(joint, tmp_path):
 
 def test_a_mechanism_names_its_muscle(joint):
     mechanism = Mechanism.from_joint(joint)
-    answer = allocate_mechanism(mechanism, [0.7], [[4.0]], [0.0])
+    answer = allocate([0.7], [[4.0]], [0.0], joint=mechanism)
     assert SAID in answer.assumed
     assert answer.assumed in answer.message
-    assert allocate_mechanism(Mechanism.from_joint(joint_of(WIDE)), [0.7], [[4.0]], [0.0]).assumed == ""
+    assert allocate([0.7], [[4.0]], [0.0], joint=Mechanism.from_joint(joint_of(WIDE))).assumed == ""
 
 
 @pytest.mark.slow

@@ -178,14 +178,14 @@ def test_the_answer_shows_itself():
         ({"K": np.eye(3)}, r"K has the shape \(3, 3\); expected matrices \(…, 2, 2\).* n = 2 .* m = 6"),
         ({"K": [1.0, 2.0, 3.0]}, r"K has the shape \(3,\)"),
         ({"K": -1.0}, "eigenvalue -1 N·m/rad"),
-        ({"q": np.zeros((3, 2))}, r"one posture and one target at a time, not for \(3,\)"),
+        ({"theta": np.zeros((3, 2))}, r"one posture and one target at a time, not for \(3,\)"),
         ({"margin": -1.0}, "margin = -1.0 .* not negative"),
         ({"margin": [1.0, 2.0]}, "margin = .* one number"),
-        ({"q": [0.3, 0.0], "stiffness": Stiffness(endpoint=HAND)}, "Jacobian is singular"),
+        ({"theta": [0.3, 0.0], "stiffness": Stiffness(endpoint=HAND)}, "Jacobian is singular"),
         ({"K": np.eye(3), "stiffness": Stiffness(endpoint=HAND)}, r"\(…, 2, 2\).*N/m.*dim = 2"),
         ({"mechanism": "arm26"}, "mechanism is a str"),
     ],
 )
 def test_wrong_arguments(changed, sentence):
     with pytest.raises(InvalidInput, match=sentence):
-        allocate_at_least(**({"mechanism": ARM, "q": Q, "K": 3.0} | changed))
+        allocate_at_least(**({"mechanism": ARM, "theta": Q, "K": 3.0} | changed))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import InvalidInput, Stiffness, named_muscle, save_machine
+from allocator import InvalidInput, Stiffness, allocate, named_muscle, save_machine
 from allocator.cli import app
-from allocator.mechanism import Endpoint, Pulleys, allocate_mechanism, feasible_targets, machines
+from allocator.mechanism import Endpoint, Pulleys, feasible_targets, machines
 from allocator.units import BAR, DEG
 
 ARM = ("allocate", "--machine", "arm26")
@@ -24,7 +24,7 @@ def test_the_answer_is_that_of_python():
     assert done.exit_code == 0
     printed = json.loads(done.stdout)
     K = [[10.17, 3.98], [3.98, 8.76]]
-    a = allocate_mechanism(machines.arm26(), np.array([23, -17]) * DEG, K, [9.36, 4.09])
+    a = allocate(np.array([23, -17]) * DEG, K, [9.36, 4.09], joint=machines.arm26())
     assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-12)
     assert printed["status"] == "EXACT"
     assert printed["met"]
@@ -56,7 +56,7 @@ def test_options_change_all_muscles_and_say_which_stiffness_is_meant():
     arm, weak = machines.arm26(), named_muscle("sarosi-dmsp-20-200n")
     routes = Pulleys(0.3, arm.routes.arms, 0.12)
     other = replace(arm, routes=routes, muscles=(weak,) * 6, pressure_limits=(0.0, 6 * BAR))
-    a = allocate_mechanism(other, np.array([10, 20]) * DEG, [15.0, 12.0], stiffness=Stiffness("shut"))
+    a = allocate(np.array([10, 20]) * DEG, [15.0, 12.0], joint=other, stiffness=Stiffness("shut"))
     assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
     assert "shut stiffness given" in " ".join(run(*ARM, *asked[:-1], *changed).stdout.split())
 
@@ -66,7 +66,7 @@ def test_each_muscle_may_be_another_one():
     given = [part for name in names for part in ("--muscle", name)]
     printed = json.loads(run(*ARM, "--posture", "10,20", "--stiffness", "8,8", "--json", *given).stdout)
     other = replace(machines.arm26(), muscles=tuple(map(named_muscle, names)))
-    a = allocate_mechanism(other, np.array([10, 20]) * DEG, [8.0, 8.0])
+    a = allocate(np.array([10, 20]) * DEG, [8.0, 8.0], joint=other)
     assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
 
 
@@ -122,7 +122,7 @@ def test_the_stiffness_of_a_hand_is_that_of_python():
     hand = Endpoint.planar([0.3, 0.25], np.array([45, 90]) * DEG)
     q = np.array([5, 10]) * DEG
     asked = {"stiffness": Stiffness(endpoint=hand, force=[2.0, -1.0])}
-    a = allocate_mechanism(machines.arm26(), q, [[80.0, 5.0], [5.0, 150.0]], [0.5, 0.0], **asked)
+    a = allocate(q, [[80.0, 5.0], [5.0, 150.0]], [0.5, 0.0], joint=machines.arm26(), **asked)
     assert printed["P_bar"] == pytest.approx(a.P / BAR, rel=1e-9)
     assert np.ravel(printed["endpoint_stiffness_N_per_m"]) == pytest.approx([80.0, 5.0, 5.0, 150.0])
     assert printed["position_m"] == pytest.approx(hand.position(q))

@@ -8,7 +8,7 @@ import pytest
 
 from allocator import AntagonistJoint, Gas, InvalidInput, Lever, Status, Stiffness, allocate, load_machine
 from allocator import save_machine as save
-from allocator.mechanism import Mechanism, Pulleys, allocate_mechanism, machines
+from allocator.mechanism import Mechanism, Pulleys, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR
 from tests.conftest import PULLEY
@@ -79,7 +79,7 @@ def test_one_joint_has_the_pressures_of_allocate(lever, asked):
         assert felt == pytest.approx(joint.dynamic_stiffness(theta, P1, P2, **asked).real)
     K, T = np.abs(felt) * rng.choice([1.0, 2.0], 40), joint.torque(theta, P1, P2) * rng.choice([1.0, 3.0], 40)
     a = allocate(theta, K, T, joint=joint, stiffness=Stiffness(**asked))
-    b = allocate_mechanism(one, theta[:, None], K[:, None], T[:, None], stiffness=Stiffness(**asked))
+    b = allocate(theta[:, None], K[:, None], T[:, None], joint=one, stiffness=Stiffness(**asked))
     assert b.P == pytest.approx(np.stack([a.P1, a.P2], axis=-1), abs=1e-9 * 5 * BAR)
     assert np.array_equal(b.status[b.holds], a.status[b.holds])
     assert b.isobaric_stiffness[:, 0, 0] == pytest.approx(a.isobaric_stiffness, abs=1e-9)
@@ -87,15 +87,15 @@ def test_one_joint_has_the_pressures_of_allocate(lever, asked):
 
 def test_shut_valves_give_what_open_ones_cannot():
     K, T = ARM.stiffness(Q, P, valves="shut"), ARM.torque(Q, P)
-    assert allocate_mechanism(ARM, Q, K, T).status == Status.STIFFNESS_LIMITED
-    a = allocate_mechanism(ARM, Q, K, T, stiffness=Stiffness("shut"))
+    assert allocate(Q, K, T, joint=ARM).status == Status.STIFFNESS_LIMITED
+    a = allocate(Q, K, T, joint=ARM, stiffness=Stiffness("shut"))
     assert a.success
     assert a.K == pytest.approx(K, rel=1e-9)
     assert ARM.stiffness(Q, a.P, valves="shut") == pytest.approx(K, rel=1e-9)
     assert a.isobaric_stiffness == pytest.approx(ARM.stiffness(Q, a.P))
     assert "shut stiffness" in repr(a)
     assert "isobaric_stiffness_Nm_per_rad" in a.to_dict()
-    assert "isobaric_stiffness_Nm_per_rad" not in allocate_mechanism(ARM, Q, K, T).to_dict()
+    assert "isobaric_stiffness_Nm_per_rad" not in allocate(Q, K, T, joint=ARM).to_dict()
 
 
 def test_a_file_keeps_the_gas(tmp_path):
@@ -115,8 +115,8 @@ def test_a_file_keeps_the_gas(tmp_path):
         (lambda: ARM.stiffness(Q, P, frequency=2.0, lag=[0.1, 0.2]), "one time constant or m = 6 of them"),
         (lambda: ARM.stiffness(Q, P, valves="shut", frequency=2.0, lag=0.1), "exclude each other"),
         (
-            lambda: allocate_mechanism(
-                ARM.with_muscles(replace(FILLED, inner_radius=None)), Q, 9.0, 1.0, stiffness=Stiffness("shut")
+            lambda: allocate(
+                Q, 9.0, 1.0, joint=ARM.with_muscles(replace(FILLED, inner_radius=None)), stiffness=Stiffness("shut")
             ),
             r"Sarosi2012 holds is not known.* inner_radius \[m\]",
         ),

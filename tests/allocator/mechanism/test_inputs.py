@@ -4,7 +4,7 @@ import casadi
 import numpy as np
 import pytest
 
-from allocator import InvalidInput, Limits, Method, MissingBackend, Stiffness
+from allocator import InvalidInput, Limits, Method, MissingBackend, Stiffness, allocate
 from allocator.mechanism import (
     Endpoint,
     Link,
@@ -12,7 +12,6 @@ from allocator.mechanism import (
     Pulleys,
     Sites,
     Tables,
-    allocate_mechanism,
     from_function,
     machines,
 )
@@ -20,24 +19,24 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR
 
 ARM = machines.arm26()
-GOOD = {"q": [0.4, -0.3], "K": [[10.0, 4.0], [4.0, 9.0]], "T": [9.0, 4.0]}
+GOOD = {"theta": [0.4, -0.3], "K": [[10.0, 4.0], [4.0, 9.0]], "T": [9.0, 4.0]}
 PATH = [(-1, (0.1, 0.1)), (0, (0.2, 0.1))]
 
 
 @pytest.mark.parametrize(
     ("changed", "sentence"),
     [
-        ({"q": [23.0, -17.0]}, r"q\[0\] = 23 rad is over a turn; if degrees were meant, pass 0.4014 rad"),
-        ({"q": [0.1, 0.2, 0.3]}, r"q has the shape \(3,\); expected \(…, 2\).* n = 2 joints and m = 6 muscles"),
-        ({"q": [np.nan, 0.2]}, r"q\[0\] = nan is not finite \[rad\]"),
+        ({"theta": [23.0, -17.0]}, r"theta\[0\] = 23 rad is over a turn; if degrees were meant, pass 0.4014 rad"),
+        ({"theta": [0.1, 0.2, 0.3]}, r"theta has the shape \(3,\); expected \(…, 2\).* n = 2 joints and m = 6 muscles"),
+        ({"theta": [np.nan, 0.2]}, r"theta\[0\] = nan is not finite \[rad\]"),
         ({"K": [[10.0, 4.0], [3.0, 9.0]]}, "K is not symmetric.* differ by 1 N·m/rad"),
         ({"K": [[10.0, 40.0], [40.0, 9.0]]}, "K has the eigenvalue -30.* positive definite"),
         ({"K": [10.0, -9.0]}, r"K\[1\] = -9 N·m/rad has to be positive"),
         ({"K": np.ones((3, 3))}, r"K has the shape \(3, 3\); expected matrices \(…, 2, 2\).* n = 2 .* m = 6"),
-        ({"q": np.zeros((2, 2)), "K": np.eye(2)}, "one matrix or the diagonals of 2 targets"),
+        ({"theta": np.zeros((2, 2)), "K": np.eye(2)}, "one matrix or the diagonals of 2 targets"),
         ({"T": [1.0, 2.0, 3.0]}, r"T has the shape \(3,\); expected \(…, 2\)"),
         ({"T": [np.inf, 2.0]}, r"T\[0\] = inf is not finite"),
-        ({"q": np.zeros((4, 2)), "T": np.zeros((3, 2))}, r"do not broadcast: \(4,\), \(3,\).* n = 2 .* m = 6"),
+        ({"theta": np.zeros((4, 2)), "T": np.zeros((3, 2))}, r"do not broadcast: \(4,\), \(3,\).* n = 2 .* m = 6"),
         ({"limits": Limits(previous=[3, 2, 2.5, 3.5, 4, 1.5])}, "previous.* if bar was meant"),
         ({"limits": Limits(previous=np.full(5, 2e5))}, r"previous has the shape \(5,\); expected \(…, 6\)"),
         ({"limits": Limits(max_step=1e4)}, "max_step .* give previous"),
@@ -52,22 +51,22 @@ PATH = [(-1, (0.1, 0.1)), (0, (0.2, 0.1))]
         ({"weights": (1.0, [[1.0, 2.0], [0.0, 1.0]])}, "has to be symmetric"),
         ({"weights": (-1.0, 1.0)}, "must not be negative"),
         ({"method": Method(solver="daqp")}, "solver = 'daqp' belongs to the method 'qp'"),
-        ({"mechanism": "arm26"}, "mechanism is a str; expected a Mechanism"),
+        ({"joint": "arm26"}, "joint = 'arm26' has to be an AntagonistJoint or a Mechanism"),
         (
-            {"mechanism": ARM.with_muscles(TONDU_DMSP_20_400N), "method": "qp"},
+            {"joint": ARM.with_muscles(TONDU_DMSP_20_400N), "method": "qp"},
             "shoulder flexor, .*not affine.*Tondu2021.*Sarosi2012",
         ),
     ],
 )
 def test_wrong_arguments_of_the_allocation(changed, sentence):
     with pytest.raises(InvalidInput, match=sentence):
-        allocate_mechanism(**({"mechanism": ARM} | GOOD | changed))
+        allocate(**({"joint": ARM} | GOOD | changed))
 
 
 @pytest.mark.parametrize("name", ["method", "solver"])
 def test_unknown_methods_list_the_known_ones(name):
     with pytest.raises(MissingBackend, match=r"available: .*(exact|daqp)"):
-        allocate_mechanism(ARM, **GOOD, method="magic" if name == "method" else Method("qp", solver="magic"))
+        allocate(joint=ARM, **GOOD, method="magic" if name == "method" else Method("qp", solver="magic"))
 
 
 @pytest.mark.parametrize(
@@ -122,11 +121,11 @@ def test_muscles_that_are_not_affine_still_have_torque_and_stiffness():
 
 
 def test_answers_are_frozen():
-    a = allocate_mechanism(ARM, **GOOD)
+    a = allocate(joint=ARM, **GOOD)
     for array in (a.P, a.T, a.K):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
-    many = allocate_mechanism(ARM, np.zeros((3, 4, 2)), 9.0, 1.0)
+    many = allocate(np.zeros((3, 4, 2)), 9.0, 1.0, joint=ARM)
     assert many.P.shape == (3, 4, 6)
     assert many.status.shape == many.active.shape == (3, 4)
     assert "12 targets" in repr(many)
@@ -136,6 +135,6 @@ def test_answers_are_frozen():
     "options", [{}, {"method": "qp"}, {"stiffness": Stiffness(endpoint=Endpoint.planar([0.3, 0.25]))}], ids=str
 )
 def test_no_targets_have_no_answers(options):
-    a = allocate_mechanism(ARM, np.zeros((0, 2)), 10.0, **options)
+    a = allocate(np.zeros((0, 2)), 10.0, joint=ARM, **options)
     assert (a.P.shape, a.K.shape, a.costs.shape, a.lower_bounds.shape) == ((0, 6), (0, 2, 2), (0, 2), (0, 2))
     assert (a.status.shape, a.forces.shape) == ((0,), (0, 6))

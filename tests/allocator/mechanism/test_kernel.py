@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from allocator import allocate
 from allocator.errors import InvalidInput
-from allocator.mechanism import allocate_mechanism, kernel, machines
+from allocator.mechanism import kernel, machines
 from allocator.mechanism.kernel.data import workspace
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 
@@ -83,7 +84,7 @@ def test_a_weight_on_the_pressures_is_one_qp():
     T, K = targets(30)
     previous = np.full(6, 2e5)
     asked = {"priority": "weighted", "weights": (1e3, 2.0), "pull": (1e-12, previous)}
-    a = allocate_mechanism(ARM, POSTURE, K, T, **asked)
+    a = allocate(POSTURE, K, T, joint=ARM, **asked)
     assert a.kkt_residual.max() < 1e-9
     y0, M = ARM.targets_map(POSTURE)
     root = np.sqrt([1e3, 1e3, 2, 4, 2])
@@ -95,22 +96,22 @@ def test_a_weight_on_the_pressures_is_one_qp():
         ours = np.sum((A @ (a.P[i] / 1e5) - b) ** 2)
         assert ours <= 2 * bvls.cost * (1 + 1e-12)
         assert a.P[i] / 1e5 == pytest.approx(bvls.x, abs=1e-5)
-    daqp = allocate_mechanism(ARM, POSTURE, K, T, method="qp", **asked)
+    daqp = allocate(POSTURE, K, T, joint=ARM, method="qp", **asked)
     assert daqp.P == pytest.approx(a.P, abs=1e-8 * 5e5)
     assert daqp.kkt_residual.max() < 1e-9
 
 
 def test_a_weight_on_the_pressures_that_goes_to_nothing_is_least_pressure():
     T, K = targets(30, seed=1)
-    exact = allocate_mechanism(ARM, POSTURE, K, T, priority="weighted", weights=(1.0, 1.0))
-    nearly = allocate_mechanism(ARM, POSTURE, K, T, priority="weighted", weights=(1.0, 1.0), pull=(1e-19, np.zeros(6)))
+    exact = allocate(POSTURE, K, T, joint=ARM, priority="weighted", weights=(1.0, 1.0))
+    nearly = allocate(POSTURE, K, T, joint=ARM, priority="weighted", weights=(1.0, 1.0), pull=(1e-19, np.zeros(6)))
     assert nearly.P == pytest.approx(exact.P, abs=1e-5 * 5e5)
 
 
 def test_a_weight_on_the_pressures_is_refused_for_muscles_that_are_not_affine():
     bent = ARM.with_muscles(TONDU_DMSP_20_400N)
     with pytest.raises(InvalidInput, match="a pull is for affine muscles only"):
-        allocate_mechanism(bent, POSTURE, 8.0, 0.0, priority="weighted", weights=(1.0, 1.0), pull=(1e-12, np.zeros(6)))
+        allocate(POSTURE, 8.0, 0.0, joint=bent, priority="weighted", weights=(1.0, 1.0), pull=(1e-12, np.zeros(6)))
 
 
 @pytest.mark.parametrize(
@@ -126,4 +127,4 @@ def test_a_weight_on_the_pressures_is_refused_for_muscles_that_are_not_affine():
 def test_weights_that_make_no_sense_are_refused(priority, weights, pull, said):
     T, K = targets(1)
     with pytest.raises(InvalidInput, match=said):
-        allocate_mechanism(ARM, POSTURE, K, T, priority=priority, weights=weights, pull=pull)
+        allocate(POSTURE, K, T, joint=ARM, priority=priority, weights=weights, pull=pull)

@@ -10,6 +10,7 @@ from allocator import (
     InvalidInput,
     Lever,
     MissingBackend,
+    allocate,
     load_joint,
     load_machine,
     named_machine,
@@ -21,7 +22,6 @@ from allocator.mechanism import (
     Mechanism,
     Sites,
     Tables,
-    allocate_mechanism,
     from_function,
     machines,
 )
@@ -43,7 +43,7 @@ def test_machines_hold_themselves_and_couple_what_they_should(name):
     K = machine.stiffness(q, P)
     assert np.linalg.eigvalsh(K)[0] > 0
     assert (np.abs(np.triu(K, 1)) > 0.1).sum() == coupled
-    again = allocate_mechanism(machine, q, K, machine.torque(q, P))
+    again = allocate(q, K, machine.torque(q, P), joint=machine)
     assert again.success
     assert (machine.contractions([[low for low, _ in machine.angle_limits]]) > 0).all()
 

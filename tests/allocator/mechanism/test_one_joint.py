@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allocator import Limits, Status, Stiffness, allocate
-from allocator.mechanism import Mechanism, allocate_mechanism
+from allocator.mechanism import Mechanism
 from allocator.units import BAR
 
 AFFINE = ("mckibben-pulley", "hogan-pulley", "sarosi-pulley", "sarosi-lever", "sarosi-table")
@@ -53,8 +53,8 @@ def test_the_pressures_are_those_of_allocate(affine, priority, weights, limits):
     theta, K, T = targets(affine)
     one = allocate(theta, K, T, joint=affine, priority=priority, weights=weights, **limits)
     mechanism = Mechanism.from_joint(affine)
-    many = allocate_mechanism(
-        mechanism, theta[:, None], K[:, None], T[:, None], priority=priority, weights=weights, **limits
+    many = allocate(
+        theta[:, None], K[:, None], T[:, None], joint=mechanism, priority=priority, weights=weights, **limits
     )
     # a lever whose determinant nearly vanishes determines the pressures to fewer digits than what they give
     assert many.T[:, 0] == pytest.approx(one.T, abs=1e-9 * np.abs(one.T).max())
@@ -74,7 +74,7 @@ def test_with_trapped_gas_the_pressures_are_those_of_allocate(joints, kind, prio
     theta, K, T = targets(joint, n=20)
     one = allocate(theta, K, T, joint=joint, priority=priority, **kind)
     asked = theta[:, None], K[:, None], T[:, None]
-    many = allocate_mechanism(Mechanism.from_joint(joint), *asked, priority=priority, **kind)
+    many = allocate(*asked, joint=Mechanism.from_joint(joint), priority=priority, **kind)
     assert many.P == pytest.approx(np.stack([one.P1, one.P2], axis=-1), abs=1e-8 * 5 * BAR)
     assert many.K[:, 0, 0] == pytest.approx(one.K, rel=1e-8)
     holds = many.status != Status.UNSTABLE
@@ -85,11 +85,11 @@ def test_slew_limits_are_those_of_allocate(affine):
     theta, K, T = targets(affine)
     now = np.random.default_rng(1).uniform(0, 5, (2, theta.size)) * BAR
     one = allocate(theta, K, T, joint=affine, limits=Limits(previous=tuple(now), max_step=0.4 * BAR))
-    many = allocate_mechanism(
-        Mechanism.from_joint(affine),
+    many = allocate(
         theta[:, None],
         K[:, None],
         T[:, None],
+        joint=Mechanism.from_joint(affine),
         limits=Limits(previous=now.T, max_step=0.4 * BAR),
     )
     assert many.P == pytest.approx(np.stack([one.P1, one.P2], axis=-1), abs=1e-9 * 5 * BAR)
@@ -100,7 +100,7 @@ def test_slew_limits_are_those_of_allocate(affine):
 def test_beyond_the_joint_range_the_nearest_posture_is_answered(affine):
     right = affine.angle_range[1]
     one = allocate(right + 0.2, 8.0, 1.0, joint=affine)
-    many = allocate_mechanism(Mechanism.from_joint(affine), [right + 0.2], 8.0, 1.0)
+    many = allocate([right + 0.2], 8.0, 1.0, joint=Mechanism.from_joint(affine))
     assert many.P == pytest.approx([one.P1, one.P2], abs=1e-9 * 5 * BAR)
     assert many.status == one.status == Status.OUTSIDE_JOINT_RANGE
     assert "joint 1 range" in many.active

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from allocator import Limits, Status
-from allocator.mechanism import Mechanism, Pulleys, Sites, allocate_mechanism, machines, warm_up
+from allocator import Limits, Status, allocate
+from allocator.mechanism import Mechanism, Pulleys, Sites, machines, warm_up
 from allocator.mechanism.arguments import problem_from
 from allocator.mechanism.routes import Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
@@ -54,7 +54,7 @@ def test_no_face_of_the_box_has_a_better_answer(priority, weights, near):
     q = np.array([0.4, -0.3])
     T, K = random_targets(ARM, q, 40)
     previous = np.array([2.0, 3, 2, 4, 3, 1]) * BAR if near else None
-    a = allocate_mechanism(ARM, q, K, T, priority=priority, weights=weights, limits=Limits(previous=previous))
+    a = allocate(q, K, T, joint=ARM, priority=priority, weights=weights, limits=Limits(previous=previous))
     p = as_least_squares(ARM, q, T, K, priority, weights, previous)
     (_, ends), (lo, hi, centre) = p.rows, p.x_bounds
     expected = best_of_all_faces(p.A[0], p.b, ends, lo[0], hi[0], centre[0])
@@ -66,7 +66,7 @@ def test_no_face_of_the_box_has_a_better_answer(priority, weights, near):
 def test_no_face_has_a_better_answer_for_a_thousand_targets():
     q = np.array([0.4, -0.3])
     T, K = random_targets(ARM, q, 1000, seed=5)
-    a = allocate_mechanism(ARM, q, K, T)
+    a = allocate(q, K, T, joint=ARM)
     p = as_least_squares(ARM, q, T, K)
     (_, ends), (lo, hi, centre) = p.rows, p.x_bounds
     expected = best_of_all_faces(p.A[0], p.b, ends, lo[0], hi[0], centre[0])
@@ -78,7 +78,7 @@ def test_the_optimality_conditions_hold(n, m):
     mechanism = ARM if m == 6 else random_mechanism(n, m)
     q = np.full(n, 0.1)
     T, K = random_targets(mechanism, q, 60 if n < 7 else 12, seed=2)
-    a = allocate_mechanism(mechanism, q, K, T)
+    a = allocate(q, K, T, joint=mechanism)
     p = as_least_squares(mechanism, q, T, K)
     assert kkt_by_hand(p, a.P / p.unit).max() < 1e-9
     assert a.kkt_residual.max() < 1e-12
@@ -94,7 +94,7 @@ def test_thousands_of_targets_half_of_them_beyond_reach():
     q = np.array([0.4, -0.3])
     T, K = random_targets(ARM, q, 4000, seed=1)
     assert warm_up()
-    a = allocate_mechanism(ARM, q, K, T)
+    a = allocate(q, K, T, joint=ARM)
     p = as_least_squares(ARM, q, T, K)
     assert a.kkt_residual.max() < 1e-12
     some = slice(None, None, 4)
@@ -124,7 +124,7 @@ def check_separations(a, mechanism, q, T, K):
 def test_what_is_beyond_reach_is_proved_so(priority):
     q = np.array([0.2, 0.5])
     T, K = random_targets(ARM, q, 100, seed=4)
-    a = allocate_mechanism(ARM, q, K, T, priority=priority, weights=(2.0, 1.0) if priority == "weighted" else None)
+    a = allocate(q, K, T, joint=ARM, priority=priority, weights=(2.0, 1.0) if priority == "weighted" else None)
     assert check_separations(a, ARM, q, T, K) > 30
 
 
@@ -133,8 +133,8 @@ def test_daqp_finds_the_same(priority, weights):
     rng = np.random.default_rng(8)
     q = rng.uniform(-0.8, 0.8, (40, 2))
     T, K = random_targets(ARM, np.array([0.4, -0.3]), 40)
-    exact = allocate_mechanism(ARM, q, K, T, priority=priority, weights=weights)
-    daqp = allocate_mechanism(ARM, q, K, T, priority=priority, weights=weights, method="qp")
+    exact = allocate(q, K, T, joint=ARM, priority=priority, weights=weights)
+    daqp = allocate(q, K, T, joint=ARM, priority=priority, weights=weights, method="qp")
     assert daqp.P == pytest.approx(exact.P, abs=1e-7 * 5 * BAR)
     assert np.array_equal(daqp.status, exact.status)
 
@@ -161,8 +161,8 @@ def test_a_trajectory_gets_the_same_answers_in_fewer_rounds():
     t = np.linspace(0, 1, 60)
     q = 0.5 * np.stack([np.sin(2 * np.pi * t), np.cos(2 * np.pi * t)], axis=-1)
     K = np.array([[18.0, 5.0], [5.0, 12.0]])
-    alone = allocate_mechanism(ARM, q, K[None], [6.0, 3.0])
-    along = allocate_mechanism(ARM, q, K[None], [6.0, 3.0], along=0)
+    alone = allocate(q, K[None], [6.0, 3.0], joint=ARM)
+    along = allocate(q, K[None], [6.0, 3.0], joint=ARM, along=0)
     assert along.P == pytest.approx(alone.P, abs=1e-9 * 5 * BAR)
     assert along.rounds.mean() < 0.7 * alone.rounds.mean()
 
@@ -173,33 +173,33 @@ def test_torque_is_never_given_up_for_stiffness():
     rng = np.random.default_rng(6)
     P = rng.uniform(*ARM.pressure_box(q), (50, 6))
     T = ARM.torque(q, P)
-    a = allocate_mechanism(ARM, q, np.diag([40.0, 35.0])[None], T)
+    a = allocate(q, np.diag([40.0, 35.0])[None], T, joint=ARM)
     assert (a.status == Status.STIFFNESS_LIMITED).all()
     assert np.abs(a.T_error).max() < 1e-12 * np.abs(T).max()
 
 
 def test_only_the_asked_entries_count():
     q = [0.4, -0.3]
-    own = allocate_mechanism(ARM, q, [10.0, 9.0], [9.0, 4.0])
+    own = allocate(q, [10.0, 9.0], [9.0, 4.0], joint=ARM)
     assert own.success
     assert np.diag(own.K) == pytest.approx([10.0, 9.0])
     assert np.isnan(own.K_error[0, 1])
-    whole = allocate_mechanism(ARM, q, np.diag([10.0, 9.0]), [9.0, 4.0])
+    whole = allocate(q, np.diag([10.0, 9.0]), [9.0, 4.0], joint=ARM)
     assert abs(whole.K[0, 1]) < abs(own.K[0, 1])
     assert not whole.success  # taut biarticular muscles couple the joints
-    number = allocate_mechanism(ARM, q, 9.5, [9.0, 4.0])
+    number = allocate(q, 9.5, [9.0, 4.0], joint=ARM)
     assert np.diag(number.K) == pytest.approx([9.5, 9.5])
-    twice = allocate_mechanism(ARM, q, np.diag([10.0, 9.0]), [9.0, 4.0], weights=(1.0, [[1.0, 0.0], [0.0, 1.0]]))
+    twice = allocate(q, np.diag([10.0, 9.0]), [9.0, 4.0], joint=ARM, weights=(1.0, [[1.0, 0.0], [0.0, 1.0]]))
     assert twice.P == pytest.approx(own.P, rel=1e-12)
 
 
 def test_previous_pressures_choose_among_equals():
     q, P = np.array([0.4, -0.3]), np.array([3, 2, 2.5, 3.5, 4, 1.5]) * BAR
     T, K = ARM.torque(q, P), ARM.stiffness(q, P)
-    assert allocate_mechanism(ARM, q, K, T, limits=Limits(previous=P)).P == pytest.approx(P, rel=1e-10)
-    least = allocate_mechanism(ARM, q, K, T)
+    assert allocate(q, K, T, joint=ARM, limits=Limits(previous=P)).P == pytest.approx(P, rel=1e-10)
+    least = allocate(q, K, T, joint=ARM)
     assert (least.P**2).sum() < (P**2).sum()
-    held = allocate_mechanism(ARM, q, K + np.eye(2), T, limits=Limits(previous=P, max_step=0.2 * BAR))
+    held = allocate(q, K + np.eye(2), T, joint=ARM, limits=Limits(previous=P, max_step=0.2 * BAR))
     assert np.abs(held.P - P).max() <= 0.2 * BAR * (1 + 1e-12)
     assert any("rate" in name for name in held.active)
 
@@ -207,7 +207,7 @@ def test_previous_pressures_choose_among_equals():
 def test_two_muscles_side_by_side_share_the_load():
     """Equal columns leave the first levels undecided: the last one decides, equally."""
     arms = [(0.02,), (0.02,), (-0.02,)]
-    a = allocate_mechanism(Mechanism(Pulleys(0.4, arms, 0.1375), SAROSI_DMSP_20_400N), [0.1], 11.0, 2.0)
+    a = allocate([0.1], 11.0, 2.0, joint=Mechanism(Pulleys(0.4, arms, 0.1375), SAROSI_DMSP_20_400N))
     assert a.success
     assert a.P[0] == pytest.approx(a.P[1], rel=1e-12)
 
@@ -216,7 +216,7 @@ def test_a_posture_that_does_not_hold_itself_says_so():
     """Muscles that end far beyond the axis push over whatever they pull on: bends outweigh their own stiffness."""
     paths = [[(-1, (x, -0.15)), (0, (x, 0.15))] for x in (0.005, -0.005)]
     mechanism = Mechanism(Sites(0.35, [Link()], paths), SAROSI_DMSP_20_400N)
-    a = allocate_mechanism(mechanism, [0.0], 5.0, 0.0, limits=Limits(min_force=50.0))
+    a = allocate([0.0], 5.0, 0.0, joint=mechanism, limits=Limits(min_force=50.0))
     assert a.status == Status.UNSTABLE
     assert not a.holds
     assert a.least_stiffness < 0
@@ -226,15 +226,15 @@ def test_a_posture_that_does_not_hold_itself_says_so():
 
 def test_limits_that_leave_nothing_have_their_status():
     q = [0.4, -0.3]
-    slack = allocate_mechanism(ARM, q, 9.0, 1.0, limits=Limits(min_force=3000.0))
+    slack = allocate(q, 9.0, 1.0, joint=ARM, limits=Limits(min_force=3000.0))
     assert slack.status == Status.SLACK
-    kept = allocate_mechanism(ARM, q, 9.0, 1.0, limits=Limits(min_force=[200.0, 0, 0, 0, 0, 0]))
+    kept = allocate(q, 9.0, 1.0, joint=ARM, limits=Limits(min_force=[200.0, 0, 0, 0, 0, 0]))
     assert kept.forces[0] >= 200.0 - 1e-9
-    away = allocate_mechanism(ARM, q, 9.0, 1.0, limits=Limits(previous=np.zeros(6), max_step=0.1 * BAR))
+    away = allocate(q, 9.0, 1.0, joint=ARM, limits=Limits(previous=np.zeros(6), max_step=0.1 * BAR))
     assert away.status == Status.SLACK
-    stretched = allocate_mechanism(ARM, [-1.0, -1.0], 9.0, 1.0)
+    stretched = allocate([-1.0, -1.0], 9.0, 1.0, joint=ARM)
     assert stretched.status != Status.OUTSIDE_JOINT_RANGE
-    far = allocate_mechanism(ARM, [-1.5, 0.0], 9.0, 1.0)
+    far = allocate([-1.5, 0.0], 9.0, 1.0, joint=ARM)
     assert far.status == Status.OUTSIDE_JOINT_RANGE
     assert "shoulder range" in far.active
 
@@ -243,7 +243,7 @@ def test_different_muscles_and_unequal_lengths():
     routes = Pulleys([0.4, 0.3, 0.35], [(0.02,), (-0.015,), (-0.01,)], [0.12, 0.15, 0.1])
     mechanism = Mechanism(routes, (SAROSI_DMSP_20_400N, SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N))
     P = np.array([3.0, 2.5, 3.5]) * BAR
-    a = allocate_mechanism(mechanism, [0.2], mechanism.stiffness([0.2], P), mechanism.torque([0.2], P))
+    a = allocate([0.2], mechanism.stiffness([0.2], P), mechanism.torque([0.2], P), joint=mechanism)
     assert a.success
     assert (a.P**2).sum() <= (P**2).sum()
 
@@ -264,7 +264,7 @@ def test_targets_at_corners_of_the_box_are_proved_too(seed):
     K = K + 1e-6 * np.abs(K).max() * np.eye(n)
     asked = ({"priority": "torque"}, {"priority": "stiffness"}, {"priority": "weighted", "weights": (900.0, 1.0)})
     for options in asked:
-        a = allocate_mechanism(mechanism, q, K, T, **options)
+        a = allocate(q, K, T, joint=mechanism, **options)
         assert a.kkt_residual.max() < 1e-9
         missed = ~(a.torque_met & a.stiffness_met)
         assert np.array_equal(missed, a.separation.reach < a.separation.asked)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import Status
-from allocator.mechanism import allocate_mechanism, machines
+from allocator import Status, allocate
+from allocator.mechanism import machines
 from allocator.units import BAR
 
 ARM = replace(machines.arm26(), muscle_names=(), joint_names=())
@@ -28,7 +28,7 @@ def test_torque_stiffness_and_taut_bounds():
 
 
 def test_the_least_pressures_that_give_the_same():
-    a = allocate_mechanism(ARM, Q, ARM.stiffness(Q, P), ARM.torque(Q, P))
+    a = allocate(Q, ARM.stiffness(Q, P), ARM.torque(Q, P), joint=ARM)
     assert a.status == Status.EXACT
     assert a.P / BAR == printed(LEAST)
     assert a.K == pytest.approx(ARM.stiffness(Q, P), rel=1e-12)
@@ -45,7 +45,7 @@ def test_more_stiffness_than_there_is(method):
     assert asked[0, 0] == printed(18.174071)
     once = [[1.0, 0.5], [0.5, 1.0]]  # K12 counted once
     T = ARM.torque(Q, P)
-    a = allocate_mechanism(ARM, Q, asked, T, priority="weighted", weights=(1e4, once), method=method)
+    a = allocate(Q, asked, T, joint=ARM, priority="weighted", weights=(1e4, once), method=method)
     assert a.P / BAR == printed(BEYOND)
     assert (a.K[0, 0], a.K[0, 1]) == printed((15.239134, 4.614675))
     d, reach, asked_for = a.separation

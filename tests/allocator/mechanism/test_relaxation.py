@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from allocator import Gas, InvalidInput, Limits, Method, Status, Stiffness, allocate
 from allocator.joint.one_muscle import OneMuscle
-from allocator.mechanism import Mechanism, Pulleys, allocate_mechanism, machines
+from allocator.mechanism import Mechanism, Pulleys, machines
 from allocator.mechanism.relaxation.bound import Level, _safe, relax
 from allocator.mechanism.relaxation.curves import Curve
 from allocator.muscles import Andrikopoulos2016, TonduLopez2000, Wickramatunge2010
@@ -134,8 +134,9 @@ def test_one_joint_has_the_pressures_of_allocate(joints, name, priority):
     T = joint.torque(theta, P1, P2) * np.where(np.arange(10) % 2, 1.0, 3.0)
     for limits in ({}, {"limits": Limits(min_force=40.0, max_force=900.0)}):
         one = allocate(theta, K, T, joint=joint, priority=priority, weights=weights, **limits)
-        many = allocate_mechanism(
-            *(Mechanism.from_joint(joint), theta[:, None], K[:, None], T[:, None]),
+        many = allocate(
+            *(theta[:, None], K[:, None], T[:, None]),
+            joint=Mechanism.from_joint(joint),
             **({"priority": priority, "weights": weights} | limits),
         )
         assert many.P == pytest.approx(np.stack([one.P1, one.P2], axis=-1), abs=1e-9 * 5 * BAR)
@@ -149,7 +150,7 @@ def test_what_can_be_had_is_given_and_costs_nothing():
     t = random_targets(ARM, POSTURE, 12, seed=5)
     lo, hi = ARM.pressure_box(POSTURE)
     P = np.random.default_rng(1).uniform(lo, hi, (4, 6))
-    a = allocate_mechanism(ARM, POSTURE, ARM.stiffness(POSTURE, P), ARM.torque(POSTURE, P))
+    a = allocate(POSTURE, ARM.stiffness(POSTURE, P), ARM.torque(POSTURE, P), joint=ARM)
     assert a.success.all()
     assert a.gap.max() < 1e-20
     assert a.kkt_residual.max() < 1e-9
@@ -163,7 +164,7 @@ def test_what_can_be_had_is_given_and_costs_nothing():
 
 def test_what_is_missed_has_a_bound_a_direction_and_the_limits_in_the_way():
     K, T = ARM.stiffness(POSTURE, np.full(6, 3 * BAR)), ARM.torque(POSTURE, np.full(6, 3 * BAR))
-    a = allocate_mechanism(ARM, POSTURE, K + np.diag([20.0, 0.0]), T)
+    a = allocate(POSTURE, K + np.diag([20.0, 0.0]), T, joint=ARM)
     assert a.status == Status.STIFFNESS_LIMITED
     assert a.torque_met
     assert a.holds
@@ -182,10 +183,10 @@ def test_pressures_are_those_nearest_to_the_previous():
     P = np.array([3.0, 2.0, 2.5, 3.5, 4.0, 1.5]) * BAR
     K, T = ARM.stiffness(POSTURE, P), ARM.torque(POSTURE, P)
     now = P + 0.1 * BAR
-    a = allocate_mechanism(ARM, POSTURE, K, T, limits=Limits(previous=now))
+    a = allocate(POSTURE, K, T, joint=ARM, limits=Limits(previous=now))
     assert a.success
     assert np.linalg.norm(a.P - now) <= np.linalg.norm(P - now)
-    slow = allocate_mechanism(ARM, POSTURE, K, T, limits=Limits(previous=now, max_step=0.02 * BAR))
+    slow = allocate(POSTURE, K, T, joint=ARM, limits=Limits(previous=now, max_step=0.02 * BAR))
     assert np.abs(slow.P - now).max() <= 0.02 * BAR * (1 + 1e-9)
     assert not slow.success
 
@@ -199,10 +200,10 @@ def test_every_law_of_the_catalogue_is_answered(law):
     P = np.full(6, 3 * BAR)
     for asked in ({}, {"stiffness": Stiffness((True, True, False, False, True, False))}):
         K, T = mixed.stiffness(POSTURE, P, **asked), mixed.torque(POSTURE, P)
-        a = allocate_mechanism(mixed, POSTURE, K, T, **asked)
+        a = allocate(POSTURE, K, T, joint=mixed, **asked)
         assert a.success
         assert mixed.stiffness(POSTURE, a.P, **asked) == pytest.approx(K, abs=1e-8)
-        b = allocate_mechanism(mixed, POSTURE, 0.8 * K, T, **asked)
+        b = allocate(POSTURE, 0.8 * K, T, joint=mixed, **asked)
         assert b.torque_met
         assert b.gap <= 1e-3
         at_jump = np.abs(b.P - 2.5 * BAR) < 1.0  # of the shut stiffness, where no derivative vanishes
@@ -212,18 +213,18 @@ def test_every_law_of_the_catalogue_is_answered(law):
 def test_a_force_that_falls_with_the_pressure_is_refused_by_name():
     falls = Mechanism(Pulleys(0.4, [(0.02,), (-0.02,)], 0.13), LAWS["Andrikopoulos2016"])
     with pytest.raises(InvalidInput, match=r"the force of muscle 1 .Andrikopoulos2016. does not rise .*min_force"):
-        allocate_mechanism(falls, [0.0], 5.0, 0.0, limits=Limits(min_force=None))
-    assert np.isfinite(allocate_mechanism(falls, [0.0], 5.0, 0.0).P).all()
+        allocate([0.0], 5.0, 0.0, joint=falls, limits=Limits(min_force=None))
+    assert np.isfinite(allocate([0.0], 5.0, 0.0, joint=falls).P).all()
 
 
 @pytest.mark.parametrize("gap", [0.0, 1.0, -1e-3, np.nan])
 def test_a_gap_has_to_be_a_share(gap):
     with pytest.raises(InvalidInput, match="gap"):
-        allocate_mechanism(machines.arm26(), POSTURE, 9.0, 1.0, method=Method(gap=gap))
+        allocate(POSTURE, 9.0, 1.0, joint=machines.arm26(), method=Method(gap=gap))
 
 
 def test_affine_muscles_have_no_gap():
-    a = allocate_mechanism(machines.arm26(), POSTURE, [[90.0, 4.0], [4.0, 9.0]], 1.0)
+    a = allocate(POSTURE, [[90.0, 4.0], [4.0, 9.0]], 1.0, joint=machines.arm26())
     assert a.status == Status.STIFFNESS_LIMITED
     assert a.gap == 0
     assert a.lower_bounds == pytest.approx(a.costs)

@@ -6,8 +6,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize_scalar
 
-from allocator import Method
-from allocator.mechanism import Mechanism, Pulleys, allocate_mechanism, machines
+from allocator import Method, allocate
+from allocator.mechanism import Mechanism, Pulleys, machines
 from allocator.mechanism.arguments import problem_from
 from allocator.mechanism.relaxation.bound import relax
 from allocator.mechanism.relaxation.model import Model
@@ -77,7 +77,7 @@ def test_where_it_has_one_sign_the_allocation_finds_the_only_pressures(q, share)
     every = np.linalg.det(gains / np.abs(gains).max())
     assert every.min() * every.max() > 0
     P = lo + np.array(share) * (hi - lo)
-    a = allocate_mechanism(mechanism, q, mechanism.stiffness(q, P), mechanism.torque(q, P))
+    a = allocate(q, mechanism.stiffness(q, P), mechanism.torque(q, P), joint=mechanism)
     assert a.P == pytest.approx(P, rel=1e-6)
 
 
@@ -110,7 +110,7 @@ def test_the_hull_is_tight_where_no_muscle_is_asked_for_more_than_it_reaches():
         weak = inside & (pull <= 1e-3)
         if not weak.any() and found.bound > 1e-3:
             assert np.abs(above[inside]).max(initial=0.0) < 5e-4
-            best = allocate_mechanism(ARM, q, K, T, priority="weighted", weights=(1.0, 1.0), method=Method(gap=1e-6))
+            best = allocate(q, K, T, joint=ARM, priority="weighted", weights=(1.0, 1.0), method=Method(gap=1e-6))
             assert best.costs[0] == pytest.approx(found.bound, abs=2e-3 * (1 + found.bound))
             tight += 1
         assert (pull[inside & (above > 1e-3)] <= 1e-3).all()
@@ -184,7 +184,7 @@ def test_the_arm_in_closed_form_has_the_same_least_pressures(muscle, q, share):
     P = lo + np.array(share) * (hi - lo)
     K, T = mechanism.stiffness(q, P), mechanism.torque(q, P)
     assert arm_in_closed_form(mechanism, q, K, T, P[4]) == pytest.approx(P, abs=1e-3)
-    a = allocate_mechanism(mechanism, q, K, T)
+    a = allocate(q, K, T, joint=mechanism)
     assert a.success
 
     def total(P5):

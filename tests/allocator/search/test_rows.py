@@ -7,7 +7,7 @@ import pytest
 
 from allocator import BAR, AntagonistJoint, InvalidInput, Lever, Limits, Muscle, Pulley, allocate, inverse
 from allocator.calculus import cos, exp, sin
-from allocator.mechanism import Mechanism, allocate_mechanism
+from allocator.mechanism import Mechanism
 from allocator.muscles import MODELS
 from allocator.muscles.basis import Basis
 from allocator.search import curves
@@ -176,7 +176,7 @@ def test_a_smooth_law_is_taken_however_steep_it_is(width):
     assert np.abs(a.T_error).max() < 1e-8
     assert (a.gap <= 1e-9).all()
     mechanism = Mechanism.from_joint(joint)
-    assert allocate_mechanism(mechanism, [0.2], [[K[0]]], [T[0]]).success
+    assert allocate([0.2], [[K[0]]], [T[0]], joint=mechanism).success
 
 
 def test_an_edge_that_starts_vertical_does_not_hide_its_optimum():

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allocator import Status
+from allocator import Status, allocate
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.mechanism import Link, Mechanism, Sites, Tables, allocate_mechanism, machines
+from allocator.mechanism import Link, Mechanism, Sites, Tables, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_LOPEZ_LAAS_ARM
 from allocator.units import BAR
 from mpc.export.mechanism.entry import export_mechanism
@@ -55,7 +55,7 @@ def questions(mechanism, N, seed=0, dtype=float):
         triangle = K[:, *mechanism.upper_triangle]
         if free:
             triangle[:, mechanism.upper_triangle[0] != mechanism.upper_triangle[1]] = np.nan
-        a = allocate_mechanism(mechanism, q, K[:, range(n), range(n)] if free else K, T, **asked)
+        a = allocate(q, K[:, range(n), range(n)] if free else K, T, joint=mechanism, **asked)
         ends = [-np.inf if least is None else least, np.inf if greatest is None else greatest]
         tail = [step if slew else np.inf, bool(asked.get("previous") is not None), k % 3 == 2, priority != "torque"]
         for i in range(len(T)):

@@ -67,7 +67,7 @@ typedef struct {
 ant_target ant_target_of(const ant_real q[ANT_JOINTS], const ant_real T[ANT_JOINTS]);
 
 /* The pressures that give torques and stiffness at the posture, or the nearest that the limits allow: the global
- * optimum, as `allocator.mechanism.allocate_mechanism`. `memory` is best made static; it may begin as zeros. */
+ * optimum, as `allocator.allocate`. `memory` is best made static; it may begin as zeros. */
 void ant_allocate(const ant_target *target, ant_memory *memory, ant_allocation *allocation);
 
 #ifdef __cplusplus

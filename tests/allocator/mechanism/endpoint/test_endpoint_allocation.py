@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from allocator import InvalidInput, Status, Stiffness
-from allocator.mechanism import Endpoint, allocate_mechanism, machines
+from allocator import InvalidInput, Status, Stiffness, allocate
+from allocator.mechanism import Endpoint, machines
 from allocator.units import BAR
 
 ARM, HAND = machines.arm26(), Endpoint.planar([0.3, 0.25])
@@ -30,22 +30,22 @@ def size(error, asked):
 
 def test_what_pressures_give_is_given():
     K_x, T = made(ARM, HAND, Q, 60)
-    a = allocate_mechanism(ARM, Q, K_x, T, stiffness=Stiffness(endpoint=HAND, force=FORCE))
+    a = allocate(Q, K_x, T, joint=ARM, stiffness=Stiffness(endpoint=HAND, force=FORCE))
     assert a.success.all()
     assert a.K_x == pytest.approx(K_x, rel=1e-10)
     assert a.T == pytest.approx(T + HAND.torque(Q, FORCE), rel=1e-10)
     assert a.endpoint_error.max() < 1e-10
     assert np.abs(a.K_x_error).max() < 1e-6
-    by_joints = allocate_mechanism(ARM, Q, HAND.joint_stiffness(Q, K_x, FORCE), T + HAND.torque(Q, FORCE))
+    by_joints = allocate(Q, HAND.joint_stiffness(Q, K_x, FORCE), T + HAND.torque(Q, FORCE), joint=ARM)
     assert a.P == pytest.approx(by_joints.P, rel=1e-9)
     assert a.x == pytest.approx(np.broadcast_to(HAND.position(Q), (60, 2)))
 
 
 def test_postures_forces_and_stiffnesses_broadcast():
     q, f = np.array([[0.5, 0.8], [0.3, 0.6], [0.2, 0.9]]), np.array([[3.0, 1.0], [0.0, 0.0], [-2.0, 4.0]])
-    together = allocate_mechanism(ARM, q, 400.0, 1.0, stiffness=Stiffness(endpoint=HAND, force=f))
+    together = allocate(q, 400.0, 1.0, joint=ARM, stiffness=Stiffness(endpoint=HAND, force=f))
     for i in range(3):
-        alone = allocate_mechanism(ARM, q[i], 400.0, 1.0, stiffness=Stiffness(endpoint=HAND, force=f[i]))
+        alone = allocate(q[i], 400.0, 1.0, joint=ARM, stiffness=Stiffness(endpoint=HAND, force=f[i]))
         assert together.P[i] == pytest.approx(alone.P, rel=1e-9)
         assert together.K_x[i] == pytest.approx(alone.K_x, rel=1e-9)
 
@@ -53,7 +53,7 @@ def test_postures_forces_and_stiffnesses_broadcast():
 def test_beyond_reach_the_nearest_in_its_measure_is_given():
     K_x, T = made(ARM, HAND, Q, 4, seed=1)
     K_x = K_x * np.array([1.6, 2.2, 0.5, 3.0])[:, None, None]
-    a = allocate_mechanism(ARM, Q, K_x, T, stiffness=Stiffness(endpoint=HAND, force=FORCE))
+    a = allocate(Q, K_x, T, joint=ARM, stiffness=Stiffness(endpoint=HAND, force=FORCE))
     assert not a.stiffness_met.any()
     lo, hi = ARM.pressure_box(Q)
     inverse = np.linalg.inv(HAND.jacobian(Q))
@@ -72,13 +72,13 @@ def test_beyond_reach_the_nearest_in_its_measure_is_given():
         assert size(a.K_x_error[i], K_x[i]) == pytest.approx(best, abs=1e-6)
         assert (
             "N/m at the endpoint"
-            in allocate_mechanism(ARM, Q, K_x[i], T[i], stiffness=Stiffness(endpoint=HAND, force=FORCE)).message
+            in allocate(Q, K_x[i], T[i], joint=ARM, stiffness=Stiffness(endpoint=HAND, force=FORCE)).message
         )
 
 
 def test_a_direction_proves_what_is_beyond_reach_by_joint_quantities():
     K_x, T = made(ARM, HAND, Q, 30, seed=2)
-    a = allocate_mechanism(ARM, Q, 2.5 * K_x, T, stiffness=Stiffness(endpoint=HAND, force=FORCE))
+    a = allocate(Q, 2.5 * K_x, T, joint=ARM, stiffness=Stiffness(endpoint=HAND, force=FORCE))
     (y0, M), (lo, hi) = ARM.targets_map(Q), ARM.pressure_box(Q)
     K = HAND.joint_stiffness(Q, 2.5 * K_x, FORCE)
     asked = np.concatenate([T + HAND.torque(Q, FORCE), K[:, [0, 0, 1], [0, 1, 1]]], axis=1)
@@ -89,7 +89,7 @@ def test_a_direction_proves_what_is_beyond_reach_by_joint_quantities():
 
 
 def test_only_the_diagonal_may_be_asked_for():
-    a = allocate_mechanism(ARM, Q, [350.0, 500.0], stiffness=Stiffness(endpoint=HAND))
+    a = allocate(Q, [350.0, 500.0], joint=ARM, stiffness=Stiffness(endpoint=HAND))
     assert a.success
     assert np.diag(a.K_x) == pytest.approx([350.0, 500.0])
     assert np.isnan(a.K_x_error[0, 1])
@@ -99,17 +99,15 @@ def test_only_the_diagonal_may_be_asked_for():
 def test_both_methods_and_the_other_priorities():
     K_x, T = made(ARM, HAND, Q, 3, seed=3)
     for options in ({}, {"priority": "stiffness"}, {"priority": "weighted", "weights": (1.0, 50.0)}):
-        a = allocate_mechanism(ARM, Q, 2 * K_x, T, stiffness=Stiffness(endpoint=HAND, force=FORCE), **options)
-        b = allocate_mechanism(
-            ARM, Q, 2 * K_x, T, stiffness=Stiffness(endpoint=HAND, force=FORCE), method="qp", **options
-        )
+        a = allocate(Q, 2 * K_x, T, joint=ARM, stiffness=Stiffness(endpoint=HAND, force=FORCE), **options)
+        b = allocate(Q, 2 * K_x, T, joint=ARM, stiffness=Stiffness(endpoint=HAND, force=FORCE), method="qp", **options)
         assert a.P == pytest.approx(b.P, rel=1e-5)
         assert a.kkt_residual.max() < 1e-9
 
 
 def test_more_joints_than_coordinates():
     K_x, T = made(LEG, FOOT, Q3, 12)
-    a = allocate_mechanism(LEG, Q3, K_x, T, stiffness=Stiffness(endpoint=FOOT, force=FORCE))
+    a = allocate(Q3, K_x, T, joint=LEG, stiffness=Stiffness(endpoint=FOOT, force=FORCE))
     met = a.status == Status.EXACT
     assert met.sum() >= 10
     assert FOOT.stiffness(Q3, a.K, FORCE)[met] == pytest.approx(K_x[met], rel=1e-9)
@@ -120,7 +118,7 @@ def test_more_joints_than_coordinates():
 def test_with_more_joints_no_local_search_improves_the_answer():
     K_x, T = made(LEG, FOOT, Q3, 6, seed=1)
     K_x[3:] *= 1.5
-    a = allocate_mechanism(LEG, Q3, K_x, T, stiffness=Stiffness(endpoint=FOOT, force=FORCE))
+    a = allocate(Q3, K_x, T, joint=LEG, stiffness=Stiffness(endpoint=FOOT, force=FORCE))
     settled = a.kkt_residual < 1e-9
     assert settled.sum() >= 5
     bounds = np.stack(LEG.pressure_box(Q3), axis=-1) / BAR
@@ -151,7 +149,7 @@ def test_with_more_joints_no_local_search_improves_the_answer():
             r"force has the shape \(3,\); expected \(…, 2\)",
         ),
         ({"stiffness": Stiffness(endpoint=HAND, force=5.0)}, r"force has the shape \(\); expected \(…, 2\)"),
-        ({"q": [0.3, 0.0]}, "Jacobian is singular"),
+        ({"theta": [0.3, 0.0]}, "Jacobian is singular"),
         ({"stiffness": Stiffness(endpoint=FOOT)}, "the endpoint has n = 3 joints, the mechanism n = 2"),
         ({"stiffness": Stiffness(endpoint=[0.3, 0.3])}, "endpoint is a list; expected an Endpoint"),
         ({"stiffness": Stiffness(endpoint=None, force=[1.0, 0.0])}, "force is that of an endpoint; give endpoint, too"),
@@ -160,9 +158,9 @@ def test_with_more_joints_no_local_search_improves_the_answer():
 )
 def test_wrong_arguments(changed, sentence):
     with pytest.raises(InvalidInput, match=sentence):
-        allocate_mechanism(ARM, **({"q": Q, "K": 300.0, "stiffness": Stiffness(endpoint=HAND)} | changed))
+        allocate(joint=ARM, **{"theta": Q, "K": 300.0, "stiffness": Stiffness(endpoint=HAND)} | changed)
 
 
 def test_only_an_answer_for_an_endpoint_has_its_stiffness():
     with pytest.raises(InvalidInput, match="no endpoint was given"):
-        _ = allocate_mechanism(ARM, Q, 9.0).K_x
+        _ = allocate(Q, 9.0, joint=ARM).K_x

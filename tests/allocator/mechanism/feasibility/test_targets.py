@@ -8,12 +8,11 @@ import pytest
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from allocator import InvalidInput, Limits, Stiffness, report_joint, stiffness_interval, torque_interval
+from allocator import InvalidInput, Limits, Stiffness, allocate, report_joint, stiffness_interval, torque_interval
 from allocator.mechanism import (
     Endpoint,
     Mechanism,
     allocate_at_least,
-    allocate_mechanism,
     feasible_targets,
     machines,
 )
@@ -93,7 +92,7 @@ def test_allocate_gives_what_is_inside_and_not_what_is_outside():
     middle = polygon.vertices.mean(axis=0)
     for factor, inside in ((0.999, True), (1.001, False)):
         for K11, K22 in middle + factor * (polygon.vertices - middle):
-            a = allocate_mechanism(ARM, Q, [[K11, 4.5], [4.5, K22]], [2.0, 1.0])
+            a = allocate(Q, [[K11, 4.5], [4.5, K22]], [2.0, 1.0], joint=ARM)
             assert a.success == inside
 
 

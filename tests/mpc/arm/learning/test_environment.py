@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from allocator import InvalidInput, MissingBackend, report_joint
-from allocator.mechanism import allocate_mechanism
+from allocator import InvalidInput, MissingBackend, allocate, report_joint
 from allocator.units import BAR
 from mpc.arm.learning.actions import BoxAndSlew, PostureAndStiffness, governor_of
 from mpc.arm.learning.environment import NAME, ReachEnvironment, ReachVectorEnvironment
@@ -148,7 +147,7 @@ def test_postures_and_stiffnesses_become_the_allocation_s_pressures():
     q, K = meant.targets(action)
     P = meant.pressures(action)
     for i in range(4):
-        alone = allocate_mechanism(meant.arm.mechanism, q[i], K[i], meant.arm.bodies.gravity_torque(q[i]))
+        alone = allocate(q[i], K[i], meant.arm.bodies.gravity_torque(q[i]), joint=meant.arm.mechanism)
         assert P[i] == pytest.approx(alone.P, rel=1e-9)
     ends = meant.targets(np.array([[-1.0] * 8, [1.0] * 8]))
     assert ends[0][:, 0] == pytest.approx(np.deg2rad([-90, 90]))

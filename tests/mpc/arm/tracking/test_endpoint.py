@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import InvalidInput, Stiffness
-from allocator.mechanism import Endpoint, allocate_mechanism
+from allocator import InvalidInput, Stiffness, allocate
+from allocator.mechanism import Endpoint
 from allocator.units import DEG
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.model.arm.model import Arm
@@ -91,7 +91,7 @@ def test_the_feed_forward_asks_the_hand(name):
     K = arm.seen(q, np.tile(6 * np.eye(arm.n), (7, 1, 1)))
     feed = InverseDynamics(arm, 0.01, N)(q, K, np.zeros((7, arm.n)))
     T = arm.bodies.torque_for(feed.x[:, : arm.n], feed.x[:, arm.n : 2 * arm.n], np.zeros((7, arm.n)))
-    held = allocate_mechanism(arm.mechanism, q, K, T, stiffness=Stiffness(endpoint=arm.endpoint))
+    held = allocate(q, K, T, joint=arm.mechanism, stiffness=Stiffness(endpoint=arm.endpoint))
     np.testing.assert_allclose(arm.matrix(feed.y[:, : arm.stiffnesses]), held.K_x, rtol=1e-3, atol=1e-3 * K.max())
 
 
