@@ -159,12 +159,14 @@ def _map(
     from rich.progress import track
 
     from allocator.feasibility.maps import feasibility_map
+    from allocator.joint.gas import Stiffness
+    from allocator.joint.limits import Limits
 
     def progress(chunks: Sequence[int]) -> Iterable[int]:
         return track(chunks, "mapping", console=console, transient=True) if len(chunks) >= _LONG else chunks
 
-    axes = axes | {"joint": joint, "valves": kind, "min_force": min_force}
-    return feasibility_map(**axes, max_bytes=max_memory * 1e9, progress=progress)
+    asked: dict[str, Any] = axes | {"joint": joint, "limits": Limits(min_force), "stiffness": Stiffness(kind)}
+    return feasibility_map(**asked, max_bytes=max_memory * 1e9, progress=progress)
 
 
 def _ended_by(found: "FeasibilityMap") -> list[str]:

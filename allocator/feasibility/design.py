@@ -20,6 +20,7 @@ from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Pulley
+from allocator.joint.limits import Limits
 from allocator.joint.torque_levels import torque_interval
 from allocator.muscles import Muscle
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
@@ -96,7 +97,7 @@ def performance(
     """
     if design.initial_contraction <= AntagonistJoint.min_contraction:
         return _NOTHING
-    setting = Setting.of(design.joint(muscle, stops), min_force)
+    setting = Setting.of(design.joint(muscle, stops), Limits(min_force))
 
     def held(theta: Array, T: Array) -> Array:
         found = setting.columns(theta, np.broadcast_to(T, theta.shape))

@@ -5,13 +5,13 @@ whose ends lie where the torque level leaves the box of pressures (`allocator.jo
 turns on the way. At an angle and a stiffness the torques may be several intervals. The angles at which a stiffness can
 be had are found between the zeros of how far it is inside its interval.
 
-`valves`, `frequency` and `lag` say which stiffness is meant, as in `allocate`. With valves="free" an interval of
-stiffnesses reaches from the least to the greatest of all states of the valves, and there may be gaps in it.
+`limits` and `stiffness` are those of `allocate`, without a slew limit and a tolerance: a stiffness is inside its
+interval if and only if `allocate` gives it. With free valves an interval of stiffnesses reaches from the least to the
+greatest of all states of the valves, and there may be gaps in it.
 
-The limits are those of `allocate`: a stiffness is inside its interval if and only if `allocate` gives it. Where the fit
-of a joint has not seen at which pressures its cables go slack (`AntagonistJoint.slack_assumed`) an end that a slack
-limit sets is as assumed as that limit. `AssumedSlack` warns of it once. If a muscle was fitted to forces and the
-pressures at an angle leave the region in which it was measured, `Extrapolated` warns once.
+Where the fit of a joint has not seen at which pressures its cables go slack (`AntagonistJoint.slack_assumed`) an end
+that a slack limit sets is as assumed as that limit. `AssumedSlack` warns of it once. If a muscle was fitted to forces
+and the pressures at an angle leave the region in which it was measured, `Extrapolated` warns once.
 """
 
 import numpy as np
@@ -26,8 +26,10 @@ from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import AssumedSlack, Extrapolated, assumption, visits
-from allocator.joint.gas import StiffnessKind, Valves
-from allocator.joint.torque_levels import Pair, stiffness
+from allocator.joint.gas import ISOBARIC, Stiffness
+from allocator.joint.limits import TAUT, Limits
+from allocator.joint.torque_levels import Pair
+from allocator.joint.torque_levels import stiffness as stiffness_at
 from allocator.joint.torque_levels import torque_interval as torque_interval_in
 from allocator.muscles.measured import extrapolation
 from allocator.notices import notice_once
@@ -37,12 +39,8 @@ def torque_interval(
     theta: ArrayLike,
     *,
     joint: AntagonistJoint | None = None,
-    min_force: float | None = 0.0,
-    max_force: float | None = None,
-    min_cocontraction: float | None = None,
-    valves: Valves = "open",
-    frequency: float | None = None,
-    lag: float | tuple[float, float] | None = None,
+    limits: Limits = TAUT,
+    stiffness: Stiffness = ISOBARIC,
 ) -> Pair:
     """Return (T_min, T_max) [N·m] that the joint can give at the angles `theta` [rad].
 
@@ -50,8 +48,7 @@ def torque_interval(
     pressure keeps a cable taut). Closed form, or one root finding a muscle without one. The limits are those of
     `allocator.allocate`. Raises InvalidInput for arguments that make no sense.
     """
-    kind = StiffnessKind.of(valves, frequency, lag)
-    setting = _setting(joint, min_force, max_force, min_cocontraction, kind)
+    setting = _setting(joint, limits, stiffness)
     problem, asked = setting.problem(theta)
     none = problem.box.empty | (problem.theta != asked.ravel())
     _tell_extrapolation(problem, *_corners(problem))
@@ -63,12 +60,8 @@ def stiffness_interval(
     T: ArrayLike = 0.0,
     *,
     joint: AntagonistJoint | None = None,
-    min_force: float | None = 0.0,
-    max_force: float | None = None,
-    min_cocontraction: float | None = None,
-    valves: Valves = "open",
-    frequency: float | None = None,
-    lag: float | tuple[float, float] | None = None,
+    limits: Limits = TAUT,
+    stiffness: Stiffness = ISOBARIC,
 ) -> Pair:
     """Return (K_min, K_max) [N·m/rad] that exist at the angles `theta` [rad] and the torques `T` [N·m].
 
@@ -76,8 +69,7 @@ def stiffness_interval(
     where the limits contradict each other. Closed form, or root finding for muscles without one. The limits are those
     of `allocator.allocate`. Raises InvalidInput for arguments that make no sense.
     """
-    kind = StiffnessKind.of(valves, frequency, lag)
-    setting = _setting(joint, min_force, max_force, min_cocontraction, kind)
+    setting = _setting(joint, limits, stiffness)
     asked, T = checks.broadcast(theta=checks.angle("theta", theta), T=checks.real("T", T, "N·m"))
     found = setting.columns(asked, T)
     none = ~found.exists | (found.problem.theta != asked.ravel())
@@ -90,12 +82,8 @@ def torque_intervals(
     K: ArrayLike,
     *,
     joint: AntagonistJoint | None = None,
-    min_force: float | None = 0.0,
-    max_force: float | None = None,
-    min_cocontraction: float | None = None,
-    valves: Valves = "open",
-    frequency: float | None = None,
-    lag: float | tuple[float, float] | None = None,
+    limits: Limits = TAUT,
+    stiffness: Stiffness = ISOBARIC,
 ) -> Pair:
     """Return all intervals of torques [N·m] that exist at the angles `theta` [rad] while the joint is as stiff as `K`.
 
@@ -106,8 +94,7 @@ def torque_intervals(
         has, NaN where a target has fewer; m = 0 where none has any. One for affine muscles on a pulley; on a lever
         the stiffness [N·m/rad] may turn with the pressure, and the torques fall into up to three.
     """
-    kind = StiffnessKind.of(valves, frequency, lag)
-    setting = _setting(joint, min_force, max_force, min_cocontraction, kind)
+    setting = _setting(joint, limits, stiffness)
     asked, K = checks.broadcast(theta=checks.angle("theta", theta), K=checks.stiffness("K", K))
     states = [_torque_intervals(state, asked, K) for state in setting.states]
     found = states[0] if len(states) == 1 else _merged(np.concatenate(states, axis=1))
@@ -119,7 +106,7 @@ def torque_intervals(
 def _torque_intervals(setting: Setting, asked: Array, K: Array) -> Array:
     """Return the intervals (n, m, 2) [N·m] for one state of the valves, NaN where a target has fewer."""
     problem, _ = setting.problem(asked, 0.0, K)
-    K_min, K_max = (stiffness(problem.sides, pair) for pair in reach.stiffness_range(problem))
+    K_min, K_max = (stiffness_at(problem.sides, pair) for pair in reach.stiffness_range(problem))
     beyond = np.maximum(K_min - problem.K, problem.K - K_max) > CLOSED_FORM.met * problem.scales[1]
     found = reach.torque_intervals(problem, problem.K)  # (n, m, 2)
     _tell_extrapolation(problem, *_corners(problem))
@@ -148,29 +135,15 @@ def angle_interval(
     T: ArrayLike = 0.0,
     *,
     joint: AntagonistJoint | None = None,
-    min_force: float | None = 0.0,
-    max_force: float | None = None,
-    min_cocontraction: float | None = None,
-    valves: Valves = "open",
-    frequency: float | None = None,
-    lag: float | tuple[float, float] | None = None,
+    limits: Limits = TAUT,
+    stiffness: Stiffness = ISOBARIC,
 ) -> Pair:
     """Return the widest interval of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
 
     Broadcasts; NaN where there is no such angle. On a pulley with two equal muscles it is the only one; a mechanism
     may have several, see `angle_intervals`, where the limits of accuracy are.
     """
-    left, right = angle_intervals(
-        K,
-        T,
-        joint=joint,
-        min_force=min_force,
-        max_force=max_force,
-        min_cocontraction=min_cocontraction,
-        valves=valves,
-        frequency=frequency,
-        lag=lag,
-    )
+    left, right = angle_intervals(K, T, joint=joint, limits=limits, stiffness=stiffness)
     if not len(left):
         return _shaped(left.shape[1:], True, np.nan, np.nan)
     widest = np.argmax(np.where(np.isnan(left), -np.inf, right - left), axis=0)[None]
@@ -182,12 +155,8 @@ def angle_intervals(
     T: ArrayLike = 0.0,
     *,
     joint: AntagonistJoint | None = None,
-    min_force: float | None = 0.0,
-    max_force: float | None = None,
-    min_cocontraction: float | None = None,
-    valves: Valves = "open",
-    frequency: float | None = None,
-    lag: float | tuple[float, float] | None = None,
+    limits: Limits = TAUT,
+    stiffness: Stiffness = ISOBARIC,
 ) -> Pair:
     """Return all intervals of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
 
@@ -198,8 +167,7 @@ def angle_intervals(
         where a target has fewer; m = 0 where none has any. Their ends are roots, exact to rounding. Intervals, and
         gaps between them, narrower than 1/128 of the joint range may be missed.
     """
-    kind = StiffnessKind.of(valves, frequency, lag)
-    setting = _setting(joint, min_force, max_force, min_cocontraction, kind)
+    setting = _setting(joint, limits, stiffness)
     K, T = checks.broadcast(K=checks.stiffness("K", K), T=checks.real("T", T, "N·m"))
     found = spans(lambda x, K, T: margin(setting, x, K, T), *setting.joint.angle_range, K.ravel(), T.ravel())
     for ends in found:
@@ -226,16 +194,10 @@ def _margin_of_state(setting: Setting, theta: Array, K: Array, T: Array) -> Arra
     return np.where(found.empty, -1.0, inside).reshape(theta.shape)
 
 
-def _setting(
-    joint: AntagonistJoint | None,
-    min_force: float | None,
-    max_force: float | None,
-    min_cocontraction: float | None,
-    kind: StiffnessKind,
-) -> Setting:
+def _setting(joint: AntagonistJoint | None, limits: Limits, stiffness: Stiffness) -> Setting:
     """Return the setting; warn once of slack limits that are assumed."""
-    setting = Setting.of(joint, min_force, max_force, min_cocontraction, kind)
-    if min_force is not None and (assumed := assumption(setting.joint)):
+    setting = Setting.of(joint, limits, stiffness)
+    if limits.min_force is not None and (assumed := assumption(setting.joint)):
         notice_once(f"{assumed}; so are the ends of intervals that a slack limit sets", AssumedSlack)
     return setting
 

@@ -79,7 +79,7 @@ def _workspace(
         raise InvalidInput("the ellipses of a workspace are those of held torques; --torque free goes with --posture")
     T = torques(torque or "0", mechanism)
     q = _postures(mechanism, hand)
-    found = endpoint_ellipses(mechanism, hand.endpoint, q, T, force=hand.force, min_force=min_force)
+    found = endpoint_ellipses(mechanism, hand.endpoint, q, T, force=hand.force, limits=Limits(min_force))
     turns = np.degrees(found.tilt[..., 1] - found.tilt[..., 0])[found.exists]
     sentence = f"{len(q)} postures, torques exist at {int(found.exists.sum())}"
     if turns.size:

@@ -23,7 +23,8 @@ from allocator.feasibility.result import FeasibilityMap
 from allocator.feasibility.setting import Columns, Setting, columns
 from allocator.inverse import solve_inverse
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.gas import Stiffness, StiffnessKind, Valves
+from allocator.joint.gas import ISOBARIC, Stiffness
+from allocator.joint.limits import TAUT, Limits
 from allocator.joint.torque_levels import Pair
 
 _CELL_BYTES = 8 + 8 + 1 + 4  # P1, P2, status, limits
@@ -40,12 +41,8 @@ def feasibility_map(
     T: ArrayLike | None = 0.0,
     *,
     joint: AntagonistJoint | None = None,
-    min_force: float | None = 0.0,
-    max_force: float | None = None,
-    min_cocontraction: float | None = None,
-    valves: Valves = "open",
-    frequency: float | None = None,
-    lag: float | tuple[float, float] | None = None,
+    limits: Limits = TAUT,
+    stiffness: Stiffness = ISOBARIC,
     max_bytes: float = 1e9,
     progress: Progress = iter,
 ) -> FeasibilityMap:
@@ -56,8 +53,8 @@ def feasibility_map(
     theta, K, T
         Joint angles [rad], stiffnesses [N·m/rad] and torques [N·m]: two or three of them increasing arrays (n,), the
         third a number. None: 201 angles over the joint range, 201 torques or stiffnesses around those that exist.
-    joint, min_force, max_force, min_cocontraction, valves, frequency, lag
-        As in `allocator.allocate`.
+    joint, limits, stiffness
+        As in `allocator.allocate`, without a slew limit and a tolerance.
     max_bytes
         A map that would need more memory [bytes] than this is refused.
     progress
@@ -74,8 +71,7 @@ def feasibility_map(
     InvalidInput
         For an empty or falling range, fewer than two arrays, more memory than allowed, and whatever `allocate` refuses.
     """
-    kind = StiffnessKind.of(valves, frequency, lag)
-    setting = Setting.of(joint, min_force, max_force, min_cocontraction, kind)
+    setting = Setting.of(joint, limits, stiffness)
     theta_axis = _angles(setting, theta)
     T_axis = default_torques(setting, theta_axis) if T is None else map_axis("T", T, checks.real("T", T, "N·m"))
     if K is None:

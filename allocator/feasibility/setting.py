@@ -17,8 +17,9 @@ from allocator.allocation.arguments import problem_from
 from allocator.allocation.problem import Problem
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask, Value
+from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.gas import HELD, StiffnessKind
+from allocator.joint.gas import HELD, ISOBARIC, Stiffness, StiffnessKind
 from allocator.joint.limits import TAUT, Limits
 from allocator.joint.torque_levels import Pair, stiffness, torque_interval
 
@@ -57,17 +58,16 @@ class Setting:
     kind: StiffnessKind = HELD  # which stiffness is meant
 
     @classmethod
-    def of(
-        cls,
-        joint: AntagonistJoint | None,
-        min_force: float | None = 0.0,
-        max_force: float | None = None,
-        min_cocontraction: float | None = None,
-        kind: StiffnessKind = HELD,
-    ) -> Self:
-        """Take the arguments of `allocate` of these names, and the report's joint where none is given."""
-        limits = Limits(min_force, max_force, min_cocontraction)
-        return cls(report_joint() if joint is None else joint, limits, kind)
+    def of(cls, joint: AntagonistJoint | None, limits: Limits = TAUT, stiffness: Stiffness = ISOBARIC) -> Self:
+        """Take the arguments of `allocate` of these names, and the report's joint where none is given.
+
+        Raises `InvalidInput` for a slew limit, a tolerance and an endpoint, which no map has.
+        """
+        if limits.previous is not None or limits.max_step is not None:
+            raise InvalidInput("a slew limit belongs to one target; maps and intervals have none")
+        if stiffness.tolerance or stiffness.endpoint is not None:
+            raise InvalidInput("a tolerance or an endpoint is for `allocate`; maps and intervals are of a joint's K")
+        return cls(report_joint() if joint is None else joint, limits, stiffness.kind())
 
     @property
     def states(self) -> "tuple[Setting, ...]":

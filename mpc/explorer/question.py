@@ -83,6 +83,11 @@ class Question:
         values = {name: _number(name, text) for name, text in given.items() if name != "valves"}
         return cls(**values, valves=valves)
 
+    @property
+    def meant(self) -> Stiffness:
+        """Which stiffness is asked for."""
+        return Stiffness(_VALVES[self.valves])
+
     def joint(self, base: AntagonistJoint) -> AntagonistJoint:
         """Return the joint with the changes. Raises `InvalidInput` for numbers that its geometry does not have."""
         geometry, kind = base.geometry, type(base.geometry).__name__
@@ -119,10 +124,9 @@ class Answer:
     def state(self) -> dict[str, object]:
         """Return pressures, what they give, what binds, and both muscles."""
         asked = self.question
-        valves = _VALVES[asked.valves]
-        a = allocate(asked.theta * DEG, asked.stiffness, asked.torque, joint=self.joint, stiffness=Stiffness(valves))
+        a = allocate(asked.theta * DEG, asked.stiffness, asked.torque, joint=self.joint, stiffness=asked.meant)
         theta = float(a.theta)
-        low, high = stiffness_interval(theta, asked.torque, joint=self.joint, valves=valves)
+        low, high = stiffness_interval(theta, asked.torque, joint=self.joint, stiffness=asked.meant)
         return {
             "theta": theta / DEG,
             "pressures": [a.P1 / BAR, a.P2 / BAR],
@@ -151,11 +155,13 @@ class Answer:
 
     def _edges(self, left: float, right: float) -> list[dict[str, object]]:
         some = np.array([left, right]), np.array([1.0, 2.0])  # edges do not depend on the cells
-        found = feasibility_map(*some, self.question.torque, joint=self.joint, valves=_VALVES[self.question.valves])
+        asked = self.question
+        found = feasibility_map(*some, asked.torque, joint=self.joint, stiffness=asked.meant)
         return [_edge(edge) for edge in found.edges]
 
     def _columns(self, theta: Array) -> list[dict[str, object]]:
-        ends = stiffness_interval(theta, self.question.torque, joint=self.joint, valves=_VALVES[self.question.valves])
+        asked = self.question
+        ends = stiffness_interval(theta, asked.torque, joint=self.joint, stiffness=asked.meant)
         there = ~np.isnan(ends[0])
         curves = ((theta[there] / DEG).tolist(), *(end[there].tolist() for end in ends))
         return [{"limits": None, "theta": curves[0], "stiffness": K} for K in curves[1:] if there.any()]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.joint.gas import Stiffness
-from allocator.joint.limits import Limits
+from allocator.joint.limits import TAUT, Limits
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.feasibility.polygon import Polygon
 from allocator.mechanism.feasibility.targets import FeasibleTargets, feasible_targets
@@ -57,8 +57,7 @@ def endpoint_ellipses(
     T: ArrayLike = 0.0,
     *,
     force: ArrayLike = 0.0,
-    min_force: ArrayLike | None = 0.0,
-    max_force: ArrayLike | None = None,
+    limits: Limits = TAUT,
 ) -> EndpointEllipses:
     """Return the softest and the stiffest ellipse of a hand in the plane at postures `q` (…, 2) [rad], and its tilts.
 
@@ -75,12 +74,7 @@ def endpoint_ellipses(
     torques = np.broadcast_to(np.asarray(T, float), postures.shape).reshape(-1, 2) + endpoint.torque(flat, force)
     found = []
     for one, torque in zip(flat, torques, strict=True):
-        at = feasible_targets(
-            mechanism,
-            one,
-            stiffness=Stiffness(endpoint=endpoint, force=force),
-            limits=Limits(min_force=min_force, max_force=max_force),
-        )
+        at = feasible_targets(mechanism, one, stiffness=Stiffness(endpoint=endpoint, force=force), limits=limits)
         found.append(_at(at, torque))
     shape = postures.shape[:-1]
     softest, stiffest, tilt = (np.array([row[i] for row in found]) for i in range(3))

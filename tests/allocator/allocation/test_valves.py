@@ -52,9 +52,12 @@ def felt(joint, theta, P1, P2, asked):
 def test_shut_valves_reach_what_open_ones_cannot():
     """The issue's figures at 5 bar, 9.46 and 16.36 N·m/rad; K = 9.4 needs 4.97 bar open and 2.68 bar shut."""
     assert stiffness_interval(0.0, joint=SAROSI)[1] == pytest.approx(9.46, abs=5e-3)
-    assert stiffness_interval(0.0, joint=SAROSI, valves="shut")[1] == pytest.approx(16.36, abs=5e-3)
-    assert stiffness_interval(0.0, joint=SAROSI, valves="free") == pytest.approx(
-        (stiffness_interval(0.0, joint=SAROSI)[0], stiffness_interval(0.0, joint=SAROSI, valves="shut")[1])
+    assert stiffness_interval(0.0, joint=SAROSI, stiffness=Stiffness("shut"))[1] == pytest.approx(16.36, abs=5e-3)
+    assert stiffness_interval(0.0, joint=SAROSI, stiffness=Stiffness("free")) == pytest.approx(
+        (
+            stiffness_interval(0.0, joint=SAROSI)[0],
+            stiffness_interval(0.0, joint=SAROSI, stiffness=Stiffness("shut"))[1],
+        )
     )
     for valves, bar in (("open", 4.97), ("shut", 2.68)):
         a = allocate(0.0, 9.4, joint=SAROSI, stiffness=Stiffness(valves))
@@ -67,7 +70,7 @@ def test_shut_valves_reach_what_open_ones_cannot():
 def test_the_pressures_give_the_stiffness_that_was_asked_for(name, asked):
     joint = JOINTS[name]
     for theta, T in ((0.0, 0.0), (0.3, 1.0)):
-        low, high = stiffness_interval(theta, T, joint=joint, **asked)
+        low, high = stiffness_interval(theta, T, joint=joint, stiffness=Stiffness(**asked))
         a = allocate(theta, (low + high) / 2, T, joint=joint, stiffness=Stiffness(**asked))
         assert a.status == Status.EXACT
         assert felt(joint, theta, a.P1, a.P2, asked) == pytest.approx((low + high) / 2, rel=1e-9)
@@ -124,7 +127,7 @@ def test_the_optimisers_agree_with_exact(method, kind, priority):
 @pytest.mark.parametrize("asked", [*KINDS.values(), {"valves": "free"}], ids=[*KINDS, "free"])
 def test_the_jacobian_is_that_of_differences(name, asked):
     joint, at, h = JOINTS[name], np.array([0.15, 9.0, 0.5]), 1e-5
-    low, high = stiffness_interval(at[0], at[2], joint=joint, **asked)
+    low, high = stiffness_interval(at[0], at[2], joint=joint, stiffness=Stiffness(**asked))
     at[1] = 0.45 * low + 0.55 * high
     found = allocate(*map(float, at), joint=joint, stiffness=Stiffness(**asked))
     assert found.success
@@ -163,7 +166,7 @@ def test_the_inverse_without_limits_is_the_same_where_it_is_inside(asked):
 @pytest.mark.parametrize("name", JOINTS)
 def test_free_valves_take_the_state_that_meets_the_targets_with_the_least_pressures(name):
     joint, rng, n = JOINTS[name], np.random.default_rng(4), 6 if name == "tondu" else 60
-    low, high = stiffness_interval(0.0, joint=joint, valves="free")
+    low, high = stiffness_interval(0.0, joint=joint, stiffness=Stiffness("free"))
     theta, K, T = rng.uniform(-0.3, 0.3, n), rng.uniform(0.8 * low, 1.1 * high, n), rng.uniform(-2, 2, n)
     free = allocate(theta, K, T, joint=joint, stiffness=Stiffness("free"))
     states = [allocate(theta, K, T, joint=joint, stiffness=Stiffness(state)) for state in STATES]
@@ -217,7 +220,7 @@ def test_free_valves_are_never_beaten_by_brute_force_over_states_and_pressures(n
         T_min, T_max = torque_interval(theta, joint=joint)
         if not T_min < T_max:
             continue
-        low, high = stiffness_interval(theta, float((T_min + T_max) / 2), joint=joint, valves="free")
+        low, high = stiffness_interval(theta, float((T_min + T_max) / 2), joint=joint, stiffness=Stiffness("free"))
         T = rng.uniform(1.2 * T_min - 0.2 * T_max, 1.2 * T_max - 0.2 * T_min, each)
         K = rng.uniform(max(0.05, low - 0.3 * (high - low)), high + 0.3 * (high - low), each)
         asked = {"joint": joint, "stiffness": Stiffness("free"), "priority": priority}
@@ -266,17 +269,22 @@ def test_the_answer_says_which_stiffness_it_is_and_how_the_valves_are():
 @pytest.mark.parametrize("asked", [*KINDS.values(), {"valves": "free"}], ids=[*KINDS, "free"])
 def test_a_map_is_what_allocate_answers_and_its_edges_bound_it(asked):
     theta, K = np.linspace(-2.3, 2.3, 23), np.linspace(1.0, 18.0, 35)
-    found = feasibility_map(theta, K, 1.0, joint=SAROSI, **asked)
+    found = feasibility_map(theta, K, 1.0, joint=SAROSI, stiffness=Stiffness(**asked))
     a = allocate(theta[:, None], K, 1.0, joint=SAROSI, stiffness=Stiffness(**asked))
     assert (found.status == a.status).all()
     np.testing.assert_allclose(found.P1, a.P1, atol=1e-3)
     if asked == {"valves": "free"}:
         assert (found.state == 2 * a.valves[0] + a.valves[1])[found.feasible].all()
-    low, high = stiffness_interval(theta, 1.0, joint=SAROSI, **asked)
+    low, high = stiffness_interval(theta, 1.0, joint=SAROSI, stiffness=Stiffness(**asked))
     inside = (K > low[:, None] + 1e-9) & (K < high[:, None] - 1e-9)
     assert (found.feasible <= inside | np.isclose(K, low[:, None]) | np.isclose(K, high[:, None])).all()
     assert max(edge.K.max() for edge in found.edges) == pytest.approx(
-        float(np.nanmax(stiffness_interval(np.linspace(-2.3, 2.3, 2001), 1.0, joint=SAROSI, **asked)[1])), rel=1e-3
+        float(
+            np.nanmax(
+                stiffness_interval(np.linspace(-2.3, 2.3, 2001), 1.0, joint=SAROSI, stiffness=Stiffness(**asked))[1]
+            )
+        ),
+        rel=1e-3,
     )
 
 
@@ -284,14 +292,14 @@ def test_a_map_is_what_allocate_answers_and_its_edges_bound_it(asked):
 @pytest.mark.parametrize("name", ["sarosi", "lever"])
 def test_torques_and_angles_at_a_stiffness_exist_just_inside_and_not_just_outside(name, asked):
     joint = JOINTS[name]
-    K = float(np.mean(stiffness_interval(0.1, joint=joint, **asked)))
-    low, high = torque_intervals(0.1, K, joint=joint, **asked)
+    K = float(np.mean(stiffness_interval(0.1, joint=joint, stiffness=Stiffness(**asked))))
+    low, high = torque_intervals(0.1, K, joint=joint, stiffness=Stiffness(**asked))
     width = high - low
     for T, exists in ((low + 1e-6 * width, True), (high - 1e-6 * width, True)):
         assert (allocate(0.1, K, T, joint=joint, stiffness=Stiffness(**asked)).success == exists).all()
     beyond = np.array([low.min() - 1e-4, high.max() + 1e-4])
     assert not allocate(0.1, K, beyond, joint=joint, stiffness=Stiffness(**asked)).success.any()
-    left, right = angle_intervals(K, 1.0, joint=joint, **asked)
+    left, right = angle_intervals(K, 1.0, joint=joint, stiffness=Stiffness(**asked))
     assert allocate(
         np.append(left + 1e-6, right - 1e-6), K, 1.0, joint=joint, stiffness=Stiffness(**asked)
     ).success.all()
@@ -300,7 +308,7 @@ def test_torques_and_angles_at_a_stiffness_exist_just_inside_and_not_just_outsid
 def test_free_valves_have_the_torques_of_all_states_with_the_gaps_between_them():
     several, anywhere = 0, np.random.default_rng(5).uniform([-2, 4], [2, 15], (8, 2))
     for theta, K in [*anywhere.tolist(), (-1.5128849, 9.8523842), (2.0650422, 12.4077913)]:
-        low, high = torque_intervals(theta, K, joint=SAROSI, valves="free")
+        low, high = torque_intervals(theta, K, joint=SAROSI, stiffness=Stiffness("free"))
         T = np.linspace(-30, 30, 241)
         inside = ((T >= low[:, None]) & (high[:, None] >= T)).any(axis=0)
         assert (allocate(theta, K, T, joint=SAROSI, stiffness=Stiffness("free")).success == inside).all()
@@ -313,7 +321,9 @@ def test_a_map_written_says_which_stiffness_it_is_of(tmp_path):
         (KINDS["shut"], "shut_stiffness"),
         ({"valves": "free"}, "free_valve_stiffness"),
     ):
-        found = feasibility_map(np.linspace(-1, 1, 3), np.linspace(5, 15, 4), joint=SAROSI, **asked)
+        found = feasibility_map(
+            np.linspace(-1, 1, 3), np.linspace(5, 15, 4), joint=SAROSI, stiffness=Stiffness(**asked)
+        )
         found.to_csv(tmp_path / "map.csv")
         header, *rows = (tmp_path / "map.csv").read_text().splitlines()
         assert header.split(",")[1] == f"{column}_Nm_per_rad"

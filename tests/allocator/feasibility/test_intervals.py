@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allocator import AntagonistJoint, InvalidInput, Lever, Table, report_joint
+from allocator import AntagonistJoint, InvalidInput, Lever, Limits, Table, report_joint
 from allocator.feasibility import angle_interval, angle_intervals, stiffness_interval, torque_interval
 from allocator.muscles import Tondu2021
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
@@ -75,18 +75,18 @@ def test_what_does_not_exist_is_nan_in_the_shape_of_the_arguments():
     assert angle_intervals(20.0)[0].shape == (0,)
     assert np.isnan(torque_interval(126 * DEG)).all()
     assert np.isnan(stiffness_interval([0.0, 0.0], [16.0, -16.0])).all()
-    assert np.isnan(torque_interval(0.0, min_force=1500.0)).all()
+    assert np.isnan(torque_interval(0.0, limits=Limits(min_force=1500.0))).all()
     assert stiffness_interval(np.zeros((3, 1)), np.zeros(4))[0].shape == (3, 4)
 
 
 def test_more_force_or_more_co_contraction_leaves_less():
-    free, tight = stiffness_interval(0.5), stiffness_interval(0.5, min_force=50.0)
+    free, tight = stiffness_interval(0.5), stiffness_interval(0.5, limits=Limits(min_force=50.0))
     assert tight[0] > free[0]
     assert tight[1] == free[1]
-    assert stiffness_interval(0.5, max_force=500.0)[1] < free[1]
-    floor = stiffness_interval(0.5, min_cocontraction=3 * BAR)
+    assert stiffness_interval(0.5, limits=Limits(max_force=500.0))[1] < free[1]
+    floor = stiffness_interval(0.5, limits=Limits(min_cocontraction=3 * BAR))
     assert floor[0] > free[0]
-    assert angle_interval(8.5, min_cocontraction=3 * BAR) == pytest.approx(angle_interval(8.5))
+    assert angle_interval(8.5, limits=Limits(min_cocontraction=3 * BAR)) == pytest.approx(angle_interval(8.5))
 
 
 def test_a_level_along_which_the_stiffness_turns_is_searched():
@@ -118,8 +118,8 @@ def test_a_level_along_which_the_stiffness_turns_is_searched():
         (lambda: stiffness_interval(0.0, np.nan), "T = nan is not finite"),
         (lambda: stiffness_interval([0.0, 0.1], [0.0, 1.0, 2.0]), "shapes do not broadcast"),
         (lambda: angle_interval(-1.0), "K = -1 N·m/rad has to be positive"),
-        (lambda: torque_interval(0.0, min_force=-1), "min_force = -1"),
-        (lambda: torque_interval(0.0, joint=report_joint(), max_force=0.0), "max_force = 0"),
+        (lambda: torque_interval(0.0, limits=Limits(min_force=-1)), "min_force = -1"),
+        (lambda: torque_interval(0.0, joint=report_joint(), limits=Limits(max_force=0.0)), "max_force = 0"),
     ],
 )
 def test_wrong_input_is_one_sentence(call, said):

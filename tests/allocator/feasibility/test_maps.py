@@ -29,7 +29,7 @@ def test_every_cell_is_what_allocate_answers(joint):
 )
 def test_the_other_limits_are_respected_too(options):
     theta, K = np.linspace(-120, 120, 21) * DEG, np.linspace(5, 12, 31)
-    found = feasibility_map(theta, K, 1.0, **options)
+    found = feasibility_map(theta, K, 1.0, limits=Limits(**options))
     answer = allocate(theta[:, None], K, 1.0, limits=Limits(**options))
     assert (found.status == answer.status).all()
     assert (found.limits == answer.limits).all()
@@ -38,7 +38,7 @@ def test_the_other_limits_are_respected_too(options):
 
 def test_where_no_pressure_keeps_a_cable_taut_the_map_says_slack():
     theta, K = np.linspace(-125, 125, 21) * DEG, np.linspace(5, 12, 7)
-    found = feasibility_map(theta, K, min_force=500.0)
+    found = feasibility_map(theta, K, limits=Limits(500.0))
     answer = allocate(theta[:, None], K, limits=Limits(min_force=500.0))
     assert (answer.status == Status.SLACK).any()
     assert (found.status == answer.status).all()

@@ -158,7 +158,7 @@ def test_a_file_keeps_the_region(tmp_path):
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ("contraction = [0.1]", "has to be a table of the rows contraction and pressure"),
+        ("contraction = [0.1]", "needs pressure"),
         ("contraction = [0.1]\npressure = [1e5, 2e5]", "one shape"),
         ('contraction = ["a"]\npressure = [1e5]', "contraction"),
         ("contraction = []\npressure = []", "one shape"),

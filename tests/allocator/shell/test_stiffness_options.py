@@ -72,7 +72,7 @@ def test_a_map_shows_what_the_valves_reach(given, tmp_path):
         rows = list(csv.reader(file))[1:]
     asked = {"valves": given[1]} if given[0] == "--valves" else {"frequency": 2.0, "lag": 0.1}
     for row in rows:
-        low, high = stiffness_interval(float(row[0]) * DEG, joint=JOINT, **asked)
+        low, high = stiffness_interval(float(row[0]) * DEG, joint=JOINT, stiffness=Stiffness(**asked))
         if row[3] == "EXACT":
             assert low <= float(row[1]) <= high
         elif given[1] != "free":  # of free valves there may be gaps

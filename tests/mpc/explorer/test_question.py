@@ -6,7 +6,17 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from allocator import BAR, DEG, AntagonistJoint, Lever, allocate, named_muscle, report_joint, stiffness_interval
+from allocator import (
+    BAR,
+    DEG,
+    AntagonistJoint,
+    Lever,
+    Stiffness,
+    allocate,
+    named_muscle,
+    report_joint,
+    stiffness_interval,
+)
 from allocator.errors import InvalidInput
 from mpc.explorer.question import Answer, Question, describe
 
@@ -38,7 +48,7 @@ def test_the_outline_goes_through_the_ends_of_the_stiffness_intervals(joint, val
     curves = [edge for edge in found["edges"] if len(edge["theta"]) > 2 and np.ptp(edge["theta"]) > 1]
     for curve in curves:
         at = len(curve["theta"]) // 2
-        low, high = stiffness_interval(curve["theta"][at] * DEG, 0.5, joint=joint, valves=valves)
+        low, high = stiffness_interval(curve["theta"][at] * DEG, 0.5, joint=joint, stiffness=Stiffness(valves))
         assert min(abs(curve["stiffness"][at] - low), abs(curve["stiffness"][at] - high)) < 1e-6 * high
     assert curves
 
