@@ -8,6 +8,7 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.jit import inlined
 from mpc.tracking.compiled.records import Bounded, Bounds, Errors, Path, Reference, Setting
+from mpc.tracking.compiled.structured_qp.sizes import NU, NX, NXI, NY
 
 
 @inlined
@@ -31,7 +32,7 @@ def slew_bounds(setting: Setting, u: Array, last: Array, bounded: Bounded) -> No
     lower[:], upper[:], there[:] = 0.0, 0.0, False
     for k in starts:
         there[k] = True
-        for i in range(2):
+        for i in range(NU):
             change = u[k, i] - (u[k - 1, i] if k > 0 else last[0, i] / BAR)
             lower[k, i], upper[k, i] = min(-step - change, 0.0), max(step - change, 0.0)
 
@@ -51,7 +52,7 @@ def cumulative(starts: Any, z: Array, du: Array) -> None:
 @inlined
 def new_errors(N: int) -> Errors:
     """Return errors that are not set yet."""
-    return Errors(np.empty((N + 1, 4)), np.empty((N + 1, 3)), np.empty((N, 2)), np.empty((N, 2)), np.empty(6))
+    return Errors(np.empty((N + 1, NX)), np.empty((N + 1, NY)), np.empty((N, NU)), np.empty((N, NU)), np.empty(NXI))
 
 
 @inlined
@@ -62,16 +63,16 @@ def deviations(path: Path, u: Array, reference: Reference, last: Array, errors: 
     N = u.shape[0]
     x, y, e, change, end = errors
     for k in range(N + 1):
-        for i in range(4):
+        for i in range(NX):
             x[k, i] = path.x[k, i] - reference.x[k, i]
-        for i in range(3):
+        for i in range(NY):
             y[k, i] = path.y[k, i] - reference.y[k, i]
-    for i in range(2):
+    for i in range(NU):
         previous = (last[0, i] - last[1, i]) / BAR
         for k in range(N):
             e[k, i] = u[k, i] - reference.u[k, i] / BAR
             change[k, i] = e[k, i] - previous
             previous = e[k, i]
-        end[4 + i] = previous
-    for i in range(4):
+        end[NX + i] = previous
+    for i in range(NX):
         end[i] = x[N, i]

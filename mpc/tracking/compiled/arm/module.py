@@ -14,8 +14,9 @@ from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import filling
 from mpc.model.arm.model import Arm
 from mpc.model.experiment import RESOLUTION
+from mpc.tracking.compiled.structured_qp.assembled import assembled, without_own_imports
 
-_STEP, _FEED_FORWARD = (Path(__file__).with_name(f"{name}.py") for name in ("step", "feedforward"))
+_STEP, _FEED_FORWARD, _SOLVE = (Path(__file__).with_name(f"{name}.py") for name in ("step", "feedforward", "solve"))
 
 
 class CompiledArm(NamedTuple):
@@ -41,6 +42,11 @@ def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
     h = dt / substeps
     times = h * (np.arange(substeps)[:, None] + [0.0, 0.5, 1.0])
     return CompiledArm(step, feed_forward, c, h, np.exp(-times[..., None] / arm.lags))
+
+
+def solve_module(arm: Arm) -> ModuleType:
+    """Return the solution of the structured QP, which depends on the sizes of the arm alone."""
+    return imported(assembled(arm.n, arm.m, arm.stiffnesses) + "\n\n" + without_own_imports(_SOLVE))
 
 
 def _functions(arm: Arm) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 The QP is solved with its simple bounds only, by the solver. If the answer keeps all rows and is proved optimal it is
 the QP's, and the step is done; else the whole QP, the same that `mpc.tracking.qp.condense` gives, goes to
-`mpc.tracking.qp.certified`.
+`mpc.tracking.qp.certified`. `Riccati` solves the QP as a joint's is, sample by sample (`structured`), and is given the
+dense one only where that has no proof.
 """
 
 from copy import deepcopy
@@ -21,6 +22,7 @@ from allocator.mechanism.kernel.data import workspace
 from allocator.units import BAR
 from mpc.model.arm.model import Arm
 from mpc.tracking.compiled.arm.module import CompiledArm
+from mpc.tracking.compiled.arm.structured import SizedQP
 from mpc.tracking.cost import Rows
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.hand_targets import HandTargets
@@ -29,7 +31,7 @@ from mpc.tracking.plan import Moved, PlanStatus
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE, certified
 from mpc.tracking.qp.condense import SLACKS, TrackingProblem
 from mpc.tracking.qp.programme import QP
-from mpc.tracking.qp.solvers import Solver
+from mpc.tracking.qp.solvers import Riccati, Solver
 from mpc.tracking.qp.step import PreviousSample, QPAnswer
 
 _SURE = 1e-9  # residual of optimality up to which an allocation is believed
@@ -52,7 +54,6 @@ class CompiledArmQPStep:
     """A compiled step works for one controller: its buffers must not be used by two threads at a time."""
 
     implementation = "compiled"
-    active_set: NDArray[np.int8] | None = None
 
     def __init__(self, arm: Arm, dt: float, made: CompiledArm, problem: TrackingProblem) -> None:
         self._given = arm, dt, made, problem
@@ -85,13 +86,35 @@ class CompiledArmQPStep:
         self._whole_size = N * (2 * m + 2 * n), z + SLACKS
         self._no_rows, self._no_bounds = np.zeros((0, z)), np.zeros(0)
         self._stiffnesses = outputs - m
+        self.structured: SizedQP | None = None  # what `Riccati` takes
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "CompiledArmQPStep":
         """Return one with buffers of its own."""
-        return CompiledArmQPStep(*self._given)
+        other = CompiledArmQPStep(*self._given)
+        other.active_set = self.active_set
+        return other
+
+    @property
+    def active_set(self) -> NDArray[np.int8] | None:
+        """The active set (n,) is the sign of the multipliers of the bounds that bound, where that is remembered."""
+        return None if self.structured is None else self.structured.guess.copy()
+
+    @active_set.setter
+    def active_set(self, guess: NDArray[np.int8] | None) -> None:
+        if guess is not None:
+            self._structured_qp().guess[:] = guess
+
+    def _structured_qp(self) -> SizedQP:
+        """Return the structured QP, which is compiled when it is first wanted."""
+        if self.structured is None:
+            arm, dt, _, problem = self._given
+            self.structured = SizedQP(arm, dt, problem)
+        return self.structured
 
     def reset(self) -> None:
-        """Do nothing: nothing is remembered."""
+        """Forget which bounds bound."""
+        if self.structured is not None:
+            self.structured.reset()
 
     def __call__(
         self, x: Array, u: Array, d: Array, feed: Any, previous: PreviousSample, solve: Solver, deadline: float
@@ -103,6 +126,10 @@ class CompiledArmQPStep:
         x, u, d, u_last, e_last = self._now
         self._step.linearise(*self._integration, self._bounds, u_last, x, u, d, self._u, *self._path)
         linearised = perf_counter()
+        if isinstance(solve, Riccati) and (motion := self._structured_answer(feed, previous)) is not None:
+            now = perf_counter()
+            status = PlanStatus.LATE if now > deadline else PlanStatus.OPTIMAL
+            return QPAnswer(status, motion.u, motion, None, (linearised - began, 0.0, now - linearised))
         errors = feed.x, feed.y, feed.u, u_last, e_last
         self._step.condense(*self._cost, *self._path, self._u, *errors, self._G, *self._qp)
         condensed = perf_counter()
@@ -114,6 +141,17 @@ class CompiledArmQPStep:
         if motion is not None and solved <= deadline:
             return QPAnswer(PlanStatus.OPTIMAL, motion.u, motion, box, times)
         return self._whole(previous, solve, deadline, times)
+
+    def _structured_answer(self, feed: FeedForward, previous: PreviousSample) -> Motion | None:
+        """Return what the proved solution of the structured QP leads to, if there is one and that is finite."""
+        structured, (x, _, d, u_last, _), (states, _, y, _) = self._structured_qp(), self._now, self._path
+        if not structured.solved(self._path, self._u, feed, previous):
+            return None
+        u, after, outputs = np.empty_like(self._u), np.empty_like(states), np.empty_like(y)
+        path = self._bounds, u_last, x, d, self._u, self._shape[0], structured.z
+        if not self._step.rollout(*self._integration, *path, u, after, outputs):
+            return None
+        return Motion(u, after, outputs[:, : self._stiffnesses], outputs[:, self._stiffnesses :])
 
     def _finished(self, z: Array) -> Motion | None:
         """Return what `z` leads to, if it is proved to solve the whole QP."""

@@ -317,6 +317,26 @@ def finish(
     return SOLVED if finite(x_next) and finite(y_next) else REFUSED
 
 
+@compiled
+def rollout(
+    c: Array, h: float, decay: Array, bounds: Array, u_last: Array, x0: Array, d: Array, u: Array, starts: Any,
+    z: Array, moved: Array, x: Array, y: Array,
+) -> bool:  # fmt: skip
+    """Fill in the commands that `z` makes of `u`, `moved` to within the limits, and their motion; return whether that
+    is finite.
+    """
+    for j in range(m):
+        change, block = 0.0, 0
+        for k in range(u.shape[0]):
+            if block < starts.size and starts[block] == k:
+                change += BAR * z[block * m + j]
+                block += 1
+            moved[k, j] = u[k, j] + change
+    limit(bounds, u_last, moved, moved)
+    roll(c, h, decay, x0, moved, d, x, y)
+    return finite(x) and finite(y)
+
+
 @inlined
 def proved(H: Array, f: Array, lower: Array, upper: Array, z: Array, allowed: float) -> bool:
     """Return whether `z` is within its bounds and the gradient there, but for pushes at bounds, is next to nothing."""

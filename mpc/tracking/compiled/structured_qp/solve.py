@@ -13,7 +13,7 @@ from allocator.calculus import Array
 from mpc.codegen.jit import compiled, inlined
 from mpc.tracking.compiled.commands import deviations, new_errors, slew_bounds
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
-from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
+from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Reference, Setting
 from mpc.tracking.compiled.structured_qp.active_set import active_set, new_active, reversed_instead
 from mpc.tracking.compiled.structured_qp.certificate import brought_within, confirmed, needed
 from mpc.tracking.compiled.structured_qp.exchange import Active
@@ -31,7 +31,15 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
     """
     setting, (path, u) = setting_in(numbers, starts), path_in(buffer)
     _, _, _, reference, last = given_in(given)
-    N = u.shape[0]
+    return decide(path, u, setting, reference, last, guess, z)
+
+
+@inlined
+def decide(
+    path: Path, u: Array, setting: Setting, reference: Reference, last: Array, guess: Any, z: Array
+) -> tuple[bool, int]:
+    """Answer as `settle` does about a path with the commands `u` [bar]."""
+    N, starts = u.shape[0], setting.starts
     errors, at, sweep = new_errors(N), new_point(N), new_sweep(N)
     deviations(path, u, reference, last, errors)
     bounded = Bounded(np.empty((N, NU)), np.empty((N, NU)), np.empty(N, np.bool_))

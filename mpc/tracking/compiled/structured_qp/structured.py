@@ -39,7 +39,7 @@ class StructuredQP:
         self.z = np.zeros(self.guess.size)
         self.counted = np.zeros(1, np.int64)
         self._previous: PreviousSample | None = None  # of the sample that the guess is about
-        self._shifted = _shifted(problem.starts)
+        self._shifted = shifted(problem.starts)
         self._settle(*self.arrays, self.guess, self.z)  # compiles it
 
     def take(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
@@ -85,7 +85,7 @@ class StructuredQP:
         self.guess[:] = 0
 
 
-def _shifted(starts: Array) -> NDArray[np.intp]:
+def shifted(starts: Array, m: int = NU) -> NDArray[np.intp]:
     """Return for each decision that of the block in which its sample was when it was one later."""
     blocks = np.searchsorted(starts, starts + 1, side="right") - 1
-    return (NU * blocks[:, None] + np.arange(NU)).ravel()
+    return (m * blocks[:, None] + np.arange(m)).ravel()

@@ -13,8 +13,9 @@ from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import PlanStatus
-from mpc.tracking.qp.condense import TrackingProblem
-from mpc.tracking.qp.solvers import DAQP
+from mpc.tracking.qp.certified import certified
+from mpc.tracking.qp.condense import TrackingProblem, condense
+from mpc.tracking.qp.solvers import DAQP, Riccati
 from mpc.tracking.qp.step import PreviousSample, ReadableQPStep, SlowStep
 from mpc.tracking.terminal import terminal_factor
 from mpc.tracking.weights import Weights
@@ -134,3 +135,33 @@ def test_blocks_grow():
     assert usual_blocks(arm, 3) == (1, 1, 1)
     assert usual_blocks(arm, 30) == (1, 1, 2, 4, 6, 6, 6, 4)
     assert TrackingMPC(arm, N=14).blocks == (1, 1, 2, 4, 6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("near", [False, True], ids=["in the middle", "near the limits"])
+def test_the_structured_solution_is_that_of_the_dense_qp(both, near):
+    """Whatever binds, and DAQP is not asked."""
+    rng, bound = np.random.default_rng(8), 0
+    for _ in range(8):
+        x, u, d, feed, previous, _ = both.situation(rng, near)
+        answer = both.compiled(x, u, d[:-1], feed, previous, Riccati(), inf)
+        model = both.predictor.linearise(x, both.problem.limits.limited(previous.u, u), d[:-1])
+        exact = certified(DAQP(), condense(both.problem, model, feed, *previous), inf, both.problem.curvature)
+        assert answer.status is exact.status is PlanStatus.OPTIMAL
+        assert answer.qp is None  # nothing dense was built
+        np.testing.assert_allclose(both.compiled.structured.z, exact.z[:-2], atol=1e-4)
+        bound += exact.multipliers.any()
+        motion = both.predictor.motion(x, answer.u, d[:-1])
+        np.testing.assert_allclose(answer.motion.x, motion.x, rtol=1e-9, atol=1e-9)
+    assert bound == 8
+
+
+@pytest.mark.slow
+def test_what_the_structured_solver_cannot_prove_daqp_answers(both, monkeypatch):
+    x, u, d, feed, previous, _ = both.situation(np.random.default_rng(9))
+    wanted = both.compiled(x, u, d[:-1], feed, previous, Riccati(), inf)
+    monkeypatch.setattr(both.compiled.structured, "_settle", lambda *arrays: (False, 60))
+    answer = both.compiled(x, u, d[:-1], feed, previous, Riccati(), inf)
+    assert answer.status is wanted.status is PlanStatus.OPTIMAL
+    assert answer.qp is not None
+    np.testing.assert_allclose(answer.u, wanted.u, atol=200.0)
