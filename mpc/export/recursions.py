@@ -19,7 +19,7 @@ def recursion_files(single: bool) -> dict[str, str]:
     from mpc.tracking.compiled import commands
     from mpc.tracking.compiled.structured_qp import certificate, newton, rows, solve
 
-    entries: list[Any] = [commands.slew_bounds, commands.deviations, solve.swept]
+    entries: list[Any] = [commands.limit, commands.excess, commands.slew_bounds, commands.deviations, solve.swept]
     entries += [newton.gradients, newton.adjoint, newton.left_over, newton.factorise, newton.direction]  # softened.c
     entries += [rows.values, rows.sides, certificate.brought_within]
     entries += [] if single else [solve.persistent]
@@ -123,6 +123,7 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
     sweep, rows, factors = structs["sweep"].fields, structs["rows"].fields, structs["factors"].fields
     items, per_u = structs["items"].fields, sweep["gv"]
     reals = ("w", "total", "worst", "product", "share", "mean", "tolerance", "c0", "c1", "entering", "limit")
+    reals += ("low", "high", "step", "last1", "last2", "left", "right", "least")
     return {
         **structs,
         **{name: structs["path"].fields[name] for name in ("A", "B", "slope")},
@@ -144,6 +145,7 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         **dict.fromkeys(("e", "charge"), _given(2)),
         **{"u": _given(_N, 2), "guess": _array(f"2 * {_BLOCKS}", element=_SIDE)},
         **{"z": items["z"], "pushes": items["r"], "there": structs["bounded"].fields["there"]},
+        **{"commands": per_u, "states": _given(_AFTER, 4), "forces": _given(_AFTER, 2), "beyond": _array(2)},
         "starts": _given(_BLOCKS, element=INT),
         **dict.fromkeys(reals, REAL),
     }

@@ -1,15 +1,14 @@
-"""Friction that is known is followed and foreseen here, as `Friction` and `MaxwellSlip` do.
+"""Friction that is known is followed and foreseen, as `Friction` and `MaxwellSlip` do it: T_f = strength Σ k_i z_i."""
 
-Its numbers are [kind, μ or s_0, T_c or whether the springs are shares of the stiffness, δ], springs k_i, widths r_i.
-"""
-
+from collections.abc import Callable
 from math import copysign, exp, isinf
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined_flat
+from mpc.codegen.views import flat, in_python, viewer
 from mpc.model.compensation import JITTER
 from mpc.model.contact import Hysteresis
 from mpc.model.friction import WIDTH_AT, Friction
@@ -27,14 +26,47 @@ class Pressed(NamedTuple):
     stiffness: float  # [N·m/rad]
 
 
+class Rubbing(NamedTuple):
+    """Numbers of a model of friction; those of other models are 0."""
+
+    kind: int
+    mu: float  # of `Friction`, as the next two
+    coulomb: float  # [N·m]
+    presliding: float  # [rad]
+    base: float  # of `MaxwellSlip`, as the next one
+    elastic: bool
+    springs: Annotated[Array, "n"]  # k_i; 1 for Dahl's
+    widths: Annotated[Array, "n"]  # [rad]
+
+
+rubbing_in: Callable[[Array], Rubbing] = viewer(Rubbing)
+NO_FRICTION = Rubbing(ABSENT, 0.0, 0.0, 0.0, 0.0, False, np.ones(1), np.zeros(1))
+
+
+def memory_of(numbers: Array) -> int:
+    """Return how many numbers friction remembers."""
+    return in_python(rubbing_in)(numbers).springs.size
+
+
 def friction_numbers(friction: Hysteresis) -> Array | None:
-    """Return the numbers (4 + 2 n,) of `friction`, whose memory are n; None for one that is not known here."""
+    """Return the numbers of `friction`, see `Rubbing`; None for one that is not known here."""
     if type(friction) is Friction:
         kind = ABSENT if friction.absent else DAHL
-        return np.array([kind, friction.mu, friction.coulomb, friction.presliding, 0.0, 0.0])
+        dahls = NO_FRICTION._replace(kind=kind, mu=friction.mu, coulomb=friction.coulomb)
+        return flat(dahls._replace(presliding=friction.presliding))
     if type(friction) is MaxwellSlip:
-        return np.array([SLIP, friction.base, friction.elastic, 0.0, *friction.springs, *friction.widths])
+        springs, widths = np.array(friction.springs), np.array(friction.widths)
+        slip = NO_FRICTION._replace(kind=SLIP, base=friction.base, elastic=bool(friction.elastic))
+        return flat(slip._replace(springs=springs, widths=widths))
     return None
+
+
+@inlined_flat
+def strength(f: Rubbing, pressed: Pressed) -> float:
+    """Return what Σ k_i z_i is multiplied by, so that it is the friction torque [N·m]."""
+    if f.kind != SLIP:
+        return f.mu * pressed.pulled + f.coulomb
+    return pressed.stiffness if f.elastic else 1.0
 
 
 @inlined_flat
@@ -45,13 +77,13 @@ def dahl(z: float, motion: float, presliding: float) -> float:
 
 
 @inlined_flat
-def width_of(numbers: Array, i: int, filled: float) -> float:
+def width_of(f: Rubbing, i: int, filled: float) -> float:
     """Return the half width ρ_i [rad] of an element of `MaxwellSlip`."""
-    return float((numbers[1] + (1 - numbers[1]) * filled / _SPAN) * numbers[4 + (numbers.size - 4) // 2 + i])
+    return float((f.base + (1 - f.base) * filled / _SPAN) * f.widths[i])
 
 
 @inlined_flat
-def followed(numbers: Array, theta: float, pressed: Pressed, last: float, memory: Array, now: Array) -> float:
+def followed(f: Rubbing, theta: float, pressed: Pressed, last: float, memory: Array, now: Array) -> float:
     """Set `now` (n,) to what friction remembers at `theta` [rad], having remembered `memory` (n,) at the angle `last`,
     NaN for none; return the angle from which its motion counts on: see `FrictionState.follow`.
     """
@@ -59,20 +91,20 @@ def followed(numbers: Array, theta: float, pressed: Pressed, last: float, memory
     motion = 0.0 if begins or not abs(theta - last) > JITTER else theta - last
     for i in range(now.size):
         z = memory[i]
-        if numbers[0] == SLIP:
-            width = width_of(numbers, i, pressed.filled)
+        if f.kind == SLIP:
+            width = width_of(f, i, pressed.filled)
             if begins:
                 z = theta if isinf(width) else 0.0
             now[i] = min(max(z + motion, -width), width)
         else:
             z = 0.0 if begins else z
-            now[i] = dahl(z, motion, numbers[3]) if motion != 0.0 else z
+            now[i] = dahl(z, motion, f.presliding) if motion != 0.0 else z
     return theta if begins or motion != 0.0 else last
 
 
 @inlined_flat
 def less_friction(
-    numbers: Array, now: Array, back: float, theta: Array, pressed: Pressed, d: float, torques: Array
+    f: Rubbing, now: Array, back: float, theta: Array, pressed: Pressed, d: float, torques: Array
 ) -> None:
     """Set `torques` (M,) [N·m] to `d` less the friction of the motion along `theta` (M,) [rad], `back` being the first
     angle, where friction remembers `now` (n,); all of it is left out where some is not finite.
@@ -81,17 +113,14 @@ def less_friction(
     for k in range(M):
         torques[k] = 0.0
     for i in range(n):
-        z, slips = now[i], numbers[0] == SLIP
-        width = width_of(numbers, i, pressed.filled) if slips else 0.0
-        share = numbers[4 + i] if slips else 1.0
+        z, slips = now[i], f.kind == SLIP
+        width = width_of(f, i, pressed.filled) if slips else 0.0
         for k in range(M):
             if k > 0:
                 motion = theta[k] - (back if k == 1 else theta[k - 1])
-                z = min(max(z + motion, -width), width) if slips else dahl(z, motion, numbers[3])
-            torques[k] += share * z
-    most = numbers[1] * pressed.pulled + numbers[2]
-    if numbers[0] == SLIP:
-        most = pressed.stiffness if numbers[2] != 0.0 else 1.0
+                z = min(max(z + motion, -width), width) if slips else dahl(z, motion, f.presliding)
+            torques[k] += f.springs[i] * z
+    most = strength(f, pressed)
     for k in range(M):
         torques[k] *= most
         all_finite = all_finite and np.isfinite(torques[k])

@@ -21,11 +21,11 @@ from allocator.compilation.printer.c_operators import ATOM, INT, REAL, SIGNS, SU
 from allocator.compilation.printer.python_text import Unprintable, refuse
 
 MIN_AND_MAX = "\n".join(
-    f"static inline {kind} ant_{name}{suffix}({kind} a, {kind} b) {{ return a {sign} b ? a : b; }}"
+    f"static inline {kind} ant_{name}{suffix}({kind} a, {kind} b) {{ return b {sign} a ? b : a; }}"
     for kind, suffix in ((REAL, ""), (INT, "_int"))
     for name, sign in (("min", "<"), ("max", ">"))
 )
-"""What printed functions take for min and max, to be put before them."""
+"""What printed functions take for min and max, of NaN as well; to be put before them."""
 
 
 def c_functions(

@@ -15,7 +15,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.addresses import floats, opener
 from mpc.codegen.jit import compiled, inlined
-from mpc.model.compiled_friction import ABSENT, SLIP, Pressed, followed
+from mpc.model.compiled_friction import ABSENT, Pressed, followed, rubbing_in, strength
 from mpc.model.integration import NODES, SHARES
 from mpc.observer import pressure_diagnosis, torque_diagnosis
 from mpc.observer.compiled.layout import MEASURED, SIZE, Belief, Places, Sample
@@ -124,7 +124,7 @@ def follow_friction(o: Sample) -> None:
     """Let the friction that is known follow the angle: see `FrictionState.follow`."""
     s, before, now = o.now, floats(o.past_places.memory), floats(o.places.memory)
     nearest(o, s.belief)
-    s.angle = followed(floats(o.friction), s.belief.xi[0], pressing(o), s.angle, before, now)
+    s.angle = followed(rubbing_in(floats(o.friction)), s.belief.xi[0], pressing(o), s.angle, before, now)
 
 
 @inlined
@@ -138,15 +138,12 @@ def pressing(o: Sample) -> Pressed:
 @inlined
 def rubbing(o: Sample) -> float:
     """Return the friction torque [N·m] in the nearest state."""
-    friction, memory, total = floats(o.friction), floats(o.places.memory), 0.0
-    if friction[0] == ABSENT:
+    friction, memory, total = rubbing_in(floats(o.friction)), floats(o.places.memory), 0.0
+    if friction.kind == ABSENT:
         return 0.0
-    pressed = pressing(o)
-    if friction[0] != SLIP:
-        return float((friction[1] * pressed.pulled + friction[2]) * memory[0])
     for i in range(memory.size):
-        total += friction[4 + i] * memory[i]
-    return float(total * pressed.stiffness if friction[2] != 0.0 else total)
+        total += friction.springs[i] * memory[i]
+    return strength(friction, pressing(o)) * total
 
 
 @inlined

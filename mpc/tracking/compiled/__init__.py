@@ -8,7 +8,6 @@ precision `rows`, `interior`, `multipliers` and `solve`, are printed as C (`mpc.
     step.linearise           mpc/structured.c, ant_linearise
     step.rollout             mpc/rollout.c, ant_rollout
     structured_qp.structured mpc/structured.c: ant_solve
-    commands.limit           mpc/limits.c, ant_limit
     mpc.tracking.base        mpc/controller.c; preview, fallback, rest, softened have files of their names
     mpc.tracking.qp.condense dense/condense.c, with rows.c and certificate.c; for single precision only
 """

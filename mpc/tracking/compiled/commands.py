@@ -7,21 +7,34 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.jit import inlined
-from mpc.tracking.compiled.records import Bounded, Bounds, Errors, Path, Reference, Setting
+from mpc.tracking.compiled.records import Bounded, Errors, Path, Reference, Setting
 from mpc.tracking.compiled.structured_qp.sizes import NU, NX, NXI, NY
 
 
 @inlined
-def limit(bounds: Bounds, last1: float, last2: float, u: Array) -> None:
-    """Move the commands `u` (N, 2) as `mpc.tracking.limits.Limits.limited` does, all in bar; the last one was (last1,
-    last2).
+def limit(low: float, high: float, step: float, last1: float, last2: float, commands: Array) -> None:
+    """Move `commands` (N, 2) as `mpc.tracking.limits.Limits.limited` does; the last one was (last1, last2).
+
+    The slew limit comes first: from outside the supply's range commands return as fast as it lets them.
     """
-    for i in range(2):
+    for i in range(NU):
         previous = last1 if i == 0 else last2
-        for k in range(u.shape[0]):
-            wanted = min(max(u[k, i], bounds.low), bounds.high)
-            previous = min(max(wanted, previous - bounds.step), previous + bounds.step)
-            u[k, i] = previous
+        for k in range(commands.shape[0]):
+            wanted = min(max(commands[k, i], low), high)
+            previous = min(max(wanted, previous - step), previous + step)
+            commands[k, i] = previous
+
+
+@inlined
+def excess(left: float, right: float, least: float, states: Array, forces: Array, beyond: Array) -> None:
+    """Set `beyond` (2,) to how far a motion leaves the joint range [rad] and, after its first state, the least force
+    [N].
+    """
+    beyond[0] = beyond[1] = 0.0
+    for k in range(states.shape[0]):
+        beyond[0] = max(beyond[0], left - states[k, 0], states[k, 0] - right)
+        if k > 0:
+            beyond[1] = max(beyond[1], least - forces[k, 0], least - forces[k, 1])
 
 
 @inlined

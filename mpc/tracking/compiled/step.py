@@ -20,9 +20,9 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.addresses import floats_at, seconds_at
 from mpc.codegen.jit import assign, compiled_flat, inlined_flat
-from mpc.model.compiled_friction import ABSENT, Pressed, followed, less_friction
+from mpc.model.compiled_friction import ABSENT, Pressed, Rubbing, followed, less_friction, rubbing_in
 from mpc.model.integration import NODES, SHARES
-from mpc.tracking.compiled.commands import cumulative, limit
+from mpc.tracking.compiled.commands import cumulative, excess, limit
 from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
 from mpc.tracking.compiled.records import Path, Reference
 from mpc.tracking.compiled.sample.calls import settle_at
@@ -71,16 +71,16 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
     i = inputs_at(table)
     began = seconds_at(i.clock, i.name)
     last, out = floats_at(last.ctypes.data, last.size), floats_at(out.ctypes.data, out.size)  # not to be counted
-    k, want, now, n = known_in(i.known), asked_in(i.asked), given_in(i.given), (i.friction.size - 4) // 2
+    k, want, now, f = known_in(i.known), asked_in(i.asked), given_in(i.given), rubbing_in(i.friction)
     N, whole, done, angle = now.u.shape[0], what == WHOLE, True, 0.0
-    m, size = want.theta.size - N - 1, plan_length(N)
+    m, n, size = want.theta.size - N - 1, f.springs.size, plan_length(N)
     was, made = made_in(last[:size]), made_in(out[:size])
     before, after = state_in(last[size:], was.u, n, m), state_in(out[size:], made.u, n, m)
     path, waiting = i.work[: 4 * (m + 1)].reshape(m + 1, 4), i.work[4 * (m + 1) :].reshape(m, 2)
     copy_set(i.guess, i.kept)
     if whole:
         ask(x, theta, K, d, want)
-        done, angle = foreseen(i.c, k, i.friction, want, before, after.memory, waiting, path)
+        done, angle = foreseen(i.c, k, f, want, before, after.memory, waiting, path)
     if done and (whole or what == FEED):
         previews, slopes = (want.theta[m:], want.K[m:], want.torques[m:]), i.slopes.reshape(2, N + 1, N + 1)
         done = feed_forward(i.c, i.p, k, slopes, *previews, now.reference, made.moved)
@@ -107,7 +107,7 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
 
 @inlined_flat
 def foreseen(
-    c: Array, known: Known, friction: Array, asked: Asked, state: State, felt: Array, waiting: Array, path: Array
+    c: Array, known: Known, friction: Rubbing, asked: Asked, state: State, felt: Array, waiting: Array, path: Array
 ) -> tuple[bool, float]:
     """Fill in what `Preview.task` foresees: the torques, what friction has `felt` (n,), and the motion `path` (m+1, 4)
     up to when a command acts; return whether the sample is an ordinary one, and friction's angle.
@@ -115,7 +115,7 @@ def foreseen(
     m, x, d, angle = path.shape[0] - 1, asked.x, asked.d[0], state.angle[0]
     if not (plausible(known, asked) and (not known.rests or moves(state.rest, asked.theta[m:], asked.K[m:]))):
         return False, angle
-    if friction[0] == ABSENT:
+    if friction.kind == ABSENT:
         for k in range(asked.torques.size):
             asked.torques[k] = d
         assign(felt, state.memory)
@@ -173,7 +173,8 @@ def linearise(c: Array, h: float, substeps: int, numbers: Array, starts: Any, gi
     x0, asked, d, _, last = given_in(given)
     for k in range(u.shape[0]):
         u[k, 0], u[k, 1] = asked[k, 0] / BAR, asked[k, 1] / BAR
-    limit(setting.bounds, last[0, 0] / BAR, last[0, 1] / BAR, u)
+    bounds = setting.bounds
+    limit(bounds.low, bounds.high, bounds.step, last[0, 0] / BAR, last[0, 1] / BAR, u)
     linear_model(c, x0, u, d, h, substeps, path)
     read_outputs(c, path)
 
@@ -187,19 +188,16 @@ def rollout(
     """
     bounds, (_, u) = setting_in(numbers, starts).bounds, path_in(buffer)
     x0, _, d, _, last = given_in(given)
-    N, moved, x, K, F, slack = u.shape[0], made.u, made.x, made.K, made.F, made.slack
+    N, moved, x, K, F = u.shape[0], made.u, made.x, made.K, made.F
     cumulative(starts, z, moved)
     for k in range(N):
         moved[k, 0] += u[k, 0]
         moved[k, 1] += u[k, 1]
-    limit(bounds, last[0, 0] / BAR, last[0, 1] / BAR, moved)
+    limit(bounds.low, bounds.high, bounds.step, last[0, 0] / BAR, last[0, 1] / BAR, moved)
     motion(c, x0, moved, d, h, substeps, x)
-    slack[0] = slack[1] = 0.0
     for k in range(N + 1):
         K[k], F[k, 0], F[k, 1] = outputs(x[k, 0], x[k, 1], x[k, 2], x[k, 3], c)
-        slack[0] = max(slack[0], bounds.left - x[k, 0], x[k, 0] - bounds.right)
-        if k > 0:
-            slack[1] = max(slack[1], bounds.min_force - F[k, 0], bounds.min_force - F[k, 1])
+    excess(bounds.left, bounds.right, bounds.min_force, x, F, made.slack)
     for k in range(N):
         moved[k, 0] *= BAR
         moved[k, 1] *= BAR

@@ -18,6 +18,7 @@ from allocator.units import BAR
 from mpc.codegen.jit import compiled, inlined
 from mpc.model.compensation import JITTER, SOFT
 from mpc.observer.compiled.layout import SIZE
+from mpc.tracking.compiled.commands import excess, limit
 from mpc.tracking.compiled.flat_records import given_in
 from mpc.tracking.compiled.sample.calls import settle_at
 from mpc.tracking.compiled.sample.layout import known_in, made_in
@@ -191,11 +192,8 @@ def approached(known: Known, step: Step, m: Memory, start: Array, d: Array, k: i
     """Record the approach to the pressures that are held; return whether its motion is finite."""
     N, (low, high), most = m.u.shape[0], (known.limits[0], known.limits[1]), known.limits[2]
     u, x, F, good = np.empty((N, 2)), np.empty((N + 1, 4)), np.empty((N + 1, 2)), True
-    for i in range(2):
-        last = m.u[0, i]
-        for j in range(N):
-            last = min(max(min(max(m.p[i], low), high), last - most), last + most)
-            u[j, i] = last
+    u[:] = m.p
+    limit(low, high, most, m.u[0, 0], m.u[0, 1], u)
     joint.motion(step.c, start, u / BAR, d[:N], step.h, step.substeps, x)
     for j in range(N + 1):
         _, F[j, 0], F[j, 1] = joint.outputs(x[j, 0], x[j, 1], x[j, 2], x[j, 3], step.c)
@@ -216,16 +214,13 @@ def record(known: Known, m: Memory, u: Array, x: Array, F: Array, side: float, k
         m.waiting[-1] = u[0]
     else:
         m.expected[0] = x[1, 0]
+    sent, beyond = u[:1].copy(), np.empty(2)
+    if known.dead_band > 0:
+        for i in range(2):
+            edge = side if side != 0.0 else np.tanh((sent[0, i] - x[0, 2 + i]) / SOFT)
+            sent[0, i] += known.dead_band / 2 * edge
+        limit(low, high, most, m.sent[0], m.sent[1], sent)
     for i in range(2):
-        sent = u[0, i]
-        if known.dead_band > 0:
-            edge = side if side != 0.0 else np.tanh((sent - x[0, 2 + i]) / SOFT)
-            wanted = min(max(sent + known.dead_band / 2 * edge, low), high)
-            sent = min(max(wanted, m.sent[i] - most), m.sent[i] + most)
-        m.sent[i] = answers.u[k, i] = sent
-    slack, slack_force = 0.0, 0.0
-    for j in range(x.shape[0]):
-        slack = max(slack, left - x[j, 0], x[j, 0] - right)
-        if j > 0:
-            slack_force = max(slack_force, least - F[j, 0], least - F[j, 1])
-    answers.slack[k], answers.slack_force[k] = slack, slack_force
+        m.sent[i] = answers.u[k, i] = sent[0, i]
+    excess(left, right, least, x, F, beyond)
+    answers.slack[k], answers.slack_force[k] = beyond[0], beyond[1]

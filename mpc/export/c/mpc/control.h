@@ -42,10 +42,10 @@ static inline ant_real ant_commandable(ant_real P) {
     return P > least ? P : least;
 }
 
-/* limits.c */
-void ant_limit(ant_real step, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]); /* slew, supply; in place */
-ant_real ant_excursion(const ant_motion *m);                      /* from the joint range [rad] */
-ant_real ant_slackening(ant_real min_force, const ant_motion *m); /* below the least force [N] */
+/* Moves commands within the slew limit and the supply. */
+static inline void ant_limited(ant_real step, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
+    ant_limit(ANT_SUPPLY_LO, ANT_SUPPLY_HI, step, u_last[0], u_last[1], u);
+}
 
 /* rollout.c */
 int ant_finite(const ant_real *numbers, int n);

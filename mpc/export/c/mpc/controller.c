@@ -22,7 +22,7 @@ static void move(ant_real step, ant_real u[ANT_HORIZON][2], const ant_real z[ANT
         }
         b += begins;
     }
-    ant_limit(step, u_last, u);
+    ant_limited(step, u_last, u);
 }
 
 /* The commands after ANT_ITERATIONS QPs, or up to one that failed; the softened QP's if it was the first. */
@@ -54,7 +54,7 @@ static outcome optimise(ant_controller *c, const ant_task *task, const ant_real 
 /* The pressures of a rest, approached as the limits allow. */
 static outcome resting_at(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
     for (int k = 0; k < ANT_HORIZON; k++) memcpy(u[k], c->rest.p, sizeof u[k]);
-    ant_limit(c->qp.tuning->step, u_last, u);
+    ant_limited(c->qp.tuning->step, u_last, u);
     return (outcome){ANT_PLAN_RESTING, 1, ANT_RUNG_ALLOCATION, 0};
 }
 
@@ -71,7 +71,7 @@ static int try_rung(ant_controller *c, ant_rung rung, const ant_task *task, cons
     } else if (rung == ANT_RUNG_ALLOCATION) {
         if (!c->feed.finite) return 0;
         memcpy(m->u, c->feed.u, sizeof m->u);
-        ant_limit(c->qp.tuning->step, u_last, m->u);
+        ant_limited(c->qp.tuning->step, u_last, m->u);
     } else
         return 0;
     return ant_rollout(task->x, task->d, m);
@@ -101,8 +101,12 @@ static ant_rung descend(ant_controller *c, const ant_task *task, const outcome *
 static void report(ant_controller *c, ant_plan *plan) {
     memcpy(plan->x, c->last.x, sizeof plan->x);
     memcpy(plan->K, c->last.K, sizeof plan->K);
-    plan->slack = ant_excursion(&c->last);
-    plan->slack_force = ant_slackening(c->qp.tuning->min_force, &c->last);
+    ant_real beyond[2];
+    const ant_motion *m = &c->last;
+    ant_excess(ANT_LEFT, ANT_RIGHT, c->qp.tuning->min_force, (const ant_real(*)[4])m->x, (const ant_real(*)[2])m->F,
+               beyond);
+    plan->slack = beyond[0];
+    plan->slack_force = beyond[1];
     memcpy(plan->moved, c->feed.moved, sizeof plan->moved);
 }
 

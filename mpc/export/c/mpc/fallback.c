@@ -15,7 +15,7 @@ void ant_shift(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT
             u[last][i] = c->last.u[last][i] + (isfinite(turn) ? turn : 0);
         }
     }
-    ant_limit(c->qp.tuning->step, u_last, u);
+    ant_limited(c->qp.tuning->step, u_last, u);
 }
 
 void ant_hold(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
@@ -29,7 +29,7 @@ void ant_hold(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_
         }
         memcpy(u[k], held, sizeof held);
     }
-    ant_limit(c->qp.tuning->step, u_last, u);
+    ant_limited(c->qp.tuning->step, u_last, u);
 }
 
 void ant_remember(ant_controller *c, ant_rung rung) {

@@ -96,7 +96,7 @@ void ant_send(ant_controller *c, ant_plan *plan, ant_real side) {
                 const ant_real u = m->u[k][i];
                 plan->u[k][i] = side != 0 ? u + side * ANT_DEAD_BAND / 2 : ant_inverse_dead_band(u, m->x[k][2 + i]);
             }
-        ant_limit(c->qp.tuning->step, c->sent, plan->u);
+        ant_limited(c->qp.tuning->step, c->sent, plan->u);
     }
     memcpy(c->sent, plan->u[0], sizeof c->sent);
 }

@@ -7,6 +7,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.addresses import clock, entry_of
 from mpc.codegen.views import flat, in_python, length_of, table_of
+from mpc.model.compiled_friction import NO_FRICTION, memory_of
 from mpc.model.plant import NU, NX
 from mpc.tracking.compiled.flat_records import Given, given_in
 from mpc.tracking.compiled.flat_records import lengths as record_lengths
@@ -42,11 +43,10 @@ class Beyond(NamedTuple):
     @property
     def memory(self) -> int:
         """Return how many numbers friction remembers."""
-        return (self.friction.size - 4) // 2
+        return memory_of(self.friction)
 
 
-_NO_FRICTION = np.zeros(6)
-_NOTHING = Beyond(_NO_FRICTION, 0, 0.0, rests=False)
+_NOTHING = Beyond(flat(NO_FRICTION), 0, 0.0, rests=False)
 
 
 class StepArrays:

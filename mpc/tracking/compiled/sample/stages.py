@@ -112,7 +112,7 @@ def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, m
         return
     none = np.isnan(state.sent[0])
     last1, last2 = asked.x[2] if none else state.sent[0], asked.x[3] if none else state.sent[1]
-    limit(bounds, last1 / BAR, last2 / BAR, made.sent)
+    limit(bounds.low, bounds.high, bounds.step, last1 / BAR, last2 / BAR, made.sent)
     for k in range(N):
         made.sent[k, 0], made.sent[k, 1] = BAR * made.sent[k, 0], BAR * made.sent[k, 1]
 
