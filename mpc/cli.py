@@ -192,8 +192,9 @@ def _muscles(plant: "Plant") -> str:
 def _write(run: "Run", path: Path, title: str, console: "Console") -> None:
     from rich.progress import track as tracked
 
-    from mpc.trials.animation import ENDINGS, save_animation
+    from mpc.trials.animation import save_animation
     from mpc.trials.files import save_run
+    from mpc.trials.film_files import ENDINGS
     from mpc.trials.plotting import save_tracking_figure
     from mpc.trials.recordings import save_recording
 

@@ -4,6 +4,7 @@ Compiled code is used where it is there (`ready`), or for so many targets that i
 plain Python.
 """
 
+from functools import cache
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -13,7 +14,7 @@ from allocator.calculus import Array
 from allocator.compilation import jit
 from allocator.joint.limits import PressureBox
 from allocator.joint.torque_levels import BothMuscles, Pair
-from allocator.search.compiled import compiled
+from allocator.search import arcs, curves, loops, pairs, stretches
 from allocator.search.curves import CHEBYSHEV, K_T
 from allocator.search.loops import LOOPS, MOST
 from allocator.search.rows import rows
@@ -88,9 +89,16 @@ def determinant_signs(curves: Curves) -> Array:
     return _run("signs", 1, (), curves)[:, 0]
 
 
+@cache
+def _compiled(name: str) -> jit.Function | None:
+    """Return a loop, compiled for each kind of arguments at its first call (some fifteen seconds), or None."""
+    callees = (function for file in (curves, stretches, pairs, arcs, loops) for function in file.FUNCTIONS)
+    return jit.compiled(LOOPS[name], callees, inline=False, unaliased=False)
+
+
 def ready(name: str = "optima") -> bool:
     """Return whether a loop is there compiled, or can be: then compile it, or load it, at its first call."""
-    if name not in _ready and (function := compiled(name)) is not None:
+    if name not in _ready and (function := _compiled(name)) is not None:
         _ready[name] = function
     return name in _ready
 

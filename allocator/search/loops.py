@@ -62,4 +62,4 @@ def signs(one, two, box, out):
 
 
 LOOPS: dict[str, Callable[..., object]] = {"optima": optima, "pairs": pairs, "intervals": intervals, "signs": signs}
-FUNCTIONS = (*LOOPS.values(), snapped)
+FUNCTIONS = (snapped,)

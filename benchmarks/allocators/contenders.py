@@ -1,6 +1,6 @@
 """Who competes: the analytic inverse as it is and as it is used, and the allocators."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -57,7 +57,7 @@ class Allocator:
     """`allocate` by one method and solver."""
 
     name: str
-    options: dict[str, Any] = field(default_factory=dict)
+    method: Method = Method()  # noqa: RUF009  # immutable
 
     def answer(self, targets: TargetSet, priority: str, warm_start: bool = True) -> Answer:
         """Pressures for all targets, and what they claim."""
@@ -67,8 +67,8 @@ class Allocator:
     def allocation(self, targets: TargetSet, priority: str, warm_start: bool = True) -> Any:
         """The library's own answer; `answer` adds the residual, which is not to be timed."""
         weights = WEIGHTS if priority == "weighted" else None
-        options: dict[str, Any] = {"priority": priority, "weights": weights, "warm_start": warm_start, **self.options}
-        return allocate(targets.theta, targets.K, targets.T, joint=targets.joint, **options)
+        method, asked = self.method._replace(warm_start=warm_start), (targets.theta, targets.K, targets.T)
+        return allocate(*asked, joint=targets.joint, priority=priority, weights=weights, method=method)
 
 
 INVERSES = (
@@ -78,10 +78,10 @@ INVERSES = (
 )
 EXACT = Allocator("exact")
 BACK_ENDS = (
-    Allocator("qp (daqp)", {"method": Method("qp", solver="daqp")}),
-    Allocator("qp (osqp)", {"method": Method("qp", solver="osqp")}),
-    Allocator("nlp (ipopt)", {"method": Method("nlp", solver="ipopt")}),
-    Allocator("nlp (sqpmethod)", {"method": Method("nlp", solver="sqpmethod")}),
-    Allocator("convex (clarabel)", {"method": Method("convex", solver="clarabel")}),
+    Allocator("qp (daqp)", Method("qp", solver="daqp")),
+    Allocator("qp (osqp)", Method("qp", solver="osqp")),
+    Allocator("nlp (ipopt)", Method("nlp", solver="ipopt")),
+    Allocator("nlp (sqpmethod)", Method("nlp", solver="sqpmethod")),
+    Allocator("convex (clarabel)", Method("convex", solver="clarabel")),
 )
 CONTENDERS = (*INVERSES, EXACT, *BACK_ENDS)

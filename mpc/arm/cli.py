@@ -64,8 +64,9 @@ def track_arm(
     """Let an arm of pneumatic muscles follow angles and a stiffness matrix on MuJoCo, film it, and say how it went."""
     from rich.console import Console
 
-    from mpc.arm.film import Film, check_film
+    from mpc.arm.film import Film
     from mpc.trials.arm_trajectories import reference as asked_for
+    from mpc.trials.film_files import check_film
     from mpc.trials.metrics import metrics
     from mpc.trials.simulation import in_motion, simulate
 

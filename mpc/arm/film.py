@@ -1,33 +1,24 @@
-"""A film of a run shows the arm as it moves: rendered by MuJoCo where there is a GL, else drawn by matplotlib.
+"""A film of a run shows the arm as it moves: rendered by MuJoCo where there is a GL, else drawn by matplotlib."""
 
-A GIF is written by Pillow, which matplotlib brings; an MP4 by the program ffmpeg, where that is installed.
-"""
-
-import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from allocator.errors import CannotWrite, MissingBackend
+from allocator.errors import MissingBackend
 from allocator.units import BAR
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.picture import Camera
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
+from mpc.trials.film_files import Picture, save_film
 from mpc.trials.hand import COLOURS
 
-FILMS = (".gif", ".mp4")
 SIZE = 480, 360  # [pixels]
 _RATE = 20  # pictures a second
-_COLOURS = 64  # of a GIF
-
-Picture = NDArray[np.uint8]  # (height, width, 3)
 
 
 class Film:
@@ -56,7 +47,7 @@ class Film:
 
     def save(self, path: Path) -> None:
         """Write the film as a GIF or an MP4. Raises `CannotWrite`, and `MissingBackend` for an MP4 without ffmpeg."""
-        (_save_gif if path.suffix.lower() == ".gif" else _save_mp4)(self.pictures, path)
+        save_film(self.pictures, path, _RATE)
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -66,33 +57,6 @@ class Film:
         """Give the camera back."""
         if self._camera is not None:
             self._camera.close()
-
-
-def check_film(path: Path) -> None:
-    """Insist that a film with the ending of `path` can be written here. Raises `MissingBackend`."""
-    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
-        raise MissingBackend("film", path.name, ["a .gif", "a .mp4 where the program ffmpeg is installed"])
-
-
-def _save_gif(pictures: list[Picture], path: Path) -> None:
-    from PIL import Image
-
-    frames = [Image.fromarray(picture).quantize(_COLOURS, dither=Image.Dither.NONE) for picture in pictures]
-    try:
-        frames[0].save(path, save_all=True, append_images=frames[1:], duration=round(1000 / _RATE), loop=0)
-    except OSError as error:
-        raise CannotWrite(path, error) from None
-
-
-def _save_mp4(pictures: list[Picture], path: Path) -> None:
-    check_film(path)
-    height, width, _ = pictures[0].shape
-    given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(_RATE), "-i", "-"]
-    made = ["-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", str(path)]
-    raw = b"".join(picture.tobytes() for picture in pictures)
-    done = subprocess.run(["ffmpeg", "-y", "-loglevel", "error", *given, *made], input=raw, capture_output=True)
-    if done.returncode:
-        raise CannotWrite(path, OSError(done.stderr.decode(errors="replace").strip()[:200]))
 
 
 class _Drawing:

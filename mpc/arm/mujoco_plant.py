@@ -202,11 +202,7 @@ class MujocoPlant:
         """Return the tracked stiffness (M, k, k) and forces (M, m) [N] of the muscles as they pull in the states `x`
         (M, 2n + m).
         """
-        arm, gains = self.nominal, np.broadcast_to(self.pneumatics.force_gains, (self.m,))
-        q, P = x[:, : arm.n], x[:, 2 * arm.n :]
-        muscles = zip(arm.mechanism.at(q), P.T, gains.tolist(), strict=True)
-        K = sum(gain * muscle.stiffness(pressure) for muscle, pressure, gain in muscles)
-        return arm.seen(q, np.asarray(K)), gains * arm.forces(x)
+        return self.nominal.along(x, self.pneumatics.force_gains)
 
     # --- time -------------------------------------------------------------------------------------------------------
 

@@ -8,11 +8,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from numba import carray
+from numba import carray, from_dtype
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from mpc.codegen.jit import inlined
+from mpc.codegen.records import Piece, dtype_of
 
 
 def entry_of(function: Any, kinds: str) -> Callable[..., Any]:
@@ -49,33 +50,47 @@ def seconds_at(typing: Any, address: Any, name: Any) -> tuple[Any, Any]:
     return types.float64(types.int64, types.int64), generate
 
 
+def opener(record: type) -> Any:
+    """Return address ↦ the record (`mpc.codegen.records`) that stands there, for compiled code."""
+    return _pointer(from_dtype(dtype_of(record)))
+
+
 def _pointer(kind: Any) -> Any:
     @intrinsic  # type: ignore[untyped-decorator]
     def pointer(typing: Any, address: Any) -> tuple[Any, Any]:
         def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
             return builder.inttoptr(given[0], context.get_value_type(signature.return_type))
 
-        return types.CPointer(kind)(types.int64), generate  # type: ignore[attr-defined]
+        return kind(types.int64), generate
 
     return pointer
 
 
-_floats, _integers, _signs = _pointer(types.float64), _pointer(types.int64), _pointer(types.int8)
+_floats, _integers, _signs = (
+    _pointer(types.CPointer(kind))  # type: ignore[attr-defined]
+    for kind in (types.float64, types.int64, types.int8)
+)
 
 
 @inlined
-def floats_at(address: int, length: int) -> Any:
-    """Return the array at this address."""
-    return carray(_floats(address), length)
+def floats(piece: Piece) -> Any:
+    """Return the array of a piece."""
+    return carray(_floats(piece.address), piece.size)
 
 
 @inlined
-def integers_at(address: int, length: int) -> Any:
-    """Return the array at this address."""
-    return carray(_integers(address), length)
+def integers(piece: Piece) -> Any:
+    """Return the array of a piece."""
+    return carray(_integers(piece.address), piece.size)
 
 
 @inlined
-def signs_at(address: int, length: int) -> Any:
-    """Return the array at this address."""
-    return carray(_signs(address), length)
+def signs(piece: Piece) -> Any:
+    """Return the array of a piece."""
+    return carray(_signs(piece.address), piece.size)
+
+
+@inlined
+def floats_at(address: int, size: int) -> Any:
+    """Return the array at an address, whose references are not counted."""
+    return carray(_floats(address), size)

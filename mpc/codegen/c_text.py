@@ -4,29 +4,13 @@ CasADi's own generator is not used for the text: its files carry unused paramete
 and in single precision call the functions of math.h for double, which a microcontroller's FPU cannot do.
 """
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
+from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
 from mpc.codegen.graphs import Output, Untranslatable, steps
 from mpc.codegen.languages import C
-
-
-def number(value: float, single: bool) -> str:
-    """Return the literal of `value`: all its digits, `f` behind those of single precision.
-
-    What is not finite, or not in single precision, is one of the macros of real.h.
-    """
-    with np.errstate(over="ignore"):
-        rounded = np.float32(value) if single else np.float64(value)
-    if math.isnan(rounded):
-        return "ANT_NAN"
-    if math.isinf(rounded):
-        return "ANT_INFINITY" if rounded > 0 else "-ANT_INFINITY"
-    return f"{rounded!s}f" if single else repr(float(rounded))
 
 
 def function(f: Any, comment: str, single: bool) -> str:

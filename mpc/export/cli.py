@@ -110,7 +110,7 @@ def fmu_command(out: Out, options: ControllerOptions) -> None:
 
     controller = options.controller()
     check(out)
-    export_plant_fmu(out / "plant.fmu", RealPlant.of(controller.plant, controller.compensation))
+    export_plant_fmu(out / "plant.fmu", RealPlant.of(options.plant(), options.compensation()))
     export_controller_fmu(out / "controller.fmu", controller)
     _say(controller, out, "any tool that reads FMI 3.0 takes them")
 

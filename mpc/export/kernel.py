@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 from allocator.allocation.kernels import source
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
-from allocator.allocation.kernels.printer import INT, REAL, Outside, Printed, Source, c_form
 from allocator.allocation.status import Status
+from allocator.compilation.printer import INT, REAL, Outside, Printed, Source, c_form
 from allocator.joint.limits import Limit
 from mpc.export import text
 

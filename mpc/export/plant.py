@@ -3,6 +3,7 @@
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
 from mpc.codegen import c_text
 from mpc.export import text
@@ -83,7 +84,7 @@ def _numbers(real: RealPlant, dt: float) -> str:
         "PLANT_ENCODER": (real.encoder, "step of the encoder, 0 if it has none [rad]"),
         "PLANT_NOISE": (real.pressure_noise, "standard deviation of the pressure sensors [Pa]"),
     }
-    durations = ", ".join(c_text.number(piece, single=False) for piece in pieces)
+    durations = ", ".join(number(piece, single=False) for piece in pieces)
     body = (
         text.defines(numbers, single=False) + f"\n#define ANT_PLANT_DURATIONS {{{durations}}} /* of the pieces [s] */"
     )

@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from mpc.codegen.array_functions import MIN_AND_MAX, c_functions, with_called
-from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, StructKind
+from allocator.compilation.printer import INT, MIN_AND_MAX, REAL, ArrayKind, Kind, StructKind, c_functions, with_called
 from mpc.export import text
 
 _N, _AFTER, _BLOCKS = "ANT_HORIZON", "ANT_HORIZON + 1", "ANT_BLOCKS"

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpc.codegen.c_text import number
+from allocator.compilation.printer import number
 
 Table = NDArray[Any]  # of floats or of integers, in one or two dimensions
 

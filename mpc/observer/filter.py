@@ -13,7 +13,6 @@ slope there is continued: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the neare
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import isqrt
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -69,15 +68,9 @@ class Belief(NamedTuple):
     covariance: Array  # (3n + m, 3n + m)
 
     @classmethod
-    def of(cls, flat: Array) -> Self:
-        """Return a belief from its numbers, copied: s of ξ and s² of its covariance."""
-        s = isqrt(flat.size)
-        return cls(flat[:s].copy(), flat[s:].reshape(s, s).copy())
-
-    @property
-    def flat(self) -> Array:
-        """Return its numbers, ξ before the covariance, row by row."""
-        return np.append(self.xi, self.covariance)
+    def of(cls, other: Any) -> Self:
+        """Return a copy of what has the same names."""
+        return cls(other.xi.copy(), other.covariance.copy())
 
     @property
     def sound(self) -> bool:
@@ -91,7 +84,8 @@ class Filter:
     """The filter holds the equations; it remembers nothing."""
 
     def __init__(self, plant: Machine, dt: float, noise: Noise, compensation: Compensation, gate: Gate) -> None:
-        self.plant, self.dt, self.noise, self.compensation, self.gate = plant, dt, noise, compensation, gate
+        self.plant: Any = plant
+        self.dt, self.noise, self.compensation, self.gate = dt, noise, compensation, gate
         n, m, size = plant.n, plant.m, plant.size
         self.measured = np.array([*range(n), *range(2 * n, size)])  # of ξ
         self.Q, self.R = noise.Q(dt, n, m), noise.R(n, m)
@@ -182,7 +176,7 @@ class Filter:
         plant = self.plant
         if isinstance(plant, Arm) and plant.unformulated:
             return Differences(plant, dt).sample
-        kind = ca.SX if isinstance(plant, Plant) else ca.MX
+        kind: Any = ca.SX if isinstance(plant, Plant) else ca.MX
         x, v, d = (kind.sym(name, rows) for name, rows in (("x", plant.size), ("v", plant.m), ("d", plant.n)))
         x_next = plant.discrete(dt)(x, v, d)
         # transposed because `Buffered` hands back transposes

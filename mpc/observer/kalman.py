@@ -29,7 +29,7 @@ from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.compiled.factory import Readable, compiled_estimate
-from mpc.observer.compiled.layout import State
+from mpc.observer.compiled.layout import State, Tail
 from mpc.observer.diagnosis import Diagnosis, diagnosis_of
 from mpc.observer.filter import Belief, Filter, Noise
 from mpc.observer.gating import DOUBT, ROUGH, Gate, SensorGate, Verdict
@@ -68,7 +68,8 @@ class KalmanObserver:
         wait: bool = True,
         compiled: bool = True,
     ) -> None:
-        self.plant, self.dt, self.tolerance, self.wait = plant, dt, tolerance, wait
+        self.plant: Any = plant
+        self.dt, self.tolerance, self.wait = dt, tolerance, wait
         self.noise = Noise() if noise is None else noise
         self.compensation = Compensation() if compensation is None else compensation
         self.gate = Gate.of(plant, dt, (self.noise.theta, self.noise.pressure)) if gate is None else gate
@@ -210,7 +211,9 @@ class KalmanObserver:
             self.compiled.give()
 
     def _remembered(self) -> dict[str, Any] | None:
-        """Return what a compiled estimate goes on from, a `State`; None if what is remembered is not ordinary."""
+        """Return what a compiled estimate goes on from, the fields of `State` and `Tail`; None if what is remembered is
+        not ordinary.
+        """
         belief, friction, diagnosis = self._belief, self._friction, self.diagnosis
         quiet = self._rival is None and not self._frozen.any() and all(gate.quiet for gate in self._gates)
         if belief is None or not quiet or not isinstance(diagnosis, Diagnosis):
@@ -218,30 +221,30 @@ class KalmanObserver:
         without = [self._without.get(sensor, belief) for sensor in range(self._measured.size)]
         one, two = diagnosis.pressures
         return {
-            "belief": belief.flat, "variances": self._variances, "floor": [gate.floor for gate in self._gates],
-            "read": self._read, "repeating": self._repeating, "step": self._step, "samples": 0.0,
+            "belief": belief, "variances": self._variances, "floor": [gate.floor for gate in self._gates],
+            "read": self._read, "repeating": self._repeating, "step": self._step[0], "samples": 0.0,
             "repeats": [sensor in self._without for sensor in range(self._measured.size)],
-            "without": [other.flat for other in without],
+            "without": without,
             "angle": nan if friction.theta is None else friction.theta, "memory": friction.memory,
             "commands": self._commands, "t": diagnosis.t, "last": diagnosis.theta, "lost": diagnosis.lost,
             "said": diagnosis.said, "found": [found is not None for found in diagnosis.sensors],
             "one": one.numbers, "two": two.numbers, "torque": diagnosis.torque.numbers,
         }  # fmt: skip
 
-    def _go_on_from(self, state: State) -> None:
-        """Go on from copies of what is in `state`, after ordinary samples."""
-        samples, sensors = int(state.samples[0]), range(self._measured.size)
+    def _go_on_from(self, state: State, tail: Tail) -> None:
+        """Go on from copies of what is in `state` and `tail`, after ordinary samples."""
+        samples, sensors = int(state.samples), range(self._measured.size)
         self._belief, self._verdicts = Belief.of(state.belief), [Verdict.BELIEVED] * len(sensors)
         self._read, self._repeating, self._silent = state.read.copy(), state.repeating.copy(), np.zeros(len(sensors))
         self._without = {i: Belief.of(state.without[i]) for i in sensors if state.repeats[i]}
-        self._step, self._variances = state.step.copy(), state.variances.copy()
+        self._step, self._variances = np.array([state.step]), state.variances.copy()
         self._gates[0].floor = float(state.floor[0])
         self._samples, self._unrivalled = min(self._samples + samples, FIRST + 1), self._unrivalled + samples
-        self._friction.go_on(float(state.angle[0]), state.memory)
-        self._commands.extend(state.commands.copy())
+        self._friction.go_on(float(state.angle), tail.memory)
+        self._commands.extend(tail.commands.copy())
         assert isinstance(self.diagnosis, Diagnosis)
-        diagnosed = state.lost, state.said, state.found, (state.one, state.two, state.torque)
-        self.diagnosis.go_on(float(state.t[0]), float(state.last[0]), *diagnosed)
+        diagnosed = state.lost, state.said, state.found, (tail.one, tail.two, tail.torque)
+        self.diagnosis.go_on(float(state.t), float(state.last), *diagnosed)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what is compiled, which each process makes for itself."""

@@ -12,7 +12,6 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
-from mpc.model.machine import Machine
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
@@ -60,7 +59,7 @@ class BaseController(ABC):
     A member has the attributes below; `_build` makes those that all of them have in common.
     """
 
-    plant: Machine
+    plant: Any  # a `Machine`
     dt: float  # sample time [s]
     compensation: Compensation
     patience: float  # for how long the angle may be missing [s]
@@ -74,7 +73,7 @@ class BaseController(ABC):
         self.limits = Limits.of(self.plant, self.dt, min_force)
         self._predictor = Predictor(self.plant, self.dt, N)
         self._preview = Preview(self.plant, self.dt, N, self.compensation, self.limits)
-        self.rest_mode = rest_mode_of(self.plant, self.dt, self.compensation, self.limits)
+        self.rest_mode: Any = rest_mode_of(self.plant, self.dt, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
 
     def reset(self) -> None:

@@ -34,23 +34,31 @@ is sent keeps the hard limits exactly.
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
+from itertools import accumulate, chain, repeat
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from allocator import checks
+from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
+from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.feedforward import InverseDynamics
-from mpc.tracking.optimising import OptimisingController
+from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.pace import check_pace
-from mpc.tracking.plan import Plan
+from mpc.tracking.plan import Plan, PlanStatus, Rung
 from mpc.tracking.qp.condense import TrackingProblem, condense
 from mpc.tracking.qp.named import NamedQP, named
+from mpc.tracking.qp.softened import softened
 from mpc.tracking.qp.solvers import Riccati, Solver
 from mpc.tracking.qp.solvers import solver as solver_of
+from mpc.tracking.qp.step import QPAnswer
 from mpc.tracking.terminal import terminal_factor
 from mpc.tracking.weights import Weights
 
@@ -59,7 +67,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class TrackingMPC(OptimisingController):
+class TrackingMPC(BaseController):
     """The tracking MPC follows references of angle and stiffness with `plant` as its model. It remembers its last plan.
 
     `plant` is a `Plant`, or an `Arm` of n joints and m muscles. The references of an arm are values (n,) [rad] and
@@ -76,7 +84,7 @@ class TrackingMPC(OptimisingController):
     arm that are not affine in the pressure.
     """
 
-    plant: Machine
+    plant: Any  # a `Machine`
     dt: float = 0.01  # sample time [s]
     N: int = 20  # horizon [samples]
     weights: Weights = field(default_factory=Weights)
@@ -102,6 +110,20 @@ class TrackingMPC(OptimisingController):
         if self.compiled:
             check_pace(self._rehearse, self.plant, self.dt, self.N)
         self.reset()
+
+    def _check_settings(self) -> tuple[int, ...]:
+        """Check the settings, and return the blocks."""
+        self.dt = float(checks.real("dt", self.dt, "s"))
+        self.N = checks.count("N", self.N, least=3, most=LONGEST_HORIZON)
+        self.iterations = checks.count("iterations", self.iterations, least=1)
+        self.patience = checks.not_negative("patience", self.patience, "s")
+        self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
+        if self.blocks is None:
+            return usual_blocks(self.plant, self.N)
+        lengths = tuple(checks.count("a length of blocks", length, least=1) for length in self.blocks)
+        if sum(lengths) != self.N:
+            raise InvalidInput(f"blocks = {lengths} cover {sum(lengths)} samples, not the N = {self.N} of the horizon")
+        return lengths
 
     def _forget(self) -> None:
         self._qp_step.reset()
@@ -196,6 +218,33 @@ class TrackingMPC(OptimisingController):
 
     # --- the pieces of a step ---------------------------------------------------------------------------------------
 
+    def _optimise(self, situation: Situation) -> Optimised:
+        """Return the commands after `iterations` QPs, or up to one that failed: then the softened one's."""
+        task, feed, previous, deadline = situation
+        x, d, u = task.x, task.d[:-1], self.ladder.shift(feed.u)
+        best, motion, status, spent = None, None, PlanStatus.OPTIMAL, (0.0, 0.0, 0.0)
+        for _ in range(self.iterations):
+            if perf_counter() > deadline:
+                status = status if best else PlanStatus.LATE
+                break
+            answer = self._qp_step(x, u, d, feed, previous, self._solve, deadline)
+            spent = spent[0] + answer.times[0], spent[1] + answer.times[1], spent[2] + answer.times[2]
+            if answer.status is not PlanStatus.OPTIMAL:
+                if best is None:
+                    best, status = self._softened(answer, previous.u, deadline), answer.status
+                break
+            u, motion = answer.u, answer.motion
+            best = Rung.QP, u
+        return Optimised(status, best, motion, spent)
+
+    def _softened(self, answer: QPAnswer, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
+        """Return the next rung, if there is time for it and numbers to work with."""
+        if answer.qp is None or answer.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE):
+            return None
+        if (z := softened(answer.qp, deadline)) is None:
+            return None
+        return Rung.SOFTENED, self.limits.limited(u_last, answer.u + self.problem.E @ z)
+
     def _rehearse(self) -> None:
         """Step from the middle of all ranges away, so that slew binds; what the first use loads is loaded now."""
         self.reset()
@@ -208,4 +257,16 @@ class TrackingMPC(OptimisingController):
         self.budget = budget
 
 
+_BLOCKS = 1, 1, 2, 4, 6  # lengths of the first blocks of an arm; the others are as long as the last of these
 _WORKERS = ("_solve", "_qp_step", "_feed_forward", "_whole")
+
+
+def usual_blocks(plant: Machine, N: int) -> tuple[int, ...]:
+    """Return the lengths of blocks, `N` in all: one sample each, of an arm 1, 1, 2, 4, 6, 6, …, the last shortened."""
+    if not isinstance(plant, Arm):
+        return (1,) * N
+    ends = accumulate(chain(_BLOCKS, repeat(_BLOCKS[-1])))
+    starts = [0]
+    while (end := next(ends)) < N:
+        starts.append(end)
+    return tuple(np.diff([*starts, N]).tolist())

@@ -64,7 +64,8 @@ class InverseDynamics:
         from scipy.interpolate import CubicSpline
 
         plant.check_feed_forward()
-        self.plant, self.min_force = plant, min_force
+        self.plant: Any = plant
+        self.min_force = min_force
         # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
         spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))
         self.slopes = spline(spline.x, 1), spline(spline.x, 2)

@@ -4,27 +4,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from allocator.errors import MissingBackend
-from allocator.files.atomic import replacing
 from allocator.presentation.captions import fit_captions
 from allocator.presentation.plotting import new_figure
 from allocator.units import BAR, DEG
+from mpc.trials.film_files import Picture, check_film, save_film
 from mpc.trials.simulation import Run
 
-ENDINGS = (".gif", ".mp4")
 _PER_SECOND = 12  # frames
 _DPI = 72
-_COLOURS = 64  # of a GIF
 _BLUE, _ORANGE, _BLACK, _GREY = "#0072B2", "#D55E00", "#000000", "#8c8c8c"
 _APART = 0.16  # of the muscles from the middle, in rest lengths: arms are too short to be drawn to scale
 _THICK = 0.035  # half the width of a muscle at rest, in rest lengths
 _BULGE = 0.22  # of which it grows per contraction
-
-
-Picture = NDArray[np.uint8]  # (height, width, 3)
 
 
 class _Muscle(NamedTuple):
@@ -39,33 +32,9 @@ def save_animation(run: Run, path: str | Path, title: str = "", *, progress: Any
 
     `progress` is what to wrap the iteration over the frames in. Raises `MissingBackend` for MP4 without ffmpeg.
     """
-    from matplotlib import animation
-
-    path = Path(path)
-    if path.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
-        raise MissingBackend("writer of .mp4, ffmpeg,", "which is not installed", [".gif"])
+    check_film(Path(path))
     film = _Film(run, title)
-    with replacing(path) as draft:
-        if path.suffix != ".mp4":
-            _save_gif([film.picture(k) for k in progress(film.samples)], draft)
-            return
-        writer = animation.FFMpegWriter(fps=_PER_SECOND)
-        with writer.saving(film.figure, str(draft), dpi=_DPI):
-            for k in progress(film.samples):
-                film.show(k)
-                writer.grab_frame()
-
-
-def _save_gif(pictures: list[Picture], path: Path) -> None:
-    """Write the pictures in colours that all of them share: a frame then holds no more than what has moved."""
-    from PIL import Image
-
-    some = np.concatenate(pictures[:: max(1, len(pictures) // 8)])
-    palette = Image.fromarray(some).quantize(_COLOURS, method=Image.Quantize.MAXCOVERAGE)  # white stays white
-    frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    frames[0].save(
-        path, format="GIF", save_all=True, append_images=frames[1:], duration=round(1000 / _PER_SECOND), loop=0
-    )
+    save_film([film.picture(k) for k in progress(film.samples)], Path(path), _PER_SECOND)
 
 
 class _Film:

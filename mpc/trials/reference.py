@@ -55,7 +55,7 @@ class Reference:
         """
         if not 0 < checks.number("duration", duration, "s") <= 3600:
             raise InvalidInput(f"duration = {duration:g} s has to be above 0 and at most an hour")
-        t = dt * np.arange(round((duration + tail) / dt) + 1)
+        t = dt * np.arange(round((duration + tail) / dt) + 1.0)
         return cls(t, *at(t), name, float(t[-1]) - dt * round(duration / dt))
 
     @property

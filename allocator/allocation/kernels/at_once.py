@@ -12,7 +12,7 @@ from allocator.allocation.kernels import source
 @cache
 def batch(name: str) -> Callable[..., tuple[int, int]]:
     """Return what does the work of `source`'s loop `<name>_batch` on whole arrays; made once, in some 20 ms."""
-    from allocator.allocation.kernels.printer import Source, array_functions
+    from allocator.compilation.printer import Source, array_functions
 
     exact, odd = array_functions(Source.of(source), f"{name}_exact", "odd")
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.codegen import c_text
+from allocator.compilation.printer import number
 from mpc.export import text
 from mpc.model.real_plant import RealPlant
 from mpc.tracking.controller import TrackingMPC
@@ -98,13 +98,13 @@ def variables_header(variables: Sequence[Variable], dt: float, token: str) -> st
     """Return unit_variables.h."""
     lines = [
         f'#define UNIT_TOKEN "{token}"',
-        f"#define UNIT_DT {c_text.number(dt, single=False)} /* sample time [s] */",
+        f"#define UNIT_DT {number(dt, single=False)} /* sample time [s] */",
         f"#define UNIT_VARIABLES {len(variables)}",
         f"#define UNIT_VALUES {sum(len(variable.starts) for variable in variables)}",
         "enum {",
         *(f"    UNIT_{v.name.upper()} = {first}, /* [{v.unit or '-'}] {v.about} */" for v, first in _placed(variables)),
         "};",
-        "#define UNIT_STARTS {" + ", ".join(c_text.number(x, single=False) for v in variables for x in v.starts) + "}",
+        "#define UNIT_STARTS {" + ", ".join(number(x, single=False) for v in variables for x in v.starts) + "}",
         "#define UNIT_TABLE {" + ", ".join(_row(v, first) for v, first in _placed(variables)) + "}",
     ]
     return text.header(

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
-from mpc.codegen.c_text import number
 from mpc.export import text
 from mpc.export.directory import check, write
 from mpc.export.governor.kernel import kernel_files, numbers_file

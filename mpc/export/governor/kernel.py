@@ -4,8 +4,7 @@ import re
 
 import numpy as np
 
-from mpc.codegen.array_functions import MIN_AND_MAX, c_functions
-from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, StructKind
+from allocator.compilation.printer import INT, MIN_AND_MAX, REAL, ArrayKind, Kind, StructKind, c_functions
 from mpc.export import text
 from mpc.governor import kernel
 

@@ -8,9 +8,9 @@ import numpy as np
 from allocator.allocation import allocate
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array
+from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
-from mpc.codegen.c_text import number
 from mpc.export import text
 from mpc.export.directory import check, write
 from mpc.export.mechanism.kernel import MOST_FIRST, MOST_ROUNDS, kernel_files

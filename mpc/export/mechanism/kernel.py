@@ -6,11 +6,20 @@ import textwrap
 from collections.abc import Iterator
 
 from allocator.allocation.kernels import source
-from allocator.allocation.kernels.printer import Outside, Source, c_form
 from allocator.allocation.status import Status
+from allocator.compilation.printer import (
+    INT,
+    MIN_AND_MAX,
+    REAL,
+    ArrayKind,
+    Kind,
+    Outside,
+    Source,
+    StructKind,
+    c_form,
+    c_functions,
+)
 from allocator.mechanism.kernel import data, levels, residual
-from mpc.codegen.array_functions import MIN_AND_MAX, c_functions
-from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, StructKind
 from mpc.export import text
 
 _SIZES = {"m": "ANT_VARIABLES", "p": "ANT_LINES", "K": "ANT_LEVELS"}

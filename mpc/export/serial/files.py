@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
-from mpc.codegen import c_text
 from mpc.export import text
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied
@@ -43,7 +43,7 @@ def firmware_files(limits: tuple[float, float], safety: Safety, controller: Trac
 
 def simulation_files(process: Plant | RealPlant, x0: ArrayLike) -> Files:
     """Return what makes a program for the PC of a board's files, with `process` under it, which begins in `x0` (4,)."""
-    numbers = ", ".join(c_text.number(float(value), single=False) for value in np.asarray(x0))
+    numbers = ", ".join(number(float(value), single=False) for value in np.asarray(x0))
     start = f"#define ANT_START {{{numbers}}} /* theta [rad], its rate [rad/s], P1, P2 [Pa] */"
     return {
         **dict(copied("simulated", "simulated/")),

@@ -8,8 +8,8 @@ the build: the sample time, and a number of the plant.
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.compilation.printer import number
 from allocator.units import BAR
-from mpc.codegen.c_text import number
 from mpc.export.joint import Numbers
 from mpc.model.plant import Plant
 from mpc.tracking.compiled.factory import setting

@@ -15,6 +15,7 @@ from allocator.calculus import Array
 from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies, MujocoTendons
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics
+from mpc.model.integration import swung
 
 _ANGLE, _SPEED = 1e-5, 1e-4  # [rad], [rad/s] of central differences
 _COARSE = 1.0  # steps of the integration, in times of the fastest eigenvalue
@@ -61,21 +62,14 @@ class Differences:
         return np.array(x)
 
     def _later(self, x: Array, u: Array, d: Array) -> Array:
-        n, h = self.arm.n, self.dt / self._substeps
-        q, omega, P = x[:n], x[n : 2 * n], x[2 * n :]
-        for _ in range(self._substeps):
-            middle, end = (u + np.exp(-t / self.arm.lags) * (P - u) for t in (h / 2, h))
-            a1 = self._acceleration(q, omega, P, d)
-            v2 = omega + h / 2 * a1
-            a2 = self._acceleration(q + h / 2 * omega, v2, middle, d)
-            v3 = omega + h / 2 * a2
-            a3 = self._acceleration(q + h / 2 * v2, v3, middle, d)
-            v4 = omega + h * a3
-            a4 = self._acceleration(q + h * v3, v4, end, d)
-            q = q + h / 6 * (omega + 2 * v2 + 2 * v3 + v4)
-            omega = omega + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-            P = end
-        return np.concatenate([q, omega, P])
+        n, lags = self.arm.n, self.arm.lags
+        state = x[:n], x[n : 2 * n], x[2 * n :]
+        later = swung(
+            lambda q, omega, P: self._acceleration(q, omega, P, d),
+            lambda P, t: u + np.exp(-t / lags) * (P - u),
+            state, self.dt / self._substeps, self._substeps,
+        )  # fmt: skip
+        return np.concatenate(later)
 
     def _acceleration(self, q: Array, omega: Array, P: Array, d: Array) -> Array:
         """Return ω' (…, n) of states and torques (…, …)."""

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, sqrt
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,28 +29,19 @@ from allocator.mechanism import Mechanism, machines, warm_up
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.muscles import Muscle
 from allocator.units import BAR
+from mpc.model.arm import formulas
 from mpc.model.arm.bodies import BODIES
-from mpc.model.arm.gas import gas_motion, squeezed
+from mpc.model.arm.formulas import Statics
+from mpc.model.arm.gas import squeezed
 from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment
-from mpc.model.integration import integrated
-from mpc.model.lengths import has_formulas, symbolic_jacobian, symbolic_lengths
+from mpc.model.lengths import has_formulas
 from mpc.model.machine import Held, Labels
 
 _MOST_SUBSTEPS = 1000  # in a sample
 _MISSED = 1e-6  # of a stiffness, or [N·m]
 _SYMMETRIC = 1e-9  # of the greatest entry
-
-
-class Statics(NamedTuple):
-    """The statics are CasADi expressions at a posture: of symbols q (n, 1) and P (m, 1) [Pa]."""
-
-    q: Any
-    P: Any
-    torque: Any  # τ (n, 1) [N·m]
-    stiffness: Any  # K (n, n) [N·m/rad]
-    forces: Any  # F (m, 1) [N]
 
 
 @dataclass(frozen=True)
@@ -266,15 +257,22 @@ class Arm:
     def expansion(self, x: Array) -> Array:
         """Return how fast the pressures (m, …) fall in the states `x` [2n + m, …] as the muscles swell [Pa/s]."""
         q, omega, P = x[: self.n].T, x[self.n : 2 * self.n].T, x[2 * self.n :].T
-        return np.zeros(P.T.shape) if self.gas is None else -squeezed(self.mechanism, q, omega, P).T
+        return np.asarray(0.0 * P.T if self.gas is None else -squeezed(self.mechanism, q, omega, P).T)
 
     def angles(self, x: Array) -> Array:
         """Return the angles (…, n) [rad] in the states `x` (…, 2n + m)."""
         return x[..., : self.n]
 
-    def along(self, x: Array) -> tuple[Array, Array]:
-        """Return the tracked stiffness (M, k, k) and the muscle forces (M, m) [N] in the states `x` (M, 2n + m)."""
-        return self.tracked_stiffness(x), self.forces(x)
+    def along(self, x: Array, gains: Any = 1.0) -> tuple[Array, Array]:
+        """Return the tracked stiffness (M, k, k) and the muscle forces (M, m) [N] in the states `x` (M, 2n + m).
+
+        The muscles pull `gains` [-], a number or (m,), times as hard as their laws say.
+        """
+        q, P = self._held(x)
+        gains = np.broadcast_to(np.asarray(gains, float), (self.m,))
+        muscles = zip(self.mechanism.at(q), P.T, gains.tolist(), strict=True)
+        K = sum(gain * muscle.stiffness(pressure) for muscle, pressure, gain in muscles)
+        return self.seen(q, np.asarray(K)), gains * self.forces(x)
 
     @property
     def stiffness_text(self) -> str:
@@ -289,7 +287,7 @@ class Arm:
         """Return where (M,) some pressures give these stiffnesses and torques."""
         found = self.held(theta, K, T, 0.0)
         missed = np.abs(found.K_error).max(axis=(-2, -1)) > _MISSED * np.abs(K).max(axis=(-2, -1))
-        return ~(missed | (np.abs(found.T_error).max(axis=-1) > _MISSED))
+        return np.asarray(~(missed | (np.abs(found.T_error).max(axis=-1) > _MISSED)))
 
     def check_feed_forward(self) -> None:
         """Raise `InvalidInput` for muscles that are not affine in the pressure: their allocation takes too long."""
@@ -344,18 +342,6 @@ class Arm:
         if isinstance(self.bodies, MujocoBodies):
             found.append(f"{type(self.bodies).__name__}")
         return f"{' and '.join(found)} have no formulas" if found else ""
-
-    @cached_property
-    def statics(self) -> Statics:
-        """Return torques, stiffness and forces as formulas. Raises `InvalidInput` for routes without any."""
-        import casadi as ca
-
-        q, P = ca.SX.sym("q", self.n), ca.SX.sym("P", self.m)
-        length, L = symbolic_lengths(self.mechanism.routes, q), self.mechanism.routes.rest_length
-        muscles = self.mechanism.muscles
-        F: Any = ca.vertcat(*(muscles[j].law(P[j], (L[j] - length[j]) / L[j]) for j in range(self.m)))
-        torque = -ca.jacobian(length, q).T @ F  # (M1)
-        return Statics(q, P, torque, -ca.jacobian(torque, q), F)  # (M2)
 
     @property
     def tracked(self) -> int:
@@ -425,72 +411,31 @@ class Arm:
         return K
 
     @cached_property
-    def outputs(self) -> Any:
-        """Return the CasADi column (svec K, F) over `statics.q` and `statics.P`."""
-        import casadi as ca
+    def statics(self) -> Statics:
+        """Torques, stiffness and forces as formulas. Raises `InvalidInput` for routes without any."""
+        return formulas.statics(self.mechanism)
 
-        K = self.statics.stiffness
-        if self.endpoint is not None:
-            J = symbolic_jacobian(self.endpoint, self.statics.q)
-            if self.tracked == self.n:  # (M4) without a force
-                turned = ca.inv(J)
-                K = turned.T @ K @ turned
-            else:
-                K = ca.inv(J @ ca.solve(K, J.T))
-        entries = [f * K[int(i), int(j)] for i, j, f in zip(*self.entries, strict=True)]
-        return ca.vertcat(*entries, self.statics.forces)
+    @cached_property
+    def outputs(self) -> Any:
+        """The CasADi column (svec K, F) over `statics.q` and `statics.P`."""
+        return formulas.outputs(self)
 
     @property
     def joint_svec(self) -> Any:
-        """Return svec of the joints' stiffness as a CasADi column, whatever stiffness is tracked."""
-        import casadi as ca
-
-        rows, columns = np.triu_indices(self.n)
-        K = self.statics.stiffness
-        pairs = zip(rows.tolist(), columns.tolist(), strict=True)
-        return ca.vertcat(*(K[i, j] if i == j else sqrt(2) * K[i, j] for i, j in pairs))
+        """Svec of the joints' stiffness as a CasADi column, whatever stiffness is tracked."""
+        return formulas.joint_svec(self.statics)
 
     def symbolic_outputs(self, x: Any) -> Any:
         """Return the CasADi column (svec K, F) in the state `x` (2n + m,)."""
-        import casadi as ca
-
-        y = ca.Function("outputs", [self.statics.q, self.statics.P], [self.outputs])
-        return y(x[: self.n], x[2 * self.n :])
+        return formulas.along("outputs", self.statics, self.outputs)(x[: self.n], x[2 * self.n :])
 
     def acceleration(self) -> Any:
         """Return the CasADi function (q, ω, P, d) ↦ ω', with P in Pa and torques d (n,) [N·m] from outside."""
-        import casadi as ca
-
-        s = self.statics
-        omega, d = ca.SX.sym("omega", self.n), ca.SX.sym("d", self.n)
-        pushing = s.torque - self.bodies.bias(s.q, omega) + d
-        alpha = ca.solve(self.bodies.mass_matrix(s.q), pushing)
-        return ca.Function("acceleration", [s.q, omega, s.P, d], [alpha])
+        return formulas.acceleration(self.statics, self.bodies)
 
     def discrete(self, dt: float, resolution: float = RESOLUTION) -> Any:
         """Return the CasADi function (x, u, d) ↦ x after `dt` [s] of constant u (m,) [Pa] and d (n,) [N·m]."""
-        import casadi as ca
-
-        n, m, substeps = self.n, self.m, self.substeps(dt, resolution)
-        x, u, d = ca.MX.sym("x", self.size), ca.MX.sym("u", m), ca.MX.sym("d", n)
-        if self.gas is not None:
-            rate = gas_motion(self)
-            later = integrated(lambda z: rate(z, u, d), x, dt, substeps)
-            return ca.Function("discrete", [x, u, d], [later], ["x", "u", "d"], ["x_next"])
-        q, omega, P, h, alpha = x[:n], x[n : 2 * n], x[2 * n :], dt / substeps, self.acceleration()
-        for _ in range(substeps):
-            middle, end = (u + ca.DM(np.exp(-t / self.lags)) * (P - u) for t in (h / 2, h))
-            a1 = alpha(q, omega, P, d)
-            v2 = omega + h / 2 * a1
-            a2 = alpha(q + h / 2 * omega, v2, middle, d)
-            v3 = omega + h / 2 * a2
-            a3 = alpha(q + h / 2 * v2, v3, middle, d)
-            v4 = omega + h * a3
-            a4 = alpha(q + h * v3, v4, end, d)
-            q = q + h / 6 * (omega + 2 * v2 + 2 * v3 + v4)
-            omega = omega + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-            P = end
-        return ca.Function("discrete", [x, u, d], [ca.vertcat(q, omega, P)], ["x", "u", "d"], ["x_next"])
+        return formulas.discrete(self, dt, self.substeps(dt, resolution))
 
     @cached_property
     def fastest_rate(self) -> float:

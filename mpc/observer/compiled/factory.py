@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from allocator.compilation import beside
-from mpc.observer.compiled.layout import State
+from mpc.observer.compiled.layout import State, Tail
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import Filter
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 class Readable(NamedTuple):
     """What is readable says what it remembers, and goes on from what it is told."""
 
-    remembered: Callable[[], dict[str, Any] | None]  # the fields of a `State`, None where some have no place in it
-    go_on: Callable[[State], None]  # from copies of what is in the state
+    remembered: Callable[[], dict[str, Any] | None]  # the fields of `State` and `Tail`, None where some have no place
+    go_on: Callable[[State, Tail], None]  # from copies of what is in these
     conclude: Callable[[], None]  # anew what is wrong with the joint
 
 
@@ -32,14 +32,14 @@ def compiled_estimate(
     keeps it from being compiled keeps the controller's step from it, which tells.
     """
     try:
-        from mpc.observer.compiled.module import compiled_filter, known_of
+        from mpc.observer.compiled.module import compiled_filter, made_of
         from mpc.observer.compiled.whole import CompiledEstimate
 
-        made = compiled_filter(own)
+        compiled = compiled_filter(own)
         with nullcontext() if wait else beside.only_kept():
-            return CompiledEstimate(made, known_of(made, own, diagnosis), readable)
+            return CompiledEstimate(compiled.module, lambda: made_of(compiled, own, diagnosis), readable)
     except beside.NotKept:
-        module = made.module
+        module = compiled.module
         if beside.begin(module.__name__, Path(str(module.__file__)).parent, *again):
             return None
         return compiled_estimate(own, diagnosis, readable, True, again)

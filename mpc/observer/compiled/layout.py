@@ -1,77 +1,99 @@
-"""The layout says what lies where in the flat arrays of an observer, for Python and for compiled code.
+"""Records of an observer's compiled sample: name and shape of all that it knows, remembers and reckons with.
 
-known  what does not change, and the numbers of the formulas
-state  what is remembered from sample to sample, places to reckon in, and all of it once more as it was a sample ago
-asked  what a caller asks: readings y (4,), and the command u (2,) sent last
-
-A belief is ξ (5,) and its covariance (5, 5), row by row. Compiled code takes numbers by their places: a record of views
-would take numba longer to compile than all the rest.
+Compiled code finds the whole record by its address, and its fields by their names (`mpc.codegen.records`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from itertools import accumulate, pairwise
-from typing import NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.codegen.records import Piece, new_records, numbers_of, piece_of
+from mpc.model.plant import NU
 
-ASKED = 6
 SIZE, MEASURED = 5, (0, 2, 3)  # of ξ, and of it the places of what is measured
-COVARIANCE, BELIEF = 5, 30  # in a belief, and the length of one
 
 
-class Known(NamedTuple):
-    """What is known of `mpc.observer.filter.Filter`, its gates and the diagnosis."""
+class Belief:
+    """The numbers of a `mpc.observer.filter.Belief`."""
 
-    inner: Array  # (2, 4) states for which the muscles' laws are made
-    outer: Array  # (2, 5) ξ that is possible
-    Q: Array  # (5, 5)
-    Q_rest: Array  # (5, 5)
-    possible: Array  # (2, 3) readings
+    xi: Annotated[Array, SIZE]
+    covariance: Annotated[Array, SIZE, SIZE]
+
+
+class Known:
+    """Constants of `mpc.observer.filter.Filter`, its gates and the diagnosis."""
+
+    inner: Annotated[Array, 2, 4]  # states for which the muscles' laws are made
+    outer: Annotated[Array, 2, SIZE]  # ξ that is possible
+    Q: Annotated[Array, SIZE, SIZE]
+    Q_rest: Annotated[Array, SIZE, SIZE]
+    possible: Annotated[Array, 2, 3]  # readings
     dt: float  # [s]
     h: float  # step of the integration [s]
-    substeps: float
+    substeps: int
     tolerance: float  # [s]
     dead_band: float  # [Pa]
     theta_noise: float  # [rad]
     theta_floor: float  # [rad]
     sigma: float  # [Pa]
     seen: float  # of `Sound`, as the next two
-    quick: Array  # (2,)
-    slow: Array  # (2,)
+    quick: Annotated[Array, 2]
+    slow: Annotated[Array, 2]
     usual: float  # [N·m]
-    places: Array  # (5,) in the state: of COMMANDS, ONE, TWO, TORQUE and its length
-    friction_at: float  # place of `friction`
-    numbers: Array  # of the formulas
-    friction: Array  # numbers of `mpc.model.compiled_friction`
 
 
-(
-    INNER, OUTER, Q, Q_REST, POSSIBLE, DT, H, SUBSTEPS, TOLERANCE, DEAD_BAND, THETA_NOISE, THETA_FLOOR, SIGMA, SEEN,
-    QUICK, SLOW, USUAL, COMMANDS, ONE, TWO, TORQUE, LENGTH, FRICTION,
-    NUMBERS,
-) = accumulate((8, 10, 25, 25, 6, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 1, 1, 1, 1, 1, 1, 1), initial=0)  # fmt: skip
+class State:
+    """Numbers that `mpc.observer.kalman.KalmanObserver` remembers, but for its `Tail`."""
+
+    belief: Belief
+    without: Annotated[list[Belief], 3]  # of a sensor each that repeats itself
+    variances: Annotated[Array, 3]  # of the sensors
+    floor: Annotated[Array, 3]  # of the gates
+    read: Annotated[Array, 3]
+    repeating: Annotated[Array, 3]  # [s]
+    repeats: Annotated[Array, 3]  # whether there is a belief without the sensor
+    step: float  # of the encoder [rad]
+    angle: float  # to which friction was followed [rad]
+    samples: float  # for which the state has not been given back
+    t: float  # of the diagnosis [s]
+    last: float  # its last angle [rad]
+    lost: Annotated[Array, 3]  # [s]
+    said: Annotated[Array, 3]
+    found: Annotated[Array, 3]  # whether a sensor is suspected
 
 
-class State(NamedTuple):
-    """The state is what `mpc.observer.kalman.KalmanObserver` remembers."""
+class Work:
+    """Room to reckon in."""
 
-    belief: Array  # (30,)
-    without: Array  # (3, 30) of a sensor each that repeats itself
-    variances: Array  # (3,) of the sensors
-    floor: Array  # (3,) of the gates
-    read: Array  # (3,)
-    repeating: Array  # (3,) [s]
-    repeats: Array  # (3,) whether there is a belief without the sensor
-    step: Array  # (1,) of the encoder [rad]
-    angle: Array  # (1,) to which friction was followed [rad]
-    samples: Array  # (1,) for which the state has not been given back
-    t: Array  # (1,) of the diagnosis [s]
-    last: Array  # (1,) its last angle [rad]
-    lost: Array  # (3,) [s]
-    said: Array  # (3,)
-    found: Array  # (3,) whether a sensor is suspected
+    near: Annotated[Array, 4]  # the nearest state for which the muscles' laws are made
+    inside: Annotated[Array, SIZE]  # the nearest ξ that is possible
+    acting: Annotated[Array, 2]  # commands less the dead band [Pa]
+    gain: Annotated[Array, SIZE]
+    S: Annotated[Array, SIZE, SIZE + 1]  # Jacobian of a sample by ξ, and the state at its end
+    at: Annotated[Array, 4, SIZE + 1]  # the same on the way there, with its slope and the sum of slopes
+    slope: Annotated[Array, 4, SIZE + 1]
+    total: Annotated[Array, 4, SIZE + 1]
+    product: Annotated[Array, SIZE, SIZE]
+
+
+class Places:
+    """Places of all numbers of a `State`, of all of its `Tail`, and of the fields of that."""
+
+    state: Piece
+    tail: Piece
+    memory: Piece
+    commands: Piece
+    one: Piece
+    two: Piece
+    torque: Piece
+
+
+class Tail(NamedTuple):
+    """What is remembered beyond a `State`: arrays whose lengths differ from observer to observer."""
+
     memory: Array  # of friction
     commands: Array  # (delay + 1, 2) [Pa]
     one: Array  # numbers of `mpc.observer.pressure_diagnosis`
@@ -79,37 +101,41 @@ class State(NamedTuple):
     torque: Array  # numbers of `mpc.observer.torque_diagnosis`
 
 
-(
-    XI, WITHOUT, VARIANCES, FLOOR, READ, REPEATING, REPEATS, STEP, ANGLE, SAMPLES, TIME, LAST, LOST, SAID, FOUND,
-    NEAR, INSIDE, ACTING, GAIN, S, AT, K, TOTAL, PRODUCT, MEMORY,  # up to here places to reckon in
-) = accumulate(
-    (30, 90, 3, 3, 3, 3, 3, 1, 1, 1, 1, 1, 3, 3, 3, 4, 5, 2, 5, 30, 24, 24, 24, 25), initial=0
-)  # fmt: skip
+class Sample:
+    """The whole record; the state is there once more as it was a sample ago."""
+
+    known: Known
+    now: State
+    past: State
+    work: Work
+    places: Places  # of now
+    past_places: Places
+    c: Piece  # numbers of the formulas
+    friction: Piece  # numbers of `mpc.model.compiled_friction`
 
 
-def places(memory: int, delay: int, pressure: int, torque: int) -> Array:
-    """Return where commands and what the diagnoses remember lie in a state, and the length of it.
+class Made(NamedTuple):
+    """All that one observer's compiled samples work on."""
 
-    They are (delay + 1, 2) commands, and as many numbers as friction, a `pressure` and the `torque` remember.
-    """
-    return np.cumsum([MEMORY + memory, 2 * (delay + 1), pressure, pressure, torque]).astype(float)
+    records: Any  # (1,), one `Sample`
+    tail: Tail
+    kept: tuple[Array, ...]  # alive, as long as the records have their addresses
 
-
-def known_of(known: Known) -> Array:
-    """Return the numbers of `known`."""
-    return np.concatenate([np.ravel(value) for value in known]).astype(float)
-
-
-def state_of(flat: Array, at: Array) -> State:
-    """Return views into a state with these `places`."""
-    fixed = [*_slices(flat, (XI, WITHOUT, VARIANCES, FLOOR, READ, REPEATING, REPEATS, STEP, ANGLE, SAMPLES, TIME, LAST,
-                             LOST, SAID, FOUND, NEAR))]  # fmt: skip
-    rest = [*_slices(flat, (MEMORY, *at.astype(int).tolist()))]
-    fixed[1], rest[1] = fixed[1].reshape(-1, BELIEF), rest[1].reshape(-1, 2)
-    return State(*fixed, *rest)
+    def take(self, other: "Made") -> None:
+        """Take the state of another one of the same sizes."""
+        self.records["now"], self.kept[0][...] = other.records["now"], other.kept[0]
 
 
-def _slices(flat: Array, at: tuple[int, ...]) -> Iterator[Array]:
-    """Yield the parts of `flat` between the places."""
-    for first, last in pairwise(at):
-        yield flat[first:last]
+def made(known: Mapping[str, Any], c: Array, friction: Array, sizes: tuple[int, ...]) -> Made:
+    """Return what a sample works on: what is `known`, the formulas' numbers `c`, and the `sizes` (5,) of a `Tail`."""
+    records, ends = new_records(Sample), [*accumulate(sizes, initial=0)]
+    flat, past = np.full((2, ends[-1]), np.nan)
+    record = records[0]
+    for name, value in known.items():
+        record.known[name] = value
+    record.c, record.friction = piece_of(c), piece_of(friction)
+    for places, state, numbers in (("places", "now", flat), ("past_places", "past", past)):
+        parts = (numbers[first:last] for first, last in pairwise(ends))
+        record[places] = (numbers_of(records, state), piece_of(numbers), *map(piece_of, parts))
+    memory, commands, *diagnoses = (flat[first:last] for first, last in pairwise(ends))
+    return Made(records, Tail(memory, commands.reshape(-1, NU), *diagnoses), (flat, past, c, friction))

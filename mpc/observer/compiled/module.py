@@ -20,7 +20,7 @@ from mpc.model.compiled_friction import friction_numbers
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
 from mpc.observer import diagnosis, pressure_diagnosis, torque_diagnosis
-from mpc.observer.compiled.layout import NUMBERS, Known, places
+from mpc.observer.compiled.layout import Made, made
 from mpc.observer.diagnosis import Diagnosis, pulling
 from mpc.observer.filter import Filter
 
@@ -44,11 +44,11 @@ def compiled_filter(own: Filter) -> CompiledFilter:
         raise Untranslatable(f"{own.compensation.friction!r} is none of the models of friction that are compiled")
     text, c = "", np.zeros(0)
     for name, function in _formulas(own.plant).items():
-        source = translated(name, function, NUMBERS + c.size)
+        source = translated(name, function, c.size)
         text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
     _register()
-    made = imported(f"# of {_parts()}\n" + with_formulas(_TEMPLATE, f"import math\n\n\n{text}"))
-    return CompiledFilter(made, c, friction)
+    module = imported(f"# of {_parts()}\n" + with_formulas(_TEMPLATE, f"import math\n\n\n{text}"))
+    return CompiledFilter(module, c, friction)
 
 
 def _formulas(plant: Plant) -> dict[str, Any]:
@@ -65,17 +65,20 @@ def _formulas(plant: Plant) -> dict[str, Any]:
     }
 
 
-def known_of(made: CompiledFilter, own: Filter, judged: Diagnosis) -> Known:
-    """Return what is known of an observer's filter, which was `made`, and of its diagnosis."""
-    gate, dt, joint, memory = own.gate, own.dt, judged.sound, own.compensation.friction.size
+def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
+    """Return what samples of an observer's filter, which was `compiled`, and of its diagnosis work on."""
+    gate, dt, joint = own.gate, own.dt, judged.sound
     substeps, (one, two) = own.plant.substeps(dt, RESOLUTION), (joint.first, joint.second)
-    lengths = len(judged.pressures[0].numbers), len(judged.torque.numbers)
-    return Known(
-        np.array(own.inner), np.array(own.outer), own.Q, own.Q_rest, np.array([gate.lower, gate.upper]), dt,
-        dt / substeps, substeps, judged.tolerance, own.compensation.dead_band, own.noise.theta, gate.floor[0],
-        one.sigma, one.seen, np.array([one.quick, two.quick]), np.array([one.slow, two.slow]), joint.usual,
-        places(memory, own.compensation.delay(dt), *lengths), NUMBERS + made.c.size, made.c, made.friction,
-    )  # fmt: skip
+    known = {
+        "inner": own.inner, "outer": own.outer, "Q": own.Q, "Q_rest": own.Q_rest, "possible": (gate.lower, gate.upper),
+        "dt": dt, "h": dt / substeps, "substeps": substeps, "tolerance": judged.tolerance,
+        "dead_band": own.compensation.dead_band, "theta_noise": own.noise.theta, "theta_floor": gate.floor[0],
+        "sigma": one.sigma, "seen": one.seen, "quick": (one.quick, two.quick), "slow": (one.slow, two.slow),
+        "usual": joint.usual,
+    }  # fmt: skip
+    lengths = len(judged.pressures[0].numbers), len(judged.pressures[1].numbers), len(judged.torque.numbers)
+    sizes = own.compensation.friction.size, NU * (own.compensation.delay(dt) + 1), *lengths
+    return made(known, compiled.c, compiled.friction, sizes)
 
 
 @cache

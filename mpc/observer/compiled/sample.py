@@ -2,12 +2,10 @@
 
 `mpc.observer.compiled.module` puts the formulas of a plant in the place of the lines below that begin with `FORMULAS`:
 `rate_slopes` (x, v, d) ↦ x' and its Jacobian by (x, d), columns first, and `muscles` x ↦ what `mpc.observer.diagnosis`
-asks of the muscles, and the isobaric stiffness: functions of scalars that return tuples. Their numbers are among what
-is known.
+asks of the muscles, and the isobaric stiffness: functions of scalars that return tuples. Their numbers are the piece c.
 
 What is ordinary: every reading is believed at once, and so was the last one of each sensor; a sensor may repeat itself
-as long as that is no reason to doubt it. All else is for the readable observer. The arrays k, known, and s, the state,
-are those of `mpc.observer.compiled.layout`.
+as long as that is no reason to doubt it. All else is for the readable observer.
 """
 
 from typing import Any
@@ -15,331 +13,298 @@ from typing import Any
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.codegen.addresses import floats, opener
 from mpc.codegen.jit import compiled, inlined
 from mpc.model.compiled_friction import ABSENT, SLIP, Pressed, followed
 from mpc.model.integration import NODES, SHARES
 from mpc.observer import pressure_diagnosis, torque_diagnosis
-from mpc.observer.compiled.layout import (
-    ACTING,
-    ANGLE,
-    AT,
-    BELIEF,
-    COMMANDS,
-    COVARIANCE,
-    DEAD_BAND,
-    DT,
-    FLOOR,
-    FOUND,
-    FRICTION,
-    GAIN,
-    INNER,
-    INSIDE,
-    LAST,
-    LENGTH,
-    LOST,
-    MEASURED,
-    MEMORY,
-    NEAR,
-    ONE,
-    OUTER,
-    POSSIBLE,
-    PRODUCT,
-    Q_REST,
-    QUICK,
-    READ,
-    REPEATING,
-    REPEATS,
-    SAID,
-    SAMPLES,
-    SEEN,
-    SIGMA,
-    SIZE,
-    SLOW,
-    STEP,
-    SUBSTEPS,
-    THETA_FLOOR,
-    THETA_NOISE,
-    TIME,
-    TOLERANCE,
-    TORQUE,
-    TOTAL,
-    TWO,
-    USUAL,
-    VARIANCES,
-    WITHOUT,
-    XI,
-    H,
-    K,
-    Q,
-    S,
-)
+from mpc.observer.compiled.layout import MEASURED, SIZE, Belief, Places, Sample
 from mpc.observer.diagnosis import Joint, follow, less_lost
 from mpc.observer.gating import DOUBT, NEAR_A_TURN, ROUGH, SIGMAS, TURN
 from mpc.observer.pressure_diagnosis import Sound
 
 FORMULAS: Any = None
 rate_slopes = muscles = FORMULAS
+sample_at = opener(Sample)
 
 
 @compiled
-def estimate(k: Array, s: Array, asked: Array) -> int:
-    """Estimate from what is `asked`: 1, or 2 if the joint's health has to be looked at; 0 if the sample was not
-    ordinary, and the state has not changed.
+def estimate(sample: int, theta: float, P1: float, P2: float, u1: float, u2: float) -> int:
+    """Estimate from readings and the command sent last, in the `Sample` at this address.
+
+    Return 1, or 2 if the joint's health has to be looked at; 0 if the sample was not ordinary, and the state has not
+    changed.
     """
-    answer = 0
-    if filtered(k, s, asked[0], asked[2], asked[3], asked[4], asked[5]):
-        answer = diagnosed(k, s)
+    answer, o = 0, sample_at(sample)
+    if filtered(o, theta, P1, P2, u1, u2):
+        answer = diagnosed(o)
     if answer == 0:
-        length = int(k[LENGTH])
-        for i in range(length):
-            s[i] = s[length + i]
+        copy_state(o.past_places, o.places)
     else:
-        s[SAMPLES] += 1
+        o.now.samples += 1
     return answer
+
+
+@inlined
+def copy_state(one: Places, other: Places) -> None:
+    """Copy one state to the other."""
+    state, tail, to_state, to_tail = floats(one.state), floats(one.tail), floats(other.state), floats(other.tail)
+    for i in range(state.size):
+        to_state[i] = state[i]
+    for i in range(tail.size):
+        to_tail[i] = tail[i]
 
 
 # --- the filter: `mpc.observer.kalman` and `mpc.observer.filter` ------------------------------------------------------
 
 
 @inlined
-def filtered(k: Array, s: Array, theta: float, P1: float, P2: float, u1: float, u2: float) -> bool:
+def filtered(o: Sample, theta: float, P1: float, P2: float, u1: float, u2: float) -> bool:
     """Estimate from the readings and the commands (u1, u2) sent last; return whether that was ordinary.
 
-    If not, only the second half of the state is as before.
+    If not, only the past state is as before.
     """
-    past, commands, last = int(k[LENGTH]), int(k[COMMANDS]), int(k[ONE]) - 2
-    for i in range(past):
-        s[past + i] = s[i]
-    if not (k[OUTER + 2] <= u1 <= k[OUTER + 7] and k[OUTER + 3] <= u2 <= k[OUTER + 8]):
+    copy_state(o.places, o.past_places)
+    k, s, commands = o.known, o.now, floats(o.places.commands)
+    if not (k.outer[0, 2] <= u1 <= k.outer[1, 2] and k.outer[0, 3] <= u2 <= k.outer[1, 3]):
         return False
-    for i in range(commands, last):
-        s[i] = s[i + 2]
-    s[last], s[last + 1] = u1, u2
-    s[READ], s[READ + 1], s[READ + 2] = theta, P1, P2
-    change = abs(theta - s[past + READ])
-    if 0 < change < s[STEP]:  # of an encoder
-        rough = max(k[THETA_NOISE], change / np.sqrt(12.0))
-        s[STEP], s[VARIANCES], s[FLOOR] = change, rough * rough, max(k[THETA_FLOOR], ROUGH * rough)
-    follow_friction(k, s)
-    predicted(k, s, past + XI, Q, XI)
-    if not (sound(s, XI) and believed(k, s) and not_frozen(k, s)):
+    for i in range(commands.size - 2):
+        commands[i] = commands[i + 2]
+    commands[commands.size - 2], commands[commands.size - 1] = u1, u2
+    s.read[0], s.read[1], s.read[2] = theta, P1, P2
+    change = abs(theta - o.past.read[0])
+    if 0 < change < s.step:  # of an encoder
+        rough = max(k.theta_noise, change / np.sqrt(12.0))
+        s.step, s.variances[0], s.floor[0] = change, rough * rough, max(k.theta_floor, ROUGH * rough)
+    follow_friction(o)
+    predicted(o, o.past.belief, k.Q, s.belief)
+    if not (sound(s.belief) and believed(o) and not_frozen(o)):
         return False
     for sensor in range(3):
-        correct(s, XI, sensor)
-    return sound(s, XI)
+        correct(o, s.belief, sensor)
+    return sound(s.belief)
 
 
 @inlined
-def believed(k: Array, s: Array) -> bool:
+def believed(o: Sample) -> bool:
     """Return whether all readings are near to what is expected, and no angle has to be unwrapped."""
-    near = abs(s[XI] - s[READ]) <= TURN / 2 - NEAR_A_TURN
+    k, s, belief = o.known, o.now, o.now.belief
+    near = abs(belief.xi[0] - s.read[0]) <= TURN / 2 - NEAR_A_TURN
     for i in range(3):
-        read, place = s[READ + i], MEASURED[i]
-        variance = s[XI + COVARIANCE + (SIZE + 1) * place] + s[VARIANCES + i]
-        near = near and k[POSSIBLE + i] <= read <= k[POSSIBLE + 3 + i]
-        near = near and abs(read - s[XI + place]) <= max(SIGMAS * np.sqrt(variance), s[FLOOR + i])
+        read, place = s.read[i], MEASURED[i]
+        variance = belief.covariance[place, place] + s.variances[i]
+        near = near and k.possible[0, i] <= read <= k.possible[1, i]
+        near = near and abs(read - belief.xi[place]) <= max(SIGMAS * np.sqrt(variance), s.floor[i])
     return bool(near)
 
 
 @inlined
-def not_frozen(k: Array, s: Array) -> bool:
+def not_frozen(o: Sample) -> bool:
     """Follow what is thought without sensors that repeat themselves; return whether none of them is frozen."""
-    past = int(k[LENGTH])
+    k, s, past = o.known, o.now, o.past
     for i in range(3):
-        if s[READ + i] != s[past + READ + i]:
-            s[REPEATING + i] = s[REPEATS + i] = 0.0
+        if s.read[i] != past.read[i]:
+            s.repeating[i] = s.repeats[i] = 0.0
             continue
-        s[REPEATING + i] += k[DT]
-        belief = WITHOUT + BELIEF * i
-        predicted(k, s, past + (belief if s[REPEATS + i] > 0 else XI), Q_REST, belief)
-        place = belief + MEASURED[i]
-        variance = s[belief + COVARIANCE + (SIZE + 1) * MEASURED[i]] + s[VARIANCES + i]
-        if s[REPEATING + i] > k[TOLERANCE] and (s[READ + i] - s[place]) ** 2 > DOUBT**2 * variance:
+        s.repeating[i] += k.dt
+        belief, place = s.without[i], MEASURED[i]
+        predicted(o, past.without[i] if s.repeats[i] > 0 else past.belief, k.Q_rest, belief)
+        variance = belief.covariance[place, place] + s.variances[i]
+        if s.repeating[i] > k.tolerance and (s.read[i] - belief.xi[place]) ** 2 > DOUBT**2 * variance:
             return False
         for sensor in range(3):
-            if s[READ + sensor] != s[past + READ + sensor]:
-                correct(s, belief, sensor)
-        s[REPEATS + i] = 1.0
+            if s.read[sensor] != past.read[sensor]:
+                correct(o, belief, sensor)
+        s.repeats[i] = 1.0
     return True
 
 
 @inlined
-def follow_friction(k: Array, s: Array) -> None:
+def follow_friction(o: Sample) -> None:
     """Let the friction that is known follow the angle: see `FrictionState.follow`."""
-    past, first, last, friction = int(k[LENGTH]), MEMORY, int(k[COMMANDS]), k[int(k[FRICTION]) :]
-    nearest(k, s, XI)
-    s[ANGLE] = followed(friction, s[XI], pressing(k, s), s[ANGLE], s[past + first : past + last], s[first:last])
+    s, before, now = o.now, floats(o.past_places.memory), floats(o.places.memory)
+    nearest(o, s.belief)
+    s.angle = followed(floats(o.friction), s.belief.xi[0], pressing(o), s.angle, before, now)
 
 
 @inlined
-def pressing(k: Array, s: Array) -> Pressed:
+def pressing(o: Sample) -> Pressed:
     """Return what presses on that which rubs in the nearest state."""
-    o = muscles(s[NEAR], s[NEAR + 1], s[NEAR + 2], s[NEAR + 3], k)
-    return Pressed(o[0] - o[1], s[NEAR + 2] + s[NEAR + 3], o[6])
+    x = o.work.near
+    found = muscles(x[0], x[1], x[2], x[3], floats(o.c))
+    return Pressed(found[0] - found[1], x[2] + x[3], found[6])
 
 
 @inlined
-def rubbing(k: Array, s: Array) -> float:
+def rubbing(o: Sample) -> float:
     """Return the friction torque [N·m] in the nearest state."""
-    friction, total = k[int(k[FRICTION]) :], 0.0
+    friction, memory, total = floats(o.friction), floats(o.places.memory), 0.0
     if friction[0] == ABSENT:
         return 0.0
-    pressed = pressing(k, s)
+    pressed = pressing(o)
     if friction[0] != SLIP:
-        return float((friction[1] * pressed.pulled + friction[2]) * s[MEMORY])
-    for i in range(int(k[COMMANDS]) - MEMORY):
-        total += friction[4 + i] * s[MEMORY + i]
+        return float((friction[1] * pressed.pulled + friction[2]) * memory[0])
+    for i in range(memory.size):
+        total += friction[4 + i] * memory[i]
     return float(total * pressed.stiffness if friction[2] != 0.0 else total)
 
 
 @inlined
-def nearest(k: Array, s: Array, belief: int) -> None:
+def nearest(o: Sample, belief: Belief) -> None:
     """Fill in the nearest ξ (5,) that is possible, and the nearest state (4,) for which the muscles' laws are made."""
+    k, w = o.known, o.work
     for i in range(SIZE):
-        s[INSIDE + i] = min(max(s[belief + i], k[OUTER + i]), k[OUTER + SIZE + i])
+        w.inside[i] = min(max(belief.xi[i], k.outer[0, i]), k.outer[1, i])
     for i in range(4):
-        s[NEAR + i] = min(max(s[INSIDE + i], k[INNER + i]), k[INNER + 4 + i])
+        w.near[i] = min(max(w.inside[i], k.inner[0, i]), k.inner[1, i])
 
 
 @inlined
-def predicted(k: Array, s: Array, belief: int, noise: int, target: int) -> None:
-    """Put at `target` what is expected of a `belief` a sample later, with the covariance at `noise`: see `Filter`."""
-    commands, rest = int(k[COMMANDS]), k[DEAD_BAND] / 2
-    nearest(k, s, belief)
+def predicted(o: Sample, belief: Belief, noise: Array, target: Belief) -> None:
+    """Set the `target` to what is expected of a `belief` a sample later, with the covariance `noise`: see `Filter`."""
+    w, commands, rest = o.work, floats(o.places.commands), o.known.dead_band / 2
+    nearest(o, belief)
     for i in range(2):
-        e = s[commands + i] - s[INSIDE + 2 + i]
-        s[ACTING + i] = s[INSIDE + 2 + i] + e - min(max(e, -rest), rest)
-    advance(k, s, s[INSIDE + 4] - rubbing(k, s))
+        e = commands[i] - w.inside[2 + i]
+        w.acting[i] = w.inside[2 + i] + e - min(max(e, -rest), rest)
+    advance(o, w.inside[4] - rubbing(o))
     for i in range(4):
-        x = s[S + 6 * i + 5]
+        x = w.S[i, 5]
         for j in range(4):
-            x += s[S + 6 * i + j] * (s[INSIDE + j] - s[NEAR + j])
-        s[target + i] = x
-    s[target + 4] = s[INSIDE + 4]
-    propagate(k, s, belief + COVARIANCE, noise, target + COVARIANCE)
+            x += w.S[i, j] * (w.inside[j] - w.near[j])
+        target.xi[i] = x
+    target.xi[4] = w.inside[4]
+    propagate(o, belief.covariance, noise, target.covariance)
 
 
 @inlined
-def advance(k: Array, s: Array, d: float) -> None:
+def advance(o: Sample, d: float) -> None:
     """Leave in S (5, 6) the Jacobian by ξ of a sample from what is nearest, and beside it the state at its end.
 
     From one of Runge and Kutta's slopes to the next, K (4, 6) at S + a K, which b times adds to the total.
     """
+    w, c, h = o.work, floats(o.c), o.known.h
+    S, K, at, total = w.S, w.slope, w.at, w.total
     for i in range(5):
         for j in range(5):
-            s[S + 6 * i + j] = 1.0 if i == j else 0.0
+            S[i, j] = 1.0 if i == j else 0.0
     for i in range(4):
-        s[S + 6 * i + 5] = s[NEAR + i]
-    for n in range(4 * int(k[SUBSTEPS])):
-        a, b = k[H] * NODES[n % 4], k[H] * SHARES[n % 4]
-        if n % 4 == 0:
-            for i in range(24):
-                s[K + i] = s[TOTAL + i] = 0.0
-        for i in range(24):
-            s[AT + i] = s[S + i] + a * s[K + i]
-        o = rate_slopes(s[AT + 5], s[AT + 11], s[AT + 17], s[AT + 23], s[ACTING], s[ACTING + 1], d, k)
-        for j in range(5):
-            s0, s1, s2, s3 = s[AT + j], s[AT + 6 + j], s[AT + 12 + j], s[AT + 18 + j]
-            s[K + j] = o[4] * s0 + o[8] * s1 + o[12] * s2 + o[16] * s3
-            s[K + 6 + j] = o[5] * s0 + o[9] * s1 + o[13] * s2 + o[17] * s3
-            s[K + 12 + j] = o[6] * s0 + o[10] * s1 + o[14] * s2 + o[18] * s3
-            s[K + 18 + j] = o[7] * s0 + o[11] * s1 + o[15] * s2 + o[19] * s3
+        S[i, 5] = w.near[i]
+    for n in range(4 * o.known.substeps):
+        a, b = h * NODES[n % 4], h * SHARES[n % 4]
         for i in range(4):
-            s[K + 6 * i + 4] += o[20 + i]
-            s[K + 6 * i + 5] = o[i]
-        for i in range(24):
-            s[TOTAL + i] += b * s[K + i]
-        if n % 4 == 3:
-            for i in range(24):
-                s[S + i] += s[TOTAL + i]
+            for j in range(6):
+                if n % 4 == 0:
+                    K[i, j] = total[i, j] = 0.0
+                at[i, j] = S[i, j] + a * K[i, j]
+        f = rate_slopes(at[0, 5], at[1, 5], at[2, 5], at[3, 5], w.acting[0], w.acting[1], d, c)
+        for j in range(5):
+            s0, s1, s2, s3 = at[0, j], at[1, j], at[2, j], at[3, j]
+            K[0, j] = f[4] * s0 + f[8] * s1 + f[12] * s2 + f[16] * s3
+            K[1, j] = f[5] * s0 + f[9] * s1 + f[13] * s2 + f[17] * s3
+            K[2, j] = f[6] * s0 + f[10] * s1 + f[14] * s2 + f[18] * s3
+            K[3, j] = f[7] * s0 + f[11] * s1 + f[15] * s2 + f[19] * s3
+        for i in range(4):
+            K[i, 4] += f[20 + i]
+            K[i, 5] = f[i]
+            for j in range(6):
+                total[i, j] += b * K[i, j]
+                if n % 4 == 3:
+                    S[i, j] += total[i, j]
 
 
 @inlined
-def propagate(k: Array, s: Array, P: int, noise: int, target: int) -> None:
-    """Put A P Aᵀ + Q at `target`, A being in S."""
+def propagate(o: Sample, P: Array, noise: Array, target: Array) -> None:
+    """Set the `target` (5, 5) to A P Aᵀ + Q, A being in S."""
+    A, product = o.work.S, o.work.product
     for i in range(SIZE):
         for j in range(SIZE):
             total = 0.0
             for m in range(SIZE):
-                total += s[S + 6 * i + m] * s[P + SIZE * m + j]
-            s[PRODUCT + SIZE * i + j] = total
+                total += A[i, m] * P[m, j]
+            product[i, j] = total
     for i in range(SIZE):
         for j in range(SIZE):
-            total = k[noise + SIZE * i + j]
+            total = noise[i, j]
             for m in range(SIZE):
-                total += s[PRODUCT + SIZE * i + m] * s[S + 6 * j + m]
-            s[target + SIZE * i + j] = total
+                total += product[i, m] * A[j, m]
+            target[i, j] = total
 
 
 @inlined
-def correct(s: Array, belief: int, sensor: int) -> None:
+def correct(o: Sample, belief: Belief, sensor: int) -> None:
     """Correct a belief by one reading: (1 - K C) P (1 - K C)ᵀ + K R Kᵀ, K = P Cᵀ/(C P Cᵀ + R).
 
     One after the other they correct it as all at once do, because their noise is not correlated.
     """
-    P, place, R = belief + COVARIANCE, MEASURED[sensor], s[VARIANCES + sensor]
-    row = P + SIZE * place
-    variance = s[row + place] + R
-    gap = s[READ + sensor] - s[belief + place]
+    P, place, R = belief.covariance, MEASURED[sensor], o.now.variances[sensor]
+    gain, product = o.work.gain, o.work.product
+    variance = P[place, place] + R
+    gap = o.now.read[sensor] - belief.xi[place]
     for i in range(SIZE):
-        s[GAIN + i] = s[P + SIZE * i + place] / variance
-        s[belief + i] += s[GAIN + i] * gap
+        gain[i] = P[i, place] / variance
+        belief.xi[i] += gain[i] * gap
     for i in range(SIZE):
         for j in range(SIZE):
-            less = s[P + SIZE * i + j] - s[GAIN + i] * s[row + j]
-            s[PRODUCT + SIZE * i + j] = R / variance * s[row + j] if i == place else less
+            less = P[i, j] - gain[i] * P[place, j]
+            product[i, j] = R / variance * P[place, j] if i == place else less
     for i in range(SIZE):
-        column = s[PRODUCT + SIZE * i + place]
+        column = product[i, place]
         for j in range(SIZE):
-            less = R / variance * column if j == place else s[PRODUCT + SIZE * i + j] - column * s[GAIN + j]
-            s[P + SIZE * i + j] = less + s[GAIN + i] * R * s[GAIN + j]
+            less = R / variance * column if j == place else product[i, j] - column * gain[j]
+            P[i, j] = less + gain[i] * R * gain[j]
 
 
 @inlined
-def sound(s: Array, belief: int) -> bool:
+def sound(belief: Belief) -> bool:
     """Return whether all of a belief is finite, and no variance negative."""
     good = True
-    for i in range(BELIEF):
-        good = good and np.isfinite(s[belief + i])
     for i in range(SIZE):
-        good = good and s[belief + COVARIANCE + (SIZE + 1) * i] > 0
-    return good
+        good = good and np.isfinite(belief.xi[i]) and belief.covariance[i, i] > 0
+        for j in range(SIZE):
+            good = good and np.isfinite(belief.covariance[i, j])
+    return bool(good)
 
 
 # --- the diagnosis: `mpc.observer.diagnosis` --------------------------------------------------------------------------
 
 
 @inlined
-def diagnosed(k: Array, s: Array) -> int:
+def diagnosed(o: Sample) -> int:
     """Follow what may be broken: 1, or 2 if something new is suspected, or no longer; 0 if the numbers are out of
     range.
     """
-    commands, first, second, third, end = int(k[COMMANDS]), int(k[ONE]), int(k[TWO]), int(k[TORQUE]), int(k[LENGTH])
-    o = muscles(s[XI], s[XI + 1], s[XI + 2], s[XI + 3], k)
+    k, s, xi, v = o.known, o.now, o.now.belief.xi, floats(o.places.commands)
+    found = muscles(xi[0], xi[1], xi[2], xi[3], floats(o.c))
     for i in range(6):
-        if not np.isfinite(o[i]):
+        if not np.isfinite(found[i]):
             return 0
-    rest, dt, sigma, seen = k[DEAD_BAND] / 2, k[DT], k[SIGMA], k[SEEN]
-    one, two = Sound(k[QUICK], k[SLOW], rest, dt, sigma, seen), Sound(k[QUICK + 1], k[SLOW + 1], rest, dt, sigma, seen)
-    t, read, v = s[TIME], (s[READ + 1], s[READ + 2]), (s[commands], s[commands + 1])
-    parts = s[first:second], s[second:third], s[third:end]
-    follow(*parts, Joint(one, two, k[USUAL]), t, read, v, s[XI + 4], o, s[READ] != s[LAST])
+    rest, dt = k.dead_band / 2, k.dt
+    one = Sound(k.quick[0], k.slow[0], rest, dt, k.sigma, k.seen)
+    two = Sound(k.quick[1], k.slow[1], rest, dt, k.sigma, k.seen)
+    parts = floats(o.places.one), floats(o.places.two), floats(o.places.torque)
+    read, moved = (s.read[1], s.read[2]), s.read[0] != s.last
+    follow(*parts, Joint(one, two, k.usual), s.t, read, (v[0], v[1]), xi[4], found, moved)
     for i in range(3):
-        if s[LOST + i] > 0:
-            s[SAID + i] = s[READ + i]
-            s[LOST + i], little = less_lost(s[LOST + i], dt, k[TOLERANCE])
+        if s.lost[i] > 0:
+            s.said[i] = s.read[i]
+            s.lost[i], little = less_lost(s.lost[i], dt, k.tolerance)
             if little:
-                s[FOUND + i] = 0.0
-    s[TIME], s[LAST] = t + dt, s[READ]
-    return 2 if suspicious(k, s) else 1
+                s.found[i] = 0.0
+    s.t, s.last = s.t + dt, s.read[0]
+    return 2 if suspicious(o) else 1
 
 
 @inlined
-def suspicious(k: Array, s: Array) -> bool:
+def suspicious(o: Sample) -> bool:
     """Return whether anything that the joint's health is made of is another one than a sample ago."""
-    past, suspected, torques, changed = int(k[LENGTH]), pressure_diagnosis.SUSPECTED, int(k[TORQUE]), False
-    for i in (int(k[ONE]) + suspected, int(k[TWO]) + suspected, torques + torque_diagnosis.BROKEN, FOUND, FOUND + 1,
-              FOUND + 2):  # fmt: skip
-        changed = changed or s[i] != s[past + i]
-    now, before = s[torques + torque_diagnosis.LOADED], s[past + torques + torque_diagnosis.LOADED]
-    return changed or (now != before and (now == now or before == before))
+    changed = False
+    for i in range(3):
+        changed = changed or o.now.found[i] != o.past.found[i]
+    torque, torque_before = floats(o.places.torque), floats(o.past_places.torque)
+    suspected, broken, loaded = pressure_diagnosis.SUSPECTED, torque_diagnosis.BROKEN, torque_diagnosis.LOADED
+    changed = changed or floats(o.places.one)[suspected] != floats(o.past_places.one)[suspected]
+    changed = changed or floats(o.places.two)[suspected] != floats(o.past_places.two)[suspected]
+    now, before = torque[loaded], torque_before[loaded]
+    another = now != before and (now == now or before == before)
+    return bool(changed or torque[broken] != torque_before[broken] or another)

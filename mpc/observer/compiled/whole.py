@@ -1,32 +1,31 @@
-"""The compiled estimate has what an observer remembers in a flat array, as long as nothing is out of the ordinary.
+"""The compiled estimate has what an observer remembers in a record, as long as nothing is out of the ordinary.
 
-Either the flat array is up to date or the readable parts are. What is not ordinary these answer; the flat array is then
-taken from them anew.
+Either the record is up to date or the readable parts are. What is not ordinary these answer; the record is then taken
+from them anew.
 """
 
-import numpy as np
+from collections.abc import Callable
+from types import ModuleType
 
 from allocator.calculus import Array
+from mpc.codegen.addresses import entry_of
 from mpc.model.plant import NU, NX
 from mpc.observer.compiled.factory import Readable
-from mpc.observer.compiled.layout import ASKED, Known, State, known_of, state_of
-from mpc.observer.compiled.module import CompiledFilter
+from mpc.observer.compiled.layout import Made
 
 _CHANGED = 2  # what the compiled function answers where the health has to be looked at
+_KINDS = "(int64, float64, float64, float64, float64, float64)"
 
 
 class CompiledEstimate:
-    """A compiled estimate works for one observer: its arrays must not be used by two threads at a time."""
+    """A compiled estimate works for one observer: its record must not be used by two threads at a time."""
 
-    def __init__(self, made: CompiledFilter, known: Known, readable: Readable) -> None:
-        self._made, self._fields = made, known
-        self._known, self._flat = known_of(known), np.full(2 * int(known.places[-1]), np.nan)
-        self.state = state_of(self._flat, known.places)
-        self.module, self._estimate, self._readable = made.module, made.module.estimate, readable
-        self._asked = np.full(ASKED, np.nan)
-        self._y, self._u, self._x = self._asked[:NX], self._asked[NX:], self.state.belief[:NX]
-        self.ahead = False  # whether the flat array is up to date
-        self._estimate(self._known, self._flat, self._asked)  # compiles it: none of these numbers is one that can be
+    def __init__(self, module: ModuleType, new: Callable[[], Made], readable: Readable) -> None:
+        self.module, self._new, self._readable, self._made = module, new, readable, new()
+        self._state, self.address = self._made.records[0].now, self._made.records.ctypes.data
+        self._xi = self._state.belief.xi
+        self._estimate = entry_of(module.estimate, _KINDS)
+        self.ahead = False  # whether the record is up to date
 
     def answer(self, y: Array, u: Array) -> tuple[Array, float] | None:
         """Return what `KalmanObserver.estimate` answers in an ordinary sample; None, and nothing has changed, in
@@ -34,11 +33,11 @@ class CompiledEstimate:
         """
         if y.shape != (NX,) or u.shape != (NU,) or not (self.ahead or self._take()):
             return None
-        self._y[...], self._u[...] = y, u
-        answer = self._estimate(self._known, self._flat, self._asked)
+        theta, _, P1, P2 = y.tolist()
+        answer = self._estimate(self.address, theta, P1, P2, *u.tolist())
         if not answer:
             return None
-        self.ahead, found = True, (self._x.copy(), float(self._flat[NX]))
+        self.ahead, found = True, (self._xi[:NX].copy(), float(self._xi[NX]))
         if answer == _CHANGED:
             self.give()
             self._readable.conclude()
@@ -46,23 +45,29 @@ class CompiledEstimate:
 
     def of(self, readable: Readable) -> "CompiledEstimate":
         """Return the compiled estimate of a copy."""
-        return CompiledEstimate(self._made, self._fields, readable)
+        return CompiledEstimate(self.module, self._new, readable)
 
-    def taken(self) -> tuple[Array, Array] | None:
-        """Return what is known and a copy of the state, both flat; None if what is remembered has no place there."""
-        return (self._known, self._flat.copy()) if self.ahead or self._take() else None
+    def copied(self) -> "CompiledEstimate | None":
+        """Return one with a copy of the state; None if what is remembered has no place in a record."""
+        if not (self.ahead or self._take()):
+            return None
+        other = self.of(self._readable)
+        other._made.take(self._made)
+        return other
 
     def _take(self) -> bool:
         """Take what the readable parts remember; return whether all of it has a place."""
         remembered = self._readable.remembered()
         if remembered is None:
             return False
-        for name, array in zip(State._fields, self.state, strict=True):
-            array[...] = remembered[name]
+        for name, array in self._made.tail._asdict().items():
+            array[...] = remembered.pop(name)
+        for name, value in remembered.items():
+            self._state[name] = value
         return True
 
     def give(self) -> None:
         """Give to the readable parts what they do not know yet."""
         if self.ahead:
             self.ahead = False
-            self._readable.go_on(self.state)
+            self._readable.go_on(self._state, self._made.tail)

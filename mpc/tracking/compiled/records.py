@@ -1,6 +1,6 @@
 """These are the values that the compiled functions hand to each other. Commands count in bar here, as decisions do."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,11 @@ from allocator.calculus import Array
 class Cost(NamedTuple):
     """The cost is a weight for every entry of every kind of rows of `mpc.tracking.cost`, and the terminal cost."""
 
-    x: Array  # (4,)
-    y: Array  # (3,)
-    e: Array  # (2,) [cost]/[bar]²
-    change: Array  # (2,) of e_k - e_{k-1} [cost]/[bar]²
-    end: Array  # (6, 6) of ξ = (x_N - x*_N, e_{N-1})
+    x: Annotated[Array, 4]
+    y: Annotated[Array, 3]
+    e: Annotated[Array, 2]  # [cost]/[bar]²
+    change: Annotated[Array, 2]  # of e_k - e_{k-1} [cost]/[bar]²
+    end: Annotated[Array, 6, 6]  # of ξ = (x_N - x*_N, e_{N-1})
 
 
 class Bounds(NamedTuple):
@@ -37,26 +37,26 @@ class Setting(NamedTuple):
     curvature: float  # c [cost]/[bar]²: no eigenvalue of the Hessian is less
     tolerance: float  # of rows left out [bar], [rad], [N]
     accuracy: float  # of an answer [bar]
-    slack: Array  # (4,) ρ, ρ₂, ρ_F, ρ_F₂
+    slack: Annotated[Array, 4]  # ρ, ρ₂, ρ_F, ρ_F₂
     starts: NDArray[np.int64]  # samples at which the commands may leave ū
 
 
 class Path(NamedTuple):
     """A path is a motion and the linear model about it."""
 
-    x: Array  # (N+1, 4)
-    y: Array  # (N+1, 3): K, F1, F2
-    A: Array  # (N, 4, 4)
-    B: Array  # (N, 4, 2) per bar
-    slope: Array  # (N+1, 3, 4) of y
+    x: Annotated[Array, "N + 1", 4]
+    y: Annotated[Array, "N + 1", 3]  # K, F1, F2
+    A: Annotated[Array, "N", 4, 4]
+    B: Annotated[Array, "N", 4, 2]  # per bar
+    slope: Annotated[Array, "N + 1", 3, 4]  # of y
 
 
 class Reference(NamedTuple):
     """The reference is what `mpc.tracking.feedforward.FeedForward` holds; time runs along the first axis."""
 
-    x: Array  # (N+1, 4) [Pa]
-    y: Array  # (N+1, 3)
-    u: Array  # (N, 2) [Pa]
+    x: Annotated[Array, "N + 1", 4]  # [Pa]
+    y: Annotated[Array, "N + 1", 3]
+    u: Annotated[Array, "N", 2]  # [Pa]
 
 
 class Errors(NamedTuple):

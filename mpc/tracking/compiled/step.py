@@ -34,8 +34,8 @@ from mpc.tracking.compiled.sample.layout import (
     asked_in,
     inputs_at,
     known_in,
-    length_of,
     made_in,
+    plan_length,
     state_in,
 )
 from mpc.tracking.compiled.sample.stages import (
@@ -73,8 +73,9 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
     last, out = floats_at(last.ctypes.data, last.size), floats_at(out.ctypes.data, out.size)  # not to be counted
     k, want, now, n = known_in(i.known), asked_in(i.asked), given_in(i.given), (i.friction.size - 4) // 2
     N, whole, done, angle = now.u.shape[0], what == WHOLE, True, 0.0
-    m, size = want.theta.size - N - 1, length_of(N)
-    made, before, after = made_in(out[:size]), state_in(last, N, size, n), state_in(out, N, size, n)
+    m, size = want.theta.size - N - 1, plan_length(N)
+    was, made = made_in(last[:size]), made_in(out[:size])
+    before, after = state_in(last[size:], was.u, n, m), state_in(out[size:], made.u, n, m)
     path, waiting = i.work[: 4 * (m + 1)].reshape(m + 1, 4), i.work[4 * (m + 1) :].reshape(m, 2)
     copy_set(i.guess, i.kept)
     if whole:
@@ -82,7 +83,7 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
         done, angle = foreseen(i.c, k, i.friction, want, before, after.memory, waiting, path)
     if done and (whole or what == FEED):
         previews, slopes = (want.theta[m:], want.K[m:], want.torques[m:]), i.slopes.reshape(2, N + 1, N + 1)
-        done = feed_forward(i.c, i.p, k, slopes, *previews, now.reference, made.tail[2:5])
+        done = feed_forward(i.c, i.p, k, slopes, *previews, now.reference, made.moved)
     fed = seconds_at(i.clock, i.name)
     if whole and done:
         take(path[m], want.torques[m:], before, now)
@@ -97,8 +98,8 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
     if whole and done:
         invert_dead_band(k, setting_in(i.numbers, i.starts).bounds, want, before, made)
         remember(want, now, path, angle, made, before, after)
-        made.tail[5], made.tail[6] = fed - began, linearised - fed
-        made.tail[7] = seconds_at(i.clock, i.name) - linearised
+        made.times[0], made.times[1] = fed - began, linearised - fed
+        made.times[2] = seconds_at(i.clock, i.name) - linearised
     elif whole:
         copy_set(i.kept, i.guess)
     return done
@@ -168,7 +169,7 @@ def feed_forward(
 @inlined_flat
 def linearise(c: Array, h: float, substeps: int, numbers: Array, starts: Any, given: Array, buffer: Array) -> None:
     """Leave in `buffer` the commands of `given`, moved to within the limits, and the linear model along them."""
-    setting, path, u = setting_in(numbers, starts), *path_in(buffer)
+    setting, (path, u) = setting_in(numbers, starts), path_in(buffer)
     x0, asked, d, _, last = given_in(given)
     for k in range(u.shape[0]):
         u[k, 0], u[k, 1] = asked[k, 0] / BAR, asked[k, 1] / BAR
@@ -186,19 +187,19 @@ def rollout(
     """
     bounds, (_, u) = setting_in(numbers, starts).bounds, path_in(buffer)
     x0, _, d, _, last = given_in(given)
-    N, (moved, _, x, K, F, tail) = u.shape[0], made
+    N, moved, x, K, F, slack = u.shape[0], made.u, made.x, made.K, made.F, made.slack
     cumulative(starts, z, moved)
     for k in range(N):
         moved[k, 0] += u[k, 0]
         moved[k, 1] += u[k, 1]
     limit(bounds, last[0, 0] / BAR, last[0, 1] / BAR, moved)
     motion(c, x0, moved, d, h, substeps, x)
-    tail[0] = tail[1] = 0.0
+    slack[0] = slack[1] = 0.0
     for k in range(N + 1):
         K[k], F[k, 0], F[k, 1] = outputs(x[k, 0], x[k, 1], x[k, 2], x[k, 3], c)
-        tail[0] = max(tail[0], bounds.left - x[k, 0], x[k, 0] - bounds.right)
+        slack[0] = max(slack[0], bounds.left - x[k, 0], x[k, 0] - bounds.right)
         if k > 0:
-            tail[1] = max(tail[1], bounds.min_force - F[k, 0], bounds.min_force - F[k, 1])
+            slack[1] = max(slack[1], bounds.min_force - F[k, 0], bounds.min_force - F[k, 1])
     for k in range(N):
         moved[k, 0] *= BAR
         moved[k, 1] *= BAR

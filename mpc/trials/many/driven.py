@@ -35,23 +35,24 @@ OPTIMAL, RESTING, QP, ALLOCATION = 0, 9, 0, 3  # of `PlanStatus` and `Rung`
 
 @compiled
 def driven(
-    first: int, plant: Plant, observed: Array, s: Array, known: Known, step: Step, m: Memory, theta: Array, K: Array,
+    first: int, plant: Plant, observed: int, known: Known, step: Step, m: Memory, theta: Array, K: Array,
     answers: Answers,
 ) -> int:  # fmt: skip
     """Go on from the sample `first` to the last, and return at which one something was out of the ordinary; M if none.
 
-    `theta`, `K` (M + ahead,) are the reference, whose last sample is held; `observed` and `s` are what the observer
-    knows, and its state, which begins with ξ.
+    `theta`, `K` (M + ahead,) are the reference, whose last sample is held; `observed` is the address of the
+    observer's `Sample`.
     """
     N, M, y = len(m.u), len(answers.u), np.empty(4)
-    ahead = N + known.delay
+    ahead, sample = N + known.delay, observer.sample_at(observed)
+    xi = sample.now.belief.xi
     for k in range(first, M):
         process.read(plant.sensors, plant.full, plant.noise[k], y)
-        if not observer.filtered(observed, s, y[0], y[2], y[3], answers.u[k - 1, 0], answers.u[k - 1, 1]):
+        if not observer.filtered(sample, y[0], y[2], y[3], answers.u[k - 1, 0], answers.u[k - 1, 1]):
             return k
         for i in range(SIZE):
-            answers.estimate[k, i] = s[i]
-        if not answered(known, step, m, s[:SIZE], theta[k : k + ahead + 1], K[k : k + ahead + 1], k, answers):
+            answers.estimate[k, i] = xi[i]
+        if not answered(known, step, m, xi, theta[k : k + ahead + 1], K[k : k + ahead + 1], k, answers):
             return k
         plant.waiting[-1, 0], plant.waiting[-1, 1] = answers.u[k, 0], answers.u[k, 1]
         process.advance(plant.c, plant.durations, plant.substeps, plant.full, plant.waiting, plant.torques[k])

@@ -63,7 +63,7 @@ class Driving:
             return False
         for k in range(READABLE):
             loop.sample(k)
-        observed = self._estimate.taken()
+        observed = self._estimate.copied()
         if observed is None or not ordinary(controller):
             return False
         assert isinstance(experiment, CompiledExperiment)  # of a `CompiledPlant`
@@ -77,7 +77,7 @@ class Driving:
             loop.x, loop.estimate, loop.u, loop.rung, loop.status, loop.slack, loop.slack_force, loop.moved
         )
         previews = loop.wanted.preview(0, loop.steps + controller.ahead)
-        known = *observed, known_of(controller, self.c), step_of(controller)
+        known = observed.address, known_of(controller, self.c), step_of(controller)
         done = self._loop(plant.module).driven(READABLE, under_way, *known, memory_of(controller), *previews, answers)
         loop.took[:] = np.nan
         return bool(done == loop.steps)

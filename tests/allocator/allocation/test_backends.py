@@ -139,7 +139,7 @@ SOLVERS = BACKENDS["qp-daqp"], BACKENDS["nlp-ipopt"], BACKENDS["convex-clarabel"
 def in_turn(number):
     """A solver, further limits and a priority, so that 15 numbers in a row have all pairs of solver and limits."""
     extra = [*EXTRAS.values()][number % len(EXTRAS)]
-    priority = "torque" if "stiffness_tolerance" in extra else PRIORITIES[number // 2 % 3]
+    priority = "torque" if "stiffness" in extra else PRIORITIES[number // 2 % 3]
     return SOLVERS[number % 3], extra, priority
 
 
@@ -153,10 +153,11 @@ def test_with_more_limits_they_still_agree(joint, number):
     proved = (exact.pairs == 1) & ~(found.gap > 1e-6)
     distance = np.maximum(np.abs(found.P1 - exact.P1), np.abs(found.P2 - exact.P2))[proved]
     assert distance.max(initial=0) <= 1e-4 * SPAN
-    if "min_cocontraction" in extra:
+    limits = extra.get("limits", Limits())
+    if limits.min_cocontraction:
         reached = exact.status != Status.CONFLICT
-        assert (exact.P1 + exact.P2 >= 2 * extra["min_cocontraction"] - 1e-6)[reached].all()
-    if "max_force" in extra:
+        assert (exact.P1 + exact.P2 >= 2 * limits.min_cocontraction - 1e-6)[reached].all()
+    if limits.max_force:
         assert np.max(exact.forces) <= 350 * (1 + 1e-9)
 
 
@@ -164,7 +165,7 @@ def test_with_more_limits_they_still_agree(joint, number):
 @pytest.mark.parametrize("extra", [{}, {"limits": Limits(min_cocontraction=3 * BAR)}], ids=["box", "floor"])
 def test_with_a_pull_the_closed_form_is_the_optimisers_answer(joint, priority, extra):
     problem = targets(joint, 15, seed=5)
-    pull = {"pull": 2e-11, "reference": (2.5 * BAR, 2.0 * BAR), **options(priority), **extra}
+    pull = {"pull": (2e-11, (2.5 * BAR, 2.0 * BAR)), **options(priority), **extra}
     found = allocate(*problem, joint=joint, **pull, method="qp")
     if not joint.affine:
         with pytest.raises(AntagonistError, match="no closed form for a pull"):

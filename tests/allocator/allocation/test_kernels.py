@@ -237,14 +237,11 @@ def test_an_answer_stays_when_the_arrays_it_was_asked_with_change(method, monkey
     if method == "exact at once":
         monkeypatch.setattr(calls, "_PAYS", 1)
     theta, K, T = np.linspace(-1, 1, 4), np.full(4, 12.0), np.ones(4)
-    slew = (
-        {}
-        if method == "analytic"
-        else {"limits": Limits(previous=(np.full(4, 2e5), np.full(4, 3e5)), max_step=np.full(4, 4e5))}
-    )
-    first, second = (allocate(theta, K, T, method=method.split()[0], **slew) for _ in range(2))
+    now, step = (np.full(4, 2e5), np.full(4, 3e5)), np.full(4, 4e5)
+    limits = TAUT if method == "analytic" else Limits(previous=now, max_step=step)
+    first, second = (allocate(theta, K, T, method=method.split()[0], limits=limits) for _ in range(2))
     expected = first.jacobian(), first.stiffness_interval, np.array(first.theta), np.array(first.K_error)
-    for array in (theta, K, T, *slew.get("previous", ()), slew.get("max_step", theta)):
+    for array in (theta, K, T, *now, step):
         array *= 0.5
     for a, b in zip(
         (second.jacobian(), second.stiffness_interval, second.theta, second.K_error), expected, strict=True

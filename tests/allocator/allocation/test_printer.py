@@ -11,7 +11,7 @@ import pytest
 from allocator import AntagonistError
 from allocator.allocation.kernels import source
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
-from allocator.allocation.kernels.printer import Outside, Source, Unprintable, array_form, array_functions, c_form
+from allocator.compilation.printer import Outside, Source, Unprintable, array_form, array_functions, c_form
 
 from ...rigs.needs import needs
 from .constructs import BOTH_REFUSE, C_REFUSES, CONSTRUCTS

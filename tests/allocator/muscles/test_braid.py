@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from allocator import allocate, report_joint
+from allocator import Stiffness, allocate, report_joint
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 from allocator.muscles.models import mckibben
 
@@ -23,7 +23,7 @@ def counted(monkeypatch):
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"method": "qp"}, {"priority": "weighted", "weights": (1.0, 1.0)}, {"stiffness_tolerance": 0.1}],
+    [{}, {"method": "qp"}, {"priority": "weighted", "weights": (1.0, 1.0)}, {"stiffness": Stiffness(tolerance=0.1)}],
     ids=repr,
 )
 def test_three_targets_take_one_evaluation_and_three_more_take_none(counted, options):

@@ -163,7 +163,7 @@ def test_a_solver_that_fails_for_a_second_is_hardly_noticed(how, said):
 
 
 def test_a_solver_that_fails_without_a_softened_answer_leaves_the_allocation(monkeypatch):
-    monkeypatch.setattr("mpc.tracking.optimising.softened", lambda qp, deadline: None)
+    monkeypatch.setattr("mpc.tracking.controller.softened", lambda qp, deadline: None)
     run = driven(solver=Broken(lambda qp: None))
     assert survived(run)
     assert (run.rung[200:219] == Rung.PREVIOUS).all()

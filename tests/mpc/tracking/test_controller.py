@@ -228,7 +228,7 @@ def test_another_solver_gives_the_same_plan(name):
 def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(
     sabotage, status, softened, answers, monkeypatch
 ):
-    monkeypatch.setattr("mpc.tracking.optimising.softened", softened)
+    monkeypatch.setattr("mpc.tracking.controller.softened", softened)
     controller = TrackingMPC(PLANT, N=5)
     good = controller._solve
     x, u_last, rungs = PLANT.at_rest(0.0, 7.6), PLANT.at_rest(0.0, 7.6)[2:], []
@@ -246,7 +246,7 @@ def test_when_the_solver_fails_the_ladder_answers_and_recovery_is_automatic(
 
 
 def test_the_previous_plan_goes_on_where_it_was(monkeypatch):
-    monkeypatch.setattr("mpc.tracking.optimising.softened", lambda qp, deadline: None)
+    monkeypatch.setattr("mpc.tracking.controller.softened", lambda qp, deadline: None)
     controller = TrackingMPC(PLANT)
     x = PLANT.at_rest(0.0, 7.6)
     first = controller.step(x, 0.1, 7.7)
@@ -256,7 +256,7 @@ def test_the_previous_plan_goes_on_where_it_was(monkeypatch):
 
 
 def test_without_any_plan_the_allocation_is_approached_at_the_slew_limit(monkeypatch):
-    monkeypatch.setattr("mpc.tracking.optimising.softened", lambda qp, deadline: None)
+    monkeypatch.setattr("mpc.tracking.controller.softened", lambda qp, deadline: None)
     controller = TrackingMPC(PLANT)
     controller._solve = lambda qp, limit: None
     x = PLANT.at_rest(0.0, 7.0)

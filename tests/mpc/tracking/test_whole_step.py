@@ -10,9 +10,9 @@ from allocator import BAR, DEG
 from allocator.errors import InvalidInput
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Rung, TrackingMPC, Weights
+from mpc.codegen.views import table_of
 from mpc.model.friction import Friction
 from mpc.model.hysteresis import MaxwellSlip
-from mpc.tracking.compiled.sample.layout import table_of
 from mpc.tracking.linearise import Motion
 from mpc.tracking.preview import BadNumbers
 
@@ -251,7 +251,7 @@ def test_previews_in_strides_and_ones_that_cannot_be_written_are_read_as_they_ar
 
 def test_the_table_takes_no_array_that_does_not_lie_there_as_it_is_read():
     inputs = Pair().whole._whole._arrays._inputs
-    assert table_of(inputs).size == 33
+    assert table_of(inputs).dtype.names == inputs._fields
     for wrong in (inputs.asked.astype(np.float32), np.zeros(8)[::2]):
         with pytest.raises(TypeError, match="in one piece"):
             table_of(inputs._replace(asked=wrong))

@@ -28,9 +28,7 @@ def test_a_gif_has_its_frames_and_they_move(run, tmp_path):
 
 
 def test_mp4_without_ffmpeg_says_so(run, tmp_path, monkeypatch):
-    from matplotlib import animation
-
-    monkeypatch.setattr(animation.writers, "is_available", lambda name: False)
+    monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(MissingBackend, match=r"ffmpeg.*available: \.gif"):
         save_animation(run, tmp_path / "run.mp4")
     assert not (tmp_path / "run.mp4").exists()

@@ -1,23 +1,23 @@
 """The arrays are what the compiled step works on, and the call of it."""
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.addresses import clock, entry_of
+from mpc.codegen.views import flat, in_python, length_of, table_of
 from mpc.model.plant import NU, NX
 from mpc.tracking.compiled.flat_records import Given, given_in
 from mpc.tracking.compiled.flat_records import lengths as record_lengths
+from mpc.tracking.compiled.records import Setting
 from mpc.tracking.compiled.sample.layout import (
     Inputs,
     Known,
     Made,
     asked_of,
-    known_of,
     lengths,
     made_of,
-    table_of,
 )
 from mpc.tracking.compiled.sample.stages import FEED, LINEARISE, ROLLOUT
 from mpc.tracking.feedforward import InverseDynamics
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 _CLOCK = clock()
 _NO_GATE = np.zeros(NX), np.zeros(NX)
 _KINDS = "(int64, int64, float64[::1], float64[::1], float64[:], float64[:], float64[:], float64)"
-_SETTING = 60  # numbers of a setting, see `mpc.tracking.compiled.flat_records`
 
 
 class Beyond(NamedTuple):
@@ -71,14 +70,14 @@ class StepArrays:
         asks = np.zeros(asked)
         self.ask = asked_of(asks)
         slopes = np.zeros((2, N + 1, N + 1)) if inverse is None else np.stack([D.T for D in inverse.slopes])
-        self.fixed = plant.c, plant.p, known_of(_known(plant, inverse, gate, beyond)), np.ascontiguousarray(slopes)
+        self.fixed = plant.c, plant.p, flat(_known(plant, inverse, gate, beyond)), np.ascontiguousarray(slopes)
         z, guess, counted, address = np.zeros(NU), np.zeros(NU, np.int8), np.zeros(1, np.int64), 0
-        numbers, starts, (given, path) = np.zeros(_SETTING), np.zeros(1, np.int64), map(np.zeros, record_lengths(N))
+        numbers, starts = np.zeros(length_of(Setting)), np.zeros(1, np.int64)
+        given, path = map(np.zeros, record_lengths(N))
         if structured is not None:
             (numbers, starts, given, path), address = structured.arrays, structured.address
             z, guess, counted = structured.z, structured.guess, structured.counted
-        views: Any = given_in
-        self.given: Given = views.py_func(given)
+        self.given: Given = in_python(given_in)(given)
         before = *self.fixed, beyond.friction, numbers, asks, given, path, z, np.zeros(6 * beyond.delay + 4)
         self._inputs = Inputs(*before, starts, counted, guess, np.zeros_like(guess), address, *_CLOCK)
         self._table = table_of(self._inputs)
@@ -88,7 +87,7 @@ class StepArrays:
     def feed_forward(self) -> tuple[bool, Array]:
         """Return whether there is a feed-forward for what is asked, then in `given`, and how far all was moved (3,)."""
         sure, made = self._part(FEED)
-        return sure, made.tail[2:5]
+        return sure, made.moved
 
     def linearise(self) -> None:
         """Leave the linear model for what is `given` in the structured QP."""

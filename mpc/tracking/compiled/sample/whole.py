@@ -40,14 +40,14 @@ class Parts(NamedTuple):
 class Newest:
     """The newest is what the last whole step has made (`mpc.tracking.compiled.sample.layout`), and the state in it."""
 
-    def __init__(self, nothing: Array, N: int, plan: int, memory: int) -> None:
-        self.out, self._counts = nothing, (N, plan, memory)
+    def __init__(self, nothing: Array, plan: int, memory: int, delay: int) -> None:
+        self.out, self._counts = nothing, (plan, memory, delay)
         self.known = False  # whether a part was looked at, which now remembers all this
 
     @property
     def made(self) -> Made:
         """Return views into the plan."""
-        return made_of(self.out[: self._counts[1]])
+        return made_of(self.out[: self._counts[0]])
 
     @property
     def state(self) -> State:
@@ -98,7 +98,7 @@ class WholeStep:
         self._arrays = arrays = StepArrays(qp_step.plant, N, qp_step.structured, feed_forward.readable, gate, beyond)
         self._step, self._table, self._size = arrays.step, arrays.address, arrays.nothing.size
         self._shape = arrays.ask.theta.shape
-        self._newest = Newest(arrays.nothing, N, arrays.size, beyond.memory)
+        self._newest = Newest(arrays.nothing, arrays.size, beyond.memory, beyond.delay)
         self.behind = True  # whether the flat state is not that of the parts
 
     def plan(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float, deadline: float) -> Plan | None:
@@ -168,7 +168,7 @@ class WholeStep:
 def _fields(size: int, out: Array, took: float) -> dict[str, Any]:
     """Return the fields of the plan that was made."""
     made = made_of(out[:size])
-    slack, slack_force, theta, K, T, feed_forward, linearise, solve = made.tail.tolist()
+    (slack, slack_force), (theta, K, T), (feed_forward, linearise, solve) = map(np.ndarray.tolist, made[5:])
     return {
         "u": made.sent, "x": made.x, "K": made.K, "status": PlanStatus.OPTIMAL, "rung": Rung.QP, "slack": slack,
         "times": Times(feed_forward, linearise, 0.0, solve, took), "slack_force": slack_force,

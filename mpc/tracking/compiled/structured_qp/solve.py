@@ -29,7 +29,7 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
 
     `guess` (n,) of the bounds that bind becomes the set found.
     """
-    setting, path, u = setting_in(numbers, starts), *path_in(buffer)
+    setting, (path, u) = setting_in(numbers, starts), path_in(buffer)
     _, _, _, reference, last = given_in(given)
     N = u.shape[0]
     errors, at, sweep = new_errors(N), new_point(N), new_sweep(N)

@@ -3,7 +3,7 @@
 What compiles it does not depend on the joint, so that a step whose joint's formulas cannot be compiled has it, too.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,15 @@ class StructuredQP:
     """A structured QP works for one controller: its arrays must not be used by two threads at a time."""
 
     def __init__(self, problem: TrackingProblem) -> None:
+        from mpc.codegen.views import flat, in_python
         from mpc.tracking.compiled.factory import setting
-        from mpc.tracking.compiled.flat_records import flat, given_in, lengths, path_in
+        from mpc.tracking.compiled.flat_records import given_in, lengths, path_in
         from mpc.tracking.compiled.module import solve_module
 
         self.problem, self._settle = problem, solve_module().settle
         given, buffer = map(np.zeros, lengths(sum(problem.blocks)))
-        views: tuple[Any, Any] = given_in, path_in
-        self.given = views[0].py_func(given)  # to be filled
-        self.path, self.u = views[1].py_func(buffer)  # the path and its commands [bar]
+        self.given = in_python(given_in)(given)  # to be filled
+        self.path, self.u = in_python(path_in)(buffer)  # the path and its commands [bar]
         made = setting(problem)
         self.arrays = flat(made), made.starts, given, buffer  # what compiled functions take
         self.guess = np.zeros(NU * len(problem.blocks), np.int8)  # sign of the multipliers

@@ -8,11 +8,10 @@ import pytest
 from mpc.model.arm.model import Arm
 from mpc.tracking import cost
 from mpc.tracking.compiled.factory import factory
-from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.controller import TrackingMPC, usual_blocks
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
-from mpc.tracking.optimising import usual_blocks
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.solvers import DAQP

@@ -7,21 +7,12 @@ are named in `Outside`, with what else C has that Python has not.
 
 import ast
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
-from allocator.allocation.kernels.printer.c_declarations import INT, REAL, Outside, Text, Unit, arguments_of
-from allocator.allocation.kernels.printer.c_expressions import Expressions
-from allocator.allocation.kernels.printer.c_layout import comment, runs, whole, wrapped
-from allocator.allocation.kernels.printer.python_text import Source, asks_for_none, assignments, refuse, statements
-
-_SUM = 12  # how strongly C's + binds
-
-
-class Printed(NamedTuple):
-    """C's text of a function is what a header has to say and what comes into a file."""
-
-    head: str  # the struct that it returns, and its prototype
-    body: str
+from allocator.compilation.printer.c_declarations import Outside, Text, Unit, arguments_of
+from allocator.compilation.printer.c_expressions import Expressions
+from allocator.compilation.printer.c_layout import Printed, comment, runs, whole, wrapped
+from allocator.compilation.printer.c_operators import INT, REAL, SUM
+from allocator.compilation.printer.python_text import Source, asks_for_none, assignments, refuse, statements
 
 
 def c_form(source: Source, entry: str, outside: Outside = Outside()) -> Printed:  # noqa: B008  # frozen
@@ -84,7 +75,7 @@ class _Function:
                 case ast.If(test, body, orelse):
                     yield from self.branch(test, body, orelse, depth)
                 case ast.For(ast.Name(name), ast.Call(ast.Name("range"), [count]), body, []):
-                    yield from self.loop(statement, name, self.say.text(count).above(_SUM), body, depth)
+                    yield from self.loop(statement, name, self.say.text(count).above(SUM), body, depth)
                 case _:
                     refuse(statement)
 

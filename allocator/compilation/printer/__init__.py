@@ -17,12 +17,21 @@ Such functions know numbers and tuples of numbers, and what numba compiles into 
 
 Whatever else there is raises `Unprintable`, whichever form is asked for.
 
+`c_functions` prints functions that fill arrays, such as the solvers of `mpc`: see `arrays_to_c`.
+
 In C a variable is real, an int (flags and truth values) or a struct: what is assigned to it decides.
 """
 
-from allocator.allocation.kernels.printer.c_declarations import INT, REAL, Outside
-from allocator.allocation.kernels.printer.python_text import Source, Unprintable
-from allocator.allocation.kernels.printer.to_c import Printed, c_form
-from allocator.allocation.kernels.printer.to_numpy import array_form, array_functions
+from allocator.compilation.printer.array_kinds import ArrayKind, Kind, StructKind
+from allocator.compilation.printer.arrays_to_c import MIN_AND_MAX, c_functions, with_called
+from allocator.compilation.printer.c_declarations import Outside
+from allocator.compilation.printer.c_layout import Printed, number
+from allocator.compilation.printer.c_operators import INT, REAL
+from allocator.compilation.printer.python_text import Source, Unprintable
+from allocator.compilation.printer.to_c import c_form
+from allocator.compilation.printer.to_numpy import array_form, array_functions
 
-__all__ = ["INT", "REAL", "Outside", "Printed", "Source", "Unprintable", "array_form", "array_functions", "c_form"]
+__all__ = [
+    "INT", "MIN_AND_MAX", "REAL", "ArrayKind", "Kind", "Outside", "Printed", "Source", "StructKind", "Unprintable",
+    "array_form", "array_functions", "c_form", "c_functions", "number", "with_called",
+]  # fmt: skip

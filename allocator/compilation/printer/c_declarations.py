@@ -5,11 +5,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isinf
 from typing import NamedTuple
 
-from allocator.allocation.kernels.printer.c_layout import runs
-from allocator.allocation.kernels.printer.python_text import Source, assignments, refuse
+from allocator.compilation.printer.c_layout import runs
+from allocator.compilation.printer.c_operators import ATOM, INT, REAL
+from allocator.compilation.printer.python_text import Source, assignments, refuse
 
-REAL, INT = "ant_real", "int"
-ATOM = 16  # how strongly what is no operator binds in C
 MADE = {"inf": "ANT_INFINITY", "sqrt": "ANT_F(sqrt)", "abs": "ant_abs"}  # names that C has anyway
 
 

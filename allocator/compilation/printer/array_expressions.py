@@ -2,14 +2,12 @@
 
 import ast
 from collections.abc import Mapping, Sequence
-from typing import Any, NoReturn, Protocol
+from typing import Any, Protocol
 
-from allocator.allocation.kernels.printer import Unprintable
-from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, Kinds, StructKind
+from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind
+from allocator.compilation.printer.c_operators import AND, ATOM, CHOICE, INT, LINK, LINKS, OR, REAL, SIGNS, SUM, UNARY
+from allocator.compilation.printer.python_text import refuse
 
-LINKS = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-SIGNS = {ast.Add: ("+", 12), ast.Sub: ("-", 12), ast.Mult: ("*", 13), ast.Div: ("/", 13), ast.BitOr: ("|", 6)}
-ATOM, UNARY, SUM, LINK, AND, OR, CHOICE = 16, 14, 12, 10, 5, 4, 3  # how strongly C's operators bind
 _EMPTY, _ZEROS = "np.empty", "np.zeros"
 
 
@@ -196,9 +194,3 @@ class Expressions:
         if not function or node.keywords:
             refuse(node, "C has no such function")
         return f"{function}({', '.join(map(self.text, arguments))})"
-
-
-def refuse(node: ast.AST, why: str = "") -> NoReturn:
-    """Raise `Unprintable` for what cannot be printed."""
-    reason = f" ({why})" if why else ""
-    raise Unprintable(f"line {getattr(node, 'lineno', '?')} cannot be printed{reason}: {ast.unparse(node)}")

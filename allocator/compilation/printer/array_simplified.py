@@ -1,4 +1,4 @@
-"""Python that C has no counterpart for is written here in terms that it has, before `mpc.codegen.array_functions`."""
+"""Python without a counterpart in C, rewritten in terms that have one."""
 
 import ast
 from typing import Any

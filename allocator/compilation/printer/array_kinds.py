@@ -1,9 +1,7 @@
-"""The kinds of values that `mpc.codegen.array_functions` prints are here: numbers, arrays, structs for tuples."""
+"""Kinds of values that functions of arrays have in C: numbers, arrays, structs for tuples."""
 
 from collections.abc import Mapping
 from typing import NamedTuple, TypeAlias
-
-REAL, INT = "ant_real", "int"
 
 
 class ArrayKind(NamedTuple):

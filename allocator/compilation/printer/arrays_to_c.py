@@ -11,14 +11,14 @@ import ast
 import inspect
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-from allocator.allocation.kernels.printer import Unprintable
-from allocator.allocation.kernels.printer.c_layout import comment, wrapped
-from mpc.codegen.array_expressions import ATOM, SIGNS, SUM, Expressions, refuse
-from mpc.codegen.array_kinds import INT, REAL, ArrayKind, Kind, Kinds, StructKind, TupleKind, declared
-from mpc.codegen.array_simplified import simplified
-from mpc.codegen.c_text import number
+from allocator.compilation.printer.array_expressions import Expressions
+from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind, TupleKind, declared
+from allocator.compilation.printer.array_simplified import simplified
+from allocator.compilation.printer.c_layout import Printed, comment, number, wrapped
+from allocator.compilation.printer.c_operators import ATOM, INT, REAL, SIGNS, SUM
+from allocator.compilation.printer.python_text import Unprintable, refuse
 
 MIN_AND_MAX = "\n".join(
     f"static inline {kind} ant_{name}{suffix}({kind} a, {kind} b) {{ return a {sign} b ? a : b; }}"
@@ -26,13 +26,6 @@ MIN_AND_MAX = "\n".join(
     for name, sign in (("min", "<"), ("max", ">"))
 )
 """What printed functions take for min and max, to be put before them."""
-
-
-class Printed(NamedTuple):
-    """`Printed` are the prototypes of the functions for others, and the text of all."""
-
-    head: str
-    body: str
 
 
 def c_functions(

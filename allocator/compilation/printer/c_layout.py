@@ -1,15 +1,25 @@
-"""C's text is laid out here, in lines of bounded width, with comments in ASCII."""
+"""C's text is laid out here, in lines of bounded width, with comments in ASCII; and its numbers."""
 
+import math
 import textwrap
 from collections.abc import Iterator
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 WIDTH = 120
 _ASCII = str.maketrans(
     {"θ": "theta", "ε": "eps", "τ": "tau", "κ": "kappa", "β": "beta", "·": "*", "²": "^2", "³": "^3", "±": "+-"}
     | {"≤": "<=", "≥": ">=", "`": "", "μ": "mu", "ᵀ": "^T", "‖": "|", "≈": "~", "Σ": "sum", "ω": "omega"}
 )
+
+
+class Printed(NamedTuple):
+    """C's text of functions: for a header, and for a file."""
+
+    head: str  # the structs that they return, and prototypes of those for others
+    body: str
 
 
 def runs(pairs: Any) -> Iterator[tuple[str, list[str]]]:
@@ -40,3 +50,17 @@ def comment(text: str, depth: int) -> str:
         lines += ["", *(paragraph.split("\n") if kept else textwrap.wrap(paragraph, WIDTH - 6 - len(indent)))]
     between = f"\n{indent} * "
     return f"{indent}/* {between.join(lines[1:])} */".replace(" \n", "\n")
+
+
+def number(value: float, single: bool) -> str:
+    """Return the literal of `value`: all its digits, `f` behind those of single precision.
+
+    What is not finite, or not in single precision, is one of the macros of real.h.
+    """
+    with np.errstate(over="ignore"):
+        rounded = np.float32(value) if single else np.float64(value)
+    if math.isnan(rounded):
+        return "ANT_NAN"
+    if math.isinf(rounded):
+        return "ANT_INFINITY" if rounded > 0 else "-ANT_INFINITY"
+    return f"{rounded!s}f" if single else repr(float(rounded))

@@ -4,7 +4,7 @@ import ast
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from allocator.allocation.kernels.printer.python_text import (
+from allocator.compilation.printer.python_text import (
     Source,
     asks_for_none,
     assignments,

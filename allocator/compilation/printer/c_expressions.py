@@ -2,12 +2,22 @@
 
 import ast
 
-from allocator.allocation.kernels.printer.c_declarations import ATOM, INT, MADE, REAL, Text, Unit, arguments_of, literal
-from allocator.allocation.kernels.printer.python_text import asks_for_none, refuse
-
-_LINKS = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-_SIGNS = {ast.Add: ("+", 12), ast.Sub: ("-", 12), ast.Mult: ("*", 13), ast.Div: ("/", 13)}
-_CHOICE, _OR, _AND, _FLAGS, _LINK, _SUM, _UNARY = 3, 4, 5, 6, 10, 12, 14  # how strongly C's operators bind
+from allocator.compilation.printer.c_declarations import MADE, Text, Unit, arguments_of, literal
+from allocator.compilation.printer.c_operators import (
+    AND,
+    ATOM,
+    CHOICE,
+    FLAGS,
+    INT,
+    LINK,
+    LINKS,
+    OR,
+    REAL,
+    SIGNS,
+    SUM,
+    UNARY,
+)  # fmt: skip
+from allocator.compilation.printer.python_text import asks_for_none, refuse
 
 
 class Expressions:
@@ -26,14 +36,14 @@ class Expressions:
                 return literal(value)
             case ast.UnaryOp(ast.USub(), operand):
                 inner = self.text(operand)
-                return Text(f"-{inner.above(_UNARY + inner.text.startswith('-') * ATOM)}", inner.kind, _UNARY)
+                return Text(f"-{inner.above(UNARY + inner.text.startswith('-') * ATOM)}", inner.kind, UNARY)
             case ast.UnaryOp(ast.Not(), operand):
-                return Text(f"!{self.truth(operand).above(_UNARY)}", INT, _UNARY)
+                return Text(f"!{self.truth(operand).above(UNARY)}", INT, UNARY)
             case ast.BinOp(left, op, right):
                 return self.binary(node, self.text(left), op, self.text(right))
             case ast.BoolOp(op, values):
-                sign, level = (" && ", _AND) if isinstance(op, ast.And) else (" || ", _OR)
-                return Text(sign.join(self.truth(value).above(_LINK) for value in values), INT, level)
+                sign, level = (" && ", AND) if isinstance(op, ast.And) else (" || ", OR)
+                return Text(sign.join(self.truth(value).above(LINK) for value in values), INT, level)
             case ast.Compare():
                 return self.comparison(node)
             case ast.IfExp(test, body, orelse):
@@ -57,11 +67,11 @@ class Expressions:
         if isinstance(op, ast.BitOr):
             if kind != INT:
                 refuse(node, "no flags")
-            first = left.text if " | " in left.text and left.level == _FLAGS else left.above(_UNARY)
-            return Text(f"{first} | {right.above(_UNARY)}", INT, _FLAGS)
-        sign, level = _SIGNS[type(op)]
+            first = left.text if " | " in left.text and left.level == FLAGS else left.above(UNARY)
+            return Text(f"{first} | {right.above(UNARY)}", INT, FLAGS)
+        sign, level = SIGNS[type(op)]
         if isinstance(op, ast.Div) and kind == INT:
-            left, kind = Text(f"({REAL}){left.above(_UNARY)}", REAL, _UNARY), REAL
+            left, kind = Text(f"({REAL}){left.above(UNARY)}", REAL, UNARY), REAL
         return Text(f"{left.above(level)} {sign} {right.above(level + 1)}", kind, level)
 
     def comparison(self, node: ast.Compare) -> Text:
@@ -69,13 +79,13 @@ class Expressions:
         if name := asks_for_none(node):
             if name not in self.unit.outside.absent:
                 refuse(node, "C has no None")
-            return Text(self.unit.outside.absent[name], INT, _LINK)
-        if not all(type(op) in _LINKS for op in node.ops):
+            return Text(self.unit.outside.absent[name], INT, LINK)
+        if not all(type(op) in LINKS for op in node.ops):
             refuse(node)
-        operands = [self.text(operand).above(_SUM) for operand in (node.left, *node.comparators)]
-        signs = [_LINKS[type(op)] for op in node.ops]
+        operands = [self.text(operand).above(SUM) for operand in (node.left, *node.comparators)]
+        signs = [LINKS[type(op)] for op in node.ops]
         links = [f"{a} {sign} {b}" for a, sign, b in zip(operands, signs, operands[1:], strict=False)]
-        return Text(" && ".join(links), INT, _AND if len(links) > 1 else _LINK)
+        return Text(" && ".join(links), INT, AND if len(links) > 1 else LINK)
 
     def choice(self, test: ast.expr, body: ast.expr, orelse: ast.expr) -> Text:
         """Return a conditional expression; one of its sides if it is known which."""
@@ -85,7 +95,7 @@ class Expressions:
         if yes.kind != no.kind and {yes.kind, no.kind} != {INT, REAL}:
             refuse(body, f"{yes.kind} or {no.kind}")
         kind = yes.kind if yes.kind == no.kind else REAL
-        return Text(f"{self.text(test).above(_OR)} ? {yes.above(_OR)} : {no.above(_CHOICE)}", kind, _CHOICE)
+        return Text(f"{self.text(test).above(OR)} ? {yes.above(OR)} : {no.above(CHOICE)}", kind, CHOICE)
 
     def call(self, node: ast.Call, name: str, arguments: list[ast.expr]) -> Text:
         """Return a call, of a printed function or of one that C has."""

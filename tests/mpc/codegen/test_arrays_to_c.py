@@ -7,9 +7,16 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from allocator.allocation.kernels.printer import Unprintable
-from mpc.codegen.array_functions import MIN_AND_MAX, c_functions, with_called
-from mpc.codegen.array_kinds import INT, REAL, ArrayKind, StructKind
+from allocator.compilation.printer import (
+    INT,
+    MIN_AND_MAX,
+    REAL,
+    ArrayKind,
+    StructKind,
+    Unprintable,
+    c_functions,
+    with_called,
+)
 
 from ...rigs import toolchain as tools
 from ...rigs.needs import needs

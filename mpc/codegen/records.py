@@ -1,0 +1,62 @@
+"""Records of fixed size that Python and compiled code read by the names of their fields, where they lie.
+
+A class states name and shape once. `dtype_of` makes the NumPy dtype of it, and `mpc.codegen.addresses.opener` what
+opens such a record in compiled code. A `Piece` is the place of an array whose length is known only when it is made.
+"""
+
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from allocator.calculus import Array
+
+_NUMBERS = {float: "f8", int: "i8"}
+
+
+class Piece:
+    """The place of an array of numbers, and how many they are."""
+
+    address: int
+    size: int
+
+
+def dtype_of(record: type) -> np.dtype[Any]:
+    """Return the dtype of a class of numbers, other such classes, and arrays or lists `Annotated` with a shape.
+
+    An array without a shape is there as its `Piece`.
+    """
+    hints = get_type_hints(record, include_extras=True)
+    return np.dtype([(name, *_kind(hint)) for name, hint in hints.items()])
+
+
+def kind_of(record: type, name: str) -> Any:
+    """Return the type of the numbers of a field that is an array without a shape; None for any other field."""
+    hint = get_type_hints(record, include_extras=True)[name]
+    return get_args(get_args(hint)[1])[0] if get_origin(hint) is np.ndarray else None
+
+
+def _kind(hint: Any) -> tuple[Any, ...]:
+    if get_origin(hint) is Annotated:
+        elements, *shape = get_args(hint)
+        return *(("f8",) if elements == Array else _kind(*get_args(elements))), tuple(shape)
+    if get_origin(hint) is np.ndarray:
+        hint = Piece
+    return (_NUMBERS[hint] if hint in _NUMBERS else dtype_of(hint),)
+
+
+def new_records(record: type) -> Any:
+    """Return an array (1,) of a record of zeros, whose numbers are attributes."""
+    return np.zeros(1, dtype_of(record)).view(np.recarray)
+
+
+def numbers_of(records: Any, name: str) -> tuple[int, int]:
+    """Return the `Piece` of a field that has floats only, of the record in `new_records`."""
+    kind, offset = records.dtype.fields[name][:2]
+    return records.ctypes.data + offset, kind.itemsize // np.dtype(float).itemsize
+
+
+def piece_of(array: Any, kind: type = np.float64) -> tuple[int, int]:
+    """Return the `Piece` of an array of this kind, for as long as it lives. Raises a `TypeError` for any other one."""
+    if array.dtype != kind or not (array.flags.c_contiguous and array.flags.aligned):
+        raise TypeError(f"numbers of the kind {array.dtype} are not {kind.__name__} in one piece")
+    return array.ctypes.data, array.size

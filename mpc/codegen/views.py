@@ -1,0 +1,143 @@
+"""Views of arrays by name, for Python and for compiled code.
+
+A named tuple states the shapes of its fields, some of which depend on sizes: `x: Annotated[Array, "N + 1", 4]`. The
+fields lie in one flat array, in this order, numbers and nested tuples included; a field without a shape is given by the
+caller. Arrays that lie elsewhere are opened by a table of their addresses. The functions that do either are generated
+as text, because numba compiles nothing that looks at annotations.
+"""
+
+import ast
+import inspect
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.codegen import addresses
+from mpc.codegen.jit import inlined
+from mpc.codegen.records import kind_of, new_records, piece_of
+
+F = TypeVar("F", bound=Callable[..., Any])
+_NUMBERS = {float: "{}", int: "int({})", bool: "{} != 0.0"}
+_AT = {np.float64: "floats", np.int64: "integers", np.int8: "signs"}
+
+
+def viewer(record: type) -> Any:
+    """Return (flat, arrays without a shape, sizes) ↦ a `record` of views; a single size follows from the length."""
+    text = _Text(record)
+    sizes, begin = text.sizes, "    _0 = 0\n"
+    if len(sizes) == 1:
+        least = text.length(0)
+        begin += f"    {sizes[0]} = (flat.size - {least}) // {text.length(1) - least}\n"
+        sizes = []
+    given = ", ".join(["flat", *text.arguments, *sizes])
+    made = f"def viewed({given}):\n{begin}{''.join(text.lines)}    return {text.result}\n"
+    return _compiled(record, made, text.records)
+
+
+def length_of(record: type, *sizes: int) -> int:
+    """Return how many numbers a `record` of views with these `sizes` has in its flat array."""
+    return _Text(record).length(*sizes)
+
+
+def measure(record: type) -> Any:
+    """Return sizes ↦ `length_of` a record, for compiled code."""
+    text = _Text(record)
+    return _compiled(record, f"def length({', '.join(text.sizes)}):\n    return {text.total}\n", {})
+
+
+def in_python(function: F) -> F:
+    """Return a compiled function as Python runs it."""
+    uncompiled: F = function.py_func  # type: ignore[attr-defined]
+    return uncompiled
+
+
+def flat(values: NamedTuple) -> Array:
+    """Return the numbers of a record, in the order in which they are viewed."""
+    return np.concatenate([np.ravel(value) for value in _leaves(values)]).astype(float)
+
+
+def table_of(values: NamedTuple) -> Any:
+    """Return an array (1,) of the addresses of arrays, and of numbers, in the order of their record.
+
+    Raises a `TypeError` for an array that does not lie there as it is read.
+    """
+    records = new_records(type(values))
+    for name, value in zip(values._fields, values, strict=True):
+        kind = kind_of(type(values), name)
+        records[0][name] = piece_of(value, kind) if kind else value
+    return records
+
+
+def opened(record: type[NamedTuple]) -> Any:
+    """Return the address of a `table_of` such a record ↦ the record, for compiled code."""
+    kinds = {name: kind_of(record, name) for name in record._fields}
+    fields = (f"{_AT[kind]}(t.{name})" if kind else f"t.{name}" for name, kind in kinds.items())
+    text = f"def opened(table):\n    t = table_at(table)\n    return {record.__name__}({', '.join(fields)})\n"
+    return _compiled(record, text, {record.__name__: record, "table_at": addresses.opener(record)} | vars(addresses))
+
+
+def _compiled(record: type, text: str, space: dict[str, Any]) -> Any:
+    """Return the function of a `text`, which counts as one of the file that has the `record`."""
+    made = dict(space)
+    exec(compile(text, inspect.getfile(record), "exec"), made)
+    return inlined(made[text[4 : text.index("(")]])
+
+
+def _leaves(values: Any) -> Iterator[Any]:
+    for name, hint in get_type_hints(type(values), include_extras=True).items():
+        value = getattr(values, name)
+        if hasattr(hint, "_fields"):
+            yield from _leaves(value)
+        elif hint in _NUMBERS or get_origin(hint) is Annotated:
+            yield value
+
+
+class _Text:
+    """The text that makes a record of views: where one ends the next begins."""
+
+    def __init__(self, record: type) -> None:
+        self.records: dict[str, type] = {}
+        self.sizes: list[str] = []
+        self.arguments: list[str] = []
+        self.lines: list[str] = []
+        self._lengths: list[str] = []
+        self.result = self._record(record)
+
+    @property
+    def total(self) -> str:
+        """The length of all, an expression of the sizes."""
+        return " + ".join(self._lengths)
+
+    def length(self, *sizes: int) -> int:
+        """Return the length of all."""
+        return int(eval(self.total, dict(zip(self.sizes, sizes, strict=True))))
+
+    def _record(self, record: type) -> str:
+        self.records[record.__name__] = record
+        hints = get_type_hints(record, include_extras=True)
+        return f"{record.__name__}({', '.join(self._field(*field) for field in hints.items())})"
+
+    def _field(self, name: str, hint: Any) -> str:
+        if hasattr(hint, "_fields"):
+            return self._record(hint)
+        if hint in _NUMBERS:
+            return _NUMBERS[hint].format(f"flat[{self._taken('1')[0]}]")
+        if get_origin(hint) is not Annotated:
+            self.arguments.append(name)
+            return name
+        shape = [str(size) for size in get_args(hint)[1:]]
+        for node in (node for size in shape for node in ast.walk(ast.parse(size))):
+            if isinstance(node, ast.Name) and node.id not in self.sizes:
+                self.sizes.append(node.id)
+        begin, end = self._taken(" * ".join(f"({size})" for size in shape))
+        part = f"flat[{begin}:{end}]"
+        return part if len(shape) == 1 else f"{part}.reshape({', '.join(shape)})"
+
+    def _taken(self, length: str) -> tuple[str, str]:
+        """Return where the next part of so many numbers begins and ends."""
+        count = len(self.lines)
+        self.lines.append(f"    _{count + 1} = _{count} + {length}\n")
+        self._lengths.append(length)
+        return f"_{count}", f"_{count + 1}"
