@@ -1,7 +1,5 @@
 """The exported code needs of a controller and its observer sizes, numbers, tables and the model."""
 
-from typing import Any
-
 import numpy as np
 
 from allocator.calculus import Array
@@ -17,7 +15,7 @@ from mpc.export.friction import (
     friction_tables,
 )
 from mpc.export.joint import Numbers
-from mpc.export.parts import Files, copied
+from mpc.export.parts import Files, Functions, copied, dense
 from mpc.export.recursions import items_in, recursion_files
 from mpc.export.tuning.numbers import tuning_constants, tuning_definition
 from mpc.model import compensation
@@ -93,7 +91,7 @@ def control_files(controller: TrackingMPC, observer: KalmanObserver, single: boo
     return files
 
 
-def model_functions(controller: TrackingMPC) -> list[tuple[Any, str]]:
+def model_functions(controller: TrackingMPC) -> Functions:
     """Return the CasADi functions of the plant and its friction, and what each computes."""
     import casadi as ca
 
@@ -105,20 +103,22 @@ def model_functions(controller: TrackingMPC) -> list[tuple[Any, str]]:
     C, D = ca.gradient(K, x), ca.jacobian(F, x).T
     gains = [ca.SX(side.torque_gain(P)) for side, P in zip(plant.joint.sides(x[0]), (x[2], x[3]), strict=True)]
 
-    def function(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> Any:
-        dense = ca.cse([ca.densify(value) for value in outputs.values()])
-        return ca.Function(name, [*inputs.values()], dense, [*inputs], [*outputs])
-
     state, stage = {"x": x}, {"x": x, "u": u, "d": d}
     return [
-        (function("stage", stage, {"later": later}), "the state after a sample"),
-        (function("slopes", stage, {"A": A, "B": B}), "its derivatives by x (4, 4) and u (4, 2)"),
-        (function("observed", stage, {"later": later, "A": A, "by_d": by_d}), "the state, and derivatives by x and d"),
-        (function("outputs", state, {"K": K, "F": F}), "stiffness and both forces"),
-        (function("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),
-        (function("gains", state, {"gains": ca.vertcat(*gains)}), "derivatives of both torques by the pressures"),
+        (dense("stage", stage, {"later": later}), "the state after a sample"),
+        (dense("slopes", stage, {"A": A, "B": B}), "its derivatives by x (4, 4) and u (4, 2)"),
+        (
+            dense("observed", stage, {"later": later, "A": A, "by_d": by_d}),
+            "the state, and derivatives by x and d",
+        ),
+        (dense("outputs", state, {"K": K, "F": F}), "stiffness and both forces"),
+        (dense("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),
+        (dense("gains", state, {"gains": ca.vertcat(*gains)}), "derivatives of both torques by the pressures"),
         friction_function(controller.compensation.friction, plant),
-        (function("expansion", state, {"q": ca.SX(ca.vertcat(*plant.expansion(x)))}), "what swelling takes [Pa/s]"),
+        (
+            dense("expansion", state, {"q": ca.SX(ca.vertcat(*plant.expansion(x)))}),
+            "what swelling takes [Pa/s]",
+        ),
     ]
 
 

@@ -6,7 +6,7 @@ that `scale` widens; `mpc/export/c/mpc/friction.c` moves them.
 
 from collections.abc import Iterator
 from math import inf
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from mpc.model.contact import Contact, Hysteresis
 from mpc.model.friction import Friction
 from mpc.model.hysteresis import MaxwellSlip
 from mpc.model.plant import NX, Plant
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 _NEVER = 1e30  # [rad], in place of an infinite width
 
@@ -58,7 +61,7 @@ def friction_tables(friction: Hysteresis) -> Iterator[tuple[str, str, Array]]:
         yield "ANT_WIDTHS", "their half widths where P1 + P2 = 5 bar [rad]", widths
 
 
-def friction_function(friction: Hysteresis, plant: Plant) -> tuple[Any, str]:
+def friction_function(friction: Hysteresis, plant: Plant) -> tuple["Function", str]:
     """Return the CasADi function from the state to the two numbers that press, and what it computes."""
     import casadi as ca
 

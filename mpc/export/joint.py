@@ -1,12 +1,15 @@
 """The kernel and the numbers of a joint are found here, or why it cannot be exported."""
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 Numbers = dict[str, tuple[float | int, str]]  # name: value, what it is
 _BELOW_POLE = 1 - 1e-6  # of the pole: pressures up to there have a force in either precision
@@ -91,7 +94,7 @@ def _bar(joint: AntagonistJoint) -> str:
     return f"{low / 1e5:.3g} to {high / 1e5:.3g} bar"
 
 
-def sides_function(joint: AntagonistJoint) -> Any:
+def sides_function(joint: AntagonistJoint) -> "Function":
     """Return the CasADi function θ ↦ (A, B, a, k', k0), (…) of both muscles, as `affine_exact` takes them."""
     import casadi as ca
 

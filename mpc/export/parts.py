@@ -1,10 +1,11 @@
 """The exported files are those of this package as they are, and those that are written for the joint."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
 
 from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.calculus import Value
 from allocator.errors import MissingBackend
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.codegen import c_text
@@ -12,7 +13,12 @@ from mpc.export import text
 from mpc.export.joint import Kernel, Numbers, sides_function
 from mpc.export.kernel import kernel_files
 
+if TYPE_CHECKING:
+    from casadi import Function
+
 Files = dict[str, str]  # path within the exported directory: content
+Functions: TypeAlias = list[tuple["Function", str]]
+"""CasADi functions, and what each computes."""
 
 PRECISIONS = ("double", "single")
 BUILD = """\
@@ -63,14 +69,22 @@ def _tolerances(joint: AntagonistJoint, single: bool) -> Numbers:
     }
 
 
-def kernel_functions(joint: AntagonistJoint, kernel: Kernel) -> list[tuple[Any, str]]:
+def dense(name: str, inputs: Mapping[str, Value], outputs: Mapping[str, Value]) -> "Function":
+    """Return a CasADi function with dense outputs, which computes what they share once."""
+    import casadi as ca
+
+    made = ca.cse([ca.densify(value) for value in outputs.values()])
+    return ca.Function(name, [*inputs.values()], made, [*inputs], [*outputs])
+
+
+def kernel_functions(joint: AntagonistJoint, kernel: Kernel) -> Functions:
     """Return the CasADi functions that the kernel takes, and what each computes."""
     if kernel.name == "tondu":
         return []
     return [(sides_function(joint), "theta [rad] to what the muscles are there, see kernel.c")]
 
 
-def model_files(functions: list[tuple[Any, str]], single: bool) -> Files:
+def model_files(functions: Functions, single: bool) -> Files:
     """Return model.h and model.c with these CasADi functions, if there are any."""
     if not functions:
         return {}

@@ -1,15 +1,14 @@
 """A plant becomes C here, to be simulated: under a board on a PC, and in an FMU."""
 
-from typing import Any
-
 import numpy as np
 
+from allocator.calculus import Array
 from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
 from mpc.codegen import c_text
 from mpc.export import text
 from mpc.export.joint import Numbers
-from mpc.export.parts import Files, copied
+from mpc.export.parts import Files, Functions, copied, dense
 from mpc.model.experiment import FINE
 from mpc.model.plant import NU, NX, Plant
 from mpc.model.real_plant import RealPlant, delayed
@@ -49,7 +48,7 @@ def plant_files(process: Plant | RealPlant, dt: float, directory: str = "") -> F
     }
 
 
-def _functions(real: RealPlant) -> list[tuple[Any, str]]:
+def _functions(real: RealPlant) -> Functions:
     import casadi as ca
 
     n = NX + real.friction.size
@@ -60,14 +59,16 @@ def _functions(real: RealPlant) -> list[tuple[Any, str]]:
     begun = ca.vertcat(start, ca.DM(at_0) + ca.DM(at_1 - at_0) * start[0])
     outputs = {"K": ca.SX(real.stiffness(x)), "T": ca.SX(real.torque(x)), "F": ca.vertcat(*real.forces(x))}
 
-    def function(name: str, inputs: dict[str, Any], results: dict[str, Any]) -> Any:
-        dense = ca.cse([ca.densify(value) for value in results.values()])
-        return ca.Function(name, [*inputs.values()], dense, [*inputs], [*results])
-
     return [
-        (function("plant_begin", {"start": start}, {"full": begun}), "the state to begin in, from theta, rate, P1, P2"),
-        (function("plant_step", {"full": full, "u": u, "d": d, "h": h}, {"later": later}), "the state after h [s]"),
-        (function("plant_outputs", {"full": full}, outputs), "stiffness, torque and both forces"),
+        (
+            dense("plant_begin", {"start": start}, {"full": begun}),
+            "the state to begin in, from theta, rate, P1, P2",
+        ),
+        (
+            dense("plant_step", {"full": full, "u": u, "d": d, "h": h}, {"later": later}),
+            "the state after h [s]",
+        ),
+        (dense("plant_outputs", {"full": full}, outputs), "stiffness, torque and both forces"),
     ]
 
 
@@ -90,7 +91,7 @@ def _numbers(real: RealPlant, dt: float) -> str:
     return text.header("ANT_PLANT_NUMBERS_H", "The plant's sizes and numbers, in SI units.", body)
 
 
-def start_of(real: RealPlant) -> np.ndarray[Any, np.dtype[np.float64]]:
+def start_of(real: RealPlant) -> Array:
     """Return a state (4,) to begin in: at rest in the middle of the joint range, with both pressures in mid supply."""
     joint = real.nominal.joint
     low, high = joint.pressure_limits
