@@ -27,7 +27,7 @@ class IPOPTStep:
     active_set = None
 
     def __init__(self, controller: TrackingMPC) -> None:
-        self._arm, self._problem, self._N = controller.arm, controller.problem, controller.N
+        self._arm, self._problem, self._N = controller.plant, controller.problem, controller.N
         arm = self._arm
         self._x_unit = np.concatenate([np.ones(2 * arm.n), np.full(arm.m, BAR)])
         self._build(controller.dt)
@@ -119,7 +119,7 @@ def weighted(weights: Array, residual: Any) -> Any:
 
 
 def nonlinear(arm: Any, **settings: Any) -> TrackingMPC:
-    """An `TrackingMPC` whose every step is IPOPT's."""
+    """A `TrackingMPC` whose every step is IPOPT's."""
     made = TrackingMPC(arm, **settings)
     made._qp_step = IPOPTStep(made)
     made.reset()

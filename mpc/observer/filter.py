@@ -180,8 +180,11 @@ class Filter:
         x, v, d = (kind.sym(name, rows) for name, rows in (("x", plant.size), ("v", plant.m), ("d", plant.n)))
         x_next = plant.discrete(dt)(x, v, d)
         # transposed because `Buffered` hands back transposes
-        slope = ca.densify(ca.horzcat(ca.jacobian(x_next, x), ca.jacobian(x_next, d)).T)
-        return Buffered(ca.Function("observed", [x, v, d], [x_next, slope]))
+        if isinstance(plant, Plant):
+            slope = ca.jacobian(x_next, ca.vertcat(x, d))  # at once, which shares more
+        else:
+            slope = ca.horzcat(ca.jacobian(x_next, x), ca.jacobian(x_next, d))
+        return Buffered(ca.Function("observed", [x, v, d], [x_next, ca.densify(slope.T)]))
 
     def _with_walk(self, A: Array) -> Array:
         """Return the derivative of ξ from the plant's (2n + m, 3n + m): d stays."""

@@ -115,7 +115,7 @@ class Predictor:
             return self._differences.motion
         given = self._symbols(self.N)
         x = self._states(*given)
-        return Buffered(ca.Function("motion", given, [x, self._outputs()[0].map(self.N + 1)(x)]))
+        return Buffered(ca.Function("motion", given, [x, self._outputs(slopes=False).map(self.N + 1)(x)]))
 
     @cached_property
     def _linearise(self) -> Callable[[Array, Array, Array], Sequence[Array]]:
@@ -127,12 +127,12 @@ class Predictor:
         x_next = stage(*one)
         # transposed, because `Buffered` hands back transposes
         slopes = [ca.densify(ca.jacobian(x_next, v).T) for v in one[:2]]
-        A, B = (ca.Function("stage_slopes", one, [slope]).map(self.N) for slope in slopes)
+        stage_slopes = ca.Function("stage_slopes", one, slopes).map(self.N)
         x0, u, d = self._symbols(self.N)
         x = self._states(x0, u, d)
-        y, slope = (function.map(self.N + 1)(x) for function in self._outputs())
-        before = x[:, : self.N], u, d
-        return Buffered(ca.Function("linearise", [x0, u, d], [x, y, A(*before), B(*before), slope]))
+        y, slope = self._outputs(slopes=True).map(self.N + 1)(x)
+        A, B = stage_slopes(x[:, : self.N], u, d)
+        return Buffered(ca.Function("linearise", [x0, u, d], [x, y, A, B, slope]))
 
     def _symbols(self, samples: int) -> list[Any]:
         import casadi as ca
@@ -141,14 +141,13 @@ class Predictor:
         made = ("x0", plant.size, 1), ("u", plant.m, samples), ("d", plant.n, samples)
         return [(ca.SX if samples == 1 and plant.angle_shape == () else ca.MX).sym(*each) for each in made]
 
-    def _outputs(self) -> tuple[Any, Any]:
-        """Return the functions x ↦ y = (svec K, F) and x ↦ (∂y/∂x)ᵀ."""
+    def _outputs(self, slopes: bool) -> Any:
+        """Return the function x ↦ y = (svec K, F), and with `slopes` also (∂y/∂x)ᵀ."""
         import casadi as ca
 
         x = ca.SX.sym("x", self.plant.size)
         y = ca.densify(self.plant.symbolic_outputs(x))
-        slope = ca.densify(ca.jacobian(y, x).T)
-        return ca.Function("outputs", [x], [y]), ca.Function("slopes", [x], [slope])
+        return ca.Function("outputs", [x], [y, ca.densify(ca.jacobian(y, x).T)] if slopes else [y])
 
     def _states(self, x0: Any, u: Any, d: Any) -> Any:
         """Return the states (2n + m, N + 1)."""

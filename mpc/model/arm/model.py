@@ -11,7 +11,7 @@ them; with gas pressures are integrated, too.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import ceil, sqrt
 from typing import Any, Self
@@ -74,6 +74,10 @@ class Arm:
             raise InvalidInput(
                 f"Arm: slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5"
             )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the formulas, which CasADi does not write out: each process makes them for itself."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def _check_gas(self) -> None:
         gas = self.mechanism.gas if self.gas is True else None if self.gas is False else self.gas
