@@ -122,7 +122,19 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
     """Return what arguments are, by their names in all functions."""
     sweep, rows, factors = structs["sweep"].fields, structs["rows"].fields, structs["factors"].fields
     items, per_u = structs["items"].fields, sweep["gv"]
-    reals = ("w", "total", "worst", "product", "share", "mean", "tolerance", "c0", "c1", "entering", "limit")
+    reals: tuple[str, ...] = (
+        "w",
+        "total",
+        "worst",
+        "product",
+        "share",
+        "mean",
+        "tolerance",
+        "c0",
+        "c1",
+        "entering",
+        "limit",
+    )
     reals += ("low", "high", "step", "last1", "last2", "left", "right", "least")
     return {
         **structs,
