@@ -79,10 +79,15 @@ def opened(record: type[NamedTuple]) -> Any:
 
 
 def _compiled(record: type, text: str, space: dict[str, Any]) -> Any:
-    """Return the function of a `text`, which counts as one of the file that has the `record`."""
-    made = dict(space)
-    exec(compile(text, inspect.getfile(record), "exec"), made)
-    return inlined(made[text[4 : text.index("(")]])
+    """Return the function of a `text`, which counts as one of the file that has the `record`.
+
+    Its name has that of the record: numba's names of compiled functions are those of module and function, and where two
+    are alike what was kept by one process takes the other's code in the next.
+    """
+    name = text[4 : text.index("(")]
+    made = {"__name__": record.__module__, **space}
+    exec(compile(text.replace(name, f"{name}_{record.__name__}", 1), inspect.getfile(record), "exec"), made)
+    return inlined(made[f"{name}_{record.__name__}"])
 
 
 def _leaves(values: Any) -> Iterator[Any]:
