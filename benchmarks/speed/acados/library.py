@@ -15,7 +15,6 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from allocator import Method
 from allocator.calculus import Array
 from benchmarks.speed.acados.stages import NG, NV, NX, SLACKS, Stages, W
 
@@ -124,7 +123,7 @@ class HPIPM:
         f.d_ocp_qp_ipm_arg_set_default(int(self.settings.mode), self._options)
         tolerances = dict.fromkeys(("tol_stat", "tol_eq", "tol_ineq", "tol_comp"), ctypes.c_double(TOLERANCE))
         numbers = {"mu0": ctypes.c_double(START), "iter_max": ctypes.c_int(MOST)}
-        warm = {"method": Method(warm_start=ctypes.c_int(2 if self.settings.warm else 0))}
+        warm = {"warm_start": ctypes.c_int(2 if self.settings.warm else 0)}
         for field, value in {**tolerances, **numbers, **warm}.items():
             f.d_ocp_qp_ipm_arg_set(field.encode(), ctypes.byref(value), self._options)
 

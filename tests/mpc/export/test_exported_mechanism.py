@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allocator import Status, allocate
+from allocator import Limits, Status, allocate
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.mechanism import Link, Mechanism, Sites, Tables, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_LOPEZ_LAAS_ARM
@@ -49,15 +49,14 @@ def questions(mechanism, N, seed=0, dtype=float):
         T, K, P = (a[np.linalg.eigvalsh(K)[:, 0] > 0.05] for a in (T, K, P))  # others are none to ask for
         now, step = (P + rng.uniform(-1, 1, P.shape) * BAR).astype(dtype).astype(float), 0.3 * BAR
         now = np.clip(now, 0, 5 * BAR)
-        asked = {"previous": now} if slew or k % 2 else {}
-        asked |= {"max_step": step} if slew else {}
-        asked |= {"min_force": least, "max_force": greatest, "priority": priority}
+        known = slew or k % 2
+        limits = Limits(least, greatest, previous=now if known else None, max_step=step if slew else None)
         triangle = K[:, *mechanism.upper_triangle]
         if free:
             triangle[:, mechanism.upper_triangle[0] != mechanism.upper_triangle[1]] = np.nan
-        a = allocate(q, K[:, range(n), range(n)] if free else K, T, joint=mechanism, **asked)
+        a = allocate(q, K[:, range(n), range(n)] if free else K, T, joint=mechanism, limits=limits, priority=priority)
         ends = [-np.inf if least is None else least, np.inf if greatest is None else greatest]
-        tail = [step if slew else np.inf, bool(asked.get("previous") is not None), k % 3 == 2, priority != "torque"]
+        tail = [step if slew else np.inf, bool(known), k % 3 == 2, priority != "torque"]
         for i in range(len(T)):
             rows.append([*q, *T[i], *triangle[i], *ends, *now[i], *tail])
             answers.append([*a.P[i], *a.T[i], *a.K[i][mechanism.upper_triangle], a.kkt_residual[i], a.status[i]])
