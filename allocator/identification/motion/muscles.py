@@ -1,9 +1,11 @@
 """The muscles of a known joint are corrected so that it rests where the log of another of its kind says.
 
-    minimise  Σ_k (u_k - z - θ_eq(P1_k, P2_k; p))²  +  n w² Σ_j (p_j/p_j⁰ - 1)²        over the encoder's zero z, p
+    minimise  Σ_k (u_k - z - θ_eq(P1_k, P2_k; p))²  +  n w² [(z/z⁰)² + (‖F(p) - F⁰‖/‖F⁰‖)²]    over the zero z and p
 
-p are the parameters of both muscles, p⁰ those of the given ones: what the angles leave open stays as it was, the force
-scale above all. No parameter changes its sign.
+z is the encoder's zero, p are the parameters of both muscles, F(p) their forces on a grid of pressures and contractions
+and F⁰ those of the given ones: what the angles leave open stays as it was, the force scale above all. A zero can hardly
+be told from muscles that differ, and the errors are the model's as much as the sensor's: with a smaller w both go far
+away for a few tenths of a degree. No parameter changes its sign.
 """
 
 from dataclasses import replace
@@ -17,7 +19,9 @@ from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle
 from allocator.units import DEG
 
-_HOLD = 0.05 * DEG  # w: a parameter that doubles costs as much as an error of this size everywhere
+_HOLD = 2 * DEG  # w: forces that double cost as much as an error of this size everywhere
+_ZERO = 40 * DEG  # z⁰: a zero that costs as much as forces that double
+_SHARES, _CONTRACTIONS = np.meshgrid([1 / 3, 2 / 3, 1.0], [0.0, 0.08, 0.16, 0.24])  # of the supply; [-]
 _MOST_CHANGE = 0.9  # of a parameter, in itself
 _MOST_ZERO = 0.35  # of the encoder [rad]
 _TURN = np.pi  # [rad] beyond which no joint is looked for
@@ -38,10 +42,18 @@ def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple
         p = given * (1 + x[1:])
         return joint.agonist.unchecked(p[:m].tolist()), joint.antagonist.unchecked(p[m:].tolist())
 
-    def residual(x: Array) -> Array:
-        error = u - x[0] - _equilibrium(joint, *muscles(x), u - x[0], P1, P2)
-        return np.concatenate([error, _HOLD * np.sqrt(u.size) * x[1:]]) / DEG
+    def forces(agonist: Muscle, antagonist: Muscle) -> Array:
+        P, eps = joint.pressure_limits[1] * _SHARES, _CONTRACTIONS
+        with np.errstate(all="ignore"):
+            return np.concatenate([agonist.force(P, eps), antagonist.force(P, eps)], axis=None)
 
+    def residual(x: Array) -> Array:
+        agonist, antagonist = muscles(x)
+        error = u - x[0] - _equilibrium(joint, agonist, antagonist, u - x[0], P1, P2)
+        changed = (forces(agonist, antagonist) - usual) / np.linalg.norm(usual)
+        return np.concatenate([error, _HOLD * np.sqrt(u.size) * np.append(changed, x[0] / _ZERO)]) / DEG
+
+    usual = forces(joint.agonist, joint.antagonist)
     most = np.array([_MOST_ZERO, *[_MOST_CHANGE] * given.size])
     size = np.array([0.05, *[0.2] * given.size])
     x = least_squares(residual, 0 * size, bounds=(-most, most), x_scale=size, ftol=1e-6, max_nfev=60).x
