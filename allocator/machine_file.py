@@ -36,7 +36,7 @@ One joint with two muscles, an `AntagonistJoint`, calls them "agonist" and "anta
 
 [machine]
 friction = 0.13
-scale_known = true             # false: fitted without a weight, no torque and no stiffness
+scale_known = true             # false: fitted without a weight, no torque and no stiffness; true by default
 unseen = ["a force common to both muscles"]  # by the data of its fit; or without this line
 
 [covariance]                   # of the parameters of agonist and antagonist together
@@ -220,9 +220,12 @@ def machine_from(file: Table, *, scale_needed: bool = True) -> Machine:
 
 
 def scale_known_in(file: Table) -> bool:
-    """Return whether the joint in a parsed file was fitted with a weight, so that its forces are right."""
+    """Return whether the forces of the joint in a parsed file are in newtons: it was not fitted without a weight."""
     table = file.table("machine")
-    return table is not None and table.entries.get("scale_known") is True
+    known = True if table is None else table.entries.get("scale_known", True)
+    if table is not None and not isinstance(known, bool):
+        raise table.fault(f"scale_known = {known!r} has to be true or false")
+    return bool(known)
 
 
 def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], more: dict[str, Any]) -> AntagonistJoint:

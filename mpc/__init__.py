@@ -1,4 +1,4 @@
-"""The dynamics and the control of a joint live here: plants, linear time-varying MPC, observer, simulated loops.
+"""Dynamics and control of joints and arms: plants, linear time-varying MPC, observer, simulated loops.
 
 The names load when they are first used, so that the command line begins at once.
 """

@@ -1,4 +1,4 @@
-"""`allocate` turns torque and stiffness targets into the two pressures."""
+"""`allocate` turns torque and stiffness targets into pressures, of a joint here and of a mechanism in its own entry."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -189,7 +189,7 @@ class Muscle(ABC):
         """Return the radius at rest [m] that the law's parameters tell; None where they tell none."""
         return None
 
-    def volume_at_rest(self, rest_length: float) -> Value:
+    def volume_at_rest(self, rest_length: Value) -> Value:
         """Return V_0 [m³], the volume at ε = 0 of a muscle of this length [m], with its tubing.
 
         It is `rest_volume`, or that of a cylinder π r² L. Raises InvalidInput where no radius is known either.
@@ -198,14 +198,15 @@ class Muscle(ABC):
             return self.rest_volume + self.tube_volume
         radius = self.own_radius if self.inner_radius is None else self.inner_radius
         if radius is None:
+            tube = np.pi * 1e-4 * float(np.max(rest_length))  # m³
             raise InvalidInput(
                 f"how much gas this {type(self).__name__} holds is not known, since its law has no radius: say "
-                f"inner_radius [m], or rest_volume [m³] (a tube of 1 cm radius: {np.pi * 1e-4 * rest_length:.3g}; "
-                f"--rest-volume of the commands is in cm³: {np.pi * 100 * rest_length:.3g})"
+                f"inner_radius [m], or rest_volume [m³] (a tube of 1 cm radius: {tube:.3g}; --rest-volume of the "
+                f"commands is in cm³: {1e6 * tube:.3g})"
             )
         return np.pi * radius**2 * rest_length + self.tube_volume
 
-    def volume(self, P: Value, eps: Value, rest_length: float) -> Value:
+    def volume(self, P: Value, eps: Value, rest_length: Value) -> Value:
         """Return the volume of the gas, tubing included, V(P, ε) = V_0 + L ∫_0^ε F_P dε' [m³]   (G1)
 
         `P` [Pa] and `eps` [-] are floats, arrays or CasADi symbols and pass unchecked, `rest_length` is L [m]. Where

@@ -1,3 +1,3 @@
-"""Arms are mechanisms that move: rigid bodies, their model, an MPC of all pressures, and what it is tried on."""
+"""Arms on MuJoCo: plants, pictures, films, learning. The model that controllers predict with is `mpc.model.arm`."""
 
 __all__: list[str] = []

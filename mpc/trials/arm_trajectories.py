@@ -41,7 +41,7 @@ def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1
             K[:, 0, 0] += _K_SWING * np.sin(w * t)
         else:
             K *= 1 + 0.1 * np.sin(w * t)[:, None, None]
-        return q, arm.seen(q, K)
+        return q, _tracked(arm, q, K)
 
     return Reference.of("circle", _positive("turns", turns, "-") / frequency, at)
 
@@ -62,7 +62,7 @@ def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> Reference:
         done = np.where(whole % 2 == 0, done, 1 - done)
         done = np.where(whole >= 2, 0.0, done)
         q = middle + (2 * done[:, None] - 1) * ends
-        return q, arm.seen(q, K_of(q))
+        return q, _tracked(arm, q, K_of(q))
 
     return Reference.of("reach", 2 * period + rest, at)
 
@@ -70,7 +70,7 @@ def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> Reference:
 def hold(arm: Arm, seconds: float = 4.0) -> Reference:
     """Return a posture that is held. Raises `InvalidInput`."""
     posture = _middle(arm) + _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG)
-    K = arm.seen(posture[None], _usual_stiffness(arm)(posture[None]))[0]
+    K = _tracked(arm, posture[None], _usual_stiffness(arm)(posture[None]))[0]
     return Reference.of("hold", seconds, lambda t: (np.tile(posture, (t.size, 1)), np.tile(K, (t.size, 1, 1))))
 
 
@@ -100,9 +100,22 @@ def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> Reference:
         K[:, 1, 1] -= 1.5 * np.sin(phase)
         K[:, 0, 1] += 0.8 * np.cos(phase)
         K[:, 1, 0] += 0.8 * np.cos(phase)
-        return q, arm.seen(q, K)
+        return q, _tracked(arm, q, K)
 
     return Reference.of("draw", _positive("turns", turns, "-") * seconds, at)
+
+
+def _tracked(arm: Arm, q: Array, K: Array) -> Array:
+    """Return what the arm tracks of the joints' stiffness `K` (k, n, n) at the postures `q` (k, n).
+
+    Raises `InvalidInput` where the hand's stiffness is tracked and is infinite.
+    """
+    if arm.endpoint is not None:
+        try:
+            arm.endpoint.check_rank(arm.endpoint.at(q))
+        except InvalidInput as error:
+            raise InvalidInput(f"this reference cannot be followed with the stiffness of the hand: {error}") from None
+    return arm.seen(q, K)
 
 
 def _usual_stiffness(arm: Arm) -> Callable[[Array], Array]:

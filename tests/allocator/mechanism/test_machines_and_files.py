@@ -136,6 +136,15 @@ def test_a_joint_s_file_is_a_machine_s(tmp_path):
         load_joint(path)
 
 
+def test_a_joint_written_by_hand_has_its_forces_in_newtons(tmp_path):
+    path = tmp_path / "joint.toml"
+    save_machine(report_joint(), path)
+    text = path.read_text()
+    assert "scale_known = true\n" in text
+    path.write_text(text.replace("scale_known = true\n", ""))
+    assert load_joint(path) == report_joint()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
@@ -144,6 +153,8 @@ def test_a_joint_s_file_is_a_machine_s(tmp_path):
         ("friction =", 'joints = ["elbow"]\nfriction =', r"\[machine\] has no joints; it has pressure_limits"),
         ("[routes]", "[bodies]\n[routes]", "the file of a joint has no bodies; it has machine, routes, muscle"),
         ("    [-2.181661564992912, 2.181661564992912],", "-2.0, 2.0", "angle_limits has one row of a joint"),
+        ("scale_known = true", 'scale_known = "yes"', r"\[machine\]: scale_known = 'yes' has to be true or false"),
+        ("scale_known = true", "scale_known = false", "holds a joint whose force scale is unknown"),
     ],
 )
 def test_files_that_are_no_joint(tmp_path, old, new, sentence):

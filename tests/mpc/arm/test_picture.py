@@ -1,5 +1,7 @@
 """Muscles are seen to swell and to redden with their pressures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,15 @@ def test_a_drawn_muscle_has_its_length_radius_and_colour(rig):
     painted(rig, 0.0)
     assert first.size[0] < 0.8 * radius
     assert first.rgba[1] > 0.8
+
+
+def test_muscles_of_unknown_volume_swell_as_well():
+    bare = replace(SAROSI_DMSP_20_400N, inner_radius=None)
+    rig = MujocoPlant(to_mjcf(ARM, arm26_bodies()), [bare] * 6)
+    rig.reset((0.2, 0.4), [1 * BAR, 5 * BAR, 3 * BAR, 3 * BAR, 3 * BAR, 3 * BAR])
+    assert (np.diff(radii(rig)[[0, 2, 1]]) > 0).all()
+    with pytest.raises(InvalidInput, match="inner_radius"):
+        rig.pneumatics.volumes(rig.lengths, rig.P)
 
 
 def test_the_drawn_cable_is_paid_out_as_the_joint_turns(rig):

@@ -3,17 +3,18 @@
 import csv
 import os
 import stat
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from allocator.errors import CannotWrite, MissingBackend
+from allocator.errors import CannotWrite, InvalidInput, MissingBackend
 from mpc.arm import film as filming
 from mpc.arm.film import Film
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.model.arm.model import Arm
-from mpc.trials.arm_trajectories import draw
+from mpc.trials.arm_trajectories import draw, reference
 from mpc.trials.files import save_run
 from mpc.trials.film_files import check_film
 from mpc.trials.metrics import metrics
@@ -51,6 +52,14 @@ def test_metrics_are_what_the_arrays_say(run):
     assert found.violations["pressure slew"][0] == pytest.approx(5.0, rel=1e-6)  # bar/s above 5
     assert not found.limits_kept
     assert found.violations["commanded pressure"][0] == 0.0
+
+
+def test_a_reference_that_stretches_the_arm_out_asks_for_no_stiffness_of_the_hand():
+    hand = replace(ARM, endpoint=ARM.bodies.endpoint)
+    with pytest.raises(InvalidInput, match=r"cannot be followed with the stiffness of the hand: .* singular"):
+        reference("circle", hand)
+    assert reference("circle", ARM).duration == 8.0
+    assert np.isfinite(reference("draw", hand).K).all()
 
 
 def test_the_table_has_every_sample_in_degrees_and_bar(run, tmp_path):
