@@ -95,7 +95,7 @@ class StiffnessKind:
                 return cls._of_valves(valves, tuple(muscles))
             if valves.shares is not None and len(valves.shares) != len(muscles):
                 raise InvalidInput(
-                    f"valves = {checks.brief(valves)} are of {len(valves.shares)} muscles, not of {len(muscles)}"
+                    f"valves = {checks.brief(valves)} are of {len(valves.shares)} muscles, not {len(muscles)}"
                 )
             return valves
         if frequency is None or lag is None:

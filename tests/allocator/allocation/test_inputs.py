@@ -45,7 +45,7 @@ WRONG = {
     "a force without a hand": ({"stiffness": Stiffness(force=3.0)}, "force are of a Mechanism; a joint has no hand"),
     "valves of six muscles": (
         {"stiffness": Stiffness(StiffnessKind("shut", (1.0,) * 6))},
-        "are of 6 muscles, not of 2",
+        "are of 6 muscles, not 2",
     ),
     "a gap of nothing": ({"method": Method(gap=np.nan)}, "gap = nan is not finite"),
     "a risk of more than a half": ({"method": Method(risk=0.7)}, "risk = 0.7 has to be a probability"),

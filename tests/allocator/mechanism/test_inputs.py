@@ -56,7 +56,7 @@ PATH = [(-1, (0.1, 0.1)), (0, (0.2, 0.1))]
         ({"method": Method(risk=0.7)}, "risk = 0.7 has to be a probability"),
         ({"method": Method("qp"), "along": 0, "theta": [[0.1, 0.2]]}, "along is for the method 'exact', not 'qp'"),
         ({"direction": 1.0}, "direction = 1.0 is for an AntagonistJoint with friction"),
-        ({"stiffness": Stiffness(HELD)}, "are of 2 muscles, not of 6"),
+        ({"stiffness": Stiffness(HELD)}, "are of 2 muscles, not 6"),
         (
             {"priority": "weighted", "weights": (1.0, 1.0), "pull": (1e300, np.full(6, 2e5))},
             r"pull\[0\] = 1e\+300 cost/Pa² is over 1e\+100",
