@@ -137,6 +137,10 @@ def positive_pressure(name: str, value: object) -> Array:
 
 def pressure_pair(name: str, value: Iterable[object] | None, labels: tuple[str, str]) -> dict[str, Array]:
     """Return the pressures (P1, P2) [Pa], under the names `labels`."""
+    if isinstance(value, np.ndarray) and value.shape == (2, 2):
+        raise InvalidInput(
+            f"{name} of the shape (2, 2) is two arrays or two targets' rows of pressures; write (P1, P2) [Pa]"
+        )
     try:
         P1, P2 = () if value is None else value
     except (TypeError, ValueError):
@@ -150,9 +154,9 @@ def axis(name: str, value: object, ndim: int) -> int | None:
     """Return an axis of targets, counted from 0, or None."""
     if value is None:
         return None
-    if not isinstance(value, int) or isinstance(value, bool) or not -ndim <= value < ndim:
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or not -ndim <= value < ndim:
         raise InvalidInput(f"{name} = {brief(value)} is no axis of targets with {ndim} of them")
-    return value % ndim
+    return int(value) % ndim
 
 
 def one_of(name: str, value: object, among: Iterable[str]) -> str:

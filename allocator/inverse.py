@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array
-from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.antagonist import AntagonistJoint, joint_or_report
 from allocator.joint.gas import Shares
 from allocator.joint.limits import Limits, PressureBox
 from allocator.joint.torque_levels import BothMuscles, Pair
@@ -31,7 +31,7 @@ def inverse(theta: ArrayLike, K: ArrayLike, T: ArrayLike = 0.0, *, joint: Antago
     pulley; otherwise all pairs within 0 … 20 bar are found (`allocator.search`), and the highest is given. Raises
     InvalidInput for arguments that make no sense.
     """
-    joint = report_joint() if joint is None else joint
+    joint = joint_or_report(joint)
     theta, K, T = checks.broadcast(
         theta=checks.angle("theta", theta), K=checks.stiffness("K", K), T=checks.real("T", T, "N·m")
     )

@@ -10,8 +10,10 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import Shares
-from allocator.joint.limits import TAUT, Limits
+from allocator.joint.limits import TAUT, Limits, checked_limits
 from allocator.joint.torque_levels import Pair
+
+_STRONGEST = 1e100  # [cost]/[Pa]² of a pull
 
 
 def problem_from(
@@ -33,8 +35,7 @@ def problem_from(
     angles are moved into the joint range. Raises InvalidInput, as `allocate` says.
     """
     named = {"theta": checks.angle("theta", theta), "K": checks.stiffness("K", K), "T": checks.real("T", T, "N·m")}
-    if not isinstance(limits, Limits):
-        raise InvalidInput(f"limits = {checks.brief(limits)} have to be Limits, such as Limits(min_force=20.0)")
+    limits = checked_limits(limits)
     named |= _slew(limits)
     chosen = _priority(priority)
     rho, reference = (0.0, None) if pull is None else pulled(pull)
@@ -68,6 +69,8 @@ def pulled(pull: Any) -> tuple[float, Any]:
     rho = checks.not_negative("pull[0]", weight, "cost/Pa²")
     if rho == 0:
         raise InvalidInput("pull = (ρ, P_ref) has to have ρ > 0; None is no pull")
+    if rho > _STRONGEST:
+        raise InvalidInput(f"pull[0] = {rho:g} cost/Pa² is over {_STRONGEST:g}, the most that is taken")
     return rho, reference
 
 

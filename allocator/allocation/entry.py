@@ -28,7 +28,7 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.inverse import solve_inverse
 from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.gas import HELD, ISOBARIC, Stiffness, StiffnessKind
+from allocator.joint.gas import HELD, ISOBARIC, Stiffness, StiffnessKind, of_a_joint
 from allocator.joint.limits import TAUT, Limits
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ def allocated(joint: Any, asked: Asked) -> Allocation:
 @allocated.register
 def _of_a_pair(joint: AntagonistJoint, asked: Asked) -> Allocation:
     """Return the allocation of two muscles that no kernel has answered."""
-    chosen, kind = _checked_method(asked.method), _checked_kind(asked.stiffness)
+    chosen, kind = _checked_method(asked.method), of_a_joint(asked.stiffness)
     _check_together(kind, chosen, asked.along)
     if chosen.uncertainty is not None:
         joint = with_covariance(joint, chosen.uncertainty)
@@ -215,7 +215,7 @@ def _solver(method: Method, asked: Array, along: int | None) -> Solve:
     if method.name == "analytic":
         return partial(_inverted, asked=asked)
     if method.uncertainty is not None:
-        return partial(_uncertain, asked=asked, risk=checks.probability("risk", method.risk))
+        return partial(_uncertain, asked=asked, risk=method.risk)
     return partial(_optimised, asked=asked, method=method)
 
 
@@ -228,9 +228,11 @@ def _answer(problem: Problem, solve: Solve, kind: StiffnessKind) -> PairAllocati
 
 
 def _ordinary(joint: AntagonistJoint, direction: Any, stiffness: Stiffness) -> bool:
-    """Return whether friction takes nothing, and neither a tolerance nor a hand is asked for."""
+    """Return whether friction takes nothing, and neither a tolerance, a hand nor a force is given."""
     if stiffness is not ISOBARIC and not (
-        type(stiffness) is Stiffness and number(stiffness.tolerance) == 0 and stiffness.endpoint is None
+        type(stiffness) is Stiffness
+        and number(stiffness.tolerance) == number(stiffness.force) == 0
+        and stiffness.endpoint is None
     ):
         return False
     if type(direction) is float and direction == 0:
@@ -249,15 +251,6 @@ def _checked_method(chosen: Method) -> Method:
     if chosen.uncertainty is not None and (chosen.name != "convex" or chosen.solver is not None):
         raise InvalidInput("uncertainty belongs to method='convex' with its default solver")
     return chosen
-
-
-def _checked_kind(stiffness: Any) -> StiffnessKind:
-    """Return the kind of stiffness. Raises InvalidInput for what is none of a joint."""
-    if not isinstance(stiffness, Stiffness):
-        raise InvalidInput(f"stiffness = {checks.brief(stiffness)} has to be a Stiffness, such as Stiffness('shut')")
-    if stiffness.endpoint is not None or np.any(stiffness.force):
-        raise InvalidInput("endpoint and force are of a Mechanism; a joint has no hand")
-    return stiffness.kind()
 
 
 def _check_together(kind: StiffnessKind, method: Method, along: Any) -> None:

@@ -2,6 +2,7 @@
 
 from typing import Any, Literal, NamedTuple, Self
 
+from allocator import checks
 from allocator.errors import InvalidInput
 
 Name = Literal["analytic", "exact", "qp", "nlp", "convex"]
@@ -25,8 +26,12 @@ class Method(NamedTuple):
 
     @classmethod
     def of(cls, method: Any) -> Self:
-        """Return the method that a name or a `Method` means. Raises InvalidInput."""
+        """Return the method that a name or a `Method` means. Raises InvalidInput, also for options that cannot be."""
         if isinstance(method, cls):
+            if not 0 < checks.number("gap", method.gap, "of 1 + cost") < 1:
+                raise InvalidInput(f"gap = {method.gap:g} has to lie between 0 and 1, a share of 1 + cost")
+            checks.probability("risk", method.risk)
+            checks.flag("warm_start", method.warm_start)
             return method
         if isinstance(method, str):
             return cls(method)  # type: ignore[arg-type]  # whoever solves knows the names

@@ -18,7 +18,7 @@ from allocator.calculus import Array
 class Status(IntEnum):
     """A `Status` is the outcome of an allocation, of several that hold the last; `.advice` is a sentence on it.
 
-    UNSTABLE is said of mechanisms; PULLED, NO_INVERSE, TOO_RISKY and HEDGED of one joint and two muscles.
+    UNSTABLE is said of mechanisms; NO_INVERSE, TOO_RISKY and HEDGED of one joint and two muscles.
     """
 
     EXACT = 0

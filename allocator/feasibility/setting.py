@@ -12,15 +12,16 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator import checks
 from allocator.allocation import exact, reach
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.problem import Problem
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
-from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.gas import HELD, ISOBARIC, Stiffness, StiffnessKind
-from allocator.joint.limits import TAUT, Limits
+from allocator.joint.antagonist import AntagonistJoint, joint_or_report
+from allocator.joint.gas import HELD, ISOBARIC, Stiffness, StiffnessKind, of_a_joint
+from allocator.joint.limits import TAUT, Limits, checked_limits
 from allocator.joint.torque_levels import Pair, stiffness, torque_interval
 
 _NO_TARGET = 1.0  # [N·m/rad] stands for the stiffness where none is asked for
@@ -63,11 +64,12 @@ class Setting:
 
         Raises `InvalidInput` for a slew limit, a tolerance and an endpoint, which no map has.
         """
-        if limits.previous is not None or limits.max_step is not None:
+        kind = of_a_joint(stiffness)
+        if checked_limits(limits).previous is not None or limits.max_step is not None:
             raise InvalidInput("a slew limit belongs to one target; maps and intervals have none")
-        if stiffness.tolerance or stiffness.endpoint is not None:
-            raise InvalidInput("a tolerance or an endpoint is for `allocate`; maps and intervals are of a joint's K")
-        return cls(report_joint() if joint is None else joint, limits, stiffness.kind())
+        if checks.not_negative("tolerance", stiffness.tolerance, "N·m/rad"):
+            raise InvalidInput("a tolerance is for `allocate`; maps and intervals are of a joint's K")
+        return cls(joint_or_report(joint), limits, kind)
 
     @property
     def states(self) -> "tuple[Setting, ...]":

@@ -11,6 +11,7 @@ and everything static in this package is said in terms of the two, each `OneMusc
 
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -341,3 +342,13 @@ def report_joint(muscle: Muscle = TONDU_DMSP_20_400N) -> AntagonistJoint:
     """
     pulley = Pulley(rest_length=0.40, radius=0.02, initial_contraction=0.1375)
     return AntagonistJoint(pulley, muscle, muscle, angle_limits=(-125 * DEG, 125 * DEG))
+
+
+def joint_or_report(joint: Any) -> AntagonistJoint:
+    """Return `joint`, or the report's in place of None. Raises InvalidInput for a machine of another kind."""
+    if joint is None:
+        return report_joint()
+    if not isinstance(joint, AntagonistJoint):
+        getattr(joint, "sides", None)  # of a joint without a force scale, which raises its own sentence
+        raise InvalidInput(f"joint = {checks.brief(joint)} has to be an AntagonistJoint")
+    return joint

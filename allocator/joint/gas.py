@@ -91,7 +91,13 @@ class StiffnessKind:
         Only for a pair may valves be "free". Raises InvalidInput where the arguments make no sense.
         """
         if frequency is None and lag is None:
-            return valves if isinstance(valves, cls) else cls._of_valves(valves, tuple(muscles))
+            if not isinstance(valves, cls):
+                return cls._of_valves(valves, tuple(muscles))
+            if valves.shares is not None and len(valves.shares) != len(muscles):
+                raise InvalidInput(
+                    f"valves = {checks.brief(valves)} are of {len(valves.shares)} muscles, not {len(muscles)}"
+                )
+            return valves
         if frequency is None or lag is None:
             raise InvalidInput("frequency [Hz] and lag [s] go together; one came without the other")
         if not (isinstance(valves, str) and valves == "open"):
@@ -177,6 +183,21 @@ class Stiffness:
 
 
 ISOBARIC = Stiffness()
+
+
+def checked_stiffness(stiffness: Any) -> Stiffness:
+    """Return `stiffness`, which has to be of this type. Raises InvalidInput."""
+    if not isinstance(stiffness, Stiffness):
+        raise InvalidInput(f"stiffness = {checks.brief(stiffness)} has to be a Stiffness, such as Stiffness('shut')")
+    return stiffness
+
+
+def of_a_joint(stiffness: Any) -> StiffnessKind:
+    """Return the kind of stiffness of a joint, which has no hand. Raises InvalidInput."""
+    given = checked_stiffness(stiffness)
+    if given.endpoint is not None or np.any(given.force):
+        raise InvalidInput("endpoint and force are of a Mechanism; a joint has no hand")
+    return given.kind()
 
 
 def frequencies(frequency: Any) -> Array:

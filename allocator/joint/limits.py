@@ -13,7 +13,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator import checks
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 
 COMMON_FORCE = "a force common to both muscles"
 PRIOR_FORCE = f"{COMMON_FORCE}, which is that of a prior"
@@ -103,6 +105,14 @@ class Limits(NamedTuple):
 
 
 TAUT = Limits()  # the ordinary ones: nothing but taut cables
+
+
+def checked_limits(limits: Any) -> Limits:
+    """Return `limits`, which have to be of this type. Raises InvalidInput."""
+    if not isinstance(limits, Limits):
+        raise InvalidInput(f"limits = {checks.brief(limits)} have to be Limits, such as Limits(min_force=20.0)")
+    return limits
+
 
 Bound = tuple[Array, Limit]
 """A pressure [Pa] and the limit that lies there."""

@@ -8,8 +8,8 @@ from allocator import checks
 from allocator.allocation.arguments import pulled
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.joint.gas import ISOBARIC, Stiffness, StiffnessKind
-from allocator.joint.limits import TAUT, Limits
+from allocator.joint.gas import ISOBARIC, Stiffness, StiffnessKind, checked_stiffness
+from allocator.joint.limits import TAUT, Limits, checked_limits
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Mechanism
@@ -33,8 +33,7 @@ def problem_from(
 ) -> tuple[BoxProblem, tuple[int, ...]]:
     """Return the checked problem and the common shape of its targets. Raises `InvalidInput`."""
     n, m = mechanism.n, mechanism.m
-    if not isinstance(limits, Limits):
-        raise InvalidInput(f"limits = {checks.brief(limits)} have to be Limits, such as Limits(min_force=20.0)")
+    limits = checked_limits(limits)
     kind, endpoint, force = _meant(mechanism, stiffness)
     previous, max_step = limits.previous, limits.max_step
     asked_of = _AskedOf.of(mechanism, endpoint)
@@ -72,13 +71,15 @@ def problem_from(
 
 def _meant(mechanism: Mechanism, stiffness: Any) -> tuple[StiffnessKind, Any, Any]:
     """Return which stiffness is meant: (its kind, the endpoint or None, the force there). Raises `InvalidInput`."""
-    if not isinstance(stiffness, Stiffness):
-        raise InvalidInput(f"stiffness = {checks.brief(stiffness)} has to be a Stiffness, such as Stiffness('shut')")
+    stiffness = checked_stiffness(stiffness)
     if stiffness.endpoint is None and np.any(stiffness.force):
         raise InvalidInput("force is that of an endpoint; give endpoint, too")
     if checks.not_negative("tolerance", stiffness.tolerance, "N·m/rad"):
         raise InvalidInput("a stiffness tolerance is for an AntagonistJoint, whose stiffness is one number")
-    return stiffness.kind(mechanism.muscle_names), stiffness.endpoint, stiffness.force
+    kind = stiffness.kind(mechanism.muscle_names)
+    if kind.shares is None:
+        raise InvalidInput("valves = 'free' are for an AntagonistJoint; of a mechanism choose 'open' or 'shut'")
+    return kind, stiffness.endpoint, stiffness.force
 
 
 class _AskedOf(NamedTuple):

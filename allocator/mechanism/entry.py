@@ -20,7 +20,12 @@ METHODS: tuple[Name, ...] = ("exact", "qp")
 def _of_a_mechanism(mechanism: Mechanism, asked: Asked) -> BoxAllocation:
     """Return the allocation of a mechanism. Raises as `allocate`."""
     method = _checked(asked.method)
-    checked_direction(asked.direction)  # which makes no difference: mechanisms have no friction
+    if checked_direction(asked.direction).any():
+        raise InvalidInput(
+            f"direction = {checks.brief(asked.direction)} is for an AntagonistJoint with friction; a mechanism has none"
+        )
+    if asked.along is not None and method.name != "exact":
+        raise InvalidInput(f"along is for the method 'exact', not {method.name!r}")
     problem, shape = problem_from(
         *(mechanism, asked.theta, asked.K, asked.T),
         limits=asked.limits,
@@ -41,8 +46,6 @@ def _checked(method: Method) -> Method:
         raise InvalidInput(f"solver = {method.solver!r} belongs to the method 'qp', not {method.name!r}")
     if method.uncertainty is not None:
         raise InvalidInput("uncertainty is of an AntagonistJoint and method='convex'")
-    if not 0 < checks.number("gap", method.gap, "of 1 + cost") < 1:
-        raise InvalidInput(f"gap = {method.gap:g} has to lie between 0 and 1, a share of 1 + cost")
     return method
 
 

@@ -224,7 +224,7 @@ class BoxAllocation(Allocation):
         d, reach, asked = certificate.separation(self._problem, self._mu)
         if not self._shape:
             return Separation(d[0], float(reach[0]), float(asked[0]))
-        return Separation(d.reshape(*self._shape, -1), reach.reshape(self._shape), asked.reshape(self._shape))
+        return Separation(d.reshape(*self._shape, d.shape[-1]), reach.reshape(self._shape), asked.reshape(self._shape))
 
     @property
     def box(self) -> tuple[Array, Array]:

@@ -31,6 +31,8 @@ def decide(problem: BoxProblem, y: Array, K: Array, residual: Array) -> Verdict:
     stiffness_met = (met[:, n:] | (problem.weights[n:] == 0)).all(axis=1)
     holds = positive_definite(K)
     status = ~torque_met * Status.TORQUE_LIMITED + ~stiffness_met * Status.STIFFNESS_LIMITED
+    if problem.pull:
+        status = np.where(torque_met & stiffness_met, status, Status.PULLED)
     slack = np.any([side.broken & Limit.AGONIST_SLACK != 0 for side in problem.box], axis=0)
     for where, which in (
         (~holds, Status.UNSTABLE),

@@ -1,5 +1,6 @@
 """The arm of one joint: a plant as an arm with n = 1 and m = 2, for whatever works on arms."""
 
+from allocator import checks
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
 from mpc.model.arm.bodies import EARTH, Bodies
@@ -20,6 +21,8 @@ def arm_of(plant: Plant) -> Arm:
     The joint's friction and hysteresis are not taken along. Raises `InvalidInput` for a plant whose stiffness is meant
     at a `frequency`: an arm's is isobaric.
     """
+    if not isinstance(plant, Plant):
+        raise InvalidInput(f"plant = {checks.brief(plant)} has to be a Plant")
     if plant.frequency:
         raise InvalidInput(f"frequency = {plant.frequency:g} Hz: the stiffness of an arm is isobaric; leave it out")
     J, G = plant.inertia, abs(plant.gravity_torque)

@@ -157,7 +157,9 @@ class KalmanObserver:
                 return found
             compiled.give()
         if y.shape != (self.plant.size,) or u.shape != (self.plant.m,):
-            raise InvalidInput(f"y and u have the shapes {y.shape} and {u.shape}, not (2n + m,) and (m,)")
+            raise InvalidInput(
+                f"y and u have the shapes {y.shape} and {u.shape}, not ({self.plant.size},) and ({self.plant.m},)"
+            )
         return self._estimated(y[self._measured], u)
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them

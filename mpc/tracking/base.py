@@ -11,7 +11,10 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
+from mpc.model.plant import Plant
+from mpc.model.real_plant import RealPlant
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
@@ -65,9 +68,19 @@ class BaseController(ABC):
     patience: float  # for how long the angle may be missing [s]
     budget: float | None = None  # time for a step [s]
     rest: bool = False  # whether commands come to rest at a constant reference, if the compensation knows anything
+    machines: ClassVar[tuple[type, ...]] = (Plant,)  # that it can control
     says_moved: ClassVar[bool] = True  # whether its plans say how far the references were moved
     _feed_forward: _FeedForwardOf
     _first: bool = True  # whether there was no step since the last reset
+
+    def _check_model(self) -> None:
+        """Insist on a plant and a compensation. Raises `InvalidInput`."""
+        if not isinstance(self.plant, self.machines):
+            known = " or ".join(f"{'an' if kind is Arm else 'a'} {kind.__name__}" for kind in self.machines)
+            of_nominal = "; a RealPlant's model is its nominal" if isinstance(self.plant, RealPlant) else ""
+            raise InvalidInput(f"plant = {checks.brief(self.plant)} has to be {known}{of_nominal}")
+        if not isinstance(self.compensation, Compensation):
+            raise InvalidInput(f"compensation = {checks.brief(self.compensation)} has to be a Compensation")
 
     def _build(self, N: int, min_force: float = 0.0) -> None:
         self.limits = Limits.of(self.plant, self.dt, min_force)

@@ -31,7 +31,7 @@ No step is without an answer. If the QP has none that passes the check of its op
 is sent keeps the hard limits exactly.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
 from itertools import accumulate, chain, repeat
@@ -46,6 +46,7 @@ from allocator.errors import InvalidInput
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
+from mpc.model.plant import Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
@@ -84,6 +85,7 @@ class TrackingMPC(BaseController):
     arm that are not affine in the pressure.
     """
 
+    machines = Plant, Arm
     plant: Any  # a `Machine`
     dt: float = 0.01  # sample time [s]
     N: int = 20  # horizon [samples]
@@ -113,13 +115,20 @@ class TrackingMPC(BaseController):
 
     def _check_settings(self) -> tuple[int, ...]:
         """Check the settings, and return the blocks."""
-        self.dt = float(checks.real("dt", self.dt, "s"))
+        self._check_model()
+        if not isinstance(self.weights, Weights):
+            raise InvalidInput(f"weights = {checks.brief(self.weights)} have to be Weights")
+        for name in ("rest", "wait", "compiled"):
+            checks.flag(name, getattr(self, name))
+        self.dt = checks.number("dt", self.dt, "s")
         self.N = checks.count("N", self.N, least=3, most=LONGEST_HORIZON)
         self.iterations = checks.count("iterations", self.iterations, least=1)
         self.patience = checks.not_negative("patience", self.patience, "s")
         self.budget = None if self.budget is None else checks.not_negative("budget", self.budget, "s")
         if self.blocks is None:
             return usual_blocks(self.plant, self.N)
+        if not isinstance(self.blocks, Iterable):
+            raise InvalidInput(f"blocks = {checks.brief(self.blocks)} have to be lengths [samples], N in all")
         lengths = tuple(checks.count("a length of blocks", length, least=1) for length in self.blocks)
         if sum(lengths) != self.N:
             raise InvalidInput(f"blocks = {lengths} cover {sum(lengths)} samples, not the N = {self.N} of the horizon")

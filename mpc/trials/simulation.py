@@ -182,6 +182,8 @@ def simulate(
 
     `load(t)` is a torque from outside [N·m], (n,) of an arm, that nobody is told; `watch` is called after every sample.
     """
+    if not (watch is None or callable(watch)):
+        raise InvalidInput(f"watch = {checks.brief(watch)} has to be a function or None")
     loop = ClosedLoop(plant, controller, reference, x0, observer, seed, load)
     for k in tracked(range(loop.steps), loop.steps, progress):
         loop.sample(k)
@@ -213,13 +215,14 @@ class ClosedLoop:
         seed: int,
         load: Callable[[float], Any] | None = None,
     ) -> None:
+        _check_parts(plant, controller, reference, observer, load)
         dt, nominal = controller.dt, plant.nominal
         self.plant, self.controller, self.wanted, self._load = plant, controller, reference.resampled(dt), load
         self.steps = steps = self.wanted.samples(dt)
         self.size, n, m = nominal.size, nominal.n, nominal.m
         self.x, self.estimate = np.empty((steps + 1, self.size)), np.empty((steps, self.size + n))
         first = self.wanted.theta[0], self.wanted.K[0]
-        self.x[0] = plant.at_rest(*first) if x0 is None else state(x0, self.size)
+        self.x[0] = plant.at_rest(*first) if x0 is None else state(x0, self.size, n)
         self.u, self.took, self.slack = np.empty((steps, m)), np.full(steps, np.nan), np.empty(steps)
         self.rung, self.status = np.empty(steps, int), np.empty(steps, int)
         self.slack_force, self.moved = np.empty(steps), np.full((steps, len(Moved._fields)), np.nan)
@@ -243,8 +246,17 @@ class ClosedLoop:
         if self._load is None:
             self.experiment.advance(self.u[k])
         else:
-            self.experiment.advance(self.u[k], self._load(k * self.controller.dt))
+            self.experiment.advance(self.u[k], self._torque(k * self.controller.dt))
         self.x[k + 1] = self.experiment.x
+
+    def _torque(self, t: float) -> Any:
+        """Return the load at `t` [s]. Raises `InvalidInput` for what is none."""
+        assert self._load is not None
+        torque, shape = checks.real(f"load({t:g})", self._load(t), "N·m"), self.plant.nominal.angle_shape
+        if torque.shape not in ((), shape):
+            each = f", or n = {shape[0]} of them" if shape else ""
+            raise InvalidInput(f"load({t:g}) has the shape {torque.shape}; give one torque [N·m]{each}")
+        return torque
 
     def run(self) -> Run:
         """Return the run, when all samples are done."""
@@ -258,12 +270,30 @@ class ClosedLoop:
         )  # fmt: skip
 
 
-def state(x0: Any, size: int = NX) -> Array:
-    """Return `x0` as a state (size,) to begin from. Raises `InvalidInput`."""
-    x = np.asarray(x0, float)
+def _check_parts(plant: Any, controller: Any, reference: Any, observer: Any, load: Any) -> None:
+    """Insist on what takes part in a loop. Raises `InvalidInput`."""
+    wanted = (
+        ("plant", plant, isinstance(plant, Process), "a Plant, a RealPlant, an Arm or a MujocoPlant"),
+        ("controller", controller, isinstance(controller, Controller), "a controller, such as a TrackingMPC"),
+        ("reference", reference, isinstance(reference, Reference), "a Reference"),
+        ("observer", observer, observer is None or isinstance(observer, Observer), "an observer or None"),
+        ("load", load, load is None or callable(load), "a function of the time [s] or None"),
+    )
+    for name, value, right, known in wanted:
+        if not right:
+            raise InvalidInput(f"{name} = {checks.brief(value)} has to be {known}")
+    if (dt := getattr(observer, "dt", controller.dt)) != controller.dt:
+        raise InvalidInput(f"dt = {dt:g} s of the observer is not the dt = {controller.dt:g} s of the controller")
+
+
+def state(x0: Any, size: int = NX, n: int = 1) -> Array:
+    """Return `x0` as a state (size,) of `n` joints to begin from. Raises `InvalidInput`."""
+    x = checks.floats("x0", x0, "rad, rad/s, Pa")
     if x.shape != (size,) or not np.isfinite(x).all():
         parts = "theta [rad], omega [rad/s], P1 [Pa], P2 [Pa]" if size == NX else "angles, velocities, pressures"
         raise InvalidInput(f"x0 = {x0!r} has to be {size} finite numbers ({parts})")
+    checks.angle("angles of x0: q", x[:n])
+    checks.pressure("pressures of x0: P", x[2 * n :])
     return x
 
 

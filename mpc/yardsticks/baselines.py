@@ -42,6 +42,7 @@ class Baseline(BaseController):
     def __init__(self, plant: Plant, dt: float = 0.01, compensation: Compensation | None = None) -> None:
         self.plant, self.dt = plant, dt
         self.compensation = Compensation() if compensation is None else compensation
+        self._check_model()
         self._feed_forward = InverseDynamics(plant, dt, _PREVIEW).ready()
         self._build(_PREVIEW)
         self.ladder.holding = inf  # pressures are never let out

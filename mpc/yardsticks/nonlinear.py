@@ -16,6 +16,7 @@ import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
@@ -49,7 +50,10 @@ class NonlinearMPC(BaseController):
 
     def __post_init__(self) -> None:
         """Check the settings and build what does not change."""
-        self.dt = float(checks.real("dt", self.dt, "s"))
+        self._check_model()
+        if not isinstance(self.weights, Weights):
+            raise InvalidInput(f"weights = {checks.brief(self.weights)} have to be Weights")
+        self.dt = checks.number("dt", self.dt, "s")
         self.N = checks.count("N", self.N, least=3, most=LONGEST_HORIZON)
         self._build(self.N, self.min_force)
         L = terminal_factor(self.plant, self.dt, self.weights)

@@ -31,7 +31,7 @@ from allocator.allocation.problem import PRIORITIES, Priority, Problem
 from allocator.allocation.result import from_fields, shaped
 from allocator.checks import LOOKS_LIKE_BAR, one_of
 from allocator.errors import InvalidInput
-from allocator.joint.antagonist import AntagonistJoint, report_joint
+from allocator.joint.antagonist import AntagonistJoint, joint_or_report
 from allocator.joint.gas import HELD, StiffnessKind
 from allocator.joint.limits import Limits
 
@@ -167,7 +167,7 @@ def warm_up(
     By itself it compiles only for an array of 300 000 targets or more.
     Raises InvalidInput for a priority that there is not, or a limit that is none.
     """
-    joint = report_joint() if joint is None else joint
+    joint = joint_or_report(joint)
     chosen, limits = kernel_of(joint), Limits(min_force, max_force)
     one_of("priority", priority, PRIORITIES)
     if _forces(limits) is None:

@@ -30,7 +30,7 @@ def pair(x: Any) -> tuple[Any, Any]:
     """Return both pressures in a tuple, list or array of two; NaN for what is none."""
     if type(x) is tuple and len(x) == 2:
         return x
-    if type(x) not in _SEQUENCES:
+    if type(x) not in _SEQUENCES or getattr(x, "shape", None) == (2, 2):  # which are pairs or rows
         return nan, nan
     try:
         P1, P2 = x

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.joint.gas import ISOBARIC, Stiffness
+from allocator.joint.gas import ISOBARIC, Stiffness, checked_stiffness
 from allocator.joint.limits import TAUT, Limits
 from allocator.mechanism import batches
 from allocator.mechanism.arguments import problem_from
@@ -21,6 +21,8 @@ from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.problem import BoxProblem
 from allocator.mechanism.relaxation import Nearby
 from allocator.mechanism.result import BoxAllocation
+
+_SEVERAL = "at least a stiffness is asked for one posture and one target at a time, not for {}"
 
 
 def allocate_at_least(
@@ -64,12 +66,14 @@ def allocate_at_least(
     if not isinstance(mechanism, Mechanism):
         raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism")
     mechanism.check_affine("at least a stiffness")
-    hand = stiffness.endpoint
+    hand = checked_stiffness(stiffness).endpoint
     size, unit = (hand.dim, "N/m") if isinstance(hand, Endpoint) else (mechanism.n, "N·m/rad")
+    if np.ndim(theta) > 1:
+        raise InvalidInput(_SEVERAL.format(np.shape(theta)[:-1]))
     least = None if margin is None else checks.not_negative("margin", margin, "N·m/rad")
     problem, shape = problem_from(mechanism, theta, _matrix(K, size, unit), T, limits=limits, stiffness=stiffness)
     if shape:
-        raise InvalidInput(f"at least a stiffness is asked for one posture and one target at a time, not for {shape}")
+        raise InvalidInput(_SEVERAL.format(shape))
     return _solved(problem, Floors.of(problem, least))
 
 

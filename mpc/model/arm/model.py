@@ -218,10 +218,15 @@ class Arm:
         return x[..., : self.n], x[..., 2 * self.n :]
 
     def at_rest(self, q: ArrayLike, K: ArrayLike, min_force: float = 0.0) -> Array:
-        """Return the state (2n + m,) in equilibrium at `q` (n,) [rad], as stiff as `K` (k, k) if the arm can be."""
-        posture = self.mechanism.posture(q)
+        """Return the state (2n + m,) in equilibrium at `q` (n,) [rad], as stiff as `K` if the arm can be.
+
+        `K` is a matrix (k, k), its diagonal (k,) or a number for all of that. Raises `InvalidInput`.
+        """
+        posture, asked = self.mechanism.posture(q), checks.real("K", K, self.stiffness_unit)
+        if posture.ndim > 1:
+            raise InvalidInput(f"q has the shape {posture.shape}; a rest is at one posture ({self.n},) [rad]")
         T = self.bodies.gravity_torque(posture)
-        held = self.held(posture[None], np.asarray(K, float)[None], T[None], min_force)
+        held = self.held(posture[None], asked[None] if asked.ndim else asked, T[None], min_force)
         return np.concatenate([posture, np.zeros(self.n), held.P[0]])
 
     def held(self, theta: Array, K: Array, T: Array, min_force: float) -> Held:

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import AntagonistError, InvalidInput, Limits, MissingBackend, allocate, inverse
+from allocator import AntagonistError, InvalidInput, Limits, Method, MissingBackend, Stiffness, allocate, inverse
 from allocator.joint.antagonist import report_joint
+from allocator.joint.gas import StiffnessKind
 from allocator.joint.geometry import Lever, Pulley
 from allocator.muscles import Hogan1984, Tondu2021, TonduLopez1995
 from mpc import Plant
@@ -41,6 +42,18 @@ class Column:
 
 
 WRONG = {
+    "a force without a hand": ({"stiffness": Stiffness(force=3.0)}, "force are of a Mechanism; a joint has no hand"),
+    "valves of six muscles": (
+        {"stiffness": Stiffness(StiffnessKind("shut", (1.0,) * 6))},
+        "are of 6 muscles, not 2",
+    ),
+    "a gap of nothing": ({"method": Method(gap=np.nan)}, "gap = nan is not finite"),
+    "a risk of more than a half": ({"method": Method(risk=0.7)}, "risk = 0.7 has to be a probability"),
+    "a warm start that is no truth value": ({"method": Method(warm_start=3)}, "warm_start = 3 has to be True or False"),
+    "pressures of two joints in rows": (
+        {"theta": [0.1, 0.2], "limits": Limits(previous=np.full((2, 2), 2e5), max_step=1e4)},
+        "previous of the shape (2, 2) is two arrays or two targets' rows of pressures; write (P1, P2) [Pa]",
+    ),
     "theta NaN": ({"theta": np.nan}, "theta = nan is not finite [rad]"),
     "theta infinite": ({"theta": np.inf}, "theta = inf is not finite [rad]"),
     "theta a string": ({"theta": "thirty"}, "theta = 'thirty' is not a number"),

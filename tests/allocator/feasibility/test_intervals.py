@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allocator import AntagonistJoint, InvalidInput, Lever, Limits, Table, report_joint
+from allocator import AntagonistJoint, InvalidInput, Lever, Limits, Stiffness, Table, report_joint
 from allocator.feasibility import angle_interval, angle_intervals, stiffness_interval, torque_interval
 from allocator.muscles import Tondu2021
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
@@ -120,6 +120,11 @@ def test_a_level_along_which_the_stiffness_turns_is_searched():
         (lambda: angle_interval(-1.0), "K = -1 N·m/rad has to be positive"),
         (lambda: torque_interval(0.0, limits=Limits(min_force=-1)), "min_force = -1"),
         (lambda: torque_interval(0.0, joint=report_joint(), limits=Limits(max_force=0.0)), "max_force = 0"),
+        (lambda: torque_interval(0.0, limits=(0.0,)), r"limits = \(0.0,\) have to be Limits"),
+        (lambda: torque_interval(0.0, stiffness="shut"), "stiffness = 'shut' has to be a Stiffness"),
+        (lambda: torque_interval(0.0, stiffness=Stiffness(force=3.0)), "a joint has no hand"),
+        (lambda: torque_interval(0.0, stiffness=Stiffness(tolerance=1.0)), "a tolerance is for `allocate`"),
+        (lambda: torque_interval(0.0, joint="report"), "joint = 'report' has to be an AntagonistJoint"),
     ],
 )
 def test_wrong_input_is_one_sentence(call, said):

@@ -4,7 +4,8 @@ import casadi
 import numpy as np
 import pytest
 
-from allocator import InvalidInput, Limits, Method, MissingBackend, Stiffness, allocate
+from allocator import InvalidInput, Limits, Method, MissingBackend, Stiffness, allocate, report_joint
+from allocator.joint.gas import HELD
 from allocator.mechanism import (
     Endpoint,
     Link,
@@ -12,6 +13,7 @@ from allocator.mechanism import (
     Pulleys,
     Sites,
     Tables,
+    allocate_at_least,
     from_function,
     machines,
 )
@@ -51,6 +53,14 @@ PATH = [(-1, (0.1, 0.1)), (0, (0.2, 0.1))]
         ({"weights": (1.0, [[1.0, 2.0], [0.0, 1.0]])}, "has to be symmetric"),
         ({"weights": (-1.0, 1.0)}, "must not be negative"),
         ({"method": Method(solver="daqp")}, "solver = 'daqp' belongs to the method 'qp'"),
+        ({"method": Method(risk=0.7)}, "risk = 0.7 has to be a probability"),
+        ({"method": Method("qp"), "along": 0, "theta": [[0.1, 0.2]]}, "along is for the method 'exact', not 'qp'"),
+        ({"direction": 1.0}, "direction = 1.0 is for an AntagonistJoint with friction"),
+        ({"stiffness": Stiffness(HELD)}, "are of 2 muscles, not 6"),
+        (
+            {"priority": "weighted", "weights": (1.0, 1.0), "pull": (1e300, np.full(6, 2e5))},
+            r"pull\[0\] = 1e\+300 cost/Pa² is over 1e\+100",
+        ),
         ({"joint": "arm26"}, "joint = 'arm26' has to be an AntagonistJoint or a Mechanism"),
         (
             {"joint": ARM.with_muscles(TONDU_DMSP_20_400N), "method": "qp"},
@@ -138,3 +148,31 @@ def test_no_targets_have_no_answers(options):
     a = allocate(np.zeros((0, 2)), 10.0, joint=ARM, **options)
     assert (a.P.shape, a.K.shape, a.costs.shape, a.lower_bounds.shape) == ((0, 6), (0, 2, 2), (0, 2), (0, 2))
     assert (a.status.shape, a.forces.shape) == ((0,), (0, 6))
+
+
+def test_free_valves_are_of_an_antagonistic_joint():
+    pair = Mechanism.from_joint(report_joint(SAROSI_DMSP_20_400N))
+    with pytest.raises(InvalidInput, match="valves = 'free' are for an AntagonistJoint"):
+        allocate([0.2], 5.0, joint=pair, stiffness=Stiffness("free"))
+
+
+@pytest.mark.parametrize("stiffness", ["shut", None])
+def test_at_least_a_stiffness_needs_a_stiffness_too(stiffness):
+    with pytest.raises(InvalidInput, match=r"stiffness = .* has to be a Stiffness"):
+        allocate_at_least(ARM, [0.1, 0.2], 6.0, stiffness=stiffness)
+
+
+def test_at_least_a_stiffness_is_asked_for_one_posture():
+    with pytest.raises(InvalidInput, match=r"one posture and one target at a time, not for \(2,\)"):
+        allocate_at_least(ARM, [[0.1, 0.2], [0.3, 0.4]], 6.0)
+
+
+def test_an_axis_of_time_may_be_a_number_of_numpy_s():
+    q = np.linspace(0.1, 0.4, 6).reshape(3, 2)
+    counted, numpy_s = (allocate(q, 8.0, joint=ARM, along=axis) for axis in (0, np.int64(-1)))
+    assert np.array_equal(counted.P, numpy_s.P)
+
+
+def test_no_targets_have_a_proof_of_the_shape_of_none():
+    none = allocate(np.zeros((0, 2)), 8.0, joint=ARM)
+    assert none.separation.direction.shape == (0, 5)

@@ -105,3 +105,14 @@ def test_beyond_the_joint_range_the_nearest_posture_is_answered(affine):
     assert many.status == one.status == Status.OUTSIDE_JOINT_RANGE
     assert "joint 1 range" in many.active
     assert many.q == pytest.approx([right])
+
+
+def test_a_pull_off_the_targets_is_called_that_of_joint_and_mechanism(joints):
+    joint = joints["sarosi-pulley"]
+    asked = {"priority": "weighted", "weights": (1.0, 1.0), "pull": (1e-11, np.array([2.0, 2.5]) * BAR)}
+    one = allocate(0.2, 5.0, 1.0, joint=joint, **asked)
+    many = allocate([0.2], 5.0, 1.0, joint=Mechanism.from_joint(joint), **asked)
+    assert many.P == pytest.approx(one.P, rel=1e-9)
+    assert one.status == many.status == Status.PULLED
+    assert not many.torque_met
+    assert not many.stiffness_met
