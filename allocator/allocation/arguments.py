@@ -37,7 +37,7 @@ def problem_from(
     named = {"theta": checks.angle("theta", theta), "K": checks.stiffness("K", K), "T": checks.real("T", T, "N·m")}
     limits = checked_limits(limits)
     named |= _slew(limits)
-    chosen = _priority(priority)
+    chosen = checked_priority(priority)
     rho, reference = (0.0, None) if pull is None else pulled(pull)
     if reference is not None:
         named |= checks.pressure_pair("pull[1]", reference, ("P1_ref", "P2_ref"))
@@ -88,7 +88,8 @@ def _pair(flat: dict[str, Array], first: str, second: str) -> Pair | None:
     return (flat[first], flat[second]) if first in flat else None
 
 
-def _priority(priority: Any) -> Priority:
+def checked_priority(priority: object) -> Priority:
+    """Return the priority. Raises InvalidInput for one that there is not."""
     return checks.one_of("priority", priority, PRIORITIES)  # type: ignore[return-value]  # one of these words
 
 

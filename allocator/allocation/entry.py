@@ -20,7 +20,7 @@ from allocator.allocation.optimisers import backends
 from allocator.allocation.pair import PairAllocation
 from allocator.allocation.planning import planned
 from allocator.allocation.problem import Priority, Problem
-from allocator.allocation.result import Allocation, shaped
+from allocator.allocation.result import Allocation, as_status, shaped
 from allocator.allocation.status import Assessment, Status, assess, assess_inverse
 from allocator.allocation.tolerances import OPTIMISER, UNCERTAIN
 from allocator.allocation.uncertain.covariance import with_covariance
@@ -343,7 +343,7 @@ def _allocation(
         P2=form(P2),
         T=form(found.T),
         K=form(found.K),
-        status=form(found.status) if shape else Status(int(found.status[0])),
+        status=as_status(found.status, shape),
         limits=form(found.limits),
         _gap=None if gap is None else form(gap),
         method=method,

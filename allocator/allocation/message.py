@@ -1,4 +1,4 @@
-"""`sentence` puts what an answer says of itself into words."""
+"""`details` puts what one target of a pair misses into words."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,17 +11,10 @@ from allocator.presentation.tables import number
 from allocator.units import BAR, DEG
 
 
-def sentence(a: Any) -> str:
-    """Return what was reached and what is in the way, of the `Allocation` of one target."""
-    status = Status(a.status)
-    detail = _DETAILS.get(status)
-    return status.advice if detail is None else f"{status.advice} ({detail(a)}{_limits(a)})"
-
-
-def _limits(a: Any) -> str:
-    kept = [name for name in a.active if name not in a.broken]
-    lists = {"in the way": kept, "not kept": a.broken}
-    return "".join(f"; {what}: {', '.join(listed)}" for what, listed in lists.items() if listed)
+def details(a: Any) -> list[str]:
+    """Return what exists, was asked and is given, as the status of the `PairAllocation` of one target has it."""
+    found = _DETAILS.get(Status(a.status))
+    return [] if found is None else [found(a)]
 
 
 def _at(a: Any) -> str:

@@ -9,9 +9,9 @@ import numpy as np
 
 from allocator.allocation import certificate, reach, sensitivity
 from allocator.allocation.arguments import problem_from
-from allocator.allocation.message import sentence
+from allocator.allocation.message import details
 from allocator.allocation.problem import Priority, Problem
-from allocator.allocation.result import Allocation, shaped
+from allocator.allocation.result import Allocation
 from allocator.allocation.status import Status, status_names
 from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
 from allocator.allocation.uncertain.spread import forces_std, stiffness_std
@@ -69,7 +69,7 @@ class PairAllocation(Allocation):
         shares = self._problem.shares
         if shares is None or self.kind.frequency is not None:
             shares = (np.zeros(self._problem.theta.shape),) * 2
-        one, two = (shaped(np.asarray(s == 1), self._shape) for s in shares)
+        one, two = (self._formed(np.asarray(s == 1)) for s in shares)
         return one, two
 
     @cached_property
@@ -134,7 +134,7 @@ class PairAllocation(Allocation):
         A limit binds where the pressure lies on it, up to 1e-9 of the supply range; of limits that lie at one pressure
         all bind, since relieving one does not help. Supply and validity of the model count as one limit, the lower.
         """
-        return self._named(self.limits)
+        return self._listed(map(names, np.ravel(self.limits)))
 
     @property
     def broken(self) -> Any:
@@ -144,14 +144,7 @@ class PairAllocation(Allocation):
         """
         near = CLOSED_FORM.binds if self.method in ("exact", "analytic") else OPTIMISER.binds
         near *= self._problem.joint.pressure_span
-        return self._named(shaped(self._problem.box.not_kept(np.ravel(self.P1), np.ravel(self.P2), near), self._shape))
-
-    def _named(self, limits: Any) -> Any:
-        if not self._shape:
-            return names(limits)
-        named = np.empty(limits.size, object)
-        named[:] = [names(flags) for flags in limits.flat]
-        return named.reshape(self._shape)
+        return self._listed(map(names, self._problem.box.not_kept(np.ravel(self.P1), np.ravel(self.P2), near)))
 
     @cached_property
     def torque_interval(self) -> Pair:
@@ -187,7 +180,7 @@ class PairAllocation(Allocation):
         """
         if self._gap is not None:
             return self._gap
-        return shaped(certificate.gap(self._problem, np.ravel(self.P1), np.ravel(self.P2)), self._shape)
+        return self._formed(certificate.gap(self._problem, np.ravel(self.P1), np.ravel(self.P2)))
 
     @cached_property
     def pairs(self) -> Any:
@@ -195,12 +188,12 @@ class PairAllocation(Allocation):
 
         The least of them is answered, or with `previous` the nearest to these pressures; see `along` of `allocate`.
         """
-        return shaped(reach.pairs(self._problem, np.ravel(self.T), np.ravel(self.K)), self._shape)
+        return self._formed(reach.pairs(self._problem, np.ravel(self.T), np.ravel(self.K)))
 
     @cached_property
     def kkt_residual(self) -> Any:
         """Return the step that would still improve the answer, in fractions of the supply range; 0 is optimal."""
-        return shaped(certificate.residual(self._problem, np.ravel(self.P1), np.ravel(self.P2)), self._shape)
+        return self._formed(certificate.residual(self._problem, np.ravel(self.P1), np.ravel(self.P2)))
 
     @cached_property
     def K_std(self) -> Any:
@@ -209,7 +202,7 @@ class PairAllocation(Allocation):
         That of a fitted joint allows for a smooth error of its force law; that of muscles fitted to forces does not.
         """
         std = stiffness_std(self._problem, np.ravel(self.P1), np.ravel(self.P2))
-        return None if std is None else shaped(std, self._shape)
+        return None if std is None else self._formed(std)
 
     @cached_property
     def forces_std(self) -> Array | None:
@@ -240,8 +233,8 @@ class PairAllocation(Allocation):
         return dP.reshape(*self._shape, 2, 3)
 
     @property
-    def _sentence(self) -> str:
-        return sentence(self)
+    def _details(self) -> list[str]:
+        return details(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer in the columns of a table, units in their names: what `pandas.DataFrame` takes.
@@ -311,7 +304,7 @@ class PairAllocation(Allocation):
         return self.kind.text if self._shape else StiffnessKind.of(tuple(map(bool, self.valves))).text
 
     def _shaped(self, first: Array, second: Array) -> Pair:
-        return shaped(first, self._shape), shaped(second, self._shape)
+        return self._formed(first), self._formed(second)
 
 
 def single(

@@ -4,8 +4,9 @@ Everything here is computed from the pressures themselves; nothing is taken from
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -54,6 +55,14 @@ class Allocation(ABC):
         @property
         def P(self) -> Array:
             """Return the pressures (…, m) [Pa]."""
+
+        @property
+        def active(self) -> Any:
+            """Return the names of the limits that bind, a tuple or an array of tuples."""
+
+        @property
+        def broken(self) -> Any:
+            """Return the names of the limits that are not kept, likewise."""
 
         @property
         def _shape(self) -> tuple[int, ...]:
@@ -105,6 +114,16 @@ class Allocation(ABC):
         listed = ", ".join(f"{n} {Status(int(v)).name}" for v, n in zip(values, counts, strict=True))
         return f"{self.status.size} targets: {listed}"
 
+    @property
+    def _sentence(self) -> str:
+        """The message about one target, without what is assumed: what was reached, and which limits are in the way."""
+        if self.success:
+            return Status(self.status).advice
+        kept = [name for name in self.active if name not in self.broken]
+        limits = {"in the way": kept, "not kept": self.broken}
+        told = [*self._details, *(f"{what}: {', '.join(listed)}" for what, listed in limits.items() if listed)]
+        return Status(self.status).advice + (f" ({'; '.join(told)})" if told else "")
+
     @abstractmethod
     def jacobian(self) -> Array:
         """Return dP/d(θ, K, T) (…, m, n + n(n+1)/2 + n), with the active set held; of K the upper triangle.
@@ -118,8 +137,8 @@ class Allocation(ABC):
 
     @property
     @abstractmethod
-    def _sentence(self) -> str:
-        """Return the message about one target, without what is assumed."""
+    def _details(self) -> list[str]:
+        """What the one target misses, in numbers."""
 
     @property
     @abstractmethod
@@ -136,10 +155,14 @@ class Allocation(ABC):
         return np.stack(columns, axis=-1).reshape(self.P.shape)
 
     def _formed(self, array: NDArray[Any]) -> Any:
-        """Return a flat array (N, …) in the shape of the targets; a Python scalar where it is one number."""
-        own = array.shape[1:]
-        found = np.broadcast_to(array, (int(np.prod(self._shape)), *own)).reshape((*self._shape, *own))
-        return found if found.ndim else found.item()
+        """Return a flat array (N or 1, …) in the shape of the targets; a Python scalar where it is one number."""
+        return shaped(array, self._shape)
+
+    def _listed(self, names: Iterable[tuple[str, ...]]) -> Any:
+        """Return names of limits of N targets in their shape: an array of tuples, of one target its tuple."""
+        array = np.empty(prod(self._shape), object)
+        array[:] = list(names)
+        return array.reshape(self._shape) if self._shape else array[0]
 
 
 def from_fields(of: type[Any], fields: dict[str, Any]) -> Any:
@@ -150,9 +173,17 @@ def from_fields(of: type[Any], fields: dict[str, Any]) -> Any:
 
 
 def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
-    """Return the flat array in the shape of the targets, read-only; a Python scalar for shape ()."""
-    if not shape:
+    """Return a flat array (N or 1, …) in the shape of N targets, read-only; a Python scalar where it is one number."""
+    own = array.shape[1:]
+    if not shape and not own:
         return array.item()
-    view = array.reshape(shape) if array.ndim != 1 or len(shape) != 1 else array.view()
+    if len(array) != (size := prod(shape)):
+        array = np.broadcast_to(array, (size, *own))
+    view = array.reshape(shape + own)
     view.flags.writeable = False
     return view
+
+
+def as_status(codes: NDArray[np.int8], shape: tuple[int, ...]) -> Any:
+    """Return the statuses (N,) in the shape of N targets: integers, or the `Status` of one."""
+    return shaped(codes, shape) if shape else Status(int(codes[0]))

@@ -18,7 +18,7 @@ from allocator.joint.torque_levels import BothMuscles
 _BY_FORCE = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK | Limit.AGONIST_FORCE | Limit.ANTAGONIST_FORCE
 _BY_VOLUME = Limit.AGONIST_VALIDITY | Limit.ANTAGONIST_VALIDITY
 _SINGULAR = 1e-12  # of the rows' lengths: a determinant of no more is rounding
-_H = 1e-4  # step of the five-point difference, in rad or in supply ranges: error about 1e-11 of the slope
+STEP = 1e-4  # step of the five-point difference, in rad or in supply ranges: error about 1e-11 of the slope
 
 
 def jacobian(problem: Problem, P1: Array, P2: Array) -> Array:
@@ -76,13 +76,13 @@ def _torque_row(problem: Problem, P1: Array, P2: Array) -> Array:
 def _stiffness_row(problem: Problem, P1: Array, P2: Array) -> Array:
     """Return the row of K(θ, P) - K* = 0."""
     one, two = problem.sides
-    K_theta = _five_point(lambda h: _total_stiffness(problem.sides_at(problem.theta + h), P1, P2), _H)
+    K_theta = five_point(lambda h: _total_stiffness(problem.sides_at(problem.theta + h), P1, P2), STEP)
     return _row(one.stiffness_gain(P1), two.stiffness_gain(P2), K_theta, -1.0, 0.0)
 
 
 def _stationary_row(problem: Problem, P1: Array, P2: Array, direction: tuple[float, float] | None) -> Array:
     """Return the row of φ = ∇cost·v = 0 along the direction v of pressures; None: along the level with priority."""
-    (w_T, w_K), (R1, R2), step = _second_goal(problem), problem.P_ref, _H * problem.joint.pressure_span
+    (w_T, w_K), (R1, R2), step = _second_goal(problem), problem.P_ref, STEP * problem.joint.pressure_span
 
     def phi(dP1: float, dP2: float, dtheta: float) -> Array:
         one, two = problem.sides_at(problem.theta + dtheta)
@@ -100,9 +100,9 @@ def _stationary_row(problem: Problem, P1: Array, P2: Array, direction: tuple[flo
     level = t if problem.priority == "torque" else k
     v = (-level[1], level[0]) if direction is None else direction
     return _row(
-        _five_point(lambda h: phi(h, 0, 0), step),
-        _five_point(lambda h: phi(0, h, 0), step),
-        _five_point(lambda h: phi(0, 0, h), _H),
+        five_point(lambda h: phi(h, 0, 0), step),
+        five_point(lambda h: phi(0, h, 0), step),
+        five_point(lambda h: phi(0, 0, h), STEP),
         -w_K * (k[0] * v[0] + k[1] * v[1]),
         -w_T * (t[0] * v[0] + t[1] * v[1]),
     )
@@ -128,7 +128,7 @@ def _bound_row(problem: Problem, i: int, P: Array) -> Array:
     row[:, 2] = np.where(by_force & ~interval.empty, slope * stretch / gain, 0.0)
     if problem.shares is not None and not side.affine:
         by_volume = ~at_low & ~by_force & (interval.hi_limit & _BY_VOLUME != 0) & ~interval.empty
-        row[:, 2] = np.where(by_volume, -_five_point(lambda h: _upper_end(problem, i, h), _H), row[:, 2])
+        row[:, 2] = np.where(by_volume, -five_point(lambda h: _upper_end(problem, i, h), STEP), row[:, 2])
     return row
 
 
@@ -154,7 +154,8 @@ def _row(*entries: Array | float) -> Array:
     return np.stack(np.broadcast_arrays(*entries), -1)
 
 
-def _five_point(f: Callable[[float], Array], h: float) -> Array:
+def five_point(f: Callable[[float], Array], h: float) -> Array:
+    """Return the derivative of `f` at 0 by differences of up to 2 h."""
     return (8 * (f(h) - f(-h)) - (f(2 * h) - f(-2 * h))) / (12 * h)
 
 

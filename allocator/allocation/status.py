@@ -4,6 +4,7 @@ The kernels decide in the same way (`verdict` in `allocator.allocation.kernels.s
 that a back-end failed or a risk is too great, `allocator.allocation.entry` puts in its place.
 """
 
+from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from allocator.allocation.problem import Problem
 from allocator.allocation.tolerances import CLOSED_FORM, Tolerance
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 
 
 class Status(IntEnum):
@@ -67,6 +68,16 @@ def status_names(codes: NDArray[np.int8]) -> NDArray[Any]:
     return np.array([status.name for status in Status])[codes]
 
 
+def decided(T_missed: Mask, K_missed: Mask, pulled: bool, others: Mapping[Status, Mask]) -> NDArray[np.int8]:
+    """Return the statuses (n,) of targets that are missed or met; of `others` that hold as well, the last."""
+    status = T_missed * Status.TORQUE_LIMITED + K_missed * Status.STIFFNESS_LIMITED
+    if pulled:
+        status = np.where(status > 0, Status.PULLED, status)
+    for other, holds in others.items():
+        status = np.maximum(status, np.where(holds, other, Status.EXACT))
+    return status.astype(np.int8)
+
+
 class Assessment(NamedTuple):
     """An `Assessment` is the facts about n answers, each (n,)."""
 
@@ -84,15 +95,14 @@ def assess(
     T_scale, K_scale = problem.scales
     T_missed = np.abs(T - problem.T) > tolerance.met * T_scale
     K_missed = np.abs(K - problem.K) > problem.stiffness_tolerance + tolerance.met * K_scale
-    status = T_missed * Status.TORQUE_LIMITED + K_missed * Status.STIFFNESS_LIMITED
-    if problem.pull:
-        status = np.where(T_missed | K_missed, Status.PULLED, status)
-    status = np.where(problem.box.empty, Status.CONFLICT, status)
-    status = np.where(problem.box.slack, Status.SLACK, status)
-    status = np.where(outside != 0, Status.OUTSIDE_JOINT_RANGE, status)
-    status = np.where(problem.box.unreachable, Status.OUTSIDE_LIMITS, status)
+    others = {
+        Status.CONFLICT: problem.box.empty,
+        Status.SLACK: problem.box.slack,
+        Status.OUTSIDE_JOINT_RANGE: outside != 0,
+        Status.OUTSIDE_LIMITS: problem.box.unreachable,
+    }
     limits = problem.box.binding(P1, P2, tolerance.binds * problem.joint.pressure_span) | outside
-    return Assessment(T, K, status.astype(np.int8), limits)
+    return Assessment(T, K, decided(T_missed, K_missed, problem.pull > 0, others), limits)
 
 
 def assess_inverse(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32]) -> Assessment:

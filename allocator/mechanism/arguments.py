@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from allocator import checks
-from allocator.allocation.arguments import pulled
+from allocator.allocation.arguments import checked_priority, pulled
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.gas import ISOBARIC, Stiffness, StiffnessKind, checked_stiffness
@@ -13,7 +13,7 @@ from allocator.joint.limits import TAUT, Limits, checked_limits
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Mechanism
-from allocator.mechanism.problem import PRIORITIES, BoxProblem
+from allocator.mechanism.problem import BoxProblem
 from allocator.mechanism.status import positive_definite
 
 _SYMMETRIC = 1e-9  # of the greatest entry
@@ -47,7 +47,7 @@ def problem_from(
     others = [x.shape[:-1] for x in (posture, torque, now, exerted, toward) if x is not None]
     K, own_only = _stiffness(asked_of, K, _common(others, n, m))
     shape = _common([*others, K.shape[:-2], () if step is None else step.shape], n, m)
-    checks.one_of("priority", priority, PRIORITIES)
+    chosen = checked_priority(priority)
     asked, hand = _flat(posture, shape, 1), None
     torque = np.broadcast_to(torque, (*shape, n)).reshape(-1, n)
     if endpoint is not None:
@@ -64,8 +64,8 @@ def problem_from(
     each = tuple(Limits(*pair, None, slew, step) for pair in mechanism.force_limits(limits))
     reference = np.zeros((1, m)) if now is None else now
     reference = reference if toward is None else _flat(toward, shape, 1)
-    row_weights = _weights(n, asked_of, priority, weights, own_only)
-    given = mechanism, asked, y, row_weights, priority, each, reference, kind, hand
+    row_weights = _weights(n, asked_of, chosen, weights, own_only)
+    given = mechanism, asked, y, row_weights, chosen, each, reference, kind, hand
     return BoxProblem(*given, pull=weight), shape
 
 

@@ -16,20 +16,17 @@ E - 1 stands for K - K* (`allocator.mechanism.endpoint.targets`).
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from allocator.allocation.problem import Priority
 from allocator.calculus import Array, Mask
 from allocator.joint.gas import HELD, StiffnessKind
 from allocator.joint.limits import Limits, PressureInterval
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Indices, Mechanism, TargetsMap
-
-Priority = Literal["torque", "stiffness", "weighted"]
-PRIORITIES: tuple[Priority, ...] = get_args(Priority)
 
 _STRETCHED = 1e-9  # of the contraction ratio: nearer to the threshold is on it
 

@@ -6,8 +6,9 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from allocator.allocation.result import Allocation
+from allocator.allocation.result import Allocation, as_status, shaped
 from allocator.allocation.status import Status, status_names
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask
@@ -67,28 +68,25 @@ class BoxAllocation(Allocation):
         """Return what is to be said about the pressures that `method` found for targets of this `shape`."""
         P, n = problem.pressures(found.solved.x), problem.mechanism.n
         y, K, left = problem.given(P), problem.joint_stiffness(P), found.left
-        torque = y[:, :n].copy()
         verdict = decide(
             problem, y, K, found.residual if problem.mechanism.affine else np.where(left <= gap, 0.0, np.inf)
         )
 
-        def form(array: Any) -> Any:
-            array.flags.writeable = False
-            return array.reshape(shape) if shape else array[0].item()
+        def form(array: NDArray[Any]) -> Any:
+            return shaped(array, shape)
 
-        P.flags.writeable = K.flags.writeable = torque.flags.writeable = False
         return cls(
-            P=P.reshape(*shape, P.shape[1]),
-            T=torque.reshape(*shape, n),
-            K=K.reshape(*shape, n, n),
-            status=form(verdict.status) if shape else Status(int(verdict.status[0])),
+            P=form(P),
+            T=form(y[:, :n].copy()),
+            K=form(K),
+            status=as_status(verdict.status, shape),
             torque_met=form(verdict.torque_met),
             stiffness_met=form(verdict.stiffness_met),
             holds=form(verdict.holds),
             kkt_residual=form(found.residual),
             rounds=form(found.solved.rounds),
             gap=form(left),
-            lower_bounds=found.bounds.reshape(*shape, found.bounds.shape[-1]),
+            lower_bounds=form(found.bounds),
             method=method,
             _problem=problem,
             _mu=found.solved.mu,
@@ -108,7 +106,7 @@ class BoxAllocation(Allocation):
     @property
     def q(self) -> Array:
         """Return the postures that are answered (…, n) [rad]: those asked for, within the joints' range."""
-        return self._form(self._problem.q)
+        return self._array(self._problem.q)
 
     @property
     def _muscles(self) -> tuple[OneMuscle, ...]:
@@ -117,12 +115,12 @@ class BoxAllocation(Allocation):
     @property
     def theta(self) -> Array:
         """Return the postures asked for (…, n) [rad]."""
-        return self._form(self._problem.asked)
+        return self._array(self._problem.asked)
 
     @property
     def T_target(self) -> Array:
         """Return the torques asked for (…, n) [N·m]."""
-        return self._form(self._problem.y[:, : self.mechanism.n])
+        return self._array(self._problem.y[:, : self.mechanism.n])
 
     @property
     def K_target(self) -> Array:
@@ -134,7 +132,7 @@ class BoxAllocation(Allocation):
         if self._problem.endpoint is not None:
             return np.full(self.K.shape, np.nan)
         asked = np.where(self._problem.weights[n:] > 0, self._problem.y[:, n:], np.nan)
-        return self.mechanism.whole(asked).reshape(self.K.shape)
+        return self._array(self.mechanism.whole(asked))
 
     @property
     def P1(self) -> Any:
@@ -157,13 +155,12 @@ class BoxAllocation(Allocation):
         rows, ends = self._problem.rows
         y = self._problem.given(self.P.reshape(-1, self.mechanism.m))[:, rows]
         squares = self._problem.weights[rows] * (y - self._problem.y[:, rows]) ** 2
-        return np.add.reduceat(squares, [0, *ends[:-1].tolist()], axis=1).reshape(*self._shape, ends.size)
+        return self._array(np.add.reduceat(squares, [0, *ends[:-1].tolist()], axis=1))
 
     @property
     def least_stiffness(self) -> Any:
         """Return the least eigenvalue of K (…) [N·m/rad]; a posture holds itself where it is positive."""
-        least = np.linalg.eigvalsh(self.K)[..., 0]
-        return least if self._shape else float(least)
+        return self._formed(np.linalg.eigvalsh(self.K)[..., 0].ravel())
 
     # --- at the endpoint --------------------------------------------------------------------------------------------
 
@@ -175,12 +172,12 @@ class BoxAllocation(Allocation):
     @property
     def x(self) -> Array:
         """Return where the endpoint is (…, dim) [m]. Raises `InvalidInput` where none was asked for."""
-        return self._form(self._hand.place.position)
+        return self._array(self._hand.place.position)
 
     @cached_property
     def K_x(self) -> Array:
         """Return the endpoint's stiffness under its force (…, dim, dim) [N/m]. Raises `InvalidInput` without one."""
-        return self._form(self._hand.stiffness(self.K.reshape(-1, *self.K.shape[-2:])))
+        return self._array(self._hand.stiffness(self.K.reshape(-1, *self.K.shape[-2:])))
 
     @property
     def K_x_error(self) -> Array:
@@ -190,7 +187,7 @@ class BoxAllocation(Allocation):
         asked = np.array(np.broadcast_to(self._hand.asked, (self._problem.size, dim, dim)))
         rows, columns = (index[free] for index in np.triu_indices(dim))
         asked[:, rows, columns] = asked[:, columns, rows] = np.nan
-        return self._form(asked) - self.K_x
+        return self._array(asked) - self.K_x
 
     @property
     def endpoint_error(self) -> Any:
@@ -199,7 +196,7 @@ class BoxAllocation(Allocation):
         given = self._hand.seen(self.K.reshape(-1, *self.K.shape[-2:]))
         twice = 2.0 - np.eye(self._hand.endpoint.dim)[np.triu_indices(self._hand.endpoint.dim)]
         error = np.sqrt(((given - self._problem.y[:, n:]) ** 2) @ (twice * (self._problem.weights[n:] > 0)))
-        return error.reshape(self._shape) if self._shape else float(error[0])
+        return self._formed(error)
 
     @property
     def _hand(self) -> EndpointTargets:
@@ -211,6 +208,11 @@ class BoxAllocation(Allocation):
         own = array.shape[1:]
         return np.broadcast_to(array, (self._problem.size, *own)).reshape(*self._shape, *own)
 
+    def _array(self, array: Array) -> Array:
+        """Return what `_formed` does of rows (N or 1, …), which are arrays for one target, too."""
+        formed: Array = self._formed(array)
+        return formed
+
     # --- proofs -------------------------------------------------------------------------------------------------------
 
     @cached_property
@@ -221,16 +223,13 @@ class BoxAllocation(Allocation):
         muscles that are not affine, d·y(P) is a sum of functions of one pressure each. Where no d separates what they
         miss it is NaN, and `lower_bounds` is the proof.
         """
-        d, reach, asked = certificate.separation(self._problem, self._mu)
-        if not self._shape:
-            return Separation(d[0], float(reach[0]), float(asked[0]))
-        return Separation(d.reshape(*self._shape, d.shape[-1]), reach.reshape(self._shape), asked.reshape(self._shape))
+        return Separation(*map(self._formed, certificate.separation(self._problem, self._mu)))
 
     @property
     def box(self) -> tuple[Array, Array]:
         """Return the least and the greatest pressures (…, m) [Pa] that the limits leave."""
-        lo, hi = self._problem.bounds
-        return lo.reshape(self.P.shape), hi.reshape(self.P.shape)
+        lo, hi = map(self._formed, self._problem.bounds)
+        return lo, hi
 
     @cached_property
     def active(self) -> Any:
@@ -246,17 +245,16 @@ class BoxAllocation(Allocation):
 
     def _named(self, flagged: Callable[..., Array], more: Sequence[tuple[Any, str, Mask]] = ()) -> Any:
         """Return the names of the limits that `flagged` finds of each muscle, and of those that hold `more`."""
-        names = np.empty(self._problem.size, object)
-        names[:] = [()] * names.size
+        names: list[tuple[str, ...]] = [()] * self._problem.size
         near = CLOSED_FORM.binds * self.mechanism.pressure_span
         for (muscle, P), side in zip(self._pulling, self._problem.box, strict=True):
-            flags = np.broadcast_to(flagged(side, P, near), names.shape)
+            flags = np.broadcast_to(flagged(side, P, near), len(names))
             for i in np.flatnonzero(flags):
                 names[i] += limit_names(muscle.name, int(flags[i]))
         for kinds, end, which in more:
-            for i, j in zip(*np.nonzero(np.broadcast_to(which, (names.size, len(kinds)))), strict=True):
+            for i, j in zip(*np.nonzero(np.broadcast_to(which, (len(names), len(kinds)))), strict=True):
                 names[i] += (f"{kinds[j]} {end}",)
-        return names.reshape(self._shape) if self._shape else names[0]
+        return self._listed(names)
 
     @property
     def broken(self) -> Any:
@@ -269,20 +267,18 @@ class BoxAllocation(Allocation):
         In [Pa/rad, Pa·rad/(N·m), Pa/(N·m)]; one-sided where the active set is about to change. Raises `InvalidInput`
         for muscles that are not affine in the pressure, and for the stiffness of an endpoint.
         """
-        found = jacobian(self._problem, self.P.reshape(-1, self.mechanism.m))
-        return found.reshape(*self._shape, *found.shape[1:])
+        return self._array(jacobian(self._problem, self.P.reshape(-1, self.mechanism.m)))
 
     @property
-    def _sentence(self) -> str:
-        missed = f"; asked {vector(self.T + self.T_error)}, given {vector(self.T)} N·m" if not self.torque_met else ""
+    def _details(self) -> list[str]:
+        missed = [] if self.torque_met else [f"asked {vector(self.T + self.T_error)}, given {vector(self.T)} N·m"]
         if not self.stiffness_met and self.endpoint is not None:
-            missed += f"; asked {vector(self.K_x + self.K_x_error)}, given {vector(self.K_x)} N/m at the endpoint"
+            missed.append(f"asked {vector(self.K_x + self.K_x_error)}, given {vector(self.K_x)} N/m at the endpoint")
         elif not self.stiffness_met:
-            missed += f"; asked {vector(self.K + self.K_error)}, given {vector(self.K)} N·m/rad"
+            missed.append(f"asked {vector(self.K + self.K_error)}, given {vector(self.K)} N·m/rad")
         if not self.holds:
-            missed += f"; the least eigenvalue of K is {number(self.least_stiffness)} N·m/rad"
-        in_the_way = f"; in the way: {', '.join(self.active)}" if self.active and not self.success else ""
-        return Status(self.status).advice + missed + in_the_way
+            missed.append(f"the least eigenvalue of K is {number(self.least_stiffness)} N·m/rad")
+        return missed
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer by name, units in the names: pressures, what they give, status and binding limits."""

@@ -8,17 +8,16 @@ in the null space of the rows before, and of all these the one nearest to the re
 which is linear in the targets. Along the posture A, b and the limits are differentiated by five points.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from allocator.allocation.sensitivity import STEP, five_point
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.mechanism.problem import BoxProblem
 
-_H = 1e-4  # [rad] of the five-point difference: error about 1e-11 of the slope
 _RANK = 1e-9  # of the rows' size: what is left of them below it is rounding
 
 
@@ -34,7 +33,7 @@ def jacobian(problem: BoxProblem, P: Array) -> Array:
     columns, n = [], mechanism.n
     for i in range(n):
         inside = ~np.broadcast_to(problem.outside, (problem.size, n))[:, i]  # beyond the answer stays that of the end
-        columns.append(_five_point(lambda h, i=i: _moved(free, i, h, ends)) * inside[:, None])  # type: ignore[misc]  # a lambda
+        columns.append(five_point(lambda h, i=i: _moved(free, i, h, ends), STEP) * inside[:, None])  # type: ignore[misc]  # a lambda
     here = _held(free, *ends)
     for i in [*range(n, problem.y.shape[1]), *range(n)]:
         step = np.where(np.arange(problem.y.shape[1]) == i, 1.0, 0.0)
@@ -77,7 +76,3 @@ def _pseudo_inverse(A: Array, size: Array) -> Array:
     kept = s > _RANK * size[:, None]
     inverse = np.where(kept, 1.0 / np.where(kept, s, 1.0), 0.0)
     return np.asarray((V.swapaxes(1, 2) * inverse[:, None, :]) @ U.swapaxes(1, 2))
-
-
-def _five_point(f: Callable[[float], Array]) -> Array:
-    return (8 * (f(_H) - f(-_H)) - (f(2 * _H) - f(-2 * _H))) / (12 * _H)

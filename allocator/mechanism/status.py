@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation.status import Status
+from allocator.allocation.status import Status, decided
 from allocator.allocation.tolerances import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.joint.limits import Limit
@@ -30,20 +30,16 @@ def decide(problem: BoxProblem, y: Array, K: Array, residual: Array) -> Verdict:
     torque_met = (met[:, :n] | (problem.weights[:n] == 0)).all(axis=1)
     stiffness_met = (met[:, n:] | (problem.weights[n:] == 0)).all(axis=1)
     holds = positive_definite(K)
-    status = ~torque_met * Status.TORQUE_LIMITED + ~stiffness_met * Status.STIFFNESS_LIMITED
-    if problem.pull:
-        status = np.where(torque_met & stiffness_met, status, Status.PULLED)
-    slack = np.any([side.broken & Limit.AGONIST_SLACK != 0 for side in problem.box], axis=0)
-    for where, which in (
-        (~holds, Status.UNSTABLE),
-        (np.any([side.empty for side in problem.box], axis=0), Status.CONFLICT),
-        (slack, Status.SLACK),
-        (problem.outside.any(axis=1) | problem.stretched.any(axis=1), Status.OUTSIDE_JOINT_RANGE),
-        (~(residual <= _TRUSTED), Status.SOLVER_FAILED),
-        (np.any([side.unreachable for side in problem.box], axis=0), Status.OUTSIDE_LIMITS),
-    ):
-        status = np.where(where, which, status)
-    return Verdict(status.astype(np.int8), torque_met, stiffness_met, holds)
+    others = {
+        Status.UNSTABLE: ~holds,
+        Status.CONFLICT: np.any([side.empty for side in problem.box], axis=0),
+        Status.SLACK: np.any([side.broken & Limit.AGONIST_SLACK != 0 for side in problem.box], axis=0),
+        Status.OUTSIDE_JOINT_RANGE: problem.outside.any(axis=1) | problem.stretched.any(axis=1),
+        Status.SOLVER_FAILED: ~(residual <= _TRUSTED),
+        Status.OUTSIDE_LIMITS: np.any([side.unreachable for side in problem.box], axis=0),
+    }
+    status = decided(~torque_met, ~stiffness_met, problem.pull > 0, others)
+    return Verdict(status, torque_met, stiffness_met, holds)
 
 
 def positive_definite(K: Array) -> Mask:
