@@ -48,7 +48,7 @@ thresholds = [0.02, 0.06]      # r_1, …, r_n [rad]
 base = 0.2                     # share of the widths that is left without pressure [-]
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from inspect import signature
 from typing import Any, TypeAlias
@@ -108,8 +108,7 @@ def dumps(machine: Machine, *, scale_known: bool = True, source: Mapping[str, st
     own = _of_a_joint(joint, scale_known) if joint else {}
     lines = section("machine", _limits(machine) | own, _UNITS)[1:]
     lines += _route_lines(machine)
-    muscles = dict(zip(_PAIR, (joint.agonist, joint.antagonist), strict=True)) if joint else _named(machine)
-    lines += _muscle_lines(muscles)
+    lines += _muscle_lines(dict(_named_muscles(machine)))
     if machine.gas != AIR:
         lines += section("gas", {f.name: getattr(machine.gas, f.name) for f in fields(Gas)}, "-, Pa")
     lines += section("source", source) if source else []
@@ -136,8 +135,10 @@ def _of_a_joint(joint: AntagonistJoint, scale_known: bool) -> dict[str, object]:
     return values | ({"unseen": joint.unseen} if joint.unseen else {})
 
 
-def _named(mechanism: Any) -> dict[str, Muscle]:
-    return dict(zip(mechanism.muscle_names, mechanism.muscles, strict=True))
+def _named_muscles(machine: Machine) -> Iterable[tuple[str, Muscle]]:
+    if isinstance(machine, AntagonistJoint):
+        return zip(_PAIR, (machine.agonist, machine.antagonist), strict=True)
+    return zip(machine.muscle_names, machine.muscles, strict=True)
 
 
 def _route_lines(machine: Machine) -> list[str]:

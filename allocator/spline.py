@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -52,7 +51,7 @@ class Spline:
         h = x - start
         return (((c[0] * h + c[1]) * h + c[2]) * h + c[3]) * h + c[4]
 
-    def _piece(self, x: Value, rows: Array) -> tuple[Value, Any]:
+    def _piece(self, x: Value, rows: Array) -> tuple[Value, Value]:
         """Return where the piece of x begins, and its coefficients."""
         if is_symbol(x):
             passed = [x >= knot for knot in self.x[1:-1].tolist()]

@@ -18,15 +18,15 @@ _STRONGEST = 1e100  # [cost]/[Pa]² of a pull
 
 def problem_from(
     joint: AntagonistJoint,
-    theta: Any,
-    K: Any,
-    T: Any,
+    theta: object,
+    K: object,
+    T: object,
     *,
     limits: Limits = TAUT,
-    priority: Any = "torque",
-    weights: Any = None,
-    tolerance: Any = 0.0,
-    pull: Any = None,
+    priority: object = "torque",
+    weights: object = None,
+    tolerance: object = 0.0,
+    pull: object = None,
     shares: Shares | None = None,
 ) -> tuple[Problem, Array]:
     """Return the checked, flat problem, and the angles asked for in the common shape of all arguments.
@@ -60,12 +60,18 @@ def problem_from(
     return problem, flat["theta"].reshape(arrays[0].shape)
 
 
-def pulled(pull: Any) -> tuple[float, Any]:
-    """Return the weight ρ > 0 [cost]/[Pa]² of a pull = (ρ, P_ref), and what is given for P_ref."""
+def two(name: str, value: Any, expected: str) -> tuple[Any, Any]:
+    """Return both parts of a pair. Raises InvalidInput for what is none."""
     try:
-        weight, reference = pull
+        first, second = value
     except (TypeError, ValueError):
-        raise InvalidInput(f"pull = {checks.brief(pull)} has to be (ρ, P_ref), [cost]/[Pa]² and pressures") from None
+        raise InvalidInput(f"{name} = {checks.brief(value)} {expected}") from None
+    return first, second
+
+
+def pulled(pull: object) -> tuple[float, Any]:
+    """Return the weight ρ > 0 [cost]/[Pa]² of a pull = (ρ, P_ref), and what is given for P_ref."""
+    weight, reference = two("pull", pull, "has to be (ρ, P_ref), [cost]/[Pa]² and pressures")
     rho = checks.not_negative("pull[0]", weight, "cost/Pa²")
     if rho == 0:
         raise InvalidInput("pull = (ρ, P_ref) has to have ρ > 0; None is no pull")
@@ -93,7 +99,7 @@ def checked_priority(priority: object) -> Priority:
     return checks.one_of("priority", priority, PRIORITIES)  # type: ignore[return-value]  # one of these words
 
 
-def _weights(priority: Priority, weights: Any) -> tuple[float, float]:
+def _weights(priority: Priority, weights: object) -> tuple[float, float]:
     if (weights is None) is (priority == "weighted"):
         raise InvalidInput("weights = (w_T, w_K) and priority='weighted' go together; one came without the other")
     if weights is None:
@@ -124,7 +130,7 @@ def _cocontraction(joint: AntagonistJoint, limits: Limits) -> float | None:
     return value
 
 
-def _tolerance(priority: Priority, tolerance: Any) -> float:
+def _tolerance(priority: Priority, tolerance: object) -> float:
     value = checks.not_negative("tolerance", tolerance, "N·m/rad")
     if value and priority != "torque":
         raise InvalidInput(

@@ -49,8 +49,8 @@ def allocate(
     limits: Limits = ...,
     stiffness: Stiffness = ...,
     priority: Priority = ...,
-    weights: tuple[Any, Any] | None = ...,
-    pull: tuple[float, Any] | None = ...,
+    weights: tuple[ArrayLike, ArrayLike] | None = ...,
+    pull: tuple[float, ArrayLike] | None = ...,
     along: int | None = ...,
     direction: Value = ...,
     method: Name | Method = ...,
@@ -67,8 +67,8 @@ def allocate(
     limits: Limits = ...,
     stiffness: Stiffness = ...,
     priority: Priority = ...,
-    weights: tuple[Any, Any] | None = ...,
-    pull: tuple[float, Any] | None = ...,
+    weights: tuple[ArrayLike, ArrayLike] | None = ...,
+    pull: tuple[float, ArrayLike] | None = ...,
     along: int | None = ...,
     direction: Value = ...,
     method: Name | Method = ...,
@@ -84,8 +84,8 @@ def allocate(
     limits: Limits = TAUT,
     stiffness: Stiffness = ISOBARIC,
     priority: Priority = "torque",
-    weights: tuple[Any, Any] | None = None,
-    pull: tuple[float, Any] | None = None,
+    weights: tuple[ArrayLike, ArrayLike] | None = None,
+    pull: tuple[float, ArrayLike] | None = None,
     along: int | None = None,
     direction: Value = 0.0,
     method: Name | Method = "exact",
@@ -163,21 +163,21 @@ def allocate(
 class Asked(NamedTuple):
     """`Asked` are the arguments of `allocate` about a machine, of these names."""
 
-    theta: Any
-    K: Any
-    T: Any
+    theta: object
+    K: object
+    T: object
     limits: Limits
     stiffness: Stiffness
-    priority: Any
-    weights: Any
-    pull: Any
-    along: Any
-    direction: Any
+    priority: object
+    weights: object
+    pull: object
+    along: object
+    direction: object
     method: Method
 
 
 @singledispatch
-def allocated(joint: Any, asked: Asked) -> Allocation:
+def allocated(joint: object, asked: Asked) -> Allocation:
     """Return the allocation of a machine; each kind of machine registers how it is found. Raises InvalidInput."""
     getattr(joint, "sides", None)  # of a joint without a force scale, which raises its own sentence
     raise InvalidInput(f"joint = {checks.brief(joint)} has to be an AntagonistJoint or a Mechanism")
@@ -227,7 +227,7 @@ def _answer(problem: Problem, solve: Solve, kind: StiffnessKind) -> PairAllocati
     return found if kind is HELD else replace(found, kind=kind)
 
 
-def _ordinary(joint: AntagonistJoint, direction: Any, stiffness: Stiffness) -> bool:
+def _ordinary(joint: AntagonistJoint, direction: object, stiffness: Stiffness) -> bool:
     """Return whether friction takes nothing, and neither a tolerance, a hand nor a force is given."""
     if stiffness is not ISOBARIC and not (
         type(stiffness) is Stiffness
@@ -253,7 +253,7 @@ def _checked_method(chosen: Method) -> Method:
     return chosen
 
 
-def _check_together(kind: StiffnessKind, method: Method, along: Any) -> None:
+def _check_together(kind: StiffnessKind, method: Method, along: object) -> None:
     """Refuse what has no answer for a stiffness with trapped gas in it."""
     if kind is HELD:
         return
@@ -270,7 +270,7 @@ def _check_together(kind: StiffnessKind, method: Method, along: Any) -> None:
         raise InvalidInput("along plans pressures for valves that stay as they are; give a state instead of 'free'")
 
 
-def _axis(along: Any, ndim: int, method: Method, limits: Limits) -> int | None:
+def _axis(along: object, ndim: int, method: Method, limits: Limits) -> int | None:
     """Return the axis of time, counted from 0."""
     if along is None:
         return None

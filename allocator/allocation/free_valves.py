@@ -6,7 +6,6 @@ method asked for; what is proved of each holds for the best of them.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from allocator.allocation.pair import PairAllocation
 from allocator.allocation.problem import Problem
 from allocator.allocation.result import shaped
 from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.joint.gas import StiffnessKind
 
 _FIELDS = ("P1", "P2", "T", "K", "status", "limits", "iterations", "_gap")
@@ -37,7 +36,7 @@ def with_free_valves(
     return replace(answers[0], **fields, kind=kind, _built=replace(answers[0]._problem, shares=(one, two)))
 
 
-def _selected(given: list[Any], chosen: NDArray[np.intp], shape: tuple[int, ...]) -> Any:
+def _selected(given: list[Value], chosen: NDArray[np.intp], shape: tuple[int, ...]) -> Value:
     """Return of the fields of all answers those of the chosen ones; None where the method does not give the field."""
     if given[0] is None:
         return None

@@ -7,7 +7,6 @@ it. Put in and allocated again, it changes by at most a share μ each time (its 
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ _TOLERANCE = 1e-10  # of the greatest torque
 _ROUNDS = 60
 
 
-def checked_direction(direction: Any) -> Array:
+def checked_direction(direction: object) -> Array:
     """Return directions of motion, between -1 and +1; what lies between is a share, for smooth changes."""
     s = checks.real("direction", direction, "-1 to +1")
     if (wrong := np.abs(s) > 1).any():

@@ -1,6 +1,6 @@
 """A `Method` is how an allocation is solved: by which solver, from where, and under what doubt."""
 
-from typing import Any, Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 from allocator import checks
 from allocator.errors import InvalidInput
@@ -21,11 +21,11 @@ class Method(NamedTuple):
     solver: str | None = None  # "qp": "daqp", "osqp", …; "nlp": "ipopt", "sqpmethod"; "convex": "clarabel", "osqp"
     warm_start: bool = True  # False starts the optimisers in the middle of the box, to measure what it gains
     gap: float = 1e-3  # of mechanisms that are not affine: the search ends at gap·(1 + cost) above the proved least
-    uncertainty: Any = None  # "convex": covariance of the muscles' parameters, a pair of them, or True for their own
+    uncertainty: object = None  # "convex": covariance of the muscles' parameters, a pair of them, or True for their own
     risk: float = 0.05  # α, the probability with which a force limit may be broken, see `uncertain.problem`
 
     @classmethod
-    def of(cls, method: Any) -> Self:
+    def of(cls, method: object) -> Self:
         """Return the method that a name or a `Method` means. Raises InvalidInput, also for options that cannot be."""
         if isinstance(method, cls):
             if not 0 < checks.number("gap", method.gap, "of 1 + cost") < 1:

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.allocation import certificate, reach, sensitivity
 from allocator.allocation.arguments import problem_from
@@ -15,7 +16,7 @@ from allocator.allocation.result import Allocation
 from allocator.allocation.status import Status, status_names
 from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
 from allocator.allocation.uncertain.spread import forces_std, stiffness_std
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import assumptions
@@ -33,22 +34,22 @@ _STATUS = tuple(Status)
 class PairAllocation(Allocation):
     """A `PairAllocation` is the `Allocation` of a joint: floats for scalars, else arrays of the targets' shape."""
 
-    theta: Any  # joint angle asked for [rad]
-    T_target: Any  # torque asked for [N·m]
-    K_target: Any  # stiffness asked for [N·m/rad]
-    P1: Any  # agonist pressure [Pa]
-    P2: Any  # antagonist pressure [Pa]
-    T: Any  # torque that these pressures give [N·m]
-    K: Any  # stiffness that these pressures give [N·m/rad], of the kind asked for
+    theta: Value  # joint angle asked for [rad]
+    T_target: Value  # torque asked for [N·m]
+    K_target: Value  # stiffness asked for [N·m/rad]
+    P1: Value  # agonist pressure [Pa]
+    P2: Value  # antagonist pressure [Pa]
+    T: Value  # torque that these pressures give [N·m]
+    K: Value  # stiffness that these pressures give [N·m/rad], of the kind asked for
     status: Any  # Status, or an array of its integers
-    limits: Any  # combination of Limit flags that bind, as integers
+    limits: int | NDArray[np.int32]  # combination of Limit flags that bind, as integers
     joint: AntagonistJoint = field(repr=False)
     priority: Priority
     _within: Limits = field(repr=False)  # the limits asked for
     kind: StiffnessKind = HELD  # which stiffness `K_target` and `K` are: isobaric, shut, …
     method: str = "exact"
-    iterations: Any = None  # of an optimising method
-    _gap: Any = field(default=0.0, repr=False)  # `gap` where the method has proved one, else None
+    iterations: int | NDArray[np.int32] | None = None  # of an optimising method
+    _gap: Value = field(default=0.0, repr=False)  # `gap` where the method has proved one, else None
     _built: Problem | None = field(default=None, repr=False)  # None: nothing else was asked, it is made when needed
     _shape: tuple[int, ...] = field(default=(), repr=False)  # of the targets
 
@@ -61,7 +62,7 @@ class PairAllocation(Allocation):
         return problem_from(self.joint, *targets, **asked)[0]
 
     @property
-    def valves(self) -> tuple[Any, Any]:
+    def valves(self) -> tuple[bool | Mask, bool | Mask]:
         """Return whether the valves of (agonist, antagonist) are shut while the joint is as stiff as `K`.
 
         Two truth values, or arrays of them. Where a `frequency` was asked for they are regulated, and counted as open.
@@ -78,7 +79,7 @@ class PairAllocation(Allocation):
         return np.stack([self.P1, self.P2], axis=-1)
 
     @property
-    def q(self) -> Any:
+    def q(self) -> Value:
         """Return the angle that is answered [rad]: the nearest within the joint's range."""
         return self._formed(self._problem.theta)
 
@@ -102,7 +103,7 @@ class PairAllocation(Allocation):
         """Return whether the stiffness asked for is given, up to the tolerance."""
         return self._near(self.K_error, self._problem.scales[1], self._problem.stiffness_tolerance)
 
-    def _near(self, error: Any, scale: Array, tolerance: float) -> Any:
+    def _near(self, error: Value, scale: Array, tolerance: float) -> Any:
         met = (CLOSED_FORM if self.method == "exact" else OPTIMISER).met
         return self._formed(np.abs(np.ravel(error)) <= tolerance + met * scale)
 
@@ -112,7 +113,7 @@ class PairAllocation(Allocation):
         return self.K > 0
 
     @property
-    def least_stiffness(self) -> Any:
+    def least_stiffness(self) -> Value:
         """Return K [N·m/rad], the one eigenvalue there is."""
         return self.K
 
@@ -170,7 +171,7 @@ class PairAllocation(Allocation):
         return found.reshape(*self._shape, *found.shape[1:])
 
     @cached_property
-    def gap(self) -> Any:
+    def gap(self) -> Value:
         """Return how much better an answer might be than this one, for all that is proved; 0 for closed forms.
 
         A fraction of the scale of the goal that is missed, or of the weighted cost with both at their scales. Searches
@@ -191,12 +192,12 @@ class PairAllocation(Allocation):
         return self._formed(reach.pairs(self._problem, np.ravel(self.T), np.ravel(self.K)))
 
     @cached_property
-    def kkt_residual(self) -> Any:
+    def kkt_residual(self) -> Value:
         """Return the step that would still improve the answer, in fractions of the supply range; 0 is optimal."""
         return self._formed(certificate.residual(self._problem, np.ravel(self.P1), np.ravel(self.P2)))
 
     @cached_property
-    def K_std(self) -> Any:
+    def K_std(self) -> Value:
         """Return the standard deviation of K [N·m/rad] from the covariance of fitted muscles; None if they have none.
 
         That of a fitted joint allows for a smooth error of its force law; that of muscles fitted to forces does not.
@@ -236,7 +237,7 @@ class PairAllocation(Allocation):
     def _details(self) -> list[str]:
         return details(self)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the answer in the columns of a table, units in their names: what `pandas.DataFrame` takes.
 
         Of arrays every column is one row (n,), the targets in C order; of a single target every value is a scalar, and
@@ -262,7 +263,7 @@ class PairAllocation(Allocation):
             **{name: np.full(which.size, text) for name, text in assumed.items()},
         }
 
-    def _gas_columns(self) -> dict[str, Any]:
+    def _gas_columns(self) -> dict[str, Value]:
         """Return what a table says beyond the isobaric stiffness."""
         if self.kind.isobaric:
             return {}
@@ -314,7 +315,7 @@ def single(
     theta: float,
     K: float,
     T: float,
-    found: tuple[Any, ...],
+    found: tuple[Value, ...],
     kind: StiffnessKind = HELD,
 ) -> PairAllocation:
     """Return the answer to one target from what a kernel `found`: P1, P2, torque, stiffness, status, binding limits."""

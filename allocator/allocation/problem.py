@@ -26,12 +26,12 @@ of one function of one pressure a muscle again, so that all of the above stays a
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, Self, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import Shares
 from allocator.joint.limits import TAUT, Limits, PressureBox
@@ -141,7 +141,7 @@ class Problem:
             np.abs(one.stiffness(hi1)) + np.abs(two.stiffness(hi2)) + np.abs(self.K_aim),
         )
 
-    def take(self, where: NDArray[Any]) -> Self:
+    def take(self, where: Mask | NDArray[np.intp]) -> Self:
         """Return the problems at the mask or the indices `where`."""
         theta, K, T = self.theta[where], self.K[where], self.T[where]
         reference, shares = (None if p is None else (p[0][where], p[1][where]) for p in (self.reference, self.shares))

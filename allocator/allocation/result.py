@@ -4,7 +4,7 @@ Everything here is computed from the pressures themselves; nothing is taken from
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from math import prod
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.allocation.status import Status
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles.measured import Visit, extrapolation
 
@@ -37,19 +37,19 @@ class Allocation(ABC):
             """Return the `Status`, or an array of its integers."""
 
         @property
-        def T_target(self) -> Any:
+        def T_target(self) -> Value:
             """Return the torque asked for [N·m]."""
 
         @property
-        def K_target(self) -> Any:
+        def K_target(self) -> Value:
             """Return the stiffness asked for [N·m/rad]; NaN for entries that are free."""
 
         @property
-        def T(self) -> Any:
+        def T(self) -> Value:
             """Return the torque that these pressures give [N·m]."""
 
         @property
-        def K(self) -> Any:
+        def K(self) -> Value:
             """Return the stiffness that these pressures give [N·m/rad], of the kind asked for."""
 
         @property
@@ -74,12 +74,12 @@ class Allocation(ABC):
         return self.status == Status.EXACT
 
     @property
-    def T_error(self) -> Any:
+    def T_error(self) -> Value:
         """Return the torque asked minus given [N·m]."""
         return self.T_target - self.T
 
     @property
-    def K_error(self) -> Any:
+    def K_error(self) -> Value:
         """Return the stiffness asked minus given [N·m/rad]; NaN for entries that were not asked for."""
         return self.K_target - self.K
 
@@ -89,7 +89,7 @@ class Allocation(ABC):
         return self._each([side.force(P) for side, P in self._pulling])
 
     @cached_property
-    def isobaric_stiffness(self) -> Any:
+    def isobaric_stiffness(self) -> Value:
         """Return K = -∂T/∂θ at held pressures [N·m/rad] that these pressures give, whichever stiffness was asked."""
         return self._formed(np.asarray(sum(side.isobaric.stiffness(P) for side, P in self._pulling)))
 
@@ -132,7 +132,7 @@ class Allocation(ABC):
         """
 
     @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the answer by name, units in the names: pressures, what they give, status and binding limits."""
 
     @property
@@ -165,7 +165,7 @@ class Allocation(ABC):
         return array.reshape(self._shape) if self._shape else array[0]
 
 
-def from_fields(of: type[Any], fields: dict[str, Any]) -> Any:
+def from_fields(of: type[Any], fields: Mapping[str, object]) -> Any:
     """Make an allocation from its fields by name: the constructor of a frozen dataclass takes five times as long."""
     allocation = object.__new__(of)
     object.__setattr__(allocation, "__dict__", fields)

@@ -6,7 +6,7 @@ that a back-end failed or a risk is too great, `allocator.allocation.entry` puts
 
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +63,7 @@ _ADVICE = {
 }
 
 
-def status_names(codes: NDArray[np.int8]) -> NDArray[Any]:
+def status_names(codes: NDArray[np.int8]) -> NDArray[np.str_]:
     """Return the names (…) of statuses that are given as integers (…)."""
     return np.array([status.name for status in Status])[codes]
 

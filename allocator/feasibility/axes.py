@@ -1,7 +1,5 @@
 """The axes of a map are checked here, or chosen."""
 
-from typing import Any
-
 import numpy as np
 
 from allocator.calculus import Array
@@ -15,7 +13,7 @@ _MOST_STEPS = 10_000_000
 _NARROWEST = 1e-6  # range of an axis, in the unit of its user
 
 
-def map_axis(name: str, asked: Any, values: Array) -> Array:
+def map_axis(name: str, asked: object, values: Array) -> Array:
     """Return `values` as an axis: one number, or two or more that increase. `asked` is what the user passed."""
     if values.ndim > 1:
         raise InvalidInput(f"{name} has the shape {values.shape}; an axis of a map is one number or an array (n,)")

@@ -149,7 +149,7 @@ def _torque(torque: str | None, *others: str | None) -> "Array | float | None":
 
 
 def _map(
-    axes: dict[str, Any],
+    axes: "dict[str, Array | float | None]",
     joint: "AntagonistJoint",
     kind: "StiffnessKind",
     min_force: float,
@@ -181,7 +181,7 @@ def _sentence(name: str, found: "FeasibilityMap") -> str:
     )
 
 
-def _values(name: str, found: "FeasibilityMap") -> dict[str, Any]:
+def _values(name: str, found: "FeasibilityMap") -> dict[str, object]:
     return {
         "name": name,
         "stiffness": found.kind.text,

@@ -7,7 +7,7 @@ if torque is left at every angle. Each is an extreme over the joint range of an 
 
 from collections.abc import Iterable, Iterator
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -130,7 +130,7 @@ def _extremes(setting: Setting, left: float, right: float) -> Iterator[float]:
         yield sign * float(function(at)[0])
 
 
-def checked(designs: Iterable[Any]) -> tuple[Design, ...]:
+def checked(designs: Iterable[Design]) -> tuple[Design, ...]:
     """Return the designs, of which there has to be one at least."""
     found = tuple(designs)
     if not found:

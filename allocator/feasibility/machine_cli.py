@@ -1,7 +1,7 @@
 """`antagonist map` of several joints is answered here, in degrees and millimetres; behind it all is SI."""
 
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from allocator.shell.hand_options import Hand, HandOptions, torques
 from allocator.units import DEG
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from allocator.calculus import Array
     from allocator.mechanism.mechanism import Mechanism
 
@@ -22,7 +24,7 @@ _BENT = 5 * DEG  # from the stretched arm, at which the Jacobian is singular
 
 def draw(
     mechanism: "Mechanism", options: HandOptions, targets: str | None, torque: str | None, *, min_force: float
-) -> tuple[Any, str, dict[str, Any]]:
+) -> tuple["Figure", str, dict[str, object]]:
     """Return the figure of what a mechanism can do, a sentence on it, and what `--json` prints.
 
     At a posture the polygon of two `targets`, such as "K11,K22"; of a hand without a posture its stiffness ellipses
@@ -41,7 +43,7 @@ def _polygon(
     targets: str | None,
     torque: str | None,
     min_force: float,
-) -> tuple[Any, str, dict[str, Any]]:
+) -> tuple["Figure", str, dict[str, object]]:
     from allocator.mechanism.feasibility import feasible_targets
 
     meant = ISOBARIC if hand is None else Stiffness(endpoint=hand.endpoint, force=hand.force)
@@ -72,7 +74,7 @@ def _pair(targets: str | None, n: int, hand: Hand | None) -> tuple[str, str]:
 
 def _workspace(
     mechanism: "Mechanism", hand: Hand, torque: str | None, min_force: float
-) -> tuple[Any, str, dict[str, Any]]:
+) -> tuple["Figure", str, dict[str, object]]:
     from allocator.mechanism.feasibility import endpoint_ellipses
 
     if torque == "free":
@@ -84,7 +86,7 @@ def _workspace(
     sentence = f"{len(q)} postures, torques exist at {int(found.exists.sum())}"
     if turns.size:
         sentence += f"; the ellipse turns by {turns.min():.0f}° to {turns.max():.0f}°"
-    values = {"posture_deg": q / DEG, "position_m": found.x, "tilt_deg": np.degrees(found.tilt)}
+    values: dict[str, object] = {"posture_deg": q / DEG, "position_m": found.x, "tilt_deg": np.degrees(found.tilt)}
     stiffness = {"softest_N_per_m": found.softest, "stiffest_N_per_m": found.stiffest}
     return found.plot().figure, sentence, values | stiffness
 

@@ -23,6 +23,9 @@ from allocator.presentation.plotting import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from allocator.feasibility.result import FeasibilityMap
 
 _MOST_SLICES = 7
@@ -32,11 +35,15 @@ _LETTER = 5  # pixels
 _SUPPLY = Limit.P1_UPPER | Limit.P2_UPPER | Limit.AGONIST_VALIDITY | Limit.ANTAGONIST_VALIDITY
 _SLACK = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK | Limit.P1_LOWER | Limit.P2_LOWER
 _ENDS = Limit.JOINT_RANGE | Limit.CONTRACTION_THRESHOLD
-_OTHER_DASH = (0, (6, 1.5, 1, 1.5, 1, 1.5))
-_DASH_OF = ((_SUPPLY, "-"), (_SLACK, (0, (5, 1.5))), (_ENDS, ":"), (Limit.COCONTRACTION, "-."))
+
+Dash = str | tuple[int, tuple[float, ...]]
+"""A line style of Matplotlib."""
+
+_OTHER_DASH: Dash = (0, (6, 1.5, 1, 1.5, 1, 1.5))
+_DASH_OF: Mapping[Limit, Dash] = {_SUPPLY: "-", _SLACK: (0, (5, 1.5)), _ENDS: ":", Limit.COCONTRACTION: "-."}
 
 
-def plot_map(feasible: "FeasibilityMap", axes: Any = None) -> Any:
+def plot_map(feasible: "FeasibilityMap", axes: "Axes | None" = None) -> Any:
     """Draw the feasible set of a map with every edge labelled; with three axes the sets at up to seven torques."""
     if len(feasible.varied) == 3:
         chosen = np.unique(np.linspace(0, feasible.T.size - 1, min(_MOST_SLICES, feasible.T.size)).astype(int))
@@ -55,7 +62,7 @@ def plot_map(feasible: "FeasibilityMap", axes: Any = None) -> Any:
     return axes
 
 
-def plot_maps(maps: Mapping[str, "FeasibilityMap"], axes: Any = None, *, title: str | None = None) -> Any:
+def plot_maps(maps: Mapping[str, "FeasibilityMap"], axes: "Axes | None" = None, *, title: str | None = None) -> Any:
     """Draw several feasible sets on one picture, by their names: torques, angles, muscles, models.
 
     The colour tells the set, the dashes the limit: solid where the supply or the model's validity binds, dashed where a
@@ -84,7 +91,7 @@ def plot_maps(maps: Mapping[str, "FeasibilityMap"], axes: Any = None, *, title: 
     return axes
 
 
-def plot_pressures(feasible: "FeasibilityMap", figure: Any = None) -> Any:
+def plot_pressures(feasible: "FeasibilityMap", figure: "Figure | None" = None) -> "Figure":
     """Draw both pressures over the feasible cells of a map with two axes; returns the Matplotlib figure."""
     x, y = _drawn(feasible)
     figure = new_figure(9.0, 3.9) if figure is None else figure
@@ -110,7 +117,7 @@ def plot_pressures(feasible: "FeasibilityMap", figure: Any = None) -> Any:
     return figure
 
 
-def _title(axes: Any, shown: str, assumed: str) -> None:
+def _title(axes: "Axes", shown: str, assumed: str) -> None:
     """Say over the picture what it shows, and which slack limits are assumed."""
     axes.set_title("\n".join(filter(None, (shown, assumed))), fontsize="medium", loc="left")
 
@@ -172,13 +179,13 @@ def _named(quantity: str, maps: Iterable["FeasibilityMap"]) -> str:
     return QUANTITIES["K"].label.replace("stiffness K", f"{kinds.pop()} K")
 
 
-def _show_range(axes: Any, maps: Iterable["FeasibilityMap"]) -> None:
+def _show_range(axes: "Axes", maps: Iterable["FeasibilityMap"]) -> None:
     """Show the whole grid that was asked for, with a margin for lines on its border."""
     maps = list(maps)
-    for name, setter in zip(_drawn(maps[0]), (axes.set_xlim, axes.set_ylim), strict=True):
+    for name, axis in zip(_drawn(maps[0]), "xy", strict=True):
         shown = np.concatenate([_shown(m, name) for m in maps])
         margin = 0.02 * np.ptp(shown)
-        setter(shown.min() - margin, shown.max() + margin)
+        axes.set(**{f"{axis}lim": (shown.min() - margin, shown.max() + margin)})
 
 
 # --- labels ---------------------------------------------------------------------------------------------------------
@@ -202,18 +209,18 @@ def _held(feasible: "FeasibilityMap") -> str:
     return f"at {symbol} = {float(_shown(feasible, name)):.4g}{unit}"
 
 
-def _dash(limits: int) -> Any:
-    return next((dash for kinds, dash in _DASH_OF if limits & kinds), _OTHER_DASH)
+def _dash(limits: int) -> Dash:
+    return next((dash for kinds, dash in _DASH_OF.items() if limits & kinds), _OTHER_DASH)
 
 
-def _dashes_used(edges: Iterable[Edge]) -> list[tuple[str, Any]]:
+def _dashes_used(edges: Iterable[Edge]) -> list[tuple[str, Dash]]:
     texts = ("supply pressure", "cable slack", "joint range", "co-contraction floor", "other limit")
     used = [_dash(edge.limits) for edge in edges]
-    dashes = [dash for _, dash in _DASH_OF] + [_OTHER_DASH]
+    dashes = [*_DASH_OF.values(), _OTHER_DASH]
     return [(text, dash) for text, dash in zip(texts, dashes, strict=True) if dash in used]
 
 
-def _label_edges(axes: Any, feasible: "FeasibilityMap", x: str, y: str) -> None:
+def _label_edges(axes: "Axes", feasible: "FeasibilityMap", x: str, y: str) -> None:
     """Write what binds along the middle of every edge: outside the set, at the ends of the joint range inside."""
     to_pixels = axes.transData.transform
     loops = outlines(feasible)
@@ -228,7 +235,7 @@ def _label_edges(axes: Any, feasible: "FeasibilityMap", x: str, y: str) -> None:
         angle = np.degrees(np.arctan2(tangent[1], tangent[0]))
         axes.annotate(
             limit_text(edge.limits),
-            axes.transData.inverted().transform(middle),
+            tuple(axes.transData.inverted().transform(middle)),
             xytext=tuple(8 * normal),
             textcoords="offset points",
             ha="center",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from allocator.joint.assumption import assumptions, extrapolates
 from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import names
 from allocator.units import BAR, DEG
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _SHUT = "none", "antagonist", "agonist", "both"  # valves, by `FeasibilityMap.state`
 _HEADER = "theta_deg,stiffness_Nm_per_rad,torque_Nm,status,limits,P1_bar,P2_bar"
@@ -195,7 +198,7 @@ class FeasibilityMap:
 
     # --- to look at -------------------------------------------------------------------------------------------------
 
-    def plot(self, axes: Any = None) -> Any:
+    def plot(self, axes: "Axes | None" = None) -> Any:
         """Draw the feasible set with its edges, labelled by the limit that binds; returns the Matplotlib axes."""
         from allocator.feasibility.plotting import plot_map
 

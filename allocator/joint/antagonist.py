@@ -11,7 +11,6 @@ and everything static in this package is said in terms of the two, each `OneMusc
 
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -344,7 +343,7 @@ def report_joint(muscle: Muscle = TONDU_DMSP_20_400N) -> AntagonistJoint:
     return AntagonistJoint(pulley, muscle, muscle, angle_limits=(-125 * DEG, 125 * DEG))
 
 
-def joint_or_report(joint: Any) -> AntagonistJoint:
+def joint_or_report(joint: object) -> AntagonistJoint:
     """Return `joint`, or the report's in place of None. Raises InvalidInput for a machine of another kind."""
     if joint is None:
         return report_joint()

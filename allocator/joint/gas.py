@@ -21,7 +21,7 @@ g_i dθ; with dP/(P + p_a) = -κ dV/V its pressure changes by -κ (P + p_a) g_i 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -85,7 +85,9 @@ class StiffnessKind:
     """The four states that two free valves may have; the open ones come first."""
 
     @classmethod
-    def of(cls, valves: Any = "open", frequency: Any = None, lag: Any = None, muscles: Sequence[str] = PAIR) -> Self:
+    def of(
+        cls, valves: object = "open", frequency: object = None, lag: object = None, muscles: Sequence[str] = PAIR
+    ) -> Self:
         """Return the kind that these arguments of `allocate` ask for, of the `muscles` of these names.
 
         Only for a pair may valves be "free". Raises InvalidInput where the arguments make no sense.
@@ -111,7 +113,7 @@ class StiffnessKind:
         return cls("dynamic", tuple(float(storage_share(f, tau)) for tau in taus), f)
 
     @classmethod
-    def _of_valves(cls, valves: Any, muscles: tuple[str, ...]) -> Self:
+    def _of_valves(cls, valves: object, muscles: tuple[str, ...]) -> Self:
         m = len(muscles)
         known = {"open": cls("isobaric", (0.0,) * m), "shut": cls("shut", (1.0,) * m)}
         known |= {"free": cls("free-valve", None)} if muscles == PAIR else {}
@@ -169,7 +171,7 @@ class Stiffness:
     Of a mechanism it may be that of a hand, K_x [N/m], while this exerts a force.
     """
 
-    valves: Any = "open"  # "open", "shut", whether each is shut, "free" (of a pair: whichever are best), or a kind
+    valves: object = "open"  # "open", "shut", whether each is shut, "free" (of a pair: whichever are best), or a kind
     frequency: float | None = None  # [Hz] of small motions against regulators: the real part of the dynamic stiffness
     lag: ArrayLike | None = None  # τ of the regulators [s], a number or one for each muscle; goes with the frequency
     tolerance: float = 0.0  # stiffnesses this near to K are as good [N·m/rad]; of a pair
@@ -185,14 +187,14 @@ class Stiffness:
 ISOBARIC = Stiffness()
 
 
-def checked_stiffness(stiffness: Any) -> Stiffness:
+def checked_stiffness(stiffness: object) -> Stiffness:
     """Return `stiffness`, which has to be of this type. Raises InvalidInput."""
     if not isinstance(stiffness, Stiffness):
         raise InvalidInput(f"stiffness = {checks.brief(stiffness)} has to be a Stiffness, such as Stiffness('shut')")
     return stiffness
 
 
-def of_a_joint(stiffness: Any) -> StiffnessKind:
+def of_a_joint(stiffness: object) -> StiffnessKind:
     """Return the kind of stiffness of a joint, which has no hand. Raises InvalidInput."""
     given = checked_stiffness(stiffness)
     if given.endpoint is not None or np.any(given.force):
@@ -200,7 +202,7 @@ def of_a_joint(stiffness: Any) -> StiffnessKind:
     return given.kind()
 
 
-def frequencies(frequency: Any) -> Array:
+def frequencies(frequency: object) -> Array:
     """Return checked frequencies [Hz], zero or more."""
     found = checks.real("frequency", frequency, "Hz")
     if (wrong := found < 0).any():
@@ -210,7 +212,7 @@ def frequencies(frequency: Any) -> Array:
     return found
 
 
-def lags(lag: Any, muscles: int = 2) -> tuple[float, ...]:
+def lags(lag: object, muscles: int = 2) -> tuple[float, ...]:
     """Return the checked lags τ_i [s] of the regulators of so many muscles; one number is for all."""
     found = checks.real("lag", lag, "s")
     if found.shape not in ((), (muscles,)):

@@ -22,7 +22,7 @@ Journal of Control 9 (2003) 407–418.
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -195,7 +195,7 @@ class PrandtlIshlinskii:
         return Slip(tuple(-w for w in back.weights[1:]), back.thresholds, self.base, self.gain)
 
 
-def pass_plays(u: Any, s: Any, r: Any, plays: Any, out: Any) -> None:
+def pass_plays(u: Array, s: Array, r: Array | tuple[float, ...], plays: Array, out: Array) -> None:
     """Fill `out` (n, m) with the plays [rad] of half widths r (n,) [rad] while the static angle goes through u (m,)
     [rad] and the widths are s (m,) times as wide: `PrandtlIshlinskii.moved` sample by sample, in plain Python, which
     identification compiles. `plays` (n,) are those before, and afterwards the last ones.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 
 COMMON_FORCE = "a force common to both muscles"
@@ -80,24 +80,24 @@ class Limits(NamedTuple):
     Of a mechanism the forces may be rows (m,), and the pressures now an array (…, m). A named tuple, quickly made.
     """
 
-    min_force: Any = 0.0  # least muscle force [N]; 0 keeps cables taut, None lets them be slack
-    max_force: Any = None  # greatest muscle force [N]
+    min_force: Value = 0.0  # least muscle force [N]; 0 keeps cables taut, None lets them be slack
+    max_force: Value = None  # greatest muscle force [N]
     min_cocontraction: float | None = None  # least mean pressure (P1 + P2)/2 [Pa]
-    previous: Any = None  # slew limit: the pressure of each muscle now [Pa] …
-    max_step: Any = None  # … and how far each may move [Pa]; numbers, or arrays (n,) of n targets
+    previous: Value = None  # slew limit: the pressure of each muscle now [Pa] …
+    max_step: Value = None  # … and how far each may move [Pa]; numbers, or arrays (n,) of n targets
 
     @property
     def without_forces(self) -> Self:
         """Return the limits that are left without those on the forces."""
         return self._replace(min_force=None, max_force=None)
 
-    def reach(self, muscle: int) -> tuple[Any, Any]:
+    def reach(self, muscle: int) -> tuple[Value, Value]:
         """Return the pressures [Pa] between which `muscle` (0, 1, …) may move; infinite without a slew limit."""
         if self.previous is None or self.max_step is None:
             return -np.inf, np.inf
         return self.previous[muscle] - self.max_step, self.previous[muscle] + self.max_step
 
-    def take(self, where: Any) -> Self:
+    def take(self, where: object) -> Self:
         """Return the limits of the targets at the mask, the indices or the slice `where`."""
         if self.previous is None or self.max_step is None:
             return self
@@ -107,7 +107,7 @@ class Limits(NamedTuple):
 TAUT = Limits()  # the ordinary ones: nothing but taut cables
 
 
-def checked_limits(limits: Any) -> Limits:
+def checked_limits(limits: object) -> Limits:
     """Return `limits`, which have to be of this type. Raises InvalidInput."""
     if not isinstance(limits, Limits):
         raise InvalidInput(f"limits = {checks.brief(limits)} have to be Limits, such as Limits(min_force=20.0)")
@@ -179,7 +179,7 @@ class PressureInterval:
         return np.asarray(np.where(low, self.lo_limit, 0) | np.where(high, self.hi_limit, 0) | left, np.int32)
 
 
-def _flags(held: Iterable[tuple[Any, Limit]]) -> NDArray[np.int32]:
+def _flags(held: Iterable[tuple[Mask, Limit]]) -> NDArray[np.int32]:
     """Return the limits that hold, combined."""
     return np.asarray(reduce(np.bitwise_or, [np.where(which, np.int32(limit), 0) for which, limit in held]), np.int32)
 

@@ -1,12 +1,12 @@
 """`problem_from` turns the arguments of `allocate` about a mechanism into a `BoxProblem`, and checks them."""
 
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from allocator import checks
-from allocator.allocation.arguments import checked_priority, pulled
-from allocator.calculus import Array
+from allocator.allocation.arguments import checked_priority, pulled, two
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.joint.gas import ISOBARIC, Stiffness, StiffnessKind, checked_stiffness
 from allocator.joint.limits import TAUT, Limits, checked_limits
@@ -21,15 +21,15 @@ _SYMMETRIC = 1e-9  # of the greatest entry
 
 def problem_from(
     mechanism: Mechanism,
-    theta: Any,
-    K: Any,
-    T: Any,
+    theta: object,
+    K: object,
+    T: object,
     *,
     limits: Limits = TAUT,
     stiffness: Stiffness = ISOBARIC,
-    priority: Any = "torque",
-    weights: Any = None,
-    pull: Any = None,
+    priority: object = "torque",
+    weights: object = None,
+    pull: object = None,
 ) -> tuple[BoxProblem, tuple[int, ...]]:
     """Return the checked problem and the common shape of its targets. Raises `InvalidInput`."""
     n, m = mechanism.n, mechanism.m
@@ -69,7 +69,7 @@ def problem_from(
     return BoxProblem(*given, pull=weight), shape
 
 
-def _meant(mechanism: Mechanism, stiffness: Any) -> tuple[StiffnessKind, Any, Any]:
+def _meant(mechanism: Mechanism, stiffness: object) -> tuple[StiffnessKind, Endpoint | None, object]:
     """Return which stiffness is meant: (its kind, the endpoint or None, the force there). Raises `InvalidInput`."""
     stiffness = checked_stiffness(stiffness)
     if stiffness.endpoint is None and np.any(stiffness.force):
@@ -90,7 +90,7 @@ class _AskedOf(NamedTuple):
     text: str
 
     @classmethod
-    def of(cls, mechanism: Mechanism, endpoint: Any) -> Self:
+    def of(cls, mechanism: Mechanism, endpoint: object) -> Self:
         """Return what `endpoint` has, or the mechanism without one. Raises `InvalidInput` where they do not fit."""
         if endpoint is None:
             text = f"a mechanism with n = {mechanism.n} joints and m = {mechanism.m} muscles"
@@ -124,14 +124,14 @@ def _common(shapes: list[tuple[int, ...]], n: int, m: int) -> tuple[int, ...]:
         ) from None
 
 
-def _torque(mechanism: Mechanism, T: Any) -> Array:
+def _torque(mechanism: Mechanism, T: object) -> Array:
     array = checks.real("T", T, "N·m")
     if array.ndim == 0:
         return np.full(mechanism.n, float(array))
     return mechanism.sized("T", array, mechanism.n, "torques [N·m]")
 
 
-def _stiffness(of: _AskedOf, K: Any, others: tuple[int, ...]) -> tuple[Array, bool]:
+def _stiffness(of: _AskedOf, K: object, others: tuple[int, ...]) -> tuple[Array, bool]:
     """Return the stiffness (…, size, size), and whether only its diagonal is asked for."""
     size, array = of.size, checks.real("K", K, of.unit)
     if array.ndim >= 2 and array.shape[-2:] == (size, size):
@@ -173,21 +173,18 @@ def _positive_definite(K: Array, unit: str) -> Array:
     return K
 
 
-def _place(wrong: Any) -> str:
+def _place(wrong: Mask) -> str:
     return f"[{', '.join(str(int(i[0])) for i in np.nonzero(wrong))}]" if np.ndim(wrong) else ""
 
 
-def _weights(n: int, of: _AskedOf, priority: str, weights: Any, own_only: bool) -> Array:
+def _weights(n: int, of: _AskedOf, priority: str, weights: object, own_only: bool) -> Array:
     """Return the weights (d,) of the squared errors in y."""
     size = of.size
     if weights is None:
         if priority == "weighted":
             raise InvalidInput("priority='weighted' needs weights = (w_T, w_K)")
         weights = 1.0, 1.0
-    try:
-        w_T, w_K = weights
-    except (TypeError, ValueError):
-        raise InvalidInput(f"weights = {checks.brief(weights)} have to be two, (w_T, w_K)") from None
+    w_T, w_K = two("weights", weights, "have to be two, (w_T, w_K)")
     torque = checks.real("weights[0]", w_T, "cost/[N·m]²")
     stiffness = checks.real("weights[1]", w_K, "cost/[N·m/rad]²")
     if torque.shape not in ((), (n,)) or stiffness.shape not in ((), (size, size)):
@@ -201,7 +198,7 @@ def _weights(n: int, of: _AskedOf, priority: str, weights: Any, own_only: bool) 
     return np.concatenate([np.broadcast_to(torque, (n,)), doubled[np.triu_indices(size)]])
 
 
-def _pull(mechanism: Mechanism, priority: str, pull: Any) -> tuple[float, Array | None]:
+def _pull(mechanism: Mechanism, priority: object, pull: object) -> tuple[float, Array | None]:
     """Return the weight of ‖(P - P_ref)/unit‖² beside the targets, and P_ref (…, m); (0, None) without a pull."""
     if pull is None:
         return 0.0, None

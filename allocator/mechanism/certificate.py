@@ -13,11 +13,11 @@ separates: then the lower bound of the cost is the proof. Of an endpoint d is br
 than coordinates many K give the stiffness asked for, and all of them have d·y ≥ asked.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.mechanism import relaxation
 from allocator.mechanism.problem import BoxProblem
 
@@ -28,9 +28,9 @@ class Separation(NamedTuple):
     Its components are NaN where the targets are met.
     """
 
-    direction: Any  # d (…, d), in the order of a `TargetsMap`, its greatest component 1
-    reach: Any  # (…) the greatest d·y(P)
-    asked: Any  # (…) d·y*
+    direction: Array  # d (…, d), in the order of a `TargetsMap`, its greatest component 1
+    reach: Value  # (…) the greatest d·y(P)
+    asked: Value  # (…) d·y*
 
 
 def separation(problem: BoxProblem, mu: Array) -> Separation:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -93,7 +93,7 @@ class Mechanism:
     @classmethod
     def from_mjcf(
         cls,
-        file: str | PathLike[str] | Any,
+        file: str | PathLike[str] | object,
         muscles: Muscle | Sequence[Muscle],
         rest_length: ArrayLike | None = None,
         *,
@@ -199,7 +199,7 @@ class Mechanism:
         return np.asarray(sum(muscle.torque(pressures[..., j]) for j, muscle in enumerate(muscles)))
 
     def stiffness(
-        self, q: ArrayLike, P: ArrayLike, valves: Valves = "open", frequency: Any = None, lag: Any = None
+        self, q: ArrayLike, P: ArrayLike, valves: Valves = "open", frequency: object = None, lag: object = None
     ) -> Array:
         """Return the stiffness (…, n, n) [N·m/rad]: the isobaric K = -∂τ/∂q at constant pressures, or with its gas.
 
@@ -214,7 +214,7 @@ class Mechanism:
                 muscle.check_effective_volume(pressures[..., j])
         return np.asarray(sum(muscle.stiffness(pressures[..., j]) for j, muscle in enumerate(muscles)))
 
-    def kind(self, valves: Any = "open", frequency: Any = None, lag: Any = None) -> StiffnessKind:
+    def kind(self, valves: object = "open", frequency: object = None, lag: object = None) -> StiffnessKind:
         """Return which stiffness these arguments of `stiffness` mean. Raises `InvalidInput`."""
         return StiffnessKind.of(valves, frequency, lag, self.muscle_names)
 
@@ -274,11 +274,11 @@ class Mechanism:
 
     # --- checks -----------------------------------------------------------------------------------------------------
 
-    def posture(self, q: Any, name: str = "q") -> Array:
+    def posture(self, q: object, name: str = "q") -> Array:
         """Return the checked postures `q` (…, n) [rad], called by their `name`. Raises `InvalidInput`."""
         return self.sized(name, checks.angle(name, q), self.n, "joint angles [rad]")
 
-    def pressures(self, name: str, P: Any) -> Array:
+    def pressures(self, name: str, P: object) -> Array:
         """Return the checked pressures `P` (…, m) [Pa]. Raises `InvalidInput`."""
         return self.sized(name, checks.pressure(name, P), self.m, "pressures [Pa]")
 
@@ -292,7 +292,7 @@ class Mechanism:
                 raise InvalidInput(f"max_force = {high:g} N of {name} has to exceed min_force = {low or 0.0:g} N")
         return list(zip(lows, highs, strict=True))
 
-    def each(self, name: str, force: Any) -> list[float | None]:
+    def each(self, name: str, force: object) -> list[float | None]:
         """Return a force limit [N] of each of the m muscles, from one for all, a row (m,), or None."""
         if force is None:
             return [None] * self.m
@@ -319,7 +319,7 @@ class Mechanism:
             )
         return array
 
-    def _held(self, q: Any, P: Any, shares: Shares | None = None) -> tuple[tuple[OneMuscle, ...], Array]:
+    def _held(self, q: object, P: object, shares: Shares | None = None) -> tuple[tuple[OneMuscle, ...], Array]:
         q, P = self.posture(q), self.pressures("P", P)
         try:
             np.broadcast_shapes(q.shape[:-1], P.shape[:-1])
@@ -336,7 +336,7 @@ def _stacked(torque: Array, stiffness: Array, rows: Indices, columns: Indices) -
     return np.concatenate([torque, stiffness[..., rows, columns]], axis=-1)
 
 
-def _angle_limits(value: Any, n: int) -> tuple[tuple[float, float], ...]:
+def _angle_limits(value: object, n: int) -> tuple[tuple[float, float], ...]:
     array = checks.angle("angle_limits", value)
     if array.shape != (n, 2) or not (array[:, 0] < array[:, 1]).all():
         raise InvalidInput(f"angle_limits have to be (lower, upper) of each of n = {n} joints, increasing [rad]")

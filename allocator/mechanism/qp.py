@@ -1,7 +1,6 @@
 """The readable road to problem [M] is one QP a level through qpsolvers, what was achieved before as its equalities."""
 
 import warnings
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ Box = tuple[Array, Array, Array]
 
 _MET = 1e-10  # of the right-hand sides: a residual below it is the solver's tolerance
 
-_OPTIONS: dict[str, dict[str, Any]] = {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10}}
+_OPTIONS: dict[str, dict[str, float]] = {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10}}
 
 
 def solve(problem: BoxProblem, solver: str | None = None) -> Solved:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from allocator.allocation.result import Allocation, as_status, shaped
 from allocator.allocation.status import Status, status_names
 from allocator.allocation.tolerances import CLOSED_FORM
-from allocator.calculus import Array, Mask
+from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import Limit
@@ -51,12 +51,12 @@ class BoxAllocation(Allocation):
     T: Array  # torques that they give (…, n) [N·m]
     K: Array  # stiffness that they give (…, n, n) [N·m/rad]
     status: Any  # Status, or an array (…) of its integers
-    torque_met: Any  # (…) whether the torques asked for are given
-    stiffness_met: Any  # (…) whether the stiffness is; entries that were not asked for do not count
-    holds: Any  # (…) whether K is positive definite: the posture holds itself
-    kkt_residual: Any  # (…) of optimality, in fractions of its scale; 0 is optimal. Not affine: optimal nearby
-    rounds: Any  # (…) guesses of the pivoting; of muscles that are not affine nodes of the search
-    gap: Any  # (…) how far a level's cost may be above the least, of 1 + cost; 0 is proved to be the least
+    torque_met: bool | Mask  # (…) whether the torques asked for are given
+    stiffness_met: bool | Mask  # (…) whether the stiffness is; entries that were not asked for do not count
+    holds: bool | Mask  # (…) whether K is positive definite: the posture holds itself
+    kkt_residual: Value  # (…) of optimality, in fractions of its scale; 0 is optimal. Not affine: optimal nearby
+    rounds: int | NDArray[np.int64]  # (…) guesses of the pivoting; of muscles that are not affine nodes of the search
+    gap: Value  # (…) how far a level's cost may be above the least, of 1 + cost; 0 is proved to be the least
     lower_bounds: Array  # (…, levels) [cost]: no pressures have less, with what the levels before achieve
     method: str
     _problem: BoxProblem = field(repr=False)
@@ -135,16 +135,16 @@ class BoxAllocation(Allocation):
         return self._array(self.mechanism.whole(asked))
 
     @property
-    def P1(self) -> Any:
+    def P1(self) -> Value:
         """Return the agonist's pressure [Pa], of two muscles. Raises `InvalidInput` for more."""
         return self._of_a_pair(0)
 
     @property
-    def P2(self) -> Any:
+    def P2(self) -> Value:
         """Return the antagonist's pressure [Pa], of two muscles. Raises `InvalidInput` for more."""
         return self._of_a_pair(1)
 
-    def _of_a_pair(self, i: int) -> Any:
+    def _of_a_pair(self, i: int) -> Value:
         if self.mechanism.m != 2:
             raise InvalidInput(f"P1 and P2 are of a pair; this mechanism has m = {self.mechanism.m} muscles, see P")
         return self.P[..., i]
@@ -158,7 +158,7 @@ class BoxAllocation(Allocation):
         return self._array(np.add.reduceat(squares, [0, *ends[:-1].tolist()], axis=1))
 
     @property
-    def least_stiffness(self) -> Any:
+    def least_stiffness(self) -> Value:
         """Return the least eigenvalue of K (…) [N·m/rad]; a posture holds itself where it is positive."""
         return self._formed(np.linalg.eigvalsh(self.K)[..., 0].ravel())
 
@@ -190,7 +190,7 @@ class BoxAllocation(Allocation):
         return self._array(asked) - self.K_x
 
     @property
-    def endpoint_error(self) -> Any:
+    def endpoint_error(self) -> Value:
         """Return ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F (…) [-], over the entries that were asked for."""
         n = self.mechanism.n
         given = self._hand.seen(self.K.reshape(-1, *self.K.shape[-2:]))
@@ -243,7 +243,7 @@ class BoxAllocation(Allocation):
         )
         return self._named(lambda side, P, near: side.binding(P, near), ends)
 
-    def _named(self, flagged: Callable[..., Array], more: Sequence[tuple[Any, str, Mask]] = ()) -> Any:
+    def _named(self, flagged: Callable[..., Array], more: Sequence[tuple[tuple[str, ...], str, Mask]] = ()) -> Any:
         """Return the names of the limits that `flagged` finds of each muscle, and of those that hold `more`."""
         names: list[tuple[str, ...]] = [()] * self._problem.size
         near = CLOSED_FORM.binds * self.mechanism.pressure_span
@@ -280,7 +280,7 @@ class BoxAllocation(Allocation):
             missed.append(f"the least eigenvalue of K is {number(self.least_stiffness)} N·m/rad")
         return missed
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the answer by name, units in the names: pressures, what they give, status and binding limits."""
         hand = {} if self.endpoint is None else {"position_m": self.x, "endpoint_stiffness_N_per_m": self.K_x}
         return hand | {

@@ -97,7 +97,7 @@ def covariance_rows(table: Table) -> Any:
     return None if found is None else found.made(_rows)
 
 
-def _rows(rows: Any) -> Any:
+def _rows(rows: object) -> object:
     return rows
 
 

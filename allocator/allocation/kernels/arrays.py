@@ -39,7 +39,7 @@ class Targets(NamedTuple):
     shape: tuple[int, ...]
 
     @classmethod
-    def of(cls, theta: Any, K: Any, T: Any, limits: Limits) -> Self | None:
+    def of(cls, theta: object, K: object, T: object, limits: Limits) -> Self | None:
         """Return the targets, flat; None where some are no real numbers, or none of them is an array."""
         given = [_array(x) for x in (theta, K, T)]
         slewed = limits.previous is not None or limits.max_step is not None
@@ -145,7 +145,7 @@ def one_by_one(exact: Kernel) -> Kernel:
     return batch
 
 
-def _column(x: Any) -> Iterable[Any]:
+def _column(x: object) -> Iterable[Any]:
     """Return what `x` is for one target after the other: an array's numbers, rows of a tuple of arrays, or itself."""
     if isinstance(x, np.ndarray):
         return x.tolist()  # type: ignore[no-any-return]  # a list, as x has one dimension

@@ -85,7 +85,7 @@ def answer(
     return single(joint, priority, limits, theta, K, T, found, kind) if found[6] else None
 
 
-def _in_floats(theta: Any, K: Any, T: Any, limits: Limits) -> tuple[float, float, float, Limits] | None:
+def _in_floats(theta: object, K: object, T: object, limits: Limits) -> tuple[float, float, float, Limits] | None:
     """Return the target in floats, where it is one and, if any, its slew limit certainly in Pa; else None."""
     if not type(theta) is type(K) is type(T) is float:
         theta, K, T = number(theta), number(K), number(T)
@@ -117,8 +117,8 @@ def _forces(limits: Limits) -> Limits | None:
 def _batch(
     chosen: JointKernel,
     theta: Any,
-    K: Any,
-    T: Any,
+    K: object,
+    T: object,
     priority: Any,
     limits: Limits,
     key: Kind,

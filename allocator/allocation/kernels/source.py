@@ -19,10 +19,9 @@ outside of branches.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
-# numba compiles the functions for numbers, arrays and None; types would say Any
+# numba types the functions by their calls: numbers, arrays and None
 from collections.abc import Callable
 from math import inf, pi, sqrt
-from typing import Any
 
 from allocator.allocation.status import Status
 from allocator.allocation.tolerances import CLOSED_FORM
@@ -357,7 +356,7 @@ def affine_batch(theta, K, T, one, two, p, min_force, max_force, P1_now, P2_now,
     return strange, unsure
 
 
-FUNCTIONS: tuple[Callable[..., Any], ...] = (
+FUNCTIONS: tuple[Callable[..., object], ...] = (
     *(interval, clip, binding, verdict),
     *(tondu_exact, tondu_torque_first, tondu_stiffness_first, tondu_inverse, tondu_u, tondu_pressure),
     *(affine_exact, affine_lexicographic, odd),

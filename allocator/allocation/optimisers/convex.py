@@ -7,7 +7,7 @@ around the answer until it stays. The cvxpy problem is built once for each kind 
 
 import warnings
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
 
+if TYPE_CHECKING:
+    import cvxpy
+
 _SOLVERS = {
     "clarabel": {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11},
     "osqp": {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 20_000},
@@ -27,9 +30,9 @@ _SOLVERS = {
 class _Programme(NamedTuple):
     """A programme is to minimise ‖A d + b‖² over lo ≤ d ≤ hi, with or without floor and kept goal."""
 
-    problem: Any
-    d: Any
-    parameters: dict[str, Any]
+    problem: "cvxpy.Problem"
+    d: "cvxpy.Variable"
+    parameters: dict[str, "cvxpy.Parameter"]
 
 
 def solve(problem: Problem, solver: str | None = None, warm_start: bool = True) -> Answer:
@@ -63,7 +66,7 @@ def _solve(qp: SmallQP, solver: str) -> Array | None:
     return np.asarray(np.clip(programme.d.value, qp.lo, qp.hi))
 
 
-def run(problem: Any, solver: str) -> bool:
+def run(problem: "cvxpy.Problem", solver: str) -> bool:
     """Solve a cvxpy problem; whether its variables have values, which are to be checked before they are believed."""
     import cvxpy
 

@@ -4,7 +4,7 @@ The programme is built once for a joint and a kind of goal; angle, targets, boun
 """
 
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
 from allocator.joint.antagonist import AntagonistJoint
+
+if TYPE_CHECKING:
+    import casadi
 
 _SOLVERS: dict[str, dict[str, Any]] = {
     "ipopt": {
@@ -82,7 +85,7 @@ def _numbers(problem: Problem, goal: Goal, P: Array) -> dict[str, Array]:
 
 
 def _solve_one(
-    programme: Any, x0: Array, p: Array, lo: Array, hi: Array, g_lo: Array, g_hi: Array
+    programme: "casadi.Function", x0: Array, p: Array, lo: Array, hi: Array, g_lo: Array, g_hi: Array
 ) -> tuple[Array, int]:
     if (lo == hi).all():  # nothing to choose
         return x0, 0
@@ -91,7 +94,7 @@ def _solve_one(
 
 
 @lru_cache(maxsize=32)
-def _programme(joint: AntagonistJoint, kept: str | None, solver: str, warm_start: bool, gas: bool) -> Any:
+def _programme(joint: AntagonistJoint, kept: str | None, solver: str, warm_start: bool, gas: bool) -> "casadi.Function":
     import casadi
 
     x, p = casadi.SX.sym("P", 2), casadi.SX.sym("p", 12)

@@ -12,7 +12,7 @@ together; only the small QPs are solved one by one.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,7 @@ class _Model:
         self.kept_scale = T_scale if goal.kept == "torque" else K_scale
         self.kept_value = self._kept(P_start)
 
-    def take(self, index: NDArray[Any]) -> "_Model":
+    def take(self, index: NDArray[np.intp]) -> "_Model":
         return _Model(self.problem.take(index), self.goal, self._P_start[:, index])
 
     def _errors(self, P: Array) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ The certificate does not use the cones: bounds by root finding, optimality by th
 """
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from allocator.allocation.uncertain.draws import sampled_box
 from allocator.allocation.uncertain.problem import Affine, Uncertain, chance_box, risk_of_one, uncertain
 from allocator.calculus import Array
 from allocator.joint.limits import PressureBox
+
+if TYPE_CHECKING:
+    import cvxpy
 
 _FORCE = 1e3  # [N] forces are seen in kN
 _SIDES = (0, 1)
@@ -85,9 +88,9 @@ def _kept(model: Uncertain, goal: Goal, u: Array, i: int) -> tuple[Array, float]
 
 
 class _Programme(NamedTuple):
-    problem: Any
-    u: Any
-    parameters: dict[str, Any]
+    problem: "cvxpy.Problem"
+    u: "cvxpy.Variable"
+    parameters: dict[str, "cvxpy.Parameter"]
 
 
 def _solve_one(
@@ -107,7 +110,7 @@ def _solve_one(
 
 def _values(
     problem: Problem, model: Uncertain, box: PressureBox, A: Array, b: Array, kept: tuple[Array, float] | None, i: int
-) -> dict[str, Any]:
+) -> dict[str, Array | float]:
     """Return the parameters of the programme of problem i."""
     values = {
         "A": A,

@@ -1,14 +1,13 @@
 """`with_covariance` takes the covariance that a user gives for the parameters of the muscles."""
 
 from dataclasses import replace
-from typing import Any
 
 from allocator import checks
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 
 
-def with_covariance(joint: AntagonistJoint, uncertainty: Any) -> AntagonistJoint:
+def with_covariance(joint: AntagonistJoint, uncertainty: object) -> AntagonistJoint:
     """Return the joint with the covariance of its muscles' parameters: their own (True), one matrix or a pair."""
     if not joint.affine:
         raise InvalidInput("uncertainty needs muscles affine in pressure: only then the problem is convex")

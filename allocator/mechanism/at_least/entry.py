@@ -1,7 +1,6 @@
 """`allocate_at_least` finds the least pressures that are stiff enough."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -77,7 +76,7 @@ def allocate_at_least(
     return _solved(problem, Floors.of(problem, least))
 
 
-def _matrix(K: Any, size: int, unit: str) -> Array:
+def _matrix(K: object, size: int, unit: str) -> Array:
     """Return a matrix from a diagonal or a number."""
     array = checks.real("K", K, unit)
     if array.ndim > 1:

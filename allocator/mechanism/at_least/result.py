@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -179,7 +179,7 @@ class AtLeast:
             )
         return self.status.advice + ("" if self.status == Status.UNSTABLE else in_the_way)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the answer by name, units in the names."""
         return self.allocation.to_dict() | {"status": self.status.name, "excess": self.excess, "gap": self.gap}
 

@@ -12,11 +12,14 @@ the box leaves every x_j by itself: `bound` and `reach` are such numbers.
 import warnings
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
+
+if TYPE_CHECKING:
+    import cvxpy
 
 _TOLERANCES = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11}
 
@@ -104,12 +107,12 @@ def _semidefinite(Z: Array) -> Array:
 
 
 class _Built(NamedTuple):
-    problem: Any
-    x: Any
-    exact: Any
-    ordered: list[Any]
-    parameters: dict[str, Any]
-    flat: list[tuple[Any, Any]]  # of each matrix
+    problem: "cvxpy.Problem"
+    x: "cvxpy.Variable"
+    exact: "cvxpy.Constraint"
+    ordered: list["cvxpy.Constraint"]
+    parameters: dict[str, "cvxpy.Parameter"]
+    flat: list[tuple["cvxpy.Parameter", "cvxpy.Parameter"]]  # of each matrix
 
     def fill(self, programme: Programme) -> None:
         """Give the parameters their values."""

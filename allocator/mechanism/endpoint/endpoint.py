@@ -11,13 +11,13 @@ joints not held follow, so that its inverse is the compliance of the hand, K_x�
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.mechanism.endpoint.points import FunctionPoint, Kinematics, LinkagePoint, Place
 from allocator.mechanism.routes.linkage import Link, Linkage
@@ -60,7 +60,7 @@ class Endpoint:
         return cls.on_link(links, row.size - 1, (float(row[-1]), 0.0), axes="xy")
 
     @classmethod
-    def on_link(cls, links: Sequence[Link], link: int, position: Any, *, axes: str = "xyz") -> Self:
+    def on_link(cls, links: Sequence[Link], link: int, position: object, *, axes: str = "xyz") -> Self:
         """Return the point at `position` [m], two or three numbers, in the frame of `links[link]`.
 
         `axes` says which of its coordinates count: "xyz", "xy", … Raises `InvalidInput`.
@@ -79,7 +79,7 @@ class Endpoint:
         return cls(LinkagePoint(*read_point(file, name), axes))
 
     @classmethod
-    def from_function(cls, n: int, function: Callable[[Any], Any]) -> Self:
+    def from_function(cls, n: int, function: Callable[[Value], Value]) -> Self:
         """Return the endpoint at `function(q)`, a CasADi expression (dim,) of a vector q (n,).
 
         Raises `InvalidInput`.
@@ -142,14 +142,14 @@ class Endpoint:
 
     # --- checks -----------------------------------------------------------------------------------------------------
 
-    def posture(self, q: Any) -> Array:
+    def posture(self, q: object) -> Array:
         """Return the checked postures `q` (…, n) [rad]. Raises `InvalidInput`."""
         array = checks.angle("q", q)
         if array.ndim == 0 or array.shape[-1] != self.n:
             raise InvalidInput(f"q has the shape {array.shape}; expected (…, {self.n}) of {self.text}")
         return array
 
-    def force(self, force: Any) -> Array:
+    def force(self, force: object) -> Array:
         """Return the checked forces (…, dim) [N]; 0 is none. Raises `InvalidInput`."""
         array = checks.real("force", force, "N")
         if array.ndim == 0 and float(array) == 0.0:
@@ -172,7 +172,7 @@ class Endpoint:
                 "stretched out: a direction of the endpoint is moved by no joint, and its stiffness is infinite"
             )
 
-    def _matrix(self, name: str, value: Any, size: int, unit: str) -> Array:
+    def _matrix(self, name: str, value: object, size: int, unit: str) -> Array:
         array = checks.real(name, value, unit)
         if array.ndim < 2 or array.shape[-2:] != (size, size):
             raise InvalidInput(

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.mechanism.routes.linkage import Linkage, Site
 from allocator.mechanism.routes.symbolic import SymbolicColumn
@@ -57,7 +57,7 @@ class LinkagePoint:
             raise InvalidInput(f"Endpoint: axes = {axes!r} have to be different letters of {_AXES!r}, such as 'xy'")
 
     @classmethod
-    def on(cls, linkage: Linkage, link: int, position: Any, axes: str) -> Self:
+    def on(cls, linkage: Linkage, link: int, position: object, axes: str) -> Self:
         """Return the point at `position` [m] on a link. Raises `InvalidInput`."""
         return cls(linkage, linkage.site("Endpoint: the point is on", link, position), axes)
 
@@ -86,7 +86,7 @@ class FunctionPoint:
     """A `FunctionPoint` is the coordinates x(q) that a function of yours gives for a CasADi vector q (n,)."""
 
     joints: int
-    function: Callable[[Any], Any]
+    function: Callable[[Value], Value]
 
     def __post_init__(self) -> None:
         """Insist on an expression. Raises `InvalidInput`."""
@@ -97,7 +97,7 @@ class FunctionPoint:
     def _column(self) -> SymbolicColumn:
         return SymbolicColumn("Endpoint.from_function", self.joints, self.function)
 
-    def column(self, q: Any) -> Any:
+    def column(self, q: Value) -> Value:
         """Return x (dim, 1) as a formula of the CasADi column `q` (n, 1)."""
         import casadi as ca
 

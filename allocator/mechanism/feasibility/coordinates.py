@@ -39,7 +39,7 @@ class Hand(NamedTuple):
     force: Array  # (dim,) [N]
 
 
-def coordinate(wanted: Any, n: int, hand: Hand | None) -> Coordinate:
+def coordinate(wanted: object, n: int, hand: Hand | None) -> Coordinate:
     """Return the coordinate of this name, or of a mapping of names to weights. Raises `InvalidInput`."""
     if not isinstance(wanted, Mapping):
         return _named(wanted, n, hand)
@@ -81,7 +81,7 @@ def _named(name: Any, n: int, hand: Hand | None) -> Coordinate:
     return Coordinate(_KINDS[kind], name, _UNITS[kind], np.concatenate([np.zeros(n), triangle]), constant)
 
 
-def _unknown(name: Any, n: int, hand: Hand | None) -> InvalidInput:
+def _unknown(name: object, n: int, hand: Hand | None) -> InvalidInput:
     known = f"T1 … T{n}, K11 … K{n}{n}"
     known += "" if hand is None else f", Kx11 … Kx{hand.endpoint.dim}{hand.endpoint.dim}"
     hint = " (Kx needs an endpoint)" if hand is None else ""

@@ -10,7 +10,7 @@ exist.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,9 @@ from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.feasibility.polygon import Polygon
 from allocator.mechanism.feasibility.targets import FeasibleTargets, feasible_targets
 from allocator.mechanism.mechanism import Mechanism
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _TRACE = {"Kx11": 1.0, "Kx22": 1.0}
 _ACROSS = {"Kx11": 0.5, "Kx22": -0.5}
@@ -43,7 +46,7 @@ class EndpointEllipses:
         """Return whether there are pressures that give the torques (…)."""
         return np.isfinite(self.softest[..., 0, 0])
 
-    def plot(self, axes: Any = None) -> Any:
+    def plot(self, axes: "Axes | None" = None) -> Any:
         """Draw the ellipses where the hand is; returns the Matplotlib axes."""
         from allocator.mechanism.pictures.workspace import plot_workspace
 

@@ -6,13 +6,16 @@ those that would move it if they were relieved.
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.mechanism.feasibility.coordinates import Coordinate
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _NEAR = 1e-9  # of the size: what is farther out by less is on the edge
 _FREE = 1e-7  # of the size: a limit that moves an edge by less over all of its range does not bind
@@ -92,7 +95,7 @@ class Polygon:
         x, y = self.vertices.T if len(self.vertices) else np.zeros((2, 1))
         return float(0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
-    def contains(self, x: Any, y: Any, tolerance: float = 1e-9) -> Any:
+    def contains(self, x: object, y: object, tolerance: float = 1e-9) -> Any:
         """Return whether the points (…) lie inside, up to `tolerance` in shares of the polygon's size."""
         points = np.stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)), axis=-1)
         if not len(self.vertices):
@@ -108,7 +111,7 @@ class Polygon:
                 inside &= ((points - edge.start) @ along / length) <= length + tolerance * size
         return inside
 
-    def plot(self, axes: Any = None) -> Any:
+    def plot(self, axes: "Axes | None" = None) -> Any:
         """Draw the polygon with what binds named on its edges; returns the Matplotlib axes."""
         from allocator.mechanism.pictures.polygons import plot_polygon
 

@@ -10,7 +10,6 @@ which is the proof of what is beyond reach (d·y* > h(d)), and the way to its co
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -107,7 +106,7 @@ class FeasibleTargets:
         lo, hi = self.box
         return np.where(self._direction(d) @ self.map.M > 0, hi, lo)
 
-    def interval(self, target: Any, held: Mapping[str, float] | None = None) -> tuple[float, float]:
+    def interval(self, target: object, held: Mapping[str, float] | None = None) -> tuple[float, float]:
         """Return the least and the greatest value of a target, such as "K12", with others held; NaN if none exist.
 
         Names are those of `polygon`. Raises `InvalidInput`.
@@ -117,7 +116,7 @@ class FeasibleTargets:
         low, high = (np.nan if P is None else float(axis.direction @ (y0 + M @ P) + axis.constant) for P in ends)
         return low, high
 
-    def attaining(self, target: Any, sign: float, held: Mapping[str, float] | None = None) -> Array | None:
+    def attaining(self, target: object, sign: float, held: Mapping[str, float] | None = None) -> Array | None:
         """Return pressures (m,) [Pa] that attain the end of `interval` on this side, or None if none exist."""
         found = self._programme(held).farthest(sign * self.coordinate(target).direction @ self.map.M)
         return None if found is None else found.P
@@ -128,7 +127,7 @@ class FeasibleTargets:
             raise InvalidInput("no endpoint was given to `feasible_targets`; its stiffness is not known")
         return np.asarray(self._problem.endpoint.stiffness(self._problem.joint_stiffness(P[None]))[0])
 
-    def polygon(self, x: Any, y: Any, held: Mapping[str, float] | None = None) -> Polygon:
+    def polygon(self, x: object, y: object, held: Mapping[str, float] | None = None) -> Polygon:
         """Return all values that two targets can have together: a convex polygon, with what binds along each edge.
 
         Targets are "T1" …, "K11", "K12" … and of an endpoint "Kx11" …, or mappings of such names to weights (`{"Kx11":
@@ -148,7 +147,7 @@ class FeasibleTargets:
         vertices, P = (np.array([corner[part] for corner in corners]) for part in (0, 1))
         return Polygon(axes, vertices.reshape(-1, 2), P.reshape(-1, self.mechanism.m), edges, self._held(held))
 
-    def coordinate(self, target: Any) -> Coordinate:
+    def coordinate(self, target: object) -> Coordinate:
         """Return a target of `polygon` as a function of torques and stiffness. Raises `InvalidInput`."""
         at = self._problem.endpoint
         hand = None if at is None else Hand(at.endpoint, Place(*(part[0] for part in at.place)), at.force[0])
@@ -177,7 +176,7 @@ class FeasibleTargets:
             for limit in limit_names(name, int((side.hi_limit if p > 0 else side.lo_limit)[0]))
         )
 
-    def _direction(self, d: Any) -> Array:
+    def _direction(self, d: object) -> Array:
         array = checks.real("d", d, "of torques, then stiffness")
         if array.ndim == 0 or array.shape[-1] != self.map.y0.size:
             raise InvalidInput(

@@ -6,9 +6,8 @@ rows.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
-# numba compiles the functions for arrays; types would say Any
+# numba types the functions by their calls
 from collections.abc import Callable
-from typing import Any
 
 from allocator.mechanism.kernel import levels as one
 from allocator.mechanism.kernel import residual as proof
@@ -73,4 +72,4 @@ def residual_batch(A, b, onesided, ends, lo, hi, centre, which, x, mu, pull, nea
         out[i] = residual(levels, Box(lo[i], hi[i], centre[i]), x[i], mu[i], pull, near, held, work)
 
 
-FUNCTIONS: tuple[Callable[..., Any], ...] = (*one.FUNCTIONS, *proof.FUNCTIONS)
+FUNCTIONS: tuple[Callable[..., object], ...] = (*one.FUNCTIONS, *proof.FUNCTIONS)

@@ -1,7 +1,7 @@
 """Strictly convex QPs in a box are solved by block principal pivoting: min ½ xᵀH x - gᵀx for lo ≤ x ≤ hi."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls
-# numba compiles the functions for arrays; types would say Any
+# numba types the functions by their calls
 from math import sqrt
 
 PATIENCE = 3  # rounds without fewer violations before Murty's rule

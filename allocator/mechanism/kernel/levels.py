@@ -8,10 +8,9 @@ a one-sided row is a variable like any other, and an idle row one whose slack is
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
-# numba compiles the functions for arrays; types would say Any
+# numba types the functions by their calls
 from collections.abc import Callable
 from math import sqrt
-from typing import Any
 
 from allocator.mechanism.kernel.box_qp import PATIENCE, box_qp, face, flip
 
@@ -349,7 +348,7 @@ def row_belongs(i, level, levels, x, now, mu, work):
     return now
 
 
-FUNCTIONS: tuple[Callable[..., Any], ...] = (
+FUNCTIONS: tuple[Callable[..., object], ...] = (
     *(prepare, weigh, scale, solve, guess, point, basis, again, least_squares, multipliers, earlier, violations),
     *(row_belongs, box_qp, face, flip),
 )

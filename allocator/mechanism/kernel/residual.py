@@ -1,9 +1,8 @@
 """How far an answer is from optimal is computed from the answer itself; the multipliers are believed for no more."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls
-# numba compiles the functions for arrays; types would say Any
+# numba types the functions by their calls
 from collections.abc import Callable
-from typing import Any
 
 from allocator.mechanism.kernel.levels import CANCELS
 
@@ -78,4 +77,4 @@ def of_rows(k, end, levels, x, mu, greatest, near, held, work):
     return worst
 
 
-FUNCTIONS: tuple[Callable[..., Any], ...] = (residual, slack, of_variables, of_rows)
+FUNCTIONS: tuple[Callable[..., object], ...] = (residual, slack, of_variables, of_rows)

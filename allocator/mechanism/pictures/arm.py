@@ -1,6 +1,6 @@
 """An arm in the plane is drawn with its muscles, coloured by their pressures, and the stiffness ellipse of its hand."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,10 @@ from allocator.mechanism.routes.linkage import Linkage
 from allocator.presentation.plotting import GREY, name_axes, new_axes
 from allocator.units import BAR
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+
 _BONE, _ELLIPSE = "#c9c9c9", "#1f4e79"
 _BEFORE, _BEHIND = 0.65, 0.25  # of a link: how far from the joint a muscle round pulleys is fixed
 _APART = 0.8  # of its arms: how much farther out a muscle lies for every further joint that it crosses
@@ -31,9 +35,9 @@ def plot_arm(
     *,
     force: ArrayLike = 0.0,
     scale: float | None = None,
-    axes: Any = None,
+    axes: "Axes | None" = None,
     colorbar: bool = True,
-) -> Any:
+) -> "Axes":
     """Draw an arm in the plane at the posture `q` (n,) [rad] with pressures `P` (m,) [Pa], and its hand's stiffness.
 
     Muscles are lines, the darker the lower their pressure: those between sites where they run; those round pulleys
@@ -64,7 +68,7 @@ def plot_arm(
     return axes
 
 
-def _checked(mechanism: Mechanism, endpoint: Endpoint, q: Any, P: Any) -> tuple[Linkage, Array, Array]:
+def _checked(mechanism: Mechanism, endpoint: Endpoint, q: object, P: object) -> tuple[Linkage, Array, Array]:
     """Return the links, the posture and the pressures. Raises `InvalidInput`."""
     if not isinstance(endpoint, Endpoint) or not isinstance(endpoint.kinematics, LinkagePoint):
         raise InvalidInput("an arm is drawn by its links; give an endpoint on links, such as Endpoint.planar")
@@ -109,7 +113,7 @@ def _round_pulleys(points: Array, arms: Array) -> Array:
     return np.array(line)
 
 
-def _colours(mechanism: Mechanism) -> Any:
+def _colours(mechanism: Mechanism) -> "ScalarMappable":
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 

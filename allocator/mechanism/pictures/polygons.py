@@ -9,6 +9,9 @@ from allocator.calculus import Array
 from allocator.presentation.plotting import FILL, name_axes, new_axes
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.text import Annotation
+
     from allocator.mechanism.feasibility.polygon import Edge, Polygon
 
 _MARKS = {"upper": "↑", "slack": "↓", "lower": "↓"}  # of the limits that have one
@@ -33,7 +36,7 @@ def plot_polygon(polygon: "Polygon", axes: Any = None) -> Any:
     axes.autoscale_view()
     axes.figure.draw_without_rendering()  # texts are placed by what the layout makes of the axes
     letters = _letters({_split(limit)[0] for edge in polygon.edges for limit in edge.active})
-    texts: list[Any] = []
+    texts: list[Annotation] = []
     for edge in polygon.edges:
         _name(axes, edge, polygon.vertices.mean(axis=0), letters, texts)
     _explain(axes, letters)
@@ -62,7 +65,7 @@ def _letters(names: set[str]) -> dict[str, str]:
     return short
 
 
-def _name(axes: Any, edge: "Edge", centre: Array, letters: dict[str, str], others: list[Any]) -> None:
+def _name(axes: Any, edge: "Edge", centre: Array, letters: dict[str, str], others: list["Annotation"]) -> None:
     """Write what binds beside the middle of an edge, outside, clear of other texts; of a short edge upright."""
     to_points = 72 / axes.figure.dpi
     start, end, inside = (axes.transData.transform(point) * to_points for point in (edge.start, edge.end, centre))
@@ -86,7 +89,7 @@ def _name(axes: Any, edge: "Edge", centre: Array, letters: dict[str, str], other
     others.append(written)
 
 
-def _explain(axes: Any, letters: dict[str, str]) -> None:
+def _explain(axes: "Axes", letters: dict[str, str]) -> None:
     lines = [f"{short}  {name}" for name, short in sorted(letters.items(), key=lambda pair: pair[1])]
     lines += ["", "↑  at the greatest pressure", "↓  where it goes slack"]
     axes.annotate(

@@ -1,6 +1,6 @@
 """The stiffness ellipses that a hand can have are drawn where the hand is."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,6 +8,8 @@ from allocator.calculus import Array
 from allocator.presentation.plotting import GREY, legend_outside, name_axes, new_axes
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from allocator.mechanism.feasibility.ellipses import EndpointEllipses
 
 _MOST_NUMBERS = 60
@@ -20,7 +22,7 @@ def ellipse(K: Array) -> Array:
     return np.asarray(K @ np.stack([np.cos(_TURN), np.sin(_TURN)]))
 
 
-def plot_workspace(found: "EndpointEllipses", axes: Any = None) -> Any:
+def plot_workspace(found: "EndpointEllipses", axes: "Axes | None" = None) -> "Axes":
     """Draw the softest and the stiffest ellipse at every place, over the fan of tilts that its long axis can have.
 
     Every place has a scale of its own; the number beside it is the longest half axis [N/m]. Returns the Matplotlib
@@ -53,7 +55,7 @@ def plot_workspace(found: "EndpointEllipses", axes: Any = None) -> Any:
     return axes
 
 
-def _fan(axes: Any, place: Array, tilt: Array, radius: float) -> None:
+def _fan(axes: "Axes", place: Array, tilt: Array, radius: float) -> None:
     """Draw the sector of the tilts to both sides."""
     angle = np.linspace(tilt[0], tilt[1], 60)
     rim = radius * np.stack([np.cos(angle), np.sin(angle)])

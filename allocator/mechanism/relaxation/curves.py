@@ -14,10 +14,11 @@ that it declares; nothing else.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
@@ -151,7 +152,7 @@ def _turns_of(side: OneMuscle, part: "_Part") -> list[float]:
     return [] if bent.size < 2 else ((a + b) / 2 + (b - a) / 2 * _roots(bent)).tolist()
 
 
-def _roots(series: Any) -> Array:
+def _roots(series: NDArray[np.floating]) -> Array:
     """Return the real roots between -1 and 1."""
     found = chebyshev.chebroots(series)
     real = found.real[np.abs(found.imag) <= _REAL]

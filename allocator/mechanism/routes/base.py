@@ -10,7 +10,7 @@ Every route gives both in closed form or by algorithmic differentiation, never b
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,7 +56,7 @@ class Routes(ABC):
         return np.asarray((L - length) / L)
 
 
-def rest_lengths(kind: str, value: Any, m: int) -> tuple[float, ...]:
+def rest_lengths(kind: str, value: object, m: int) -> tuple[float, ...]:
     """Return m rest lengths [m] from one number or m of them. Raises `InvalidInput`."""
     lengths = per_muscle(f"{kind}: rest_length", value, m, "m")
     if not ((lengths >= _SHORTEST) & (lengths <= _LONGEST)).all():
@@ -65,7 +65,7 @@ def rest_lengths(kind: str, value: Any, m: int) -> tuple[float, ...]:
     return tuple(lengths.tolist())
 
 
-def per_muscle(name: str, value: Any, m: int, unit: str) -> Array:
+def per_muscle(name: str, value: object, m: int, unit: str) -> Array:
     """Return one number a muscle (m,) from one number or m of them. Raises `InvalidInput`."""
     array = checks.real(name, value, unit)
     if array.shape not in ((), (m,)):

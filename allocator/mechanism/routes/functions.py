@@ -3,12 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.mechanism.routes.base import RoutedLengths, Routes, rest_lengths
 from allocator.mechanism.routes.symbolic import SymbolicColumn
@@ -19,7 +18,7 @@ class FunctionRoutes(Routes):
     """`FunctionRoutes` have the lengths l(q) that a function of yours gives for a CasADi vector q (n,)."""
 
     joints: int
-    function: Callable[[Any], Any]
+    function: Callable[[Value], Value]
 
     @property
     def n(self) -> int:
@@ -36,7 +35,7 @@ class FunctionRoutes(Routes):
         return RoutedLengths(length, -slope, curve)
 
 
-def from_function(rest_length: Any, n: int, function: Callable[[Any], Any]) -> FunctionRoutes:
+def from_function(rest_length: object, n: int, function: Callable[[Value], Value]) -> FunctionRoutes:
     """Return the routes with the muscle lengths `function(q)` (m,) [m], a CasADi expression of a vector q (n,) [rad].
 
     `rest_length` is a number or a row (m,) [m]. Raises `InvalidInput`.

@@ -7,7 +7,7 @@ before b (or b itself) turns that: ∂²p/∂q_a∂q_b = w_a × ∂p/∂q_b.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
@@ -91,7 +91,7 @@ class Linkage:
         """Return the number of joints, one a link."""
         return len(self.links)
 
-    def site(self, what: str, link: int, position: Any) -> Site:
+    def site(self, what: str, link: int, position: object) -> Site:
         """Return the checked point on a link. Raises `InvalidInput`, in a sentence that begins with `what`."""
         if not GROUND <= link < self.n:
             raise InvalidInput(f"{what} link {link}; expected -1 (the ground) to {self.n - 1}")
@@ -137,7 +137,7 @@ class Linkage:
         return Moved(p, J, C)
 
 
-def point(name: str, value: Any) -> Point:
+def point(name: str, value: object) -> Point:
     """Return three coordinates [m] from three, or from two in the plane z = 0. Raises `InvalidInput`."""
     array = checks.real(name, value, "m")
     if array.shape not in ((2,), (3,)):

@@ -1,7 +1,6 @@
 """Muscles round pulleys have constant arms; the two muscles of an `AntagonistJoint` have those of its geometry."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ class Pulleys(Routes):
     arms: tuple[tuple[float, ...], ...]  # r (m, n) [m], signed
     initial_contraction: tuple[float, ...]  # ε0 (m,) [-], at q = 0
 
-    def __init__(self, rest_length: Any, arms: Any, initial_contraction: Any) -> None:
+    def __init__(self, rest_length: object, arms: object, initial_contraction: object) -> None:
         """Check and keep `arms` (m, n) [m]; `rest_length` [m] and `initial_contraction` are numbers or rows (m,)."""
         r = checks.real("Pulleys: arms", arms, "m")
         if r.ndim != 2 or 0 in r.shape:

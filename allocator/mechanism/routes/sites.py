@@ -11,14 +11,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.mechanism.routes.base import RoutedLengths, Routes, check_arms, per_muscle, rest_lengths
 from allocator.mechanism.routes.linkage import Link, Linkage, Site
+
+Path = Sequence[tuple[int, ArrayLike]]
+"""Where a muscle runs: (link, position on it [m]), site after site."""
 
 _COINCIDE = 1e-9  # [m]
 _SOMEWHERE = 0.3  # [rad] or [m] per joint: a posture in general position, at which structural zeros show
@@ -32,9 +35,7 @@ class Sites(Routes):
     paths: tuple[tuple[Site, ...], ...]  # the sites of each of m muscles, in order
     cable: tuple[float, ...]  # (m,) length of the path that is not muscle but cable [m]
 
-    def __init__(
-        self, rest_length: Any, links: Sequence[Link], paths: Sequence[Sequence[Any]], cable: Any = 0.0
-    ) -> None:
+    def __init__(self, rest_length: object, links: Sequence[Link], paths: Sequence[Path], cable: object = 0.0) -> None:
         """Check and keep `links` (n) and `paths` (m), of pairs (link, position [m]); the rest are numbers or rows (m,).
 
         The muscle's length is that of its path less `cable` [m]. Raises `InvalidInput`.
@@ -86,7 +87,7 @@ class Sites(Routes):
         return [np.stack([self.linkage.point(site, frames)[0] for site in path], axis=-2) for path in self.paths]
 
 
-def _path(name: str, path: Sequence[Any], linkage: Linkage) -> tuple[Site, ...]:
+def _path(name: str, path: Path, linkage: Linkage) -> tuple[Site, ...]:
     if len(path) < 2:
         raise InvalidInput(f"{name} has {len(path)} sites; a muscle runs through two or more")
     return tuple(linkage.site(f"{name} runs through", link, position) for link, position in path)

@@ -3,13 +3,16 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+
+if TYPE_CHECKING:
+    import casadi as ca
 
 
 @dataclass(frozen=True)
@@ -18,10 +21,10 @@ class SymbolicColumn:
 
     name: str  # stands in messages
     joints: int  # n
-    function: Callable[[Any], Any]
+    function: Callable[[Value], Value]
 
     @cached_property
-    def expression(self) -> tuple[Any, Any]:
+    def expression(self) -> tuple[Value, Value]:
         """Return the symbol q and the column (k, 1). Raises `InvalidInput` for what is none."""
         import casadi as ca
 
@@ -41,7 +44,7 @@ class SymbolicColumn:
         return int(self.expression[1].shape[0])
 
     @cached_property
-    def _derivatives(self) -> Any:
+    def _derivatives(self) -> "ca.Function":
         """Return the CasADi function q ↦ (column (k, 1), first (k, n), second derivatives (k n, n))."""
         import casadi as ca
 

@@ -118,5 +118,5 @@ def _evaluated(spline: "NdBSpline", q: Array, m: int) -> RoutedLengths:
     return RoutedLengths(spline(q), arm, bend)
 
 
-def _nested(value: Any) -> Any:
+def _nested(value: object) -> Any:
     return tuple(map(_nested, value)) if isinstance(value, list) else value
