@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from allocator.allocation import exact
 from allocator.allocation.problem import Problem
-from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
+from allocator.allocation.status import CLOSED_FORM, OPTIMISER
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.limits import PressureBox, PressureInterval

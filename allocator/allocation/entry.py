@@ -21,9 +21,8 @@ from allocator.allocation.pair import PairAllocation
 from allocator.allocation.planning import planned
 from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.result import Allocation, as_status, shaped
-from allocator.allocation.status import Assessment, Status, assess, assess_inverse
-from allocator.allocation.tolerances import OPTIMISER, UNCERTAIN
-from allocator.allocation.uncertain.covariance import with_covariance
+from allocator.allocation.status import OPTIMISER, UNCERTAIN, Assessment, Status, assess, assess_inverse
+from allocator.allocation.uncertain.spread import with_covariance
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.inverse import solve_inverse

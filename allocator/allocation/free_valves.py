@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from allocator.allocation.pair import PairAllocation
 from allocator.allocation.problem import Problem
 from allocator.allocation.result import shaped
-from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
+from allocator.allocation.status import CLOSED_FORM, OPTIMISER
 from allocator.calculus import Array, Value
 from allocator.joint.gas import StiffnessKind
 

@@ -13,8 +13,7 @@ from allocator.allocation.arguments import problem_from
 from allocator.allocation.message import details
 from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.result import Allocation
-from allocator.allocation.status import Status, status_names
-from allocator.allocation.tolerances import CLOSED_FORM, OPTIMISER
+from allocator.allocation.status import CLOSED_FORM, OPTIMISER, Status, status_names
 from allocator.allocation.uncertain.spread import forces_std, stiffness_std
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput

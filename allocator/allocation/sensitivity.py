@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from allocator.allocation.problem import Problem
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.joint.limits import Limit, PressureInterval
 from allocator.joint.torque_levels import BothMuscles

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.allocation.problem import Problem
-from allocator.allocation.tolerances import CLOSED_FORM, Tolerance
 from allocator.calculus import Array, Mask
+from allocator.joint.limits import BINDS
 
 
 class Status(IntEnum):
@@ -76,6 +76,18 @@ def decided(T_missed: Mask, K_missed: Mask, pulled: bool, others: Mapping[Status
     for other, holds in others.items():
         status = np.maximum(status, np.where(holds, other, Status.EXACT))
     return status.astype(np.int8)
+
+
+class Tolerance(NamedTuple):
+    """A `Tolerance` is what counts as met and as binding."""
+
+    met: float  # of the torque or stiffness scale: a target missed by less is met
+    binds: float  # of the supply range: a pressure nearer to a bound lies on it
+
+
+CLOSED_FORM = Tolerance(met=1e-9, binds=BINDS)
+OPTIMISER = Tolerance(met=1e-6, binds=1e-7)
+UNCERTAIN = Tolerance(met=1e-6, binds=1e-6)  # of cone programmes
 
 
 class Assessment(NamedTuple):

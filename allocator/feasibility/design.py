@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.feasibility.extremes import lowest
 from allocator.feasibility.setting import Setting
-from allocator.feasibility.spans import spans
+from allocator.feasibility.spans import lowest, spans
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Pulley
 from allocator.joint.limits import Limits

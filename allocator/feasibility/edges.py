@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from allocator.allocation import reach
 from allocator.allocation.problem import Problem
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Array
 from allocator.feasibility.setting import Columns, Setting
 from allocator.feasibility.spans import spans

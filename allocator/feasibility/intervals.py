@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.allocation import reach
 from allocator.allocation.problem import Problem
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.feasibility.setting import Setting
 from allocator.feasibility.spans import spans

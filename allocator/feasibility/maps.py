@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks, search
 from allocator.allocation import Status, allocate, exact
-from allocator.allocation.status import assess
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM, assess
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.feasibility.axes import default_stiffnesses, default_torques, map_axis

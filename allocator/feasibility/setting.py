@@ -16,7 +16,7 @@ from allocator import checks
 from allocator.allocation import exact, reach
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.problem import Problem
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, joint_or_report

@@ -21,8 +21,7 @@ from allocator.errors import InvalidInput
 from allocator.joint import gas as trapped
 from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves
 from allocator.joint.geometry import Geometry, Pulley
-from allocator.joint.history import through_friction, through_plays
-from allocator.joint.hysteresis import PrandtlIshlinskii
+from allocator.joint.hysteresis import PrandtlIshlinskii, through_friction, through_plays
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE, TAUT, UNSEEN, Limit, Limits, PressureBox
 from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.tondu_pulley import TonduPulley
@@ -266,8 +265,9 @@ class AntagonistJoint:
 
         With a `history`, the pressures (P1, P2) [Pa] that the joint came through before, rows (n,) in their order, it
         is the angle after them, with the joint's `hysteresis`, or without one its `friction` μ (Dahl's, see
-        `allocator.joint.history`). It began at rest, with no memory, at the first of them; P1 and P2, numbers or rows
-        (m,), go on from the last, one after the other; `T` is one number. Empty rows: the history begins with P1, P2.
+        `allocator.joint.hysteresis`). It began at rest, with no memory, at the first of them; P1 and P2, numbers or
+        rows (m,), go on from the last, one after the other; `T` is one number. Empty rows: the history begins with P1,
+        P2.
         """
         if history is not None:
             return self._after(history, P1, P2, checks.number("T", T, "N·m"))

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.allocation.result import Allocation, as_status, shaped
-from allocator.allocation.status import Status, status_names
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM, Status, status_names
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 from allocator.joint.gas import StiffnessKind

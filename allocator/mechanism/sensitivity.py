@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from allocator.allocation.sensitivity import STEP, five_point
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.mechanism.problem import BoxProblem

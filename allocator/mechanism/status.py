@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation.status import Status, decided
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM, Status, decided
 from allocator.calculus import Array, Mask
 from allocator.joint.limits import Limit
 from allocator.mechanism.problem import BoxProblem

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Value
 from allocator.errors import MissingBackend
 from allocator.joint.antagonist import AntagonistJoint

@@ -71,7 +71,7 @@ def strength(f: Rubbing, pressed: Pressed) -> float:
 
 @inlined_flat
 def dahl(z: float, motion: float, presliding: float) -> float:
-    """Return z after turning by `motion` [rad], see `allocator.joint.history.dahl`."""
+    """Return z after turning by `motion` [rad], see `allocator.joint.hysteresis.dahl`."""
     s = copysign(1.0, motion)
     return s - (s - z) * exp(-abs(motion) / presliding)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
-from allocator.joint.history import PRESLIDING, dahl
+from allocator.joint.hysteresis import PRESLIDING, dahl
 from allocator.units import BAR
 from mpc.model.contact import Contact
 from mpc.model.plant import Plant

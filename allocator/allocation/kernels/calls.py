@@ -20,9 +20,8 @@ import numpy as np
 
 from allocator import search
 from allocator.allocation import exact
-from allocator.allocation.kernels import at_once
 from allocator.allocation.kernels import source as kernels
-from allocator.allocation.kernels.arrays import Targets, one_by_one, run
+from allocator.allocation.kernels.arrays import Targets, at_once, one_by_one, run
 from allocator.allocation.kernels.choice import JointKernel, Kernel, Kind, coefficients, kernel_of
 from allocator.allocation.kernels.compiled import kernel
 from allocator.allocation.kernels.scalars import number, pair
@@ -145,7 +144,7 @@ def _loop(kind: Kind, n: int) -> Kernel:
         return compiled
     if n >= _PAYS and (compiled := kernel(f"{kind[0]}_batch")) is not None:
         return _batches.setdefault(kind, compiled)
-    return _LOOPS[kind[0]] if n <= _FEW else at_once.batch(kind[0])
+    return _LOOPS[kind[0]] if n <= _FEW else at_once(kind[0])
 
 
 def warm_up(

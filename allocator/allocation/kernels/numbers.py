@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.limits import Limit
 

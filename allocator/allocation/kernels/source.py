@@ -23,8 +23,7 @@ outside of branches.
 from collections.abc import Callable
 from math import inf, pi, sqrt
 
-from allocator.allocation.status import Status
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM, Status
 from allocator.joint.limits import Limit
 
 # Whoever changes one of these elsewhere touches this file, too: numba keeps the old ones otherwise

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from allocator.allocation import exact
 from allocator.allocation.problem import Problem
-from allocator.allocation.tolerances import OPTIMISER
+from allocator.allocation.status import OPTIMISER
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.inverse import solve_inverse

@@ -13,7 +13,7 @@ from allocator.allocation import certificate
 from allocator.allocation.optimisers import convex
 from allocator.allocation.optimisers.common import CERTIFIED, SCALE, Answer, Goal, goals, replacement
 from allocator.allocation.problem import Problem
-from allocator.allocation.tolerances import UNCERTAIN
+from allocator.allocation.status import UNCERTAIN
 from allocator.allocation.uncertain.draws import sampled_box
 from allocator.allocation.uncertain.problem import Affine, Uncertain, chance_box, risk_of_one, uncertain
 from allocator.calculus import Array

@@ -10,8 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from allocator import checks
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle, parameter_sensitivities
@@ -39,19 +41,22 @@ def spread(problem: Problem, P1: Array, P2: Array) -> Spread:
 
 def stiffness_std(problem: Problem, P1: Array, P2: Array) -> Array | None:
     """Return the standard deviation of K [N·m/rad] from the covariance of fitted muscles; None if neither has one."""
-    joint = problem.joint
-    if joint.covariance is None and joint.agonist.covariance is None and joint.antagonist.covariance is None:
+    if not _is_known(problem.joint):
         return None
     return np.asarray(np.linalg.norm(spread(problem, P1, P2).stiffness, axis=1))
 
 
 def forces_std(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array] | None:
     """Return the standard deviations of both forces [N] from the covariance of fitted muscles; None without one."""
-    joint = problem.joint
-    if joint.covariance is None and joint.agonist.covariance is None and joint.antagonist.covariance is None:
+    if not _is_known(problem.joint):
         return None
     one, two = (np.asarray(np.linalg.norm(part, axis=1)) for part in spread(problem, P1, P2).forces)
     return one, two
+
+
+def _is_known(joint: AntagonistJoint) -> bool:
+    """Return whether there is a covariance of the joint or of one of its muscles."""
+    return any(fitted.covariance is not None for fitted in (joint, joint.agonist, joint.antagonist))
 
 
 def _of_muscle(side: OneMuscle, P: Array, root: Array) -> tuple[Array, Array, Array]:
@@ -83,3 +88,19 @@ def _root_of(muscle: Muscle) -> Array:
     if muscle.covariance is None:
         return np.zeros((len(muscle.parameters), 1))
     return covariance_root(muscle.covariance)
+
+
+def with_covariance(joint: AntagonistJoint, uncertainty: object) -> AntagonistJoint:
+    """Return the joint with the covariance of its muscles' parameters: their own (True), one matrix or a pair."""
+    if not joint.affine:
+        raise InvalidInput("uncertainty needs muscles affine in pressure: only then the problem is convex")
+    if uncertainty is True:
+        if not _is_known(joint):
+            raise InvalidInput("uncertainty = True, but the muscles have no covariance: fit them, or pass a matrix")
+        return joint
+    pair = uncertainty if isinstance(uncertainty, tuple) else (uncertainty, uncertainty)
+    if len(pair) != 2:
+        raise InvalidInput("uncertainty has to be True, a covariance matrix, or a pair of them (agonist, antagonist)")
+    one, two = (checks.covariance("uncertainty", matrix) for matrix in pair)
+    agonist, antagonist = replace(joint.agonist, covariance=one), replace(joint.antagonist, covariance=two)
+    return replace(joint, agonist=agonist, antagonist=antagonist, covariance=None)

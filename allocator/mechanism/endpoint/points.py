@@ -10,8 +10,8 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.mechanism.routes.functions import SymbolicColumn
 from allocator.mechanism.routes.linkage import Linkage, Site
-from allocator.mechanism.routes.symbolic import SymbolicColumn
 
 _AXES = "xyz"
 

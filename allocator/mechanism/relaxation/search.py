@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Array
 from allocator.mechanism.batches import Solved, residuals
 from allocator.mechanism.problem import BoxProblem

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,60 @@ from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.mechanism.routes.base import RoutedLengths, Routes, rest_lengths
-from allocator.mechanism.routes.symbolic import SymbolicColumn
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+
+@dataclass(frozen=True)
+class SymbolicColumn:
+    """A `SymbolicColumn` is what `function` gives for a CasADi vector q (n,): k expressions of it."""
+
+    name: str  # stands in messages
+    joints: int  # n
+    function: Callable[[Value], Value]
+
+    @cached_property
+    def expression(self) -> tuple[Value, Value]:
+        """Return the symbol q and the column (k, 1). Raises `InvalidInput` for what is none."""
+        import casadi as ca
+
+        q = ca.SX.sym("q", self.joints)
+        value = self.function(q)
+        try:
+            column = ca.vertcat(*value) if isinstance(value, list | tuple) else ca.SX(value)
+        except (TypeError, NotImplementedError):
+            raise InvalidInput(f"{self.name}: the function gives {checks.brief(value)}, no CasADi expression") from None
+        if column.shape[1] != 1 or not column.shape[0]:
+            raise InvalidInput(f"{self.name}: the function gives the shape {column.shape}; expected a column")
+        return q, column
+
+    @property
+    def size(self) -> int:
+        """Return k."""
+        return int(self.expression[1].shape[0])
+
+    @cached_property
+    def _derivatives(self) -> "ca.Function":
+        """Return the CasADi function q ↦ (column (k, 1), first (k, n), second derivatives (k n, n))."""
+        import casadi as ca
+
+        q, column = self.expression
+        slope = ca.jacobian(column, q)
+        return ca.Function("column", [q], [column, slope, ca.jacobian(ca.vec(slope.T), q)])
+
+    def at(self, q: Array) -> tuple[Array, Array, Array]:
+        """Return the column (…, k) at the postures `q` (…, n), its derivatives (…, k, n) and (…, k, n, n).
+
+        Raises `InvalidInput` where one is not finite.
+        """
+        flat, n, k = q.reshape(-1, self.joints), self.joints, self.size
+        found = self._derivatives.map(len(flat))(flat.T)
+        value, slope, curve = (np.asarray(x).reshape(x.shape[0], len(flat), -1).swapaxes(0, 1) for x in found)
+        if not all(np.isfinite(x).all() for x in (value, slope, curve)):
+            raise InvalidInput(f"{self.name}: a value, or a derivative of it, is not finite at one of the postures")
+        shape = q.shape[:-1]
+        return value.reshape(*shape, k), slope.reshape(*shape, k, n), curve.reshape(*shape, k, n, n)
 
 
 @dataclass(frozen=True)

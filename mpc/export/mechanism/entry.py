@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from allocator.allocation import allocate
-from allocator.allocation.tolerances import CLOSED_FORM
+from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Array
 from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
