@@ -51,6 +51,11 @@ def derivative(formula: Callable[[Value], Value], x: Value) -> Value:
     return casadi.substitute(casadi.jacobian(type(x)(formula(s)), s), s, x)
 
 
+def five_point(f: Callable[[Value], Value], x: Value, h: Value) -> Value:
+    """Return the difference quotient of `f` at `x` over x ± 2h, of fourth order: for functions of real numbers."""
+    return (8 * (f(x + h) - f(x - h)) - (f(x + 2 * h) - f(x - 2 * h))) / (12 * h)
+
+
 def increasing_root(f: Callable[..., Array], lo: Array, hi: Array, *args: Array) -> Array:
     """Return the x in [lo, hi] with f(x, *args) = 0, for f increasing in x; broadcasts.
 

@@ -1,6 +1,6 @@
 """The answer about a pair of muscles, whose targets are numbers: in floats and arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from allocator.allocation import certificate, reach, sensitivity
 from allocator.allocation.arguments import problem_from
-from allocator.allocation.message import details
 from allocator.allocation.problem import Priority, Problem
 from allocator.allocation.result import Allocation
 from allocator.allocation.status import CLOSED_FORM, OPTIMISER, Status, status_names
 from allocator.allocation.uncertain.spread import forces_std, stiffness_std
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
+from allocator.inverse import why_no_inverse
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import assumptions
 from allocator.joint.gas import HELD, StiffnessKind
@@ -90,7 +90,7 @@ class PairAllocation(Allocation):
     def box(self) -> tuple[Array, Array]:
         """Return the least and the greatest pressures (…, 2) [Pa] that the limits leave."""
         one, two = self._problem.box
-        return self._each([one.lo, two.lo]), self._each([one.hi, two.hi])
+        return self._array(np.stack([one.lo, two.lo], axis=-1)), self._array(np.stack([one.hi, two.hi], axis=-1))
 
     @property
     def torque_met(self) -> Any:
@@ -211,7 +211,7 @@ class PairAllocation(Allocation):
         A joint whose fit has not seen the force common to both muscles has a wide one.
         """
         std = forces_std(self._problem, np.ravel(self.P1), np.ravel(self.P2))
-        return None if std is None else self._each(std)
+        return None if std is None else self._array(np.stack(std, axis=-1))
 
     @property
     def torques(self) -> tuple[Array, Array]:
@@ -234,7 +234,8 @@ class PairAllocation(Allocation):
 
     @property
     def _details(self) -> list[str]:
-        return details(self)
+        found = _DETAILS.get(Status(self.status))
+        return [] if found is None else [found(self)]
 
     def to_dict(self) -> dict[str, object]:
         """Return the answer in the columns of a table, units in their names: what `pandas.DataFrame` takes.
@@ -337,3 +338,58 @@ def single(
     }
     object.__setattr__(allocation, "__dict__", fields)
     return allocation
+
+
+# --- what one target misses, in words ---------------------------------------------------------------------------------
+
+
+def _at(a: PairAllocation) -> str:
+    return f"{a.theta / DEG:.4g}°"
+
+
+def _torque(a: PairAllocation) -> str:
+    """Return the torques that exist: all, or those with the stiffness given where that is what is in the way."""
+    T_min, T_max = a.torque_interval
+    if a.priority != "stiffness" and not T_min <= a.T_target <= T_max:
+        return f"torque at {_at(a)} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}"
+    found = a.torque_intervals
+    listed = " or ".join(f"{low:.4g} … {high:.4g}" for low, high in found[~np.isnan(found[:, 0])])
+    return f"torque at {_at(a)} and {number(a.K)} N·m/rad is {listed} N·m, asked {a.T_target:.4g}"
+
+
+def _stiffness(a: PairAllocation) -> str:
+    K_min, K_max = a.stiffness_interval
+    name = a.stiffness_name
+    return f"{name} at {_at(a)} and {number(a.T)} N·m is {K_min:.4g} … {K_max:.4g} N·m/rad, asked {a.K_target:.4g}"
+
+
+def _both(a: PairAllocation) -> str:
+    return f"{_torque(a)}; stiffness given {a.K:.4g} N·m/rad, asked {a.K_target:.4g}"
+
+
+def _pulled(a: PairAllocation) -> str:
+    asked = f"asked {a.T_target:.4g} N·m and {a.K_target:.4g} N·m/rad"
+    return f"{asked}, given {number(a.T)} and {number(a.K)}"
+
+
+def _slack(a: PairAllocation) -> str:
+    one, two = map(number, a.forces)
+    return f"at {_at(a)} the forces are {one} N and {two} N"
+
+
+def _outside(a: PairAllocation) -> str:
+    left, right = (f"{end / DEG:.4g}°" for end in a.joint.angle_range)
+    return f"range {left} … {right}, asked {_at(a)}"
+
+
+_DETAILS: dict[Status, Callable[[PairAllocation], str]] = {
+    Status.TORQUE_LIMITED: _torque,
+    Status.STIFFNESS_LIMITED: _stiffness,
+    Status.BOTH_LIMITED: _both,
+    Status.PULLED: _pulled,
+    Status.CONFLICT: lambda a: f"at {_at(a)}",
+    Status.SLACK: _slack,
+    Status.OUTSIDE_JOINT_RANGE: _outside,
+    Status.OUTSIDE_LIMITS: lambda a: f"P1 = {a.P1 / BAR:.4g} bar, P2 = {a.P2 / BAR:.4g} bar",
+    Status.NO_INVERSE: lambda a: why_no_inverse(a.joint, a.kind.isobaric),
+}

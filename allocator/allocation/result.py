@@ -86,7 +86,7 @@ class Allocation(ABC):
     @cached_property
     def forces(self) -> Array:
         """Return the muscles' forces (…, m) [N] at these pressures; negative where one would be slack."""
-        return self._each([side.force(P) for side, P in self._pulling])
+        return self._array(np.stack([side.force(P) for side, P in self._pulling], axis=-1))
 
     @cached_property
     def isobaric_stiffness(self) -> Value:
@@ -150,9 +150,10 @@ class Allocation(ABC):
         """Return each muscle with its pressures (N,)."""
         return list(zip(self._muscles, np.reshape(self.P, (-1, self.P.shape[-1])).T, strict=True))
 
-    def _each(self, columns: Sequence[Array]) -> Array:
-        """Return flat columns (N,) of each muscle as an array (…, m)."""
-        return np.stack(columns, axis=-1).reshape(self.P.shape)
+    def _array(self, array: Array) -> Array:
+        """Return what `_formed` does of rows (N or 1, …), which are arrays for one target, too."""
+        formed: Array = self._formed(array)
+        return formed
 
     def _formed(self, array: NDArray[Any]) -> Any:
         """Return a flat array (N or 1, …) in the shape of the targets; a Python scalar where it is one number."""

@@ -5,13 +5,11 @@ they are T = T* and K = K*. Otherwise every limit that is met takes an equation,
 what is left of the two keeps the target that has priority, or the cost stationary along the direction that is free.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from allocator.allocation.problem import Problem
 from allocator.allocation.status import CLOSED_FORM
-from allocator.calculus import Array, Mask
+from allocator.calculus import Array, Mask, five_point
 from allocator.joint.limits import Limit, PressureInterval
 from allocator.joint.torque_levels import BothMuscles
 
@@ -76,7 +74,7 @@ def _torque_row(problem: Problem, P1: Array, P2: Array) -> Array:
 def _stiffness_row(problem: Problem, P1: Array, P2: Array) -> Array:
     """Return the row of K(θ, P) - K* = 0."""
     one, two = problem.sides
-    K_theta = five_point(lambda h: _total_stiffness(problem.sides_at(problem.theta + h), P1, P2), STEP)
+    K_theta = five_point(lambda h: _total_stiffness(problem.sides_at(problem.theta + h), P1, P2), 0.0, STEP)
     return _row(one.stiffness_gain(P1), two.stiffness_gain(P2), K_theta, -1.0, 0.0)
 
 
@@ -100,9 +98,9 @@ def _stationary_row(problem: Problem, P1: Array, P2: Array, direction: tuple[flo
     level = t if problem.priority == "torque" else k
     v = (-level[1], level[0]) if direction is None else direction
     return _row(
-        five_point(lambda h: phi(h, 0, 0), step),
-        five_point(lambda h: phi(0, h, 0), step),
-        five_point(lambda h: phi(0, 0, h), STEP),
+        five_point(lambda h: phi(h, 0, 0), 0.0, step),
+        five_point(lambda h: phi(0, h, 0), 0.0, step),
+        five_point(lambda h: phi(0, 0, h), 0.0, STEP),
         -w_K * (k[0] * v[0] + k[1] * v[1]),
         -w_T * (t[0] * v[0] + t[1] * v[1]),
     )
@@ -128,7 +126,7 @@ def _bound_row(problem: Problem, i: int, P: Array) -> Array:
     row[:, 2] = np.where(by_force & ~interval.empty, slope * stretch / gain, 0.0)
     if problem.shares is not None and not side.affine:
         by_volume = ~at_low & ~by_force & (interval.hi_limit & _BY_VOLUME != 0) & ~interval.empty
-        row[:, 2] = np.where(by_volume, -five_point(lambda h: _upper_end(problem, i, h), STEP), row[:, 2])
+        row[:, 2] = np.where(by_volume, -five_point(lambda h: _upper_end(problem, i, h), 0.0, STEP), row[:, 2])
     return row
 
 
@@ -152,11 +150,6 @@ def _total_stiffness(sides: BothMuscles, P1: Array, P2: Array) -> Array:
 
 def _row(*entries: Array | float) -> Array:
     return np.stack(np.broadcast_arrays(*entries), -1)
-
-
-def five_point(f: Callable[[float], Array], h: float) -> Array:
-    """Return the derivative of `f` at 0 by differences of up to 2 h."""
-    return (8 * (f(h) - f(-h)) - (f(2 * h) - f(-2 * h))) / (12 * h)
 
 
 def _solve(A: Array, B: Array) -> Array:

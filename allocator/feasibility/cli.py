@@ -132,7 +132,7 @@ def _axis(option: str, text: str, unit: str) -> "Array":
     """Return one number (), or the steps of a range (n,)."""
     import numpy as np
 
-    from allocator.feasibility.axes import steps
+    from allocator.feasibility.maps import steps
 
     given = numbers(option, text, 1, 3, "-90:90:1")
     if len(given) == 1:

@@ -19,10 +19,10 @@ from allocator import checks
 from allocator.calculus import Array, Value, rising_roots
 from allocator.errors import InvalidInput
 from allocator.joint import gas as trapped
-from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves
+from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves, checked_gas
 from allocator.joint.geometry import Geometry, Pulley
 from allocator.joint.hysteresis import PrandtlIshlinskii, through_friction, through_plays
-from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE, TAUT, UNSEEN, Limit, Limits, PressureBox
+from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE, TAUT, UNSEEN, Limit, Limits, PressureBox, checked_supply
 from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.tondu_pulley import TonduPulley
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
@@ -57,11 +57,7 @@ class AntagonistJoint:
 
     def __post_init__(self) -> None:
         """Check the limits against each other."""
-        checks.pressure("pressure_limits", self.pressure_limits)
-        low, high = checks.limits("pressure_limits", self.pressure_limits, "Pa")
-        if not 0 <= low < high:
-            raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
-        object.__setattr__(self, "pressure_limits", (low, high))
+        object.__setattr__(self, "pressure_limits", checked_supply(self.pressure_limits))
         object.__setattr__(self, "min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
         if self.angle_limits is not None:
             checks.angle("angle_limits", self.angle_limits)
@@ -72,8 +68,7 @@ class AntagonistJoint:
         object.__setattr__(self, "friction", checks.not_negative("friction", self.friction, "share of the forces"))
         if not isinstance(self.hysteresis, PrandtlIshlinskii | None):
             raise InvalidInput(f"hysteresis = {checks.brief(self.hysteresis)} has to be a PrandtlIshlinskii, or None")
-        if not isinstance(self.gas, Gas):
-            raise InvalidInput(f"gas = {checks.brief(self.gas)} has to be a Gas, such as Gas(kappa=1.4)")
+        checked_gas(self.gas)
         if self.covariance is not None:
             n = len(self.agonist.parameters) + len(self.antagonist.parameters)
             object.__setattr__(self, "covariance", checks.covariance("covariance of a joint", self.covariance, n))

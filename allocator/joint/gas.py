@@ -187,6 +187,12 @@ class Stiffness:
 ISOBARIC = Stiffness()
 
 
+def checked_gas(gas: object) -> None:
+    """Insist on a gas. Raises InvalidInput."""
+    if not isinstance(gas, Gas):
+        raise InvalidInput(f"gas = {checks.brief(gas)} has to be a Gas, such as Gas(kappa=1.4)")
+
+
 def checked_stiffness(stiffness: object) -> Stiffness:
     """Return `stiffness`, which has to be of this type. Raises InvalidInput."""
     if not isinstance(stiffness, Stiffness):

@@ -107,6 +107,15 @@ class Limits(NamedTuple):
 TAUT = Limits()  # the ordinary ones: nothing but taut cables
 
 
+def checked_supply(limits: object) -> tuple[float, float]:
+    """Return the pressures (low, high) [Pa] of a supply. Raises InvalidInput."""
+    checks.pressure("pressure_limits", limits)
+    low, high = checks.limits("pressure_limits", limits, "Pa")
+    if not 0 <= low < high:
+        raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
+    return low, high
+
+
 def checked_limits(limits: object) -> Limits:
     """Return `limits`, which have to be of this type. Raises InvalidInput."""
     if not isinstance(limits, Limits):

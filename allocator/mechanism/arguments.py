@@ -10,11 +10,11 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.joint.gas import ISOBARIC, Stiffness, StiffnessKind, checked_stiffness
 from allocator.joint.limits import TAUT, Limits, checked_limits
+from allocator.mechanism.certificate import positive_definite
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.problem import BoxProblem
-from allocator.mechanism.status import positive_definite
 
 _SYMMETRIC = 1e-9  # of the greatest entry
 

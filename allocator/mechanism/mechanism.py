@@ -23,8 +23,8 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves
-from allocator.joint.limits import TAUT, Limits, PressureInterval
+from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves, checked_gas
+from allocator.joint.limits import TAUT, Limits, PressureInterval, checked_supply
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.routes import Routes
 from allocator.mechanism.routes.pulleys import routes_of
@@ -64,18 +64,13 @@ class Mechanism:
         if len(muscles) != m or not all(isinstance(muscle, Muscle) for muscle in muscles):
             raise InvalidInput(f"muscles: {len(muscles)} given; the routes lead m = {m} muscles over n = {n} joints")
         object.__setattr__(self, "muscles", muscles)
-        checks.pressure("pressure_limits", self.pressure_limits)
-        low, high = checks.limits("pressure_limits", self.pressure_limits, "Pa")
-        if not 0 <= low < high:
-            raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
-        object.__setattr__(self, "pressure_limits", (low, high))
+        object.__setattr__(self, "pressure_limits", checked_supply(self.pressure_limits))
         object.__setattr__(self, "min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
         if self.angle_limits is not None:
             object.__setattr__(self, "angle_limits", _angle_limits(self.angle_limits, n))
         object.__setattr__(self, "muscle_names", _names("muscle", self.muscle_names, m))
         object.__setattr__(self, "joint_names", _names("joint", self.joint_names, n))
-        if not isinstance(self.gas, Gas):
-            raise InvalidInput(f"gas = {checks.brief(self.gas)} has to be a Gas, such as Gas(kappa=1.4)")
+        checked_gas(self.gas)
 
     @classmethod
     def from_joint(cls, joint: AntagonistJoint) -> Self:

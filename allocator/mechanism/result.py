@@ -23,7 +23,6 @@ from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.problem import BoxProblem
 from allocator.mechanism.relaxation import Nearby
 from allocator.mechanism.sensitivity import jacobian
-from allocator.mechanism.status import decide
 from allocator.presentation.tables import number
 from allocator.units import BAR, DEG
 
@@ -67,7 +66,7 @@ class BoxAllocation(Allocation):
         """Return what is to be said about the pressures that `method` found for targets of this `shape`."""
         P, n = problem.pressures(found.solved.x), problem.mechanism.n
         y, K, left = problem.given(P), problem.joint_stiffness(P), found.left
-        verdict = decide(
+        verdict = certificate.decide(
             problem, y, K, found.residual if problem.mechanism.affine else np.where(left <= gap, 0.0, np.inf)
         )
 
@@ -206,11 +205,6 @@ class BoxAllocation(Allocation):
     def _form(self, array: Array) -> Array:
         own = array.shape[1:]
         return np.broadcast_to(array, (self._problem.size, *own)).reshape(*self._shape, *own)
-
-    def _array(self, array: Array) -> Array:
-        """Return what `_formed` does of rows (N or 1, …), which are arrays for one target, too."""
-        formed: Array = self._formed(array)
-        return formed
 
     # --- proofs -------------------------------------------------------------------------------------------------------
 

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from allocator.allocation.sensitivity import STEP, five_point
+from allocator.allocation.sensitivity import STEP
 from allocator.allocation.status import CLOSED_FORM
-from allocator.calculus import Array, Mask
+from allocator.calculus import Array, Mask, five_point
 from allocator.errors import InvalidInput
 from allocator.mechanism.problem import BoxProblem
 
@@ -33,7 +33,7 @@ def jacobian(problem: BoxProblem, P: Array) -> Array:
     columns, n = [], mechanism.n
     for i in range(n):
         inside = ~np.broadcast_to(problem.outside, (problem.size, n))[:, i]  # beyond the answer stays that of the end
-        columns.append(five_point(lambda h, i=i: _moved(free, i, h, ends), STEP) * inside[:, None])  # type: ignore[misc]  # a lambda
+        columns.append(five_point(lambda h, i=i: _moved(free, i, h, ends), 0.0, STEP) * inside[:, None])  # type: ignore[misc]  # a lambda
     here = _held(free, *ends)
     for i in [*range(n, problem.y.shape[1]), *range(n)]:
         step = np.where(np.arange(problem.y.shape[1]) == i, 1.0, 0.0)

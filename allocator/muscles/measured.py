@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array, Mask, Value, derivative, is_symbol
+from allocator.calculus import Array, Mask, Value, derivative, five_point, is_symbol
 from allocator.errors import InvalidInput
 from allocator.units import BAR
 
@@ -168,8 +168,7 @@ def _slope(formula: Callable[[Value], Value], e: Value) -> Value:
         return casadi.substitute(casadi.jacobian(formula(s), s), s, x)
     if not np.iscomplexobj(value):
         return derivative(formula, x)
-    h = _DIFFERENCE
-    return (8 * (formula(x + h) - formula(x - h)) - (formula(x + 2 * h) - formula(x - 2 * h))) / (12 * h)
+    return five_point(formula, x, _DIFFERENCE)
 
 
 def _hull(eps: Array, P: Array) -> Array:

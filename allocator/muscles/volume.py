@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Value
+from allocator.calculus import Value, five_point
 from allocator.errors import InvalidInput
 
 _NODES, _WEIGHTS = (column.tolist() for column in np.polynomial.legendre.leggauss(24))
@@ -37,8 +37,7 @@ def difference(f: Callable[[Value], Value], P: Value, step: float = 1e-3) -> Val
 
     Its error is about 1e-12 of f/P for a law that changes over pressures of a bar.
     """
-    h = step * (P + 1e5)
-    return (8 * (f(P + h) - f(P - h)) - (f(P + 2 * h) - f(P - 2 * h))) / (12 * h)
+    return five_point(f, P, step * (P + 1e5))
 
 
 def checked(name: str, value: object, tube: bool = False) -> float:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from allocator.allocation.kernels import source
-from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
+from allocator.allocation.kernels.choice import AffineNumbers, TonduNumbers
 from allocator.allocation.status import Status
 from allocator.compilation.printer import INT, REAL, Outside, Printed, Source, c_form
 from allocator.joint.limits import Limit

@@ -1,20 +1,125 @@
-"""`kernel_of` chooses the kernel that answers for a joint; a `Kind` is what a kernel is compiled for."""
+"""The kernel that answers for a joint, with the joint's numbers that it takes; a `Kind` is what it is compiled for."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
+from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Array, Value
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import Shares
+from allocator.joint.limits import Limit
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import AffineMuscle
 
-Kernel = Callable[..., Any]
-
+_MOST_Z = 0.5  # the region in which the fixed number of Newton steps of `kernels` is proved
+_MOST_KAPPA = 0.8
 _REMEMBERED = 64  # joints
+
+
+class TonduNumbers(NamedTuple):
+    """The numbers `p` are those of two equal Tondu2021 on a pulley; pass `tuple(numbers)`, which is quicker."""
+
+    S: float  # [m²]
+    R: float  # [m]
+    l0: float  # [m]
+    eps0: float  # [-]
+    q: float  # a - b [-]
+    c: float  # [Pa]
+    d: float  # [Pa]
+    e: float  # [Pa²]
+    g: float  # e - c d [Pa²]
+    lo: float  # supply [Pa]
+    hi: float  # supply or validity [Pa]
+    least: float  # the formulas are proved from here [Pa]
+    most: float  # up to here
+    left: float  # joint range [rad]
+    right: float
+    near: float  # a pressure this near to a bound lies on it [Pa]
+    hi_limit1: int  # Limit flags: what `hi` is for the agonist
+    hi_limit2: int
+    below: int  # what ends the joint range on the left
+    above: int  # and on the right
+
+    @classmethod
+    def of(cls, joint: AntagonistJoint) -> "TonduNumbers | None":
+        """Return the numbers of `joint`, None if it is of another kind or the number of steps is not proved for it."""
+        closed = joint.tondu_pulley
+        if closed is None:
+            return None
+        m, pulley = closed.muscle, closed.pulley
+        valid = m.max_pressure < joint.pressure_limits[1]
+        lo, hi = joint.pressure_limits[0], min(m.max_pressure, joint.pressure_limits[1])
+        numbers = cls(
+            S=m.S,
+            R=pulley.radius,
+            l0=pulley.rest_length,
+            eps0=pulley.initial_contraction,
+            q=m.a - m.b,
+            c=m.c,
+            d=m.d,
+            e=m.e,
+            g=m.g,
+            lo=lo,
+            hi=hi,
+            least=lo,
+            most=hi,
+            left=joint.angle_range[0],
+            right=joint.angle_range[1],
+            near=CLOSED_FORM.binds * joint.pressure_span,
+            hi_limit1=int(Limit.AGONIST_VALIDITY if valid else Limit.P1_UPPER),
+            hi_limit2=int(Limit.ANTAGONIST_VALIDITY if valid else Limit.P2_UPPER),
+            below=int(joint.angle_limit(False)),
+            above=int(joint.angle_limit(True)),
+        )
+        return numbers if numbers.settles else None
+
+    @property
+    def settles(self) -> bool:
+        """Whether the steps of Newton's method suffice all over the supply range, and that range is proper."""
+        if not (0 <= self.lo < self.hi < -self.d):
+            return False
+        weakest, strongest = 1 / (self.lo + self.d), 1 / (self.hi + self.d)
+        z = (strongest - weakest) / (strongest + weakest)
+        return z <= _MOST_Z and -self.g * self.eps0 * strongest**2 / self.q <= _MOST_KAPPA
+
+
+class AffineNumbers(NamedTuple):
+    """The numbers `p` are those of a joint of two affine muscles; pass `tuple(numbers)`."""
+
+    lo: float  # supply [Pa]
+    most1: float  # supply or validity [Pa]
+    most2: float
+    left: float  # joint range [rad]
+    right: float
+    near: float  # a pressure this near to a bound lies on it [Pa]
+    hi_limit1: int  # Limit flags: what `most1` is
+    hi_limit2: int
+    below: int  # what ends the joint range on the left
+    above: int  # and on the right
+
+    @classmethod
+    def of(cls, joint: AntagonistJoint) -> "AffineNumbers | None":
+        """Return the numbers of `joint`, None if a muscle is not affine."""
+        lo, supply = joint.pressure_limits
+        valid1, valid2 = joint.agonist.max_pressure, joint.antagonist.max_pressure
+        numbers = cls(
+            lo=lo,
+            most1=min(valid1, supply),
+            most2=min(valid2, supply),
+            left=joint.angle_range[0],
+            right=joint.angle_range[1],
+            near=CLOSED_FORM.binds * joint.pressure_span,
+            hi_limit1=int(Limit.AGONIST_VALIDITY if valid1 < supply else Limit.P1_UPPER),
+            hi_limit2=int(Limit.ANTAGONIST_VALIDITY if valid2 < supply else Limit.P2_UPPER),
+            below=int(joint.angle_limit(False)),
+            above=int(joint.angle_limit(True)),
+        )
+        return numbers if joint.affine and lo < min(numbers.most1, numbers.most2) else None
+
+
+Kernel = Callable[..., Any]
 
 
 class JointKernel(NamedTuple):

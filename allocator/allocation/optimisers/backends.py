@@ -1,4 +1,7 @@
-"""`optimise` calls a solver of the allocation problem by its name; each is imported only when it is used."""
+"""`optimise` calls a solver of the allocation problem by its name; each is imported only when it is used.
+
+The back-ends share goals to minimise one after the other, where to start, and what to hand back.
+"""
 
 from importlib import import_module
 from typing import Literal, NamedTuple, get_args
@@ -6,12 +9,101 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation import certificate
-from allocator.allocation.optimisers.common import CERTIFIED, Answer, replacement
+from allocator.allocation import certificate, exact
 from allocator.allocation.problem import Problem
+from allocator.allocation.status import OPTIMISER
 from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.inverse import solve_inverse
+from allocator.units import BAR
 
+CERTIFIED = 1e-5  # of the supply range: an answer with a greater residual is not passed on
+_NOTHING = 1e-12  # of the scale of torque or stiffness: a goal missed by less leaves nothing to optimise
+_GRID = 7
 _SNAP = 1e-7  # of the supply range: an optimiser's pressure this near to a bound is meant to be on it
+SCALE = BAR  # optimisers see pressures in bar: numbers of order one
+
+
+class Goal(NamedTuple):
+    """A `Goal` is to minimise w_T (T - T*)² + w_K (K - K*)² + ρ ‖P - P_ref‖² while `kept` stays as at the start."""
+
+    w_T: float
+    w_K: float
+    rho: float
+    kept: str | None = None  # "torque", "stiffness" or nothing
+
+
+class Answer(NamedTuple):
+    """An `Answer` is what a back-end hands back for n problems; nothing in it is trusted."""
+
+    P1: Array  # [Pa], NaN where the solver failed
+    P2: Array
+    iterations: NDArray[np.int32]
+
+
+def goals(problem: Problem) -> tuple[Goal, ...]:
+    """Return one weighted goal, or first one target and then, with it kept, the other: the lexicographic priorities."""
+    if problem.priority == "torque":
+        return Goal(1.0, 0.0, 0.0), Goal(0.0, 1.0, problem.pull, kept="torque")
+    if problem.priority == "stiffness":
+        return Goal(0.0, 1.0, 0.0), Goal(1.0, 0.0, problem.pull, kept="stiffness")
+    return (Goal(*problem.weights, problem.pull),)
+
+
+def settled(problem: Problem, goal: Goal, P: Array) -> NDArray[np.bool_]:
+    """Return where a goal need not be pursued from P (2, n): a solver failed, it is met, or the kept one was missed.
+
+    What is missed is so in a single point, which leaves no choice.
+    """
+    errors = np.abs(problem.errors(*P)) / problem.scales
+    done = np.asarray(np.isnan(P).any(axis=0))
+    if not goal.rho:
+        unmet = [e > _NOTHING for e, w in zip(errors, (goal.w_T, goal.w_K), strict=True) if w]
+        done |= ~np.any(unmet, axis=0)
+    if goal.kept is not None:
+        done |= errors[0 if goal.kept == "torque" else 1] > OPTIMISER.met
+    return done
+
+
+def start(problem: Problem, warm: bool) -> Array:
+    """Return where optimisation begins, (2, n) [Pa]: at the projected analytic inverse, or in the middle of the box.
+
+    The weighted cost of muscles that are not affine has local minima on the edges: there the start is the best of the
+    projected inverse and a coarse grid of the box.
+    """
+    box = problem.box
+    middle = (box.agonist.lo + box.agonist.hi) / 2, (box.antagonist.lo + box.antagonist.hi) / 2
+    if not warm:
+        return np.stack(box.project(*middle))
+    P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K_aim, problem.T_aim, problem.shares)
+    P1, P2 = np.where(np.isfinite(P1), P1, middle[0]), np.where(np.isfinite(P2), P2, middle[1])
+    projected = np.stack(box.project(P1, P2))
+    if problem.priority != "weighted" or problem.joint.affine:
+        return projected
+    candidates = np.concatenate([projected[:, None], _grid(problem)], axis=1)  # (2, m, n)
+    (e_T, e_K), (w_T, w_K) = problem.errors(*candidates), problem.weights
+    best = np.argmin(w_T * e_T**2 + w_K * e_K**2 + problem.pull_cost(*candidates), axis=0)
+    return np.take_along_axis(candidates, best[None, None], axis=1)[:, 0]
+
+
+def replacement(problem: Problem) -> tuple[Array, Array]:
+    """Return the exact answer for what a back-end failed at, or the projected inverse where there is no exact one."""
+    try:
+        P1, P2, _ = exact.solve(problem)
+        return P1, P2
+    except InvalidInput:  # a pull without a closed form
+        P1, P2 = start(problem, warm=True)
+        return P1, P2
+
+
+def _grid(problem: Problem) -> Array:
+    """Return the points (2, m², n) all over the feasible set."""
+    share = np.linspace(0.0, 1.0, _GRID)[:, None]
+    P1, P2 = (side.lo + share * (side.hi - side.lo) for side in problem.box)  # (m, n)
+    shape = (_GRID, _GRID, problem.theta.size)
+    corners = np.broadcast_to(P1[:, None], shape), np.broadcast_to(P2[None], shape)
+    return np.stack(problem.box.project(*(P.reshape(-1, problem.theta.size) for P in corners)))
+
 
 Optimiser = Literal["convex", "nlp", "qp"]
 OPTIMISERS: tuple[Optimiser, ...] = get_args(Optimiser)

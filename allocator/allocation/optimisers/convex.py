@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from allocator.allocation.optimisers import sqp
-from allocator.allocation.optimisers.common import Answer
+from allocator.allocation.optimisers.backends import Answer
 from allocator.allocation.optimisers.sqp import SmallQP
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array

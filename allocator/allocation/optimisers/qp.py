@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from allocator.allocation.optimisers import sqp
-from allocator.allocation.optimisers.common import Answer
+from allocator.allocation.optimisers.backends import Answer
 from allocator.allocation.optimisers.sqp import SmallQP
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array

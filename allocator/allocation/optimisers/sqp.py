@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation.optimisers.common import SCALE, Answer, Goal, goals, settled, start
+from allocator.allocation.optimisers.backends import SCALE, Answer, Goal, goals, settled, start
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 

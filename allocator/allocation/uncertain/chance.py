@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from allocator.allocation import certificate
 from allocator.allocation.optimisers import convex
-from allocator.allocation.optimisers.common import CERTIFIED, SCALE, Answer, Goal, goals, replacement
+from allocator.allocation.optimisers.backends import CERTIFIED, SCALE, Answer, Goal, goals, replacement
 from allocator.allocation.problem import Problem
 from allocator.allocation.status import UNCERTAIN
 from allocator.allocation.uncertain.draws import sampled_box

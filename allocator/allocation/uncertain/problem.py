@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator.allocation.optimisers.common import SCALE
+from allocator.allocation.optimisers.backends import SCALE
 from allocator.allocation.problem import Problem
 from allocator.allocation.uncertain.draws import sampled_box
 from allocator.allocation.uncertain.spread import spread

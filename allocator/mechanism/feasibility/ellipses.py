@@ -48,7 +48,7 @@ class EndpointEllipses:
 
     def plot(self, axes: "Axes | None" = None) -> Any:
         """Draw the ellipses where the hand is; returns the Matplotlib axes."""
-        from allocator.mechanism.pictures.workspace import plot_workspace
+        from allocator.mechanism.pictures import plot_workspace
 
         return plot_workspace(self, axes)
 

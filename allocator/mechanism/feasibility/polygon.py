@@ -113,7 +113,7 @@ class Polygon:
 
     def plot(self, axes: "Axes | None" = None) -> Any:
         """Draw the polygon with what binds named on its edges; returns the Matplotlib axes."""
-        from allocator.mechanism.pictures.polygons import plot_polygon
+        from allocator.mechanism.pictures import plot_polygon
 
         return plot_polygon(self, axes)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from allocator import AntagonistError, Limits, Method, MissingBackend, Status, Stiffness, allocate, report_joint
-from allocator.allocation.optimisers import backends, common
+from allocator.allocation.optimisers import backends
 from allocator.muscles import PolynomialMcKibben
 from allocator.units import BAR
 
@@ -102,7 +102,7 @@ def test_the_weighted_start_avoids_the_local_minima_of_the_edges():
 
 def test_a_wrong_answer_is_replaced_and_said(monkeypatch):
     """A back-end that claims success with nonsense, or NaN, is not believed."""
-    lies = common.Answer(np.array([1 * BAR, np.nan]), np.array([4 * BAR, np.nan]), np.array([1, 1], np.int32))
+    lies = backends.Answer(np.array([1 * BAR, np.nan]), np.array([4 * BAR, np.nan]), np.array([1, 1], np.int32))
     monkeypatch.setattr(backends, "_run", lambda *_: lies)
     a = allocate([0.3, 0.3], 7.5, 1.0, method="qp")
     exact = allocate(0.3, 7.5, 1.0)

@@ -14,9 +14,8 @@ from allocator.allocation import exact
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.kernels import calls
 from allocator.allocation.kernels import source as kernels
-from allocator.allocation.kernels.choice import coefficients
+from allocator.allocation.kernels.choice import AffineNumbers, TonduNumbers, coefficients
 from allocator.allocation.kernels.compiled import kernel
-from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
 from allocator.allocation.status import assess
 from allocator.joint.limits import TAUT, Limits
 from allocator.muscles import Hogan1984, Tondu2021

@@ -10,7 +10,7 @@ import pytest
 
 from allocator import AntagonistError
 from allocator.allocation.kernels import source
-from allocator.allocation.kernels.numbers import AffineNumbers, TonduNumbers
+from allocator.allocation.kernels.choice import AffineNumbers, TonduNumbers
 from allocator.compilation.printer import Outside, Source, Unprintable, array_form, array_functions, c_form
 
 from ...rigs.needs import needs
