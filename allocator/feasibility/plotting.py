@@ -133,9 +133,7 @@ def _assumed(maps: Mapping[str, "FeasibilityMap"]) -> str:
 
 
 def outlines(feasible: "FeasibilityMap") -> dict[int, Array]:
-    """Return the border of each connected part of the feasible set by its number: a closed curve (2, n) in the units
-    of the picture.
-    """
+    """Return the closed border (2, n) of each connected part of the set by its number, in units of the picture."""
     x, y = _drawn(feasible)
     curves: dict[int, list[Array]] = {}
     for edge in feasible.edges:

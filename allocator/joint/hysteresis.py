@@ -47,9 +47,7 @@ _PIECES = 32  # of the way to the end of the joint range in which the nearest ro
 
 
 class Slip(NamedTuple):
-    """A slip is hysteresis as friction of the joint: Maxwell's springs in series with sliders, see
-    `PrandtlIshlinskii.slip`.
-    """
+    """Hysteresis as friction: Maxwell's springs in series with sliders, see `PrandtlIshlinskii.slip`."""
 
     springs: tuple[float, ...]  # κ_i [-], shares of the isobaric stiffness K(θ, P1, P2)
     widths: tuple[float, ...]  # r'_i, half widths of the plays where P1 + P2 = 5 bar [rad]
@@ -121,9 +119,7 @@ class PrandtlIshlinskii:
         return np.repeat(u[None], self.size, axis=0)
 
     def moved(self, plays: Value, u: Value, filled: Value = FILLED) -> Value:
-        """Return the `plays` [rad] after the static angle has moved in one direction to `u` [rad], P1 + P2 = `filled`
-        [Pa].
-        """
+        """Return the `plays` [rad] after the static angle moved one way to `u` [rad], with P1 + P2 = `filled` [Pa]."""
         s = self.scale(filled)
         known = [plays[i] for i in range(self.size)]
         for i in range(self.size - 2, -1, -1):
@@ -268,14 +264,7 @@ def through_friction(excess: Excess, start: float, P1: Array, P2: Array, ends: t
     return found
 
 
-def _settled(
-    excess: Excess,
-    theta: float,
-    z: float,
-    P1: float,
-    P2: float,
-    ends: tuple[float, float],
-) -> float:
+def _settled(excess: Excess, theta: float, z: float, P1: float, P2: float, ends: tuple[float, float]) -> float:
     """Return the first angle [rad] without excess, on the way that the torque drives from `theta`."""
     from scipy.optimize import brentq
 

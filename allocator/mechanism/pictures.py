@@ -147,10 +147,7 @@ def plot_workspace(found: "EndpointEllipses", axes: "Axes | None" = None) -> "Ax
     for i, place in enumerate(x):
         length = radius / longest[i]  # [m] for 1 N/m
         _fan(axes, place, tilt[i], radius)
-        for K, colour, width, label in (
-            (stiffest[i], _STIFF, 1.6, "stiffest"),
-            (softest[i], _SOFT, 1.6, "softest"),
-        ):
+        for K, colour, width, label in ((stiffest[i], _STIFF, 1.6, "stiffest"), (softest[i], _SOFT, 1.6, "softest")):
             axes.plot(*(place[:, None] + length * ellipse(K)), color=colour, linewidth=width, label=label)
         if len(x) <= _MOST_NUMBERS:
             axes.annotate(f"{longest[i]:.0f}", place - [0, 1.05 * radius], ha="center", va="top", fontsize="x-small")

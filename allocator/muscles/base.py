@@ -157,9 +157,7 @@ class Muscle(ABC):
 
     @abstractmethod
     def law(self, P: Value, eps: Value) -> Value:
-        """Return F(P, ε) [N] as the formula has it, of unchecked arguments: what a model defines, and what loops
-        call.
-        """
+        """Return F(P, ε) [N] by the formula, of unchecked arguments: models define it, and loops call it."""
 
     @abstractmethod
     def gain(self, P: Value, eps: Value) -> Value:
@@ -253,9 +251,7 @@ class Muscle(ABC):
         return flat
 
     def with_parameters(self, values: Mapping[str, float]) -> Self:
-        """Return the same muscle with some parameters (by the names of `parameters`) changed, checked, without
-        covariance.
-        """
+        """Return the muscle with some parameters (named as in `parameters`) changed, checked, without covariance."""
         if unknown := values.keys() - self.parameters.keys():
             raise InvalidInput(
                 f"{type(self).__name__} has no parameter {', '.join(map(repr, sorted(unknown)))}; "
@@ -265,9 +261,7 @@ class Muscle(ABC):
         return replace(self, **changed, covariance=None)
 
     def unchecked(self, values: Sequence[Value]) -> Self:
-        """Return a copy with other values of all parameters, not checked: complex numbers (derivatives) or CasADi
-        symbols.
-        """
+        """Return a copy with other values of all parameters, unchecked: complex (derivatives) or CasADi symbols."""
         copy = object.__new__(type(self))
         unchanged = {f.name: getattr(self, f.name) for f in fields(self)}
         for name, value in (unchanged | self._grouped(values) | {"covariance": None}).items():
@@ -285,9 +279,7 @@ class Muscle(ABC):
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """Return how to fit this model to these measured forces [N] (≤ 0: slack), contractions [-] and pressures
-        [Pa].
-        """
+        """Return how to fit this model to forces [N] (≤ 0: slack) at these contractions [-] and pressures [Pa]."""
         return Recipe()
 
     # --- on disk ----------------------------------------------------------------------------------------------------

@@ -26,9 +26,7 @@ class Basis:
     kinks: tuple[float, ...] = ()  # pressures at which ∂F/∂P may jump, rising [Pa]
 
     def nodes(self, lo: float, hi: float, size: int) -> Array:
-        """Return `size` pressures between lo and hi [Pa] to sample a law at: Chebyshev's nodes, of E if there is
-        one.
-        """
+        """Return `size` Chebyshev nodes between lo and hi [Pa] to sample a law at, those of E if there is one."""
         z = np.cos(np.pi * (np.arange(size) + 0.5) / size)
         if self.kind == "exponential":
             E = (1 + z) / 2 * (np.exp(-lo / self.shape) - np.exp(-hi / self.shape)) + np.exp(-hi / self.shape)
@@ -49,9 +47,7 @@ class Basis:
 
 @cache
 def sampling(basis: Basis, lo: float, hi: float, size: int) -> tuple[Array, Array, Array]:
-    """Return the nodes (size,) between lo and hi [Pa], the matrix from values to coefficients, and the greatest
-    |φ_j|.
-    """
+    """Return the nodes (size,) between lo and hi [Pa], the matrix from values to coefficients, the greatest |φ_j|."""
     nodes = basis.nodes(lo, hi, size)
     values = basis.functions(nodes, lo, hi, size)
     scale = np.abs(values).max(axis=0)

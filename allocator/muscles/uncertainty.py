@@ -22,9 +22,7 @@ _CONTRACTION_STEP = 1e-5  # of the central difference in ε [-]
 
 
 class ParameterSensitivities(NamedTuple):
-    """Sensitivities are gradients with respect to the parameters; (…) is the broadcast shape of pressure and
-    contraction.
-    """
+    """Gradients by the parameters; (…) is the broadcast shape of pressure and contraction."""
 
     names: tuple[str, ...]  # m names, as in `Muscle.parameters`
     force: Array  # ∂F/∂p (…, m) [N / unit of p]

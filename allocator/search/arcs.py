@@ -293,9 +293,7 @@ def convex(goal, A, B, arc, least_sum):
 
 
 def bounded(goal, A, B):
-    """Return a lower bound on the cost of an edge or a fold from A to B: each curve lies between chord and end
-    tangents.
-    """
+    """Return a lower bound on the cost of an edge or a fold from A to B: curves lie between chord and end tangents."""
     dT, dK = B[2] + B[4] - A[2] - A[4], B[3] + B[5] - A[3] - A[5]
     m = within(dK / dT if dT != 0 else 0.0, A[6], B[6])
     m = m if abs(m) < inf else 0.0

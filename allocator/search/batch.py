@@ -71,16 +71,12 @@ def optima(
 
 
 def all_pairs(curves: Curves, T: Array, K: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return how many pairs of pressures of the box give both targets (n,), and which: (n, m, 2) [Pa], NaN where
-    fewer.
-    """
+    """Return how many pairs of the box give both targets (n,), and which: (n, m, 2) [Pa], NaN where fewer."""
     return _several(_run("pairs", _ROOM, (T, K), curves))
 
 
 def torque_intervals(curves: Curves, K: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return how many intervals the torques at a stiffness form (n,), and their ends: (n, m, 2) [N·m], NaN where
-    fewer.
-    """
+    """Return how many intervals the torques at a stiffness form (n,), and their ends (n, m, 2) [N·m], else NaN."""
     return _several(_run("intervals", _ROOM, (K, K_T), curves))
 
 

@@ -138,9 +138,7 @@ def turn(f1, f2, d):
 
 
 def exponential_slopes(segment, inflections):
-    """Return t', k' and W/E (and t''/E, k''/E) as Σ_j E^j q_j(x), x = P/h: coefficients of the quadratics q_j in one
-    row.
-    """
+    """Return t', k', W/E (and t''/E, k''/E) as Σ_j E^j q_j(x), x = P/h: the quadratics' coefficients in one row."""
     p0, p1, p2, q0, q1, q2 = segment[6], segment[7], segment[8], segment[9], segment[10], segment[11]
     M01, M02, M12 = p0 * q1 - p1 * q0, p0 * q2 - p2 * q0, p1 * q2 - p2 * q1
     found = [

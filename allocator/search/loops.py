@@ -45,9 +45,7 @@ def pairs(T, K, one, two, box, out):
 
 
 def intervals(X, view, one, two, box, out):
-    """Return the number of intervals of what can be had at a torque (`view` T_K) or a stiffness (K_T), then their
-    ends.
-    """
+    """Return the number of intervals within reach at a torque (`view` T_K) or a stiffness (K_T), then their ends."""
     for i in range(len(X)):
         found = spans(X[i], one[i], two[i], box[i], view)
         out[i][0] = min(len(found), MOST)

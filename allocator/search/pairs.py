@@ -106,9 +106,7 @@ def determinant_sign(one, two, box):
 
 
 def spans(X, one, two, box, view):
-    """Return the intervals (least y, greatest y) of all that can be had at x = X in the view T_K or K_T, rising and
-    apart.
-    """
+    """Return the intervals (least y, greatest y) within reach at x = X in the view T_K or K_T, rising and apart."""
     arcs1, arcs2 = pieces(one, box[0], box[1], view), pieces(two, box[2], box[3], view)
     X = min(max(X, corner(arcs1, arcs2, 1.0)[0]), corner(arcs1, arcs2, -1.0)[0])
     cuts = crossings(X, one, two, box, view)

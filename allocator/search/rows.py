@@ -48,10 +48,7 @@ def _segments(side: OneMuscle, basis: Basis, lo: float, hi: float, halvings: int
                 "Pa; a law with kinks has to declare them, see Basis"
             ) from None
     middle = (lo + hi) / 2
-    return [
-        *_segments(side, basis, lo, middle, halvings - 1),
-        *_segments(side, basis, middle, hi, halvings - 1),
-    ]
+    return [*_segments(side, basis, lo, middle, halvings - 1), *_segments(side, basis, middle, hi, halvings - 1)]
 
 
 class _Steep(Exception):
@@ -152,8 +149,6 @@ def _sampled(side: OneMuscle, basis: Basis, lo: float, hi: float, size: int) -> 
 
 
 def _significant(coefficients: Array, greatest: Array) -> Array:
-    """Return the coefficients without those that are rounding, so that what does not depend on the pressure is
-    constant.
-    """
+    """Return the coefficients without rounding, so that whatever does not depend on the pressure is constant."""
     share = np.abs(coefficients) * greatest[:, None]
     return np.where(share > _TAIL * share.max(axis=0), coefficients, 0.0)

@@ -114,14 +114,7 @@ def _forces(limits: Limits) -> Limits | None:
 
 
 def _batch(
-    chosen: JointKernel,
-    theta: Any,
-    K: object,
-    T: object,
-    priority: Any,
-    limits: Limits,
-    key: Kind,
-    kind: StiffnessKind,
+    chosen: JointKernel, theta: Any, K: object, T: object, priority: Any, limits: Limits, key: Kind, kind: StiffnessKind
 ) -> PairAllocation | None:
     targets = Targets.of(theta, K, T, limits)
     if targets is None:

@@ -18,12 +18,7 @@ from allocator.units import BAR
 
 _LEAST = 1e-6  # of the square of the greatest pressure: a gap below it proves that no lower pressures will do
 _ENOUGH = 1e-8  # of what is asked for: stiffness that lacks less is enough
-_BROKEN = (
-    Status.CONFLICT,
-    Status.SLACK,
-    Status.OUTSIDE_JOINT_RANGE,
-    Status.OUTSIDE_LIMITS,
-)
+_BROKEN = (Status.CONFLICT, Status.SLACK, Status.OUTSIDE_JOINT_RANGE, Status.OUTSIDE_LIMITS)
 
 
 class Infeasibility(NamedTuple):

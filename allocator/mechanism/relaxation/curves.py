@@ -91,9 +91,7 @@ class Curve:
         return self._one_way(*inner, beside)
 
     def _one_way(self, a: float, b: float, beside: float) -> Array:
-        """Return the polygon of the end tangents and some between, around a part along which the slope only rises or
-        only falls.
-        """
+        """Return the polygon of some tangents around a part along which the slope only rises or only falls."""
         P = np.linspace(a, b, _TANGENTS + 1)
         ends, slopes = self.at(P), self.slope(np.concatenate([[a + beside], P[1:-1], [b - beside]]))
         corners = [_corners(ends[i : i + 2], slopes[i : i + 2], one_way=True)[2:] for i in range(_TANGENTS)]

@@ -97,9 +97,7 @@ class TableMuscle(AffineMuscle):
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:
-        """Return a recipe of five knots over the taut data, closer together where the contraction is small and the
-        force bends.
-        """
+        """Return a recipe of five knots over the taut data, denser at small contractions, where the force bends."""
         taut = contraction[force > 0]
         if not taut.size or not np.ptp(taut) > 0:
             return Recipe()

@@ -32,9 +32,7 @@ class Sarosi2012(AffineMuscle):
 
     @classmethod
     def from_bar_and_percent(cls, a1: float, a2: float, a3: float, a4: float, a5: float, a6: float) -> Self:
-        """Make the model of the numbers as published: F = (a1 p + a2) e^{a3 k} + a4 p k + a5 p + a6, p in bar, k in
-        percent.
-        """
+        """Make the model of the published numbers: F = (a1 p + a2) e^{a3 k} + a4 p k + a5 p + a6, p [bar], k [%]."""
         return cls(c1=a1 / BAR, c2=a4 / BAR / PERCENT, c3=a5 / BAR, c4=-a2, c5=a6, c6=a3 / PERCENT)
 
     def A(self, eps: Value) -> Value:

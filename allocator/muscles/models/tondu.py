@@ -60,9 +60,7 @@ class Tondu2021(Braided):
 
     @property
     def max_pressure(self) -> float:
-        """Return where ε_max(P) turns back and [M] ends on the taut region: cP² + 2eP + ed = 0, i.e. -d/2 for c = 0
-        [Pa].
-        """
+        """Return where ε_max(P) turns back and [M] ends, taut: cP² + 2eP + ed = 0, i.e. -d/2 for c = 0 [Pa]."""
         return self.e * self.d / (-self.e + sqrt(self.e * self.g))
 
     @property
