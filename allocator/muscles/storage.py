@@ -102,11 +102,16 @@ def _rows(rows: object) -> object:
 
 
 def _try(table: Table, muscle: Muscle) -> None:
-    """Refuse parameters with which the law divides by zero, exceeds what any muscle pulls, or pushes."""
+    """Refuse parameters with which the law divides by zero, exceeds what any muscle pulls, or only pushes.
+
+    It may push at rest length, where the muscles of a joint were never measured.
+    """
+    P, contractions = _USUAL
     try:
         with np.errstate(all="ignore"):
-            force = float(muscle.force(*_USUAL))
-        wrong = "" if 0 < force <= _MOST else f"is {force:g} N at 5 bar and rest length"
+            forces = [float(muscle.force(P, eps)) for eps in contractions]
+        pulls = np.isfinite(forces).all() and 0 < max(forces) <= _MOST
+        wrong = "" if pulls else f"is {forces[0]:g} N at 5 bar and rest length"
     except ArithmeticError as error:
         wrong = f"cannot be computed ({error})"
     if wrong:
@@ -117,7 +122,7 @@ def _try(table: Table, muscle: Muscle) -> None:
 _ENTRIES = ("model", "parameters", "source", "covariance", "volume", "measured")  # of a file
 _VOLUME = ("inner_radius", "rest_volume", "tube_volume")
 _MEASURED = ("contraction", "pressure")
-_USUAL = 5 * BAR, 0.0  # pressure [Pa] and contraction ratio [-] at which every muscle pulls
+_USUAL = 5 * BAR, (0.0, 0.05, 0.1)  # pressure [Pa], and contraction ratios [-] at one of which every muscle pulls
 _MOST = 1e7  # [N] far above any muscle
 
 
